@@ -1,0 +1,22 @@
+use burn::tensor::{Tensor, activation};
+use serde::{Deserialize, Serialize};
+
+/// From a network's raw output to density σ ≥ 0.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DensityActivation {
+    /// max(x, 0), as in NeRF. A field whose raw output is negative everywhere gets no gradient and stays empty.
+    Relu,
+    /// ln(1 + eˣ⁻¹), as in mip-NeRF: positive everywhere, so that an empty field can recover.
+    Softplus,
+}
+
+impl DensityActivation {
+    /// Applies the activation.
+    pub fn apply<const D: usize>(self, raw: Tensor<D>) -> Tensor<D> {
+        match self {
+            Self::Relu => activation::relu(raw),
+            Self::Softplus => activation::softplus(raw - 1.0, 1.0),
+        }
+    }
+}

@@ -1,0 +1,64 @@
+"""Reference values of the image metrics, made with scikit-image, SciPy and NumPy.
+
+    pip install scikit-image
+    python reference.py > reference.json
+
+The images follow an integer rule, so that `reference.rs` can make the same ones without storing them.
+"""
+
+import json
+
+import numpy as np
+from scipy.signal import convolve2d
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+
+SIZES = [(11, 11), (16, 13), (37, 24), (48, 64)]
+
+
+def images(width, height):
+    y, x, c = np.mgrid[0:height, 0:width, 0:3]
+    truth = (3 * x * x + 5 * y * y + x * y * (c + 1)) // 4 % 256
+    render = 3 * truth // 4 + (5 * x + 3 * y + 11 * c) % 64
+    return render / 255.0, truth / 255.0
+
+
+def luma(image):
+    return image @ np.array([0.299, 0.587, 0.114])
+
+
+def gmsd(render, truth):
+    def magnitude(image):
+        block = convolve2d(luma(image), np.full((2, 2), 0.25))[1::2, 1::2]
+        kernel = np.array([[1, 0, -1]] * 3) / 3
+        return np.hypot(convolve2d(block, kernel, "same"), convolve2d(block, kernel.T, "same"))
+
+    # A full convolution is one pixel longer than the image, which covers the last block of an odd side.
+    r, t, c = magnitude(render), magnitude(truth), 170 / 255**2
+    return np.std((2 * r * t + c) / (r * r + t * t + c))
+
+
+def mean_gradient(image):
+    return np.mean(np.hypot(*np.gradient(luma(image))))
+
+
+def case(width, height):
+    render, truth = images(width, height)
+    return {
+        "width": width,
+        "height": height,
+        "psnr": peak_signal_noise_ratio(truth, render, data_range=1),
+        "ssim": structural_similarity(
+            truth,
+            render,
+            gaussian_weights=True,
+            sigma=1.5,
+            use_sample_covariance=False,
+            channel_axis=-1,
+            data_range=1,
+        ),
+        "gmsd": gmsd(render, truth),
+        "sharpness": mean_gradient(render) / mean_gradient(truth),
+    }
+
+
+print(json.dumps([case(*size) for size in SIZES], indent=1))

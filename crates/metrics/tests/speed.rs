@@ -1,0 +1,19 @@
+//! The evaluation of 25 views at 400² must not be felt: well under a second for SSIM in a release build.
+
+use std::time::Instant;
+
+use infonerf_metrics::ssim;
+
+#[test]
+#[ignore = "a timing; run with --release -- --ignored --nocapture"]
+fn ssim_of_25_views_takes_under_a_second() {
+    let view =
+        |shift: usize| -> Vec<[f32; 3]> { (0..160_000).map(|i| [((i * 7 + shift) % 256) as f32 / 255.0; 3]).collect() };
+    let (render, truth) = (view(0), view(40));
+    let start = Instant::now();
+    for _ in 0..25 {
+        ssim(&render, &truth, 400, 400).unwrap();
+    }
+    let seconds = start.elapsed().as_secs_f64();
+    assert!(seconds < 1.0, "took {seconds:.2} s");
+}

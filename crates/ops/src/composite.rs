@@ -1,0 +1,331 @@
+//! Compositing along rays, with all that the losses need from the same pass.
+
+use burn::tensor::{Bool, Int, Tensor, TensorData};
+
+use crate::{Segments, has_host_kernels};
+
+/// A ray whose opacities sum to less than this hits nothing: its entropy is 0 with zero gradient.
+pub const MIN_ALPHA_SUM: f32 = 1e-30;
+
+/// What [`composite`] returns, one row a ray.
+#[derive(Clone, Debug)]
+pub struct Composite {
+    /// Σ wᵢ vᵢ of the given per-sample values, `[R, C]`.
+    pub values: Tensor<2>,
+    /// Accumulated opacity Σ wᵢ = 1 − exp(−Σ τᵢ), `[R]`.
+    pub acc: Tensor<1>,
+    /// Cumulative ray density Q = Σ αᵢ (InfoNeRF, Eq. 7), `[R]`.
+    pub alpha_sum: Tensor<1>,
+    /// Ray entropy H = −Σ pᵢ log₂(pᵢ + ε) with p = α/Σα (InfoNeRF, Eq. 4–5), in bits, `[R]`; 0 if not asked for.
+    pub entropy: Tensor<1>,
+}
+
+/// Composites packed samples.
+///
+/// wᵢ = Tᵢ αᵢ with Tᵢ = exp(−Σ_{j<i} τⱼ) and αᵢ = −expm1(−τᵢ) (InfoNeRF, Eq. 1, in optical depth).
+///
+/// - `tau`: optical depths τ = σδ ≥ 0, `[M]`.
+/// - `values`: what to integrate (colour, distance, features), `[M, C]`.
+/// - `entropy`: `Some(ε)` to compute the ray entropy with that ε ≥ 0 inside the logarithm (the released code has 1e-10).
+///
+/// An empty ray gives zeros. Values and gradients are finite for every τ in [0, ∞].
+///
+/// # Panics
+/// If the shapes do not match `segments`.
+pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy: Option<f32>) -> Composite {
+    let [samples, channels] = values.dims();
+    assert_eq!(tau.dims(), [segments.samples()], "tau holds one number a packed sample");
+    assert_eq!(samples, segments.samples(), "values holds one row a packed sample");
+    #[cfg(feature = "flex")]
+    if has_host_kernels(&tau.device()) {
+        let kernel = host::CompositeKernel { segments: segments.clone(), entropy };
+        return split(crate::kernel::apply2(kernel, tau, values), channels);
+    }
+    let _ = has_host_kernels;
+    plain(tau, values, segments, entropy)
+}
+
+#[cfg(feature = "flex")]
+fn split(packed: Tensor<2>, channels: usize) -> Composite {
+    let column = |i: usize| packed.clone().narrow(1, channels + i, 1).squeeze_dim::<1>(1);
+    Composite { values: packed.clone().narrow(1, 0, channels), acc: column(0), alpha_sum: column(1), entropy: column(2) }
+}
+
+/// Compositing weights `w` of packed samples on the host, `[M]`, without a gradient: for importance sampling.
+pub fn weights(tau: &[f32], segments: &Segments) -> Vec<f32> {
+    let mut weights = vec![0.0; tau.len()];
+    for range in segments.ranges() {
+        let mut depth = 0f64;
+        for i in range {
+            weights[i] = (-depth).exp() as f32 * crate::numeric::alpha(tau[i]);
+            depth += f64::from(tau[i]);
+        }
+    }
+    weights
+}
+
+/// The same from plain tensor operations, on any backend.
+pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy: Option<f32>) -> Composite {
+    let (rays, channels) = (segments.rays(), values.dims()[1]);
+    let device = tau.device();
+    let longest = segments.longest();
+    if longest == 0 {
+        let zeros = Tensor::<1>::zeros([rays], &device);
+        return Composite {
+            values: Tensor::zeros([rays, channels], &device),
+            acc: zeros.clone(),
+            alpha_sum: zeros.clone(),
+            entropy: zeros,
+        };
+    }
+    let padding = Padding::new(segments, &device);
+    let tau = padding.apply(tau);
+    let alpha = plain_alpha(tau.clone());
+    let before = tau.clone().cumsum(1) - tau;
+    let weights = before.neg().exp() * alpha.clone();
+    let values = values.select(0, padding.indices.clone()).reshape([rays, longest, channels]);
+    let alpha_sum = alpha.clone().sum_dim(1);
+    let entropy = match entropy {
+        Some(epsilon) => plain_entropy(alpha, alpha_sum.clone(), epsilon),
+        None => Tensor::zeros([rays], &device),
+    };
+    Composite {
+        values: (values * weights.clone().unsqueeze_dim::<3>(2)).sum_dim(1).squeeze_dim(1),
+        acc: weights.sum_dim(1).squeeze_dim(1),
+        alpha_sum: alpha_sum.squeeze_dim(1),
+        entropy,
+    }
+}
+
+/// From packed samples `[M]` to rays padded with empty samples `[R, longest]`.
+pub(crate) struct Padding {
+    indices: Tensor<1, Int>,
+    empty: Tensor<2, Bool>,
+}
+
+impl Padding {
+    pub(crate) fn new(segments: &Segments, device: &burn::tensor::Device) -> Self {
+        let shape = [segments.rays(), segments.longest()];
+        let (indices, valid) = segments.padded();
+        let empty: Vec<bool> = valid.iter().map(|valid| !valid).collect();
+        Self {
+            indices: Tensor::from_data(TensorData::new(indices, [shape[0] * shape[1]]), device),
+            empty: Tensor::from_data(TensorData::new(empty, shape), device),
+        }
+    }
+
+    pub(crate) fn apply(&self, packed: Tensor<1>) -> Tensor<2> {
+        let [rays, longest] = self.empty.dims();
+        packed.select(0, self.indices.clone()).reshape([rays, longest]).mask_fill(self.empty.clone(), 0.0)
+    }
+}
+
+/// α = 1 − e^−τ: by its series below 0.1, where the difference would cancel.
+pub(crate) fn plain_alpha<const D: usize>(tau: Tensor<D>) -> Tensor<D> {
+    let small = tau.clone().lower_elem(0.1);
+    // Both branches are computed, so the series is kept off large inputs.
+    let t = tau.clone().clamp(0.0, 0.1);
+    let horner = [-1.0 / 720.0, 1.0 / 120.0, -1.0 / 24.0, 1.0 / 6.0, -0.5, 1.0]
+        .into_iter()
+        .fold(t.zeros_like(), |sum, coefficient| sum * t.clone() + coefficient);
+    (tau.neg().exp().neg() + 1.0).mask_where(small, horner * t)
+}
+
+/// −Σ p log₂(p + ε), 0 where Σα < [`MIN_ALPHA_SUM`]; inputs are masked before the logarithm.
+fn plain_entropy(alpha: Tensor<2>, alpha_sum: Tensor<2>, epsilon: f32) -> Tensor<1> {
+    let missed = alpha_sum.clone().lower_elem(MIN_ALPHA_SUM);
+    let p = alpha / alpha_sum.mask_fill(missed.clone(), 1.0);
+    let log = if epsilon > 0.0 {
+        (p.clone() + epsilon).log()
+    } else {
+        let zero = p.clone().equal_elem(0.0);
+        p.clone().mask_fill(zero, 1.0).log()
+    };
+    let bits = (p * log).sum_dim(1) * -std::f32::consts::LOG2_E;
+    bits.mask_fill(missed, 0.0).squeeze_dim(1)
+}
+
+#[cfg(feature = "flex")]
+mod host {
+    use rayon::prelude::*;
+
+    use super::MIN_ALPHA_SUM;
+    use crate::numeric::{alpha, ln_alpha};
+    use crate::{Segments, kernel::Kernel};
+
+    #[derive(Debug)]
+    pub(super) struct CompositeKernel {
+        pub(super) segments: Segments,
+        pub(super) entropy: Option<f32>,
+    }
+
+    impl Kernel for CompositeKernel {
+        fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
+            vec![self.segments.rays(), inputs[1][1] + 3]
+        }
+
+        fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
+            let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
+            let channels = channels(values, tau);
+            let mut out = vec![0.0; self.segments.rays() * (channels + 3)];
+            out.par_chunks_mut(channels + 3).enumerate().with_min_len(64).for_each(|(ray, out)| {
+                let range = self.segments.range(ray);
+                let row = Row { tau: &tau[range.clone()], values: &values[range.start * channels..range.end * channels] };
+                row.forward(channels, self.entropy, out);
+            });
+            out
+        }
+
+        fn backward(&self, inputs: &[&[f32]], output: &[f32], grad: &[f32], wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+            let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
+            let channels = channels(values, tau);
+            let mut dtau = vec![0.0; tau.len()];
+            let mut dvalues = vec![0.0; if wanted[1] { values.len() } else { 0 }];
+            let dvalue_rows: Vec<&mut [f32]> = if wanted[1] {
+                self.segments.split_mut(&mut dvalues, channels)
+            } else {
+                (0..self.segments.rays()).map(|_| Default::default()).collect()
+            };
+            let width = channels + 3;
+            self.segments
+                .split_mut(&mut dtau, 1)
+                .into_par_iter()
+                .zip(dvalue_rows)
+                .enumerate()
+                .with_min_len(64)
+                .for_each(|(ray, (dtau, dvalues))| {
+                    let range = self.segments.range(ray);
+                    let row =
+                        Row { tau: &tau[range.clone()], values: &values[range.start * channels..range.end * channels] };
+                    let at = ray * width..(ray + 1) * width;
+                    row.backward(channels, self.entropy, &output[at.clone()], &grad[at], dtau, dvalues);
+                });
+            vec![wanted[0].then_some(dtau), wanted[1].then_some(dvalues)]
+        }
+    }
+
+    fn channels(values: &[f32], tau: &[f32]) -> usize {
+        values.len().checked_div(tau.len()).unwrap_or(0)
+    }
+
+    struct Row<'a> {
+        tau: &'a [f32],
+        values: &'a [f32],
+    }
+
+    impl Row<'_> {
+        fn forward(&self, channels: usize, entropy: Option<f32>, out: &mut [f32]) {
+            let (integrated, stats) = out.split_at_mut(channels);
+            let mut depth = 0f64;
+            let mut alpha_sum = 0f64;
+            for (i, &tau) in self.tau.iter().enumerate() {
+                let alpha = alpha(tau);
+                let w = (-depth).exp() as f32 * alpha;
+                depth += f64::from(tau);
+                alpha_sum += f64::from(alpha);
+                for (out, value) in integrated.iter_mut().zip(&self.values[i * channels..]) {
+                    *out += w * value;
+                }
+            }
+            stats[0] = -(-depth).exp_m1() as f32;
+            stats[1] = alpha_sum as f32;
+            if let Some(epsilon) = entropy {
+                stats[2] = self.entropy(alpha_sum as f32, epsilon);
+            }
+        }
+
+        fn entropy(&self, alpha_sum: f32, epsilon: f32) -> f32 {
+            if alpha_sum < MIN_ALPHA_SUM {
+                return 0.0;
+            }
+            let ln_sum = alpha_sum.ln();
+            let nats: f64 = self
+                .tau
+                .iter()
+                .map(|&tau| {
+                    let (p, ln_p) = density(tau, alpha_sum, ln_sum, epsilon);
+                    f64::from(p) * f64::from(ln_p)
+                })
+                .sum();
+            (-nats * std::f64::consts::LOG2_E) as f32
+        }
+
+        fn backward(
+            &self,
+            channels: usize,
+            entropy: Option<f32>,
+            output: &[f32],
+            grad: &[f32],
+            dtau: &mut [f32],
+            dvalues: &mut [f32],
+        ) {
+            let (dintegrated, dstats) = grad.split_at(channels);
+            let [dacc, dalpha_sum, dentropy] = [dstats[0], dstats[1], dstats[2]];
+            // Forward again for w, kept in dtau until the suffix pass replaces it.
+            let mut depth = 0f64;
+            for (w, &tau) in dtau.iter_mut().zip(self.tau) {
+                *w = (-depth).exp() as f32 * alpha(tau);
+                depth += f64::from(tau);
+            }
+            // dL/dτᵢ = uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ with uᵢ = ∂L/∂wᵢ.
+            let mut behind = 0f64;
+            for i in (0..self.tau.len()).rev() {
+                let w = dtau[i];
+                let values = &self.values[i * channels..(i + 1) * channels];
+                let u = dacc + dintegrated.iter().zip(values).map(|(g, v)| g * v).sum::<f32>();
+                if let Some(dvalues) = dvalues.get_mut(i * channels..(i + 1) * channels) {
+                    for (out, g) in dvalues.iter_mut().zip(dintegrated) {
+                        *out = g * w;
+                    }
+                }
+                let after = (-depth).exp() as f32;
+                depth -= f64::from(self.tau[i]);
+                dtau[i] = (f64::from(u * after) - behind) as f32;
+                behind += f64::from(u) * f64::from(w);
+            }
+            if dalpha_sum != 0.0 {
+                for (out, &tau) in dtau.iter_mut().zip(self.tau) {
+                    *out += dalpha_sum * (-tau).exp();
+                }
+            }
+            if let Some(epsilon) = entropy.filter(|_| dentropy != 0.0) {
+                let alpha_sum = output[channels + 1];
+                self.entropy_backward(alpha_sum, epsilon, dentropy * std::f32::consts::LOG2_E, dtau);
+            }
+        }
+
+        /// ∂H/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S with gᵢ = −ln(pᵢ + ε) − pᵢ/(pᵢ + ε), H in nats.
+        fn entropy_backward(&self, alpha_sum: f32, epsilon: f32, scale: f32, dtau: &mut [f32]) {
+            if alpha_sum < MIN_ALPHA_SUM {
+                return;
+            }
+            let ln_sum = alpha_sum.ln();
+            let slope = |tau: f32| {
+                let (p, ln_p) = density(tau, alpha_sum, ln_sum, epsilon);
+                (p, -ln_p - if epsilon > 0.0 { p / (p + epsilon) } else { 1.0 })
+            };
+            let mean: f64 = self
+                .tau
+                .iter()
+                .map(|&tau| {
+                    let (p, g) = slope(tau);
+                    f64::from(p) * f64::from(g)
+                })
+                .sum();
+            for (out, &tau) in dtau.iter_mut().zip(self.tau) {
+                let g = slope(tau).1;
+                *out += scale * (g - mean as f32) * (-tau).exp() / alpha_sum;
+            }
+        }
+    }
+
+    /// `(p, ln(p + ε))` of a sample in a ray whose opacities sum to `alpha_sum`.
+    pub(crate) fn density(tau: f32, alpha_sum: f32, ln_sum: f32, epsilon: f32) -> (f32, f32) {
+        let p = alpha(tau) / alpha_sum;
+        let ln_p = if epsilon > 0.0 { (p + epsilon).ln() } else { ln_alpha(tau) - ln_sum };
+        (p, ln_p)
+    }
+}
+
+#[cfg(feature = "flex")]
+pub(crate) use host::density;

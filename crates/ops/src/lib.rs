@@ -1,0 +1,43 @@
+//! The few hot tensor operations of a radiance field.
+//!
+//! Every operation has three bodies that are tested against each other:
+//!
+//! | body | where it runs | why it is there |
+//! |---|---|---|
+//! | host kernel ([`kernel::Kernel`]) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
+//! | plain tensors (the `plain` module of each file) | every backend | portability, and an oracle for the kernel |
+//! | [`reference`] in `f64` | tests and `infonerf bench stress` | bounds the error of both |
+//!
+//! The public function of each file picks the host kernel where the tensors live on `flex` and the plain body elsewhere.
+//!
+//! Names follow the field: `tau` = σδ optical depth, `alpha` = 1 − e^−τ, `trans` transmittance, `w` = trans·α.
+//! Samples are *packed*: ray `r` owns samples `offsets[r]..offsets[r + 1]` of every per-sample tensor
+//! ([`Segments`]), so skipping a sample costs nothing downstream.
+
+pub mod adam;
+pub mod composite;
+pub mod frequency;
+pub mod gain;
+#[cfg(feature = "flex")]
+pub mod kernel;
+pub mod numeric;
+pub mod reference;
+mod segments;
+
+pub use composite::{Composite, composite};
+pub use frequency::frequency_encode;
+pub use gain::information_gain;
+pub use segments::Segments;
+
+/// Whether tensors on `device` are served by the host kernels.
+pub fn has_host_kernels(device: &burn::tensor::Device) -> bool {
+    #[cfg(feature = "flex")]
+    {
+        kernel::is_flex(device)
+    }
+    #[cfg(not(feature = "flex"))]
+    {
+        let _ = device;
+        false
+    }
+}

@@ -1,0 +1,91 @@
+//! The whole chain in `f64`, written for clarity: the oracle that bounds the error of every body.
+//!
+//! Gradients are exact derivatives of the functions as defined, computed term by term rather than by the suffix sums
+//! of the fast bodies, so that the two share no shortcut.
+
+/// α = 1 − e^−τ.
+pub fn alpha(tau: f64) -> f64 {
+    -(-tau).exp_m1()
+}
+
+/// Tᵢ = exp(−Σ_{j<i} τⱼ), one more than samples: the last is what leaves the ray.
+pub fn transmittance(tau: &[f64]) -> Vec<f64> {
+    let mut sum = 0.0;
+    std::iter::once(1.0)
+        .chain(tau.iter().map(|tau| {
+            sum += tau;
+            (-sum).exp()
+        }))
+        .collect()
+}
+
+/// wᵢ = Tᵢ αᵢ.
+pub fn weights(tau: &[f64]) -> Vec<f64> {
+    transmittance(tau).iter().zip(tau).map(|(t, &tau)| t * alpha(tau)).collect()
+}
+
+/// ∂(Σ uᵢ wᵢ)/∂τ for fixed u.
+pub fn weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
+    let (trans, w) = (transmittance(tau), weights(tau));
+    (0..tau.len())
+        .map(|i| u[i] * trans[i + 1] - (i + 1..tau.len()).map(|j| u[j] * w[j]).sum::<f64>())
+        .collect()
+}
+
+/// p = α/Σα, or `None` where Σα is below [`MIN_ALPHA_SUM`](crate::composite::MIN_ALPHA_SUM).
+pub fn ray_density(tau: &[f64]) -> Option<Vec<f64>> {
+    let sum: f64 = tau.iter().map(|&tau| alpha(tau)).sum();
+    (sum >= f64::from(crate::composite::MIN_ALPHA_SUM)).then(|| tau.iter().map(|&tau| alpha(tau) / sum).collect())
+}
+
+fn ln_density(tau: &[f64], epsilon: f64) -> Vec<f64> {
+    let sum: f64 = tau.iter().map(|&tau| alpha(tau)).sum();
+    let floor = f64::from(f32::MIN_POSITIVE);
+    tau.iter()
+        .map(|&tau| {
+            let alpha = alpha(tau);
+            if epsilon > 0.0 { (alpha / sum + epsilon).ln() } else { alpha.max(floor).ln() - sum.ln() }
+        })
+        .collect()
+}
+
+/// H = −Σ p log₂(p + ε) in bits; 0 for a ray that hits nothing.
+pub fn entropy(tau: &[f64], epsilon: f64) -> f64 {
+    let Some(p) = ray_density(tau) else { return 0.0 };
+    -p.iter().zip(ln_density(tau, epsilon)).map(|(p, ln)| p * ln).sum::<f64>() * std::f64::consts::LOG2_E
+}
+
+/// ∂H/∂τ.
+pub fn entropy_gradient(tau: &[f64], epsilon: f64) -> Vec<f64> {
+    let Some(p) = ray_density(tau) else { return vec![0.0; tau.len()] };
+    let slopes: Vec<f64> = p
+        .iter()
+        .zip(ln_density(tau, epsilon))
+        .map(|(p, ln)| -ln - if epsilon > 0.0 { p / (p + epsilon) } else { 1.0 })
+        .collect();
+    through_normalisation(tau, &p, &slopes).into_iter().map(|g| g * std::f64::consts::LOG2_E).collect()
+}
+
+/// KL(P ‖ Q) in nats with ε in both logarithms; 0 where either ray hits nothing.
+pub fn information_gain(tau: &[f64], near: &[f64], epsilon: f64) -> f64 {
+    let (Some(p), Some(_)) = (ray_density(tau), ray_density(near)) else { return 0.0 };
+    p.iter().zip(ln_density(tau, epsilon)).zip(ln_density(near, epsilon)).map(|((p, ln_p), ln_q)| p * (ln_p - ln_q)).sum()
+}
+
+/// (∂KL/∂τ, ∂KL/∂τ̃).
+pub fn information_gain_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Vec<f64>, Vec<f64>) {
+    let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else {
+        return (vec![0.0; tau.len()], vec![0.0; near.len()]);
+    };
+    let (ln_p, ln_q) = (ln_density(tau, epsilon), ln_density(near, epsilon));
+    let dp: Vec<f64> = (0..p.len()).map(|i| ln_p[i] - ln_q[i] + p[i] / (p[i] + epsilon)).collect();
+    let dq: Vec<f64> = (0..p.len()).map(|i| -p[i] / (q[i] + epsilon)).collect();
+    (through_normalisation(tau, &p, &dp), through_normalisation(near, &q, &dq))
+}
+
+/// From ∂L/∂p to ∂L/∂τ: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ.
+fn through_normalisation(tau: &[f64], p: &[f64], slopes: &[f64]) -> Vec<f64> {
+    let sum: f64 = tau.iter().map(|&tau| alpha(tau)).sum();
+    let mean: f64 = p.iter().zip(slopes).map(|(p, g)| p * g).sum();
+    tau.iter().zip(slopes).map(|(&tau, g)| (g - mean) / sum * (-tau).exp()).collect()
+}

@@ -1,0 +1,63 @@
+use infonerf_scene::{Camera, Ray};
+
+use crate::{Counts, Level, Model, OccupancyGrid, Renderer, Want};
+
+/// A rendered picture with what the report shows beside it. All row-major.
+#[derive(Clone, Debug)]
+pub struct RenderedImage {
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Colour on the background, not clamped.
+    pub rgb: Vec<[f32; 3]>,
+    /// Expected distance Σ w t/Σ w along the ray; infinite where the ray hits nothing.
+    pub depth: Vec<f32>,
+    /// Opacity.
+    pub acc: Vec<f32>,
+    /// Points along rays before and after skipping.
+    pub counts: Counts,
+}
+
+/// Rays rendered at a time: bounds the memory of a picture.
+const CHUNK: usize = 4096;
+
+/// Renders the picture that `camera` sees, without gradients: give the model as `valid()`.
+pub fn render_image(renderer: &Renderer, model: &Model, camera: &Camera, occupancy: Option<&OccupancyGrid>) -> RenderedImage {
+    let rays: Vec<Ray> = (0..camera.height)
+        .flat_map(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))
+        .map(|(x, y)| camera.ray(x, y))
+        .collect();
+    let mut image = RenderedImage {
+        width: camera.width,
+        height: camera.height,
+        rgb: Vec::with_capacity(rays.len()),
+        depth: Vec::with_capacity(rays.len()),
+        acc: Vec::with_capacity(rays.len()),
+        counts: Counts::default(),
+    };
+    for rays in rays.chunks(CHUNK) {
+        let want = Want { color: true, entropy: None };
+        let (coarse, fine) = renderer.render(model, rays, want, None, occupancy, 1.0);
+        image.append(&fine);
+        for level in coarse.iter().chain([&fine]) {
+            image.counts += Counts::from(&level.samples);
+        }
+    }
+    image
+}
+
+impl RenderedImage {
+    fn append(&mut self, level: &Level) {
+        let numbers = |data: burn::tensor::TensorData| data.to_vec::<f32>().expect("renders are f32");
+        let rgb = numbers(level.color.as_ref().expect("colour was wanted").to_data());
+        let acc = numbers(level.composite.acc.to_data());
+        let depth = numbers(level.depth.to_data());
+        self.rgb.extend(rgb.chunks_exact(3).map(|c| [c[0], c[1], c[2]]));
+        self.depth.extend(depth.iter().zip(&acc).map(|(d, &a)| if a > HIT { d / a } else { f32::INFINITY }));
+        self.acc.extend(acc);
+    }
+}
+
+/// Opacity from which a ray is said to hit something, for depth.
+const HIT: f32 = 0.5;

@@ -1,0 +1,194 @@
+use glam::Vec3;
+use infonerf_scene::{Aabb, View};
+use rayon::prelude::*;
+
+use crate::{Noise, OccupancyConfig};
+
+/// Remembers in which cells of the scene's box there is something.
+///
+/// A cell's density is a decaying maximum of what the field answered at random points of it:
+/// d ← max(decay · d, σ(x)), x uniform in the cell. A cell is empty while 1 − exp(−d · step) stays below
+/// `min_alpha`, or below the opacity of the mean cell while the whole field is still faint. A sample can therefore be
+/// dropped wrongly only where the field rises within a cell faster than the updates see it.
+#[derive(Clone, Debug)]
+pub struct OccupancyGrid {
+    config: OccupancyConfig,
+    bounds: Aabb,
+    density: Vec<f32>,
+    occupied: Vec<bool>,
+    carved: Vec<bool>,
+}
+
+impl OccupancyGrid {
+    /// A grid over `bounds` in which nothing is known to be empty.
+    pub fn new(config: &OccupancyConfig, bounds: Aabb) -> Self {
+        let cells = config.resolution.pow(3);
+        Self {
+            config: config.clone(),
+            bounds,
+            density: vec![0.0; cells],
+            occupied: vec![true; cells],
+            carved: vec![false; cells],
+        }
+    }
+
+    /// Marks as empty for good every cell that a view with alpha shows to be background.
+    ///
+    /// A cell stays if, in every view, any pixel within one pixel of the cell's projected sphere has alpha above 0 or
+    /// the cell is out of the picture. Views without alpha carve nothing.
+    pub fn carve(&mut self, views: &[View]) {
+        let radius = 0.5 * self.cell_size().length();
+        let carved: Vec<bool> = (0..self.density.len())
+            .into_par_iter()
+            .map(|cell| views.iter().any(|view| sees_background(view, self.centre(cell), radius)))
+            .collect();
+        for ((occupied, known), carved) in self.occupied.iter_mut().zip(&mut self.carved).zip(carved) {
+            *known |= carved;
+            *occupied &= !*known;
+        }
+    }
+
+    /// Whether an update is due at `step`.
+    pub fn is_due(&self, step: usize) -> bool {
+        self.config.enabled && step >= self.config.warmup && (step - self.config.warmup).is_multiple_of(self.config.every)
+    }
+
+    /// Asks the field again. `sigma` maps positions `[M, 3]` to densities `[M]`; `step_length` is the length of one
+    /// sample's interval. Returns whether anything is left; if nothing is, the grid starts over with all cells open.
+    pub fn update(&mut self, noise: Noise, step_length: f32, mut sigma: impl FnMut(&[f32]) -> Vec<f32>) -> bool {
+        const CHUNK: usize = 1 << 16;
+        let open: Vec<usize> = (0..self.density.len()).filter(|&cell| !self.carved[cell]).collect();
+        for cells in open.chunks(CHUNK) {
+            let points: Vec<f32> = cells.par_iter().flat_map_iter(|&cell| self.random_point(cell, noise)).collect();
+            for (&cell, sigma) in cells.iter().zip(sigma(&points)) {
+                self.density[cell] = (self.density[cell] * self.config.decay).max(sigma);
+            }
+        }
+        let mean = open.iter().map(|&cell| f64::from(self.density[cell])).sum::<f64>() / open.len().max(1) as f64;
+        let threshold = (-(-self.config.min_alpha).ln_1p() / step_length).min(mean as f32);
+        for &cell in &open {
+            self.occupied[cell] = self.density[cell] > threshold;
+        }
+        let alive = self.occupied.iter().any(|&occupied| occupied);
+        if !alive {
+            for &cell in &open {
+                self.occupied[cell] = true;
+            }
+        }
+        alive
+    }
+
+    /// Whether there may be something at `p`. Points outside the box are kept: the grid knows nothing of them.
+    pub fn is_occupied(&self, p: Vec3) -> bool {
+        self.cell(p).is_none_or(|cell| self.occupied[cell])
+    }
+
+    /// The remembered density at `p`, 0 outside the box.
+    pub fn density(&self, p: Vec3) -> f32 {
+        self.cell(p).map_or(0.0, |cell| self.density[cell])
+    }
+
+    /// Share of the cells that are not known to be empty.
+    pub fn fraction(&self) -> f64 {
+        self.occupied.iter().filter(|&&occupied| occupied).count() as f64 / self.occupied.len() as f64
+    }
+
+    /// What a checkpoint has to keep: density and occupancy of each cell.
+    pub fn state(&self) -> (&[f32], &[bool]) {
+        (&self.density, &self.occupied)
+    }
+
+    /// Puts a checkpoint's state back.
+    ///
+    /// # Errors
+    /// Gives the expected number of cells if the state is of another size.
+    pub fn restore(&mut self, density: Vec<f32>, occupied: Vec<bool>) -> Result<(), usize> {
+        if density.len() != self.density.len() || occupied.len() != self.occupied.len() {
+            return Err(self.density.len());
+        }
+        (self.density, self.occupied) = (density, occupied);
+        Ok(())
+    }
+
+    fn cell_size(&self) -> Vec3 {
+        self.bounds.size() / self.config.resolution as f32
+    }
+
+    fn coordinates(&self, cell: usize) -> Vec3 {
+        let n = self.config.resolution;
+        Vec3::new((cell % n) as f32, (cell / n % n) as f32, (cell / (n * n)) as f32)
+    }
+
+    fn centre(&self, cell: usize) -> Vec3 {
+        self.bounds.min + (self.coordinates(cell) + 0.5) * self.cell_size()
+    }
+
+    fn random_point(&self, cell: usize, noise: Noise) -> [f32; 3] {
+        let jitter = Vec3::from_array([0, 1, 2].map(|axis| noise.uniform(cell, axis)));
+        (self.bounds.min + (self.coordinates(cell) + jitter) * self.cell_size()).to_array()
+    }
+
+    fn cell(&self, p: Vec3) -> Option<usize> {
+        let n = self.config.resolution;
+        let c = (p - self.bounds.min) / self.cell_size();
+        // Written so that NaN is outside.
+        let inside = c.cmpge(Vec3::ZERO).all() && c.cmplt(Vec3::splat(n as f32)).all();
+        inside.then(|| c.x as usize + n * (c.y as usize + n * c.z as usize))
+    }
+}
+
+/// Whether every pixel that a sphere touches in `view` is fully transparent.
+fn sees_background(view: &View, centre: Vec3, radius: f32) -> bool {
+    let (Some(alpha), Some(pixel)) = (&view.image.alpha, view.camera.project(centre)) else { return false };
+    let distance = (centre - view.camera.position()).dot(view.camera.forward());
+    if distance <= radius {
+        return false;
+    }
+    let reach = view.camera.fx.max(view.camera.fy) as f32 * radius / (distance - radius) + 1.0;
+    let (width, height) = (view.image.width as f32, view.image.height as f32);
+    if pixel.x < -reach || pixel.y < -reach || pixel.x > width + reach || pixel.y > height + reach {
+        return false;
+    }
+    let span = |c: f32, size: f32| (c - reach).max(0.0) as usize..((c + reach).ceil().clamp(0.0, size) as usize);
+    span(pixel.y, height).all(|y| span(pixel.x, width).all(|x| alpha[y * view.image.width as usize + x] == 0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn config() -> OccupancyConfig {
+        OccupancyConfig { enabled: true, resolution: 16, warmup: 10, every: 4, min_alpha: 0.01, decay: 0.9 }
+    }
+
+    #[test]
+    fn keeps_a_ball_and_drops_the_rest() {
+        let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
+        let ball = |points: &[f32]| -> Vec<f32> {
+            points.chunks(3).map(|p| if Vec3::from_slice(p).length() < 0.5 { 20.0 } else { 0.0 }).collect()
+        };
+        assert_eq!(grid.fraction(), 1.0);
+        for step in 0..8 {
+            assert!(grid.update(Noise::new(0, step, 0), 0.02, ball));
+        }
+        assert!(grid.is_occupied(Vec3::ZERO) && grid.is_occupied(Vec3::new(0.45, 0.0, 0.0)));
+        assert!(!grid.is_occupied(Vec3::splat(0.9)));
+        assert!(grid.is_occupied(Vec3::splat(7.0)), "outside nothing is known");
+        assert!(grid.is_occupied(Vec3::splat(f32::NAN)));
+        assert!(grid.fraction() < 0.2);
+    }
+
+    #[test]
+    fn an_empty_field_reopens_everything() {
+        let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
+        assert!(!grid.update(Noise::new(0, 0, 0), 0.02, |points| vec![0.0; points.len() / 3]));
+        assert_eq!(grid.fraction(), 1.0);
+    }
+
+    #[test]
+    fn is_due_after_the_warmup() {
+        let grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
+        let due: Vec<usize> = (0..20).filter(|&step| grid.is_due(step)).collect();
+        assert_eq!(due, [10, 14, 18]);
+    }
+}

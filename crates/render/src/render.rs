@@ -1,0 +1,272 @@
+use burn::module::Module;
+use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_field::{Points, RadianceField};
+use infonerf_ops::{Composite, composite::composite, composite::weights};
+use infonerf_scene::{Aabb, Ray, Scene};
+
+use crate::sampler::{importance, intervals, stratified};
+use crate::{Noise, OccupancyGrid, RenderConfig, Samples};
+
+/// What is trained: one field, or a coarse one that tells a fine one where to look.
+#[derive(Module, Debug)]
+pub struct Model {
+    /// The proposal of NeRF's hierarchical sampling.
+    pub coarse: Option<RadianceField>,
+    /// The field that is rendered.
+    pub fine: RadianceField,
+}
+
+/// What a render has to return beside opacity and distance.
+#[derive(Clone, Copy, Debug)]
+pub struct Want {
+    /// Colour; without it only density is evaluated.
+    pub color: bool,
+    /// Ray entropy, with this ε inside the logarithm.
+    pub entropy: Option<f32>,
+}
+
+/// One pass of a field over a bundle of rays.
+#[derive(Clone, Debug)]
+pub struct Level {
+    /// Where it was evaluated.
+    pub samples: Samples,
+    /// Optical depth τ = σδ of each sample, `[M]`.
+    pub tau: Tensor<1>,
+    /// Colour on the background, `[R, 3]`; none if it was not wanted.
+    pub color: Option<Tensor<2>>,
+    /// Distance Σ w t along the ray, `[R]`, scene units.
+    pub depth: Tensor<1>,
+    /// Opacity, entropy and Σα a ray.
+    pub composite: Composite,
+}
+
+/// Points along rays before and after skipping.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Candidates.
+    pub total: u64,
+    /// Evaluated by a field.
+    pub evaluated: u64,
+}
+
+impl std::ops::AddAssign for Counts {
+    fn add_assign(&mut self, other: Self) {
+        self.total += other.total;
+        self.evaluated += other.evaluated;
+    }
+}
+
+impl From<&Samples> for Counts {
+    fn from(samples: &Samples) -> Self {
+        Self { total: samples.candidates as u64, evaluated: samples.segments.samples() as u64 }
+    }
+}
+
+/// Renders bundles of rays of one scene.
+#[derive(Clone, Debug)]
+pub struct Renderer {
+    config: RenderConfig,
+    near: f32,
+    far: f32,
+    bounds: Aabb,
+    background: [f32; 3],
+}
+
+impl Renderer {
+    /// A renderer for `scene`'s bounds and background.
+    pub fn new(config: &RenderConfig, scene: &Scene) -> Self {
+        Self {
+            config: config.clone(),
+            near: scene.near,
+            far: scene.far,
+            bounds: scene.bounds,
+            background: scene.background,
+        }
+    }
+
+    /// Length of the interval that a sample stands for, on average: what occupancy is judged by.
+    pub fn step_length(&self) -> f32 {
+        self.longest() / (self.config.samples + self.config.fine_samples) as f32
+    }
+
+    fn longest(&self) -> f32 {
+        if self.config.clip_to_bounds { self.bounds.size().length() } else { self.far - self.near }
+    }
+
+    /// Renders `rays`. With `noise` samples are jittered (training), without they are even (evaluation).
+    ///
+    /// Returns the coarse pass, if the model has one, and the fine pass. Where colour is not wanted, the coarse pass is
+    /// run without a gradient: it only says where to look. `progress` goes to the fields.
+    pub fn render(
+        &self,
+        model: &Model,
+        rays: &[Ray],
+        want: Want,
+        noise: Option<Noise>,
+        occupancy: Option<&OccupancyGrid>,
+        progress: f32,
+    ) -> (Option<Level>, Level) {
+        let noise = noise.filter(|_| self.config.jitter);
+        let Some(coarse_field) = &model.coarse else {
+            let samples = self.samples(rays, noise, occupancy, want.entropy.is_none());
+            return (None, self.evaluate(&model.fine, samples, want, progress));
+        };
+        let candidates = self.coarse_candidates(rays, noise);
+        let samples = self.pack(rays, &candidates, occupancy, false);
+        let wanted = Want { entropy: None, ..want };
+        let level = if want.color {
+            self.evaluate(coarse_field, samples, wanted, progress)
+        } else {
+            self.evaluate(&coarse_field.valid(), samples, wanted, progress)
+        };
+        let fine = self.fine_candidates(&candidates, &level, noise);
+        let samples = self.pack(rays, &fine, occupancy, want.entropy.is_none());
+        let fine = self.evaluate(&model.fine, samples, want, progress);
+        (Some(level), fine)
+    }
+
+    /// Optical depth of the fine field along neighbouring `rays` at the distances of `level`, for the information gain.
+    pub fn optical_depth_along(&self, field: &RadianceField, level: &Level, rays: &[Ray], progress: f32) -> Tensor<1> {
+        let samples = level.samples.along(rays);
+        let density = field.density(points(&samples), progress);
+        density.sigma * lengths(&samples.delta, &field.device())
+    }
+
+    fn evaluate(&self, field: &RadianceField, samples: Samples, want: Want, progress: f32) -> Level {
+        let device = field.device();
+        let rays = samples.segments.rays();
+        let count = samples.segments.samples();
+        if count == 0 {
+            return self.nothing(samples, want, &device);
+        }
+        let density = field.density(points(&samples), progress);
+        let tau = density.sigma.clone() * lengths(&samples.delta, &device);
+        let t = Tensor::<2>::from_data(TensorData::new(samples.t.clone(), [count, 1]), &device);
+        let values = if want.color { Tensor::cat(vec![field.color(&density, points(&samples)), t], 1) } else { t };
+        let composite = composite(tau.clone(), values, &samples.segments, want.entropy);
+        let color = want.color.then(|| {
+            let behind = composite.acc.clone().neg() + 1.0;
+            let background = Tensor::<1>::from_floats(self.background, &device).unsqueeze::<2>();
+            composite.values.clone().narrow(1, 0, 3) + behind.unsqueeze_dim::<2>(1).mul(background)
+        });
+        let depth = composite.values.clone().narrow(1, if want.color { 3 } else { 0 }, 1).reshape([rays]);
+        Level { samples, tau, color, depth, composite }
+    }
+
+    /// A bundle of which every sample was skipped.
+    fn nothing(&self, samples: Samples, want: Want, device: &Device) -> Level {
+        let rays = samples.segments.rays();
+        let zeros = Tensor::<1>::zeros([rays], device);
+        let background = Tensor::<1>::from_floats(self.background, device).unsqueeze::<2>();
+        Level {
+            samples,
+            tau: Tensor::empty([0], device),
+            color: want.color.then(|| background.repeat_dim(0, rays)),
+            depth: zeros.clone(),
+            composite: Composite {
+                values: Tensor::zeros([rays, if want.color { 4 } else { 1 }], device),
+                acc: zeros.clone(),
+                alpha_sum: zeros.clone(),
+                entropy: zeros,
+            },
+        }
+    }
+
+    /// The part of a ray in which there can be something.
+    fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
+        if !self.config.clip_to_bounds {
+            return Some((self.near, self.far));
+        }
+        let (enter, leave) = self.bounds.intersect(ray)?;
+        let (near, far) = (enter.max(self.near), leave.min(self.far));
+        (near < far).then_some((near, far))
+    }
+
+    /// Samples of a field without a coarse network: steps of one length through the part of each ray that is in bounds.
+    fn samples(&self, rays: &[Ray], noise: Option<Noise>, occupancy: Option<&OccupancyGrid>, hide: bool) -> Samples {
+        let c = &self.config;
+        let step = self.longest() / c.samples as f32;
+        Samples::pack(rays, |index| {
+            let Some((near, far)) = self.interval(&rays[index]) else { return (Vec::new(), c.samples) };
+            let count = ((far - near) / step).ceil().max(2.0) as usize;
+            let t = stratified(near, far, count, c.placement, noise.map(|noise| (noise, index)));
+            let delta = intervals(&t, near, far, c.placement, c.last_interval);
+            (self.keep(&rays[index], &t, &delta, occupancy, hide), c.samples)
+        })
+    }
+
+    fn coarse_candidates(&self, rays: &[Ray], noise: Option<Noise>) -> Vec<Candidates> {
+        let c = &self.config;
+        rays.iter()
+            .enumerate()
+            .map(|(index, ray)| {
+                let (near, far) = self.interval(ray)?;
+                let t = stratified(near, far, c.samples, c.placement, noise.map(|noise| (noise, index)));
+                Some((t, near, far))
+            })
+            .collect()
+    }
+
+    /// Distances of the fine pass, drawn from the coarse weights. A coarse sample that was skipped has weight 0.
+    fn fine_candidates(&self, coarse: &[Candidates], level: &Level, noise: Option<Noise>) -> Vec<Candidates> {
+        let tau = level.tau.to_data();
+        let weights = weights(tau.as_slice::<f32>().expect("optical depth is f32"), &level.samples.segments);
+        let shifted = noise.map(Noise::next);
+        coarse
+            .iter()
+            .enumerate()
+            .map(|(index, candidates)| {
+                let (t, near, far) = candidates.as_ref()?;
+                let range = level.samples.segments.range(index);
+                // Both lists are sorted and the kept distances are copies of candidates.
+                let mut kept = level.samples.t[range.clone()].iter().zip(&weights[range]).peekable();
+                let dense: Vec<f32> =
+                    t.iter().map(|t| kept.next_if(|(kept, _)| *kept == t).map_or(0.0, |(_, weight)| *weight)).collect();
+                let t = importance(t, &dense, self.config.fine_samples, shifted.map(|noise| (noise, index)));
+                Some((t, *near, *far))
+            })
+            .collect()
+    }
+
+    fn pack(&self, rays: &[Ray], candidates: &[Candidates], occupancy: Option<&OccupancyGrid>, hide: bool) -> Samples {
+        let c = &self.config;
+        Samples::pack(rays, |index| {
+            let Some((t, near, far)) = &candidates[index] else { return (Vec::new(), c.samples) };
+            let delta = intervals(t, *near, *far, c.placement, c.last_interval);
+            (self.keep(&rays[index], t, &delta, occupancy, hide), t.len())
+        })
+    }
+
+    /// Drops the samples in empty cells and, if `hide`, those behind what the grid remembers as opaque.
+    ///
+    /// Hidden samples weigh nothing in the image, but count in the ray's entropy, so they stay where that is wanted.
+    fn keep(&self, ray: &Ray, t: &[f32], delta: &[f32], occupancy: Option<&OccupancyGrid>, hide: bool) -> Vec<(f32, f32)> {
+        let samples = t.iter().copied().zip(delta.iter().copied());
+        let Some(grid) = occupancy else { return samples.collect() };
+        let enough = if hide && self.config.min_transmittance > 0.0 {
+            -self.config.min_transmittance.ln()
+        } else {
+            f32::INFINITY
+        };
+        let mut depth = 0.0;
+        samples
+            .filter(|(t, _)| grid.is_occupied(ray.at(*t)))
+            .take_while(|(t, delta)| {
+                let visible = depth < enough;
+                depth += grid.density(ray.at(*t)) * delta;
+                visible
+            })
+            .collect()
+    }
+}
+
+/// Sorted distances of one ray with the ends of its interval; none if it misses the bounds.
+type Candidates = Option<(Vec<f32>, f32, f32)>;
+
+fn points(samples: &Samples) -> Points<'_> {
+    Points { positions: &samples.positions, directions: &samples.directions, segments: &samples.segments }
+}
+
+fn lengths(delta: &[f32], device: &Device) -> Tensor<1> {
+    Tensor::from_data(TensorData::new(delta.to_vec(), [delta.len()]), device)
+}

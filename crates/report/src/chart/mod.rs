@@ -1,0 +1,84 @@
+//! Charts: numbers in, an SVG string out.
+//!
+//! Lines and text take the colour of the text around them (`currentColor`), so that a chart inside a page follows its light
+//! or dark scheme; [`standalone`] makes a file of it. Points that are not finite, or not positive on a logarithmic axis, are
+//! left out; a chart without points is drawn empty.
+
+mod bar;
+mod canvas;
+mod fit;
+mod heat;
+mod line;
+mod scale;
+mod scatter;
+
+pub use bar::{Bar, bar_chart};
+pub use fit::{PowerLaw, fit_power_law, pareto_frontier};
+pub use heat::heat_map;
+pub use line::{line_chart, power_law_chart};
+pub use scatter::scatter_chart;
+
+/// Title and axes of a chart.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Frame {
+    /// Heading above the chart; may be empty.
+    pub title: String,
+    /// Horizontal axis.
+    pub x: Axis,
+    /// Vertical axis.
+    pub y: Axis,
+}
+
+/// One axis of a chart.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Axis {
+    /// Quantity and unit.
+    pub label: String,
+    /// Logarithmic.
+    pub log: bool,
+}
+
+/// A named set of points, in one colour.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Series {
+    /// Name in the legend.
+    pub name: String,
+    /// `(x, y)`.
+    pub points: Vec<(f64, f64)>,
+}
+
+impl Frame {
+    /// A frame with linear axes.
+    #[must_use]
+    pub fn new(title: &str, x: &str, y: &str) -> Self {
+        Self { title: title.into(), x: Axis::linear(x), y: Axis::linear(y) }
+    }
+}
+
+impl Axis {
+    /// A linear axis.
+    #[must_use]
+    pub fn linear(label: &str) -> Self {
+        Self { label: label.into(), log: false }
+    }
+
+    /// A logarithmic axis.
+    #[must_use]
+    pub fn log(label: &str) -> Self {
+        Self { label: label.into(), log: true }
+    }
+}
+
+impl Series {
+    /// The points that an axis pair can show.
+    fn drawable(&self, frame: &Frame) -> Vec<(f64, f64)> {
+        let fits = |value: f64, axis: &Axis| scale::drawable(value, axis.log);
+        self.points.iter().copied().filter(|&(x, y)| fits(x, &frame.x) && fits(y, &frame.y)).collect()
+    }
+}
+
+/// A chart as a file of its own: dark lines on white.
+#[must_use]
+pub fn standalone(svg: &str) -> String {
+    svg.replacen("<svg ", "<svg style=\"color:#1f2328;background:#fff\" ", 1)
+}

@@ -1,0 +1,190 @@
+//! Axes: a range, its ticks and their labels. Unlike the drawing library's, these accept any range.
+
+use std::ops::Range;
+
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+
+/// Values beyond this magnitude are not drawn, so that differences of two cannot overflow.
+const LARGEST: f64 = 1e300;
+const SMALLEST_LOG: f64 = 1e-300;
+const MOST_TICKS: i64 = 12;
+
+/// Maps values to pixels along one axis.
+#[derive(Debug, Clone)]
+pub(super) struct Scale {
+    low: f64,
+    high: f64,
+    kind: Kind,
+}
+
+#[derive(Debug, Clone)]
+enum Kind {
+    Linear,
+    Log,
+    /// Category `i` lies at `i + ½`.
+    Labels(Vec<String>),
+}
+
+/// Whether an axis can show a value.
+pub(super) fn drawable(value: f64, log: bool) -> bool {
+    value.is_finite() && value.abs() <= LARGEST && (!log || value >= SMALLEST_LOG)
+}
+
+impl Scale {
+    /// A range that holds `values` and a little more.
+    pub(super) fn around(values: impl Iterator<Item = f64>, log: bool) -> Self {
+        let (low, high) = values
+            .filter(|&value| drawable(value, log))
+            .map(|value| if log { value.log10() } else { value })
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+        let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
+        let least = if log { 0.3 } else { 1e-9 * low.abs().max(high.abs()) };
+        let (low, high) = if high - low > least { (low, high) } else { widened(low, high, log) };
+        let margin = 0.04 * (high - low);
+        let (low, high) = (low - margin, high + margin);
+        if log { Self { low, high, kind: Kind::Log } } else { Self { low, high, kind: Kind::Linear } }
+    }
+
+    /// One unit for each label.
+    pub(super) fn labels(labels: Vec<String>) -> Self {
+        Self { low: 0.0, high: labels.len().max(1) as f64, kind: Kind::Labels(labels) }
+    }
+
+    /// The same with its lower end at zero, for bars.
+    pub(super) fn from_zero(self) -> Self {
+        Self { low: self.low.min(0.0), high: self.high.max(0.0), ..self }
+    }
+
+    fn position(&self, value: f64) -> f64 {
+        let value = if matches!(self.kind, Kind::Log) { value.max(SMALLEST_LOG).log10() } else { value };
+        ((value - self.low) / (self.high - self.low)).clamp(0.0, 1.0)
+    }
+
+    fn ticks(&self) -> Vec<f64> {
+        match &self.kind {
+            Kind::Linear => multiples(self.low, self.high, self.step()),
+            Kind::Labels(labels) => (0..labels.len()).map(|i| i as f64 + 0.5).collect(),
+            Kind::Log if self.high - self.low < 2.0 => {
+                let decades = self.low.floor() as i32..=self.high.ceil() as i32;
+                let candidates = decades.flat_map(|decade| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(decade)));
+                candidates.filter(|tick| (self.low..=self.high).contains(&tick.log10())).collect()
+            }
+            Kind::Log => {
+                let step = ((self.high - self.low) / 7.0).ceil();
+                multiples(self.low, self.high, step).into_iter().map(|decade| 10f64.powf(decade)).collect()
+            }
+        }
+    }
+
+    /// Distance of linear ticks: 1, 2 or 5 times a power of ten, about six to an axis.
+    fn step(&self) -> f64 {
+        let rough = (self.high - self.low) / 7.0;
+        let power = 10f64.powf(rough.log10().floor());
+        let multiple = [1.0, 2.0, 5.0].into_iter().find(|multiple| multiple * power >= 0.999 * rough);
+        multiple.unwrap_or(10.0) * power
+    }
+
+    fn label(&self, tick: f64) -> String {
+        match &self.kind {
+            Kind::Labels(labels) => labels.get(tick as usize).cloned().unwrap_or_default(),
+            Kind::Log => short(tick, 0),
+            Kind::Linear => {
+                let unit = if tick.abs() >= 1e4 { 10f64.powf(3.0 * (tick.abs().log10() / 3.0).floor()) } else { 1.0 };
+                short(tick, (-(self.step() / unit).log10()).ceil().clamp(0.0, 6.0) as usize)
+            }
+        }
+    }
+}
+
+fn widened(low: f64, high: f64, log: bool) -> (f64, f64) {
+    let half = if log { 0.15 } else { (0.05 * low.abs().max(high.abs())).max(0.5e-3) };
+    (low - half, high + half)
+}
+
+fn multiples(low: f64, high: f64, step: f64) -> Vec<f64> {
+    let first = (low / step).ceil() as i64;
+    let last = (high / step).floor() as i64;
+    (first..=last.min(first.saturating_add(MOST_TICKS))).map(|i| i as f64 * step).collect()
+}
+
+/// `value` with a metric suffix from ten thousand upwards, in powers of ten when very small or large.
+pub(super) fn short(value: f64, decimals: usize) -> String {
+    let magnitude = value.abs();
+    let suffixed = [(1e4, 1e3, "k"), (1e6, 1e6, "M"), (1e9, 1e9, "G"), (1e12, 1e12, "T")]
+        .into_iter()
+        .rev()
+        .find(|&(from, _, _)| magnitude >= from);
+    match suffixed {
+        _ if magnitude >= 1e15 || (magnitude > 0.0 && magnitude < 1e-3) => format!("{value:.0e}"),
+        Some((_, unit, suffix)) => format!("{}{suffix}", trimmed(value / unit, decimals)),
+        None => trimmed(value, decimals),
+    }
+}
+
+/// At least the decimals asked for, and as many as a number below one needs.
+fn trimmed(value: f64, decimals: usize) -> String {
+    let needed = if value != 0.0 && value.abs() < 1.0 { (-value.abs().log10()).ceil() as usize } else { 0 };
+    format!("{value:.*}", decimals.max(needed))
+}
+
+impl Ranged for Scale {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
+        from + (self.position(*value) * f64::from(to - from)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, _hint: Hint) -> Vec<f64> {
+        self.ticks()
+    }
+
+    fn range(&self) -> Range<f64> {
+        if matches!(self.kind, Kind::Log) { 10f64.powf(self.low)..10f64.powf(self.high) } else { self.low..self.high }
+    }
+}
+
+impl ValueFormatter<f64> for Scale {
+    fn format_ext(&self, value: &f64) -> String {
+        self.label(*value)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn labels(low: f64, high: f64, log: bool) -> Vec<String> {
+        let scale = Scale::around([low, high].into_iter(), log);
+        scale.ticks().into_iter().map(|tick| scale.label(tick)).collect()
+    }
+
+    #[test]
+    fn ticks_are_round_numbers() {
+        assert_eq!(labels(0.0, 1000.0, false), ["0", "200", "400", "600", "800", "1000"]);
+        assert_eq!(labels(15.0, 21.0, false), ["15", "16", "17", "18", "19", "20", "21"]);
+        assert_eq!(labels(0.7, 0.82, false), ["0.70", "0.72", "0.74", "0.76", "0.78", "0.80", "0.82"]);
+        assert_eq!(labels(0.0, 50_000.0, false), ["0", "10k", "20k", "30k", "40k", "50k"]);
+        assert_eq!(labels(10.0, 300.0, true), ["10", "20", "50", "100", "200"]);
+        assert_eq!(labels(1e-4, 1.0, true), ["1e-4", "0.001", "0.01", "0.1", "1"]);
+    }
+
+    proptest! {
+        #[test]
+        fn any_values_have_few_finite_ticks(values in prop::collection::vec(prop::num::f64::ANY, 0..5), log: bool) {
+            let scale = Scale::around(values.iter().copied(), log);
+            prop_assert!(scale.low < scale.high);
+            let ticks = scale.ticks();
+            prop_assert!(ticks.len() <= 13, "{ticks:?}");
+            for tick in ticks {
+                prop_assert!(!scale.label(tick).is_empty());
+                prop_assert!((0..=500).contains(&scale.map(&tick, (0, 500))));
+            }
+            for value in values {
+                prop_assert!((0..=500).contains(&scale.map(&value, (0, 500))) || value.is_nan());
+            }
+        }
+    }
+}

@@ -1,0 +1,171 @@
+//! Colour maps as polynomials, and the pictures of depth and error made with them.
+
+use image::{Rgb, RgbImage};
+use infonerf_metrics::MetricError;
+
+/// Error at which [`error_image`] reaches the end of its scale.
+pub const ERROR_FULL_SCALE: f32 = 0.5;
+
+/// A dark blue to yellow map of even perceptual steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
+///
+/// A least-squares polynomial of degree 6 through the 256 colours of matplotlib's `viridis`; largest deviation 0.017. `t`
+/// is clamped, NaN counts as 0.
+#[must_use]
+pub fn viridis(t: f32) -> [f32; 3] {
+    polynomial(
+        t,
+        &[
+            [0.274, 0.006, 0.333],
+            [0.108, 1.396, 1.387],
+            [-0.327, 0.215, 0.092],
+            [-4.600, -5.758, -19.292],
+            [6.204, 14.154, 56.656],
+            [4.752, -13.749, -65.321],
+            [-5.432, 4.642, 26.272],
+        ],
+    )
+}
+
+/// A blue to red rainbow that shows small steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
+///
+/// A least-squares polynomial of degree 7 through the 256 colours of `turbo`; largest deviation 0.052. `t` is clamped, NaN
+/// counts as 0.
+#[must_use]
+pub fn turbo(t: f32) -> [f32; 3] {
+    polynomial(
+        t,
+        &[
+            [0.163, 0.077, 0.273],
+            [2.154, 2.703, 4.517],
+            [-0.121, 1.173, 32.900],
+            [-143.997, -9.031, -332.612],
+            [693.509, 24.893, 953.560],
+            [-1262.856, -68.346, -1264.361],
+            [1017.845, 76.603, 803.768],
+            [-306.269, -28.052, -198.010],
+        ],
+    )
+}
+
+/// Picture of a depth map: near is red, far is blue ([`turbo`]), faded to white where little was hit.
+///
+/// `colour = A · turbo((far − d) / (far − near)) + (1 − A)` with `A` the accumulated weight `acc`. `depth` and `acc` are
+/// row-major `[height × width]`; `depth`, `near` and `far` share a unit. A pixel whose depth or `acc` is not finite is white; when
+/// `near < far` does not hold, every hit has the middle colour.
+///
+/// # Errors
+/// [`MetricError::Length`] when `depth` or `acc` does not hold `width × height` values.
+pub fn depth_image(
+    depth: &[f32],
+    acc: &[f32],
+    width: u32,
+    height: u32,
+    near: f32,
+    far: f32,
+) -> Result<RgbImage, MetricError> {
+    check_length("depth", depth.len(), width, height)?;
+    check_length("acc", acc.len(), width, height)?;
+    let range = far - near;
+    let pixels: Vec<[f32; 3]> = depth
+        .iter()
+        .zip(acc)
+        .map(|(&depth, &acc)| {
+            if !depth.is_finite() || !acc.is_finite() {
+                return [1.0; 3];
+            }
+            let nearness = if range > 0.0 { (far - depth) / range } else { 0.5 };
+            let acc = acc.clamp(0.0, 1.0);
+            turbo(nearness).map(|channel| acc * channel + 1.0 - acc)
+        })
+        .collect();
+    Ok(picture(&pixels, width))
+}
+
+/// Picture of the mean absolute error over channels: dark is right, yellow is [`ERROR_FULL_SCALE`] off or more
+/// ([`viridis`]). A pixel that is not finite is white.
+///
+/// Images are row-major `[height × width]`, values in `[0, 1]`.
+///
+/// # Errors
+/// [`MetricError::Length`] when an image does not hold `width × height` pixels.
+pub fn error_image(render: &[[f32; 3]], truth: &[[f32; 3]], width: u32, height: u32) -> Result<RgbImage, MetricError> {
+    check_length("render", render.len(), width, height)?;
+    check_length("truth", truth.len(), width, height)?;
+    let pixels: Vec<[f32; 3]> = render
+        .iter()
+        .zip(truth)
+        .map(|(render, truth)| {
+            let error = render.iter().zip(truth).map(|(r, t)| (r - t).abs()).sum::<f32>() / 3.0;
+            if error.is_finite() { viridis(error / ERROR_FULL_SCALE) } else { [1.0; 3] }
+        })
+        .collect();
+    Ok(picture(&pixels, width))
+}
+
+fn polynomial(t: f32, coefficients: &[[f32; 3]]) -> [f32; 3] {
+    let t = if t.is_nan() { 0.0 } else { t.clamp(0.0, 1.0) };
+    let horner = |channel: usize| coefficients.iter().rev().fold(0.0, |sum, c| sum * t + c[channel]);
+    std::array::from_fn(|channel| horner(channel).clamp(0.0, 1.0))
+}
+
+fn picture(pixels: &[[f32; 3]], width: u32) -> RgbImage {
+    let height = pixels.len() as u32 / width.max(1);
+    RgbImage::from_fn(width, height, |x, y| Rgb(to_bytes(pixels[y as usize * width as usize + x as usize])))
+}
+
+/// Rounded to 8 bits.
+pub(crate) fn to_bytes(colour: [f32; 3]) -> [u8; 3] {
+    colour.map(|channel| (255.0 * channel.clamp(0.0, 1.0)).round() as u8)
+}
+
+fn check_length(what: &'static str, found: usize, width: u32, height: u32) -> Result<(), MetricError> {
+    let expected = (width as usize).saturating_mul(height as usize);
+    if found == expected { Ok(()) } else { Err(MetricError::Length { what, found, expected }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn assert_close(colour: [f32; 3], expected: [f32; 3], tolerance: f32) {
+        for (c, e) in colour.iter().zip(expected) {
+            approx::assert_abs_diff_eq!(*c, e, epsilon = tolerance);
+        }
+    }
+
+    #[test]
+    fn the_maps_pass_near_the_colours_they_stand_for() {
+        let expected = [[0.267, 0.005, 0.329], [0.128, 0.567, 0.551], [0.993, 0.906, 0.144]];
+        for (t, colour) in [0.0, 128.0 / 255.0, 1.0].into_iter().zip(expected) {
+            assert_close(viridis(t), colour, 0.018);
+        }
+        let expected = [[0.19, 0.072, 0.232], [0.644, 0.99, 0.234], [0.48, 0.016, 0.011]];
+        for (t, colour) in [0.0, 128.0 / 255.0, 1.0].into_iter().zip(expected) {
+            assert_close(turbo(t), colour, 0.053);
+        }
+        assert_eq!(turbo(f32::NAN), turbo(-3.0));
+    }
+
+    #[test]
+    fn depth_fades_to_white_where_nothing_was_hit() {
+        let image = depth_image(&[2.0, 6.0, 3.0, f32::NAN], &[1.0, 1.0, 0.0, 1.0], 2, 2, 2.0, 6.0).unwrap();
+        assert_eq!(image.get_pixel(0, 0).0, to_bytes(turbo(1.0)));
+        assert_eq!(image.get_pixel(1, 0).0, to_bytes(turbo(0.0)));
+        assert_eq!(image.get_pixel(0, 1).0, [255; 3]);
+        assert_eq!(image.get_pixel(1, 1).0, [255; 3]);
+    }
+
+    #[test]
+    fn error_is_dark_where_right() {
+        let image = error_image(&[[0.5; 3], [1.0; 3]], &[[0.5; 3], [0.0; 3]], 2, 1).unwrap();
+        assert_eq!(image.get_pixel(0, 0).0, to_bytes(viridis(0.0)));
+        assert_eq!(image.get_pixel(1, 0).0, to_bytes(viridis(1.0)));
+    }
+
+    #[test]
+    fn lengths_are_checked() {
+        assert!(depth_image(&[1.0], &[1.0], 2, 1, 0.0, 1.0).is_err());
+        assert!(error_image(&[], &[], 1, 1).is_err());
+        assert!(depth_image(&[], &[], 0, 0, 0.0, f32::NAN).is_ok());
+    }
+}

@@ -1,0 +1,130 @@
+//! The charts that every report has, made from the records and from what the runs wrote while training.
+
+use crate::{
+    Events, Metric, Record, ReportError,
+    chart::{Axis, Bar, Frame, Series, bar_chart, line_chart, scatter_chart},
+    table::{distinct, groups},
+};
+
+/// Points to which a long curve is averaged.
+const CURVE_POINTS: usize = 200;
+
+/// A chart with its caption.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    /// Stem of its file name, `plots/<name>.svg` beside `report.md`.
+    pub name: String,
+    /// What it shows, for those who cannot see it.
+    pub title: String,
+    /// The SVG, from a function of [`crate::chart`].
+    pub svg: String,
+    /// What to see in it; may be empty.
+    pub caption: String,
+}
+
+/// Bars of PSNR and ray entropy and the frontier of time against PSNR, over all variants. None for a single variant.
+pub(crate) fn comparison_figures(records: &[Record]) -> Result<Vec<Figure>, ReportError> {
+    let scenes = distinct(records, |record| record.scene.clone());
+    let groups = groups(records);
+    if groups.len() < 2 {
+        return Ok(Vec::new());
+    }
+    let over = if scenes.len() > 1 { format!("mean over {} scenes", scenes.len()) } else { scenes.join("") };
+    let mut figures = Vec::new();
+    for (metric, name) in [(Metric::Psnr, "psnr"), (Metric::RayEntropy, "ray-entropy")] {
+        let bar = |group: &crate::table::Group| {
+            let summary = group.cell(metric, &scenes).summary?;
+            Some(Bar { label: group.label.clone(), value: summary.mean, spread: summary.std })
+        };
+        let bars: Vec<Bar> = groups.iter().filter_map(bar).collect();
+        if bars.len() > 1 {
+            let title = format!("{}, {over}", metric.heading());
+            let svg = bar_chart(&Frame::new(&title, "", metric.heading()), &bars)?;
+            let spread = bars.iter().any(|bar| bar.spread.is_some());
+            let caption = if spread { "Whiskers: standard deviation over seeds." } else { "" };
+            figures.push(Figure { name: name.into(), title, svg, caption: caption.into() });
+        }
+    }
+    let point = |group: &crate::table::Group| {
+        let mean = |metric| group.cell(metric, &scenes).summary.map(|summary| summary.mean);
+        let seconds = mean(Metric::TrainSeconds).filter(|&seconds| seconds > 0.0)?;
+        Some(Series { name: group.label.clone(), points: vec![(seconds, mean(Metric::Psnr)?)] })
+    };
+    let series: Vec<Series> = groups.iter().filter_map(point).collect();
+    if series.len() > 1 {
+        let title = format!("Training time against PSNR, {over}");
+        let frame = Frame { title: title.clone(), x: Axis::log("training (s)"), y: Axis::linear("PSNR (dB)") };
+        let svg = scatter_chart(&frame, &series, true)?;
+        let caption = "Up and left is better; the line is the best PSNR reached by each time.".into();
+        figures.push(Figure { name: "time-psnr".into(), title, svg, caption });
+    }
+    Ok(figures)
+}
+
+/// Curves of loss and PSNR of the runs of one scene, each run by its label.
+pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Vec<Figure>, ReportError> {
+    let series = |points: &dyn Fn(&Events) -> Vec<(f64, f64)>| -> Vec<Series> {
+        let one = |(name, events): &(String, Events)| Series { name: name.clone(), points: averaged(&points(events)) };
+        runs.iter().map(one).filter(|series| series.points.len() > 1).collect()
+    };
+    let mut figures = Vec::new();
+
+    let tested = series(&|events| events.evaluations.iter().filter_map(|e| Some((e.seconds?, e.psnr?))).collect());
+    let trained = series(&|events| events.steps.iter().filter_map(|s| Some((s.seconds?, s.psnr?))).collect());
+    let (psnr, what) = if tested.is_empty() { (trained, "training rays") } else { (tested, "test views") };
+    if !psnr.is_empty() {
+        let title = format!("{scene}: PSNR on {what}");
+        let svg = line_chart(&Frame::new(&title, "training (s)", "PSNR (dB)"), &psnr)?;
+        figures.push(Figure { name: format!("{scene}-psnr"), title, svg, caption: String::new() });
+    }
+    let loss = series(&|events| events.steps.iter().filter_map(|s| Some((s.step, s.loss?))).collect());
+    if !loss.is_empty() {
+        let title = format!("{scene}: training loss");
+        let positive = loss.iter().flat_map(|series| &series.points).all(|point| point.1 > 0.0);
+        let frame =
+            Frame { title: title.clone(), x: Axis::linear("step"), y: Axis { label: "loss".into(), log: positive } };
+        let svg = line_chart(&frame, &loss)?;
+        figures.push(Figure { name: format!("{scene}-loss"), title, svg, caption: String::new() });
+    }
+    Ok(figures)
+}
+
+/// At most [`CURVE_POINTS`] points, each the mean of as many neighbours.
+fn averaged(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let size = points.len().div_ceil(CURVE_POINTS).max(1);
+    let mean = |chunk: &[(f64, f64)]| {
+        let count = chunk.len() as f64;
+        (chunk.iter().map(|p| p.0).sum::<f64>() / count, chunk.iter().map(|p| p.1).sum::<f64>() / count)
+    };
+    points.chunks(size).map(mean).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::table::tests::two_by_two;
+
+    #[test]
+    fn two_variants_are_compared_and_one_is_not() {
+        let names: Vec<String> = comparison_figures(&two_by_two()).unwrap().into_iter().map(|f| f.name).collect();
+        assert_eq!(names, ["psnr", "time-psnr"]);
+        assert!(comparison_figures(&two_by_two()[..4]).unwrap().is_empty());
+        assert!(comparison_figures(&[]).unwrap().is_empty());
+    }
+
+    #[test]
+    fn long_curves_are_averaged() {
+        let points: Vec<(f64, f64)> = (0..1000).map(|i| (f64::from(i), 1.0)).collect();
+        let curve = averaged(&points);
+        assert_eq!((curve.len(), curve[0]), (200, (2.0, 1.0)));
+    }
+
+    #[test]
+    fn test_views_are_preferred_to_training_rays() {
+        let text = |psnr: f64| format!("{{\"event\":\"eval\",\"step\":1,\"seconds\":{psnr},\"psnr\":{psnr}}}\n");
+        let events = Events::parse(&(text(1.0) + &text(2.0)));
+        let figures = curve_figures("lego", &[("nerf".into(), events)]).unwrap();
+        assert_eq!(figures.len(), 1);
+        assert_eq!(figures[0].title, "lego: PSNR on test views");
+    }
+}

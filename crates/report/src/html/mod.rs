@@ -1,0 +1,101 @@
+//! `report.html`: one file with its style, charts and pictures inside.
+
+mod scene;
+mod table;
+
+use crate::{Figure, report::Contents, text::escape_html};
+
+const STYLE: &str = include_str!("style.css");
+const SCRIPT: &str = include_str!("compare.js");
+
+pub(crate) fn page(contents: &Contents) -> String {
+    let title = escape_html(&contents.input.title);
+    let sections = [
+        results(contents),
+        contents.scenes.iter().enumerate().map(scene::section).collect(),
+        table::runs(contents),
+        notes(contents),
+    ];
+    format!(
+        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n{}<main>\n{}</main>\n\
+         <footer>Every table, chart and picture of this page is inside this one file.</footer>\n\
+         <script>\n{SCRIPT}</script>\n</body>\n</html>\n",
+        header(contents),
+        sections.concat(),
+    )
+}
+
+fn header(contents: &Contents) -> String {
+    let chips = contents
+        .protocol
+        .iter()
+        .flat_map(|line| line.split(" · "))
+        .map(|part| format!("<li>{}</li>", escape_html(part)));
+    let links = contents.scenes.iter().enumerate();
+    let links = links.map(|(i, scene)| format!("<a href=\"#{}\">{}</a>", scene::anchor(i), escape_html(&scene.name)));
+    let warnings =
+        contents.warnings.iter().map(|warning| format!("<p class=\"warning\">{}</p>\n", escape_html(warning)));
+    format!(
+        "<header>\n<p class=\"eyebrow\">{}</p>\n<h1>{}</h1>\n<ul class=\"protocol\">{}</ul>\n\
+         <nav><a href=\"#results\">Results</a>{}<a href=\"#runs\">Runs</a><a href=\"#notes\">Notes</a></nav>\n{}</header>\n",
+        escape_html(&contents.input.experiment),
+        escape_html(&contents.input.title),
+        chips.collect::<String>(),
+        links.collect::<String>(),
+        warnings.collect::<String>(),
+    )
+}
+
+fn results(contents: &Contents) -> String {
+    let more: String = contents.tables.iter().skip(2).map(table::table).collect();
+    let more = if more.is_empty() {
+        more
+    } else {
+        format!("<details><summary>Every metric by scene</summary>\n{more}</details>\n")
+    };
+    format!(
+        "<section id=\"results\">\n<h2>Results</h2>\n{}{}{}{more}</section>\n",
+        table::table(&contents.overview),
+        contents.tables.iter().take(2).map(table::table).collect::<String>(),
+        figures(&contents.figures),
+    )
+}
+
+/// Charts side by side.
+fn figures(figures: &[Figure]) -> String {
+    let figure = |figure: &Figure| {
+        let caption = if figure.caption.is_empty() {
+            String::new()
+        } else {
+            format!("<figcaption>{}</figcaption>", escape_html(&figure.caption))
+        };
+        format!(
+            "<figure class=\"chart\" aria-label=\"{}\">\n{}{caption}</figure>\n",
+            escape_html(&figure.title),
+            figure.svg
+        )
+    };
+    if figures.is_empty() {
+        String::new()
+    } else {
+        format!("<div class=\"charts\">\n{}</div>\n", figures.iter().map(figure).collect::<String>())
+    }
+}
+
+fn notes(contents: &Contents) -> String {
+    let item = |note: &str, runs: &str| {
+        format!("<li>{} <span class=\"muted\">{}</span></li>\n", escape_html(note), escape_html(runs))
+    };
+    let notes: String = contents.notes.iter().map(|(note, runs)| item(note, runs)).collect();
+    let notes =
+        if notes.is_empty() { "<p class=\"muted\">None.</p>\n".to_owned() } else { format!("<ul>\n{notes}</ul>\n") };
+    let missing: String = contents.missing.iter().map(|line| item(line, "")).collect();
+    let missing = if missing.is_empty() {
+        missing
+    } else {
+        format!("<details><summary>Left out ({})</summary>\n<ul>\n{missing}</ul>\n</details>\n", contents.missing.len())
+    };
+    format!("<section id=\"notes\">\n<h2>Notes</h2>\n{notes}{missing}</section>\n")
+}

@@ -1,0 +1,117 @@
+//! The section of one scene: pictures in a grid, then its curves.
+
+use crate::{
+    Metric, Run,
+    colormap::{to_bytes, turbo, viridis},
+    gallery::{Picture, Shots, View},
+    report::Scene,
+    text::{base64, escape_html},
+};
+
+type Kind = (&'static str, fn(&Shots) -> &Option<Picture>);
+
+const KINDS: [Kind; 3] =
+    [("Render", |shots| &shots.render), ("Depth", |shots| &shots.depth), ("Error", |shots| &shots.error)];
+
+/// Id of the section of the scene at `index`.
+pub(super) fn anchor(index: usize) -> String {
+    format!("scene-{index}")
+}
+
+pub(super) fn section((index, scene): (usize, &Scene)) -> String {
+    let views: String = scene.gallery.views.iter().map(view).collect();
+    let gallery = if views.is_empty() {
+        "<p class=\"muted\">No pictures.</p>\n".to_owned()
+    } else {
+        let columns = scene.labels.len();
+        format!(
+            "<div class=\"scroll\"><div class=\"gallery\" style=\"--columns:{}\">\n{}{views}</div></div>\n{}",
+            columns + 1,
+            headings(scene),
+            legend(scene),
+        )
+    };
+    format!(
+        "<section id=\"{}\">\n<h2>{}</h2>\n{gallery}{}</section>\n",
+        anchor(index),
+        escape_html(&scene.name),
+        super::figures(&scene.figures),
+    )
+}
+
+fn headings(scene: &Scene) -> String {
+    let heading = |(label, run): (&String, &&Run)| {
+        let tag = if run.record.collapsed { " <span class=\"tag\">collapsed</span>" } else { "" };
+        format!("<div class=\"head\">{}{tag}<small>{}</small></div>", escape_html(label), scores(run))
+    };
+    let runs: String = scene.labels.iter().zip(&scene.gallery.runs).map(heading).collect();
+    format!("<div></div><div class=\"head\">Truth<small>test view</small></div>{runs}\n")
+}
+
+/// The run's means, such as `18.92 dB · SSIM 0.788 · seed 0`.
+fn scores(run: &Run) -> String {
+    let shown = |metric: Metric, before: &str, after: &str| {
+        let value = metric.value(&run.record)?;
+        Some(format!("{before}{value:.*}{after}", metric.decimals()))
+    };
+    let seed = Some(format!("seed {}", run.record.seed));
+    let parts = [shown(Metric::Psnr, "", " dB"), shown(Metric::Ssim, "SSIM ", ""), seed];
+    parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
+}
+
+/// Rows of render, depth and error; the truth spans the rows that it has no picture for.
+fn view(view: &View) -> String {
+    let kinds = KINDS.iter().filter(|(_, kind)| view.shots.iter().any(|shots| kind(shots).is_some()));
+    let row = |(index, (name, kind)): (usize, &Kind)| {
+        let truth = match (index, &view.truth) {
+            (0, Some(truth)) => image(truth, "truth", &format!("view {} of the truth", view.name)),
+            (0, None) => "<div class=\"empty\">no truth</div>".to_owned(),
+            _ => "<div></div>".to_owned(),
+        };
+        let cells = view.shots.iter().map(|shots| match kind(shots) {
+            Some(picture) => image(picture, &name.to_lowercase(), &picture.path),
+            None => "<div class=\"empty\">none</div>".to_owned(),
+        });
+        let label = if index == 0 {
+            format!("{name}<small>view {}</small>", escape_html(&view.name))
+        } else {
+            (*name).to_owned()
+        };
+        format!("<div class=\"side\">{label}</div>{truth}{}\n", cells.collect::<String>())
+    };
+    format!("<div class=\"view\">\n{}</div>\n", kinds.enumerate().map(row).collect::<String>())
+}
+
+fn image(picture: &Picture, class: &str, description: &str) -> String {
+    format!(
+        "<img class=\"{class}\" alt=\"{}\" width=\"{}\" height=\"{}\" src=\"data:image/png;base64,{}\">",
+        escape_html(description),
+        picture.width,
+        picture.height,
+        base64(&picture.png),
+    )
+}
+
+/// What the colours of depth and error mean, and how to compare.
+fn legend(scene: &Scene) -> String {
+    let any = |kind: fn(&Shots) -> &Option<Picture>| {
+        scene.gallery.views.iter().flat_map(|view| &view.shots).any(|shots| kind(shots).is_some())
+    };
+    let bar = |low: &str, map: fn(f32) -> [f32; 3], high: &str| {
+        let stops: Vec<String> = (0..=8)
+            .map(|i| {
+                let [r, g, b] = to_bytes(map(i as f32 / 8.0));
+                format!("rgb({r} {g} {b})")
+            })
+            .collect();
+        format!(
+            "<span class=\"scale\">{low}<i style=\"background:linear-gradient(90deg,{})\"></i>{high}</span>",
+            stops.join(",")
+        )
+    };
+    let depth = if any(|shots| &shots.depth) { bar("Depth: far", turbo, "near") } else { String::new() };
+    let error = if any(|shots| &shots.error) { bar("Error: 0", viridis, "0.5") } else { String::new() };
+    let comparable = scene.gallery.views.iter().any(|view| view.truth.is_some());
+    let hint = if comparable { "<span>Hold a render to see the truth in its place.</span>" } else { "" };
+    format!("<p class=\"legend muted\">{depth}{error}{hint}</p>\n")
+}

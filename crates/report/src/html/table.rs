@@ -1,0 +1,59 @@
+//! Tables of the page.
+
+use crate::{Metric, Run, Table, report::Contents, text::escape_html};
+
+/// A comparison table with its title and protocol above.
+pub(super) fn table(table: &Table) -> String {
+    let headings =
+        table.columns.iter().map(|column| format!("<th scope=\"col\">{}</th>", escape_html(&column.heading)));
+    let protocol = table.protocol.iter().map(|line| format!("<br><small>{}</small>", escape_html(line)));
+    let rows = table.rows.iter().map(|row| {
+        let cells = row.cells.iter().enumerate().map(|(column, cell)| {
+            let text = escape_html(&table.text(cell, column));
+            if cell.best { format!("<td class=\"best\">{text}</td>") } else { format!("<td>{text}</td>") }
+        });
+        format!("<tr><th scope=\"row\">{}</th>{}</tr>\n", escape_html(&row.label), cells.collect::<String>())
+    });
+    let footnotes = table.footnotes().into_iter().map(|note| format!("<p class=\"muted\">{}</p>\n", escape_html(note)));
+    format!(
+        "<div class=\"scroll\"><table>\n<caption>{}{}</caption>\n\
+         <thead><tr><th scope=\"col\">Variant</th>{}</tr></thead>\n<tbody>\n{}</tbody>\n</table></div>\n{}",
+        escape_html(&table.title),
+        protocol.collect::<String>(),
+        headings.collect::<String>(),
+        rows.collect::<String>(),
+        footnotes.collect::<String>(),
+    )
+}
+
+/// Every run with every metric that any run has.
+pub(super) fn runs(contents: &Contents) -> String {
+    let runs = &contents.input.runs;
+    let measured = |metric: &Metric| runs.iter().any(|run| metric.value(&run.record).is_some());
+    let metrics: Vec<Metric> = Metric::ALL.into_iter().filter(measured).collect();
+    let headings = metrics.iter().map(|metric| format!("<th scope=\"col\">{}</th>", escape_html(metric.heading())));
+    let headings: String = headings.collect();
+    let rows: String = runs.iter().map(|run| row(run, &metrics)).collect();
+    format!(
+        "<section id=\"runs\">\n<h2>Runs</h2>\n<div class=\"scroll\"><table class=\"runs\">\n<thead><tr>\
+         <th scope=\"col\">Scene</th><th scope=\"col\">Variant</th><th scope=\"col\">Seed</th>\
+         <th scope=\"col\">Steps</th>{headings}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table></div>\n</section>\n"
+    )
+}
+
+fn row(run: &Run, metrics: &[Metric]) -> String {
+    let record = &run.record;
+    let cell = |metric: &Metric| match metric.value(record) {
+        Some(value) => format!("<td>{value:.*}</td>", metric.decimals()),
+        None => "<td>–</td>".to_owned(),
+    };
+    format!(
+        "<tr><th scope=\"row\">{}</th><td class=\"name\">{}{}</td><td>{}</td><td>{}</td>{}</tr>\n",
+        escape_html(&record.scene),
+        escape_html(&record.variant),
+        if record.collapsed { " <span class=\"tag\">collapsed</span>" } else { "" },
+        record.seed,
+        record.iterations,
+        metrics.iter().map(cell).collect::<String>(),
+    )
+}

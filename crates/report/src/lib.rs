@@ -1,0 +1,36 @@
+//! What a run leaves behind, and what is made of it.
+//!
+//! - [`Record`]: one run as `results.json` holds it; [`save_record`] adds one safely while other processes do the same.
+//! - [`Table`]: variants against scenes or metrics, mean ± standard deviation over seeds, best in bold, as Markdown, CSV,
+//!   LaTeX or plain text, always below the [protocol](protocol_lines) that its numbers follow.
+//! - [`chart`]: small functions from numbers to an SVG string.
+//! - [`write_report`]: `report.html`, which needs nothing else, and `report.md`, which links the pictures of the runs.
+//! - [`depth_image`] and [`error_image`]: the pictures of depth and error that a run stores beside its renders.
+
+pub mod chart;
+mod colormap;
+mod error;
+mod events;
+mod figures;
+mod files;
+mod gallery;
+mod html;
+mod markdown;
+mod protocol;
+mod record;
+mod report;
+mod run;
+mod store;
+mod table;
+mod text;
+
+pub use colormap::{ERROR_FULL_SCALE, depth_image, error_image, turbo, viridis};
+pub use error::ReportError;
+pub use events::{Evaluation, Events, Step};
+pub use figures::Figure;
+pub use protocol::protocol_lines;
+pub use record::{Record, TestViews};
+pub use report::{ReportFiles, ReportInput, write_report};
+pub use run::{Run, RunKey, run_directory};
+pub use store::{read_records, save_record, write_records};
+pub use table::{Cell, Column, Emphasis, Metric, Row, Table, overview_table, scene_table};

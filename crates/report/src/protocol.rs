@@ -1,0 +1,90 @@
+use crate::{Record, table::distinct};
+
+/// How the numbers of `records` were obtained, in two lines: training views, test views, image size and seeds; preset,
+/// iterations and device.
+///
+/// Where records differ in one of these, the line says for which seed, scene, preset or variant it is what
+/// (`train views seed 0: 26, 86, 2, 55; seed 1: 80, 84, 33, 81`), or lists them as `mixed` where none of the four explains it. Iterations
+/// that differ are a range.
+/// Empty for no records.
+#[must_use]
+pub fn protocol_lines(records: &[Record]) -> Vec<String> {
+    if records.is_empty() {
+        return Vec::new();
+    }
+    let mut seeds = distinct(records, |record| record.seed);
+    seeds.sort_unstable();
+    let first = [
+        described(records, "train views ", "", |record| joined(&record.train_views)),
+        described(records, "test views ", "", |record| {
+            format!("{} ({})", record.test_views.protocol, record.test_views.count)
+        }),
+        described(records, "", " pixels", |record| format!("{} × {}", record.image_size[0], record.image_size[1])),
+        format!("{} {}", if seeds.len() == 1 { "seed" } else { "seeds" }, joined(&seeds)),
+    ];
+    let second = [
+        described(records, "preset ", "", |record| record.preset.clone()),
+        iterations(records),
+        described(records, "device ", "", |record| record.device.clone()),
+    ];
+    vec![first.join(" · "), second.join(" · ")]
+}
+
+/// A range: under a time budget every run takes another number of steps.
+fn iterations(records: &[Record]) -> String {
+    let counts = || records.iter().map(|record| record.iterations);
+    match (counts().min(), counts().max()) {
+        (Some(least), Some(most)) if least < most => format!("{least}–{most} iterations"),
+        (least, _) => format!("{} iterations", least.unwrap_or(0)),
+    }
+}
+
+/// One attribute of all records, as short as it can be said without saying too little.
+fn described(records: &[Record], before: &str, after: &str, value: impl Fn(&Record) -> String) -> String {
+    let values = distinct(records, &value);
+    if let [only] = values.as_slice() {
+        return format!("{before}{only}{after}");
+    }
+    let keys: [fn(&Record) -> String; 4] = [
+        |record| format!("seed {}", record.seed),
+        |record| record.scene.clone(),
+        |record| record.preset.clone(),
+        |record| record.variant.clone(),
+    ];
+    let explained = keys.iter().find_map(|key| {
+        let pairs = distinct(records, |record| (key(record), value(record)));
+        (pairs.len() == distinct(records, key).len()).then(|| {
+            let parts: Vec<String> = pairs.into_iter().map(|(key, value)| format!("{key}: {value}")).collect();
+            parts.join("; ")
+        })
+    });
+    let text = explained.unwrap_or_else(|| format!("mixed: {}", values.join("; ")));
+    format!("{before}{text}{after}")
+}
+
+fn joined<T: ToString>(values: &[T]) -> String {
+    values.iter().map(T::to_string).collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::table::tests::record;
+
+    #[test]
+    fn differences_are_told_by_what_explains_them() {
+        let mut records =
+            vec![record("lego", "nerf", 0, 1.0), record("lego", "nerf", 1, 1.0), record("mic", "nerf", 1, 1.0)];
+        records[0].train_views = vec![1, 2];
+        records[2].image_size = [800, 800];
+        records[1].device = "cuda".into();
+        let lines = protocol_lines(&records);
+        assert!(
+            lines[0].starts_with("train views seed 0: 1, 2; seed 1: 26, 86, 2, 55 · test views every-8 (25)"),
+            "{lines:?}"
+        );
+        assert!(lines[0].contains("lego: 400 × 400; mic: 800 × 800 pixels"), "{lines:?}");
+        assert!(lines[1].contains("device mixed: flex; cuda"), "{lines:?}");
+        assert!(protocol_lines(&[]).is_empty());
+    }
+}

@@ -1,0 +1,271 @@
+//! Comparison tables: rows are variants, columns scenes or metrics, cells mean ± standard deviation over seeds.
+
+mod csv;
+mod latex;
+mod markdown;
+mod metric;
+mod plain;
+
+use infonerf_metrics::Summary;
+
+use crate::{Record, protocol_lines};
+pub use metric::Metric;
+pub use plain::Emphasis;
+
+/// What stands where nothing was measured.
+const MISSING: &str = "–";
+/// Marks a cell in which a run collapsed.
+const COLLAPSED: &str = "†";
+const COLLAPSED_NOTE: &str = "† a run of this cell collapsed: its field went empty";
+
+/// A table of results with the protocol that its numbers follow.
+///
+/// Every rendering prints the protocol above the table: [`Table::to_markdown`], [`Table::to_csv`], [`Table::to_latex`],
+/// [`Table::to_text`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    /// What the table shows.
+    pub title: String,
+    /// How the numbers were obtained, from [`protocol_lines`].
+    pub protocol: Vec<String>,
+    /// Headings after the first column, which holds the variants.
+    pub columns: Vec<Column>,
+    /// One row a variant, in the order of the records.
+    pub rows: Vec<Row>,
+}
+
+/// A column of a [`Table`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Column {
+    /// Scene or metric.
+    pub heading: String,
+    /// What its cells hold, for decimals and for which side is better.
+    pub metric: Metric,
+}
+
+/// A row of a [`Table`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// The variant, with its preset where the records have several.
+    pub label: String,
+    /// As many as the table has columns.
+    pub cells: Vec<Cell>,
+}
+
+/// A cell of a [`Table`].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Cell {
+    /// Mean and spread over seeds; `None` where nothing was measured.
+    pub summary: Option<Summary>,
+    /// Best of its column, to the decimals shown, among cells in which nothing collapsed. Never set in a column with a
+    /// single value.
+    pub best: bool,
+    /// A run of this cell collapsed.
+    pub collapsed: bool,
+}
+
+/// Variants against scenes for one metric, and the mean over scenes in the last column where there are several.
+///
+/// A mean over scenes is taken for each seed first, over the seeds that ran on every scene, and summarised over those seeds:
+/// its spread is that of the figure a paper would print. A variant which lacks a scene has no mean.
+#[must_use]
+pub fn scene_table(records: &[Record], metric: Metric) -> Table {
+    let scenes = distinct(records, |record| record.scene.clone());
+    let row = |group: &Group| {
+        let on = |scene: &String| group.cell(metric, std::slice::from_ref(scene));
+        let mean = (scenes.len() > 1).then(|| group.cell(metric, &scenes));
+        scenes.iter().map(on).chain(mean).collect()
+    };
+    let mean = (scenes.len() > 1).then(|| "mean".to_owned());
+    let columns = scenes.iter().cloned().chain(mean).map(|heading| Column { heading, metric }).collect();
+    assemble(metric.heading().to_owned(), records, columns, row)
+}
+
+/// Variants against metrics, each the mean over all scenes as in [`scene_table`]. Metrics without any value are left out.
+#[must_use]
+pub fn overview_table(records: &[Record], metrics: &[Metric]) -> Table {
+    let scenes = distinct(records, |record| record.scene.clone());
+    let measured = |metric: &Metric| records.iter().any(|record| metric.value(record).is_some());
+    let metrics: Vec<Metric> = metrics.iter().copied().filter(measured).collect();
+    let columns = metrics.iter().map(|&metric| Column { heading: metric.heading().to_owned(), metric }).collect();
+    let title = match scenes.as_slice() {
+        [scene] => format!("Results on {scene}"),
+        scenes => format!("Mean over {} scenes", scenes.len()),
+    };
+    assemble(title, records, columns, |group| metrics.iter().map(|&metric| group.cell(metric, &scenes)).collect())
+}
+
+/// The records of one row.
+pub(crate) struct Group<'a> {
+    pub(crate) label: String,
+    pub(crate) records: Vec<&'a Record>,
+}
+
+/// Records by variant and preset, in order of appearance; the preset is part of the label where there are several.
+pub(crate) fn groups(records: &[Record]) -> Vec<Group<'_>> {
+    let key = |record: &Record| (record.variant.clone(), record.preset.clone());
+    let presets = distinct(records, |record| record.preset.clone()).len();
+    let group = |(variant, preset): (String, String)| Group {
+        records: records.iter().filter(|record| record.variant == variant && record.preset == preset).collect(),
+        label: if presets > 1 { format!("{variant} ({preset})") } else { variant },
+    };
+    distinct(records, key).into_iter().map(group).collect()
+}
+
+/// The distinct values of `key`, in order of appearance.
+pub(crate) fn distinct<T: PartialEq>(records: &[Record], key: impl Fn(&Record) -> T) -> Vec<T> {
+    let mut values = Vec::new();
+    for value in records.iter().map(key) {
+        if !values.contains(&value) {
+            values.push(value);
+        }
+    }
+    values
+}
+
+impl Group<'_> {
+    /// Summary over seeds of the mean over `scenes`, each of which a seed needs.
+    pub(crate) fn cell(&self, metric: Metric, scenes: &[String]) -> Cell {
+        let mut seeds: Vec<u64> = self.records.iter().map(|record| record.seed).collect();
+        seeds.sort_unstable();
+        seeds.dedup();
+        let in_cell = || self.records.iter().filter(|record| scenes.contains(&record.scene));
+        let mean = |seed: u64| {
+            let value = |scene: &String| {
+                in_cell().find(|r| r.seed == seed && r.scene == *scene).and_then(|record| metric.value(record))
+            };
+            let values: Option<Vec<f64>> = scenes.iter().map(value).collect();
+            Summary::of(values?).map(|summary| summary.mean)
+        };
+        Cell {
+            summary: Summary::of(seeds.into_iter().filter_map(mean)),
+            best: false,
+            collapsed: in_cell().any(|record| record.collapsed),
+        }
+    }
+}
+
+fn assemble(title: String, records: &[Record], columns: Vec<Column>, cells: impl Fn(&Group) -> Vec<Cell>) -> Table {
+    let rows = groups(records).iter().map(|group| Row { label: group.label.clone(), cells: cells(group) }).collect();
+    let mut table = Table { title, protocol: protocol_lines(records), columns, rows };
+    mark_best(&mut table);
+    table
+}
+
+fn mark_best(table: &mut Table) {
+    for (index, column) in table.columns.iter().enumerate() {
+        let rank = |row: &Row| {
+            let cell = row.cells.get(index).filter(|cell| !cell.collapsed)?;
+            cell.summary.map(|summary| column.metric.rank(summary.mean))
+        };
+        let ranks: Vec<Option<f64>> = table.rows.iter().map(rank).collect();
+        let measured =
+            table.rows.iter().filter(|row| row.cells.get(index).is_some_and(|c| c.summary.is_some())).count();
+        let best = ranks.iter().flatten().copied().min_by(f64::total_cmp);
+        for (row, rank) in table.rows.iter_mut().zip(ranks) {
+            if let Some(cell) = row.cells.get_mut(index) {
+                cell.best = measured > 1 && rank.is_some() && rank == best;
+            }
+        }
+    }
+}
+
+impl Table {
+    /// Text of a cell without emphasis: `18.65 ± 0.12`, `18.65`, `18.65†` or `–`.
+    pub(crate) fn text(&self, cell: &Cell, column: usize) -> String {
+        let decimals = self.columns.get(column).map_or(2, |column| column.metric.decimals());
+        let value = cell.summary.map_or(MISSING.to_owned(), |summary| format!("{summary:.decimals$}"));
+        if cell.collapsed { value + COLLAPSED } else { value }
+    }
+
+    /// Remarks below the table.
+    pub(crate) fn footnotes(&self) -> Vec<&'static str> {
+        let collapsed = self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.collapsed);
+        if collapsed { vec![COLLAPSED_NOTE] } else { Vec::new() }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
+        Record {
+            experiment: "synthetic-4view".into(),
+            scene: scene.into(),
+            variant: variant.into(),
+            seed,
+            preset: "fast".into(),
+            device: "flex".into(),
+            train_views: vec![26, 86, 2, 55],
+            test_views: crate::TestViews { protocol: "every-8".into(), count: 25, ids: (0..200).step_by(8).collect() },
+            image_size: [400, 400],
+            iterations: 1000,
+            train_seconds: 60.0,
+            samples_total: 1000,
+            samples_evaluated: 100,
+            psnr: Some(psnr),
+            ..Record::default()
+        }
+    }
+
+    pub(crate) fn two_by_two() -> Vec<Record> {
+        let mut records = Vec::new();
+        for (variant, offset) in [("nerf", 0.0), ("infonerf", 2.0)] {
+            for (scene, psnr) in [("lego", 16.0), ("mic", 17.0)] {
+                for seed in 0..2 {
+                    records.push(record(scene, variant, seed, psnr + offset + seed as f64));
+                }
+            }
+        }
+        records
+    }
+
+    #[test]
+    fn the_mean_over_scenes_spreads_over_seeds() {
+        let table = scene_table(&two_by_two(), Metric::Psnr);
+        let headings: Vec<&str> = table.columns.iter().map(|column| column.heading.as_str()).collect();
+        assert_eq!(headings, ["lego", "mic", "mean"]);
+        let nerf: Vec<String> = (0..3).map(|i| table.text(&table.rows[0].cells[i], i)).collect();
+        assert_eq!(nerf, ["16.50 ± 0.71", "17.50 ± 0.71", "17.00 ± 0.71"]);
+        assert!(table.rows[1].cells.iter().all(|cell| cell.best));
+        assert!(!table.rows[0].cells.iter().any(|cell| cell.best));
+    }
+
+    #[test]
+    fn a_missing_scene_leaves_no_mean() {
+        let mut records = two_by_two();
+        records.retain(|record| !(record.scene == "mic" && record.variant == "nerf"));
+        let table = scene_table(&records, Metric::Psnr);
+        assert_eq!(table.rows[0].cells[2].summary, None);
+        assert!(!table.rows[1].cells[2].best);
+    }
+
+    #[test]
+    fn what_collapsed_is_never_best_and_ties_share() {
+        let mut records =
+            vec![record("lego", "a", 0, 10.0), record("lego", "b", 0, 20.0), record("lego", "c", 0, 10.001)];
+        records[1].collapsed = true;
+        let table = scene_table(&records, Metric::Psnr);
+        let best: Vec<bool> = table.rows.iter().map(|row| row.cells[0].best).collect();
+        assert_eq!(best, [true, false, true]);
+        assert_eq!(table.text(&table.rows[1].cells[0], 0), "20.00†");
+        assert_eq!(table.footnotes().len(), 1);
+    }
+
+    #[test]
+    fn several_presets_are_several_rows() {
+        let mut records = vec![record("lego", "nerf", 0, 10.0); 2];
+        records[1].preset = "paper".into();
+        let labels: Vec<String> = groups(&records).into_iter().map(|group| group.label).collect();
+        assert_eq!(labels, ["nerf (fast)", "nerf (paper)"]);
+    }
+
+    #[test]
+    fn an_overview_leaves_out_what_nobody_measured() {
+        let table = overview_table(&two_by_two(), &[Metric::Psnr, Metric::Lpips, Metric::SamplesSkipped]);
+        let metrics: Vec<Metric> = table.columns.iter().map(|column| column.metric).collect();
+        assert_eq!(metrics, [Metric::Psnr, Metric::SamplesSkipped]);
+        assert_eq!(overview_table(&[], &Metric::ALL).rows, []);
+    }
+}

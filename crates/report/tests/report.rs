@@ -1,0 +1,210 @@
+//! A report of runs on disk, whole and damaged.
+
+use std::{fs, path::Path};
+
+use image::{Rgb, RgbImage};
+use infonerf_report::{
+    Figure, Record, ReportInput, TestViews, depth_image, error_image, read_records, save_record, write_report,
+};
+
+/// Two scenes, two variants, two seeds, with pictures of a soft disc and with events.
+fn example(root: &Path) -> Vec<Record> {
+    let mut records = Vec::new();
+    for (variant, offset) in [("nerf", 0.0), ("infonerf", 2.6)] {
+        for (scene, psnr) in [("knot", 16.4), ("rods & holes", 15.1)] {
+            for seed in 0..2 {
+                let record = record(&scene.replace(" & ", "-"), variant, seed, psnr + offset + 0.3 * seed as f64);
+                records = save_record(root, &record).unwrap();
+                pictures(root, &record, offset as f32);
+                events(root, &record);
+            }
+        }
+    }
+    records
+}
+
+fn folder(root: &Path, record: &Record) -> std::path::PathBuf {
+    root.join(infonerf_report::run_directory(&record.scene, &record.variant, record.seed))
+}
+
+fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
+    Record {
+        experiment: "synthetic-4view".into(),
+        scene: scene.into(),
+        variant: variant.into(),
+        seed,
+        preset: "fast".into(),
+        device: "flex".into(),
+        train_views: vec![26, 86, 2, 55],
+        test_views: TestViews { protocol: "every-8".into(), count: 25, ids: (0..200).step_by(8).collect() },
+        image_size: [400, 400],
+        iterations: 2000 + 10 * seed,
+        train_seconds: if variant == "nerf" { 48.2 } else { 55.9 },
+        render_seconds_per_image: 0.31,
+        samples_total: 1_000_000,
+        samples_evaluated: 130_000,
+        psnr: Some(psnr),
+        ssim: Some(0.4 + psnr / 50.0),
+        gmsd: Some(0.2),
+        sharpness: Some(0.04 * psnr),
+        depth_rmse: Some(6.0 / psnr),
+        ray_entropy_bits: Some(60.0 / psnr),
+        information_gain: Some(0.1),
+        peak_rss_bytes: Some(700 << 20),
+        notes: vec!["lpips is null: no weights".into()],
+        ..Record::default()
+    }
+}
+
+fn pictures(root: &Path, record: &Record, quality: f32) {
+    const SIDE: u32 = 64;
+    let pixels = |blur: f32, shift: f32| -> (Vec<[f32; 3]>, Vec<f32>) {
+        (0..SIDE * SIDE)
+            .map(|i| {
+                let (x, y) = ((i % SIDE) as f32 / 32.0 - 1.0 - shift, (i / SIDE) as f32 / 32.0 - 1.0);
+                let acc = ((0.7 - x.hypot(y)) / blur).clamp(0.0, 1.0);
+                let colour = [0.85, 0.45 + 0.3 * x, 0.3 - 0.2 * y];
+                (colour.map(|c| acc * c + 1.0 - acc), acc)
+            })
+            .unzip()
+    };
+    let save = |kind: &str, view: u32, image: RgbImage| {
+        let path = folder(root, record).join(kind).join(format!("{view:03}.png"));
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        image.save(path).unwrap();
+    };
+    let picture = |pixels: &[[f32; 3]]| {
+        RgbImage::from_fn(SIDE, SIDE, |x, y| Rgb(pixels[(y * SIDE + x) as usize].map(|c| (255.0 * c) as u8)))
+    };
+    for view in [0, 8, 16] {
+        let (truth, _) = pixels(0.03, view as f32 / 50.0);
+        let (render, acc) = pixels(0.6 - 0.18 * quality, view as f32 / 50.0);
+        let depth: Vec<f32> = (0..SIDE * SIDE).map(|i| 2.5 + (i / SIDE) as f32 / 32.0).collect();
+        save("test", view, picture(&render));
+        save("truth", view, picture(&truth));
+        save("depth", view, depth_image(&depth, &acc, SIDE, SIDE, 2.0, 6.0).unwrap());
+        save("error", view, error_image(&render, &truth, SIDE, SIDE).unwrap());
+    }
+}
+
+fn events(root: &Path, record: &Record) {
+    let mut lines = String::new();
+    for step in (0..2000).step_by(10) {
+        let time = f64::from(step) / 40.0;
+        let psnr = record.psnr.unwrap() * (1.0 - (-0.2 - time / 10.0).exp()) + f64::from(step * 7 % 11) / 20.0;
+        let loss = 10f64.powf(-psnr / 10.0);
+        lines +=
+            &format!("{{\"event\":\"step\",\"step\":{step},\"seconds\":{time},\"loss\":{loss},\"psnr\":{psnr}}}\n");
+        if step % 200 == 0 {
+            lines +=
+                &format!("{{\"event\":\"eval\",\"step\":{step},\"seconds\":{time},\"psnr\":{psnr},\"ssim\":0.7}}\n");
+        }
+    }
+    fs::write(folder(root, record).join("metrics.jsonl"), lines + "{\"event\":\"st").unwrap();
+}
+
+#[test]
+fn the_page_holds_everything_and_links_nothing() {
+    let root = tempfile::tempdir().unwrap();
+    let records = example(root.path());
+    let mut input = ReportInput::new("synthetic-4view", "NeRF & InfoNeRF from <four> views", records);
+    input.warnings.push("procedural scenes: no data folder was given".into());
+    let files = write_report(&input, root.path()).unwrap();
+    if let Ok(kept) = std::env::var("KEEP_REPORT") {
+        fs::copy(&files.html, kept).unwrap();
+    }
+
+    let html = fs::read_to_string(&files.html).unwrap();
+    assert!(html.contains("NeRF &amp; InfoNeRF from &lt;four&gt; views"));
+    assert!(html.contains("procedural scenes: no data folder was given"));
+    assert!(html.contains("<td class=\"best\">18.50 ± 0.21</td>"));
+    // 2 scenes × 3 views × (truth + 2 variants × render, depth, error)
+    assert_eq!(html.matches("data:image/png;base64,").count(), 42);
+    assert_eq!(html.matches("<svg ").count(), 3 + 2 * 2);
+    for link in ["src=\"http", "href=\"http", "url(", "@import", "<link"] {
+        assert!(!html.contains(link), "{link}");
+    }
+    let expected = "knot/nerf/seed0/metrics.jsonl: 1 lines were not understood";
+    assert!(files.missing.iter().any(|line| line == expected), "{:?}", files.missing);
+}
+
+#[test]
+fn every_link_of_the_markdown_report_leads_to_a_file() {
+    let root = tempfile::tempdir().unwrap();
+    let input = ReportInput::new("synthetic-4view", "Report", example(root.path()));
+    let files = write_report(&input, root.path()).unwrap();
+    let markdown = fs::read_to_string(files.markdown).unwrap();
+    let images = markdown.split("src=\"").skip(1).filter_map(|rest| rest.split('"').next());
+    let plots = markdown.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+    let links: Vec<&str> = images.chain(plots).collect();
+    assert_eq!(links.len(), 42 + 7);
+    for link in links {
+        assert!(root.path().join(link).is_file(), "{link}");
+    }
+}
+
+#[test]
+fn what_is_missing_is_named_and_the_rest_is_shown() {
+    let root = tempfile::tempdir().unwrap();
+    let mut records = example(root.path());
+    records[0].collapsed = true;
+    let run = root.path().join("knot/nerf/seed0");
+    fs::remove_dir_all(run.join("depth")).unwrap();
+    fs::write(run.join("error/000.png"), b"\x89PNG\r\n").unwrap();
+    fs::remove_file(run.join("metrics.jsonl")).unwrap();
+    fs::remove_dir_all(root.path().join("rods-holes")).unwrap();
+
+    let files = write_report(&ReportInput::new("e", "Report", records), root.path()).unwrap();
+    let html = fs::read_to_string(files.html).unwrap();
+    assert!(html.contains("knot / nerf / seed 0 collapsed: its field went empty"));
+    let named = |start: &str| files.missing.iter().any(|line| line.starts_with(start));
+    assert!(named("knot/nerf/seed0/depth/000.png: "), "{:?}", files.missing);
+    assert!(named("knot/nerf/seed0/error/000.png: "), "{:?}", files.missing);
+    assert!(named("knot/nerf/seed0/metrics.jsonl: "), "{:?}", files.missing);
+    assert!(named("rods-holes/infonerf/seed0/test: no pictures"), "{:?}", files.missing);
+}
+
+#[test]
+fn a_report_of_nothing_is_a_page() {
+    let root = tempfile::tempdir().unwrap();
+    let files = write_report(&ReportInput::default(), root.path()).unwrap();
+    assert!(fs::read_to_string(files.html).unwrap().ends_with("</html>\n"));
+    assert!(files.missing.is_empty());
+}
+
+#[test]
+fn text_from_outside_stays_text() {
+    let root = tempfile::tempdir().unwrap();
+    let hostile = "<script>alert(1)</script>\"'&";
+    let mut record = record(hostile, hostile, 0, 10.0);
+    record.notes = vec![hostile.into()];
+    let other = Record { variant: "nerf".into(), ..record.clone() };
+    let mut input = ReportInput::new(hostile, hostile, vec![record, other]);
+    input.warnings.push(hostile.into());
+    input.figures.push(Figure {
+        name: "../x".into(),
+        title: hostile.into(),
+        svg: "<svg ></svg>".into(),
+        caption: hostile.into(),
+    });
+    let files = write_report(&input, root.path()).unwrap();
+    let html = fs::read_to_string(files.html).unwrap();
+    assert!(!html.contains("<script>alert"));
+    assert!(!fs::read_to_string(files.markdown).unwrap().contains("<script>alert"));
+    assert!(root.path().join("plots/---x.svg").is_file());
+}
+
+#[test]
+fn results_have_the_keys_of_the_contract_in_order() {
+    let root = tempfile::tempdir().unwrap();
+    let saved = record("knot", "nerf", 0, 16.4);
+    save_record(root.path(), &saved).unwrap();
+    let text = fs::read_to_string(root.path().join("results.json")).unwrap();
+    let keys: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("    \"")?.split('"').next()).collect();
+    let expected = "experiment scene variant seed preset device train_views test_views image_size iterations train_seconds \
+                    render_seconds_per_image samples_total samples_evaluated psnr ssim lpips gmsd sharpness depth_rmse \
+                    ray_entropy_bits information_gain peak_rss_bytes collapsed notes";
+    assert_eq!(keys, expected.split_whitespace().collect::<Vec<_>>());
+    assert!(text.contains("\"lpips\": null"));
+    assert_eq!(read_records(&root.path().join("results.json")).unwrap(), [saved]);
+}

@@ -1,0 +1,151 @@
+//! Axis-aligned boxes.
+
+use glam::Vec3;
+
+use crate::Ray;
+
+/// An axis-aligned box, `min ≤ max` in each coordinate, in world units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Aabb {
+    /// The corner with the least coordinates.
+    pub min: Vec3,
+    /// The corner with the greatest coordinates.
+    pub max: Vec3,
+}
+
+impl Aabb {
+    /// The cube `centre ± half`.
+    pub fn cube(centre: Vec3, half: f32) -> Self {
+        let half = Vec3::splat(half.abs());
+        Self { min: centre - half, max: centre + half }
+    }
+
+    /// The smallest box that holds all `points`, or `None` where there are none.
+    pub fn containing(points: impl IntoIterator<Item = Vec3>) -> Option<Self> {
+        points.into_iter().map(|p| Self { min: p, max: p }).reduce(|a, b| Self {
+            min: a.min.min(b.min),
+            max: a.max.max(b.max),
+        })
+    }
+
+    /// The middle of the box.
+    pub fn centre(&self) -> Vec3 {
+        0.5 * (self.min + self.max)
+    }
+
+    /// Edge lengths.
+    pub fn size(&self) -> Vec3 {
+        self.max - self.min
+    }
+
+    /// Whether `p` lies inside or on the surface.
+    pub fn contains(&self, p: Vec3) -> bool {
+        p.cmpge(self.min).all() && p.cmple(self.max).all()
+    }
+
+    /// The part `(t_enter, t_exit)` of the ray, `0 ≤ t_enter ≤ t_exit`, that lies in the box.
+    ///
+    /// Slab method. From inside, `t_enter` is 0. A ray parallel to a slab is inside it or misses,
+    /// and one that runs in a face counts as inside; neither result is ever NaN. A ray that only
+    /// touches an edge or a corner gives an interval of length 0. `None` where the box is behind
+    /// the ray, is missed, or the ray is not finite.
+    pub fn intersect(&self, ray: &Ray) -> Option<(f32, f32)> {
+        if !(ray.origin.is_finite() && ray.direction.is_finite()) {
+            return None;
+        }
+        let mut enter = 0.0f32;
+        let mut exit = f32::INFINITY;
+        for axis in 0..3 {
+            let (o, d) = (ray.origin[axis], ray.direction[axis]);
+            let (lo, hi) = (self.min[axis], self.max[axis]);
+            if d == 0.0 {
+                if o < lo || o > hi {
+                    return None;
+                }
+                continue;
+            }
+            // Division instead of a reciprocal: a subnormal `d` has no finite reciprocal, and
+            // 0 · inf would be NaN. 0 / d is 0 for every d ≠ 0.
+            let (a, b) = ((lo - o) / d, (hi - o) / d);
+            enter = enter.max(a.min(b));
+            exit = exit.min(a.max(b));
+        }
+        (enter <= exit && exit.is_finite()).then_some((enter, exit))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn unit() -> Aabb {
+        Aabb::cube(Vec3::ZERO, 1.0)
+    }
+
+    fn ray(origin: [f32; 3], direction: [f32; 3]) -> Ray {
+        Ray { origin: origin.into(), direction: direction.into() }
+    }
+
+    #[test]
+    fn from_outside() {
+        assert_eq!(unit().intersect(&ray([-3.0, 0.0, 0.0], [1.0, 0.0, 0.0])), Some((2.0, 4.0)));
+    }
+
+    #[test]
+    fn from_inside_starts_at_zero() {
+        assert_eq!(unit().intersect(&ray([0.5, 0.0, 0.0], [1.0, 0.0, 0.0])), Some((0.0, 0.5)));
+    }
+
+    #[test]
+    fn behind_is_none() {
+        assert_eq!(unit().intersect(&ray([3.0, 0.0, 0.0], [1.0, 0.0, 0.0])), None);
+    }
+
+    #[test]
+    fn parallel_outside_the_slab_is_none() {
+        assert_eq!(unit().intersect(&ray([-3.0, 1.5, 0.0], [1.0, 0.0, 0.0])), None);
+        assert_eq!(unit().intersect(&ray([-3.0, 1.5, 0.0], [1.0, -0.0, 0.0])), None);
+    }
+
+    #[test]
+    fn along_a_face_is_inside() {
+        assert_eq!(unit().intersect(&ray([-3.0, 1.0, 1.0], [1.0, 0.0, -0.0])), Some((2.0, 4.0)));
+    }
+
+    #[test]
+    fn subnormal_direction_is_not_nan() {
+        let hit = unit().intersect(&ray([1.0, 1.0, -2.0], [1e-40, -1e-40, 1.0]));
+        let (a, b) = hit.expect("starts on a face and runs through the box");
+        assert!(a.is_finite() && b.is_finite());
+    }
+
+    #[test]
+    fn not_finite_is_none() {
+        assert_eq!(unit().intersect(&ray([f32::NAN, 0.0, 0.0], [1.0, 0.0, 0.0])), None);
+        assert_eq!(unit().intersect(&ray([0.0; 3], [f32::INFINITY, 0.0, 0.0])), None);
+        assert_eq!(unit().intersect(&ray([0.0; 3], [0.0; 3])), None);
+    }
+
+    proptest! {
+        #[test]
+        fn interval_ends_lie_on_the_box(
+            o in prop::array::uniform3(-4.0f32..4.0),
+            d in prop::array::uniform3(-1.0f32..1.0),
+        ) {
+            let d = Vec3::from(d);
+            prop_assume!(d.length() > 1e-2);
+            let ray = Ray { origin: o.into(), direction: d.normalize() };
+            if let Some((a, b)) = unit().intersect(&ray) {
+                prop_assert!(0.0 <= a && a <= b);
+                let grown = Aabb::cube(Vec3::ZERO, 1.0 + 1e-4);
+                prop_assert!(grown.contains(ray.at(a)) && grown.contains(ray.at(b)));
+                prop_assert!((ray.at(b).abs().max_element() - 1.0).abs() < 1e-4);
+            } else {
+                let inside = (0..800).map(|i| ray.at(i as f32 * 0.01))
+                    .any(|p| p.abs().max_element() < 1.0 - 1e-4);
+                prop_assert!(!inside);
+            }
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! What can go wrong, each in one line that names the file, the field and what was expected.
+
+use std::path::{Path, PathBuf};
+
+/// Why a scene could not be loaded, selected from or written.
+///
+/// Every message is a single line and says where the fault is and what was expected there.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SceneError {
+    /// A file or folder that is needed is not there.
+    #[error("{}: not found; expected {expected}", .path.display())]
+    NotFound {
+        /// What was looked for.
+        path: PathBuf,
+        /// What should have been there.
+        expected: String,
+    },
+    /// The operating system refused to read or write.
+    #[error("{}: {}", .path.display(), one_line(.source))]
+    Io {
+        /// The file concerned.
+        path: PathBuf,
+        /// The system's own reason.
+        source: std::io::Error,
+    },
+    /// A file that is not what its name says: broken JSON, a truncated PNG, a malformed array.
+    #[error("{}: expected {expected}: {reason}", .path.display())]
+    Malformed {
+        /// The file concerned.
+        path: PathBuf,
+        /// What the file should hold.
+        expected: String,
+        /// The decoder's reason, with the position where it has one.
+        reason: String,
+    },
+    /// A field of a file that is missing or has a value that cannot be used.
+    #[error("{}: field `{field}`: expected {expected}, found {found}", .path.display())]
+    Field {
+        /// The file concerned.
+        path: PathBuf,
+        /// The path of the field within it, such as `frames[3].transform_matrix`.
+        field: String,
+        /// What the field should hold.
+        expected: String,
+        /// What it holds.
+        found: String,
+    },
+    /// A file or image beyond the size this crate agrees to read.
+    #[error("{}: {what} is {size}, more than the limit of {limit}", .path.display())]
+    TooLarge {
+        /// The file concerned.
+        path: PathBuf,
+        /// What is too large.
+        what: &'static str,
+        /// Its size.
+        size: u64,
+        /// The largest size accepted.
+        limit: u64,
+    },
+    /// A request (view selection, image size, background, …) that the scene cannot satisfy.
+    #[error("request field `{field}`: expected {expected}, found {found}")]
+    Request {
+        /// The field of the request.
+        field: &'static str,
+        /// What it should hold.
+        expected: String,
+        /// What it holds.
+        found: String,
+    },
+    /// A name that is none of the built-in procedural scenes.
+    #[error("unknown procedural scene `{name}`; expected one of {known}")]
+    UnknownScene {
+        /// The name asked for.
+        name: String,
+        /// The names there are, separated by commas.
+        known: String,
+    },
+}
+
+impl SceneError {
+    pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
+        Self::Io { path: path.into(), source }
+    }
+
+    pub(crate) fn malformed(
+        path: &Path,
+        expected: impl Into<String>,
+        reason: impl std::fmt::Display,
+    ) -> Self {
+        Self::Malformed {
+            path: path.into(),
+            expected: expected.into(),
+            reason: one_line(&reason),
+        }
+    }
+
+    pub(crate) fn field(
+        path: &Path,
+        field: impl Into<String>,
+        expected: impl Into<String>,
+        found: impl std::fmt::Display,
+    ) -> Self {
+        Self::Field {
+            path: path.into(),
+            field: field.into(),
+            expected: expected.into(),
+            found: one_line(&found),
+        }
+    }
+
+    pub(crate) fn request(
+        field: &'static str,
+        expected: impl Into<String>,
+        found: impl std::fmt::Display,
+    ) -> Self {
+        Self::Request { field, expected: expected.into(), found: one_line(&found) }
+    }
+}
+
+/// The text of `value` with line breaks replaced and cut to a readable length.
+fn one_line(value: &impl std::fmt::Display) -> String {
+    const LONGEST: usize = 300;
+    let text = value.to_string();
+    let mut line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    if line.chars().count() > LONGEST {
+        line = line.chars().take(LONGEST).collect::<String>() + "…";
+    }
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_are_one_line_and_bounded() {
+        let reason = "first\nsecond\r\n".to_owned() + &"x".repeat(5000);
+        let text = SceneError::malformed(Path::new("a.json"), "JSON", reason).to_string();
+        assert!(!text.contains('\n') && text.chars().count() < 400, "{text}");
+        assert!(text.starts_with("a.json: expected JSON: first second"));
+    }
+}

@@ -1,0 +1,140 @@
+//! Reading and writing image files, with limits.
+
+use std::io::{self, BufReader};
+use std::{fs::File, path::Path};
+
+use ::image::{ColorType, DynamicImage, ImageError, ImageReader, Limits};
+
+use super::RgbaImage;
+use crate::SceneError;
+
+/// The longest side that is read, in pixels.
+const LONGEST_SIDE: u32 = 16_384;
+const EXPECTED: &str = "a complete PNG or JPEG image";
+
+/// The `(width, height)` that the header of an image file states.
+pub(crate) fn dimensions(path: &Path) -> Result<(u32, u32), SceneError> {
+    let size = open(path)?.into_dimensions().map_err(|e| decode_error(path, e))?;
+    check_side(path, size)?;
+    Ok(size)
+}
+
+/// Decodes a PNG or JPEG, 8 or 16 bits a channel, grey or colour, with or without alpha.
+pub(crate) fn read_rgba(path: &Path) -> Result<RgbaImage, SceneError> {
+    dimensions(path)?;
+    let mut reader = open(path)?;
+    let mut limits = Limits::default();
+    limits.max_image_width = Some(LONGEST_SIDE);
+    limits.max_image_height = Some(LONGEST_SIDE);
+    reader.limits(limits);
+    let decoded = reader.decode().map_err(|e| decode_error(path, e))?;
+    let has_alpha = decoded.color().has_alpha();
+    let (width, height) = (decoded.width(), decoded.height());
+    let pixels = match decoded {
+        DynamicImage::ImageRgba8(image) => image.pixels().map(|p| p.0.map(unit_u8)).collect(),
+        other => other.into_rgba32f().pixels().map(|p| p.0).collect(),
+    };
+    Ok(RgbaImage { width, height, pixels, has_alpha })
+}
+
+/// Encodes 8-bit pixels as PNG.
+pub(super) fn write_png(
+    path: &Path,
+    width: u32,
+    height: u32,
+    bytes: &[u8],
+    color: ColorType,
+) -> Result<(), SceneError> {
+    let expected = usize::from(color.bytes_per_pixel()) * width as usize * height as usize;
+    if width == 0 || height == 0 || bytes.len() != expected {
+        let expected = format!("{expected} bytes for {width}×{height} pixels");
+        return Err(SceneError::malformed(path, expected, format!("{} bytes", bytes.len())));
+    }
+    ::image::save_buffer_with_format(path, bytes, width, height, color, ::image::ImageFormat::Png)
+        .map_err(|error| match error {
+            ImageError::IoError(source) => SceneError::io(path, source),
+            other => SceneError::malformed(path, "an image that PNG can hold", other),
+        })
+}
+
+fn unit_u8(v: u8) -> f32 {
+    f32::from(v) / 255.0
+}
+
+fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
+    let file = File::open(path).map_err(|source| match source.kind() {
+        io::ErrorKind::NotFound => {
+            SceneError::NotFound { path: path.into(), expected: "a PNG or JPEG image".into() }
+        }
+        _ => SceneError::io(path, source),
+    })?;
+    ImageReader::new(BufReader::new(file))
+        .with_guessed_format()
+        .map_err(|source| SceneError::io(path, source))
+}
+
+fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<(), SceneError> {
+    let longest = width.max(height);
+    if longest > LONGEST_SIDE {
+        return Err(SceneError::TooLarge {
+            path: path.into(),
+            what: "the longest image side in pixels",
+            size: u64::from(longest),
+            limit: u64::from(LONGEST_SIDE),
+        });
+    }
+    Ok(())
+}
+
+fn decode_error(path: &Path, error: ImageError) -> SceneError {
+    SceneError::malformed(path, EXPECTED, error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    #[test]
+    fn truncated_png_is_an_error() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("cut.png");
+        let bytes: Vec<u8> = (0..64 * 64 * 4).map(|i| (i * 7 % 251) as u8).collect();
+        write_png(&path, 64, 64, &bytes, ColorType::Rgba8).unwrap();
+        let whole = fs::read(&path).unwrap();
+        for keep in [0, 4, 20, whole.len() / 2, whole.len() - 20] {
+            fs::write(&path, &whole[..keep]).unwrap();
+            let error = read_rgba(&path).unwrap_err().to_string();
+            assert!(error.contains("cut.png") && !error.contains('\n'), "{keep}: {error}");
+        }
+    }
+
+    #[test]
+    fn huge_header_is_refused_before_decoding() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("huge.png");
+        write_png(&path, LONGEST_SIDE + 1, 1, &vec![0; LONGEST_SIDE as usize + 1], ColorType::L8)
+            .unwrap();
+        assert!(matches!(read_rgba(&path), Err(SceneError::TooLarge { .. })));
+    }
+
+    #[test]
+    fn sixteen_bits_and_grey_are_read() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("deep.png");
+        let deep = ::image::ImageBuffer::<::image::Rgba<u16>, _>::from_vec(
+            1,
+            1,
+            vec![65_535u16, 0, 32_768, 13_107],
+        );
+        deep.unwrap().save(&path).unwrap();
+        let [r, g, b, a] = read_rgba(&path).unwrap().pixels[0];
+        assert_eq!((r, g), (1.0, 0.0));
+        assert!((b - 32_768.0 / 65_535.0).abs() < 1e-6 && (a - 0.2).abs() < 1e-6);
+
+        write_png(&path, 1, 1, &[51], ColorType::L8).unwrap();
+        let grey = read_rgba(&path).unwrap();
+        assert!(!grey.has_alpha);
+        assert_eq!(grey.pixels[0], [0.2, 0.2, 0.2, 1.0]);
+    }
+}

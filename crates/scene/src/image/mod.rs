@@ -1,0 +1,112 @@
+//! Images: composited colours for training, and straight RGBA as files hold it.
+
+mod codec;
+mod resize;
+mod rgba;
+
+pub(crate) use codec::{dimensions, read_rgba};
+pub use resize::resized_dimensions;
+pub use rgba::{Rgba8, RgbaImage};
+
+use std::path::Path;
+
+use crate::SceneError;
+
+/// An RGB image composited on its scene's background, with the coverage it was composited with.
+///
+/// Pixels are row-major from the top left; `rgb` (and `alpha`) hold `width · height` values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    /// Width in pixels.
+    pub width: u32,
+    /// Height in pixels.
+    pub height: u32,
+    /// Colours in `[0, 1]`, display-encoded (sRGB) as in the file.
+    pub rgb: Vec<[f32; 3]>,
+    /// Coverage in `[0, 1]`, or `None` where the file has no alpha channel.
+    pub alpha: Option<Vec<f32>>,
+}
+
+impl Image {
+    /// An image of one colour without alpha.
+    pub fn filled(width: u32, height: u32, rgb: [f32; 3]) -> Self {
+        Self { width, height, rgb: vec![rgb; width as usize * height as usize], alpha: None }
+    }
+
+    /// The colour of column `x`, row `y`, or `None` outside the image.
+    pub fn get(&self, x: u32, y: u32) -> Option<[f32; 3]> {
+        if x >= self.width || y >= self.height {
+            return None;
+        }
+        self.rgb.get(y as usize * self.width as usize + x as usize).copied()
+    }
+
+    /// Every channel rounded to 8 bits by [`round_to_u8`], interleaved RGB.
+    pub fn to_rgb8(&self) -> Vec<u8> {
+        self.rgb.iter().flatten().map(|&v| round_to_u8(v)).collect()
+    }
+
+    /// The image after a round trip through 8 bits, as it would come back from a PNG.
+    pub fn rounded(&self) -> Self {
+        let round = |v: f32| f32::from(round_to_u8(v)) / 255.0;
+        Self { rgb: self.rgb.iter().map(|p| p.map(round)).collect(), ..self.clone() }
+    }
+
+    /// Reads a PNG or JPEG and composites it on `background`.
+    ///
+    /// # Errors
+    /// The file is missing, unreadable, not an image, or larger than this crate reads.
+    pub fn read(path: &Path, background: [f32; 3]) -> Result<Self, SceneError> {
+        Ok(read_rgba(path)?.composite(background))
+    }
+
+    /// Writes the colours as an 8-bit RGB PNG, rounded by [`round_to_u8`]. Alpha is not written: it
+    /// is composited already.
+    ///
+    /// # Errors
+    /// The file cannot be written, or `rgb` does not hold `width · height` pixels.
+    pub fn write_png(&self, path: &Path) -> Result<(), SceneError> {
+        codec::write_png(path, self.width, self.height, &self.to_rgb8(), ::image::ColorType::Rgb8)
+    }
+}
+
+/// `⌊255 · clamp(v, 0, 1) + ½⌋`; NaN gives 0.
+pub fn round_to_u8(v: f32) -> u8 {
+    // `as` saturates, and takes NaN to 0.
+    (v * 255.0 + 0.5) as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounding() {
+        let cases = [(0.0, 0), (1.0, 255), (0.5, 128), (-3.0, 0), (7.0, 255), (f32::NAN, 0)];
+        for (v, expected) in cases {
+            assert_eq!(round_to_u8(v), expected, "{v}");
+        }
+        for byte in 0..=255u8 {
+            assert_eq!(round_to_u8(f32::from(byte) / 255.0), byte);
+        }
+    }
+
+    #[test]
+    fn png_round_trip() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.png");
+        let mut image = Image::filled(3, 2, [1.0, 0.5, 0.0]);
+        image.rgb[4] = [0.2, 0.4, 0.6];
+        image.write_png(&path).unwrap();
+        assert_eq!(Image::read(&path, [0.0; 3]).unwrap(), image.rounded());
+        assert_eq!(image.get(1, 1), Some([0.2, 0.4, 0.6]));
+        assert_eq!(image.get(3, 0), None);
+    }
+
+    #[test]
+    fn writing_into_a_missing_folder_names_the_file() {
+        let path = Path::new("no-such-folder/a.png");
+        let error = Image::filled(1, 1, [0.0; 3]).write_png(path).unwrap_err().to_string();
+        assert!(error.contains("no-such-folder/a.png"), "{error}");
+    }
+}

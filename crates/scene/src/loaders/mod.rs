@@ -1,0 +1,157 @@
+//! Loaders of scenes in folders. A new format is one new file and one line in [`FORMATS`].
+
+mod assemble;
+mod blender;
+mod depth;
+mod frames;
+mod json;
+mod llff;
+mod nerfstudio;
+mod npy;
+mod pose;
+
+pub(crate) use depth::write_depth;
+
+use std::path::Path;
+
+use crate::{Scene, SceneError, SceneRequest};
+
+/// The file that marks a folder as being in a format, and what loads it.
+type Format = (&'static str, fn(&Path, &SceneRequest) -> Result<Scene, SceneError>);
+
+/// The known formats, in the order in which they are looked for.
+const FORMATS: [Format; 3] = [
+    (blender::MARKER, blender::load),
+    (nerfstudio::MARKER, nerfstudio::load),
+    (llff::MARKER, llff::load),
+];
+
+/// Loads the folder `dir` with the loader of the format whose file it holds.
+pub(crate) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
+    let missing = |expected: String| SceneError::NotFound { path: dir.into(), expected };
+    if !dir.is_dir() {
+        return Err(missing("the folder of a scene".into()));
+    }
+    match FORMATS.iter().find(|(marker, _)| dir.join(marker).is_file()) {
+        Some((_, load)) => load(dir, request),
+        None => {
+            let markers = FORMATS.map(|(marker, _)| marker).join(", ");
+            Err(missing(format!("a scene folder with one of {markers}")))
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod testing {
+    //! Small scenes written to disk, for the tests of the loaders.
+
+    use std::fs;
+    use std::path::{Path, PathBuf};
+
+    use serde_json::{Value, json};
+
+    use crate::procedural::train_cameras;
+    use crate::{Rgba8, Scene, SceneError, SceneRequest, SceneSource, TestProtocol, ViewSelection};
+
+    /// The shared test data, where there is any: `$INFONERF_DATA`, or a folder beside the workspace.
+    pub fn shared_data(part: &str) -> Option<PathBuf> {
+        let root = std::env::var_os("INFONERF_DATA").map_or_else(
+            || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"),
+            PathBuf::from,
+        );
+        let path = root.join(part);
+        if !path.is_dir() {
+            eprintln!("skipped: {part} not found; set INFONERF_DATA to the folder that holds it");
+            return None;
+        }
+        Some(path)
+    }
+
+    pub fn request() -> SceneRequest {
+        SceneRequest {
+            train: ViewSelection::All,
+            test: TestProtocol::All,
+            image_size: None,
+            background: [1.0; 3],
+        }
+    }
+
+    pub fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
+        crate::load(&SceneSource::Folder { path: dir.into() }, request)
+    }
+
+    pub fn message(dir: &Path, request: &SceneRequest) -> String {
+        let text = load(dir, request).expect_err("should be refused").to_string();
+        assert!(!text.contains('\n'), "{text}");
+        text
+    }
+
+    /// A 4×4 pose as JSON rows.
+    pub fn pose(index: usize) -> Value {
+        let m = train_cameras(8)[index].to_world.transpose().to_cols_array_2d();
+        json!(m)
+    }
+
+    pub fn write_json(path: &Path, value: &Value) {
+        fs::write(path, value.to_string()).unwrap();
+    }
+
+    /// A `size`² image with every pixel different.
+    pub fn image(size: u32, salt: u8) -> Rgba8 {
+        let pixels = (0..size * size)
+            .map(|i| [i as u8, (i / 3) as u8 ^ salt, salt, if i % 4 == 0 { 0 } else { 255 - i as u8 }])
+            .collect();
+        Rgba8 { width: size, height: size, pixels }
+    }
+
+    /// A Blender folder with `train` and `test` views of 8×8 pixels.
+    pub fn blender(dir: &Path, train: usize, test: usize) {
+        for (split, count) in [("train", train), ("test", test)] {
+            fs::create_dir_all(dir.join(split)).unwrap();
+            let frames: Vec<_> = (0..count)
+                .map(|i| {
+                    image(8, i as u8).write_png(&dir.join(format!("{split}/r_{i}.png"))).unwrap();
+                    json!({"file_path": format!("./{split}/r_{i}"), "transform_matrix": pose(i)})
+                })
+                .collect();
+            let value = json!({"camera_angle_x": 0.6911112, "frames": frames});
+            write_json(&dir.join(format!("transforms_{split}.json")), &value);
+        }
+    }
+
+    /// Changes the JSON value at `pointer` of a file; `None` removes it.
+    pub fn edit(path: &Path, pointer: &str, value: Option<Value>) {
+        let mut root: Value = serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap();
+        let (parent, key) = pointer.rsplit_once('/').unwrap();
+        let parent = root.pointer_mut(parent).unwrap();
+        match (parent, value) {
+            (Value::Object(map), Some(value)) => {
+                map.insert(key.into(), value);
+            }
+            (Value::Object(map), None) => {
+                map.remove(key);
+            }
+            (Value::Array(items), Some(value)) => items[key.parse::<usize>().unwrap()] = value,
+            (Value::Array(items), None) => {
+                items.remove(key.parse().unwrap());
+            }
+            _ => panic!("no such place: {pointer}"),
+        }
+        write_json(path, &root);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::testing::*;
+    use std::path::Path;
+
+    #[test]
+    fn missing_and_unknown_folders() {
+        let text = message(Path::new("no/such/folder"), &request());
+        assert!(text.starts_with("no/such/folder: not found; expected the folder"), "{text}");
+        let dir = tempfile::tempdir().unwrap();
+        let text = message(dir.path(), &request());
+        assert!(text.contains("transforms_train.json, transforms.json, poses_bounds.npy"), "{text}");
+    }
+}

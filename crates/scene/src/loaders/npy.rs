@@ -1,0 +1,94 @@
+//! Bounded reading of `.npy` arrays.
+
+use std::fs::{self, File};
+use std::io::{BufReader, BufWriter, Write};
+use std::path::Path;
+
+use npyz::{Deserialize, NpyFile, Order, TypeChar, WriterBuilder};
+
+use crate::SceneError;
+
+/// The largest file that is read, in bytes.
+const LARGEST: u64 = 1 << 30;
+
+/// A row-major array with its shape.
+pub(super) struct Array<T> {
+    pub shape: Vec<u64>,
+    pub values: Vec<T>,
+}
+
+/// Reads a C-ordered array of `f32` or `f64` as `f64`.
+pub(super) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError> {
+    if !path.is_file() {
+        return Err(SceneError::NotFound { path: path.into(), expected: expected.into() });
+    }
+    let size = fs::metadata(path).map_err(|e| SceneError::io(path, e))?.len();
+    if size > LARGEST {
+        let what = "the size of the array file in bytes";
+        return Err(SceneError::TooLarge { path: path.into(), what, size, limit: LARGEST });
+    }
+    let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
+    let file = File::open(path).map_err(|e| SceneError::io(path, e))?;
+    let npy = NpyFile::new(BufReader::new(file)).map_err(|e| fault(&e))?;
+    let shape = npy.shape().to_vec();
+    // The header's shape may claim anything; the file's length bounds what is allocated.
+    let claimed = shape.iter().try_fold(1u64, |n, &side| n.checked_mul(side));
+    if claimed.is_none_or(|n| n > size / 4) {
+        return Err(fault(&format!("shape {shape:?} is more than the file holds")));
+    }
+    if npy.order() != Order::C {
+        return Err(fault(&"a Fortran-ordered array; save it with order C"));
+    }
+    let wide = match npy.dtype() {
+        npyz::DType::Plain(t) if t.type_char() == TypeChar::Float && t.num_bytes() == Some(8) => true,
+        npyz::DType::Plain(t) if t.type_char() == TypeChar::Float && t.num_bytes() == Some(4) => false,
+        other => return Err(fault(&format!("element type {}; f4 or f8 needed", other.descr()))),
+    };
+    let values = if wide { collect::<f64>(npy) } else { collect::<f32>(npy) };
+    Ok(Array { shape, values: values.map_err(|e| fault(&e))? })
+}
+
+fn collect<T: Deserialize + Into<f64>>(npy: NpyFile<BufReader<File>>) -> std::io::Result<Vec<f64>> {
+    let values = npy.data::<T>().map_err(std::io::Error::other)?;
+    values.map(|v| v.map(Into::into)).collect()
+}
+
+/// Writes a C-ordered `f32` array.
+pub(super) fn write(path: &Path, shape: &[u64], values: &[f32]) -> Result<(), SceneError> {
+    let io = |e| SceneError::io(path, e);
+    let mut file = BufWriter::new(File::create(path).map_err(io)?);
+    let mut writer = npyz::WriteOptions::<f32>::new()
+        .default_dtype()
+        .shape(shape)
+        .writer(&mut file)
+        .begin_nd()
+        .map_err(io)?;
+    writer.extend(values).map_err(io)?;
+    writer.finish().map_err(io)?;
+    file.flush().map_err(io)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn round_trip_and_damage() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.npy");
+        write(&path, &[2, 3], &[0.0, 1.5, -2.0, f32::INFINITY, 4.0, 5.0]).unwrap();
+        let array = read(&path, "numbers").unwrap();
+        assert_eq!(array.shape, [2, 3]);
+        assert_eq!(array.values, [0.0, 1.5, -2.0, f64::INFINITY, 4.0, 5.0]);
+
+        let whole = fs::read(&path).unwrap();
+        for keep in [0, 5, 9, 40, whole.len() - 4] {
+            fs::write(&path, &whole[..keep]).unwrap();
+            let text = read(&path, "numbers").err().unwrap().to_string();
+            assert!(text.contains("a.npy: expected numbers"), "{keep}: {text}");
+        }
+        let claim = String::from_utf8_lossy(&whole).replace("(2, 3", "(9, 9");
+        fs::write(&path, claim.as_bytes()).unwrap();
+        assert!(read(&path, "numbers").is_err());
+    }
+}

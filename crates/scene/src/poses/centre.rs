@@ -1,0 +1,141 @@
+//! Where a set of cameras looks, and which way is up.
+
+use glam::{DMat3, DVec3};
+
+use crate::Camera;
+
+/// Weight of the prior in [`scene_centre`]. Axes within about 0.01 rad of parallel are left to it.
+const PRIOR: f64 = 1e-4;
+
+/// The centre of a scene and the way its cameras face it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Focus {
+    /// The point nearest to all optical axes.
+    pub centre: DVec3,
+    /// Whether the cameras look towards the centre, as around an object, or away, as in a room.
+    pub inward: bool,
+}
+
+impl Focus {
+    /// The direction of a camera on the sphere about the centre: from the centre back to it along
+    /// its optical axis, or along the view where cameras look outwards.
+    pub fn direction(&self, camera: &Camera) -> DVec3 {
+        let forward = camera.forward_f64().normalize_or(DVec3::NEG_Z);
+        if self.inward { -forward } else { forward }
+    }
+}
+
+/// The centre `c` that minimises `Σ‖(I − dᵢdᵢᵀ)(c − pᵢ)‖² + λn‖c − c₀‖²` over the optical axes
+/// `pᵢ + t dᵢ`, λ = [`PRIOR`].
+///
+/// The prior `c₀` decides only where the axes do not: for one camera, identical or parallel ones. It
+/// is the mean over the cameras of the point on each axis nearest to the world origin, but in front
+/// by at least twice the cameras' spread about their mean (or 1 where that and the origin's
+/// distance are 0).
+pub(crate) fn scene_focus(cameras: &[Camera]) -> Focus {
+    let n = cameras.len() as f64;
+    if cameras.is_empty() {
+        return Focus { centre: DVec3::ZERO, inward: true };
+    }
+    let axes: Vec<(DVec3, DVec3)> = cameras
+        .iter()
+        .map(|c| (c.position_f64(), c.forward_f64().normalize_or(DVec3::NEG_Z)))
+        .collect();
+    let mean = axes.iter().map(|a| a.0).sum::<DVec3>() / n;
+    let spread = (axes.iter().map(|a| a.0.distance_squared(mean)).sum::<f64>() / n).sqrt();
+    let ahead = |p: DVec3, d: DVec3| {
+        let t = (-p.dot(d)).max(2.0 * spread);
+        if t > 1e-9 { t } else { 1.0 }
+    };
+    let prior = axes.iter().map(|&(p, d)| p + ahead(p, d) * d).sum::<DVec3>() / n;
+
+    let mut a = DMat3::IDENTITY * (PRIOR * n);
+    let mut b = PRIOR * n * prior;
+    for &(p, d) in &axes {
+        let across = DMat3::IDENTITY - outer(d);
+        a += across;
+        b += across * p;
+    }
+    // Positive definite: every eigenvalue is at least PRIOR · n.
+    let centre = a.inverse() * b;
+    let centre = if centre.is_finite() { centre } else { prior };
+    let towards: f64 = axes.iter().map(|&(p, d)| d.dot((centre - p).normalize_or_zero())).sum();
+    Focus { centre, inward: towards >= 0.0 }
+}
+
+/// Unit directions of the cameras on the sphere about the scene's centre, see [`Focus::direction`].
+pub(crate) fn view_directions(cameras: &[Camera]) -> Vec<DVec3> {
+    let focus = scene_focus(cameras);
+    cameras.iter().map(|c| focus.direction(c)).collect()
+}
+
+/// The world's up direction, from cameras that were held level: the unit vector most nearly at
+/// right angles to all their x axes, on the side of their mean y axis.
+///
+/// Inverse iteration on `Σ xᵢxᵢᵀ` from the mean y axis; where the x axes leave a choice (one camera,
+/// parallel x axes) the mean y axis decides.
+pub(crate) fn up_direction(cameras: &[Camera]) -> DVec3 {
+    let n = cameras.len() as f64;
+    let mean_up: DVec3 = cameras.iter().map(|c| c.to_world.y_axis.truncate()).sum();
+    let mean_up = mean_up.normalize_or(DVec3::Z);
+    let mut spread = DMat3::IDENTITY * (1e-3 * n.max(1.0));
+    for camera in cameras {
+        spread += outer(camera.to_world.x_axis.truncate());
+    }
+    let inverse = spread.inverse();
+    let up = (0..4).fold(mean_up, |u, _| (inverse * u).normalize_or(u));
+    let up = if up.is_finite() { up } else { mean_up };
+    if up.dot(mean_up) < 0.0 { -up } else { up }
+}
+
+fn outer(v: DVec3) -> DMat3 {
+    DMat3::from_cols(v * v.x, v * v.y, v * v.z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::look_along;
+    use crate::procedural::train_cameras;
+
+    fn camera(position: DVec3, forward: DVec3) -> Camera {
+        Camera::from_fov(8, 8, 0.7, look_along(position, forward, DVec3::Z))
+    }
+
+    #[test]
+    fn object_cameras_meet_at_the_origin_with_z_up() {
+        let cameras = train_cameras(8);
+        for set in [&cameras[..], &cameras[..4], &cameras[..2]] {
+            let focus = scene_focus(set);
+            assert!(focus.centre.length() < 1e-6 && focus.inward);
+            assert!(up_direction(set).dot(DVec3::Z) > 0.9999, "{}", up_direction(set));
+        }
+    }
+
+    #[test]
+    fn one_camera_is_centred_on_its_axis_near_the_origin() {
+        let position = DVec3::new(0.0, -4.0, 3.0);
+        let focus = scene_focus(&[camera(position, -position)]);
+        assert!(focus.centre.length() < 1e-6 && focus.inward);
+    }
+
+    #[test]
+    fn parallel_cameras_get_a_centre_in_front() {
+        let cameras: Vec<_> =
+            (0..4).map(|i| camera(DVec3::X * f64::from(i), DVec3::NEG_Z)).collect();
+        let focus = scene_focus(&cameras);
+        assert!(focus.inward && focus.centre.z < -1.0 && focus.centre.is_finite());
+    }
+
+    #[test]
+    fn room_cameras_look_outward() {
+        let cameras: Vec<_> = (0..6)
+            .map(|i| {
+                let d = DVec3::new(f64::from(i).cos(), f64::from(i).sin(), 0.0);
+                camera(DVec3::Z + 0.5 * d, d)
+            })
+            .collect();
+        let focus = scene_focus(&cameras);
+        assert!(!focus.inward && (focus.centre - DVec3::Z).length() < 0.05);
+    }
+}

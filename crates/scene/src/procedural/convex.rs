@@ -1,0 +1,337 @@
+//! Convex solids, and the part of a ray inside one.
+
+use std::f64::consts::PI;
+
+use glam::{DMat3, DVec3};
+
+/// A half-line in double precision; `direction` has unit length.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Line {
+    pub origin: DVec3,
+    pub direction: DVec3,
+}
+
+impl Line {
+    pub fn at(&self, t: f64) -> DVec3 {
+        self.origin + t * self.direction
+    }
+}
+
+/// A rigid placement: local to world is `rotation · p + origin`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Frame {
+    pub rotation: DMat3,
+    pub origin: DVec3,
+}
+
+impl Frame {
+    /// Axes as in the world.
+    pub fn at(origin: DVec3) -> Self {
+        Self { rotation: DMat3::IDENTITY, origin }
+    }
+
+    /// Turned about the vertical by `degrees`.
+    pub fn turned(origin: DVec3, degrees: f64) -> Self {
+        Self { rotation: DMat3::from_rotation_z(degrees * PI / 180.0), origin }
+    }
+
+    /// Local z along `axis`.
+    pub fn along(origin: DVec3, axis: DVec3) -> Self {
+        let z = axis.normalize_or(DVec3::Z);
+        let (x, y) = z.any_orthonormal_pair();
+        Self { rotation: DMat3::from_cols(x, y, z), origin }
+    }
+
+    pub fn to_local(self, line: &Line) -> Line {
+        Line { origin: self.point_to_local(line.origin), direction: self.rotation.transpose() * line.direction }
+    }
+
+    pub fn point_to_local(self, p: DVec3) -> DVec3 {
+        self.rotation.transpose() * (p - self.origin)
+    }
+}
+
+/// Where a line enters and leaves a convex solid, with outward normals. `enter` may be negative.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Span {
+    pub enter: f64,
+    pub enter_normal: DVec3,
+    pub exit: f64,
+    pub exit_normal: DVec3,
+}
+
+/// A convex solid about its local origin.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Kind {
+    Sphere { radius: f64 },
+    /// Half-extents.
+    Block { half: DVec3 },
+    /// Axis z, `|z| ≤ half`, radius from `bottom` at `−half` to `top` at `half`.
+    Cone { bottom: f64, top: f64, half: f64 },
+    /// All points within `radius` of the segment `|z| ≤ half`.
+    Capsule { radius: f64, half: f64 },
+}
+
+/// A placed convex solid.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Convex {
+    pub frame: Frame,
+    pub kind: Kind,
+}
+
+impl Convex {
+    pub fn sphere(centre: DVec3, radius: f64) -> Self {
+        Self { frame: Frame::at(centre), kind: Kind::Sphere { radius } }
+    }
+
+    /// An axis-aligned block with edges `size`.
+    pub fn block(centre: DVec3, size: DVec3) -> Self {
+        Self { frame: Frame::at(centre), kind: Kind::Block { half: 0.5 * size } }
+    }
+
+    /// An upright cylinder that stands on `foot`.
+    pub fn cylinder(foot: DVec3, radius: f64, height: f64) -> Self {
+        Self::cone(foot, radius, radius, height)
+    }
+
+    /// An upright frustum that stands on `foot`.
+    pub fn cone(foot: DVec3, bottom: f64, top: f64, height: f64) -> Self {
+        let half = 0.5 * height;
+        Self { frame: Frame::at(foot + DVec3::Z * half), kind: Kind::Cone { bottom, top, half } }
+    }
+
+    /// A cylinder from `a` to `b` with flat ends.
+    pub fn rod(a: DVec3, b: DVec3, radius: f64) -> Self {
+        let half = 0.5 * a.distance(b);
+        let kind = Kind::Cone { bottom: radius, top: radius, half };
+        Self { frame: Frame::along(0.5 * (a + b), b - a), kind }
+    }
+
+    /// A rod with round ends.
+    pub fn capsule(a: DVec3, b: DVec3, radius: f64) -> Self {
+        let half = 0.5 * a.distance(b);
+        Self { frame: Frame::along(0.5 * (a + b), b - a), kind: Kind::Capsule { radius, half } }
+    }
+
+    /// The same solid turned about the vertical through its own centre.
+    pub fn turned(mut self, degrees: f64) -> Self {
+        self.frame.rotation = DMat3::from_rotation_z(degrees * PI / 180.0) * self.frame.rotation;
+        self
+    }
+
+    /// The part of the line inside, with world normals.
+    pub fn span(&self, line: &Line) -> Option<Span> {
+        let local = self.frame.to_local(line);
+        let mut span = self.kind.span(&local)?;
+        span.enter_normal = self.frame.rotation * span.enter_normal;
+        span.exit_normal = self.frame.rotation * span.exit_normal;
+        Some(span)
+    }
+
+    /// World-space corners of a box around it.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let half = match self.kind {
+            Kind::Sphere { radius } => DVec3::splat(radius),
+            Kind::Block { half } => half,
+            Kind::Cone { bottom, top, half } => {
+                let r = bottom.max(top);
+                DVec3::new(r, r, half)
+            }
+            Kind::Capsule { radius, half } => DVec3::new(radius, radius, half + radius),
+        };
+        let r = self.frame.rotation;
+        let world = r.x_axis.abs() * half.x + r.y_axis.abs() * half.y + r.z_axis.abs() * half.z;
+        (self.frame.origin - world, self.frame.origin + world)
+    }
+}
+
+impl Kind {
+    fn span(&self, line: &Line) -> Option<Span> {
+        match *self {
+            Self::Sphere { radius } => sphere(line, DVec3::ZERO, radius),
+            Self::Block { half } => block(line, half),
+            Self::Cone { bottom, top, half } => cone(line, bottom, top, half),
+            Self::Capsule { radius, half } => {
+                // The hull of the two balls is convex: its span is the hull of the spans.
+                let end = DVec3::Z * half;
+                let parts =
+                    [sphere(line, end, radius), sphere(line, -end, radius), cone(line, radius, radius, half)];
+                parts.into_iter().flatten().reduce(hull)
+            }
+        }
+    }
+}
+
+fn hull(a: Span, b: Span) -> Span {
+    let first = if a.enter <= b.enter { a } else { b };
+    let last = if a.exit >= b.exit { a } else { b };
+    Span { exit: last.exit, exit_normal: last.exit_normal, ..first }
+}
+
+fn sphere(line: &Line, centre: DVec3, radius: f64) -> Option<Span> {
+    let from = line.origin - centre;
+    let middle = -from.dot(line.direction);
+    let half2 = radius * radius - (from + middle * line.direction).length_squared();
+    if half2 <= 0.0 {
+        return None;
+    }
+    let half = half2.sqrt();
+    let (enter, exit) = (middle - half, middle + half);
+    let normal = |t: f64| (from + t * line.direction) / radius;
+    Some(Span { enter, enter_normal: normal(enter), exit, exit_normal: normal(exit) })
+}
+
+fn block(line: &Line, half: DVec3) -> Option<Span> {
+    let mut span = Span {
+        enter: f64::NEG_INFINITY,
+        enter_normal: DVec3::ZERO,
+        exit: f64::INFINITY,
+        exit_normal: DVec3::ZERO,
+    };
+    for axis in 0..3 {
+        let (o, d, h) = (line.origin[axis], line.direction[axis], half[axis]);
+        if d.abs() < 1e-15 {
+            if o.abs() > h {
+                return None;
+            }
+            continue;
+        }
+        let side = DVec3::AXES[axis] * d.signum();
+        let (a, b) = ((-h * d.signum() - o) / d, (h * d.signum() - o) / d);
+        if a > span.enter {
+            (span.enter, span.enter_normal) = (a, -side);
+        }
+        if b < span.exit {
+            (span.exit, span.exit_normal) = (b, side);
+        }
+    }
+    (span.enter < span.exit).then_some(span)
+}
+
+/// A frustum: the double cone `x² + y² = (m + k z)²` clipped to `|z| ≤ half`.
+fn cone(line: &Line, bottom: f64, top: f64, half: f64) -> Option<Span> {
+    let (o, d) = (line.origin, line.direction);
+    // The slab first.
+    let mut span = block(line, DVec3::new(1e9, 1e9, half))?;
+    let (m, k) = (0.5 * (bottom + top), 0.5 * (top - bottom) / half);
+    // Shift the origin to where the slab is entered: keeps the quadratic well conditioned.
+    let shift = span.enter.max(-1e6);
+    let p = o + shift * d;
+    let (ro, rd) = (m + k * p.z, k * d.z);
+    let a = d.x * d.x + d.y * d.y - rd * rd;
+    let b = p.x * d.x + p.y * d.y - ro * rd;
+    let c = p.x * p.x + p.y * p.y - ro * ro;
+    let normal = |t: f64| {
+        let q = p + t * d;
+        DVec3::new(q.x, q.y, -k * (m + k * q.z)).normalize_or(DVec3::Z)
+    };
+    if a.abs() < 1e-14 {
+        // Parallel to the side.
+        if b.abs() < 1e-14 {
+            return (c <= 0.0).then_some(span);
+        }
+        let t = -0.5 * c / b;
+        return clip(&mut span, shift, (b < 0.0, t), (b > 0.0, t), &normal);
+    }
+    let disc = b * b - a * c;
+    if a > 0.0 {
+        if disc <= 0.0 {
+            return None;
+        }
+        let root = disc.sqrt();
+        return clip(&mut span, shift, (true, (-b - root) / a), (true, (-b + root) / a), &normal);
+    }
+    // a < 0: inside the double cone before the first and after the second root; inside the slab only
+    // one of its halves exists (the radius is never negative there).
+    if disc <= 0.0 {
+        return (c <= 0.0).then_some(span);
+    }
+    let root = disc.sqrt();
+    let (first, second) = ((-b + root) / a, (-b - root) / a);
+    let middle = |lo: f64, hi: f64| p.z + 0.5 * (lo + hi) * d.z;
+    let (lo, hi) = (span.enter - shift, span.exit - shift);
+    if first > lo && middle(lo, first.min(hi)).abs() <= half {
+        return clip(&mut span, shift, (false, 0.0), (true, first), &normal);
+    }
+    if second < hi {
+        return clip(&mut span, shift, (true, second), (false, 0.0), &normal);
+    }
+    None
+}
+
+/// Clips `span` to an entry and an exit of the side, each where it is one, at `t` past `shift`.
+fn clip(
+    span: &mut Span,
+    shift: f64,
+    enter: (bool, f64),
+    exit: (bool, f64),
+    normal: &impl Fn(f64) -> DVec3,
+) -> Option<Span> {
+    if enter.0 && enter.1 + shift > span.enter {
+        (span.enter, span.enter_normal) = (enter.1 + shift, normal(enter.1));
+    }
+    if exit.0 && exit.1 + shift < span.exit {
+        (span.exit, span.exit_normal) = (exit.1 + shift, normal(exit.1));
+    }
+    (span.enter < span.exit).then_some(*span)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn inside(kind: &Kind, p: DVec3) -> f64 {
+        // Negative inside; a distance bound is not needed, only the sign and its scale.
+        match *kind {
+            Kind::Sphere { radius } => p.length() - radius,
+            Kind::Block { half } => (p.abs() - half).max_element(),
+            Kind::Cone { bottom, top, half } => {
+                let radius = bottom + (top - bottom) * (p.z + half) / (2.0 * half);
+                (p.truncate().length() - radius).max(p.z.abs() - half)
+            }
+            Kind::Capsule { radius, half } => {
+                (p - DVec3::Z * p.z.clamp(-half, half)).length() - radius
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn spans_agree_with_the_implicit_solid(
+            which in 0usize..6,
+            o in prop::array::uniform3(-3.0f64..3.0),
+            target in prop::array::uniform3(-0.8f64..0.8),
+        ) {
+            let kind = [
+                Kind::Sphere { radius: 0.7 },
+                Kind::Block { half: DVec3::new(0.3, 0.5, 0.7) },
+                Kind::Cone { bottom: 0.4, top: 0.4, half: 0.6 },
+                Kind::Cone { bottom: 0.7, top: 0.0, half: 0.5 },
+                Kind::Cone { bottom: 0.2, top: 0.6, half: 0.5 },
+                Kind::Capsule { radius: 0.2, half: 0.5 },
+            ][which];
+            let origin = DVec3::from(o);
+            let direction = DVec3::from(target) - origin;
+            prop_assume!(direction.length() > 0.1);
+            let line = Line { origin, direction: direction.normalize() };
+            let span = kind.span(&line);
+            for i in -600..600 {
+                let t = f64::from(i) * 0.01;
+                let value = inside(&kind, line.at(t));
+                if value.abs() < 1e-3 {
+                    continue;
+                }
+                let within = span.is_some_and(|s| s.enter <= t && t <= s.exit);
+                prop_assert_eq!(within, value < 0.0, "t {} value {} span {:?}", t, value, span);
+            }
+            if let Some(s) = span {
+                prop_assert!(inside(&kind, line.at(s.enter)).abs() < 1e-6);
+                prop_assert!(inside(&kind, line.at(s.exit)).abs() < 1e-6);
+                prop_assert!(s.enter_normal.dot(line.direction) <= 1e-6);
+                prop_assert!(s.exit_normal.dot(line.direction) >= -1e-6);
+                prop_assert!((s.enter_normal.length() - 1.0).abs() < 1e-6);
+            }
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! Scenes of our own, ray-traced on demand with exact depth and coverage.
+//!
+//! Each is an object in about `[−1.2, 1.2]³` on a transparent background, seen by 100 training and
+//! 200 test cameras as in NeRF's synthetic scenes: textured and glossy surfaces with highlights and
+//! mirror images that move with the view, thin rods, holes, parts that hide each other, and shadows.
+//! Only the views asked for are rendered. Pixels are *defined* as 8-bit straight RGBA, so that
+//! [`crate::export`] writes exactly what training sees.
+
+mod bvh;
+mod cameras;
+mod convex;
+mod model;
+mod render;
+mod scenes;
+mod shade;
+mod shape;
+mod texture;
+
+pub use cameras::{TEST_VIEWS, TRAIN_VIEWS, test_cameras, train_cameras};
+
+pub(crate) use cameras::FOV_X;
+
+use glam::Vec3;
+
+use crate::{Aabb, Camera, Rgba8, Scene, SceneError, SceneRequest, View};
+use model::Model;
+
+/// The names of the procedural scenes.
+pub const NAMES: [&str; 4] = ["castle", "crane", "knot", "orrery"];
+/// Image side in pixels where none is asked for.
+pub const DEFAULT_SIZE: u32 = 200;
+/// Nothing lies nearer to a camera than this, scene units.
+pub const NEAR: f32 = 2.0;
+/// Nothing lies farther from a camera than this, scene units.
+pub const FAR: f32 = 6.0;
+/// A box that holds every procedural scene.
+pub const BOUNDS: Aabb = Aabb { min: Vec3::splat(-1.3), max: Vec3::splat(1.3) };
+
+/// What a procedural scene shows to one camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rendering {
+    /// Colours and coverage, anti-aliased.
+    pub rgba: Rgba8,
+    /// Exact distance along the unit ray through each pixel's centre, row-major, scene units;
+    /// `f32::INFINITY` where nothing is hit.
+    pub depth: Vec<f32>,
+}
+
+/// Renders the scene `name` for one camera, which may be anywhere outside the object.
+///
+/// # Errors
+/// `name` is none of [`NAMES`].
+pub fn render(name: &str, camera: &Camera) -> Result<Rendering, SceneError> {
+    let model = model(name)?;
+    Ok(Rendering { rgba: render::render(&model, camera), depth: render::depth(&model, camera) })
+}
+
+/// Renders the views of the scene `name` that `request` asks for.
+pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
+    let model = model(name)?;
+    let size = request.image_size.unwrap_or(DEFAULT_SIZE);
+    let (train, test) = (train_cameras(size), test_cameras(size));
+    let train_ids = request.train.select(&train)?;
+    let test_ids = request.test.select(test.len())?;
+    let view = |split: &str, id: usize, camera: &Camera| View {
+        id,
+        name: format!("{split}/r_{id}"),
+        image: render::render(&model, camera).to_f32().composite(request.background),
+        depth: Some(render::depth(&model, camera)),
+        camera: camera.clone(),
+    };
+    let views = |split: &str, ids: &[usize], cameras: &[Camera]| -> Vec<View> {
+        ids.iter().filter_map(|&id| cameras.get(id).map(|c| view(split, id, c))).collect()
+    };
+    Ok(Scene {
+        name: name.into(),
+        train: views("train", &train_ids, &train),
+        test: views("test", &test_ids, &test),
+        background: request.background,
+        near: NEAR,
+        far: FAR,
+        bounds: BOUNDS,
+        all_train_cameras: train,
+    })
+}
+
+fn model(name: &str) -> Result<Model, SceneError> {
+    let build = match name {
+        "castle" => scenes::castle,
+        "crane" => scenes::crane,
+        "knot" => scenes::knot,
+        "orrery" => scenes::orrery,
+        _ => {
+            return Err(SceneError::UnknownScene { name: name.into(), known: NAMES.join(", ") });
+        }
+    };
+    Ok(build().build())
+}

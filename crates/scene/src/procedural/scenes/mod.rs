@@ -1,0 +1,29 @@
+//! The scenes, one a file.
+
+mod castle;
+mod crane;
+mod knot;
+mod orrery;
+
+pub(super) use castle::castle;
+pub(super) use crane::crane;
+pub(super) use knot::knot;
+pub(super) use orrery::orrery;
+
+use glam::DVec3;
+
+/// A point or an extent.
+fn v(x: f64, y: f64, z: f64) -> DVec3 {
+    DVec3::new(x, y, z)
+}
+
+/// Linear RGB from display values of 0 to 255.
+fn rgb(r: u8, g: u8, b: u8) -> DVec3 {
+    DVec3::new(f64::from(r), f64::from(g), f64::from(b)).map(|c| (c / 255.0).powf(2.2))
+}
+
+/// `radius` away from the z axis at `degrees` from x, at height `z`.
+fn polar(radius: f64, degrees: f64, z: f64) -> DVec3 {
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    DVec3::new(radius * cos, radius * sin, z)
+}

@@ -1,0 +1,200 @@
+//! What objects are made of: convex solids less other ones, rings, and pieces of a bent tube.
+
+use glam::{DVec2, DVec3};
+
+use super::convex::{Convex, Frame, Line};
+
+/// Hits nearer than this are the surface that a ray starts on.
+const NEAREST: f64 = 1e-6;
+
+/// Where a ray meets a surface.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hit {
+    pub t: f64,
+    /// Outward, unit length, world.
+    pub normal: DVec3,
+    /// Where textures are looked up: the local point, or (length along, angle, 0) on a tube.
+    pub texture_point: DVec3,
+    /// Which way the surface faces in the coordinates of `texture_point`.
+    pub texture_normal: DVec3,
+}
+
+/// A surface that rays can hit.
+#[derive(Clone, Debug)]
+pub(super) enum Shape {
+    /// `base` with every one of `cuts` taken away.
+    Solid { base: Convex, cuts: Vec<Convex> },
+    /// A torus about local z.
+    Ring { frame: Frame, radius: f64, tube: f64 },
+    /// A piece of a tube of radius `tube` about a smooth curve: a capsule whose normals follow the
+    /// curve, so that no joint shows.
+    Piece { capsule: Convex, from: Knot, to: Knot, tube: f64 },
+}
+
+/// A point of a curve.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Knot {
+    pub point: DVec3,
+    /// Unit length.
+    pub tangent: DVec3,
+    /// Unit length, at right angles to the tangent: where the angle about the tube is 0.
+    pub side: DVec3,
+    /// Length along the curve.
+    pub length: f64,
+}
+
+impl Shape {
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        match self {
+            Self::Solid { base, .. } => base.bounds(),
+            Self::Piece { capsule, .. } => capsule.bounds(),
+            Self::Ring { frame, radius, tube } => {
+                let axis = frame.rotation.z_axis;
+                let half = DVec3::from(axis.to_array().map(|c| radius * (1.0 - c * c).max(0.0).sqrt() + tube));
+                (frame.origin - half, frame.origin + half)
+            }
+        }
+    }
+
+    /// The nearest hit in `(NEAREST, farthest)`.
+    pub fn hit(&self, line: &Line, farthest: f64) -> Option<Hit> {
+        match self {
+            Self::Solid { base, cuts } => {
+                let (t, normal) = carve(base, cuts, line)?;
+                (t < farthest).then(|| {
+                    let texture_point = base.frame.point_to_local(line.at(t));
+                    let texture_normal = base.frame.rotation.transpose() * normal;
+                    Hit { t, normal, texture_point, texture_normal }
+                })
+            }
+            Self::Ring { frame, radius, tube } => {
+                let local = frame.to_local(line);
+                let t = ring(&local, *radius, *tube, farthest)?;
+                let p = local.at(t);
+                let flat = DVec2::new(p.x, p.y);
+                let heart = (flat.normalize_or(DVec2::X) * *radius).extend(0.0);
+                let normal = (p - heart).normalize_or(DVec3::Z);
+                let around = normal.z.atan2(flat.length() - radius);
+                let texture_point = DVec3::new(flat.y.atan2(flat.x) * radius, around, 0.0);
+                Some(Hit { t, normal: frame.rotation * normal, texture_point, texture_normal: DVec3::Z })
+            }
+            Self::Piece { capsule, from, to, tube } => {
+                let span = capsule.span(line)?;
+                let t = if span.enter > NEAREST { span.enter } else { span.exit };
+                (t > NEAREST && t < farthest).then(|| piece_hit(line.at(t), t, from, to, *tube))
+            }
+        }
+    }
+}
+
+/// The first point after the start where the line goes from outside `base − cuts` to its surface.
+fn carve(base: &Convex, cuts: &[Convex], line: &Line) -> Option<(f64, DVec3)> {
+    let span = base.span(line)?;
+    if span.exit <= NEAREST {
+        return None;
+    }
+    if span.enter <= NEAREST && cuts.is_empty() {
+        return Some((span.exit, span.exit_normal));
+    }
+    let (mut t, mut normal) = (span.enter, span.enter_normal);
+    let mut holes: Vec<_> = cuts.iter().filter_map(|c| c.span(line)).collect();
+    holes.sort_by(|a, b| a.enter.total_cmp(&b.enter));
+    // Solid intervals are what the holes leave of the span; walk them in order.
+    for hole in &holes {
+        if hole.enter > t {
+            // Solid from t up to the hole: a front face at t, or the inside of its far wall.
+            if t > NEAREST {
+                return Some((t, normal));
+            }
+            if hole.enter > NEAREST && hole.enter < span.exit {
+                return Some((hole.enter, -hole.enter_normal));
+            }
+        }
+        if hole.exit > t {
+            (t, normal) = (hole.exit, -hole.exit_normal);
+        }
+        if t >= span.exit {
+            return None;
+        }
+    }
+    if t > NEAREST { Some((t, normal)) } else { Some((span.exit, span.exit_normal)) }
+}
+
+/// Sphere tracing within the slab and the cylinder that hold the torus. The field is a true
+/// distance, so no step is too long.
+fn ring(line: &Line, radius: f64, tube: f64, farthest: f64) -> Option<f64> {
+    let middle = -line.origin.dot(line.direction);
+    let reach = radius + tube;
+    let half2 = reach * reach - line.at(middle).length_squared();
+    if half2 <= 0.0 {
+        return None;
+    }
+    let half = half2.sqrt();
+    let end = (middle + half).min(farthest);
+    let mut t = (middle - half).max(NEAREST);
+    let distance = |p: DVec3| {
+        let across = DVec2::new(p.x, p.y).length() - radius;
+        DVec2::new(across, p.z).length() - tube
+    };
+    // Rays that start on the surface step off it first.
+    if t <= NEAREST && distance(line.at(t)) < 1e-4 {
+        t += 1e-3;
+    }
+    for _ in 0..200 {
+        if t >= end {
+            return None;
+        }
+        let d = distance(line.at(t)).abs();
+        if d < 1e-9 {
+            return Some(t);
+        }
+        t += d;
+    }
+    None
+}
+
+fn piece_hit(p: DVec3, t: f64, from: &Knot, to: &Knot, tube: f64) -> Hit {
+    let chord = to.point - from.point;
+    let s = ((p - from.point).dot(chord) / chord.length_squared()).clamp(0.0, 1.0);
+    let tangent = from.tangent.lerp(to.tangent, s).normalize_or(from.tangent);
+    let from_axis = p - from.point.lerp(to.point, s);
+    let normal = (from_axis - tangent * from_axis.dot(tangent)).normalize_or(from_axis / tube);
+    let side = from.side.lerp(to.side, s);
+    let angle = normal.dot(tangent.cross(side)).atan2(normal.dot(side));
+    let length = from.length + (to.length - from.length) * s;
+    Hit { t, normal, texture_point: DVec3::new(length, angle, 0.0), texture_normal: DVec3::Z }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(origin: DVec3, direction: DVec3) -> Line {
+        Line { origin, direction: direction.normalize() }
+    }
+
+    #[test]
+    fn a_hole_lets_rays_through_and_shows_its_wall() {
+        let shape = Shape::Solid {
+            base: Convex::block(DVec3::ZERO, DVec3::splat(2.0)),
+            cuts: vec![Convex::rod(DVec3::X * -2.0, DVec3::X * 2.0, 0.5)],
+        };
+        let far = f64::INFINITY;
+        assert!(shape.hit(&line(DVec3::X * 5.0, DVec3::NEG_X), far).is_none());
+        let face = shape.hit(&line(DVec3::new(5.0, 0.9, 0.0), DVec3::NEG_X), far).unwrap();
+        assert!((face.t - 4.0).abs() < 1e-12 && face.normal == DVec3::X);
+        // Slanted into the hole: meets the bore's wall, which faces the axis.
+        let wall = shape.hit(&line(DVec3::new(5.0, 0.0, 0.0), DVec3::new(-5.0, 0.5, 0.0)), far).unwrap();
+        assert!((wall.t * 0.5 / 25.25f64.sqrt() - 0.5).abs() < 1e-9);
+        assert!((wall.normal - DVec3::NEG_Y).length() < 1e-9);
+    }
+
+    #[test]
+    fn a_ring_has_a_hole_and_exact_depth() {
+        let shape = Shape::Ring { frame: Frame::at(DVec3::ZERO), radius: 1.0, tube: 0.25 };
+        let far = f64::INFINITY;
+        assert!(shape.hit(&line(DVec3::Z * 3.0, DVec3::NEG_Z), far).is_none());
+        let hit = shape.hit(&line(DVec3::new(1.0, 0.0, 3.0), DVec3::NEG_Z), far).unwrap();
+        assert!((hit.t - 2.75).abs() < 1e-6 && hit.normal.z > 0.999);
+    }
+}

@@ -1,0 +1,136 @@
+//! Colours that vary over a surface. All are linear RGB.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+/// How a surface's own colour depends on the place.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Texture {
+    /// One colour with a faint grain.
+    Plain(DVec3),
+    /// Cells of two colours, `per_unit` of them along each axis.
+    Checker { a: DVec3, b: DVec3, per_unit: DVec3 },
+    /// Stripes across `direction`, whose length is their number per unit.
+    Stripes { a: DVec3, b: DVec3, direction: DVec3 },
+    /// Courses of bricks of the given width and height on faces that stand upright; `round` wraps
+    /// them about z.
+    Bricks { brick: DVec3, mortar: DVec3, width: f64, height: f64, round: bool },
+    /// Veins of `b` in `a`.
+    Marble { a: DVec3, b: DVec3, per_unit: f64 },
+    /// Wavy bands along local z, as on a gas planet.
+    Bands { a: DVec3, b: DVec3, c: DVec3, per_unit: f64 },
+    /// Land and sea: patches of `a` on `b`, white towards the local poles beyond `cap`.
+    Patches { a: DVec3, b: DVec3, per_unit: f64, cap: f64 },
+    /// Scales or shingles in courses along local z around z.
+    Shingles { a: DVec3, b: DVec3, around: f64, per_unit: f64 },
+}
+
+impl Texture {
+    /// The colour at local point `p` of a surface that faces `n` there.
+    pub fn at(&self, p: DVec3, n: DVec3) -> DVec3 {
+        match *self {
+            Self::Plain(a) => a * (0.92 + 0.16 * noise(p * 30.0)),
+            Self::Checker { a, b, per_unit } => {
+                // Shifted by an odd amount, so that no cell boundary falls on a face.
+                let q = (p * per_unit + DVec3::splat(0.137)).floor();
+                let odd = (q.x + q.y + q.z).rem_euclid(2.0) >= 1.0;
+                (if odd { a } else { b }) * (0.85 + 0.3 * noise(p * 24.0))
+            }
+            Self::Stripes { a, b, direction } => {
+                let phase = (p.dot(direction) + 0.071).rem_euclid(1.0);
+                (if phase < 0.5 { a } else { b }) * (0.88 + 0.24 * noise(p * 24.0))
+            }
+            Self::Bricks { brick, mortar, width, height, round } => {
+                let (u, v) = wrap(p, n, round);
+                bricks(brick, mortar, u / width, v / height) * (0.8 + 0.4 * noise(p * 40.0))
+            }
+            Self::Marble { a, b, per_unit } => {
+                let q = p * per_unit;
+                let vein = (TAU * (0.35 * q.x + 0.5 * q.z + 1.3 * fractal(q))).sin().abs();
+                a.lerp(b, (1.0 - vein).powi(3))
+            }
+            Self::Bands { a, b, c, per_unit } => {
+                let z = p.z * per_unit + 0.35 * fractal(p * per_unit * DVec3::new(0.8, 0.8, 0.4));
+                let first = a.lerp(b, smooth(0.5 + 0.5 * (TAU * z).sin()));
+                first.lerp(c, smooth(0.5 + 0.5 * (TAU * 0.37 * z + 1.0).sin()) * 0.7)
+            }
+            Self::Patches { a, b, per_unit, cap } => {
+                let height = fractal(p * per_unit);
+                let land = smooth(((height - 0.5) * 14.0 + 0.5).clamp(0.0, 1.0));
+                let polar = ((p.normalize_or(DVec3::Z).z.abs() + 0.15 * height - cap) * 12.0).clamp(0.0, 1.0);
+                b.lerp(a * (0.6 + 0.8 * fractal(p * per_unit * 3.0)), land).lerp(DVec3::splat(0.9), polar)
+            }
+            Self::Shingles { a, b, around, per_unit } => {
+                let v = p.z * per_unit;
+                let row = v.floor();
+                let u = p.y.atan2(p.x) / TAU * around + 0.5 * row.rem_euclid(2.0);
+                let (fu, fv) = (u.rem_euclid(1.0) - 0.5, v - row);
+                let shade = hash([u.floor() as i64, row as i64, 7]);
+                let edge = if fv + 0.6 * fu * fu * 4.0 < 0.28 || fu.abs() > 0.46 { 0.35 } else { 1.0 };
+                a.lerp(b, shade) * edge
+            }
+        }
+    }
+}
+
+/// Surface coordinates for masonry: length along the wall and height.
+fn wrap(p: DVec3, n: DVec3, round: bool) -> (f64, f64) {
+    let n = n.abs();
+    if n.z > 0.7 {
+        (p.x, p.y)
+    } else if round {
+        (p.y.atan2(p.x) * p.truncate().length(), p.z)
+    } else if n.x > n.y {
+        (p.y, p.z)
+    } else {
+        (p.x, p.z)
+    }
+}
+
+fn bricks(brick: DVec3, mortar: DVec3, u: f64, v: f64) -> DVec3 {
+    let row = v.floor();
+    let u = u + 0.5 * row.rem_euclid(2.0);
+    let (fu, fv) = (u.rem_euclid(1.0), v - row);
+    if fu < 0.08 || fv < 0.14 {
+        return mortar;
+    }
+    brick * (0.55 + 0.9 * hash([u.floor() as i64, row as i64, 3]))
+}
+
+fn smooth(x: f64) -> f64 {
+    x * x * (3.0 - 2.0 * x)
+}
+
+/// Three octaves of [`noise`], in `[0, 1]`.
+fn fractal(p: DVec3) -> f64 {
+    (4.0 * noise(p) + 2.0 * noise(p * 2.03) + noise(p * 4.11)) / 7.0
+}
+
+/// Smooth value noise in `[0, 1]` with features of size 1.
+fn noise(p: DVec3) -> f64 {
+    let cell = p.floor();
+    let f = p - cell;
+    let f = f * f * (DVec3::splat(3.0) - 2.0 * f);
+    let [x, y, z] = cell.to_array().map(|c| c as i64);
+    let corner = |dx: i64, dy: i64, dz: i64| hash([x + dx, y + dy, z + dz]);
+    let mix = |a: f64, b: f64, s: f64| a + (b - a) * s;
+    let face = |dz| {
+        mix(
+            mix(corner(0, 0, dz), corner(1, 0, dz), f.x),
+            mix(corner(0, 1, dz), corner(1, 1, dz), f.x),
+            f.y,
+        )
+    };
+    mix(face(0), face(1), f.z)
+}
+
+/// A number in `[0, 1)` that looks random, from a lattice point.
+fn hash([x, y, z]: [i64; 3]) -> f64 {
+    let mut h = (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15)
+        ^ (y as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f)
+        ^ (z as u64).wrapping_mul(0x1656_67b1_9e37_79f9);
+    h = (h ^ (h >> 32)).wrapping_mul(0xd6e8_feb8_6659_fd93);
+    h = (h ^ (h >> 32)).wrapping_mul(0xd6e8_feb8_6659_fd93);
+    (h >> 11) as f64 / (1u64 << 53) as f64
+}

@@ -1,0 +1,181 @@
+//! Choosing the few training views.
+
+mod mt19937;
+mod spread;
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use crate::{Camera, SceneError};
+use mt19937::Mt19937;
+
+/// How to choose training views from all that a scene has.
+///
+/// Every rule depends only on its own fields and the cameras, and so is repeatable. Angles are
+/// between directions from the scene's centre (the point nearest to all optical axes) to the
+/// cameras, or between viewing directions where cameras look outwards.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ViewSelection {
+    /// These views, in this order.
+    Ids(Vec<usize>),
+    /// `count` views as NumPy's `RandomState(seed).choice(n, count, replace=False)` draws them.
+    ///
+    /// With 100 views, seeds 0 to 4 give the five published few-shot sets; seed 0 starts
+    /// 26, 86, 2, 55. `seed` is at most 2³² − 1, as in NumPy.
+    Seed {
+        /// NumPy's seed.
+        seed: u64,
+        /// How many views.
+        count: usize,
+    },
+    /// `count` views, the first drawn from `seed`, each next one the farthest (Euclidean, between
+    /// camera positions) from all chosen so far.
+    FarthestPoint {
+        /// How many views.
+        count: usize,
+        /// Decides the first view.
+        seed: u64,
+    },
+    /// `count` random views of which each is within `angle_deg` of each other.
+    Narrow {
+        /// How many views.
+        count: usize,
+        /// The greatest angle between any two views, in degrees.
+        angle_deg: f64,
+        /// Which set, where there are several.
+        seed: u64,
+    },
+    /// `count` random views that surround the scene: of 256 random sets the one whose smallest
+    /// angle between two views is largest.
+    Wide {
+        /// How many views.
+        count: usize,
+        /// Decides the random sets.
+        seed: u64,
+    },
+    /// Every view.
+    All,
+}
+
+impl ViewSelection {
+    /// The indices of the chosen views in `cameras`, in the order in which they were chosen.
+    ///
+    /// # Errors
+    /// `cameras` is empty; no view is asked for, or more than there are; an id is out of range or
+    /// given twice; a NumPy seed above 2³² − 1; an angle that is not positive; or no `count` views
+    /// within it.
+    pub fn select(&self, cameras: &[Camera]) -> Result<Vec<usize>, SceneError> {
+        let n = cameras.len();
+        match self {
+            _ if n == 0 => Err(error("a scene with at least one training view", "none")),
+            Self::Ids(ids) => check_ids("train", ids, n).map(|()| ids.clone()),
+            Self::All => Ok((0..n).collect()),
+            Self::Seed { seed, count } => {
+                check_count(*count, n)?;
+                let seed = u32::try_from(*seed)
+                    .map_err(|_| error("a NumPy seed of at most 4294967295", seed))?;
+                let mut order = Mt19937::new(seed).permutation(n);
+                order.truncate(*count);
+                Ok(order)
+            }
+            Self::FarthestPoint { count, seed } => {
+                check_count(*count, n)?;
+                Ok(spread::farthest_point(cameras, *count, &mut ChaCha8Rng::seed_from_u64(*seed)))
+            }
+            Self::Wide { count, seed } => {
+                check_count(*count, n)?;
+                Ok(spread::wide(cameras, *count, &mut ChaCha8Rng::seed_from_u64(*seed)))
+            }
+            Self::Narrow { count, angle_deg, seed } => {
+                check_count(*count, n)?;
+                if !(angle_deg.is_finite() && *angle_deg > 0.0) {
+                    return Err(error("a positive angle in degrees", angle_deg));
+                }
+                let mut rng = ChaCha8Rng::seed_from_u64(*seed);
+                spread::narrow(cameras, *count, angle_deg.to_radians(), &mut rng).ok_or_else(|| {
+                    error(format!("{count} views within {angle_deg}° of each other"), "fewer")
+                })
+            }
+        }
+    }
+}
+
+/// `ids` must be non-empty, below `n` and without repetition.
+pub(crate) fn check_ids(field: &'static str, ids: &[usize], n: usize) -> Result<(), SceneError> {
+    if ids.is_empty() {
+        return Err(SceneError::request(field, "at least one view id", "none"));
+    }
+    let mut seen = std::collections::HashSet::new();
+    for &id in ids {
+        if id >= n {
+            let expected = format!("view ids from 0 to {}", n.saturating_sub(1));
+            return Err(SceneError::request(field, expected, id));
+        }
+        if !seen.insert(id) {
+            return Err(SceneError::request(field, "each view id once", format!("{id} twice")));
+        }
+    }
+    Ok(())
+}
+
+fn check_count(count: usize, n: usize) -> Result<(), SceneError> {
+    if count == 0 || count > n {
+        return Err(error(format!("a number of views from 1 to {n}"), count));
+    }
+    Ok(())
+}
+
+fn error(expected: impl Into<String>, found: impl std::fmt::Display) -> SceneError {
+    SceneError::request("train", expected, found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::procedural::train_cameras;
+
+    fn cameras() -> Vec<Camera> {
+        train_cameras(8)
+    }
+
+    fn message(selection: ViewSelection) -> String {
+        selection.select(&cameras()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn seed_repeats_numpy() {
+        let ids = ViewSelection::Seed { seed: 0, count: 4 }.select(&cameras()).unwrap();
+        assert_eq!(ids, [26, 86, 2, 55]);
+    }
+
+    #[test]
+    fn bad_requests_say_what_is_wrong() {
+        assert!(message(ViewSelection::Ids(vec![])).contains("at least one view id"));
+        assert!(message(ViewSelection::Ids(vec![1, 100])).contains("0 to 99, found 100"));
+        assert!(message(ViewSelection::Ids(vec![1, 2, 1])).contains("1 twice"));
+        assert!(message(ViewSelection::Seed { seed: 0, count: 101 }).contains("found 101"));
+        assert!(message(ViewSelection::Seed { seed: 0, count: 0 }).contains("found 0"));
+        assert!(message(ViewSelection::Seed { seed: 1 << 32, count: 1 }).contains("NumPy seed"));
+        let narrow = |angle_deg| ViewSelection::Narrow { count: 4, angle_deg, seed: 0 };
+        assert!(message(narrow(f64::NAN)).contains("positive angle"));
+        assert!(message(narrow(1e-6)).contains("within 0.000001°"));
+        assert!(ViewSelection::All.select(&[]).is_err());
+    }
+
+    #[test]
+    fn every_rule_gives_distinct_views_and_repeats() {
+        let rules = [
+            ViewSelection::Seed { seed: 3, count: 8 },
+            ViewSelection::FarthestPoint { count: 8, seed: 3 },
+            ViewSelection::Narrow { count: 4, angle_deg: 40.0, seed: 3 },
+            ViewSelection::Wide { count: 8, seed: 3 },
+            ViewSelection::All,
+        ];
+        for rule in rules {
+            let ids = rule.select(&cameras()).unwrap();
+            check_ids("train", &ids, 100).unwrap();
+            assert_eq!(ids, rule.select(&cameras()).unwrap());
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! Rules that look at where the cameras are.
+
+use rand::Rng;
+use rand::seq::{SliceRandom, index};
+
+use crate::Camera;
+use crate::poses::view_directions;
+
+/// Random sets that [`wide`] tries.
+const TRIES: usize = 256;
+
+/// Greedy farthest-point sampling on camera positions. `count ≤ cameras.len()`.
+pub(super) fn farthest_point(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<usize> {
+    if cameras.is_empty() || count == 0 {
+        return Vec::new();
+    }
+    let mut chosen = vec![rng.random_range(0..cameras.len())];
+    let mut nearest = vec![f64::INFINITY; cameras.len()];
+    while chosen.len() < count {
+        let last = cameras[chosen[chosen.len() - 1]].position_f64();
+        for (distance, camera) in nearest.iter_mut().zip(cameras) {
+            *distance = distance.min(camera.position_f64().distance_squared(last));
+        }
+        let farthest = (0..cameras.len())
+            .filter(|i| !chosen.contains(i))
+            .max_by(|&i, &j| nearest[i].total_cmp(&nearest[j]));
+        match farthest {
+            Some(i) => chosen.push(i),
+            None => break,
+        }
+    }
+    chosen
+}
+
+/// Of [`TRIES`] random sets the one whose least pairwise angle is greatest.
+pub(super) fn wide(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<usize> {
+    let directions = view_directions(cameras);
+    let greatest_cosine = |set: &Vec<usize>| {
+        let pairs = set.iter().enumerate().flat_map(|(k, &i)| set[..k].iter().map(move |&j| (i, j)));
+        pairs.map(|(i, j)| directions[i].dot(directions[j])).fold(-1.0, f64::max)
+    };
+    (0..TRIES)
+        .map(|_| index::sample(rng, cameras.len(), count.min(cameras.len())).into_vec())
+        .min_by(|a, b| greatest_cosine(a).total_cmp(&greatest_cosine(b)))
+        .unwrap_or_default()
+}
+
+/// `count` views that are pairwise within `angle` radians: anchors in random order, each completed
+/// greedily from its neighbours in random order and then in order of nearness; the first anchor
+/// that can be completed wins. `None` where none can.
+pub(super) fn narrow(
+    cameras: &[Camera],
+    count: usize,
+    angle: f64,
+    rng: &mut impl Rng,
+) -> Option<Vec<usize>> {
+    let directions = view_directions(cameras);
+    // Beyond π every pair is within the angle.
+    let cosine = angle.min(std::f64::consts::PI).cos() - 1e-12;
+    let complete = |anchor: usize, order: &[usize]| {
+        let mut set = vec![anchor];
+        for &i in order {
+            if set.len() == count {
+                break;
+            }
+            let fits = |&j: &usize| directions[i].dot(directions[j]) >= cosine;
+            if !set.contains(&i) && set.iter().all(fits) {
+                set.push(i);
+            }
+        }
+        (set.len() == count).then_some(set)
+    };
+    let mut anchors: Vec<usize> = (0..cameras.len()).collect();
+    anchors.shuffle(rng);
+    let mut random = anchors.clone();
+    random.shuffle(rng);
+    anchors.iter().find_map(|&anchor| {
+        let mut near = random.clone();
+        near.sort_by(|&i, &j| {
+            let to_anchor = |k: usize| directions[k].dot(directions[anchor]);
+            to_anchor(j).total_cmp(&to_anchor(i))
+        });
+        complete(anchor, &random).or_else(|| complete(anchor, &near))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::procedural::train_cameras;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    fn widest_and_closest(cameras: &[Camera], ids: &[usize]) -> (f64, f64) {
+        let d = view_directions(cameras);
+        let mut angles = Vec::new();
+        for (k, &i) in ids.iter().enumerate() {
+            for &j in &ids[..k] {
+                angles.push(d[i].dot(d[j]).clamp(-1.0, 1.0).acos().to_degrees());
+            }
+        }
+        let most = angles.iter().copied().fold(0.0, f64::max);
+        (most, angles.iter().copied().fold(180.0, f64::min))
+    }
+
+    #[test]
+    fn narrow_stays_within_the_angle() {
+        let cameras = train_cameras(8);
+        for seed in 0..10 {
+            let mut rng = ChaCha8Rng::seed_from_u64(seed);
+            let ids = narrow(&cameras, 4, 30f64.to_radians(), &mut rng).unwrap();
+            assert!(widest_and_closest(&cameras, &ids).0 <= 30.0 + 1e-6);
+        }
+    }
+
+    #[test]
+    fn wide_and_farthest_point_keep_apart() {
+        let cameras = train_cameras(8);
+        for seed in 0..10 {
+            let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+            assert!(widest_and_closest(&cameras, &wide(&cameras, 4, rng)).1 > 60.0);
+            assert!(widest_and_closest(&cameras, &farthest_point(&cameras, 4, rng)).1 > 60.0);
+        }
+    }
+
+    #[test]
+    fn identical_cameras_do_not_loop() {
+        let cameras = vec![train_cameras(8)[0].clone(); 5];
+        let rng = &mut ChaCha8Rng::seed_from_u64(0);
+        assert_eq!(farthest_point(&cameras, 5, rng).len(), 5);
+        assert_eq!(wide(&cameras, 5, rng).len(), 5);
+        assert_eq!(narrow(&cameras, 5, 0.1, rng).map(|s| s.len()), Some(5));
+    }
+}
