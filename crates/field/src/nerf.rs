@@ -71,8 +71,8 @@ impl NerfMlp {
     fn encode_directions(&self, points: Points<'_>) -> Tensor<2> {
         let device = self.device();
         let width = encoded_width(3, self.config.direction_octaves);
-        let rays = frequency_encode(points.directions, 3, self.config.direction_octaves, &[], &device).into_data();
-        let rays = rays.as_slice::<f32>().expect("the encoding is f32");
+        let rays = frequency_encode(points.directions, 3, self.config.direction_octaves, &[], &device);
+        let rays = &infonerf_ops::to_host(rays);
         let rows: Vec<f32> = points
             .segments
             .ranges()

@@ -16,7 +16,8 @@ pub struct Comparison {
 }
 
 impl Comparison {
-    /// Mean of each metric over test views; a view without a value is left out of that metric's mean. `None` for no views.
+    /// Mean of each metric over test views; a view without a value is left out of that metric's mean. `None` for no
+    /// views.
     ///
     /// PSNR is averaged in decibels, as in the literature, so one view reproduced exactly makes the mean infinite.
     #[must_use]

@@ -2,12 +2,12 @@ use crate::MetricError;
 
 /// Root mean square error of depth, in the unit of the scene, over the pixels whose true depth is finite.
 ///
-/// `RMSE = sqrt(Σ_i m_i (d_i − d*_i)² / Σ_i m_i)`, `m_i = 1` where the truth `d*_i` is finite: loaders store `+∞` (or NaN)
-/// where a ray hits nothing. `None` when no true depth is finite.
+/// `RMSE = sqrt(Σ_i m_i (d_i − d*_i)² / Σ_i m_i)`, `m_i = 1` where the truth `d*_i` is finite: loaders store `+∞` (or
+/// NaN) where a ray hits nothing. `None` when no true depth is finite.
 ///
 /// # Errors
-/// [`MetricError::Length`] when the maps differ in length; [`MetricError::NonFinite`] when a prediction is not finite where
-/// the truth is.
+/// [`MetricError::Length`] when the maps differ in length; [`MetricError::NonFinite`] when a prediction is not finite
+/// where the truth is.
 pub fn depth_rmse(prediction: &[f32], truth: &[f32]) -> Result<Option<f64>, MetricError> {
     if prediction.len() != truth.len() {
         return Err(MetricError::Length { what: "depth", found: prediction.len(), expected: truth.len() });

@@ -9,8 +9,8 @@ const STABILISER: f64 = 170.0 / (255.0 * 255.0);
 ///
 /// `GMS = (2 m_r m_t + c) / (m_r² + m_t² + c)`, `c = 170 / 255² ≈ 0.0026`, `GMSD = sqrt(mean((GMS − mean(GMS))²))`
 ///
-/// (Xue, Zhang, Mou, Bovik 2014, Eqs. 4–6). Outside the image all values are 0, as in the authors' implementation, also in the
-/// last block of an odd side. The deviation divides by the number of pixels, as in the paper.
+/// (Xue, Zhang, Mou, Bovik 2014, Eqs. 4–6). Outside the image all values are 0, as in the authors' implementation,
+/// also in the last block of an odd side. The deviation divides by the number of pixels, as in the paper.
 ///
 /// Images are row-major `[height × width]`, any size from 1×1.
 ///
@@ -44,7 +44,8 @@ impl Grey {
         self.values.len() / self.width.max(1)
     }
 
-    /// Value at column `x` and row `y`, each shifted by `−1` so that the left and upper neighbours have unsigned positions.
+    /// Value at column `x` and row `y`, each shifted by `−1` so that the left and upper neighbours have unsigned
+    /// positions.
     fn shifted(&self, x: usize, y: usize) -> f64 {
         let inside = (1..=self.width).contains(&x) && (1..=self.height()).contains(&y);
         if inside { self.values[(y - 1) * self.width + x - 1] } else { 0.0 }

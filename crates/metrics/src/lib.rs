@@ -1,8 +1,9 @@
 //! Image, depth and summary metrics of a few-shot radiance field.
 //!
-//! Images are row-major slices of RGB triples, `pixels[y * width + x]`, with values in `[0, 1]` as displayed and composited
-//! on the background; every metric is a pure function of two of them. [`compare`] is the evaluation protocol (both images
-//! rounded to 8 bits first, then every metric), [`Summary`] the mean ± standard deviation over seeds.
+//! Images are row-major slices of RGB triples, `pixels[y * width + x]`, with values in `[0, 1]` as displayed and
+//! composited on the background; every metric is a pure function of two of them. [`compare`] is the evaluation
+//! protocol (both images rounded to 8 bits first, then every metric), [`Summary`] the mean ± standard deviation over
+//! seeds.
 //!
 //! ```
 //! use infonerf_metrics::{Comparison, compare, psnr};

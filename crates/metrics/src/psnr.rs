@@ -2,8 +2,8 @@ use crate::{MetricError, validate};
 
 /// Peak signal-to-noise ratio in decibels, data range 1.
 ///
-/// `PSNR = −10 · log₁₀(MSE)`, with the mean square error over all pixels and the three channels together (Mildenhall et al.
-/// 2020). Identical images give `+∞`. The protocol rounds both images to 8 bits first: see [`crate::compare`].
+/// `PSNR = −10 · log₁₀(MSE)`, with the mean square error over all pixels and the three channels together (Mildenhall
+/// et al. 2020). Identical images give `+∞`. The protocol rounds both images to 8 bits first: see [`crate::compare`].
 ///
 /// # Errors
 /// [`MetricError::Empty`], [`MetricError::Length`] when the images differ in length, [`MetricError::NonFinite`].

@@ -4,8 +4,8 @@ use crate::{MetricError, validate};
 
 /// Pixels rounded to 8 bits and back: `round(255 · clamp(x, 0, 1)) / 255`, what a PNG of them would hold.
 ///
-/// The protocol rounds before any metric, so that a render in memory and the same render read from disk score the same. NaN
-/// stays NaN, for a metric to refuse.
+/// The protocol rounds before any metric, so that a render in memory and the same render read from disk score the
+/// same. NaN stays NaN, for a metric to refuse.
 #[must_use]
 pub fn quantise_8bit(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
     pixels.iter().map(|pixel| pixel.map(|value| rounded(value) / 255.0)).collect()

@@ -1,7 +1,7 @@
 use crate::{MetricError, luminance, validate};
 
-/// Mean image-gradient magnitude of a render over that of the truth: 1 is as sharp as the truth, below 1 is blur, above 1 is
-/// noise or ringing.
+/// Mean image-gradient magnitude of a render over that of the truth: 1 is as sharp as the truth, below 1 is blur,
+/// above 1 is noise or ringing.
 ///
 /// `sharpness = mean‖∇Y_render‖ / mean‖∇Y_truth‖` with [`mean_gradient`]. `None` when the truth is flat.
 ///
@@ -23,7 +23,8 @@ pub fn sharpness(
 
 /// Mean over all pixels of `sqrt(Y_x² + Y_y²)`, in luma per pixel.
 ///
-/// `Y_x` and `Y_y` are central differences `(Y[i+1] − Y[i−1]) / 2` inside and one-sided differences at the border (NumPy's
+/// `Y_x` and `Y_y` are central differences `(Y[i+1] − Y[i−1]) / 2` inside and one-sided differences at the border
+/// (NumPy's
 /// `gradient`); along a side of one pixel the derivative is 0. `Y` is [`luminance`].
 ///
 /// # Errors

@@ -10,16 +10,17 @@ const C2: f64 = 0.03 * 0.03;
 
 /// Structural similarity: mean over the three channels and over all windows that lie inside the image.
 ///
-/// With Gaussian-weighted (11×11, σ = 1.5, population weights) means `μ`, variances `σ²` and covariance `σ_xy` of a window,
+/// With Gaussian-weighted (11×11, σ = 1.5, population weights) means `μ`, variances `σ²` and covariance `σ_xy` of a
+/// window,
 ///
 /// `SSIM = (2 μ_x μ_y + C₁)(2 σ_xy + C₂) / ((μ_x² + μ_y² + C₁)(σ_x² + σ_y² + C₂))`, `C₁ = 0.01²`, `C₂ = 0.03²`
 ///
 /// (Wang et al. 2004, data range 1). Equals scikit-image's `structural_similarity(gaussian_weights=True, sigma=1.5,
-/// use_sample_covariance=False, channel_axis=-1, data_range=1)`: that crops a border of 5 pixels before its mean, so the
-/// padding of its filter never enters.
+/// use_sample_covariance=False, channel_axis=-1, data_range=1)`: that crops a border of 5 pixels before its mean, so
+/// the padding of its filter never enters.
 ///
-/// Images are row-major `[height × width]`. Works on several threads; the sum is taken in row order, so the value does not
-/// depend on their number.
+/// Images are row-major `[height × width]`. Works on several threads; the sum is taken in row order, so the value does
+/// not depend on their number.
 ///
 /// # Errors
 /// [`MetricError::TooSmall`] when a side is below [`SSIM_WINDOW`]: no window fits, and no padding is invented.
@@ -64,8 +65,8 @@ impl Moments {
 
 /// Sum of SSIM over the windows whose top row is `top`.
 ///
-/// The vertical pass runs along whole interleaved rows and the horizontal pass in strides of three, so that all channels go
-/// through together. Only `σ_x² + σ_y²` enters the formula, so the two squares share one filter.
+/// The vertical pass runs along whole interleaved rows and the horizontal pass in strides of three, so that all
+/// channels go through together. Only `σ_x² + σ_y²` enters the formula, so the two squares share one filter.
 fn row_sum(
     kernel: &[f64; SSIM_WINDOW],
     render: &[f32],

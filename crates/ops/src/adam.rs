@@ -176,7 +176,7 @@ mod tests {
                 let next = adam.step(0.05, x, g, state);
                 (x, state) = next;
             }
-            let got = x.into_data().to_vec::<f32>().unwrap();
+            let got = crate::to_host(x);
             for (got, (want, ..)) in got.iter().zip(oracle) {
                 approx::assert_abs_diff_eq!(f64::from(*got), want, epsilon = 1e-5);
             }

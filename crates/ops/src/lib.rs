@@ -41,3 +41,9 @@ pub fn has_host_kernels(device: &burn::tensor::Device) -> bool {
         false
     }
 }
+
+/// A tensor's numbers on the host, row-major, in single precision.
+pub fn to_host<const D: usize>(tensor: burn::tensor::Tensor<D>) -> Vec<f32> {
+    let data = tensor.into_data().convert::<f32>();
+    data.try_to_vec().expect("the data were just converted to f32")
+}

@@ -1,3 +1,4 @@
+use infonerf_ops::to_host;
 use infonerf_scene::{Camera, Ray};
 
 use crate::{Counts, Level, Model, OccupancyGrid, Renderer, Want};
@@ -49,10 +50,9 @@ pub fn render_image(renderer: &Renderer, model: &Model, camera: &Camera, occupan
 
 impl RenderedImage {
     fn append(&mut self, level: &Level) {
-        let numbers = |data: burn::tensor::TensorData| data.to_vec::<f32>().expect("renders are f32");
-        let rgb = numbers(level.color.as_ref().expect("colour was wanted").to_data());
-        let acc = numbers(level.composite.acc.to_data());
-        let depth = numbers(level.depth.to_data());
+        let rgb = to_host(level.color.clone().expect("colour was wanted"));
+        let acc = to_host(level.composite.acc.clone());
+        let depth = to_host(level.depth.clone());
         self.rgb.extend(rgb.chunks_exact(3).map(|c| [c[0], c[1], c[2]]));
         self.depth.extend(depth.iter().zip(&acc).map(|(d, &a)| if a > HIT { d / a } else { f32::INFINITY }));
         self.acc.extend(acc);

@@ -23,6 +23,11 @@ impl Noise {
         Self { seed: mix(self.seed) }
     }
 
+    /// The stream's own seed, for generators that want one.
+    pub fn bits(self) -> u64 {
+        self.seed
+    }
+
     /// Uniform in 0..`count`.
     pub fn below(self, item: usize, index: usize, count: usize) -> usize {
         let bits = mix(self.seed ^ mix(((item as u64) << 24) ^ index as u64));

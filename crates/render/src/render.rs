@@ -1,7 +1,7 @@
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_field::{Points, RadianceField};
-use infonerf_ops::{Composite, composite::composite, composite::weights};
+use infonerf_ops::{Composite, composite::composite, composite::weights, to_host};
 use infonerf_scene::{Aabb, Ray, Scene};
 
 use crate::sampler::{importance, intervals, stratified};
@@ -209,8 +209,7 @@ impl Renderer {
 
     /// Distances of the fine pass, drawn from the coarse weights. A coarse sample that was skipped has weight 0.
     fn fine_candidates(&self, coarse: &[Candidates], level: &Level, noise: Option<Noise>) -> Vec<Candidates> {
-        let tau = level.tau.to_data();
-        let weights = weights(tau.as_slice::<f32>().expect("optical depth is f32"), &level.samples.segments);
+        let weights = weights(&to_host(level.tau.clone()), &level.samples.segments);
         let shifted = noise.map(Noise::next);
         coarse
             .iter()

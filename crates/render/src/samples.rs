@@ -22,7 +22,7 @@ pub struct Samples {
 impl Samples {
     /// Packs the samples of each ray: `of(ray index)` gives the kept `(t, delta)` and how many candidates there were.
     pub(crate) fn pack(rays: &[Ray], of: impl Fn(usize) -> (Vec<(f32, f32)>, usize) + Sync) -> Self {
-        let kept: Vec<_> = (0..rays.len()).into_par_iter().with_min_len(32).map(of).collect();
+        let kept: Vec<_> = (0..rays.len()).into_par_iter().with_min_len(32).map(&of).collect();
         let segments = Segments::from_counts(kept.iter().map(|(samples, _)| samples.len()));
         let total = segments.samples();
         let (mut t, mut delta, mut positions) =

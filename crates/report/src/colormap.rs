@@ -8,8 +8,8 @@ pub const ERROR_FULL_SCALE: f32 = 0.5;
 
 /// A dark blue to yellow map of even perceptual steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
 ///
-/// A least-squares polynomial of degree 6 through the 256 colours of matplotlib's `viridis`; largest deviation 0.017. `t`
-/// is clamped, NaN counts as 0.
+/// A least-squares polynomial of degree 6 through the 256 colours of matplotlib's `viridis`; largest deviation 0.017.
+/// `t` is clamped, NaN counts as 0.
 #[must_use]
 pub fn viridis(t: f32) -> [f32; 3] {
     polynomial(
@@ -28,8 +28,8 @@ pub fn viridis(t: f32) -> [f32; 3] {
 
 /// A blue to red rainbow that shows small steps, `t` in `[0, 1]` to RGB in `[0, 1]`.
 ///
-/// A least-squares polynomial of degree 7 through the 256 colours of `turbo`; largest deviation 0.052. `t` is clamped, NaN
-/// counts as 0.
+/// A least-squares polynomial of degree 7 through the 256 colours of `turbo`; largest deviation 0.052. `t` is clamped,
+/// NaN counts as 0.
 #[must_use]
 pub fn turbo(t: f32) -> [f32; 3] {
     polynomial(
@@ -49,8 +49,9 @@ pub fn turbo(t: f32) -> [f32; 3] {
 
 /// Picture of a depth map: near is red, far is blue ([`turbo`]), faded to white where little was hit.
 ///
-/// `colour = A · turbo((far − d) / (far − near)) + (1 − A)` with `A` the accumulated weight `acc`. `depth` and `acc` are
-/// row-major `[height × width]`; `depth`, `near` and `far` share a unit. A pixel whose depth or `acc` is not finite is white; when
+/// `colour = A · turbo((far − d) / (far − near)) + (1 − A)` with `A` the accumulated weight `acc`. `depth` and `acc`
+/// are row-major `[height × width]`; `depth`, `near` and `far` share a unit. A pixel whose depth or `acc` is not
+/// finite is white; when
 /// `near < far` does not hold, every hit has the middle colour.
 ///
 /// # Errors

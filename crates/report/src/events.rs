@@ -37,8 +37,8 @@ pub struct Events {
     pub steps: Vec<Step>,
     /// Evaluations, in the order of the file.
     pub evaluations: Vec<Evaluation>,
-    /// Lines that are not JSON, of an unknown event, or without a finite `step`. The last line of a run that was killed is
-    /// often one.
+    /// Lines that are not JSON, of an unknown event, or without a finite `step`. The last line of a run that was
+    /// killed is often one.
     pub skipped: usize,
 }
 

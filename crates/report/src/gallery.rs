@@ -37,6 +37,13 @@ pub(crate) struct Shots {
     pub(crate) error: Option<Picture>,
 }
 
+/// A kind of picture: its name, and where [`Shots`] keep it.
+pub(crate) type Kind = (&'static str, fn(&Shots) -> &Option<Picture>);
+
+/// The kinds, in the order of the rows.
+pub(crate) const KINDS: [Kind; 3] =
+    [("render", |shots| &shots.render), ("depth", |shots| &shots.depth), ("error", |shots| &shots.error)];
+
 /// A PNG file.
 pub(crate) struct Picture {
     /// Relative to the report, with forward slashes.

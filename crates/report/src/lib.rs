@@ -1,11 +1,25 @@
 //! What a run leaves behind, and what is made of it.
 //!
 //! - [`Record`]: one run as `results.json` holds it; [`save_record`] adds one safely while other processes do the same.
-//! - [`Table`]: variants against scenes or metrics, mean ± standard deviation over seeds, best in bold, as Markdown, CSV,
-//!   LaTeX or plain text, always below the [protocol](protocol_lines) that its numbers follow.
+//! - [`Table`]: variants against scenes or metrics, mean ± standard deviation over seeds, best in bold, as Markdown,
+//!   CSV, LaTeX or plain text, always below the [protocol](protocol_lines) that its numbers follow.
 //! - [`chart`]: small functions from numbers to an SVG string.
 //! - [`write_report`]: `report.html`, which needs nothing else, and `report.md`, which links the pictures of the runs.
 //! - [`depth_image`] and [`error_image`]: the pictures of depth and error that a run stores beside its renders.
+//!
+//! ```
+//! use infonerf_report::{Emphasis, Metric, Record, scene_table};
+//!
+//! let run = |variant: &str, psnr| Record {
+//!     scene: "lego".into(),
+//!     variant: variant.into(),
+//!     psnr: Some(psnr),
+//!     ..Record::default()
+//! };
+//! let table = scene_table(&[run("nerf", 15.9), run("infonerf", 18.9)], Metric::Psnr);
+//! assert!(table.to_markdown().contains("| infonerf | **18.90** |"));
+//! println!("{}", table.to_text(Emphasis::Terminal));
+//! ```
 
 pub mod chart;
 mod colormap;

@@ -1,8 +1,8 @@
 //! `report.md`: the report for a repository, with links to the pictures of the runs.
 
 use crate::{
-    Figure,
-    gallery::{Picture, Shots, View},
+    Figure, Table,
+    gallery::{KINDS, Picture, View},
     report::{Contents, Scene, plot_path},
     text::{escape_html, escape_markdown, escape_url},
 };
@@ -12,9 +12,9 @@ pub(crate) fn page(contents: &Contents) -> String {
     blocks.push(format!("Experiment {}", escape_markdown(&contents.input.experiment)));
     blocks.extend(contents.warnings.iter().map(|warning| format!("> **Note:** {}", escape_markdown(warning))));
     blocks.push("## Results".into());
-    blocks.push(contents.overview.to_markdown());
+    blocks.extend(contents.overviews.iter().map(Table::to_markdown));
     blocks.extend(contents.figures.iter().map(figure));
-    blocks.extend(contents.tables.iter().map(|table| table.to_markdown()));
+    blocks.extend(contents.tables.iter().map(Table::to_markdown));
     for scene in &contents.scenes {
         blocks.push(format!("## {}", escape_markdown(&scene.name)));
         blocks.extend(scene.gallery.views.iter().map(|one| view(scene, one)));
@@ -39,14 +39,12 @@ fn figure(figure: &Figure) -> String {
 
 /// A table with the truth and each run as columns; render, depth and error as rows.
 fn view(scene: &Scene, view: &View) -> String {
-    let kinds: [(&str, fn(&Shots) -> &Option<Picture>); 3] =
-        [("render", |shots| &shots.render), ("depth", |shots| &shots.depth), ("error", |shots| &shots.error)];
     let headings = scene.labels.iter().map(|label| format!(" {} |", escape_markdown(label))).collect::<String>();
     let mut lines = vec![
         format!("| view {} | truth |{headings}", escape_markdown(&view.name)),
         format!("| --- | --- |{}", " --- |".repeat(scene.labels.len())),
     ];
-    for (name, kind) in kinds {
+    for (name, kind) in KINDS {
         let truth = if name == "render" { image(&view.truth) } else { String::new() };
         let cells = view.shots.iter().map(|shots| format!(" {} |", image(kind(shots)))).collect::<String>();
         lines.push(format!("| {name} | {truth} |{cells}"));

@@ -4,8 +4,8 @@ use crate::{Record, table::distinct};
 /// iterations and device.
 ///
 /// Where records differ in one of these, the line says for which seed, scene, preset or variant it is what
-/// (`train views seed 0: 26, 86, 2, 55; seed 1: 80, 84, 33, 81`), or lists them as `mixed` where none of the four explains it. Iterations
-/// that differ are a range.
+/// (`train views seed 0: 26, 86, 2, 55; seed 1: 80, 84, 33, 81`), or lists them as `mixed` where none of the four
+/// explains it. Iterations that differ are a range.
 /// Empty for no records.
 #[must_use]
 pub fn protocol_lines(records: &[Record]) -> Vec<String> {

@@ -69,7 +69,8 @@ pub struct TestViews {
 }
 
 impl Record {
-    /// The record with every metric that is NaN or infinite set to `None` and named in `notes`: JSON has no such numbers.
+    /// The record with every metric that is NaN or infinite set to `None` and named in `notes`: JSON has no such
+    /// numbers.
     #[must_use]
     pub fn representable(mut self) -> Self {
         let metrics = [

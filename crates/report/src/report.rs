@@ -78,7 +78,8 @@ pub(crate) struct Contents<'a> {
     pub(crate) input: &'a ReportInput,
     pub(crate) protocol: Vec<String>,
     pub(crate) warnings: Vec<String>,
-    pub(crate) overview: Table,
+    /// Means over scenes, of quality and of cost.
+    pub(crate) overviews: [Table; 2],
     pub(crate) figures: Vec<Figure>,
     /// A table of scenes for each metric that was measured; none for a single scene.
     pub(crate) tables: Vec<Table>,
@@ -111,7 +112,10 @@ impl<'a> Contents<'a> {
             input,
             protocol: protocol_lines(&records),
             warnings: warnings(input),
-            overview: overview_table(&records, &Metric::ALL),
+            overviews: [("Quality", &Metric::QUALITY[..]), ("Cost", &Metric::COST[..])].map(|(name, metrics)| {
+                let table = overview_table(&records, metrics);
+                Table { title: format!("{name}, {}", table.title), ..table }
+            }),
             figures: comparison_figures(&records)?.into_iter().chain(input.figures.iter().cloned()).collect(),
             tables: tables.map(|metric| scene_table(&records, metric)).collect(),
             scenes: scenes?,

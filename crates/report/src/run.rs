@@ -31,8 +31,8 @@ impl From<&Record> for RunKey {
 
 /// A run in a report: its record, and where its pictures and events lie.
 ///
-/// The folder holds `test/NNN.png` (renders), `truth/NNN.png`, `depth/NNN.png`, `error/NNN.png` and `metrics.jsonl`, each of
-/// which may be missing. Pictures of the same name show the same view.
+/// The folder holds `test/NNN.png` (renders), `truth/NNN.png`, `depth/NNN.png`, `error/NNN.png` and `metrics.jsonl`,
+/// each of which may be missing. Pictures of the same name show the same view.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
     /// What the run measured.

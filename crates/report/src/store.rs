@@ -1,9 +1,9 @@
 //! `results.json`, written by several processes at once without a lock.
 //!
-//! Each run owns a file of its own, `<scene>/<variant>/seed<N>/record-<preset>.json`, and `results.json` is derived from
-//! those. Whoever writes it looks again afterwards and starts over when a run has come in between. A record is on disk
-//! before its process first derives the list, so the last process to rename `results.json` sees every record: none is lost,
-//! whatever the order.
+//! Each run owns a file of its own, `<scene>/<variant>/seed<N>/record-<preset>.json`, and `results.json` is derived
+//! from those. Whoever writes it looks again afterwards and starts over when a run has come in between. A record is on
+//! disk before its process first derives the list, so the last process to rename `results.json` sees every record:
+//! none is lost, whatever the order.
 
 use std::{
     collections::BTreeMap,
@@ -24,8 +24,8 @@ const ATTEMPTS: usize = 1000;
 /// Keys that are not known are ignored; an optional metric that is missing reads as `None`.
 ///
 /// # Errors
-/// [`ReportError::Io`], [`ReportError::Syntax`] when it is not a JSON list, [`ReportError::Field`] which names the record
-/// and its field.
+/// [`ReportError::Io`], [`ReportError::Syntax`] when it is not a JSON list, [`ReportError::Field`] which names the
+/// record and its field.
 pub fn read_records(path: &Path) -> Result<Vec<Record>, ReportError> {
     let text = fs::read_to_string(path).map_err(ReportError::io("read", path))?;
     parse_records(path, &text)
@@ -34,8 +34,8 @@ pub fn read_records(path: &Path) -> Result<Vec<Record>, ReportError> {
 /// Writes a list of records, beside the file and then renamed.
 ///
 /// # Errors
-/// [`ReportError::Io`]; [`ReportError::Field`] when a duration is NaN or infinite. Metrics that are become `null` with a
-/// note: see [`Record::representable`].
+/// [`ReportError::Io`]; [`ReportError::Field`] when a duration is NaN or infinite. Metrics that are become `null` with
+/// a note: see [`Record::representable`].
 pub fn write_records(path: &Path, records: &[Record]) -> Result<(), ReportError> {
     let records: Vec<Record> = records.iter().cloned().map(Record::representable).collect();
     for (index, record) in records.iter().enumerate() {
@@ -50,8 +50,8 @@ pub fn write_records(path: &Path, records: &[Record]) -> Result<(), ReportError>
     write_atomically(path, &bytes)
 }
 
-/// Adds a record to the experiment in `directory`, or replaces the one with the same [`RunKey`], and returns the whole list
-/// as `results.json` now holds it.
+/// Adds a record to the experiment in `directory`, or replaces the one with the same [`RunKey`], and returns the whole
+/// list as `results.json` now holds it.
 ///
 /// Several processes may do so at once. Entries keep their place and new ones come last. Entries of `results.json` stay
 /// when the folder of their run is deleted.

@@ -1,19 +1,24 @@
 //! A report of runs on disk, whole and damaged.
 
-use std::{fs, path::Path};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
 
 use image::{Rgb, RgbImage};
 use infonerf_report::{
-    Figure, Record, ReportInput, TestViews, depth_image, error_image, read_records, save_record, write_report,
+    Figure, Record, ReportInput, TestViews,
+    chart::{Axis, Frame, Series, heat_map, power_law_chart, scatter_chart},
+    depth_image, error_image, read_records, run_directory, save_record, write_report,
 };
 
 /// Two scenes, two variants, two seeds, with pictures of a soft disc and with events.
 fn example(root: &Path) -> Vec<Record> {
     let mut records = Vec::new();
     for (variant, offset) in [("nerf", 0.0), ("infonerf", 2.6)] {
-        for (scene, psnr) in [("knot", 16.4), ("rods & holes", 15.1)] {
+        for (scene, psnr) in [("knot", 16.4), ("rods-holes", 15.1)] {
             for seed in 0..2 {
-                let record = record(&scene.replace(" & ", "-"), variant, seed, psnr + offset + 0.3 * seed as f64);
+                let record = record(scene, variant, seed, psnr + offset + 0.3 * seed as f64);
                 records = save_record(root, &record).unwrap();
                 pictures(root, &record, offset as f32);
                 events(root, &record);
@@ -23,8 +28,8 @@ fn example(root: &Path) -> Vec<Record> {
     records
 }
 
-fn folder(root: &Path, record: &Record) -> std::path::PathBuf {
-    root.join(infonerf_report::run_directory(&record.scene, &record.variant, record.seed))
+fn folder(root: &Path, record: &Record) -> PathBuf {
+    root.join(run_directory(&record.scene, &record.variant, record.seed))
 }
 
 fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
@@ -103,12 +108,44 @@ fn events(root: &Path, record: &Record) {
     fs::write(folder(root, record).join("metrics.jsonl"), lines + "{\"event\":\"st").unwrap();
 }
 
+/// What benchmarks add: a frontier of many budgets, a fitted cost, a grid search.
+fn bench_figures() -> Vec<Figure> {
+    let figure =
+        |name: &str, svg: String| Figure { name: name.into(), title: name.into(), svg, caption: String::new() };
+    let curve = |name: &str, top: f64, rate: f64| {
+        let psnr = |seconds: f64| top * (1.0 - (-rate * seconds.sqrt()).exp());
+        Series { name: name.into(), points: [5.0, 10.0, 20.0, 60.0, 300.0].map(|s| (s, psnr(s))).to_vec() }
+    };
+    let variants = [curve("grid", 19.6, 1.1), curve("mlp", 21.0, 0.4), curve("factorised", 20.6, 0.7)];
+    let time = Frame { title: "Pareto".into(), x: Axis::log("training (s)"), y: Axis::linear("PSNR (dB)") };
+    let cost = |name: &str, power: f64| {
+        let points =
+            (0..7).map(|i| (2f64.powi(i + 8), 0.01 * (2f64.powi(i + 8)).powf(power) * (1.0 + 0.1 * f64::from(i % 2))));
+        Series { name: name.into(), points: points.collect() }
+    };
+    let costs = [cost("step", 0.97), cost("render", 1.02)];
+    let labels = |values: [&str; 4]| values.map(str::to_owned).to_vec();
+    let grid: Vec<Vec<Option<f64>>> = (0..4)
+        .map(|y| (0..4).map(|x| (x + y < 6).then(|| 16.0 + f64::from(3 * x * (4 - x) - y * y) / 4.0)).collect())
+        .collect();
+    let (weights, rates) = (labels(["0", "1e-4", "1e-3", "1e-2"]), labels(["1e-4", "5e-4", "1e-3", "5e-3"]));
+    vec![
+        figure("pareto", scatter_chart(&time, &variants, true).unwrap()),
+        figure("scale", power_law_chart(&Frame::new("Cost of a step", "rays", "milliseconds"), &costs).unwrap()),
+        figure(
+            "sweep",
+            heat_map(&Frame::new("PSNR (dB)", "entropy weight", "learning rate"), &weights, &rates, &grid).unwrap(),
+        ),
+    ]
+}
+
 #[test]
 fn the_page_holds_everything_and_links_nothing() {
     let root = tempfile::tempdir().unwrap();
     let records = example(root.path());
     let mut input = ReportInput::new("synthetic-4view", "NeRF & InfoNeRF from <four> views", records);
     input.warnings.push("procedural scenes: no data folder was given".into());
+    input.figures.extend(bench_figures());
     let files = write_report(&input, root.path()).unwrap();
     if let Ok(kept) = std::env::var("KEEP_REPORT") {
         fs::copy(&files.html, kept).unwrap();
@@ -120,7 +157,7 @@ fn the_page_holds_everything_and_links_nothing() {
     assert!(html.contains("<td class=\"best\">18.50 ± 0.21</td>"));
     // 2 scenes × 3 views × (truth + 2 variants × render, depth, error)
     assert_eq!(html.matches("data:image/png;base64,").count(), 42);
-    assert_eq!(html.matches("<svg ").count(), 3 + 2 * 2);
+    assert_eq!(html.matches("<svg ").count(), 3 + 3 + 2 * 2);
     for link in ["src=\"http", "href=\"http", "url(", "@import", "<link"] {
         assert!(!html.contains(link), "{link}");
     }

@@ -83,16 +83,8 @@ impl SceneError {
         Self::Io { path: path.into(), source }
     }
 
-    pub(crate) fn malformed(
-        path: &Path,
-        expected: impl Into<String>,
-        reason: impl std::fmt::Display,
-    ) -> Self {
-        Self::Malformed {
-            path: path.into(),
-            expected: expected.into(),
-            reason: one_line(&reason),
-        }
+    pub(crate) fn malformed(path: &Path, expected: impl Into<String>, reason: impl std::fmt::Display) -> Self {
+        Self::Malformed { path: path.into(), expected: expected.into(), reason: one_line(&reason) }
     }
 
     pub(crate) fn field(
@@ -101,19 +93,10 @@ impl SceneError {
         expected: impl Into<String>,
         found: impl std::fmt::Display,
     ) -> Self {
-        Self::Field {
-            path: path.into(),
-            field: field.into(),
-            expected: expected.into(),
-            found: one_line(&found),
-        }
+        Self::Field { path: path.into(), field: field.into(), expected: expected.into(), found: one_line(&found) }
     }
 
-    pub(crate) fn request(
-        field: &'static str,
-        expected: impl Into<String>,
-        found: impl std::fmt::Display,
-    ) -> Self {
+    pub(crate) fn request(field: &'static str, expected: impl Into<String>, found: impl std::fmt::Display) -> Self {
         Self::Request { field, expected: expected.into(), found: one_line(&found) }
     }
 }

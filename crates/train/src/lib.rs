@@ -1,1 +1,22 @@
-//! TODO
+//! Training: configs, schedules, the loop, checkpoints, events and evaluation.
+//!
+//! ```text
+//! Config + Scene ─► Trainer ─► Event … ─► Checkpoint ─► evaluate
+//! ```
+
+mod batch;
+mod checkpoint;
+pub mod config;
+mod error;
+mod evaluate;
+mod event;
+mod profile;
+mod trainer;
+
+pub use checkpoint::{Checkpoint, Progress};
+pub use config::{Config, Preset};
+pub use error::TrainError;
+pub use evaluate::{Evaluation, Information, TestView, evaluate_view, information};
+pub use event::Event;
+pub use profile::{Phase, Profile};
+pub use trainer::{Outcome, Trainer};

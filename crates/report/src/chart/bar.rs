@@ -29,7 +29,7 @@ pub fn bar_chart(frame: &Frame, bars: &[Bar]) -> Result<String, ReportError> {
     let spread = |bar: &Bar| bar.spread.filter(|spread| drawable(*spread, false)).unwrap_or(0.0).abs();
     let ends = bars.iter().flat_map(|bar| [bar.value - spread(bar), 1.05 * (bar.value + spread(bar))]);
     let x = Scale::labels(bars.iter().map(|bar| plain(&bar.label)).collect());
-    let y = Scale::around(ends.chain([0.0]), false).from_zero();
+    let y = Scale::around(ends.chain([0.0]), false).with_zero();
     drawn(frame, |sheet| {
         let mut plot = plot(sheet, frame, &[], x, y)?;
         for (index, bar) in bars.iter().enumerate().filter(|(_, bar)| drawable(bar.value, false)) {

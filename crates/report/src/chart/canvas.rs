@@ -24,8 +24,8 @@ const PALETTE: [RGBColor; 8] = [
     RGBColor(140, 110, 80),
     RGBColor(128, 128, 128),
 ];
-const WIDTH: u32 = 640;
-const HEIGHT: u32 = 360;
+const WIDTH: u32 = 520;
+const HEIGHT: u32 = 320;
 /// Width of a character over the font size, about.
 const CHARACTER: f64 = 0.56;
 /// The drawing library divides sizes by this.
@@ -71,7 +71,8 @@ pub(super) fn plot<'a, 'b>(
 ) -> Result<Plot<'a, 'b>, Box<dyn std::error::Error>> {
     let mut top = 12;
     if !frame.title.is_empty() {
-        let bold = anchored(font(14.0), HPos::Left, VPos::Top);
+        let bold = ("sans-serif", 13.5 * FONT_SCALE, FontStyle::Bold).into_font().color(&INK);
+        let bold = anchored(bold, HPos::Left, VPos::Top);
         sheet.draw(&Text::new(plain(&frame.title), (16, top), bold))?;
         top += 24;
     }

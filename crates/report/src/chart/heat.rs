@@ -14,7 +14,8 @@ use crate::{
     text::plain,
 };
 
-/// A grid of coloured cells with their values written in: `values[row][column]`, the first row on top, dark is the smallest.
+/// A grid of coloured cells with their values written in: `values[row][column]`, the first row on top, dark is the
+/// smallest.
 ///
 /// A value that is `None`, not finite or missing leaves its cell empty; values beyond the labels are not drawn.
 ///
@@ -53,7 +54,7 @@ pub fn heat_map(
         }
         if cells.is_empty() {
             let style = anchored(font(12.0), HPos::Center, VPos::Center).color(&INK);
-            sheet.draw(&Text::new("no values", (340, 170), style))?;
+            sheet.draw(&Text::new("no values", (280, 160), style))?;
         }
         Ok(())
     })

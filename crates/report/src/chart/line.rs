@@ -26,7 +26,8 @@ pub fn line_chart(frame: &Frame, series: &[Series]) -> Result<String, ReportErro
     draw(frame, &lines)
 }
 
-/// Points on logarithmic axes with the [`fit_power_law`] of each series as a line, its exponent in the legend: `flex: x^0.98`.
+/// Points on logarithmic axes with the [`fit_power_law`] of each series as a line, its exponent in the legend: `flex:
+/// x^0.98`.
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.

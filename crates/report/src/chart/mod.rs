@@ -1,8 +1,8 @@
 //! Charts: numbers in, an SVG string out.
 //!
-//! Lines and text take the colour of the text around them (`currentColor`), so that a chart inside a page follows its light
-//! or dark scheme; [`standalone`] makes a file of it. Points that are not finite, or not positive on a logarithmic axis, are
-//! left out; a chart without points is drawn empty.
+//! Lines and text take the colour of the text around them (`currentColor`), so that a chart inside a page follows its
+//! light or dark scheme; [`standalone`] makes a file of it. Points that are not finite, or not positive on a
+//! logarithmic axis, are left out; a chart without points is drawn empty.
 
 mod bar;
 mod canvas;

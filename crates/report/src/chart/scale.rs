@@ -38,7 +38,7 @@ impl Scale {
             .map(|value| if log { value.log10() } else { value })
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
         let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
-        let least = if log { 0.3 } else { 1e-9 * low.abs().max(high.abs()) };
+        let least = if log { 0.02 } else { 1e-9 * low.abs().max(high.abs()) };
         let (low, high) = if high - low > least { (low, high) } else { widened(low, high, log) };
         let margin = 0.04 * (high - low);
         let (low, high) = (low - margin, high + margin);
@@ -50,8 +50,8 @@ impl Scale {
         Self { low: 0.0, high: labels.len().max(1) as f64, kind: Kind::Labels(labels) }
     }
 
-    /// The same with its lower end at zero, for bars.
-    pub(super) fn from_zero(self) -> Self {
+    /// The same, with zero inside it, for bars.
+    pub(super) fn with_zero(self) -> Self {
         Self { low: self.low.min(0.0), high: self.high.max(0.0), ..self }
     }
 
@@ -62,8 +62,12 @@ impl Scale {
 
     fn ticks(&self) -> Vec<f64> {
         match &self.kind {
-            Kind::Linear => multiples(self.low, self.high, self.step()),
+            Kind::Linear => multiples(self.low, self.high, step(self.high - self.low)),
             Kind::Labels(labels) => (0..labels.len()).map(|i| i as f64 + 0.5).collect(),
+            Kind::Log if self.high - self.low < 0.7 => {
+                let (low, high) = (10f64.powf(self.low), 10f64.powf(self.high));
+                multiples(low, high, step(high - low))
+            }
             Kind::Log if self.high - self.low < 2.0 => {
                 let decades = self.low.floor() as i32..=self.high.ceil() as i32;
                 let candidates = decades.flat_map(|decade| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(decade)));
@@ -76,29 +80,29 @@ impl Scale {
         }
     }
 
-    /// Distance of linear ticks: 1, 2 or 5 times a power of ten, about six to an axis.
-    fn step(&self) -> f64 {
-        let rough = (self.high - self.low) / 7.0;
-        let power = 10f64.powf(rough.log10().floor());
-        let multiple = [1.0, 2.0, 5.0].into_iter().find(|multiple| multiple * power >= 0.999 * rough);
-        multiple.unwrap_or(10.0) * power
-    }
-
     fn label(&self, tick: f64) -> String {
         match &self.kind {
             Kind::Labels(labels) => labels.get(tick as usize).cloned().unwrap_or_default(),
             Kind::Log => short(tick, 0),
             Kind::Linear => {
                 let unit = if tick.abs() >= 1e4 { 10f64.powf(3.0 * (tick.abs().log10() / 3.0).floor()) } else { 1.0 };
-                short(tick, (-(self.step() / unit).log10()).ceil().clamp(0.0, 6.0) as usize)
+                short(tick, (-(step(self.high - self.low) / unit).log10()).ceil().clamp(0.0, 6.0) as usize)
             }
         }
     }
 }
 
 fn widened(low: f64, high: f64, log: bool) -> (f64, f64) {
-    let half = if log { 0.15 } else { (0.05 * low.abs().max(high.abs())).max(0.5e-3) };
+    let half = if log { 0.05 } else { (0.05 * low.abs().max(high.abs())).max(0.5e-3) };
     (low - half, high + half)
+}
+
+/// Distance of ticks over a span: 1, 2 or 5 times a power of ten, about six to an axis.
+fn step(span: f64) -> f64 {
+    let rough = span / 7.0;
+    let power = 10f64.powf(rough.log10().floor());
+    let multiple = [1.0, 2.0, 5.0].into_iter().find(|multiple| multiple * power >= 0.999 * rough);
+    multiple.unwrap_or(10.0) * power
 }
 
 fn multiples(low: f64, high: f64, step: f64) -> Vec<f64> {
@@ -167,6 +171,7 @@ mod tests {
         assert_eq!(labels(15.0, 21.0, false), ["15", "16", "17", "18", "19", "20", "21"]);
         assert_eq!(labels(0.7, 0.82, false), ["0.70", "0.72", "0.74", "0.76", "0.78", "0.80", "0.82"]);
         assert_eq!(labels(0.0, 50_000.0, false), ["0", "10k", "20k", "30k", "40k", "50k"]);
+        assert_eq!(labels(40.0, 60.0, true), ["40", "45", "50", "55", "60"]);
         assert_eq!(labels(10.0, 300.0, true), ["10", "20", "50", "100", "200"]);
         assert_eq!(labels(1e-4, 1.0, true), ["1e-4", "0.001", "0.01", "0.1", "1"]);
     }

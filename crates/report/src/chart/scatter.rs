@@ -8,7 +8,8 @@ use super::{
 };
 use crate::ReportError;
 
-/// Points of each series; with `frontier`, a stepped line along the [`pareto_frontier`] of all of them (smaller `x` and larger
+/// Points of each series; with `frontier`, a stepped line along the [`pareto_frontier`] of all of them (smaller `x`
+/// and larger
 /// `y` are better).
 ///
 /// # Errors

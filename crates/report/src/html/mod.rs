@@ -57,7 +57,7 @@ fn results(contents: &Contents) -> String {
     };
     format!(
         "<section id=\"results\">\n<h2>Results</h2>\n{}{}{}{more}</section>\n",
-        table::table(&contents.overview),
+        contents.overviews.iter().map(table::table).collect::<String>(),
         contents.tables.iter().take(2).map(table::table).collect::<String>(),
         figures(&contents.figures),
     )

@@ -3,15 +3,10 @@
 use crate::{
     Metric, Run,
     colormap::{to_bytes, turbo, viridis},
-    gallery::{Picture, Shots, View},
+    gallery::{KINDS, Kind, Picture, Shots, View},
     report::Scene,
     text::{base64, escape_html},
 };
-
-type Kind = (&'static str, fn(&Shots) -> &Option<Picture>);
-
-const KINDS: [Kind; 3] =
-    [("Render", |shots| &shots.render), ("Depth", |shots| &shots.depth), ("Error", |shots| &shots.error)];
 
 /// Id of the section of the scene at `index`.
 pub(super) fn anchor(index: usize) -> String {
@@ -19,17 +14,17 @@ pub(super) fn anchor(index: usize) -> String {
 }
 
 pub(super) fn section((index, scene): (usize, &Scene)) -> String {
-    let views: String = scene.gallery.views.iter().map(view).collect();
-    let gallery = if views.is_empty() {
-        "<p class=\"muted\">No pictures.</p>\n".to_owned()
-    } else {
-        let columns = scene.labels.len();
+    let grid = |view: &View| {
+        let columns = scene.labels.len() + 1;
         format!(
-            "<div class=\"scroll\"><div class=\"gallery\" style=\"--columns:{}\">\n{}{views}</div></div>\n{}",
-            columns + 1,
+            "<div class=\"scroll\"><div class=\"view\" style=\"--columns:{columns}\">\n{}{}</div></div>\n",
             headings(scene),
-            legend(scene),
+            rows(view),
         )
+    };
+    let gallery = match scene.gallery.views.as_slice() {
+        [] => "<p class=\"muted\">No pictures.</p>\n".to_owned(),
+        [first, more @ ..] => grid(first) + &legend(scene) + &folded(more, grid),
     };
     format!(
         "<section id=\"{}\">\n<h2>{}</h2>\n{gallery}{}</section>\n",
@@ -37,6 +32,16 @@ pub(super) fn section((index, scene): (usize, &Scene)) -> String {
         escape_html(&scene.name),
         super::figures(&scene.figures),
     )
+}
+
+/// Further views behind a line that opens them.
+fn folded(views: &[View], grid: impl Fn(&View) -> String) -> String {
+    if views.is_empty() {
+        return String::new();
+    }
+    let names: Vec<String> = views.iter().map(|view| escape_html(&view.name)).collect();
+    let grids: String = views.iter().map(grid).collect();
+    format!("<details><summary>More views: {}</summary>\n{grids}</details>\n", names.join(", "))
 }
 
 fn headings(scene: &Scene) -> String {
@@ -59,8 +64,8 @@ fn scores(run: &Run) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 
-/// Rows of render, depth and error; the truth spans the rows that it has no picture for.
-fn view(view: &View) -> String {
+/// Rows of render, depth and error, with the truth beside the renders.
+fn rows(view: &View) -> String {
     let kinds = KINDS.iter().filter(|(_, kind)| view.shots.iter().any(|shots| kind(shots).is_some()));
     let row = |(index, (name, kind)): (usize, &Kind)| {
         let truth = match (index, &view.truth) {
@@ -69,17 +74,13 @@ fn view(view: &View) -> String {
             _ => "<div></div>".to_owned(),
         };
         let cells = view.shots.iter().map(|shots| match kind(shots) {
-            Some(picture) => image(picture, &name.to_lowercase(), &picture.path),
+            Some(picture) => image(picture, name, &picture.path),
             None => "<div class=\"empty\">none</div>".to_owned(),
         });
-        let label = if index == 0 {
-            format!("{name}<small>view {}</small>", escape_html(&view.name))
-        } else {
-            (*name).to_owned()
-        };
-        format!("<div class=\"side\">{label}</div>{truth}{}\n", cells.collect::<String>())
+        let view = if index == 0 { format!("<small>view {}</small>", escape_html(&view.name)) } else { String::new() };
+        format!("<div class=\"side\">{name}{view}</div>{truth}{}\n", cells.collect::<String>())
     };
-    format!("<div class=\"view\">\n{}</div>\n", kinds.enumerate().map(row).collect::<String>())
+    kinds.enumerate().map(row).collect()
 }
 
 fn image(picture: &Picture, class: &str, description: &str) -> String {

@@ -26,13 +26,18 @@ pub(super) fn table(table: &Table) -> String {
     )
 }
 
+/// A column's heading, its arrow on the same line as the word before.
+fn heading(text: &str) -> String {
+    let text = escape_html(text).replace(" ↑", "\u{a0}↑").replace(" ↓", "\u{a0}↓").replace(" → ", "\u{a0}→\u{a0}");
+    format!("<th scope=\"col\">{text}</th>")
+}
+
 /// Every run with every metric that any run has.
 pub(super) fn runs(contents: &Contents) -> String {
     let runs = &contents.input.runs;
     let measured = |metric: &Metric| runs.iter().any(|run| metric.value(&run.record).is_some());
     let metrics: Vec<Metric> = Metric::ALL.into_iter().filter(measured).collect();
-    let headings = metrics.iter().map(|metric| format!("<th scope=\"col\">{}</th>", escape_html(metric.heading())));
-    let headings: String = headings.collect();
+    let headings: String = metrics.iter().map(|metric| heading(metric.heading())).collect();
     let rows: String = runs.iter().map(|run| row(run, &metrics)).collect();
     format!(
         "<section id=\"runs\">\n<h2>Runs</h2>\n<div class=\"scroll\"><table class=\"runs\">\n<thead><tr>\

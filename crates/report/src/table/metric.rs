@@ -38,6 +38,21 @@ pub(crate) enum Better {
 }
 
 impl Metric {
+    /// How good a run is: image metrics, depth, and the paper's Figure A.
+    pub const QUALITY: [Self; 8] = [
+        Self::Psnr,
+        Self::Ssim,
+        Self::Lpips,
+        Self::Gmsd,
+        Self::Sharpness,
+        Self::DepthRmse,
+        Self::RayEntropy,
+        Self::InformationGain,
+    ];
+
+    /// What a run costs: time, samples, memory.
+    pub const COST: [Self; 4] = [Self::TrainSeconds, Self::RenderSeconds, Self::SamplesSkipped, Self::PeakMemory];
+
     /// Every metric, in the order of a report.
     pub const ALL: [Self; 12] = [
         Self::Psnr,

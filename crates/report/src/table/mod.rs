@@ -57,8 +57,8 @@ pub struct Row {
 pub struct Cell {
     /// Mean and spread over seeds; `None` where nothing was measured.
     pub summary: Option<Summary>,
-    /// Best of its column, to the decimals shown, among cells in which nothing collapsed. Never set in a column with a
-    /// single value.
+    /// Best of its column, to the decimals shown, among cells in which nothing collapsed. Never set in a column
+    /// whose values are all the same, or single.
     pub best: bool,
     /// A run of this cell collapsed.
     pub collapsed: bool,
@@ -66,8 +66,8 @@ pub struct Cell {
 
 /// Variants against scenes for one metric, and the mean over scenes in the last column where there are several.
 ///
-/// A mean over scenes is taken for each seed first, over the seeds that ran on every scene, and summarised over those seeds:
-/// its spread is that of the figure a paper would print. A variant which lacks a scene has no mean.
+/// A mean over scenes is taken for each seed first, over the seeds that ran on every scene, and summarised over those
+/// seeds: its spread is that of the figure a paper would print. A variant which lacks a scene has no mean.
 #[must_use]
 pub fn scene_table(records: &[Record], metric: Metric) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
@@ -81,7 +81,8 @@ pub fn scene_table(records: &[Record], metric: Metric) -> Table {
     assemble(metric.heading().to_owned(), records, columns, row)
 }
 
-/// Variants against metrics, each the mean over all scenes as in [`scene_table`]. Metrics without any value are left out.
+/// Variants against metrics, each the mean over all scenes as in [`scene_table`]. Metrics without any value are left
+/// out.
 #[must_use]
 pub fn overview_table(records: &[Record], metrics: &[Metric]) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
@@ -89,8 +90,8 @@ pub fn overview_table(records: &[Record], metrics: &[Metric]) -> Table {
     let metrics: Vec<Metric> = metrics.iter().copied().filter(measured).collect();
     let columns = metrics.iter().map(|&metric| Column { heading: metric.heading().to_owned(), metric }).collect();
     let title = match scenes.as_slice() {
-        [scene] => format!("Results on {scene}"),
-        scenes => format!("Mean over {} scenes", scenes.len()),
+        [scene] => scene.clone(),
+        scenes => format!("mean over {} scenes", scenes.len()),
     };
     assemble(title, records, columns, |group| metrics.iter().map(|&metric| group.cell(metric, &scenes)).collect())
 }
@@ -159,12 +160,13 @@ fn mark_best(table: &mut Table) {
             cell.summary.map(|summary| column.metric.rank(summary.mean))
         };
         let ranks: Vec<Option<f64>> = table.rows.iter().map(rank).collect();
-        let measured =
-            table.rows.iter().filter(|row| row.cells.get(index).is_some_and(|c| c.summary.is_some())).count();
+        let shown = table.rows.iter().filter_map(|row| row.cells.get(index)?.summary);
+        let shown: Vec<f64> = shown.map(|summary| column.metric.rank(summary.mean)).collect();
+        let differ = shown.windows(2).any(|pair| pair[0] != pair[1]);
         let best = ranks.iter().flatten().copied().min_by(f64::total_cmp);
         for (row, rank) in table.rows.iter_mut().zip(ranks) {
             if let Some(cell) = row.cells.get_mut(index) {
-                cell.best = measured > 1 && rank.is_some() && rank == best;
+                cell.best = differ && rank.is_some() && rank == best;
             }
         }
     }
@@ -249,6 +251,10 @@ pub(crate) mod tests {
         let table = scene_table(&records, Metric::Psnr);
         let best: Vec<bool> = table.rows.iter().map(|row| row.cells[0].best).collect();
         assert_eq!(best, [true, false, true]);
+        records[2].psnr = records[0].psnr;
+        records.remove(1);
+        let same = scene_table(&records, Metric::Psnr);
+        assert!(!same.rows.iter().any(|row| row.cells[0].best));
         assert_eq!(table.text(&table.rows[1].cells[0], 0), "20.00†");
         assert_eq!(table.footnotes().len(), 1);
     }

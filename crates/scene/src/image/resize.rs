@@ -14,11 +14,7 @@ pub fn resized_dimensions(width: u32, height: u32, longest: u32) -> (u32, u32) {
 /// the mean over it, so that every factor works, whole or not, up or down, and a constant stays
 /// constant. Separable: rows first. Sums are kept in `f64`. `pixels` shorter than `from` says
 /// count as 0 where they are missing.
-pub(super) fn box_filter<const C: usize>(
-    pixels: &[[f32; C]],
-    from: (u32, u32),
-    to: (u32, u32),
-) -> Vec<[f32; C]> {
+pub(super) fn box_filter<const C: usize>(pixels: &[[f32; C]], from: (u32, u32), to: (u32, u32)) -> Vec<[f32; C]> {
     let (w, h) = (from.0 as usize, from.1 as usize);
     let columns = spans(from.0, to.0);
     let rows = spans(from.1, to.1);
@@ -65,9 +61,7 @@ fn spans(n: u32, m: u32) -> Vec<Span> {
         .map(|k| {
             let (lo, hi) = (k * n, (k + 1) * n);
             let (first, end) = (lo / m, hi.div_ceil(m));
-            let weights = (first..end)
-                .map(|i| (hi.min((i + 1) * m) - lo.max(i * m)) as f64 / n as f64)
-                .collect();
+            let weights = (first..end).map(|i| (hi.min((i + 1) * m) - lo.max(i * m)) as f64 / n as f64).collect();
             Span { first: first as usize, weights }
         })
         .collect()

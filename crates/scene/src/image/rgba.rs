@@ -97,8 +97,7 @@ mod tests {
 
     fn two_by_two() -> RgbaImage {
         // Opaque red, hidden green, half blue, opaque white.
-        let pixels =
-            vec![[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.5], [1.0; 4]];
+        let pixels = vec![[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.5], [1.0; 4]];
         RgbaImage { width: 2, height: 2, pixels, has_alpha: true }
     }
 

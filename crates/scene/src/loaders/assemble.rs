@@ -58,11 +58,7 @@ pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene
         near: parts.range.0,
         far: parts.range.1,
         bounds: parts.bounds,
-        all_train_cameras: parts
-            .train
-            .iter()
-            .map(|f| f.camera(native.0, native.1).resized(size.0, size.1))
-            .collect(),
+        all_train_cameras: parts.train.iter().map(|f| f.camera(native.0, native.1).resized(size.0, size.1)).collect(),
     })
 }
 

@@ -38,8 +38,8 @@ pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneErr
 #[cfg(test)]
 mod tests {
     use super::super::testing::*;
-    use super::*;
-    use crate::{Image, RgbaImage, TestProtocol, ViewSelection};
+    use crate::{Image, RgbaImage, SceneRequest, TestProtocol, ViewSelection};
+    use glam::Vec3;
     use serde_json::json;
     use std::fs;
     use std::path::PathBuf;
@@ -73,11 +73,7 @@ mod tests {
         for gone in ["train/r_0.png", "train/r_1.png", "test/r_1.png"] {
             fs::remove_file(dir.join(gone)).unwrap();
         }
-        let chosen = SceneRequest {
-            train: ViewSelection::Ids(vec![2]),
-            test: TestProtocol::First(1),
-            ..request()
-        };
+        let chosen = SceneRequest { train: ViewSelection::Ids(vec![2]), test: TestProtocol::First(1), ..request() };
         let scene = load(&dir, &chosen).unwrap();
         assert_eq!(scene.train[0].id, 2);
         assert_eq!(scene.all_train_cameras.len(), 3);
@@ -145,7 +141,11 @@ mod tests {
             ("/frames/1/file_path", Some(json!(3)), "`frames[1].file_path`"),
             ("/frames/1/file_path", Some(json!("")), "`frames[1].file_path`"),
             (place, None, "`frames[1].transform_matrix`: expected a 4×4 matrix, found nothing"),
-            ("/frames/1/transform_matrix/3", None, "`frames[1].transform_matrix`: expected a 4×4 rigid camera-to-world matrix (rotation and translation), found 3 rows"),
+            (
+                "/frames/1/transform_matrix/3",
+                None,
+                "`frames[1].transform_matrix`: expected a 4×4 rigid camera-to-world matrix (rotation and translation), found 3 rows",
+            ),
             ("/frames/1/transform_matrix/2/3", None, "`frames[1].transform_matrix[2]`"),
             ("/frames/1/transform_matrix/2/3", Some(json!(null)), "`frames[1].transform_matrix[2][3]`"),
             (place, Some(identity(0.0)), "found a singular matrix"),

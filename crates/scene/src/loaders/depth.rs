@@ -19,11 +19,6 @@ pub(super) fn read_depth(path: &Path, width: u32, height: u32) -> Result<Vec<f32
 }
 
 /// Writes what [`read_depth`] reads.
-pub(crate) fn write_depth(
-    path: &Path,
-    width: u32,
-    height: u32,
-    depth: &[f32],
-) -> Result<(), SceneError> {
+pub(crate) fn write_depth(path: &Path, width: u32, height: u32, depth: &[f32]) -> Result<(), SceneError> {
     npy::write(path, &[u64::from(height), u64::from(width)], depth)
 }

@@ -69,7 +69,14 @@ pub(super) struct Transforms {
     /// Optional field `aabb`: `[[x, y, z], [x, y, z]]`.
     pub bounds: Option<Aabb>,
     /// Names under the fields `train_filenames` and `test_filenames` of nerfstudio.
-    pub split: Option<(Vec<String>, Vec<String>)>,
+    pub split: Option<Split>,
+}
+
+/// Names of frames, without extension.
+#[derive(Debug)]
+pub(super) struct Split {
+    pub train: Vec<String>,
+    pub test: Vec<String>,
 }
 
 /// Reads a `transforms*.json` file; no image is opened.
@@ -84,12 +91,7 @@ pub(super) fn read_transforms(path: &Path) -> Result<Transforms, SceneError> {
     }
     let dir = path.parent().unwrap_or(Path::new(""));
     let frames = items.iter().map(|f| read_frame(dir, &root, f)).collect::<Result<_, _>>()?;
-    Ok(Transforms {
-        frames,
-        range: read_range(&root)?,
-        bounds: read_bounds(&root)?,
-        split: read_split(&root)?,
-    })
+    Ok(Transforms { frames, range: read_range(&root)?, bounds: read_bounds(&root)?, split: read_split(&root)? })
 }
 
 fn read_frame(dir: &Path, root: &Node<'_>, frame: &Node<'_>) -> Result<Frame, SceneError> {
@@ -181,7 +183,7 @@ fn read_bounds(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
     Ok(Some(Aabb { min, max }))
 }
 
-fn read_split(root: &Node<'_>) -> Result<Option<(Vec<String>, Vec<String>)>, SceneError> {
+fn read_split(root: &Node<'_>) -> Result<Option<Split>, SceneError> {
     let (Some(train), Some(test)) = (root.find("train_filenames"), root.find("test_filenames")) else {
         return Ok(None);
     };
@@ -190,13 +192,11 @@ fn read_split(root: &Node<'_>) -> Result<Option<(Vec<String>, Vec<String>)>, Sce
         let name = |n: &Node<'_>| n.text(expected).map(|s| without_extension(s.trim_start_matches("./")));
         node.items(expected)?.iter().map(name).collect::<Result<Vec<_>, _>>()
     };
-    Ok(Some((names(train)?, names(test)?)))
+    Ok(Some(Split { train: names(train)?, test: names(test)? }))
 }
 
-fn known_extension(path: &Path) -> bool {
-    path.extension()
-        .and_then(|e| e.to_str())
-        .is_some_and(|e| EXTENSIONS.contains(&e.to_ascii_lowercase().as_str()))
+pub(super) fn known_extension(path: &Path) -> bool {
+    path.extension().and_then(|e| e.to_str()).is_some_and(|e| EXTENSIONS.contains(&e.to_ascii_lowercase().as_str()))
 }
 
 fn without_extension(relative: &str) -> String {

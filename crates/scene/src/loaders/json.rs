@@ -29,8 +29,8 @@ impl JsonFile {
             return Err(SceneError::TooLarge { path: path.into(), what, size, limit: LARGEST });
         }
         let bytes = fs::read(path).map_err(|e| SceneError::io(path, e))?;
-        let root = serde_json::from_slice(&bytes)
-            .map_err(|e| SceneError::malformed(path, "JSON with finite numbers", e))?;
+        let root =
+            serde_json::from_slice(&bytes).map_err(|e| SceneError::malformed(path, "JSON with finite numbers", e))?;
         Ok(Self { path: path.into(), root })
     }
 
@@ -49,11 +49,6 @@ pub(super) struct Node<'a> {
 }
 
 impl<'a> Node<'a> {
-    /// The file it is in.
-    pub fn file(&self) -> &'a Path {
-        self.file
-    }
-
     /// The field `key` of an object, which must be there.
     pub fn get(&self, key: &str, expected: &str) -> Result<Self, SceneError> {
         match self.find(key) {

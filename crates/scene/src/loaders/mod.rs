@@ -3,6 +3,7 @@
 mod assemble;
 mod blender;
 mod depth;
+mod extent;
 mod frames;
 mod json;
 mod llff;
@@ -20,11 +21,8 @@ use crate::{Scene, SceneError, SceneRequest};
 type Format = (&'static str, fn(&Path, &SceneRequest) -> Result<Scene, SceneError>);
 
 /// The known formats, in the order in which they are looked for.
-const FORMATS: [Format; 3] = [
-    (blender::MARKER, blender::load),
-    (nerfstudio::MARKER, nerfstudio::load),
-    (llff::MARKER, llff::load),
-];
+const FORMATS: [Format; 3] =
+    [(blender::MARKER, blender::load), (nerfstudio::MARKER, nerfstudio::load), (llff::MARKER, llff::load)];
 
 /// Loads the folder `dir` with the loader of the format whose file it holds.
 pub(crate) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
@@ -55,10 +53,8 @@ pub(crate) mod testing {
 
     /// The shared test data, where there is any: `$INFONERF_DATA`, or a folder beside the workspace.
     pub fn shared_data(part: &str) -> Option<PathBuf> {
-        let root = std::env::var_os("INFONERF_DATA").map_or_else(
-            || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"),
-            PathBuf::from,
-        );
+        let root = std::env::var_os("INFONERF_DATA")
+            .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
         let path = root.join(part);
         if !path.is_dir() {
             eprintln!("skipped: {part} not found; set INFONERF_DATA to the folder that holds it");
@@ -68,12 +64,7 @@ pub(crate) mod testing {
     }
 
     pub fn request() -> SceneRequest {
-        SceneRequest {
-            train: ViewSelection::All,
-            test: TestProtocol::All,
-            image_size: None,
-            background: [1.0; 3],
-        }
+        SceneRequest { train: ViewSelection::All, test: TestProtocol::All, image_size: None, background: [1.0; 3] }
     }
 
     pub fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {

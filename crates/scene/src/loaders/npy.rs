@@ -57,13 +57,9 @@ fn collect<T: Deserialize + Into<f64>>(npy: NpyFile<BufReader<File>>) -> std::io
 pub(super) fn write(path: &Path, shape: &[u64], values: &[f32]) -> Result<(), SceneError> {
     let io = |e| SceneError::io(path, e);
     let mut file = BufWriter::new(File::create(path).map_err(io)?);
-    let mut writer = npyz::WriteOptions::<f32>::new()
-        .default_dtype()
-        .shape(shape)
-        .writer(&mut file)
-        .begin_nd()
-        .map_err(io)?;
-    writer.extend(values).map_err(io)?;
+    let mut writer =
+        npyz::WriteOptions::<f32>::new().default_dtype().shape(shape).writer(&mut file).begin_nd().map_err(io)?;
+    writer.extend(values.iter().copied()).map_err(io)?;
     writer.finish().map_err(io)?;
     file.flush().map_err(io)
 }

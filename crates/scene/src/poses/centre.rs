@@ -29,23 +29,27 @@ impl Focus {
 /// `pᵢ + t dᵢ`, λ = [`PRIOR`].
 ///
 /// The prior `c₀` decides only where the axes do not: for one camera, identical or parallel ones. It
-/// is the mean over the cameras of the point on each axis nearest to the world origin, but in front
-/// by at least twice the cameras' spread about their mean (or 1 where that and the origin's
-/// distance are 0).
+/// is the mean over the cameras of the point on each axis nearest to the world origin, where that is
+/// farther in front than the cameras' spread about their mean; else the point at twice the spread,
+/// or at 1 where the spread is 0.
 pub(crate) fn scene_focus(cameras: &[Camera]) -> Focus {
     let n = cameras.len() as f64;
     if cameras.is_empty() {
         return Focus { centre: DVec3::ZERO, inward: true };
     }
-    let axes: Vec<(DVec3, DVec3)> = cameras
-        .iter()
-        .map(|c| (c.position_f64(), c.forward_f64().normalize_or(DVec3::NEG_Z)))
-        .collect();
+    let axes: Vec<(DVec3, DVec3)> =
+        cameras.iter().map(|c| (c.position_f64(), c.forward_f64().normalize_or(DVec3::NEG_Z))).collect();
     let mean = axes.iter().map(|a| a.0).sum::<DVec3>() / n;
     let spread = (axes.iter().map(|a| a.0.distance_squared(mean)).sum::<f64>() / n).sqrt();
     let ahead = |p: DVec3, d: DVec3| {
-        let t = (-p.dot(d)).max(2.0 * spread);
-        if t > 1e-9 { t } else { 1.0 }
+        let to_origin = -p.dot(d);
+        if to_origin > spread.max(1e-9) {
+            to_origin
+        } else if spread > 1e-9 {
+            2.0 * spread
+        } else {
+            1.0
+        }
     };
     let prior = axes.iter().map(|&(p, d)| p + ahead(p, d) * d).sum::<DVec3>() / n;
 
@@ -121,8 +125,7 @@ mod tests {
 
     #[test]
     fn parallel_cameras_get_a_centre_in_front() {
-        let cameras: Vec<_> =
-            (0..4).map(|i| camera(DVec3::X * f64::from(i), DVec3::NEG_Z)).collect();
+        let cameras: Vec<_> = (0..4).map(|i| camera(DVec3::X * f64::from(i), DVec3::NEG_Z)).collect();
         let focus = scene_focus(&cameras);
         assert!(focus.inward && focus.centre.z < -1.0 && focus.centre.is_finite());
     }

@@ -1,7 +1,7 @@
 //! Poses that no photograph was taken from: unseen views, neighbours and camera paths.
 
-mod centre;
 mod cap;
+mod centre;
 mod orbit;
 mod unseen;
 

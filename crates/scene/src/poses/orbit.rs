@@ -33,13 +33,9 @@ pub fn orbit(cameras: &[Camera], n: usize) -> Vec<DMat4> {
 
     let up = region.up();
     let count = directions.len() as f64;
-    let elevation =
-        directions.iter().map(|d| d.dot(up).clamp(-1.0, 1.0).asin()).sum::<f64>() / count;
+    let elevation = directions.iter().map(|d| d.dot(up).clamp(-1.0, 1.0).asin()).sum::<f64>() / count;
     let level = |d: DVec3| d - up * d.dot(up);
-    let start = directions
-        .first()
-        .map_or(DVec3::X, |&d| level(d))
-        .normalize_or(up.any_orthonormal_vector());
+    let start = directions.first().map_or(DVec3::X, |&d| level(d)).normalize_or(up.any_orthonormal_vector());
     let side = up.cross(start);
     let (sin, cos) = elevation.sin_cos();
     (0..n)

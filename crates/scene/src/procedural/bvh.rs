@@ -5,7 +5,12 @@ use glam::DVec3;
 use super::convex::Line;
 use super::shape::{Hit, Shape};
 
-const LEAF: usize = 3;
+/// Nodes with no more shapes than this are not split.
+const LEAF: usize = 2;
+/// Levels below the root: the traversal's stack has this size.
+const DEEPEST: usize = 48;
+/// The box of no shape.
+const NOTHING: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 
 #[derive(Clone, Debug)]
 struct Node {
@@ -25,49 +30,66 @@ pub(super) struct Bvh {
 }
 
 impl Bvh {
-    /// Median splits along the longest axis of the centres.
+    /// Splits where the boxes' areas times their numbers of shapes are least (the surface-area
+    /// heuristic).
     pub fn new(shapes: &[&Shape]) -> Self {
         let bounds: Vec<_> = shapes.iter().map(|s| s.bounds()).collect();
         let mut bvh = Self { nodes: Vec::new(), order: (0..shapes.len()).collect() };
         if !shapes.is_empty() {
-            bvh.build(&bounds, 0, shapes.len());
+            bvh.build(&bounds, 0, shapes.len(), 0);
         }
         bvh
     }
 
-    fn build(&mut self, bounds: &[(DVec3, DVec3)], start: usize, end: usize) {
+    fn build(&mut self, bounds: &[(DVec3, DVec3)], start: usize, end: usize, depth: usize) {
         let items = &mut self.order[start..end];
-        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        let (mut least, mut most) = (min, max);
-        for &i in items.iter() {
-            let (lo, hi) = bounds[i];
-            (min, max) = (min.min(lo), max.max(hi));
-            (least, most) = (least.min(lo + hi), most.max(lo + hi));
-        }
+        let (min, max) = items.iter().fold(NOTHING, |b, &i| join(b, bounds[i]));
         let node = self.nodes.len();
         self.nodes.push(Node { min, max, start, count: end - start });
-        if end - start <= LEAF {
+        if end - start <= LEAF || depth == DEEPEST {
             return;
         }
-        let extent = most - least;
-        let axis = (0..3).max_by(|&a, &b| extent[a].total_cmp(&extent[b])).unwrap_or(0);
-        let key = |i: usize| bounds[i].0[axis] + bounds[i].1[axis];
-        items.sort_by(|&a, &b| key(a).total_cmp(&key(b)));
-        let middle = start + (end - start) / 2;
-        self.build(bounds, start, middle);
+        let centre = |i: usize, axis: usize| bounds[i].0[axis] + bounds[i].1[axis];
+        let mut best = (f64::INFINITY, 0, 0);
+        for axis in 0..3 {
+            items.sort_by(|&a, &b| centre(a, axis).total_cmp(&centre(b, axis)));
+            // Cost of a split before item k: areas times counts of both sides.
+            let mut right = NOTHING;
+            let mut costs = vec![0.0; items.len()];
+            for (k, &i) in items.iter().enumerate().rev() {
+                right = join(right, bounds[i]);
+                costs[k] = area(right) * (items.len() - k) as f64;
+            }
+            let mut left = NOTHING;
+            for (k, &i) in items.iter().enumerate().take(items.len() - 1) {
+                left = join(left, bounds[i]);
+                let cost = area(left) * (k + 1) as f64 + costs[k + 1];
+                if cost < best.0 {
+                    best = (cost, axis, k + 1);
+                }
+            }
+        }
+        let (_, axis, split) = best;
+        if split == 0 {
+            return;
+        }
+        items.sort_by(|&a, &b| centre(a, axis).total_cmp(&centre(b, axis)));
+        let middle = start + split;
+        self.build(bounds, start, middle, depth + 1);
         self.nodes[node].start = self.nodes.len();
         self.nodes[node].count = 0;
-        self.build(bounds, middle, end);
+        self.build(bounds, middle, end, depth + 1);
     }
 
-    /// The nearest hit before `farthest` and the index of what was hit.
-    pub fn nearest(&self, shape: impl Fn(usize) -> Shaped<'_>, line: &Line, farthest: f64) -> Option<(usize, Hit)> {
+    /// The nearest hit before `farthest` and the index of what was hit. `hit(i, t)` tests shape `i`
+    /// up to distance `t`.
+    pub fn nearest(&self, hit: impl Fn(usize, f64) -> Option<Hit>, line: &Line, farthest: f64) -> Option<(usize, Hit)> {
         let mut best = None;
         let mut reach = farthest;
         self.visit(line, &mut reach, |i, reach| {
-            if let Some(hit) = shape(i).hit(line, *reach) {
-                *reach = hit.t;
-                best = Some((i, hit));
+            if let Some(found) = hit(i, *reach) {
+                *reach = found.t;
+                best = Some((i, found));
             }
             false
         });
@@ -75,9 +97,9 @@ impl Bvh {
     }
 
     /// Whether anything is hit before `farthest`.
-    pub fn any(&self, shape: impl Fn(usize) -> Shaped<'_>, line: &Line, farthest: f64) -> bool {
+    pub fn any(&self, hit: impl Fn(usize, f64) -> Option<Hit>, line: &Line, farthest: f64) -> bool {
         let mut reach = farthest;
-        self.visit(line, &mut reach, |i, reach| shape(i).hit(line, *reach).is_some())
+        self.visit(line, &mut reach, |i, reach| hit(i, *reach).is_some())
     }
 
     /// Calls `leaf` for shapes whose boxes the line meets before `reach`, until it returns true.
@@ -90,7 +112,7 @@ impl Bvh {
             let far = a.max(b).min_element().min(reach);
             (near <= far).then_some(near)
         };
-        let mut stack = [0usize; 64];
+        let mut stack = [0usize; DEEPEST];
         let mut top = 0;
         match self.nodes.first() {
             Some(root) if enter(root, *reach).is_some() => {}
@@ -112,7 +134,7 @@ impl Bvh {
                 match (a, b) {
                     (Some(a), Some(b)) => {
                         let (next, later) = if a <= b { (first, second) } else { (second, first) };
-                        // Median splits keep the tree's depth, and so the stack, below 64.
+                        // One entry a level at most, and no level is below DEEPEST.
                         stack[top] = later;
                         top += 1;
                         at = next;
@@ -143,5 +165,12 @@ impl Bvh {
     }
 }
 
-/// A borrowed shape.
-pub(super) type Shaped<'a> = &'a Shape;
+fn join(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
+    (a.0.min(b.0), a.1.max(b.1))
+}
+
+/// Half the surface area of a box.
+fn area((min, max): (DVec3, DVec3)) -> f64 {
+    let d = max - min;
+    d.x * d.y + d.y * d.z + d.z * d.x
+}

@@ -17,8 +17,10 @@ pub const TEST_VIEWS: usize = 200;
 pub(super) const RADIUS: f64 = 4.031_128_874;
 /// Horizontal field of view, radians.
 pub(crate) const FOV_X: f64 = 0.691_111_2;
-/// Seed of the training poses.
-const SEED: u64 = 2022;
+/// Seed of the training poses: of the first 20,000 the one with which the five published four-view
+/// sets (see [`crate::ViewSelection::Seed`]) are spread most, no two views of a set being less than
+/// 46° apart. With a typical seed some set has two views of one side and so in effect three.
+const SEED: u64 = 1590;
 
 /// The [`TRAIN_VIEWS`] training cameras for `size`² images: at random on the upper hemisphere
 /// (elevations 3° to 80°, uniform by area, from a fixed seed), looking at the origin.

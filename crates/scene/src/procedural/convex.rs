@@ -30,11 +30,6 @@ impl Frame {
         Self { rotation: DMat3::IDENTITY, origin }
     }
 
-    /// Turned about the vertical by `degrees`.
-    pub fn turned(origin: DVec3, degrees: f64) -> Self {
-        Self { rotation: DMat3::from_rotation_z(degrees * PI / 180.0), origin }
-    }
-
     /// Local z along `axis`.
     pub fn along(origin: DVec3, axis: DVec3) -> Self {
         let z = axis.normalize_or(DVec3::Z);
@@ -63,13 +58,24 @@ pub(super) struct Span {
 /// A convex solid about its local origin.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kind {
-    Sphere { radius: f64 },
+    Sphere {
+        radius: f64,
+    },
     /// Half-extents.
-    Block { half: DVec3 },
+    Block {
+        half: DVec3,
+    },
     /// Axis z, `|z| ≤ half`, radius from `bottom` at `−half` to `top` at `half`.
-    Cone { bottom: f64, top: f64, half: f64 },
-    /// All points within `radius` of the segment `|z| ≤ half`.
-    Capsule { radius: f64, half: f64 },
+    Cone {
+        bottom: f64,
+        top: f64,
+        half: f64,
+    },
+    /// A cylinder about z, `|z| ≤ half`, with a ball of its radius about its lower end.
+    Bullet {
+        radius: f64,
+        half: f64,
+    },
 }
 
 /// A placed convex solid.
@@ -107,10 +113,10 @@ impl Convex {
         Self { frame: Frame::along(0.5 * (a + b), b - a), kind }
     }
 
-    /// A rod with round ends.
-    pub fn capsule(a: DVec3, b: DVec3, radius: f64) -> Self {
+    /// A rod with a round end at `a`.
+    pub fn bullet(a: DVec3, b: DVec3, radius: f64) -> Self {
         let half = 0.5 * a.distance(b);
-        Self { frame: Frame::along(0.5 * (a + b), b - a), kind: Kind::Capsule { radius, half } }
+        Self { frame: Frame::along(0.5 * (a + b), b - a), kind: Kind::Bullet { radius, half } }
     }
 
     /// The same solid turned about the vertical through its own centre.
@@ -121,11 +127,27 @@ impl Convex {
 
     /// The part of the line inside, with world normals.
     pub fn span(&self, line: &Line) -> Option<Span> {
+        if self.passes_by(line) {
+            return None;
+        }
         let local = self.frame.to_local(line);
         let mut span = self.kind.span(&local)?;
         span.enter_normal = self.frame.rotation * span.enter_normal;
         span.exit_normal = self.frame.rotation * span.exit_normal;
         Some(span)
+    }
+
+    /// Whether the line keeps farther from the axis of a round solid than its radius: a cheap test
+    /// that spares most lines the exact one.
+    fn passes_by(&self, line: &Line) -> bool {
+        let radius = match self.kind {
+            Kind::Cone { bottom, top, .. } => bottom.max(top),
+            Kind::Bullet { radius, .. } => radius,
+            Kind::Sphere { .. } | Kind::Block { .. } => return false,
+        };
+        let across = line.direction.cross(self.frame.rotation.z_axis);
+        let distance = (line.origin - self.frame.origin).dot(across);
+        distance * distance > radius * radius * across.length_squared()
     }
 
     /// World-space corners of a box around it.
@@ -137,7 +159,7 @@ impl Convex {
                 let r = bottom.max(top);
                 DVec3::new(r, r, half)
             }
-            Kind::Capsule { radius, half } => DVec3::new(radius, radius, half + radius),
+            Kind::Bullet { radius, half } => DVec3::new(radius, radius, half + radius),
         };
         let r = self.frame.rotation;
         let world = r.x_axis.abs() * half.x + r.y_axis.abs() * half.y + r.z_axis.abs() * half.z;
@@ -151,11 +173,10 @@ impl Kind {
             Self::Sphere { radius } => sphere(line, DVec3::ZERO, radius),
             Self::Block { half } => block(line, half),
             Self::Cone { bottom, top, half } => cone(line, bottom, top, half),
-            Self::Capsule { radius, half } => {
-                // The hull of the two balls is convex: its span is the hull of the spans.
-                let end = DVec3::Z * half;
-                let parts =
-                    [sphere(line, end, radius), sphere(line, -end, radius), cone(line, radius, radius, half)];
+            Self::Bullet { radius, half } => {
+                // The union is convex: its span is the hull of the spans.
+                let ball = sphere(line, DVec3::Z * -half, radius);
+                let parts = [ball, cone(line, radius, radius, half)];
                 parts.into_iter().flatten().reduce(hull)
             }
         }
@@ -182,12 +203,8 @@ fn sphere(line: &Line, centre: DVec3, radius: f64) -> Option<Span> {
 }
 
 fn block(line: &Line, half: DVec3) -> Option<Span> {
-    let mut span = Span {
-        enter: f64::NEG_INFINITY,
-        enter_normal: DVec3::ZERO,
-        exit: f64::INFINITY,
-        exit_normal: DVec3::ZERO,
-    };
+    let mut span =
+        Span { enter: f64::NEG_INFINITY, enter_normal: DVec3::ZERO, exit: f64::INFINITY, exit_normal: DVec3::ZERO };
     for axis in 0..3 {
         let (o, d, h) = (line.origin[axis], line.direction[axis], half[axis]);
         if d.abs() < 1e-15 {
@@ -208,14 +225,29 @@ fn block(line: &Line, half: DVec3) -> Option<Span> {
     (span.enter < span.exit).then_some(span)
 }
 
+/// The part of the line with `|z| ≤ half`.
+fn slab(line: &Line, half: f64) -> Option<Span> {
+    let (o, d) = (line.origin.z, line.direction.z);
+    let side = DVec3::Z * d.signum();
+    let (enter, exit) = if d.abs() < 1e-15 {
+        if o.abs() > half {
+            return None;
+        }
+        (f64::NEG_INFINITY, f64::INFINITY)
+    } else {
+        ((-half * d.signum() - o) / d, (half * d.signum() - o) / d)
+    };
+    Some(Span { enter, enter_normal: -side, exit, exit_normal: side })
+}
+
 /// A frustum: the double cone `x² + y² = (m + k z)²` clipped to `|z| ≤ half`.
 fn cone(line: &Line, bottom: f64, top: f64, half: f64) -> Option<Span> {
     let (o, d) = (line.origin, line.direction);
-    // The slab first.
-    let mut span = block(line, DVec3::new(1e9, 1e9, half))?;
+    let mut span = slab(line, half)?;
     let (m, k) = (0.5 * (bottom + top), 0.5 * (top - bottom) / half);
-    // Shift the origin to where the slab is entered: keeps the quadratic well conditioned.
-    let shift = span.enter.max(-1e6);
+    // Shift the origin to where the line is nearest to the solid's middle: keeps the quadratic well
+    // conditioned.
+    let shift = -o.dot(d);
     let p = o + shift * d;
     let (ro, rd) = (m + k * p.z, k * d.z);
     let a = d.x * d.x + d.y * d.y - rd * rd;
@@ -290,8 +322,10 @@ mod tests {
                 let radius = bottom + (top - bottom) * (p.z + half) / (2.0 * half);
                 (p.truncate().length() - radius).max(p.z.abs() - half)
             }
-            Kind::Capsule { radius, half } => {
-                (p - DVec3::Z * p.z.clamp(-half, half)).length() - radius
+            Kind::Bullet { radius, half } => {
+                let ball = (p + DVec3::Z * half).length() - radius;
+                let rod = (p.truncate().length() - radius).max(p.z.abs() - half);
+                ball.min(rod)
             }
         }
     }
@@ -309,7 +343,7 @@ mod tests {
                 Kind::Cone { bottom: 0.4, top: 0.4, half: 0.6 },
                 Kind::Cone { bottom: 0.7, top: 0.0, half: 0.5 },
                 Kind::Cone { bottom: 0.2, top: 0.6, half: 0.5 },
-                Kind::Capsule { radius: 0.2, half: 0.5 },
+                Kind::Bullet { radius: 0.2, half: 0.5 },
             ][which];
             let origin = DVec3::from(o);
             let direction = DVec3::from(target) - origin;

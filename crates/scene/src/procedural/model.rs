@@ -7,6 +7,9 @@ use super::convex::{Convex, Frame, Line};
 use super::shape::{Hit, Knot, Shape};
 use super::texture::Texture;
 
+/// Surfaces that reflect more than this show mirror images.
+pub(super) const MIRRORS_ABOVE: f64 = 0.03;
+
 /// How a surface answers light.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Material {
@@ -23,6 +26,11 @@ impl Material {
     /// No highlight to speak of.
     pub fn matt(texture: Texture) -> Self {
         Self { texture, reflectance: 0.02, gloss: 12.0, metal: false }
+    }
+
+    /// Polished stone: a highlight, no mirror image.
+    pub fn satin(texture: Texture) -> Self {
+        Self { texture, reflectance: MIRRORS_ABOVE, gloss: 60.0, metal: false }
     }
 
     /// A coat of varnish.
@@ -87,8 +95,8 @@ impl Builder {
         }
         for pair in knots.windows(2) {
             let &[from, to] = pair else { continue };
-            let capsule = Convex::capsule(from.point, to.point, tube);
-            self.push(Shape::Piece { capsule, from, to, tube }, material);
+            let rod = Convex::bullet(from.point, to.point, tube);
+            self.push(Shape::Piece { rod, from, to, tube }, material);
         }
         self
     }
@@ -98,11 +106,12 @@ impl Builder {
         self
     }
 
-    /// Sorts the objects for rays.
-    pub fn build(self) -> Model {
+    /// Sorts the objects for rays and places them: scaled by `scale`, then raised by `rise`, so that
+    /// every camera sees all of them.
+    pub fn build(self, scale: f64, rise: f64) -> Model {
         let shapes: Vec<&Shape> = self.objects.iter().map(|o| &o.shape).collect();
         let bvh = Bvh::new(&shapes);
-        Model { objects: self.objects, bvh }
+        Model { objects: self.objects, bvh, scale, rise }
     }
 }
 
@@ -111,26 +120,41 @@ impl Builder {
 pub(super) struct Model {
     objects: Vec<Object>,
     bvh: Bvh,
+    scale: f64,
+    rise: f64,
 }
 
 impl Model {
+    /// A line of the world, in the coordinates that the objects were put together in. Distances
+    /// along it are [`Model::scale`] times smaller.
+    pub fn line(&self, origin: DVec3, direction: DVec3) -> Line {
+        Line { origin: (origin - DVec3::Z * self.rise) / self.scale, direction }
+    }
+
+    /// World units in one unit of the objects' coordinates.
+    pub fn scale(&self) -> f64 {
+        self.scale
+    }
+
     /// The nearest hit and the material there.
     pub fn nearest(&self, line: &Line) -> Option<(Hit, &Material)> {
-        let (i, hit) = self.bvh.nearest(|i| &self.objects[i].shape, line, f64::INFINITY)?;
+        let (i, hit) = self.bvh.nearest(|i, t| self.objects[i].shape.hit(line, t), line, f64::INFINITY)?;
         Some((hit, &self.objects[i].material))
     }
 
     /// Whether anything lies on the line.
     pub fn blocked(&self, line: &Line) -> bool {
-        self.bvh.any(|i| &self.objects[i].shape, line, f64::INFINITY)
+        self.bvh.any(|i, t| self.objects[i].shape.hit(line, t), line, f64::INFINITY)
     }
 
-    /// A box around all objects.
+    /// A box around all objects, in the world.
     #[cfg(test)]
     pub fn bounds(&self) -> (DVec3, DVec3) {
-        self.objects.iter().map(|o| o.shape.bounds()).fold(
-            (DVec3::INFINITY, DVec3::NEG_INFINITY),
-            |(lo, hi), (a, b)| (lo.min(a), hi.max(b)),
-        )
+        let (lo, hi) = self
+            .objects
+            .iter()
+            .map(|o| o.shape.bounds())
+            .fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), (a, b)| (lo.min(a), hi.max(b)));
+        (lo * self.scale + DVec3::Z * self.rise, hi * self.scale + DVec3::Z * self.rise)
     }
 }

@@ -25,22 +25,19 @@ pub(super) fn render(model: &Model, camera: &Camera) -> Rgba8 {
 /// nothing.
 pub(super) fn depth(model: &Model, camera: &Camera) -> Vec<f32> {
     rows(camera, |x, y| {
-        let line = ray(camera, f64::from(x) + 0.5, f64::from(y) + 0.5);
-        model.nearest(&line).map_or(f32::INFINITY, |(hit, _)| hit.t as f32)
+        let line = ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5);
+        model.nearest(&line).map_or(f32::INFINITY, |(hit, _)| (hit.t * model.scale()) as f32)
     })
 }
 
 fn rows<T: Send>(camera: &Camera, pixel: impl Fn(u32, u32) -> T + Sync) -> Vec<T> {
     let pixel = &pixel;
-    (0..camera.height)
-        .into_par_iter()
-        .flat_map_iter(|y| (0..camera.width).map(move |x| pixel(x, y)))
-        .collect()
+    (0..camera.height).into_par_iter().flat_map_iter(|y| (0..camera.width).map(move |x| pixel(x, y))).collect()
 }
 
-fn ray(camera: &Camera, x: f64, y: f64) -> Line {
+fn ray(model: &Model, camera: &Camera, x: f64, y: f64) -> Line {
     let (origin, direction) = camera.ray_f64(x, y);
-    Line { origin, direction }
+    model.line(origin, direction)
 }
 
 fn pixel(model: &Model, camera: &Camera, x: u32, y: u32) -> [u8; 4] {
@@ -49,7 +46,7 @@ fn pixel(model: &Model, camera: &Camera, x: u32, y: u32) -> [u8; 4] {
     for sample in 0..GRID * GRID {
         let offset = |k: usize| (k as f64 + 0.5) / GRID as f64;
         let (dx, dy) = (offset(sample % GRID), offset(sample / GRID));
-        let line = ray(camera, f64::from(x) + dx, f64::from(y) + dy);
+        let line = ray(model, camera, f64::from(x) + dx, f64::from(y) + dy);
         if let Some(colour) = radiance(model, &line, sample % LIGHT_SAMPLES) {
             sum += colour;
             hits += 1;

@@ -4,7 +4,7 @@
 use glam::DVec3;
 
 use super::convex::Line;
-use super::model::{Material, Model};
+use super::model::{MIRRORS_ABOVE, Material, Model};
 use super::shape::Hit;
 
 /// Positions over the lamps that the samples of a pixel share out among themselves.
@@ -29,14 +29,7 @@ pub(super) fn radiance(model: &Model, line: &Line, sample: usize) -> Option<DVec
     Some(surface(model, line, &hit, material, sample, true))
 }
 
-fn surface(
-    model: &Model,
-    line: &Line,
-    hit: &Hit,
-    material: &Material,
-    sample: usize,
-    mirror: bool,
-) -> DVec3 {
+fn surface(model: &Model, line: &Line, hit: &Hit, material: &Material, sample: usize, mirror: bool) -> DVec3 {
     let view = -line.direction;
     let normal = if hit.normal.dot(view) < 0.0 { -hit.normal } else { hit.normal };
     let start = line.at(hit.t) + LIFT * normal;
@@ -54,7 +47,12 @@ fn surface(
 
     let mut light = GROUND_COLOUR * (0.5 - 0.5 * normal.z) * 0.55;
     let up = towards(DVec3::Z, SKY_SIZE);
-    let overhead = if clear(up) { 1.0 } else { 0.25 };
+    // In mirror images half a shadow everywhere will do.
+    let overhead = match mirror {
+        true if clear(up) => 1.0,
+        true => 0.25,
+        false => 0.6,
+    };
     light += SKY_COLOUR * (0.5 + 0.5 * normal.z) * overhead;
     light += FILL_COLOUR * normal.dot(FILL.normalize()).max(0.0) * (0.4 + 0.6 * overhead);
 
@@ -70,7 +68,7 @@ fn surface(
     }
 
     let mut colour = body * light + tint * highlight.min(DVec3::splat(4.0));
-    if mirror && material.reflectance > 0.03 {
+    if mirror && material.reflectance > MIRRORS_ABOVE {
         let share = fresnel(material.reflectance, normal.dot(view));
         let direction = line.direction - 2.0 * line.direction.dot(normal) * normal;
         let reflected = Line { origin: start, direction: direction.normalize_or(normal) };

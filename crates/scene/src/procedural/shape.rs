@@ -26,9 +26,9 @@ pub(super) enum Shape {
     Solid { base: Convex, cuts: Vec<Convex> },
     /// A torus about local z.
     Ring { frame: Frame, radius: f64, tube: f64 },
-    /// A piece of a tube of radius `tube` about a smooth curve: a capsule whose normals follow the
-    /// curve, so that no joint shows.
-    Piece { capsule: Convex, from: Knot, to: Knot, tube: f64 },
+    /// A piece of a tube of radius `tube` about a smooth curve: a rod with a ball at its start,
+    /// whose normals follow the curve, so that no joint shows.
+    Piece { rod: Convex, from: Knot, to: Knot, tube: f64 },
 }
 
 /// A point of a curve.
@@ -47,7 +47,7 @@ impl Shape {
     pub fn bounds(&self) -> (DVec3, DVec3) {
         match self {
             Self::Solid { base, .. } => base.bounds(),
-            Self::Piece { capsule, .. } => capsule.bounds(),
+            Self::Piece { rod, .. } => rod.bounds(),
             Self::Ring { frame, radius, tube } => {
                 let axis = frame.rotation.z_axis;
                 let half = DVec3::from(axis.to_array().map(|c| radius * (1.0 - c * c).max(0.0).sqrt() + tube));
@@ -60,7 +60,7 @@ impl Shape {
     pub fn hit(&self, line: &Line, farthest: f64) -> Option<Hit> {
         match self {
             Self::Solid { base, cuts } => {
-                let (t, normal) = carve(base, cuts, line)?;
+                let (t, normal) = carve(base, cuts, line, farthest)?;
                 (t < farthest).then(|| {
                     let texture_point = base.frame.point_to_local(line.at(t));
                     let texture_normal = base.frame.rotation.transpose() * normal;
@@ -78,8 +78,8 @@ impl Shape {
                 let texture_point = DVec3::new(flat.y.atan2(flat.x) * radius, around, 0.0);
                 Some(Hit { t, normal: frame.rotation * normal, texture_point, texture_normal: DVec3::Z })
             }
-            Self::Piece { capsule, from, to, tube } => {
-                let span = capsule.span(line)?;
+            Self::Piece { rod, from, to, tube } => {
+                let span = rod.span(line)?;
                 let t = if span.enter > NEAREST { span.enter } else { span.exit };
                 (t > NEAREST && t < farthest).then(|| piece_hit(line.at(t), t, from, to, *tube))
             }
@@ -88,17 +88,14 @@ impl Shape {
 }
 
 /// The first point after the start where the line goes from outside `base − cuts` to its surface.
-fn carve(base: &Convex, cuts: &[Convex], line: &Line) -> Option<(f64, DVec3)> {
+fn carve(base: &Convex, cuts: &[Convex], line: &Line, farthest: f64) -> Option<(f64, DVec3)> {
     let span = base.span(line)?;
-    if span.exit <= NEAREST {
+    if span.exit <= NEAREST || span.enter >= farthest {
         return None;
-    }
-    if span.enter <= NEAREST && cuts.is_empty() {
-        return Some((span.exit, span.exit_normal));
     }
     let (mut t, mut normal) = (span.enter, span.enter_normal);
     let mut holes: Vec<_> = cuts.iter().filter_map(|c| c.span(line)).collect();
-    holes.sort_by(|a, b| a.enter.total_cmp(&b.enter));
+    holes.sort_unstable_by(|a, b| a.enter.total_cmp(&b.enter));
     // Solid intervals are what the holes leave of the span; walk them in order.
     for hole in &holes {
         if hole.enter > t {

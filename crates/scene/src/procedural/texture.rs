@@ -115,13 +115,8 @@ fn noise(p: DVec3) -> f64 {
     let [x, y, z] = cell.to_array().map(|c| c as i64);
     let corner = |dx: i64, dy: i64, dz: i64| hash([x + dx, y + dy, z + dz]);
     let mix = |a: f64, b: f64, s: f64| a + (b - a) * s;
-    let face = |dz| {
-        mix(
-            mix(corner(0, 0, dz), corner(1, 0, dz), f.x),
-            mix(corner(0, 1, dz), corner(1, 1, dz), f.x),
-            f.y,
-        )
-    };
+    let face =
+        |dz| mix(mix(corner(0, 0, dz), corner(1, 0, dz), f.x), mix(corner(0, 1, dz), corner(1, 1, dz), f.x), f.y);
     mix(face(0), face(1), f.z)
 }
 

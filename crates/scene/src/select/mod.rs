@@ -73,8 +73,7 @@ impl ViewSelection {
             Self::All => Ok((0..n).collect()),
             Self::Seed { seed, count } => {
                 check_count(*count, n)?;
-                let seed = u32::try_from(*seed)
-                    .map_err(|_| error("a NumPy seed of at most 4294967295", seed))?;
+                let seed = u32::try_from(*seed).map_err(|_| error("a NumPy seed of at most 4294967295", seed))?;
                 let mut order = Mt19937::new(seed).permutation(n);
                 order.truncate(*count);
                 Ok(order)
@@ -93,9 +92,8 @@ impl ViewSelection {
                     return Err(error("a positive angle in degrees", angle_deg));
                 }
                 let mut rng = ChaCha8Rng::seed_from_u64(*seed);
-                spread::narrow(cameras, *count, angle_deg.to_radians(), &mut rng).ok_or_else(|| {
-                    error(format!("{count} views within {angle_deg}° of each other"), "fewer")
-                })
+                spread::narrow(cameras, *count, angle_deg.to_radians(), &mut rng)
+                    .ok_or_else(|| error(format!("{count} views within {angle_deg}° of each other"), "fewer"))
             }
         }
     }

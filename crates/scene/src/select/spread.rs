@@ -21,9 +21,8 @@ pub(super) fn farthest_point(cameras: &[Camera], count: usize, rng: &mut impl Rn
         for (distance, camera) in nearest.iter_mut().zip(cameras) {
             *distance = distance.min(camera.position_f64().distance_squared(last));
         }
-        let farthest = (0..cameras.len())
-            .filter(|i| !chosen.contains(i))
-            .max_by(|&i, &j| nearest[i].total_cmp(&nearest[j]));
+        let farthest =
+            (0..cameras.len()).filter(|i| !chosen.contains(i)).max_by(|&i, &j| nearest[i].total_cmp(&nearest[j]));
         match farthest {
             Some(i) => chosen.push(i),
             None => break,
@@ -48,12 +47,7 @@ pub(super) fn wide(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<
 /// `count` views that are pairwise within `angle` radians: anchors in random order, each completed
 /// greedily from its neighbours in random order and then in order of nearness; the first anchor
 /// that can be completed wins. `None` where none can.
-pub(super) fn narrow(
-    cameras: &[Camera],
-    count: usize,
-    angle: f64,
-    rng: &mut impl Rng,
-) -> Option<Vec<usize>> {
+pub(super) fn narrow(cameras: &[Camera], count: usize, angle: f64, rng: &mut impl Rng) -> Option<Vec<usize>> {
     let directions = view_directions(cameras);
     // Beyond π every pair is within the angle.
     let cosine = angle.min(std::f64::consts::PI).cos() - 1e-12;

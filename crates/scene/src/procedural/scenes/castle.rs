@@ -14,7 +14,9 @@ const SIDE: f64 = 0.78;
 pub(in crate::procedural) fn castle() -> Builder {
     let mut scene = Builder::default();
     island(&mut scene);
-    for (k, corner) in [v(-SIDE, -SIDE, 0.0), v(SIDE, -SIDE, 0.0), v(SIDE, SIDE, 0.0), v(-SIDE, SIDE, 0.0)].iter().enumerate() {
+    for (k, corner) in
+        [v(-SIDE, -SIDE, 0.0), v(SIDE, -SIDE, 0.0), v(SIDE, SIDE, 0.0), v(-SIDE, SIDE, 0.0)].iter().enumerate()
+    {
         tower(&mut scene, *corner, 0.62 + 0.16 * (k % 3) as f64, ROOFS[k]);
     }
     walls(&mut scene);
@@ -27,7 +29,13 @@ pub(in crate::procedural) fn castle() -> Builder {
 const ROOFS: [[u8; 3]; 4] = [[196, 60, 44], [40, 96, 160], [214, 150, 40], [60, 140, 96]];
 
 fn stone(round: bool) -> Material {
-    Material::matt(Texture::Bricks { brick: rgb(186, 176, 156), mortar: rgb(96, 90, 82), width: 0.14, height: 0.075, round })
+    Material::matt(Texture::Bricks {
+        brick: rgb(186, 176, 156),
+        mortar: rgb(96, 90, 82),
+        width: 0.14,
+        height: 0.075,
+        round,
+    })
 }
 
 fn roof([r, g, b]: [u8; 3]) -> Material {
@@ -59,7 +67,11 @@ fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: [u8; 3]) {
     let tip = foot + DVec3::Z * (height + 0.36);
     let pole = Material::metal(rgb(200, 200, 190));
     scene.solid(Convex::rod(tip, tip + DVec3::Z * 0.26, 0.010), pole);
-    let flag = Texture::Stripes { a: rgb(250, 250, 245), b: rgb(colour[0], colour[1], colour[2]), direction: v(0.0, 0.0, 18.0) };
+    let flag = Texture::Stripes {
+        a: rgb(250, 250, 245),
+        b: rgb(colour[0], colour[1], colour[2]),
+        direction: v(0.0, 0.0, 18.0),
+    };
     scene.solid(Convex::block(tip + v(0.085, 0.0, 0.19), v(0.16, 0.012, 0.11)), Material::matt(flag));
 }
 
@@ -120,7 +132,13 @@ fn keep(scene: &mut Builder) {
         }
     }
     let size = v(2.0 * half, 2.0 * half, height);
-    let warm = Texture::Bricks { brick: rgb(206, 160, 112), mortar: rgb(120, 100, 80), width: 0.12, height: 0.06, round: false };
+    let warm = Texture::Bricks {
+        brick: rgb(206, 160, 112),
+        mortar: rgb(120, 100, 80),
+        width: 0.12,
+        height: 0.06,
+        round: false,
+    };
     scene.carved(Convex::block(centre, size), cuts, Material::matt(warm));
     for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let at = foot + v(half * x, half * y, height - 0.20);

@@ -24,7 +24,13 @@ pub(in crate::procedural) fn crane() -> Builder {
 
 /// A brick block with a vaulted passage each way, crates and barrels around it.
 fn base(scene: &mut Builder) {
-    let brick = Texture::Bricks { brick: rgb(176, 74, 52), mortar: rgb(214, 206, 190), width: 0.16, height: 0.075, round: false };
+    let brick = Texture::Bricks {
+        brick: rgb(176, 74, 52),
+        mortar: rgb(214, 206, 190),
+        width: 0.16,
+        height: 0.075,
+        round: false,
+    };
     let centre = v(-0.25, 0.0, -0.93);
     let mut cuts = Vec::new();
     for axis in [DVec3::X, DVec3::Y] {

@@ -7,7 +7,7 @@ use crate::procedural::convex::{Convex, Frame};
 use crate::procedural::model::{Builder, Material};
 use crate::procedural::texture::Texture;
 
-const PIECES: usize = 220;
+const PIECES: usize = 120;
 
 pub(in crate::procedural) fn knot() -> Builder {
     let mut scene = Builder::default();
@@ -17,11 +17,7 @@ pub(in crate::procedural) fn knot() -> Builder {
         v(r * (2.0 * a).cos(), r * (2.0 * a).sin(), 0.25 + 0.36 * (3.0 * a).sin())
     };
     // (length along the tube, angle about it): eight strands of cells that twist around.
-    let scales = Texture::Checker {
-        a: rgb(214, 62, 40),
-        b: rgb(250, 196, 66),
-        per_unit: v(7.0, 8.0 / TAU, 1.0),
-    };
+    let scales = Texture::Checker { a: rgb(214, 62, 40), b: rgb(250, 196, 66), per_unit: v(7.0, 8.0 / TAU, 1.0) };
     scene.closed_tube(trefoil, PIECES, 0.155, Material::glossy(scales));
     scene.solid(Convex::sphere(v(0.0, 0.0, 0.25), 0.24), Material::metal(rgb(225, 230, 238)));
     scene.ring(Frame::along(v(0.0, 0.0, 0.25), v(0.5, 0.3, 1.0)), 0.30, 0.018, brass());
@@ -49,7 +45,7 @@ fn plinth(scene: &mut Builder) {
         let (inner, outer) = (polar(0.4, f64::from(i) * 45.0, -0.79), polar(1.2, f64::from(i) * 45.0, -0.79));
         cuts.push(Convex::rod(inner, outer, 0.10));
     }
-    scene.carved(Convex::cylinder(v(0.0, 0.0, -0.98), 0.95, 0.36), cuts, Material::glossy(marble));
+    scene.carved(Convex::cylinder(v(0.0, 0.0, -0.98), 0.95, 0.36), cuts, Material::satin(marble));
     let steps = Texture::Checker { a: rgb(40, 46, 60), b: rgb(176, 170, 150), per_unit: v(6.0, 6.0, 0.1) };
     scene.solid(Convex::cylinder(v(0.0, 0.0, -1.10), 1.10, 0.12), Material::matt(steps));
     for i in 0..3 {

@@ -65,7 +65,10 @@ fn planets(scene: &mut Builder) {
     scene.solid(Convex::sphere(ocean, 0.15), Material::glossy(earth));
     let moon = ocean + v(0.16, -0.14, 0.12);
     scene.solid(Convex::rod(ocean, moon, 0.008), brass());
-    scene.solid(Convex::sphere(moon, 0.05), Material::matt(Texture::Patches { a: rgb(200, 200, 196), b: rgb(140, 140, 138), per_unit: 30.0, cap: 9.0 }));
+    scene.solid(
+        Convex::sphere(moon, 0.05),
+        Material::matt(Texture::Patches { a: rgb(200, 200, 196), b: rgb(140, 140, 138), per_unit: 30.0, cap: 9.0 }),
+    );
 
     let giant = polar(0.80, 100.0, 0.02);
     arm(scene, -0.22, giant);
@@ -75,7 +78,8 @@ fn planets(scene: &mut Builder) {
     let ringed = polar(0.84, 205.0, 0.24);
     arm(scene, -0.36, ringed);
     let tilt = v(0.35, -0.2, 1.0).normalize();
-    let stripes = Texture::Bands { a: rgb(230, 208, 150), b: rgb(190, 160, 100), c: rgb(244, 234, 200), per_unit: 12.0 };
+    let stripes =
+        Texture::Bands { a: rgb(230, 208, 150), b: rgb(190, 160, 100), c: rgb(244, 234, 200), per_unit: 12.0 };
     scene.solid(Convex::sphere(ringed, 0.15), Material::glossy(stripes));
     for (inner, outer, colour) in [(0.19, 0.235, rgb(206, 184, 150)), (0.25, 0.285, rgb(150, 130, 110))] {
         let half = tilt * 0.006;

@@ -1,0 +1,198 @@
+//! The command line.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+
+/// Learn a 3D scene from a handful of photographs, and measure how well.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 120)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Run an experiment: train every variant on every scene, evaluate on test views, write a report.
+    #[command(after_help = EXP_EXAMPLES)]
+    Exp(ExpArgs),
+    /// Evaluate a finished run again.
+    Eval(EvalArgs),
+    /// Render new views of a finished run: an orbit as PNG frames and an animation.
+    Render(RenderArgs),
+    /// List or export scenes.
+    #[command(subcommand)]
+    Scene(SceneCommand),
+    /// List the experiments that are built in.
+    List,
+}
+
+const EXP_EXAMPLES: &str = "\
+Examples:
+  infonerf exp synthetic-4view
+      NeRF and InfoNeRF on the built-in scenes, four views each; needs no data
+  infonerf exp synthetic-4view --data nerf_synthetic --scene lego --set scene.size=400
+      the same on real Blender data: reads nerf_synthetic/lego/transforms_train.json
+  infonerf exp synthetic-4view --data nerf_synthetic --scene lego --variant infonerf --budget 60s
+      one variant, one minute
+  infonerf exp runs/synthetic-4view/lego/infonerf/seed0/config.toml
+      a run again, with the same numbers";
+
+#[derive(Clone, Debug, ClapArgs)]
+pub(crate) struct ExpArgs {
+    /// A built-in experiment (see `infonerf list`) or a TOML file, such as the config.toml of a run.
+    pub(crate) experiment: String,
+    /// Folder that holds the scenes' folders; without it the built-in procedural scenes are used.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data: Option<PathBuf>,
+    /// A scene to run on, again for more; by default the experiment's, or all in DIR.
+    #[arg(long = "scene", value_name = "S")]
+    pub(crate) scenes: Vec<String>,
+    /// A variant to run, again for more; by default all of the experiment.
+    #[arg(long = "variant", value_name = "V")]
+    pub(crate) variants: Vec<String>,
+    /// A seed: decides the training views and all random numbers. Again for more.
+    #[arg(long = "seed", value_name = "N")]
+    pub(crate) seeds: Vec<u64>,
+    /// Where to compute.
+    #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
+    pub(crate) device: DeviceName,
+    /// What the config starts from.
+    #[arg(long, value_enum)]
+    pub(crate) preset: Option<PresetName>,
+    /// Change any key of the config, such as loss.entropy.weight=0.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<String>,
+    /// Training time for each run, such as 60s or 5m; the schedule follows the clock.
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    pub(crate) budget: Option<Duration>,
+    /// Folder for results.
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    pub(crate) out: PathBuf,
+    /// Go on with runs that were interrupted; finished ones are kept.
+    #[arg(long)]
+    pub(crate) resume: bool,
+    /// Print where time went and what skipping saved.
+    #[arg(long)]
+    pub(crate) profile: bool,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct EvalArgs {
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0.
+    pub(crate) run: PathBuf,
+    /// Test views: all, every-8, first-3; by default as the run says.
+    #[arg(long, value_name = "PROTOCOL")]
+    pub(crate) test: Option<String>,
+    /// Where to compute.
+    #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
+    pub(crate) device: DeviceName,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct RenderArgs {
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0.
+    pub(crate) run: PathBuf,
+    /// Where the camera goes.
+    #[arg(long, value_enum, default_value_t = PathName::Orbit)]
+    pub(crate) path: PathName,
+    /// Number of frames.
+    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub(crate) frames: u32,
+    /// Longest side of a frame in pixels; by default as trained.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8192))]
+    pub(crate) size: Option<u32>,
+    /// Folder for the frames; by default RUN/render.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Where to compute.
+    #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
+    pub(crate) device: DeviceName,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum SceneCommand {
+    /// List the built-in scenes.
+    List,
+    /// Write a built-in scene as a folder in Blender's format, with exact depth.
+    Export {
+        /// Name of the scene.
+        name: String,
+        /// Folder to write.
+        dir: PathBuf,
+        /// Side of the images in pixels.
+        #[arg(long, default_value_t = infonerf_scene::procedural::DEFAULT_SIZE)]
+        size: u32,
+    },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum DeviceName {
+    /// The fastest one that is built in.
+    Auto,
+    /// CPU.
+    Flex,
+    /// CPU, the older backend.
+    Ndarray,
+    /// GPU through WGSL.
+    Wgpu,
+    /// GPU through Vulkan.
+    Vulkan,
+    /// NVIDIA GPU.
+    Cuda,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PresetName {
+    /// Small and quick.
+    Fast,
+    /// The text of the paper.
+    Paper,
+    /// The authors' code.
+    Released,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PathName {
+    /// Once around the scene.
+    Orbit,
+}
+
+/// `90s`, `5m`, `1h`, `1500ms`, or seconds without a unit.
+fn parse_duration(text: &str) -> Result<Duration, String> {
+    let fault = || format!("expected a time above 0 such as 60s or 5m, found `{text}`");
+    let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
+    let (number, unit) = text.split_at(split);
+    let scale = match unit {
+        "ms" => 1e-3,
+        "s" | "" => 1.0,
+        "m" | "min" => 60.0,
+        "h" => 3600.0,
+        _ => return Err(fault()),
+    };
+    let seconds = number.trim().parse::<f64>().map_err(|_| fault())? * scale;
+    if seconds > 0.0 { Duration::try_from_secs_f64(seconds).map_err(|_| fault()) } else { Err(fault()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn durations() {
+        for (text, seconds) in [("60s", 60.0), ("5m", 300.0), ("1500ms", 1.5), ("7", 7.0), ("0.5h", 1800.0)] {
+            assert_eq!(parse_duration(text).unwrap().as_secs_f64(), seconds);
+        }
+        for text in ["", "s", "0s", "-1s", "nan", "5 parsecs", "1e400s"] {
+            assert!(parse_duration(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory;
+        Args::command().debug_assert();
+    }
+}

@@ -1,0 +1,29 @@
+//! One file for each subcommand.
+
+mod eval;
+mod exp;
+mod render;
+mod scene;
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+
+use crate::args::Command;
+use crate::experiment;
+
+/// Runs a subcommand.
+pub(crate) fn run(command: Command) -> Result<ExitCode> {
+    match command {
+        Command::Exp(args) => exp::run(&args),
+        Command::Eval(args) => eval::run(&args),
+        Command::Render(args) => render::run(&args),
+        Command::Scene(command) => scene::run(&command),
+        Command::List => {
+            for (name, title) in experiment::list() {
+                println!("{name:24} {title}");
+            }
+            Ok(ExitCode::SUCCESS)
+        }
+    }
+}

@@ -1,0 +1,49 @@
+//! Which backend computes: one of those that this binary was built with.
+
+use anyhow::{Result, bail};
+use burn::tensor::Device;
+
+use crate::args::DeviceName;
+
+/// Names of the devices built in, fastest first.
+const BUILT_IN: &[&str] = &[
+    #[cfg(feature = "cuda")]
+    "cuda",
+    #[cfg(feature = "vulkan")]
+    "vulkan",
+    #[cfg(feature = "wgpu")]
+    "wgpu",
+    #[cfg(feature = "flex")]
+    "flex",
+    #[cfg(feature = "ndarray")]
+    "ndarray",
+];
+
+/// The device called `name`, and what it is called.
+pub(crate) fn open(name: DeviceName) -> Result<(Device, &'static str)> {
+    let wanted = match name {
+        DeviceName::Auto => BUILT_IN.first().copied().unwrap_or("none"),
+        DeviceName::Flex => "flex",
+        DeviceName::Ndarray => "ndarray",
+        DeviceName::Wgpu => "wgpu",
+        DeviceName::Vulkan => "vulkan",
+        DeviceName::Cuda => "cuda",
+    };
+    let device = match wanted {
+        #[cfg(feature = "flex")]
+        "flex" => Device::flex(),
+        #[cfg(feature = "ndarray")]
+        "ndarray" => Device::ndarray(),
+        #[cfg(feature = "wgpu")]
+        "wgpu" => Device::webgpu(burn::tensor::DeviceKind::DefaultDevice),
+        #[cfg(feature = "vulkan")]
+        "vulkan" => Device::vulkan(burn::tensor::DeviceKind::DefaultDevice),
+        #[cfg(feature = "cuda")]
+        "cuda" => Device::cuda(0),
+        _ => bail!(
+            "--device {wanted}: not built in; this binary has: {}. Build with `cargo build --release --features {wanted}`",
+            BUILT_IN.join(", ")
+        ),
+    };
+    Ok((device, wanted))
+}

@@ -1,0 +1,325 @@
+//! Experiment files: which runs there are, and how each differs from a preset.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use infonerf_scene::{SceneSource, procedural};
+use infonerf_train::{Config, Preset, config};
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use crate::args::{ExpArgs, PresetName};
+
+/// The experiments that are built in.
+const BUILT_IN: &[(&str, &str)] = &[("synthetic-4view", include_str!("../../../experiments/synthetic-4view.toml"))];
+
+/// An experiment file.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    /// One line on what it shows.
+    title: Option<String>,
+    /// Another experiment that this one changes.
+    base: Option<String>,
+    /// The experiment's name in results; by default the file's.
+    name: Option<String>,
+    /// Folder of scenes.
+    data: Option<PathBuf>,
+    /// Scenes to run on.
+    scenes: Option<Vec<String>>,
+    /// Seeds to run.
+    seeds: Option<Vec<u64>>,
+    /// Preset to start from.
+    preset: Option<Preset>,
+    /// Training time of each run in seconds.
+    budget_seconds: Option<f64>,
+    /// Laid over the preset.
+    #[serde(default)]
+    config: Table,
+    /// What is compared: each laid over `config`, in the order of the file.
+    #[serde(default)]
+    variants: Table,
+}
+
+/// An experiment, ready to run.
+#[derive(Debug)]
+pub(crate) struct Experiment {
+    pub(crate) name: String,
+    pub(crate) title: String,
+    pub(crate) data: Option<PathBuf>,
+    pub(crate) runs: Vec<RunPlan>,
+}
+
+/// One run.
+#[derive(Clone, Debug)]
+pub(crate) struct RunPlan {
+    pub(crate) experiment: String,
+    pub(crate) scene: String,
+    pub(crate) source: SceneSource,
+    pub(crate) data: Option<PathBuf>,
+    pub(crate) variant: String,
+    pub(crate) seed: u64,
+    pub(crate) preset: Preset,
+    pub(crate) budget: Option<f64>,
+    pub(crate) config: Config,
+}
+
+/// The `config.toml` of a run: an experiment file of that one run, complete.
+#[derive(Serialize, Deserialize)]
+struct Complete {
+    title: String,
+    name: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    data: Option<PathBuf>,
+    scenes: Vec<String>,
+    seeds: Vec<u64>,
+    preset: Preset,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    budget_seconds: Option<f64>,
+    config: Config,
+    variants: BTreeMap<String, Table>,
+}
+
+/// Names and titles of the built-in experiments.
+pub(crate) fn list() -> Vec<(&'static str, String)> {
+    BUILT_IN
+        .iter()
+        .map(|&(name, text)| (name, parse(name, text).ok().and_then(|file| file.title).unwrap_or_default()))
+        .collect()
+}
+
+fn parse(origin: &str, text: &str) -> Result<File> {
+    let first = |error: toml::de::Error| {
+        let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].lines().count().max(1));
+        anyhow::anyhow!("{origin}: line {line}: {}", error.message().lines().next().unwrap_or_default())
+    };
+    toml::from_str(text).map_err(first)
+}
+
+fn read(name: &str) -> Result<(String, File)> {
+    if let Some((_, text)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == name) {
+        return Ok((name.to_owned(), parse(name, text)?));
+    }
+    let path = Path::new(name);
+    if !path.exists() {
+        let known: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
+        bail!("{name}: expected an experiment file or one of: {}", known.join(", "));
+    }
+    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let stem = path.file_stem().map_or_else(|| "experiment".into(), |stem| stem.to_string_lossy().into_owned());
+    Ok((stem, parse(name, &text)?))
+}
+
+/// Reads an experiment with those that it is based on, the furthest first.
+fn layers(name: &str) -> Result<(String, Vec<File>)> {
+    let (own_name, file) = read(name)?;
+    let mut base = file.base.clone();
+    let mut files = vec![file];
+    while let Some(name) = base {
+        if files.len() > 8 {
+            bail!("{own_name}: base: expected at most 8 experiments in a row, each changing the next");
+        }
+        let (_, file) = read(&name).with_context(|| format!("{own_name}: base"))?;
+        base = file.base.clone();
+        files.push(file);
+    }
+    files.reverse();
+    Ok((own_name, files))
+}
+
+impl Experiment {
+    /// Reads the experiment that `args` names and applies what they change.
+    pub(crate) fn plan(args: &ExpArgs) -> Result<Self> {
+        let (own_name, files) = layers(&args.experiment)?;
+        let last = |pick: fn(&File) -> Option<String>| files.iter().rev().find_map(pick);
+        let name = files.last().and_then(|file| file.name.clone()).unwrap_or(own_name);
+        let preset = match args.preset {
+            Some(PresetName::Fast) => Preset::Fast,
+            Some(PresetName::Paper) => Preset::Paper,
+            Some(PresetName::Released) => Preset::Released,
+            None => files.iter().rev().find_map(|file| file.preset).unwrap_or(Preset::Fast),
+        };
+        let data = args.data.clone().or_else(|| files.iter().rev().find_map(|file| file.data.clone()));
+        let mut table = preset.table();
+        let mut variants = Table::new();
+        for file in &files {
+            config::merge(&mut table, file.config.clone());
+            config::merge(&mut variants, file.variants.clone());
+        }
+        if variants.is_empty() {
+            bail!("{name}: variants: expected at least one table");
+        }
+        let listed = if args.data.is_some() { None } else { files.iter().rev().find_map(|file| file.scenes.clone()) };
+        let scenes = if args.scenes.is_empty() { listed } else { Some(args.scenes.clone()) };
+        let scenes = find_scenes(data.as_deref(), scenes)?;
+        let seeds = if args.seeds.is_empty() {
+            files.iter().rev().find_map(|file| file.seeds.clone()).unwrap_or_else(|| vec![0])
+        } else {
+            args.seeds.clone()
+        };
+        let names = choose_variants(&variants, &args.variants)?;
+        check_distinct("--scene", scenes.iter().map(|(scene, _)| scene.clone()))?;
+        check_distinct("--variant", names.iter().cloned())?;
+        check_distinct("--seed", seeds.iter().map(u64::to_string))?;
+        let budget = args
+            .budget
+            .map(|budget| budget.as_secs_f64())
+            .or_else(|| files.iter().rev().find_map(|file| file.budget_seconds));
+        let mut runs = Vec::new();
+        for (scene, source) in &scenes {
+            for variant in &names {
+                let config = variant_config(&table, &variants, variant, &args.set)?;
+                for &seed in &seeds {
+                    runs.push(RunPlan {
+                        experiment: name.clone(),
+                        scene: scene.clone(),
+                        source: source.clone(),
+                        data: data.clone(),
+                        variant: variant.clone(),
+                        seed,
+                        preset,
+                        budget,
+                        config: config.clone(),
+                    });
+                }
+            }
+        }
+        let title = last(|file| file.title.clone()).unwrap_or_else(|| name.clone());
+        Ok(Self { name, title, data, runs })
+    }
+}
+
+fn variant_config(table: &Table, variants: &Table, variant: &str, set: &[String]) -> Result<Config> {
+    let mut table = table.clone();
+    match variants.get(variant) {
+        Some(Value::Table(over)) => config::merge(&mut table, over.clone()),
+        _ => bail!("variants.{variant}: expected a table"),
+    }
+    for assignment in set {
+        config::assign(&mut table, assignment).with_context(|| format!("--set {assignment}"))?;
+    }
+    Config::from_table(table).with_context(|| format!("variant {variant}"))
+}
+
+fn choose_variants(variants: &Table, wanted: &[String]) -> Result<Vec<String>> {
+    let known: Vec<String> = variants.keys().cloned().collect();
+    if let Some(unknown) = wanted.iter().find(|name| !known.contains(name)) {
+        bail!("--variant {unknown}: expected one of: {}", known.join(", "));
+    }
+    Ok(if wanted.is_empty() { known } else { wanted.to_vec() })
+}
+
+fn check_distinct(what: &str, items: impl Iterator<Item = String>) -> Result<()> {
+    let mut seen = std::collections::BTreeSet::new();
+    for item in items {
+        if !seen.insert(item.clone()) {
+            bail!("{what} {item}: given twice");
+        }
+    }
+    Ok(())
+}
+
+/// The scenes to run on, with where they are.
+fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Result<Vec<(String, SceneSource)>> {
+    let Some(data) = data else {
+        let names = names.unwrap_or_else(|| procedural::NAMES.iter().map(|&name| name.to_owned()).collect());
+        return names
+            .into_iter()
+            .map(|name| {
+                if procedural::NAMES.contains(&name.as_str()) {
+                    Ok((name.clone(), SceneSource::Procedural(name)))
+                } else {
+                    bail!(
+                        "--scene {name}: expected one of the built-in scenes ({}), or --data with the folder that holds it",
+                        procedural::NAMES.join(", ")
+                    )
+                }
+            })
+            .collect();
+    };
+    let names = match names {
+        Some(names) => names,
+        None => subfolders(data)?,
+    };
+    names
+        .into_iter()
+        .map(|name| {
+            let path = data.join(&name);
+            if name.is_empty() || Path::new(&name).components().count() != 1 || name.contains("..") {
+                bail!("--scene {name}: expected the name of a folder in {}", data.display());
+            }
+            if !path.is_dir() {
+                bail!("{}: expected the folder of scene {name}: not found", path.display());
+            }
+            Ok((name, SceneSource::Folder { path }))
+        })
+        .collect()
+}
+
+fn subfolders(data: &Path) -> Result<Vec<String>> {
+    let entries = std::fs::read_dir(data).with_context(|| format!("{}: expected a folder of scenes", data.display()))?;
+    let mut names: Vec<String> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.is_dir())
+        .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
+        .collect();
+    names.sort();
+    if names.is_empty() {
+        bail!("{}: expected a folder of scenes: it has none", data.display());
+    }
+    Ok(names)
+}
+
+impl RunPlan {
+    /// How the run is named to people.
+    pub(crate) fn label(&self) -> String {
+        format!("{}/{}/seed{}", self.scene, self.variant, self.seed)
+    }
+
+    /// The text of `config.toml`: running it again gives the same numbers.
+    pub(crate) fn to_toml(&self) -> Result<String> {
+        let data = self.data.as_deref().map(|data| std::path::absolute(data).unwrap_or_else(|_| data.to_owned()));
+        let complete = Complete {
+            title: self.label(),
+            name: self.experiment.clone(),
+            data,
+            scenes: vec![self.scene.clone()],
+            seeds: vec![self.seed],
+            preset: self.preset,
+            budget_seconds: self.budget,
+            config: self.config.clone(),
+            variants: BTreeMap::from([(self.variant.clone(), Table::new())]),
+        };
+        Ok(toml::to_string(&complete)?)
+    }
+
+    /// Reads the `config.toml` of a run's folder.
+    pub(crate) fn of_run(folder: &Path) -> Result<Self> {
+        let path = folder.join("config.toml");
+        if !path.is_file() {
+            bail!("{}: expected the folder of a run: it has no config.toml", folder.display());
+        }
+        let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        let fault = |error: toml::de::Error| anyhow::anyhow!("{}: {}", path.display(), error.message());
+        let complete: Complete = toml::from_str(&text).map_err(fault)?;
+        complete.config.validate().with_context(|| path.display().to_string())?;
+        let (Some(scene), Some(&seed), Some(variant)) =
+            (complete.scenes.first(), complete.seeds.first(), complete.variants.keys().next())
+        else {
+            bail!("{}: expected one scene, one seed and one variant", path.display());
+        };
+        let source = find_scenes(complete.data.as_deref(), Some(vec![scene.clone()]))?.remove(0).1;
+        Ok(Self {
+            experiment: complete.name,
+            scene: scene.clone(),
+            source,
+            data: complete.data,
+            variant: variant.clone(),
+            seed,
+            preset: complete.preset,
+            budget: complete.budget_seconds,
+            config: complete.config,
+        })
+    }
+}

@@ -1,0 +1,219 @@
+//! Checkpoints: written beside and renamed, checksummed, the one before kept.
+
+use std::fs;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use burn::module::Module;
+use burn::optim::{ModuleOptimizer, OptimizerRecord};
+use burn::store::ModuleRecord;
+use burn::tensor::Bytes;
+use infonerf_render::{Counts, Model, OccupancyGrid};
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+
+/// How far a run is.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Progress {
+    /// Steps taken since the last fresh start.
+    pub step: usize,
+    /// Seconds of training so far, over all sessions.
+    pub seconds: f64,
+    /// Points along rays before skipping.
+    pub samples_total: u64,
+    /// Points along rays that a field evaluated.
+    pub samples_evaluated: u64,
+    /// Fresh starts after a collapse.
+    pub restarts: usize,
+    /// Steps in a row in which the field was empty.
+    pub empty_steps: usize,
+}
+
+impl Progress {
+    pub(crate) fn count(&mut self, counts: Counts) {
+        self.samples_total += counts.total;
+        self.samples_evaluated += counts.evaluated;
+    }
+}
+
+/// Everything that a run needs to go on as if it had never stopped.
+#[derive(Clone, Debug)]
+pub struct Checkpoint {
+    progress: Progress,
+    model: Vec<u8>,
+    optimiser: Vec<u8>,
+    occupancy: Option<Vec<u8>>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Manifest {
+    version: u32,
+    progress: Progress,
+    files: Vec<Part>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Part {
+    name: String,
+    bytes: u64,
+    crc32: u32,
+}
+
+const VERSION: u32 = 1;
+const MANIFEST: &str = "manifest.json";
+
+impl Checkpoint {
+    pub(crate) fn take(
+        progress: &Progress,
+        model: &Model,
+        optimiser: &ModuleOptimizer,
+        occupancy: Option<&OccupancyGrid>,
+    ) -> Result<Self, TrainError> {
+        let record = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
+        Ok(Self {
+            progress: progress.clone(),
+            model: model.clone().into_record().into_bytes().map_err(record)?.to_vec(),
+            optimiser: optimiser.to_record().into_bytes().map_err(record)?.to_vec(),
+            occupancy: occupancy.map(encode_occupancy),
+        })
+    }
+
+    /// How far the run was.
+    pub fn progress(&self) -> &Progress {
+        &self.progress
+    }
+
+    /// Writes to `run/checkpoint`; what was there becomes `run/checkpoint.previous`.
+    ///
+    /// # Errors
+    /// If anything cannot be written; the checkpoint that was there stays usable.
+    pub fn save(&self, run: &Path) -> Result<(), TrainError> {
+        let [current, previous, beside] = paths(run);
+        remove(&beside)?;
+        fs::create_dir_all(&beside).map_err(|error| TrainError::file(&beside, error))?;
+        let parts = [
+            ("model.bpk", Some(&self.model)),
+            ("optimiser.bpk", Some(&self.optimiser)),
+            ("occupancy.bin", self.occupancy.as_ref()),
+        ];
+        let mut files = Vec::new();
+        for (name, bytes) in parts.into_iter().filter_map(|(name, bytes)| Some((name, bytes?))) {
+            write(&beside.join(name), bytes)?;
+            files.push(Part { name: name.to_owned(), bytes: bytes.len() as u64, crc32: crc32fast::hash(bytes) });
+        }
+        let manifest = Manifest { version: VERSION, progress: self.progress.clone(), files };
+        let text = serde_json::to_vec_pretty(&manifest).map_err(|error| TrainError::file(&beside, error))?;
+        write(&beside.join(MANIFEST), &text)?;
+        if current.exists() {
+            remove(&previous)?;
+            fs::rename(&current, &previous).map_err(|error| TrainError::file(&current, error))?;
+        }
+        fs::rename(&beside, &current).map_err(|error| TrainError::file(&current, error))
+    }
+
+    /// Reads the newest intact checkpoint of a run; none if it has none. Also returns why newer ones were refused.
+    ///
+    /// # Errors
+    /// If there are checkpoints, but none is intact.
+    pub fn load(run: &Path) -> Result<(Option<Self>, Vec<String>), TrainError> {
+        let [current, previous, _] = paths(run);
+        let mut refused = Vec::new();
+        for path in [current, previous].into_iter().filter(|path| path.exists()) {
+            match Self::read(&path) {
+                Ok(checkpoint) => return Ok((Some(checkpoint), refused.iter().map(ToString::to_string).collect())),
+                Err(error) => refused.push(error),
+            }
+        }
+        match refused.into_iter().next() {
+            None => Ok((None, Vec::new())),
+            Some(newest) => Err(newest),
+        }
+    }
+
+    fn read(folder: &Path) -> Result<Self, TrainError> {
+        let path = folder.join(MANIFEST);
+        let text = fs::read(&path).map_err(|error| TrainError::file(&path, error))?;
+        let manifest: Manifest = serde_json::from_slice(&text).map_err(|error| TrainError::file(&path, error))?;
+        if manifest.version != VERSION {
+            let cause = format!("version: expected {VERSION}, found {}", manifest.version);
+            return Err(TrainError::file(&path, cause));
+        }
+        let part = |name: &str| -> Result<Option<Vec<u8>>, TrainError> {
+            let Some(part) = manifest.files.iter().find(|part| part.name == name) else { return Ok(None) };
+            let path = folder.join(name);
+            let bytes = fs::read(&path).map_err(|error| TrainError::file(&path, error))?;
+            if bytes.len() as u64 != part.bytes || crc32fast::hash(&bytes) != part.crc32 {
+                let cause = format!("expected {} bytes with checksum {:08x}: the file is damaged", part.bytes, part.crc32);
+                return Err(TrainError::file(&path, cause));
+            }
+            Ok(Some(bytes))
+        };
+        let needed = |name: &str| {
+            part(name)?.ok_or_else(|| TrainError::file(&path, format!("files: expected an entry for `{name}`")))
+        };
+        Ok(Self {
+            model: needed("model.bpk")?,
+            optimiser: needed("optimiser.bpk")?,
+            occupancy: part("occupancy.bin")?,
+            progress: manifest.progress,
+        })
+    }
+
+    /// Puts the trained weights into a model of the same config.
+    ///
+    /// # Errors
+    /// If the model is of another shape.
+    pub fn restore_model(&self, model: Model) -> Result<Model, TrainError> {
+        let fault = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
+        let record = ModuleRecord::from_bytes(Bytes::from_bytes_vec(self.model.clone())).map_err(fault)?;
+        model.try_load_record(record).map_err(fault)
+    }
+
+    pub(crate) fn restore_optimiser(&self, optimiser: ModuleOptimizer) -> Result<ModuleOptimizer, TrainError> {
+        let record = OptimizerRecord::from_bytes(Bytes::from_bytes_vec(self.optimiser.clone()))
+            .map_err(|error| TrainError::Config(format!("checkpoint: {error}")))?;
+        Ok(optimiser.load_record(record))
+    }
+
+    /// Puts the occupancy back into a grid of the same config.
+    ///
+    /// # Errors
+    /// If the grid is of another size.
+    pub fn restore_occupancy(&self, grid: &mut OccupancyGrid) -> Result<(), TrainError> {
+        let Some(bytes) = &self.occupancy else { return Ok(()) };
+        let cells = bytes.len() / 5;
+        let (density, occupied) = bytes.split_at(cells * 4);
+        let density = density.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        grid.restore(density, occupied.iter().map(|&b| b != 0).collect()).map_err(|expected| {
+            TrainError::Config(format!("checkpoint: occupancy.bin: expected {expected} cells, found {cells}"))
+        })
+    }
+}
+
+fn encode_occupancy(grid: &OccupancyGrid) -> Vec<u8> {
+    let (density, occupied) = grid.state();
+    let mut bytes: Vec<u8> = density.iter().flat_map(|d| d.to_le_bytes()).collect();
+    bytes.extend(occupied.iter().map(|&occupied| u8::from(occupied)));
+    bytes
+}
+
+/// The checkpoint, the one before, and the one being written.
+fn paths(run: &Path) -> [PathBuf; 3] {
+    ["checkpoint", "checkpoint.previous", "checkpoint.writing"].map(|name| run.join(name))
+}
+
+fn remove(folder: &Path) -> Result<(), TrainError> {
+    match fs::remove_dir_all(folder) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(TrainError::file(folder, error)),
+        _ => Ok(()),
+    }
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
+    let mut file = fs::File::create(path).map_err(|error| TrainError::file(path, error))?;
+    file.write_all(bytes).and_then(|()| file.sync_all()).map_err(|error| TrainError::file(path, error))
+}

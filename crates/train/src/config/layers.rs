@@ -1,0 +1,132 @@
+//! Configs are built in layers, each a TOML table that says how it differs from the one below.
+
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use crate::TrainError;
+
+/// A complete config to start from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Preset {
+    /// Small and quick: about a minute a scene on two cores.
+    Fast,
+    /// The text of the paper, at full size.
+    Paper,
+    /// The behaviour of the authors' code, at full size.
+    Released,
+}
+
+impl Preset {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Fast, Self::Paper, Self::Released];
+
+    /// As written on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fast => "fast",
+            Self::Paper => "paper",
+            Self::Released => "released",
+        }
+    }
+
+    /// The preset's table.
+    pub fn table(self) -> Table {
+        let paper = parse(include_str!("../../presets/paper.toml"));
+        match self {
+            Self::Paper => paper,
+            Self::Released => merged(paper, parse(include_str!("../../presets/released.toml"))),
+            Self::Fast => merged(paper, parse(include_str!("../../presets/fast.toml"))),
+        }
+    }
+}
+
+fn parse(text: &str) -> Table {
+    text.parse().expect("a preset is valid TOML: every preset is parsed by a test")
+}
+
+fn merged(mut base: Table, over: Table) -> Table {
+    merge(&mut base, over);
+    base
+}
+
+/// Lays `over` onto `base`: tables are merged key by key, anything else replaces what was there.
+///
+/// A table that names another `kind` than the one below replaces it whole: the keys of one kind mean nothing to another.
+pub fn merge(base: &mut Table, over: Table) {
+    for (key, value) in over {
+        match (base.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) if same_kind(below, &above) => merge(below, above),
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}
+
+fn same_kind(below: &Table, above: &Table) -> bool {
+    above.get("kind").is_none_or(|kind| below.get("kind") == Some(kind))
+}
+
+/// Applies `dotted.key=value` to `table`. The value is TOML; a bare word is a string.
+///
+/// # Errors
+/// If there is no `=`, or a part of the key is empty or no table.
+pub fn assign(table: &mut Table, assignment: &str) -> Result<(), TrainError> {
+    let (path, value) = parse_assignment(assignment)?;
+    set(table, &path, value)
+}
+
+/// Splits `dotted.key=value` into its key and value.
+///
+/// # Errors
+/// If there is no `=` or a part of the key is empty.
+pub fn parse_assignment(assignment: &str) -> Result<(Vec<String>, Value), TrainError> {
+    let (key, text) = assignment
+        .split_once('=')
+        .ok_or_else(|| TrainError::config(assignment, "expected dotted.key=value, found no `=`"))?;
+    let path: Vec<String> = key.trim().split('.').map(str::to_owned).collect();
+    if path.iter().any(String::is_empty) {
+        return Err(TrainError::config(key, "expected dotted.key=value, found an empty part in the key"));
+    }
+    Ok((path, parse_value(text.trim())))
+}
+
+fn parse_value(text: &str) -> Value {
+    let parsed = format!("value = {text}").parse::<Table>().ok().and_then(|mut table| table.remove("value"));
+    parsed.unwrap_or_else(|| Value::String(text.to_owned()))
+}
+
+fn set(table: &mut Table, path: &[String], value: Value) -> Result<(), TrainError> {
+    match path {
+        [] => Ok(()),
+        [last] => {
+            let over = Table::from_iter([(last.clone(), value)]);
+            // Naming another kind drops the keys of the old one.
+            if last == "kind" && !same_kind(table, &over) {
+                table.clear();
+            }
+            merge(table, over);
+            Ok(())
+        }
+        [first, rest @ ..] => match table.entry(first.clone()).or_insert_with(|| Value::Table(Table::new())) {
+            Value::Table(inner) => set(inner, rest, value),
+            _ => Err(TrainError::config(first, "expected a table here: this key holds a single value")),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn layers_merge() {
+        let mut base = parse("a = 1\n[f]\nkind = 'x'\nwidth = 3\n[g]\nn = 1\nm = 2");
+        merge(&mut base, parse("a = 2\n[f]\nkind = 'y'\n[g]\nn = 5"));
+        assert_eq!(base, parse("a = 2\n[f]\nkind = 'y'\n[g]\nn = 5\nm = 2"));
+        assign(&mut base, "g.m = 1e-3").unwrap();
+        assign(&mut base, "g.name=word").unwrap();
+        assert_eq!(base, parse("a = 2\n[f]\nkind = 'y'\n[g]\nn = 5\nm = 1e-3\nname = 'word'"));
+    }
+}

@@ -1,0 +1,244 @@
+//! The complete description of a run. Presets and experiment files are TOML tables merged into one [`Config`].
+
+mod layers;
+mod protocol;
+
+pub use layers::{Preset, assign, merge, parse_assignment};
+pub use protocol::{Protocol, Views};
+
+use infonerf_field::FieldConfig;
+use infonerf_loss::{EntropyConfig, GainConfig, Norm};
+use infonerf_render::RenderConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+
+/// Everything that a run's numbers depend on, beside the scene's files, the seed and the device.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Config {
+    /// Which views, at which size.
+    pub scene: SceneConfig,
+    /// The network.
+    pub field: FieldConfig,
+    /// Sampling and skipping.
+    pub render: RenderConfig,
+    /// Loss terms and their weights.
+    pub loss: LossConfig,
+    /// The loop.
+    pub train: TrainConfig,
+    /// What is measured in the end.
+    pub eval: EvalConfig,
+}
+
+/// Which views, at which size.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneConfig {
+    /// Training views.
+    pub views: Views,
+    /// Longest side of the images in pixels; 0 for the size that they have.
+    pub size: u32,
+    /// Colour behind transparent pixels.
+    pub background: [f32; 3],
+}
+
+/// Loss terms and their weights.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LossConfig {
+    /// L_RGB.
+    pub rgb: RgbConfig,
+    /// λ₁ L_entropy.
+    pub entropy: EntropyConfig,
+    /// λ₂ L_KL.
+    pub gain: GainConfig,
+}
+
+/// The photometric term.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RgbConfig {
+    /// How a colour difference becomes a number.
+    pub norm: Norm,
+    /// Weight of the coarse network's colour beside the fine one's 1 (NeRF: 1).
+    pub coarse: f32,
+}
+
+/// The training loop.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Steps at most.
+    pub iterations: usize,
+    /// Rays of training images a step, |R_s|.
+    pub rays: usize,
+    /// Rays of unseen poses a step, |R_u|.
+    pub unseen_rays: usize,
+    /// Where a step's pixels come from.
+    pub batch: Batch,
+    /// Steps in which pixels come from the central half of the images only (released code: 500).
+    pub center_steps: usize,
+    /// Where unseen poses come from.
+    pub unseen: Unseen,
+    /// Adam's learning rate at the start.
+    pub lr: f64,
+    /// How it falls.
+    pub lr_decay: Decay,
+    /// Adam's ε (PyTorch: 1e-8).
+    pub adam_epsilon: f32,
+    /// Steps between checkpoints; 0 for one at the end only.
+    pub checkpoint_every: usize,
+    /// Fresh starts allowed when a field collapses to empty space.
+    pub restarts: usize,
+}
+
+/// Where a step's pixels come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Batch {
+    /// Any pixels of all training images.
+    Pixels,
+    /// Pixels of one training image a step, each at most once, as in the released code.
+    Image,
+}
+
+/// Where unseen poses come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Unseen {
+    /// The part of the sphere that the training cameras span; never a test pose.
+    Sphere,
+    /// The poses of all training images, chosen or not: knowledge of the scene that four photographs do not give.
+    Dataset,
+}
+
+/// How the learning rate falls.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Decay {
+    /// By a factor of 10 every so many steps, exponentially (paper: 250,000).
+    Steps {
+        /// Steps for a factor of 10.
+        tenfold: usize,
+    },
+    /// Exponentially over the run, however long it is.
+    Run {
+        /// The last learning rate over the first.
+        last: f64,
+    },
+}
+
+impl TrainConfig {
+    /// Learning rate at `step` when the run is `progress` ∈ [0, 1] of the way.
+    pub fn lr_at(&self, step: usize, progress: f64) -> f64 {
+        self.lr
+            * match self.lr_decay {
+                Decay::Steps { tenfold } => 0.1f64.powf(step as f64 / tenfold.max(1) as f64),
+                Decay::Run { last } => last.powf(progress),
+            }
+    }
+}
+
+/// What is measured in the end.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvalConfig {
+    /// Which test views.
+    pub test: Protocol,
+    /// Test rays for mean entropy and information gain (the paper's Figure A); 0 leaves both out.
+    pub information_rays: usize,
+}
+
+impl Config {
+    /// Reads a complete config from a TOML table, refusing unknown keys and numbers out of range.
+    ///
+    /// # Errors
+    /// One line that names the key and what was expected.
+    pub fn from_table(table: toml::Table) -> Result<Self, TrainError> {
+        let config: Self = serde_path_to_error::deserialize(toml::Value::Table(table)).map_err(|error| {
+            let (path, message) = (error.path().to_string(), error.into_inner().to_string());
+            TrainError::config(path, message.lines().next().unwrap_or_default())
+        })?;
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// The first key that is out of range.
+    pub fn validate(&self) -> Result<(), TrainError> {
+        self.field.validate().map_err(|error| TrainError::Config(error.to_string()))?;
+        self.render.validate().map_err(|error| TrainError::Config(error.to_string()))?;
+        let t = &self.train;
+        let number = |key: &str, value: f64, low: f64, high: f64| {
+            if (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                Err(TrainError::config(key, format!("expected a number from {low} to {high}, found {value}")))
+            }
+        };
+        number("train.iterations", t.iterations as f64, 1.0, 1e9)?;
+        number("train.rays", t.rays as f64, 1.0, 65_536.0)?;
+        number("train.unseen_rays", t.unseen_rays as f64, 0.0, 65_536.0)?;
+        number("train.lr", t.lr, 0.0, 1e3)?;
+        number("train.adam_epsilon", f64::from(t.adam_epsilon), 0.0, 1.0)?;
+        if let Decay::Run { last } = t.lr_decay {
+            number("train.lr_decay.last", last, 1e-9, 1.0)?;
+        }
+        number("loss.rgb.coarse", f64::from(self.loss.rgb.coarse), 0.0, 1e6)?;
+        number("loss.entropy.weight", f64::from(self.loss.entropy.weight), 0.0, 1e6)?;
+        number("loss.entropy.epsilon", f64::from(self.loss.entropy.epsilon), 0.0, 0.01)?;
+        number("loss.gain.weight", f64::from(self.loss.gain.weight), 0.0, 1e6)?;
+        number("loss.gain.epsilon", f64::from(self.loss.gain.epsilon), 1e-12, 0.01)?;
+        number("loss.gain.max_angle_deg", self.loss.gain.max_angle_deg, 0.0, 180.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_preset_is_complete() {
+        for preset in Preset::ALL {
+            Config::from_table(preset.table()).unwrap();
+        }
+    }
+
+    #[test]
+    fn learning_rates() {
+        let mut train = Config::from_table(Preset::Released.table()).unwrap().train;
+        train.lr = 1.0;
+        train.lr_decay = Decay::Steps { tenfold: 100 };
+        assert!((train.lr_at(200, 0.0) - 0.01).abs() < 1e-12);
+        train.lr_decay = Decay::Run { last: 0.01 };
+        assert!((train.lr_at(7, 0.5) - 0.1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_fault_names_its_key() {
+        let fault = |assignment: &str| {
+            let mut table = Preset::Paper.table();
+            assign(&mut table, assignment).and_then(|()| Config::from_table(table).map(|_| ())).unwrap_err().to_string()
+        };
+        for (assignment, part) in [
+            ("train.rayz=3", "rayz"),
+            ("train.rays=-3", "train.rays"),
+            ("train.rays=0", "train.rays"),
+            ("train.rays=many", "train.rays"),
+            ("loss.entropy.weight=nan", "loss.entropy.weight"),
+            ("field.width=7", "field.width"),
+            ("field.kind=cube", "cube"),
+            ("scene.views.ids=[1]", "scene.views"),
+            ("eval.test=some", "eval.test"),
+            ("nonsense", "nonsense"),
+            ("a..b=1", "a..b"),
+        ] {
+            let message = fault(assignment);
+            assert!(message.contains(part), "{assignment}: {message}");
+            assert_eq!(message.lines().count(), 1, "{message}");
+        }
+    }
+}

@@ -1,0 +1,48 @@
+use std::path::{Path, PathBuf};
+
+use thiserror::Error;
+
+/// What can go wrong in a run; each message is one line.
+#[derive(Debug, Error)]
+pub enum TrainError {
+    /// A key of the config is unknown, or its value is out of range.
+    #[error("{0}")]
+    Config(String),
+    /// A loss is not finite. The last checkpoint is from before it.
+    #[error("step {step}: the {term} is {value}, not a finite number; the last checkpoint is kept")]
+    NonFinite {
+        /// Which term.
+        term: &'static str,
+        /// Its value.
+        value: f32,
+        /// At which step.
+        step: usize,
+    },
+    /// A file could not be read or written.
+    #[error("{}: {cause}", path.display())]
+    File {
+        /// Which file.
+        path: PathBuf,
+        /// Why not.
+        cause: String,
+    },
+    /// A scene could not be used.
+    #[error(transparent)]
+    Scene(#[from] infonerf_scene::SceneError),
+    /// A metric could not be computed.
+    #[error(transparent)]
+    Metric(#[from] infonerf_metrics::MetricError),
+}
+
+impl TrainError {
+    /// A fault of the config at `key`.
+    pub fn config(key: impl std::fmt::Display, cause: impl std::fmt::Display) -> Self {
+        Self::Config(format!("{key}: {cause}"))
+    }
+
+    /// A fault of a file.
+    pub fn file(path: &Path, cause: impl std::fmt::Display) -> Self {
+        let cause = cause.to_string();
+        Self::File { path: path.to_owned(), cause: cause.lines().next().unwrap_or_default().to_owned() }
+    }
+}

@@ -1,0 +1,39 @@
+use serde::{Deserialize, Serialize};
+
+/// One line of `metrics.jsonl`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "lowercase")]
+pub enum Event {
+    /// An optimiser step.
+    Step {
+        /// Steps taken, counting this one.
+        step: usize,
+        /// Seconds of training so far.
+        seconds: f64,
+        /// The whole objective.
+        loss: f32,
+        /// L_RGB.
+        rgb: f32,
+        /// L_entropy in bits, without its weight; none where it is off.
+        entropy: Option<f32>,
+        /// L_KL in nats, without its weight; none where it is off.
+        gain: Option<f32>,
+        /// PSNR of the step's rays, dB.
+        psnr: f32,
+        /// Learning rate.
+        lr: f64,
+        /// Rays of all kinds a second, in this step.
+        rays_per_second: f64,
+        /// Mean opacity of the step's seen rays.
+        acc: f32,
+        /// Share of candidate samples that a field evaluated, in this step.
+        evaluated: f64,
+    },
+    /// The field went empty.
+    Collapse {
+        /// At which step.
+        step: usize,
+        /// Whether training starts over with other weights.
+        restarted: bool,
+    },
+}

@@ -1,0 +1,378 @@
+use std::time::Instant;
+
+use burn::module::Module;
+use burn::optim::{GradientsParams, ModuleOptimizer};
+use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_field::{Points, RadianceField};
+use infonerf_loss::{entropy_loss, gain_loss, photometric_loss};
+use infonerf_ops::{Segments, adam::Adam, to_host};
+use infonerf_render::{Counts, Level, Model, Noise, OccupancyGrid, Renderer, Want};
+use infonerf_scene::{Ray, Scene, ViewRegion};
+
+use crate::batch;
+use crate::{Checkpoint, Config, Event, Phase, Profile, Progress, TrainError};
+
+/// One run in memory: what is learned, and how far it is.
+pub struct Trainer {
+    config: Config,
+    scene: Scene,
+    seed: u64,
+    /// Seconds after which to stop, if the clock and not the number of steps decides.
+    budget: Option<f64>,
+    device: Device,
+    renderer: Renderer,
+    region: ViewRegion,
+    model: Model,
+    optimiser: ModuleOptimizer,
+    occupancy: Option<OccupancyGrid>,
+    progress: Progress,
+    profile: Profile,
+}
+
+/// Why a run stopped, or that it has not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// There is more to do.
+    Running,
+    /// All steps are taken, or the budget is spent.
+    Finished,
+    /// The field went empty and no fresh start is left.
+    Collapsed,
+}
+
+/// What a random stream is for; part of its address.
+mod purpose {
+    pub const SEEN: u64 = 1;
+    pub const UNSEEN: u64 = 2;
+    pub const NEAR: u64 = 3;
+    pub const SAMPLES: u64 = 4;
+    pub const OCCUPANCY: u64 = 5;
+}
+
+/// A field whose seen rays let this much light through is empty ...
+const EMPTY: f32 = 1e-3;
+/// ... if it stays so for this many steps while the pixels show something.
+const EMPTY_STEPS: usize = 50;
+
+impl Trainer {
+    /// Sets up a run: the same `config`, `scene` and `seed` give the same numbers on one device.
+    ///
+    /// # Errors
+    /// If a number in `config` is out of range.
+    pub fn new(
+        config: &Config,
+        scene: Scene,
+        seed: u64,
+        budget: Option<f64>,
+        device: &Device,
+    ) -> Result<Self, TrainError> {
+        config.validate()?;
+        let device = device.clone().autodiff();
+        let renderer = Renderer::new(&config.render, &scene);
+        let region = ViewRegion::new(&scene.train.iter().map(|view| view.camera.clone()).collect::<Vec<_>>());
+        let model = build(config, seed, &device)?;
+        let o = &config.render.occupancy;
+        let occupancy = o.enabled.then(|| OccupancyGrid::new(o, scene.bounds));
+        Ok(Self {
+            optimiser: optimiser(config),
+            config: config.clone(),
+            scene,
+            seed,
+            budget,
+            device,
+            renderer,
+            region,
+            model,
+            occupancy,
+            progress: Progress::default(),
+            profile: Profile::default(),
+        })
+    }
+
+    /// Goes on from `checkpoint`.
+    ///
+    /// # Errors
+    /// If it is of another config.
+    pub fn resume(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
+        self.model = checkpoint.restore_model(self.model.clone())?;
+        self.optimiser = checkpoint.restore_optimiser(optimiser(&self.config))?;
+        if let Some(grid) = &mut self.occupancy {
+            checkpoint.restore_occupancy(grid)?;
+        }
+        self.progress = checkpoint.progress().clone();
+        Ok(())
+    }
+
+    /// Everything needed to go on later.
+    ///
+    /// # Errors
+    /// If the weights cannot be encoded.
+    pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
+        Checkpoint::take(&self.progress, &self.model, &self.optimiser, self.occupancy.as_ref())
+    }
+
+    /// How far the run is.
+    pub fn progress(&self) -> &Progress {
+        &self.progress
+    }
+
+    /// Where the time went.
+    pub fn profile(&self) -> &Profile {
+        &self.profile
+    }
+
+    /// The scene it learns.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The model without gradients, to render with.
+    pub fn model(&self) -> Model {
+        self.model.valid()
+    }
+
+    /// The renderer of the scene.
+    pub fn renderer(&self) -> &Renderer {
+        &self.renderer
+    }
+
+    /// The occupancy grid once it may be used.
+    pub fn occupancy(&self) -> Option<&OccupancyGrid> {
+        self.occupancy.as_ref().filter(|_| self.progress.step > self.config.render.occupancy.warmup)
+    }
+
+    /// Share of the run that is done, by steps or by the clock, whichever is further.
+    pub fn done(&self) -> f64 {
+        let steps = self.progress.step as f64 / self.config.train.iterations as f64;
+        let clock = self.budget.map_or(0.0, |budget| self.progress.seconds / budget);
+        steps.max(clock).min(1.0)
+    }
+
+    /// Takes one step and tells what happened.
+    ///
+    /// # Errors
+    /// If a loss is not finite. The model is then as it was before the step.
+    pub fn step(&mut self, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
+        if self.done() >= 1.0 {
+            return Ok(Outcome::Finished);
+        }
+        let start = Instant::now();
+        let step = self.progress.step;
+        self.update_occupancy(step);
+        let terms = self.forward(step)?;
+        let lr = self.config.train.lr_at(step, self.done());
+        let Terms { total, numbers, counts, rays } = terms;
+        let grads = self.profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), &self.model));
+        let (optimiser, model) = (&mut self.optimiser, self.model.clone());
+        self.model = self.profile.time(Phase::Optimiser, || optimiser.step(lr, model, grads));
+        self.progress.count(counts);
+        self.progress.step += 1;
+        let spent = start.elapsed().as_secs_f64();
+        self.progress.seconds += spent;
+        report(Event::Step {
+            step: self.progress.step,
+            seconds: self.progress.seconds,
+            loss: numbers.total,
+            rgb: numbers.rgb,
+            entropy: numbers.entropy,
+            gain: numbers.gain,
+            psnr: -10.0 * numbers.mse.max(1e-12).log10(),
+            lr,
+            rays_per_second: rays as f64 / spent,
+            acc: numbers.acc,
+            evaluated: counts.evaluated as f64 / counts.total.max(1) as f64,
+        });
+        self.watch(&numbers, report)
+    }
+
+    /// Detects a field that went empty, and starts over with other weights while that is allowed.
+    fn watch(&mut self, numbers: &Numbers, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
+        let empty = numbers.acc < EMPTY && numbers.foreground > 0.01;
+        self.progress.empty_steps = if empty { self.progress.empty_steps + 1 } else { 0 };
+        if self.progress.empty_steps >= EMPTY_STEPS {
+            let restarted = self.progress.restarts < self.config.train.restarts;
+            report(Event::Collapse { step: self.progress.step, restarted });
+            if !restarted {
+                return Ok(Outcome::Collapsed);
+            }
+            self.restart()?;
+        }
+        Ok(if self.done() >= 1.0 { Outcome::Finished } else { Outcome::Running })
+    }
+
+    fn restart(&mut self) -> Result<(), TrainError> {
+        let restarts = self.progress.restarts + 1;
+        self.model = build(&self.config, Noise::new(self.seed, restarts as u64, 0).bits(), &self.device)?;
+        self.optimiser = optimiser(&self.config);
+        let o = &self.config.render.occupancy;
+        self.occupancy = o.enabled.then(|| OccupancyGrid::new(o, self.scene.bounds));
+        self.progress = Progress { step: 0, restarts, empty_steps: 0, ..self.progress.clone() };
+        Ok(())
+    }
+
+    fn update_occupancy(&mut self, step: usize) {
+        let Some(grid) = self.occupancy.as_mut().filter(|grid| grid.is_due(step)) else { return };
+        let noise = Noise::new(self.seed, step as u64, purpose::OCCUPANCY);
+        let field = self.model.fine.valid();
+        let (length, done) = (self.renderer.step_length(), self.config.train.iterations.max(1));
+        let progress = step as f32 / done as f32;
+        self.profile.time(Phase::Occupancy, || grid.update(noise, length, |points| densities(&field, points, progress)));
+    }
+
+    fn forward(&mut self, step: usize) -> Result<Terms, TrainError> {
+        let noise = |purpose| Noise::new(self.seed, step as u64, purpose);
+        let progress = self.done() as f32;
+        let (loss, train) = (&self.config.loss, &self.config.train);
+        let (seen, colors) = self.profile.time(Phase::Rays, || batch::seen(&self.scene, train, step, noise(purpose::SEEN)));
+        let occupancy = self.occupancy.as_ref().filter(|_| step >= self.config.render.occupancy.warmup);
+        let entropy_on = loss.entropy.weight > 0.0;
+        let gain_weight = loss.gain.weight_at(step);
+        let wants_entropy = |counts: bool| (entropy_on && counts).then_some(loss.entropy.epsilon);
+
+        // Rays of training images.
+        let rays = seen.rays();
+        let want = Want { color: true, entropy: wants_entropy(loss.entropy.rays.seen()) };
+        let render = |rays: &[Ray], want, noise| self.renderer.render(&self.model, rays, want, Some(noise), occupancy, progress);
+        let (coarse, fine) = self.profile.time(Phase::Seen, || render(&rays, want, noise(purpose::SAMPLES)));
+        let target = Tensor::<2>::from_data(TensorData::new(colors.clone(), [rays.len(), 3]), &self.device);
+        let mut counts = count(coarse.as_ref(), &fine);
+        let mut ray_count = rays.len();
+        let color = fine.color.clone().expect("colour was wanted");
+        let mut rgb = photometric_loss(color, target.clone(), loss.rgb.norm);
+        let mse = rgb.clone();
+        if let Some(color) = coarse.and_then(|level| level.color) {
+            rgb = rgb + photometric_loss(color, target.clone(), loss.rgb.norm) * loss.rgb.coarse;
+        }
+
+        // Rays of unseen poses: density only.
+        let uses_unseen = train.unseen_rays > 0
+            && (entropy_on && loss.entropy.rays.unseen() || gain_weight > 0.0 && loss.gain.rays.unseen());
+        let unseen = uses_unseen.then(|| {
+            let pixels = batch::unseen(&self.scene, &self.region, train, noise(purpose::UNSEEN));
+            let rays = pixels.rays();
+            let want = Want { color: false, entropy: wants_entropy(loss.entropy.rays.unseen()) };
+            let (coarse, level) = self.profile.time(Phase::Unseen, || render(&rays, want, noise(purpose::SAMPLES).next()));
+            counts += count(coarse.as_ref(), &level);
+            ray_count += rays.len();
+            (pixels, level)
+        });
+
+        let mut total = rgb.clone();
+        let entropy = entropy_on.then(|| {
+            let mut sum = Tensor::<1>::zeros([1], &self.device);
+            let mut rays_counted = 0;
+            let seen_level = loss.entropy.rays.seen().then_some(&fine);
+            let unseen_level = unseen.as_ref().filter(|_| loss.entropy.rays.unseen()).map(|(_, level)| level);
+            for level in seen_level.into_iter().chain(unseen_level) {
+                sum = sum + entropy_loss(&level.composite, loss.entropy.mask);
+                rays_counted += level.samples.segments.rays();
+            }
+            sum / rays_counted.max(1) as f32
+        });
+        if let Some(entropy) = &entropy {
+            total = total + entropy.clone() * loss.entropy.weight;
+        }
+
+        // Neighbouring rays.
+        let gain = (gain_weight > 0.0).then(|| {
+            let noise = noise(purpose::NEAR);
+            let mut sum = Tensor::<1>::zeros([1], &self.device);
+            let mut bundles = 0;
+            let seen_pair = loss.gain.rays.seen().then_some((&seen, &fine));
+            let unseen_pair = unseen.as_ref().filter(|_| loss.gain.rays.unseen()).map(|(pixels, level)| (pixels, level));
+            for (pixels, level) in seen_pair.into_iter().chain(unseen_pair) {
+                if level.samples.segments.samples() == 0 {
+                    continue;
+                }
+                let near = pixels.near(noise, loss.gain.max_angle_deg);
+                let tau = self.profile.time(Phase::Near, || {
+                    self.renderer.optical_depth_along(&self.model.fine, level, &near, progress)
+                });
+                counts += Counts::from(&level.samples);
+                ray_count += near.len();
+                sum = sum + gain_loss(level.tau.clone(), tau, &level.samples.segments, &loss.gain);
+                bundles += 1;
+            }
+            sum / bundles.max(1) as f32
+        });
+        if let Some(gain) = &gain {
+            total = total + gain.clone() * gain_weight;
+        }
+
+        let background = self.scene.background;
+        let shows = |c: &[f32]| c.iter().zip(background).any(|(c, b)| (c - b).abs() > 0.02);
+        let foreground = colors.chunks_exact(3).filter(|c| shows(c)).count();
+        let numbers = Numbers {
+            rgb: number(&rgb),
+            mse: number(&mse) / if loss.rgb.norm == infonerf_loss::Norm::Squared { 3.0 } else { 1.0 },
+            entropy: entropy.as_ref().map(number),
+            gain: gain.as_ref().map(number),
+            total: number(&total),
+            acc: number(&fine.composite.acc.clone().mean()),
+            foreground: foreground as f32 / rays.len() as f32,
+        };
+        numbers.check(step)?;
+        Ok(Terms { total, numbers, counts, rays: ray_count })
+    }
+}
+
+struct Terms {
+    total: Tensor<1>,
+    numbers: Numbers,
+    counts: Counts,
+    rays: usize,
+}
+
+struct Numbers {
+    total: f32,
+    rgb: f32,
+    mse: f32,
+    entropy: Option<f32>,
+    gain: Option<f32>,
+    acc: f32,
+    foreground: f32,
+}
+
+impl Numbers {
+    fn check(&self, step: usize) -> Result<(), TrainError> {
+        let terms = [
+            ("RGB loss", Some(self.rgb)),
+            ("entropy loss", self.entropy),
+            ("information gain loss", self.gain),
+            ("total loss", Some(self.total)),
+        ];
+        match terms.into_iter().find_map(|(term, value)| value.filter(|v| !v.is_finite()).map(|value| (term, value))) {
+            Some((term, value)) => Err(TrainError::NonFinite { term, value, step }),
+            None => Ok(()),
+        }
+    }
+}
+
+fn number(tensor: &Tensor<1>) -> f32 {
+    tensor.clone().detach().into_scalar()
+}
+
+fn count(coarse: Option<&Level>, fine: &Level) -> Counts {
+    let mut counts = Counts::from(&fine.samples);
+    if let Some(coarse) = coarse {
+        counts += Counts::from(&coarse.samples);
+    }
+    counts
+}
+
+fn build(config: &Config, seed: u64, device: &Device) -> Result<Model, TrainError> {
+    let field = |seed| RadianceField::new(&config.field, seed, device).map_err(|error| TrainError::Config(error.to_string()));
+    let coarse = if config.render.fine_samples > 0 { Some(field(seed.wrapping_add(1 << 32))?) } else { None };
+    Ok(Model { coarse, fine: field(seed)? })
+}
+
+fn optimiser(config: &Config) -> ModuleOptimizer {
+    ModuleOptimizer::from(Adam { epsilon: config.train.adam_epsilon, ..Adam::default() })
+}
+
+/// Densities of bare points, for the occupancy grid.
+fn densities(field: &RadianceField, positions: &[f32], progress: f32) -> Vec<f32> {
+    let segments = Segments::uniform(1, positions.len() / 3);
+    let density = field.density(Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments }, progress);
+    to_host(density.sigma)
+}
