@@ -1,15 +1,16 @@
 //! Radiance fields as Burn modules: from points and directions to density and colour.
 //!
-//! Density and colour are two calls, so that rays which only need density (the unseen rays of the entropy loss) never
-//! pay for colour. To add a field: one file with a module, and one variant in [`FieldConfig`] and [`RadianceField`].
+//! Rays which only need density (the unseen rays of the entropy loss) say so and never pay for colour. To add a field: one file with a module, and one variant in [`FieldConfig`] and [`RadianceField`].
 
 mod activation;
 mod config;
+mod factored;
 mod init;
 mod nerf;
 
 pub use activation::DensityActivation;
-pub use config::{ConfigError, FieldConfig, NerfConfig};
+pub use config::{ConfigError, FactoredConfig, FieldConfig, NerfConfig};
+pub use factored::FactoredField;
 pub use nerf::NerfMlp;
 
 use burn::module::Module;
@@ -29,13 +30,13 @@ pub struct Points<'a> {
     pub segments: &'a Segments,
 }
 
-/// Density at the points asked for.
+/// What a field answers.
 #[derive(Clone, Debug)]
-pub struct Density {
+pub struct Sampled {
     /// Volume density σ ≥ 0 in 1/scene unit, `[M]`.
     pub sigma: Tensor<1>,
-    /// What the colour head needs, `[M, F]`; its meaning is the field's own.
-    pub features: Tensor<2>,
+    /// Colour in [0, 1]³, `[M, 3]`; none if it was not asked for.
+    pub color: Option<Tensor<2>>,
 }
 
 /// A function from position and direction to density and colour.
@@ -43,34 +44,41 @@ pub struct Density {
 pub enum RadianceField {
     /// The MLP of NeRF.
     Nerf(NerfMlp),
+    /// Planes and lines with a tiny MLP.
+    Factored(FactoredField),
 }
 
 impl RadianceField {
     /// Builds the field that `config` describes; the same `seed` gives the same weights on every backend.
     ///
+    /// `bounds` are the corners of the box that holds the scene, for fields that need one.
+    ///
     /// # Errors
     /// If a size in `config` is out of range.
-    pub fn new(config: &FieldConfig, seed: u64, device: &Device) -> Result<Self, ConfigError> {
+    pub fn new(config: &FieldConfig, bounds: [[f32; 3]; 2], seed: u64, device: &Device) -> Result<Self, ConfigError> {
         config.validate()?;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         Ok(match config {
             FieldConfig::Nerf(config) => Self::Nerf(NerfMlp::new(config, &mut rng, device)),
+            FieldConfig::Factored(config) => Self::Factored(FactoredField::new(config, bounds, &mut rng, device)),
         })
     }
 
-    /// Density σ(x), differentiable in the parameters.
+    /// Density σ(x), and colour c(x, d) if `color`, differentiable in the parameters.
     ///
     /// `progress` ∈ [0, 1] is how far training is, for fields that anneal detail; 1 gives the whole field.
-    pub fn density(&self, points: Points<'_>, progress: f32) -> Density {
+    pub fn evaluate(&self, points: Points<'_>, color: bool, progress: f32) -> Sampled {
         match self {
-            Self::Nerf(field) => field.density(points, progress),
+            Self::Nerf(field) => field.evaluate(points, color, progress),
+            Self::Factored(field) => field.evaluate(points, color, progress),
         }
     }
 
-    /// Colour c(x, d) ∈ [0, 1]³ of the points whose `density` was computed, `[M, 3]`.
-    pub fn color(&self, density: &Density, points: Points<'_>) -> Tensor<2> {
+    /// Total variation of the field's tables, a scalar; none for a field without tables.
+    pub fn variation(&self) -> Option<Tensor<1>> {
         match self {
-            Self::Nerf(field) => field.color(density, points),
+            Self::Nerf(_) => None,
+            Self::Factored(field) => Some(field.variation()),
         }
     }
 
@@ -78,6 +86,7 @@ impl RadianceField {
     pub fn device(&self) -> Device {
         match self {
             Self::Nerf(field) => field.device(),
+            Self::Factored(field) => field.device(),
         }
     }
 }

@@ -6,7 +6,7 @@ use burn::tensor::{Device, Tensor, TensorData, activation::relu, activation::sig
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
 use rand::Rng;
 
-use crate::{Density, NerfConfig, Points, init::linear};
+use crate::{NerfConfig, Points, Sampled, init::linear};
 
 /// Encoded position → trunk of ReLU layers with one skip → density; trunk features and encoded direction → colour.
 #[derive(Module, Debug)]
@@ -45,7 +45,7 @@ impl NerfMlp {
         }
     }
 
-    pub(crate) fn density(&self, points: Points<'_>, progress: f32) -> Density {
+    pub(crate) fn evaluate(&self, points: Points<'_>, color: bool, progress: f32) -> Sampled {
         let window = anneal_window(self.config.position_octaves, self.config.anneal, progress);
         let device = self.device();
         let encoded = frequency_encode(points.positions, 3, self.config.position_octaves, &window, &device);
@@ -57,11 +57,11 @@ impl NerfMlp {
             h = relu(linear.forward(h));
         }
         let raw = self.sigma.forward(h.clone()).squeeze_dim(1);
-        Density { sigma: self.config.density.apply(raw), features: h }
+        Sampled { sigma: self.config.density.apply(raw), color: color.then(|| self.color(h, points)) }
     }
 
-    pub(crate) fn color(&self, density: &Density, points: Points<'_>) -> Tensor<2> {
-        let feature = self.feature.forward(density.features.clone());
+    fn color(&self, trunk: Tensor<2>, points: Points<'_>) -> Tensor<2> {
+        let feature = self.feature.forward(trunk);
         let direction = self.encode_directions(points);
         let h = relu(self.view.forward(Tensor::cat(vec![feature, direction], 1)));
         sigmoid(self.rgb.forward(h))

@@ -16,11 +16,13 @@ pub struct Adam {
     pub beta2: f32,
     /// ε, added to √v̂.
     pub epsilon: f32,
+    /// Factor on the learning rate, for a group of parameters that learns at another pace.
+    pub rate: f64,
 }
 
 impl Default for Adam {
     fn default() -> Self {
-        Self { beta1: 0.9, beta2: 0.999, epsilon: 1e-8 }
+        Self { beta1: 0.9, beta2: 0.999, epsilon: 1e-8, rate: 1.0 }
     }
 }
 
@@ -42,7 +44,7 @@ impl Adam {
         Step {
             beta1: self.beta1,
             beta2: self.beta2,
-            rate: (lr * root / (1.0 - f64::from(self.beta1).powi(time))) as f32,
+            rate: (lr * self.rate * root / (1.0 - f64::from(self.beta1).powi(time))) as f32,
             epsilon: (f64::from(self.epsilon) * root) as f32,
         }
     }

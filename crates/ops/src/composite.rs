@@ -151,7 +151,8 @@ mod host {
 
     use super::MIN_ALPHA_SUM;
     use crate::numeric::{alpha, ln_alpha};
-    use crate::{Segments, kernel::Kernel};
+    use crate::Segments;
+    use crate::kernel::{Kernel, Pass};
 
     #[derive(Debug)]
     pub(super) struct CompositeKernel {
@@ -164,7 +165,7 @@ mod host {
             vec![self.segments.rays(), inputs[1][1] + 3]
         }
 
-        fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
+        fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
             let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
             let channels = channels(values, tau);
             let mut out = vec![0.0; self.segments.rays() * (channels + 3)];
@@ -176,7 +177,8 @@ mod host {
             out
         }
 
-        fn backward(&self, inputs: &[&[f32]], output: &[f32], grad: &[f32], wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+        fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+            let Pass { inputs, output, grad, .. } = pass;
             let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
             let channels = channels(values, tau);
             let mut dtau = vec![0.0; tau.len()];

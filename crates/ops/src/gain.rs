@@ -55,7 +55,8 @@ mod host {
     use super::MIN_ALPHA_SUM;
     use crate::composite::density;
     use crate::numeric::alpha;
-    use crate::{Segments, kernel::Kernel};
+    use crate::Segments;
+    use crate::kernel::{Kernel, Pass};
 
     #[derive(Debug)]
     pub(super) struct GainKernel {
@@ -68,7 +69,7 @@ mod host {
             vec![self.segments.rays()]
         }
 
-        fn forward(&self, inputs: &[&[f32]]) -> Vec<f32> {
+        fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
             let &[tau, near] = inputs else { unreachable!("information gain has two inputs") };
             (0..self.segments.rays())
                 .into_par_iter()
@@ -81,7 +82,8 @@ mod host {
                 .collect()
         }
 
-        fn backward(&self, inputs: &[&[f32]], _output: &[f32], grad: &[f32], wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+        fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+            let Pass { inputs, grad, .. } = pass;
             let &[tau, near] = inputs else { unreachable!("information gain has two inputs") };
             let (mut dtau, mut dnear) = (vec![0.0; tau.len()], vec![0.0; near.len()]);
             self.segments

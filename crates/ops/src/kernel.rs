@@ -18,11 +18,24 @@ pub trait Kernel: Debug + Send + Sync + 'static {
     /// Shape of the output, given the shapes of the inputs.
     fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize>;
 
-    /// Computes the output.
-    fn forward(&self, inputs: &[&[f32]]) -> Vec<f32>;
+    /// Computes the output. If there will be a backward pass, `saved` is there to keep numbers for it.
+    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32>;
 
     /// Vector–Jacobian product: for each input that is `wanted`, the gradient of `⟨grad, output⟩` with respect to it.
-    fn backward(&self, inputs: &[&[f32]], output: &[f32], grad: &[f32], wanted: &[bool]) -> Vec<Option<Vec<f32>>>;
+    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>>;
+}
+
+/// What a backward pass has to go by.
+#[derive(Clone, Copy, Debug)]
+pub struct Pass<'a> {
+    /// The inputs of the forward pass.
+    pub inputs: &'a [&'a [f32]],
+    /// Its output.
+    pub output: &'a [f32],
+    /// What it kept.
+    pub saved: &'a [f32],
+    /// The gradient with respect to the output.
+    pub grad: &'a [f32],
 }
 
 type Shared = Arc<dyn Kernel>;
@@ -72,19 +85,19 @@ fn prepare(tensor: Host) -> Host {
     tensor.to_contiguous()
 }
 
-fn forward(inputs: &[Host], kernel: &dyn Kernel) -> Host {
+fn forward(inputs: &[Host], kernel: &dyn Kernel, saved: Option<&mut Vec<f32>>) -> Host {
     let shapes: Vec<Vec<usize>> = inputs.iter().map(|t| t.shape().to_vec()).collect();
     let slices: Vec<&[f32]> = inputs.iter().map(slice).collect();
-    host(kernel.forward(&slices), kernel.shape(&shapes))
+    host(kernel.forward(&slices, saved), kernel.shape(&shapes))
 }
 
 impl HostOps for Flex {
     fn host1(a: Host, kernel: Shared) -> Host {
-        forward(&[prepare(a)], kernel.as_ref())
+        forward(&[prepare(a)], kernel.as_ref(), None)
     }
 
     fn host2(a: Host, b: Host, kernel: Shared) -> Host {
-        forward(&[prepare(a), prepare(b)], kernel.as_ref())
+        forward(&[prepare(a), prepare(b)], kernel.as_ref(), None)
     }
 }
 
@@ -95,6 +108,7 @@ struct HostBackward<const N: usize>;
 struct Saved<const N: usize> {
     inputs: [Host; N],
     output: Host,
+    kept: Arc<Vec<f32>>,
     kernel: Shared,
 }
 
@@ -102,11 +116,12 @@ impl<const N: usize> Backward<Flex, N> for HostBackward<N> {
     type State = Saved<N>;
 
     fn backward(self, ops: Ops<Self::State, N>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        let Saved { inputs, output, kernel } = ops.state;
+        let Saved { inputs, output, kept, kernel } = ops.state;
         let grad = prepare(grads.consume::<Flex>(&ops.node));
         let wanted = ops.parents.each_ref().map(Option::is_some);
         let slices = inputs.each_ref().map(slice);
-        let results = kernel.backward(&slices, slice(&output), slice(&grad), &wanted);
+        let pass = Pass { inputs: &slices, output: slice(&output), saved: &kept, grad: slice(&grad) };
+        let results = kernel.backward(pass, &wanted);
         for ((parent, input), result) in ops.parents.into_iter().zip(&inputs).zip(results) {
             if let (Some(node), Some(values)) = (parent, result) {
                 grads.register::<Flex>(node.id, host(values, input.shape().to_vec()));
@@ -121,10 +136,13 @@ fn tracked<const N: usize, C: CheckpointStrategy>(
 ) -> FloatTensor<Autodiff<Flex, C>> {
     let guards = inputs.each_ref().map(|input| input.node());
     let inputs = inputs.map(|input| prepare(input.into_primitive()));
-    let output = forward(&inputs, kernel.as_ref());
     match HostBackward::<N>.prepare::<C>(guards).compute_bound().stateful() {
-        OpsKind::Tracked(prep) => prep.finish(Saved { inputs, output: output.clone(), kernel }, output),
-        OpsKind::UnTracked(prep) => prep.finish(output),
+        OpsKind::Tracked(prep) => {
+            let mut kept = Vec::new();
+            let output = forward(&inputs, kernel.as_ref(), Some(&mut kept));
+            prep.finish(Saved { inputs, output: output.clone(), kept: Arc::new(kept), kernel }, output)
+        }
+        OpsKind::UnTracked(prep) => prep.finish(forward(&inputs, kernel.as_ref(), None)),
     }
 }
 

@@ -16,6 +16,7 @@
 
 pub mod adam;
 pub mod composite;
+pub mod factored;
 pub mod frequency;
 pub mod gain;
 #[cfg(feature = "flex")]
@@ -23,8 +24,11 @@ pub mod kernel;
 pub mod numeric;
 pub mod reference;
 mod segments;
+#[cfg(feature = "flex")]
+mod simd;
 
 pub use composite::{Composite, composite};
+pub use factored::{factored_field, plane_variation};
 pub use frequency::frequency_encode;
 pub use gain::information_gain;
 pub use segments::Segments;

@@ -7,6 +7,9 @@ use thiserror::Error;
 pub struct RenderConfig {
     /// Samples along a ray: of the coarse network, or of the only one where `fine_samples` is 0.
     pub samples: usize,
+    /// Samples along a ray at the start of training, rising geometrically to `samples` until half of it; 0 for as many.
+    /// For a field without a coarse network.
+    pub samples_start: usize,
     /// Further samples drawn where the coarse network saw something (NeRF: 128); 0 for a field without a coarse network.
     pub fine_samples: usize,
     /// Where in its interval a sample is evaluated.
@@ -81,6 +84,7 @@ impl RenderConfig {
         };
         let o = &self.occupancy;
         check("samples", "2 to 4096", self.samples.to_string(), (2..=4096).contains(&self.samples))?;
+        check("samples_start", "0 or 2 to 4096", self.samples_start.to_string(), self.samples_start == 0 || (2..=4096).contains(&self.samples_start))?;
         check("fine_samples", "0 to 4096", self.fine_samples.to_string(), self.fine_samples <= 4096)?;
         check(
             "fine_samples",

@@ -85,8 +85,13 @@ impl Renderer {
     }
 
     /// Length of the interval that a sample stands for, on average: what occupancy is judged by.
-    pub fn step_length(&self) -> f32 {
-        self.longest() / (self.config.samples + self.config.fine_samples) as f32
+    pub fn step_length(&self, progress: f32) -> f32 {
+        let c = &self.config;
+        if c.fine_samples > 0 || c.samples_start == 0 {
+            return self.longest() / (c.samples + c.fine_samples) as f32;
+        }
+        let (start, end) = (c.samples_start as f32, c.samples as f32);
+        self.longest() / (start * (end / start).powf((2.0 * progress).min(1.0)))
     }
 
     fn longest(&self) -> f32 {
@@ -108,7 +113,7 @@ impl Renderer {
     ) -> (Option<Level>, Level) {
         let noise = noise.filter(|_| self.config.jitter);
         let Some(coarse_field) = &model.coarse else {
-            let samples = self.samples(rays, noise, occupancy, want.entropy.is_none());
+            let samples = self.samples(rays, noise, occupancy, want.entropy.is_none(), progress);
             return (None, self.evaluate(&model.fine, samples, want, progress));
         };
         let candidates = self.coarse_candidates(rays, noise);
@@ -128,8 +133,8 @@ impl Renderer {
     /// Optical depth of the fine field along neighbouring `rays` at the distances of `level`, for the information gain.
     pub fn optical_depth_along(&self, field: &RadianceField, level: &Level, rays: &[Ray], progress: f32) -> Tensor<1> {
         let samples = level.samples.along(rays);
-        let density = field.density(points(&samples), progress);
-        density.sigma * lengths(&samples.delta, &field.device())
+        let sampled = field.evaluate(points(&samples), false, progress);
+        sampled.sigma * lengths(&samples.delta, &field.device())
     }
 
     fn evaluate(&self, field: &RadianceField, samples: Samples, want: Want, progress: f32) -> Level {
@@ -139,10 +144,13 @@ impl Renderer {
         if count == 0 {
             return self.nothing(samples, want, &device);
         }
-        let density = field.density(points(&samples), progress);
-        let tau = density.sigma.clone() * lengths(&samples.delta, &device);
+        let sampled = field.evaluate(points(&samples), want.color, progress);
+        let tau = sampled.sigma * lengths(&samples.delta, &device);
         let t = Tensor::<2>::from_data(TensorData::new(samples.t.clone(), [count, 1]), &device);
-        let values = if want.color { Tensor::cat(vec![field.color(&density, points(&samples)), t], 1) } else { t };
+        let values = match sampled.color {
+            Some(color) => Tensor::cat(vec![color, t], 1),
+            None => t,
+        };
         let composite = composite(tau.clone(), values, &samples.segments, want.entropy);
         let color = want.color.then(|| {
             let behind = composite.acc.clone().neg() + 1.0;
@@ -183,15 +191,23 @@ impl Renderer {
     }
 
     /// Samples of a field without a coarse network: steps of one length through the part of each ray that is in bounds.
-    fn samples(&self, rays: &[Ray], noise: Option<Noise>, occupancy: Option<&OccupancyGrid>, hide: bool) -> Samples {
+    fn samples(
+        &self,
+        rays: &[Ray],
+        noise: Option<Noise>,
+        occupancy: Option<&OccupancyGrid>,
+        hide: bool,
+        progress: f32,
+    ) -> Samples {
         let c = &self.config;
-        let step = self.longest() / c.samples as f32;
+        let step = self.step_length(progress);
+        let most = (self.longest() / step).round() as usize;
         Samples::pack(rays, |index| {
-            let Some((near, far)) = self.interval(&rays[index]) else { return (Vec::new(), c.samples) };
+            let Some((near, far)) = self.interval(&rays[index]) else { return (Vec::new(), most) };
             let count = ((far - near) / step).ceil().max(2.0) as usize;
             let t = stratified(near, far, count, c.placement, noise.map(|noise| (noise, index)));
             let delta = intervals(&t, near, far, c.placement, c.last_interval);
-            (self.keep(&rays[index], &t, &delta, occupancy, hide), c.samples)
+            (self.keep(&rays[index], &t, &delta, occupancy, hide), most)
         })
     }
 

@@ -11,73 +11,116 @@ use crate::config::{Batch, TrainConfig, Unseen};
 #[derive(Clone, Debug)]
 pub(crate) struct Pixels {
     cameras: Vec<Camera>,
-    /// Camera, column and row of each pixel.
-    at: Vec<(usize, u32, u32)>,
+    /// Camera, and where in its image, in pixels.
+    at: Vec<(usize, f32, f32)>,
 }
 
 impl Pixels {
     pub(crate) fn rays(&self) -> Vec<Ray> {
-        self.at.iter().map(|&(camera, x, y)| self.cameras[camera].ray(x as f32 + 0.5, y as f32 + 0.5)).collect()
+        self.at.iter().map(|&(camera, x, y)| self.cameras[camera].ray(x, y)).collect()
     }
 
     /// The same pixels of cameras rotated about the world origin by up to `max_angle_deg`: one draw for all.
     pub(crate) fn near(&self, noise: Noise, max_angle_deg: f64) -> Vec<Ray> {
-        let cameras = self
-            .cameras
-            .iter()
-            .map(|camera| {
-                // The same generator for each camera: one rotation a step.
-                let mut rng = generator(noise);
-                camera.with_pose(near_pose(&camera.to_world, &mut rng, max_angle_deg))
-            })
-            .collect();
-        Self { cameras, at: self.at.clone() }.rays()
+        // The same generator for each camera: one rotation a step.
+        let turned = |camera: &Camera| camera.with_pose(near_pose(&camera.to_world, &mut generator(noise), max_angle_deg));
+        Self { cameras: self.cameras.iter().map(turned).collect(), at: self.at.clone() }.rays()
     }
 }
 
-/// Pixels of training images with their colours, `[R, 3]` row-major.
-pub(crate) fn seen(scene: &Scene, config: &TrainConfig, step: usize, noise: Noise) -> (Pixels, Vec<f32>) {
-    let [view, column, row] = [noise, noise.next(), noise.next().next()];
-    let (width, height) = (scene.train[0].image.width, scene.train[0].image.height);
-    let window = |size: u32| if step < config.center_steps { (size / 4, (size / 2).max(1)) } else { (0, size) };
-    let ((left, columns), (top, rows)) = (window(width), window(height));
-    let at: Vec<(usize, u32, u32)> = match config.batch {
-        Batch::Pixels => (0..config.rays)
-            .map(|i| {
-                let x = left + column.below(i, 0, columns as usize) as u32;
-                let y = top + row.below(i, 0, rows as usize) as u32;
-                (view.below(i, 0, scene.train.len()), x, y)
-            })
-            .collect(),
-        Batch::Image => {
-            let image = view.below(0, 0, scene.train.len());
-            let pixels = columns as usize * rows as usize;
-            let count = config.rays.min(pixels);
-            rand::seq::index::sample(&mut generator(column), pixels, count)
-                .into_iter()
-                .map(|pixel| (image, left + pixel as u32 % columns, top + pixel as u32 / columns))
-                .collect()
-        }
-    };
-    let colors = at
-        .iter()
-        .flat_map(|&(view, x, y)| scene.train[view].image.rgb[(y * width + x) as usize])
-        .collect();
-    (Pixels { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), at }, colors)
+/// Training images at one size.
+#[derive(Clone, Debug)]
+struct Images {
+    factor: u32,
+    width: u32,
+    height: u32,
+    rgb: Vec<Vec<[f32; 3]>>,
 }
 
-/// Pixels of one unseen pose.
-pub(crate) fn unseen(scene: &Scene, region: &ViewRegion, config: &TrainConfig, noise: Noise) -> Pixels {
+/// Training images at every size that a run uses.
+#[derive(Clone, Debug)]
+pub(crate) struct Pyramid {
+    cameras: Vec<Camera>,
+    levels: Vec<Images>,
+}
+
+impl Pyramid {
+    /// Images of `scene` at full size, and smaller by each factor of `config` (box-filtered, edges cut).
+    pub(crate) fn new(scene: &Scene, config: &TrainConfig) -> Self {
+        let (width, height) = (scene.train[0].image.width, scene.train[0].image.height);
+        let factors = config.pyramid.iter().map(|(_, factor)| *factor).filter(|f| *f <= width.min(height));
+        let levels = std::iter::once(1)
+            .chain(factors)
+            .map(|factor| Images {
+                factor,
+                width: width / factor,
+                height: height / factor,
+                rgb: scene.train.iter().map(|view| shrink(&view.image.rgb, width, height, factor)).collect(),
+            })
+            .collect();
+        Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), levels }
+    }
+
+    /// `rays` pixels of training images with their colours, `[R, 3]` row-major.
+    pub(crate) fn seen(&self, config: &TrainConfig, rays: usize, step: usize, progress: f64, noise: Noise) -> (Pixels, Vec<f32>) {
+        let [view, column, row] = [noise, noise.next(), noise.next().next()];
+        let factor = config.factor_at(progress);
+        let images = self.levels.iter().find(|images| images.factor == factor).unwrap_or(&self.levels[0]);
+        let window = |size: u32| if step < config.center_steps { (size / 4, (size / 2).max(1)) } else { (0, size) };
+        let ((left, columns), (top, rows)) = (window(images.width), window(images.height));
+        let at: Vec<(usize, u32, u32)> = match config.batch {
+            Batch::Pixels => (0..rays)
+                .map(|i| {
+                    let x = left + column.below(i, 0, columns as usize) as u32;
+                    let y = top + row.below(i, 0, rows as usize) as u32;
+                    (view.below(i, 0, images.rgb.len()), x, y)
+                })
+                .collect(),
+            Batch::Image => {
+                let image = view.below(0, 0, images.rgb.len());
+                let pixels = columns as usize * rows as usize;
+                rand::seq::index::sample(&mut generator(column), pixels, rays.min(pixels))
+                    .into_iter()
+                    .map(|pixel| (image, left + pixel as u32 % columns, top + pixel as u32 / columns))
+                    .collect()
+            }
+        };
+        let colors = at.iter().flat_map(|&(view, x, y)| images.rgb[view][(y * images.width + x) as usize]).collect();
+        let scale = images.factor as f32;
+        let at = at.iter().map(|&(view, x, y)| (view, (x as f32 + 0.5) * scale, (y as f32 + 0.5) * scale)).collect();
+        (Pixels { cameras: self.cameras.clone(), at }, colors)
+    }
+}
+
+/// Means over squares of `factor` × `factor` pixels.
+fn shrink(rgb: &[[f32; 3]], width: u32, height: u32, factor: u32) -> Vec<[f32; 3]> {
+    if factor == 1 {
+        return rgb.to_vec();
+    }
+    let share = 1.0 / (factor * factor) as f32;
+    let square = |x: u32, y: u32| {
+        let mut sum = [0.0; 3];
+        for (dx, dy) in (0..factor).flat_map(|dy| (0..factor).map(move |dx| (dx, dy))) {
+            let pixel = rgb[((y * factor + dy) * width + x * factor + dx) as usize];
+            for (sum, value) in sum.iter_mut().zip(pixel) {
+                *sum += value * share;
+            }
+        }
+        sum
+    };
+    (0..height / factor).flat_map(|y| (0..width / factor).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
+}
+
+/// `rays` pixels of one unseen pose.
+pub(crate) fn unseen(scene: &Scene, region: &ViewRegion, config: &TrainConfig, rays: usize, noise: Noise) -> Pixels {
     let [pose, column, row] = [noise, noise.next(), noise.next().next()];
     let camera = match config.unseen {
         Unseen::Sphere => scene.train[0].camera.with_pose(region.sample(&mut generator(pose))),
         Unseen::Dataset => scene.all_train_cameras[pose.below(0, 0, scene.all_train_cameras.len())].clone(),
     };
-    let at = (0..config.unseen_rays)
-        .map(|i| {
-            let x = column.below(i, 0, camera.width as usize) as u32;
-            (0, x, row.below(i, 0, camera.height as usize) as u32)
-        })
+    let (width, height) = (camera.width as usize, camera.height as usize);
+    let at = (0..rays)
+        .map(|i| (0, column.below(i, 0, width) as f32 + 0.5, row.below(i, 0, height) as f32 + 0.5))
         .collect();
     Pixels { cameras: vec![camera], at }
 }

@@ -27,6 +27,8 @@ pub struct Progress {
     pub samples_evaluated: u64,
     /// Fresh starts after a collapse.
     pub restarts: usize,
+    /// Mean number of evaluated samples along a seen ray, lately.
+    pub samples_a_ray: f64,
     /// Steps in a row in which the field was empty.
     pub empty_steps: usize,
 }

@@ -1,15 +1,15 @@
 use std::time::Instant;
 
-use burn::module::Module;
+use burn::module::{Module, ParamGroup};
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_field::{Points, RadianceField};
-use infonerf_loss::{entropy_loss, gain_loss, photometric_loss};
+use infonerf_loss::{Norm, entropy_loss, gain_loss, photometric_loss};
 use infonerf_ops::{Segments, adam::Adam, to_host};
 use infonerf_render::{Counts, Level, Model, Noise, OccupancyGrid, Renderer, Want};
 use infonerf_scene::{Ray, Scene, ViewRegion};
 
-use crate::batch;
+use crate::batch::{self, Pyramid};
 use crate::{Checkpoint, Config, Event, Phase, Profile, Progress, TrainError};
 
 /// One run in memory: what is learned, and how far it is.
@@ -22,6 +22,7 @@ pub struct Trainer {
     device: Device,
     renderer: Renderer,
     region: ViewRegion,
+    pyramid: Pyramid,
     model: Model,
     optimiser: ModuleOptimizer,
     occupancy: Option<OccupancyGrid>,
@@ -49,6 +50,9 @@ mod purpose {
     pub const OCCUPANCY: u64 = 5;
 }
 
+/// A pixel that differs by less than this from the background in every channel shows the background: half an 8-bit step.
+const KEY_TOLERANCE: f32 = 0.5 / 255.0;
+
 /// A field whose seen rays let this much light through is empty ...
 const EMPTY: f32 = 1e-3;
 /// ... if it stays so for this many steps while the pixels show something.
@@ -70,7 +74,8 @@ impl Trainer {
         let device = device.clone().autodiff();
         let renderer = Renderer::new(&config.render, &scene);
         let region = ViewRegion::new(&scene.train.iter().map(|view| view.camera.clone()).collect::<Vec<_>>());
-        let model = build(config, seed, &device)?;
+        let model = build(config, &scene, seed, &device)?;
+        let pyramid = Pyramid::new(&scene, &config.train);
         let o = &config.render.occupancy;
         let occupancy = o.enabled.then(|| OccupancyGrid::new(o, scene.bounds));
         Ok(Self {
@@ -82,6 +87,7 @@ impl Trainer {
             device,
             renderer,
             region,
+            pyramid,
             model,
             occupancy,
             progress: Progress::default(),
@@ -161,11 +167,13 @@ impl Trainer {
         self.update_occupancy(step);
         let terms = self.forward(step)?;
         let lr = self.config.train.lr_at(step, self.done());
-        let Terms { total, numbers, counts, rays } = terms;
+        let Terms { total, numbers, counts, rays, samples_a_ray } = terms;
         let grads = self.profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), &self.model));
         let (optimiser, model) = (&mut self.optimiser, self.model.clone());
         self.model = self.profile.time(Phase::Optimiser, || optimiser.step(lr, model, grads));
         self.progress.count(counts);
+        let before = if self.progress.samples_a_ray > 0.0 { self.progress.samples_a_ray } else { samples_a_ray };
+        self.progress.samples_a_ray = (0.9 * before + 0.1 * samples_a_ray).max(1.0);
         self.progress.step += 1;
         let spent = start.elapsed().as_secs_f64();
         self.progress.seconds += spent;
@@ -202,7 +210,7 @@ impl Trainer {
 
     fn restart(&mut self) -> Result<(), TrainError> {
         let restarts = self.progress.restarts + 1;
-        self.model = build(&self.config, Noise::new(self.seed, restarts as u64, 0).bits(), &self.device)?;
+        self.model = build(&self.config, &self.scene, Noise::new(self.seed, restarts as u64, 0).bits(), &self.device)?;
         self.optimiser = optimiser(&self.config);
         let o = &self.config.render.occupancy;
         self.occupancy = o.enabled.then(|| OccupancyGrid::new(o, self.scene.bounds));
@@ -211,54 +219,74 @@ impl Trainer {
     }
 
     fn update_occupancy(&mut self, step: usize) {
+        let progress = self.done() as f32;
         let Some(grid) = self.occupancy.as_mut().filter(|grid| grid.is_due(step)) else { return };
         let noise = Noise::new(self.seed, step as u64, purpose::OCCUPANCY);
         let field = self.model.fine.valid();
-        let (length, done) = (self.renderer.step_length(), self.config.train.iterations.max(1));
-        let progress = step as f32 / done as f32;
+        let length = self.renderer.step_length(progress);
         self.profile.time(Phase::Occupancy, || grid.update(noise, length, |points| densities(&field, points, progress)));
+    }
+
+    /// Rays of training images and of unseen poses for this step.
+    fn ray_counts(&self) -> (usize, usize) {
+        let train = &self.config.train;
+        if train.samples == 0 || self.progress.samples_a_ray <= 0.0 {
+            return (train.rays, train.unseen_rays);
+        }
+        let rays = (train.samples as f64 / self.progress.samples_a_ray).clamp(train.rays as f64 / 4.0, train.rays as f64 * 16.0);
+        (rays as usize, (rays * train.unseen_rays as f64 / train.rays as f64) as usize)
     }
 
     fn forward(&mut self, step: usize) -> Result<Terms, TrainError> {
         let noise = |purpose| Noise::new(self.seed, step as u64, purpose);
-        let progress = self.done() as f32;
+        let done = self.done();
+        let progress = done as f32;
         let (loss, train) = (&self.config.loss, &self.config.train);
-        let (seen, colors) = self.profile.time(Phase::Rays, || batch::seen(&self.scene, train, step, noise(purpose::SEEN)));
+        let ramp = loss.ramp_at(done);
+        let entropy_weight = loss.entropy.weight * ramp;
+        let gain_weight = loss.gain.weight_at(step) * ramp;
+        let opacity_weight = loss.opacity_at(done);
+        let (ray_count, unseen_count) = self.ray_counts();
+        let (seen, colors) =
+            self.profile.time(Phase::Rays, || self.pyramid.seen(train, ray_count, step, done, noise(purpose::SEEN)));
         let occupancy = self.occupancy.as_ref().filter(|_| step >= self.config.render.occupancy.warmup);
-        let entropy_on = loss.entropy.weight > 0.0;
-        let gain_weight = loss.gain.weight_at(step);
-        let wants_entropy = |counts: bool| (entropy_on && counts).then_some(loss.entropy.epsilon);
+        let wants_entropy = |counts: bool| (entropy_weight > 0.0 && counts).then_some(loss.entropy.epsilon);
 
         // Rays of training images.
         let rays = seen.rays();
         let want = Want { color: true, entropy: wants_entropy(loss.entropy.rays.seen()) };
-        let render = |rays: &[Ray], want, noise| self.renderer.render(&self.model, rays, want, Some(noise), occupancy, progress);
+        let render =
+            |rays: &[Ray], want, noise| self.renderer.render(&self.model, rays, want, Some(noise), occupancy, progress);
         let (coarse, fine) = self.profile.time(Phase::Seen, || render(&rays, want, noise(purpose::SAMPLES)));
-        let target = Tensor::<2>::from_data(TensorData::new(colors.clone(), [rays.len(), 3]), &self.device);
         let mut counts = count(coarse.as_ref(), &fine);
-        let mut ray_count = rays.len();
+        let samples_a_ray = counts.evaluated as f64 / rays.len() as f64;
+        let mut ray_total = rays.len();
+        let shown = |c: &[f32]| c.iter().zip(self.scene.background).any(|(c, b)| (c - b).abs() > KEY_TOLERANCE);
+        let foreground: Vec<bool> = colors.chunks_exact(3).map(shown).collect();
+        let target = Tensor::<2>::from_data(TensorData::new(colors, [rays.len(), 3]), &self.device);
         let color = fine.color.clone().expect("colour was wanted");
         let mut rgb = photometric_loss(color, target.clone(), loss.rgb.norm);
         let mse = rgb.clone();
         if let Some(color) = coarse.and_then(|level| level.color) {
-            rgb = rgb + photometric_loss(color, target.clone(), loss.rgb.norm) * loss.rgb.coarse;
+            rgb = rgb + photometric_loss(color, target, loss.rgb.norm) * loss.rgb.coarse;
         }
 
         // Rays of unseen poses: density only.
-        let uses_unseen = train.unseen_rays > 0
-            && (entropy_on && loss.entropy.rays.unseen() || gain_weight > 0.0 && loss.gain.rays.unseen());
+        let uses_unseen = unseen_count > 0
+            && (entropy_weight > 0.0 && loss.entropy.rays.unseen() || gain_weight > 0.0 && loss.gain.rays.unseen());
         let unseen = uses_unseen.then(|| {
-            let pixels = batch::unseen(&self.scene, &self.region, train, noise(purpose::UNSEEN));
+            let pixels = batch::unseen(&self.scene, &self.region, train, unseen_count, noise(purpose::UNSEEN));
             let rays = pixels.rays();
             let want = Want { color: false, entropy: wants_entropy(loss.entropy.rays.unseen()) };
-            let (coarse, level) = self.profile.time(Phase::Unseen, || render(&rays, want, noise(purpose::SAMPLES).next()));
+            let (coarse, level) =
+                self.profile.time(Phase::Unseen, || render(&rays, want, noise(purpose::SAMPLES).next()));
             counts += count(coarse.as_ref(), &level);
-            ray_count += rays.len();
+            ray_total += rays.len();
             (pixels, level)
         });
 
         let mut total = rgb.clone();
-        let entropy = entropy_on.then(|| {
+        let entropy = (entropy_weight > 0.0).then(|| {
             let mut sum = Tensor::<1>::zeros([1], &self.device);
             let mut rays_counted = 0;
             let seen_level = loss.entropy.rays.seen().then_some(&fine);
@@ -270,7 +298,7 @@ impl Trainer {
             sum / rays_counted.max(1) as f32
         });
         if let Some(entropy) = &entropy {
-            total = total + entropy.clone() * loss.entropy.weight;
+            total = total + entropy.clone() * entropy_weight;
         }
 
         // Neighbouring rays.
@@ -289,7 +317,7 @@ impl Trainer {
                     self.renderer.optical_depth_along(&self.model.fine, level, &near, progress)
                 });
                 counts += Counts::from(&level.samples);
-                ray_count += near.len();
+                ray_total += near.len();
                 sum = sum + gain_loss(level.tau.clone(), tau, &level.samples.segments, &loss.gain);
                 bundles += 1;
             }
@@ -299,20 +327,31 @@ impl Trainer {
             total = total + gain.clone() * gain_weight;
         }
 
-        let background = self.scene.background;
-        let shows = |c: &[f32]| c.iter().zip(background).any(|(c, b)| (c - b).abs() > 0.02);
-        let foreground = colors.chunks_exact(3).filter(|c| shows(c)).count();
+        // Priors on opacity, and smoothness of the tables.
+        let pulls = foreground.iter().map(|&shown| opacity_weight + if shown { -loss.key.foreground } else { loss.key.background });
+        let pulls: Vec<f32> = pulls.collect();
+        if pulls.iter().any(|pull| *pull != 0.0) {
+            let pulls = Tensor::<1>::from_data(TensorData::new(pulls, [rays.len()]), &self.device);
+            total = total + (fine.composite.acc.clone() * pulls).mean();
+        }
+        if let Some((_, level)) = unseen.as_ref().filter(|_| opacity_weight > 0.0) {
+            total = total + level.composite.acc.clone().mean() * opacity_weight;
+        }
+        if let Some(variation) = self.model.fine.variation().filter(|_| loss.variation > 0.0) {
+            total = total + variation * loss.variation;
+        }
+
         let numbers = Numbers {
             rgb: number(&rgb),
-            mse: number(&mse) / if loss.rgb.norm == infonerf_loss::Norm::Squared { 3.0 } else { 1.0 },
+            mse: number(&mse) / if loss.rgb.norm == Norm::Squared { 3.0 } else { 1.0 },
             entropy: entropy.as_ref().map(number),
             gain: gain.as_ref().map(number),
             total: number(&total),
             acc: number(&fine.composite.acc.clone().mean()),
-            foreground: foreground as f32 / rays.len() as f32,
+            foreground: foreground.iter().filter(|shown| **shown).count() as f32 / rays.len() as f32,
         };
         numbers.check(step)?;
-        Ok(Terms { total, numbers, counts, rays: ray_count })
+        Ok(Terms { total, numbers, counts, rays: ray_total, samples_a_ray })
     }
 }
 
@@ -321,6 +360,7 @@ struct Terms {
     numbers: Numbers,
     counts: Counts,
     rays: usize,
+    samples_a_ray: f64,
 }
 
 struct Numbers {
@@ -360,19 +400,25 @@ fn count(coarse: Option<&Level>, fine: &Level) -> Counts {
     counts
 }
 
-fn build(config: &Config, seed: u64, device: &Device) -> Result<Model, TrainError> {
-    let field = |seed| RadianceField::new(&config.field, seed, device).map_err(|error| TrainError::Config(error.to_string()));
+fn build(config: &Config, scene: &Scene, seed: u64, device: &Device) -> Result<Model, TrainError> {
+    let bounds = [scene.bounds.min.to_array(), scene.bounds.max.to_array()];
+    let field = |seed| {
+        RadianceField::new(&config.field, bounds, seed, device).map_err(|error| TrainError::Config(error.to_string()))
+    };
     let coarse = if config.render.fine_samples > 0 { Some(field(seed.wrapping_add(1 << 32))?) } else { None };
     Ok(Model { coarse, fine: field(seed)? })
 }
 
 fn optimiser(config: &Config) -> ModuleOptimizer {
-    ModuleOptimizer::from(Adam { epsilon: config.train.adam_epsilon, ..Adam::default() })
+    let t = &config.train;
+    let adam = Adam { epsilon: t.adam_epsilon, beta2: t.adam_beta2, ..Adam::default() };
+    let tables = Adam { rate: t.table_rate, ..adam.clone() };
+    ModuleOptimizer::from(adam).with_group(ParamGroup::from_predicate("tables"), tables, None)
 }
 
 /// Densities of bare points, for the occupancy grid.
 fn densities(field: &RadianceField, positions: &[f32], progress: f32) -> Vec<f32> {
     let segments = Segments::uniform(1, positions.len() / 3);
-    let density = field.density(Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments }, progress);
-    to_host(density.sigma)
+    let points = Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments };
+    to_host(field.evaluate(points, false, progress).sigma)
 }

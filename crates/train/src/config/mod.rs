@@ -53,6 +53,41 @@ pub struct LossConfig {
     pub entropy: EntropyConfig,
     /// λ₂ L_KL.
     pub gain: GainConfig,
+    /// Share of the run at which the entropy and gain terms begin.
+    pub start: f64,
+    /// Share of the run over which they then rise to their weights; 0 is at once.
+    pub ramp: f64,
+    /// Penalty on opacity.
+    pub opacity: OpacityConfig,
+    /// What the known background colour says about opacity.
+    pub key: KeyConfig,
+    /// Weight of the total variation of a field's tables.
+    pub variation: f32,
+}
+
+/// A penalty on mean opacity while shape forms: w · mean(acc), falling linearly to 0.
+///
+/// White fog before a white background costs nothing in colour, and hides the scene from other views.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OpacityConfig {
+    /// w at the start.
+    pub weight: f32,
+    /// Share of the run after which it is gone.
+    pub until: f64,
+}
+
+/// RGB only: a pixel that is exactly the background's colour most likely shows the background, any other an object.
+///
+/// Adds `background` · acc for the former and −`foreground` · acc for the latter, averaged over the rays. No alpha is
+/// used; an object of exactly the background's colour would be thinned.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KeyConfig {
+    /// Weight for pixels of the background's colour.
+    pub background: f32,
+    /// Weight for all others.
+    pub foreground: f32,
 }
 
 /// The photometric term.
@@ -75,6 +110,11 @@ pub struct TrainConfig {
     pub rays: usize,
     /// Rays of unseen poses a step, |R_u|.
     pub unseen_rays: usize,
+    /// If above 0: evaluated samples a step to aim for. As space is found empty, a step then takes more rays of both
+    /// kinds, in proportion.
+    pub samples: usize,
+    /// Coarse-to-fine images: `[share, factor]` pairs, images smaller by `factor` until `share` of the run is done.
+    pub pyramid: Vec<(f64, u32)>,
     /// Where a step's pixels come from.
     pub batch: Batch,
     /// Steps in which pixels come from the central half of the images only (released code: 500).
@@ -85,6 +125,12 @@ pub struct TrainConfig {
     pub lr: f64,
     /// How it falls.
     pub lr_decay: Decay,
+    /// Steps over which the learning rate rises from 0.
+    pub lr_warmup: usize,
+    /// Factor on the learning rate of a field's tables.
+    pub table_rate: f64,
+    /// Adam's β₂ (PyTorch: 0.999).
+    pub adam_beta2: f32,
     /// Adam's ε (PyTorch: 1e-8).
     pub adam_epsilon: f32,
     /// Steps between checkpoints; 0 for one at the end only.
@@ -129,10 +175,39 @@ pub enum Decay {
     },
 }
 
+impl LossConfig {
+    /// Factor on the entropy and gain terms when the run is `progress` ∈ [0, 1] of the way.
+    pub fn ramp_at(&self, progress: f64) -> f32 {
+        if progress < self.start {
+            0.0
+        } else if self.ramp > 0.0 {
+            ((progress - self.start) / self.ramp).min(1.0) as f32
+        } else {
+            1.0
+        }
+    }
+
+    /// Weight of the opacity penalty when the run is `progress` of the way.
+    pub fn opacity_at(&self, progress: f64) -> f32 {
+        if self.opacity.until > 0.0 {
+            self.opacity.weight * (1.0 - progress / self.opacity.until).max(0.0) as f32
+        } else {
+            0.0
+        }
+    }
+}
+
 impl TrainConfig {
+    /// How much smaller images are when the run is `progress` of the way.
+    pub fn factor_at(&self, progress: f64) -> u32 {
+        self.pyramid.iter().find(|(share, _)| progress < *share).map_or(1, |(_, factor)| *factor)
+    }
+
     /// Learning rate at `step` when the run is `progress` ∈ [0, 1] of the way.
     pub fn lr_at(&self, step: usize, progress: f64) -> f64 {
+        let warm = if self.lr_warmup > 0 { ((step + 1) as f64 / self.lr_warmup as f64).min(1.0) } else { 1.0 };
         self.lr
+            * warm
             * match self.lr_decay {
                 Decay::Steps { tenfold } => 0.1f64.powf(step as f64 / tenfold.max(1) as f64),
                 Decay::Run { last } => last.powf(progress),
@@ -182,7 +257,14 @@ impl Config {
         number("train.iterations", t.iterations as f64, 1.0, 1e9)?;
         number("train.rays", t.rays as f64, 1.0, 65_536.0)?;
         number("train.unseen_rays", t.unseen_rays as f64, 0.0, 65_536.0)?;
+        number("train.samples", t.samples as f64, 0.0, 1e8)?;
+        for (share, factor) in &t.pyramid {
+            number("train.pyramid", *share, 0.0, 1.0)?;
+            number("train.pyramid", f64::from(*factor), 1.0, 64.0)?;
+        }
         number("train.lr", t.lr, 0.0, 1e3)?;
+        number("train.table_rate", t.table_rate, 0.0, 1e6)?;
+        number("train.adam_beta2", f64::from(t.adam_beta2), 0.0, 0.999_999)?;
         number("train.adam_epsilon", f64::from(t.adam_epsilon), 0.0, 1.0)?;
         if let Decay::Run { last } = t.lr_decay {
             number("train.lr_decay.last", last, 1e-9, 1.0)?;
@@ -190,6 +272,13 @@ impl Config {
         number("loss.rgb.coarse", f64::from(self.loss.rgb.coarse), 0.0, 1e6)?;
         number("loss.entropy.weight", f64::from(self.loss.entropy.weight), 0.0, 1e6)?;
         number("loss.entropy.epsilon", f64::from(self.loss.entropy.epsilon), 0.0, 0.01)?;
+        number("loss.start", self.loss.start, 0.0, 1.0)?;
+        number("loss.ramp", self.loss.ramp, 0.0, 1.0)?;
+        number("loss.opacity.weight", f64::from(self.loss.opacity.weight), 0.0, 1e6)?;
+        number("loss.opacity.until", self.loss.opacity.until, 0.0, 1.0)?;
+        number("loss.key.background", f64::from(self.loss.key.background), 0.0, 1e6)?;
+        number("loss.key.foreground", f64::from(self.loss.key.foreground), 0.0, 1e6)?;
+        number("loss.variation", f64::from(self.loss.variation), 0.0, 1e6)?;
         number("loss.gain.weight", f64::from(self.loss.gain.weight), 0.0, 1e6)?;
         number("loss.gain.epsilon", f64::from(self.loss.gain.epsilon), 1e-12, 0.01)?;
         number("loss.gain.max_angle_deg", self.loss.gain.max_angle_deg, 0.0, 180.0)
@@ -211,6 +300,7 @@ mod tests {
     fn learning_rates() {
         let mut train = Config::from_table(Preset::Released.table()).unwrap().train;
         train.lr = 1.0;
+        train.lr_warmup = 0;
         train.lr_decay = Decay::Steps { tenfold: 100 };
         assert!((train.lr_at(200, 0.0) - 0.01).abs() < 1e-12);
         train.lr_decay = Decay::Run { last: 0.01 };

@@ -1,0 +1,132 @@
+/// Axes of each plane, and of the line that goes with it.
+pub const PLANES: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
+
+/// Planes and lines of one resolution.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Level {
+    /// Texels along each axis, at least 2.
+    pub resolution: usize,
+    /// Features of each plane and line: 2, 4, 8 or 16.
+    pub channels: usize,
+    /// Where its tables begin: three planes `[res, res, C]` (second axis slower), then three lines `[res, C]`.
+    pub offset: usize,
+    /// Where its features begin in the MLP's input; it has three times `channels` of them.
+    pub feature: usize,
+}
+
+impl Level {
+    /// Numbers in one plane.
+    pub fn plane_len(&self) -> usize {
+        self.resolution * self.resolution * self.channels
+    }
+
+    /// Numbers in one line.
+    pub fn line_len(&self) -> usize {
+        self.resolution * self.channels
+    }
+
+    /// Numbers in all planes and lines.
+    pub fn len(&self) -> usize {
+        3 * (self.plane_len() + self.line_len())
+    }
+
+    /// Never: a level has at least two texels along each axis.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Where plane `p` begins.
+    pub fn plane(&self, p: usize) -> usize {
+        self.offset + p * self.plane_len()
+    }
+
+    /// Where line `p` begins.
+    pub fn line(&self, p: usize) -> usize {
+        self.offset + 3 * self.plane_len() + p * self.line_len()
+    }
+}
+
+/// A dense layer of the MLP: weights `[outputs, inputs]` row-major, then biases `[outputs]`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layer {
+    /// Width of its input.
+    pub inputs: usize,
+    /// Width of its output.
+    pub outputs: usize,
+    /// Where its weights begin.
+    pub weight: usize,
+}
+
+impl Layer {
+    /// Where its biases begin.
+    pub fn bias(&self) -> usize {
+        self.weight + self.inputs * self.outputs
+    }
+
+    /// Where the next layer begins.
+    pub fn end(&self) -> usize {
+        self.bias() + self.outputs
+    }
+}
+
+/// Sizes of a field, and where its parameters lie.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Layout {
+    /// Octaves of the position's encoding.
+    pub octaves: usize,
+    /// Planes and lines, coarsest first.
+    pub levels: Vec<Level>,
+    /// The MLP; the last layer has 4 outputs: density, red, green, blue.
+    pub layers: Vec<Layer>,
+    /// s in σ = s·softplus(x + b).
+    pub density_scale: f32,
+    /// b in σ = s·softplus(x + b).
+    pub density_bias: f32,
+}
+
+/// Outputs of the MLP: density and colour.
+pub(crate) const OUTPUTS: usize = 4;
+
+impl Layout {
+    /// Lays out levels of `(resolution, channels)` and an MLP of `hidden_layers` layers of `hidden` units.
+    pub fn new(octaves: usize, levels: &[(usize, usize)], hidden_layers: usize, hidden: usize, density: (f32, f32)) -> Self {
+        let mut feature = 3 + 6 * octaves;
+        let mut offset = 0;
+        let levels = levels
+            .iter()
+            .map(|&(resolution, channels)| {
+                let level = Level { resolution, channels, offset, feature };
+                offset += level.len();
+                feature += 3 * channels;
+                level
+            })
+            .collect();
+        let mut weight = 0;
+        let mut inputs = feature;
+        let layers = std::iter::repeat_n(hidden, hidden_layers)
+            .chain([OUTPUTS])
+            .map(|outputs| {
+                let layer = Layer { inputs, outputs, weight };
+                weight = layer.end();
+                inputs = outputs;
+                layer
+            })
+            .collect();
+        Self { octaves, levels, layers, density_scale: density.0, density_bias: density.1 }
+    }
+
+    /// Numbers in all planes and lines.
+    pub fn table_len(&self) -> usize {
+        self.levels.iter().map(Level::len).sum()
+    }
+
+    /// Numbers in the MLP.
+    pub fn weight_len(&self) -> usize {
+        self.layers.last().map_or(0, Layer::end)
+    }
+
+    /// Width of the MLP's input.
+    pub fn features(&self) -> usize {
+        self.layers[0].inputs
+    }
+}

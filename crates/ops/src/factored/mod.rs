@@ -1,0 +1,60 @@
+//! A radiance field factored into planes and lines, with a tiny MLP behind it, as one operation.
+//!
+//! Each *level* holds three planes and three lines of `channels` features (the vector–matrix decomposition of
+//! TensoRF, Chen et al. 2022): at u ∈ [0, 1]³ it gives plane_xy(u) ⊙ line_z(u), plane_xz ⊙ line_y and plane_yz ⊙ line_x,
+//! interpolated linearly. The features of all levels, with a few octaves of the position itself, go through an MLP of
+//! ReLU layers to density σ = s·ln(1 + e^(x+b)) and colour 1/(1 + e^−x).
+//!
+//! A product of low-rank factors cannot hold the fog that few views leave unexplained as easily as a voxel grid can, and
+//! its tables are small enough for a laptop's cache.
+
+mod layout;
+mod plain;
+mod variation;
+
+#[cfg(feature = "flex")]
+mod dense;
+#[cfg(feature = "flex")]
+mod encode;
+#[cfg(feature = "flex")]
+mod host;
+
+pub use layout::{Layer, Layout, Level, PLANES};
+pub use plain::plain;
+pub use variation::plane_variation;
+
+use std::sync::Arc;
+
+use burn::tensor::Tensor;
+
+/// Where and how a field is asked, beside its parameters.
+#[derive(Clone, Debug)]
+pub struct Query {
+    /// Positions, each coordinate in [0, 1] over the field's box, `[M, 3]` row-major; outside it the border goes on.
+    pub positions: Arc<[f32]>,
+    /// Weight of each octave of the position's encoding, for annealing; as many as the layout has.
+    pub octave_weights: Vec<f32>,
+    /// Weight of each level's features, for annealing; as many as the layout has. A level of weight 0 costs nothing.
+    pub level_weights: Vec<f32>,
+    /// Whether colour is wanted beside density.
+    pub color: bool,
+}
+
+/// Density and colour at the points of `query`: `[M, 4]` of (σ, r, g, b), or `[M, 1]` of σ without colour.
+///
+/// `tables` `[layout.table_len()]` holds planes and lines, `weights` `[layout.weight_len()]` the MLP; the result is
+/// differentiable in both. σ is in 1/unit of `layout.density_scale`.
+///
+/// # Panics
+/// If a length does not match `layout`.
+pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout>, query: Query) -> Tensor<2> {
+    assert_eq!(tables.dims(), [layout.table_len()], "tables hold every plane and line of the layout");
+    assert_eq!(weights.dims(), [layout.weight_len()], "weights hold every layer of the layout");
+    assert_eq!(query.octave_weights.len(), layout.octaves, "one weight an octave");
+    assert_eq!(query.level_weights.len(), layout.levels.len(), "one weight a level");
+    #[cfg(feature = "flex")]
+    if crate::has_host_kernels(&tables.device()) {
+        return crate::kernel::apply2(host::FactoredKernel { layout: layout.clone(), query }, tables, weights);
+    }
+    plain(tables, weights, layout, &query)
+}

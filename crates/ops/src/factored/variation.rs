@@ -1,0 +1,121 @@
+//! Total variation of the planes.
+
+use std::sync::Arc;
+
+use burn::tensor::Tensor;
+
+use super::Layout;
+
+/// Smoothness of the planes: Σ_levels (res/64)/(3 res²) Σ over neighbours of squared differences; a scalar.
+///
+/// The factor res/64 asks more of the finer levels, which fewer rays reach. Differentiable in `tables`.
+///
+/// # Panics
+/// If `tables` is not of the layout's length.
+pub fn plane_variation(tables: Tensor<1>, layout: &Arc<Layout>) -> Tensor<1> {
+    assert_eq!(tables.dims(), [layout.table_len()], "tables hold every plane and line of the layout");
+    #[cfg(feature = "flex")]
+    if crate::has_host_kernels(&tables.device()) {
+        return crate::kernel::apply1(host::VariationKernel { layout: layout.clone() }, tables);
+    }
+    plain(tables, layout)
+}
+
+/// Weight of a level's squared differences.
+fn weight(resolution: usize) -> f32 {
+    1.0 / (64.0 * 3.0 * resolution as f32)
+}
+
+/// The same from plain tensor operations, on any backend.
+pub fn plain(tables: Tensor<1>, layout: &Layout) -> Tensor<1> {
+    let mut sum = Tensor::zeros([1], &tables.device());
+    for level in &layout.levels {
+        let (r, c) = (level.resolution, level.channels);
+        let planes: Tensor<4> = tables.clone().narrow(0, level.offset, 3 * level.plane_len()).reshape([3, r, r, c]);
+        for axis in [1, 2] {
+            let difference = planes.clone().narrow(axis, 1, r - 1) - planes.clone().narrow(axis, 0, r - 1);
+            sum = sum + difference.square().sum() * weight(r);
+        }
+    }
+    sum
+}
+
+#[cfg(feature = "flex")]
+mod host {
+    use std::sync::Arc;
+
+    use rayon::prelude::*;
+
+    use super::{Layout, weight};
+    use crate::kernel::{Kernel, Pass};
+
+    #[derive(Debug)]
+    pub(super) struct VariationKernel {
+        pub(super) layout: Arc<Layout>,
+    }
+
+    impl VariationKernel {
+        /// `(first number, resolution, channels)` of every plane.
+        fn planes(&self) -> Vec<(usize, usize, usize)> {
+            let of_level = |level: &super::super::Level| [0, 1, 2].map(|p| (level.plane(p), level.resolution, level.channels));
+            self.layout.levels.iter().flat_map(of_level).collect()
+        }
+    }
+
+    impl Kernel for VariationKernel {
+        fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
+            vec![1]
+        }
+
+        fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
+            let squares = |a: &[f32], b: &[f32]| f64::from(a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>());
+            let parts: Vec<f64> = self
+                .planes()
+                .into_par_iter()
+                .map(|(start, r, c)| {
+                    let plane = &inputs[0][start..start + r * r * c];
+                    let rows: f64 = plane.chunks_exact(r * c).map(|row| squares(&row[c..], &row[..(r - 1) * c])).sum();
+                    let columns: f64 = (1..r).map(|y| squares(&plane[y * r * c..(y + 1) * r * c], &plane[(y - 1) * r * c..])).sum();
+                    (rows + columns) * f64::from(weight(r))
+                })
+                .collect();
+            vec![parts.iter().sum::<f64>() as f32]
+        }
+
+        fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+            let tables = pass.inputs[0];
+            let mut grad = vec![0.0; tables.len()];
+            let mut rest = grad.as_mut_slice();
+            let mut tasks = Vec::new();
+            for level in &self.layout.levels {
+                let (own, others) = std::mem::take(&mut rest).split_at_mut(level.len());
+                rest = others;
+                let planes = own[..].chunks_exact_mut(level.plane_len()).take(3);
+                tasks.extend(planes.enumerate().map(|(p, out)| (level.plane(p), level.resolution, level.channels, out)));
+            }
+            tasks.into_par_iter().for_each(|(start, r, c, out)| {
+                let plane = &tables[start..start + r * r * c];
+                let k = 2.0 * weight(r) * pass.grad[0];
+                let pull = |out: &mut [f32], from: &[f32], to: &[f32]| {
+                    for ((out, a), b) in out.iter_mut().zip(from).zip(to) {
+                        *out += k * (a - b);
+                    }
+                };
+                let width = r * c;
+                for y in 0..r {
+                    let row = &plane[y * width..(y + 1) * width];
+                    let out = &mut out[y * width..(y + 1) * width];
+                    pull(&mut out[..width - c], row, &row[c..]);
+                    pull(&mut out[c..], &row[c..], row);
+                    if y > 0 {
+                        pull(out, row, &plane[(y - 1) * width..y * width]);
+                    }
+                    if y + 1 < r {
+                        pull(out, row, &plane[(y + 1) * width..(y + 2) * width]);
+                    }
+                }
+            });
+            vec![Some(grad)]
+        }
+    }
+}
