@@ -27,6 +27,8 @@ pub struct FactoredConfig {
     pub layers: usize,
     /// Width of the MLP.
     pub width: usize,
+    /// Whether colour depends on the view direction, linearly within its sigmoid.
+    pub view_dependent: bool,
     /// s in σ = s·softplus(x + b), 1/scene unit.
     pub density_scale: f32,
     /// b in σ = s·softplus(x + b): how empty space is before training.

@@ -11,8 +11,8 @@ use crate::{FactoredConfig, Points, Sampled, init::uniform};
 
 /// Planes ⊙ lines → features → MLP → density and colour, in one operation: see [`infonerf_ops::factored`].
 ///
-/// Colour does not depend on the direction: with a handful of views, a colour that does explains the views without
-/// getting the shape right.
+/// Colour is at most linear in the direction: with a handful of views, a colour that follows the direction freely explains
+/// the views without getting the shape right.
 #[derive(Module, Debug)]
 pub struct FactoredField {
     tables: Param<Tensor<1>>,
@@ -30,7 +30,7 @@ impl FactoredField {
     pub(crate) fn new(config: &FactoredConfig, bounds: [[f32; 3]; 2], rng: &mut impl Rng, device: &Device) -> Self {
         let levels: Vec<(usize, usize)> = config.resolutions.iter().map(|&r| (r, config.channels)).collect();
         let density = (config.density_scale, config.density_bias);
-        let layout = Layout::new(config.octaves, &levels, config.layers, config.width, density);
+        let layout = Layout::new(config.octaves, &levels, (config.layers, config.width), config.view_dependent, density);
         let mut tables = Vec::with_capacity(layout.table_len());
         for level in &layout.levels {
             tables.extend(uniform(rng, 3 * level.plane_len(), 0.1));
@@ -39,7 +39,12 @@ impl FactoredField {
         let mut weights = Vec::with_capacity(layout.weight_len());
         for (index, layer) in layout.layers.iter().enumerate() {
             let gain = if index + 1 == layout.layers.len() { 0.5 } else { 1.0 };
-            weights.extend(uniform(rng, layer.inputs * layer.outputs, gain * (6.0 / layer.inputs as f32).sqrt()));
+            let mut matrix = uniform(rng, layer.inputs * layer.outputs, gain * (6.0 / layer.inputs as f32).sqrt());
+            if index + 1 == layout.layers.len() {
+                // Colour does not depend on the direction before training.
+                matrix[4 * layer.inputs..].fill(0.0);
+            }
+            weights.extend(matrix);
             weights.extend(std::iter::repeat_n(0.0, layer.outputs));
         }
         let parameter = |values: Vec<f32>| {
@@ -64,8 +69,16 @@ impl FactoredField {
             .collect();
         let samples = positions.len() / 3;
         let open = if self.config.anneal > 0.0 { (progress / self.config.anneal).min(1.0) } else { 1.0 };
+        let directions: Arc<[f32]> = if color && self.config.view_dependent {
+            let of_ray = |ray: usize| &points.directions[3 * ray..3 * ray + 3];
+            let rays = points.segments.ranges().enumerate();
+            rays.flat_map(|(ray, range)| range.flat_map(move |_| of_ray(ray))).copied().collect()
+        } else {
+            Arc::new([])
+        };
         let query = Query {
             positions,
+            directions,
             octave_weights: fade(self.config.octaves, 2.0, open),
             level_weights: fade(self.layout.levels.len(), 1.0, open),
             color,

@@ -38,7 +38,7 @@ pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy
     assert_eq!(samples, segments.samples(), "values holds one row a packed sample");
     #[cfg(feature = "flex")]
     if has_host_kernels(&tau.device()) {
-        let kernel = host::CompositeKernel { segments: segments.clone(), entropy };
+        let kernel = host::CompositeKernel { segments: segments.clone(), channels, entropy };
         return split(crate::kernel::apply2(kernel, tau, values), channels);
     }
     let _ = has_host_kernels;
@@ -81,7 +81,9 @@ pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy: Op
     let padding = Padding::new(segments, &device);
     let tau = padding.apply(tau);
     let alpha = plain_alpha(tau.clone());
-    let before = tau.clone().cumsum(1) - tau;
+    // Shifted, not subtracted: a huge last interval would swallow what is before it.
+    let nothing = Tensor::zeros([rays, 1], &device);
+    let before = Tensor::cat(vec![nothing, tau], 1).cumsum(1).narrow(1, 0, longest);
     let weights = before.neg().exp() * alpha.clone();
     let values = values.select(0, padding.indices.clone()).reshape([rays, longest, channels]);
     let alpha_sum = alpha.clone().sum_dim(1);
@@ -138,7 +140,8 @@ fn plain_entropy(alpha: Tensor<2>, alpha_sum: Tensor<2>, epsilon: f32) -> Tensor
     let log = if epsilon > 0.0 {
         (p.clone() + epsilon).log()
     } else {
-        let zero = p.clone().equal_elem(0.0);
+        // Subnormal numbers have no finite 1/p for the way back.
+        let zero = p.clone().lower_elem(f32::MIN_POSITIVE);
         p.clone().mask_fill(zero, 1.0).log()
     };
     let bits = (p * log).sum_dim(1) * -std::f32::consts::LOG2_E;
@@ -157,6 +160,7 @@ mod host {
     #[derive(Debug)]
     pub(super) struct CompositeKernel {
         pub(super) segments: Segments,
+        pub(super) channels: usize,
         pub(super) entropy: Option<f32>,
     }
 
@@ -167,7 +171,7 @@ mod host {
 
         fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
             let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
-            let channels = channels(values, tau);
+            let channels = self.channels;
             let mut out = vec![0.0; self.segments.rays() * (channels + 3)];
             out.par_chunks_mut(channels + 3).enumerate().with_min_len(64).for_each(|(ray, out)| {
                 let range = self.segments.range(ray);
@@ -180,7 +184,7 @@ mod host {
         fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
             let Pass { inputs, output, grad, .. } = pass;
             let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
-            let channels = channels(values, tau);
+            let channels = self.channels;
             let mut dtau = vec![0.0; tau.len()];
             let mut dvalues = vec![0.0; if wanted[1] { values.len() } else { 0 }];
             let dvalue_rows: Vec<&mut [f32]> = if wanted[1] {
@@ -206,8 +210,10 @@ mod host {
         }
     }
 
-    fn channels(values: &[f32], tau: &[f32]) -> usize {
-        values.len().checked_div(tau.len()).unwrap_or(0)
+    /// τ up to a depth that lets nothing through in `f64` either, so that a sum of depths can be undone.
+    fn bounded(tau: f32) -> f64 {
+        const OPAQUE: f32 = 1e3;
+        f64::from(if tau > OPAQUE { OPAQUE } else { tau })
     }
 
     struct Row<'a> {
@@ -267,7 +273,7 @@ mod host {
             let mut depth = 0f64;
             for (w, &tau) in dtau.iter_mut().zip(self.tau) {
                 *w = (-depth).exp() as f32 * alpha(tau);
-                depth += f64::from(tau);
+                depth += bounded(tau);
             }
             // dL/dτᵢ = uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ with uᵢ = ∂L/∂wᵢ.
             let mut behind = 0f64;
@@ -281,7 +287,7 @@ mod host {
                     }
                 }
                 let after = (-depth).exp() as f32;
-                depth -= f64::from(self.tau[i]);
+                depth -= bounded(self.tau[i]);
                 dtau[i] = (f64::from(u * after) - behind) as f32;
                 behind += f64::from(u) * f64::from(w);
             }

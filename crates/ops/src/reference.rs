@@ -78,7 +78,8 @@ pub fn information_gain_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Ve
         return (vec![0.0; tau.len()], vec![0.0; near.len()]);
     };
     let (ln_p, ln_q) = (ln_density(tau, epsilon), ln_density(near, epsilon));
-    let dp: Vec<f64> = (0..p.len()).map(|i| ln_p[i] - ln_q[i] + p[i] / (p[i] + epsilon)).collect();
+    let share = |p: f64| if epsilon > 0.0 { p / (p + epsilon) } else { 1.0 };
+    let dp: Vec<f64> = (0..p.len()).map(|i| ln_p[i] - ln_q[i] + share(p[i])).collect();
     let dq: Vec<f64> = (0..p.len()).map(|i| -p[i] / (q[i] + epsilon)).collect();
     (through_normalisation(tau, &p, &dp), through_normalisation(near, &q, &dq))
 }

@@ -8,7 +8,7 @@ use crate::simd::fma;
 /// Samples in a block; a multiple of [`TILE`].
 pub(super) const BLOCK: usize = 240;
 /// Samples that one inner loop works on: three vectors of eight.
-const TILE: usize = 24;
+pub(super) const TILE: usize = 24;
 
 /// Rounds a number of samples up to whole tiles.
 pub(super) fn padded(samples: usize) -> usize {
@@ -55,26 +55,43 @@ fn tile<const FMA: bool, const O: usize>(
     at: usize,
     relu: bool,
 ) {
+    let w = &w[o * stride..(o + O - 1) * stride + inputs];
+    let y = &mut y[o * BLOCK + at..(o + O - 1) * BLOCK + at + TILE];
+    let x = &x[at..];
     let mut sums = [[0f32; TILE]; O];
     if let Some(bias) = bias {
         for (sum, &b) in sums.iter_mut().zip(&bias[o..o + O]) {
             *sum = [b; TILE];
         }
     }
-    let rows: [&[f32]; O] = std::array::from_fn(|k| &w[(o + k) * stride..(o + k) * stride + inputs]);
-    for (i, x) in x.chunks_exact(BLOCK).enumerate() {
-        let x: &[f32; TILE] = x[at..at + TILE].first_chunk().expect("a whole tile");
-        for k in 0..O {
-            let w = rows[k][i];
-            for l in 0..TILE {
-                sums[k][l] = fma::<FMA>(w, x[l], sums[k][l]);
+    #[cfg(target_arch = "x86_64")]
+    if FMA {
+        // SAFETY: `FMA` is set only where AVX2 and FMA were detected.
+        #[allow(unsafe_code, reason = "intrinsics")]
+        unsafe {
+            super::avx2::accumulate::<O>(w, stride, x, inputs, &mut sums);
+        }
+        store(&sums, y, relu);
+        return;
+    }
+    for i in 0..inputs {
+        let x = &x[i * BLOCK..i * BLOCK + TILE];
+        for (k, sums) in sums.iter_mut().enumerate() {
+            let w = w[k * stride + i];
+            for (sum, x) in sums.iter_mut().zip(x) {
+                *sum = fma::<FMA>(w, *x, *sum);
             }
         }
     }
-    for k in 0..O {
-        let y = &mut y[(o + k) * BLOCK + at..(o + k) * BLOCK + at + TILE];
-        for l in 0..TILE {
-            y[l] = if relu { sums[k][l].max(0.0) } else { sums[k][l] };
+    store(&sums, y, relu);
+}
+
+#[inline(always)]
+fn store<const O: usize>(sums: &[[f32; TILE]; O], y: &mut [f32], relu: bool) {
+    for (k, sums) in sums.iter().enumerate() {
+        let y = &mut y[k * BLOCK..k * BLOCK + TILE];
+        for (y, sum) in y.iter_mut().zip(sums) {
+            *y = if relu { sum.max(0.0) } else { *sum };
         }
     }
 }
@@ -105,7 +122,7 @@ pub(super) fn weight_gradient<const FMA: bool>(dy: &[f32], x: &[f32], dw: &mut [
 }
 
 /// Lanes of the sums over samples.
-const LANES: usize = 8;
+pub(super) const LANES: usize = 8;
 
 #[inline(always)]
 fn products<const FMA: bool, const O: usize, const I: usize>(
@@ -117,23 +134,37 @@ fn products<const FMA: bool, const O: usize, const I: usize>(
     i: usize,
     samples: usize,
 ) {
+    let (dy, x) = (&dy[o * BLOCK..(o + O) * BLOCK], &x[i * BLOCK..(i + I) * BLOCK]);
     let mut sums = [[[0f32; LANES]; I]; O];
-    let dys: [&[f32]; O] = std::array::from_fn(|k| &dy[(o + k) * BLOCK..(o + k + 1) * BLOCK]);
-    let xs: [&[f32]; I] = std::array::from_fn(|k| &x[(i + k) * BLOCK..(i + k + 1) * BLOCK]);
-    for at in (0..padded(samples)).step_by(LANES) {
-        let x: [&[f32; LANES]; I] = std::array::from_fn(|k| xs[k][at..at + LANES].first_chunk().expect("whole lanes"));
-        for k in 0..O {
-            let dy: &[f32; LANES] = dys[k][at..at + LANES].first_chunk().expect("whole lanes");
-            for j in 0..I {
-                for l in 0..LANES {
-                    sums[k][j][l] = fma::<FMA>(dy[l], x[j][l], sums[k][j][l]);
+    let used = padded(samples);
+    #[cfg(target_arch = "x86_64")]
+    if FMA {
+        // SAFETY: `FMA` is set only where AVX2 and FMA were detected.
+        #[allow(unsafe_code, reason = "intrinsics")]
+        unsafe {
+            super::avx2::products::<O, I>(dy, x, used, &mut sums);
+        }
+        return add(&sums, dw, inputs, o, i);
+    }
+    for at in (0..used).step_by(LANES) {
+        for (k, sums) in sums.iter_mut().enumerate() {
+            let dy = &dy[k * BLOCK + at..k * BLOCK + at + LANES];
+            for (j, sums) in sums.iter_mut().enumerate() {
+                let x = &x[j * BLOCK + at..j * BLOCK + at + LANES];
+                for ((sum, dy), x) in sums.iter_mut().zip(dy).zip(x) {
+                    *sum = fma::<FMA>(*dy, *x, *sum);
                 }
             }
         }
     }
-    for k in 0..O {
-        for j in 0..I {
-            dw[(o + k) * inputs + i + j] += sums[k][j].iter().sum::<f32>();
+    add(&sums, dw, inputs, o, i);
+}
+
+#[inline(always)]
+fn add<const O: usize, const I: usize>(sums: &[[[f32; LANES]; I]; O], dw: &mut [f32], inputs: usize, o: usize, i: usize) {
+    for (k, sums) in sums.iter().enumerate() {
+        for (j, sums) in sums.iter().enumerate() {
+            dw[(o + k) * inputs + i + j] += sums.iter().sum::<f32>();
         }
     }
 }

@@ -68,13 +68,22 @@ fn corners<const C: usize>(resolution: usize, (i, a): (usize, f32), (j, b): (usi
 fn bilinear<const C: usize>(plane: &[f32], corners: &Corners) -> [f32; C] {
     let (near, far) = (&plane[corners.at[0]..corners.at[0] + 2 * C], &plane[corners.at[1]..corners.at[1] + 2 * C]);
     let w = corners.weights;
-    std::array::from_fn(|c| w[0] * near[c] + w[1] * near[C + c] + w[2] * far[c] + w[3] * far[C + c])
+    // A loop, not `from_fn`: closures are not compiled for the instruction set chosen at run time.
+    let mut out = [0.0; C];
+    for c in 0..C {
+        out[c] = w[0] * near[c] + w[1] * near[C + c] + w[2] * far[c] + w[3] * far[C + c];
+    }
+    out
 }
 
 #[inline(always)]
 fn linear<const C: usize>(line: &[f32], (i, a): (usize, f32)) -> [f32; C] {
     let row = &line[i * C..(i + 2) * C];
-    std::array::from_fn(|c| row[c] + a * (row[C + c] - row[c]))
+    let mut out = [0.0; C];
+    for c in 0..C {
+        out[c] = row[c] + a * (row[C + c] - row[c]);
+    }
+    out
 }
 
 /// Features of one level into rows `0..3C` of `x`.
@@ -82,7 +91,7 @@ fn linear<const C: usize>(line: &[f32], (i, a): (usize, f32)) -> [f32; C] {
 pub(super) fn level_features<const C: usize>(level: &Level, weight: f32, tables: &[f32], positions: &Block, x: &mut [f32], samples: usize) {
     let res = level.resolution;
     for s in 0..samples {
-        let at = [0, 1, 2].map(|axis| texel(positions[axis][s], res));
+        let at = [texel(positions[0][s], res), texel(positions[1][s], res), texel(positions[2][s], res)];
         for (p, [a, b, c]) in PLANES.into_iter().enumerate() {
             let plane = bilinear::<C>(&tables[level.plane(p)..level.plane(p) + level.plane_len()], &corners::<C>(res, at[a], at[b]));
             let line = linear::<C>(&tables[level.line(p)..level.line(p) + level.line_len()], at[c]);
@@ -104,7 +113,10 @@ pub(super) fn plane_gradient<const C: usize>(
 ) {
     let [a, b, c] = axes;
     for (s, u) in positions.chunks_exact(3).enumerate() {
-        let d: [f32; C] = std::array::from_fn(|k| weight * dx[k * BLOCK + s]);
+        let mut d = [0.0; C];
+        for k in 0..C {
+            d[k] = weight * dx[k * BLOCK + s];
+        }
         let corners = corners::<C>(resolution, texel(u[a], resolution), texel(u[b], resolution));
         let (i, t) = texel(u[c], resolution);
         let (on_plane, on_line) = (bilinear::<C>(plane, &corners), linear::<C>(line, (i, t)));

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::Query;
 use super::dense::{self, BLOCK, padded};
 use super::encode::{self, Block, level_features, plane_gradient, with_channels};
-use super::layout::{Layout, OUTPUTS, PLANES};
+use super::layout::{Layout, OUTPUTS, PLANES, RAW};
 use crate::kernel::{Kernel, Pass};
 use crate::simd::{self, Job};
 
@@ -29,6 +29,20 @@ impl FactoredKernel {
         if self.query.color { OUTPUTS } else { 1 }
     }
 
+    /// Rows of the last layer that are computed.
+    fn raw(&self) -> usize {
+        match (self.query.color, self.layout.view_dependent) {
+            (false, _) => 1,
+            (true, false) => OUTPUTS,
+            (true, true) => RAW,
+        }
+    }
+
+    /// View directions of the samples from `start` on; none if colour does not depend on them.
+    fn directions(&self, start: usize) -> Option<&[f32]> {
+        (self.query.color && self.layout.view_dependent).then(|| &self.query.directions[3 * start..])
+    }
+
     /// Numbers that a block's activations take: the MLP's input and each hidden layer's output.
     fn activations(&self) -> usize {
         let hidden: usize = self.layout.layers.iter().rev().skip(1).map(|layer| layer.outputs).sum();
@@ -44,10 +58,12 @@ impl Kernel for FactoredKernel {
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
         let &[tables, weights] = inputs else { unreachable!("a factored field has two inputs") };
         let mut out = vec![0.0; self.samples() * self.outputs()];
-        let job = |positions: &[f32], activations: &mut [f32], out: &mut [f32]| {
-            simd::run(Forward { kernel: self, tables, weights, positions, activations, out });
+        let job = |(block, positions): (usize, &[f32]), activations: &mut [f32], out: &mut [f32]| {
+            let directions = self.directions(block * BLOCK);
+            simd::run(Forward { kernel: self, tables, weights, positions, directions, activations, out });
         };
-        let blocks = self.query.positions.par_chunks(3 * BLOCK).zip(out.par_chunks_mut(BLOCK * self.outputs()));
+        let positions = self.query.positions.par_chunks(3 * BLOCK).enumerate();
+        let blocks = positions.zip(out.par_chunks_mut(BLOCK * self.outputs()));
         match saved {
             Some(saved) => {
                 *saved = vec![0.0; self.samples().div_ceil(BLOCK) * self.activations()];
@@ -91,6 +107,7 @@ impl Kernel for FactoredKernel {
                         activations: &pass.saved[block * self.activations()..(block + 1) * self.activations()],
                         output: &pass.output[numbers.clone()],
                         grad: &pass.grad[numbers],
+                        directions: self.directions(rows.start),
                         samples: rows.len(),
                         first,
                         scratch: &mut scratch,
@@ -154,6 +171,8 @@ struct Forward<'a> {
     weights: &'a [f32],
     /// `[samples, 3]` of this block.
     positions: &'a [f32],
+    /// `[samples, 3]`, if colour depends on them.
+    directions: Option<&'a [f32]>,
     activations: &'a mut [f32],
     out: &'a mut [f32],
 }
@@ -161,7 +180,7 @@ struct Forward<'a> {
 impl Job for Forward<'_> {
     #[inline(always)]
     fn run<const FMA: bool>(self) {
-        let Self { kernel, tables, weights, positions, activations, out } = self;
+        let Self { kernel, tables, weights, positions, directions, activations, out } = self;
         let (layout, query) = (&kernel.layout, &kernel.query);
         let samples = positions.len() / 3;
         let mut block: Block = [[0.0; BLOCK]; 3];
@@ -180,8 +199,8 @@ impl Job for Forward<'_> {
             }
             with_channels!(level.channels, level_features, level, weight, tables, &block, rows, samples);
         }
-        let mut raw = [0.0; OUTPUTS * BLOCK];
-        let raw = &mut raw[..kernel.outputs() * BLOCK];
+        let mut raw = [0.0; RAW * BLOCK];
+        let raw = &mut raw[..kernel.raw() * BLOCK];
         let (mut x, mut rest): (&[f32], &mut [f32]) = (input, hidden);
         for (index, layer) in layout.layers.iter().enumerate() {
             let (w, bias) = (&weights[layer.weight..layer.bias()], &weights[layer.bias()..layer.end()]);
@@ -197,7 +216,13 @@ impl Job for Forward<'_> {
         for (s, out) in out.chunks_exact_mut(outputs).enumerate() {
             out[0] = softplus(raw[s] + layout.density_bias) * layout.density_scale;
             for (k, out) in out.iter_mut().enumerate().skip(1) {
-                *out = sigmoid(raw[k * BLOCK + s]);
+                let mut x = raw[k * BLOCK + s];
+                if let Some(directions) = directions {
+                    for axis in 0..3 {
+                        x += raw[(OUTPUTS + 3 * (k - 1) + axis) * BLOCK + s] * directions[3 * s + axis];
+                    }
+                }
+                *out = sigmoid(x);
             }
         }
     }
@@ -220,7 +245,7 @@ struct Scratch {
 impl Scratch {
     fn new(layout: &Layout) -> Self {
         let widest = layout.layers.iter().map(|layer| layer.inputs.max(layer.outputs)).max().unwrap_or(0);
-        Self { dout: vec![0.0; OUTPUTS * BLOCK], dhidden: [vec![0.0; widest * BLOCK], vec![0.0; widest * BLOCK]] }
+        Self { dout: vec![0.0; RAW * BLOCK], dhidden: [vec![0.0; widest * BLOCK], vec![0.0; widest * BLOCK]] }
     }
 }
 
@@ -230,6 +255,7 @@ struct Backward<'a> {
     activations: &'a [f32],
     output: &'a [f32],
     grad: &'a [f32],
+    directions: Option<&'a [f32]>,
     samples: usize,
     /// The first feature that comes from a table: those before it are positions, which need no gradient.
     first: usize,
@@ -241,16 +267,22 @@ struct Backward<'a> {
 impl Job for Backward<'_> {
     #[inline(always)]
     fn run<const FMA: bool>(self) {
-        let Self { kernel, transposed, activations, output, grad, samples, first, scratch, dweights, dx } = self;
+        let Self { kernel, transposed, activations, output, grad, directions, samples, first, scratch, dweights, dx } = self;
         let layout = &kernel.layout;
         let outputs = kernel.outputs();
-        let dout = &mut scratch.dout[..outputs * BLOCK];
+        let dout = &mut scratch.dout[..kernel.raw() * BLOCK];
         dout.fill(0.0);
         for (s, (y, g)) in output.chunks_exact(outputs).zip(grad.chunks_exact(outputs)).enumerate() {
             // softplus′ = sigmoid = 1 − e^−softplus, from the output itself.
             dout[s] = -g[0] * layout.density_scale * (-y[0] / layout.density_scale).exp_m1();
             for k in 1..outputs {
-                dout[k * BLOCK + s] = g[k] * y[k] * (1.0 - y[k]);
+                let slope = g[k] * y[k] * (1.0 - y[k]);
+                dout[k * BLOCK + s] = slope;
+                if let Some(directions) = directions {
+                    for axis in 0..3 {
+                        dout[(OUTPUTS + 3 * (k - 1) + axis) * BLOCK + s] = slope * directions[3 * s + axis];
+                    }
+                }
             }
         }
         let (input, hidden) = activations.split_at(layout.features() * BLOCK);
@@ -267,7 +299,7 @@ impl Job for Backward<'_> {
             let x = if index == 0 { input } else { &hidden[ends[index - 1].clone()] };
             let (dw, db) = dweights[layer.weight..layer.end()].split_at_mut(layer.inputs * layer.outputs);
             // Without colour only the first row of the last layer was computed.
-            let used = if index + 1 == layout.layers.len() { outputs } else { layer.outputs };
+            let used = if index + 1 == layout.layers.len() { kernel.raw() } else { layer.outputs };
             let above = &dy[..used * BLOCK];
             dense::weight_gradient::<FMA>(above, x, dw, db, samples);
             let (wt, stride) = (&transposed[index], layer.outputs);

@@ -76,20 +76,31 @@ pub struct Layout {
     pub octaves: usize,
     /// Planes and lines, coarsest first.
     pub levels: Vec<Level>,
-    /// The MLP; the last layer has 4 outputs: density, red, green, blue.
+    /// The MLP; the last layer gives density, red, green, blue, and if `view_dependent` nine numbers more: how red, green
+    /// and blue change with x, y and z of the view direction.
     pub layers: Vec<Layer>,
+    /// Whether colour depends on the view direction.
+    pub view_dependent: bool,
     /// s in σ = s·softplus(x + b).
     pub density_scale: f32,
     /// b in σ = s·softplus(x + b).
     pub density_bias: f32,
 }
 
-/// Outputs of the MLP: density and colour.
+/// Density and colour.
 pub(crate) const OUTPUTS: usize = 4;
+/// Most outputs that the MLP can have.
+pub(crate) const RAW: usize = OUTPUTS + 9;
 
 impl Layout {
     /// Lays out levels of `(resolution, channels)` and an MLP of `hidden_layers` layers of `hidden` units.
-    pub fn new(octaves: usize, levels: &[(usize, usize)], hidden_layers: usize, hidden: usize, density: (f32, f32)) -> Self {
+    pub fn new(
+        octaves: usize,
+        levels: &[(usize, usize)],
+        (hidden_layers, hidden): (usize, usize),
+        view_dependent: bool,
+        density: (f32, f32),
+    ) -> Self {
         let mut feature = 3 + 6 * octaves;
         let mut offset = 0;
         let levels = levels
@@ -104,7 +115,7 @@ impl Layout {
         let mut weight = 0;
         let mut inputs = feature;
         let layers = std::iter::repeat_n(hidden, hidden_layers)
-            .chain([OUTPUTS])
+            .chain([if view_dependent { RAW } else { OUTPUTS }])
             .map(|outputs| {
                 let layer = Layer { inputs, outputs, weight };
                 weight = layer.end();
@@ -112,7 +123,7 @@ impl Layout {
                 layer
             })
             .collect();
-        Self { octaves, levels, layers, density_scale: density.0, density_bias: density.1 }
+        Self { octaves, levels, layers, view_dependent, density_scale: density.0, density_bias: density.1 }
     }
 
     /// Numbers in all planes and lines.

@@ -3,7 +3,8 @@
 //! Each *level* holds three planes and three lines of `channels` features (the vector–matrix decomposition of
 //! TensoRF, Chen et al. 2022): at u ∈ [0, 1]³ it gives plane_xy(u) ⊙ line_z(u), plane_xz ⊙ line_y and plane_yz ⊙ line_x,
 //! interpolated linearly. The features of all levels, with a few octaves of the position itself, go through an MLP of
-//! ReLU layers to density σ = s·ln(1 + e^(x+b)) and colour 1/(1 + e^−x).
+//! ReLU layers to density σ = s·ln(1 + e^(x+b)) and colour 1/(1 + e^−(x + v·d)), linear in the view direction d within the
+//! sigmoid (spherical harmonics of degree 1).
 //!
 //! A product of low-rank factors cannot hold the fog that few views leave unexplained as easily as a voxel grid can, and
 //! its tables are small enough for a laptop's cache.
@@ -12,6 +13,8 @@ mod layout;
 mod plain;
 mod variation;
 
+#[cfg(all(feature = "flex", target_arch = "x86_64"))]
+mod avx2;
 #[cfg(feature = "flex")]
 mod dense;
 #[cfg(feature = "flex")]
@@ -32,6 +35,8 @@ use burn::tensor::Tensor;
 pub struct Query {
     /// Positions, each coordinate in [0, 1] over the field's box, `[M, 3]` row-major; outside it the border goes on.
     pub positions: Arc<[f32]>,
+    /// Unit view direction of each sample, `[M, 3]` row-major; empty where colour is not wanted or does not depend on it.
+    pub directions: Arc<[f32]>,
     /// Weight of each octave of the position's encoding, for annealing; as many as the layout has.
     pub octave_weights: Vec<f32>,
     /// Weight of each level's features, for annealing; as many as the layout has. A level of weight 0 costs nothing.

@@ -29,7 +29,13 @@ pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Layout, query: &Que
     if !query.color {
         return sigma;
     }
-    Tensor::cat(vec![sigma, sigmoid(x.narrow(1, 1, 3))], 1).reshape([samples, 4])
+    let mut color = x.clone().narrow(1, 1, 3);
+    if layout.view_dependent {
+        let directions = Tensor::<3>::from_data(TensorData::new(query.directions.to_vec(), [samples, 1, 3]), &device);
+        let slopes = x.narrow(1, 4, 9).reshape([samples, 3, 3]);
+        color = color + (slopes * directions).sum_dim(2).reshape([samples, 3]);
+    }
+    Tensor::cat(vec![sigma, sigmoid(color)], 1).reshape([samples, 4])
 }
 
 fn octaves(query: &Query, device: &burn::tensor::Device) -> Tensor<2> {

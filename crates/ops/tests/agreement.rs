@@ -1,0 +1,390 @@
+//! Every body of compositing and information gain against the oracle in `f64`: values and gradients, random rays and
+//! extreme ones. The oracle itself against finite differences and against values from arbitrary-precision arithmetic.
+
+mod common;
+
+use burn::tensor::{Tensor, TensorData};
+use common::{Body, Draws, Rays, floats, matrix, vector, wide};
+use infonerf_ops::{Segments, reference};
+use serde_json::Value;
+
+/// Error of values that are at most about 1: a few roundings of `f32`.
+const UNIT: f64 = 3e-6;
+/// Relative error of Σα, which is a plain sum.
+const SUM: f64 = 1e-6;
+/// Error of an entropy in bits or a divergence in nats, relative to 1 + its size.
+const INFORMATION: f64 = 1e-5;
+/// Error of a gradient, relative to the largest of its ray and to its condition.
+const GRADIENT: f64 = 2e-5;
+/// Relative error of the oracle against arbitrary-precision arithmetic.
+const EXACT: f64 = 1e-12;
+/// Relative error of a central difference in `f64`.
+const DIFFERENCE: f64 = 1e-5;
+
+const CHANNELS: usize = 2;
+/// The exact entropy and the released code's.
+const EPSILONS: [f32; 2] = [0.0, 1e-10];
+/// The released code's, a large one, and the smallest that a config may have.
+const GAIN_EPSILONS: [f32; 3] = [1e-10, 1e-3, 1e-12];
+
+fn close(got: f64, want: f64, tolerance: f64, what: &dyn Fn() -> String) {
+    assert!((got - want).abs() <= tolerance, "{}: {got:e} against {want:e}, tolerance {tolerance:e}", what());
+}
+
+/// How strongly a rounding of ln p moves a gradient through p = α/S: (1 + max |ln(p + ε)|)/S.
+fn condition(tau: &[f64], epsilon: f64) -> f64 {
+    let Some(p) = reference::ray_density(tau) else { return 0.0 };
+    let sum: f64 = tau.iter().map(|&tau| reference::alpha(tau)).sum();
+    let floor = if epsilon > 0.0 { epsilon } else { f64::from(f32::MIN_POSITIVE) };
+    let largest = p.iter().map(|p| -(p + floor).ln()).fold(0.0, f64::max);
+    (1.0 + largest) / sum
+}
+
+fn check_gradient(got: &[f64], want: &[f64], condition: f64, skip: impl Fn(usize) -> bool, what: &dyn Fn() -> String) {
+    let scale = want.iter().enumerate().filter(|(i, _)| !skip(*i)).map(|(_, g)| g.abs()).fold(condition, f64::max);
+    for (i, (&got, &want)) in got.iter().zip(want).enumerate() {
+        assert!(got.is_finite(), "{}: gradient {i} is {got}", what());
+        if !skip(i) {
+            close(got, want, GRADIENT * scale.max(1.0), &|| format!("{}, gradient {i}", what()));
+        }
+    }
+}
+
+struct Upstream {
+    values: Vec<f32>,
+    acc: Vec<f32>,
+    alpha_sum: Vec<f32>,
+    entropy: Vec<f32>,
+}
+
+/// Σ of everything but the entropy, and of the entropy, each weighted, with gradients.
+fn check_composite(body: Body, rays: &Rays, draws: &mut Draws) {
+    let Rays { segments, tau } = rays;
+    let values: Vec<f32> = (0..tau.len() * CHANNELS).map(|_| draws.signed()).collect();
+    let mut weights = |count: usize| -> Vec<f32> { (0..count).map(|_| draws.signed()).collect() };
+    let rays = segments.rays();
+    let upstream = Upstream {
+        values: weights(rays * CHANNELS),
+        acc: weights(rays),
+        alpha_sum: weights(rays),
+        entropy: weights(rays),
+    };
+    for epsilon in EPSILONS {
+        composite_values(body, segments, tau, &values, epsilon);
+        composite_gradients(body, segments, tau, &values, epsilon, &upstream);
+    }
+}
+
+fn composite_values(body: Body, segments: &Segments, tau: &[f32], values: &[f32], epsilon: f32) {
+    let device = body.device();
+    let out = body.composite(vector(tau, &device), matrix(values, CHANNELS, &device), segments, Some(epsilon));
+    let (got, acc, sum, bits) = (floats(out.values), floats(out.acc), floats(out.alpha_sum), floats(out.entropy));
+    for (ray, range) in segments.ranges().enumerate() {
+        let row = wide(&tau[range.clone()]);
+        let what = |name: &str| format!("{body:?}, ray {row:?}, {name}");
+        let w = reference::weights(&row);
+        for c in 0..CHANNELS {
+            let want: f64 = w.iter().zip(range.clone()).map(|(w, i)| w * f64::from(values[i * CHANNELS + c])).sum();
+            close(got[ray * CHANNELS + c], want, UNIT, &|| what("value"));
+        }
+        close(acc[ray], w.iter().sum(), UNIT, &|| what("acc"));
+        let want: f64 = row.iter().map(|&tau| reference::alpha(tau)).sum();
+        close(sum[ray], want, SUM * want + 1e-45, &|| what("alpha sum"));
+        let want = reference::entropy(&row, f64::from(epsilon));
+        close(bits[ray], want, INFORMATION * (1.0 + want), &|| what("entropy"));
+    }
+}
+
+fn composite_gradients(
+    body: Body,
+    segments: &Segments,
+    tau: &[f32],
+    values: &[f32],
+    epsilon: f32,
+    upstream: &Upstream,
+) {
+    let device = body.device().autodiff();
+    let t = vector(tau, &device).require_grad();
+    let v = matrix(values, CHANNELS, &device).require_grad();
+    // One graph a backward pass: Burn consumes it.
+    let composite = || body.composite(t.clone(), v.clone(), segments, Some(epsilon));
+    let out = composite();
+    let weigh = |tensor: Tensor<1>, weights: &[f32]| (tensor * vector(weights, &device)).sum();
+    let integrals = (out.values * matrix(&upstream.values, CHANNELS, &device)).sum()
+        + weigh(out.acc, &upstream.acc)
+        + weigh(out.alpha_sum, &upstream.alpha_sum);
+    let grads = integrals.backward();
+    let (dtau, dvalues) = (floats(t.grad(&grads).unwrap()), floats(v.grad(&grads).unwrap()));
+    let grads = weigh(composite().entropy, &upstream.entropy).backward();
+    let dentropy = floats(t.grad(&grads).unwrap());
+    for (ray, range) in segments.ranges().enumerate() {
+        let row = wide(&tau[range.clone()]);
+        let w = reference::weights(&row);
+        let g = |c: usize| f64::from(upstream.values[ray * CHANNELS + c]);
+        let u: Vec<f64> = range
+            .clone()
+            .map(|i| (0..CHANNELS).map(|c| g(c) * f64::from(values[i * CHANNELS + c])).sum::<f64>())
+            .map(|u| u + f64::from(upstream.acc[ray]))
+            .collect();
+        let want: Vec<f64> = reference::weights_vjp(&row, &u)
+            .into_iter()
+            .zip(&row)
+            .map(|(g, tau)| g + f64::from(upstream.alpha_sum[ray]) * (-tau).exp())
+            .collect();
+        check_gradient(&dtau[range.clone()], &want, 0.0, |_| false, &|| format!("{body:?}, ray {row:?}, integrals"));
+        for (i, w) in range.clone().zip(&w) {
+            for c in 0..CHANNELS {
+                close(dvalues[i * CHANNELS + c], w * g(c), UNIT, &|| format!("{body:?}, ray {row:?}, values"));
+            }
+        }
+        let epsilon = f64::from(epsilon);
+        let scale = f64::from(upstream.entropy[ray]);
+        let want: Vec<f64> = reference::entropy_gradient(&row, epsilon).iter().map(|g| g * scale).collect();
+        // The exact entropy of an empty sample has an infinite slope: what is asked for is a finite number.
+        let infinite = |i: usize| epsilon == 0.0 && row[i] < f64::from(f32::MIN_POSITIVE);
+        let what = || format!("{body:?}, ray {row:?}, entropy with ε = {epsilon:e}");
+        check_gradient(&dentropy[range], &want, condition(&row, epsilon), infinite, &what);
+    }
+}
+
+fn check_gain(body: Body, segments: &Segments, tau: &[f32], near: &[f32], draws: &mut Draws) {
+    let device = body.device().autodiff();
+    let weights: Vec<f32> = (0..segments.rays()).map(|_| draws.signed()).collect();
+    for epsilon in GAIN_EPSILONS {
+        let (p, q) = (vector(tau, &device).require_grad(), vector(near, &device).require_grad());
+        let gain = body.gain(p.clone(), q.clone(), segments, epsilon);
+        let got = floats(gain.clone().detach());
+        let grads = (gain * vector(&weights, &device)).sum().backward();
+        let (dp, dq) = (floats(p.grad(&grads).unwrap()), floats(q.grad(&grads).unwrap()));
+        let epsilon = f64::from(epsilon);
+        for (ray, range) in segments.ranges().enumerate() {
+            let (p, q) = (wide(&tau[range.clone()]), wide(&near[range.clone()]));
+            let what = || format!("{body:?}, rays {p:?} and {q:?}, ε = {epsilon:e}");
+            let want = reference::information_gain(&p, &q, epsilon);
+            close(got[ray], want, INFORMATION * (1.0 + want.abs()), &|| format!("{}, value", what()));
+            let (want_p, want_q) = reference::information_gain_gradient(&p, &q, epsilon);
+            let scaled = |g: Vec<f64>| g.into_iter().map(|g| g * f64::from(weights[ray])).collect::<Vec<f64>>();
+            let gap = condition(&p, epsilon).max(condition(&q, epsilon));
+            check_gradient(&dp[range.clone()], &scaled(want_p), gap, |_| false, &|| format!("{}, P", what()));
+            check_gradient(&dq[range], &scaled(want_q), gap, |_| false, &|| format!("{}, Q", what()));
+        }
+    }
+}
+
+#[test]
+fn compositing_of_random_rays() {
+    for body in Body::ALL {
+        let mut draws = Draws(1);
+        for _ in 0..3 {
+            let rays = Rays::random(&mut draws, 61);
+            check_composite(body, &rays, &mut draws);
+        }
+    }
+}
+
+#[test]
+fn compositing_of_extreme_rays() {
+    for body in Body::ALL {
+        check_composite(body, &Rays::extreme(), &mut Draws(2));
+    }
+}
+
+/// A moderate sample behind one that nothing passes, and before it: the sum of depths must not swallow either.
+#[test]
+fn a_huge_last_interval_leaves_the_samples_before_it_alone() {
+    let rays = Rays::from_rows(&[vec![0.5, 0.25, 1e10], vec![0.5, 1e10, 0.25], vec![3.0, 5e9]]);
+    for body in Body::ALL {
+        check_composite(body, &rays, &mut Draws(3));
+    }
+}
+
+#[test]
+fn no_rays_and_rays_without_samples() {
+    for body in Body::ALL {
+        let device = body.device();
+        for rays in [0, 3] {
+            let segments = Segments::uniform(rays, 0);
+            let empty = || Tensor::<1>::from_data(TensorData::new(Vec::<f32>::new(), [0]), &device);
+            let values = Tensor::<2>::from_data(TensorData::new(Vec::<f32>::new(), [0, CHANNELS]), &device);
+            let out = body.composite(empty(), values, &segments, Some(0.0));
+            assert_eq!(out.values.dims(), [rays, CHANNELS], "{body:?}");
+            for column in [out.acc, out.alpha_sum, out.entropy, body.gain(empty(), empty(), &segments, 1e-10)] {
+                assert_eq!(floats(column), vec![0.0; rays], "{body:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn information_gain_of_random_rays() {
+    for body in Body::ALL {
+        let mut draws = Draws(4);
+        for _ in 0..3 {
+            let Rays { segments, tau } = Rays::random(&mut draws, 61);
+            let near: Vec<f32> = tau.iter().map(|tau| if draws.unit() < 0.2 { draws.tau() } else { tau * 1.3 }).collect();
+            check_gain(body, &segments, &tau, &near, &mut draws);
+            check_gain(body, &segments, &near, &tau, &mut draws);
+        }
+    }
+}
+
+#[test]
+fn information_gain_of_extreme_rays() {
+    let Rays { segments, tau } = Rays::extreme();
+    for body in Body::ALL {
+        for shift in [0, 1, 4] {
+            let near: Vec<f32> = segments
+                .ranges()
+                .flat_map(|range| (0..range.len()).map(move |i| range.start + (i + shift) % range.len()))
+                .map(|i| tau[i])
+                .collect();
+            check_gain(body, &segments, &tau, &near, &mut Draws(5));
+        }
+    }
+}
+
+/// Density along every ray of `rows` replaced, one sample at a time, by `f`'s central difference.
+fn differences(tau: &[f64], f: impl Fn(&[f64]) -> f64) -> Vec<f64> {
+    (0..tau.len())
+        .map(|i| {
+            let h = 1e-6 * tau[i];
+            let at = |step: f64| {
+                let mut moved = tau.to_vec();
+                moved[i] += step;
+                f(&moved)
+            };
+            (at(h) - at(-h)) / (2.0 * h)
+        })
+        .collect()
+}
+
+#[test]
+fn the_oracle_against_finite_differences() {
+    let mut draws = Draws(6);
+    let mut ray = |n: usize| -> Vec<f64> { (0..n).map(|_| 10f64.powf(draws.unit() * 3.0 - 2.0)).collect() };
+    let agree = |got: &[f64], want: &[f64], what: &str| {
+        let scale = want.iter().map(|g| g.abs()).fold(1e-2, f64::max);
+        for (got, want) in got.iter().zip(want) {
+            close(*got, *want, DIFFERENCE * scale, &|| what.to_owned());
+        }
+    };
+    for n in [1, 2, 3, 8, 24] {
+        let (tau, near, u) = (ray(n), ray(n), ray(n));
+        let integral = |tau: &[f64]| reference::weights(tau).iter().zip(&u).map(|(w, u)| w * u).sum();
+        agree(&reference::weights_vjp(&tau, &u), &differences(&tau, integral), "weights");
+        for epsilon in [0.0, 1e-10, 1e-3] {
+            let want = differences(&tau, |tau| reference::entropy(tau, epsilon));
+            agree(&reference::entropy_gradient(&tau, epsilon), &want, "entropy");
+        }
+        for epsilon in [1e-10, 1e-3] {
+            let (dp, dq) = reference::information_gain_gradient(&tau, &near, epsilon);
+            agree(&dp, &differences(&tau, |tau| reference::information_gain(tau, &near, epsilon)), "gain, P");
+            agree(&dq, &differences(&near, |near| reference::information_gain(&tau, near, epsilon)), "gain, Q");
+        }
+    }
+}
+
+fn fixture() -> Value {
+    serde_json::from_str(include_str!("../../../tests/fixtures/losses.json")).unwrap()
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap_or(f64::NAN)).collect()
+}
+
+/// Compares where the fixture has a number: null stands for an infinite or undefined slope.
+fn agree_where_finite(got: &[f64], want: &[f64], tolerance: f64, what: &str) {
+    assert_eq!(got.len(), want.len(), "{what}");
+    let scale = want.iter().filter(|x| x.is_finite()).map(|x| x.abs()).fold(0.0, f64::max);
+    for (got, want) in got.iter().zip(want).filter(|(_, want)| want.is_finite()) {
+        close(*got, *want, tolerance * scale + 1e-300, &|| what.to_owned());
+    }
+}
+
+/// A ray whose opacities sum to less than this hits nothing by definition; the fixture knows no such threshold.
+fn hits(tau: &[f64]) -> bool {
+    reference::ray_density(tau).is_some()
+}
+
+#[test]
+fn the_oracle_against_arbitrary_precision() {
+    let fixture = fixture();
+    let mut rays = std::collections::BTreeMap::new();
+    for ray in fixture["rays"].as_array().unwrap() {
+        let (name, tau) = (ray["name"].as_str().unwrap(), numbers(&ray["tau"]));
+        let alpha: Vec<f64> = tau.iter().map(|&tau| reference::alpha(tau)).collect();
+        agree_where_finite(&alpha, &numbers(&ray["alpha"]), EXACT, name);
+        agree_where_finite(&reference::transmittance(&tau)[..tau.len()], &numbers(&ray["trans"]), EXACT, name);
+        let w = reference::weights(&tau);
+        agree_where_finite(&w, &numbers(&ray["w"]), EXACT, name);
+        agree_where_finite(&[w.iter().sum()], &[ray["acc"].as_f64().unwrap()], EXACT, name);
+        if hits(&tau) {
+            close(reference::entropy(&tau, 0.0), ray["entropy"].as_f64().unwrap(), EXACT, &|| name.to_owned());
+            let want = numbers(&ray["dentropy_dtau"]);
+            // Slopes that cancel to nothing are compared with what they cancelled from.
+            let got = reference::entropy_gradient(&tau, 0.0);
+            let scale = condition(&tau, 0.0);
+            for (got, want) in got.iter().zip(&want).filter(|(_, want)| want.is_finite()) {
+                close(*got, *want, EXACT * scale, &|| name.to_owned());
+            }
+        } else {
+            assert_eq!(reference::entropy(&tau, 0.0), 0.0, "{name}");
+        }
+        rays.insert(name.to_owned(), tau);
+    }
+    for pair in fixture["pairs"].as_array().unwrap() {
+        let (p, q) = (pair["p"].as_str().unwrap(), pair["q"].as_str().unwrap());
+        let what = || format!("{p} and {q}");
+        let (tau, near) = (&rays[p], &rays[q]);
+        let got = reference::information_gain(tau, near, 0.0);
+        if !(hits(tau) && hits(near)) {
+            assert_eq!(got, 0.0, "{}", what());
+            continue;
+        }
+        let want = pair["kl"].as_f64().unwrap();
+        close(got, want, EXACT * (1.0 + want), &what);
+        let (dp, dq) = reference::information_gain_gradient(tau, near, 0.0);
+        let scale = condition(tau, 0.0).max(condition(near, 0.0));
+        for (got, want) in [(dp, numbers(&pair["dkl_dtau_p"])), (dq, numbers(&pair["dkl_dtau_q"]))] {
+            for (got, want) in got.iter().zip(&want).filter(|(_, want)| want.is_finite()) {
+                close(*got, *want, EXACT * scale.max(want.abs()), &what);
+            }
+        }
+    }
+}
+
+/// The bodies themselves against arbitrary precision, without the oracle in between.
+#[test]
+fn every_body_against_arbitrary_precision() {
+    let fixture = fixture();
+    let mut rays = std::collections::BTreeMap::new();
+    for ray in fixture["rays"].as_array().unwrap() {
+        let tau: Vec<f32> = numbers(&ray["tau"]).iter().map(|&tau| tau as f32).collect();
+        if hits(&wide(&tau)) {
+            for body in Body::ALL {
+                let device = body.device();
+                let w = vec![1.0; tau.len()];
+                let segments = Segments::uniform(1, tau.len());
+                let out = body.composite(vector(&tau, &device), matrix(&w, 1, &device), &segments, Some(0.0));
+                let what = || format!("{body:?}, {}", ray["name"]);
+                close(floats(out.acc)[0], ray["acc"].as_f64().unwrap(), UNIT, &what);
+                close(floats(out.entropy)[0], ray["entropy"].as_f64().unwrap(), INFORMATION, &what);
+            }
+        }
+        rays.insert(ray["name"].as_str().unwrap().to_owned(), tau);
+    }
+    for pair in fixture["pairs"].as_array().unwrap() {
+        let (tau, near) = (&rays[pair["p"].as_str().unwrap()], &rays[pair["q"].as_str().unwrap()]);
+        if !(hits(&wide(tau)) && hits(&wide(near))) {
+            continue;
+        }
+        let want = pair["kl"].as_f64().unwrap();
+        for body in Body::ALL {
+            let device = body.device();
+            let segments = Segments::uniform(1, tau.len());
+            let got = body.gain(vector(tau, &device), vector(near, &device), &segments, 1e-30);
+            let what = || format!("{body:?}, {} and {}", pair["p"], pair["q"]);
+            close(floats(got)[0], want, INFORMATION * (1.0 + want), &what);
+        }
+    }
+}

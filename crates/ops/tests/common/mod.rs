@@ -1,0 +1,120 @@
+//! What the tests of the operations share: the bodies under test and the rays to test them on.
+
+#![allow(dead_code, reason = "each test binary uses its own part")]
+
+use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_ops::{Composite, Segments, composite, gain, to_host};
+
+/// One implementation on one backend.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Body {
+    /// The host kernels on flex.
+    Kernel,
+    /// Plain tensor operations on flex.
+    PlainFlex,
+    /// Plain tensor operations on ndarray.
+    PlainNdarray,
+}
+
+impl Body {
+    pub const ALL: [Self; 3] = [Self::Kernel, Self::PlainFlex, Self::PlainNdarray];
+
+    #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
+    pub fn device(self) -> Device {
+        if self == Self::PlainNdarray { Device::ndarray() } else { Device::flex() }
+    }
+
+    pub fn composite(self, tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy: Option<f32>) -> Composite {
+        match self {
+            Self::Kernel => composite::composite(tau, values, segments, entropy),
+            _ => composite::plain(tau, values, segments, entropy),
+        }
+    }
+
+    pub fn gain(self, tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
+        match self {
+            Self::Kernel => gain::information_gain(tau, near, segments, epsilon),
+            _ => gain::plain(tau, near, segments, epsilon),
+        }
+    }
+}
+
+pub fn vector(values: &[f32], device: &Device) -> Tensor<1> {
+    Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), device)
+}
+
+pub fn matrix(values: &[f32], columns: usize, device: &Device) -> Tensor<2> {
+    Tensor::from_data(TensorData::new(values.to_vec(), [values.len() / columns, columns]), device)
+}
+
+pub fn floats<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
+    to_host(tensor).into_iter().map(f64::from).collect()
+}
+
+pub fn wide(values: &[f32]) -> Vec<f64> {
+    values.iter().copied().map(f64::from).collect()
+}
+
+/// Reproducible numbers in [0, 1): splitmix64.
+pub struct Draws(pub u64);
+
+impl Draws {
+    pub fn unit(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Uniform in [−1, 1).
+    pub fn signed(&mut self) -> f32 {
+        (self.unit() * 2.0 - 1.0) as f32
+    }
+
+    /// An optical depth, log-uniform from 1e-6 to 100, or 0 one time in ten.
+    pub fn tau(&mut self) -> f32 {
+        let exponent = self.unit() * 8.0 - 6.0;
+        if self.unit() < 0.1 { 0.0 } else { 10f64.powf(exponent) as f32 }
+    }
+}
+
+/// Rays of different lengths, packed.
+#[derive(Clone, Debug)]
+pub struct Rays {
+    pub segments: Segments,
+    pub tau: Vec<f32>,
+}
+
+impl Rays {
+    pub fn from_rows(rows: &[Vec<f32>]) -> Self {
+        Self { segments: Segments::from_counts(rows.iter().map(Vec::len)), tau: rows.concat() }
+    }
+
+    /// Random rays of 0 to 40 samples; every seventh is empty.
+    pub fn random(draws: &mut Draws, count: usize) -> Self {
+        let rows: Vec<Vec<f32>> = (0..count)
+            .map(|ray| {
+                let length = if ray % 7 == 0 { 0 } else { (draws.unit() * 40.0) as usize + 1 };
+                (0..length).map(|_| draws.tau()).collect()
+            })
+            .collect();
+        Self::from_rows(&rows)
+    }
+
+    /// Every ray of one, two and three samples out of [`EXTREMES`], and rays of all of them.
+    pub fn extreme() -> Self {
+        let mut rows: Vec<Vec<f32>> = vec![vec![], EXTREMES.to_vec(), EXTREMES.iter().rev().copied().collect()];
+        for a in EXTREMES {
+            rows.push(vec![a]);
+            for b in EXTREMES {
+                rows.push(vec![a, b]);
+                rows.extend(EXTREMES.map(|c| vec![a, b, c]));
+            }
+        }
+        Self::from_rows(&rows)
+    }
+}
+
+/// Optical depths from nothing through the subnormal to infinity.
+pub const EXTREMES: [f32; 9] = [0.0, 1e-38, 1e-12, 1e-4, 1.0, 30.0, 1e3, 1e30, f32::INFINITY];

@@ -1,0 +1,226 @@
+//! The full-size network, coarse and fine, against a PyTorch rendering of the same rays with the same weights.
+//!
+//! `fixtures/nerf_forward.py` made the expected values; its head states the rule that gives every weight.
+
+use burn::module::{Module, ModuleMapper, Param};
+use burn::tensor::{Device, Tensor, TensorData};
+use glam::Vec3;
+use infonerf_field::{FieldConfig, RadianceField};
+use infonerf_ops::{information_gain, to_host};
+use infonerf_render::{Level, Model, RenderConfig, Renderer, Want};
+use infonerf_scene::{Aabb, Ray, Scene};
+use serde_json::{Value, json};
+
+/// Colour, opacity, depth, entropy and divergence: the tolerance that the fixture was made for.
+const TOLERANCE: f64 = 1e-4;
+/// Raw density of the coarse network, up to 8 here.
+const SIGMA_TOLERANCE: f64 = 5e-4;
+/// Weights follow from a rule in `f64`, whose sine may differ in the last place between libraries.
+const WEIGHT_TOLERANCE: f64 = 1e-7;
+
+/// The layers in the order in which the module is visited: trunk, density, feature, view, colour.
+const LAYERS: usize = 12;
+const OCTAVES: usize = 10;
+
+fn fixture() -> Value {
+    serde_json::from_str(include_str!("../fixtures/nerf_forward.json")).unwrap()
+}
+
+fn floats(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Array(items) => items.iter().map(|x| x.as_f64().unwrap()).collect(),
+        single => vec![single.as_f64().unwrap()],
+    }
+}
+
+/// Overwrites every parameter by the fixture's rule, and checks a few of them against the fixture.
+struct Rule<'a> {
+    fixture: &'a Value,
+    net: usize,
+    /// Parameters visited so far: weight and bias of each layer in turn.
+    visited: usize,
+}
+
+impl Rule<'_> {
+    fn probe(&self, layer: usize) -> &Value {
+        &self.fixture["weight_probes"][self.net * LAYERS + layer]
+    }
+
+    /// Column scale c[i]: 2^(−k/2) where layers 0 and 5 read octave k of the encoded position.
+    fn column(layer: usize, input: usize) -> f64 {
+        match input.checked_sub(3).map(|i| i / 6) {
+            Some(octave) if (layer == 0 || layer == 5) && octave < OCTAVES => 2f64.powf(-0.5 * octave as f64),
+            _ => 1.0,
+        }
+    }
+
+    fn weight(&self, layer: usize, fan_in: usize, output: usize, input: usize) -> f32 {
+        let [o, i, l] = [output + 1, input + 1, layer + 1].map(|n| n as f64);
+        let cross = self.fixture["cross"].as_f64().unwrap();
+        let phase = 1.0 + 12.9898 * o + 78.233 * i + 37.719 * l + 93.989 * self.net as f64 + cross * (o * i);
+        let gain = self.fixture["gain"][layer].as_f64().unwrap();
+        let value = (gain * (3.0 / fan_in as f64).sqrt() * phase.sin()) as f32;
+        (f64::from(value) * Self::column(layer, input)) as f32
+    }
+
+    fn bias(&self, layer: usize, output: usize) -> f32 {
+        let phase = 0.5 + 4.1414 * (output + 1) as f64 + 3.7 * (layer + 1) as f64 + 1.9 * self.net as f64;
+        (self.fixture["bias0"][layer].as_f64().unwrap() + 0.1 * phase.sin()) as f32
+    }
+
+    fn values(&self, shape: &[usize]) -> Vec<f32> {
+        let layer = self.visited / 2;
+        let probe = |key: &str, got: f32| {
+            let want = self.probe(layer)[key].as_f64().unwrap();
+            assert!((f64::from(got) - want).abs() < WEIGHT_TOLERANCE, "layer {layer}, {key}: {got} against {want}");
+        };
+        match shape {
+            // Burn keeps weights as [inputs, outputs], PyTorch the other way round.
+            &[inputs, outputs] => {
+                assert_eq!(self.visited % 2, 0, "a weight, then its bias");
+                assert_eq!(self.probe(layer)["shape"], json!([outputs, inputs]), "layer {layer}");
+                let weight = |o, i| self.weight(layer, inputs, o, i);
+                probe("w_first", weight(0, 0));
+                probe("w_0_last", weight(0, inputs - 1));
+                probe("w_last_0", weight(outputs - 1, 0));
+                probe("w_last", weight(outputs - 1, inputs - 1));
+                (0..inputs).flat_map(|i| (0..outputs).map(move |o| weight(o, i))).collect()
+            }
+            &[outputs] => {
+                assert_eq!(self.visited % 2, 1, "a weight, then its bias");
+                probe("b_first", self.bias(layer, 0));
+                probe("b_last", self.bias(layer, outputs - 1));
+                (0..outputs).map(|o| self.bias(layer, o)).collect()
+            }
+            other => panic!("a parameter of shape {other:?}"),
+        }
+    }
+}
+
+impl ModuleMapper for Rule<'_> {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let values = self.values(&param.val().dims());
+        self.visited += 1;
+        param.map(|old| Tensor::from_data(TensorData::new(values, old.shape()), &old.device()))
+    }
+}
+
+fn network(fixture: &Value, net: usize, device: &Device) -> RadianceField {
+    let config: FieldConfig = serde_json::from_value(json!({
+        "kind": "nerf", "layers": 8, "width": 256, "skip": 5, "position_octaves": OCTAVES, "direction_octaves": 4,
+        "density": "relu", "anneal": 0.0,
+    }))
+    .unwrap();
+    let mut rule = Rule { fixture, net, visited: 0 };
+    let field = RadianceField::new(&config, 0, device).unwrap().map(&mut rule);
+    assert_eq!(rule.visited, 2 * LAYERS);
+    field
+}
+
+fn renderer(fixture: &Value, last_interval: &str) -> Renderer {
+    let config: RenderConfig = serde_json::from_value(json!({
+        "samples": fixture["n_coarse"], "fine_samples": fixture["n_fine"], "placement": "left",
+        "last_interval": last_interval, "jitter": false, "clip_to_bounds": false, "min_transmittance": 0.0,
+        "occupancy": {
+            "enabled": false, "resolution": 2, "warmup": 0, "every": 1, "min_alpha": 0.01, "decay": 0.8,
+        },
+    }))
+    .unwrap();
+    let scene = Scene {
+        name: "fixture".into(),
+        train: Vec::new(),
+        test: Vec::new(),
+        background: [1.0; 3],
+        near: fixture["near"].as_f64().unwrap() as f32,
+        far: fixture["far"].as_f64().unwrap() as f32,
+        bounds: Aabb::cube(Vec3::ZERO, 6.0),
+        all_train_cameras: Vec::new(),
+    };
+    Renderer::new(&config, &scene)
+}
+
+fn rays(fixture: &Value, origin: &str, direction: &str) -> Vec<Ray> {
+    let vector = |value: &Value| {
+        let [x, y, z] = floats(value)[..] else { panic!("three numbers") };
+        Vec3::new(x as f32, y as f32, z as f32)
+    };
+    let rows = fixture["rays"].as_array().unwrap();
+    rows.iter().map(|row| Ray { origin: vector(&row[origin]), direction: vector(&row[direction]) }).collect()
+}
+
+fn compare(got: &[f64], want: &[f64], tolerance: f64, what: &str) {
+    assert_eq!(got.len(), want.len(), "{what}");
+    for (got, want) in got.iter().zip(want) {
+        assert!((got - want).abs() <= tolerance, "{what}: {got} against {want}");
+    }
+}
+
+fn column(tensor: Tensor<1>) -> Vec<f64> {
+    to_host(tensor).into_iter().map(f64::from).collect()
+}
+
+fn compare_level(level: &Level, ray: usize, want: &Value, what: &str) {
+    let color: Vec<f64> = to_host(level.color.clone().unwrap()).into_iter().map(f64::from).collect();
+    compare(&color[ray * 3..ray * 3 + 3], &floats(&want["color"]), TOLERANCE, &format!("{what}, colour"));
+    let scalars =
+        [("depth", &level.depth), ("acc", &level.composite.acc), ("entropy", &level.composite.entropy)];
+    for (name, tensor) in scalars {
+        if let Some(want) = want.get(name) {
+            compare(&column(tensor.clone())[ray..=ray], &floats(want), TOLERANCE, &format!("{what}, {name}"));
+        }
+    }
+}
+
+/// Everything that the fixture has, on one device.
+fn check(device: &Device) {
+    let fixture = &fixture();
+    let model = Model { coarse: Some(network(fixture, 0, device)), fine: network(fixture, 1, device) };
+    let epsilon = fixture["eps"].as_f64().unwrap() as f32;
+    let want = Want { color: true, entropy: Some(epsilon) };
+    for last_interval in ["finite", "infinite"] {
+        let renderer = renderer(fixture, last_interval);
+        let render = |origin, direction| {
+            let (coarse, fine) = renderer.render(&model, &rays(fixture, origin, direction), want, None, None, 1.0);
+            (coarse.unwrap(), fine)
+        };
+        let ray = render("origin", "dir");
+        let near = render("near_origin", "near_dir");
+        let segments = &ray.1.samples.segments;
+        let gain = |p: &Level, q: &Level| column(information_gain(p.tau.clone(), q.tau.clone(), segments, epsilon));
+        let (forward, backward) = (gain(&ray.1, &near.1), gain(&near.1, &ray.1));
+        for (index, row) in fixture["rays"].as_array().unwrap().iter().enumerate() {
+            let expected = &row[last_interval]["f64"];
+            for (name, levels) in [("ray", &ray), ("near_ray", &near)] {
+                for (stage, level) in [("coarse", &levels.0), ("fine", &levels.1)] {
+                    let what = format!("{last_interval}, {name} {index}, {stage}");
+                    compare_level(level, index, &expected[name][stage], &what);
+                }
+            }
+            // PyTorch's formula has no threshold: it compares a ray with the empty density of one that hits nothing.
+            // Here such a pair has no divergence.
+            let hits = |name: &str| expected[name]["fine"]["acc"].as_f64().unwrap() > 0.0;
+            let defined = hits("ray") && hits("near_ray");
+            for (key, got) in [("kl_ray_near", &forward), ("kl_near_ray", &backward)] {
+                let want = if defined { floats(&expected[key]) } else { vec![0.0] };
+                compare(&got[index..=index], &want, TOLERANCE, &format!("{last_interval}, {key} {index}"));
+            }
+        }
+        let tau = column(ray.0.tau.clone());
+        let count = fixture["n_coarse"].as_u64().unwrap() as usize;
+        // The last interval is left out: infinite, it is no factor to divide by.
+        let sigma: Vec<f64> = (0..count - 1).map(|i| tau[i] / f64::from(ray.0.samples.delta[i])).collect();
+        let want = floats(&fixture["ray0_coarse_sigma"]["f64"]);
+        compare(&sigma, &want[..count - 1], SIGMA_TOLERANCE, "coarse density");
+    }
+}
+
+#[test]
+fn agrees_with_pytorch_on_flex() {
+    check(&Device::flex());
+}
+
+#[test]
+#[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
+fn agrees_with_pytorch_on_ndarray() {
+    check(&Device::ndarray());
+}
