@@ -20,8 +20,12 @@ pub struct RenderConfig {
     pub jitter: bool,
     /// Whether rays are cut to the box that holds the scene.
     pub clip_to_bounds: bool,
-    /// Transmittance below which the rest of a ray is taken to be hidden and skipped; 0 evaluates everything.
+    /// In pictures: transmittance below which the rest of a ray is not evaluated. Exact up to this much; 0 evaluates
+    /// everything.
     pub min_transmittance: f32,
+    /// In training: optical depth, as the occupancy grid remembers it, behind which the rest of a ray is taken to be hidden
+    /// and is skipped; 0 skips nothing. The grid remembers maxima, so this is no transmittance: 16 is a safe value.
+    pub hidden_depth: f32,
     /// Skipping of empty space.
     pub occupancy: OccupancyConfig,
 }
@@ -98,6 +102,7 @@ impl RenderConfig {
             self.min_transmittance.to_string(),
             (0.0..1.0).contains(&self.min_transmittance),
         )?;
+        check("hidden_depth", "0 or more", self.hidden_depth.to_string(), self.hidden_depth >= 0.0)?;
         check("occupancy.resolution", "2 to 512", o.resolution.to_string(), (2..=512).contains(&o.resolution))?;
         check("occupancy.every", "1 or more", o.every.to_string(), o.every >= 1)?;
         check("occupancy.min_alpha", "above 0, below 1", o.min_alpha.to_string(), o.min_alpha > 0.0 && o.min_alpha < 1.0)?;

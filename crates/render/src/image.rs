@@ -1,6 +1,7 @@
 use infonerf_ops::to_host;
 use infonerf_scene::{Camera, Ray};
 
+use crate::march::march;
 use crate::{Counts, Level, Model, OccupancyGrid, Renderer, Want};
 
 /// A rendered picture with what the report shows beside it. All row-major.
@@ -21,7 +22,9 @@ pub struct RenderedImage {
 }
 
 /// Rays rendered at a time: bounds the memory of a picture.
-const CHUNK: usize = 4096;
+const CHUNK: usize = 1 << 15;
+/// The same for a model with a coarse network, whose activations are wide.
+const HIERARCHICAL_CHUNK: usize = 4096;
 
 /// Renders the picture that `camera` sees, without gradients: give the model as `valid()`.
 pub fn render_image(renderer: &Renderer, model: &Model, camera: &Camera, occupancy: Option<&OccupancyGrid>) -> RenderedImage {
@@ -37,7 +40,17 @@ pub fn render_image(renderer: &Renderer, model: &Model, camera: &Camera, occupan
         acc: Vec::with_capacity(rays.len()),
         counts: Counts::default(),
     };
-    for rays in rays.chunks(CHUNK) {
+    if model.coarse.is_none() {
+        for rays in rays.chunks(CHUNK) {
+            let (marched, counts) = march(renderer, &model.fine, rays, occupancy);
+            image.counts += counts;
+            for ray in marched {
+                image.push(ray.rgb, ray.depth, 1.0 - ray.trans);
+            }
+        }
+        return image;
+    }
+    for rays in rays.chunks(HIERARCHICAL_CHUNK) {
         let want = Want { color: true, entropy: None };
         let (coarse, fine) = renderer.render(model, rays, want, None, occupancy, 1.0);
         image.append(&fine);
@@ -53,9 +66,16 @@ impl RenderedImage {
         let rgb = to_host(level.color.clone().expect("colour was wanted"));
         let acc = to_host(level.composite.acc.clone());
         let depth = to_host(level.depth.clone());
-        self.rgb.extend(rgb.chunks_exact(3).map(|c| [c[0], c[1], c[2]]));
-        self.depth.extend(depth.iter().zip(&acc).map(|(d, &a)| if a > HIT { d / a } else { f32::INFINITY }));
-        self.acc.extend(acc);
+        for ((rgb, depth), acc) in rgb.chunks_exact(3).zip(depth).zip(acc) {
+            self.push([rgb[0], rgb[1], rgb[2]], depth, acc);
+        }
+    }
+
+    /// Adds a pixel; `depth` is Σ w t.
+    fn push(&mut self, rgb: [f32; 3], depth: f32, acc: f32) {
+        self.rgb.push(rgb);
+        self.depth.push(if acc > HIT { depth / acc } else { f32::INFINITY });
+        self.acc.push(acc);
     }
 }
 

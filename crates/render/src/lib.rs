@@ -6,6 +6,7 @@
 
 mod config;
 mod image;
+mod march;
 mod noise;
 mod occupancy;
 mod render;

@@ -14,6 +14,7 @@ use crate::{Noise, OccupancyConfig};
 pub struct OccupancyGrid {
     config: OccupancyConfig,
     bounds: Aabb,
+    cells_per_unit: Vec3,
     density: Vec<f32>,
     occupied: Vec<bool>,
     carved: Vec<bool>,
@@ -27,6 +28,7 @@ impl OccupancyGrid {
         Self {
             config: config.clone(),
             bounds,
+            cells_per_unit: config.resolution as f32 / bounds.size(),
             density: vec![0.0; cells],
             occupied: vec![true; cells],
             carved: vec![false; cells],
@@ -114,9 +116,12 @@ impl OccupancyGrid {
         self.cell(p).is_none_or(|cell| self.occupied[cell])
     }
 
-    /// The remembered density at `p`, 0 outside the box.
-    pub fn density(&self, p: Vec3) -> f32 {
-        self.cell(p).map_or(0.0, |cell| self.density[cell])
+    /// The remembered density at `p` if there may be something, else none. Outside the box it is 0.
+    pub fn occupied_density(&self, p: Vec3) -> Option<f32> {
+        match self.cell(p) {
+            Some(cell) => self.occupied[cell].then(|| self.density[cell]),
+            None => Some(0.0),
+        }
     }
 
     /// Share of the cells that are not known to be empty.
@@ -162,7 +167,7 @@ impl OccupancyGrid {
 
     fn cell(&self, p: Vec3) -> Option<usize> {
         let n = self.config.resolution;
-        let c = (p - self.bounds.min) / self.cell_size();
+        let c = (p - self.bounds.min) * self.cells_per_unit;
         // Written so that NaN is outside.
         let inside = c.cmpge(Vec3::ZERO).all() && c.cmplt(Vec3::splat(n as f32)).all();
         inside.then(|| c.x as usize + n * (c.y as usize + n * c.z as usize))

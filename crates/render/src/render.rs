@@ -113,11 +113,11 @@ impl Renderer {
     ) -> (Option<Level>, Level) {
         let noise = noise.filter(|_| self.config.jitter);
         let Some(coarse_field) = &model.coarse else {
-            let samples = self.samples(rays, noise, occupancy, want.entropy.is_none(), progress);
+            let samples = self.samples(rays, noise, occupancy, progress);
             return (None, self.evaluate(&model.fine, samples, want, progress));
         };
         let candidates = self.coarse_candidates(rays, noise);
-        let samples = self.pack(rays, &candidates, occupancy, false);
+        let samples = self.pack(rays, &candidates, occupancy);
         let wanted = Want { entropy: None, ..want };
         let level = if want.color {
             self.evaluate(coarse_field, samples, wanted, progress)
@@ -125,7 +125,7 @@ impl Renderer {
             self.evaluate(&coarse_field.valid(), samples, wanted, progress)
         };
         let fine = self.fine_candidates(&candidates, &level, noise);
-        let samples = self.pack(rays, &fine, occupancy, want.entropy.is_none());
+        let samples = self.pack(rays, &fine, occupancy);
         let fine = self.evaluate(&model.fine, samples, want, progress);
         (Some(level), fine)
     }
@@ -190,25 +190,40 @@ impl Renderer {
         (near < far).then_some((near, far))
     }
 
-    /// Samples of a field without a coarse network: steps of one length through the part of each ray that is in bounds.
-    fn samples(
-        &self,
-        rays: &[Ray],
-        noise: Option<Noise>,
-        occupancy: Option<&OccupancyGrid>,
-        hide: bool,
-        progress: f32,
-    ) -> Samples {
-        let c = &self.config;
+    /// Samples of a field without a coarse network: steps of one length through the part of each ray that is in bounds,
+    /// each sample in the middle of its step or, jittered, all of a ray's samples shifted alike.
+    fn samples(&self, rays: &[Ray], noise: Option<Noise>, occupancy: Option<&OccupancyGrid>, progress: f32) -> Samples {
         let step = self.step_length(progress);
         let most = (self.longest() / step).round() as usize;
         Samples::pack(rays, |index| {
-            let Some((near, far)) = self.interval(&rays[index]) else { return (Vec::new(), most) };
-            let count = ((far - near) / step).ceil().max(2.0) as usize;
-            let t = stratified(near, far, count, c.placement, noise.map(|noise| (noise, index)));
-            let delta = intervals(&t, near, far, c.placement, c.last_interval);
-            (self.keep(&rays[index], &t, &delta, occupancy, hide), most)
+            let shift = noise.map_or(0.5, |noise| noise.uniform(index, 0));
+            (self.steps(&rays[index], step, shift, occupancy), most)
         })
+    }
+
+    /// `(distance, length)` of the steps of one ray, without those that are empty or behind what the grid holds for opaque.
+    pub(crate) fn steps(&self, ray: &Ray, step: f32, shift: f32, occupancy: Option<&OccupancyGrid>) -> Vec<(f32, f32)> {
+        let Some((near, far)) = self.interval(ray) else { return Vec::new() };
+        let count = ((far - near) / step).ceil().max(1.0);
+        let length = (far - near) / count;
+        let at = (0..count as usize).map(|i| (near + (i as f32 + shift) * length, length));
+        match occupancy {
+            Some(grid) => self.visible(at, ray, grid),
+            None => at.collect(),
+        }
+    }
+
+    /// Longest ray, and length of a step at the end of training.
+    pub(crate) fn final_step(&self) -> (f32, f32) {
+        (self.longest(), self.step_length(1.0))
+    }
+
+    pub(crate) fn min_transmittance(&self) -> f32 {
+        self.config.min_transmittance
+    }
+
+    pub(crate) fn background(&self) -> [f32; 3] {
+        self.background
     }
 
     fn coarse_candidates(&self, rays: &[Ray], noise: Option<Noise>) -> Vec<Candidates> {
@@ -243,35 +258,37 @@ impl Renderer {
             .collect()
     }
 
-    fn pack(&self, rays: &[Ray], candidates: &[Candidates], occupancy: Option<&OccupancyGrid>, hide: bool) -> Samples {
+    fn pack(&self, rays: &[Ray], candidates: &[Candidates], occupancy: Option<&OccupancyGrid>) -> Samples {
         let c = &self.config;
         Samples::pack(rays, |index| {
             let Some((t, near, far)) = &candidates[index] else { return (Vec::new(), c.samples) };
             let delta = intervals(t, *near, *far, c.placement, c.last_interval);
-            (self.keep(&rays[index], t, &delta, occupancy, hide), t.len())
+            let samples = t.iter().copied().zip(delta);
+            let kept = match occupancy {
+                Some(grid) => self.visible(samples, &rays[index], grid),
+                None => samples.collect(),
+            };
+            (kept, t.len())
         })
     }
 
-    /// Drops the samples in empty cells and, if `hide`, those behind what the grid remembers as opaque.
+    /// Drops the samples in empty cells, and those behind what the grid remembers as opaque.
     ///
-    /// Hidden samples weigh nothing in the image, but count in the ray's entropy, so they stay where that is wanted.
-    fn keep(&self, ray: &Ray, t: &[f32], delta: &[f32], occupancy: Option<&OccupancyGrid>, hide: bool) -> Vec<(f32, f32)> {
-        let samples = t.iter().copied().zip(delta.iter().copied());
-        let Some(grid) = occupancy else { return samples.collect() };
-        let enough = if hide && self.config.min_transmittance > 0.0 {
-            -self.config.min_transmittance.ln()
-        } else {
-            f32::INFINITY
-        };
+    /// Hidden samples weigh nothing in the image. They would count in the ray's entropy, which is then that of the visible
+    /// part alone.
+    fn visible(&self, samples: impl Iterator<Item = (f32, f32)>, ray: &Ray, grid: &OccupancyGrid) -> Vec<(f32, f32)> {
+        let enough = if self.config.hidden_depth > 0.0 { self.config.hidden_depth } else { f32::INFINITY };
         let mut depth = 0.0;
-        samples
-            .filter(|(t, _)| grid.is_occupied(ray.at(*t)))
-            .take_while(|(t, delta)| {
-                let visible = depth < enough;
-                depth += grid.density(ray.at(*t)) * delta;
-                visible
-            })
-            .collect()
+        let mut kept = Vec::with_capacity(32);
+        for (t, delta) in samples {
+            let Some(density) = grid.occupied_density(ray.at(t)) else { continue };
+            if depth >= enough {
+                break;
+            }
+            depth += density * delta;
+            kept.push((t, delta));
+        }
+        kept
     }
 }
 

@@ -22,20 +22,26 @@ pub struct Samples {
 impl Samples {
     /// Packs the samples of each ray: `of(ray index)` gives the kept `(t, delta)` and how many candidates there were.
     pub(crate) fn pack(rays: &[Ray], of: impl Fn(usize) -> (Vec<(f32, f32)>, usize) + Sync) -> Self {
-        let kept: Vec<_> = (0..rays.len()).into_par_iter().with_min_len(32).map(&of).collect();
-        let segments = Segments::from_counts(kept.iter().map(|(samples, _)| samples.len()));
-        let total = segments.samples();
-        let (mut t, mut delta, mut positions) =
-            (Vec::with_capacity(total), Vec::with_capacity(total), Vec::with_capacity(total * 3));
-        for (ray, (samples, _)) in rays.iter().zip(&kept) {
-            for &(distance, length) in samples {
-                t.push(distance);
-                delta.push(length);
-                positions.extend(ray.at(distance).to_array());
-            }
+        const CHUNK: usize = 128;
+        let parts: Vec<Part> = (0..rays.len().div_ceil(CHUNK))
+            .into_par_iter()
+            .map(|chunk| {
+                let mut part = Part::default();
+                for index in chunk * CHUNK..((chunk + 1) * CHUNK).min(rays.len()) {
+                    part.add(&rays[index], of(index));
+                }
+                part
+            })
+            .collect();
+        let join = |pick: fn(&Part) -> &Vec<f32>| parts.iter().flat_map(|part| pick(part).iter().copied()).collect();
+        Self {
+            segments: Segments::from_counts(parts.iter().flat_map(|part| part.counts.iter().copied())),
+            t: join(|part| &part.t),
+            delta: join(|part| &part.delta),
+            positions: join(|part| &part.positions),
+            directions: rays.iter().flat_map(|ray| ray.direction.to_array()).collect(),
+            candidates: parts.iter().map(|part| part.candidates).sum(),
         }
-        let directions = rays.iter().flat_map(|ray| ray.direction.to_array()).collect();
-        Self { segments, t, delta, positions, directions, candidates: kept.iter().map(|(_, n)| n).sum() }
     }
 
     /// The same distances along other rays, one for one.
@@ -48,5 +54,27 @@ impl Samples {
             .collect();
         let directions = rays.iter().flat_map(|ray| ray.direction.to_array()).collect();
         Self { positions, directions, ..self.clone() }
+    }
+}
+
+/// Samples of some of the rays.
+#[derive(Default)]
+struct Part {
+    counts: Vec<usize>,
+    t: Vec<f32>,
+    delta: Vec<f32>,
+    positions: Vec<f32>,
+    candidates: usize,
+}
+
+impl Part {
+    fn add(&mut self, ray: &Ray, (samples, candidates): (Vec<(f32, f32)>, usize)) {
+        self.counts.push(samples.len());
+        self.candidates += candidates;
+        for (t, delta) in samples {
+            self.t.push(t);
+            self.delta.push(delta);
+            self.positions.extend(ray.at(t).to_array());
+        }
     }
 }

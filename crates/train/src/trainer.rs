@@ -147,11 +147,13 @@ impl Trainer {
         self.occupancy.as_ref().filter(|_| self.progress.step > self.config.render.occupancy.warmup)
     }
 
-    /// Share of the run that is done, by steps or by the clock, whichever is further.
+    /// Share of the run that is done: by the clock if there is a budget, else by steps.
     pub fn done(&self) -> f64 {
-        let steps = self.progress.step as f64 / self.config.train.iterations as f64;
-        let clock = self.budget.map_or(0.0, |budget| self.progress.seconds / budget);
-        steps.max(clock).min(1.0)
+        let share = match self.budget {
+            Some(budget) => self.progress.seconds / budget,
+            None => self.progress.step as f64 / self.config.train.iterations as f64,
+        };
+        share.min(1.0)
     }
 
     /// Takes one step and tells what happened.
@@ -337,8 +339,8 @@ impl Trainer {
         if let Some((_, level)) = unseen.as_ref().filter(|_| opacity_weight > 0.0) {
             total = total + level.composite.acc.clone().mean() * opacity_weight;
         }
-        if let Some(variation) = self.model.fine.variation().filter(|_| loss.variation > 0.0) {
-            total = total + variation * loss.variation;
+        if let Some(variation) = self.model.fine.variation().filter(|_| loss.variation.weight > 0.0) {
+            total = total + variation * loss.variation.weight * loss.variation.last.powf(progress);
         }
 
         let numbers = Numbers {

@@ -61,8 +61,18 @@ pub struct LossConfig {
     pub opacity: OpacityConfig,
     /// What the known background colour says about opacity.
     pub key: KeyConfig,
-    /// Weight of the total variation of a field's tables.
-    pub variation: f32,
+    /// Total variation of a field's tables.
+    pub variation: VariationConfig,
+}
+
+/// Total variation of a field's tables: w · TV, falling exponentially over the run so that detail can come back.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VariationConfig {
+    /// w at the start.
+    pub weight: f32,
+    /// The last weight over the first.
+    pub last: f32,
 }
 
 /// A penalty on mean opacity while shape forms: w · mean(acc), falling linearly to 0.
@@ -104,7 +114,7 @@ pub struct RgbConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
-    /// Steps at most.
+    /// Steps, unless a time budget decides.
     pub iterations: usize,
     /// Rays of training images a step, |R_s|.
     pub rays: usize,
@@ -278,7 +288,8 @@ impl Config {
         number("loss.opacity.until", self.loss.opacity.until, 0.0, 1.0)?;
         number("loss.key.background", f64::from(self.loss.key.background), 0.0, 1e6)?;
         number("loss.key.foreground", f64::from(self.loss.key.foreground), 0.0, 1e6)?;
-        number("loss.variation", f64::from(self.loss.variation), 0.0, 1e6)?;
+        number("loss.variation.weight", f64::from(self.loss.variation.weight), 0.0, 1e6)?;
+        number("loss.variation.last", f64::from(self.loss.variation.last), 1e-9, 1e9)?;
         number("loss.gain.weight", f64::from(self.loss.gain.weight), 0.0, 1e6)?;
         number("loss.gain.epsilon", f64::from(self.loss.gain.epsilon), 1e-12, 0.01)?;
         number("loss.gain.max_angle_deg", self.loss.gain.max_angle_deg, 0.0, 180.0)

@@ -1,0 +1,251 @@
+//! Bad input gives one clear line that names the file and the field, and exit code 2; never a panic.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::Workplace;
+use serde_json::{Value, json};
+
+/// A scene on disk.
+fn with_scene() -> Workplace {
+    let place = Workplace::new();
+    place.run(&["scene", "export", "knot", "data/knot", "--size", "24"]).succeeds();
+    place
+}
+
+const ON_DATA: [&str; 8] =
+    ["exp", "synthetic-4view", "--data", "data", "--scene", "knot", "--variant", "nerf"];
+
+/// Changes a file, runs, and puts the file back.
+fn changed(place: &Workplace, file: &str, change: impl FnOnce(&Path), parts: &[&str]) {
+    let path = place.path("data/knot").join(file);
+    let whole = fs::read(&path).unwrap();
+    change(&path);
+    place.tiny(&ON_DATA).fails_with(&[&[file], parts].concat());
+    fs::write(&path, whole).unwrap();
+}
+
+fn edited(place: &Workplace, file: &str, edit: impl FnOnce(&mut Value), parts: &[&str]) {
+    let change = |path: &Path| {
+        let mut json: Value = serde_json::from_slice(&fs::read(path).unwrap()).unwrap();
+        edit(&mut json);
+        fs::write(path, json.to_string()).unwrap();
+    };
+    changed(place, file, change, parts);
+}
+
+#[test]
+fn images() {
+    let place = with_scene();
+    let halve = |path: &Path| {
+        let bytes = fs::read(path).unwrap();
+        fs::write(path, &bytes[..bytes.len() / 2]).unwrap();
+    };
+    for image in ["train/r_26.png", "test/r_1.png"] {
+        changed(&place, image, |path| fs::remove_file(path).unwrap(), &["not found"]);
+        changed(&place, image, halve, &["PNG"]);
+        changed(&place, image, |path| fs::write(path, "").unwrap(), &[]);
+        changed(&place, image, |path| fs::write(path, "a picture").unwrap(), &[]);
+    }
+    changed(&place, "test/r_0_depth.npy", halve, &[]);
+}
+
+#[test]
+fn poses() {
+    let place = with_scene();
+    let train = "transforms_train.json";
+    for file in [train, "transforms_test.json"] {
+        changed(&place, file, |path| fs::remove_file(path).unwrap(), &[]);
+        changed(&place, file, |path| fs::write(path, "{\"frames\": [").unwrap(), &[]);
+        changed(&place, file, |path| fs::write(path, "").unwrap(), &[]);
+        let angle = "camera_angle_x";
+        edited(&place, file, |json| drop(json.as_object_mut().unwrap().remove(angle)), &[angle]);
+        edited(&place, file, |json| json[angle] = json!("wide"), &[angle]);
+        edited(&place, file, |json| json["frames"] = json!([]), &["frames"]);
+        let pose = |edit: fn(&mut Value)| move |json: &mut Value| edit(&mut json["frames"][7]["transform_matrix"]);
+        let field = "frames[7].transform_matrix";
+        edited(&place, file, pose(|pose| *pose = Value::Null), &[field]);
+        edited(&place, file, pose(|pose| drop(pose.as_array_mut().unwrap().pop())), &[field, "3 rows"]);
+        edited(&place, file, pose(|pose| pose[0] = json!([0, 0, 0, 0])), &[field, "singular"]);
+        edited(&place, file, pose(|pose| pose[1][2] = Value::Null), &[field]);
+    }
+    // JSON has no such numbers, but programs write them.
+    for number in ["NaN", "Infinity", "1e999"] {
+        let change = |path: &Path| {
+            let text = fs::read_to_string(path).unwrap();
+            let (before, after) = text.split_once("\"camera_angle_x\":").unwrap();
+            let rest = after.split_once([',', '\n']).unwrap().1;
+            fs::write(path, format!("{before}\"camera_angle_x\": {number},{rest}")).unwrap();
+        };
+        changed(&place, train, change, &[]);
+    }
+}
+
+#[test]
+fn folders() {
+    let place = with_scene();
+    let data = |data: &str, scene: &str| place.tiny(&["exp", "synthetic-4view", "--data", data, "--scene", scene]);
+    data("nowhere", "knot").fails_with(&["nowhere"]);
+    data("data", "lego").fails_with(&["data/lego", "not found"]);
+    data("data", "../data/knot").fails_with(&["../data/knot"]);
+    place.tiny(&["exp", "synthetic-4view", "--data", "nowhere"]).fails_with(&["nowhere"]);
+    fs::create_dir_all(place.path("data/empty")).unwrap();
+    data("data", "empty").fails_with(&["data/empty", "transforms_train.json"]);
+    fs::create_dir_all(place.path("hollow")).unwrap();
+    place.tiny(&["exp", "synthetic-4view", "--data", "hollow"]).fails_with(&["hollow"]);
+    fs::write(place.path("file"), "").unwrap();
+    place.tiny(&["exp", "synthetic-4view", "--data", "file"]).fails_with(&["file"]);
+}
+
+#[test]
+fn config() {
+    let place = Workplace::new();
+    for (setting, parts) in [
+        ("scene.views={kind=\"ids\",ids=[]}", &["train", "at least one view"][..]),
+        ("scene.views={kind=\"ids\",ids=[1,1]}", &["train", "1 twice"]),
+        ("scene.views={kind=\"ids\",ids=[100]}", &["train", "0 to 99", "100"]),
+        ("scene.views={kind=\"ids\",ids=[-1]}", &["scene.views"]),
+        ("scene.views.count=0", &["train", "found 0"]),
+        ("scene.views.count=101", &["train", "found 101"]),
+        ("scene.views.kind=best", &["scene.views", "best"]),
+        ("scene.size=1000000", &["size", "1000000"]),
+        ("scene.background=[0.5,2.0,0.5]", &["background"]),
+        ("scene.background=[1.0,1.0]", &["scene.background"]),
+        ("train.iterationz=3", &["iterationz"]),
+        ("trian.iterations=3", &["trian"]),
+        ("train.iterations=many", &["train.iterations"]),
+        ("train.iterations=0", &["train.iterations"]),
+        ("train.rays=-1", &["train.rays"]),
+        ("train.lr=nan", &["train.lr"]),
+        ("train.lr=inf", &["train.lr"]),
+        ("train.lr_decay={kind=\"steps\"}", &["train.lr_decay", "tenfold"]),
+        ("loss.entropy.weight=-1", &["loss.entropy.weight"]),
+        ("loss.entropy.mask.threshold=high", &["loss.entropy.mask"]),
+        ("loss.gain.epsilon=0.0", &["loss.gain.epsilon"]),
+        ("render.samples=1", &["render.samples"]),
+        ("render.min_transmittance=1.0", &["render.min_transmittance"]),
+        ("render.occupancy.resolution=100000", &["render.occupancy.resolution"]),
+        ("field.width=7", &["field.width"]),
+        ("field.kind=cube", &["cube"]),
+        ("eval.test=some", &["eval.test", "some"]),
+        ("eval.test=every-0", &["eval.test", "every-0"]),
+        ("train", &["train"]),
+        ("a..b=1", &["a..b"]),
+        ("=1", &["=1"]),
+    ] {
+        place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--set", setting]).fails_with(parts);
+    }
+}
+
+#[test]
+fn arguments() {
+    let place = Workplace::new();
+    let exp = |args: &[&str]| place.tiny(&["exp", "synthetic-4view", "--scene", "knot"]).args(args);
+    exp(&["--device", "vulkan"]).fails_with(&["--device vulkan", "not built in", "flex"]);
+    exp(&["--device", "cuda"]).fails_with(&["--device cuda", "not built in"]);
+    exp(&["--variant", "best"]).fails_with(&["--variant best", "infonerf"]);
+    exp(&["--scene", "lego"]).fails_with(&["--scene lego", "knot"]);
+    exp(&["--scene", "knot"]).fails_with(&["--scene knot", "twice"]);
+    exp(&["--seed", "1", "--seed", "1"]).fails_with(&["--seed 1", "twice"]);
+    exp(&["--seed", "4294967296"]).fails_with(&["NumPy seed"]);
+    place.run(&["exp", "synthetic-5view"]).fails_with(&["synthetic-5view", "synthetic-4view"]);
+    place.run(&["exp", "."]).fails_with(&["."]);
+    place.run(&["scene", "export", "lego", "data"]).fails_with(&["lego", "knot"]);
+    place.run(&["scene", "export", "knot", "data", "--size", "0"]).fails_with(&["size"]);
+
+    exp(&["--budget", "soon"]).is_refused(&["--budget", "soon"]);
+    exp(&["--budget", "-5s"]).is_refused(&[]);
+    exp(&["--budget", "0s"]).is_refused(&["--budget", "0s"]);
+    exp(&["--device", "abacus"]).is_refused(&["--device", "abacus"]);
+    exp(&["--preset", "best"]).is_refused(&["--preset", "best"]);
+    exp(&["--seed", "one"]).is_refused(&["--seed", "one"]);
+    exp(&["--colour"]).is_refused(&["--colour"]);
+    place.run(&["render", "run", "--frames", "0"]).is_refused(&["--frames"]);
+    place.run(&["improve"]).is_refused(&["improve"]);
+}
+
+#[test]
+fn experiment_files() {
+    let place = Workplace::new();
+    for (file, parts) in [
+        ("[variants.a]\n[config.train]\niterationz = 3\n", &["iterationz"][..]),
+        ("titel = \"x\"\n[variants.a]\n", &["titel"]),
+        ("[variants.a\n", &["line 1"]),
+        ("title = \"no variants\"\n", &["variants"]),
+        ("variants = 3\n", &["line 1", "map"]),
+        ("base = \"nothing\"\n", &["nothing"]),
+        ("base = \"mine.toml\"\n", &["base"]),
+        ("preset = \"best\"\n[variants.a]\n", &["best"]),
+        ("scenes = [\"lego\"]\n[variants.a]\n", &["lego"]),
+        ("seeds = [-1]\n[variants.a]\n", &["line 1"]),
+    ] {
+        fs::write(place.path("mine.toml"), file).unwrap();
+        place.tiny(&["exp", "mine.toml"]).fails_with(parts);
+    }
+    fs::write(place.path("mine.toml"), [0xff, 0xfe, 0x00]).unwrap();
+    place.tiny(&["exp", "mine.toml"]).fails_with(&["mine.toml"]);
+}
+
+#[test]
+fn output_that_cannot_be_written() {
+    let place = Workplace::new();
+    let exp = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf"];
+    fs::write(place.path("file"), "").unwrap();
+    place.tiny(&exp).args(&["--out", "file"]).fails_with(&["file/synthetic-4view"]);
+    place.tiny(&exp).args(&["--out", "/proc/nowhere"]).fails_with(&["/proc/nowhere"]);
+    // A folder where a file has to go, and a file where a folder has to go.
+    let run = "synthetic-4view/knot/nerf/seed0";
+    for part in ["metrics.jsonl", "config.toml", "lock"] {
+        let out = format!("no-{part}");
+        fs::create_dir_all(place.path(&out).join(run).join(part).join("below")).unwrap();
+        place.tiny(&exp).args(&["--out", &out]).fails_with(&[part]);
+    }
+    for part in ["test", "checkpoint"] {
+        let out = format!("no-{part}");
+        fs::create_dir_all(place.path(&out).join(run)).unwrap();
+        fs::write(place.path(&out).join(run).join(part), "").unwrap();
+        place.tiny(&exp).args(&["--out", &out]).fails_with(&[part]);
+    }
+    fs::create_dir_all(place.path("runs/synthetic-4view")).unwrap();
+    fs::write(place.path("runs/synthetic-4view/results.json"), "no JSON").unwrap();
+    place.tiny(&exp).fails_with(&["results.json"]);
+    place.run(&["scene", "export", "knot", "file/below", "--size", "8"]).fails_with(&["file/below"]);
+}
+
+#[test]
+fn folders_that_are_no_run() {
+    let place = Workplace::new();
+    for command in ["eval", "render"] {
+        place.run(&[command, "nowhere"]).fails_with(&["nowhere", "config.toml"]);
+    }
+    place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf"]).succeeds();
+    let run = "runs/synthetic-4view/knot/nerf/seed0";
+    place.run(&["eval", run, "--test", "some"]).fails_with(&["--test", "some"]);
+    place.run(&["eval", run, "--device", "vulkan"]).fails_with(&["not built in"]);
+    fs::write(place.path("file"), "").unwrap();
+    place.run(&["render", run, "--frames", "1", "--out", "file"]).fails_with(&["file"]);
+
+    let model = place.path(run).join("checkpoint/model.bpk");
+    let whole = fs::read(&model).unwrap();
+    let mut flipped = whole.clone();
+    flipped[whole.len() / 2] ^= 1;
+    fs::remove_dir_all(place.path(run).join("checkpoint.previous")).unwrap();
+    for damaged in [&flipped[..], &whole[..whole.len() - 1], b""] {
+        fs::write(&model, damaged).unwrap();
+        place.run(&["eval", run]).fails_with(&["model.bpk", "damaged"]);
+    }
+    fs::write(&model, &whole).unwrap();
+    place.run(&["eval", run]).succeeds();
+
+    let config = place.path(run).join("config.toml");
+    let text = fs::read_to_string(&config).unwrap();
+    fs::write(&config, text.replace("width = 16", "width = 32")).unwrap();
+    place.run(&["eval", run]).fails_with(&["checkpoint"]);
+    fs::write(&config, text.replace("[config.scene]", "[config.scene]\nlight = 3")).unwrap();
+    place.run(&["eval", run]).fails_with(&["config.toml", "light"]);
+    fs::write(&config, &text).unwrap();
+    fs::remove_dir_all(place.path(run).join("checkpoint")).unwrap();
+    place.run(&["eval", run]).fails_with(&["checkpoint"]);
+}

@@ -1,0 +1,313 @@
+//! The program as a person uses it, with tiny settings.
+
+mod common;
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use common::{Workplace, events, records, text, without_times};
+use serde_json::Value;
+
+/// The keys of a record, in order.
+const KEYS: [&str; 25] = [
+    "experiment",
+    "scene",
+    "variant",
+    "seed",
+    "preset",
+    "device",
+    "train_views",
+    "test_views",
+    "image_size",
+    "iterations",
+    "train_seconds",
+    "render_seconds_per_image",
+    "samples_total",
+    "samples_evaluated",
+    "psnr",
+    "ssim",
+    "lpips",
+    "gmsd",
+    "sharpness",
+    "depth_rmse",
+    "ray_entropy_bits",
+    "information_gain",
+    "peak_rss_bytes",
+    "collapsed",
+    "notes",
+];
+
+fn files(folder: &Path) -> BTreeSet<String> {
+    fs::read_dir(folder)
+        .unwrap_or_else(|error| panic!("{}: {error}", folder.display()))
+        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+        .collect()
+}
+
+#[test]
+fn an_experiment_leaves_everything_behind() {
+    let place = Workplace::new();
+    let output = place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--profile"]).succeeds();
+    let said = text(&output.stdout);
+    for part in ["no --data given", "knot/nerf/seed0", "knot/infonerf/seed0", "PSNR", "report.html", "evaluated"] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+
+    let experiment = place.path("runs/synthetic-4view");
+    let records = records(&experiment);
+    assert_eq!(records.len(), 2);
+    for record in &records {
+        let keys: Vec<&String> = record.as_object().unwrap().keys().collect();
+        let sorted: BTreeSet<&str> = KEYS.into_iter().collect();
+        assert_eq!(keys.iter().map(|key| key.as_str()).collect::<BTreeSet<_>>(), sorted);
+        assert_eq!(record["scene"], "knot");
+        assert_eq!(record["preset"], "fast");
+        assert_eq!(record["device"], "flex");
+        assert_eq!(record["iterations"], 3);
+        assert_eq!(record["image_size"], serde_json::json!([24, 24]));
+        assert_eq!(record["train_views"], serde_json::json!([26, 86, 2, 55]));
+        assert_eq!(record["test_views"]["protocol"], "first-2");
+        assert_eq!(record["test_views"]["count"], 2);
+        for key in ["psnr", "ssim", "gmsd", "depth_rmse", "ray_entropy_bits", "information_gain", "train_seconds"] {
+            assert!(record[key].is_f64(), "{key}: {}", record[key]);
+        }
+        for null in KEYS.iter().filter(|key| record[**key].is_null()) {
+            let notes = record["notes"].to_string();
+            assert!(notes.contains(null), "no note says why {null} is null: {notes}");
+        }
+    }
+    // The order of the keys is part of the format.
+    let raw = fs::read_to_string(experiment.join("results.json")).unwrap();
+    let places: Vec<usize> = KEYS.iter().map(|key| raw.find(&format!("\"{key}\":")).unwrap()).collect();
+    assert!(places.is_sorted(), "{raw}");
+
+    for variant in ["nerf", "infonerf"] {
+        let run = experiment.join(format!("knot/{variant}/seed0"));
+        assert!(files(&run.join("checkpoint")).contains("manifest.json"));
+        let config: toml::Table = fs::read_to_string(run.join("config.toml")).unwrap().parse().unwrap();
+        assert_eq!(config["config"]["train"]["iterations"].as_integer(), Some(3));
+        assert_eq!(events(&run).len(), 3);
+        for kind in ["test", "depth"] {
+            assert_eq!(files(&run.join(kind)), BTreeSet::from(["000.png".to_owned(), "001.png".to_owned()]));
+            let picture = image::open(run.join(kind).join("000.png")).unwrap();
+            assert_eq!((picture.width(), picture.height()), (24, 24));
+        }
+    }
+    let report = fs::read_to_string(experiment.join("report.md")).unwrap();
+    assert!(report.contains("infonerf") && report.contains("PSNR"), "{report}");
+    let html = fs::read_to_string(experiment.join("report.html")).unwrap();
+    assert!(html.contains("data:image/png;base64,") && html.contains("<svg"));
+    for outside in ["src=\"http", "href=\"http", "<script src", "@import"] {
+        assert!(!html.contains(outside), "the report needs {outside}");
+    }
+}
+
+#[test]
+fn a_seed_and_a_saved_config_give_the_same_numbers() {
+    let place = Workplace::new();
+    let exp = ["exp", "synthetic-4view", "--scene", "knot"];
+    place.tiny(&exp).succeeds();
+    place.tiny(&exp).args(&["--out", "again"]).succeeds();
+    let first = records(&place.path("runs/synthetic-4view"));
+    assert_eq!(without_times(&first), without_times(&records(&place.path("again/synthetic-4view"))));
+
+    let saved = "runs/synthetic-4view/knot/infonerf/seed0/config.toml";
+    place.run(&["exp", saved, "--out", "saved"]).succeeds();
+    let repeated = records(&place.path("saved/synthetic-4view"));
+    let infonerf: Vec<Value> = first.into_iter().filter(|record| record["variant"] == "infonerf").collect();
+    assert_eq!(without_times(&infonerf), without_times(&repeated));
+    let run = "synthetic-4view/knot/infonerf/seed0";
+    assert_eq!(events(&place.path("runs").join(run)), events(&place.path("saved").join(run)));
+    // A config that was saved by a run of itself is the same text.
+    let configs = ["runs", "saved"].map(|out| fs::read_to_string(place.path(out).join(run).join("config.toml")).unwrap());
+    assert_eq!(configs[0], configs[1]);
+
+    place.tiny(&exp).args(&["--out", "other", "--seed", "1"]).succeeds();
+    let other = records(&place.path("other/synthetic-4view"));
+    assert_ne!(other[0]["train_views"], serde_json::json!([26, 86, 2, 55]));
+}
+
+const LONG: [&str; 16] = [
+    "exp",
+    "synthetic-4view",
+    "--scene",
+    "knot",
+    "--variant",
+    "infonerf",
+    "--set",
+    "train.iterations=400",
+    "--set",
+    "train.checkpoint_every=20",
+    "--set",
+    "loss.gain.weight=1e-3",
+    "--set",
+    "render.occupancy.warmup=10",
+    "--set",
+    "render.occupancy.every=5",
+];
+const LONG_RUN: &str = "synthetic-4view/knot/infonerf/seed0";
+
+fn start(place: &Workplace, out: &str) -> Child {
+    let mut command = place.tiny(&LONG).args(&["--out", out]).into_command();
+    let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let sign = place.path(out).join(LONG_RUN).join("checkpoint/manifest.json");
+    let patience = Instant::now();
+    while !sign.exists() {
+        assert!(patience.elapsed() < Duration::from_secs(60), "no checkpoint in a minute");
+        std::thread::sleep(Duration::from_millis(3));
+    }
+    child
+}
+
+fn interrupt(child: &Child) {
+    let status = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(status.success());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
+    let place = Workplace::new();
+    place.tiny(&LONG).args(&["--out", "unbroken"]).succeeds();
+    let unbroken = records(&place.path("unbroken/synthetic-4view"));
+
+    // Ctrl-C, twice in the life of a run.
+    let child = start(&place, "stopped");
+    interrupt(&child);
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("--resume"), "{}", text(&output.stdout));
+    assert!(!place.path("stopped/synthetic-4view/results.json").exists(), "the run had ended before it was stopped");
+
+    // No time to say goodbye: the last checkpoint counts.
+    let mut child = start(&place, "killed");
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!place.path("killed/synthetic-4view/results.json").exists(), "the run had ended before it was killed");
+
+    for out in ["stopped", "killed"] {
+        place.tiny(&LONG).args(&["--out", out, "--resume"]).succeeds();
+        assert_eq!(without_times(&unbroken), without_times(&records(&place.path(out).join("synthetic-4view"))), "{out}");
+        let run = |out: &str| place.path(out).join(LONG_RUN);
+        assert_eq!(events(&run("unbroken")), events(&run(out)), "{out}");
+    }
+
+    // A finished run is kept as it is, and its numbers stay in the table.
+    let results = place.path("killed/synthetic-4view/results.json");
+    let before = fs::read_to_string(&results).unwrap();
+    let output = place.tiny(&LONG).args(&["--out", "killed", "--resume"]).succeeds();
+    assert!(text(&output.stdout).contains("kept"), "{}", text(&output.stdout));
+    assert_eq!(before, fs::read_to_string(&results).unwrap());
+
+    // Another config is not the same run.
+    let other = place.tiny(&LONG).args(&["--out", "killed", "--resume", "--set", "train.lr=1e-3"]);
+    other.fails_with(&["config.toml", "--resume", "lr"]);
+}
+
+/// The checkpoint before the newest one serves where the newest one is damaged.
+#[cfg(unix)]
+#[test]
+fn a_damaged_checkpoint_is_told_of_and_the_one_before_is_used() {
+    let place = Workplace::new();
+    place.tiny(&LONG).args(&["--out", "unbroken"]).succeeds();
+    let run = place.path("stopped").join(LONG_RUN);
+    let child = start(&place, "stopped");
+    while !run.join("checkpoint.previous/manifest.json").exists() {
+        std::thread::sleep(Duration::from_millis(3));
+    }
+    interrupt(&child);
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
+    let model = run.join("checkpoint/model.bpk");
+    let bytes = fs::read(&model).unwrap();
+    fs::write(&model, &bytes[..bytes.len() / 2]).unwrap();
+    let output = place.tiny(&LONG).args(&["--out", "stopped", "--resume"]).succeeds();
+    let warning = text(&output.stderr);
+    assert!(warning.contains("model.bpk") && warning.contains("damaged"), "{warning}");
+    let results = |out: &str| without_times(&records(&place.path(out).join("synthetic-4view")));
+    assert_eq!(results("unbroken"), results("stopped"));
+}
+
+#[test]
+fn evaluating_and_rendering_a_run() {
+    let place = Workplace::new();
+    place.tiny(&["exp", "synthetic-4view", "--scene", "crane", "--variant", "infonerf"]).succeeds();
+    let run = "runs/synthetic-4view/crane/infonerf/seed0";
+    let record = &records(&place.path("runs/synthetic-4view"))[0];
+
+    let said = text(&place.run(&["eval", run]).succeeds().stdout);
+    let mean = said.lines().find(|line| line.starts_with("mean")).unwrap();
+    assert!(mean.contains(&format!("{:.2} dB", record["psnr"].as_f64().unwrap())), "{said}");
+    assert!(mean.contains(&format!("SSIM {:.4}", record["ssim"].as_f64().unwrap())), "{said}");
+    assert!(mean.contains(&format!("depth RMSE {:.4}", record["depth_rmse"].as_f64().unwrap())), "{said}");
+    let said = text(&place.run(&["eval", run, "--test", "first-1"]).succeeds().stdout);
+    assert!(said.contains("1 test views (first-1)"), "{said}");
+
+    place.run(&["render", run, "--frames", "3"]).succeeds();
+    let folder = place.path(run).join("render");
+    let expected = ["0000.png", "0001.png", "0002.png", "depth", "orbit.gif"].map(str::to_owned);
+    assert_eq!(files(&folder), BTreeSet::from(expected));
+    assert_eq!(files(&folder.join("depth")).len(), 3);
+    place.run(&["render", run, "--path", "orbit", "--frames", "2", "--size", "12", "--out", "orbit"]).succeeds();
+    let frame = image::open(place.path("orbit/0001.png")).unwrap();
+    assert_eq!((frame.width(), frame.height()), (12, 12));
+    let animation = fs::read(place.path("orbit/orbit.gif")).unwrap();
+    assert!(animation.starts_with(b"GIF89a"));
+}
+
+#[test]
+fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
+    let place = Workplace::new();
+    let listed = text(&place.run(&["scene", "list"]).succeeds().stdout);
+    assert!(listed.lines().count() >= 4 && listed.lines().any(|line| line == "orrery"), "{listed}");
+    let experiments = text(&place.run(&["list"]).succeeds().stdout);
+    assert!(experiments.contains("synthetic-4view"), "{experiments}");
+
+    place.run(&["scene", "export", "orrery", "data/orrery", "--size", "24"]).succeeds();
+    let exp = ["exp", "synthetic-4view", "--variant", "infonerf"];
+    place.tiny(&exp).args(&["--scene", "orrery"]).succeeds();
+    let output = place.tiny(&exp).args(&["--data", "data", "--out", "loaded"]).succeeds();
+    assert!(text(&output.stdout).contains("scenes from data"), "{}", text(&output.stdout));
+    let [built_in, loaded] =
+        ["runs", "loaded"].map(|out| without_times(&records(&place.path(out).join("synthetic-4view"))).remove(0));
+    for key in KEYS.iter().filter(|key| **key != "notes") {
+        assert_eq!(built_in.get(key), loaded.get(key), "{key}");
+    }
+    // The config of a run on a folder works from anywhere.
+    let saved = place.path("loaded/synthetic-4view/orrery/infonerf/seed0/config.toml");
+    fs::create_dir(place.path("elsewhere")).unwrap();
+    place.run(&["exp", saved.to_str().unwrap()]).inside("elsewhere").succeeds();
+    let again = without_times(&records(&place.path("elsewhere/runs/synthetic-4view")));
+    assert_eq!(loaded, again[0]);
+}
+
+/// An experiment file of one's own, on another one.
+#[test]
+fn an_experiment_file_changes_another() {
+    let place = Workplace::new();
+    let file = "base = \"synthetic-4view\"\ntitle = \"mine\"\nscenes = [\"castle\"]\nseeds = [3]\n\n[config.train]\nlr = 2e-3\n\n[variants.half.loss]\nentropy.weight = 5e-4\n";
+    fs::write(place.path("mine.toml"), file).unwrap();
+    place.tiny(&["exp", "mine.toml", "--variant", "half", "--device", "ndarray", "--budget", "60s"]).succeeds();
+    let record = &records(&place.path("runs/mine"))[0];
+    assert_eq!((&record["variant"], &record["seed"], &record["device"]), (&"half".into(), &3.into(), &"ndarray".into()));
+    let config = fs::read_to_string(place.path("runs/mine/castle/half/seed3/config.toml")).unwrap();
+    let config: toml::Table = config.parse().unwrap();
+    assert_eq!(config["config"]["train"]["lr"].as_float(), Some(2e-3));
+    assert_eq!(config["config"]["loss"]["entropy"]["weight"].as_float(), Some(5e-4));
+    assert_eq!(config["budget_seconds"].as_float(), Some(60.0));
+}
+
+#[test]
+fn help_can_be_learned_from() {
+    let place = Workplace::new();
+    let help = text(&place.run(&["--help"]).succeeds().stdout);
+    for command in ["exp", "eval", "render", "scene", "list"] {
+        assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command}: {help}");
+    }
+    let help = text(&place.run(&["exp", "--help"]).succeeds().stdout);
+    for part in ["--data", "--scene", "--seed", "--set", "--budget", "--resume", "Examples:"] {
+        assert!(help.contains(part), "{part}: {help}");
+    }
+}

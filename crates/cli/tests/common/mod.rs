@@ -1,0 +1,147 @@
+//! Running the program in a folder of its own.
+
+#![allow(dead_code, reason = "each test binary uses its own part")]
+
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use serde_json::Value;
+
+/// Seconds of work become milliseconds: a network of a few units, a few rays, two test views. Every part of the program
+/// has something to do: coarse and fine network, occupancy grid, unseen rays.
+const TINY: [&str; 15] = [
+    "train.iterations=3",
+    "train.rays=32",
+    "train.unseen_rays=16",
+    "scene.size=24",
+    "eval.test=first-2",
+    "eval.information_rays=32",
+    "field.kind=nerf",
+    "field={kind=\"nerf\",layers=2,width=16,skip=1,position_octaves=4,direction_octaves=2,density=\"softplus\",anneal=0.5}",
+    "render.samples=12",
+    "render.fine_samples=8",
+    "render.occupancy.enabled=true",
+    "render.occupancy.resolution=8",
+    "render.occupancy.warmup=1",
+    "render.occupancy.every=1",
+    "train.checkpoint_every=2",
+];
+
+/// A folder that goes away after the test.
+pub struct Workplace(tempfile::TempDir);
+
+/// A command line that is about to run.
+pub struct Invocation {
+    folder: PathBuf,
+    args: Vec<OsString>,
+}
+
+impl Workplace {
+    pub fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    pub fn path(&self, part: &str) -> PathBuf {
+        self.0.path().join(part)
+    }
+
+    /// `infonerf ARGS`, in this folder.
+    pub fn run(&self, args: &[&str]) -> Invocation {
+        Invocation { folder: self.0.path().to_owned(), args: Vec::new() }.args(args)
+    }
+
+    /// The same with settings under which everything is quick; what `args` set wins.
+    pub fn tiny(&self, args: &[&str]) -> Invocation {
+        let settings: Vec<&str> = TINY.iter().flat_map(|setting| ["--set", setting]).collect();
+        let (command, rest) = args.split_at(1);
+        self.run(command).args(&settings).args(rest)
+    }
+}
+
+impl Invocation {
+    pub fn args(mut self, args: &[&str]) -> Self {
+        self.args.extend(args.iter().map(Into::into));
+        self
+    }
+
+    pub fn inside(mut self, part: &str) -> Self {
+        self.folder.push(part);
+        self
+    }
+
+    pub fn into_command(self) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_infonerf"));
+        command.current_dir(self.folder).args(self.args).env_remove("RUST_LOG").env_remove("RUST_BACKTRACE");
+        command
+    }
+
+    pub fn succeeds(self) -> Output {
+        let line = format!("{:?}", self.args);
+        let output = self.into_command().output().unwrap();
+        assert!(output.status.success(), "{line}: {}\n{}", output.status, text(&output.stderr));
+        output
+    }
+
+    /// Exit code 2, one line on stderr that names each of `parts`.
+    pub fn fails_with(self, parts: &[&str]) {
+        let args = format!("{:?}", self.args);
+        let output = self.into_command().output().unwrap();
+        let stderr = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{args}: {stderr}");
+        assert!(!stderr.contains("panicked"), "{args}: {stderr}");
+        assert_eq!(stderr.lines().count(), 1, "{args}: {stderr}");
+        assert!(stderr.starts_with("error: "), "{args}: {stderr}");
+        for part in parts {
+            assert!(stderr.contains(part), "{args}: expected `{part}` in: {stderr}");
+        }
+    }
+
+    /// A fault that the argument parser finds: exit code 2 and its own usage text.
+    pub fn is_refused(self, parts: &[&str]) {
+        let args = format!("{:?}", self.args);
+        let output = self.into_command().output().unwrap();
+        let stderr = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{args}: {stderr}");
+        assert!(stderr.starts_with("error: ") && !stderr.contains("panicked"), "{args}: {stderr}");
+        for part in parts {
+            assert!(stderr.contains(part), "{args}: expected `{part}` in: {stderr}");
+        }
+    }
+}
+
+pub fn text(bytes: &[u8]) -> String {
+    String::from_utf8(bytes.to_vec()).expect("the program speaks UTF-8")
+}
+
+/// The records of an experiment's `results.json`.
+pub fn records(experiment: &Path) -> Vec<Value> {
+    let path = experiment.join("results.json");
+    let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    serde_json::from_str::<Value>(&text).unwrap().as_array().unwrap().clone()
+}
+
+/// Records without what depends on the clock and the machine.
+pub fn without_times(records: &[Value]) -> Vec<Value> {
+    let mut records = records.to_vec();
+    for record in &mut records {
+        for key in ["train_seconds", "render_seconds_per_image", "peak_rss_bytes"] {
+            record.as_object_mut().unwrap().remove(key).unwrap();
+        }
+    }
+    records
+}
+
+/// The lines of a run's `metrics.jsonl` without times.
+pub fn events(run: &Path) -> Vec<Value> {
+    let text = fs::read_to_string(run.join("metrics.jsonl")).unwrap();
+    let parse = |line| {
+        let mut event: Value = serde_json::from_str(line).unwrap();
+        for key in ["seconds", "rays_per_second"] {
+            event.as_object_mut().unwrap().remove(key);
+        }
+        event
+    };
+    text.lines().map(parse).collect()
+}

@@ -1,0 +1,90 @@
+//! Front to back: pictures of a field without a coarse network.
+//!
+//! Rays advance a few samples at a time, and those through which no more light comes drop out. What is left out weighs less
+//! than `render.min_transmittance`.
+
+use infonerf_field::{Points, RadianceField};
+use infonerf_ops::{Segments, numeric, to_host};
+use infonerf_scene::Ray;
+use rayon::prelude::*;
+
+use crate::{Counts, OccupancyGrid, Renderer};
+
+/// One ray on its way.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Marched {
+    pub(crate) rgb: [f32; 3],
+    /// Σ w t.
+    pub(crate) depth: f32,
+    /// Transmittance so far.
+    pub(crate) trans: f32,
+    steps: Vec<(f32, f32)>,
+    next: usize,
+}
+
+/// Samples that a ray takes in its first round; each round takes twice as many as the one before.
+const FIRST: usize = 8;
+
+/// Renders `rays` on the background; colour, distance and transmittance of each, and how many samples that took.
+pub(crate) fn march(
+    renderer: &Renderer,
+    field: &RadianceField,
+    rays: &[Ray],
+    occupancy: Option<&OccupancyGrid>,
+) -> (Vec<Marched>, Counts) {
+    let (longest, step) = renderer.final_step();
+    let mut counts = Counts { total: (rays.len() as f32 * longest / step) as u64, evaluated: 0 };
+    let mut marched: Vec<Marched> = rays
+        .par_iter()
+        .map(|ray| Marched { trans: 1.0, steps: renderer.steps(ray, step, 0.5, occupancy), ..Marched::default() })
+        .collect();
+    let mut active: Vec<usize> = (0..rays.len()).filter(|&ray| !marched[ray].steps.is_empty()).collect();
+    let mut slice = FIRST;
+    while !active.is_empty() {
+        let lengths = active.iter().map(|&ray| slice.min(marched[ray].steps.len() - marched[ray].next));
+        let segments = Segments::from_counts(lengths);
+        counts.evaluated += segments.samples() as u64;
+        let of_ray = |(index, &ray): (usize, &usize)| {
+            let (from, count) = (marched[ray].next, segments.range(index).len());
+            marched[ray].steps[from..from + count].iter().flat_map(move |(t, _)| rays[ray].at(*t).to_array())
+        };
+        let positions: Vec<f32> = active.par_iter().enumerate().flat_map_iter(of_ray).collect();
+        let directions: Vec<f32> = active.iter().flat_map(|&ray| rays[ray].direction.to_array()).collect();
+        let points = Points { positions: &positions, directions: &directions, segments: &segments };
+        let sampled = field.evaluate(points, true, 1.0);
+        let sigma = to_host(sampled.sigma);
+        let color = to_host(sampled.color.expect("colour was asked for"));
+        for (index, &ray) in active.iter().enumerate() {
+            let range = segments.range(index);
+            marched[ray].advance(&sigma[range.clone()], &color[3 * range.start..3 * range.end]);
+        }
+        active.retain(|&ray| {
+            let ray = &marched[ray];
+            ray.next < ray.steps.len() && ray.trans > renderer.min_transmittance()
+        });
+        slice *= 2;
+    }
+    let background = renderer.background();
+    for ray in &mut marched {
+        for (value, behind) in ray.rgb.iter_mut().zip(background) {
+            *value += ray.trans * behind;
+        }
+    }
+    (marched, counts)
+}
+
+impl Marched {
+    fn advance(&mut self, sigma: &[f32], color: &[f32]) {
+        let steps = &self.steps[self.next..self.next + sigma.len()];
+        for ((&(t, delta), sigma), color) in steps.iter().zip(sigma).zip(color.chunks_exact(3)) {
+            let tau = sigma * delta;
+            let w = self.trans * numeric::alpha(tau);
+            for (sum, c) in self.rgb.iter_mut().zip(color) {
+                *sum += w * c;
+            }
+            self.depth += w * t;
+            self.trans *= (-tau).exp();
+        }
+        self.next += sigma.len();
+    }
+}

@@ -1,0 +1,88 @@
+//! A tiny run.
+
+#![allow(dead_code, reason = "each test binary uses its own part")]
+
+use burn::tensor::Device;
+use infonerf_scene::{Scene, SceneRequest, SceneSource, TestProtocol, ViewSelection};
+use infonerf_train::{Config, Event, Outcome, Preset, Trainer, config};
+
+/// Everything on: coarse and fine network, occupancy grid, jitter, all loss terms, unseen rays.
+const SETTINGS: [&str; 20] = [
+    "train.iterations=12",
+    "train.rays=24",
+    "train.unseen_rays=12",
+    "field={kind=\"nerf\",layers=3,width=16,skip=1,position_octaves=4,direction_octaves=2,density=\"softplus\",anneal=0.5}",
+    "render.samples=10",
+    "render.fine_samples=6",
+    "render.jitter=true",
+    "render.min_transmittance=1e-3",
+    "render.occupancy.enabled=true",
+    "render.occupancy.resolution=8",
+    "render.occupancy.warmup=2",
+    "render.occupancy.every=3",
+    "loss.entropy.weight=1e-3",
+    "loss.entropy.rays=all",
+    "loss.entropy.mask.threshold=0.0",
+    "loss.gain.weight=1e-3",
+    "loss.gain.rays=all",
+    "loss.gain.halve_every=4",
+    "eval.information_rays=16",
+    "eval.test=first-2",
+];
+
+pub fn config(settings: &[&str]) -> Config {
+    let mut table = Preset::Fast.table();
+    for setting in SETTINGS.iter().chain(settings) {
+        config::assign(&mut table, setting).unwrap();
+    }
+    Config::from_table(table).unwrap()
+}
+
+pub fn scene() -> Scene {
+    let request = SceneRequest {
+        train: ViewSelection::Seed { seed: 0, count: 4 },
+        test: TestProtocol::First(2),
+        image_size: Some(16),
+        background: [1.0; 3],
+    };
+    infonerf_scene::load(&SceneSource::Procedural("knot".into()), &request).unwrap()
+}
+
+#[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
+pub fn devices() -> [Device; 2] {
+    [Device::flex(), Device::ndarray()]
+}
+
+pub fn trainer(config: &Config, seed: u64, device: &Device) -> Trainer {
+    Trainer::new(config, scene(), seed, None, device).unwrap()
+}
+
+/// Takes up to `count` steps and returns what was reported, without times.
+pub fn steps(trainer: &mut Trainer, count: usize) -> Vec<Event> {
+    let mut events = Vec::new();
+    for _ in 0..count {
+        if trainer.step(&mut |event| events.push(timeless(event))).unwrap() != Outcome::Running {
+            break;
+        }
+    }
+    events
+}
+
+fn timeless(event: Event) -> Event {
+    match event {
+        Event::Step { step, loss, rgb, entropy, gain, psnr, lr, acc, evaluated, .. } => Event::Step {
+            step,
+            seconds: 0.0,
+            loss,
+            rgb,
+            entropy,
+            gain,
+            psnr,
+            lr,
+            rays_per_second: 0.0,
+            acc,
+            evaluated,
+        },
+        other => other,
+    }
+}

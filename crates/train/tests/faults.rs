@@ -1,0 +1,163 @@
+//! What happens when something breaks: a damaged checkpoint, a loss that is not finite, a field that goes empty.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{config, devices, scene, steps, trainer};
+use infonerf_train::{Checkpoint, Event, Outcome, TrainError, Trainer};
+
+/// A run folder with a checkpoint after step 2, and one after step 1 before it.
+fn saved(folder: &Path) {
+    let mut trainer = trainer(&config(&[]), 1, &devices()[0]);
+    for _ in 0..2 {
+        steps(&mut trainer, 1);
+        trainer.checkpoint().unwrap().save(folder).unwrap();
+    }
+}
+
+#[test]
+fn the_newest_intact_checkpoint_is_used() {
+    let folder = tempfile::tempdir().unwrap();
+    saved(folder.path());
+    let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
+    assert_eq!((checkpoint.unwrap().progress().step, refused.len()), (2, 0));
+
+    type Damage = fn(&mut Vec<u8>);
+    let damages: [(&str, Damage); 3] = [
+        ("truncated", |bytes| bytes.truncate(bytes.len() / 2)),
+        ("a flipped bit", |bytes| {
+            let middle = bytes.len() / 2;
+            bytes[middle] ^= 0x10;
+        }),
+        ("empty", Vec::clear),
+    ];
+    for part in ["model.bpk", "optimiser.bpk", "occupancy.bin", "manifest.json"] {
+        let path = folder.path().join("checkpoint").join(part);
+        let whole = fs::read(&path).unwrap();
+        for (name, damage) in damages {
+            let mut bytes = whole.clone();
+            damage(&mut bytes);
+            fs::write(&path, bytes).unwrap();
+            let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
+            assert_eq!(checkpoint.unwrap().progress().step, 1, "{part}, {name}");
+            assert_eq!(refused.len(), 1, "{part}, {name}");
+            assert!(refused[0].contains(part) && refused[0].lines().count() == 1, "{part}, {name}: {}", refused[0]);
+        }
+        fs::remove_file(&path).unwrap();
+        let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
+        assert_eq!(checkpoint.unwrap().progress().step, 1, "{part}, missing");
+        assert!(refused[0].contains(part), "{}", refused[0]);
+        fs::write(&path, &whole).unwrap();
+    }
+}
+
+#[test]
+fn without_an_intact_checkpoint_the_newest_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(Checkpoint::load(folder.path()).unwrap().0.is_none());
+    saved(folder.path());
+    for name in ["checkpoint", "checkpoint.previous"] {
+        fs::write(folder.path().join(name).join("model.bpk"), "no weights").unwrap();
+    }
+    let message = Checkpoint::load(folder.path()).unwrap_err().to_string();
+    assert!(message.contains("checkpoint/model.bpk") && message.contains("damaged"), "{message}");
+    assert_eq!(message.lines().count(), 1);
+}
+
+/// Killed while it wrote: what is half-written is not taken for a checkpoint, nor in the way of the next one.
+#[test]
+fn a_save_that_was_broken_off_does_no_harm() {
+    let folder = tempfile::tempdir().unwrap();
+    saved(folder.path());
+    let beside = folder.path().join("checkpoint.writing");
+    fs::create_dir(&beside).unwrap();
+    fs::write(beside.join("model.bpk"), "half").unwrap();
+    let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
+    let checkpoint = checkpoint.unwrap();
+    assert_eq!((checkpoint.progress().step, refused.len()), (2, 0));
+    checkpoint.save(folder.path()).unwrap();
+    assert!(!beside.exists());
+
+    // Killed between the two renames: only the one before is left.
+    fs::rename(folder.path().join("checkpoint"), &beside).unwrap();
+    let (checkpoint, _) = Checkpoint::load(folder.path()).unwrap();
+    assert_eq!(checkpoint.unwrap().progress().step, 2);
+}
+
+#[test]
+fn a_checkpoint_of_another_config_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    saved(folder.path());
+    let checkpoint = Checkpoint::load(folder.path()).unwrap().0.unwrap();
+    let wider = "field={kind=\"nerf\",layers=3,width=32,skip=1,position_octaves=4,direction_octaves=2,density=\"relu\",anneal=0.0}";
+    for setting in [wider, "render.fine_samples=0", "render.occupancy.resolution=9"] {
+        let mut other = trainer(&config(&[setting]), 1, &devices()[0]);
+        match other.resume(&checkpoint) {
+            Err(error) => assert_eq!(error.to_string().lines().count(), 1, "{setting}: {error}"),
+            Ok(()) => panic!("{setting}: accepted"),
+        }
+    }
+}
+
+#[test]
+fn a_loss_that_is_not_finite_stops_the_run() {
+    for device in devices() {
+        let mut poisoned = scene();
+        let config = config(&["train.rays=64"]);
+        let mut trainer = Trainer::new(&config, poisoned.clone(), 1, None, &device).unwrap();
+        steps(&mut trainer, 2);
+        let good = trainer.checkpoint().unwrap();
+
+        for view in &mut poisoned.train {
+            view.image.rgb.fill([f32::NAN; 3]);
+        }
+        let mut trainer = Trainer::new(&config, poisoned, 1, None, &device).unwrap();
+        trainer.resume(&good).unwrap();
+        let error = trainer.step(&mut |_| panic!("a step was reported")).unwrap_err();
+        let TrainError::NonFinite { term, step, value } = &error else { panic!("{error}") };
+        assert_eq!((*term, *step), ("RGB loss", 2));
+        assert!(value.is_nan());
+        let message = error.to_string();
+        assert!(message.contains("step 2") && message.contains("RGB loss") && message.lines().count() == 1, "{message}");
+        // The model is as it was before the step.
+        assert_eq!(trainer.progress().step, 2);
+        let folder = tempfile::tempdir().unwrap();
+        good.save(folder.path()).unwrap();
+        let before = fs::read(folder.path().join("checkpoint/model.bpk")).unwrap();
+        trainer.checkpoint().unwrap().save(folder.path()).unwrap();
+        assert_eq!(before.len(), fs::read(folder.path().join("checkpoint/model.bpk")).unwrap().len());
+    }
+}
+
+/// A field that is empty while the pictures are not starts over, and gives up when no start is left.
+#[test]
+fn an_empty_field_starts_over() {
+    // Nothing is learned, and the density of a ReLU field of this size is 0 almost everywhere for some seed.
+    let field = "field={kind=\"nerf\",layers=1,width=2,skip=1,position_octaves=0,direction_octaves=0,density=\"relu\",anneal=0.0}";
+    let config = config(&[field, "train.lr=0.0", "train.iterations=400", "train.restarts=1", "render.occupancy.enabled=false"]);
+    let mut outcomes = Vec::new();
+    for seed in 0..12 {
+        let mut trainer = trainer(&config, seed, &devices()[0]);
+        let mut collapses = Vec::new();
+        let outcome = loop {
+            let report = &mut |event| {
+                if let Event::Collapse { step, restarted } = event {
+                    collapses.push((step, restarted));
+                }
+            };
+            match trainer.step(report).unwrap() {
+                Outcome::Running => {}
+                outcome => break outcome,
+            }
+        };
+        match outcome {
+            Outcome::Collapsed => assert_eq!(collapses, [(50, true), (50, false)], "seed {seed}"),
+            _ => assert!(collapses.iter().all(|&(_, restarted)| restarted), "seed {seed}: {collapses:?}"),
+        }
+        outcomes.push((outcome, collapses.len()));
+    }
+    assert!(outcomes.contains(&(Outcome::Collapsed, 2)), "{outcomes:?}");
+    assert!(outcomes.contains(&(Outcome::Finished, 1)), "{outcomes:?}");
+}

@@ -1,0 +1,115 @@
+//! The same seed gives the same numbers, and a run that was broken off those of one that was not.
+
+mod common;
+
+use common::{config, devices, scene, steps, trainer};
+use infonerf_train::{Checkpoint, Config, Event, Outcome, TestView, Trainer, evaluate_view, information};
+
+const STEPS: usize = 12;
+
+/// Everything that evaluation measures: pictures, metrics, entropy and information gain.
+fn evaluation(trainer: &Trainer, config: &Config, seed: u64) -> (Vec<Vec<[f32; 3]>>, Vec<f64>) {
+    let (scene, model) = (scene(), trainer.model());
+    let view = |view| evaluate_view(trainer.renderer(), &model, trainer.occupancy(), view).unwrap();
+    let views: Vec<TestView> = scene.test.iter().map(view).collect();
+    let rays = config.eval.information_rays;
+    let gain = &config.loss.gain;
+    let epsilon = config.loss.entropy.epsilon;
+    let information =
+        information(trainer.renderer(), &model, trainer.occupancy(), &scene, gain, epsilon, rays, seed).unwrap();
+    let mut numbers = vec![information.entropy_bits, information.gain];
+    numbers.extend(views.iter().flat_map(|view| [view.comparison.psnr, view.comparison.gmsd]));
+    numbers.extend(views.iter().map(|view| view.depth_rmse.unwrap()));
+    (views.into_iter().map(|view| view.image.rgb).collect(), numbers)
+}
+
+#[test]
+fn a_seed_decides_everything() {
+    let config = config(&[]);
+    for device in devices() {
+        let run = |seed| {
+            let mut trainer = trainer(&config, seed, &device);
+            let events = steps(&mut trainer, STEPS);
+            (events, evaluation(&trainer, &config, seed), trainer.progress().samples_evaluated)
+        };
+        let first = run(7);
+        assert_eq!(first.0.len(), STEPS);
+        assert_eq!(first, run(7));
+        assert_ne!(first.0, run(8).0);
+        for event in &first.0 {
+            let Event::Step { loss, entropy, gain, .. } = event else { panic!("{event:?}") };
+            assert!(loss.is_finite() && entropy.is_some() && gain.is_some(), "{event:?}");
+        }
+    }
+}
+
+/// The number of threads changes who computes, not what.
+#[test]
+fn threads_change_nothing() {
+    let config = config(&[]);
+    let [flex, _] = devices();
+    let run = || steps(&mut trainer(&config, 3, &flex), STEPS);
+    let single = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+    let many = rayon::ThreadPoolBuilder::new().num_threads(5).build().unwrap();
+    assert_eq!(single.install(run), many.install(run));
+}
+
+#[test]
+fn a_broken_run_goes_on_to_the_same_numbers() {
+    let config = config(&[]);
+    for device in devices() {
+        let mut straight = trainer(&config, 1, &device);
+        let events = steps(&mut straight, STEPS);
+        let expected = evaluation(&straight, &config, 1);
+        for broken_after in [1, 2, 5, STEPS] {
+            let folder = tempfile::tempdir().unwrap();
+            let mut first = trainer(&config, 1, &device);
+            let mut seen = steps(&mut first, broken_after);
+            first.checkpoint().unwrap().save(folder.path()).unwrap();
+            drop(first);
+
+            let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
+            assert!(refused.is_empty(), "{refused:?}");
+            let mut second = trainer(&config, 1, &device);
+            second.resume(&checkpoint.unwrap()).unwrap();
+            assert_eq!(second.progress().step, broken_after);
+            seen.extend(steps(&mut second, STEPS - broken_after));
+            assert_eq!(events, seen, "broken off after step {broken_after}");
+            assert_eq!(expected, evaluation(&second, &config, 1), "broken off after step {broken_after}");
+            assert_eq!(straight.progress().samples_evaluated, second.progress().samples_evaluated);
+            assert_eq!(second.step(&mut |_| ()).unwrap(), Outcome::Finished);
+        }
+    }
+}
+
+/// A term whose weight is 0 is not computed, and unseen rays that no term needs are not cast.
+#[test]
+fn a_term_that_is_off_costs_nothing() {
+    let [flex, _] = devices();
+    let off = config(&["loss.entropy.weight=0.0", "loss.gain.weight=0.0"]);
+    let mut trainer = trainer(&off, 1, &flex);
+    for event in steps(&mut trainer, 2) {
+        let Event::Step { entropy, gain, loss, rgb, .. } = event else { panic!("{event:?}") };
+        assert_eq!((entropy, gain), (None, None));
+        assert_eq!(loss, rgb);
+    }
+    // Two steps of 24 rays, 10 coarse samples and 16 fine ones.
+    assert_eq!(trainer.progress().samples_total, 2 * 24 * (10 + 16));
+}
+
+/// Training lowers the loss that it minimises.
+#[test]
+fn training_learns() {
+    let [flex, _] = devices();
+    let quick = config(&["train.iterations=150", "train.rays=128", "train.lr=1e-2", "loss.gain.weight=0.0"]);
+    let events = steps(&mut trainer(&quick, 0, &flex), 150);
+    let mean = |events: &[Event]| {
+        let rgb = events.iter().map(|event| match event {
+            Event::Step { rgb, .. } => *rgb,
+            Event::Collapse { .. } => panic!("the field went empty"),
+        });
+        rgb.sum::<f32>() / events.len() as f32
+    };
+    let (first, last) = (mean(&events[..20]), mean(&events[130..]));
+    assert!(last < 0.5 * first, "{first} at first, {last} at last");
+}
