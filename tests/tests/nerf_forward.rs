@@ -5,10 +5,11 @@
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::Vec3;
-use infonerf_field::{FieldConfig, RadianceField};
+use infonerf_field::RadianceField;
 use infonerf_ops::{information_gain, to_host};
-use infonerf_render::{Level, Model, RenderConfig, Renderer, Want};
+use infonerf_render::{Level, Model, Renderer, Want};
 use infonerf_scene::{Aabb, Ray, Scene};
+use infonerf_train::{Config, Preset, config};
 use serde_json::{Value, json};
 
 /// Colour, opacity, depth, entropy and divergence: the tolerance that the fixture was made for.
@@ -105,27 +106,26 @@ impl ModuleMapper for Rule<'_> {
     }
 }
 
+/// The paper's network and sampling, without jitter.
+fn config(last_interval: &str) -> Config {
+    let mut table = Preset::Paper.table();
+    for setting in ["render.jitter=false", &format!("render.last_interval={last_interval}")] {
+        config::assign(&mut table, setting).unwrap();
+    }
+    Config::from_table(table).unwrap()
+}
+
+const HALF_EDGE: f32 = 6.0;
+
 fn network(fixture: &Value, net: usize, device: &Device) -> RadianceField {
-    let config: FieldConfig = serde_json::from_value(json!({
-        "kind": "nerf", "layers": 8, "width": 256, "skip": 5, "position_octaves": OCTAVES, "direction_octaves": 4,
-        "density": "relu", "anneal": 0.0,
-    }))
-    .unwrap();
+    let bounds = [[-HALF_EDGE; 3], [HALF_EDGE; 3]];
     let mut rule = Rule { fixture, net, visited: 0 };
-    let field = RadianceField::new(&config, 0, device).unwrap().map(&mut rule);
+    let field = RadianceField::new(&config("finite").field, bounds, 0, device).unwrap().map(&mut rule);
     assert_eq!(rule.visited, 2 * LAYERS);
     field
 }
 
 fn renderer(fixture: &Value, last_interval: &str) -> Renderer {
-    let config: RenderConfig = serde_json::from_value(json!({
-        "samples": fixture["n_coarse"], "fine_samples": fixture["n_fine"], "placement": "left",
-        "last_interval": last_interval, "jitter": false, "clip_to_bounds": false, "min_transmittance": 0.0,
-        "occupancy": {
-            "enabled": false, "resolution": 2, "warmup": 0, "every": 1, "min_alpha": 0.01, "decay": 0.8,
-        },
-    }))
-    .unwrap();
     let scene = Scene {
         name: "fixture".into(),
         train: Vec::new(),
@@ -133,10 +133,13 @@ fn renderer(fixture: &Value, last_interval: &str) -> Renderer {
         background: [1.0; 3],
         near: fixture["near"].as_f64().unwrap() as f32,
         far: fixture["far"].as_f64().unwrap() as f32,
-        bounds: Aabb::cube(Vec3::ZERO, 6.0),
+        bounds: Aabb::cube(Vec3::ZERO, HALF_EDGE),
         all_train_cameras: Vec::new(),
     };
-    Renderer::new(&config, &scene)
+    let render = config(last_interval).render;
+    assert_eq!(fixture["n_coarse"], render.samples);
+    assert_eq!(fixture["n_fine"], render.fine_samples);
+    Renderer::new(&render, &scene)
 }
 
 fn rays(fixture: &Value, origin: &str, direction: &str) -> Vec<Ray> {
@@ -162,8 +165,7 @@ fn column(tensor: Tensor<1>) -> Vec<f64> {
 fn compare_level(level: &Level, ray: usize, want: &Value, what: &str) {
     let color: Vec<f64> = to_host(level.color.clone().unwrap()).into_iter().map(f64::from).collect();
     compare(&color[ray * 3..ray * 3 + 3], &floats(&want["color"]), TOLERANCE, &format!("{what}, colour"));
-    let scalars =
-        [("depth", &level.depth), ("acc", &level.composite.acc), ("entropy", &level.composite.entropy)];
+    let scalars = [("depth", &level.depth), ("acc", &level.composite.acc), ("entropy", &level.composite.entropy)];
     for (name, tensor) in scalars {
         if let Some(want) = want.get(name) {
             compare(&column(tensor.clone())[ray..=ray], &floats(want), TOLERANCE, &format!("{what}, {name}"));

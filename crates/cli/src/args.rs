@@ -1,9 +1,13 @@
 //! The command line.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+
+use crate::command::bench::{BENCH_EXAMPLES, BenchArgs};
+use crate::command::sweep::{SWEEP_EXAMPLES, SweepArgs, SweepItemArgs};
 
 /// Learn a 3D scene from a handful of photographs, and measure how well.
 #[derive(Debug, Parser)]
@@ -18,6 +22,14 @@ pub(crate) enum Command {
     /// Run an experiment: train every variant on every scene, evaluate on test views, write a report.
     #[command(after_help = EXP_EXAMPLES)]
     Exp(ExpArgs),
+    /// Run an experiment for every combination of some values, and tabulate and plot what came of it.
+    #[command(after_help = SWEEP_EXAMPLES)]
+    Sweep(SweepArgs),
+    /// Run one line of a sweep's manifest: a job of a cluster's array.
+    SweepItem(SweepItemArgs),
+    /// Measure speed: time against error, what skipping saves, where a step's time goes, how cost grows.
+    #[command(after_help = BENCH_EXAMPLES)]
+    Bench(BenchArgs),
     /// Evaluate a finished run again.
     Eval(EvalArgs),
     /// Render new views of a finished run: an orbit as PNG frames and an animation.
@@ -28,6 +40,9 @@ pub(crate) enum Command {
     /// List the experiments that are built in.
     List,
 }
+
+/// Seeds that one `--seed` may name.
+const MOST_SEEDS: u64 = 10_000;
 
 const EXP_EXAMPLES: &str = "\
 Examples:
@@ -44,27 +59,8 @@ Examples:
 pub(crate) struct ExpArgs {
     /// A built-in experiment (see `infonerf list`) or a TOML file, such as the config.toml of a run.
     pub(crate) experiment: String,
-    /// Folder that holds the scenes' folders; without it the built-in procedural scenes are used.
-    #[arg(long, value_name = "DIR")]
-    pub(crate) data: Option<PathBuf>,
-    /// A scene to run on, again for more; by default the experiment's, or all in DIR.
-    #[arg(long = "scene", value_name = "S")]
-    pub(crate) scenes: Vec<String>,
-    /// A variant to run, again for more; by default all of the experiment.
-    #[arg(long = "variant", value_name = "V")]
-    pub(crate) variants: Vec<String>,
-    /// A seed: decides the training views and all random numbers. Again for more.
-    #[arg(long = "seed", value_name = "N")]
-    pub(crate) seeds: Vec<u64>,
-    /// Where to compute.
-    #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
-    pub(crate) device: DeviceName,
-    /// What the config starts from.
-    #[arg(long, value_enum)]
-    pub(crate) preset: Option<PresetName>,
-    /// Change any key of the config, such as loss.entropy.weight=0.
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub(crate) set: Vec<String>,
+    #[command(flatten)]
+    pub(crate) selection: Selection,
     /// Training time for each run, such as 60s or 5m; the schedule follows the clock.
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     pub(crate) budget: Option<Duration>,
@@ -77,6 +73,32 @@ pub(crate) struct ExpArgs {
     /// Print where time went and what skipping saved.
     #[arg(long)]
     pub(crate) profile: bool,
+}
+
+/// Which runs of an experiment, and what they change.
+#[derive(Clone, Debug, ClapArgs)]
+pub(crate) struct Selection {
+    /// Folder that holds the scenes' folders; without it the built-in procedural scenes are used.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) data: Option<PathBuf>,
+    /// A scene to run on, again for more; by default the experiment's, or all in DIR.
+    #[arg(long = "scene", value_name = "S")]
+    pub(crate) scenes: Vec<String>,
+    /// A variant to run, again for more; by default all of the experiment.
+    #[arg(long = "variant", value_name = "V")]
+    pub(crate) variants: Vec<String>,
+    /// A seed, or several such as 0..4 (0 to 4): decides the training views and all random numbers. Again for more.
+    #[arg(long = "seed", value_name = "N", value_parser = parse_seeds)]
+    pub(crate) seeds: Vec<RangeInclusive<u64>>,
+    /// Where to compute.
+    #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
+    pub(crate) device: DeviceName,
+    /// What the config starts from.
+    #[arg(long, value_enum)]
+    pub(crate) preset: Option<PresetName>,
+    /// Change any key of the config, such as loss.entropy.weight=0.
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<String>,
 }
 
 #[derive(Debug, ClapArgs)]
@@ -161,7 +183,7 @@ pub(crate) enum PathName {
 }
 
 /// `90s`, `5m`, `1h`, `1500ms`, or seconds without a unit.
-fn parse_duration(text: &str) -> Result<Duration, String> {
+pub(crate) fn parse_duration(text: &str) -> Result<Duration, String> {
     let fault = || format!("expected a time above 0 such as 60s or 5m, found `{text}`");
     let split = text.find(|c: char| c.is_ascii_alphabetic()).unwrap_or(text.len());
     let (number, unit) = text.split_at(split);
@@ -176,9 +198,27 @@ fn parse_duration(text: &str) -> Result<Duration, String> {
     if seconds > 0.0 { Duration::try_from_secs_f64(seconds).map_err(|_| fault()) } else { Err(fault()) }
 }
 
+/// A seed, or a range of them such as `0..4`, both ends included.
+fn parse_seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
+    let fault = || format!("expected a seed such as 3, or seeds such as 0..4, found `{text}`");
+    let number = |text: &str| text.trim().parse::<u64>().map_err(|_| fault());
+    let (first, last) = text.split_once("..").unwrap_or((text, text));
+    let (first, last) = (number(first)?, number(last)?);
+    if first <= last && last - first < MOST_SEEDS { Ok(first..=last) } else { Err(fault()) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn seeds() {
+        assert_eq!(parse_seeds("3").unwrap(), 3..=3);
+        assert_eq!(parse_seeds("0..4").unwrap(), 0..=4);
+        for text in ["", "..", "4..0", "-1", "0..", "1.5", "0..1000000000"] {
+            assert!(parse_seeds(text).is_err(), "{text}");
+        }
+    }
 
     #[test]
     fn durations() {

@@ -33,6 +33,7 @@ pub(crate) fn open(name: DeviceName) -> Result<(Device, &'static str)> {
         #[cfg(feature = "flex")]
         "flex" => Device::flex(),
         #[cfg(feature = "ndarray")]
+        #[allow(deprecated, reason = "kept selectable for as long as Burn ships it")]
         "ndarray" => Device::ndarray(),
         #[cfg(feature = "wgpu")]
         "wgpu" => Device::webgpu(burn::tensor::DeviceKind::DefaultDevice),

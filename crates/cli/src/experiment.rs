@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use infonerf_scene::{SceneSource, procedural};
@@ -9,10 +10,13 @@ use infonerf_train::{Config, Preset, config};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-use crate::args::{ExpArgs, PresetName};
+use crate::args::{PresetName, Selection};
 
 /// The experiments that are built in.
-const BUILT_IN: &[(&str, &str)] = &[("synthetic-4view", include_str!("../../../experiments/synthetic-4view.toml"))];
+const BUILT_IN: &[(&str, &str)] = &[
+    ("synthetic-4view", include_str!("../../../experiments/synthetic-4view.toml")),
+    ("synthetic-4view-alpha", include_str!("../../../experiments/synthetic-4view-alpha.toml")),
+];
 
 /// An experiment file.
 #[derive(Clone, Debug, Deserialize)]
@@ -129,9 +133,9 @@ fn layers(name: &str) -> Result<(String, Vec<File>)> {
 }
 
 impl Experiment {
-    /// Reads the experiment that `args` names and applies what they change.
-    pub(crate) fn plan(args: &ExpArgs) -> Result<Self> {
-        let (own_name, files) = layers(&args.experiment)?;
+    /// Reads the experiment called `experiment` and applies what `args` and `budget` change.
+    pub(crate) fn plan(experiment: &str, args: &Selection, budget: Option<Duration>) -> Result<Self> {
+        let (own_name, files) = layers(experiment)?;
         let last = |pick: fn(&File) -> Option<String>| files.iter().rev().find_map(pick);
         let name = files.last().and_then(|file| file.name.clone()).unwrap_or(own_name);
         let preset = match args.preset {
@@ -156,14 +160,13 @@ impl Experiment {
         let seeds = if args.seeds.is_empty() {
             files.iter().rev().find_map(|file| file.seeds.clone()).unwrap_or_else(|| vec![0])
         } else {
-            args.seeds.clone()
+            args.seeds.iter().cloned().flatten().collect()
         };
         let names = choose_variants(&variants, &args.variants)?;
         check_distinct("--scene", scenes.iter().map(|(scene, _)| scene.clone()))?;
         check_distinct("--variant", names.iter().cloned())?;
         check_distinct("--seed", seeds.iter().map(u64::to_string))?;
-        let budget = args
-            .budget
+        let budget = budget
             .map(|budget| budget.as_secs_f64())
             .or_else(|| files.iter().rev().find_map(|file| file.budget_seconds));
         let mut runs = Vec::new();
@@ -258,7 +261,8 @@ fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Result<Vec<(S
 }
 
 fn subfolders(data: &Path) -> Result<Vec<String>> {
-    let entries = std::fs::read_dir(data).with_context(|| format!("{}: expected a folder of scenes", data.display()))?;
+    let entries =
+        std::fs::read_dir(data).with_context(|| format!("{}: expected a folder of scenes", data.display()))?;
     let mut names: Vec<String> = entries
         .filter_map(|entry| Some(entry.ok()?.path()))
         .filter(|path| path.is_dir())
@@ -301,13 +305,17 @@ impl RunPlan {
             bail!("{}: expected the folder of a run: it has no config.toml", folder.display());
         }
         let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
-        let fault = |error: toml::de::Error| anyhow::anyhow!("{}: {}", path.display(), error.message());
-        let complete: Complete = toml::from_str(&text).map_err(fault)?;
-        complete.config.validate().with_context(|| path.display().to_string())?;
+        Self::from_toml(&text).with_context(|| path.display().to_string())
+    }
+
+    /// Reads the text of a `config.toml`.
+    pub(crate) fn from_toml(text: &str) -> Result<Self> {
+        let complete: Complete = toml::from_str(text).map_err(|error| anyhow::anyhow!("{}", error.message()))?;
+        complete.config.validate()?;
         let (Some(scene), Some(&seed), Some(variant)) =
             (complete.scenes.first(), complete.seeds.first(), complete.variants.keys().next())
         else {
-            bail!("{}: expected one scene, one seed and one variant", path.display());
+            bail!("expected one scene, one seed and one variant");
         };
         let source = find_scenes(complete.data.as_deref(), Some(vec![scene.clone()]))?.remove(0).1;
         Ok(Self {

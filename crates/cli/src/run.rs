@@ -8,7 +8,9 @@ use burn::tensor::Device;
 use infonerf_metrics::to_rgb8;
 use infonerf_report::{Record, TestViews, depth_image, error_image, run_directory};
 use infonerf_scene::{Scene, SceneRequest, SceneSource, View};
-use infonerf_train::{Checkpoint, Evaluation, Event, Outcome, TestView, Trainer, evaluate_view, information};
+use infonerf_train::{
+    Checkpoint, Evaluation, Event, InformationQuery, Outcome, TestView, Trainer, evaluate_view, information,
+};
 
 use crate::experiment::RunPlan;
 use crate::interrupt;
@@ -123,17 +125,13 @@ impl Session {
         }
         let mean = Evaluation::mean(&views).context("no test views")?;
         let loss = &plan.config.loss;
-        let rays = plan.config.eval.information_rays;
-        let information = information(
-            trainer.renderer(),
-            &model,
-            trainer.occupancy(),
-            scene,
-            &loss.gain,
-            loss.entropy.epsilon,
-            rays,
-            plan.seed,
-        );
+        let query = InformationQuery {
+            gain: &loss.gain,
+            epsilon: loss.entropy.epsilon,
+            rays: plan.config.eval.information_rays,
+            seed: plan.seed,
+        };
+        let information = information(trainer.renderer(), &model, trainer.occupancy(), scene, query);
         let progress = trainer.progress();
         let mut notes = notes(plan, progress.restarts);
         if mean.depth_rmse.is_none() {
@@ -213,7 +211,8 @@ pub(crate) fn record_path(folder: &Path, plan: &RunPlan) -> PathBuf {
 
 /// Takes away what an earlier run left.
 fn clear(folder: &Path) -> Result<()> {
-    for name in ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render"] {
+    for name in ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render"]
+    {
         let path = folder.join(name);
         if path.exists() {
             fs::remove_dir_all(&path).with_context(|| path.display().to_string())?;

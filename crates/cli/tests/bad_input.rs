@@ -15,8 +15,7 @@ fn with_scene() -> Workplace {
     place
 }
 
-const ON_DATA: [&str; 8] =
-    ["exp", "synthetic-4view", "--data", "data", "--scene", "knot", "--variant", "nerf"];
+const ON_DATA: [&str; 8] = ["exp", "synthetic-4view", "--data", "data", "--scene", "knot", "--variant", "nerf"];
 
 /// Changes a file, runs, and puts the file back.
 fn changed(place: &Workplace, file: &str, change: impl FnOnce(&Path), parts: &[&str]) {
@@ -127,7 +126,21 @@ fn config() {
         ("render.samples=1", &["render.samples"]),
         ("render.min_transmittance=1.0", &["render.min_transmittance"]),
         ("render.occupancy.resolution=100000", &["render.occupancy.resolution"]),
-        ("field.width=7", &["field.width"]),
+        ("render.samples_start=1", &["render.samples_start"]),
+        ("render.hidden_depth=-1.0", &["render.hidden_depth"]),
+        ("field.width=0", &["field.width"]),
+        ("field.channels=3", &["field.channels"]),
+        ("field.resolutions=[]", &["field.resolutions"]),
+        ("field.resolutions=[4,1]", &["field.resolutions"]),
+        ("field.octaves=three", &["field"]),
+        (
+            "field={kind=\"nerf\",layers=1,width=7,skip=1,position_octaves=1,direction_octaves=1,density=\"relu\",anneal=0.0}",
+            &["field.width"],
+        ),
+        ("train.pyramid=[[0.5,0]]", &["train.pyramid"]),
+        ("train.adam_beta2=1.0", &["train.adam_beta2"]),
+        ("loss.start=1.5", &["loss.start"]),
+        ("loss.variation.last=0.0", &["loss.variation.last"]),
         ("field.kind=cube", &["cube"]),
         ("eval.test=some", &["eval.test", "some"]),
         ("eval.test=every-0", &["eval.test", "every-0"]),

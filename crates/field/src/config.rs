@@ -82,20 +82,31 @@ impl FieldConfig {
         match self {
             Self::Nerf(c) => {
                 check("layers", "1 to 64", c.layers, (1..=64).contains(&c.layers))?;
-                check("width", "an even number from 2 to 4096", c.width, (2..=4096).contains(&c.width) && c.width % 2 == 0)?;
+                check(
+                    "width",
+                    "an even number from 2 to 4096",
+                    c.width,
+                    (2..=4096).contains(&c.width) && c.width % 2 == 0,
+                )?;
                 check("position_octaves", "0 to 20", c.position_octaves, c.position_octaves <= 20)?;
                 check("direction_octaves", "0 to 20", c.direction_octaves, c.direction_octaves <= 20)?;
                 check("anneal", "0 to 1", c.anneal, (0.0..=1.0).contains(&c.anneal))
             }
             Self::Factored(c) => {
                 let resolutions = format!("{:?}", c.resolutions);
-                let good = (1..=8).contains(&c.resolutions.len()) && c.resolutions.iter().all(|r| (2..=2048).contains(r));
+                let good =
+                    (1..=8).contains(&c.resolutions.len()) && c.resolutions.iter().all(|r| (2..=2048).contains(r));
                 check("resolutions", "1 to 8 numbers from 2 to 2048", resolutions, good)?;
                 check("channels", "2, 4, 8 or 16", c.channels, [2, 4, 8, 16].contains(&c.channels))?;
                 check("octaves", "0 to 16", c.octaves, c.octaves <= 16)?;
                 check("layers", "0 to 8", c.layers, c.layers <= 8)?;
                 check("width", "1 to 256", c.width, (1..=256).contains(&c.width))?;
-                check("density_scale", "above 0, at most 1e6", c.density_scale, c.density_scale > 0.0 && c.density_scale <= 1e6)?;
+                check(
+                    "density_scale",
+                    "above 0, at most 1e6",
+                    c.density_scale,
+                    c.density_scale > 0.0 && c.density_scale <= 1e6,
+                )?;
                 check("density_bias", "-50 to 50", c.density_bias, (-50.0..=50.0).contains(&c.density_bias))?;
                 check("anneal", "0 to 1", c.anneal, (0.0..=1.0).contains(&c.anneal))
             }

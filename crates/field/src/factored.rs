@@ -30,7 +30,8 @@ impl FactoredField {
     pub(crate) fn new(config: &FactoredConfig, bounds: [[f32; 3]; 2], rng: &mut impl Rng, device: &Device) -> Self {
         let levels: Vec<(usize, usize)> = config.resolutions.iter().map(|&r| (r, config.channels)).collect();
         let density = (config.density_scale, config.density_bias);
-        let layout = Layout::new(config.octaves, &levels, (config.layers, config.width), config.view_dependent, density);
+        let layout =
+            Layout::new(config.octaves, &levels, (config.layers, config.width), config.view_dependent, density);
         let mut tables = Vec::with_capacity(layout.table_len());
         for level in &layout.levels {
             tables.extend(uniform(rng, 3 * level.plane_len(), 0.1));
@@ -84,10 +85,7 @@ impl FactoredField {
             color,
         };
         let out = factored_field(self.tables.val(), self.weights.val(), &self.layout, query);
-        Sampled {
-            sigma: out.clone().narrow(1, 0, 1).reshape([samples]),
-            color: color.then(|| out.narrow(1, 1, 3)),
-        }
+        Sampled { sigma: out.clone().narrow(1, 0, 1).reshape([samples]), color: color.then(|| out.narrow(1, 1, 3)) }
     }
 
     /// Total variation of the planes; a scalar.

@@ -41,6 +41,7 @@ pub struct Sampled {
 
 /// A function from position and direction to density and colour.
 #[derive(Module, Debug)]
+#[allow(clippy::large_enum_variant, reason = "a model holds one or two of them")]
 pub enum RadianceField {
     /// The MLP of NeRF.
     Nerf(NerfMlp),

@@ -48,7 +48,12 @@ pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy
 #[cfg(feature = "flex")]
 fn split(packed: Tensor<2>, channels: usize) -> Composite {
     let column = |i: usize| packed.clone().narrow(1, channels + i, 1).squeeze_dim::<1>(1);
-    Composite { values: packed.clone().narrow(1, 0, channels), acc: column(0), alpha_sum: column(1), entropy: column(2) }
+    Composite {
+        values: packed.clone().narrow(1, 0, channels),
+        acc: column(0),
+        alpha_sum: column(1),
+        entropy: column(2),
+    }
 }
 
 /// Compositing weights `w` of packed samples on the host, `[M]`, without a gradient: for importance sampling.
@@ -153,9 +158,9 @@ mod host {
     use rayon::prelude::*;
 
     use super::MIN_ALPHA_SUM;
-    use crate::numeric::{alpha, ln_alpha};
     use crate::Segments;
     use crate::kernel::{Kernel, Pass};
+    use crate::numeric::{alpha, ln_alpha};
 
     #[derive(Debug)]
     pub(super) struct CompositeKernel {
@@ -175,7 +180,8 @@ mod host {
             let mut out = vec![0.0; self.segments.rays() * (channels + 3)];
             out.par_chunks_mut(channels + 3).enumerate().with_min_len(64).for_each(|(ray, out)| {
                 let range = self.segments.range(ray);
-                let row = Row { tau: &tau[range.clone()], values: &values[range.start * channels..range.end * channels] };
+                let row =
+                    Row { tau: &tau[range.clone()], values: &values[range.start * channels..range.end * channels] };
                 row.forward(channels, self.entropy, out);
             });
             out

@@ -53,10 +53,10 @@ mod host {
     use rayon::prelude::*;
 
     use super::MIN_ALPHA_SUM;
-    use crate::composite::density;
-    use crate::numeric::alpha;
     use crate::Segments;
+    use crate::composite::density;
     use crate::kernel::{Kernel, Pass};
+    use crate::numeric::alpha;
 
     #[derive(Debug)]
     pub(super) struct GainKernel {

@@ -77,11 +77,8 @@ fn slice(tensor: &Host) -> &[f32] {
 
 fn prepare(tensor: Host) -> Host {
     use burn::backend::ops::FloatTensorOps;
-    let tensor = if tensor.dtype() == DType::F32 {
-        tensor
-    } else {
-        Flex::float_cast(tensor, burn::tensor::FloatDType::F32)
-    };
+    let tensor =
+        if tensor.dtype() == DType::F32 { tensor } else { Flex::float_cast(tensor, burn::tensor::FloatDType::F32) };
     tensor.to_contiguous()
 }
 

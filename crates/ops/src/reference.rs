@@ -27,9 +27,7 @@ pub fn weights(tau: &[f64]) -> Vec<f64> {
 /// ∂(Σ uᵢ wᵢ)/∂τ for fixed u.
 pub fn weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
     let (trans, w) = (transmittance(tau), weights(tau));
-    (0..tau.len())
-        .map(|i| u[i] * trans[i + 1] - (i + 1..tau.len()).map(|j| u[j] * w[j]).sum::<f64>())
-        .collect()
+    (0..tau.len()).map(|i| u[i] * trans[i + 1] - (i + 1..tau.len()).map(|j| u[j] * w[j]).sum::<f64>()).collect()
 }
 
 /// p = α/Σα, or `None` where Σα is below [`MIN_ALPHA_SUM`](crate::composite::MIN_ALPHA_SUM).
@@ -69,7 +67,11 @@ pub fn entropy_gradient(tau: &[f64], epsilon: f64) -> Vec<f64> {
 /// KL(P ‖ Q) in nats with ε in both logarithms; 0 where either ray hits nothing.
 pub fn information_gain(tau: &[f64], near: &[f64], epsilon: f64) -> f64 {
     let (Some(p), Some(_)) = (ray_density(tau), ray_density(near)) else { return 0.0 };
-    p.iter().zip(ln_density(tau, epsilon)).zip(ln_density(near, epsilon)).map(|((p, ln_p), ln_q)| p * (ln_p - ln_q)).sum()
+    p.iter()
+        .zip(ln_density(tau, epsilon))
+        .zip(ln_density(near, epsilon))
+        .map(|((p, ln_p), ln_q)| p * (ln_p - ln_q))
+        .sum()
 }
 
 /// (∂KL/∂τ, ∂KL/∂τ̃).

@@ -221,7 +221,8 @@ fn information_gain_of_random_rays() {
         let mut draws = Draws(4);
         for _ in 0..3 {
             let Rays { segments, tau } = Rays::random(&mut draws, 61);
-            let near: Vec<f32> = tau.iter().map(|tau| if draws.unit() < 0.2 { draws.tau() } else { tau * 1.3 }).collect();
+            let near: Vec<f32> =
+                tau.iter().map(|tau| if draws.unit() < 0.2 { draws.tau() } else { tau * 1.3 }).collect();
             check_gain(body, &segments, &tau, &near, &mut draws);
             check_gain(body, &segments, &near, &tau, &mut draws);
         }

@@ -66,6 +66,9 @@ pub struct OccupancyConfig {
     pub min_alpha: f32,
     /// Factor on a cell's remembered density at each update.
     pub decay: f32,
+    /// Whether cells that a training view's alpha channel shows to be background are empty for good; RGB images carve
+    /// nothing.
+    pub carve: bool,
 }
 
 /// A number out of range.
@@ -88,7 +91,12 @@ impl RenderConfig {
         };
         let o = &self.occupancy;
         check("samples", "2 to 4096", self.samples.to_string(), (2..=4096).contains(&self.samples))?;
-        check("samples_start", "0 or 2 to 4096", self.samples_start.to_string(), self.samples_start == 0 || (2..=4096).contains(&self.samples_start))?;
+        check(
+            "samples_start",
+            "0 or 2 to 4096",
+            self.samples_start.to_string(),
+            self.samples_start == 0 || (2..=4096).contains(&self.samples_start),
+        )?;
         check("fine_samples", "0 to 4096", self.fine_samples.to_string(), self.fine_samples <= 4096)?;
         check(
             "fine_samples",
@@ -105,7 +113,12 @@ impl RenderConfig {
         check("hidden_depth", "0 or more", self.hidden_depth.to_string(), self.hidden_depth >= 0.0)?;
         check("occupancy.resolution", "2 to 512", o.resolution.to_string(), (2..=512).contains(&o.resolution))?;
         check("occupancy.every", "1 or more", o.every.to_string(), o.every >= 1)?;
-        check("occupancy.min_alpha", "above 0, below 1", o.min_alpha.to_string(), o.min_alpha > 0.0 && o.min_alpha < 1.0)?;
+        check(
+            "occupancy.min_alpha",
+            "above 0, below 1",
+            o.min_alpha.to_string(),
+            o.min_alpha > 0.0 && o.min_alpha < 1.0,
+        )?;
         check("occupancy.decay", "0 to 1", o.decay.to_string(), (0.0..=1.0).contains(&o.decay))
     }
 }

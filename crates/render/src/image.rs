@@ -27,7 +27,12 @@ const CHUNK: usize = 1 << 15;
 const HIERARCHICAL_CHUNK: usize = 4096;
 
 /// Renders the picture that `camera` sees, without gradients: give the model as `valid()`.
-pub fn render_image(renderer: &Renderer, model: &Model, camera: &Camera, occupancy: Option<&OccupancyGrid>) -> RenderedImage {
+pub fn render_image(
+    renderer: &Renderer,
+    model: &Model,
+    camera: &Camera,
+    occupancy: Option<&OccupancyGrid>,
+) -> RenderedImage {
     let rays: Vec<Ray> = (0..camera.height)
         .flat_map(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))
         .map(|(x, y)| camera.ray(x, y))

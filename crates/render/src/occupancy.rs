@@ -54,7 +54,9 @@ impl OccupancyGrid {
 
     /// Whether an update is due at `step`.
     pub fn is_due(&self, step: usize) -> bool {
-        self.config.enabled && step >= self.config.warmup && (step - self.config.warmup).is_multiple_of(self.config.every)
+        self.config.enabled
+            && step >= self.config.warmup
+            && (step - self.config.warmup).is_multiple_of(self.config.every)
     }
 
     /// Asks the field again. `sigma` maps positions `[M, 3]` to densities `[M]`; `step_length` is the length of one
@@ -195,7 +197,15 @@ mod tests {
     use super::*;
 
     fn config() -> OccupancyConfig {
-        OccupancyConfig { enabled: true, resolution: 16, warmup: 10, every: 4, min_alpha: 0.01, decay: 0.9 }
+        OccupancyConfig {
+            enabled: true,
+            resolution: 16,
+            warmup: 10,
+            every: 4,
+            min_alpha: 0.01,
+            decay: 0.9,
+            carve: false,
+        }
     }
 
     #[test]

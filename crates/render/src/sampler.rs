@@ -6,7 +6,13 @@ use crate::{LastInterval, Noise, Placement};
 ///
 /// [`Placement::Left`]: NeRF's rule, `linspace(near, far, count)`, each jittered between the midpoints beside it.
 /// [`Placement::Mid`]: `count` equal intervals, one sample in the middle of each, or anywhere in it if jittered.
-pub(crate) fn stratified(near: f32, far: f32, count: usize, placement: Placement, jitter: Option<(Noise, usize)>) -> Vec<f32> {
+pub(crate) fn stratified(
+    near: f32,
+    far: f32,
+    count: usize,
+    placement: Placement,
+    jitter: Option<(Noise, usize)>,
+) -> Vec<f32> {
     let at = |u: f32| near * (1.0 - u) + far * u;
     let draw = |i: usize| jitter.map(|(noise, ray)| noise.uniform(ray, i));
     match placement {

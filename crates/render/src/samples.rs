@@ -27,8 +27,8 @@ impl Samples {
             .into_par_iter()
             .map(|chunk| {
                 let mut part = Part::default();
-                for index in chunk * CHUNK..((chunk + 1) * CHUNK).min(rays.len()) {
-                    part.add(&rays[index], of(index));
+                for (index, ray) in rays.iter().enumerate().skip(chunk * CHUNK).take(CHUNK) {
+                    part.add(ray, of(index));
                 }
                 part
             })

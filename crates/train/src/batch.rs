@@ -1,7 +1,7 @@
 //! Which rays a step looks at. Every choice is a pure function of (seed, step), so that a resumed run sees the same rays.
 
 use infonerf_render::Noise;
-use infonerf_scene::{Camera, Ray, Scene, ViewRegion, near_pose};
+use infonerf_scene::{Camera, Image, Ray, Scene, ViewRegion, near_pose};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -23,7 +23,8 @@ impl Pixels {
     /// The same pixels of cameras rotated about the world origin by up to `max_angle_deg`: one draw for all.
     pub(crate) fn near(&self, noise: Noise, max_angle_deg: f64) -> Vec<Ray> {
         // The same generator for each camera: one rotation a step.
-        let turned = |camera: &Camera| camera.with_pose(near_pose(&camera.to_world, &mut generator(noise), max_angle_deg));
+        let turned =
+            |camera: &Camera| camera.with_pose(near_pose(&camera.to_world, &mut generator(noise), max_angle_deg));
         Self { cameras: self.cameras.iter().map(turned).collect(), at: self.at.clone() }.rays()
     }
 }
@@ -34,7 +35,8 @@ struct Images {
     factor: u32,
     width: u32,
     height: u32,
-    rgb: Vec<Vec<[f32; 3]>>,
+    /// Colour and alpha of each pixel of each view; alpha is 1 where the view has none.
+    rgba: Vec<Vec<[f32; 4]>>,
 }
 
 /// Training images at every size that a run uses.
@@ -55,14 +57,21 @@ impl Pyramid {
                 factor,
                 width: width / factor,
                 height: height / factor,
-                rgb: scene.train.iter().map(|view| shrink(&view.image.rgb, width, height, factor)).collect(),
+                rgba: scene.train.iter().map(|view| shrink(&view.image, factor)).collect(),
             })
             .collect();
         Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), levels }
     }
 
     /// `rays` pixels of training images with their colours, `[R, 3]` row-major.
-    pub(crate) fn seen(&self, config: &TrainConfig, rays: usize, step: usize, progress: f64, noise: Noise) -> (Pixels, Vec<f32>) {
+    pub(crate) fn seen(
+        &self,
+        config: &TrainConfig,
+        rays: usize,
+        step: usize,
+        progress: f64,
+        noise: Noise,
+    ) -> (Pixels, Vec<f32>) {
         let [view, column, row] = [noise, noise.next(), noise.next().next()];
         let factor = config.factor_at(progress);
         let images = self.levels.iter().find(|images| images.factor == factor).unwrap_or(&self.levels[0]);
@@ -73,11 +82,11 @@ impl Pyramid {
                 .map(|i| {
                     let x = left + column.below(i, 0, columns as usize) as u32;
                     let y = top + row.below(i, 0, rows as usize) as u32;
-                    (view.below(i, 0, images.rgb.len()), x, y)
+                    (view.below(i, 0, images.rgba.len()), x, y)
                 })
                 .collect(),
             Batch::Image => {
-                let image = view.below(0, 0, images.rgb.len());
+                let image = view.below(0, 0, images.rgba.len());
                 let pixels = columns as usize * rows as usize;
                 rand::seq::index::sample(&mut generator(column), pixels, rays.min(pixels))
                     .into_iter()
@@ -85,7 +94,7 @@ impl Pyramid {
                     .collect()
             }
         };
-        let colors = at.iter().flat_map(|&(view, x, y)| images.rgb[view][(y * images.width + x) as usize]).collect();
+        let colors = at.iter().map(|&(view, x, y)| images.rgba[view][(y * images.width + x) as usize]).collect();
         let scale = images.factor as f32;
         let at = at.iter().map(|&(view, x, y)| (view, (x as f32 + 0.5) * scale, (y as f32 + 0.5) * scale)).collect();
         (Pixels { cameras: self.cameras.clone(), at }, colors)
@@ -93,22 +102,22 @@ impl Pyramid {
 }
 
 /// Means over squares of `factor` × `factor` pixels.
-fn shrink(rgb: &[[f32; 3]], width: u32, height: u32, factor: u32) -> Vec<[f32; 3]> {
-    if factor == 1 {
-        return rgb.to_vec();
-    }
+fn shrink(image: &Image, factor: u32) -> Vec<[f32; 4]> {
     let share = 1.0 / (factor * factor) as f32;
     let square = |x: u32, y: u32| {
-        let mut sum = [0.0; 3];
+        let mut sum = [0.0; 4];
         for (dx, dy) in (0..factor).flat_map(|dy| (0..factor).map(move |dx| (dx, dy))) {
-            let pixel = rgb[((y * factor + dy) * width + x * factor + dx) as usize];
-            for (sum, value) in sum.iter_mut().zip(pixel) {
+            let at = ((y * factor + dy) * image.width + x * factor + dx) as usize;
+            let [red, green, blue] = image.rgb[at];
+            let alpha = image.alpha.as_ref().map_or(1.0, |alpha| alpha[at]);
+            for (sum, value) in sum.iter_mut().zip([red, green, blue, alpha]) {
                 *sum += value * share;
             }
         }
         sum
     };
-    (0..height / factor).flat_map(|y| (0..width / factor).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
+    let (width, height) = (image.width / factor, image.height / factor);
+    (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
 }
 
 /// `rays` pixels of one unseen pose.
@@ -119,9 +128,8 @@ pub(crate) fn unseen(scene: &Scene, region: &ViewRegion, config: &TrainConfig, r
         Unseen::Dataset => scene.all_train_cameras[pose.below(0, 0, scene.all_train_cameras.len())].clone(),
     };
     let (width, height) = (camera.width as usize, camera.height as usize);
-    let at = (0..rays)
-        .map(|i| (0, column.below(i, 0, width) as f32 + 0.5, row.below(i, 0, height) as f32 + 0.5))
-        .collect();
+    let at =
+        (0..rays).map(|i| (0, column.below(i, 0, width) as f32 + 0.5, row.below(i, 0, height) as f32 + 0.5)).collect();
     Pixels { cameras: vec![camera], at }
 }
 

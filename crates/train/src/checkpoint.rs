@@ -149,7 +149,8 @@ impl Checkpoint {
             let path = folder.join(name);
             let bytes = fs::read(&path).map_err(|error| TrainError::file(&path, error))?;
             if bytes.len() as u64 != part.bytes || crc32fast::hash(&bytes) != part.crc32 {
-                let cause = format!("expected {} bytes with checksum {:08x}: the file is damaged", part.bytes, part.crc32);
+                let cause =
+                    format!("expected {} bytes with checksum {:08x}: the file is damaged", part.bytes, part.crc32);
                 return Err(TrainError::file(&path, cause));
             }
             Ok(Some(bytes))

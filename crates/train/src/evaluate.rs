@@ -80,19 +80,30 @@ pub struct Information {
     pub gain: f64,
 }
 
-/// Measures entropy and information gain on `count` random rays of the test views, without gradients.
+/// On which rays [`information`] is measured, and how.
+#[derive(Clone, Copy, Debug)]
+pub struct InformationQuery<'a> {
+    /// Direction, angle and ε of the gain.
+    pub gain: &'a GainConfig,
+    /// ε of the entropy.
+    pub epsilon: f32,
+    /// How many rays.
+    pub rays: usize,
+    /// Decides rays and neighbours.
+    pub seed: u64,
+}
+
+/// Measures entropy and information gain on random rays of the test views, without gradients; none for no rays.
 ///
-/// Rays, neighbours and samples depend on `seed` alone; hidden and empty samples are treated as in training.
+/// Hidden and empty samples are treated as in training.
 pub fn information(
     renderer: &Renderer,
     model: &Model,
     occupancy: Option<&OccupancyGrid>,
     scene: &Scene,
-    gain: &GainConfig,
-    epsilon: f32,
-    count: usize,
-    seed: u64,
+    query: InformationQuery<'_>,
 ) -> Option<Information> {
+    let InformationQuery { gain, epsilon, rays: count, seed } = query;
     const CHUNK: usize = 1024;
     if count == 0 || scene.test.is_empty() {
         return None;
@@ -106,7 +117,8 @@ pub fn information(
             .clone()
             .map(|i| {
                 let camera = &scene.test[noise.below(i, 0, scene.test.len())].camera;
-                let near = near_pose(&camera.to_world, &mut generator(Noise::new(seed, i as u64, 98)), gain.max_angle_deg);
+                let near =
+                    near_pose(&camera.to_world, &mut generator(Noise::new(seed, i as u64, 98)), gain.max_angle_deg);
                 let x = noise.uniform(i, 1) * camera.width as f32;
                 let y = noise.uniform(i, 2) * camera.height as f32;
                 (camera.ray(x, y), camera.with_pose(near).ray(x, y))

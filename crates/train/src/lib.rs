@@ -16,7 +16,7 @@ mod trainer;
 pub use checkpoint::{Checkpoint, Progress};
 pub use config::{Config, Preset};
 pub use error::TrainError;
-pub use evaluate::{Evaluation, Information, TestView, evaluate_view, information};
+pub use evaluate::{Evaluation, Information, InformationQuery, TestView, evaluate_view, information};
 pub use event::Event;
 pub use profile::{Phase, Profile};
 pub use trainer::{Outcome, Trainer};

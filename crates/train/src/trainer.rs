@@ -76,8 +76,13 @@ impl Trainer {
         let region = ViewRegion::new(&scene.train.iter().map(|view| view.camera.clone()).collect::<Vec<_>>());
         let model = build(config, &scene, seed, &device)?;
         let pyramid = Pyramid::new(&scene, &config.train);
-        let o = &config.render.occupancy;
-        let occupancy = o.enabled.then(|| OccupancyGrid::new(o, scene.bounds));
+        if (config.loss.alpha > 0.0 || config.render.occupancy.carve)
+            && scene.train.iter().any(|view| view.image.alpha.is_none())
+        {
+            let key = if config.loss.alpha > 0.0 { "loss.alpha" } else { "render.occupancy.carve" };
+            return Err(TrainError::config(key, "expected training images with an alpha channel: they have none"));
+        }
+        let occupancy = occupancy_grid(config, &scene);
         Ok(Self {
             optimiser: optimiser(config),
             config: config.clone(),
@@ -144,7 +149,8 @@ impl Trainer {
 
     /// The occupancy grid once it may be used.
     pub fn occupancy(&self) -> Option<&OccupancyGrid> {
-        self.occupancy.as_ref().filter(|_| self.progress.step > self.config.render.occupancy.warmup)
+        let o = &self.config.render.occupancy;
+        self.occupancy.as_ref().filter(|_| o.carve || self.progress.step > o.warmup)
     }
 
     /// Share of the run that is done: by the clock if there is a budget, else by steps.
@@ -214,8 +220,7 @@ impl Trainer {
         let restarts = self.progress.restarts + 1;
         self.model = build(&self.config, &self.scene, Noise::new(self.seed, restarts as u64, 0).bits(), &self.device)?;
         self.optimiser = optimiser(&self.config);
-        let o = &self.config.render.occupancy;
-        self.occupancy = o.enabled.then(|| OccupancyGrid::new(o, self.scene.bounds));
+        self.occupancy = occupancy_grid(&self.config, &self.scene);
         self.progress = Progress { step: 0, restarts, empty_steps: 0, ..self.progress.clone() };
         Ok(())
     }
@@ -226,7 +231,8 @@ impl Trainer {
         let noise = Noise::new(self.seed, step as u64, purpose::OCCUPANCY);
         let field = self.model.fine.valid();
         let length = self.renderer.step_length(progress);
-        self.profile.time(Phase::Occupancy, || grid.update(noise, length, |points| densities(&field, points, progress)));
+        self.profile
+            .time(Phase::Occupancy, || grid.update(noise, length, |points| densities(&field, points, progress)));
     }
 
     /// Rays of training images and of unseen poses for this step.
@@ -235,7 +241,8 @@ impl Trainer {
         if train.samples == 0 || self.progress.samples_a_ray <= 0.0 {
             return (train.rays, train.unseen_rays);
         }
-        let rays = (train.samples as f64 / self.progress.samples_a_ray).clamp(train.rays as f64 / 4.0, train.rays as f64 * 16.0);
+        let rays = (train.samples as f64 / self.progress.samples_a_ray)
+            .clamp(train.rays as f64 / 4.0, train.rays as f64 * 16.0);
         (rays as usize, (rays * train.unseen_rays as f64 / train.rays as f64) as usize)
     }
 
@@ -251,7 +258,8 @@ impl Trainer {
         let (ray_count, unseen_count) = self.ray_counts();
         let (seen, colors) =
             self.profile.time(Phase::Rays, || self.pyramid.seen(train, ray_count, step, done, noise(purpose::SEEN)));
-        let occupancy = self.occupancy.as_ref().filter(|_| step >= self.config.render.occupancy.warmup);
+        let o = &self.config.render.occupancy;
+        let occupancy = self.occupancy.as_ref().filter(|_| o.carve || step >= o.warmup);
         let wants_entropy = |counts: bool| (entropy_weight > 0.0 && counts).then_some(loss.entropy.epsilon);
 
         // Rays of training images.
@@ -263,9 +271,10 @@ impl Trainer {
         let mut counts = count(coarse.as_ref(), &fine);
         let samples_a_ray = counts.evaluated as f64 / rays.len() as f64;
         let mut ray_total = rays.len();
-        let shown = |c: &[f32]| c.iter().zip(self.scene.background).any(|(c, b)| (c - b).abs() > KEY_TOLERANCE);
-        let foreground: Vec<bool> = colors.chunks_exact(3).map(shown).collect();
-        let target = Tensor::<2>::from_data(TensorData::new(colors, [rays.len(), 3]), &self.device);
+        let shown = |c: &[f32; 4]| c.iter().zip(self.scene.background).any(|(c, b)| (c - b).abs() > KEY_TOLERANCE);
+        let foreground: Vec<bool> = colors.iter().map(shown).collect();
+        let channels = colors.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
+        let target = Tensor::<2>::from_data(TensorData::new(channels, [rays.len(), 3]), &self.device);
         let color = fine.color.clone().expect("colour was wanted");
         let mut rgb = photometric_loss(color, target.clone(), loss.rgb.norm);
         let mse = rgb.clone();
@@ -309,15 +318,16 @@ impl Trainer {
             let mut sum = Tensor::<1>::zeros([1], &self.device);
             let mut bundles = 0;
             let seen_pair = loss.gain.rays.seen().then_some((&seen, &fine));
-            let unseen_pair = unseen.as_ref().filter(|_| loss.gain.rays.unseen()).map(|(pixels, level)| (pixels, level));
+            let unseen_pair =
+                unseen.as_ref().filter(|_| loss.gain.rays.unseen()).map(|(pixels, level)| (pixels, level));
             for (pixels, level) in seen_pair.into_iter().chain(unseen_pair) {
                 if level.samples.segments.samples() == 0 {
                     continue;
                 }
                 let near = pixels.near(noise, loss.gain.max_angle_deg);
-                let tau = self.profile.time(Phase::Near, || {
-                    self.renderer.optical_depth_along(&self.model.fine, level, &near, progress)
-                });
+                let tau = self
+                    .profile
+                    .time(Phase::Near, || self.renderer.optical_depth_along(&self.model.fine, level, &near, progress));
                 counts += Counts::from(&level.samples);
                 ray_total += near.len();
                 sum = sum + gain_loss(level.tau.clone(), tau, &level.samples.segments, &loss.gain);
@@ -330,11 +340,18 @@ impl Trainer {
         }
 
         // Priors on opacity, and smoothness of the tables.
-        let pulls = foreground.iter().map(|&shown| opacity_weight + if shown { -loss.key.foreground } else { loss.key.background });
+        let pulls = foreground
+            .iter()
+            .map(|&shown| opacity_weight + if shown { -loss.key.foreground } else { loss.key.background });
         let pulls: Vec<f32> = pulls.collect();
         if pulls.iter().any(|pull| *pull != 0.0) {
             let pulls = Tensor::<1>::from_data(TensorData::new(pulls, [rays.len()]), &self.device);
             total = total + (fine.composite.acc.clone() * pulls).mean();
+        }
+        if loss.alpha > 0.0 {
+            let alphas: Vec<f32> = colors.iter().map(|color| color[3]).collect();
+            let alphas = Tensor::<1>::from_data(TensorData::new(alphas, [rays.len()]), &self.device);
+            total = total + (fine.composite.acc.clone() - alphas).square().mean() * loss.alpha;
         }
         if let Some((_, level)) = unseen.as_ref().filter(|_| opacity_weight > 0.0) {
             total = total + level.composite.acc.clone().mean() * opacity_weight;
@@ -409,6 +426,17 @@ fn build(config: &Config, scene: &Scene, seed: u64, device: &Device) -> Result<M
     };
     let coarse = if config.render.fine_samples > 0 { Some(field(seed.wrapping_add(1 << 32))?) } else { None };
     Ok(Model { coarse, fine: field(seed)? })
+}
+
+fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
+    let o = &config.render.occupancy;
+    o.enabled.then(|| {
+        let mut grid = OccupancyGrid::new(o, scene.bounds);
+        if o.carve {
+            grid.carve(&scene.train);
+        }
+        grid
+    })
 }
 
 fn optimiser(config: &Config) -> ModuleOptimizer {

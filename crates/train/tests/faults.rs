@@ -120,44 +120,48 @@ fn a_loss_that_is_not_finite_stops_the_run() {
         assert_eq!((*term, *step), ("RGB loss", 2));
         assert!(value.is_nan());
         let message = error.to_string();
-        assert!(message.contains("step 2") && message.contains("RGB loss") && message.lines().count() == 1, "{message}");
+        assert!(
+            message.contains("step 2") && message.contains("RGB loss") && message.lines().count() == 1,
+            "{message}"
+        );
         // The model is as it was before the step.
         assert_eq!(trainer.progress().step, 2);
         let folder = tempfile::tempdir().unwrap();
         good.save(folder.path()).unwrap();
         let before = fs::read(folder.path().join("checkpoint/model.bpk")).unwrap();
         trainer.checkpoint().unwrap().save(folder.path()).unwrap();
-        assert_eq!(before.len(), fs::read(folder.path().join("checkpoint/model.bpk")).unwrap().len());
+        assert!(before == fs::read(folder.path().join("checkpoint/model.bpk")).unwrap(), "the weights have changed");
     }
 }
 
 /// A field that is empty while the pictures are not starts over, and gives up when no start is left.
 #[test]
 fn an_empty_field_starts_over() {
-    // Nothing is learned, and the density of a ReLU field of this size is 0 almost everywhere for some seed.
+    // Nothing is learned, and the density of a ReLU field of this size is 0 everywhere for some seeds.
     let field = "field={kind=\"nerf\",layers=1,width=2,skip=1,position_octaves=0,direction_octaves=0,density=\"relu\",anneal=0.0}";
-    let config = config(&[field, "train.lr=0.0", "train.iterations=400", "train.restarts=1", "render.occupancy.enabled=false"]);
-    let mut outcomes = Vec::new();
-    for seed in 0..12 {
-        let mut trainer = trainer(&config, seed, &devices()[0]);
+    let run = |seed, restarts: usize| {
+        let restarts = format!("train.restarts={restarts}");
+        let settings = [field, &restarts, "train.lr=0.0", "train.iterations=60", "render.occupancy.enabled=false"];
+        let mut trainer = trainer(&config(&settings), seed, &devices()[0]);
         let mut collapses = Vec::new();
+        let mut report = |event| {
+            if let Event::Collapse { step, restarted } = event {
+                collapses.push((step, restarted));
+            }
+        };
         let outcome = loop {
-            let report = &mut |event| {
-                if let Event::Collapse { step, restarted } = event {
-                    collapses.push((step, restarted));
-                }
-            };
-            match trainer.step(report).unwrap() {
+            match trainer.step(&mut report).unwrap() {
                 Outcome::Running => {}
                 outcome => break outcome,
             }
         };
-        match outcome {
-            Outcome::Collapsed => assert_eq!(collapses, [(50, true), (50, false)], "seed {seed}"),
-            _ => assert!(collapses.iter().all(|&(_, restarted)| restarted), "seed {seed}: {collapses:?}"),
-        }
-        outcomes.push((outcome, collapses.len()));
+        (outcome, collapses, trainer.progress().restarts)
+    };
+    let collapsed: Vec<u64> =
+        (0..10).filter(|&seed| run(seed, 0) == (Outcome::Collapsed, vec![(50, false)], 0)).collect();
+    assert!(!collapsed.is_empty(), "no seed gives an empty field");
+    for seed in collapsed {
+        let (_, collapses, restarts) = run(seed, 1);
+        assert_eq!((collapses[0], restarts), ((50, true), 1), "seed {seed}");
     }
-    assert!(outcomes.contains(&(Outcome::Collapsed, 2)), "{outcomes:?}");
-    assert!(outcomes.contains(&(Outcome::Finished, 1)), "{outcomes:?}");
 }

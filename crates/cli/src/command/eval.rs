@@ -32,14 +32,16 @@ pub(crate) fn trained(plan: &RunPlan, folder: &std::path::Path, device: DeviceNa
     for reason in refused {
         eprintln!("warning: {reason}; using the checkpoint before it");
     }
-    let checkpoint = checkpoint.with_context(|| format!("{}: expected a checkpoint: the run has none yet", folder.display()))?;
+    let checkpoint =
+        checkpoint.with_context(|| format!("{}: expected a checkpoint: the run has none yet", folder.display()))?;
     let mut trainer = Trainer::new(&plan.config, run::load(plan)?, plan.seed, plan.budget, &device)?;
     trainer.resume(&checkpoint)?;
     Ok(trainer)
 }
 
 fn line(mean: &Evaluation) -> String {
-    let number = |value: Option<f64>, digits: usize| value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"));
+    let number =
+        |value: Option<f64>, digits: usize| value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"));
     format!(
         "PSNR {:6.2} dB  SSIM {}  GMSD {:.4}  sharpness {}  depth RMSE {}  {:.2} s",
         mean.comparison.psnr,

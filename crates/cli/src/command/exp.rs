@@ -1,7 +1,9 @@
 use std::process::ExitCode;
 
 use anyhow::Result;
-use infonerf_report::{Emphasis, Metric, Record, ReportInput, overview_table, protocol_lines, save_record, write_report};
+use infonerf_report::{
+    Emphasis, Metric, Record, ReportInput, overview_table, protocol_lines, save_record, write_report,
+};
 use infonerf_train::{Phase, Trainer};
 
 use crate::args::ExpArgs;
@@ -14,8 +16,8 @@ use crate::run::{Finished, Session};
 const INTERRUPTED: u8 = 130;
 
 pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
-    let experiment = Experiment::plan(args)?;
-    let (device, device_name) = device::open(args.device)?;
+    let experiment = Experiment::plan(&args.experiment, &args.selection, args.budget)?;
+    let (device, device_name) = device::open(args.selection.device)?;
     let session = Session { device, device_name, out: args.out.clone(), resume: args.resume };
     interrupt::install()?;
     announce(&experiment, device_name);
@@ -41,7 +43,8 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
             }
         }
     }
-    let records: Vec<Record> = records.into_iter().filter(|record| experiment.runs.iter().any(|plan| same(plan, record))).collect();
+    let records: Vec<Record> =
+        records.into_iter().filter(|record| experiment.runs.iter().any(|plan| same(plan, record))).collect();
     print_table(&records);
     let mut input = ReportInput::new(&experiment.name, &experiment.title, records);
     if experiment.data.is_none() {
@@ -97,6 +100,11 @@ fn print_profile(trainer: &Trainer) {
     );
     for phase in Phase::ALL {
         let spent = trainer.profile().spent(phase).as_secs_f64();
-        println!("    {:12} {:8.2} ms a step {:5.1} %", phase.name(), spent / steps * 1e3, 100.0 * spent / progress.seconds);
+        println!(
+            "    {:12} {:8.2} ms a step {:5.1} %",
+            phase.name(),
+            spent / steps * 1e3,
+            100.0 * spent / progress.seconds
+        );
     }
 }

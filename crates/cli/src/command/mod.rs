@@ -1,9 +1,11 @@
 //! One file for each subcommand.
 
+pub(crate) mod bench;
 mod eval;
 mod exp;
 mod render;
 mod scene;
+pub(crate) mod sweep;
 
 use std::process::ExitCode;
 
@@ -16,6 +18,9 @@ use crate::experiment;
 pub(crate) fn run(command: Command) -> Result<ExitCode> {
     match command {
         Command::Exp(args) => exp::run(&args),
+        Command::Sweep(args) => sweep::run(&args),
+        Command::SweepItem(args) => sweep::run_item(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Scene(command) => scene::run(&command),

@@ -9,24 +9,26 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-/// Seconds of work become milliseconds: a network of a few units, a few rays, two test views. Every part of the program
-/// has something to do: coarse and fine network, occupancy grid, unseen rays.
-const TINY: [&str; 15] = [
+/// Seconds of work become milliseconds: a few small tables, a few rays, two test views.
+const TINY: [&str; 18] = [
     "train.iterations=3",
     "train.rays=32",
     "train.unseen_rays=16",
+    "train.samples=400",
+    "train.checkpoint_every=2",
     "scene.size=24",
     "eval.test=first-2",
     "eval.information_rays=32",
-    "field.kind=nerf",
-    "field={kind=\"nerf\",layers=2,width=16,skip=1,position_octaves=4,direction_octaves=2,density=\"softplus\",anneal=0.5}",
-    "render.samples=12",
-    "render.fine_samples=8",
-    "render.occupancy.enabled=true",
+    "field.resolutions=[4,8]",
+    "field.channels=2",
+    "field.width=16",
+    "field.layers=1",
+    "render.samples=24",
+    "render.samples_start=12",
     "render.occupancy.resolution=8",
     "render.occupancy.warmup=1",
     "render.occupancy.every=1",
-    "train.checkpoint_every=2",
+    "loss.start=0.0",
 ];
 
 /// A folder that goes away after the test.

@@ -1,17 +1,22 @@
 //! The two inner loops of a dense layer with AVX2 and FMA: compilers do not keep their sums in registers by themselves.
 
+#![allow(clippy::needless_range_loop, reason = "plain loops over arrays are what becomes registers")]
 #![allow(unsafe_code, reason = "vector loads and stores take pointers; every access is checked against a slice first")]
 
-use std::arch::x86_64::{
-    _mm256_fmadd_ps, _mm256_loadu_ps, _mm256_set1_ps, _mm256_setzero_ps, _mm256_storeu_ps,
-};
+use std::arch::x86_64::{_mm256_fmadd_ps, _mm256_loadu_ps, _mm256_set1_ps, _mm256_setzero_ps, _mm256_storeu_ps};
 
 use super::dense::{BLOCK, LANES, TILE};
 
 /// sums[k] += Σᵢ w[k·stride + i] · x[i·BLOCK ..][..TILE]
 #[target_feature(enable = "avx2,fma")]
 #[inline]
-pub(super) fn accumulate<const O: usize>(w: &[f32], stride: usize, x: &[f32], inputs: usize, sums: &mut [[f32; TILE]; O]) {
+pub(super) fn accumulate<const O: usize>(
+    w: &[f32],
+    stride: usize,
+    x: &[f32],
+    inputs: usize,
+    sums: &mut [[f32; TILE]; O],
+) {
     if inputs == 0 {
         return;
     }
@@ -46,7 +51,12 @@ pub(super) fn accumulate<const O: usize>(w: &[f32], stride: usize, x: &[f32], in
 /// sums[k][j][l] = Σ over s ≡ l (mod 8), s < `used`, of dy[k·BLOCK + s] · x[j·BLOCK + s]
 #[target_feature(enable = "avx2,fma")]
 #[inline]
-pub(super) fn products<const O: usize, const I: usize>(dy: &[f32], x: &[f32], used: usize, sums: &mut [[[f32; LANES]; I]; O]) {
+pub(super) fn products<const O: usize, const I: usize>(
+    dy: &[f32],
+    x: &[f32],
+    used: usize,
+    sums: &mut [[[f32; LANES]; I]; O],
+) {
     assert!(used.is_multiple_of(LANES) && used <= BLOCK && dy.len() >= O * BLOCK && x.len() >= I * BLOCK);
     // SAFETY: rows of `dy` and `x` hold BLOCK numbers each, of which `used` are read, in whole vectors.
     unsafe {

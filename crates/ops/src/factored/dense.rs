@@ -161,7 +161,13 @@ fn products<const FMA: bool, const O: usize, const I: usize>(
 }
 
 #[inline(always)]
-fn add<const O: usize, const I: usize>(sums: &[[[f32; LANES]; I]; O], dw: &mut [f32], inputs: usize, o: usize, i: usize) {
+fn add<const O: usize, const I: usize>(
+    sums: &[[[f32; LANES]; I]; O],
+    dw: &mut [f32],
+    inputs: usize,
+    o: usize,
+    i: usize,
+) {
     for (k, sums) in sums.iter().enumerate() {
         for (j, sums) in sums.iter().enumerate() {
             dw[(o + k) * inputs + i + j] += sums.iter().sum::<f32>();

@@ -88,12 +88,22 @@ fn linear<const C: usize>(line: &[f32], (i, a): (usize, f32)) -> [f32; C] {
 
 /// Features of one level into rows `0..3C` of `x`.
 #[inline(always)]
-pub(super) fn level_features<const C: usize>(level: &Level, weight: f32, tables: &[f32], positions: &Block, x: &mut [f32], samples: usize) {
+pub(super) fn level_features<const C: usize>(
+    level: &Level,
+    weight: f32,
+    tables: &[f32],
+    positions: &Block,
+    x: &mut [f32],
+    samples: usize,
+) {
     let res = level.resolution;
     for s in 0..samples {
         let at = [texel(positions[0][s], res), texel(positions[1][s], res), texel(positions[2][s], res)];
         for (p, [a, b, c]) in PLANES.into_iter().enumerate() {
-            let plane = bilinear::<C>(&tables[level.plane(p)..level.plane(p) + level.plane_len()], &corners::<C>(res, at[a], at[b]));
+            let plane = bilinear::<C>(
+                &tables[level.plane(p)..level.plane(p) + level.plane_len()],
+                &corners::<C>(res, at[a], at[b]),
+            );
             let line = linear::<C>(&tables[level.line(p)..level.line(p) + level.line_len()], at[c]);
             for k in 0..C {
                 x[(p * C + k) * BLOCK + s] = weight * plane[k] * line[k];

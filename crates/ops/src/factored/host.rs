@@ -86,8 +86,11 @@ impl Kernel for FactoredKernel {
         let dx_len = (layout.features() - first) * BLOCK;
         let blocks = self.samples().div_ceil(BLOCK);
         let per_group = blocks.div_ceil(GROUPS).max(1);
-        let transposed: Vec<Vec<f32>> =
-            layout.layers.iter().map(|layer| dense::transposed(&weights[layer.weight..], layer.inputs, layer.outputs)).collect();
+        let transposed: Vec<Vec<f32>> = layout
+            .layers
+            .iter()
+            .map(|layer| dense::transposed(&weights[layer.weight..], layer.inputs, layer.outputs))
+            .collect();
 
         // The MLP, block by block; what goes on to the tables is kept for all samples.
         let mut dx = vec![0.0; blocks * dx_len];
@@ -267,7 +270,8 @@ struct Backward<'a> {
 impl Job for Backward<'_> {
     #[inline(always)]
     fn run<const FMA: bool>(self) {
-        let Self { kernel, transposed, activations, output, grad, directions, samples, first, scratch, dweights, dx } = self;
+        let Self { kernel, transposed, activations, output, grad, directions, samples, first, scratch, dweights, dx } =
+            self;
         let layout = &kernel.layout;
         let outputs = kernel.outputs();
         let dout = &mut scratch.dout[..kernel.raw() * BLOCK];

@@ -18,7 +18,10 @@ pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Layout, query: &Que
     }
     let mut x = Tensor::cat(features, 1);
     for (index, layer) in layout.layers.iter().enumerate() {
-        let w = weights.clone().narrow(0, layer.weight, layer.inputs * layer.outputs).reshape([layer.outputs, layer.inputs]);
+        let w = weights
+            .clone()
+            .narrow(0, layer.weight, layer.inputs * layer.outputs)
+            .reshape([layer.outputs, layer.inputs]);
         let bias = weights.clone().narrow(0, layer.bias(), layer.outputs).unsqueeze::<2>();
         x = x.matmul(w.transpose()) + bias;
         if index + 1 < layout.layers.len() {
@@ -64,9 +67,7 @@ fn product(tables: &Tensor<1>, level: &Level, p: usize, [a, b, c]: [usize; 3], p
     let (res, channels) = (level.resolution, level.channels);
     let table = |start, rows| tables.clone().narrow(0, start, rows * channels).reshape([rows, channels]);
     let (plane, line) = (table(level.plane(p), res * res), table(level.line(p), res));
-    let at = |axis: usize| -> Vec<(usize, f32)> {
-        positions.chunks_exact(3).map(|u| texel(u[axis], res)).collect()
-    };
+    let at = |axis: usize| -> Vec<(usize, f32)> { positions.chunks_exact(3).map(|u| texel(u[axis], res)).collect() };
     let (a, b, c) = (at(a), at(b), at(c));
     let gather = |table: &Tensor<2>, rows: Vec<i32>, weights: Vec<f32>| {
         let device = table.device();

@@ -57,7 +57,8 @@ mod host {
     impl VariationKernel {
         /// `(first number, resolution, channels)` of every plane.
         fn planes(&self) -> Vec<(usize, usize, usize)> {
-            let of_level = |level: &super::super::Level| [0, 1, 2].map(|p| (level.plane(p), level.resolution, level.channels));
+            let of_level =
+                |level: &super::super::Level| [0, 1, 2].map(|p| (level.plane(p), level.resolution, level.channels));
             self.layout.levels.iter().flat_map(of_level).collect()
         }
     }
@@ -68,14 +69,16 @@ mod host {
         }
 
         fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-            let squares = |a: &[f32], b: &[f32]| f64::from(a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>());
+            let squares =
+                |a: &[f32], b: &[f32]| f64::from(a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>());
             let parts: Vec<f64> = self
                 .planes()
                 .into_par_iter()
                 .map(|(start, r, c)| {
                     let plane = &inputs[0][start..start + r * r * c];
                     let rows: f64 = plane.chunks_exact(r * c).map(|row| squares(&row[c..], &row[..(r - 1) * c])).sum();
-                    let columns: f64 = (1..r).map(|y| squares(&plane[y * r * c..(y + 1) * r * c], &plane[(y - 1) * r * c..])).sum();
+                    let columns: f64 =
+                        (1..r).map(|y| squares(&plane[y * r * c..(y + 1) * r * c], &plane[(y - 1) * r * c..])).sum();
                     (rows + columns) * f64::from(weight(r))
                 })
                 .collect();
@@ -91,7 +94,8 @@ mod host {
                 let (own, others) = std::mem::take(&mut rest).split_at_mut(level.len());
                 rest = others;
                 let planes = own[..].chunks_exact_mut(level.plane_len()).take(3);
-                tasks.extend(planes.enumerate().map(|(p, out)| (level.plane(p), level.resolution, level.channels, out)));
+                tasks
+                    .extend(planes.enumerate().map(|(p, out)| (level.plane(p), level.resolution, level.channels, out)));
             }
             tasks.into_par_iter().for_each(|(start, r, c, out)| {
                 let plane = &tables[start..start + r * r * c];

@@ -61,6 +61,8 @@ pub struct LossConfig {
     pub opacity: OpacityConfig,
     /// What the known background colour says about opacity.
     pub key: KeyConfig,
+    /// Weight of mean (acc − alpha)²: supervision by the alpha channel, which photographs do not have; 0 uses RGB only.
+    pub alpha: f32,
     /// Total variation of a field's tables.
     pub variation: VariationConfig,
 }
@@ -288,6 +290,7 @@ impl Config {
         number("loss.opacity.until", self.loss.opacity.until, 0.0, 1.0)?;
         number("loss.key.background", f64::from(self.loss.key.background), 0.0, 1e6)?;
         number("loss.key.foreground", f64::from(self.loss.key.foreground), 0.0, 1e6)?;
+        number("loss.alpha", f64::from(self.loss.alpha), 0.0, 1e6)?;
         number("loss.variation.weight", f64::from(self.loss.variation.weight), 0.0, 1e6)?;
         number("loss.variation.last", f64::from(self.loss.variation.last), 1e-9, 1e9)?;
         number("loss.gain.weight", f64::from(self.loss.gain.weight), 0.0, 1e6)?;

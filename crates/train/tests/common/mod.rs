@@ -6,36 +6,61 @@ use burn::tensor::Device;
 use infonerf_scene::{Scene, SceneRequest, SceneSource, TestProtocol, ViewSelection};
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer, config};
 
-/// Everything on: coarse and fine network, occupancy grid, jitter, all loss terms, unseen rays.
-const SETTINGS: [&str; 20] = [
-    "train.iterations=12",
-    "train.rays=24",
-    "train.unseen_rays=12",
+/// The field of the paper, everything on: coarse and fine network, occupancy grid, jitter, all loss terms, unseen rays.
+const PAPER: [&str; 13] = [
     "field={kind=\"nerf\",layers=3,width=16,skip=1,position_octaves=4,direction_octaves=2,density=\"softplus\",anneal=0.5}",
     "render.samples=10",
     "render.fine_samples=6",
     "render.jitter=true",
-    "render.min_transmittance=1e-3",
     "render.occupancy.enabled=true",
     "render.occupancy.resolution=8",
     "render.occupancy.warmup=2",
     "render.occupancy.every=3",
-    "loss.entropy.weight=1e-3",
     "loss.entropy.rays=all",
-    "loss.entropy.mask.threshold=0.0",
     "loss.gain.weight=1e-3",
     "loss.gain.rays=all",
     "loss.gain.halve_every=4",
-    "eval.information_rays=16",
-    "eval.test=first-2",
+    "train.lr_decay={kind=\"run\",last=0.1}",
 ];
 
-pub fn config(settings: &[&str]) -> Config {
-    let mut table = Preset::Fast.table();
-    for setting in SETTINGS.iter().chain(settings) {
+/// The quick field, likewise.
+const FAST: [&str; 10] = [
+    "field.resolutions=[4,8,16]",
+    "field.channels=2",
+    "field.width=16",
+    "field.layers=1",
+    "render.samples=24",
+    "render.samples_start=12",
+    "render.occupancy.resolution=8",
+    "render.occupancy.warmup=2",
+    "render.occupancy.every=3",
+    "loss.gain.weight=1e-3",
+];
+
+const BOTH: [&str; 5] = [
+    "train.iterations=12",
+    "train.rays=24",
+    "train.unseen_rays=12",
+    "eval.information_rays=16",
+    "loss.entropy.mask.threshold=0.0",
+];
+
+fn configured(preset: Preset, settings: &[&[&str]]) -> Config {
+    let mut table = preset.table();
+    for setting in settings.iter().copied().flatten() {
         config::assign(&mut table, setting).unwrap();
     }
     Config::from_table(table).unwrap()
+}
+
+/// A tiny run of the paper's field with `settings` on top.
+pub fn config(settings: &[&str]) -> Config {
+    configured(Preset::Paper, &[&BOTH, &PAPER, settings])
+}
+
+/// The same of both kinds of field.
+pub fn configs() -> [Config; 2] {
+    [config(&[]), configured(Preset::Fast, &[&BOTH, &FAST, &["train.samples=400", "loss.start=0.2"]])]
 }
 
 pub fn scene() -> Scene {
@@ -70,19 +95,9 @@ pub fn steps(trainer: &mut Trainer, count: usize) -> Vec<Event> {
 
 fn timeless(event: Event) -> Event {
     match event {
-        Event::Step { step, loss, rgb, entropy, gain, psnr, lr, acc, evaluated, .. } => Event::Step {
-            step,
-            seconds: 0.0,
-            loss,
-            rgb,
-            entropy,
-            gain,
-            psnr,
-            lr,
-            rays_per_second: 0.0,
-            acc,
-            evaluated,
-        },
+        Event::Step { step, loss, rgb, entropy, gain, psnr, lr, acc, evaluated, .. } => {
+            Event::Step { step, seconds: 0.0, loss, rgb, entropy, gain, psnr, lr, rays_per_second: 0.0, acc, evaluated }
+        }
         other => other,
     }
 }

@@ -1,0 +1,149 @@
+//! What holds for every ray, whatever its samples.
+
+mod common;
+
+use burn::tensor::Tensor;
+use common::{Body, floats, matrix, vector};
+use infonerf_ops::{Composite, Segments, composite};
+use proptest::prelude::*;
+
+/// Roundings of `f32` sums over a ray.
+const TOLERANCE: f64 = 1e-5;
+
+/// Optical depths from the thinnest to the opaque, zeros among them.
+fn tau() -> impl Strategy<Value = f32> {
+    prop_oneof![1 => Just(0.0), 8 => (-8f32..2.5).prop_map(|e| 10f32.powf(e)), 1 => Just(1e10)]
+}
+
+fn ray() -> impl Strategy<Value = Vec<f32>> {
+    prop::collection::vec(tau(), 1..40)
+}
+
+fn rays() -> impl Strategy<Value = Vec<Vec<f32>>> {
+    prop::collection::vec(prop::collection::vec(tau(), 0..12), 1..12)
+}
+
+fn body() -> impl Strategy<Value = Body> {
+    prop::sample::select(Body::ALL.to_vec())
+}
+
+/// Any value per sample, decided by its place.
+fn value(index: usize) -> f32 {
+    (index as f32 * 0.7).sin()
+}
+
+fn packed(rows: &[Vec<f32>]) -> (Segments, Vec<f32>) {
+    (Segments::from_counts(rows.iter().map(Vec::len)), rows.concat())
+}
+
+fn run(body: Body, rows: &[Vec<f32>], values: &[f32], epsilon: f32) -> Composite {
+    let (segments, tau) = packed(rows);
+    let device = body.device();
+    body.composite(vector(&tau, &device), matrix(values, 1, &device), &segments, Some(epsilon))
+}
+
+fn values(count: usize) -> Vec<f32> {
+    (0..count).map(value).collect()
+}
+
+fn single(body: Body, ray: &[f32], values: &[f32]) -> [f64; 4] {
+    let out = run(body, &[ray.to_vec()], values, 0.0);
+    let first = |tensor: Tensor<1>| floats(tensor)[0];
+    [floats(out.values)[0], first(out.acc), first(out.alpha_sum), first(out.entropy)]
+}
+
+fn gain(body: Body, p: &[f32], q: &[f32]) -> f64 {
+    let device = body.device();
+    let segments = Segments::uniform(1, p.len());
+    floats(body.gain(vector(p, &device), vector(q, &device), &segments, 1e-10))[0]
+}
+
+fn close(a: f64, b: f64) -> bool {
+    (a - b).abs() <= TOLERANCE * (1.0 + a.abs())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(96))]
+
+    /// w ∈ [0, 1], and what does not stop in the ray leaves it: Σ w + e^{−Σ τ} = 1.
+    #[test]
+    fn weights_share_out_the_light(body in body(), tau in ray()) {
+        let w = composite::weights(&tau, &Segments::uniform(1, tau.len()));
+        prop_assert!(w.iter().all(|w| (0.0..=1.0).contains(w)), "{w:?}");
+        let leaves = (-tau.iter().map(|&tau| f64::from(tau)).sum::<f64>()).exp();
+        let sum: f64 = w.iter().map(|&w| f64::from(w)).sum();
+        prop_assert!(close(sum + leaves, 1.0));
+        // The weights on the host are those that the operation integrates with.
+        for (i, &w) in w.iter().enumerate() {
+            let mut one = vec![0.0; tau.len()];
+            one[i] = 1.0;
+            prop_assert!(close(single(body, &tau, &one)[0], f64::from(w)));
+        }
+        prop_assert!(close(single(body, &tau, &values(tau.len()))[1], sum));
+    }
+
+    /// 0 ≤ H ≤ log₂ N, and H = log₂ N only if all samples are equally opaque.
+    #[test]
+    fn entropy_is_bounded(body in body(), tau in ray(), even in tau(), count in 1usize..40) {
+        let bits = single(body, &tau, &values(tau.len()))[3];
+        prop_assert!(bits >= -TOLERANCE && bits <= (tau.len() as f64).log2() + TOLERANCE, "{bits}");
+        let bits = single(body, &vec![even; count], &values(count))[3];
+        let most = if even > 0.0 { (count as f64).log2() } else { 0.0 };
+        prop_assert!(close(most, bits), "{bits}");
+    }
+
+    /// Entropy and Σα ask how opacity is spread, not where; so does opacity.
+    #[test]
+    fn entropy_knows_no_order(body in body(), (tau, other) in ray().prop_flat_map(|r| (Just(r.clone()), Just(r).prop_shuffle()))) {
+        let [a, b] = [&tau, &other].map(|tau| single(body, tau, &values(tau.len())));
+        for i in 1..4 {
+            prop_assert!(close(a[i], b[i]), "{a:?} {b:?}");
+        }
+    }
+
+    /// Gibbs' inequality, and equality for equal rays. With ε inside the logarithms it holds up to N ε.
+    #[test]
+    fn divergence_is_not_negative(body in body(), pairs in prop::collection::vec((tau(), tau()), 1..40)) {
+        let (p, q): (Vec<f32>, Vec<f32>) = pairs.into_iter().unzip();
+        let divergence = gain(body, &p, &q);
+        prop_assert!(divergence >= -TOLERANCE && divergence <= -1e-10f64.ln() + TOLERANCE, "{divergence}");
+        prop_assert!(gain(body, &p, &p).abs() <= TOLERANCE);
+    }
+
+    /// An interval cut in two with the same value composites to the same.
+    #[test]
+    fn cutting_an_interval_changes_no_picture(body in body(), tau in ray(), at in any::<prop::sample::Index>(), share in 0f32..1.0) {
+        let at = at.index(tau.len());
+        let (mut cut, mut cut_values) = (tau.clone(), values(tau.len()));
+        cut.splice(at..=at, [tau[at] * share, tau[at] * (1.0 - share)]);
+        cut_values.insert(at, value(at));
+        let (whole, cut) = (single(body, &tau, &values(tau.len())), single(body, &cut, &cut_values));
+        prop_assert!(close(whole[0], cut[0]) && close(whole[1], cut[1]), "{whole:?} {cut:?}");
+    }
+
+    /// Rays do not know of each other.
+    #[test]
+    fn each_ray_by_itself(body in body(), rows in rays(), turn in any::<prop::sample::Index>()) {
+        let by_ray = |rows: &[Vec<f32>]| {
+            let own: Vec<f32> = rows.iter().flat_map(|row| values(row.len())).collect();
+            let out = run(body, rows, &own, 1e-10);
+            let (segments, tau) = packed(rows);
+            let device = body.device();
+            let near: Vec<f32> = tau.iter().map(|tau| tau * 0.5 + 0.1).collect();
+            let gain = body.gain(vector(&tau, &device), vector(&near, &device), &segments, 1e-10);
+            let columns = [floats(out.values), floats(out.acc), floats(out.alpha_sum), floats(out.entropy), floats(gain)];
+            (0..rows.len()).map(|ray| columns.each_ref().map(|column| column[ray])).collect::<Vec<_>>()
+        };
+        let turn = turn.index(rows.len());
+        let mut together = by_ray(&rows);
+        together.rotate_left(turn);
+        let mut turned = rows.clone();
+        turned.rotate_left(turn);
+        let alone: Vec<[f64; 5]> = turned.iter().flat_map(|row| by_ray(std::slice::from_ref(row))).collect();
+        for (other, what) in [(by_ray(&turned), "turned"), (alone, "alone")] {
+            for (a, b) in together.iter().flatten().zip(other.iter().flatten()) {
+                prop_assert!(close(*a, *b), "{}: {} {}", what, a, b);
+            }
+        }
+    }
+}
