@@ -27,9 +27,9 @@ doc:
 ci:
     .ci/run
 
-# Where a run's time goes, phase by phase, and what skipping saved
-bench NAME="synthetic-4view" *ARGS:
-    cargo run --release -- exp "${1:-synthetic-4view}" --profile "${@:2}"
+# Where the time of a run goes, phase by phase, and what skipping saved; the same arguments as `exp`
+bench *ARGS:
+    cargo run --release -- exp synthetic-4view --profile "$@"
 
 # What a test on a GPU through wgpu needs; it tests nothing yet
 test-wgpu:

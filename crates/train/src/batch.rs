@@ -63,7 +63,7 @@ impl Pyramid {
         Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), levels }
     }
 
-    /// `rays` pixels of training images with their colours, `[R, 3]` row-major.
+    /// `rays` pixels of training images with their colours and alphas.
     pub(crate) fn seen(
         &self,
         config: &TrainConfig,
@@ -71,7 +71,7 @@ impl Pyramid {
         step: usize,
         progress: f64,
         noise: Noise,
-    ) -> (Pixels, Vec<f32>) {
+    ) -> (Pixels, Vec<[f32; 4]>) {
         let [view, column, row] = [noise, noise.next(), noise.next().next()];
         let factor = config.factor_at(progress);
         let images = self.levels.iter().find(|images| images.factor == factor).unwrap_or(&self.levels[0]);

@@ -51,3 +51,11 @@ pub(crate) enum BenchName {
     /// Seconds a frame by image size.
     Render,
 }
+
+impl std::fmt::Display for BenchName {
+    /// As written on the command line.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let value = self.to_possible_value();
+        f.write_str(value.as_ref().map_or("bench", |value| value.get_name()))
+    }
+}

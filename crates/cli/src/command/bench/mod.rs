@@ -1,6 +1,35 @@
-//! `infonerf bench`.
+//! `infonerf bench`: how fast, and what speed costs.
+//!
+//! Each benchmark is one file with one function that measures, prints a table, and writes `results.json` and pictures.
+
 mod args;
-pub(crate) use args::{BENCH_EXAMPLES, BenchArgs, BenchName};
-pub(crate) fn run(_: &BenchArgs) -> anyhow::Result<std::process::ExitCode> {
-    anyhow::bail!("not yet")
+mod context;
+mod output;
+mod pareto;
+mod render;
+mod scale;
+mod skip;
+mod step;
+mod trial;
+
+use std::process::ExitCode;
+
+use anyhow::Result;
+
+use args::BenchName;
+pub(crate) use args::{BENCH_EXAMPLES, BenchArgs};
+use context::Bench;
+
+pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
+    let bench = Bench::new(args)?;
+    println!("{bench}");
+    match args.name {
+        BenchName::Pareto => pareto::run(&bench, args),
+        BenchName::Skip => skip::run(&bench, args),
+        BenchName::Step => step::run(&bench, args),
+        BenchName::Scale => scale::run(&bench, args),
+        BenchName::Render => render::run(&bench, args),
+    }?;
+    println!("\nresults: {}", bench.folder.display());
+    Ok(ExitCode::SUCCESS)
 }
