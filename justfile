@@ -27,9 +27,9 @@ doc:
 ci:
     .ci/run
 
-# Where the time of a run goes, phase by phase, and what skipping saved; the same arguments as `exp`
-bench *ARGS:
-    cargo run --release -- exp synthetic-4view --profile "$@"
+# Measure speed: just bench pareto, skip, step, scale or render
+bench NAME *ARGS:
+    cargo run --release -- bench "$@"
 
 # What a test on a GPU through wgpu needs; it tests nothing yet
 test-wgpu:

@@ -15,6 +15,7 @@ use crate::args::{PresetName, Selection};
 /// The experiments that are built in.
 const BUILT_IN: &[(&str, &str)] = &[
     ("synthetic-4view", include_str!("../../../experiments/synthetic-4view.toml")),
+    ("synthetic-4view-losses", include_str!("../../../experiments/synthetic-4view-losses.toml")),
     ("synthetic-4view-alpha", include_str!("../../../experiments/synthetic-4view-alpha.toml")),
 ];
 
@@ -172,7 +173,8 @@ impl Experiment {
         let mut runs = Vec::new();
         for (scene, source) in &scenes {
             for variant in &names {
-                let config = variant_config(&table, &variants, variant, &args.set)?;
+                let config =
+                    variant_config(&table, &variants, variant, &args.set).with_context(|| experiment.to_owned())?;
                 for &seed in &seeds {
                     runs.push(RunPlan {
                         experiment: name.clone(),

@@ -309,6 +309,42 @@ fn an_experiment_file_changes_another() {
     assert!(record["train_seconds"].as_f64().unwrap() >= 0.3 && record["iterations"].as_u64().unwrap() > 3);
 }
 
+/// The networks of the paper, small: hierarchical sampling, and the released code's infinite last interval.
+#[test]
+fn the_presets_of_the_paper_run() {
+    let place = Workplace::new();
+    let settings = [
+        "train.iterations=3",
+        "train.rays=32",
+        "train.unseen_rays=16",
+        "train.center_steps=2",
+        "loss.gain.weight=1e-5",
+        "scene.size=24",
+        "eval.test=first-1",
+        "eval.information_rays=32",
+        "field.layers=2",
+        "field.width=16",
+        "field.skip=1",
+        "render.samples=12",
+        "render.fine_samples=8",
+    ];
+    let settings: Vec<&str> = settings.iter().flat_map(|setting| ["--set", setting]).collect();
+    for preset in ["paper", "released"] {
+        for device in ["flex", "ndarray"] {
+            let exp = ["exp", "synthetic-4view", "--scene", "castle", "--variant", "infonerf", "--preset", preset];
+            place.run(&exp).args(&settings).args(&["--device", device, "--out", device]).succeeds();
+        }
+        let [flex, ndarray] = ["flex", "ndarray"].map(|device| {
+            let records = records(&place.path(device).join("synthetic-4view"));
+            records.into_iter().find(|record| record["preset"] == preset).unwrap()
+        });
+        for key in ["psnr", "depth_rmse", "ray_entropy_bits"] {
+            let [a, b] = [&flex, &ndarray].map(|record| record[key].as_f64().unwrap());
+            assert!((a - b).abs() < 1e-3 * (1.0 + a.abs()), "{preset}, {key}: {a} on flex, {b} on ndarray");
+        }
+    }
+}
+
 #[test]
 fn help_can_be_learned_from() {
     let place = Workplace::new();

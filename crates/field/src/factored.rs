@@ -63,17 +63,24 @@ impl FactoredField {
 
     pub(crate) fn evaluate(&self, points: Points<'_>, color: bool, progress: f32) -> Sampled {
         let [low, high] = self.bounds;
-        let positions: Arc<[f32]> = points
-            .positions
-            .chunks_exact(3)
-            .flat_map(|p| [0, 1, 2].map(|axis| (p[axis] - low[axis]) / (high[axis] - low[axis])))
-            .collect();
+        let scale = [0, 1, 2].map(|axis| 1.0 / (high[axis] - low[axis]));
+        let mut positions = points.positions.to_vec();
+        for p in positions.chunks_exact_mut(3) {
+            for axis in 0..3 {
+                p[axis] = (p[axis] - low[axis]) * scale[axis];
+            }
+        }
+        let positions: Arc<[f32]> = positions.into();
         let samples = positions.len() / 3;
         let open = if self.config.anneal > 0.0 { (progress / self.config.anneal).min(1.0) } else { 1.0 };
         let directions: Arc<[f32]> = if color && self.config.view_dependent {
-            let of_ray = |ray: usize| &points.directions[3 * ray..3 * ray + 3];
-            let rays = points.segments.ranges().enumerate();
-            rays.flat_map(|(ray, range)| range.flat_map(move |_| of_ray(ray))).copied().collect()
+            let mut directions = Vec::with_capacity(3 * samples);
+            for (ray, range) in points.directions.chunks_exact(3).zip(points.segments.ranges()) {
+                for _ in range {
+                    directions.extend_from_slice(ray);
+                }
+            }
+            directions.into()
         } else {
             Arc::new([])
         };

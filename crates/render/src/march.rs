@@ -54,10 +54,19 @@ pub(crate) fn march(
         let sampled = field.evaluate(points, true, 1.0);
         let sigma = to_host(sampled.sigma);
         let color = to_host(sampled.color.expect("colour was asked for"));
-        for (index, &ray) in active.iter().enumerate() {
+        let mut advancing = active.iter().copied().enumerate().peekable();
+        let in_turn: Vec<(usize, &mut Marched)> = marched
+            .iter_mut()
+            .enumerate()
+            .filter_map(|(ray, marched)| {
+                let (index, _) = advancing.next_if(|(_, active)| *active == ray)?;
+                Some((index, marched))
+            })
+            .collect();
+        in_turn.into_par_iter().for_each(|(index, ray)| {
             let range = segments.range(index);
-            marched[ray].advance(&sigma[range.clone()], &color[3 * range.start..3 * range.end]);
-        }
+            ray.advance(&sigma[range.clone()], &color[3 * range.start..3 * range.end]);
+        });
         active.retain(|&ray| {
             let ray = &marched[ray];
             ray.next < ray.steps.len() && ray.trans > renderer.min_transmittance()

@@ -19,6 +19,8 @@ pub struct OccupancyGrid {
     occupied: Vec<bool>,
     carved: Vec<bool>,
     asked_before: bool,
+    /// The smallest box around all occupied cells.
+    tight: Aabb,
 }
 
 impl OccupancyGrid {
@@ -33,6 +35,7 @@ impl OccupancyGrid {
             occupied: vec![true; cells],
             carved: vec![false; cells],
             asked_before: false,
+            tight: bounds,
         }
     }
 
@@ -50,6 +53,7 @@ impl OccupancyGrid {
             *known |= carved;
             *occupied &= !*known;
         }
+        self.tighten();
     }
 
     /// Whether an update is due at `step`.
@@ -84,6 +88,7 @@ impl OccupancyGrid {
                 self.occupied[cell] = true;
             }
         }
+        self.tighten();
         alive
     }
 
@@ -118,6 +123,23 @@ impl OccupancyGrid {
         self.cell(p).is_none_or(|cell| self.occupied[cell])
     }
 
+    /// A box that holds every occupied cell: outside it, but inside the grid's bounds, there is nothing.
+    pub fn tight_bounds(&self) -> Aabb {
+        self.tight
+    }
+
+    fn tighten(&mut self) {
+        let occupied = (0..self.occupied.len()).filter(|&cell| self.occupied[cell]).map(|cell| self.coordinates(cell));
+        let corners = occupied.fold(None, |corners: Option<(Vec3, Vec3)>, cell| {
+            let (low, high) = corners.unwrap_or((cell, cell));
+            Some((low.min(cell), high.max(cell)))
+        });
+        self.tight = corners.map_or(self.bounds, |(low, high)| Aabb {
+            min: self.bounds.min + low * self.cell_size(),
+            max: self.bounds.min + (high + 1.0) * self.cell_size(),
+        });
+    }
+
     /// The remembered density at `p` if there may be something, else none. Outside the box it is 0.
     pub fn occupied_density(&self, p: Vec3) -> Option<f32> {
         match self.cell(p) {
@@ -146,6 +168,7 @@ impl OccupancyGrid {
         }
         self.asked_before = density.iter().any(|d| *d > 0.0);
         (self.density, self.occupied) = (density, occupied);
+        self.tighten();
         Ok(())
     }
 

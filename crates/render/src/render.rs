@@ -206,11 +206,17 @@ impl Renderer {
         let Some((near, far)) = self.interval(ray) else { return Vec::new() };
         let count = ((far - near) / step).ceil().max(1.0);
         let length = (far - near) / count;
-        let at = (0..count as usize).map(|i| (near + (i as f32 + shift) * length, length));
-        match occupancy {
-            Some(grid) => self.visible(at, ray, grid),
-            None => at.collect(),
-        }
+        let at = |i: usize| (near + (i as f32 + shift) * length, length);
+        let Some(grid) = occupancy else { return (0..count as usize).map(at).collect() };
+        // Steps before and behind everything need no look at the grid.
+        let (first, last) = if self.config.clip_to_bounds {
+            let Some((enter, leave)) = grid.tight_bounds().intersect(ray) else { return Vec::new() };
+            let index = |t: f32| ((t - near) / length).max(0.0);
+            (index(enter).floor() as usize, (index(leave).ceil() as usize + 1).min(count as usize))
+        } else {
+            (0, count as usize)
+        };
+        self.visible((first.saturating_sub(1)..last).map(at), ray, grid)
     }
 
     /// Longest ray, and length of a step at the end of training.

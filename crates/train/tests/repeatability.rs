@@ -4,7 +4,9 @@ mod common;
 
 use burn::tensor::Device;
 use common::{config, configs, devices, scene, steps, trainer};
-use infonerf_train::{Checkpoint, Config, Event, Outcome, TestView, Trainer, evaluate_view, information};
+use infonerf_train::{
+    Checkpoint, Config, Event, InformationQuery, Outcome, TestView, Trainer, evaluate_view, information,
+};
 
 const STEPS: usize = 12;
 

@@ -68,7 +68,8 @@ fn announce(experiment: &Experiment, device: &str) {
     }
 }
 
-fn summary(record: &Record) -> String {
+/// The most telling numbers of a run on one line.
+pub(super) fn summary(record: &Record) -> String {
     let number = |value: Option<f64>, digits| value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"));
     format!(
         "PSNR {} dB, SSIM {}, {} steps in {:.1} s{}",

@@ -26,7 +26,7 @@ impl Body {
 
     pub fn composite(self, tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy: Option<f32>) -> Composite {
         match self {
-            Self::Kernel => composite::composite(tau, values, segments, entropy),
+            Self::Kernel => composite(tau, values, segments, entropy),
             _ => composite::plain(tau, values, segments, entropy),
         }
     }

@@ -19,13 +19,12 @@ const SWITCHES: &[Switch] = &[
     Switch { name: "empty space", off: &["render.occupancy.enabled=false"] },
     Switch { name: "hidden samples", off: &["render.hidden_depth=0", "render.min_transmittance=0"] },
     Switch { name: "out of bounds", off: &["render.clip_to_bounds=false"] },
-    Switch { name: "coarse images first", off: &["train.pyramid=[]"] },
-    Switch { name: "few samples first", off: &["render.samples_start=0"] },
+    Switch { name: "image pyramid", off: &["train.pyramid=[]"] },
+    Switch { name: "sample ramp", off: &["render.samples_start=0"] },
 ];
 
-/// Not a way of skipping, but what the terms on unseen rays cost.
-const WITHOUT_TERMS: Switch =
-    Switch { name: "unseen rays", off: &["loss.entropy.weight=0", "loss.gain.weight=0", "train.unseen_rays=0"] };
+/// Not a way of skipping: what the terms on unseen rays cost.
+const NO_TERMS: &[&str] = &["loss.entropy.weight=0", "loss.gain.weight=0", "train.unseen_rays=0"];
 
 /// The same rays in every run, however few samples they need.
 const FIXED: &str = "train.samples=0";
@@ -67,14 +66,12 @@ struct Results<'a> {
 
 /// The cases in the order of the table, the one that skips nothing first.
 fn cases() -> Vec<(String, Vec<&'static str>)> {
-    let off = |switch: &Switch| (format!("without {}", switch.name), switch.off.to_vec());
     let nothing = SWITCHES.iter().flat_map(|switch| switch.off).copied().collect();
-    let singles = SWITCHES.iter().map(off);
-    [("skip nothing".to_owned(), nothing), ("skip all".to_owned(), Vec::new())]
-        .into_iter()
-        .chain(singles)
-        .chain([off(&WITHOUT_TERMS)])
-        .collect()
+    let all_but = |switch: &Switch| (format!("all but {}", switch.name), switch.off.to_vec());
+    let mut cases = vec![("skip nothing".to_owned(), nothing), ("skip all".to_owned(), Vec::new())];
+    cases.extend(SWITCHES.iter().map(all_but));
+    cases.push(("all, no unseen rays".to_owned(), NO_TERMS.to_vec()));
+    cases
 }
 
 pub(super) fn run(bench: &Bench, args: &BenchArgs) -> Result<()> {
@@ -146,7 +143,7 @@ fn save(bench: &Bench, runs: &[Run]) -> Result<()> {
 
 /// Short enough to stand below a bar.
 fn label(index: usize, row: &Row) -> String {
-    let short = ["nothing", "all", "−empty", "−hidden", "−bounds", "−images", "−samples", "−unseen"];
+    let short = ["nothing", "all", "−empty", "−hidden", "−bounds", "−pyramid", "−ramp", "no unseen"];
     short.get(index).map_or_else(|| row.case.clone(), |&label| label.to_owned())
 }
 
@@ -180,7 +177,7 @@ fn print(rows: &[Row], runs: &[Run]) {
             number(row.ssim, 4),
         ]);
     }
-    println!("\n{}", table.to_text());
+    print!("\n{}", table.to_text());
     let collapsed = distinct(runs, |run| run.trials.iter().any(|trial| trial.collapsed).then(|| run.case.clone()));
     for case in collapsed.into_iter().flatten() {
         println!("{case}: a run collapsed, its field went empty");

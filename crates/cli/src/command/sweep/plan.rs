@@ -1,0 +1,179 @@
+//! Which runs a sweep has: grids × scenes × variants × seeds.
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+
+use super::args::SweepArgs;
+use super::grid::{self, Grid};
+use crate::args::Selection;
+use crate::experiment::{Experiment, RunPlan};
+
+/// A sweep, ready to run.
+pub(super) struct Sweep {
+    pub(super) name: String,
+    pub(super) title: String,
+    pub(super) data: Option<PathBuf>,
+    pub(super) grids: Vec<Grid>,
+    /// In the order of the tables: by scene, variant, values, seed.
+    pub(super) items: Vec<Item>,
+    /// What the user should know before it runs.
+    pub(super) notices: Vec<String>,
+}
+
+/// One run of a sweep.
+pub(super) struct Item {
+    pub(super) plan: RunPlan,
+    /// The experiment's variant.
+    pub(super) variant: String,
+    /// For each grid, which of its values.
+    pub(super) choice: Vec<usize>,
+}
+
+/// More runs than this are taken for a mistake.
+const MOST_ITEMS: usize = 100_000;
+/// Bytes of a variant's name; folders allow 255.
+const LONGEST_NAME: usize = 160;
+
+impl Sweep {
+    pub(super) fn plan(args: &SweepArgs) -> Result<Self> {
+        let grids = grid::parse(&args.grids, &args.selection.set)?;
+        let choices = choices(&grids)?;
+        let mut items = Vec::new();
+        let mut about = None;
+        for (order, choice) in choices.into_iter().enumerate() {
+            let assignments: Vec<String> = grids.iter().zip(&choice).map(|(grid, &i)| grid.assignment(i)).collect();
+            let mut set = args.selection.set.clone();
+            set.extend(assignments.iter().cloned());
+            let selection = Selection { set, ..args.selection.clone() };
+            let experiment = Experiment::plan(&args.experiment, &selection, args.budget)
+                .with_context(|| format!("--grid {}", assignments.join(" --grid ")))?;
+            let name = format!("sweep-{}", experiment.name);
+            let seeds = seeds(&experiment.runs);
+            for (index, plan) in experiment.runs.into_iter().enumerate() {
+                let variant = plan.variant.clone();
+                let plan = RunPlan { experiment: name.clone(), variant: safe_name(&variant, &assignments), ..plan };
+                items.push(((index / seeds, order, index % seeds), Item { plan, variant, choice: choice.clone() }));
+            }
+            if items.len() > MOST_ITEMS {
+                bail!("--grid: expected at most {MOST_ITEMS} runs");
+            }
+            about.get_or_insert((name, experiment.title, experiment.data));
+        }
+        items.sort_by_key(|(place, _)| *place);
+        let mut items: Vec<Item> = items.into_iter().map(|(_, item)| item).collect();
+        let notices = leave_out_repetitions(&grids, &mut items)?;
+        let (name, title, data) = about.context("--grid: expected at least one value")?;
+        Ok(Self { name, title, data, grids, items, notices })
+    }
+}
+
+/// Every combination, the last grid's values changing fastest.
+fn choices(grids: &[Grid]) -> Result<Vec<Vec<usize>>> {
+    let count = grids.iter().try_fold(1usize, |count, grid| count.checked_mul(grid.values.len()));
+    if count.is_none_or(|count| count > MOST_ITEMS) {
+        bail!("--grid: expected at most {MOST_ITEMS} runs");
+    }
+    let mut choices = vec![Vec::new()];
+    for grid in grids {
+        let longer = |choice: Vec<usize>| (0..grid.values.len()).map(move |i| [&choice[..], &[i]].concat());
+        choices = choices.into_iter().flat_map(longer).collect();
+    }
+    Ok(choices)
+}
+
+/// How many runs in a row differ in their seed only.
+fn seeds(runs: &[RunPlan]) -> usize {
+    let same = |plan: &&RunPlan| plan.scene == runs[0].scene && plan.variant == runs[0].variant;
+    runs.iter().take_while(same).count().max(1)
+}
+
+/// A variant's name with its values, such as `infonerf_loss.entropy.weight_1e-3`, of letters, digits and `._-`.
+///
+/// Where a value has other characters or the name would be too long, a checksum keeps names apart.
+fn safe_name(variant: &str, assignments: &[String]) -> String {
+    let exact: String = assignments.iter().map(|assignment| format!("_{}", assignment.replacen('=', "_", 1))).collect();
+    let safe = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-') { c } else { '-' };
+    let mut name: String = exact.chars().map(safe).collect();
+    if name != exact || variant.len() + name.len() > LONGEST_NAME {
+        name.truncate(LONGEST_NAME.saturating_sub(variant.len() + 9));
+        name.push_str(&format!("-{:08x}", checksum(&exact)));
+    }
+    format!("{variant}{name}")
+}
+
+/// FNV-1a, the same on every machine and in every version.
+fn checksum(text: &str) -> u32 {
+    text.bytes().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
+}
+
+/// Refuses values that mean the same, and leaves out a variant that the values make into another.
+fn leave_out_repetitions(grids: &[Grid], items: &mut Vec<Item>) -> Result<Vec<String>> {
+    let Some(first) = items.first().map(|item| item.plan.clone()) else { return Ok(Vec::new()) };
+    let mut variants: Vec<(String, Vec<String>)> = Vec::new();
+    for item in items.iter().filter(|item| item.plan.scene == first.scene && item.plan.seed == first.seed) {
+        if variants.last().is_none_or(|(variant, _)| *variant != item.variant) {
+            variants.push((item.variant.clone(), Vec::new()));
+        }
+        if let Some((_, configs)) = variants.last_mut() {
+            configs.push(toml::to_string(&item.plan.config)?);
+        }
+    }
+    let mut notices = Vec::new();
+    let mut known: HashMap<Vec<String>, String> = HashMap::new();
+    for (variant, configs) in variants {
+        refuse_equal(grids, items, &variant, &configs)?;
+        match known.get(&configs) {
+            Some(other) => {
+                items.retain(|item| item.variant != variant);
+                notices.push(format!("variant {variant} is left out: with these values it is the same as {other}"));
+            }
+            None => drop(known.insert(configs, variant)),
+        }
+    }
+    Ok(notices)
+}
+
+fn refuse_equal(grids: &[Grid], items: &[Item], variant: &str, configs: &[String]) -> Result<()> {
+    let mut seen: HashMap<&str, usize> = HashMap::new();
+    let described = |index: usize| {
+        let choices = choices(grids).ok()?;
+        let assignments = grids.iter().zip(choices.get(index)?).map(|(grid, &i)| grid.assignment(i));
+        Some(assignments.collect::<Vec<_>>().join(" "))
+    };
+    for (index, config) in configs.iter().enumerate() {
+        if let Some(other) = seen.insert(config, index) {
+            let [a, b] = [other, index].map(|index| described(index).unwrap_or_default());
+            bail!("--grid: {a} and {b} give the same run of variant {variant} (one of {} runs)", items.len());
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_safe_and_different() {
+        let name = |values: &[&str]| safe_name("infonerf", &values.iter().map(|&v| v.to_owned()).collect::<Vec<_>>());
+        assert_eq!(
+            name(&["loss.entropy.weight=1e-3", "train.rays=64"]),
+            "infonerf_loss.entropy.weight_1e-3_train.rays_64"
+        );
+        let names =
+            [name(&["a=[1, 2]"]), name(&["a=[1; 2]"]), name(&["a=[12]"]), name(&[&format!("a={}", "x".repeat(300))])];
+        for (index, name) in names.iter().enumerate() {
+            assert!(name.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c)), "{name}");
+            assert!(name.len() <= LONGEST_NAME + 9 && !names[..index].contains(name), "{name}");
+        }
+    }
+
+    #[test]
+    fn combinations() {
+        let grids = grid::parse(&["a=1,2".into(), "b=3,4,5".into()], &[]).unwrap();
+        let all = choices(&grids).unwrap();
+        assert_eq!((all.len(), &all[1][..], &all[3][..]), (6, &[0, 1][..], &[1, 0][..]));
+    }
+}
