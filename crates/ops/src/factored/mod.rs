@@ -24,7 +24,7 @@ mod host;
 
 pub use layout::{Layer, Layout, Level, PLANES};
 pub use plain::plain;
-pub use variation::plane_variation;
+pub use variation::{plain as plain_variation, plane_variation};
 
 use std::sync::Arc;
 
