@@ -168,15 +168,15 @@ fn arguments() {
     place.run(&["scene", "export", "lego", "data"]).fails_with(&["lego", "knot"]);
     place.run(&["scene", "export", "knot", "data", "--size", "0"]).fails_with(&["size"]);
 
-    exp(&["--budget", "soon"]).is_refused(&["--budget", "soon"]);
-    exp(&["--budget", "-5s"]).is_refused(&[]);
-    exp(&["--budget", "0s"]).is_refused(&["--budget", "0s"]);
-    exp(&["--device", "abacus"]).is_refused(&["--device", "abacus"]);
-    exp(&["--preset", "best"]).is_refused(&["--preset", "best"]);
-    exp(&["--seed", "one"]).is_refused(&["--seed", "one"]);
-    exp(&["--colour"]).is_refused(&["--colour"]);
-    place.run(&["render", "run", "--frames", "0"]).is_refused(&["--frames"]);
-    place.run(&["improve"]).is_refused(&["improve"]);
+    exp(&["--budget", "soon"]).assert_refused(&["--budget", "soon"]);
+    exp(&["--budget", "-5s"]).assert_refused(&[]);
+    exp(&["--budget", "0s"]).assert_refused(&["--budget", "0s"]);
+    exp(&["--device", "abacus"]).assert_refused(&["--device", "abacus"]);
+    exp(&["--preset", "best"]).assert_refused(&["--preset", "best"]);
+    exp(&["--seed", "one"]).assert_refused(&["--seed", "one"]);
+    exp(&["--colour"]).assert_refused(&["--colour"]);
+    place.run(&["render", "run", "--frames", "0"]).assert_refused(&["--frames"]);
+    place.run(&["improve"]).assert_refused(&["improve"]);
 }
 
 #[test]

@@ -76,8 +76,9 @@ fn every_combination_is_run_once() {
     let list = records(&folder);
     assert_eq!(list.len(), RUNS);
     let variants: BTreeSet<&str> = list.iter().map(|record| record["variant"].as_str().unwrap()).collect();
-    let expected = ["0_loss.gain.weight_0", "0_loss.gain.weight_1e-4", "1e-3_loss.gain.weight_0", "1e-3_loss.gain.weight_1e-4"]
-        .map(|rest| format!("infonerf_loss.entropy.weight_{rest}"));
+    let expected =
+        ["0_loss.gain.weight_0", "0_loss.gain.weight_1e-4", "1e-3_loss.gain.weight_0", "1e-3_loss.gain.weight_1e-4"]
+            .map(|rest| format!("infonerf_loss.entropy.weight_{rest}"));
     assert_eq!(variants, expected.iter().map(String::as_str).collect());
     for file in ["table.md", "table.csv", "table.tex", "report.html", "report.md", "plots/sweep-psnr-infonerf.svg"] {
         assert!(folder.join(file).is_file(), "{file}");
@@ -162,8 +163,15 @@ fn items_run_alone() {
 #[test]
 fn an_item_that_fails_is_reported_and_the_others_go_on() {
     let place = Workplace::new();
-    // No loss survives such a learning rate; views beyond the last cannot be loaded.
-    let args = ["--scene", "knot", "--variant", "nerf", "--grid", "scene.views={kind=\"ids\",ids=[1]},{kind=\"ids\",ids=[1000]}"];
+    // The scene has 100 views.
+    let args = [
+        "--scene",
+        "knot",
+        "--variant",
+        "nerf",
+        "--grid",
+        "scene.views={kind=\"ids\",ids=[1]},{kind=\"ids\",ids=[1000]}",
+    ];
     let command = [&["sweep", "synthetic-4view"][..], &args].concat();
     let output = place.tiny(&command).into_command().output().unwrap();
     let (said, complaint) = (text(&output.stdout), text(&output.stderr));
@@ -176,10 +184,11 @@ fn an_item_that_fails_is_reported_and_the_others_go_on() {
 #[test]
 fn a_variant_that_the_grid_makes_into_another_is_left_out() {
     let place = Workplace::new();
-    let grids = ["--grid", "loss.entropy.weight=0,1e-3", "--grid", "loss.gain.weight=0"];
-    let command = [&["sweep", "synthetic-4view", "--scene", "knot", "--variant", "infonerf", "--variant", "nerf"][..], &grids];
-    let said = text(&place.tiny(&command.concat()).succeeds().stdout);
-    assert!(said.contains("2 runs") && said.contains("variant nerf is left out"), "{said}");
+    let file = "[variants.a]\n[variants.b.loss]\nentropy.weight = 0.5\n[variants.c.train]\nlr = 1e-3\n";
+    fs::write(place.path("mine.toml"), file).unwrap();
+    let sweep = place.tiny(&["sweep", "mine.toml", "--scene", "knot", "--grid", "loss.entropy.weight=0,1e-3"]);
+    let said = text(&sweep.succeeds().stdout);
+    assert!(said.contains("4 runs") && said.contains("variant b is left out"), "{said}");
 }
 
 #[test]
@@ -206,9 +215,9 @@ fn bad_grids() {
     grid(&contradiction).fails_with(&["--set train.lr=1e-2", "--grid train.lr"]);
     grid(&["--grid", "train.lr=1e-3", "--scene", "lego"]).fails_with(&["lego"]);
     grid(&["--grid", "train.lr=1e-3", "--seed", "1", "--seed", "0..2"]).fails_with(&["--seed 1", "twice"]);
-    grid(&[]).is_refused(&["--grid"]);
-    grid(&["--grid", "train.lr=1e-3", "--jobs", "0"]).is_refused(&["--jobs"]);
-    grid(&["--grid", "train.lr=1e-3", "--seed", "4..0"]).is_refused(&["4..0"]);
+    grid(&[]).assert_refused(&["--grid"]);
+    grid(&["--grid", "train.lr=1e-3", "--jobs", "0"]).assert_refused(&["--jobs"]);
+    grid(&["--grid", "train.lr=1e-3", "--seed", "4..0"]).assert_refused(&["4..0"]);
     assert!(!place.path("runs").exists(), "nothing is written before the plan is whole");
 }
 

@@ -160,6 +160,7 @@ mod tests {
 
     /// Both bodies follow the textbook recursion in f64.
     #[test]
+    #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
     fn follows_the_recursion() {
         for device in [Device::flex(), Device::ndarray()] {
             let adam = Adam::default();

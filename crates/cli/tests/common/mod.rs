@@ -101,7 +101,7 @@ impl Invocation {
     }
 
     /// A fault that the argument parser finds: exit code 2 and its own usage text.
-    pub fn is_refused(self, parts: &[&str]) {
+    pub fn assert_refused(self, parts: &[&str]) {
         let args = format!("{:?}", self.args);
         let output = self.into_command().output().unwrap();
         let stderr = text(&output.stderr);
