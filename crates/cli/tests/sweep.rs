@@ -204,13 +204,13 @@ fn bad_grids() {
         ("loss.entropy.weight=1,1.0", &["loss.entropy.weight=1 ", "loss.entropy.weight=1.0", "the same run"]),
         ("loss.entropy.weight=0,high", &["loss.entropy.weight", "high"]),
         ("loss.entropy.weight=-1", &["loss.entropy.weight"]),
-        ("train.rays=0.5", &["train.rays"]),
+        ("train.center_steps=0.5", &["train.center_steps", "0.5"]),
         ("..=1", &["..=1"]),
     ] {
         grid(&["--grid", values]).fails_with(parts);
     }
-    let twice = ["--grid", "train.rays=1,2", "--grid", "train.rays=3"];
-    grid(&twice).fails_with(&["--grid train.rays", "twice"]);
+    let twice = ["--grid", "train.lr=1e-3,1e-2", "--grid", "train.lr=0.1"];
+    grid(&twice).fails_with(&["--grid train.lr", "twice"]);
     let contradiction = ["--grid", "train.lr=1e-3", "--set", "train.lr=1e-2"];
     grid(&contradiction).fails_with(&["--set train.lr=1e-2", "--grid train.lr"]);
     grid(&["--grid", "train.lr=1e-3", "--scene", "lego"]).fails_with(&["lego"]);

@@ -1,6 +1,6 @@
 //! How a kernel over host slices becomes a differentiable Burn operation on the `flex` backend.
 //!
-//! A new operation implements [`Kernel`] and calls [`apply1`] or [`apply2`]; dispatch, graph registration and
+//! A new operation implements [`Kernel`] and calls `apply1` or `apply2`; dispatch, graph registration and
 //! gradient bookkeeping happen here, once.
 
 use std::fmt::Debug;

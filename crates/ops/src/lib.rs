@@ -6,7 +6,7 @@
 //! |---|---|---|
 //! | host kernel ([`kernel::Kernel`]) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
 //! | plain tensors (the `plain` module of each file) | every backend | portability, and an oracle for the kernel |
-//! | [`reference`] in `f64` | tests | bounds the error of both |
+//! | [`mod@reference`] in `f64` | tests | bounds the error of both |
 //!
 //! The public function of each file picks the host kernel where the tensors live on `flex` and the plain body elsewhere.
 //!
