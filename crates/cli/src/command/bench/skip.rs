@@ -143,7 +143,7 @@ fn save(bench: &Bench, runs: &[Run]) -> Result<()> {
 
 /// Short enough to stand below a bar.
 fn label(index: usize, row: &Row) -> String {
-    let short = ["nothing", "all", "−empty", "−hidden", "−bounds", "−pyramid", "−ramp", "no unseen"];
+    let short = ["nothing", "all", "−empty", "−hidden", "−bounds", "−pyramid", "−ramp", "−unseen"];
     short.get(index).map_or_else(|| row.case.clone(), |&label| label.to_owned())
 }
 

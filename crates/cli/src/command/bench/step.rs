@@ -46,7 +46,7 @@ pub(super) fn run(bench: &Bench, args: &BenchArgs) -> Result<()> {
     for plan in &bench.plans {
         let row = measure(bench, plan, warmup, steps)?;
         print(&row);
-        let bars = row.phases.iter().map(|phase| Bar { label: phase.phase.into(), value: phase.ms, spread: None });
+        let bars = row.phases.iter().map(|phase| Bar { label: short(phase.phase), value: phase.ms, spread: None });
         let bars: Vec<Bar> = bars.collect();
         let title = format!("{}: {:.1} ms a step", row.run, row.median_ms);
         let svg = bar_chart(&Frame::new(&title, "", "ms a step"), &bars)?;
@@ -95,4 +95,9 @@ fn print(row: &Row) {
         table.row(vec![phase.phase.into(), format!("{:.2}", phase.ms), format!("{:.1} %", 100.0 * phase.share)]);
     }
     print!("{}", table.to_text());
+}
+
+/// Short enough to stand below a bar.
+fn short(phase: &str) -> String {
+    phase.trim_end_matches(" rays").to_owned()
 }
