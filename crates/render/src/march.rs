@@ -22,8 +22,8 @@ pub(crate) struct Marched {
     next: usize,
 }
 
-/// Samples that a ray takes in its first round; each round takes twice as many as the one before.
-const FIRST: usize = 8;
+/// Samples that a ray takes in a round: few, as a ray that meets a surface needs no more.
+const ROUND: usize = 8;
 
 /// Renders `rays` on the background; colour, distance and transmittance of each, and how many samples that took.
 pub(crate) fn march(
@@ -39,9 +39,8 @@ pub(crate) fn march(
         .map(|ray| Marched { trans: 1.0, steps: renderer.steps(ray, step, 0.5, occupancy), ..Marched::default() })
         .collect();
     let mut active: Vec<usize> = (0..rays.len()).filter(|&ray| !marched[ray].steps.is_empty()).collect();
-    let mut slice = FIRST;
     while !active.is_empty() {
-        let lengths = active.iter().map(|&ray| slice.min(marched[ray].steps.len() - marched[ray].next));
+        let lengths = active.iter().map(|&ray| ROUND.min(marched[ray].steps.len() - marched[ray].next));
         let segments = Segments::from_counts(lengths);
         counts.evaluated += segments.samples() as u64;
         let of_ray = |(index, &ray): (usize, &usize)| {
@@ -71,7 +70,6 @@ pub(crate) fn march(
             let ray = &marched[ray];
             ray.next < ray.steps.len() && ray.trans > renderer.min_transmittance()
         });
-        slice *= 2;
     }
     let background = renderer.background();
     for ray in &mut marched {

@@ -9,6 +9,7 @@ use infonerf_ops::{Segments, adam::Adam, to_host};
 use infonerf_render::{Counts, Level, Model, Noise, OccupancyGrid, Renderer, Want};
 use infonerf_scene::{Ray, Scene, ViewRegion};
 
+use crate::average::Average;
 use crate::batch::{self, Pyramid};
 use crate::{Checkpoint, Config, Event, Phase, Profile, Progress, TrainError};
 
@@ -24,6 +25,7 @@ pub struct Trainer {
     region: ViewRegion,
     pyramid: Pyramid,
     model: Model,
+    average: Average,
     optimiser: ModuleOptimizer,
     occupancy: Option<OccupancyGrid>,
     progress: Progress,
@@ -48,6 +50,7 @@ mod purpose {
     pub const NEAR: u64 = 3;
     pub const SAMPLES: u64 = 4;
     pub const OCCUPANCY: u64 = 5;
+    pub const PICTURES: u64 = 6;
 }
 
 /// A pixel that differs by less than this from the background in every channel shows the background: half an 8-bit step.
@@ -94,6 +97,7 @@ impl Trainer {
             region,
             pyramid,
             model,
+            average: Average::default(),
             occupancy,
             progress: Progress::default(),
             profile: Profile::default(),
@@ -106,6 +110,7 @@ impl Trainer {
     /// If it is of another config.
     pub fn resume(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         self.model = checkpoint.restore_model(self.model.clone())?;
+        self.average = checkpoint.restore_average(&self.model.valid())?;
         self.optimiser = checkpoint.restore_optimiser(optimiser(&self.config))?;
         if let Some(grid) = &mut self.occupancy {
             checkpoint.restore_occupancy(grid)?;
@@ -119,7 +124,7 @@ impl Trainer {
     /// # Errors
     /// If the weights cannot be encoded.
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
-        Checkpoint::take(&self.progress, &self.model, &self.optimiser, self.occupancy.as_ref())
+        Checkpoint::take(&self.progress, &self.model, &self.average, &self.optimiser, self.occupancy.as_ref())
     }
 
     /// How far the run is.
@@ -137,9 +142,9 @@ impl Trainer {
         &self.scene
     }
 
-    /// The model without gradients, to render with.
+    /// The model without gradients, to render with: the mean over the end of the run, once there is one.
     pub fn model(&self) -> Model {
-        self.model.valid()
+        self.average.mean().cloned().unwrap_or_else(|| self.model.valid())
     }
 
     /// The renderer of the scene.
@@ -151,6 +156,20 @@ impl Trainer {
     pub fn occupancy(&self) -> Option<&OccupancyGrid> {
         let o = &self.config.render.occupancy;
         self.occupancy.as_ref().filter(|_| o.carve || self.progress.step > o.warmup)
+    }
+
+    /// What pictures of [`model`](Self::model) may skip; none if nothing is known yet.
+    ///
+    /// Finer than the grid of training if `render.occupancy.refine` says so: then this asks the field, and is worth keeping.
+    pub fn picture_occupancy(&self) -> Option<OccupancyGrid> {
+        let grid = self.occupancy()?;
+        let factor = self.config.render.occupancy.refine;
+        if factor == 1 {
+            return Some(grid.clone());
+        }
+        let field = self.model().fine;
+        let noise = Noise::new(self.seed, self.progress.step as u64, purpose::PICTURES);
+        Some(grid.refined(factor, noise, self.renderer.step_length(1.0), |points| densities(&field, points, 1.0)))
     }
 
     /// Share of the run that is done: by the clock if there is a budget, else by steps.
@@ -183,6 +202,9 @@ impl Trainer {
         let before = if self.progress.samples_a_ray > 0.0 { self.progress.samples_a_ray } else { samples_a_ray };
         self.progress.samples_a_ray = (0.9 * before + 0.1 * samples_a_ray).max(1.0);
         self.progress.step += 1;
+        if Average::takes(self.config.train.average, self.progress.step, self.done()) {
+            self.average.add(self.model.valid());
+        }
         let spent = start.elapsed().as_secs_f64();
         self.progress.seconds += spent;
         report(Event::Step {
@@ -219,6 +241,7 @@ impl Trainer {
     fn restart(&mut self) -> Result<(), TrainError> {
         let restarts = self.progress.restarts + 1;
         self.model = build(&self.config, &self.scene, Noise::new(self.seed, restarts as u64, 0).bits(), &self.device)?;
+        self.average = Average::default();
         self.optimiser = optimiser(&self.config);
         self.occupancy = occupancy_grid(&self.config, &self.scene);
         self.progress = Progress { step: 0, restarts, empty_steps: 0, ..self.progress.clone() };

@@ -13,11 +13,11 @@ pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
         plan.config.eval.test = test.parse().map_err(|fault| anyhow::anyhow!("--test: {fault}"))?;
     }
     let trainer = trained(&plan, &args.run, args.device)?;
-    let model = trainer.model();
+    let (model, occupancy) = (trainer.model(), trainer.picture_occupancy());
     let mut views = Vec::new();
     println!("{}: {} test views ({})", plan.label(), trainer.scene().test.len(), plan.config.eval.test);
     for view in &trainer.scene().test {
-        let result = evaluate_view(trainer.renderer(), &model, trainer.occupancy(), view)?;
+        let result = evaluate_view(trainer.renderer(), &model, occupancy.as_ref(), view)?;
         println!("{:16} {}", view.name, line(&Evaluation::mean(std::slice::from_ref(&result)).context("a view")?));
         views.push(result);
     }

@@ -145,6 +145,8 @@ pub struct TrainConfig {
     pub adam_beta2: f32,
     /// Adam's ε (PyTorch: 1e-8).
     pub adam_epsilon: f32,
+    /// Share of the run, at its end, over which weights are averaged for rendering; 0 renders the last ones.
+    pub average: f64,
     /// Steps between checkpoints; 0 for one at the end only.
     pub checkpoint_every: usize,
     /// Fresh starts allowed when a field collapses to empty space.
@@ -278,6 +280,7 @@ impl Config {
         number("train.table_rate", t.table_rate, 0.0, 1e6)?;
         number("train.adam_beta2", f64::from(t.adam_beta2), 0.0, 0.999_999)?;
         number("train.adam_epsilon", f64::from(t.adam_epsilon), 0.0, 1.0)?;
+        number("train.average", t.average, 0.0, 1.0)?;
         if let Decay::Run { last } = t.lr_decay {
             number("train.lr_decay.last", last, 1e-9, 1.0)?;
         }

@@ -27,7 +27,8 @@ pub(crate) struct BenchArgs {
     /// pareto: training times, each a run of its own.
     #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = parse_duration, default_value = "5s,10s,20s,40s,60s")]
     pub(crate) budgets: Vec<Duration>,
-    /// Steps: of each run (skip: as configured; render: 300), or to measure after a warm-up (step: 50; scale: 8).
+    /// Steps: of each run (skip: as configured; render: 300), or to measure after a warm-up (step: 50; scale: 8; ops: 15
+    /// repeats).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) steps: Option<u32>,
     /// Steps before measuring begins (step: 50; scale: 2).
@@ -50,6 +51,8 @@ pub(crate) enum BenchName {
     Scale,
     /// Seconds a frame by image size.
     Render,
+    /// Fused operations against plain tensors.
+    Ops,
 }
 
 impl std::fmt::Display for BenchName {
