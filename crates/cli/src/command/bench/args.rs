@@ -34,6 +34,9 @@ pub(crate) struct BenchArgs {
     /// Steps before measuring begins (step: 50; scale: 2).
     #[arg(long, value_name = "N")]
     pub(crate) warmup: Option<u32>,
+    /// step: begin with the weights and the occupancy grid that a run left, instead of an untrained field.
+    #[arg(long, value_name = "RUN")]
+    pub(crate) from: Option<PathBuf>,
     /// Folder for results.
     #[arg(long, value_name = "DIR", default_value = "runs/bench")]
     pub(crate) out: PathBuf,
