@@ -87,8 +87,7 @@ impl ModuleMapper for Rule<'_> {
 
 /// mip-NeRF as in its paper, without jitter.
 fn config() -> Config {
-    let field =
-        "field={kind=\"mip\",layers=8,width=256,skip=5,position_octaves=16,direction_octaves=4,anneal=0.0}";
+    let field = "field={kind=\"mip\",layers=8,width=256,skip=5,position_octaves=16,direction_octaves=4,anneal=0.0}";
     let mut table = Preset::Paper.table();
     for setting in
         [field, "render.samples=128", "render.fine_samples=128", "render.placement=interval", "render.jitter=false"]
@@ -170,8 +169,7 @@ fn check(device: &Device) {
     let coarse = coarse.unwrap();
     for (index, row) in rows.iter().enumerate() {
         let range = fine.samples.segments.range(index);
-        let mut edges: Vec<f32> =
-            range.clone().map(|i| fine.samples.t[i] - 0.5 * fine.samples.delta[i]).collect();
+        let mut edges: Vec<f32> = range.clone().map(|i| fine.samples.t[i] - 0.5 * fine.samples.delta[i]).collect();
         edges.push(fine.samples.t[range.end - 1] + 0.5 * fine.samples.delta[range.end - 1]);
         compare(&edges, &row["edges"], &format!("ray {index}, edges"));
         compare_level(&fine, index, &row["fine"], &format!("ray {index}, fine"));

@@ -97,7 +97,8 @@ fn through_normalisation(tau: &[f64], p: &[f64], slopes: &[f64]) -> Vec<f64> {
 /// integrals over its volume (mip-NeRF, Eq. 29–37): the cone's cross-section grows as t².
 pub fn frustum_moments(t0: f64, t1: f64, radius: f64) -> [f64; 3] {
     // ∫ tⁿ dt by Gauss–Legendre with 4 nodes, exact to degree 7: no difference of large powers.
-    let nodes = [(0.339_981_043_584_856_3, 0.652_145_154_862_546_1), (0.861_136_311_594_052_6, 0.347_854_845_137_453_85)];
+    let nodes =
+        [(0.339_981_043_584_856_3, 0.652_145_154_862_546_1), (0.861_136_311_594_052_6, 0.347_854_845_137_453_85)];
     let (middle, half) = (0.5 * (t0 + t1), 0.5 * (t1 - t0));
     let integral = |f: &dyn Fn(f64) -> f64| {
         nodes.iter().map(|(x, w)| w * (f(middle + half * x) + f(middle - half * x))).sum::<f64>() * half

@@ -100,9 +100,7 @@ pub(crate) fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Optio
 pub(crate) fn blurred(weights: &[f32]) -> Vec<f32> {
     const PADDING: f32 = 0.01;
     let at = |i: usize| weights[i.min(weights.len() - 1)];
-    (0..weights.len())
-        .map(|i| 0.5 * (at(i.saturating_sub(1)).max(at(i)) + at(i).max(at(i + 1))) + PADDING)
-        .collect()
+    (0..weights.len()).map(|i| 0.5 * (at(i.saturating_sub(1)).max(at(i)) + at(i).max(at(i + 1))) + PADDING).collect()
 }
 
 /// `count + 1` edges drawn from the piecewise-constant density of `weights` between `edges`, one fewer of the former.
@@ -182,7 +180,9 @@ mod tests {
     #[test]
     fn resampling_nothing_is_even() {
         let edges = [2.0, 3.0, 4.0, 5.0, 6.0];
-        for (got, want) in resample(&edges, &[0.0; 4], 8, None).iter().zip([2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0]) {
+        for (got, want) in
+            resample(&edges, &[0.0; 4], 8, None).iter().zip([2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0])
+        {
             approx::assert_abs_diff_eq!(*got, want, epsilon = 1e-5);
         }
     }

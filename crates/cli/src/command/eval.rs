@@ -45,7 +45,11 @@ pub(crate) fn trained(plan: &RunPlan, folder: &Path, device: DeviceName) -> Resu
 }
 
 /// Evaluates `views`, and shows each as it is there.
-fn evaluate(trainer: &Trainer, views: &[View], mut show: impl FnMut(&View, &TestView) -> Result<()>) -> Result<Evaluation> {
+fn evaluate(
+    trainer: &Trainer,
+    views: &[View],
+    mut show: impl FnMut(&View, &TestView) -> Result<()>,
+) -> Result<Evaluation> {
     let model = trainer.model();
     let mut results = Vec::new();
     for view in views {

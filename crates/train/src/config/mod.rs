@@ -325,8 +325,7 @@ mod tests {
         assert!((train.lr_at(7, 0.5) - 0.1).abs() < 1e-12);
     }
 
-    const MIP: &str =
-        "field={kind=\"mip\",layers=2,width=8,skip=0,position_octaves=4,direction_octaves=2,anneal=0.0}";
+    const MIP: &str = "field={kind=\"mip\",layers=2,width=8,skip=0,position_octaves=4,direction_octaves=2,anneal=0.0}";
 
     #[test]
     fn a_fault_names_its_key() {
