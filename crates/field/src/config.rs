@@ -95,7 +95,7 @@ fn check(field: &'static str, expected: &'static str, found: impl ToString, good
 
 fn check_mlp(layers: usize, width: usize, direction_octaves: usize) -> Result<(), ConfigError> {
     check("layers", "1 to 64", layers, (1..=64).contains(&layers))?;
-    check("width", "an even number from 2 to 4096", width, (2..=4096).contains(&width) && width % 2 == 0)?;
+    check("width", "an even number from 2 to 4096", width, (2..=4096).contains(&width) && width.is_multiple_of(2))?;
     check("direction_octaves", "0 to 20", direction_octaves, direction_octaves <= 20)
 }
 
