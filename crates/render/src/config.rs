@@ -10,7 +10,7 @@ pub struct RenderConfig {
     /// Samples along a ray at the start of training, rising geometrically to `samples` until half of it; 0 for as many.
     /// For a field without a coarse network.
     pub samples_start: usize,
-    /// Further samples drawn where the coarse network saw something (NeRF: 128); 0 for a field without a coarse network.
+    /// Further samples drawn where the coarse pass saw something (NeRF: 128); 0 for a single pass.
     pub fine_samples: usize,
     /// Where in its interval a sample is evaluated.
     pub placement: Placement,
@@ -38,6 +38,9 @@ pub enum Placement {
     Left,
     /// In the middle.
     Mid,
+    /// Over all of it, as a field of volumes needs (mip-NeRF): `samples + 1` edges bound `samples` intervals, and the fine
+    /// pass has `fine_samples` intervals of its own, drawn from blurred weights and not merged with the coarse ones.
+    Interval,
 }
 
 /// Length of a ray's last interval under [`Placement::Left`].

@@ -3,7 +3,7 @@
 //! Rays advance a few samples at a time, and those through which no more light comes drop out. What is left out weighs less
 //! than `render.min_transmittance`.
 
-use infonerf_field::{Points, RadianceField};
+use infonerf_field::{Extent, Points, RadianceField};
 use infonerf_ops::{Segments, numeric, to_host};
 use infonerf_scene::Ray;
 use rayon::prelude::*;
@@ -43,13 +43,21 @@ pub(crate) fn march(
         let lengths = active.iter().map(|&ray| ROUND.min(marched[ray].steps.len() - marched[ray].next));
         let segments = Segments::from_counts(lengths);
         counts.evaluated += segments.samples() as u64;
-        let of_ray = |(index, &ray): (usize, &usize)| {
+        let steps_of = |(index, &ray): (usize, &usize)| {
             let (from, count) = (marched[ray].next, segments.range(index).len());
-            marched[ray].steps[from..from + count].iter().flat_map(move |(t, _)| rays[ray].at(*t).to_array())
+            marched[ray].steps[from..from + count].iter()
         };
-        let positions: Vec<f32> = active.par_iter().enumerate().flat_map_iter(of_ray).collect();
+        let position = |(index, ray)| steps_of((index, ray)).flat_map(|(t, _)| rays[*ray].at(*t).to_array());
+        let positions: Vec<f32> = active.par_iter().enumerate().flat_map_iter(position).collect();
+        let (t, delta): (Vec<f32>, Vec<f32>) = active.iter().enumerate().flat_map(steps_of).copied().unzip();
         let directions: Vec<f32> = active.iter().flat_map(|&ray| rays[ray].direction.to_array()).collect();
-        let points = Points { positions: &positions, directions: &directions, segments: &segments };
+        let radii: Vec<f32> = active.iter().map(|&ray| rays[ray].radius).collect();
+        let points = Points {
+            positions: &positions,
+            directions: &directions,
+            segments: &segments,
+            extent: Extent::Cones { t: &t, delta: &delta, radii: &radii },
+        };
         let sampled = field.evaluate(points, true, 1.0);
         let sigma = to_host(sampled.sigma);
         let color = to_host(sampled.color.expect("colour was asked for"));

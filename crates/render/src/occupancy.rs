@@ -1,5 +1,5 @@
 use glam::Vec3;
-use infonerf_scene::{Aabb, View};
+use infonerf_scene::{Aabb, Ray, View};
 use rayon::prelude::*;
 
 use crate::{Noise, OccupancyConfig};
@@ -184,6 +184,21 @@ impl OccupancyGrid {
         }
     }
 
+    /// The mean of what is remembered along `ray` from `near` to `far`, if there may be something anywhere between; looked
+    /// up at least once a cell's width. Outside the box it is 0.
+    pub fn density_between(&self, ray: &Ray, near: f32, far: f32) -> Option<f32> {
+        let looks = ((far - near) / self.cell_size().min_element()).ceil().max(1.0);
+        let at = |i: usize| ray.at(near + (far - near) * (i as f32 + 0.5) / looks);
+        let seen = (0..looks as usize).filter_map(|i| self.occupied_density(at(i)));
+        let (count, sum) = seen.fold((0, 0.0), |(count, sum), density| (count + 1, sum + density));
+        (count > 0).then(|| sum / looks)
+    }
+
+    /// Variance along an axis of a point that is anywhere in a cell, the mean of the three, scene units².
+    pub fn cell_variance(&self) -> f32 {
+        self.cell_size().length_squared() / (3.0 * 12.0)
+    }
+
     /// Share of the cells that are not known to be empty.
     pub fn fraction(&self) -> f64 {
         self.occupied.iter().filter(|&&occupied| occupied).count() as f64 / self.occupied.len() as f64
@@ -291,6 +306,24 @@ mod tests {
         let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
         assert!(!grid.update(Noise::new(0, 0, 0), 0.02, |points| vec![0.0; points.len() / 3]));
         assert_eq!(grid.fraction(), 1.0);
+    }
+
+    /// A wall thinner than an interval: its middle is in the empty, the interval is not.
+    #[test]
+    fn an_interval_is_kept_for_any_part_of_it() {
+        let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
+        let wall = |points: &[f32]| -> Vec<f32> {
+            points.chunks(3).map(|p| if p[0] > 0.5 && p[0] < 0.625 { 20.0 } else { 0.0 }).collect()
+        };
+        assert!(grid.update(Noise::new(0, 0, 0), 0.02, wall));
+        let ray = Ray { origin: Vec3::new(-1.0, 0.1, 0.1), direction: Vec3::X, radius: 0.0 };
+        assert_eq!(grid.occupied_density(ray.at(1.0)), None);
+        // One of the sixteen cells is the wall.
+        let mean = grid.density_between(&ray, 0.0, 2.0).unwrap();
+        assert!((mean - 20.0 / 16.0).abs() < 1e-4, "{mean}");
+        assert_eq!(grid.density_between(&ray, 0.0, 1.0), None);
+        assert_eq!(grid.density_between(&ray, 1.56, 1.56), Some(20.0), "at least one look");
+        assert_eq!(grid.density_between(&ray, 3.0, 4.0), Some(0.0), "outside nothing is known");
     }
 
     #[test]

@@ -3,7 +3,7 @@ use std::time::Instant;
 use burn::module::{Module, ParamGroup};
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
-use infonerf_field::{Points, RadianceField};
+use infonerf_field::{Extent, Points, RadianceField};
 use infonerf_loss::{Norm, entropy_loss, gain_loss, photometric_loss};
 use infonerf_ops::{Segments, adam::Adam, to_host};
 use infonerf_render::{Counts, Level, Model, Noise, OccupancyGrid, Renderer, Want};
@@ -254,8 +254,10 @@ impl Trainer {
         let noise = Noise::new(self.seed, step as u64, purpose::OCCUPANCY);
         let field = self.model.fine.valid();
         let length = self.renderer.step_length(progress);
-        self.profile
-            .time(Phase::Occupancy, || grid.update(noise, length, |points| densities(&field, points, progress)));
+        let extent = Extent::Ball { variance: grid.cell_variance() };
+        self.profile.time(Phase::Occupancy, || {
+            grid.update(noise, length, |positions| densities(&field, positions, extent, progress))
+        });
     }
 
     /// Rays of training images and of unseen poses for this step.
@@ -309,7 +311,9 @@ impl Trainer {
         let uses_unseen = unseen_count > 0
             && (entropy_weight > 0.0 && loss.entropy.rays.unseen() || gain_weight > 0.0 && loss.gain.rays.unseen());
         let unseen = uses_unseen.then(|| {
-            let pixels = batch::unseen(&self.scene, &self.region, train, unseen_count, noise(purpose::UNSEEN));
+            let width = self.pyramid.pixel_width(train, done);
+            let noise_of_pose = noise(purpose::UNSEEN);
+            let pixels = batch::unseen(&self.scene, &self.region, train, unseen_count, width, noise_of_pose);
             let rays = pixels.rays();
             let want = Want { color: false, entropy: wants_entropy(loss.entropy.rays.unseen()) };
             let (coarse, level) =
@@ -447,7 +451,8 @@ fn build(config: &Config, scene: &Scene, seed: u64, device: &Device) -> Result<M
     let field = |seed| {
         RadianceField::new(&config.field, bounds, seed, device).map_err(|error| TrainError::Config(error.to_string()))
     };
-    let coarse = if config.render.fine_samples > 0 { Some(field(seed.wrapping_add(1 << 32))?) } else { None };
+    let own_coarse = config.render.fine_samples > 0 && !config.field.shares_passes();
+    let coarse = if own_coarse { Some(field(seed.wrapping_add(1 << 32))?) } else { None };
     Ok(Model { coarse, fine: field(seed)? })
 }
 
@@ -469,9 +474,9 @@ fn optimiser(config: &Config) -> ModuleOptimizer {
     ModuleOptimizer::from(adam).with_group(ParamGroup::from_predicate("tables"), tables, None)
 }
 
-/// Densities of bare points, for the occupancy grid.
-fn densities(field: &RadianceField, positions: &[f32], progress: f32) -> Vec<f32> {
+/// Densities of points on no ray, for the occupancy grid.
+fn densities(field: &RadianceField, positions: &[f32], extent: Extent<'_>, progress: f32) -> Vec<f32> {
     let segments = Segments::uniform(1, positions.len() / 3);
-    let points = Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments };
+    let points = Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments, extent };
     to_host(field.evaluate(points, false, progress).sigma)
 }

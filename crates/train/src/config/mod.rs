@@ -8,7 +8,7 @@ pub use protocol::{Protocol, Views};
 
 use infonerf_field::FieldConfig;
 use infonerf_loss::{EntropyConfig, GainConfig, Norm};
-use infonerf_render::RenderConfig;
+use infonerf_render::{Placement, RenderConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
@@ -108,7 +108,7 @@ pub struct KeyConfig {
 pub struct RgbConfig {
     /// How a colour difference becomes a number.
     pub norm: Norm,
-    /// Weight of the coarse network's colour beside the fine one's 1 (NeRF: 1).
+    /// Weight of the coarse pass's colour beside the fine one's 1 (NeRF: 1, mip-NeRF: 0.1).
     pub coarse: f32,
 }
 
@@ -260,6 +260,10 @@ impl Config {
     pub fn validate(&self) -> Result<(), TrainError> {
         self.field.validate().map_err(|error| TrainError::Config(error.to_string()))?;
         self.render.validate().map_err(|error| TrainError::Config(error.to_string()))?;
+        if matches!(self.field, FieldConfig::Mip(_)) && self.render.placement != Placement::Interval {
+            let cause = "expected \"interval\" with field.kind = \"mip\": its samples are pieces of cones";
+            return Err(TrainError::config("render.placement", cause));
+        }
         let t = &self.train;
         let number = |key: &str, value: f64, low: f64, high: f64| {
             if (low..=high).contains(&value) {
@@ -324,6 +328,8 @@ mod tests {
         assert!((train.lr_at(7, 0.5) - 0.1).abs() < 1e-12);
     }
 
+    const MIP: &str = "field={kind=\"mip\",layers=2,width=8,skip=0,position_octaves=4,direction_octaves=2,anneal=0.0}";
+
     #[test]
     fn a_fault_names_its_key() {
         let fault = |assignment: &str| {
@@ -340,6 +346,7 @@ mod tests {
             ("field.kind=cube", "cube"),
             ("scene.views.ids=[1]", "scene.views"),
             ("eval.test=some", "eval.test"),
+            (MIP, "render.placement"),
             ("nonsense", "nonsense"),
             ("a..b=1", "a..b"),
         ] {
