@@ -7,6 +7,7 @@ mod command;
 mod device;
 mod experiment;
 mod interrupt;
+mod paper;
 mod progress;
 mod run;
 

@@ -1,3 +1,5 @@
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -71,6 +73,19 @@ pub struct ConfigError {
 
 fn check(field: &'static str, expected: &'static str, found: impl ToString, good: bool) -> Result<(), ConfigError> {
     if good { Ok(()) } else { Err(ConfigError { field, expected, found: found.to_string() }) }
+}
+
+impl fmt::Display for FieldConfig {
+    /// What it is, with its sizes: `MLP of 8 layers of 256`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Nerf(c) => write!(f, "MLP of {} layers of {}", c.layers, c.width),
+            Self::Factored(c) => {
+                let finest = c.resolutions.iter().max().copied().unwrap_or(0);
+                write!(f, "planes and lines of up to {finest} texels with an MLP of {} layers of {}", c.layers, c.width)
+            }
+        }
+    }
 }
 
 impl FieldConfig {
