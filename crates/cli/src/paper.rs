@@ -156,7 +156,8 @@ fn weights(runs: &[&RunPlan]) -> String {
 
 /// Terms of the objective that are not the paper's.
 fn priors(runs: &[&RunPlan]) -> String {
-    let on = |name: &str, weight: fn(&RunPlan) -> f32| runs.iter().any(|plan| weight(plan) > 0.0).then(|| name.to_owned());
+    let on =
+        |name: &str, weight: fn(&RunPlan) -> f32| runs.iter().any(|plan| weight(plan) > 0.0).then(|| name.to_owned());
     let terms = [
         on("opacity", |plan| plan.config.loss.opacity.weight),
         on("background key", |plan| plan.config.loss.key.background + plan.config.loss.key.foreground),

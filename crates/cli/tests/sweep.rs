@@ -132,8 +132,7 @@ fn a_sweep_that_was_killed_goes_on() {
     let weights = |out: &str| place.tiny(&WEIGHTS).args(&["--set", "eval.information_rays=0", "--out", out]);
     weights("unbroken").succeeds();
     let killed = folder(&place, "killed");
-    let mut child =
-        weights("killed").into_command().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let mut child = weights("killed").into_command().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let patience = Instant::now();
     while finished(&killed).len() < 5 {
         assert!(patience.elapsed() < Duration::from_secs(60), "no five runs in a minute");
@@ -185,7 +184,8 @@ fn hopeless_settings_are_stopped_early() {
     // A learning rate of 0 learns nothing: it cannot be among the best.
     let halving = |out: &str| {
         let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--halving", "2"];
-        let grid = ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12", "--set", "train.lr_warmup=0"];
+        let grid =
+            ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12", "--set", "train.lr_warmup=0"];
         place.tiny(&args).args(&grid).args(&["--out", out])
     };
     let said = text(&halving("runs").succeeds().stdout);
@@ -198,7 +198,8 @@ fn hopeless_settings_are_stopped_early() {
     // Stopped runs are saved: without halving the sweep goes on with them, and ends where one without would.
     let whole = |place: &Workplace, out: &str| {
         let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--out", out];
-        let grid = ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12", "--set", "train.lr_warmup=0"];
+        let grid =
+            ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12", "--set", "train.lr_warmup=0"];
         place.tiny(&args).args(&grid).succeeds();
         without_times(&records(&folder(place, out)))
     };

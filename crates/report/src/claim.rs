@@ -113,7 +113,10 @@ impl Claim {
 
     /// Every variant that it names.
     pub fn variants(&self) -> impl Iterator<Item = &str> {
-        self.comparisons.iter().flat_map(|comparison| [&comparison.left, &comparison.right]).flat_map(Quantity::variants)
+        self.comparisons
+            .iter()
+            .flat_map(|comparison| [&comparison.left, &comparison.right])
+            .flat_map(Quantity::variants)
     }
 }
 

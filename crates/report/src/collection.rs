@@ -73,9 +73,11 @@ fn page(collection: &Collection, chapters: &[ChapterContents]) -> String {
     let mut summary = vec!["| | statement | experiment |".to_owned(), "| --- | --- | --- |".to_owned()];
     for chapter in chapters {
         let experiment = escape_markdown(&chapter.input().experiment);
-        summary.extend(chapter.contents.claims.iter().map(|claim| {
-            format!("| **{}** | {} | {experiment} |", claim.verdict, escape_markdown(&claim.statement))
-        }));
+        summary.extend(
+            chapter.contents.claims.iter().map(|claim| {
+                format!("| **{}** | {} | {experiment} |", claim.verdict, escape_markdown(&claim.statement))
+            }),
+        );
     }
     blocks.push(summary.join("\n"));
     for chapter in chapters {

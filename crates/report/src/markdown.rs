@@ -44,7 +44,8 @@ pub(crate) fn claims(claims: &[TestedClaim]) -> String {
             let cells = [finding.formula.clone(), finding.found(), finding.in_paper(), finding.verdict.to_string()];
             format!("| {} |", cells.map(|cell| escape_markdown(&cell)).join(" | "))
         };
-        let head = ["| comparison | left − right, here | in the paper | |", "| --- | ---: | ---: | --- |"].map(str::to_owned);
+        let head =
+            ["| comparison | left − right, here | in the paper | |", "| --- | ---: | ---: | --- |"].map(str::to_owned);
         let rows: Vec<String> = head.into_iter().chain(claim.findings.iter().map(row)).collect();
         format!("**{}**: {}\n\n{}", claim.verdict, escape_markdown(&claim.statement), rows.join("\n"))
     };

@@ -85,8 +85,7 @@ impl Published {
             Row { label, cells: columns.iter().map(cell).collect() }
         };
         let known = |variant: &str| groups.iter().any(|group| group.label == variant);
-        let mut rows: Vec<Row> =
-            groups.iter().map(|group| row(group.label.clone(), &group.label, None)).collect();
+        let mut rows: Vec<Row> = groups.iter().map(|group| row(group.label.clone(), &group.label, None)).collect();
         for published in &self.rows {
             let variant = &published.variant;
             match &published.scene {

@@ -14,8 +14,7 @@ use crate::experiment::Experiment;
 use crate::{device, interrupt};
 
 /// What is reproduced, in the order of the report.
-const EXPERIMENTS: [&str; 6] =
-    ["synthetic-4view", "loss-ablation", "unseen-rays", "baseline", "views", "information"];
+const EXPERIMENTS: [&str; 6] = ["synthetic-4view", "loss-ablation", "unseen-rays", "baseline", "views", "information"];
 
 pub(crate) const REPRODUCE_EXAMPLES: &str = "\
 Examples:
@@ -67,7 +66,8 @@ pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
         preset: args.preset,
         set: args.set.clone(),
     };
-    let wanted = EXPERIMENTS.into_iter().filter(|&name| args.only.is_empty() || args.only.iter().any(|only| only == name));
+    let wanted =
+        EXPERIMENTS.into_iter().filter(|&name| args.only.is_empty() || args.only.iter().any(|only| only == name));
     let sweeps = wanted.map(|name| Ok(Sweep::of(Experiment::plan(name, &selection, None)?)));
     let sweeps = sweeps.collect::<Result<Vec<_>>>()?;
     device::open(args.device)?;

@@ -108,6 +108,11 @@ fn map(sweep: &Sweep, rows: &Grid, columns: &Grid, variant: &str, means: &Means)
     let line = |row| (0..columns.values.len()).map(|column| cell(row, column)).collect();
     let values: Vec<Vec<Option<f64>>> = (0..rows.values.len()).map(line).collect();
     let title = format!("{variant}: {}", Metric::Psnr.heading());
-    let svg = heat_map(&Frame::new(&title, &columns.key.to_string(), &rows.key.to_string()), &columns.values, &rows.values, &values)?;
+    let svg = heat_map(
+        &Frame::new(&title, &columns.key.to_string(), &rows.key.to_string()),
+        &columns.values,
+        &rows.values,
+        &values,
+    )?;
     Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: "Mean over scenes and seeds.".into() })
 }

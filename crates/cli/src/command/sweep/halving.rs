@@ -50,7 +50,9 @@ pub(super) fn drop_worst(sweep: &Sweep, folder: &Path, items: &mut Vec<usize>, k
     let last = kept.checked_sub(1).map_or(f64::NAN, |last| ranked[last].1);
     let reason = |score: f64| {
         let percent = 100.0 * share;
-        format!("training PSNR {score:.2} dB after {percent:.1} % of the run; those that went on had {last:.2} dB or more")
+        format!(
+            "training PSNR {score:.2} dB after {percent:.1} % of the run; those that went on had {last:.2} dB or more"
+        )
     };
     let dropped: Vec<Dropped> =
         ranked.drain(kept..).map(|(variant, score)| Dropped { variant, reason: reason(score) }).collect();

@@ -49,7 +49,8 @@ mod tests {
     use super::*;
 
     fn fault(keys: &[(&'static str, &str)], set: &[&str]) -> String {
-        let key = |(flag, path): &(&'static str, &str)| Key { flag, path: path.split('.').map(str::to_owned).collect() };
+        let key =
+            |(flag, path): &(&'static str, &str)| Key { flag, path: path.split('.').map(str::to_owned).collect() };
         let keys: Vec<Key> = keys.iter().map(key).collect();
         let set: Vec<String> = set.iter().map(|&text| text.to_owned()).collect();
         refuse_overlaps(keys.iter(), &set).map_or_else(|error| format!("{error:#}"), |()| String::new())

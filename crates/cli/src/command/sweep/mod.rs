@@ -118,8 +118,7 @@ impl Sweep {
         let mut workers = Workers { manifest: &manifest, limits: run.limits, device: run.device, until: None };
         let (mut items, mut dropped) = ((0..self.items.len()).collect::<Vec<usize>>(), Vec::new());
         if let Some(keep) = run.halving {
-            let settings: BTreeSet<&str> =
-                self.items.iter().map(|item| item.plan.variant.as_str()).collect();
+            let settings: BTreeSet<&str> = self.items.iter().map(|item| item.plan.variant.as_str()).collect();
             for share in rungs(settings.len(), keep) {
                 let behind = |item: &usize| halving::score(folder, &self.items[*item].plan, share).is_none();
                 workers.until = Some(share);

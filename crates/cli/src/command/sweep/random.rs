@@ -30,7 +30,8 @@ pub(super) enum Scale {
 impl Range {
     pub(super) fn parse(text: &str) -> Result<Self> {
         let context = || format!("--range {text}");
-        let fault = || format!("--range {text}: expected KEY=LOW:HIGH, KEY=log:LOW:HIGH or KEY=int:LOW:HIGH, LOW below HIGH");
+        let fault =
+            || format!("--range {text}: expected KEY=LOW:HIGH, KEY=log:LOW:HIGH or KEY=int:LOW:HIGH, LOW below HIGH");
         let (path, _) = config::parse_assignment(text).with_context(context)?;
         let (_, bounds) = text.split_once('=').with_context(fault)?;
         let (scale, bounds) = match bounds.trim().split_once(':').with_context(fault)? {
@@ -39,7 +40,8 @@ impl Range {
             _ => (Scale::Linear, bounds.trim()),
         };
         let (low, high) = bounds.split_once(':').with_context(fault)?;
-        let number = |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite()).with_context(fault);
+        let number =
+            |text: &str| text.trim().parse::<f64>().ok().filter(|number| number.is_finite()).with_context(fault);
         let (low, high) = (number(low)?, number(high)?);
         if low >= high {
             bail!("{}", fault());
