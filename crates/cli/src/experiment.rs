@@ -13,6 +13,7 @@ use toml::{Spanned, Table, Value};
 
 use crate::args::{PresetName, Selection};
 use crate::paper::Paper;
+use crate::plot::Plot;
 
 /// The experiments that are built in.
 const BUILT_IN: &[(&str, &str)] = &[
@@ -57,6 +58,8 @@ struct File {
     paper: Option<Paper>,
     /// What it says about the order of the variants.
     claims: Option<Vec<Claim>>,
+    /// A chart for its report.
+    plot: Option<Plot>,
 }
 
 /// What an experiment is, beside its runs.
@@ -67,18 +70,21 @@ pub(crate) struct About {
     pub(crate) data: Option<PathBuf>,
     pub(crate) paper: Option<Paper>,
     pub(crate) claims: Vec<Claim>,
+    pub(crate) plot: Option<Plot>,
 }
 
 impl About {
     /// What a report of `records`, which came of `runs`, is made of.
-    pub(crate) fn report_input(&self, records: Vec<Record>, runs: &[&RunPlan]) -> ReportInput {
+    pub(crate) fn report_input(&self, records: Vec<Record>, runs: &[&RunPlan]) -> Result<ReportInput> {
+        let plot = self.plot.as_ref().map(|plot| plot.figure(&records)).transpose()?;
         let mut input = ReportInput::new(&self.name, &self.title, records);
+        input.figures.extend(plot);
         if self.data.is_none() {
             input.warnings.push("Procedural scenes of this project, not a published data set.".into());
         }
         input.published = self.paper.as_ref().map(|paper| paper.beside(runs));
         input.claims = self.claims.clone();
-        input
+        Ok(input)
     }
 }
 
@@ -226,7 +232,8 @@ impl Experiment {
         let title = last(|file| file.title.clone()).unwrap_or_else(|| name.clone());
         let paper = files.iter().rev().find_map(|file| file.paper.clone());
         let claims = files.iter().rev().find_map(|file| file.claims.clone()).unwrap_or_default();
-        Ok(Self { about: About { name, title, data, paper, claims }, runs })
+        let plot = files.iter().rev().find_map(|file| file.plot.clone());
+        Ok(Self { about: About { name, title, data, paper, claims, plot }, runs })
     }
 }
 

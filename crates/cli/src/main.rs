@@ -8,6 +8,7 @@ mod device;
 mod experiment;
 mod interrupt;
 mod paper;
+mod plot;
 mod progress;
 mod run;
 

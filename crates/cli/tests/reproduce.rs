@@ -63,9 +63,9 @@ fn statements_are_tested_beside_the_papers_figures() {
 fn bad_input() {
     let place = Workplace::new();
     tiny(&place, &["--only", "nonsense"]).assert_refused(&["nonsense", "baseline"]);
-    tiny(&place, &["--scene", "nonsense"]).fails_with(&["--scene nonsense"]);
-    tiny(&place, &["--set", "train.lrr=1"]).fails_with(&["lrr"]);
-    tiny(&place, &["--data", "nowhere"]).fails_with(&["nowhere"]);
+    tiny(&place, &["--only", "views", "--scene", "nonsense"]).fails_with(&["--scene nonsense"]);
+    tiny(&place, &["--only", "views", "--set", "train.lrr=1"]).fails_with(&["lrr"]);
+    tiny(&place, &["--only", "views", "--data", "nowhere"]).fails_with(&["nowhere"]);
     tiny(&place, &["--seed", "1..0"]).assert_refused(&["1..0"]);
     assert!(!place.path("runs").exists(), "nothing is written before the plan is whole");
     tiny(&place, &["--only", "information", "--scene", "knot", "--seed", "0"]).succeeds();

@@ -55,7 +55,7 @@ pub enum Relation {
     Better,
     /// Not worse by more than the noise.
     NotWorse,
-    /// At most half of it, both taken as distances: 2 |left| ≤ |right|.
+    /// At most half of it, both taken as distances: |left| ≤ ½ |right|.
     Near,
 }
 
@@ -88,7 +88,7 @@ pub struct TestedClaim {
 pub struct Finding {
     /// The comparison as a formula, such as `PSNR: entropy > none`.
     pub formula: String,
-    /// Left minus right of each scene and seed that has all of its variants.
+    /// What stands left of the sign minus what stands right of it, of each scene and seed that has all of its variants.
     pub difference: Option<Summary>,
     /// The same difference in the paper, where it gives both sides.
     pub published: Option<f64>,
@@ -139,17 +139,17 @@ impl Comparison {
         }
     }
 
-    /// Left and right, in the metric's unit; distances where they are compared as such.
+    /// Left and right of the sign, in the metric's unit.
     fn sides(&self, value: impl Fn(&str) -> Option<f64>) -> Option<(f64, f64)> {
         let (left, right) = (self.left.value(&value)?, self.right.value(&value)?);
-        Some(if self.is == Relation::Near { (left.abs(), right.abs()) } else { (left, right) })
+        Some(if self.is == Relation::Near { (left.abs(), 0.5 * right.abs()) } else { (left, right) })
     }
 
     fn verdict(&self, metric: Metric, sides: &[(f64, f64)]) -> Verdict {
         let sign = if metric.better() == Better::Lower { -1.0 } else { 1.0 };
         let favour = sides.iter().map(|(left, right)| match self.is {
             Relation::Better | Relation::NotWorse => sign * (left - right),
-            Relation::Near => right - 2.0 * left,
+            Relation::Near => right - left,
         });
         let Some(favour) = Summary::of(favour) else { return Verdict::Untested };
         let noise = favour.std.map_or(0.0, |std| STANDARD_ERRORS * std / (favour.n as f64).sqrt());
@@ -196,7 +196,7 @@ impl fmt::Display for Quantity {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Variant(variant) => f.write_str(variant),
-            Self::Difference([above, below]) => write!(f, "({above} − {below})"),
+            Self::Difference([above, below]) => write!(f, "{above} − {below}"),
         }
     }
 }
@@ -218,6 +218,7 @@ impl Finding {
     pub fn found(&self) -> String {
         let Some(Summary { mean, std, n }) = self.difference else { return "no runs".to_owned() };
         let decimals = self.decimals;
+        let mean = if format!("{mean:.decimals$}").trim_start_matches(['-', '0', '.']).is_empty() { 0.0 } else { mean };
         let spread = std.map_or(String::new(), |std| format!(" ± {std:.decimals$}"));
         format!("{mean:+.decimals$}{spread} in {n} {}", if n == 1 { "pair" } else { "pairs" })
     }

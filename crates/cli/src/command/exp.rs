@@ -1,7 +1,9 @@
 use std::process::ExitCode;
 
 use anyhow::Result;
-use infonerf_report::{Emphasis, Metric, Record, overview_table, protocol_lines, save_record, write_report};
+use infonerf_report::{
+    Emphasis, Metric, Record, ReportInput, overview_table, protocol_lines, save_record, write_report,
+};
 use infonerf_train::{Phase, Trainer};
 
 use crate::args::ExpArgs;
@@ -44,7 +46,8 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     let records: Vec<Record> =
         records.into_iter().filter(|record| experiment.runs.iter().any(|plan| same(plan, record))).collect();
     print_table(&records);
-    let input = experiment.about.report_input(records, &experiment.runs.iter().collect::<Vec<_>>());
+    let input = experiment.about.report_input(records, &experiment.runs.iter().collect::<Vec<_>>())?;
+    print_claims(&input);
     let files = write_report(&input, &folder)?;
     println!("\nreport: {}\nnumbers: {}", files.html.display(), folder.join("results.json").display());
     Ok(ExitCode::SUCCESS)
@@ -83,6 +86,18 @@ fn print_table(records: &[Record]) {
         println!("{line}");
     }
     println!("\n{}", overview_table(records, &Metric::ALL).to_text(Emphasis::Terminal));
+}
+
+/// What became of the paper's statements, if the experiment has some.
+pub(super) fn print_claims(input: &ReportInput) {
+    for claim in input.tested_claims() {
+        println!("{:13} {}", claim.verdict.to_string(), claim.statement);
+        for finding in &claim.findings {
+            let there = finding.in_paper();
+            let there = if there.is_empty() { there } else { format!(" (paper {there})") };
+            println!("{:13}   {}: {}{there}", "", finding.formula, finding.found());
+        }
+    }
 }
 
 fn print_profile(trainer: &Trainer) {

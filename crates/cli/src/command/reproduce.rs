@@ -8,6 +8,7 @@ use anyhow::Result;
 use clap::Args;
 use infonerf_report::{Chapter, Collection, write_collection};
 
+use super::exp::print_claims;
 use super::sweep::{Execution, FAILED, INTERRUPTED, Limits, Run, Sweep};
 use crate::args::{DeviceName, PresetName, Selection, parse_seeds};
 use crate::experiment::Experiment;
@@ -100,7 +101,7 @@ pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
 /// Writes the report of all experiments and prints what became of the paper's statements.
 fn write(chapters: Vec<Chapter>, out: &Path) -> Result<()> {
     let collection = Collection {
-        title: "What InfoNeRF's paper says, and what was found here".into(),
+        title: "InfoNeRF's synthetic tables and figures, at a small scale".into(),
         introduction: vec![
             "Each synthetic table and figure of the paper at a scale that suits a small machine, the paper's own figures \
              beside ours. Footnotes name every difference of protocol: the absolute figures are not comparable, the order \
@@ -111,14 +112,7 @@ fn write(chapters: Vec<Chapter>, out: &Path) -> Result<()> {
     };
     println!();
     for chapter in &collection.chapters {
-        for claim in chapter.input.tested_claims() {
-            println!("{:13} {}", claim.verdict.to_string(), claim.statement);
-            for finding in &claim.findings {
-                let there = finding.in_paper();
-                let there = if there.is_empty() { there } else { format!(" (paper {there})") };
-                println!("{:13}   {}: {}{there}", "", finding.formula, finding.found());
-            }
-        }
+        print_claims(&chapter.input);
     }
     let files = write_collection(&collection, out)?;
     println!("\nreport: {}", files.html.display());

@@ -34,7 +34,8 @@ pub(super) fn write(sweep: &Sweep, folder: &Path, warnings: Vec<String>) -> Resu
     println!("\n{}", table.to_text(emphasis));
     let figures = figures(sweep, &records)?;
     let runs: Vec<&RunPlan> = sweep.items.iter().map(|item| &item.plan).collect();
-    let mut input = ReportInput { figures, ..sweep.about.report_input(records, &runs) };
+    let mut input = sweep.about.report_input(records, &runs)?;
+    input.figures.extend(figures);
     input.warnings.extend(warnings);
     let files = write_report(&input, folder)?;
     println!("report: {}\nnumbers: {}", files.html.display(), folder.join("results.json").display());

@@ -60,7 +60,7 @@ impl Sweep {
                 bail!("--grid: expected at most {MOST} runs");
             }
             // The paper has no figures for settings of ours.
-            about.get_or_insert(About { name, paper: None, claims: Vec::new(), ..experiment.about });
+            about.get_or_insert(About { name, paper: None, claims: Vec::new(), plot: None, ..experiment.about });
         }
         items.sort_by_key(|(place, _)| *place);
         let mut items: Vec<Item> = items.into_iter().map(|(_, item)| item).collect();
