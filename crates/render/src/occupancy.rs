@@ -137,7 +137,8 @@ impl OccupancyGrid {
         let config = OccupancyConfig { resolution: coarse * factor, ..self.config.clone() };
         let mut fine = Self::new(&config, self.bounds);
         let n = config.resolution;
-        let whole = |cell: usize| cell % n / factor + coarse * (cell / n % n / factor + coarse * (cell / (n * n) / factor));
+        let whole =
+            |cell: usize| cell % n / factor + coarse * (cell / n % n / factor + coarse * (cell / (n * n) / factor));
         let asked: Vec<usize> = (0..fine.density.len()).filter(|&cell| self.occupied[whole(cell)]).collect();
         for cells in asked.chunks(CHUNK / PROBES) {
             let grid = &fine;

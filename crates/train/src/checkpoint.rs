@@ -82,7 +82,8 @@ impl Checkpoint {
         occupancy: Option<&OccupancyGrid>,
     ) -> Result<Self, TrainError> {
         let record = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
-        let bytes = |model: &Model| model.clone().into_record().into_bytes().map(|bytes| bytes.to_vec()).map_err(record);
+        let bytes =
+            |model: &Model| model.clone().into_record().into_bytes().map(|bytes| bytes.to_vec()).map_err(record);
         Ok(Self {
             progress: progress.clone(),
             model: bytes(model)?,
@@ -117,8 +118,7 @@ impl Checkpoint {
             write(&beside.join(name), bytes)?;
             files.push(Part { name: name.to_owned(), bytes: bytes.len() as u64, crc32: crc32fast::hash(bytes) });
         }
-        let manifest =
-            Manifest { version: VERSION, progress: self.progress.clone(), averaged: self.averaged, files };
+        let manifest = Manifest { version: VERSION, progress: self.progress.clone(), averaged: self.averaged, files };
         let text = serde_json::to_vec_pretty(&manifest).map_err(|error| TrainError::file(&beside, error))?;
         write(&beside.join(MANIFEST), &text)?;
         if current.exists() {

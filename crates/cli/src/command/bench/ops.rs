@@ -8,7 +8,9 @@ use burn::optim::{AdamConfig, Optimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::adam::Adam;
 use infonerf_ops::factored::{self, Layout, Query};
-use infonerf_ops::{Segments, composite::composite, composite::plain as plain_composite, gain, has_host_kernels, to_host};
+use infonerf_ops::{
+    Segments, composite::composite, composite::plain as plain_composite, gain, has_host_kernels, to_host,
+};
 use infonerf_render::Noise;
 use infonerf_report::chart::{Bar, Frame, bar_chart};
 use serde::Serialize;
@@ -77,12 +79,7 @@ pub(super) fn run(bench: &Bench, args: &BenchArgs) -> Result<()> {
     bench.save_results(PROTOCOL, &Report { rays: RAYS, samples: input.segments.samples(), rows: &rows })
 }
 
-fn compare(
-    operation: &'static str,
-    repeats: usize,
-    fused: impl Fn() -> Results,
-    plain: impl Fn() -> Results,
-) -> Row {
+fn compare(operation: &'static str, repeats: usize, fused: impl Fn() -> Results, plain: impl Fn() -> Results) -> Row {
     let difference = difference(fused(), plain());
     let timed = |body: &dyn Fn() -> Results| {
         let start = Instant::now();

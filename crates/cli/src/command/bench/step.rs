@@ -64,7 +64,8 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, st
     let mut trainer = bench.trainer(&plan)?;
     if let Some(run) = from {
         let (checkpoint, _) = Checkpoint::load(run)?;
-        let checkpoint = checkpoint.with_context(|| format!("--from {}: expected a run's checkpoint", run.display()))?;
+        let checkpoint =
+            checkpoint.with_context(|| format!("--from {}: expected a run's checkpoint", run.display()))?;
         trainer.resume(&checkpoint)?;
     }
     step_seconds(&mut trainer, warmup)?;
