@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use burn::tensor::Device;
 use infonerf_report::{Claim, Record, ReportInput};
-use infonerf_scene::{SceneSource, procedural};
-use infonerf_train::{Config, Preset, config};
+use infonerf_scene::{Scene, SceneSource, procedural};
+use infonerf_train::{Config, Preset, Trainer, config, member_seed};
 use serde::{Deserialize, Serialize};
 use toml::{Spanned, Table, Value};
 
@@ -338,6 +339,22 @@ fn subfolders(data: &Path) -> Result<Vec<String>> {
 }
 
 impl RunPlan {
+    /// How many fields the run trains.
+    pub(crate) fn members(&self) -> usize {
+        self.config.train.members_in(self.budget)
+    }
+
+    /// Folder of the `index`th field's training: the run's own if there is one field.
+    pub(crate) fn member_folder(&self, run: &Path, index: usize) -> PathBuf {
+        if self.members() == 1 { run.to_owned() } else { run.join(format!("member{index}")) }
+    }
+
+    /// The `index`th field before its first step.
+    pub(crate) fn trainer(&self, scene: Scene, index: usize, device: &Device) -> Result<Trainer> {
+        let budget = self.budget.map(|budget| budget / self.members() as f64);
+        Ok(Trainer::new(&self.config, scene, member_seed(self.seed, index), budget, device)?)
+    }
+
     /// How the run is named to people.
     pub(crate) fn label(&self) -> String {
         format!("{}/{}/seed{}", self.scene, self.variant, self.seed)

@@ -11,6 +11,7 @@ pub mod config;
 mod error;
 mod evaluate;
 mod event;
+mod members;
 mod profile;
 mod trainer;
 
@@ -19,5 +20,6 @@ pub use config::{Config, Preset};
 pub use error::TrainError;
 pub use evaluate::{Evaluation, Information, InformationQuery, TestView, evaluate_view, information};
 pub use event::Event;
+pub use members::member_seed;
 pub use profile::{Phase, Profile};
 pub use trainer::{Outcome, Trainer};

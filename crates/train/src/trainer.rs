@@ -6,7 +6,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_field::{Extent, Points, RadianceField};
 use infonerf_loss::{Norm, entropy_loss, gain_loss, photometric_loss};
 use infonerf_ops::{Segments, adam::Adam, to_host};
-use infonerf_render::{Counts, Level, Model, Noise, OccupancyGrid, Renderer, Want};
+use infonerf_render::{Counts, Learned, Level, Model, Noise, OccupancyGrid, Renderer, Want};
 use infonerf_scene::{Ray, Scene, ViewRegion};
 
 use crate::average::Average;
@@ -158,20 +158,20 @@ impl Trainer {
         self.occupancy.as_ref().filter(|_| o.carve || self.progress.step > o.warmup)
     }
 
-    /// What pictures of [`model`](Self::model) may skip; none if nothing is known yet.
-    ///
-    /// Finer than the grid of training if `render.occupancy.refine` says so: then this asks the field, and is worth keeping.
-    pub fn picture_occupancy(&self) -> Option<OccupancyGrid> {
-        let grid = self.occupancy()?;
+    /// What pictures are rendered from. Asks the field where it is empty if `render.occupancy.refine` says so: worth keeping.
+    pub fn learned(&self) -> Learned {
+        let model = self.model();
         let factor = self.config.render.occupancy.refine;
-        if factor == 1 {
-            return Some(grid.clone());
-        }
-        let field = self.model().fine;
-        let noise = Noise::new(self.seed, self.progress.step as u64, purpose::PICTURES);
-        let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
-        let length = self.renderer.step_length(1.0);
-        Some(grid.refined(factor, noise, length, |points| densities(&field, points, extent, 1.0)))
+        let occupancy = self.occupancy().map(|grid| {
+            if factor == 1 {
+                return grid.clone();
+            }
+            let noise = Noise::new(self.seed, self.progress.step as u64, purpose::PICTURES);
+            let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
+            let length = self.renderer.step_length(1.0);
+            grid.refined(factor, noise, length, |points| densities(&model.fine, points, extent, 1.0))
+        });
+        Learned { model, occupancy }
     }
 
     /// Share of the run that is done: by the clock if there is a budget, else by steps.

@@ -12,6 +12,7 @@ use infonerf_render::{Placement, RenderConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
+use crate::members::MOST_MEMBERS;
 
 /// Everything that a run's numbers depend on, beside the scene's files, the seed and the device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -145,6 +146,10 @@ pub struct TrainConfig {
     pub adam_beta2: f32,
     /// Adam's ε (PyTorch: 1e-8).
     pub adam_epsilon: f32,
+    /// Fields trained one after another from other random numbers, whose pictures are averaged; each takes all steps.
+    pub members: usize,
+    /// With a budget: seconds that each field has, if the budget holds more of them than `members`; 0 leaves it at those.
+    pub member_seconds: f64,
     /// Share of the run, at its end, over which weights are averaged for rendering; 0 renders the last ones.
     pub average: f64,
     /// Steps between checkpoints; 0 for one at the end only.
@@ -284,6 +289,8 @@ impl Config {
         number("train.table_rate", t.table_rate, 0.0, 1e6)?;
         number("train.adam_beta2", f64::from(t.adam_beta2), 0.0, 0.999_999)?;
         number("train.adam_epsilon", f64::from(t.adam_epsilon), 0.0, 1.0)?;
+        number("train.members", t.members as f64, 1.0, MOST_MEMBERS as f64)?;
+        number("train.member_seconds", t.member_seconds, 0.0, 1e9)?;
         number("train.average", t.average, 0.0, 1.0)?;
         if let Decay::Run { last } = t.lr_decay {
             number("train.lr_decay.last", last, 1e-9, 1.0)?;
