@@ -42,6 +42,8 @@ pub use bounds::Aabb;
 pub use camera::Camera;
 pub use error::SceneError;
 pub use export::export;
+#[doc(hidden)]
+pub use loaders::fuzzing;
 pub use image::{Image, Rgba8, RgbaImage, resized_dimensions, round_to_u8};
 pub use poses::{ViewRegion, near_pose, orbit, unseen_pose};
 pub use ray::Ray;

@@ -1,7 +1,7 @@
 //! Bounded reading of `.npy` arrays.
 
 use std::fs::{self, File};
-use std::io::{BufReader, BufWriter, Write};
+use std::io::{BufReader, BufWriter, Read, Write};
 use std::path::Path;
 
 use npyz::{Deserialize, NpyFile, Order, TypeChar, WriterBuilder};
@@ -12,7 +12,7 @@ use crate::SceneError;
 const LARGEST: u64 = 1 << 30;
 
 /// A row-major array with its shape.
-pub(super) struct Array<T> {
+pub(crate) struct Array<T> {
     pub shape: Vec<u64>,
     pub values: Vec<T>,
 }
@@ -27,9 +27,14 @@ pub(super) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError
         let what = "the size of the array file in bytes";
         return Err(SceneError::TooLarge { path: path.into(), what, size, limit: LARGEST });
     }
-    let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
     let file = File::open(path).map_err(|e| SceneError::io(path, e))?;
-    let npy = NpyFile::new(BufReader::new(file)).map_err(|e| fault(&e))?;
+    decode(path, BufReader::new(file), size, expected)
+}
+
+/// Decodes the file at `path`, which has `size` bytes.
+pub(crate) fn decode(path: &Path, file: impl Read, size: u64, expected: &str) -> Result<Array<f64>, SceneError> {
+    let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
+    let npy = NpyFile::new(file).map_err(|e| fault(&e))?;
     let shape = npy.shape().to_vec();
     // The header's shape may claim anything; the file's length bounds what is allocated.
     let claimed = shape.iter().try_fold(1u64, |n, &side| n.checked_mul(side));
@@ -48,7 +53,7 @@ pub(super) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError
     Ok(Array { shape, values: values.map_err(|e| fault(&e))? })
 }
 
-fn collect<T: Deserialize + Into<f64>>(npy: NpyFile<BufReader<File>>) -> std::io::Result<Vec<f64>> {
+fn collect<T: Deserialize + Into<f64>>(npy: NpyFile<impl Read>) -> std::io::Result<Vec<f64>> {
     let values = npy.data::<T>().map_err(std::io::Error::other)?;
     values.map(|v| v.map(Into::into)).collect()
 }
