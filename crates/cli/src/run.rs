@@ -62,7 +62,7 @@ impl Session {
         if self.resume && record_path(&folder, plan).exists() {
             return Ok(Finished::Kept);
         }
-        fs::write(&path, config).with_context(|| path.display().to_string())?;
+        infonerf_report::write_atomically(&path, config.as_bytes())?;
         let scene = load(plan)?;
         let mut trainer = Trainer::new(&plan.config, scene, plan.seed, plan.budget, &self.device)?;
         if let Some(checkpoint) = &checkpoint {

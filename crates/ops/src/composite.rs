@@ -119,7 +119,7 @@ pub(crate) struct Padding {
 }
 
 impl Padding {
-    pub(crate) fn new(segments: &Segments, device: &burn::tensor::Device) -> Self {
+    pub(crate) fn new(segments: &Segments, device: &Device) -> Self {
         let shape = [segments.rays(), segments.longest()];
         let (indices, valid) = segments.padded();
         let empty: Vec<bool> = valid.iter().map(|valid| !valid).collect();
@@ -150,7 +150,8 @@ pub(crate) fn plain_alpha<const D: usize>(tau: Tensor<D>) -> Tensor<D> {
     // Both branches are computed, so the series is kept off large inputs.
     let t = tau.clone().clamp(0.0, 0.1);
     // 1 − t/2 + t²/6 − …: nine terms are exact in `f64`.
-    let horner = (1..=9).rev().fold(t.zeros_like() + 1.0, |sum: Tensor<D>, n| sum * t.clone() / -(n as f64 + 1.0) + 1.0);
+    let horner =
+        (1..=9).rev().fold(t.zeros_like() + 1.0, |sum: Tensor<D>, n| sum * t.clone() / -(n as f64 + 1.0) + 1.0);
     (tau.neg().exp().neg() + 1.0).mask_where(small, horner * t)
 }
 
@@ -171,7 +172,8 @@ fn plain_entropy(alpha: Tensor<2>, alpha_sum: Tensor<2>, epsilon: f32) -> Tensor
         (p.clone() + epsilon).log()
     } else {
         // Subnormal numbers have no finite 1/p for the way back.
-        let zero = p.clone().lower_elem(f32::MIN_POSITIVE);
+        let least = if p.dtype() == FloatDType::F64.into() { 1e-300 } else { f64::from(f32::MIN_POSITIVE) };
+        let zero = p.clone().lower_elem(least);
         p.clone().mask_fill(zero, 1.0).log()
     };
     let bits = (p * log.mask_where(most, nearly)).sum_dim(1) * -std::f32::consts::LOG2_E;
@@ -281,14 +283,7 @@ mod host {
             }
         }
 
-        fn backward(
-            &self,
-            channels: usize,
-            entropy: Option<f32>,
-            grad: &[f32],
-            dtau: &mut [f32],
-            dvalues: &mut [f32],
-        ) {
+        fn backward(&self, channels: usize, entropy: Option<f32>, grad: &[f32], dtau: &mut [f32], dvalues: &mut [f32]) {
             let (dintegrated, dstats) = grad.split_at(channels);
             let [dacc, dalpha_sum, dentropy] = [dstats[0], dstats[1], dstats[2]];
             // Forward again for T_{i+1}, kept in dtau until the second pass replaces it.

@@ -98,7 +98,11 @@ fn ln_ratios(p: &[f64], q: &[f64], epsilon: f64) -> Vec<f64> {
 /// Σ p ln((p + ε)/(q + ε)), less Σ (p − q) = 0 term by term: what remains is of second order where p ≈ q.
 pub fn information_gain(tau: &[f64], near: &[f64], epsilon: f64) -> f64 {
     let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else { return 0.0 };
-    p.iter().zip(&q).zip(ln_ratios(&p, &q, epsilon)).map(|((p, q), ln)| (p + epsilon) * ln - (p - q) - epsilon * ln).sum()
+    p.iter()
+        .zip(&q)
+        .zip(ln_ratios(&p, &q, epsilon))
+        .map(|((p, q), ln)| (p + epsilon) * ln - (p - q) - epsilon * ln)
+        .sum()
 }
 
 /// (∂KL/∂τ, ∂KL/∂τ̃).

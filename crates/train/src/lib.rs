@@ -10,6 +10,7 @@ pub mod config;
 mod error;
 mod evaluate;
 mod event;
+mod memory;
 mod profile;
 mod trainer;
 
@@ -18,5 +19,6 @@ pub use config::{Config, Preset};
 pub use error::TrainError;
 pub use evaluate::{Evaluation, Information, InformationQuery, TestView, evaluate_view, information};
 pub use event::Event;
+pub use memory::MemoryPlan;
 pub use profile::{Phase, Profile};
 pub use trainer::{Outcome, Trainer};

@@ -1,7 +1,7 @@
 //! The field in `f64`, one sample at a time: the oracle of the fused kernel and of the plain body.
 
-use super::layout::{Layout, Level, OUTPUTS, PLANES};
 use super::Query;
+use super::layout::{Layout, Level, OUTPUTS, PLANES};
 
 /// Density and colour of every sample, as [`factored_field`](super::factored_field) has them.
 pub fn value(tables: &[f64], weights: &[f64], layout: &Layout, query: &Query) -> Vec<f64> {
@@ -10,13 +10,7 @@ pub fn value(tables: &[f64], weights: &[f64], layout: &Layout, query: &Query) ->
 }
 
 /// The gradients of ⟨`grad`, output⟩ with respect to `tables` and `weights`.
-pub fn gradient(
-    tables: &[f64],
-    weights: &[f64],
-    layout: &Layout,
-    query: &Query,
-    grad: &[f64],
-) -> (Vec<f64>, Vec<f64>) {
+pub fn gradient(tables: &[f64], weights: &[f64], layout: &Layout, query: &Query, grad: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let field = Field { tables, weights, layout, query };
     let (mut dtables, mut dweights) = (vec![0.0; tables.len()], vec![0.0; weights.len()]);
     for (sample, grad) in grad.chunks_exact(if query.color { OUTPUTS } else { 1 }).enumerate() {

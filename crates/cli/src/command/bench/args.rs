@@ -33,6 +33,9 @@ pub(crate) struct BenchArgs {
     /// Steps before measuring begins (step: 50; scale: 2).
     #[arg(long, value_name = "N")]
     pub(crate) warmup: Option<u32>,
+    /// stress: rays of each kind (70000).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..))]
+    pub(crate) rays: Option<u32>,
     /// Folder for results.
     #[arg(long, value_name = "DIR", default_value = "runs/bench")]
     pub(crate) out: PathBuf,
@@ -50,6 +53,8 @@ pub(crate) enum BenchName {
     Scale,
     /// Seconds a frame by image size.
     Render,
+    /// Errors of every operation and loss on extreme inputs, against f64; fails if a bound is broken.
+    Stress,
 }
 
 impl std::fmt::Display for BenchName {
