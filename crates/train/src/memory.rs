@@ -125,7 +125,10 @@ mod tests {
         let giant = plan(&["field.resolutions=[2048,2048,2048,2048,2048,2048,2048,2048]", "field.channels=16"]);
         let message = giant.check(16 << 30).unwrap_err().to_string();
         assert!(message.starts_with("field (its parameters") && message.contains("16.0 GiB"), "{message}");
-        let wide = plan(&["train.samples=100000000", "field={kind=\"nerf\",layers=8,width=4096,skip=4,position_octaves=10,direction_octaves=4,density=\"relu\",anneal=0.0}"]);
+        let wide = plan(&[
+            "train.samples=100000000",
+            "field={kind=\"nerf\",layers=8,width=4096,skip=4,position_octaves=10,direction_octaves=4,density=\"relu\",anneal=0.0}",
+        ]);
         let message = wide.check(16 << 30).unwrap_err().to_string();
         assert!(message.starts_with("train.rays and render.samples"), "{message}");
     }

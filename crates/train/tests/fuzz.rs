@@ -13,8 +13,30 @@ use rand_chacha::ChaCha8Rng;
 
 /// What configs are made of, and numbers at the ends of their types.
 const WORDS: [&str; 24] = [
-    "0", "-1", "1e999", "nan", "-inf", "9223372036854775807", "4294967296", "1e-320", "true", "\"\"", "[]", "{}", "[[",
-    "{a={a={a=1}}}", "=", ".", "kind", "\"nerf\"", "\"factored\"", "train.rays", "field", "scene.views", "\u{0}", "é",
+    "0",
+    "-1",
+    "1e999",
+    "nan",
+    "-inf",
+    "9223372036854775807",
+    "4294967296",
+    "1e-320",
+    "true",
+    "\"\"",
+    "[]",
+    "{}",
+    "[[",
+    "{a={a={a=1}}}",
+    "=",
+    ".",
+    "kind",
+    "\"nerf\"",
+    "\"factored\"",
+    "train.rays",
+    "field",
+    "scene.views",
+    "\u{0}",
+    "é",
 ];
 
 fn count(usual: usize) -> usize {
@@ -67,7 +89,13 @@ fn configs() {
 #[test]
 fn assignments() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
-    let valid = ["train.rays=64", "field={kind=\"nerf\"}", "train.pyramid=[[0.1, 4]]", "scene.views={kind=\"all\"}", "eval.test=every-8"];
+    let valid = [
+        "train.rays=64",
+        "field={kind=\"nerf\"}",
+        "train.pyramid=[[0.1, 4]]",
+        "scene.views={kind=\"all\"}",
+        "eval.test=every-8",
+    ];
     let mut accepted = 0;
     let count = count(3000);
     for _ in 0..count {

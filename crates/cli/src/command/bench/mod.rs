@@ -11,6 +11,7 @@ mod scale;
 mod skip;
 mod step;
 mod stress;
+mod training;
 mod trial;
 
 use std::process::ExitCode;
@@ -32,6 +33,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
         BenchName::Scale => scale::run(&bench, args)?,
         BenchName::Render => render::run(&bench, args)?,
         BenchName::Stress => holds = stress::run(&bench, args)?,
+        BenchName::StressTraining => holds = training::run(&bench, args)?,
     }
     println!("\nresults: {}", bench.folder.display());
     Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })
