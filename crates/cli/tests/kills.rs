@@ -52,7 +52,7 @@ fn killed_runs_go_on_to_the_same_numbers() {
     let (mut kills, mut while_writing, mut runs) = (0, 0, 0);
     while kills < wanted {
         let out = format!("run{runs}");
-        let mut args = vec!["--out", &out];
+        let mut args = vec!["--out", out.as_str()];
         loop {
             let mut child = command(&place, &args).spawn().unwrap();
             // The last run of all is let live.
@@ -74,7 +74,7 @@ fn killed_runs_go_on_to_the_same_numbers() {
             child.wait().unwrap();
             kills += 1;
             while_writing += usize::from(place.path(&out).join(FOLDER).join("checkpoint.writing").exists());
-            args = vec!["--out", &out, "--resume"];
+            args = vec!["--out", out.as_str(), "--resume"];
         }
         assert_eq!(unbroken, numbers(&place, &out), "{out}, after {kills} kills in all");
         runs += 1;

@@ -206,7 +206,11 @@ impl Row {
             }
         };
         let view = &trainer.scene().train[0];
-        let Ok(rendered) = evaluate_view(trainer.renderer(), &trainer.model(), trainer.occupancy(), view) else {
+        // A checkpoint is refused if a weight is not finite, an evaluation if a pixel is not.
+        let rendered = trainer
+            .checkpoint()
+            .and_then(|_| evaluate_view(trainer.renderer(), &trainer.model(), trainer.occupancy(), view));
+        let Ok(rendered) = rendered else {
             self.not_finite += 1;
             return Ok(None);
         };
