@@ -148,7 +148,8 @@ fn rays(fixture: &Value, origin: &str, direction: &str) -> Vec<Ray> {
         Vec3::new(x as f32, y as f32, z as f32)
     };
     let rows = fixture["rays"].as_array().unwrap();
-    rows.iter().map(|row| Ray { origin: vector(&row[origin]), direction: vector(&row[direction]) }).collect()
+    let ray = |row: &Value| Ray { origin: vector(&row[origin]), direction: vector(&row[direction]), radius: 0.0 };
+    rows.iter().map(ray).collect()
 }
 
 fn compare(got: &[f64], want: &[f64], tolerance: f64, what: &str) {

@@ -30,7 +30,8 @@ pub(crate) enum Command {
     /// Measure speed: time against error, what skipping saves, where a step's time goes, how cost grows.
     #[command(after_help = BENCH_EXAMPLES)]
     Bench(BenchArgs),
-    /// Evaluate a finished run again.
+    /// Evaluate finished runs again, at other image sizes too.
+    #[command(after_help = EVAL_EXAMPLES)]
     Eval(EvalArgs),
     /// Render new views of a finished run: an orbit as PNG frames and an animation.
     Render(RenderArgs),
@@ -54,6 +55,13 @@ Examples:
       one variant, one minute
   infonerf exp runs/synthetic-4view/lego/infonerf/seed0/config.toml
       a run again, with the same numbers";
+
+const EVAL_EXAMPLES: &str = "\
+Examples:
+  infonerf eval runs/synthetic-4view/castle/infonerf/seed0 --test all
+      on all 200 test views
+  infonerf eval runs/scales/castle/nerf/seed0 runs/scales/castle/mipnerf/seed0 --scale 1/2,1/4,1/8
+      how two runs stand smaller images than those that they were trained on";
 
 #[derive(Clone, Debug, ClapArgs)]
 pub(crate) struct ExpArgs {
@@ -103,11 +111,15 @@ pub(crate) struct Selection {
 
 #[derive(Debug, ClapArgs)]
 pub(crate) struct EvalArgs {
-    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0.
-    pub(crate) run: PathBuf,
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0; more of them are compared.
+    #[arg(required = true, value_name = "RUN")]
+    pub(crate) runs: Vec<PathBuf>,
     /// Test views: all, every-8, first-3; by default as the run says.
     #[arg(long, value_name = "PROTOCOL")]
     pub(crate) test: Option<String>,
+    /// Also render at smaller sizes, such as 1/2,1/4,1/8, against the test views averaged over areas; one table.
+    #[arg(long = "scale", value_name = "1/N", value_delimiter = ',', value_parser = parse_scale)]
+    pub(crate) scales: Vec<u32>,
     /// Where to compute.
     #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
     pub(crate) device: DeviceName,
@@ -198,6 +210,14 @@ pub(crate) fn parse_duration(text: &str) -> Result<Duration, String> {
     if seconds > 0.0 { Duration::try_from_secs_f64(seconds).map_err(|_| fault()) } else { Err(fault()) }
 }
 
+/// `1/8` gives 8.
+fn parse_scale(text: &str) -> Result<u32, String> {
+    let factor = text.trim().strip_prefix("1/").and_then(|factor| factor.parse().ok());
+    factor
+        .filter(|factor| (2..=64).contains(factor))
+        .ok_or_else(|| format!("expected a scale from 1/2 to 1/64, found `{text}`"))
+}
+
 /// A seed, or a range of them such as `0..4`, both ends included.
 fn parse_seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
     let fault = || format!("expected a seed such as 3, or seeds such as 0..4, found `{text}`");
@@ -217,6 +237,14 @@ mod tests {
         assert_eq!(parse_seeds("0..4").unwrap(), 0..=4);
         for text in ["", "..", "4..0", "-1", "0..", "1.5", "0..1000000000"] {
             assert!(parse_seeds(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn scales() {
+        assert_eq!(parse_scale("1/8"), Ok(8));
+        for text in ["", "8", "1/1", "1/0", "1/65", "2/4", "1/-2", "1/1.5"] {
+            assert!(parse_scale(text).is_err(), "{text}");
         }
     }
 

@@ -17,6 +17,8 @@ const BUILT_IN: &[(&str, &str)] = &[
     ("synthetic-4view", include_str!("../../../experiments/synthetic-4view.toml")),
     ("synthetic-4view-losses", include_str!("../../../experiments/synthetic-4view-losses.toml")),
     ("synthetic-4view-alpha", include_str!("../../../experiments/synthetic-4view-alpha.toml")),
+    ("integration", include_str!("../../../experiments/integration.toml")),
+    ("integration-paper", include_str!("../../../experiments/integration-paper.toml")),
 ];
 
 /// An experiment file.
@@ -331,5 +333,27 @@ impl RunPlan {
             budget: complete.budget_seconds,
             config: complete.config,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::args::{Args, Command};
+
+    /// Over any preset, and as it comes back from a run's `config.toml`.
+    #[test]
+    fn every_built_in_experiment_is_valid() {
+        for (name, _) in BUILT_IN {
+            for preset in Preset::ALL.map(Preset::name) {
+                let args = Args::parse_from(["infonerf", "exp", name, "--preset", preset]);
+                let Command::Exp(args) = args.command else { panic!("exp") };
+                for plan in Experiment::plan(name, &args.selection, None).unwrap().runs {
+                    assert_eq!(RunPlan::from_toml(&plan.to_toml().unwrap()).unwrap().config, plan.config, "{name}");
+                }
+            }
+        }
     }
 }

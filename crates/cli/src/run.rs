@@ -116,10 +116,10 @@ impl Session {
 
     /// Renders and measures the test views, writes the pictures, and returns the record.
     fn evaluate(&self, plan: &RunPlan, folder: &Path, trainer: &Trainer, collapsed: bool) -> Result<Record> {
-        let (scene, model) = (trainer.scene(), trainer.model());
+        let (scene, model, occupancy) = (trainer.scene(), trainer.model(), trainer.picture_occupancy());
         let mut views = Vec::new();
         for view in &scene.test {
-            let result = evaluate_view(trainer.renderer(), &model, trainer.occupancy(), view)?;
+            let result = evaluate_view(trainer.renderer(), &model, occupancy.as_ref(), view)?;
             write_pictures(folder, scene, view, &result)?;
             views.push(result);
         }

@@ -236,6 +236,9 @@ fn folders_that_are_no_run() {
     place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf"]).succeeds();
     let run = "runs/synthetic-4view/knot/nerf/seed0";
     place.run(&["eval", run, "--test", "some"]).fails_with(&["--test", "some"]);
+    for scale in ["2", "1/1", "1/2;1/4", "1/x"] {
+        place.run(&["eval", run, "--scale", scale]).assert_refused(&["--scale", "1/64"]);
+    }
     place.run(&["eval", run, "--device", "vulkan"]).fails_with(&["not built in"]);
     fs::write(place.path("file"), "").unwrap();
     place.run(&["render", run, "--frames", "1", "--out", "file"]).fails_with(&["file"]);

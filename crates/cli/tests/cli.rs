@@ -249,6 +249,15 @@ fn evaluating_and_rendering_a_run() {
     assert!(mean.contains(&format!("depth RMSE {:.4}", record["depth_rmse"].as_f64().unwrap())), "{said}");
     let said = text(&place.run(&["eval", run, "--test", "first-1"]).succeeds().stdout);
     assert!(said.contains("1 test views (first-1)"), "{said}");
+    // One row a run: full size is the record's, and the difference is from there.
+    let said = text(&place.run(&["eval", run, run, "--scale", "1/2,1/4"]).succeeds().stdout);
+    let rows: Vec<&str> = said.lines().filter(|line| line.starts_with("crane/infonerf/seed0  ")).collect();
+    assert!(rows.len() == 2 && rows[0] == rows[1], "{said}");
+    let numbers: Vec<f64> = rows[0].split([' ', '(', ')']).filter_map(|number| number.parse().ok()).collect();
+    let [full, half, half_gain, quarter, quarter_gain] = numbers[..] else { panic!("{said}") };
+    assert!((full - record["psnr"].as_f64().unwrap()).abs() < 0.006, "{said}");
+    assert!((full + half_gain - half).abs() < 0.011 && (full + quarter_gain - quarter).abs() < 0.011, "{said}");
+    assert!(half != full, "{said}");
 
     place.run(&["render", run, "--frames", "3"]).succeeds();
     let folder = place.path(run).join("render");

@@ -8,7 +8,8 @@ use common::{Workplace, text};
 use serde_json::Value;
 
 fn results(place: &Workplace, name: &str) -> Value {
-    serde_json::from_str(&fs::read_to_string(place.path("runs/bench").join(name).join("results.json")).unwrap()).unwrap()
+    serde_json::from_str(&fs::read_to_string(place.path("runs/bench").join(name).join("results.json")).unwrap())
+        .unwrap()
 }
 
 #[test]

@@ -9,6 +9,8 @@ use crate::DensityActivation;
 pub enum FieldConfig {
     /// The MLP of NeRF.
     Nerf(NerfConfig),
+    /// The MLP of mip-NeRF.
+    Mip(MipConfig),
     /// Planes and lines with a tiny MLP.
     Factored(FactoredConfig),
 }
@@ -57,6 +59,24 @@ pub struct NerfConfig {
     pub anneal: f32,
 }
 
+/// Sizes of [`MipNerf`](crate::MipNerf).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MipConfig {
+    /// Hidden layers of the trunk (mip-NeRF: 8).
+    pub layers: usize,
+    /// Width of the trunk (mip-NeRF: 256); the view branch has half of it.
+    pub width: usize,
+    /// The trunk layer, counted from 0, that sees the encoded position again (mip-NeRF: 5). None if not below `layers`.
+    pub skip: usize,
+    /// Octaves of the position's integrated encoding (mip-NeRF: 16).
+    pub position_octaves: usize,
+    /// Octaves of the direction's encoding (mip-NeRF: 4).
+    pub direction_octaves: usize,
+    /// Fraction of training over which the position's octaves are faded in, lowest first (FreeNeRF); 0 is off.
+    pub anneal: f32,
+}
+
 /// A size or factor out of range.
 #[derive(Debug, Error, PartialEq)]
 #[error("field.{field}: expected {expected}, found {found}")]
@@ -73,7 +93,18 @@ fn check(field: &'static str, expected: &'static str, found: impl ToString, good
     if good { Ok(()) } else { Err(ConfigError { field, expected, found: found.to_string() }) }
 }
 
+fn check_mlp(layers: usize, width: usize, direction_octaves: usize) -> Result<(), ConfigError> {
+    check("layers", "1 to 64", layers, (1..=64).contains(&layers))?;
+    check("width", "an even number from 2 to 4096", width, (2..=4096).contains(&width) && width.is_multiple_of(2))?;
+    check("direction_octaves", "0 to 20", direction_octaves, direction_octaves <= 20)
+}
+
 impl FieldConfig {
+    /// Whether one network serves the coarse and the fine pass; otherwise each pass has its own.
+    pub fn shares_passes(&self) -> bool {
+        matches!(self, Self::Mip(_))
+    }
+
     /// Checks every size against what the field can be built with.
     ///
     /// # Errors
@@ -81,15 +112,14 @@ impl FieldConfig {
     pub fn validate(&self) -> Result<(), ConfigError> {
         match self {
             Self::Nerf(c) => {
-                check("layers", "1 to 64", c.layers, (1..=64).contains(&c.layers))?;
-                check(
-                    "width",
-                    "an even number from 2 to 4096",
-                    c.width,
-                    (2..=4096).contains(&c.width) && c.width % 2 == 0,
-                )?;
+                check_mlp(c.layers, c.width, c.direction_octaves)?;
                 check("position_octaves", "0 to 20", c.position_octaves, c.position_octaves <= 20)?;
-                check("direction_octaves", "0 to 20", c.direction_octaves, c.direction_octaves <= 20)?;
+                check("anneal", "0 to 1", c.anneal, (0.0..=1.0).contains(&c.anneal))
+            }
+            Self::Mip(c) => {
+                check_mlp(c.layers, c.width, c.direction_octaves)?;
+                let octaves = c.position_octaves;
+                check("position_octaves", "1 to 20", octaves, (1..=20).contains(&octaves))?;
                 check("anneal", "0 to 1", c.anneal, (0.0..=1.0).contains(&c.anneal))
             }
             Self::Factored(c) => {

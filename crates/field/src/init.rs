@@ -10,13 +10,27 @@ pub(crate) fn uniform(rng: &mut impl Rng, count: usize, bound: f32) -> Vec<f32> 
     (0..count).map(|_| rng.random_range(-1.0f32..=1.0) * bound).collect()
 }
 
-/// A dense layer with PyTorch's default initialisation: weights and biases uniform in ±1/√fan_in.
-pub(crate) fn linear(rng: &mut impl Rng, fan_in: usize, fan_out: usize, device: &Device) -> Linear {
-    let bound = (1.0 / fan_in as f32).sqrt();
-    let mut layer = LinearConfig::new(fan_in, fan_out).init(device);
-    let weight = uniform(rng, fan_in * fan_out, bound);
-    let bias = uniform(rng, fan_out, bound);
-    layer.weight = Param::from_data(TensorData::new(weight, [fan_in, fan_out]), device);
-    layer.bias = Some(Param::from_data(TensorData::new(bias, [fan_out]), device));
-    layer
+/// How a dense layer's weights are drawn.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Init {
+    /// PyTorch's default: weights and biases uniform in ±1/√fan_in.
+    FanIn,
+    /// Weights uniform in ±√(6/(fan_in + fan_out)), biases 0 (Glorot & Bengio 2010), as the released mip-NeRF has it.
+    Glorot,
+}
+
+impl Init {
+    /// A dense layer.
+    pub(crate) fn linear(self, rng: &mut impl Rng, fan_in: usize, fan_out: usize, device: &Device) -> Linear {
+        let (bound, bias_bound) = match self {
+            Self::FanIn => ((1.0 / fan_in as f32).sqrt(), (1.0 / fan_in as f32).sqrt()),
+            Self::Glorot => ((6.0 / (fan_in + fan_out) as f32).sqrt(), 0.0),
+        };
+        let mut layer = LinearConfig::new(fan_in, fan_out).init(device);
+        let weight = uniform(rng, fan_in * fan_out, bound);
+        let bias = uniform(rng, fan_out, bias_bound);
+        layer.weight = Param::from_data(TensorData::new(weight, [fan_in, fan_out]), device);
+        layer.bias = Some(Param::from_data(TensorData::new(bias, [fan_out]), device));
+        layer
+    }
 }

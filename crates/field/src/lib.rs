@@ -3,14 +3,18 @@
 //! Rays which only need density (the unseen rays of the entropy loss) say so and never pay for colour. To add a field: one file with a module, and one variant in [`FieldConfig`] and [`RadianceField`].
 
 mod activation;
+mod anneal;
 mod config;
 mod factored;
 mod init;
+mod mip;
+mod mlp;
 mod nerf;
 
 pub use activation::DensityActivation;
-pub use config::{ConfigError, FactoredConfig, FieldConfig, NerfConfig};
+pub use config::{ConfigError, FactoredConfig, FieldConfig, MipConfig, NerfConfig};
 pub use factored::FactoredField;
+pub use mip::MipNerf;
 pub use nerf::NerfMlp;
 
 use burn::module::Module;
@@ -28,6 +32,28 @@ pub struct Points<'a> {
     pub directions: &'a [f32],
     /// Which samples belong to which ray.
     pub segments: &'a Segments,
+    /// How much space around its position each sample stands for.
+    pub extent: Extent<'a>,
+}
+
+/// How much space a sample stands for. A field of points ignores it, a field of volumes takes its mean there.
+#[derive(Clone, Copy, Debug)]
+pub enum Extent<'a> {
+    /// Pieces of the cones around the rays: sample `i`, at distance `t[i]`, is the middle of an interval of length
+    /// `delta[i]`.
+    Cones {
+        /// Distance of each sample along its ray, `[M]`, scene units.
+        t: &'a [f32],
+        /// Length of each sample's interval, `[M]`, scene units.
+        delta: &'a [f32],
+        /// Radius of each ray's cone at distance 1, `[R]`.
+        radii: &'a [f32],
+    },
+    /// The same ball around each position, for points that are on no ray.
+    Ball {
+        /// Variance along each axis, scene units².
+        variance: f32,
+    },
 }
 
 /// What a field answers.
@@ -35,7 +61,7 @@ pub struct Points<'a> {
 pub struct Sampled {
     /// Volume density σ ≥ 0 in 1/scene unit, `[M]`.
     pub sigma: Tensor<1>,
-    /// Colour in [0, 1]³, `[M, 3]`; none if it was not asked for.
+    /// Colour in [0, 1]³ (mip-NeRF: up to 0.001 beyond), `[M, 3]`; none if it was not asked for.
     pub color: Option<Tensor<2>>,
 }
 
@@ -45,6 +71,8 @@ pub struct Sampled {
 pub enum RadianceField {
     /// The MLP of NeRF.
     Nerf(NerfMlp),
+    /// The MLP of mip-NeRF.
+    Mip(MipNerf),
     /// Planes and lines with a tiny MLP.
     Factored(FactoredField),
 }
@@ -61,6 +89,7 @@ impl RadianceField {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         Ok(match config {
             FieldConfig::Nerf(config) => Self::Nerf(NerfMlp::new(config, &mut rng, device)),
+            FieldConfig::Mip(config) => Self::Mip(MipNerf::new(config, &mut rng, device)),
             FieldConfig::Factored(config) => Self::Factored(FactoredField::new(config, bounds, &mut rng, device)),
         })
     }
@@ -71,6 +100,7 @@ impl RadianceField {
     pub fn evaluate(&self, points: Points<'_>, color: bool, progress: f32) -> Sampled {
         match self {
             Self::Nerf(field) => field.evaluate(points, color, progress),
+            Self::Mip(field) => field.evaluate(points, color, progress),
             Self::Factored(field) => field.evaluate(points, color, progress),
         }
     }
@@ -78,7 +108,7 @@ impl RadianceField {
     /// Total variation of the field's tables, a scalar; none for a field without tables.
     pub fn variation(&self) -> Option<Tensor<1>> {
         match self {
-            Self::Nerf(_) => None,
+            Self::Nerf(_) | Self::Mip(_) => None,
             Self::Factored(field) => Some(field.variation()),
         }
     }
@@ -87,6 +117,7 @@ impl RadianceField {
     pub fn device(&self) -> Device {
         match self {
             Self::Nerf(field) => field.device(),
+            Self::Mip(field) => field.device(),
             Self::Factored(field) => field.device(),
         }
     }

@@ -39,7 +39,7 @@ fn encode(x: &[f32], octaves: usize, window: &[f32], out: &mut [f32]) {
 }
 
 /// sin and cos of x · `scale`, also where that is beyond `f32`.
-fn sin_cos(x: f32, scale: f32) -> (f32, f32) {
+pub(crate) fn sin_cos(x: f32, scale: f32) -> (f32, f32) {
     let phase = x * scale;
     if phase.is_finite() {
         return phase.sin_cos();

@@ -20,7 +20,9 @@ pub mod composite;
 mod distribution;
 pub mod factored;
 pub mod frequency;
+pub mod frustum;
 pub mod gain;
+pub mod integrated;
 #[cfg(feature = "flex")]
 pub mod kernel;
 pub mod numeric;
@@ -32,7 +34,9 @@ mod simd;
 pub use composite::{Composite, composite};
 pub use factored::{factored_field, plane_variation};
 pub use frequency::frequency_encode;
+pub use frustum::frustum_gaussian;
 pub use gain::information_gain;
+pub use integrated::integrated_encode;
 pub use segments::Segments;
 
 /// Whether tensors on `device` are served by the host kernels.

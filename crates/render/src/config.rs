@@ -10,7 +10,7 @@ pub struct RenderConfig {
     /// Samples along a ray at the start of training, rising geometrically to `samples` until half of it; 0 for as many.
     /// For a field without a coarse network.
     pub samples_start: usize,
-    /// Further samples drawn where the coarse network saw something (NeRF: 128); 0 for a field without a coarse network.
+    /// Further samples drawn where the coarse pass saw something (NeRF: 128); 0 for a single pass.
     pub fine_samples: usize,
     /// Where in its interval a sample is evaluated.
     pub placement: Placement,
@@ -38,6 +38,9 @@ pub enum Placement {
     Left,
     /// In the middle.
     Mid,
+    /// Over all of it, as a field of volumes needs (mip-NeRF): `samples + 1` edges bound `samples` intervals, and the fine
+    /// pass has `fine_samples` intervals of its own, drawn from blurred weights and not merged with the coarse ones.
+    Interval,
 }
 
 /// Length of a ray's last interval under [`Placement::Left`].
@@ -66,9 +69,18 @@ pub struct OccupancyConfig {
     pub min_alpha: f32,
     /// Factor on a cell's remembered density at each update.
     pub decay: f32,
+    /// For pictures: how many times finer along each axis a grid is made from the finished field; 1 uses the grid of training.
+    pub refine: usize,
     /// Whether cells that a training view's alpha channel shows to be background are empty for good; RGB images carve
     /// nothing.
     pub carve: bool,
+}
+
+impl OccupancyConfig {
+    /// The density at which one sample of `step_length` has opacity `min_alpha`.
+    pub(crate) fn threshold(&self, step_length: f32) -> f32 {
+        -(-self.min_alpha).ln_1p() / step_length
+    }
 }
 
 /// A number out of range.
@@ -112,6 +124,12 @@ impl RenderConfig {
         )?;
         check("hidden_depth", "0 or more", self.hidden_depth.to_string(), self.hidden_depth >= 0.0)?;
         check("occupancy.resolution", "2 to 512", o.resolution.to_string(), (2..=512).contains(&o.resolution))?;
+        check(
+            "occupancy.refine",
+            "1 to 8, at most 1024 cells an axis",
+            o.refine.to_string(),
+            (1..=8).contains(&o.refine) && o.refine * o.resolution <= 1024,
+        )?;
         check("occupancy.every", "1 or more", o.every.to_string(), o.every >= 1)?;
         check(
             "occupancy.min_alpha",

@@ -23,7 +23,7 @@ pub struct RenderedImage {
 
 /// Rays rendered at a time: bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
-/// The same for a model with a coarse network, whose activations are wide.
+/// The same with a coarse and a fine pass, whose networks' activations are wide.
 const HIERARCHICAL_CHUNK: usize = 4096;
 
 /// Renders the picture that `camera` sees, without gradients: give the model as `valid()`.
@@ -45,7 +45,7 @@ pub fn render_image(
         acc: Vec::with_capacity(rays.len()),
         counts: Counts::default(),
     };
-    if model.coarse.is_none() {
+    if !renderer.is_hierarchical() {
         for rays in rays.chunks(CHUNK) {
             let (marched, counts) = march(renderer, &model.fine, rays, occupancy);
             image.counts += counts;

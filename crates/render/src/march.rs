@@ -3,7 +3,7 @@
 //! Rays advance a few samples at a time, and those through which no more light comes drop out. What is left out weighs less
 //! than `render.min_transmittance`.
 
-use infonerf_field::{Points, RadianceField};
+use infonerf_field::{Extent, Points, RadianceField};
 use infonerf_ops::{Segments, numeric, to_host};
 use infonerf_scene::Ray;
 use rayon::prelude::*;
@@ -22,8 +22,8 @@ pub(crate) struct Marched {
     next: usize,
 }
 
-/// Samples that a ray takes in its first round; each round takes twice as many as the one before.
-const FIRST: usize = 8;
+/// Samples that a ray takes in a round: few, as a ray that meets a surface needs no more.
+const ROUND: usize = 8;
 
 /// Renders `rays` on the background; colour, distance and transmittance of each, and how many samples that took.
 pub(crate) fn march(
@@ -39,18 +39,25 @@ pub(crate) fn march(
         .map(|ray| Marched { trans: 1.0, steps: renderer.steps(ray, step, 0.5, occupancy), ..Marched::default() })
         .collect();
     let mut active: Vec<usize> = (0..rays.len()).filter(|&ray| !marched[ray].steps.is_empty()).collect();
-    let mut slice = FIRST;
     while !active.is_empty() {
-        let lengths = active.iter().map(|&ray| slice.min(marched[ray].steps.len() - marched[ray].next));
+        let lengths = active.iter().map(|&ray| ROUND.min(marched[ray].steps.len() - marched[ray].next));
         let segments = Segments::from_counts(lengths);
         counts.evaluated += segments.samples() as u64;
-        let of_ray = |(index, &ray): (usize, &usize)| {
+        let steps_of = |(index, &ray): (usize, &usize)| {
             let (from, count) = (marched[ray].next, segments.range(index).len());
-            marched[ray].steps[from..from + count].iter().flat_map(move |(t, _)| rays[ray].at(*t).to_array())
+            marched[ray].steps[from..from + count].iter()
         };
-        let positions: Vec<f32> = active.par_iter().enumerate().flat_map_iter(of_ray).collect();
+        let position = |(index, ray)| steps_of((index, ray)).flat_map(|(t, _)| rays[*ray].at(*t).to_array());
+        let positions: Vec<f32> = active.par_iter().enumerate().flat_map_iter(position).collect();
+        let (t, delta): (Vec<f32>, Vec<f32>) = active.iter().enumerate().flat_map(steps_of).copied().unzip();
         let directions: Vec<f32> = active.iter().flat_map(|&ray| rays[ray].direction.to_array()).collect();
-        let points = Points { positions: &positions, directions: &directions, segments: &segments };
+        let radii: Vec<f32> = active.iter().map(|&ray| rays[ray].radius).collect();
+        let points = Points {
+            positions: &positions,
+            directions: &directions,
+            segments: &segments,
+            extent: Extent::Cones { t: &t, delta: &delta, radii: &radii },
+        };
         let sampled = field.evaluate(points, true, 1.0);
         let sigma = to_host(sampled.sigma);
         let color = to_host(sampled.color.expect("colour was asked for"));
@@ -71,7 +78,6 @@ pub(crate) fn march(
             let ray = &marched[ray];
             ray.next < ray.steps.len() && ray.trans > renderer.min_transmittance()
         });
-        slice *= 2;
     }
     let background = renderer.background();
     for ray in &mut marched {

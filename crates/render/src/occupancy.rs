@@ -1,8 +1,13 @@
 use glam::Vec3;
-use infonerf_scene::{Aabb, View};
+use infonerf_scene::{Aabb, Ray, View};
 use rayon::prelude::*;
 
 use crate::{Noise, OccupancyConfig};
+
+/// Points at which a field is asked at a time: bounds the memory of an update.
+const CHUNK: usize = 1 << 16;
+/// Points of a cell at which [`OccupancyGrid::refined`] asks.
+const PROBES: usize = 8;
 
 /// Remembers in which cells of the scene's box there is something.
 ///
@@ -66,17 +71,16 @@ impl OccupancyGrid {
     /// Asks the field again. `sigma` maps positions `[M, 3]` to densities `[M]`; `step_length` is the length of one
     /// sample's interval. Returns whether anything is left; if nothing is, the grid starts over with all cells open.
     pub fn update(&mut self, noise: Noise, step_length: f32, mut sigma: impl FnMut(&[f32]) -> Vec<f32>) -> bool {
-        const CHUNK: usize = 1 << 16;
         let open: Vec<usize> = (0..self.density.len()).filter(|&cell| !self.carved[cell]).collect();
         let asked: Vec<usize> = open.iter().copied().filter(|&cell| self.is_asked(cell, noise)).collect();
         for cells in asked.chunks(CHUNK) {
-            let points: Vec<f32> = cells.par_iter().flat_map_iter(|&cell| self.random_point(cell, noise)).collect();
+            let points: Vec<f32> = cells.par_iter().flat_map_iter(|&cell| self.random_point(cell, noise, 0)).collect();
             for (&cell, sigma) in cells.iter().zip(sigma(&points)) {
                 self.density[cell] = (self.density[cell] * self.config.decay).max(sigma);
             }
         }
         let mean = open.iter().map(|&cell| f64::from(self.density[cell])).sum::<f64>() / open.len().max(1) as f64;
-        let threshold = (-(-self.config.min_alpha).ln_1p() / step_length).min(mean as f32);
+        let threshold = self.config.threshold(step_length).min(mean as f32);
         self.asked_before = true;
         for &cell in &open {
             self.occupied[cell] = self.density[cell] > threshold;
@@ -118,6 +122,39 @@ impl OccupancyGrid {
             .collect();
     }
 
+    /// A grid of `factor` times the resolution, for a field that no longer changes: each part of an occupied cell is asked
+    /// at [`PROBES`] random points, and is occupied if one sample at any of them would be as opaque as `min_alpha`.
+    ///
+    /// Finer and not dilated, it follows surfaces more closely, and pictures evaluate fewer samples.
+    pub fn refined(
+        &self,
+        factor: usize,
+        noise: Noise,
+        step_length: f32,
+        mut sigma: impl FnMut(&[f32]) -> Vec<f32>,
+    ) -> Self {
+        let coarse = self.config.resolution;
+        let config = OccupancyConfig { resolution: coarse * factor, ..self.config.clone() };
+        let mut fine = Self::new(&config, self.bounds);
+        let n = config.resolution;
+        let whole =
+            |cell: usize| cell % n / factor + coarse * (cell / n % n / factor + coarse * (cell / (n * n) / factor));
+        let asked: Vec<usize> = (0..fine.density.len()).filter(|&cell| self.occupied[whole(cell)]).collect();
+        for cells in asked.chunks(CHUNK / PROBES) {
+            let grid = &fine;
+            let of_cell = |&cell: &usize| (0..PROBES).flat_map(move |probe| grid.random_point(cell, noise, probe));
+            let points: Vec<f32> = cells.par_iter().flat_map_iter(of_cell).collect();
+            for (&cell, sigma) in cells.iter().zip(sigma(&points).chunks_exact(PROBES)) {
+                fine.density[cell] = sigma.iter().copied().fold(0.0, f32::max);
+            }
+        }
+        let threshold = self.config.threshold(step_length);
+        fine.occupied = fine.density.iter().map(|density| *density > threshold).collect();
+        fine.asked_before = true;
+        fine.tighten();
+        fine
+    }
+
     /// Whether there may be something at `p`. Points outside the box are kept: the grid knows nothing of them.
     pub fn is_occupied(&self, p: Vec3) -> bool {
         self.cell(p).is_none_or(|cell| self.occupied[cell])
@@ -146,6 +183,21 @@ impl OccupancyGrid {
             Some(cell) => self.occupied[cell].then(|| self.density[cell]),
             None => Some(0.0),
         }
+    }
+
+    /// The mean of what is remembered along `ray` from `near` to `far`, if there may be something anywhere between; looked
+    /// up at least once a cell's width. Outside the box it is 0.
+    pub fn density_between(&self, ray: &Ray, near: f32, far: f32) -> Option<f32> {
+        let looks = ((far - near) / self.cell_size().min_element()).ceil().max(1.0);
+        let at = |i: usize| ray.at(near + (far - near) * (i as f32 + 0.5) / looks);
+        let seen = (0..looks as usize).filter_map(|i| self.occupied_density(at(i)));
+        let (count, sum) = seen.fold((0, 0.0), |(count, sum), density| (count + 1, sum + density));
+        (count > 0).then(|| sum / looks)
+    }
+
+    /// Variance along an axis of a point that is anywhere in a cell, the mean of the three, scene units².
+    pub fn cell_variance(&self) -> f32 {
+        self.cell_size().length_squared() / (3.0 * 12.0)
     }
 
     /// Share of the cells that are not known to be empty.
@@ -185,8 +237,9 @@ impl OccupancyGrid {
         self.bounds.min + (self.coordinates(cell) + 0.5) * self.cell_size()
     }
 
-    fn random_point(&self, cell: usize, noise: Noise) -> [f32; 3] {
-        let jitter = Vec3::from_array([0, 1, 2].map(|axis| noise.uniform(cell, axis)));
+    /// The `index`th random point of a cell.
+    fn random_point(&self, cell: usize, noise: Noise, index: usize) -> [f32; 3] {
+        let jitter = Vec3::from_array([0, 1, 2].map(|axis| noise.uniform(cell, 4 * index + axis)));
         (self.bounds.min + (self.coordinates(cell) + jitter) * self.cell_size()).to_array()
     }
 
@@ -229,6 +282,7 @@ mod tests {
             every: 4,
             min_alpha: 0.01,
             decay: 0.9,
+            refine: 1,
             carve: false,
         }
     }
@@ -283,6 +337,24 @@ mod tests {
         let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
         assert!(!grid.update(Noise::new(0, 0, 0), 0.02, |points| vec![0.0; points.len() / 3]));
         assert_eq!(grid.fraction(), 1.0);
+    }
+
+    /// A wall thinner than an interval: its middle is in the empty, the interval is not.
+    #[test]
+    fn an_interval_is_kept_for_any_part_of_it() {
+        let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
+        let wall = |points: &[f32]| -> Vec<f32> {
+            points.chunks(3).map(|p| if p[0] > 0.5 && p[0] < 0.625 { 20.0 } else { 0.0 }).collect()
+        };
+        assert!(grid.update(Noise::new(0, 0, 0), 0.02, wall));
+        let ray = Ray { origin: Vec3::new(-1.0, 0.1, 0.1), direction: Vec3::X, radius: 0.0 };
+        assert_eq!(grid.occupied_density(ray.at(1.0)), None);
+        // One of the sixteen cells is the wall.
+        let mean = grid.density_between(&ray, 0.0, 2.0).unwrap();
+        assert!((mean - 20.0 / 16.0).abs() < 1e-4, "{mean}");
+        assert_eq!(grid.density_between(&ray, 0.0, 1.0), None);
+        assert_eq!(grid.density_between(&ray, 1.56, 1.56), Some(20.0), "at least one look");
+        assert_eq!(grid.density_between(&ray, 3.0, 4.0), Some(0.0), "outside nothing is known");
     }
 
     #[test]

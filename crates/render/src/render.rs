@@ -1,16 +1,16 @@
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
-use infonerf_field::{Points, RadianceField};
+use infonerf_field::RadianceField;
 use infonerf_ops::{Composite, composite::composite, composite::weights, to_host};
 use infonerf_scene::{Aabb, Ray, Scene};
 
-use crate::sampler::{importance, intervals, stratified};
-use crate::{Noise, OccupancyGrid, RenderConfig, Samples};
+use crate::sampler::{blurred, importance, intervals, resample, stratified};
+use crate::{Noise, OccupancyGrid, Placement, RenderConfig, Samples};
 
 /// What is trained: one field, or a coarse one that tells a fine one where to look.
 #[derive(Module, Debug)]
 pub struct Model {
-    /// The proposal of NeRF's hierarchical sampling.
+    /// The field of the coarse pass, where that is not the one of the fine pass.
     pub coarse: Option<RadianceField>,
     /// The field that is rendered.
     pub fine: RadianceField,
@@ -87,11 +87,17 @@ impl Renderer {
     /// Length of the interval that a sample stands for, on average: what occupancy is judged by.
     pub fn step_length(&self, progress: f32) -> f32 {
         let c = &self.config;
-        if c.fine_samples > 0 || c.samples_start == 0 {
-            return self.longest() / (c.samples + c.fine_samples) as f32;
+        if self.is_hierarchical() || c.samples_start == 0 {
+            let merged = if self.is_hierarchical() && c.placement == Placement::Interval { 0 } else { c.samples };
+            return self.longest() / (merged + c.fine_samples) as f32;
         }
         let (start, end) = (c.samples_start as f32, c.samples as f32);
         self.longest() / (start * (end / start).powf((2.0 * progress).min(1.0)))
+    }
+
+    /// Whether there is a coarse pass that tells a fine one where to look.
+    pub(crate) fn is_hierarchical(&self) -> bool {
+        self.config.fine_samples > 0
     }
 
     fn longest(&self) -> f32 {
@@ -100,8 +106,8 @@ impl Renderer {
 
     /// Renders `rays`. With `noise` samples are jittered (training), without they are even (evaluation).
     ///
-    /// Returns the coarse pass, if the model has one, and the fine pass. Where colour is not wanted, the coarse pass is
-    /// run without a gradient: it only says where to look. `progress` goes to the fields.
+    /// Returns the coarse pass, if there is one, and the fine pass. Where colour is not wanted, the coarse pass is run without
+    /// a gradient: it only says where to look. `progress` goes to the fields.
     pub fn render(
         &self,
         model: &Model,
@@ -112,10 +118,11 @@ impl Renderer {
         progress: f32,
     ) -> (Option<Level>, Level) {
         let noise = noise.filter(|_| self.config.jitter);
-        let Some(coarse_field) = &model.coarse else {
+        if !self.is_hierarchical() {
             let samples = self.samples(rays, noise, occupancy, progress);
             return (None, self.evaluate(&model.fine, samples, want, progress));
-        };
+        }
+        let coarse_field = model.coarse.as_ref().unwrap_or(&model.fine);
         let candidates = self.coarse_candidates(rays, noise);
         let samples = self.pack(rays, &candidates, occupancy);
         let wanted = Want { entropy: None, ..want };
@@ -133,7 +140,7 @@ impl Renderer {
     /// Optical depth of the fine field along neighbouring `rays` at the distances of `level`, for the information gain.
     pub fn optical_depth_along(&self, field: &RadianceField, level: &Level, rays: &[Ray], progress: f32) -> Tensor<1> {
         let samples = level.samples.along(rays);
-        let sampled = field.evaluate(points(&samples), false, progress);
+        let sampled = field.evaluate(samples.points(), false, progress);
         sampled.sigma * lengths(&samples.delta, &field.device())
     }
 
@@ -144,7 +151,7 @@ impl Renderer {
         if count == 0 {
             return self.nothing(samples, want, &device);
         }
-        let sampled = field.evaluate(points(&samples), want.color, progress);
+        let sampled = field.evaluate(samples.points(), want.color, progress);
         let tau = sampled.sigma * lengths(&samples.delta, &device);
         let t = Tensor::<2>::from_data(TensorData::new(samples.t.clone(), [count, 1]), &device);
         let values = match sampled.color {
@@ -246,6 +253,7 @@ impl Renderer {
 
     /// Distances of the fine pass, drawn from the coarse weights. A coarse sample that was skipped has weight 0.
     fn fine_candidates(&self, coarse: &[Candidates], level: &Level, noise: Option<Noise>) -> Vec<Candidates> {
+        let c = &self.config;
         let weights = weights(&to_host(level.tau.clone()), &level.samples.segments);
         let shifted = noise.map(Noise::next);
         coarse
@@ -256,9 +264,14 @@ impl Renderer {
                 let range = level.samples.segments.range(index);
                 // Both lists are sorted and the kept distances are copies of candidates.
                 let mut kept = level.samples.t[range.clone()].iter().zip(&weights[range]).peekable();
-                let dense: Vec<f32> =
-                    t.iter().map(|t| kept.next_if(|(kept, _)| *kept == t).map_or(0.0, |(_, weight)| *weight)).collect();
-                let t = importance(t, &dense, self.config.fine_samples, shifted.map(|noise| (noise, index)));
+                let mut weight = |t: f32| kept.next_if(|(kept, _)| **kept == t).map_or(0.0, |(_, weight)| *weight);
+                let samples = intervals(t, *near, *far, c.placement, c.last_interval);
+                let dense: Vec<f32> = samples.into_iter().map(|(t, _)| weight(t)).collect();
+                let jitter = shifted.map(|noise| (noise, index));
+                let t = match c.placement {
+                    Placement::Interval => resample(t, &blurred(&dense), c.fine_samples, jitter),
+                    Placement::Left | Placement::Mid => importance(t, &dense, c.fine_samples, jitter),
+                };
                 Some((t, *near, *far))
             })
             .collect()
@@ -268,17 +281,18 @@ impl Renderer {
         let c = &self.config;
         Samples::pack(rays, |index| {
             let Some((t, near, far)) = &candidates[index] else { return (Vec::new(), c.samples) };
-            let delta = intervals(t, *near, *far, c.placement, c.last_interval);
-            let samples = t.iter().copied().zip(delta);
+            let samples = intervals(t, *near, *far, c.placement, c.last_interval);
+            let candidates = samples.len();
             let kept = match occupancy {
-                Some(grid) => self.visible(samples, &rays[index], grid),
-                None => samples.collect(),
+                Some(grid) => self.visible(samples.into_iter(), &rays[index], grid),
+                None => samples,
             };
-            (kept, t.len())
+            (kept, candidates)
         })
     }
 
-    /// Drops the samples in empty cells, and those behind what the grid remembers as opaque.
+    /// Drops the samples in empty cells, and those behind what the grid remembers as opaque. A sample that stands for all
+    /// of its interval is in every cell that this passes.
     ///
     /// Hidden samples weigh nothing in the image. They would count in the ray's entropy, which is then that of the visible
     /// part alone.
@@ -287,7 +301,11 @@ impl Renderer {
         let mut depth = 0.0;
         let mut kept = Vec::with_capacity(32);
         for (t, delta) in samples {
-            let Some(density) = grid.occupied_density(ray.at(t)) else { continue };
+            let density = match self.config.placement {
+                Placement::Left | Placement::Mid => grid.occupied_density(ray.at(t)),
+                Placement::Interval => grid.density_between(ray, t - 0.5 * delta, t + 0.5 * delta),
+            };
+            let Some(density) = density else { continue };
             if depth >= enough {
                 break;
             }
@@ -298,12 +316,9 @@ impl Renderer {
     }
 }
 
-/// Sorted distances of one ray with the ends of its interval; none if it misses the bounds.
+/// Sorted distances (edges under [`Placement::Interval`]) of one ray with the ends of its interval; none if it misses the
+/// bounds.
 type Candidates = Option<(Vec<f32>, f32, f32)>;
-
-fn points(samples: &Samples) -> Points<'_> {
-    Points { positions: &samples.positions, directions: &samples.directions, segments: &samples.segments }
-}
 
 fn lengths(delta: &[f32], device: &Device) -> Tensor<1> {
     Tensor::from_data(TensorData::new(delta.to_vec(), [delta.len()]), device)

@@ -6,6 +6,7 @@ use crate::{LastInterval, Noise, Placement};
 ///
 /// [`Placement::Left`]: NeRF's rule, `linspace(near, far, count)`, each jittered between the midpoints beside it.
 /// [`Placement::Mid`]: `count` equal intervals, one sample in the middle of each, or anywhere in it if jittered.
+/// [`Placement::Interval`]: the `count + 1` edges of `count` intervals, by NeRF's rule.
 pub(crate) fn stratified(
     near: f32,
     far: f32,
@@ -16,7 +17,8 @@ pub(crate) fn stratified(
     let at = |u: f32| near * (1.0 - u) + far * u;
     let draw = |i: usize| jitter.map(|(noise, ray)| noise.uniform(ray, i));
     match placement {
-        Placement::Left => {
+        Placement::Left | Placement::Interval => {
+            let count = if placement == Placement::Interval { count + 1 } else { count };
             let even = |i: usize| at(i as f32 / (count - 1) as f32);
             (0..count)
                 .map(|i| match draw(i) {
@@ -33,19 +35,20 @@ pub(crate) fn stratified(
     }
 }
 
-/// Interval lengths of sorted distances.
+/// Samples of one ray from its sorted distances: where each is, and the length of its interval.
 ///
-/// [`Placement::Left`]: the gap to the next sample; the last one by `last`. [`Placement::Mid`]: from half-way to the
-/// neighbour before to half-way to the one behind, ends reaching to `near` and `far`.
-pub(crate) fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, last: LastInterval) -> Vec<f32> {
+/// [`Placement::Left`]: from the sample to the next; the last one by `last`. [`Placement::Mid`]: from half-way to the
+/// neighbour before to half-way to the one behind, ends reaching to `near` and `far`. [`Placement::Interval`]: distances
+/// are edges, one more than there are samples.
+pub(crate) fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, last: LastInterval) -> Vec<(f32, f32)> {
     let n = t.len();
     match placement {
         Placement::Left => (0..n)
             .map(|i| match (t.get(i + 1), last) {
-                (Some(next), _) => next - t[i],
-                (None, LastInterval::Infinite) => 1e10,
-                (None, LastInterval::Finite) if n > 1 => t[n - 1] - t[n - 2],
-                (None, LastInterval::Finite) => far - t[i],
+                (Some(next), _) => (t[i], next - t[i]),
+                (None, LastInterval::Infinite) => (t[i], 1e10),
+                (None, LastInterval::Finite) if n > 1 => (t[i], t[n - 1] - t[n - 2]),
+                (None, LastInterval::Finite) => (t[i], far - t[i]),
             })
             .collect(),
         Placement::Mid => {
@@ -54,8 +57,9 @@ pub(crate) fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, la
                 i if i == n => far,
                 i => 0.5 * (t[i - 1] + t[i]),
             };
-            (0..n).map(|i| (edge(i + 1) - edge(i)).max(0.0)).collect()
+            (0..n).map(|i| (t[i], (edge(i + 1) - edge(i)).max(0.0))).collect()
         }
+        Placement::Interval => t.windows(2).map(|edge| (0.5 * (edge[0] + edge[1]), edge[1] - edge[0])).collect(),
     }
 }
 
@@ -91,6 +95,47 @@ pub(crate) fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Optio
     merged
 }
 
+/// Coarse weights as mip-NeRF resamples them (Eq. 18): the mean of the maxima over each pair of neighbours, + 0.01, so that
+/// a surface that moves from one interval to the next is not missed.
+pub(crate) fn blurred(weights: &[f32]) -> Vec<f32> {
+    const PADDING: f32 = 0.01;
+    let at = |i: usize| weights[i.min(weights.len() - 1)];
+    (0..weights.len()).map(|i| 0.5 * (at(i.saturating_sub(1)).max(at(i)) + at(i).max(at(i + 1))) + PADDING).collect()
+}
+
+/// `count + 1` edges drawn from the piecewise-constant density of `weights` between `edges`, one fewer of the former.
+///
+/// mip-NeRF's inverse transform (Sec. 3.1, released code): `u` even in [0, 1), or jittered one in each stratum, so that
+/// edges come out sorted; weights that sum to less than 1e-5 are evened out.
+pub(crate) fn resample(edges: &[f32], weights: &[f32], count: usize, jitter: Option<(Noise, usize)>) -> Vec<f32> {
+    const LEAST: f32 = 1e-5;
+    const LAST: f32 = 1.0 - f32::EPSILON;
+    let n = weights.len();
+    let sum: f32 = weights.iter().sum();
+    let padding = (LEAST - sum).max(0.0) / n as f32;
+    let total = sum + padding * n as f32;
+    let mut cdf = Vec::with_capacity(n + 1);
+    let mut below = 0.0;
+    cdf.push(0.0);
+    for weight in &weights[..n - 1] {
+        below += (weight + padding) / total;
+        cdf.push(f32::min(below, 1.0));
+    }
+    cdf.push(1.0);
+    (0..=count)
+        .map(|i| {
+            let u = match jitter {
+                Some((noise, ray)) => ((i as f32 + noise.uniform(ray, i)) / (count + 1) as f32).min(LAST),
+                None => i as f32 / count as f32 * LAST,
+            };
+            // u is in [0, 1), and so in one of the intervals.
+            let interval = cdf.partition_point(|&c| c <= u) - 1;
+            let fraction = (u - cdf[interval]) / (cdf[interval + 1] - cdf[interval]);
+            edges[interval] + fraction.clamp(0.0, 1.0) * (edges[interval + 1] - edges[interval])
+        })
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
@@ -101,10 +146,45 @@ mod tests {
     fn even_samples_of_both_placements() {
         assert_eq!(stratified(2.0, 6.0, 5, Placement::Left, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
         assert_eq!(stratified(2.0, 6.0, 4, Placement::Mid, None), [2.5, 3.5, 4.5, 5.5]);
+        assert_eq!(stratified(2.0, 6.0, 4, Placement::Interval, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
         let t = [2.0, 3.0, 5.0];
-        assert_eq!(intervals(&t, 2.0, 6.0, Placement::Left, LastInterval::Finite), [1.0, 2.0, 2.0]);
-        assert_eq!(intervals(&t, 2.0, 6.0, Placement::Left, LastInterval::Infinite), [1.0, 2.0, 1e10]);
-        assert_eq!(intervals(&t, 1.0, 6.0, Placement::Mid, LastInterval::Finite), [1.5, 1.5, 2.0]);
+        let left = |last| intervals(&t, 2.0, 6.0, Placement::Left, last);
+        assert_eq!(left(LastInterval::Finite), [(2.0, 1.0), (3.0, 2.0), (5.0, 2.0)]);
+        assert_eq!(left(LastInterval::Infinite), [(2.0, 1.0), (3.0, 2.0), (5.0, 1e10)]);
+        let finite = |placement| intervals(&t, 1.0, 6.0, placement, LastInterval::Finite);
+        assert_eq!(finite(Placement::Mid), [(2.0, 1.5), (3.0, 1.5), (5.0, 2.0)]);
+        assert_eq!(finite(Placement::Interval), [(2.5, 1.0), (4.0, 2.0)]);
+    }
+
+    /// Values made by `tests/fixtures/mip_forward.py`.
+    #[test]
+    fn resampling_agrees_with_jax() {
+        let fixture: serde_json::Value =
+            serde_json::from_str(include_str!("../../../tests/fixtures/mip_forward.json")).unwrap();
+        for case in fixture["resampling"].as_array().unwrap() {
+            let floats = |key: &str| -> Vec<f32> {
+                case[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
+            };
+            let (weights, edges) = (floats("weights"), floats("edges"));
+            let blurred = blurred(&weights);
+            let drawn = resample(&edges, &blurred, floats("resampled").len() - 1, None);
+            for (got, want) in [(blurred, floats("blurred")), (drawn, floats("resampled"))] {
+                assert_eq!(got.len(), want.len());
+                for (got, want) in got.iter().zip(want) {
+                    approx::assert_abs_diff_eq!(*got, want, epsilon = 1e-5);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn resampling_nothing_is_even() {
+        let edges = [2.0, 3.0, 4.0, 5.0, 6.0];
+        for (got, want) in
+            resample(&edges, &[0.0; 4], 8, None).iter().zip([2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0])
+        {
+            approx::assert_abs_diff_eq!(*got, want, epsilon = 1e-5);
+        }
     }
 
     #[test]
@@ -126,15 +206,21 @@ mod tests {
         ) {
             let far = near + length;
             let noise = Noise::new(seed, 0, 0);
-            for placement in [Placement::Left, Placement::Mid] {
-                let t = stratified(near, far, count, placement, Some((noise, 3)));
-                let merged = importance(&t, &weights[..count], fine, Some((noise, 3)));
-                for t in [&t, &merged] {
+            let jitter = Some((noise, 3));
+            for placement in [Placement::Left, Placement::Mid, Placement::Interval] {
+                let t = stratified(near, far, count, placement, jitter);
+                let drawn = match placement {
+                    Placement::Interval => resample(&t, &weights[..count], fine, jitter),
+                    _ => importance(&t, &weights[..count], fine, jitter),
+                };
+                for t in [&t, &drawn] {
                     prop_assert!(t.windows(2).all(|pair| pair[0] <= pair[1]));
                     prop_assert!(t.iter().all(|t| *t >= near - 1e-4 && *t <= far + 1e-4));
                 }
-                let delta = intervals(&merged, near, far, placement, LastInterval::Finite);
-                prop_assert!(delta.iter().all(|d| *d >= 0.0));
+                let samples = intervals(&drawn, near, far, placement, LastInterval::Finite);
+                let expected = if placement == Placement::Interval { fine } else { count + fine };
+                prop_assert_eq!(samples.len(), expected);
+                prop_assert!(samples.iter().all(|(_, delta)| *delta >= 0.0));
             }
         }
     }

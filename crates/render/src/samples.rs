@@ -1,3 +1,4 @@
+use infonerf_field::{Extent, Points};
 use infonerf_ops::Segments;
 use infonerf_scene::Ray;
 use rayon::prelude::*;
@@ -15,6 +16,8 @@ pub struct Samples {
     pub positions: Vec<f32>,
     /// Direction of each ray, `[R, 3]` row-major.
     pub directions: Vec<f32>,
+    /// Radius of each ray's cone at distance 1, `[R]`.
+    pub radii: Vec<f32>,
     /// How many candidates there were before skipping.
     pub candidates: usize,
 }
@@ -40,6 +43,7 @@ impl Samples {
             delta: join(|part| &part.delta),
             positions: join(|part| &part.positions),
             directions: rays.iter().flat_map(|ray| ray.direction.to_array()).collect(),
+            radii: rays.iter().map(|ray| ray.radius).collect(),
             candidates: parts.iter().map(|part| part.candidates).sum(),
         }
     }
@@ -53,7 +57,18 @@ impl Samples {
             .flat_map(|(range, ray)| self.t[range].iter().flat_map(|&t| ray.at(t).to_array()))
             .collect();
         let directions = rays.iter().flat_map(|ray| ray.direction.to_array()).collect();
-        Self { positions, directions, ..self.clone() }
+        let radii = rays.iter().map(|ray| ray.radius).collect();
+        Self { positions, directions, radii, ..self.clone() }
+    }
+
+    /// For a field.
+    pub(crate) fn points(&self) -> Points<'_> {
+        Points {
+            positions: &self.positions,
+            directions: &self.directions,
+            segments: &self.segments,
+            extent: Extent::Cones { t: &self.t, delta: &self.delta, radii: &self.radii },
+        }
     }
 }
 

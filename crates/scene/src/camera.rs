@@ -38,10 +38,14 @@ impl Camera {
         Self { width, height, fx: f, fy: f, cx, cy, to_world }
     }
 
-    /// The ray through the continuous pixel position `(x, y)`, with unit direction.
+    /// The ray through the continuous pixel position `(x, y)`, with unit direction and the cone of a pixel.
+    ///
+    /// At depth `z` a pixel is `z/f` wide with `f = √(fx · fy)`, and the cone's radius there is `2/√12` of that, so that its
+    /// variance in x and y is that of the pixel (mip-NeRF, Sec. 3.1). Depth along a unit ray is `z = t · cos θ`.
     pub fn ray(&self, x: f32, y: f32) -> Ray {
         let (origin, direction) = self.ray_f64(f64::from(x), f64::from(y));
-        Ray { origin: origin.as_vec3(), direction: direction.as_vec3() }
+        let radius = 2.0 / 12f64.sqrt() / (self.fx * self.fy).sqrt() * direction.dot(self.forward_f64());
+        Ray { origin: origin.as_vec3(), direction: direction.as_vec3(), radius: radius as f32 }
     }
 
     /// [`Camera::ray`] in double precision: origin and unit direction.
@@ -164,7 +168,24 @@ mod tests {
     #[test]
     fn resizing_keeps_the_rays() {
         let (a, b) = (camera(), camera().resized(80, 60));
-        assert!((a.ray(13.0, 7.0).direction - b.ray(26.0, 14.0).direction).length() < 1e-6);
+        let (a, b) = (a.ray(13.0, 7.0), b.ray(26.0, 14.0));
+        assert!((a.direction - b.direction).length() < 1e-6);
+        assert!((a.radius - b.widened(2.0).radius).abs() < 1e-7 * a.radius, "a pixel of half the width, half the cone");
+    }
+
+    /// The released mip-NeRF takes the distance between neighbouring pixels' directions of depth 1.
+    #[test]
+    fn cones_are_as_wide_as_pixels() {
+        let camera = Camera::from_fov(40, 30, 0.7, DMat4::IDENTITY);
+        for (x, y) in [(20.0, 15.0), (0.5, 29.5)] {
+            let at_depth_one = |x: f32| {
+                let direction = camera.ray(x, y).direction;
+                direction / direction.dot(camera.forward())
+            };
+            let width = (at_depth_one(x + 1.0) - at_depth_one(x)).length();
+            let expected = width * 2.0 / 12f32.sqrt() / at_depth_one(x).length();
+            assert!((camera.ray(x, y).radius / expected - 1.0).abs() < 1e-4);
+        }
     }
 
     proptest! {

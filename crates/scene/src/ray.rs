@@ -1,4 +1,4 @@
-//! Half-lines through the scene.
+//! Half-lines through the scene, and the cones of pixels around them.
 
 use glam::Vec3;
 
@@ -11,9 +11,16 @@ pub struct Ray {
     pub origin: Vec3,
     /// Where it goes, unit length.
     pub direction: Vec3,
+    /// Radius of the pixel's cone at distance 1 (mip-NeRF, Sec. 3.1): at distance `t` it is `t · radius`. 0 for a line.
+    pub radius: f32,
 }
 
 impl Ray {
+    /// The ray of a pixel `factor` times as wide.
+    pub fn widened(self, factor: f32) -> Self {
+        Self { radius: self.radius * factor, ..self }
+    }
+
     /// The point `origin + t · direction`.
     pub fn at(&self, t: f32) -> Vec3 {
         self.origin + t * self.direction

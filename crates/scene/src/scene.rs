@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::{Aabb, Camera, Image, SceneError, ViewSelection, loaders, procedural, select};
+use crate::{Aabb, Camera, Image, SceneError, ViewSelection, loaders, procedural, resized_dimensions, select};
 
 /// The longest image side that can be asked for, in pixels.
 const LARGEST_SIZE: u32 = 16_384;
@@ -23,6 +23,23 @@ pub struct View {
     /// `f32::INFINITY` where nothing is hit. `None` where the scene does not know it, or where the
     /// image was resized: distances cannot be averaged.
     pub depth: Option<Vec<f32>>,
+}
+
+impl View {
+    /// The view with pixels `factor` times as wide, each the mean over the area that it covers, and without depth:
+    /// distances cannot be averaged.
+    pub fn reduced(&self, factor: u32) -> Self {
+        let (width, height) = (self.image.width, self.image.height);
+        let longest = (width.max(height) / factor.max(1)).max(1);
+        let (width, height) = resized_dimensions(width, height, longest);
+        Self {
+            id: self.id,
+            name: self.name.clone(),
+            camera: self.camera.resized(width, height),
+            image: self.image.resized(width, height),
+            depth: None,
+        }
+    }
 }
 
 /// Training and test views with what is known of the space between them.
@@ -171,6 +188,24 @@ mod tests {
             assert!(bad.select(3).unwrap_err().to_string().contains("`test`"));
         }
         assert!(TestProtocol::All.select(0).is_err());
+    }
+
+    #[test]
+    fn a_reduced_view_sees_the_same() {
+        let pose = glam::DMat4::IDENTITY;
+        let mut image = Image::filled(4, 2, [0.25; 3]);
+        image.rgb[0] = [1.0, 0.25, 0.25];
+        let view = View {
+            id: 0,
+            name: "a".into(),
+            camera: Camera::from_fov(4, 2, 1.0, pose),
+            image,
+            depth: Some(vec![1.0; 8]),
+        };
+        let half = view.reduced(2);
+        assert_eq!(half.image.rgb, [[0.4375, 0.25, 0.25], [0.25; 3]]);
+        assert_eq!((half.camera, half.depth), (Camera::from_fov(2, 1, 1.0, pose), None));
+        assert_eq!(view.reduced(100).image.rgb.len(), 1, "never less than a pixel");
     }
 
     #[test]

@@ -13,11 +13,13 @@ pub(crate) struct Pixels {
     cameras: Vec<Camera>,
     /// Camera, and where in its image, in pixels.
     at: Vec<(usize, f32, f32)>,
+    /// How wide a pixel is, in pixels of the cameras: more than 1 for images that are smaller.
+    width: f32,
 }
 
 impl Pixels {
     pub(crate) fn rays(&self) -> Vec<Ray> {
-        self.at.iter().map(|&(camera, x, y)| self.cameras[camera].ray(x, y)).collect()
+        self.at.iter().map(|&(camera, x, y)| self.cameras[camera].ray(x, y).widened(self.width)).collect()
     }
 
     /// The same pixels of cameras rotated about the world origin by up to `max_angle_deg`: one draw for all.
@@ -25,7 +27,7 @@ impl Pixels {
         // The same generator for each camera: one rotation a step.
         let turned =
             |camera: &Camera| camera.with_pose(near_pose(&camera.to_world, &mut generator(noise), max_angle_deg));
-        Self { cameras: self.cameras.iter().map(turned).collect(), at: self.at.clone() }.rays()
+        Self { cameras: self.cameras.iter().map(turned).collect(), ..self.clone() }.rays()
     }
 }
 
@@ -63,6 +65,17 @@ impl Pyramid {
         Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), levels }
     }
 
+    /// The images of a run that is `progress` of the way.
+    fn at(&self, config: &TrainConfig, progress: f64) -> &Images {
+        let factor = config.factor_at(progress);
+        self.levels.iter().find(|images| images.factor == factor).unwrap_or(&self.levels[0])
+    }
+
+    /// How wide their pixels are, in pixels of the full size.
+    pub(crate) fn pixel_width(&self, config: &TrainConfig, progress: f64) -> f32 {
+        self.at(config, progress).factor as f32
+    }
+
     /// `rays` pixels of training images with their colours and alphas.
     pub(crate) fn seen(
         &self,
@@ -73,8 +86,7 @@ impl Pyramid {
         noise: Noise,
     ) -> (Pixels, Vec<[f32; 4]>) {
         let [view, column, row] = [noise, noise.next(), noise.next().next()];
-        let factor = config.factor_at(progress);
-        let images = self.levels.iter().find(|images| images.factor == factor).unwrap_or(&self.levels[0]);
+        let images = self.at(config, progress);
         let window = |size: u32| if step < config.center_steps { (size / 4, (size / 2).max(1)) } else { (0, size) };
         let ((left, columns), (top, rows)) = (window(images.width), window(images.height));
         let at: Vec<(usize, u32, u32)> = match config.batch {
@@ -95,9 +107,9 @@ impl Pyramid {
             }
         };
         let colors = at.iter().map(|&(view, x, y)| images.rgba[view][(y * images.width + x) as usize]).collect();
-        let scale = images.factor as f32;
+        let scale = self.pixel_width(config, progress);
         let at = at.iter().map(|&(view, x, y)| (view, (x as f32 + 0.5) * scale, (y as f32 + 0.5) * scale)).collect();
-        (Pixels { cameras: self.cameras.clone(), at }, colors)
+        (Pixels { cameras: self.cameras.clone(), at, width: scale }, colors)
     }
 }
 
@@ -120,19 +132,61 @@ fn shrink(image: &Image, factor: u32) -> Vec<[f32; 4]> {
     (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
 }
 
-/// `rays` pixels of one unseen pose.
-pub(crate) fn unseen(scene: &Scene, region: &ViewRegion, config: &TrainConfig, rays: usize, noise: Noise) -> Pixels {
+/// `rays` pixels of one unseen pose, each `width` pixels of the full size wide.
+pub(crate) fn unseen(
+    scene: &Scene,
+    region: &ViewRegion,
+    config: &TrainConfig,
+    rays: usize,
+    width: f32,
+    noise: Noise,
+) -> Pixels {
     let [pose, column, row] = [noise, noise.next(), noise.next().next()];
     let camera = match config.unseen {
         Unseen::Sphere => scene.train[0].camera.with_pose(region.sample(&mut generator(pose))),
         Unseen::Dataset => scene.all_train_cameras[pose.below(0, 0, scene.all_train_cameras.len())].clone(),
     };
-    let (width, height) = (camera.width as usize, camera.height as usize);
+    let (columns, rows) = (camera.width as usize, camera.height as usize);
     let at =
-        (0..rays).map(|i| (0, column.below(i, 0, width) as f32 + 0.5, row.below(i, 0, height) as f32 + 0.5)).collect();
-    Pixels { cameras: vec![camera], at }
+        (0..rays).map(|i| (0, column.below(i, 0, columns) as f32 + 0.5, row.below(i, 0, rows) as f32 + 0.5)).collect();
+    Pixels { cameras: vec![camera], at, width }
 }
 
 pub(crate) fn generator(noise: Noise) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(noise.bits())
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_scene::{SceneRequest, SceneSource, ViewSelection};
+
+    use super::*;
+    use crate::{Config, Preset};
+
+    /// Cones of all kinds of rays are as wide as the pixels of the images that a step learns from.
+    #[test]
+    fn smaller_images_have_wider_cones() {
+        let request = SceneRequest {
+            train: ViewSelection::Seed { seed: 0, count: 2 },
+            image_size: Some(16),
+            ..SceneRequest::default()
+        };
+        let scene = infonerf_scene::load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let mut config = Config::from_table(Preset::Paper.table()).unwrap().train;
+        config.pyramid = vec![(0.25, 4), (0.5, 2), (0.75, 100)];
+        let pyramid = Pyramid::new(&scene, &config);
+        let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let (region, noise) = (ViewRegion::new(&cameras), Noise::new(0, 0, 0));
+        let centre = cameras[0].ray(8.0, 8.0).radius;
+        // No image is 100 times smaller: the full size is used.
+        for (progress, width) in [(0.1, 4.0), (0.3, 2.0), (0.6, 1.0), (1.0, 1.0)] {
+            assert_eq!(pyramid.pixel_width(&config, progress), width);
+            let (seen, _) = pyramid.seen(&config, 8, 0, progress, noise);
+            let unseen = unseen(&scene, &region, &config, 8, width, noise);
+            for ray in [seen.rays(), seen.near(noise, 5.0), unseen.rays()].concat() {
+                let ratio = ray.radius / centre;
+                assert!(ratio > 0.8 * width && ratio <= 1.0001 * width, "{ratio} at {progress}");
+            }
+        }
+    }
 }

@@ -13,6 +13,7 @@ use infonerf_render::{Counts, Model, OccupancyGrid};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
+use crate::average::Average;
 
 /// How far a run is.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -46,6 +47,8 @@ impl Progress {
 pub struct Checkpoint {
     progress: Progress,
     model: Vec<u8>,
+    average: Option<Vec<u8>>,
+    averaged: usize,
     optimiser: Vec<u8>,
     occupancy: Option<Vec<u8>>,
 }
@@ -55,6 +58,8 @@ pub struct Checkpoint {
 struct Manifest {
     version: u32,
     progress: Progress,
+    /// How many models are in the averaged one.
+    averaged: usize,
     files: Vec<Part>,
 }
 
@@ -66,13 +71,14 @@ struct Part {
     crc32: u32,
 }
 
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const MANIFEST: &str = "manifest.json";
 
 impl Checkpoint {
     pub(crate) fn take(
         progress: &Progress,
         model: &Model,
+        average: &Average,
         optimiser: &ModuleOptimizer,
         occupancy: Option<&OccupancyGrid>,
     ) -> Result<Self, TrainError> {
@@ -80,9 +86,13 @@ impl Checkpoint {
             return Err(TrainError::NonFinite { term: "value of a weight", value, step: progress.step });
         }
         let record = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
+        let bytes =
+            |model: &Model| model.clone().into_record().into_bytes().map(|bytes| bytes.to_vec()).map_err(record);
         Ok(Self {
             progress: progress.clone(),
-            model: model.clone().into_record().into_bytes().map_err(record)?.to_vec(),
+            model: bytes(model)?,
+            average: average.mean().map(bytes).transpose()?,
+            averaged: average.count(),
             optimiser: optimiser.to_record().into_bytes().map_err(record)?.to_vec(),
             occupancy: occupancy.map(encode_occupancy),
         })
@@ -103,6 +113,7 @@ impl Checkpoint {
         fs::create_dir_all(&beside).map_err(|error| TrainError::file(&beside, error))?;
         let parts = [
             ("model.bpk", Some(&self.model)),
+            ("average.bpk", self.average.as_ref()),
             ("optimiser.bpk", Some(&self.optimiser)),
             ("occupancy.bin", self.occupancy.as_ref()),
         ];
@@ -111,7 +122,7 @@ impl Checkpoint {
             write(&beside.join(name), bytes)?;
             files.push(Part { name: name.to_owned(), bytes: bytes.len() as u64, crc32: crc32fast::hash(bytes) });
         }
-        let manifest = Manifest { version: VERSION, progress: self.progress.clone(), files };
+        let manifest = Manifest { version: VERSION, progress: self.progress.clone(), averaged: self.averaged, files };
         let text = serde_json::to_vec_pretty(&manifest).map_err(|error| TrainError::file(&beside, error))?;
         write(&beside.join(MANIFEST), &text)?;
         if current.exists() {
@@ -164,6 +175,8 @@ impl Checkpoint {
         };
         Ok(Self {
             model: needed("model.bpk")?,
+            average: part("average.bpk")?,
+            averaged: manifest.averaged,
             optimiser: needed("optimiser.bpk")?,
             occupancy: part("occupancy.bin")?,
             progress: manifest.progress,
@@ -175,9 +188,13 @@ impl Checkpoint {
     /// # Errors
     /// If the model is of another shape.
     pub fn restore_model(&self, model: Model) -> Result<Model, TrainError> {
-        let fault = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
-        let record = ModuleRecord::from_bytes(Bytes::from_bytes_vec(self.model.clone())).map_err(fault)?;
-        model.try_load_record(record).map_err(fault)
+        load(model, &self.model)
+    }
+
+    /// The averaged weights in a model of the same config.
+    pub(crate) fn restore_average(&self, model: &Model) -> Result<Average, TrainError> {
+        let mean = self.average.as_ref().map(|bytes| load(model.clone(), bytes)).transpose()?;
+        Ok(Average::restored(mean, self.averaged))
     }
 
     pub(crate) fn restore_optimiser(&self, optimiser: ModuleOptimizer) -> Result<ModuleOptimizer, TrainError> {
@@ -212,6 +229,12 @@ fn not_finite(model: &Model) -> Option<f32> {
     let mut search = Search(None);
     model.visit(&mut search);
     search.0
+}
+
+fn load(model: Model, bytes: &[u8]) -> Result<Model, TrainError> {
+    let fault = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
+    let record = ModuleRecord::from_bytes(Bytes::from_bytes_vec(bytes.to_vec())).map_err(fault)?;
+    model.try_load_record(record).map_err(fault)
 }
 
 fn encode_occupancy(grid: &OccupancyGrid) -> Vec<u8> {

@@ -4,6 +4,7 @@
 //! Config + Scene ─► Trainer ─► Event … ─► Checkpoint ─► evaluate
 //! ```
 
+mod average;
 mod batch;
 mod checkpoint;
 pub mod config;

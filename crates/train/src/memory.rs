@@ -21,7 +21,7 @@ pub struct MemoryPlan {
 impl MemoryPlan {
     /// The plan of `config` on `scene`.
     pub fn new(config: &Config, scene: &Scene) -> Self {
-        let fields = if config.render.fine_samples > 0 { 2 } else { 1 };
+        let fields = if config.render.fine_samples > 0 && !matches!(config.field, FieldConfig::Mip(_)) { 2 } else { 1 };
         let (parameters, activations) = sizes(&config.field);
         let pixels = scene.train.iter().chain(&scene.test).map(|view| view.image.rgb.len() as u64);
         let occupancy = if config.render.occupancy.enabled { cube(config.render.occupancy.resolution) * 6 } else { 0 };
@@ -90,11 +90,15 @@ fn sizes(field: &FieldConfig) -> (u64, u64) {
             // Position, direction, distance, interval, density and colour; the kernel works through the rest in blocks.
             (3 * c.channels as u64 * texels, 12)
         }
-        FieldConfig::Nerf(c) => {
-            let (layers, width) = (c.layers as u64, c.width as u64);
-            (layers * width * width, layers * width)
-        }
+        FieldConfig::Nerf(c) => dense(c.layers, c.width),
+        FieldConfig::Mip(c) => dense(c.layers, c.width),
     }
+}
+
+/// The trunk of an MLP, which is nearly all of it.
+fn dense(layers: usize, width: usize) -> (u64, u64) {
+    let (layers, width) = (layers as u64, width as u64);
+    (layers * width * width, layers * width)
 }
 
 #[cfg(test)]

@@ -3,12 +3,13 @@ use std::time::Instant;
 use burn::module::{Module, ParamGroup};
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
-use infonerf_field::{Points, RadianceField};
+use infonerf_field::{Extent, Points, RadianceField};
 use infonerf_loss::{Norm, entropy_loss, gain_loss, photometric_loss};
 use infonerf_ops::{Segments, adam::Adam, to_host};
 use infonerf_render::{Counts, Level, Model, Noise, OccupancyGrid, Renderer, Want};
 use infonerf_scene::{Ray, Scene, ViewRegion};
 
+use crate::average::Average;
 use crate::batch::{self, Pyramid};
 use crate::memory::{self, MemoryPlan};
 use crate::{Checkpoint, Config, Event, Phase, Profile, Progress, TrainError};
@@ -25,6 +26,7 @@ pub struct Trainer {
     region: ViewRegion,
     pyramid: Pyramid,
     model: Model,
+    average: Average,
     optimiser: ModuleOptimizer,
     occupancy: Option<OccupancyGrid>,
     progress: Progress,
@@ -49,6 +51,7 @@ mod purpose {
     pub const NEAR: u64 = 3;
     pub const SAMPLES: u64 = 4;
     pub const OCCUPANCY: u64 = 5;
+    pub const PICTURES: u64 = 6;
 }
 
 /// A pixel that differs by less than this from the background in every channel shows the background: half an 8-bit step.
@@ -98,6 +101,7 @@ impl Trainer {
             region,
             pyramid,
             model,
+            average: Average::default(),
             occupancy,
             progress: Progress::default(),
             profile: Profile::default(),
@@ -110,6 +114,7 @@ impl Trainer {
     /// If it is of another config.
     pub fn resume(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         self.model = checkpoint.restore_model(self.model.clone())?;
+        self.average = checkpoint.restore_average(&self.model.valid())?;
         self.optimiser = checkpoint.restore_optimiser(optimiser(&self.config))?;
         if let Some(grid) = &mut self.occupancy {
             checkpoint.restore_occupancy(grid)?;
@@ -123,7 +128,7 @@ impl Trainer {
     /// # Errors
     /// If the weights cannot be encoded.
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
-        Checkpoint::take(&self.progress, &self.model, &self.optimiser, self.occupancy.as_ref())
+        Checkpoint::take(&self.progress, &self.model, &self.average, &self.optimiser, self.occupancy.as_ref())
     }
 
     /// How far the run is.
@@ -141,9 +146,9 @@ impl Trainer {
         &self.scene
     }
 
-    /// The model without gradients, to render with.
+    /// The model without gradients, to render with: the mean over the end of the run, once there is one.
     pub fn model(&self) -> Model {
-        self.model.valid()
+        self.average.mean().cloned().unwrap_or_else(|| self.model.valid())
     }
 
     /// The renderer of the scene.
@@ -155,6 +160,20 @@ impl Trainer {
     pub fn occupancy(&self) -> Option<&OccupancyGrid> {
         let o = &self.config.render.occupancy;
         self.occupancy.as_ref().filter(|_| o.carve || self.progress.step > o.warmup)
+    }
+
+    /// What pictures of [`model`](Self::model) may skip; none if nothing is known yet.
+    ///
+    /// Finer than the grid of training if `render.occupancy.refine` says so: then this asks the field, and is worth keeping.
+    pub fn picture_occupancy(&self) -> Option<OccupancyGrid> {
+        let grid = self.occupancy()?;
+        let factor = self.config.render.occupancy.refine;
+        if factor == 1 {
+            return Some(grid.clone());
+        }
+        let field = self.model().fine;
+        let noise = Noise::new(self.seed, self.progress.step as u64, purpose::PICTURES);
+        Some(grid.refined(factor, noise, self.renderer.step_length(1.0), |points| densities(&field, points, 1.0)))
     }
 
     /// Share of the run that is done: by the clock if there is a budget, else by steps.
@@ -187,6 +206,9 @@ impl Trainer {
         let before = if self.progress.samples_a_ray > 0.0 { self.progress.samples_a_ray } else { samples_a_ray };
         self.progress.samples_a_ray = (0.9 * before + 0.1 * samples_a_ray).max(1.0);
         self.progress.step += 1;
+        if Average::takes(self.config.train.average, self.progress.step, self.done()) {
+            self.average.add(self.model.valid());
+        }
         let spent = start.elapsed().as_secs_f64();
         self.progress.seconds += spent;
         report(Event::Step {
@@ -223,6 +245,7 @@ impl Trainer {
     fn restart(&mut self) -> Result<(), TrainError> {
         let restarts = self.progress.restarts + 1;
         self.model = build(&self.config, &self.scene, Noise::new(self.seed, restarts as u64, 0).bits(), &self.device)?;
+        self.average = Average::default();
         self.optimiser = optimiser(&self.config);
         self.occupancy = occupancy_grid(&self.config, &self.scene);
         self.progress = Progress { step: 0, restarts, empty_steps: 0, ..self.progress.clone() };
@@ -235,8 +258,10 @@ impl Trainer {
         let noise = Noise::new(self.seed, step as u64, purpose::OCCUPANCY);
         let field = self.model.fine.valid();
         let length = self.renderer.step_length(progress);
-        self.profile
-            .time(Phase::Occupancy, || grid.update(noise, length, |points| densities(&field, points, progress)));
+        let extent = Extent::Ball { variance: grid.cell_variance() };
+        self.profile.time(Phase::Occupancy, || {
+            grid.update(noise, length, |positions| densities(&field, positions, extent, progress))
+        });
     }
 
     /// Rays of training images and of unseen poses for this step.
@@ -290,7 +315,9 @@ impl Trainer {
         let uses_unseen = unseen_count > 0
             && (entropy_weight > 0.0 && loss.entropy.rays.unseen() || gain_weight > 0.0 && loss.gain.rays.unseen());
         let unseen = uses_unseen.then(|| {
-            let pixels = batch::unseen(&self.scene, &self.region, train, unseen_count, noise(purpose::UNSEEN));
+            let width = self.pyramid.pixel_width(train, done);
+            let noise_of_pose = noise(purpose::UNSEEN);
+            let pixels = batch::unseen(&self.scene, &self.region, train, unseen_count, width, noise_of_pose);
             let rays = pixels.rays();
             let want = Want { color: false, entropy: wants_entropy(loss.entropy.rays.unseen()) };
             let (coarse, level) =
@@ -428,7 +455,8 @@ fn build(config: &Config, scene: &Scene, seed: u64, device: &Device) -> Result<M
     let field = |seed| {
         RadianceField::new(&config.field, bounds, seed, device).map_err(|error| TrainError::Config(error.to_string()))
     };
-    let coarse = if config.render.fine_samples > 0 { Some(field(seed.wrapping_add(1 << 32))?) } else { None };
+    let own_coarse = config.render.fine_samples > 0 && !config.field.shares_passes();
+    let coarse = if own_coarse { Some(field(seed.wrapping_add(1 << 32))?) } else { None };
     Ok(Model { coarse, fine: field(seed)? })
 }
 
@@ -450,9 +478,9 @@ fn optimiser(config: &Config) -> ModuleOptimizer {
     ModuleOptimizer::from(adam).with_group(ParamGroup::from_predicate("tables"), tables, None)
 }
 
-/// Densities of bare points, for the occupancy grid.
-fn densities(field: &RadianceField, positions: &[f32], progress: f32) -> Vec<f32> {
+/// Densities of points on no ray, for the occupancy grid.
+fn densities(field: &RadianceField, positions: &[f32], extent: Extent<'_>, progress: f32) -> Vec<f32> {
     let segments = Segments::uniform(1, positions.len() / 3);
-    let points = Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments };
+    let points = Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments, extent };
     to_host(field.evaluate(points, false, progress).sigma)
 }

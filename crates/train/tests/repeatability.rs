@@ -10,7 +10,7 @@ use infonerf_train::{
 
 const STEPS: usize = 12;
 
-/// Both kinds of field on both backends.
+/// Every kind of field on both backends.
 fn cases() -> Vec<(Config, Device)> {
     configs().into_iter().flat_map(|config| devices().map(|device| (config.clone(), device))).collect()
 }

@@ -1,32 +1,37 @@
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
-use infonerf_train::{Evaluation, Trainer, evaluate_view};
+use infonerf_scene::View;
+use infonerf_train::{Evaluation, TestView, Trainer, evaluate_view};
 
 use crate::args::{DeviceName, EvalArgs};
 use crate::experiment::RunPlan;
 use crate::{device, run};
 
 pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
-    let mut plan = RunPlan::of_run(&args.run)?;
-    if let Some(test) = &args.test {
-        plan.config.eval.test = test.parse().map_err(|fault| anyhow::anyhow!("--test: {fault}"))?;
+    let mut table = Vec::new();
+    for folder in &args.runs {
+        let mut plan = RunPlan::of_run(folder)?;
+        if let Some(test) = &args.test {
+            plan.config.eval.test = test.parse().map_err(|fault| anyhow::anyhow!("--test: {fault}"))?;
+        }
+        let trainer = trained(&plan, folder, args.device)?;
+        println!("{}: {} test views ({})", plan.label(), trainer.scene().test.len(), plan.config.eval.test);
+        if args.scales.is_empty() {
+            each_view(&trainer)?;
+        } else {
+            table.push((plan.label(), scales(&trainer, &args.scales)?));
+        }
     }
-    let trainer = trained(&plan, &args.run, args.device)?;
-    let model = trainer.model();
-    let mut views = Vec::new();
-    println!("{}: {} test views ({})", plan.label(), trainer.scene().test.len(), plan.config.eval.test);
-    for view in &trainer.scene().test {
-        let result = evaluate_view(trainer.renderer(), &model, trainer.occupancy(), view)?;
-        println!("{:16} {}", view.name, line(&Evaluation::mean(std::slice::from_ref(&result)).context("a view")?));
-        views.push(result);
+    if !args.scales.is_empty() {
+        print_scales(&args.scales, &table);
     }
-    println!("{:16} {}", "mean", line(&Evaluation::mean(&views).context("no test views")?));
     Ok(ExitCode::SUCCESS)
 }
 
 /// A finished or interrupted run, as its newest checkpoint left it.
-pub(crate) fn trained(plan: &RunPlan, folder: &std::path::Path, device: DeviceName) -> Result<Trainer> {
+pub(crate) fn trained(plan: &RunPlan, folder: &Path, device: DeviceName) -> Result<Trainer> {
     let (device, _) = device::open(device)?;
     let (checkpoint, refused) = infonerf_train::Checkpoint::load(folder)?;
     for reason in refused {
@@ -37,6 +42,32 @@ pub(crate) fn trained(plan: &RunPlan, folder: &std::path::Path, device: DeviceNa
     let mut trainer = Trainer::new(&plan.config, run::load(plan)?, plan.seed, plan.budget, &device)?;
     trainer.resume(&checkpoint)?;
     Ok(trainer)
+}
+
+/// Evaluates `views`, and shows each as it is there.
+fn evaluate(
+    trainer: &Trainer,
+    views: &[View],
+    mut show: impl FnMut(&View, &TestView) -> Result<()>,
+) -> Result<Evaluation> {
+    let (model, occupancy) = (trainer.model(), trainer.picture_occupancy());
+    let mut results = Vec::new();
+    for view in views {
+        let result = evaluate_view(trainer.renderer(), &model, occupancy.as_ref(), view)?;
+        show(view, &result)?;
+        results.push(result);
+    }
+    Evaluation::mean(&results).context("no test views")
+}
+
+fn each_view(trainer: &Trainer) -> Result<()> {
+    let mean = evaluate(trainer, &trainer.scene().test, |view, result| {
+        let alone = Evaluation::mean(std::slice::from_ref(result)).context("a view")?;
+        println!("{:16} {}", view.name, line(&alone));
+        Ok(())
+    })?;
+    println!("{:16} {}", "mean", line(&mean));
+    Ok(())
 }
 
 fn line(mean: &Evaluation) -> String {
@@ -51,4 +82,25 @@ fn line(mean: &Evaluation) -> String {
         number(mean.depth_rmse, 4),
         mean.seconds
     )
+}
+
+/// Mean PSNR at full size and at each smaller one.
+fn scales(trainer: &Trainer, factors: &[u32]) -> Result<Vec<f64>> {
+    let at = |factor: u32| -> Result<f64> {
+        let views: Vec<View> = trainer.scene().test.iter().map(|view| view.reduced(factor)).collect();
+        Ok(evaluate(trainer, &views, |_, _| Ok(()))?.comparison.psnr)
+    };
+    std::iter::once(&1).chain(factors).map(|&factor| at(factor)).collect()
+}
+
+/// One row a run: PSNR at full size, then at each scale, with the difference from full size.
+fn print_scales(factors: &[u32], table: &[(String, Vec<f64>)]) {
+    let wide = table.iter().map(|(label, _)| label.len()).max().unwrap_or(0);
+    let headings: String = factors.iter().map(|factor| format!("{:>16}", format!("1/{factor}"))).collect();
+    println!("\nmean PSNR in dB, and its difference from full size\n{:wide$}  {:>6}{headings}", "", "1");
+    for (label, psnr) in table {
+        let (full, smaller) = psnr.split_first().map_or((f64::NAN, &[][..]), |(full, smaller)| (*full, smaller));
+        let cells: String = smaller.iter().map(|psnr| format!("{psnr:8.2} ({:+.2})", psnr - full)).collect();
+        println!("{label:wide$}  {full:6.2}{cells}");
+    }
 }

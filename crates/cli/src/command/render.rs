@@ -32,12 +32,12 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let poses = match args.path {
         PathName::Orbit => orbit(&cameras, args.frames as usize),
     };
-    let model = trainer.model();
+    let (model, occupancy) = (trainer.model(), trainer.picture_occupancy());
     let (near, far) = (trainer.scene().near, trainer.scene().far);
     let start = std::time::Instant::now();
     let mut frames = Vec::new();
     for (index, pose) in poses.into_iter().enumerate() {
-        let image = render_image(trainer.renderer(), &model, &camera.with_pose(pose), trainer.occupancy());
+        let image = render_image(trainer.renderer(), &model, &camera.with_pose(pose), occupancy.as_ref());
         let picture = to_rgb8(&image.rgb, image.width, image.height)?;
         save_png(&picture, &out.join(format!("{index:04}.png")))?;
         let depth = depth_image(&image.depth, &image.acc, image.width, image.height, near, far)?;

@@ -52,6 +52,16 @@ impl Image {
         Self { rgb: self.rgb.iter().map(|p| p.map(round)).collect(), ..self.clone() }
     }
 
+    /// The image at another size: each pixel the mean over the area that it covers.
+    pub fn resized(&self, width: u32, height: u32) -> Self {
+        let (from, to) = ((self.width, self.height), (width, height));
+        let coverage = |alpha: &Vec<f32>| {
+            let alpha: Vec<[f32; 1]> = alpha.iter().map(|&a| [a]).collect();
+            resize::box_filter(&alpha, from, to).into_iter().map(|[a]| a).collect()
+        };
+        Self { width, height, rgb: resize::box_filter(&self.rgb, from, to), alpha: self.alpha.as_ref().map(coverage) }
+    }
+
     /// Reads a PNG or JPEG and composites it on `background`.
     ///
     /// # Errors

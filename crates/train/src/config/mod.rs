@@ -8,7 +8,7 @@ pub use protocol::{Protocol, Views};
 
 use infonerf_field::FieldConfig;
 use infonerf_loss::{EntropyConfig, GainConfig, Norm};
-use infonerf_render::RenderConfig;
+use infonerf_render::{Placement, RenderConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
@@ -108,7 +108,7 @@ pub struct KeyConfig {
 pub struct RgbConfig {
     /// How a colour difference becomes a number.
     pub norm: Norm,
-    /// Weight of the coarse network's colour beside the fine one's 1 (NeRF: 1).
+    /// Weight of the coarse pass's colour beside the fine one's 1 (NeRF: 1, mip-NeRF: 0.1).
     pub coarse: f32,
 }
 
@@ -145,6 +145,8 @@ pub struct TrainConfig {
     pub adam_beta2: f32,
     /// Adam's ε (PyTorch: 1e-8).
     pub adam_epsilon: f32,
+    /// Share of the run, at its end, over which weights are averaged for rendering; 0 renders the last ones.
+    pub average: f64,
     /// Steps between checkpoints; 0 for one at the end only.
     pub checkpoint_every: usize,
     /// Fresh starts allowed when a field collapses to empty space.
@@ -258,6 +260,10 @@ impl Config {
     pub fn validate(&self) -> Result<(), TrainError> {
         self.field.validate().map_err(|error| TrainError::Config(error.to_string()))?;
         self.render.validate().map_err(|error| TrainError::Config(error.to_string()))?;
+        if matches!(self.field, FieldConfig::Mip(_)) && self.render.placement != Placement::Interval {
+            let cause = "expected \"interval\" with field.kind = \"mip\": its samples are pieces of cones";
+            return Err(TrainError::config("render.placement", cause));
+        }
         let t = &self.train;
         let number = |key: &str, value: f64, low: f64, high: f64| {
             if (low..=high).contains(&value) {
@@ -278,6 +284,7 @@ impl Config {
         number("train.table_rate", t.table_rate, 0.0, 1e6)?;
         number("train.adam_beta2", f64::from(t.adam_beta2), 0.0, 0.999_999)?;
         number("train.adam_epsilon", f64::from(t.adam_epsilon), 0.0, 1.0)?;
+        number("train.average", t.average, 0.0, 1.0)?;
         if let Decay::Run { last } = t.lr_decay {
             number("train.lr_decay.last", last, 1e-9, 1.0)?;
         }
@@ -321,6 +328,8 @@ mod tests {
         assert!((train.lr_at(7, 0.5) - 0.1).abs() < 1e-12);
     }
 
+    const MIP: &str = "field={kind=\"mip\",layers=2,width=8,skip=0,position_octaves=4,direction_octaves=2,anneal=0.0}";
+
     #[test]
     fn a_fault_names_its_key() {
         let fault = |assignment: &str| {
@@ -337,6 +346,7 @@ mod tests {
             ("field.kind=cube", "cube"),
             ("scene.views.ids=[1]", "scene.views"),
             ("eval.test=some", "eval.test"),
+            (MIP, "render.placement"),
             ("nonsense", "nonsense"),
             ("a..b=1", "a..b"),
         ] {

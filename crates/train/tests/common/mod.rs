@@ -37,7 +37,15 @@ const FAST: [&str; 10] = [
     "loss.gain.weight=1e-3",
 ];
 
-const BOTH: [&str; 5] = [
+/// The field of mip-NeRF, with smaller images first.
+const MIP: [&str; 4] = [
+    "field={kind=\"mip\",layers=3,width=16,skip=1,position_octaves=6,direction_octaves=2,anneal=0.5}",
+    "render.placement=interval",
+    "render.clip_to_bounds=true",
+    "train.pyramid=[[0.5,2]]",
+];
+
+const ALL: [&str; 5] = [
     "train.iterations=12",
     "train.rays=24",
     "train.unseen_rays=12",
@@ -55,12 +63,12 @@ fn configured(preset: Preset, settings: &[&[&str]]) -> Config {
 
 /// A tiny run of the paper's field with `settings` on top.
 pub fn config(settings: &[&str]) -> Config {
-    configured(Preset::Paper, &[&BOTH, &PAPER, settings])
+    configured(Preset::Paper, &[&ALL, &PAPER, settings])
 }
 
-/// The same of both kinds of field.
-pub fn configs() -> [Config; 2] {
-    [config(&[]), configured(Preset::Fast, &[&BOTH, &FAST, &["train.samples=400", "loss.start=0.2"]])]
+/// The same of every kind of field.
+pub fn configs() -> [Config; 3] {
+    [config(&[]), config(&MIP), configured(Preset::Fast, &[&ALL, &FAST, &["train.samples=400", "loss.start=0.2"]])]
 }
 
 pub fn scene() -> Scene {

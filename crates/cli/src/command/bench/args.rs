@@ -29,16 +29,20 @@ pub(crate) struct BenchArgs {
     /// pareto: training times, each a run of its own.
     #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = parse_duration, default_value = "5s,10s,20s,40s,60s")]
     pub(crate) budgets: Vec<Duration>,
-    /// Steps: of each run (skip: as configured; render: 300; stress-training: 80), or to measure after a warm-up (step: 50; scale: 8).
+    /// Steps: of each run (skip: as configured; render: 300; stress-training: 80), or to measure after a warm-up (step: 50;
+    /// scale: 8; ops: 15 repeats).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) steps: Option<u32>,
     /// Steps before measuring begins (step: 50; scale: 2).
     #[arg(long, value_name = "N")]
     pub(crate) warmup: Option<u32>,
+    /// step: begin with the weights and the occupancy grid that a run left, instead of an untrained field.
+    #[arg(long, value_name = "RUN")]
+    pub(crate) from: Option<PathBuf>,
     /// stress-training: seeds of each setting (20).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) seeds: Option<u32>,
-    /// stress: rays of each kind (70000).
+    /// stress: rays of each kind (55000).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..))]
     pub(crate) rays: Option<u32>,
     /// Folder for results.
@@ -58,6 +62,8 @@ pub(crate) enum BenchName {
     Scale,
     /// Seconds a frame by image size.
     Render,
+    /// Fused operations against plain tensors.
+    Ops,
     /// Errors of every operation and loss on extreme inputs, against f64; fails if a bound is broken.
     Stress,
     /// Tiny runs with settings and scenes that make training diverge or collapse; fails if a number is not finite.

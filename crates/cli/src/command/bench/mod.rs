@@ -4,6 +4,7 @@
 
 mod args;
 mod context;
+mod ops;
 mod output;
 mod pareto;
 mod render;
@@ -32,6 +33,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
         BenchName::Step => step::run(&bench, args)?,
         BenchName::Scale => scale::run(&bench, args)?,
         BenchName::Render => render::run(&bench, args)?,
+        BenchName::Ops => ops::run(&bench, args)?,
         BenchName::Stress => holds = stress::run(&bench, args)?,
         BenchName::StressTraining => holds = training::run(&bench, args)?,
     }

@@ -1,8 +1,10 @@
 //! Where the time of a training step goes.
 
-use anyhow::Result;
+use std::path::Path;
+
+use anyhow::{Context, Result};
 use infonerf_report::chart::{Bar, Frame, bar_chart};
-use infonerf_train::Phase;
+use infonerf_train::{Checkpoint, Phase};
 use serde::Serialize;
 
 use super::args::BenchArgs;
@@ -44,7 +46,7 @@ pub(super) fn run(bench: &Bench, args: &BenchArgs) -> Result<()> {
     let steps = args.steps.unwrap_or(STEPS) as usize;
     let mut rows = Vec::new();
     for plan in &bench.plans {
-        let row = measure(bench, plan, warmup, steps)?;
+        let row = measure(bench, plan, args.from.as_deref(), warmup, steps)?;
         print(&row);
         let bars = row.phases.iter().map(|phase| Bar { label: short(phase.phase), value: phase.ms, spread: None });
         let bars: Vec<Bar> = bars.collect();
@@ -56,10 +58,16 @@ pub(super) fn run(bench: &Bench, args: &BenchArgs) -> Result<()> {
     bench.save_results(PROTOCOL, &Results { rows: &rows })
 }
 
-fn measure(bench: &Bench, plan: &RunPlan, warmup: usize, steps: usize) -> Result<Row> {
+fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, steps: usize) -> Result<Row> {
     let iterations = plan.config.train.iterations.max(warmup + steps);
     let plan = with_settings(plan, &[format!("train.iterations={iterations}")])?;
     let mut trainer = bench.trainer(&plan)?;
+    if let Some(run) = from {
+        let (checkpoint, _) = Checkpoint::load(run)?;
+        let checkpoint =
+            checkpoint.with_context(|| format!("--from {}: expected a run's checkpoint", run.display()))?;
+        trainer.resume(&checkpoint)?;
+    }
     step_seconds(&mut trainer, warmup)?;
     let first_step = trainer.progress().step + 1;
     let before = trainer.profile().clone();

@@ -37,12 +37,12 @@ impl Bench {
     pub(super) fn trial(&self, plan: &RunPlan) -> Result<Trial> {
         let mut trainer = self.trainer(plan)?;
         let outcome = train(&mut trainer).with_context(|| plan.label())?;
-        let (progress, model) = (trainer.progress(), trainer.model());
+        let (progress, model, occupancy) = (trainer.progress(), trainer.model(), trainer.picture_occupancy());
         let views: Result<Vec<_>, _> = trainer
             .scene()
             .test
             .iter()
-            .map(|view| evaluate_view(trainer.renderer(), &model, trainer.occupancy(), view))
+            .map(|view| evaluate_view(trainer.renderer(), &model, occupancy.as_ref(), view))
             .collect();
         let mean = Evaluation::mean(&views?).context("no test views")?;
         Ok(Trial {

@@ -7,7 +7,10 @@ use fastrand::Rng;
 use infonerf_loss::{Norm, photometric_loss};
 use infonerf_ops::factored::{Layout, Query, reference};
 use infonerf_ops::frequency::encoded_width;
-use infonerf_ops::{factored_field, frequency_encode, plane_variation, to_host};
+use infonerf_ops::{
+    factored_field, frequency_encode, frustum_gaussian, integrated_encode, plane_variation, reference as oracle,
+    to_host,
+};
 
 use super::errors::Errors;
 use super::rays::log_uniform;
@@ -37,6 +40,46 @@ pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng)
             let phase = f64::from(x) * 2f64.powi(octave as i32);
             errors.value(pair[0], phase.sin());
             errors.value(pair[1], phase.cos());
+        }
+    }
+    errors
+}
+
+/// The integrated encoding of `count` Gaussians about such coordinates, as wide as a point and up to a unit.
+pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
+    /// The operation leaves at 0 what can be no larger than this.
+    const NOTHING: f64 = 1e-9;
+    let means: Vec<f32> = (0..3 * count).map(|_| draw(rng)).collect();
+    let variances: Vec<f32> = (0..3 * count).map(|_| log_uniform(rng, -12.0, 0.0)).collect();
+    let encoded = to_host(integrated_encode(&means, &variances, OCTAVES, &[], device));
+    let mut errors = Errors::default();
+    for (sample, row) in encoded.chunks_exact(6 * OCTAVES).enumerate() {
+        for (octave, block) in row.chunks_exact(6).enumerate() {
+            for axis in 0..3 {
+                let scale = 2f64.powi(octave as i32);
+                let phase = f64::from(means[3 * sample + axis]) * scale;
+                let weight = (-0.5 * scale * scale * f64::from(variances[3 * sample + axis])).exp();
+                let weight = if weight > NOTHING { weight } else { 0.0 };
+                errors.value(block[axis], weight * phase.sin());
+                errors.value(block[3 + axis], weight * phase.cos());
+            }
+        }
+    }
+    errors
+}
+
+/// Pieces of cones, from the apex to far away: mean and variances.
+pub(super) fn frustums(count: usize, rng: &mut Rng) -> Errors {
+    let mut errors = Errors::default();
+    for _ in 0..count {
+        let (t, radius) = (log_uniform(rng, -6.0, 6.0), log_uniform(rng, -5.0, -1.0));
+        // A piece does not reach behind the apex.
+        let delta = t * log_uniform(rng, -6.0, 0.3).min(2.0);
+        let got = frustum_gaussian(t, delta, radius);
+        let (t, half) = (f64::from(t), 0.5 * f64::from(delta));
+        let want = oracle::frustum_moments(t - half, t + half, f64::from(radius));
+        for (got, want) in [got.mean, got.along, got.across].into_iter().zip(want) {
+            errors.value(got, want);
         }
     }
     errors

@@ -21,7 +21,7 @@ use crate::device;
 use errors::Errors;
 
 /// Rays of each family, unless told otherwise.
-const RAYS: u32 = 70_000;
+const RAYS: u32 = 55_000;
 /// Largest relative error of a value.
 const VALUE: f64 = 1e-5;
 /// Largest error of a gradient, relative to the largest of its ray or table.
@@ -147,6 +147,10 @@ fn measure(bench: &Bench, device: &Device, name: &'static str, count: usize) -> 
     for (case, draw) in field::COORDINATES {
         rows.push(Row::new(name, "encoding", case, 0, field::encoding(draw, few, device, rng)));
     }
+    for (case, draw) in field::COORDINATES {
+        rows.push(Row::new(name, "integrated encoding", case, 0, field::integrated(draw, few, device, rng)));
+    }
+    rows.push(Row::new(name, "frustums", "1e-6 to 1e6 units away", 0, field::frustums(count, rng)));
     for contents in field::CONTENTS {
         rows.push(Row::new(name, "factored field", contents.name, 0, field::field(&contents, few, device, rng)));
     }

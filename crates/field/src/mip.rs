@@ -1,0 +1,109 @@
+//! mip-NeRF (Barron et al. 2021): a network of volumes, not of points.
+
+use burn::module::Module;
+use burn::tensor::{Device, activation::sigmoid};
+use infonerf_ops::frustum_gaussian;
+use infonerf_ops::integrated::{integrated_encode, integrated_width};
+use rand::Rng;
+
+use crate::anneal::anneal_window;
+use crate::init::Init;
+use crate::mlp::{Mlp, MlpSize};
+use crate::{DensityActivation, Extent, MipConfig, Points, Sampled};
+
+/// Each sample's piece of its cone, as a Gaussian with its encoding integrated, through the MLP.
+///
+/// One network serves the coarse and the fine pass: how wide a sample is tells it how much detail is wanted. Density is
+/// softplus(x − 1), so that it starts low and never dies, and colour's sigmoid is widened so that 0 and 1 are reached.
+#[derive(Module, Debug)]
+pub struct MipNerf {
+    mlp: Mlp,
+    #[module(skip)]
+    config: MipConfig,
+}
+
+/// How far the colour's sigmoid reaches beyond [0, 1] on both sides (released code: `rgb_padding`).
+const COLOR_PADDING: f32 = 0.001;
+
+impl MipNerf {
+    pub(crate) fn new(config: &MipConfig, rng: &mut impl Rng, device: &Device) -> Self {
+        let size = MlpSize {
+            inputs: integrated_width(config.position_octaves),
+            layers: config.layers,
+            width: config.width,
+            skip: config.skip,
+            direction_octaves: config.direction_octaves,
+        };
+        Self { mlp: Mlp::new(size, Init::Glorot, rng, device), config: config.clone() }
+    }
+
+    pub(crate) fn evaluate(&self, points: Points<'_>, color: bool, progress: f32) -> Sampled {
+        let octaves = self.config.position_octaves;
+        let window = anneal_window(octaves, self.config.anneal, progress);
+        let (means, variances) = gaussians(points);
+        let encoded = integrated_encode(&means, &variances, octaves, &window, &self.device());
+        let (sigma, color) = self.mlp.forward(encoded, points, color);
+        Sampled {
+            sigma: DensityActivation::Softplus.apply(sigma),
+            color: color.map(|raw| sigmoid(raw) * (1.0 + 2.0 * COLOR_PADDING) - COLOR_PADDING),
+        }
+    }
+
+    pub(crate) fn device(&self) -> Device {
+        self.mlp.device()
+    }
+}
+
+/// Mean and variance along each axis of the Gaussians that `points` stand for, both `[M, 3]` (mip-NeRF, Eq. 8 and 16).
+fn gaussians(points: Points<'_>) -> (Vec<f32>, Vec<f32>) {
+    let mut means = points.positions.to_vec();
+    let (t, delta, radii) = match points.extent {
+        Extent::Ball { variance } => {
+            let variances = vec![variance; means.len()];
+            return (means, variances);
+        }
+        Extent::Cones { t, delta, radii } => (t, delta, radii),
+    };
+    let mut variances = vec![0.0; means.len()];
+    let rays = points.directions.chunks_exact(3).zip(radii).zip(points.segments.ranges());
+    for ((direction, &radius), range) in rays {
+        for sample in range {
+            let gaussian = frustum_gaussian(t[sample], delta[sample], radius);
+            for (axis, &d) in direction.iter().enumerate() {
+                means[3 * sample + axis] += (gaussian.mean - t[sample]) * d;
+                variances[3 * sample + axis] = gaussian.along * d * d + gaussian.across * (1.0 - d * d).max(0.0);
+            }
+        }
+    }
+    (means, variances)
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_ops::Segments;
+
+    use super::*;
+
+    /// Two rays from the origin: one along y, one along the diagonal of x and y.
+    #[test]
+    fn gaussians_by_hand() {
+        let (half, root) = (0.5f32, 0.5f32.sqrt());
+        let segments = Segments::from_counts([1, 1]);
+        let points = Points {
+            positions: &[0.0, 2.0, 0.0, 2.0 * root, 2.0 * root, 0.0],
+            directions: &[0.0, 1.0, 0.0, root, root, 0.0],
+            segments: &segments,
+            extent: Extent::Cones { t: &[2.0, 2.0], delta: &[1.0, 1.0], radii: &[0.1, 0.2] },
+        };
+        let (means, variances) = gaussians(points);
+        let [straight, diagonal] = [0.1, 0.2].map(|radius| frustum_gaussian(2.0, 1.0, radius));
+        let want_means = [0.0, straight.mean, 0.0, diagonal.mean * root, diagonal.mean * root, 0.0];
+        let slanted = half * (diagonal.along + diagonal.across);
+        let want = [straight.across, straight.along, straight.across, slanted, slanted, diagonal.across];
+        for (got, want) in means.iter().zip(want_means).chain(variances.iter().zip(want)) {
+            approx::assert_abs_diff_eq!(*got, want, epsilon = 1e-6);
+        }
+        let ball = gaussians(Points { extent: Extent::Ball { variance: 0.3 }, ..points });
+        assert_eq!(ball, (points.positions.to_vec(), vec![0.3; 6]));
+    }
+}

@@ -1,0 +1,107 @@
+//! Integrated positional encoding (mip-NeRF, Sec. 3.1).
+
+use burn::tensor::{Device, Tensor, TensorData};
+use rayon::prelude::*;
+
+use crate::frequency::sin_cos;
+
+/// The mean of the positional encoding over axis-aligned Gaussians in space (mip-NeRF, Eq. 13–14).
+///
+/// γ(μ, σ²) = (…, sin(2ˡμ) exp(−½ 4ˡσ²), cos(2ˡμ) exp(−½ 4ˡσ²), …) for each octave l and axis, since E[sin x] of
+/// x ~ N(μ, σ²) is sin μ · exp(−σ²/2): what is finer than the Gaussian fades out. Columns are in the order of
+/// [`frequency_encode`](crate::frequency_encode), without the position itself. `means` and `variances` are `[M, 3]`
+/// row-major on the host, scene units and their square; the result is `[M, 6·L]` on `device`. `window[l]` scales octave
+/// `l`; an octave beyond its length has weight 1.
+///
+/// Positions are no parameters, so no gradient flows through this function.
+///
+/// # Panics
+/// If there are not as many variances as means.
+pub fn integrated_encode(
+    means: &[f32],
+    variances: &[f32],
+    octaves: usize,
+    window: &[f32],
+    device: &Device,
+) -> Tensor<2> {
+    const CHUNK: usize = 256;
+    assert_eq!(means.len(), variances.len(), "one variance an axis of a mean");
+    let (rows, width) = (means.len() / 3, integrated_width(octaves));
+    let mut encoded = vec![0f32; rows * width];
+    // A chunk of no width is no chunk.
+    encoded
+        .par_chunks_mut(width.max(1) * CHUNK)
+        .zip(means.par_chunks(3 * CHUNK).zip(variances.par_chunks(3 * CHUNK)))
+        .for_each(|(out, (means, variances))| {
+            let gaussians = means.chunks_exact(3).zip(variances.chunks_exact(3));
+            for (out, (mean, variance)) in out.chunks_exact_mut(width.max(1)).zip(gaussians) {
+                encode(mean, variance, window, out);
+            }
+        });
+    Tensor::from_data(TensorData::new(encoded, [rows, width]), device)
+}
+
+fn encode(mean: &[f32], variance: &[f32], window: &[f32], out: &mut [f32]) {
+    let mut scale = 1f32;
+    for (octave, block) in out.chunks_exact_mut(6).enumerate() {
+        let weight = window.get(octave).copied().unwrap_or(1.0);
+        let (sines, cosines) = block.split_at_mut(3);
+        for (((mean, variance), sine), cosine) in mean.iter().zip(variance).zip(sines).zip(cosines) {
+            let weight = weight * (-0.5 * scale * scale * variance).exp();
+            if weight > NOTHING {
+                let (s, c) = sin_cos(*mean, scale);
+                (*sine, *cosine) = (weight * s, weight * c);
+            }
+        }
+        scale *= 2.0;
+    }
+}
+
+/// A feature that can be no larger than this is left at 0: far below what `f32` can add to the others.
+const NOTHING: f32 = 1e-9;
+
+/// Width of the encoding.
+pub const fn integrated_width(octaves: usize) -> usize {
+    6 * octaves
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{reference, to_host};
+
+    const MEAN: [f32; 3] = [0.3, -1.2, 2.5];
+
+    #[test]
+    fn matches_the_integral() {
+        let variance = [1e-4f32, 0.01, 0.5];
+        let got = to_host(integrated_encode(&MEAN, &variance, 6, &[], &Device::flex()));
+        assert_eq!(got.len(), integrated_width(6));
+        for octave in 0..6 {
+            for axis in 0..3 {
+                let scale = 2f64.powi(octave as i32);
+                let (mean, deviation) = (f64::from(MEAN[axis]) * scale, f64::from(variance[axis]).sqrt() * scale);
+                let expected = |f: fn(f64) -> f64| reference::gaussian_mean(mean, deviation, f);
+                let base = octave * 6 + axis;
+                approx::assert_abs_diff_eq!(f64::from(got[base]), expected(f64::sin), epsilon = 2e-6);
+                approx::assert_abs_diff_eq!(f64::from(got[base + 3]), expected(f64::cos), epsilon = 2e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn of_a_point_is_the_plain_encoding() {
+        let device = Device::flex();
+        let window = [1.0, 0.5, 0.0];
+        let got = to_host(integrated_encode(&MEAN, &[0.0; 3], 4, &window, &device));
+        let plain = to_host(crate::frequency_encode(&MEAN, 3, 4, &window, &device));
+        assert_eq!(got, plain[3..]);
+    }
+
+    #[test]
+    fn no_octaves_and_no_points() {
+        let device = Device::flex();
+        assert_eq!(integrated_encode(&MEAN, &[0.0; 3], 0, &[], &device).dims(), [1, 0]);
+        assert_eq!(integrated_encode(&[], &[], 4, &[], &device).dims(), [0, 24]);
+    }
+}

@@ -1,0 +1,192 @@
+//! mip-NeRF at full size against a JAX rendering of the same rays with the same weights.
+//!
+//! `fixtures/mip_forward.py` made the expected values; its head states the rule that gives every weight.
+
+use burn::module::{Module, ModuleMapper, Param};
+use burn::tensor::{Device, Tensor, TensorData};
+use glam::Vec3;
+use infonerf_field::RadianceField;
+use infonerf_ops::{frustum_gaussian, integrated_encode, to_host};
+use infonerf_render::{Level, Model, Renderer, Want};
+use infonerf_scene::{Aabb, Ray, Scene};
+use infonerf_train::{Config, Preset, config};
+use serde_json::Value;
+
+const TOLERANCE: f64 = 1e-4;
+/// Trunk, density, feature, view, colour.
+const LAYERS: usize = 12;
+
+fn fixture() -> Value {
+    serde_json::from_str(include_str!("../fixtures/mip_forward.json")).unwrap()
+}
+
+fn floats(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Array(items) => items.iter().map(|x| x.as_f64().unwrap()).collect(),
+        single => vec![single.as_f64().unwrap()],
+    }
+}
+
+fn float(value: &Value) -> f32 {
+    value.as_f64().unwrap() as f32
+}
+
+fn vector(value: &Value) -> Vec3 {
+    let [x, y, z] = floats(value)[..] else { panic!("three numbers") };
+    Vec3::new(x as f32, y as f32, z as f32)
+}
+
+fn compare(got: &[f32], want: &Value, what: &str) {
+    let want = floats(want);
+    assert_eq!(got.len(), want.len(), "{what}");
+    for (got, want) in got.iter().zip(want) {
+        assert!((f64::from(*got) - want).abs() <= TOLERANCE, "{what}: {got} against {want}");
+    }
+}
+
+/// Relative, since variances span many orders of magnitude.
+fn compare_relative(got: f32, want: f64, what: &str) {
+    assert!((f64::from(got) - want).abs() <= TOLERANCE * want.abs(), "{what}: {got} against {want}");
+}
+
+/// Overwrites every parameter by the fixture's rule.
+struct Rule<'a> {
+    fixture: &'a Value,
+    /// Parameters visited so far: weight and bias of each layer in turn.
+    visited: usize,
+}
+
+impl Rule<'_> {
+    fn weight(&self, layer: usize, fan_in: usize, output: usize, input: usize) -> f32 {
+        let [o, i, l] = [output + 1, input + 1, layer + 1].map(|n| n as f64);
+        let phase = 1.0 + 12.9898 * o + 78.233 * i + 37.719 * l + 2.399_963_2 * (o * i);
+        (self.fixture["gain"][layer].as_f64().unwrap() * (3.0 / fan_in as f64).sqrt() * phase.sin()) as f32
+    }
+
+    fn bias(&self, layer: usize, output: usize) -> f32 {
+        let phase = 0.5 + 4.1414 * (output + 1) as f64 + 3.7 * (layer + 1) as f64;
+        (self.fixture["bias0"][layer].as_f64().unwrap() + 0.1 * phase.sin()) as f32
+    }
+}
+
+impl ModuleMapper for Rule<'_> {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let layer = self.visited / 2;
+        let values: Vec<f32> = match param.val().dims()[..] {
+            [inputs, outputs] => {
+                let weight = |i| (0..outputs).map(move |o| (o, i));
+                (0..inputs).flat_map(weight).map(|(o, i)| self.weight(layer, inputs, o, i)).collect()
+            }
+            [outputs] => (0..outputs).map(|o| self.bias(layer, o)).collect(),
+            ref other => panic!("a parameter of shape {other:?}"),
+        };
+        self.visited += 1;
+        param.map(|old| Tensor::from_data(TensorData::new(values, old.shape()), &old.device()))
+    }
+}
+
+/// mip-NeRF as in its paper, without jitter.
+fn config() -> Config {
+    let field = "field={kind=\"mip\",layers=8,width=256,skip=5,position_octaves=16,direction_octaves=4,anneal=0.0}";
+    let mut table = Preset::Paper.table();
+    for setting in
+        [field, "render.samples=128", "render.fine_samples=128", "render.placement=interval", "render.jitter=false"]
+    {
+        config::assign(&mut table, setting).unwrap();
+    }
+    Config::from_table(table).unwrap()
+}
+
+const HALF_EDGE: f32 = 6.0;
+
+fn renderer(fixture: &Value) -> Renderer {
+    let scene = Scene {
+        name: "fixture".into(),
+        train: Vec::new(),
+        test: Vec::new(),
+        background: [1.0; 3],
+        near: float(&fixture["near"]),
+        far: float(&fixture["far"]),
+        bounds: Aabb::cube(Vec3::ZERO, HALF_EDGE),
+        all_train_cameras: Vec::new(),
+    };
+    let render = config().render;
+    assert_eq!((&fixture["coarse"], &fixture["fine"]), (&render.samples.into(), &render.fine_samples.into()));
+    Renderer::new(&render, &scene)
+}
+
+fn compare_level(level: &Level, ray: usize, want: &Value, what: &str) {
+    let row = |tensor: Tensor<1>| to_host(tensor.narrow(0, ray, 1));
+    let color = to_host(level.color.clone().unwrap().narrow(0, ray, 1));
+    compare(&color, &want["color"], &format!("{what}, colour"));
+    compare(&row(level.depth.clone()), &want["depth"], &format!("{what}, depth"));
+    compare(&row(level.composite.acc.clone()), &want["acc"], &format!("{what}, acc"));
+    compare(&row(level.composite.entropy.clone()), &want["entropy"], &format!("{what}, entropy"));
+}
+
+#[test]
+fn frusta_and_their_encoding_agree_with_jax() {
+    let fixture = fixture();
+    let direction = vector(&fixture["direction"]);
+    for (index, row) in fixture["frusta"].as_array().unwrap().iter().enumerate() {
+        let [t0, t1, radius] = ["t0", "t1", "radius"].map(|key| row[key].as_f64().unwrap());
+        let gaussian = frustum_gaussian((0.5 * (t0 + t1)) as f32, (t1 - t0) as f32, radius as f32);
+        let moments = [gaussian.mean, gaussian.along, gaussian.across];
+        for (got, want) in moments.into_iter().zip(floats(&row["moments"])) {
+            compare_relative(got, want, &format!("frustum {index}"));
+        }
+        // From the stored Gaussian: at 900 units f32 cannot even hold the phase of the highest octave.
+        let single = |key: &str| floats(&row[key]).into_iter().map(|x| x as f32).collect::<Vec<_>>();
+        let (mean, variance) = (single("mean"), single("variance"));
+        for (axis, d) in direction.to_array().into_iter().enumerate() {
+            let want = gaussian.along * d * d + gaussian.across * (1.0 - d * d);
+            compare_relative(want, variance[axis].into(), &format!("frustum {index}, variance"));
+        }
+        if t0 < 10.0 {
+            let features = to_host(integrated_encode(&mean, &variance, 16, &[], &Device::flex()));
+            compare(&features, &row["features"], &format!("frustum {index}, features"));
+        }
+    }
+}
+
+fn check(device: &Device) {
+    let fixture = &fixture();
+    let mut rule = Rule { fixture, visited: 0 };
+    let bounds = [[-HALF_EDGE; 3], [HALF_EDGE; 3]];
+    let field = RadianceField::new(&config().field, bounds, 0, device).unwrap().map(&mut rule);
+    assert_eq!(rule.visited, 2 * LAYERS);
+    // One network for both passes.
+    let model = Model { coarse: None, fine: field };
+    let rows = fixture["rays"].as_array().unwrap();
+    let ray = |row: &Value| Ray {
+        origin: vector(&row["origin"]),
+        direction: vector(&row["direction"]),
+        radius: float(&row["radius"]),
+    };
+    let rays: Vec<Ray> = rows.iter().map(ray).collect();
+    let want = Want { color: true, entropy: Some(0.0) };
+    let (coarse, fine) = renderer(fixture).render(&model, &rays, want, None, None, 1.0);
+    let coarse = coarse.unwrap();
+    for (index, row) in rows.iter().enumerate() {
+        let range = fine.samples.segments.range(index);
+        let mut edges: Vec<f32> = range.clone().map(|i| fine.samples.t[i] - 0.5 * fine.samples.delta[i]).collect();
+        edges.push(fine.samples.t[range.end - 1] + 0.5 * fine.samples.delta[range.end - 1]);
+        compare(&edges, &row["edges"], &format!("ray {index}, edges"));
+        compare_level(&fine, index, &row["fine"], &format!("ray {index}, fine"));
+        // The coarse pass's entropy is not computed: no loss asks for it.
+        let mut expected = row["coarse"].clone();
+        expected["entropy"] = 0.0.into();
+        compare_level(&coarse, index, &expected, &format!("ray {index}, coarse"));
+    }
+}
+
+#[test]
+fn agrees_with_jax_on_flex() {
+    check(&Device::flex());
+}
+
+#[test]
+#[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
+fn agrees_with_jax_on_ndarray() {
+    check(&Device::ndarray());
+}
