@@ -10,6 +10,10 @@ default:
 exp NAME *ARGS:
     cargo run --release -- exp "$@"
 
+# Every synthetic table of the paper into one report, and whether what it says holds: just reproduce --jobs 2
+reproduce *ARGS:
+    cargo run --release -- reproduce "$@"
+
 # Run all tests
 test:
     cargo test --release --workspace

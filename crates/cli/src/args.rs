@@ -7,6 +7,7 @@ use std::time::Duration;
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 
 use crate::command::bench::{BENCH_EXAMPLES, BenchArgs};
+use crate::command::reproduce::{REPRODUCE_EXAMPLES, ReproduceArgs};
 use crate::command::sweep::{SWEEP_EXAMPLES, SweepArgs, SweepItemArgs};
 
 /// Learn a 3D scene from a handful of photographs, and measure how well.
@@ -27,6 +28,9 @@ pub(crate) enum Command {
     Sweep(SweepArgs),
     /// Run one line of a sweep's manifest: a job of a cluster's array.
     SweepItem(SweepItemArgs),
+    /// Run every synthetic table and figure of the paper into one report, and tell whether what it says holds here.
+    #[command(after_help = REPRODUCE_EXAMPLES)]
+    Reproduce(ReproduceArgs),
     /// Measure speed: time against error, what skipping saves, where a step's time goes, how cost grows.
     #[command(after_help = BENCH_EXAMPLES)]
     Bench(BenchArgs),
@@ -219,7 +223,7 @@ fn parse_scale(text: &str) -> Result<u32, String> {
 }
 
 /// A seed, or a range of them such as `0..4`, both ends included.
-fn parse_seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
+pub(crate) fn parse_seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
     let fault = || format!("expected a seed such as 3, or seeds such as 0..4, found `{text}`");
     let number = |text: &str| text.trim().parse::<u64>().map_err(|_| fault());
     let (first, last) = text.split_once("..").unwrap_or((text, text));

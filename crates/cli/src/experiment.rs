@@ -5,12 +5,15 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use infonerf_report::{Claim, Record, ReportInput};
 use infonerf_scene::{SceneSource, procedural};
 use infonerf_train::{Config, Preset, config};
 use serde::{Deserialize, Serialize};
-use toml::{Table, Value};
+use toml::{Spanned, Table, Value};
 
 use crate::args::{PresetName, Selection};
+use crate::paper::Paper;
+use crate::plot::Plot;
 
 /// The experiments that are built in.
 const BUILT_IN: &[(&str, &str)] = &[
@@ -19,6 +22,12 @@ const BUILT_IN: &[(&str, &str)] = &[
     ("synthetic-4view-alpha", include_str!("../../../experiments/synthetic-4view-alpha.toml")),
     ("integration", include_str!("../../../experiments/integration.toml")),
     ("integration-paper", include_str!("../../../experiments/integration-paper.toml")),
+    ("unseen-rays", include_str!("../../../experiments/unseen-rays.toml")),
+    ("loss-ablation", include_str!("../../../experiments/loss-ablation.toml")),
+    ("baseline", include_str!("../../../experiments/baseline.toml")),
+    ("views", include_str!("../../../experiments/views.toml")),
+    ("information", include_str!("../../../experiments/information.toml")),
+    ("small-nerf", include_str!("../../../experiments/small-nerf.toml")),
 ];
 
 /// An experiment file.
@@ -44,17 +53,47 @@ struct File {
     /// Laid over the preset.
     #[serde(default)]
     config: Table,
-    /// What is compared: each laid over `config`, in the order of the file.
+    /// What is compared: each laid over `config`. Where a name stands in the file says its place in tables.
     #[serde(default)]
-    variants: Table,
+    variants: BTreeMap<Spanned<String>, Value>,
+    /// What a paper found, to stand beside the results.
+    paper: Option<Paper>,
+    /// What it says about the order of the variants.
+    claims: Option<Vec<Claim>>,
+    /// A chart for its report.
+    plot: Option<Plot>,
+}
+
+/// What an experiment is, beside its runs.
+#[derive(Clone, Debug)]
+pub(crate) struct About {
+    pub(crate) name: String,
+    pub(crate) title: String,
+    pub(crate) data: Option<PathBuf>,
+    pub(crate) paper: Option<Paper>,
+    pub(crate) claims: Vec<Claim>,
+    pub(crate) plot: Option<Plot>,
+}
+
+impl About {
+    /// What a report of `records`, which came of `runs`, is made of.
+    pub(crate) fn report_input(&self, records: Vec<Record>, runs: &[&RunPlan]) -> Result<ReportInput> {
+        let plot = self.plot.as_ref().map(|plot| plot.figure(&records)).transpose()?;
+        let mut input = ReportInput::new(&self.name, &self.title, records);
+        input.figures.extend(plot);
+        if self.data.is_none() {
+            input.warnings.push("Procedural scenes of this project, not a published data set.".into());
+        }
+        input.published = self.paper.as_ref().map(|paper| paper.beside(runs));
+        input.claims = self.claims.clone();
+        Ok(input)
+    }
 }
 
 /// An experiment, ready to run.
 #[derive(Debug)]
 pub(crate) struct Experiment {
-    pub(crate) name: String,
-    pub(crate) title: String,
-    pub(crate) data: Option<PathBuf>,
+    pub(crate) about: About,
     pub(crate) runs: Vec<RunPlan>,
 }
 
@@ -89,11 +128,12 @@ struct Complete {
 }
 
 /// Names and titles of the built-in experiments.
-pub(crate) fn list() -> Vec<(&'static str, String)> {
-    BUILT_IN
-        .iter()
-        .map(|&(name, text)| (name, parse(name, text).ok().and_then(|file| file.title).unwrap_or_default()))
-        .collect()
+pub(crate) fn list() -> Result<Vec<(&'static str, String)>> {
+    let parsed = BUILT_IN.iter().map(|&(name, text)| Ok((name, parse(name, text)?)));
+    let files = parsed.collect::<Result<Vec<(&str, File)>>>()?;
+    // What has no variants and no base is there for others to build on.
+    let runs = |(_, file): &(&str, File)| file.base.is_some() || !file.variants.is_empty();
+    Ok(files.into_iter().filter(runs).map(|(name, file)| (name, file.title.unwrap_or_default())).collect())
 }
 
 fn parse(origin: &str, text: &str) -> Result<File> {
@@ -149,12 +189,11 @@ impl Experiment {
         };
         let data = args.data.clone().or_else(|| files.iter().rev().find_map(|file| file.data.clone()));
         let mut table = preset.table();
-        let mut variants = Table::new();
         for file in &files {
             config::merge(&mut table, file.config.clone());
-            config::merge(&mut variants, file.variants.clone());
         }
-        if variants.is_empty() {
+        let (order, variants) = variants(&files);
+        if order.is_empty() {
             bail!("{name}: variants: expected at least one table");
         }
         let listed = if args.data.is_some() { None } else { files.iter().rev().find_map(|file| file.scenes.clone()) };
@@ -165,7 +204,7 @@ impl Experiment {
         } else {
             args.seeds.iter().cloned().flatten().collect()
         };
-        let names = choose_variants(&variants, &args.variants)?;
+        let names = choose_variants(order, &args.variants)?;
         check_distinct("--scene", scenes.iter().map(|(scene, _)| scene.clone()))?;
         check_distinct("--variant", names.iter().cloned())?;
         check_distinct("--seed", seeds.iter().map(u64::to_string))?;
@@ -193,8 +232,28 @@ impl Experiment {
             }
         }
         let title = last(|file| file.title.clone()).unwrap_or_else(|| name.clone());
-        Ok(Self { name, title, data, runs })
+        let paper = files.iter().rev().find_map(|file| file.paper.clone());
+        let claims = files.iter().rev().find_map(|file| file.claims.clone()).unwrap_or_default();
+        let plot = files.iter().rev().find_map(|file| file.plot.clone());
+        Ok(Self { about: About { name, title, data, paper, claims, plot }, runs })
     }
+}
+
+/// The names of the variants in the order of the files, the base's first, and what each changes.
+fn variants(files: &[File]) -> (Vec<String>, Table) {
+    let (mut order, mut tables) = (Vec::new(), Table::new());
+    for file in files {
+        let mut own: Vec<(&Spanned<String>, &Value)> = file.variants.iter().collect();
+        own.sort_by_key(|(name, _)| name.span().start);
+        for (name, value) in own {
+            let name = name.get_ref();
+            if !order.contains(name) {
+                order.push(name.clone());
+            }
+            config::merge(&mut tables, Table::from_iter([(name.clone(), value.clone())]));
+        }
+    }
+    (order, tables)
 }
 
 fn variant_config(table: &Table, variants: &Table, variant: &str, set: &[String]) -> Result<Config> {
@@ -209,8 +268,7 @@ fn variant_config(table: &Table, variants: &Table, variant: &str, set: &[String]
     Config::from_table(table).with_context(|| format!("variant {variant}"))
 }
 
-fn choose_variants(variants: &Table, wanted: &[String]) -> Result<Vec<String>> {
-    let known: Vec<String> = variants.keys().cloned().collect();
+fn choose_variants(known: Vec<String>, wanted: &[String]) -> Result<Vec<String>> {
     if let Some(unknown) = wanted.iter().find(|name| !known.contains(name)) {
         bail!("--variant {unknown}: expected one of: {}", known.join(", "));
     }
@@ -355,5 +413,24 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn variants_come_in_the_order_of_the_files() {
+        let base = parse("base", "[variants.z]\n[variants.m.loss]\nalpha = 1.0\n").unwrap();
+        let over = parse("over", "[variants.b]\n[variants.m.train]\nlr = 1.0\n[variants.a]\n").unwrap();
+        let (order, tables) = variants(&[base, over]);
+        assert_eq!(order, ["z", "m", "b", "a"]);
+        assert_eq!(tables["m"].as_table().unwrap().len(), 2);
+    }
+
+    #[test]
+    fn every_built_in_experiment_is_sound() {
+        for (name, text) in BUILT_IN {
+            parse(name, text).unwrap();
+        }
+        let listed = list().unwrap();
+        assert!(listed.iter().all(|(name, title)| !title.is_empty() && *name != "small-nerf"));
+        assert_eq!(listed.len(), BUILT_IN.len() - 1);
     }
 }

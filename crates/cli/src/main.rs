@@ -7,6 +7,8 @@ mod command;
 mod device;
 mod experiment;
 mod interrupt;
+mod paper;
+mod plot;
 mod progress;
 mod run;
 

@@ -22,6 +22,8 @@ pub(crate) struct Session {
     pub(crate) device_name: &'static str,
     pub(crate) out: PathBuf,
     pub(crate) resume: bool,
+    /// Share of each run after which it is stopped, to go on later.
+    pub(crate) until: Option<f64>,
 }
 
 /// What came of a run.
@@ -30,8 +32,8 @@ pub(crate) enum Finished {
     Record(Box<Record>, Box<Trainer>),
     /// It was done already.
     Kept,
-    /// The user stopped it; it can be resumed.
-    Interrupted,
+    /// It was stopped, by the user or at [`Session::until`], and can be resumed.
+    Stopped,
 }
 
 impl Session {
@@ -70,7 +72,7 @@ impl Session {
         }
         let outcome = self.train(plan, &folder, &mut trainer)?;
         if outcome == Outcome::Running {
-            return Ok(Finished::Interrupted);
+            return Ok(Finished::Stopped);
         }
         let record = self.evaluate(plan, &folder, &trainer, outcome == Outcome::Collapsed)?;
         Ok(Finished::Record(Box::new(record), Box::new(trainer)))
@@ -84,10 +86,14 @@ impl Session {
         Ok(checkpoint)
     }
 
-    /// Trains until the end or until the user stops it ([`Outcome::Running`]), and saves in both cases.
+    /// Trains until the end or until it is stopped ([`Outcome::Running`]), and saves in both cases.
     fn train(&self, plan: &RunPlan, folder: &Path, trainer: &mut Trainer) -> Result<Outcome> {
         let mut progress = Progress::new(folder, &plan.label(), trainer.progress().step)?;
         let every = plan.config.train.checkpoint_every;
+        let reached = |trainer: &Trainer| self.until.is_some_and(|share| trainer.done() >= share);
+        if reached(trainer) && trainer.done() < 1.0 {
+            return Ok(Outcome::Running);
+        }
         let outcome = loop {
             let mut events: Vec<Event> = Vec::new();
             let outcome = trainer.step(&mut |event| events.push(event));
@@ -95,7 +101,7 @@ impl Session {
                 progress.report(event, trainer.done())?;
             }
             match outcome {
-                Ok(Outcome::Running) if interrupt::asked() => break Outcome::Running,
+                Ok(Outcome::Running) if interrupt::asked() || reached(trainer) => break Outcome::Running,
                 Ok(Outcome::Running) => {
                     if every > 0 && trainer.progress().step.is_multiple_of(every) {
                         progress.flush()?;
@@ -263,7 +269,7 @@ pub(crate) fn save_png(picture: &image::RgbImage, path: &Path) -> Result<()> {
 }
 
 /// Largest resident memory of this process so far, where the system tells.
-fn peak_rss() -> Option<u64> {
+pub(crate) fn peak_rss() -> Option<u64> {
     let status = fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)

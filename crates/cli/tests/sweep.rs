@@ -112,32 +112,110 @@ fn two_at_a_time_give_the_same_numbers() {
     assert_eq!(table(&folder(&place, "one")), table(&folder(&place, "two")));
 }
 
-#[cfg(unix)]
+/// Four by three weights of the paper's losses.
+const WEIGHTS: [&str; 10] = [
+    "sweep",
+    "synthetic-4view",
+    "--scene",
+    "knot",
+    "--variant",
+    "infonerf",
+    "--grid",
+    "loss.entropy.weight=0,1e-4,1e-3,1e-2",
+    "--grid",
+    "loss.gain.weight=0,1e-5,1e-4",
+];
+
 #[test]
 fn a_sweep_that_was_killed_goes_on() {
     let place = Workplace::new();
-    sweep(&place, "unbroken").succeeds();
+    let weights = |out: &str| place.tiny(&WEIGHTS).args(&["--set", "eval.information_rays=0", "--out", out]);
+    weights("unbroken").succeeds();
     let killed = folder(&place, "killed");
-    let mut child = sweep(&place, "killed").into_command().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+    let mut child = weights("killed").into_command().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     let patience = Instant::now();
-    while finished(&killed).len() < 2 {
-        assert!(patience.elapsed() < Duration::from_secs(60), "no two runs in a minute");
+    while finished(&killed).len() < 5 {
+        assert!(patience.elapsed() < Duration::from_secs(60), "no five runs in a minute");
         std::thread::sleep(Duration::from_millis(5));
     }
     child.kill().unwrap();
     child.wait().unwrap();
     let before = finished(&killed);
-    assert!(before.len() < RUNS, "the sweep had ended before it was killed");
+    assert!(before.len() < 12, "the sweep had ended before it was killed");
     // The process of the item that was running sees that it is alone.
     std::thread::sleep(Duration::from_secs(1));
 
-    sweep(&place, "killed").succeeds();
+    weights("killed").succeeds();
     let after = finished(&killed);
-    assert_eq!(after.len(), RUNS);
+    assert_eq!(after.len(), 12);
     assert!(before.iter().all(|run| after.contains(run)), "a finished run was repeated");
     let list = |out| without_times(&records(&folder(&place, out)));
     assert_eq!(list("unbroken"), list("killed"));
     assert_eq!(table(&folder(&place, "unbroken")), table(&killed));
+}
+
+#[test]
+fn random_settings_are_repeatable_and_plotted() {
+    let place = Workplace::new();
+    let random = |count: &str, out: &str| {
+        let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "infonerf", "--random", count];
+        let ranges = ["--range", "loss.entropy.weight=log:1e-5:1e-1", "--range", "train.rays=int:16:48"];
+        // The ranges set what the tiny settings would.
+        place.tiny_without("train.rays", &args).args(&ranges).args(&["--out", out])
+    };
+    random("3", "few").succeeds();
+    random("4", "many").succeeds();
+    let few: BTreeSet<String> = variants(&records(&folder(&place, "few")));
+    let many: BTreeSet<String> = variants(&records(&folder(&place, "many")));
+    assert_eq!((few.len(), many.len()), (3, 4));
+    assert!(few.is_subset(&many), "{few:?} {many:?}");
+    for plot in ["sweep-psnr-loss-entropy-weight.svg", "sweep-psnr-train-rays.svg"] {
+        assert!(folder(&place, "few").join("plots").join(plot).is_file(), "{plot}");
+    }
+}
+
+fn variants(records: &[Value]) -> BTreeSet<String> {
+    records.iter().map(|record| record["variant"].as_str().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn hopeless_settings_are_stopped_early() {
+    let place = Workplace::new();
+    // A learning rate of 0 learns nothing: it cannot be among the best.
+    let halving = |out: &str| {
+        let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--halving", "2"];
+        let grid =
+            ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12", "--set", "train.lr_warmup=0"];
+        place.tiny(&args).args(&grid).args(&["--out", out])
+    };
+    let said = text(&halving("runs").succeeds().stdout);
+    assert_eq!(said.matches("is stopped: training PSNR").count(), 3, "{said}");
+    let kept = variants(&records(&folder(&place, "runs")));
+    assert_eq!(kept.len(), 1, "{kept:?}");
+    assert!(!kept.contains("nerf_train.lr_0"), "{kept:?}");
+    let report = fs::read_to_string(folder(&place, "runs").join("report.md")).unwrap();
+    assert!(report.contains("stopped early"), "{report}");
+    // Stopped runs are saved: without halving the sweep goes on with them, and ends where one without would.
+    let whole = |place: &Workplace, out: &str| {
+        let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--out", out];
+        let grid =
+            ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12", "--set", "train.lr_warmup=0"];
+        place.tiny(&args).args(&grid).succeeds();
+        without_times(&records(&folder(place, out)))
+    };
+    assert_eq!(whole(&place, "runs"), whole(&place, "other"));
+}
+
+#[test]
+fn a_run_that_takes_too_long_is_given_up_and_the_others_go_on() {
+    let place = Workplace::new();
+    let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--timeout", "8s"];
+    let grid = ["--grid", "train.iterations=3,100000000"];
+    let output = place.tiny_without("train.iterations", &args).args(&grid).into_command().output().unwrap();
+    let (said, complaint) = (text(&output.stdout), text(&output.stderr));
+    assert_eq!(output.status.code(), Some(1), "{said}\n{complaint}");
+    assert!(complaint.contains("timed out after 8 s") && complaint.contains("1 of 2 runs failed"), "{complaint}");
+    assert_eq!(records(&folder(&place, "runs")).len(), 1);
 }
 
 #[test]
@@ -218,6 +296,26 @@ fn bad_grids() {
     grid(&[]).assert_refused(&["--grid"]);
     grid(&["--grid", "train.lr=1e-3", "--jobs", "0"]).assert_refused(&["--jobs"]);
     grid(&["--grid", "train.lr=1e-3", "--seed", "4..0"]).assert_refused(&["4..0"]);
+    grid(&["--grid", "train.lr=1e-3", "--timeout", "0"]).assert_refused(&["--timeout"]);
+    grid(&["--grid", "train.lr=1e-3", "--halving", "1"]).assert_refused(&["--halving"]);
+    grid(&["--grid", "train.lr=1e-3", "--halving", "2", "--manifest-only"]).assert_refused(&["--manifest-only"]);
+    grid(&["--random", "3"]).assert_refused(&["--range"]);
+    grid(&["--range", "train.lr=0:1"]).assert_refused(&["--random"]);
+    let random = |range: &str| grid(&["--random", "2", "--range", range]);
+    for (range, parts) in [
+        ("train.lr", &["--range train.lr", "="][..]),
+        ("train.lr=1", &["--range train.lr=1", "LOW:HIGH"]),
+        ("train.lr=2:1", &["--range train.lr=2:1", "LOW below HIGH"]),
+        ("train.lr=log:0:1", &["--range train.lr=log:0:1", "above 0"]),
+        ("train.lr=int:0.5:1", &["--range train.lr=int:0.5:1", "whole numbers"]),
+        ("train.lrr=0:1", &["lrr"]),
+        ("train.center_steps=0:9", &["train.center_steps"]),
+        ("loss.entropy.weight=-2:-1", &["loss.entropy.weight"]),
+    ] {
+        random(range).fails_with(parts);
+    }
+    random("train.lr=0:1").args(&["--grid", "train.lr=0.1"]).fails_with(&["--range train.lr", "--grid train.lr"]);
+    random("train.lr=0:1").args(&["--set", "train.lr=0.1"]).fails_with(&["--set train.lr=0.1", "--range train.lr"]);
     assert!(!place.path("runs").exists(), "nothing is written before the plan is whole");
 }
 

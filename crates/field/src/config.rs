@@ -1,3 +1,5 @@
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -97,6 +99,20 @@ fn check_mlp(layers: usize, width: usize, direction_octaves: usize) -> Result<()
     check("layers", "1 to 64", layers, (1..=64).contains(&layers))?;
     check("width", "an even number from 2 to 4096", width, (2..=4096).contains(&width) && width.is_multiple_of(2))?;
     check("direction_octaves", "0 to 20", direction_octaves, direction_octaves <= 20)
+}
+
+impl fmt::Display for FieldConfig {
+    /// What it is, with its sizes: `MLP of 8 layers of 256`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Nerf(c) => write!(f, "MLP of {} layers of {}", c.layers, c.width),
+            Self::Mip(c) => write!(f, "mip MLP of {} layers of {}", c.layers, c.width),
+            Self::Factored(c) => {
+                let finest = c.resolutions.iter().max().copied().unwrap_or(0);
+                write!(f, "planes and lines of up to {finest} texels with an MLP of {} layers of {}", c.layers, c.width)
+            }
+        }
+    }
 }
 
 impl FieldConfig {

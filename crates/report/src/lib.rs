@@ -3,8 +3,10 @@
 //! - [`Record`]: one run as `results.json` holds it; [`save_record`] adds one safely while other processes do the same.
 //! - [`Table`]: variants against scenes or metrics, mean ± standard deviation over seeds, best in bold, as Markdown,
 //!   CSV, LaTeX or plain text, always below the [protocol](protocol_lines) that its numbers follow.
+//! - [`Published`]: a paper's own figures, and [`Claim`]: what it says about their order, tested on records.
 //! - [`chart`]: small functions from numbers to an SVG string.
 //! - [`write_report`]: `report.html`, which needs nothing else, and `report.md`, which links the pictures of the runs.
+//! - [`write_collection`]: several experiments in one report.
 //! - [`depth_image`] and [`error_image`]: the pictures of depth and error that a run stores beside its renders.
 //!
 //! ```
@@ -22,6 +24,8 @@
 //! ```
 
 pub mod chart;
+mod claim;
+mod collection;
 mod colormap;
 mod error;
 mod events;
@@ -31,6 +35,7 @@ mod gallery;
 mod html;
 mod markdown;
 mod protocol;
+mod published;
 mod record;
 mod report;
 mod run;
@@ -38,12 +43,15 @@ mod store;
 mod table;
 mod text;
 
+pub use claim::{Claim, Comparison, Finding, Quantity, Relation, TestedClaim, Verdict};
+pub use collection::{Chapter, Collection, write_collection};
 pub use colormap::{ERROR_FULL_SCALE, depth_image, error_image, turbo, viridis};
 pub use error::ReportError;
 pub use events::{Evaluation, Events, Step};
 pub use figures::Figure;
 pub use files::write_atomically;
 pub use protocol::protocol_lines;
+pub use published::{Published, PublishedRow};
 pub use record::{Record, TestViews};
 pub use report::{ReportFiles, ReportInput, write_report};
 pub use run::{Run, RunKey, run_directory};

@@ -1,7 +1,9 @@
 //! `report.md`: the report for a repository, with links to the pictures of the runs.
 
+use std::path::Path;
+
 use crate::{
-    Figure, Table,
+    Figure, Table, TestedClaim,
     gallery::{KINDS, Picture, View},
     report::{Contents, Scene, plot_path},
     text::{escape_html, escape_markdown, escape_url},
@@ -12,13 +14,16 @@ pub(crate) fn page(contents: &Contents) -> String {
     blocks.push(format!("Experiment {}", escape_markdown(&contents.input.experiment)));
     blocks.extend(contents.warnings.iter().map(|warning| format!("> **Note:** {}", escape_markdown(warning))));
     blocks.push("## Results".into());
-    blocks.extend(contents.overviews.iter().map(Table::to_markdown));
-    blocks.extend(contents.figures.iter().map(figure));
+    blocks.extend(contents.overviews.iter().chain(&contents.published).map(Table::to_markdown));
+    if !contents.claims.is_empty() {
+        blocks.extend(["## What the paper says, and what was found here".to_owned(), claims(&contents.claims)]);
+    }
+    blocks.extend(contents.figures.iter().map(|one| figure(one, "")));
     blocks.extend(contents.tables.iter().map(Table::to_markdown));
     for scene in &contents.scenes {
         blocks.push(format!("## {}", escape_markdown(&scene.name)));
         blocks.extend(scene.gallery.views.iter().map(|one| view(scene, one)));
-        blocks.extend(scene.figures.iter().map(figure));
+        blocks.extend(scene.figures.iter().map(|one| figure(one, "")));
     }
     if !contents.notes.is_empty() || !contents.missing.is_empty() {
         blocks.push("## Notes".into());
@@ -32,8 +37,25 @@ pub(crate) fn page(contents: &Contents) -> String {
     blocks.join("\n\n") + "\n"
 }
 
-fn figure(figure: &Figure) -> String {
-    let image = format!("![{}]({})", escape_markdown(&figure.title), escape_url(&plot_path(figure)));
+/// A list of claims with a table of findings below each.
+pub(crate) fn claims(claims: &[TestedClaim]) -> String {
+    let one = |claim: &TestedClaim| {
+        let row = |finding: &crate::Finding| {
+            let cells = [finding.formula.clone(), finding.found(), finding.in_paper(), finding.verdict.to_string()];
+            format!("| {} |", cells.map(|cell| escape_markdown(&cell)).join(" | "))
+        };
+        let head =
+            ["| comparison | left − right, here | in the paper | |", "| --- | ---: | ---: | --- |"].map(str::to_owned);
+        let rows: Vec<String> = head.into_iter().chain(claim.findings.iter().map(row)).collect();
+        format!("**{}**: {}\n\n{}", claim.verdict, escape_markdown(&claim.statement), rows.join("\n"))
+    };
+    claims.iter().map(one).collect::<Vec<_>>().join("\n\n")
+}
+
+/// A chart whose file is in `folder`, below that of the page.
+pub(crate) fn figure(figure: &Figure, folder: &str) -> String {
+    let path = Path::new(folder).join(plot_path(figure));
+    let image = format!("![{}]({})", escape_markdown(&figure.title), escape_url(&path.to_string_lossy()));
     if figure.caption.is_empty() { image } else { format!("{image}\n\n{}", escape_markdown(&figure.caption)) }
 }
 

@@ -1,11 +1,14 @@
 use crate::{Record, table::distinct};
 
+/// Views, or values that nothing explains, of which a line names each; more of them it counts.
+const MOST_LISTED: usize = 8;
+
 /// How the numbers of `records` were obtained, in two lines: training views, test views, image size and seeds; preset,
 /// iterations and device.
 ///
 /// Where records differ in one of these, the line says for which seed, scene, preset or variant it is what
 /// (`train views seed 0: 26, 86, 2, 55; seed 1: 80, 84, 33, 81`), or lists them as `mixed` where none of the four
-/// explains it. Iterations that differ are a range.
+/// explains it, unless they are too many. Iterations that differ are a range.
 /// Empty for no records.
 #[must_use]
 pub fn protocol_lines(records: &[Record]) -> Vec<String> {
@@ -15,7 +18,10 @@ pub fn protocol_lines(records: &[Record]) -> Vec<String> {
     let mut seeds = distinct(records, |record| record.seed);
     seeds.sort_unstable();
     let first = [
-        described(records, "train views ", "", |record| joined(&record.train_views)),
+        described(records, "train views ", "", |record| match record.train_views.len() {
+            count if count > MOST_LISTED => format!("{count} of them"),
+            _ => joined(&record.train_views),
+        }),
         described(records, "test views ", "", |record| {
             format!("{} ({})", record.test_views.protocol, record.test_views.count)
         }),
@@ -58,7 +64,10 @@ fn described(records: &[Record], before: &str, after: &str, value: impl Fn(&Reco
             parts.join("; ")
         })
     });
-    let text = explained.unwrap_or_else(|| format!("mixed: {}", values.join("; ")));
+    let text = explained.unwrap_or_else(|| match values.len() {
+        count if count > MOST_LISTED => format!("{count} different ones, as in results.json"),
+        _ => format!("mixed: {}", values.join("; ")),
+    });
     format!("{before}{text}{after}")
 }
 

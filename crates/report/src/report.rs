@@ -4,7 +4,7 @@ use std::{
 };
 
 use crate::{
-    Events, Figure, Metric, Record, ReportError, Run, Table,
+    Claim, Events, Figure, Metric, Published, Record, ReportError, Run, Table, TestedClaim,
     chart::standalone,
     figures::{comparison_figures, curve_figures},
     files::write_atomically,
@@ -26,6 +26,10 @@ pub struct ReportInput {
     pub warnings: Vec<String>,
     /// Charts beyond those that every report has.
     pub figures: Vec<Figure>,
+    /// What a paper found, to stand beside the runs.
+    pub published: Option<Published>,
+    /// What it says about the order of the variants, to be tested on the runs.
+    pub claims: Vec<Claim>,
     /// How many test views of each scene are shown.
     pub views: usize,
 }
@@ -40,8 +44,17 @@ impl ReportInput {
             runs: records.into_iter().map(Run::from).collect(),
             warnings: Vec::new(),
             figures: Vec::new(),
+            published: None,
+            claims: Vec::new(),
             views: 3,
         }
+    }
+
+    /// The claims with what the runs say of them.
+    #[must_use]
+    pub fn tested_claims(&self) -> Vec<TestedClaim> {
+        let records: Vec<Record> = self.runs.iter().map(|run| run.record.clone()).collect();
+        self.claims.iter().map(|claim| claim.test(&records, self.published.as_ref())).collect()
     }
 }
 
@@ -64,9 +77,7 @@ pub struct ReportFiles {
 /// [`ReportError::Io`] when a file cannot be written, [`ReportError::Chart`].
 pub fn write_report(input: &ReportInput, root: &Path) -> Result<ReportFiles, ReportError> {
     let contents = Contents::gather(input, root)?;
-    for figure in contents.all_figures() {
-        write_atomically(&root.join(plot_path(figure)), standalone(&figure.svg).as_bytes())?;
-    }
+    contents.write_plots(root)?;
     let (html, markdown) = (root.join("report.html"), root.join("report.md"));
     write_atomically(&markdown, markdown::page(&contents).as_bytes())?;
     write_atomically(&html, html::page(&contents).as_bytes())?;
@@ -80,6 +91,9 @@ pub(crate) struct Contents<'a> {
     pub(crate) warnings: Vec<String>,
     /// Means over scenes, of quality and of cost.
     pub(crate) overviews: [Table; 2],
+    /// The paper's figures beside ours.
+    pub(crate) published: Option<Table>,
+    pub(crate) claims: Vec<TestedClaim>,
     pub(crate) figures: Vec<Figure>,
     /// A table of scenes for each metric that was measured; none for a single scene.
     pub(crate) tables: Vec<Table>,
@@ -99,7 +113,7 @@ pub(crate) struct Scene<'a> {
 }
 
 impl<'a> Contents<'a> {
-    fn gather(input: &'a ReportInput, root: &Path) -> Result<Self, ReportError> {
+    pub(crate) fn gather(input: &'a ReportInput, root: &Path) -> Result<Self, ReportError> {
         let records: Vec<Record> = input.runs.iter().map(|run| run.record.clone()).collect();
         let mut missing = Vec::new();
         let names = distinct(&records, |record| record.scene.clone());
@@ -116,12 +130,22 @@ impl<'a> Contents<'a> {
                 let table = overview_table(&records, metrics);
                 Table { title: format!("{name}, {}", table.title), ..table }
             }),
+            published: input.published.as_ref().and_then(|published| published.table(&records)),
+            claims: input.tested_claims(),
             figures: comparison_figures(&records)?.into_iter().chain(input.figures.iter().cloned()).collect(),
             tables: tables.map(|metric| scene_table(&records, metric)).collect(),
             scenes: scenes?,
             notes: notes(&input.runs),
             missing,
         })
+    }
+
+    /// Writes `plots/*.svg` into `root`.
+    pub(crate) fn write_plots(&self, root: &Path) -> Result<(), ReportError> {
+        for figure in self.all_figures() {
+            write_atomically(&root.join(plot_path(figure)), standalone(&figure.svg).as_bytes())?;
+        }
+        Ok(())
     }
 
     fn all_figures(&self) -> impl Iterator<Item = &Figure> {

@@ -6,8 +6,9 @@ use std::{
 };
 
 use image::{Rgb, RgbImage};
+use infonerf_metrics::Summary;
 use infonerf_report::{
-    Figure, Record, ReportInput, TestViews,
+    Claim, Comparison, Figure, Metric, Published, PublishedRow, Quantity, Record, Relation, ReportInput, TestViews,
     chart::{Axis, Frame, Series, heat_map, power_law_chart, scatter_chart},
     depth_image, error_image, read_records, run_directory, save_record, write_report,
 };
@@ -224,8 +225,17 @@ fn text_from_outside_stays_text() {
         svg: "<svg ></svg>".into(),
         caption: hostile.into(),
     });
+    let comparison = Comparison {
+        left: Quantity::Variant(hostile.into()),
+        is: Relation::Better,
+        right: Quantity::Variant("nerf".into()),
+    };
+    input.claims.push(Claim { statement: hostile.into(), metric: Metric::Psnr, comparisons: vec![comparison] });
+    let row = PublishedRow { variant: hostile.into(), psnr: Summary::of([1.0]), ..PublishedRow::default() };
+    input.published = Some(Published { source: hostile.into(), rows: vec![row], footnotes: vec![hostile.into()] });
     let files = write_report(&input, root.path()).unwrap();
     let html = fs::read_to_string(files.html).unwrap();
+    assert!(html.contains("Beside the paper: &lt;script&gt;") && html.contains("undecided"));
     assert!(!html.contains("<script>alert"));
     assert!(!fs::read_to_string(files.markdown).unwrap().contains("<script>alert"));
     assert!(root.path().join("plots/---x.svg").is_file());

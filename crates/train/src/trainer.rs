@@ -173,7 +173,9 @@ impl Trainer {
         }
         let field = self.model().fine;
         let noise = Noise::new(self.seed, self.progress.step as u64, purpose::PICTURES);
-        Some(grid.refined(factor, noise, self.renderer.step_length(1.0), |points| densities(&field, points, 1.0)))
+        let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
+        let length = self.renderer.step_length(1.0);
+        Some(grid.refined(factor, noise, length, |points| densities(&field, points, extent, 1.0)))
     }
 
     /// Share of the run that is done: by the clock if there is a budget, else by steps.

@@ -18,10 +18,10 @@ const INTERRUPTED: u8 = 130;
 pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     let experiment = Experiment::plan(&args.experiment, &args.selection, args.budget)?;
     let (device, device_name) = device::open(args.selection.device)?;
-    let session = Session { device, device_name, out: args.out.clone(), resume: args.resume };
+    let session = Session { device, device_name, out: args.out.clone(), resume: args.resume, until: None };
     interrupt::install()?;
     announce(&experiment, device_name);
-    let folder = args.out.join(&experiment.name);
+    let folder = args.out.join(&experiment.about.name);
     let mut records: Vec<Record> = Vec::new();
     for (index, plan) in experiment.runs.iter().enumerate() {
         let label = plan.label();
@@ -37,7 +37,7 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
                 println!("[{}/{}] {label}: finished before, kept", index + 1, experiment.runs.len());
                 records = infonerf_report::read_records(&folder.join("results.json"))?;
             }
-            Finished::Interrupted => {
+            Finished::Stopped => {
                 println!("{label}: saved; the same command with --resume goes on");
                 return Ok(ExitCode::from(INTERRUPTED));
             }
@@ -46,10 +46,8 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     let records: Vec<Record> =
         records.into_iter().filter(|record| experiment.runs.iter().any(|plan| same(plan, record))).collect();
     print_table(&records);
-    let mut input = ReportInput::new(&experiment.name, &experiment.title, records);
-    if experiment.data.is_none() {
-        input.warnings.push("Procedural scenes of this project, not a published data set.".into());
-    }
+    let input = experiment.about.report_input(records, &experiment.runs.iter().collect::<Vec<_>>())?;
+    print_claims(&input);
     let files = write_report(&input, &folder)?;
     println!("\nreport: {}\nnumbers: {}", files.html.display(), folder.join("results.json").display());
     Ok(ExitCode::SUCCESS)
@@ -61,8 +59,9 @@ fn same(plan: &RunPlan, record: &Record) -> bool {
 }
 
 fn announce(experiment: &Experiment, device: &str) {
-    println!("{}: {} ({} runs, on {device})", experiment.name, experiment.title, experiment.runs.len());
-    match &experiment.data {
+    let about = &experiment.about;
+    println!("{}: {} ({} runs, on {device})", about.name, about.title, experiment.runs.len());
+    match &about.data {
         Some(data) => println!("scenes from {}", data.display()),
         None => println!("no --data given: using the built-in procedural scenes"),
     }
@@ -87,6 +86,18 @@ fn print_table(records: &[Record]) {
         println!("{line}");
     }
     println!("\n{}", overview_table(records, &Metric::ALL).to_text(Emphasis::Terminal));
+}
+
+/// What became of the paper's statements, if the experiment has some.
+pub(super) fn print_claims(input: &ReportInput) {
+    for claim in input.tested_claims() {
+        println!("{:13} {}", claim.verdict.to_string(), claim.statement);
+        for finding in &claim.findings {
+            let there = finding.in_paper();
+            let there = if there.is_empty() { there } else { format!(" (paper {there})") };
+            println!("{:13}   {}: {}{there}", "", finding.formula, finding.found());
+        }
+    }
 }
 
 fn print_profile(trainer: &Trainer) {

@@ -4,6 +4,7 @@ pub(crate) mod bench;
 mod eval;
 mod exp;
 mod render;
+pub(crate) mod reproduce;
 mod scene;
 pub(crate) mod sweep;
 
@@ -20,12 +21,13 @@ pub(crate) fn run(command: Command) -> Result<ExitCode> {
         Command::Exp(args) => exp::run(&args),
         Command::Sweep(args) => sweep::run(&args),
         Command::SweepItem(args) => sweep::run_item(&args),
+        Command::Reproduce(args) => reproduce::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Scene(command) => scene::run(&command),
         Command::List => {
-            for (name, title) in experiment::list() {
+            for (name, title) in experiment::list()? {
                 println!("{name:24} {title}");
             }
             Ok(ExitCode::SUCCESS)

@@ -56,7 +56,13 @@ impl Workplace {
 
     /// The same with settings under which everything is quick; what `args` set wins.
     pub fn tiny(&self, args: &[&str]) -> Invocation {
-        let settings: Vec<&str> = TINY.iter().flat_map(|setting| ["--set", setting]).collect();
+        self.tiny_without("nothing", args)
+    }
+
+    /// The same without the setting of one key, which `args` set in another way.
+    pub fn tiny_without(&self, key: &str, args: &[&str]) -> Invocation {
+        let other = |setting: &&&str| setting.split('=').next() != Some(key);
+        let settings: Vec<&str> = TINY.iter().filter(other).flat_map(|setting| ["--set", setting]).collect();
         let (command, rest) = args.split_at(1);
         self.run(command).args(&settings).args(rest)
     }

@@ -5,7 +5,7 @@ use plotters::{
 
 use super::{
     Frame,
-    canvas::{INK, anchored, colour, drawn, font, plot},
+    canvas::{INK, anchored, colour, drawn, fits_below, font, plot},
     scale::{Scale, drawable},
 };
 use crate::{ReportError, text::plain};
@@ -28,10 +28,15 @@ pub struct Bar {
 pub fn bar_chart(frame: &Frame, bars: &[Bar]) -> Result<String, ReportError> {
     let spread = |bar: &Bar| bar.spread.filter(|spread| drawable(*spread, false)).unwrap_or(0.0).abs();
     let ends = bars.iter().flat_map(|bar| [bar.value - spread(bar), 1.05 * (bar.value + spread(bar))]);
-    let x = Scale::labels(bars.iter().map(|bar| plain(&bar.label)).collect());
+    // Names that have no room below their bars go into a legend.
+    let labels: Vec<String> = bars.iter().map(|bar| plain(&bar.label)).collect();
+    let fit = labels.iter().all(|label| fits_below(label, bars.len()));
+    let legend = labels.iter().enumerate().map(|(index, label)| (label.clone(), colour(index)));
+    let legend: Vec<(String, RGBColor)> = if fit { Vec::new() } else { legend.collect() };
+    let x = Scale::labels(if fit { labels } else { vec![String::new(); bars.len()] });
     let y = Scale::around(ends.chain([0.0]), false).with_zero();
     drawn(frame, |sheet| {
-        let mut plot = plot(sheet, frame, &[], x, y)?;
+        let mut plot = plot(sheet, frame, &legend, x, y)?;
         for (index, bar) in bars.iter().enumerate().filter(|(_, bar)| drawable(bar.value, false)) {
             let (left, middle, right) = (index as f64 + 0.2, index as f64 + 0.5, index as f64 + 0.8);
             let body = Rectangle::new([(left, 0.0), (right, bar.value)], colour(index).filled());

@@ -95,6 +95,12 @@ pub(super) fn plot<'a, 'b>(
     Ok(plot)
 }
 
+/// Whether a label has room below one of `places` bars.
+pub(super) fn fits_below(label: &str, places: usize) -> bool {
+    let room = f64::from(WIDTH - 58 - 26) / places.max(1) as f64;
+    label.chars().count() as f64 * 11.0 * CHARACTER < room
+}
+
 /// Names in rows from the left; returns where they end.
 fn draw_legend(sheet: &Area, legend: &[(String, RGBColor)], top: i32) -> Result<i32, Box<dyn std::error::Error>> {
     let (mut left, mut row) = (16, top);

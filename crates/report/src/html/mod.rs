@@ -1,7 +1,11 @@
 //! `report.html`: one file with its style, charts and pictures inside.
 
+mod claims;
+mod collection;
 mod scene;
 mod table;
+
+pub(crate) use collection::page as collection_page;
 
 use crate::{Figure, report::Contents, text::escape_html};
 
@@ -9,21 +13,24 @@ const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("compare.js");
 
 pub(crate) fn page(contents: &Contents) -> String {
-    let title = escape_html(&contents.input.title);
     let sections = [
         results(contents),
         contents.scenes.iter().enumerate().map(scene::section).collect(),
         table::runs(contents),
         notes(contents),
     ];
+    document(&contents.input.title, &header(contents), &sections.concat())
+}
+
+/// A page with its style and script inside. `header` and `main` are HTML, `title` is text.
+fn document(title: &str, header: &str, main: &str) -> String {
+    let title = escape_html(title);
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n{}<main>\n{}</main>\n\
+         <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n{header}<main>\n{main}</main>\n\
          <footer>Every table, chart and picture of this page is inside this one file.</footer>\n\
-         <script>\n{SCRIPT}</script>\n</body>\n</html>\n",
-        header(contents),
-        sections.concat(),
+         <script>\n{SCRIPT}</script>\n</body>\n</html>\n"
     )
 }
 
@@ -56,8 +63,9 @@ fn results(contents: &Contents) -> String {
         format!("<details><summary>Every metric by scene</summary>\n{more}</details>\n")
     };
     format!(
-        "<section id=\"results\">\n<h2>Results</h2>\n{}{}{}{more}</section>\n",
-        contents.overviews.iter().map(table::table).collect::<String>(),
+        "<section id=\"results\">\n<h2>Results</h2>\n{}{}{}{}{more}</section>\n",
+        contents.overviews.iter().chain(&contents.published).map(table::table).collect::<String>(),
+        claims::list(&contents.claims),
         contents.tables.iter().take(2).map(table::table).collect::<String>(),
         figures(&contents.figures),
     )

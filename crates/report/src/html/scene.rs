@@ -14,14 +14,7 @@ pub(super) fn anchor(index: usize) -> String {
 }
 
 pub(super) fn section((index, scene): (usize, &Scene)) -> String {
-    let grid = |view: &View| {
-        let columns = scene.labels.len() + 1;
-        format!(
-            "<div class=\"scroll\"><div class=\"view\" style=\"--columns:{columns}\">\n{}{}</div></div>\n",
-            headings(scene),
-            rows(view),
-        )
-    };
+    let grid = |view: &View| grid(scene, view);
     let gallery = match scene.gallery.views.as_slice() {
         [] => "<p class=\"muted\">No pictures.</p>\n".to_owned(),
         [first, more @ ..] => grid(first) + &legend(scene) + &folded(more, grid),
@@ -31,6 +24,20 @@ pub(super) fn section((index, scene): (usize, &Scene)) -> String {
         anchor(index),
         escape_html(&scene.name),
         super::figures(&scene.figures),
+    )
+}
+
+/// One view with what its colours mean, for a page of several experiments; nothing without pictures.
+pub(super) fn first_view(scene: &Scene) -> String {
+    scene.gallery.views.first().map_or(String::new(), |view| grid(scene, view) + &legend(scene))
+}
+
+fn grid(scene: &Scene, view: &View) -> String {
+    let columns = scene.labels.len() + 1;
+    format!(
+        "<div class=\"scroll\"><div class=\"view\" style=\"--columns:{columns}\">\n{}{}</div></div>\n",
+        headings(scene),
+        rows(view),
     )
 }
 

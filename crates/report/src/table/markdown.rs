@@ -19,7 +19,7 @@ impl Table {
             lines.push(row(escape_markdown(&table_row.label), cells));
         }
         for footnote in self.footnotes() {
-            lines.extend([String::new(), footnote.to_owned()]);
+            lines.extend([String::new(), escape_markdown(footnote)]);
         }
         lines.join("\n") + "\n"
     }

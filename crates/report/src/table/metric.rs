@@ -1,7 +1,10 @@
+use serde::Deserialize;
+
 use crate::Record;
 
-/// A number of a [`Record`] that a table can show.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+/// A number of a [`Record`] that a table can show. In files it is called as in `results.json`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Metric {
     /// [`Record::psnr`].
     Psnr,
@@ -16,12 +19,14 @@ pub enum Metric {
     /// [`Record::depth_rmse`].
     DepthRmse,
     /// [`Record::ray_entropy_bits`].
+    #[serde(rename = "ray_entropy_bits")]
     RayEntropy,
     /// [`Record::information_gain`].
     InformationGain,
     /// [`Record::train_seconds`].
     TrainSeconds,
     /// [`Record::render_seconds_per_image`].
+    #[serde(rename = "render_seconds_per_image")]
     RenderSeconds,
     /// [`Record::samples_total`] over [`Record::samples_evaluated`]; none when nothing was evaluated.
     SamplesSkipped,

@@ -9,6 +9,7 @@ mod plain;
 use infonerf_metrics::Summary;
 
 use crate::{Record, protocol_lines};
+pub(crate) use metric::Better;
 pub use metric::Metric;
 pub use plain::Emphasis;
 
@@ -32,6 +33,8 @@ pub struct Table {
     pub columns: Vec<Column>,
     /// One row a variant, in the order of the records.
     pub rows: Vec<Row>,
+    /// Remarks below the table, beside those that its cells ask for.
+    pub notes: Vec<String>,
 }
 
 /// A column of a [`Table`].
@@ -148,7 +151,7 @@ impl Group<'_> {
 
 fn assemble(title: String, records: &[Record], columns: Vec<Column>, cells: impl Fn(&Group) -> Vec<Cell>) -> Table {
     let rows = groups(records).iter().map(|group| Row { label: group.label.clone(), cells: cells(group) }).collect();
-    let mut table = Table { title, protocol: protocol_lines(records), columns, rows };
+    let mut table = Table { title, protocol: protocol_lines(records), columns, rows, notes: Vec::new() };
     mark_best(&mut table);
     table
 }
@@ -181,9 +184,9 @@ impl Table {
     }
 
     /// Remarks below the table.
-    pub(crate) fn footnotes(&self) -> Vec<&'static str> {
+    pub(crate) fn footnotes(&self) -> Vec<&str> {
         let collapsed = self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.collapsed);
-        if collapsed { vec![COLLAPSED_NOTE] } else { Vec::new() }
+        collapsed.then_some(COLLAPSED_NOTE).into_iter().chain(self.notes.iter().map(String::as_str)).collect()
     }
 }
 

@@ -76,14 +76,14 @@ pub enum Views {
         /// How many.
         count: usize,
     },
-    /// Views within an angle of one that the run's seed draws.
+    /// Views within an angle of each other, drawn by the run's seed.
     Narrow {
         /// How many.
         count: usize,
-        /// Largest angle to the first view, degrees.
+        /// Largest angle between any two of them, degrees.
         angle_deg: f64,
     },
-    /// Views spread wide, the first drawn by the run's seed.
+    /// Of many sets that the run's seed draws the one whose nearest two views are farthest apart.
     Wide {
         /// How many.
         count: usize,

@@ -60,7 +60,7 @@ impl Bench {
             cpu: cpu(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
             device: device_name,
-            experiment: experiment.name,
+            experiment: experiment.about.name,
             preset: first.preset.name(),
             settings: args.selection.set.clone(),
             data: first

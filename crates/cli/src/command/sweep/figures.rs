@@ -1,13 +1,14 @@
-//! Quality over the values of a sweep: a line for one grid, a heat map for two.
+//! Quality over the values of a sweep: a line for one grid, a heat map for two, points for random draws.
 
 use std::collections::HashMap;
 
 use anyhow::Result;
-use infonerf_report::chart::{Axis, Bar, Frame, Series, bar_chart, heat_map, line_chart};
+use infonerf_report::chart::{Axis, Bar, Frame, Series, bar_chart, heat_map, line_chart, scatter_chart};
 use infonerf_report::{Figure, Metric, Record, overview_table};
 
 use super::grid::Grid;
 use super::plan::{Item, Sweep};
+use super::random::Scale;
 
 /// Values that span more than this are shown on a logarithmic axis.
 const WIDE: f64 = 30.0;
@@ -20,7 +21,10 @@ pub(super) fn figures(sweep: &Sweep, records: &[Record]) -> Result<Vec<Figure>> 
     let table = overview_table(records, &[Metric::Psnr]);
     let mean = |row: &infonerf_report::Row| Some((row.label.clone(), row.cells.first()?.summary?.mean));
     let means: Means = table.rows.iter().filter_map(mean).collect();
-    match &sweep.grids[..] {
+    if !sweep.space.ranges.is_empty() {
+        return (0..sweep.space.ranges.len()).map(|range| points(sweep, range, &means)).collect();
+    }
+    match &sweep.space.grids[..] {
         [grid] if (0..grid.values.len()).all(|i| grid.number(i).is_some()) => Ok(vec![line(sweep, grid, &means)?]),
         [grid] => variants(sweep).iter().map(|variant| bars(sweep, grid, variant, &means)).collect(),
         [rows, columns] => variants(sweep).iter().map(|variant| map(sweep, rows, columns, variant, &means)).collect(),
@@ -41,8 +45,30 @@ fn variants(sweep: &Sweep) -> Vec<String> {
 
 /// The mean of `variant` with the values of `choice`.
 fn mean(sweep: &Sweep, means: &Means, variant: &str, choice: &[usize]) -> Option<f64> {
-    let item = sweep.items.iter().find(|item| item.variant == variant && item.choice == choice)?;
+    let item = sweep.items.iter().find(|item| item.variant == variant && item.setting.choice == choice)?;
     means.get(&item.plan.variant).copied()
+}
+
+/// Every draw of one range, whatever the others are.
+fn points(sweep: &Sweep, index: usize, means: &Means) -> Result<Figure> {
+    let range = &sweep.space.ranges[index];
+    let series = variants(sweep).into_iter().map(|name| {
+        let mut points: Vec<(f64, f64)> = Vec::new();
+        for item in sweep.items.iter().filter(|item| item.variant == name) {
+            let value = item.setting.draw.and_then(|draw| sweep.space.draws.get(draw)?.get(index)?.parse().ok());
+            if let Some(point) = value.zip(means.get(&item.plan.variant).copied()).filter(|new| !points.contains(new)) {
+                points.push(point);
+            }
+        }
+        Series { name, points }
+    });
+    let title = format!("{} by {}", Metric::Psnr.heading(), range.key);
+    let key = range.key.to_string();
+    let axis = if range.scale == Scale::Log { Axis::log(&key) } else { Axis::linear(&key) };
+    let frame = Frame { title: title.clone(), x: axis, y: Axis::linear("PSNR (dB)") };
+    let svg = scatter_chart(&frame, &series.collect::<Vec<_>>(), false)?;
+    let caption = "A point a setting: its mean over scenes and seeds.".into();
+    Ok(Figure { name: format!("sweep-psnr-{}", key.replace('.', "-")), title, svg, caption })
 }
 
 fn line(sweep: &Sweep, grid: &Grid, means: &Means) -> Result<Figure> {
@@ -59,7 +85,8 @@ fn line(sweep: &Sweep, grid: &Grid, means: &Means) -> Result<Figure> {
         Series { name, points }
     });
     let title = format!("{} by {}", Metric::Psnr.heading(), grid.key);
-    let axis = if log { Axis::log(&grid.key) } else { Axis::linear(&grid.key) };
+    let key = grid.key.to_string();
+    let axis = if log { Axis::log(&key) } else { Axis::linear(&key) };
     let frame = Frame { title: title.clone(), x: axis, y: Axis::linear("PSNR (dB)") };
     let svg = line_chart(&frame, &series.collect::<Vec<_>>())?;
     let caption = if log && values.contains(&0.0) { "The leftmost point is 0." } else { "" };
@@ -72,7 +99,7 @@ fn bars(sweep: &Sweep, grid: &Grid, variant: &str, means: &Means) -> Result<Figu
     };
     let bars: Vec<Bar> = grid.values.iter().enumerate().filter_map(bar).collect();
     let title = format!("{variant}: {} by {}", Metric::Psnr.heading(), grid.key);
-    let svg = bar_chart(&Frame::new(&title, &grid.key, "PSNR (dB)"), &bars)?;
+    let svg = bar_chart(&Frame::new(&title, &grid.key.to_string(), "PSNR (dB)"), &bars)?;
     Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: String::new() })
 }
 
@@ -81,6 +108,11 @@ fn map(sweep: &Sweep, rows: &Grid, columns: &Grid, variant: &str, means: &Means)
     let line = |row| (0..columns.values.len()).map(|column| cell(row, column)).collect();
     let values: Vec<Vec<Option<f64>>> = (0..rows.values.len()).map(line).collect();
     let title = format!("{variant}: {}", Metric::Psnr.heading());
-    let svg = heat_map(&Frame::new(&title, &columns.key, &rows.key), &columns.values, &rows.values, &values)?;
+    let svg = heat_map(
+        &Frame::new(&title, &columns.key.to_string(), &rows.key.to_string()),
+        &columns.values,
+        &rows.values,
+        &values,
+    )?;
     Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: "Mean over scenes and seeds.".into() })
 }

@@ -5,43 +5,18 @@ use infonerf_train::config;
 use serde::Deserialize;
 use toml::{Spanned, Value};
 
+use super::keys::Key;
+
 /// A key of the config and the values that it takes.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Grid {
-    pub(super) key: String,
+    pub(super) key: Key,
     /// As written.
     pub(super) values: Vec<String>,
-    path: Vec<String>,
-}
-
-/// Reads every `--grid`, none of which may say what another or a `--set` says.
-pub(super) fn parse(grids: &[String], set: &[String]) -> Result<Vec<Grid>> {
-    let grids: Result<Vec<Grid>> = grids.iter().map(|text| Grid::parse(text)).collect();
-    let grids = grids?;
-    for (index, grid) in grids.iter().enumerate() {
-        if let Some(other) = grids[..index].iter().find(|other| overlap(&other.path, &grid.path)) {
-            match other.key == grid.key {
-                true => bail!("--grid {}: given twice", grid.key),
-                false => bail!("--grid {}: contradicts --grid {}", grid.key, other.key),
-            }
-        }
-        for assignment in set {
-            let (path, _) = config::parse_assignment(assignment).with_context(|| format!("--set {assignment}"))?;
-            if overlap(&path, &grid.path) {
-                bail!("--set {assignment}: contradicts --grid {}", grid.key);
-            }
-        }
-    }
-    Ok(grids)
-}
-
-/// Whether one is the other or a part of it.
-fn overlap(a: &[String], b: &[String]) -> bool {
-    a.starts_with(b) || b.starts_with(a)
 }
 
 impl Grid {
-    fn parse(text: &str) -> Result<Self> {
+    pub(super) fn parse(text: &str) -> Result<Self> {
         let context = || format!("--grid {text}");
         let (path, _) = config::parse_assignment(text).with_context(context)?;
         let (_, list) = text.split_once('=').with_context(context)?;
@@ -54,7 +29,7 @@ impl Grid {
                 bail!("--grid {text}: {value} is given twice");
             }
         }
-        Ok(Self { key: path.join("."), values, path })
+        Ok(Self { key: Key { flag: "--grid", path }, values })
     }
 
     /// The value at `index` as a number, where it is one.
@@ -94,16 +69,15 @@ fn split(list: &str) -> Result<Vec<String>> {
 mod tests {
     use super::*;
 
-    fn fault(grids: &[&str], set: &[&str]) -> String {
-        let owned = |texts: &[&str]| texts.iter().map(|&text| text.to_owned()).collect::<Vec<_>>();
-        format!("{:#}", parse(&owned(grids), &owned(set)).unwrap_err())
+    fn fault(text: &str) -> String {
+        format!("{:#}", Grid::parse(text).unwrap_err())
     }
 
     #[test]
     fn values_are_kept_as_written() {
         let grid = Grid::parse("loss.entropy.weight=0, 1e-4,1e-3").unwrap();
         assert_eq!(
-            (grid.key.as_str(), &grid.values[..]),
+            (grid.key.to_string().as_str(), &grid.values[..]),
             ("loss.entropy.weight", &["0", "1e-4", "1e-3"].map(str::to_owned)[..])
         );
         assert_eq!(grid.number(1), Some(1e-4));
@@ -115,15 +89,12 @@ mod tests {
 
     #[test]
     fn bad_grids() {
-        assert!(fault(&["a.b"], &[]).contains("a.b"));
+        assert!(fault("a.b").contains("a.b"));
         for empty in ["a.b=", "a.b=1,,2", "a.b=1,", "a.b=[1],"] {
-            assert!(fault(&[empty], &[]).contains("an empty one"), "{empty}");
+            assert!(fault(empty).contains("an empty one"), "{empty}");
         }
-        assert!(fault(&["a..b=1"], &[]).contains("a..b"));
-        assert!(fault(&["a.b=1,2,1"], &[]).contains("1 is given twice"));
-        assert!(fault(&["a.b=1", "a.b=2"], &[]).contains("--grid a.b: given twice"));
-        assert!(fault(&["a={b=1}", "a.b=2"], &[]).contains("contradicts"));
-        assert!(fault(&["a.b=1"], &["a.b=2"]).contains("--set a.b=2: contradicts"));
-        assert!(fault(&["a.b=[1"], &[]).contains("--grid a.b=[1"));
+        assert!(fault("a..b=1").contains("a..b"));
+        assert!(fault("a.b=1,2,1").contains("1 is given twice"));
+        assert!(fault("a.b=[1").contains("--grid a.b=[1"));
     }
 }

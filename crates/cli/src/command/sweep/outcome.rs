@@ -12,13 +12,15 @@ use infonerf_report::{
 
 use super::figures::figures;
 use super::plan::Sweep;
+use crate::experiment::RunPlan;
 use crate::run::record_path;
 
-/// Writes and prints what is finished, in the order of the sweep.
-pub(super) fn write(sweep: &Sweep, folder: &Path) -> Result<()> {
+/// Writes and prints what is finished, in the order of the sweep, and gives back what the report is made of; nothing
+/// where nothing is finished.
+pub(super) fn write(sweep: &Sweep, folder: &Path, warnings: Vec<String>) -> Result<Option<ReportInput>> {
     let records = records(sweep, folder)?;
     if records.is_empty() {
-        return Ok(());
+        return Ok(None);
     }
     list(folder, &records)?;
     let table = overview_table(&records, &Metric::ALL);
@@ -31,13 +33,13 @@ pub(super) fn write(sweep: &Sweep, folder: &Path) -> Result<()> {
     let emphasis = if std::io::stdout().is_terminal() { Emphasis::Terminal } else { Emphasis::Star };
     println!("\n{}", table.to_text(emphasis));
     let figures = figures(sweep, &records)?;
-    let mut input = ReportInput { figures, ..ReportInput::new(&sweep.name, &sweep.title, records) };
-    if sweep.data.is_none() {
-        input.warnings.push("Procedural scenes of this project, not a published data set.".into());
-    }
+    let runs: Vec<&RunPlan> = sweep.items.iter().map(|item| &item.plan).collect();
+    let mut input = sweep.about.report_input(records, &runs)?;
+    input.figures.extend(figures);
+    input.warnings.extend(warnings);
     let files = write_report(&input, folder)?;
     println!("report: {}\nnumbers: {}", files.html.display(), folder.join("results.json").display());
-    Ok(())
+    Ok(Some(input))
 }
 
 /// The records of the items that are finished.

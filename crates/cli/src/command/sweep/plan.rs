@@ -1,21 +1,18 @@
-//! Which runs a sweep has: grids × scenes × variants × seeds.
+//! Which runs a sweep has: settings × scenes × variants × seeds.
 
 use std::collections::HashMap;
-use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 
 use super::args::SweepArgs;
-use super::grid::{self, Grid};
+use super::setting::{MOST, Setting, Space};
 use crate::args::Selection;
-use crate::experiment::{Experiment, RunPlan};
+use crate::experiment::{About, Experiment, RunPlan};
 
 /// A sweep, ready to run.
-pub(super) struct Sweep {
-    pub(super) name: String,
-    pub(super) title: String,
-    pub(super) data: Option<PathBuf>,
-    pub(super) grids: Vec<Grid>,
+pub(crate) struct Sweep {
+    pub(crate) about: About,
+    pub(super) space: Space,
     /// In the order of the tables: by scene, variant, values, seed.
     pub(super) items: Vec<Item>,
     /// What the user should know before it runs.
@@ -27,60 +24,53 @@ pub(super) struct Item {
     pub(super) plan: RunPlan,
     /// The experiment's variant.
     pub(super) variant: String,
-    /// For each grid, which of its values.
-    pub(super) choice: Vec<usize>,
+    pub(super) setting: Setting,
 }
 
-/// More runs than this are taken for a mistake.
-const MOST_ITEMS: usize = 100_000;
 /// Bytes of a variant's name; folders allow 255.
 const LONGEST_NAME: usize = 160;
 
 impl Sweep {
+    /// The runs of an experiment as they are.
+    pub(crate) fn of(experiment: Experiment) -> Self {
+        let item = |plan: RunPlan| Item { variant: plan.variant.clone(), plan, setting: Setting::default() };
+        let items = experiment.runs.into_iter().map(item).collect();
+        Self { about: experiment.about, space: Space::default(), items, notices: Vec::new() }
+    }
+
     pub(super) fn plan(args: &SweepArgs) -> Result<Self> {
-        let grids = grid::parse(&args.grids, &args.selection.set)?;
-        let choices = choices(&grids)?;
+        let space = Space::parse(args)?;
         let mut items = Vec::new();
         let mut about = None;
-        for (order, choice) in choices.into_iter().enumerate() {
-            let assignments: Vec<String> = grids.iter().zip(&choice).map(|(grid, &i)| grid.assignment(i)).collect();
+        for (order, setting) in space.settings()?.into_iter().enumerate() {
+            let assignments = space.assignments(&setting)?;
             let mut set = args.selection.set.clone();
             set.extend(assignments.iter().cloned());
             let selection = Selection { set, ..args.selection.clone() };
             let experiment = Experiment::plan(&args.experiment, &selection, args.budget)
-                .with_context(|| format!("--grid {}", assignments.join(" --grid ")))?;
-            let name = format!("sweep-{}", experiment.name);
+                .with_context(|| format!("with {}", assignments.join(" ")))?;
+            let name = format!("sweep-{}", experiment.about.name);
             let seeds = seeds(&experiment.runs);
             for (index, plan) in experiment.runs.into_iter().enumerate() {
                 let variant = plan.variant.clone();
                 let plan = RunPlan { experiment: name.clone(), variant: safe_name(&variant, &assignments), ..plan };
-                items.push(((index / seeds, order, index % seeds), Item { plan, variant, choice: choice.clone() }));
+                items.push(((index / seeds, order, index % seeds), Item { plan, variant, setting: setting.clone() }));
             }
-            if items.len() > MOST_ITEMS {
-                bail!("--grid: expected at most {MOST_ITEMS} runs");
+            if items.len() > MOST {
+                bail!("--grid: expected at most {MOST} runs");
             }
-            about.get_or_insert((name, experiment.title, experiment.data));
+            // The paper has no figures for settings of ours.
+            about.get_or_insert(About { name, paper: None, claims: Vec::new(), plot: None, ..experiment.about });
         }
         items.sort_by_key(|(place, _)| *place);
         let mut items: Vec<Item> = items.into_iter().map(|(_, item)| item).collect();
-        let notices = leave_out_repetitions(&grids, &mut items)?;
-        let (name, title, data) = about.context("--grid: expected at least one value")?;
-        Ok(Self { name, title, data, grids, items, notices })
+        let mut notices = leave_out_repetitions(&space, &mut items)?;
+        let repeated = args.random.map_or(0, |count| count as usize - space.draws.len());
+        if repeated > 0 {
+            notices.push(format!("{repeated} of the random settings repeat earlier ones and are left out"));
+        }
+        Ok(Self { about: about.context("--grid: expected at least one value")?, space, items, notices })
     }
-}
-
-/// Every combination, the last grid's values changing fastest.
-fn choices(grids: &[Grid]) -> Result<Vec<Vec<usize>>> {
-    let count = grids.iter().try_fold(1usize, |count, grid| count.checked_mul(grid.values.len()));
-    if count.is_none_or(|count| count > MOST_ITEMS) {
-        bail!("--grid: expected at most {MOST_ITEMS} runs");
-    }
-    let mut choices = vec![Vec::new()];
-    for grid in grids {
-        let longer = |choice: Vec<usize>| (0..grid.values.len()).map(move |i| [&choice[..], &[i]].concat());
-        choices = choices.into_iter().flat_map(longer).collect();
-    }
-    Ok(choices)
 }
 
 /// How many runs in a row differ in their seed only.
@@ -109,7 +99,7 @@ fn checksum(text: &str) -> u32 {
 }
 
 /// Refuses values that mean the same, and leaves out a variant that the values make into another.
-fn leave_out_repetitions(grids: &[Grid], items: &mut Vec<Item>) -> Result<Vec<String>> {
+fn leave_out_repetitions(space: &Space, items: &mut Vec<Item>) -> Result<Vec<String>> {
     let Some(first) = items.first().map(|item| item.plan.clone()) else { return Ok(Vec::new()) };
     let mut variants: Vec<(String, Vec<String>)> = Vec::new();
     for item in items.iter().filter(|item| item.plan.scene == first.scene && item.plan.seed == first.seed) {
@@ -123,7 +113,7 @@ fn leave_out_repetitions(grids: &[Grid], items: &mut Vec<Item>) -> Result<Vec<St
     let mut notices = Vec::new();
     let mut known: HashMap<Vec<String>, String> = HashMap::new();
     for (variant, configs) in variants {
-        refuse_equal(grids, items, &variant, &configs)?;
+        refuse_equal(space, items, &variant, &configs)?;
         match known.get(&configs) {
             Some(other) => {
                 items.retain(|item| item.variant != variant);
@@ -135,16 +125,13 @@ fn leave_out_repetitions(grids: &[Grid], items: &mut Vec<Item>) -> Result<Vec<St
     Ok(notices)
 }
 
-fn refuse_equal(grids: &[Grid], items: &[Item], variant: &str, configs: &[String]) -> Result<()> {
+fn refuse_equal(space: &Space, items: &[Item], variant: &str, configs: &[String]) -> Result<()> {
     let mut seen: HashMap<&str, usize> = HashMap::new();
-    let described = |index: usize| {
-        let choices = choices(grids).ok()?;
-        let assignments = grids.iter().zip(choices.get(index)?).map(|(grid, &i)| grid.assignment(i));
-        Some(assignments.collect::<Vec<_>>().join(" "))
-    };
+    let settings = space.settings()?;
+    let described = |index: usize| settings.get(index).map_or(Ok(Vec::new()), |setting| space.assignments(setting));
     for (index, config) in configs.iter().enumerate() {
         if let Some(other) = seen.insert(config, index) {
-            let [a, b] = [other, index].map(|index| described(index).unwrap_or_default());
+            let (a, b) = (described(other)?.join(" "), described(index)?.join(" "));
             bail!("--grid: {a} and {b} give the same run of variant {variant} (one of {} runs)", items.len());
         }
     }
@@ -168,12 +155,5 @@ mod tests {
             assert!(name.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c)), "{name}");
             assert!(name.len() <= LONGEST_NAME + 9 && !names[..index].contains(name), "{name}");
         }
-    }
-
-    #[test]
-    fn combinations() {
-        let grids = grid::parse(&["a=1,2".into(), "b=3,4,5".into()], &[]).unwrap();
-        let all = choices(&grids).unwrap();
-        assert_eq!((all.len(), &all[1][..], &all[3][..]), (6, &[0, 1][..], &[1, 0][..]));
     }
 }

@@ -9,20 +9,24 @@ use std::thread;
 use clap::ValueEnum;
 
 use super::INTERRUPTED;
+use super::args::Limits;
+use super::capacity::{cores, fitting, free_memory};
+use super::item::PEAK_MEMORY;
 use crate::args::DeviceName;
 use crate::interrupt;
 
 /// How items are run.
 pub(super) struct Workers<'a> {
     pub(super) manifest: &'a Path,
-    /// Processes at a time; they share the cores.
-    pub(super) jobs: usize,
+    pub(super) limits: &'a Limits,
     pub(super) device: DeviceName,
+    /// Share of each run after which it is stopped, to go on later.
+    pub(super) until: Option<f64>,
 }
 
 /// How an item's process ended.
 pub(super) enum Ended {
-    /// With a record; what it said.
+    /// With a record, or as far as it was asked to; what it said.
     Finished(String),
     /// Saved, by Ctrl-C.
     Interrupted,
@@ -32,9 +36,21 @@ pub(super) enum Ended {
 
 impl Workers<'_> {
     /// Runs `items` in their order and reports each when it ends. Starts no more of them after Ctrl-C.
-    pub(super) fn run(&self, items: Vec<usize>, mut report: impl FnMut(usize, Ended)) {
-        let jobs = self.jobs.min(items.len());
-        let queue = Mutex::new(items.into_iter());
+    ///
+    /// The first of them runs alone, if more than one may run at a time and `peak` is not known: it shows how much
+    /// memory a run takes.
+    pub(super) fn run(&self, items: Vec<usize>, peak: Option<u64>, mut report: impl FnMut(usize, Ended)) {
+        let jobs = (self.limits.jobs as usize).min(items.len());
+        let mut peak = peak;
+        let mut items = items.into_iter();
+        while jobs > 1 && peak.is_none() && free_memory().is_some() && !interrupt::asked() {
+            let Some(item) = items.next() else { return };
+            let (ended, taken) = self.run_one(item, jobs);
+            peak = taken;
+            report(item, ended);
+        }
+        let jobs = fitting(jobs, cores(), free_memory(), peak);
+        let queue = Mutex::new(items);
         let next = || queue.lock().ok().filter(|_| !interrupt::asked()).and_then(|mut queue| queue.next());
         thread::scope(|scope| {
             let (sender, receiver) = mpsc::channel();
@@ -42,7 +58,7 @@ impl Workers<'_> {
                 let (sender, next) = (sender.clone(), &next);
                 scope.spawn(move || {
                     while let Some(item) = next() {
-                        if sender.send((item, self.run_one(item))).is_err() {
+                        if sender.send((item, self.run_one(item, jobs).0)).is_err() {
                             break;
                         }
                     }
@@ -55,8 +71,9 @@ impl Workers<'_> {
         });
     }
 
-    fn run_one(&self, item: usize) -> Ended {
-        let output = self.command(item).and_then(|mut command| {
+    /// Runs an item beside `jobs - 1` others, and tells how it ended and how many bytes of memory it took.
+    fn run_one(&self, item: usize, jobs: usize) -> (Ended, Option<u64>) {
+        let output = self.command(item, jobs).and_then(|mut command| {
             let mut child = command.spawn()?;
             // Held open until the item ends: if this process dies, the item's sees its input end.
             let input = child.stdin.take();
@@ -65,20 +82,25 @@ impl Workers<'_> {
             output
         });
         match output {
-            Ok(output) => ended(&output),
-            Err(error) => Ended::Failed(error.to_string()),
+            Ok(output) => (ended(&output), peak_memory(&output)),
+            Err(error) => (Ended::Failed(error.to_string()), None),
         }
     }
 
-    fn command(&self, item: usize) -> std::io::Result<Command> {
+    fn command(&self, item: usize, jobs: usize) -> std::io::Result<Command> {
         let mut command = Command::new(std::env::current_exe()?);
         command.arg("sweep-item").arg("--tied").arg(self.manifest).arg(item.to_string());
         if let Some(device) = self.device.to_possible_value() {
             command.arg("--device").arg(device.get_name());
         }
-        if self.jobs > 1 {
-            let cores = thread::available_parallelism().map_or(1, usize::from);
-            command.env("RAYON_NUM_THREADS", (cores / self.jobs).max(1).to_string());
+        if let Some(share) = self.until {
+            command.arg("--until").arg(share.to_string());
+        }
+        if let Some(timeout) = self.limits.timeout {
+            command.arg("--timeout").arg(format!("{}s", timeout.as_secs_f64()));
+        }
+        if jobs > 1 {
+            command.env("RAYON_NUM_THREADS", (cores() / jobs).max(1).to_string());
         }
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
         Ok(command)
@@ -98,4 +120,10 @@ fn ended(output: &Output) -> Ended {
     }
     let reason = last(&output.stderr).unwrap_or_else(|| output.status.to_string());
     Ended::Failed(reason.strip_prefix("error: ").map_or(reason.clone(), str::to_owned))
+}
+
+fn peak_memory(output: &Output) -> Option<u64> {
+    let text = String::from_utf8_lossy(&output.stdout);
+    let mebibytes: u64 = text.lines().find_map(|line| line.strip_prefix(PEAK_MEMORY))?.trim().parse().ok()?;
+    Some(mebibytes << 20)
 }

@@ -1,0 +1,74 @@
+//! Every table of the paper in one report, at a size that takes seconds.
+
+mod common;
+
+use std::fs;
+
+use common::{Invocation, Workplace, records, text};
+
+/// A network of a few neurons and a few steps of a few rays.
+const TINY: [&str; 10] = [
+    "scene.size=16",
+    "field.layers=1",
+    "field.width=8",
+    "field.density=softplus",
+    "render.samples=8",
+    "render.occupancy.warmup=2",
+    "train.iterations=3",
+    "train.rays=16",
+    "eval.test=first-1",
+    "eval.information_rays=16",
+];
+
+fn tiny(place: &Workplace, args: &[&str]) -> Invocation {
+    let settings: Vec<&str> = TINY.iter().flat_map(|setting| ["--set", setting]).collect();
+    place.run(&["reproduce"]).args(&settings).args(args)
+}
+
+#[test]
+fn statements_are_tested_beside_the_papers_figures() {
+    let place = Workplace::new();
+    let args = ["--only", "baseline", "--only", "information", "--scene", "knot", "--seed", "0"];
+    let said = text(&tiny(&place, &args).succeeds().stdout);
+    assert!(said.contains("On a narrow baseline: both losses ≥ entropy alone > none"), "{said}");
+    assert!(said.contains("PSNR (dB): narrow-entropy > narrow-none") && said.contains("(paper +3.58)"), "{said}");
+
+    let root = place.path("runs/reproduce");
+    assert_eq!((records(&root.join("baseline")).len(), records(&root.join("information")).len()), (8, 3));
+    let html = fs::read_to_string(root.join("report.html")).unwrap();
+    let markdown = fs::read_to_string(root.join("report.md")).unwrap();
+    for page in [&html, &markdown] {
+        // The paper's figure, a difference of protocol, and a verdict.
+        assert!(page.contains("18.41") && page.contains("Images: 16 pixels here; 800 pixels in the paper."));
+        assert!(["holds", "does not hold", "undecided"].iter().any(|verdict| page.contains(verdict)));
+    }
+    assert!(html.contains("href=\"baseline/report.html\"") && root.join("baseline/report.html").is_file());
+    let plots = markdown.split("](").skip(1).filter_map(|rest| rest.split(')').next());
+    assert!(plots.clone().count() > 2);
+    plots.for_each(|link| assert!(root.join(link).is_file(), "{link}"));
+
+    // Rows are in the order of the file, and views are what their names say.
+    let list = records(&root.join("baseline"));
+    let order: Vec<&str> = list.iter().map(|record| record["variant"].as_str().unwrap()).collect();
+    let rows = ["none", "gain", "entropy", "both"];
+    let expected: Vec<String> = ["narrow", "wide"].iter().flat_map(|b| rows.map(|row| format!("{b}-{row}"))).collect();
+    assert_eq!(order, expected);
+    assert_ne!(list[0]["train_views"], list[4]["train_views"]);
+
+    let again = text(&tiny(&place, &args).succeeds().stdout);
+    assert!(again.contains("baseline: 8 runs, 8 of them finished before"), "{again}");
+}
+
+#[test]
+fn bad_input() {
+    let place = Workplace::new();
+    tiny(&place, &["--only", "nonsense"]).assert_refused(&["nonsense", "baseline"]);
+    tiny(&place, &["--only", "views", "--scene", "nonsense"]).fails_with(&["--scene nonsense"]);
+    tiny(&place, &["--only", "views", "--set", "train.lrr=1"]).fails_with(&["lrr"]);
+    tiny(&place, &["--only", "views", "--data", "nowhere"]).fails_with(&["nowhere"]);
+    tiny(&place, &["--seed", "1..0"]).assert_refused(&["1..0"]);
+    assert!(!place.path("runs").exists(), "nothing is written before the plan is whole");
+    tiny(&place, &["--only", "information", "--scene", "knot", "--seed", "0"]).succeeds();
+    let other = ["--only", "information", "--scene", "knot", "--seed", "0", "--set", "train.iterations=4"];
+    tiny(&place, &other).fails_with(&["config.toml", "another config"]);
+}
