@@ -19,6 +19,12 @@ const BUILT_IN: &[&str] = &[
     "ndarray",
 ];
 
+/// The devices built in that need no GPU.
+pub(crate) fn cpus() -> Vec<DeviceName> {
+    let cpus = [("flex", DeviceName::Flex), ("ndarray", DeviceName::Ndarray)];
+    cpus.into_iter().filter(|(name, _)| BUILT_IN.contains(name)).map(|(_, device)| device).collect()
+}
+
 /// The device called `name`, and what it is called.
 pub(crate) fn open(name: DeviceName) -> Result<(Device, &'static str)> {
     let wanted = match name {

@@ -64,7 +64,7 @@ impl Session {
         if self.resume && record_path(&folder, plan).exists() {
             return Ok(Finished::Kept);
         }
-        fs::write(&path, config).with_context(|| path.display().to_string())?;
+        infonerf_report::write_atomically(&path, config.as_bytes())?;
         let scene = load(plan)?;
         let mut trainers = Vec::new();
         let mut collapsed = false;

@@ -67,7 +67,8 @@ impl FactoredField {
         let mut positions = points.positions.to_vec();
         for p in positions.chunks_exact_mut(3) {
             for axis in 0..3 {
-                p[axis] = (p[axis] - low[axis]) * scale[axis];
+                // Beyond the box the border goes on.
+                p[axis] = ((p[axis] - low[axis]) * scale[axis]).clamp(0.0, 1.0);
             }
         }
         let positions: Arc<[f32]> = positions.into();

@@ -1,11 +1,15 @@
 //! Compositing along rays, with all that the losses need from the same pass.
 
-use burn::tensor::{Bool, Int, Tensor, TensorData};
+use burn::backend::DispatchDevice;
+use burn::tensor::{Bool, Device, FloatDType, Int, Tensor, TensorData};
 
 use crate::{Segments, has_host_kernels};
 
 /// A ray whose opacities sum to less than this hits nothing: its entropy is 0 with zero gradient.
-pub const MIN_ALPHA_SUM: f32 = 1e-30;
+///
+/// The gradient of an entropy or divergence goes with 1/(ε Σα): with ε ≥ 1e-12 and upstream gradients up to 1e6, this
+/// keeps it within `f32`.
+pub const MIN_ALPHA_SUM: f32 = 1e-20;
 
 /// What [`composite`] returns, one row a ray.
 #[derive(Clone, Debug)]
@@ -73,6 +77,7 @@ pub fn weights(tau: &[f32], segments: &Segments) -> Vec<f32> {
 pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy: Option<f32>) -> Composite {
     let (rays, channels) = (segments.rays(), values.dims()[1]);
     let device = tau.device();
+    let dtype = working_dtype(&device);
     let longest = segments.longest();
     if longest == 0 {
         let zeros = Tensor::<1>::zeros([rays], &device);
@@ -84,23 +89,26 @@ pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy: Op
         };
     }
     let padding = Padding::new(segments, &device);
-    let tau = padding.apply(tau);
+    let tau = padding.apply(tau.cast(dtype));
     let alpha = plain_alpha(tau.clone());
+    // Σw from the depth: its gradient is what leaves the ray, and not a difference of sums.
+    let acc = plain_alpha(tau.clone().sum_dim(1));
     // Shifted, not subtracted: a huge last interval would swallow what is before it.
-    let nothing = Tensor::zeros([rays, 1], &device);
+    let nothing = tau.clone().narrow(1, 0, 1).zeros_like();
     let before = Tensor::cat(vec![nothing, tau], 1).cumsum(1).narrow(1, 0, longest);
     let weights = before.neg().exp() * alpha.clone();
-    let values = values.select(0, padding.indices.clone()).reshape([rays, longest, channels]);
+    let values = values.cast(dtype).select(0, padding.indices.clone()).reshape([rays, longest, channels]);
     let alpha_sum = alpha.clone().sum_dim(1);
     let entropy = match entropy {
         Some(epsilon) => plain_entropy(alpha, alpha_sum.clone(), epsilon),
         None => Tensor::zeros([rays], &device),
     };
+    let values = (values * weights.unsqueeze_dim::<3>(2)).sum_dim(1).squeeze_dim::<2>(1);
     Composite {
-        values: (values * weights.clone().unsqueeze_dim::<3>(2)).sum_dim(1).squeeze_dim(1),
-        acc: weights.sum_dim(1).squeeze_dim(1),
-        alpha_sum: alpha_sum.squeeze_dim(1),
-        entropy,
+        values: values.cast(FloatDType::F32),
+        acc: acc.squeeze_dim::<1>(1).cast(FloatDType::F32),
+        alpha_sum: alpha_sum.squeeze_dim::<1>(1).cast(FloatDType::F32),
+        entropy: entropy.cast(FloatDType::F32),
     }
 }
 
@@ -111,7 +119,7 @@ pub(crate) struct Padding {
 }
 
 impl Padding {
-    pub(crate) fn new(segments: &Segments, device: &burn::tensor::Device) -> Self {
+    pub(crate) fn new(segments: &Segments, device: &Device) -> Self {
         let shape = [segments.rays(), segments.longest()];
         let (indices, valid) = segments.padded();
         let empty: Vec<bool> = valid.iter().map(|valid| !valid).collect();
@@ -127,29 +135,48 @@ impl Padding {
     }
 }
 
+/// What plain tensor operations compute in: `f64` on `ndarray`, whose sums over a ray would lose digits in `f32`.
+pub(crate) fn working_dtype(device: &Device) -> FloatDType {
+    match device.clone().inner().as_dispatch() {
+        #[cfg(feature = "ndarray")]
+        DispatchDevice::NdArray(_) => FloatDType::F64,
+        _ => FloatDType::F32,
+    }
+}
+
 /// α = 1 − e^−τ: by its series below 0.1, where the difference would cancel.
 pub(crate) fn plain_alpha<const D: usize>(tau: Tensor<D>) -> Tensor<D> {
     let small = tau.clone().lower_elem(0.1);
     // Both branches are computed, so the series is kept off large inputs.
     let t = tau.clone().clamp(0.0, 0.1);
-    let horner = [-1.0 / 720.0, 1.0 / 120.0, -1.0 / 24.0, 1.0 / 6.0, -0.5, 1.0]
-        .into_iter()
-        .fold(t.zeros_like(), |sum, coefficient| sum * t.clone() + coefficient);
+    // 1 − t/2 + t²/6 − …: nine terms are exact in `f64`.
+    let horner =
+        (1..=9).rev().fold(t.zeros_like() + 1.0, |sum: Tensor<D>, n| sum * t.clone() / -(n as f64 + 1.0) + 1.0);
     (tau.neg().exp().neg() + 1.0).mask_where(small, horner * t)
 }
 
 /// −Σ p log₂(p + ε), 0 where Σα < [`MIN_ALPHA_SUM`]; inputs are masked before the logarithm.
 fn plain_entropy(alpha: Tensor<2>, alpha_sum: Tensor<2>, epsilon: f32) -> Tensor<1> {
     let missed = alpha_sum.clone().lower_elem(MIN_ALPHA_SUM);
-    let p = alpha / alpha_sum.mask_fill(missed.clone(), 1.0);
+    let alpha_sum = alpha_sum.mask_fill(missed.clone(), 1.0);
+    // The most opaque sample's p is 1 − (all others)/Σα: where it is nearly 1, its logarithm is that of the others.
+    let [rays, samples] = alpha.dims();
+    let places = Tensor::<1, Int>::arange(0..samples as i64, &alpha.device()).unsqueeze::<2>().expand([rays, samples]);
+    let top = places.equal(alpha.clone().detach().argmax(1).expand([rays, samples]));
+    let others = alpha.clone().mask_fill(top.clone(), 0.0).sum_dim(1) / alpha_sum.clone();
+    let p = alpha / alpha_sum;
+    let most = top.bool_and(p.clone().detach().greater_elem(0.5));
+    // Both branches are computed, so this one is kept off what it is not meant for.
+    let nearly = (others.clamp(0.0, 0.5).neg() + epsilon).log1p().expand([rays, samples]);
     let log = if epsilon > 0.0 {
         (p.clone() + epsilon).log()
     } else {
         // Subnormal numbers have no finite 1/p for the way back.
-        let zero = p.clone().lower_elem(f32::MIN_POSITIVE);
+        let least = if p.dtype() == FloatDType::F64.into() { 1e-300 } else { f64::from(f32::MIN_POSITIVE) };
+        let zero = p.clone().lower_elem(least);
         p.clone().mask_fill(zero, 1.0).log()
     };
-    let bits = (p * log).sum_dim(1) * -std::f32::consts::LOG2_E;
+    let bits = (p * log.mask_where(most, nearly)).sum_dim(1) * -std::f32::consts::LOG2_E;
     bits.mask_fill(missed, 0.0).squeeze_dim(1)
 }
 
@@ -157,10 +184,10 @@ fn plain_entropy(alpha: Tensor<2>, alpha_sum: Tensor<2>, epsilon: f32) -> Tensor
 mod host {
     use rayon::prelude::*;
 
-    use super::MIN_ALPHA_SUM;
     use crate::Segments;
+    use crate::distribution::Distribution;
     use crate::kernel::{Kernel, Pass};
-    use crate::numeric::{alpha, ln_alpha};
+    use crate::numeric::alpha;
 
     #[derive(Debug)]
     pub(super) struct CompositeKernel {
@@ -178,17 +205,21 @@ mod host {
             let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
             let channels = self.channels;
             let mut out = vec![0.0; self.segments.rays() * (channels + 3)];
-            out.par_chunks_mut(channels + 3).enumerate().with_min_len(64).for_each(|(ray, out)| {
-                let range = self.segments.range(ray);
-                let row =
-                    Row { tau: &tau[range.clone()], values: &values[range.start * channels..range.end * channels] };
-                row.forward(channels, self.entropy, out);
-            });
+            let rows = out.par_chunks_mut(channels + 3).enumerate().with_min_len(64);
+            rows.for_each_init(
+                || vec![0.0; channels],
+                |sums, (ray, out)| {
+                    let range = self.segments.range(ray);
+                    let row =
+                        Row { tau: &tau[range.clone()], values: &values[range.start * channels..range.end * channels] };
+                    row.forward(channels, self.entropy, sums, out);
+                },
+            );
             out
         }
 
         fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-            let Pass { inputs, output, grad, .. } = pass;
+            let Pass { inputs, grad, .. } = pass;
             let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
             let channels = self.channels;
             let mut dtau = vec![0.0; tau.len()];
@@ -210,16 +241,15 @@ mod host {
                     let row =
                         Row { tau: &tau[range.clone()], values: &values[range.start * channels..range.end * channels] };
                     let at = ray * width..(ray + 1) * width;
-                    row.backward(channels, self.entropy, &output[at.clone()], &grad[at], dtau, dvalues);
+                    row.backward(channels, self.entropy, &grad[at], dtau, dvalues);
                 });
             vec![wanted[0].then_some(dtau), wanted[1].then_some(dvalues)]
         }
     }
 
-    /// τ up to a depth that lets nothing through in `f64` either, so that a sum of depths can be undone.
-    fn bounded(tau: f32) -> f64 {
-        const OPAQUE: f32 = 1e3;
-        f64::from(if tau > OPAQUE { OPAQUE } else { tau })
+    /// e^−τ in `f64` from what `f32` gives exactly: 1 − α while α is small, so that a product of many keeps its digits.
+    fn through(tau: f32, alpha: f32) -> f64 {
+        if tau < 0.5 { 1.0 - f64::from(alpha) } else { f64::from((-tau).exp()) }
     }
 
     struct Row<'a> {
@@ -228,118 +258,70 @@ mod host {
     }
 
     impl Row<'_> {
-        fn forward(&self, channels: usize, entropy: Option<f32>, out: &mut [f32]) {
+        /// `sums` is scratch for one number a channel.
+        fn forward(&self, channels: usize, entropy: Option<f32>, sums: &mut [f64], out: &mut [f32]) {
             let (integrated, stats) = out.split_at_mut(channels);
+            sums.fill(0.0);
             let mut depth = 0f64;
             let mut alpha_sum = 0f64;
             for (i, &tau) in self.tau.iter().enumerate() {
-                let alpha = alpha(tau);
-                let w = (-depth).exp() as f32 * alpha;
+                let alpha = f64::from(alpha(tau));
+                let w = (-depth).exp() * alpha;
                 depth += f64::from(tau);
-                alpha_sum += f64::from(alpha);
-                for (out, value) in integrated.iter_mut().zip(&self.values[i * channels..]) {
-                    *out += w * value;
+                alpha_sum += alpha;
+                for (sum, &value) in sums.iter_mut().zip(&self.values[i * channels..]) {
+                    *sum += w * f64::from(value);
                 }
+            }
+            for (out, sum) in integrated.iter_mut().zip(sums) {
+                *out = *sum as f32;
             }
             stats[0] = -(-depth).exp_m1() as f32;
             stats[1] = alpha_sum as f32;
-            if let Some(epsilon) = entropy {
-                stats[2] = self.entropy(alpha_sum as f32, epsilon);
+            if let Some(distribution) = entropy.and_then(|epsilon| Distribution::new(self.tau, epsilon)) {
+                stats[2] = (distribution.entropy() * std::f64::consts::LOG2_E) as f32;
             }
         }
 
-        fn entropy(&self, alpha_sum: f32, epsilon: f32) -> f32 {
-            if alpha_sum < MIN_ALPHA_SUM {
-                return 0.0;
-            }
-            let ln_sum = alpha_sum.ln();
-            let nats: f64 = self
-                .tau
-                .iter()
-                .map(|&tau| {
-                    let (p, ln_p) = density(tau, alpha_sum, ln_sum, epsilon);
-                    f64::from(p) * f64::from(ln_p)
-                })
-                .sum();
-            (-nats * std::f64::consts::LOG2_E) as f32
-        }
-
-        fn backward(
-            &self,
-            channels: usize,
-            entropy: Option<f32>,
-            output: &[f32],
-            grad: &[f32],
-            dtau: &mut [f32],
-            dvalues: &mut [f32],
-        ) {
+        fn backward(&self, channels: usize, entropy: Option<f32>, grad: &[f32], dtau: &mut [f32], dvalues: &mut [f32]) {
             let (dintegrated, dstats) = grad.split_at(channels);
             let [dacc, dalpha_sum, dentropy] = [dstats[0], dstats[1], dstats[2]];
-            // Forward again for w, kept in dtau until the suffix pass replaces it.
+            // Forward again for T_{i+1}, kept in dtau until the second pass replaces it.
             let mut depth = 0f64;
-            for (w, &tau) in dtau.iter_mut().zip(self.tau) {
-                *w = (-depth).exp() as f32 * alpha(tau);
-                depth += bounded(tau);
-            }
-            // dL/dτᵢ = uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ with uᵢ = ∂L/∂wᵢ.
-            let mut behind = 0f64;
-            for i in (0..self.tau.len()).rev() {
-                let w = dtau[i];
-                let values = &self.values[i * channels..(i + 1) * channels];
-                let u = dacc + dintegrated.iter().zip(values).map(|(g, v)| g * v).sum::<f32>();
+            for (i, &tau) in self.tau.iter().enumerate() {
                 if let Some(dvalues) = dvalues.get_mut(i * channels..(i + 1) * channels) {
+                    let w = (-depth).exp() as f32 * alpha(tau);
                     for (out, g) in dvalues.iter_mut().zip(dintegrated) {
                         *out = g * w;
                     }
                 }
-                let after = (-depth).exp() as f32;
-                depth -= bounded(self.tau[i]);
-                dtau[i] = (f64::from(u * after) - behind) as f32;
-                behind += f64::from(u) * f64::from(w);
+                depth += f64::from(tau);
+                dtau[i] = (-depth).exp() as f32;
+            }
+            // With uᵢ = ∂L/∂wᵢ: dL/dτᵢ = uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ = T_{i+1} eᵢ, where eᵢ is how much more the sample is
+            // worth than what lies behind it: eᵢ = uᵢ − uᵢ₊₁ + e^−τᵢ₊₁ eᵢ₊₁, and behind the last there is nothing. No sum
+            // is subtracted from another, so the little that reaches through an opaque ray keeps its digits.
+            let (mut behind, mut worth) = (0f64, 0f64);
+            for i in (0..self.tau.len()).rev() {
+                let values = &self.values[i * channels..(i + 1) * channels];
+                let products = dintegrated.iter().zip(values).map(|(&g, &v)| f64::from(g) * f64::from(v));
+                let u = f64::from(dacc) + products.sum::<f64>();
+                worth = u - behind + worth;
+                behind = u;
+                let (tau, alpha) = (self.tau[i], alpha(self.tau[i]));
+                dtau[i] = (f64::from(dtau[i]) * worth) as f32;
+                worth *= through(tau, alpha);
             }
             if dalpha_sum != 0.0 {
                 for (out, &tau) in dtau.iter_mut().zip(self.tau) {
                     *out += dalpha_sum * (-tau).exp();
                 }
             }
-            if let Some(epsilon) = entropy.filter(|_| dentropy != 0.0) {
-                let alpha_sum = output[channels + 1];
-                self.entropy_backward(alpha_sum, epsilon, dentropy * std::f32::consts::LOG2_E, dtau);
+            if let Some(epsilon) = entropy.filter(|_| dentropy != 0.0)
+                && let Some(distribution) = Distribution::new(self.tau, epsilon)
+            {
+                distribution.entropy_gradient(self.tau, f64::from(dentropy) * std::f64::consts::LOG2_E, dtau);
             }
         }
-
-        /// ∂H/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S with gᵢ = −ln(pᵢ + ε) − pᵢ/(pᵢ + ε), H in nats.
-        fn entropy_backward(&self, alpha_sum: f32, epsilon: f32, scale: f32, dtau: &mut [f32]) {
-            if alpha_sum < MIN_ALPHA_SUM {
-                return;
-            }
-            let ln_sum = alpha_sum.ln();
-            let slope = |tau: f32| {
-                let (p, ln_p) = density(tau, alpha_sum, ln_sum, epsilon);
-                (p, -ln_p - if epsilon > 0.0 { p / (p + epsilon) } else { 1.0 })
-            };
-            let mean: f64 = self
-                .tau
-                .iter()
-                .map(|&tau| {
-                    let (p, g) = slope(tau);
-                    f64::from(p) * f64::from(g)
-                })
-                .sum();
-            for (out, &tau) in dtau.iter_mut().zip(self.tau) {
-                let g = slope(tau).1;
-                *out += scale * (g - mean as f32) * (-tau).exp() / alpha_sum;
-            }
-        }
-    }
-
-    /// `(p, ln(p + ε))` of a sample in a ray whose opacities sum to `alpha_sum`.
-    pub(crate) fn density(tau: f32, alpha_sum: f32, ln_sum: f32, epsilon: f32) -> (f32, f32) {
-        let p = alpha(tau) / alpha_sum;
-        let ln_p = if epsilon > 0.0 { (p + epsilon).ln() } else { ln_alpha(tau) - ln_sum };
-        (p, ln_p)
     }
 }
-
-#[cfg(feature = "flex")]
-pub(crate) use host::density;

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 /// code has it. `points` is `[M·dims]` row-major on the host; the result is `[M, dims·(1 + 2·L)]` on `device`.
 /// `window[l]` scales octave `l` (FreeNeRF's annealing); an octave beyond its length has weight 1.
 ///
-/// Sample positions are no parameters, so no gradient flows through this function.
+/// Finite for every finite `points`. Sample positions are no parameters, so no gradient flows through this function.
 pub fn frequency_encode(points: &[f32], dims: usize, octaves: usize, window: &[f32], device: &Device) -> Tensor<2> {
     let width = dims * (1 + 2 * octaves);
     let rows = points.len() / dims;
@@ -30,12 +30,22 @@ fn encode(x: &[f32], octaves: usize, window: &[f32], out: &mut [f32]) {
         let weight = window.get(octave).copied().unwrap_or(1.0);
         let (sines, cosines) = block.split_at_mut(dims);
         for ((x, sine), cosine) in x.iter().zip(sines).zip(cosines) {
-            let (s, c) = if weight == 0.0 { (0.0, 0.0) } else { (x * scale).sin_cos() };
+            let (s, c) = if weight == 0.0 { (0.0, 0.0) } else { sin_cos(*x, scale) };
             *sine = weight * s;
             *cosine = weight * c;
         }
         scale *= 2.0;
     }
+}
+
+/// sin and cos of x · `scale`, also where that is beyond `f32`.
+pub(crate) fn sin_cos(x: f32, scale: f32) -> (f32, f32) {
+    let phase = x * scale;
+    if phase.is_finite() {
+        return phase.sin_cos();
+    }
+    let (sine, cosine) = (f64::from(x) * f64::from(scale)).sin_cos();
+    (sine as f32, cosine as f32)
 }
 
 /// Width of the encoding of a `dims`-dimensional point.

@@ -1,15 +1,15 @@
 //! Information gain between neighbouring rays.
 
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::{FloatDType, Tensor, TensorData};
 
-use crate::composite::{MIN_ALPHA_SUM, Padding, plain_alpha};
+use crate::composite::{MIN_ALPHA_SUM, Padding, plain_alpha, working_dtype};
 use crate::{Segments, has_host_kernels};
 
 /// KL(P(r) ‖ P(r̃)) of paired rays in nats (InfoNeRF, Eq. 9), `[R]`.
 ///
 /// KL = Σ pᵢ [ln(pᵢ + ε) − ln(qᵢ + ε)] with p = α/Σα of `tau` and q the same of `near`; samples are paired by index.
 /// `epsilon` > 0 bounds the divergence of disjoint rays at −ln ε nats (the released code has 1e-10). A pair in which
-/// either ray hits nothing (Σα < 1e-30) gives 0 with zero gradient.
+/// either ray hits nothing (Σα < 1e-20) gives 0 with zero gradient.
 ///
 /// - `tau`, `near`: optical depths, both `[M]` and shared out by the same `segments`.
 ///
@@ -37,31 +37,45 @@ pub fn plain(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32)
     }
     let padding = Padding::new(segments, &device);
     let density = |tau: Tensor<1>| {
-        let alpha = plain_alpha(padding.apply(tau));
+        let alpha = plain_alpha(padding.apply(tau.cast(working_dtype(&device))));
         let sum = alpha.clone().sum_dim(1);
         let missed = sum.clone().lower_elem(MIN_ALPHA_SUM);
         (alpha / sum.mask_fill(missed.clone(), 1.0), missed)
     };
     let (p, p_missed) = density(tau);
     let (q, q_missed) = density(near);
-    let gap = (p.clone() + epsilon).log() - (q + epsilon).log();
-    (p * gap).sum_dim(1).mask_fill(p_missed, 0.0).mask_fill(q_missed, 0.0).squeeze_dim(1)
+    // Σ (p − q) = 0 is taken off term by term: with a = p + ε, b = q + ε and r = (p − q)/b a sum of b [(1 + r) ln(1 + r) − r]
+    // remains, less ε ln(a/b). Each is of second order where p ≈ q, and nothing cancels.
+    let b = q.clone() + epsilon;
+    let r = (p.clone() - q.clone()) / b.clone();
+    let near = r.clone().abs().lower_elem(0.5);
+    let ln = ((p.clone() + epsilon) / b.clone()).log().mask_where(near, r.clone().clamp(-0.5, 0.5).log1p());
+    let terms = b * (ln.clone() * (r.clone() + 1.0) - r) - ln * epsilon;
+    // The slopes are those of Σ p (ln a − ln b), which are simple: of it only they are taken.
+    let textbook = p.clone() * ((p + epsilon).log() - (q + epsilon).log());
+    let terms = terms.detach() + (textbook.clone() - textbook.detach());
+    terms.sum_dim(1).mask_fill(p_missed, 0.0).mask_fill(q_missed, 0.0).squeeze_dim::<1>(1).cast(FloatDType::F32)
 }
 
 #[cfg(feature = "flex")]
 mod host {
     use rayon::prelude::*;
 
-    use super::MIN_ALPHA_SUM;
     use crate::Segments;
-    use crate::composite::density;
+    use crate::distribution::Distribution;
     use crate::kernel::{Kernel, Pass};
-    use crate::numeric::alpha;
 
     #[derive(Debug)]
     pub(super) struct GainKernel {
         pub(super) segments: Segments,
         pub(super) epsilon: f32,
+    }
+
+    impl GainKernel {
+        /// Both distributions; none if either ray hits nothing.
+        fn pair(&self, tau: &[f32], near: &[f32]) -> Option<(Distribution, Distribution)> {
+            Some((Distribution::new(tau, self.epsilon)?, Distribution::new(near, self.epsilon)?))
+        }
     }
 
     impl Kernel for GainKernel {
@@ -76,8 +90,8 @@ mod host {
                 .with_min_len(64)
                 .map(|ray| {
                     let range = self.segments.range(ray);
-                    let Some(pair) = Pair::new(&tau[range.clone()], &near[range], self.epsilon) else { return 0.0 };
-                    pair.terms().map(|(p, ln_p, _, ln_q)| f64::from(p) * f64::from(ln_p - ln_q)).sum::<f64>() as f32
+                    let pair = self.pair(&tau[range.clone()], &near[range]);
+                    pair.map_or(0.0, |(p, q)| p.divergence(&q) as f32)
                 })
                 .collect()
         }
@@ -94,55 +108,12 @@ mod host {
                 .with_min_len(64)
                 .for_each(|(ray, (dtau, dnear))| {
                     let range = self.segments.range(ray);
-                    if let Some(pair) = Pair::new(&tau[range.clone()], &near[range], self.epsilon) {
-                        pair.backward(grad[ray], dtau, dnear);
+                    let rays = (&tau[range.clone()], &near[range]);
+                    if let Some((p, q)) = self.pair(rays.0, rays.1) {
+                        p.divergence_gradient(&q, rays, f64::from(grad[ray]), (dtau, dnear));
                     }
                 });
             vec![wanted[0].then_some(dtau), wanted[1].then_some(dnear)]
-        }
-    }
-
-    struct Pair<'a> {
-        tau: &'a [f32],
-        near: &'a [f32],
-        sums: [f32; 2],
-        epsilon: f32,
-    }
-
-    impl<'a> Pair<'a> {
-        fn new(tau: &'a [f32], near: &'a [f32], epsilon: f32) -> Option<Self> {
-            let sum = |tau: &[f32]| tau.iter().map(|&tau| f64::from(alpha(tau))).sum::<f64>() as f32;
-            let sums = [sum(tau), sum(near)];
-            (sums[0] >= MIN_ALPHA_SUM && sums[1] >= MIN_ALPHA_SUM).then_some(Self { tau, near, sums, epsilon })
-        }
-
-        /// `(p, ln(p + ε), q, ln(q + ε))` of each pair of samples.
-        fn terms(&self) -> impl Iterator<Item = (f32, f32, f32, f32)> + '_ {
-            let lns = self.sums.map(f32::ln);
-            self.tau.iter().zip(self.near).map(move |(&tau, &near)| {
-                let (p, ln_p) = density(tau, self.sums[0], lns[0], self.epsilon);
-                let (q, ln_q) = density(near, self.sums[1], lns[1], self.epsilon);
-                (p, ln_p, q, ln_q)
-            })
-        }
-
-        /// ∂/∂p = ln(p+ε) + p/(p+ε) − ln(q+ε), ∂/∂q = −p/(q+ε), then through the normalisations p = α/S:
-        /// ∂/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S, and dα/dτ = e^−τ.
-        fn backward(&self, grad: f32, dtau: &mut [f32], dnear: &mut [f32]) {
-            let slopes = |(p, ln_p, q, ln_q): (f32, f32, f32, f32)| {
-                (ln_p - ln_q + p / (p + self.epsilon), -p / (q + self.epsilon))
-            };
-            let (mut mean_p, mut mean_q) = (0f64, 0f64);
-            for term in self.terms() {
-                let (gp, gq) = slopes(term);
-                mean_p += f64::from(term.0) * f64::from(gp);
-                mean_q += f64::from(term.2) * f64::from(gq);
-            }
-            for (i, term) in self.terms().enumerate() {
-                let (gp, gq) = slopes(term);
-                dtau[i] = grad * (f64::from(gp) - mean_p) as f32 * (-self.tau[i]).exp() / self.sums[0];
-                dnear[i] = grad * (f64::from(gq) - mean_q) as f32 * (-self.near[i]).exp() / self.sums[1];
-            }
         }
     }
 }

@@ -3,6 +3,8 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 
+use crate::frequency::sin_cos;
+
 /// The mean of the positional encoding over axis-aligned Gaussians in space (mip-NeRF, Eq. 13–14).
 ///
 /// γ(μ, σ²) = (…, sin(2ˡμ) exp(−½ 4ˡσ²), cos(2ˡμ) exp(−½ 4ˡσ²), …) for each octave l and axis, since E[sin x] of
@@ -47,7 +49,7 @@ fn encode(mean: &[f32], variance: &[f32], window: &[f32], out: &mut [f32]) {
         for (((mean, variance), sine), cosine) in mean.iter().zip(variance).zip(sines).zip(cosines) {
             let weight = weight * (-0.5 * scale * scale * variance).exp();
             if weight > NOTHING {
-                let (s, c) = (mean * scale).sin_cos();
+                let (s, c) = sin_cos(*mean, scale);
                 (*sine, *cosine) = (weight * s, weight * c);
             }
         }

@@ -16,6 +16,8 @@
 
 pub mod adam;
 pub mod composite;
+#[cfg(feature = "flex")]
+mod distribution;
 pub mod factored;
 pub mod frequency;
 pub mod frustum;

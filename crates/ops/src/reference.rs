@@ -1,7 +1,9 @@
 //! The whole chain in `f64`, written for clarity: the oracle that bounds the error of every body.
 //!
-//! Gradients are exact derivatives of the functions as defined, computed term by term rather than by the suffix sums
-//! of the fast bodies, so that the two share no shortcut.
+//! Gradients are exact derivatives of the functions as defined, computed term by term rather than by the running sums
+//! of the fast bodies, so that the two share no shortcut. Where the textbook formula is a difference of nearly equal
+//! numbers, one is used that is not: an oracle that cancels could not tell who is wrong. `tests/agreement.rs` holds all
+//! of it against closed forms and against values of arbitrary precision.
 
 /// α = 1 − e^−τ.
 pub fn alpha(tau: f64) -> f64 {
@@ -24,27 +26,43 @@ pub fn weights(tau: &[f64]) -> Vec<f64> {
     transmittance(tau).iter().zip(tau).map(|(t, &tau)| t * alpha(tau)).collect()
 }
 
+/// Σ w = 1 − e^(−Σ τ).
+pub fn opacity(tau: &[f64]) -> f64 {
+    alpha(tau.iter().sum())
+}
+
 /// ∂(Σ uᵢ wᵢ)/∂τ for fixed u.
+///
+/// uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ with T_{i+1} = Σ_{j>i} wⱼ + T_N put in: Σ_{j>i} (uᵢ − uⱼ) wⱼ + uᵢ T_N.
 pub fn weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
     let (trans, w) = (transmittance(tau), weights(tau));
-    (0..tau.len()).map(|i| u[i] * trans[i + 1] - (i + 1..tau.len()).map(|j| u[j] * w[j]).sum::<f64>()).collect()
+    let behind = |i: usize| (i + 1..tau.len()).map(|j| (u[i] - u[j]) * w[j]).sum::<f64>();
+    (0..tau.len()).map(|i| behind(i) + u[i] * trans[tau.len()]).collect()
 }
 
 /// p = α/Σα, or `None` where Σα is below [`MIN_ALPHA_SUM`](crate::composite::MIN_ALPHA_SUM).
 pub fn ray_density(tau: &[f64]) -> Option<Vec<f64>> {
-    let sum: f64 = tau.iter().map(|&tau| alpha(tau)).sum();
+    let sum = alpha_sum(tau);
     (sum >= f64::from(crate::composite::MIN_ALPHA_SUM)).then(|| tau.iter().map(|&tau| alpha(tau) / sum).collect())
 }
 
+/// Σ α.
+pub fn alpha_sum(tau: &[f64]) -> f64 {
+    tau.iter().map(|&tau| alpha(tau)).sum()
+}
+
+/// ln(p + ε); without ε an empty sample counts as the smallest normal `f32`.
 fn ln_density(tau: &[f64], epsilon: f64) -> Vec<f64> {
-    let sum: f64 = tau.iter().map(|&tau| alpha(tau)).sum();
+    let sum = alpha_sum(tau);
     let floor = f64::from(f32::MIN_POSITIVE);
-    tau.iter()
-        .map(|&tau| {
-            let alpha = alpha(tau);
-            if epsilon > 0.0 { (alpha / sum + epsilon).ln() } else { alpha.max(floor).ln() - sum.ln() }
-        })
-        .collect()
+    // A sample that holds more than half of the ray: p = 1 − (all others)/Σα.
+    let others = |i: usize| (0..tau.len()).filter(|&j| j != i).map(|j| alpha(tau[j])).sum::<f64>();
+    let ln = |(i, &tau): (usize, &f64)| match alpha(tau) {
+        alpha if alpha > 0.5 * sum => (epsilon - others(i) / sum).ln_1p(),
+        alpha if epsilon > 0.0 => (alpha / sum + epsilon).ln(),
+        alpha => (alpha.max(floor) / sum).ln(),
+    };
+    tau.iter().enumerate().map(ln).collect()
 }
 
 /// H = −Σ p log₂(p + ε) in bits; 0 for a ray that hits nothing.
@@ -64,13 +82,26 @@ pub fn entropy_gradient(tau: &[f64], epsilon: f64) -> Vec<f64> {
     through_normalisation(tau, &p, &slopes).into_iter().map(|g| g * std::f64::consts::LOG2_E).collect()
 }
 
+/// ln((p + ε)/(q + ε)) of each pair of samples.
+fn ln_ratios(p: &[f64], q: &[f64], epsilon: f64) -> Vec<f64> {
+    let ln = |(p, q): (&f64, &f64)| {
+        let r = (p - q) / (q + epsilon);
+        // Without ε an empty sample of P has p ln p = 0.
+        let a = (p + epsilon).max(f64::MIN_POSITIVE);
+        if r.abs() < 0.5 { r.ln_1p() } else { (a / (q + epsilon)).ln() }
+    };
+    p.iter().zip(q).map(ln).collect()
+}
+
 /// KL(P ‖ Q) in nats with ε in both logarithms; 0 where either ray hits nothing.
+///
+/// Σ p ln((p + ε)/(q + ε)), less Σ (p − q) = 0 term by term: what remains is of second order where p ≈ q.
 pub fn information_gain(tau: &[f64], near: &[f64], epsilon: f64) -> f64 {
-    let (Some(p), Some(_)) = (ray_density(tau), ray_density(near)) else { return 0.0 };
+    let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else { return 0.0 };
     p.iter()
-        .zip(ln_density(tau, epsilon))
-        .zip(ln_density(near, epsilon))
-        .map(|((p, ln_p), ln_q)| p * (ln_p - ln_q))
+        .zip(&q)
+        .zip(ln_ratios(&p, &q, epsilon))
+        .map(|((p, q), ln)| (p + epsilon) * ln - (p - q) - epsilon * ln)
         .sum()
 }
 
@@ -79,18 +110,18 @@ pub fn information_gain_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Ve
     let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else {
         return (vec![0.0; tau.len()], vec![0.0; near.len()]);
     };
-    let (ln_p, ln_q) = (ln_density(tau, epsilon), ln_density(near, epsilon));
     let share = |p: f64| if epsilon > 0.0 { p / (p + epsilon) } else { 1.0 };
-    let dp: Vec<f64> = (0..p.len()).map(|i| ln_p[i] - ln_q[i] + share(p[i])).collect();
-    let dq: Vec<f64> = (0..p.len()).map(|i| -p[i] / (q[i] + epsilon)).collect();
+    let dp: Vec<f64> = ln_ratios(&p, &q, epsilon).iter().zip(&p).map(|(ln, &p)| ln + share(p)).collect();
+    let dq: Vec<f64> = p.iter().zip(&q).map(|(p, q)| -p / (q + epsilon)).collect();
     (through_normalisation(tau, &p, &dp), through_normalisation(near, &q, &dq))
 }
 
-/// From ∂L/∂p to ∂L/∂τ: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ.
+/// From ∂L/∂p to ∂L/∂τ: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ. As Σ p = 1, a constant in g drops out.
 fn through_normalisation(tau: &[f64], p: &[f64], slopes: &[f64]) -> Vec<f64> {
-    let sum: f64 = tau.iter().map(|&tau| alpha(tau)).sum();
-    let mean: f64 = p.iter().zip(slopes).map(|(p, g)| p * g).sum();
-    tau.iter().zip(slopes).map(|(&tau, g)| (g - mean) / sum * (-tau).exp()).collect()
+    let sum = alpha_sum(tau);
+    let most = (0..p.len()).max_by(|&i, &j| p[i].total_cmp(&p[j])).map_or(0.0, |i| slopes[i]);
+    let mean: f64 = p.iter().zip(slopes).map(|(p, g)| p * (g - most)).sum();
+    tau.iter().zip(slopes).map(|(&tau, g)| (g - most - mean) / sum * (-tau).exp()).collect()
 }
 
 /// Mean distance, variance along and variance across the ray of the cone's piece from `t0` to `t1`, as quotients of

@@ -389,3 +389,87 @@ fn every_body_against_arbitrary_precision() {
         }
     }
 }
+
+/// Constant density, a step, and density that falls exponentially, with the integrals that can be done by hand.
+#[test]
+fn the_oracle_against_closed_forms() {
+    let near = |got: f64, want: f64, what: &str| close(got, want, 1e-14 * want.abs() + 1e-300, &|| what.to_owned());
+    for (sigma, length, n) in [(0.3, 4.0, 16), (1e-9, 1.0, 7), (25.0, 2.0, 64)] {
+        // σ everywhere: what is left after i intervals is exp(−σ δ i).
+        let delta = length / n as f64;
+        let tau = vec![sigma * delta; n];
+        let left = |i: usize| (-sigma * delta * i as f64).exp();
+        for (i, (&trans, w)) in reference::transmittance(&tau).iter().zip(reference::weights(&tau)).enumerate() {
+            close(trans, left(i), 1e-12 * trans, &|| format!("transmittance {i}"));
+            close(w, left(i) * -(-sigma * delta).exp_m1(), 1e-12 * w, &|| format!("weight {i}"));
+        }
+        close(reference::opacity(&tau), -(-sigma * length).exp_m1(), 1e-13, &|| "opacity".into());
+        close(reference::entropy(&tau, 0.0), (n as f64).log2(), 1e-13 * n as f64, &|| "entropy".into());
+        // ∂ Σ w / ∂τ = what leaves the ray, for every sample; and an even ray's entropy is at its maximum.
+        for slope in reference::weights_vjp(&tau, &vec![1.0; n]) {
+            close(slope, left(n), 1e-12 * left(n), &|| "slope of the opacity".into());
+        }
+        assert!(reference::entropy_gradient(&tau, 0.0).iter().all(|slope| *slope == 0.0));
+
+        // Nothing, then a wall: all that arrives stops at the first interval of it.
+        let mut step = vec![0.0; n];
+        step[n / 2..].fill(sigma);
+        near(reference::weights(&step)[n / 2], -(-sigma).exp_m1(), "the wall");
+        assert!(reference::weights(&step)[..n / 2].iter().all(|w| *w == 0.0));
+        let behind = (n - n / 2 - 1) as f64;
+        let mut u = vec![0.0; n];
+        u[n / 2] = 1.0;
+        // Only the wall's own interval and what is before it move its weight: T = 1 before it.
+        let slopes = reference::weights_vjp(&step, &u);
+        near(slopes[n / 2], (-sigma).exp(), "slope within the wall");
+        near(slopes[0], (-sigma).exp_m1(), "slope before the wall");
+        assert!(behind == 0.0 || slopes[n - 1] == 0.0);
+
+        // σ e^(−k t), integrated over each interval.
+        let k = 0.7;
+        let depth = |t: f64| sigma / k * -(-k * t).exp_m1();
+        let falling: Vec<f64> = (0..n).map(|i| depth((i + 1) as f64 * delta) - depth(i as f64 * delta)).collect();
+        let want = -(-depth(length)).exp_m1();
+        close(reference::opacity(&falling), want, 1e-12 * want, &|| "falling density".into());
+    }
+}
+
+#[test]
+fn the_oracle_where_rays_cancel() {
+    let fixture: Value = serde_json::from_str(include_str!("../../../tests/fixtures/extremes.json")).unwrap();
+    let epsilon = fixture["epsilon"].as_f64().unwrap();
+    let value = |got: f64, want: &Value, what: &dyn Fn() -> String| {
+        let want = want.as_f64().unwrap();
+        close(got, want, 1e-9 * want.abs() + 1e-30, what);
+    };
+    let slopes = |got: &[f64], want: &Value, what: &dyn Fn() -> String| {
+        let want = numbers(want);
+        let largest = want.iter().map(|g| g.abs()).fold(0.0, f64::max);
+        got.iter().zip(&want).for_each(|(got, want)| close(*got, *want, 1e-8 * largest, what));
+    };
+    let mut rays = std::collections::BTreeMap::new();
+    for ray in fixture["rays"].as_array().unwrap() {
+        let (name, tau) = (ray["name"].as_str().unwrap(), numbers(&ray["tau"]));
+        let what = |part: &'static str| move || format!("{name}, {part}");
+        let u: Vec<f64> = (0..tau.len()).map(|i| (i as f64).cos()).collect();
+        value(reference::weights(&tau).iter().zip(&u).map(|(w, u)| w * u).sum(), &ray["weighted"], &what("weighted"));
+        slopes(&reference::weights_vjp(&tau, &u), &ray["weighted_gradient"], &what("its slopes"));
+        value(reference::opacity(&tau), &ray["opacity"], &what("opacity"));
+        let ones = vec![1.0; tau.len()];
+        slopes(&reference::weights_vjp(&tau, &ones), &ray["opacity_gradient"], &what("its slopes"));
+        if hits(&tau) {
+            value(reference::entropy(&tau, epsilon), &ray["entropy"], &what("entropy"));
+            slopes(&reference::entropy_gradient(&tau, epsilon), &ray["entropy_gradient"], &what("its slopes"));
+            value(reference::entropy(&tau, 0.0), &ray["entropy_exact"], &what("exact entropy"));
+        }
+        rays.insert(name.to_owned(), tau);
+    }
+    for pair in fixture["pairs"].as_array().unwrap() {
+        let (p, q) = (pair["p"].as_str().unwrap(), pair["q"].as_str().unwrap());
+        let what = || format!("{p} and {q}");
+        value(reference::information_gain(&rays[p], &rays[q], epsilon), &pair["gain"], &what);
+        let (dp, dq) = reference::information_gain_gradient(&rays[p], &rays[q], epsilon);
+        slopes(&dp, &pair["gradient_p"], &what);
+        slopes(&dq, &pair["gradient_q"], &what);
+    }
+}

@@ -4,7 +4,7 @@ mod common;
 
 use burn::tensor::Tensor;
 use common::{Body, floats, matrix, vector};
-use infonerf_ops::{Composite, Segments, composite};
+use infonerf_ops::{Composite, Segments, composite, reference};
 use proptest::prelude::*;
 
 /// Roundings of `f32` sums over a ray.
@@ -108,6 +108,25 @@ proptest! {
         let divergence = gain(body, &p, &q);
         prop_assert!(divergence >= -TOLERANCE && divergence <= -1e-10f64.ln() + TOLERANCE, "{divergence}");
         prop_assert!(gain(body, &p, &p).abs() <= TOLERANCE);
+    }
+
+    /// KL is 0 for equal rays only, and it is the more the more they differ: KL ≥ ½ (Σ |p − q|)² (Pinsker).
+    #[test]
+    fn different_rays_diverge(body in body(), pairs in prop::collection::vec((tau(), tau()), 2..40)) {
+        let (p, q): (Vec<f32>, Vec<f32>) = pairs.into_iter().unzip();
+        let densities = [&p, &q].map(|tau| reference::ray_density(&tau.iter().copied().map(f64::from).collect::<Vec<_>>()));
+        if let [Some(a), Some(b)] = densities {
+            let distance: f64 = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).sum();
+            let divergence = gain(body, &p, &q);
+            prop_assert!(divergence >= 0.5 * distance * distance - TOLERANCE, "{divergence}, distance {distance}");
+        }
+    }
+
+    /// How opaque an even ray is says nothing about how its opacity is spread.
+    #[test]
+    fn entropy_of_an_even_ray_knows_no_scale(body in body(), even in 1e-9f32..10.0, factor in 1e-3f32..1e3, count in 1usize..40) {
+        let bits = |tau: f32| single(body, &vec![tau; count], &values(count))[3];
+        prop_assert!(close(bits(even), bits(even * factor)));
     }
 
     /// An interval cut in two with the same value composites to the same.

@@ -270,6 +270,8 @@ fn sees_background(view: &View, centre: Vec3, radius: f32) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     fn config() -> OccupancyConfig {
@@ -300,6 +302,34 @@ mod tests {
         assert!(grid.is_occupied(Vec3::splat(7.0)), "outside nothing is known");
         assert!(grid.is_occupied(Vec3::splat(f32::NAN)));
         assert!(grid.fraction() < 0.2);
+    }
+
+    proptest! {
+        /// With a field that is even within each cell, no sample is dropped whose alpha reaches `min_alpha`.
+        #[test]
+        fn no_sample_above_the_bound_is_dropped(
+            seed in any::<u64>(),
+            min_alpha in 1e-4f32..0.5,
+            step in 1e-3f32..0.5,
+            logs in prop::collection::vec(-6f32..3.0, 64),
+            at in prop::array::uniform3(-0.999f32..0.999),
+        ) {
+            let config = OccupancyConfig { resolution: 4, min_alpha, ..config() };
+            let mut grid = OccupancyGrid::new(&config, Aabb::cube(Vec3::ZERO, 1.0));
+            let cell = |p: Vec3| {
+                let c = ((p + 1.0) * 2.0).clamp(Vec3::ZERO, Vec3::splat(3.0));
+                c.x as usize + 4 * (c.y as usize + 4 * c.z as usize)
+            };
+            let sigma = |p: Vec3| 10f32.powf(logs[cell(p)]);
+            for update in 0..3 {
+                grid.update(Noise::new(seed, update, 0), step, |points| {
+                    points.chunks(3).map(|p| sigma(Vec3::from_slice(p))).collect()
+                });
+                let p = Vec3::from(at);
+                let alpha = -(-sigma(p) * step).exp_m1();
+                prop_assert!(alpha < min_alpha * (1.0 + 1e-5) || grid.is_occupied(p), "alpha {alpha} was dropped");
+            }
+        }
     }
 
     #[test]

@@ -12,7 +12,10 @@ use crate::ReportError;
 
 /// Writes `bytes` beside `path` and renames: a reader sees the old file or the new one, never a part. Missing folders
 /// are created.
-pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), ReportError> {
+///
+/// # Errors
+/// If the file cannot be written; what was there stays.
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), ReportError> {
     static COUNTER: AtomicU64 = AtomicU64::new(0);
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let unique = COUNTER.fetch_add(1, Ordering::Relaxed);

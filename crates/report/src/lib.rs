@@ -49,6 +49,7 @@ pub use colormap::{ERROR_FULL_SCALE, depth_image, error_image, turbo, viridis};
 pub use error::ReportError;
 pub use events::{Evaluation, Events, Step};
 pub use figures::Figure;
+pub use files::write_atomically;
 pub use protocol::protocol_lines;
 pub use published::{Published, PublishedRow};
 pub use record::{Record, TestViews};

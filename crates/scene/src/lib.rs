@@ -43,6 +43,8 @@ pub use camera::Camera;
 pub use error::SceneError;
 pub use export::export;
 pub use image::{Image, Rgba8, RgbaImage, resized_dimensions, round_to_u8};
+#[doc(hidden)]
+pub use loaders::fuzzing;
 pub use poses::{ViewRegion, near_pose, orbit, unseen_pose};
 pub use ray::Ray;
 pub use scene::{Scene, SceneRequest, SceneSource, TestProtocol, View, load};

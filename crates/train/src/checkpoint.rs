@@ -4,10 +4,11 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use burn::module::Module;
+use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::{ModuleOptimizer, OptimizerRecord};
 use burn::store::ModuleRecord;
-use burn::tensor::Bytes;
+use burn::tensor::{Bytes, Tensor};
+use infonerf_ops::to_host;
 use infonerf_render::{Counts, Model, OccupancyGrid};
 use serde::{Deserialize, Serialize};
 
@@ -81,6 +82,9 @@ impl Checkpoint {
         optimiser: &ModuleOptimizer,
         occupancy: Option<&OccupancyGrid>,
     ) -> Result<Self, TrainError> {
+        if let Some(value) = not_finite(model) {
+            return Err(TrainError::NonFinite { term: "value of a weight", value, step: progress.step });
+        }
         let record = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
         let bytes =
             |model: &Model| model.clone().into_record().into_bytes().map(|bytes| bytes.to_vec()).map_err(record);
@@ -212,6 +216,19 @@ impl Checkpoint {
             TrainError::Config(format!("checkpoint: occupancy.bin: expected {expected} cells, found {cells}"))
         })
     }
+}
+
+/// A weight that is not finite, if there is one: such a model is not worth keeping, and the checkpoint before it is.
+fn not_finite(model: &Model) -> Option<f32> {
+    struct Search(Option<f32>);
+    impl ModuleVisitor for Search {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            self.0 = self.0.or_else(|| to_host(param.val()).into_iter().find(|value| !value.is_finite()));
+        }
+    }
+    let mut search = Search(None);
+    model.visit(&mut search);
+    search.0
 }
 
 fn load(model: Model, bytes: &[u8]) -> Result<Model, TrainError> {

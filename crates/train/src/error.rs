@@ -37,7 +37,9 @@ pub enum TrainError {
 impl TrainError {
     /// A fault of the config at `key`.
     pub fn config(key: impl std::fmt::Display, cause: impl std::fmt::Display) -> Self {
-        Self::Config(format!("{key}: {cause}"))
+        // What was typed may hold line breaks; a message is one line.
+        let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+        Self::Config(format!("{key}: {cause}").chars().map(escaped).collect())
     }
 
     /// A fault of a file.

@@ -12,6 +12,7 @@ mod error;
 mod evaluate;
 mod event;
 mod members;
+mod memory;
 mod profile;
 mod trainer;
 
@@ -21,5 +22,6 @@ pub use error::TrainError;
 pub use evaluate::{Evaluation, Information, InformationQuery, TestView, evaluate_view, information};
 pub use event::Event;
 pub use members::member_seed;
+pub use memory::MemoryPlan;
 pub use profile::{Phase, Profile};
 pub use trainer::{Outcome, Trainer};

@@ -11,6 +11,7 @@ use infonerf_scene::{Ray, Scene, ViewRegion};
 
 use crate::average::Average;
 use crate::batch::{self, Pyramid};
+use crate::memory::{self, MemoryPlan};
 use crate::{Checkpoint, Config, Event, Phase, Profile, Progress, TrainError};
 
 /// One run in memory: what is learned, and how far it is.
@@ -65,7 +66,7 @@ impl Trainer {
     /// Sets up a run: the same `config`, `scene` and `seed` give the same numbers on one device.
     ///
     /// # Errors
-    /// If a number in `config` is out of range.
+    /// If a number in `config` is out of range, or the run would not fit into memory.
     pub fn new(
         config: &Config,
         scene: Scene,
@@ -74,6 +75,9 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self, TrainError> {
         config.validate()?;
+        if let Some(available) = memory::available() {
+            MemoryPlan::new(config, &scene).check(available)?;
+        }
         let device = device.clone().autodiff();
         let renderer = Renderer::new(&config.render, &scene);
         let region = ViewRegion::new(&scene.train.iter().map(|view| view.camera.clone()).collect::<Vec<_>>());

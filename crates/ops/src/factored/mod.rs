@@ -11,6 +11,7 @@
 
 mod layout;
 mod plain;
+pub mod reference;
 mod variation;
 
 #[cfg(all(feature = "flex", target_arch = "x86_64"))]
@@ -33,7 +34,7 @@ use burn::tensor::Tensor;
 /// Where and how a field is asked, beside its parameters.
 #[derive(Clone, Debug)]
 pub struct Query {
-    /// Positions, each coordinate in [0, 1] over the field's box, `[M, 3]` row-major; outside it the border goes on.
+    /// Positions, each coordinate in [0, 1] over the field's box, `[M, 3]` row-major.
     pub positions: Arc<[f32]>,
     /// Unit view direction of each sample, `[M, 3]` row-major; empty where colour is not wanted or does not depend on it.
     pub directions: Arc<[f32]>,

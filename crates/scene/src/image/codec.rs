@@ -1,6 +1,6 @@
 //! Reading and writing image files, with limits.
 
-use std::io::{self, BufReader};
+use std::io::{self, BufRead, BufReader, Cursor, Seek};
 use std::{fs::File, path::Path};
 
 use ::image::{ColorType, DynamicImage, ImageError, ImageReader, Limits};
@@ -10,6 +10,8 @@ use crate::SceneError;
 
 /// The longest side that is read, in pixels.
 const LONGEST_SIDE: u32 = 16_384;
+/// The most pixels that are read: 64 million take 1 GiB once decoded.
+const MOST_PIXELS: u64 = 1 << 26;
 const EXPECTED: &str = "a complete PNG or JPEG image";
 
 /// The `(width, height)` that the header of an image file states.
@@ -21,8 +23,17 @@ pub(crate) fn dimensions(path: &Path) -> Result<(u32, u32), SceneError> {
 
 /// Decodes a PNG or JPEG, 8 or 16 bits a channel, grey or colour, with or without alpha.
 pub(crate) fn read_rgba(path: &Path) -> Result<RgbaImage, SceneError> {
-    dimensions(path)?;
-    let mut reader = open(path)?;
+    let size = dimensions(path)?;
+    decode(path, open(path)?, size)
+}
+
+/// Decodes the file at `path`, whose header states `size`.
+fn decode(
+    path: &Path,
+    mut reader: ImageReader<impl BufRead + Seek>,
+    size: (u32, u32),
+) -> Result<RgbaImage, SceneError> {
+    check_pixels(path, size)?;
     let mut limits = Limits::default();
     limits.max_image_width = Some(LONGEST_SIDE);
     limits.max_image_height = Some(LONGEST_SIDE);
@@ -35,6 +46,17 @@ pub(crate) fn read_rgba(path: &Path) -> Result<RgbaImage, SceneError> {
         other => other.into_rgba32f().pixels().map(|p| p.0).collect(),
     };
     Ok(RgbaImage { width, height, pixels, has_alpha })
+}
+
+/// The same of bytes in memory; `path` is what errors name.
+pub(crate) fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> {
+    let reader = || {
+        let guessed = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
+        guessed.map_err(|source| SceneError::io(path, source))
+    };
+    let size = reader()?.into_dimensions().map_err(|e| decode_error(path, e))?;
+    check_side(path, size)?;
+    decode(path, reader()?, size)
 }
 
 /// Encodes 8-bit pixels as PNG.
@@ -79,6 +101,15 @@ fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<(), SceneError
             size: u64::from(longest),
             limit: u64::from(LONGEST_SIDE),
         });
+    }
+    Ok(())
+}
+
+/// A header of a few bytes may claim any size: what it claims is checked before it is allocated.
+fn check_pixels(path: &Path, (width, height): (u32, u32)) -> Result<(), SceneError> {
+    let size = u64::from(width) * u64::from(height);
+    if size > MOST_PIXELS {
+        return Err(SceneError::TooLarge { path: path.into(), what: "the number of pixels", size, limit: MOST_PIXELS });
     }
     Ok(())
 }

@@ -4,7 +4,7 @@ mod codec;
 mod resize;
 mod rgba;
 
-pub(crate) use codec::{dimensions, read_rgba};
+pub(crate) use codec::{decode_bytes, dimensions, read_rgba};
 pub use resize::resized_dimensions;
 pub use rgba::{Rgba8, RgbaImage};
 

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat4, Vec3};
 
-use super::json::{JsonFile, Node};
-use super::pose::read_pose;
+use super::json::{JsonFile, Node, PIXELS};
+use super::pose::{FARTHEST, read_pose};
 use crate::{Aabb, Camera, SceneError};
 
 /// Extensions tried, in this order, for a `file_path` without one.
@@ -15,7 +15,7 @@ const DISTORTION: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
 
 /// One image that can be loaded.
 #[derive(Clone, Debug)]
-pub(super) struct Frame {
+pub(crate) struct Frame {
     /// Path within the scene without extension.
     pub name: String,
     /// The image file.
@@ -30,7 +30,7 @@ pub(super) struct Frame {
 
 /// Intrinsics before the image size is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Lens {
+pub(crate) enum Lens {
     /// Horizontal field of view in radians; square pixels, centred principal point.
     Fov(f64),
     /// Focal lengths and principal point in pixels, and the image size that they hold for where it
@@ -61,7 +61,7 @@ impl Frame {
 
 /// What one `transforms*.json` file says.
 #[derive(Debug)]
-pub(super) struct Transforms {
+pub(crate) struct Transforms {
     /// Its images, in the file's order.
     pub frames: Vec<Frame>,
     /// Optional fields `near` and `far`, scene units.
@@ -74,14 +74,18 @@ pub(super) struct Transforms {
 
 /// Names of frames, without extension.
 #[derive(Debug)]
-pub(super) struct Split {
+pub(crate) struct Split {
     pub train: Vec<String>,
     pub test: Vec<String>,
 }
 
 /// Reads a `transforms*.json` file; no image is opened.
 pub(super) fn read_transforms(path: &Path) -> Result<Transforms, SceneError> {
-    let file = JsonFile::read(path)?;
+    transforms(path, &JsonFile::read(path)?)
+}
+
+/// What the parsed file at `path` says.
+pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, SceneError> {
     let root = file.root();
     let expected = "a list of at least one frame";
     let list = root.get("frames", expected)?;
@@ -134,9 +138,14 @@ fn read_lens(root: &Node<'_>, frame: &Node<'_>) -> Result<Lens, SceneError> {
         return Ok(Lens::Fov(angle));
     };
     let expected = "a positive focal length in pixels";
-    let fx = focal_x.positive(expected)?;
-    let fy = find("fl_y").map_or(Ok(fx), |node| node.positive(expected))?;
-    let number = |key| find(key).map(|node| node.number("a position in pixels")).transpose();
+    let fx = focal_x.pixels(expected)?;
+    let fy = find("fl_y").map_or(Ok(fx), |node| node.pixels(expected))?;
+    let position = |node: Node<'_>| {
+        let expected = "a position in pixels";
+        let position = node.number(expected)?;
+        if position.abs() <= *PIXELS.end() { Ok(position) } else { Err(node.error(expected)) }
+    };
+    let number = |key| find(key).map(position).transpose();
     let centre = number("cx")?.zip(number("cy")?).map(|(x, y)| [x, y]);
     let side = |key| find(key).map(|node| read_side(&node)).transpose();
     let size = side("w")?.zip(side("h")?);
@@ -161,7 +170,7 @@ fn read_range(root: &Node<'_>) -> Result<Option<(f32, f32)>, SceneError> {
     if n < 0.0 {
         return Err(near.error("a distance of at least 0"));
     }
-    if n >= f || !f.is_finite() {
+    if n >= f || f64::from(f) > FARTHEST {
         return Err(far.error(format!("a distance beyond `near` = {n}")));
     }
     Ok(Some((n, f)))
@@ -177,7 +186,8 @@ fn read_bounds(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
     };
     let corner = |n: &Node<'_>| n.numbers::<3>(expected).map(|v| Vec3::from(v.map(|c| c as f32)));
     let (min, max) = (corner(min)?, corner(max)?);
-    if !min.cmplt(max).all() || !min.is_finite() || !max.is_finite() {
+    let inside = |corner: Vec3| f64::from(corner.abs().max_element()) <= FARTHEST;
+    if !min.cmplt(max).all() || !inside(min) || !inside(max) {
         return Err(node.fault(expected, format!("{min} and {max}")));
     }
     Ok(Some(Aabb { min, max }))

@@ -1,6 +1,7 @@
 //! JSON files whose every field knows where it is, so that an error can say so.
 
 use std::fs;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use serde_json::Value;
@@ -10,8 +11,11 @@ use crate::SceneError;
 /// The largest file that is read, in bytes.
 const LARGEST: u64 = 256 << 20;
 
+/// Focal lengths and image sides that are taken for meant, in pixels.
+pub(super) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
+
 /// A parsed JSON file.
-pub(super) struct JsonFile {
+pub(crate) struct JsonFile {
     path: PathBuf,
     root: Value,
 }
@@ -28,9 +32,13 @@ impl JsonFile {
             let what = "the size of the JSON file in bytes";
             return Err(SceneError::TooLarge { path: path.into(), what, size, limit: LARGEST });
         }
-        let bytes = fs::read(path).map_err(|e| SceneError::io(path, e))?;
+        Self::parse(path, &fs::read(path).map_err(|e| SceneError::io(path, e))?)
+    }
+
+    /// Parses what the file at `path` holds.
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, SceneError> {
         let root =
-            serde_json::from_slice(&bytes).map_err(|e| SceneError::malformed(path, "JSON with finite numbers", e))?;
+            serde_json::from_slice(bytes).map_err(|e| SceneError::malformed(path, "JSON with finite numbers", e))?;
         Ok(Self { path: path.into(), root })
     }
 
@@ -42,7 +50,7 @@ impl JsonFile {
 
 /// A value in a [`JsonFile`], with its place.
 #[derive(Clone)]
-pub(super) struct Node<'a> {
+pub(crate) struct Node<'a> {
     file: &'a Path,
     field: String,
     value: &'a Value,
@@ -78,6 +86,12 @@ impl<'a> Node<'a> {
     /// A finite number greater than 0.
     pub fn positive(&self, expected: &str) -> Result<f64, SceneError> {
         self.number(expected)?.gt(&0.0).then(|| self.value.as_f64()).flatten().ok_or_else(|| self.error(expected))
+    }
+
+    /// A focal length or image side in pixels, which rays can be computed with.
+    pub fn pixels(&self, expected: &str) -> Result<f64, SceneError> {
+        let value = self.number(expected)?;
+        if PIXELS.contains(&value) { Ok(value) } else { Err(self.error(expected)) }
     }
 
     /// An array of `N` finite numbers.

@@ -8,6 +8,8 @@ use glam::{DMat4, DVec3, DVec4};
 use super::assemble::{Parts, assemble};
 use super::extent::{frusta_bounds, hold_out};
 use super::frames::{Frame, Lens, known_extension};
+use super::json::PIXELS;
+use super::npy::Array;
 use super::{npy, pose};
 use crate::image::dimensions;
 use crate::{Camera, Scene, SceneError, SceneRequest};
@@ -17,7 +19,7 @@ pub(super) const MARKER: &str = "poses_bounds.npy";
 
 /// Numbers a view takes in the file: a 3×5 matrix and two depths.
 const COLUMNS: usize = 17;
-const EXPECTED: &str = "an array [N, 17] of poses and depth bounds";
+pub(super) const EXPECTED: &str = "an array [N, 17] of poses and depth bounds";
 /// The nearest depth of all becomes `1 / NEAREST` after scaling.
 const NEAREST: f64 = 0.75;
 /// Nothing is expected nearer than this share of the nearest depth.
@@ -48,11 +50,7 @@ pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneErr
         Some(first) => dimensions(first)?,
         None => (1, 1),
     };
-    let nearest = rows.iter().map(|r| r.near).fold(f64::INFINITY, f64::min);
-    let farthest = rows.iter().map(|r| r.far).fold(0.0, f64::max);
-    let scale = 1.0 / (NEAREST * nearest);
-    let poses = recentre(rows.iter().map(|r| scaled(r.pose, scale)).collect());
-
+    let (poses, range) = placed(&dir.join(MARKER), &rows)?;
     let frames: Vec<Frame> = rows
         .iter()
         .zip(poses)
@@ -69,7 +67,6 @@ pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneErr
             },
         })
         .collect();
-    let range = (MARGIN * (nearest * scale) as f32, (farthest * scale) as f32);
     let cameras: Vec<Camera> = frames.iter().map(|f| f.camera(width, height)).collect();
     let bounds = frusta_bounds(&cameras, range.0, range.1)
         .ok_or_else(|| SceneError::malformed(&dir.join(MARKER), EXPECTED, "no finite bounds"))?;
@@ -78,7 +75,7 @@ pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneErr
 }
 
 /// One row of the file, with its pose in OpenGL's convention.
-struct Row {
+pub(super) struct Row {
     pose: DMat4,
     height: f64,
     width: f64,
@@ -88,7 +85,11 @@ struct Row {
 }
 
 fn read_rows(path: &Path) -> Result<Vec<Row>, SceneError> {
-    let array = npy::read(path, EXPECTED)?;
+    rows(path, npy::read(path, EXPECTED)?)
+}
+
+/// The rows of the array in the file at `path`.
+pub(super) fn rows(path: &Path, array: Array<f64>) -> Result<Vec<Row>, SceneError> {
     if array.shape.len() != 2 || array.shape.get(1) != Some(&(COLUMNS as u64)) {
         return Err(SceneError::malformed(path, EXPECTED, format!("shape {:?}", array.shape)));
     }
@@ -130,13 +131,32 @@ fn read_row(path: &Path, index: usize, row: &[f64]) -> Result<Row, SceneError> {
         return Err(fault("0..15", "a 3×5 matrix with a rigid pose", found));
     }
     let size = [height, width, focal];
-    if size.iter().any(|v| !v.is_finite() || *v <= 0.0) {
+    if !size.iter().all(|side| PIXELS.contains(side)) {
         return Err(fault("4, 9, 14", "positive height, width and focal length", format!("{size:?}")));
     }
     if !(near.is_finite() && far.is_finite() && 0.0 < near && near < far) {
         return Err(fault("15..17", "depths 0 < near < far", format!("{near} and {far}")));
     }
     Ok(Row { pose, height, width, focal, near, far })
+}
+
+/// Poses scaled and recentred, with near and far.
+///
+/// # Errors
+/// The depths are so small, or so different, that the scene would not fit.
+pub(super) fn placed(path: &Path, rows: &[Row]) -> Result<(Vec<DMat4>, (f32, f32)), SceneError> {
+    let nearest = rows.iter().map(|r| r.near).fold(f64::INFINITY, f64::min);
+    let farthest = rows.iter().map(|r| r.far).fold(0.0, f64::max);
+    let scale = 1.0 / (NEAREST * nearest);
+    let poses: Vec<DMat4> = recentre(rows.iter().map(|r| scaled(r.pose, scale)).collect());
+    let far = farthest * scale;
+    if let Some(found) = poses.iter().find_map(pose::fault) {
+        return Err(SceneError::malformed(path, EXPECTED, format!("scaled to its nearest depth {nearest:e}, {found}")));
+    }
+    if far > pose::FARTHEST {
+        return Err(SceneError::malformed(path, EXPECTED, format!("depths from {nearest:e} to {farthest:e}")));
+    }
+    Ok((poses, (MARGIN * (nearest * scale) as f32, far as f32)))
 }
 
 fn scaled(mut pose: DMat4, scale: f64) -> DMat4 {

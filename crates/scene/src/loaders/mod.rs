@@ -5,6 +5,7 @@ mod blender;
 mod depth;
 mod extent;
 mod frames;
+pub mod fuzzing;
 mod json;
 mod llff;
 mod nerfstudio;

@@ -1,7 +1,7 @@
 //! Bounded reading of `.npy` arrays.
 
 use std::fs::{self, File};
-use std::io::{BufReader, BufWriter, Write};
+use std::io::{self, BufReader, BufWriter, Cursor, Read, Write};
 use std::path::Path;
 
 use npyz::{Deserialize, NpyFile, Order, TypeChar, WriterBuilder};
@@ -11,8 +11,13 @@ use crate::SceneError;
 /// The largest file that is read, in bytes.
 const LARGEST: u64 = 1 << 30;
 
+/// The longest header that is read, in bytes: NumPy's takes 118 for an array of numbers.
+const LONGEST_HEADER: usize = 1024;
+/// Opening brackets in a header: an array of numbers has a dictionary and the tuple of its shape.
+const MOST_BRACKETS: usize = 4;
+
 /// A row-major array with its shape.
-pub(super) struct Array<T> {
+pub(crate) struct Array<T> {
     pub shape: Vec<u64>,
     pub values: Vec<T>,
 }
@@ -27,9 +32,15 @@ pub(super) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError
         let what = "the size of the array file in bytes";
         return Err(SceneError::TooLarge { path: path.into(), what, size, limit: LARGEST });
     }
-    let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
     let file = File::open(path).map_err(|e| SceneError::io(path, e))?;
-    let npy = NpyFile::new(BufReader::new(file)).map_err(|e| fault(&e))?;
+    decode(path, BufReader::new(file), size, expected)
+}
+
+/// Decodes the file at `path`, which has `size` bytes.
+pub(crate) fn decode(path: &Path, mut file: impl Read, size: u64, expected: &str) -> Result<Array<f64>, SceneError> {
+    let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
+    let header = header(&mut file).map_err(|e| fault(&e))?;
+    let npy = NpyFile::new(header.chain(file)).map_err(|e| fault(&e))?;
     let shape = npy.shape().to_vec();
     // The header's shape may claim anything; the file's length bounds what is allocated.
     let claimed = shape.iter().try_fold(1u64, |n, &side| n.checked_mul(side));
@@ -48,8 +59,34 @@ pub(super) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError
     Ok(Array { shape, values: values.map_err(|e| fault(&e))? })
 }
 
-fn collect<T: Deserialize + Into<f64>>(npy: NpyFile<BufReader<File>>) -> std::io::Result<Vec<f64>> {
-    let values = npy.data::<T>().map_err(std::io::Error::other)?;
+/// Everything before the numbers, if it is as short and plain as the header of an array of numbers is.
+///
+/// The parser's time is exponential in how deeply brackets nest, and it allocates whatever length the header claims: a
+/// file of 160 bytes could keep it busy for hours.
+fn header(file: &mut impl Read) -> io::Result<Cursor<Vec<u8>>> {
+    // Magic number and version, then the text's length: 2 bytes in version 1, 4 from version 2.
+    let mut header = vec![0; 8];
+    file.read_exact(&mut header)?;
+    let mut length = [0; 4];
+    let width = if header[6] == 1 { 2 } else { 4 };
+    file.read_exact(&mut length[..width])?;
+    header.extend(&length[..width]);
+    let length = u32::from_le_bytes(length) as usize;
+    if length > LONGEST_HEADER {
+        return Err(io::Error::other(format!("a header of {length} bytes, more than {LONGEST_HEADER}")));
+    }
+    let start = header.len();
+    header.resize(start + length, 0);
+    file.read_exact(&mut header[start..])?;
+    let brackets = header[start..].iter().filter(|byte| b"([{".contains(byte)).count();
+    if brackets > MOST_BRACKETS {
+        return Err(io::Error::other(format!("a header with {brackets} brackets, more than {MOST_BRACKETS}")));
+    }
+    Ok(Cursor::new(header))
+}
+
+fn collect<T: Deserialize + Into<f64>>(npy: NpyFile<impl Read>) -> io::Result<Vec<f64>> {
+    let values = npy.data::<T>().map_err(io::Error::other)?;
     values.map(|v| v.map(Into::into)).collect()
 }
 
@@ -83,6 +120,12 @@ mod tests {
             let text = read(&path, "numbers").err().unwrap().to_string();
             assert!(text.contains("a.npy: expected numbers"), "{keep}: {text}");
         }
+        // Nested so deeply that the parser would not come back.
+        let nested = whole[..10].iter().copied().chain([b'{'; 118]).collect::<Vec<u8>>();
+        fs::write(&path, nested).unwrap();
+        let text = read(&path, "numbers").err().unwrap().to_string();
+        assert!(text.contains("118 brackets"), "{text}");
+
         let claim = String::from_utf8_lossy(&whole).replace("(2, 3", "(9, 9");
         fs::write(&path, claim.as_bytes()).unwrap();
         assert!(read(&path, "numbers").is_err());

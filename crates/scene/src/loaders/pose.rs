@@ -8,13 +8,15 @@ use crate::SceneError;
 /// How far `RᵀR` may be from the identity in any element: rounding to 4 digits passes, a scale of
 /// 1.001 does not.
 const TOLERANCE: f64 = 1e-3;
+/// The farthest from the origin that anything may lie, scene units: beyond it `f32` has no digits left for a scene.
+pub(super) const FARTHEST: f64 = 1e9;
 const EXPECTED: &str = "a 4×4 rigid camera-to-world matrix (rotation and translation)";
 
 /// Reads a 4×4 matrix given as rows and checks that it is a rigid transform.
 ///
 /// # Errors
-/// The matrix is not 4×4, not finite, singular, mirrored, scaled or sheared, or its last row is
-/// not 0 0 0 1.
+/// The matrix is not 4×4, not finite, singular, mirrored, scaled or sheared, its last row is
+/// not 0 0 0 1, or it is farther than [`FARTHEST`] from the origin.
 pub(super) fn read_pose(node: &Node<'_>) -> Result<DMat4, SceneError> {
     let rows = node.items(EXPECTED)?;
     if rows.len() != 4 {
@@ -39,6 +41,10 @@ pub(super) fn fault(pose: &DMat4) -> Option<String> {
     let last = pose.row(3);
     if !last.abs_diff_eq(glam::DVec4::W, TOLERANCE) {
         return Some(format!("last row {:?}", last.to_array()));
+    }
+    let position = pose.w_axis.truncate();
+    if position.abs().max_element() > FARTHEST {
+        return Some(format!("a position more than {FARTHEST:e} units from the origin"));
     }
     let rotation = DMat3::from_mat4(*pose);
     let determinant = rotation.determinant();

@@ -1,4 +1,4 @@
-//! `infonerf bench`: how fast, and what speed costs.
+//! `infonerf bench`: how fast, what speed costs, and how exact under stress.
 //!
 //! Each benchmark is one file with one function that measures, prints a table, and writes `results.json` and pictures.
 
@@ -11,6 +11,8 @@ mod render;
 mod scale;
 mod skip;
 mod step;
+mod stress;
+mod training;
 mod trial;
 
 use std::process::ExitCode;
@@ -24,14 +26,17 @@ use context::Bench;
 pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
     let bench = Bench::new(args)?;
     println!("{bench}");
+    let mut holds = true;
     match args.name {
-        BenchName::Pareto => pareto::run(&bench, args),
-        BenchName::Skip => skip::run(&bench, args),
-        BenchName::Step => step::run(&bench, args),
-        BenchName::Scale => scale::run(&bench, args),
-        BenchName::Render => render::run(&bench, args),
-        BenchName::Ops => ops::run(&bench, args),
-    }?;
+        BenchName::Pareto => pareto::run(&bench, args)?,
+        BenchName::Skip => skip::run(&bench, args)?,
+        BenchName::Step => step::run(&bench, args)?,
+        BenchName::Scale => scale::run(&bench, args)?,
+        BenchName::Render => render::run(&bench, args)?,
+        BenchName::Ops => ops::run(&bench, args)?,
+        BenchName::Stress => holds = stress::run(&bench, args)?,
+        BenchName::StressTraining => holds = training::run(&bench, args)?,
+    }
     println!("\nresults: {}", bench.folder.display());
-    Ok(ExitCode::SUCCESS)
+    Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

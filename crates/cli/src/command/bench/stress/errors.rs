@@ -1,0 +1,65 @@
+//! How far numbers are from what they should be.
+
+use serde::Serialize;
+
+/// Results below this are not asked for their digits.
+const FLOOR: f64 = 1e-20;
+
+/// Errors of one quantity.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(super) struct Errors {
+    /// Values and gradients looked at.
+    pub(super) numbers: u64,
+    /// Of those, NaN and ±∞.
+    pub(super) non_finite: u64,
+    /// Largest |got − want|/|want|.
+    pub(super) value: f64,
+    /// Largest |got − want| over the largest |want| of the same ray or table.
+    pub(super) gradient: f64,
+}
+
+impl Errors {
+    /// A value that should be `want`.
+    pub(super) fn value(&mut self, got: f32, want: f64) {
+        self.numbers += 1;
+        if !got.is_finite() {
+            self.non_finite += 1;
+        } else if want.abs() > FLOOR {
+            self.value = self.value.max((f64::from(got) - want).abs() / want.abs());
+        }
+    }
+
+    /// Gradients that should be `want`; those of which `undefined` says that there is none need only be finite.
+    pub(super) fn gradient(&mut self, got: &[f32], want: &[f64], undefined: impl Fn(usize) -> bool) {
+        self.numbers += got.len() as u64;
+        self.non_finite += got.iter().filter(|got| !got.is_finite()).count() as u64;
+        let defined = || got.iter().zip(want).enumerate().filter(|(i, (got, _))| got.is_finite() && !undefined(*i));
+        let largest = defined().map(|(_, (_, want))| want.abs()).fold(0.0, f64::max);
+        if largest > FLOOR {
+            let error = |(_, (got, want)): (usize, (&f32, &f64))| (f64::from(*got) - want).abs() / largest;
+            self.gradient = defined().map(error).fold(self.gradient, f64::max);
+        }
+    }
+
+    pub(super) fn merge(&mut self, other: &Self) {
+        self.numbers += other.numbers;
+        self.non_finite += other.non_finite;
+        self.value = self.value.max(other.value);
+        self.gradient = self.gradient.max(other.gradient);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_are_relative_and_the_undefined_is_left_out() {
+        let mut errors = Errors::default();
+        errors.value(1.5, 1.0);
+        errors.value(7.0, 1e-21);
+        errors.value(f32::NAN, 1.0);
+        errors.gradient(&[2.0, 0.5, 9.0, f32::INFINITY], &[1.0, 4.0, 1.0, 1.0], |i| i == 2);
+        assert_eq!(errors, Errors { numbers: 7, non_finite: 2, value: 0.5, gradient: 3.5 / 4.0 });
+    }
+}

@@ -1,0 +1,159 @@
+//! Rays that are hard on a renderer: each family is one way of being extreme.
+
+use fastrand::Rng;
+
+/// A way of being extreme.
+pub(super) struct Family {
+    pub(super) name: &'static str,
+    /// Share of the rays asked for: long rays are fewer.
+    pub(super) share: f64,
+    /// The optical depths of one ray.
+    pub(super) draw: fn(&mut Rng) -> Vec<f32>,
+}
+
+const fn family(name: &'static str, draw: fn(&mut Rng) -> Vec<f32>) -> Family {
+    Family { name, share: 1.0, draw }
+}
+
+/// Samples of a ray of the usual kind.
+const LONGEST: usize = 48;
+/// Samples of the longest rays.
+const VERY_LONG: usize = 4096;
+
+pub(super) const FAMILIES: [Family; 16] = [
+    family("everyday, 1e-6 to 100", |rng| many(rng, everyday)),
+    family("empty", |rng| many(rng, |_| 0.0)),
+    family("subnormal, to 1e-38", |rng| many(rng, |rng| log_uniform(rng, -44.9, -38.0))),
+    family("thin, 1e-38 to 1e-12", |rng| many(rng, |rng| log_uniform(rng, -38.0, -12.0))),
+    family("all sizes, 1e-38 to 1e38", |rng| many(rng, |rng| log_uniform(rng, -38.0, 38.0))),
+    family("near infinity", |rng| {
+        many(rng, |rng| match rng.u8(0..4) {
+            0 => f32::MAX,
+            1 => f32::INFINITY,
+            2 => log_uniform(rng, 37.0, 38.0),
+            _ => everyday(rng),
+        })
+    }),
+    family("one opaque, first", |rng| one_opaque(rng, |_, _| 0)),
+    family("one opaque, between", |rng| one_opaque(rng, |rng, n| rng.usize(0..n))),
+    family("one opaque, last", |rng| one_opaque(rng, |_, n| n - 1)),
+    family("one opaque, nothing else", |rng| {
+        let mut ray = many(rng, |_| 0.0);
+        let at = rng.usize(0..ray.len());
+        ray[at] = log_uniform(rng, -6.0, 30.0);
+        ray
+    }),
+    family("coincident samples (0)", |rng| many(rng, |rng| if rng.bool() { 0.0 } else { everyday(rng) })),
+    family("last interval 1e10", |rng| {
+        let mut ray = many(rng, everyday);
+        ray.push(1e10 * log_uniform(rng, -30.0, 2.0));
+        ray
+    }),
+    family("nearly uniform", |rng| {
+        let even = log_uniform(rng, -9.0, 1.0);
+        many(rng, |rng| even * (1.0 + 1e-6 * (rng.f32() - 0.5)))
+    }),
+    family("uniform", |rng| {
+        let even = log_uniform(rng, -9.0, 1.5);
+        many(rng, |_| even)
+    }),
+    family("one sample", |rng| vec![log_uniform(rng, -38.0, 38.0)]),
+    Family { name: "4096 samples", share: 0.002, draw: very_long },
+];
+
+/// 10 to a power that is uniform between two.
+pub(super) fn log_uniform(rng: &mut Rng, low: f64, high: f64) -> f32 {
+    10f64.powf(low + (high - low) * rng.f64()) as f32
+}
+
+pub(super) fn everyday(rng: &mut Rng) -> f32 {
+    log_uniform(rng, -6.0, 2.0)
+}
+
+fn many(rng: &mut Rng, mut draw: impl FnMut(&mut Rng) -> f32) -> Vec<f32> {
+    let count = rng.usize(1..=LONGEST);
+    (0..count).map(|_| draw(rng)).collect()
+}
+
+fn one_opaque(rng: &mut Rng, place: fn(&mut Rng, usize) -> usize) -> Vec<f32> {
+    let least = -38.0 * rng.f64();
+    let mut ray = many(rng, |rng| log_uniform(rng, least, least + 1.0));
+    let at = place(rng, ray.len());
+    ray[at] = log_uniform(rng, 1.0, 30.0);
+    ray
+}
+
+/// Constant density, one that falls exponentially, or any.
+fn very_long(rng: &mut Rng) -> Vec<f32> {
+    let (kind, total) = (rng.u8(0..3), log_uniform(rng, -3.0, 1.6));
+    let draw = |i: usize| match kind {
+        0 => total / VERY_LONG as f32,
+        1 => total * 8.0 / VERY_LONG as f32 * (-8.0 * i as f32 / VERY_LONG as f32).exp(),
+        _ => log_uniform(rng, -8.0, -3.0),
+    };
+    (0..VERY_LONG).map(draw).collect()
+}
+
+/// How a ray and its neighbour go together.
+pub(super) struct Relation {
+    pub(super) name: &'static str,
+    /// Both rays, of one length.
+    pub(super) draw: fn(&mut Rng) -> (Vec<f32>, Vec<f32>),
+}
+
+pub(super) const RELATIONS: [Relation; 8] = [
+    Relation {
+        name: "equal",
+        draw: |rng| {
+            let ray = many(rng, everyday);
+            (ray.clone(), ray)
+        },
+    },
+    Relation {
+        name: "nearly equal",
+        draw: |rng| {
+            let spread = log_uniform(rng, -7.0, -2.0);
+            pair(rng, everyday, |rng, tau| tau * (1.0 + spread * (rng.f32() - 0.5)))
+        },
+    },
+    Relation { name: "independent", draw: |rng| pair(rng, everyday, |rng, _| everyday(rng)) },
+    Relation {
+        name: "all sizes",
+        draw: |rng| pair(rng, |rng| log_uniform(rng, -38.0, 38.0), |rng, _| log_uniform(rng, -38.0, 38.0)),
+    },
+    Relation { name: "disjoint", draw: |rng| disjoint(rng, 0.0) },
+    Relation { name: "disjoint and thin", draw: |rng| disjoint(rng, -25.0) },
+    Relation { name: "neighbour empty", draw: |rng| pair(rng, everyday, |_, _| 0.0) },
+    Relation {
+        name: "opaque elsewhere",
+        draw: |rng| {
+            let (mut ray, mut near) = pair(rng, |rng| log_uniform(rng, -12.0, -3.0), |_, tau| tau);
+            let (a, b) = (rng.usize(0..ray.len()), rng.usize(0..ray.len()));
+            ray[a] = log_uniform(rng, 1.0, 30.0);
+            near[b] = log_uniform(rng, 1.0, 30.0);
+            (ray, near)
+        },
+    },
+];
+
+fn pair(
+    rng: &mut Rng,
+    draw: impl FnMut(&mut Rng) -> f32,
+    mut near: impl FnMut(&mut Rng, f32) -> f32,
+) -> (Vec<f32>, Vec<f32>) {
+    let ray = many(rng, draw);
+    let near = ray.iter().map(|&tau| near(rng, tau)).collect();
+    (ray, near)
+}
+
+/// Where one ray has something, the other has nothing.
+fn disjoint(rng: &mut Rng, power: f64) -> (Vec<f32>, Vec<f32>) {
+    let (mut ray, mut near) = (many(rng, |_| 0.0), Vec::new());
+    for tau in &mut ray {
+        let drawn = log_uniform(rng, power - 3.0, power + 1.0);
+        let mine = rng.bool();
+        *tau = if mine { drawn } else { 0.0 };
+        near.push(if mine { 0.0 } else { drawn });
+    }
+    (ray, near)
+}

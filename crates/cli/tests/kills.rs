@@ -1,0 +1,163 @@
+//! Runs that are killed, starved of disk or of memory, or run twice at once: they go on to the unbroken run's numbers, or
+//! say in one line what is wrong.
+//!
+//! `INFONERF_KILLS=50 cargo test --release --workspace --test kills -- --nocapture` is the long form.
+
+#![cfg(unix)]
+
+mod common;
+
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use common::{Workplace, events, records, text, without_times};
+use serde_json::Value;
+
+/// A checkpoint after every step: most of the run's life is spent writing.
+const RUN: [&str; 12] = [
+    "exp",
+    "synthetic-4view",
+    "--scene",
+    "knot",
+    "--variant",
+    "infonerf",
+    "--set",
+    "train.iterations=120",
+    "--set",
+    "train.checkpoint_every=1",
+    "--set",
+    "loss.gain.weight=1e-3",
+];
+const FOLDER: &str = "synthetic-4view/knot/infonerf/seed0";
+
+/// All that a run leaves in numbers: its records and the log of its steps.
+fn numbers(place: &Workplace, out: &str) -> (Vec<Value>, Vec<Value>) {
+    (without_times(&records(&place.path(out).join("synthetic-4view"))), events(&place.path(out).join(FOLDER)))
+}
+
+fn command(place: &Workplace, args: &[&str]) -> Command {
+    let mut command = place.tiny(&RUN).args(args).into_command();
+    command.stdout(Stdio::null()).stderr(Stdio::null());
+    command
+}
+
+#[test]
+fn killed_runs_go_on_to_the_same_numbers() {
+    let wanted: usize = std::env::var("INFONERF_KILLS").map_or(10, |kills| kills.parse().expect("a number"));
+    let place = Workplace::new();
+    let start = Instant::now();
+    place.tiny(&RUN).args(&["--out", "unbroken"]).succeeds();
+    let (unbroken, life) = (numbers(&place, "unbroken"), start.elapsed());
+    let mut rng = fastrand::Rng::with_seed(4);
+    let (mut kills, mut while_writing, mut runs) = (0, 0, 0);
+    while kills < wanted {
+        let out = format!("run{runs}");
+        let mut args = vec!["--out", out.as_str()];
+        loop {
+            let mut child = command(&place, &args).spawn().unwrap();
+            // The last run of all is let live.
+            let end = (kills < wanted).then(|| Instant::now() + life.mul_f64(rng.f64()));
+            let ended = loop {
+                if let Some(status) = child.try_wait().unwrap() {
+                    break Some(status);
+                }
+                if end.is_some_and(|end| Instant::now() >= end) {
+                    break None;
+                }
+                std::thread::sleep(Duration::from_millis(1));
+            };
+            if let Some(status) = ended {
+                assert!(status.success(), "after {kills} kills: {status}");
+                break;
+            }
+            child.kill().unwrap();
+            child.wait().unwrap();
+            kills += 1;
+            while_writing += usize::from(place.path(&out).join(FOLDER).join("checkpoint.writing").exists());
+            args = vec!["--out", out.as_str(), "--resume"];
+        }
+        assert_eq!(unbroken, numbers(&place, &out), "{out}, after {kills} kills in all");
+        runs += 1;
+    }
+    println!(
+        "{kills} kills, {while_writing} of them while a checkpoint was written: {runs} of {runs} runs ended at the unbroken run's numbers"
+    );
+}
+
+/// Files may not grow beyond a limit, as on a full disk: one line that names the file, and what was saved before serves.
+#[test]
+fn a_full_disk_is_told_of_and_does_no_harm() {
+    let place = Workplace::new();
+    place.tiny(&RUN).args(&["--out", "unbroken"]).succeeds();
+    let unbroken = numbers(&place, "unbroken");
+    for blocks in [0, 2, 8, 32] {
+        let out = format!("full{blocks}");
+        let run = command(&place, &["--out", &out]);
+        let limits = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
+        let output = Command::new("bash")
+            .args(["-c", &limits, "bash"])
+            .arg(run.get_program())
+            .args(run.get_args())
+            .current_dir(run.get_current_dir().unwrap())
+            .output()
+            .unwrap();
+        let stderr = text(&output.stderr);
+        if !output.status.success() {
+            assert_eq!(output.status.code(), Some(2), "{blocks} blocks: {stderr}");
+            assert_eq!(stderr.lines().count(), 1, "{blocks} blocks: {stderr}");
+            assert!(stderr.starts_with("error: ") && stderr.contains("too large"), "{blocks} blocks: {stderr}");
+        }
+        assert!(!output.status.success() || blocks == 32, "{blocks} blocks were enough");
+        place.tiny(&RUN).args(&["--out", &out, "--resume"]).succeeds();
+        assert_eq!(unbroken, numbers(&place, &out), "{blocks} blocks");
+    }
+}
+
+#[test]
+fn results_that_cannot_be_written_are_told_of() {
+    let place = Workplace::new();
+    std::fs::write(place.path("file"), "").unwrap();
+    place.tiny(&RUN).args(&["--out", "file/runs"]).fails_with(&["file/runs"]);
+    if cfg!(target_os = "linux") {
+        place.tiny(&RUN).args(&["--out", "/proc/runs"]).fails_with(&["/proc/runs"]);
+    }
+}
+
+#[test]
+fn two_runs_in_one_folder() {
+    let place = Workplace::new();
+    let mut first = command(&place, &["--set", "train.iterations=100000"]).spawn().unwrap();
+    let sign = place.path("runs").join(FOLDER).join("checkpoint/manifest.json");
+    let patience = Instant::now();
+    while !sign.exists() {
+        assert!(patience.elapsed() < Duration::from_secs(60), "no checkpoint in a minute");
+        std::thread::sleep(Duration::from_millis(3));
+    }
+    place.tiny(&RUN).fails_with(&["another process is at work on this run", FOLDER]);
+    place.tiny(&RUN).args(&["--resume"]).fails_with(&["another process is at work on this run"]);
+    first.kill().unwrap();
+    first.wait().unwrap();
+}
+
+/// Terabytes of activations are refused before anything is allocated.
+#[cfg(target_os = "linux")]
+#[test]
+fn what_cannot_fit_into_memory_is_refused() {
+    let place = Workplace::new();
+    let field = "field={kind=\"nerf\",layers=64,width=4096,skip=1,position_octaves=4,direction_octaves=2,density=\"relu\",anneal=0.0}";
+    let args = ["--set", field, "--set", "train.samples=0", "--set", "train.rays=65536"];
+    place.tiny(&RUN).args(&args).fails_with(&["train.rays and render.samples", "GiB", "available"]);
+}
+
+/// Bit equality, not a tolerance: the number of threads changes who computes, not what.
+#[test]
+fn the_number_of_threads_changes_no_number() {
+    let place = Workplace::new();
+    for threads in ["1", "2", "3"] {
+        let run = place.tiny(&RUN).args(&["--set", "train.iterations=20", "--out", threads]);
+        let output = run.into_command().env("RAYON_NUM_THREADS", threads).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    }
+    assert_eq!(numbers(&place, "1"), numbers(&place, "2"));
+    assert_eq!(numbers(&place, "1"), numbers(&place, "3"));
+}

@@ -1,0 +1,40 @@
+//! The stress benchmarks, in small: bounds hold, and every number is finite.
+
+mod common;
+
+use std::fs;
+
+use common::{Workplace, text};
+use serde_json::Value;
+
+fn results(place: &Workplace, name: &str) -> Value {
+    serde_json::from_str(&fs::read_to_string(place.path("runs/bench").join(name).join("results.json")).unwrap())
+        .unwrap()
+}
+
+#[test]
+fn every_operation_holds_its_bounds() {
+    let place = Workplace::new();
+    let said = text(&place.run(&["bench", "stress", "--rays", "400"]).succeeds().stdout);
+    assert!(said.contains("flex:") && said.contains("ndarray:"), "{said}");
+    let results = results(&place, "stress");
+    assert_eq!(results["non_finite"], 0);
+    let rows = results["rows"].as_array().unwrap();
+    assert!(rows.iter().all(|row| row["holds"] == true), "{said}");
+    // An exception says why, and is one of few.
+    let exceptions = rows.iter().filter(|row| !row["exception"].is_null()).count();
+    assert!(exceptions * 20 < rows.len(), "{exceptions} of {}", rows.len());
+    for picture in ["compositing-value-flex", "compositing-gradient-ndarray", "gain-value-ndarray"] {
+        let path = place.path("runs/bench/stress").join(picture).with_extension("svg");
+        assert!(fs::read_to_string(path).unwrap().contains("<svg"));
+    }
+}
+
+#[test]
+fn every_setting_trains() {
+    let place = Workplace::new();
+    place.run(&["bench", "stress-training", "--seeds", "1", "--steps", "3"]).succeeds();
+    for row in results(&place, "stress-training")["rows"].as_array().unwrap() {
+        assert_eq!((&row["stopped"], &row["not_finite"], &row["missed"]), (&0.into(), &0.into(), &0.into()), "{row}");
+    }
+}

@@ -1,0 +1,199 @@
+//! The field in `f64`, one sample at a time: the oracle of the fused kernel and of the plain body.
+
+use super::Query;
+use super::layout::{Layout, Level, OUTPUTS, PLANES};
+
+/// Density and colour of every sample, as [`factored_field`](super::factored_field) has them.
+pub fn value(tables: &[f64], weights: &[f64], layout: &Layout, query: &Query) -> Vec<f64> {
+    let field = Field { tables, weights, layout, query };
+    (0..query.positions.len() / 3).flat_map(|sample| field.outputs(sample, &field.trace(sample))).collect()
+}
+
+/// The gradients of ⟨`grad`, output⟩ with respect to `tables` and `weights`.
+pub fn gradient(tables: &[f64], weights: &[f64], layout: &Layout, query: &Query, grad: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let field = Field { tables, weights, layout, query };
+    let (mut dtables, mut dweights) = (vec![0.0; tables.len()], vec![0.0; weights.len()]);
+    for (sample, grad) in grad.chunks_exact(if query.color { OUTPUTS } else { 1 }).enumerate() {
+        let trace = field.trace(sample);
+        let dx = field.mlp_gradient(&trace, field.raw_gradient(sample, &trace, grad), &mut dweights);
+        field.table_gradient(sample, &dx, &mut dtables);
+    }
+    (dtables, dweights)
+}
+
+struct Field<'a> {
+    tables: &'a [f64],
+    weights: &'a [f64],
+    layout: &'a Layout,
+    query: &'a Query,
+}
+
+/// What an interpolation adds up: places in the tables with their weights.
+type Terms = Vec<(usize, f64)>;
+
+impl Field<'_> {
+    fn position(&self, sample: usize, axis: usize) -> f64 {
+        f64::from(self.query.positions[3 * sample + axis])
+    }
+
+    /// The two texels about a coordinate, with their weights.
+    fn texels(&self, sample: usize, axis: usize, resolution: usize) -> [(usize, f64); 2] {
+        let last = (resolution - 1) as f64;
+        let v = (self.position(sample, axis) * resolution as f64 - 0.5).min(last - 1e-3).max(0.0);
+        [(v as usize, 1.0 - v.fract()), (v as usize + 1, v.fract())]
+    }
+
+    /// Terms of feature `k` of plane `p`, and of its line.
+    fn terms(&self, sample: usize, level: &Level, p: usize, k: usize) -> (Terms, Terms) {
+        let [a, b, c] = PLANES[p].map(|axis| self.texels(sample, axis, level.resolution));
+        let place = |j: usize, i: usize| level.plane(p) + (j * level.resolution + i) * level.channels + k;
+        let plane = b.into_iter().flat_map(|(j, v)| a.map(|(i, u)| (place(j, i), u * v))).collect();
+        let line = c.into_iter().map(|(i, w)| (level.line(p) + i * level.channels + k, w)).collect();
+        (plane, line)
+    }
+
+    fn interpolate(&self, terms: &Terms) -> f64 {
+        terms.iter().map(|&(at, weight)| weight * self.tables[at]).sum()
+    }
+
+    /// Every level with its weight, plane and feature: the place in the MLP's input and the terms that it is made of.
+    fn features(&self, sample: usize) -> impl Iterator<Item = (usize, f64, Terms, Terms)> + '_ {
+        let levels = self.layout.levels.iter().zip(&self.query.level_weights);
+        levels.flat_map(move |(level, &weight)| {
+            (0..3 * level.channels).map(move |f| {
+                let (plane, line) = self.terms(sample, level, f / level.channels, f % level.channels);
+                (level.feature + f, f64::from(weight), plane, line)
+            })
+        })
+    }
+
+    /// The MLP's input and the output of each of its layers, the last one raw.
+    fn trace(&self, sample: usize) -> Vec<Vec<f64>> {
+        let mut x = vec![0.0; self.layout.features()];
+        for axis in 0..3 {
+            let u = self.position(sample, axis);
+            x[axis] = 2.0 * u - 1.0;
+            for (octave, &weight) in self.query.octave_weights.iter().enumerate() {
+                let phase = (1u64 << octave) as f64 * std::f64::consts::PI * (u - 0.5);
+                x[3 + 6 * octave + 2 * axis] = f64::from(weight) * phase.sin();
+                x[4 + 6 * octave + 2 * axis] = f64::from(weight) * phase.cos();
+            }
+        }
+        for (at, weight, plane, line) in self.features(sample) {
+            x[at] = weight * self.interpolate(&plane) * self.interpolate(&line);
+        }
+        let mut trace = vec![x];
+        for (index, layer) in self.layout.layers.iter().enumerate() {
+            let x = &trace[index];
+            let row = |o: usize| {
+                let w = &self.weights[layer.weight + o * layer.inputs..][..layer.inputs];
+                let sum = self.weights[layer.bias() + o] + w.iter().zip(x).map(|(w, x)| w * x).sum::<f64>();
+                if index + 1 < self.layout.layers.len() { sum.max(0.0) } else { sum }
+            };
+            let y = (0..layer.outputs).map(row).collect();
+            trace.push(y);
+        }
+        trace
+    }
+
+    /// Factor of each raw number in the colour: 1, or a component of the view direction.
+    fn direction(&self, sample: usize, axis: usize) -> f64 {
+        f64::from(self.query.directions[3 * sample + axis])
+    }
+
+    fn raw_color(&self, sample: usize, raw: &[f64], channel: usize) -> f64 {
+        let slopes = if self.layout.view_dependent { 0..3 } else { 0..0 };
+        raw[1 + channel] + slopes.map(|axis| raw[4 + 3 * channel + axis] * self.direction(sample, axis)).sum::<f64>()
+    }
+
+    fn outputs(&self, sample: usize, trace: &[Vec<f64>]) -> Vec<f64> {
+        let raw = &trace[trace.len() - 1];
+        let x = raw[0] + f64::from(self.layout.density_bias);
+        let mut out = vec![f64::from(self.layout.density_scale) * (x.max(0.0) + (-x.abs()).exp().ln_1p())];
+        if self.query.color {
+            out.extend((0..3).map(|channel| sigmoid(self.raw_color(sample, raw, channel))));
+        }
+        out
+    }
+
+    fn raw_gradient(&self, sample: usize, trace: &[Vec<f64>], grad: &[f64]) -> Vec<f64> {
+        let raw = &trace[trace.len() - 1];
+        let mut draw = vec![0.0; raw.len()];
+        let slope = sigmoid(raw[0] + f64::from(self.layout.density_bias));
+        draw[0] = grad[0] * f64::from(self.layout.density_scale) * slope;
+        for (channel, g) in grad[1..].iter().enumerate() {
+            let x = self.raw_color(sample, raw, channel);
+            let d = g * sigmoid(x) * sigmoid(-x);
+            draw[1 + channel] = d;
+            if self.layout.view_dependent {
+                for axis in 0..3 {
+                    draw[4 + 3 * channel + axis] = d * self.direction(sample, axis);
+                }
+            }
+        }
+        draw
+    }
+
+    /// Adds to `dweights`, and returns the gradient of the MLP's input.
+    fn mlp_gradient(&self, trace: &[Vec<f64>], mut dy: Vec<f64>, dweights: &mut [f64]) -> Vec<f64> {
+        for (index, layer) in self.layout.layers.iter().enumerate().rev() {
+            if index + 1 < self.layout.layers.len() {
+                for (d, y) in dy.iter_mut().zip(&trace[index + 1]) {
+                    *d = if *y > 0.0 { *d } else { 0.0 };
+                }
+            }
+            let mut dx = vec![0.0; layer.inputs];
+            for (o, d) in dy.iter().enumerate() {
+                dweights[layer.bias() + o] += d;
+                for (i, x) in trace[index].iter().enumerate() {
+                    let at = layer.weight + o * layer.inputs + i;
+                    dweights[at] += d * x;
+                    dx[i] += d * self.weights[at];
+                }
+            }
+            dy = dx;
+        }
+        dy
+    }
+
+    fn table_gradient(&self, sample: usize, dx: &[f64], dtables: &mut [f64]) {
+        for (at, weight, plane, line) in self.features(sample) {
+            let d = dx[at] * weight;
+            let (on_plane, on_line) = (self.interpolate(&plane), self.interpolate(&line));
+            for &(place, share) in &plane {
+                dtables[place] += d * on_line * share;
+            }
+            for &(place, share) in &line {
+                dtables[place] += d * on_plane * share;
+            }
+        }
+    }
+}
+
+fn sigmoid(x: f64) -> f64 {
+    1.0 / (1.0 + (-x).exp())
+}
+
+/// [`plane_variation`](super::plane_variation) and its gradient.
+pub fn variation(tables: &[f64], layout: &Layout) -> (f64, Vec<f64>) {
+    let (mut sum, mut gradient) = (0.0, vec![0.0; tables.len()]);
+    for level in &layout.levels {
+        let (r, c) = (level.resolution, level.channels);
+        let weight = 1.0 / (64.0 * 3.0 * r as f64);
+        for p in 0..3 {
+            let place = |y: usize, x: usize, k: usize| level.plane(p) + (y * r + x) * c + k;
+            for (y, x) in (0..r).flat_map(|y| (0..r).map(move |x| (y, x))) {
+                for (next, inside) in [((y + 1, x), y + 1 < r), ((y, x + 1), x + 1 < r)] {
+                    for k in (0..c).filter(|_| inside) {
+                        let (a, b) = (place(y, x, k), place(next.0, next.1, k));
+                        let difference = tables[b] - tables[a];
+                        sum += weight * difference * difference;
+                        gradient[a] -= 2.0 * weight * difference;
+                        gradient[b] += 2.0 * weight * difference;
+                    }
+                }
+            }
+        }
+    }
+    (sum, gradient)
+}

@@ -1,0 +1,139 @@
+//! How much memory a run needs, from its sizes alone: one that cannot fit is refused before it begins.
+
+use infonerf_field::FieldConfig;
+use infonerf_scene::Scene;
+
+use crate::{Config, TrainError};
+
+/// Bytes of an `f32`.
+const FLOAT: u64 = 4;
+/// A parameter, its gradient, Adam's two moments, and the copy that an optimiser step is made on.
+const COPIES: u64 = 5;
+/// Floats of a pixel: RGB and alpha as loaded, and RGBA as batches are drawn from.
+const PIXEL: u64 = 8;
+
+/// Least memory of a run's parts, in bytes: what is certain to be held at the same time.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MemoryPlan {
+    parts: [(&'static str, u64); 4],
+}
+
+impl MemoryPlan {
+    /// The plan of `config` on `scene`.
+    pub fn new(config: &Config, scene: &Scene) -> Self {
+        let fields = if config.render.fine_samples > 0 && !matches!(config.field, FieldConfig::Mip(_)) { 2 } else { 1 };
+        let (parameters, activations) = sizes(&config.field);
+        let pixels = scene.train.iter().chain(&scene.test).map(|view| view.image.rgb.len() as u64);
+        let occupancy = if config.render.occupancy.enabled { cube(config.render.occupancy.resolution) * 6 } else { 0 };
+        Self {
+            parts: [
+                ("field (its parameters, their gradients and Adam's moments)", fields * parameters * COPIES * FLOAT),
+                ("train.rays and render.samples (the activations of a step)", samples(config) * activations * FLOAT),
+                ("scene.size (the images)", pixels.sum::<u64>() * PIXEL * FLOAT),
+                ("render.occupancy.resolution (the grid)", occupancy),
+            ],
+        }
+    }
+
+    /// Bytes in all.
+    pub fn total(&self) -> u64 {
+        self.parts.iter().fold(0, |sum, (_, bytes)| sum.saturating_add(*bytes))
+    }
+
+    /// Refuses a plan that needs more than the `available` bytes.
+    ///
+    /// # Errors
+    /// One line that names the largest part, what it needs and what there is.
+    pub fn check(&self, available: u64) -> Result<(), TrainError> {
+        let total = self.total();
+        if total <= available {
+            return Ok(());
+        }
+        let (largest, bytes) = self.parts.iter().max_by_key(|(_, bytes)| *bytes).copied().unwrap_or(("the run", total));
+        let cause = format!(
+            "expected sizes that fit into the {} of memory that are available: this run needs at least {}, of which this {}",
+            gib(available),
+            gib(total),
+            gib(bytes)
+        );
+        Err(TrainError::config(largest, cause))
+    }
+}
+
+/// Memory that can be had without swapping, in bytes, where the system tells.
+pub(crate) fn available() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
+}
+
+fn cube(side: usize) -> u64 {
+    (side as u64).saturating_pow(3)
+}
+
+fn gib(bytes: u64) -> String {
+    format!("{:.1} GiB", bytes as f64 / (1u64 << 30) as f64)
+}
+
+/// Samples that a step asks a field for, at most as many as it aims for where it aims for a number.
+fn samples(config: &Config) -> u64 {
+    let train = &config.train;
+    let along = (config.render.samples + config.render.fine_samples) as u64;
+    if train.samples > 0 { train.samples as u64 } else { train.rays as u64 * along }
+}
+
+/// Parameters of a field, and floats that a step holds for each sample.
+fn sizes(field: &FieldConfig) -> (u64, u64) {
+    match field {
+        FieldConfig::Factored(c) => {
+            let texels: u64 = c.resolutions.iter().map(|&r| (r as u64).pow(2) + r as u64).sum();
+            // Position, direction, distance, interval, density and colour; the kernel works through the rest in blocks.
+            (3 * c.channels as u64 * texels, 12)
+        }
+        FieldConfig::Nerf(c) => dense(c.layers, c.width),
+        FieldConfig::Mip(c) => dense(c.layers, c.width),
+    }
+}
+
+/// The trunk of an MLP, which is nearly all of it.
+fn dense(layers: usize, width: usize) -> (u64, u64) {
+    let (layers, width) = (layers as u64, width as u64);
+    (layers * width * width, layers * width)
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_scene::{SceneRequest, SceneSource, TestProtocol};
+
+    use super::*;
+    use crate::{Preset, config};
+
+    fn plan(settings: &[&str]) -> MemoryPlan {
+        let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..SceneRequest::default() };
+        let scene = infonerf_scene::load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let mut table = Preset::Fast.table();
+        settings.iter().for_each(|setting| config::assign(&mut table, setting).unwrap());
+        MemoryPlan::new(&Config::from_table(table).unwrap(), &scene)
+    }
+
+    #[test]
+    fn sizes_by_hand() {
+        let plan = plan(&["field.resolutions=[64]", "field.channels=2", "train.samples=1000"]);
+        let tables = 3 * 2 * (64 * 64 + 64) * 5 * 4;
+        assert_eq!(plan.total(), tables + 1000 * 12 * 4 + 5 * 64 * 8 * 4 + 64 * 64 * 64 * 6);
+        assert!(plan.check(plan.total()).is_ok());
+    }
+
+    #[test]
+    fn what_does_not_fit_is_named() {
+        let giant = plan(&["field.resolutions=[2048,2048,2048,2048,2048,2048,2048,2048]", "field.channels=16"]);
+        let message = giant.check(16 << 30).unwrap_err().to_string();
+        assert!(message.starts_with("field (its parameters") && message.contains("16.0 GiB"), "{message}");
+        let wide = plan(&[
+            "train.samples=100000000",
+            "field={kind=\"nerf\",layers=8,width=4096,skip=4,position_octaves=10,direction_octaves=4,density=\"relu\",anneal=0.0}",
+        ]);
+        let message = wide.check(16 << 30).unwrap_err().to_string();
+        assert!(message.starts_with("train.rays and render.samples"), "{message}");
+    }
+}

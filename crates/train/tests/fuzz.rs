@@ -1,0 +1,140 @@
+//! Seeded mutations of configs and checkpoints: each is read or refused with one line, and nothing panics.
+//!
+//! `INFONERF_FUZZ=1000000` sets their number.
+
+mod common;
+
+use std::fs;
+
+use common::{config, devices, steps, trainer};
+use infonerf_train::{Checkpoint, Config, Preset, TrainError, config as layers};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// What configs are made of, and numbers at the ends of their types.
+const WORDS: [&str; 24] = [
+    "0",
+    "-1",
+    "1e999",
+    "nan",
+    "-inf",
+    "9223372036854775807",
+    "4294967296",
+    "1e-320",
+    "true",
+    "\"\"",
+    "[]",
+    "{}",
+    "[[",
+    "{a={a={a=1}}}",
+    "=",
+    ".",
+    "kind",
+    "\"nerf\"",
+    "\"factored\"",
+    "train.rays",
+    "field",
+    "scene.views",
+    "\u{0}",
+    "é",
+];
+
+fn count(usual: usize) -> usize {
+    std::env::var("INFONERF_FUZZ").map_or(usual, |count| count.parse().expect("a number"))
+}
+
+/// A few characters changed, taken out or repeated, or a word put in.
+fn mutated(text: &str, rng: &mut ChaCha8Rng) -> String {
+    let mut text: Vec<char> = text.chars().collect();
+    for _ in 0..rng.random_range(1..5) {
+        let at = rng.random_range(0..=text.len());
+        let length = rng.random_range(1..12).min(text.len() - at);
+        match rng.random_range(0..4) {
+            0 if length > 0 => text[at] = char::from(rng.random_range(9..127)),
+            1 => drop(text.drain(at..at + length)),
+            2 => drop(text.splice(at..at, text[at..at + length].to_vec())),
+            _ => drop(text.splice(at..at + length, WORDS[rng.random_range(0..WORDS.len())].chars())),
+        }
+    }
+    text.into_iter().collect()
+}
+
+fn one_line<T>(result: Result<T, TrainError>, what: &str) -> bool {
+    let Err(error) = result else { return true };
+    let message = error.to_string();
+    assert!(!message.is_empty() && message.lines().count() == 1, "{what}: {message:?}");
+    false
+}
+
+#[test]
+fn configs() {
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let text = toml::to_string(&Preset::Fast.table()).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    let mut accepted = 0;
+    let count = count(3000);
+    for _ in 0..count {
+        // Part of the file, as an experiment has it, laid over a preset.
+        let from = rng.random_range(0..lines.len());
+        let to = rng.random_range(from..=lines.len());
+        let over = mutated(&lines[from..to].join("\n"), &mut rng);
+        let Ok(over) = over.parse::<toml::Table>() else { continue };
+        let mut table = Preset::ALL[rng.random_range(0..3)].table();
+        layers::merge(&mut table, over.clone());
+        accepted += usize::from(one_line(Config::from_table(table), &format!("{over:?}")));
+    }
+    assert!(accepted > 0 && accepted < count, "{accepted} of {count} accepted");
+}
+
+#[test]
+fn assignments() {
+    let mut rng = ChaCha8Rng::seed_from_u64(5);
+    let valid = [
+        "train.rays=64",
+        "field={kind=\"nerf\"}",
+        "train.pyramid=[[0.1, 4]]",
+        "scene.views={kind=\"all\"}",
+        "eval.test=every-8",
+    ];
+    let mut accepted = 0;
+    let count = count(3000);
+    for _ in 0..count {
+        let assignment = mutated(valid[rng.random_range(0..valid.len())], &mut rng);
+        let mut table = Preset::Fast.table();
+        let config = layers::assign(&mut table, &assignment).and_then(|()| Config::from_table(table));
+        accepted += usize::from(one_line(config, &assignment));
+    }
+    assert!(accepted > 0 && accepted < count, "{accepted} of {count} accepted");
+}
+
+/// Without the one before it, a damaged checkpoint is refused; a manifest may also be changed so that it still fits.
+#[test]
+fn checkpoints() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut trainer = trainer(&config(&[]), 1, &devices()[0]);
+    steps(&mut trainer, 1);
+    trainer.checkpoint().unwrap().save(folder.path()).unwrap();
+    let parts = ["manifest.json", "model.bpk", "optimiser.bpk", "occupancy.bin"];
+    let path = |part: &str| folder.path().join("checkpoint").join(part);
+    let whole: Vec<Vec<u8>> = parts.iter().map(|part| fs::read(path(part)).unwrap()).collect();
+    let mut rng = ChaCha8Rng::seed_from_u64(6);
+    for i in 0..count(1000) {
+        let part = i % parts.len();
+        let mut bytes = whole[part].clone();
+        for _ in 0..rng.random_range(1..4) {
+            let at = rng.random_range(0..bytes.len());
+            match rng.random_range(0..3) {
+                0 => bytes[at] ^= 1 << rng.random_range(0..8),
+                1 => bytes.truncate(at.max(1)),
+                _ => bytes[at] = rng.random(),
+            }
+        }
+        let same = bytes == whole[part];
+        fs::write(path(parts[part]), &bytes).unwrap();
+        let loaded = Checkpoint::load(folder.path());
+        let good = loaded.is_ok();
+        one_line(loaded, parts[part]);
+        assert!(part == 0 || good == same, "{}: a damaged part was not noticed", parts[part]);
+        fs::write(path(parts[part]), &whole[part]).unwrap();
+    }
+}
