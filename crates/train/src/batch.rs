@@ -18,6 +18,11 @@ pub(crate) struct Pixels {
 }
 
 impl Pixels {
+    /// The view that the first pixel is of; that of all where a batch is of one image.
+    pub(crate) fn view(&self) -> usize {
+        self.at[0].0
+    }
+
     pub(crate) fn rays(&self) -> Vec<Ray> {
         self.at.iter().map(|&(camera, x, y)| self.cameras[camera].ray(x, y).widened(self.width)).collect()
     }
@@ -97,7 +102,7 @@ impl Pyramid {
                     (view.below(i, 0, images.rgba.len()), x, y)
                 })
                 .collect(),
-            Batch::Image => {
+            Batch::Image | Batch::HeldOut => {
                 let image = view.below(0, 0, images.rgba.len());
                 let pixels = columns as usize * rows as usize;
                 rand::seq::index::sample(&mut generator(column), pixels, rays.min(pixels))

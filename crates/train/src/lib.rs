@@ -11,6 +11,9 @@ pub mod config;
 mod error;
 mod evaluate;
 mod event;
+mod model;
+mod photographs;
+mod pretrain;
 mod profile;
 mod trainer;
 
@@ -19,5 +22,6 @@ pub use config::{Config, Preset};
 pub use error::TrainError;
 pub use evaluate::{Evaluation, Information, InformationQuery, TestView, evaluate_view, information};
 pub use event::Event;
+pub use pretrain::Pretrainer;
 pub use profile::{Phase, Profile};
 pub use trainer::{Outcome, Trainer};

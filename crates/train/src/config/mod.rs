@@ -6,6 +6,8 @@ mod protocol;
 pub use layers::{Preset, assign, merge, parse_assignment};
 pub use protocol::{Protocol, Views};
 
+use std::path::PathBuf;
+
 use infonerf_field::FieldConfig;
 use infonerf_loss::{EntropyConfig, GainConfig, Norm};
 use infonerf_render::{Placement, RenderConfig};
@@ -129,6 +131,11 @@ pub struct TrainConfig {
     pub pyramid: Vec<(f64, u32)>,
     /// Where a step's pixels come from.
     pub batch: Batch,
+    /// If above 0: a field that looks at photographs sees at most so many of them in a step, how many and which being
+    /// drawn; 0 shows it all.
+    pub sources: usize,
+    /// Folder of a run whose weights to begin with, such as `infonerf pretrain` leaves; empty for random ones.
+    pub init: PathBuf,
     /// Steps in which pixels come from the central half of the images only (released code: 500).
     pub center_steps: usize,
     /// Where unseen poses come from.
@@ -161,6 +168,10 @@ pub enum Batch {
     Pixels,
     /// Pixels of one training image a step, each at most once, as in the released code.
     Image,
+    /// The same, of an image that a field which looks at photographs is not shown in that step, if there is another:
+    /// otherwise every ray's colour can be read where the ray starts, whatever its density.
+    #[serde(rename = "held-out")]
+    HeldOut,
 }
 
 /// Where unseen poses come from.
@@ -251,6 +262,31 @@ impl Config {
         })?;
         config.validate()?;
         Ok(config)
+    }
+
+    /// Where the first weights come from, if a reader of the results should know.
+    pub fn first_weights(&self) -> Option<String> {
+        let init = &self.train.init;
+        if !init.as_os_str().is_empty() {
+            return Some(format!("began with the weights of {}", init.display()));
+        }
+        let FieldConfig::PixelNerf(field) = &self.field else { return None };
+        let weights = &field.encoder.weights;
+        Some(if weights.as_os_str().is_empty() {
+            "the image encoder began with random weights, not with ImageNet's".into()
+        } else {
+            format!("the image encoder began with the weights of {}", weights.display())
+        })
+    }
+
+    /// The same without files to take the first weights from: for a model whose weights are known.
+    pub fn without_initial_weights(&self) -> Self {
+        let mut config = self.clone();
+        config.train.init = PathBuf::new();
+        if let FieldConfig::PixelNerf(field) = &mut config.field {
+            field.encoder.weights = PathBuf::new();
+        }
+        config
     }
 
     /// Checks every number.
