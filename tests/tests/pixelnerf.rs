@@ -3,16 +3,15 @@
 //!
 //! `fixtures/pixelnerf.py` made the expected values; its head states the rule that gives every weight.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use infonerf_field::{
-    DensityActivation, EncoderConfig, FieldConfig, PixelNerfConfig, Points, RadianceField, SourceView, Sources,
+    DensityActivation, EncoderConfig, Extent, FieldConfig, PixelNerfConfig, Points, RadianceField, SourceView, Sources,
 };
 use infonerf_ops::{Segments, to_host};
-use safetensors::{Dtype, tensor::TensorView};
+use infonerf_tests::{hashed, picture, write_weights};
 use serde_json::Value;
 
 /// Features reach 19, density 6, gradients 0.4: an error of 1e-4 beside the larger of 1 and the value.
@@ -28,15 +27,6 @@ fn fixture() -> Value {
 
 fn floats(fixture: &Value, key: &str) -> Vec<f32> {
     fixture[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
-}
-
-/// Number `n` of tensor `l`, in [−1, 1).
-fn u(l: usize, n: usize) -> f64 {
-    let mut z = (((l as u64) << 40) + n as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^= z >> 31;
-    (z >> 40) as f64 / (1u64 << 23) as f64 - 1.0
 }
 
 /// torchvision's names and shapes of the tensors up to layer3, in order.
@@ -72,24 +62,16 @@ fn rule(l: usize, name: &str, shape: &[usize]) -> Vec<f32> {
         _ if name.ends_with("running_var") => 1.0 + 0.5 * u,
         _ => (if name.contains(".bn2.") { 0.5 } else { 1.0 }) * (1.0 + 0.2 * u),
     };
-    (0..shape.iter().product()).map(|n| value(u(l, n)) as f32).collect()
+    (0..shape.iter().product()).map(|n| value(hashed(l, n)) as f32).collect()
 }
 
 /// Writes the encoder's weights under torchvision's names.
 fn write_resnet34(path: &Path) {
-    let bytes: Vec<(String, Vec<usize>, Vec<u8>)> = tensors()
-        .into_iter()
-        .enumerate()
-        .map(|(l, (name, shape))| {
-            let values = rule(l, &name, &shape);
-            (name, shape, values.iter().flat_map(|value| value.to_le_bytes()).collect())
-        })
-        .collect();
-    let views: BTreeMap<&str, TensorView<'_>> = bytes
-        .iter()
-        .map(|(name, shape, bytes)| (name.as_str(), TensorView::new(Dtype::F32, shape.clone(), bytes).unwrap()))
-        .collect();
-    safetensors::serialize_to_file(views, &None, path).unwrap();
+    let filled = tensors().into_iter().enumerate().map(|(l, (name, shape))| {
+        let values = rule(l, &name, &shape);
+        (name, shape, values)
+    });
+    write_weights(path, filled);
 }
 
 /// Overwrites the MLP's parameters, which come after the encoder's, by the fixture's rule.
@@ -110,7 +92,7 @@ impl Rule {
     }
 
     fn dense(&self, l: usize, gain: f64, fan_in: usize, output: usize, input: usize) -> f32 {
-        (gain * (3.0 / fan_in as f64).sqrt() * u(l, output * fan_in + input)) as f32
+        (gain * (3.0 / fan_in as f64).sqrt() * hashed(l, output * fan_in + input)) as f32
     }
 
     fn values(&mut self, shape: &[usize]) -> Vec<f32> {
@@ -128,7 +110,7 @@ impl Rule {
         if is_bias {
             self.next += 2 * parts;
             let outputs = shape[0] / parts;
-            let bias = |part: usize, output| (0.1 * u(first + 2 * part + 1, output)) as f32;
+            let bias = |part: usize, output| (0.1 * hashed(first + 2 * part + 1, output)) as f32;
             return (0..parts).flat_map(|part| (0..outputs).map(move |output| bias(part, output))).collect();
         }
         let (inputs, outputs) = (shape[0], shape[1] / parts);
@@ -176,7 +158,7 @@ fn sources(fixture: &Value) -> Sources {
     let view = |(index, matrix): (usize, &[f32])| SourceView {
         width,
         height,
-        rgb: (0..height * width).map(|p| [0, 1, 2].map(|c| (0.5 + 0.5 * u(1000 + index, 3 * p + c)) as f32)).collect(),
+        rgb: picture(index, height * width).into(),
         focal: [focal; 2],
         centre: [width as f32 / 2.0, height as f32 / 2.0],
         to_camera: [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| matrix[4 * row + column])),
@@ -225,7 +207,12 @@ fn check(device: &Device) {
     let firsts = counts.iter().scan(0, |sum, count| Some(std::mem::replace(sum, *sum + count)));
     let directions: Vec<f32> = firsts.flat_map(|first| directions[3 * first..3 * first + 3].to_vec()).collect();
     let segments = Segments::from_counts(counts.clone());
-    let points = Points { positions: &positions, directions: &directions, segments: &segments };
+    let points = Points {
+        positions: &positions,
+        directions: &directions,
+        segments: &segments,
+        extent: Extent::Ball { variance: 0.0 },
+    };
     let sampled = field.conditioned(&sources).evaluate(points, true, 1.0);
     let color = sampled.color.unwrap();
     let gradients = (color.clone().sum() + sampled.sigma.clone().sum()).backward();
@@ -262,9 +249,7 @@ fn a_file_without_the_weights_is_refused_by_name() {
         RadianceField::new(&config, [[-1.0; 3], [1.0; 3]], 0, &Device::flex()).unwrap_err().to_string()
     };
     std::fs::write(folder.path().join("text"), "no weights").unwrap();
-    let bytes = [0u8; 4];
-    let one = [("bias", TensorView::new(Dtype::F32, vec![1], &bytes).unwrap())];
-    safetensors::serialize_to_file(one, &None, &folder.path().join("other")).unwrap();
+    write_weights(&folder.path().join("other"), [("bias".to_owned(), vec![1], vec![0.5])].into_iter());
     write_resnet34(&folder.path().join("good"));
     for (name, width, part) in [
         ("absent", 64, "No such file"),

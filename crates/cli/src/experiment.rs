@@ -28,6 +28,7 @@ const BUILT_IN: &[(&str, &str)] = &[
     ("views", include_str!("../../../experiments/views.toml")),
     ("information", include_str!("../../../experiments/information.toml")),
     ("small-nerf", include_str!("../../../experiments/small-nerf.toml")),
+    ("dietnerf", include_str!("../../../experiments/dietnerf.toml")),
     ("pixelnerf-pretrain", include_str!("../../../experiments/pixelnerf-pretrain.toml")),
     ("integration-pixelnerf", include_str!("../../../experiments/integration-pixelnerf.toml")),
 ];

@@ -14,9 +14,7 @@ mod pixel;
 mod sources;
 
 pub use activation::DensityActivation;
-pub use config::{
-    ConfigError, EncoderConfig, FactoredConfig, FieldConfig, MipConfig, NerfConfig, PixelNerfConfig,
-};
+pub use config::{ConfigError, EncoderConfig, FactoredConfig, FieldConfig, MipConfig, NerfConfig, PixelNerfConfig};
 pub use factored::FactoredField;
 pub use mip::MipNerf;
 pub use nerf::NerfMlp;

@@ -1,7 +1,7 @@
 //! Which rays a step looks at. Every choice is a pure function of (seed, step), so that a resumed run sees the same rays.
 
 use infonerf_render::Noise;
-use infonerf_scene::{Camera, Image, Ray, Scene, ViewRegion, near_pose};
+use infonerf_scene::{Camera, Image, Ray, Scene, ViewRegion, near_pose, resized_dimensions};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -147,14 +147,34 @@ pub(crate) fn unseen(
     noise: Noise,
 ) -> Pixels {
     let [pose, column, row] = [noise, noise.next(), noise.next().next()];
-    let camera = match config.unseen {
-        Unseen::Sphere => scene.train[0].camera.with_pose(region.sample(&mut generator(pose))),
-        Unseen::Dataset => scene.all_train_cameras[pose.below(0, 0, scene.all_train_cameras.len())].clone(),
-    };
+    let camera = unseen_camera(scene, region, config, pose);
     let (columns, rows) = (camera.width as usize, camera.height as usize);
     let at =
         (0..rays).map(|i| (0, column.below(i, 0, columns) as f32 + 0.5, row.below(i, 0, rows) as f32 + 0.5)).collect();
     Pixels { cameras: vec![camera], at, width }
+}
+
+/// Every pixel of a small picture from an unseen pose, with its height and width: the longer side has `size` pixels.
+pub(crate) fn unseen_picture(
+    scene: &Scene,
+    region: &ViewRegion,
+    config: &TrainConfig,
+    size: u32,
+    noise: Noise,
+) -> (Vec<Ray>, (usize, usize)) {
+    let camera = unseen_camera(scene, region, config, noise);
+    let (width, height) = resized_dimensions(camera.width, camera.height, size);
+    let camera = camera.resized(width, height);
+    let row = |y: u32| (0..width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5));
+    let rays = (0..height).flat_map(row).map(|(x, y)| camera.ray(x, y)).collect();
+    (rays, (height as usize, width as usize))
+}
+
+fn unseen_camera(scene: &Scene, region: &ViewRegion, config: &TrainConfig, noise: Noise) -> Camera {
+    match config.unseen {
+        Unseen::Sphere => scene.train[0].camera.with_pose(region.sample(&mut generator(noise))),
+        Unseen::Dataset => scene.all_train_cameras[noise.below(0, 0, scene.all_train_cameras.len())].clone(),
+    }
 }
 
 pub(crate) fn generator(noise: Noise) -> ChaCha8Rng {

@@ -15,6 +15,7 @@ mod model;
 mod photographs;
 mod pretrain;
 mod profile;
+mod semantic;
 mod trainer;
 
 pub use checkpoint::{Checkpoint, Progress};

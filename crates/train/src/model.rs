@@ -31,7 +31,12 @@ fn begun(config: &Config, model: Model) -> Result<Model, TrainError> {
     let (checkpoint, _) = Checkpoint::load(folder).map_err(|error| fault(error.to_string()))?;
     let checkpoint = checkpoint
         .ok_or_else(|| fault("expected the folder of a run with a checkpoint, as `infonerf pretrain` leaves".into()))?;
-    checkpoint.restore_model(model).map_err(|error| fault(format!("expected weights of the same field: {error}")))
+    checkpoint.restore_model(model).map_err(|error| {
+        let causes = error.to_string();
+        // A list of every tensor that does not fit: the first one says enough.
+        let first = causes.split("\", \"").next().unwrap_or_default();
+        fault(format!("expected weights of the same field: {first}"))
+    })
 }
 
 pub(crate) fn optimiser(config: &Config) -> ModuleOptimizer {

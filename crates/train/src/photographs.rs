@@ -27,11 +27,8 @@ impl Photographs {
         let views = &self.0.views;
         let hidden = config.batch == Batch::HeldOut && views.len() > 1;
         let shown: Vec<usize> = (0..views.len()).filter(|&view| !hidden || view != target).collect();
-        let count = if config.sources == 0 {
-            shown.len()
-        } else {
-            1 + noise.below(0, 0, config.sources.min(shown.len()))
-        };
+        let count =
+            if config.sources == 0 { shown.len() } else { 1 + noise.below(0, 0, config.sources.min(shown.len())) };
         let chosen = if count == shown.len() {
             shown
         } else {

@@ -13,6 +13,7 @@ use crate::average::Average;
 use crate::batch::{self, Pyramid};
 use crate::model::{build, optimiser};
 use crate::photographs::Photographs;
+use crate::semantic::Semantic;
 use crate::{Checkpoint, Config, Event, Phase, Profile, Progress, TrainError};
 
 /// One run in memory: what is learned, and how far it is.
@@ -27,6 +28,7 @@ pub struct Trainer {
     region: ViewRegion,
     pyramid: Pyramid,
     photographs: Photographs,
+    semantic: Option<Semantic>,
     model: Model,
     average: Average,
     optimiser: ModuleOptimizer,
@@ -55,6 +57,7 @@ mod purpose {
     pub const OCCUPANCY: u64 = 5;
     pub const PICTURES: u64 = 6;
     pub const SOURCES: u64 = 7;
+    pub const SEMANTIC: u64 = 8;
 }
 
 /// A pixel that differs by less than this from the background in every channel shows the background: half an 8-bit step.
@@ -84,6 +87,7 @@ impl Trainer {
         let model = build(config, scene.bounds, seed, &device)?;
         let pyramid = Pyramid::new(&scene, &config.train);
         let photographs = Photographs::new(&scene);
+        let semantic = Semantic::new(&config.loss.semantic, &scene, &device)?;
         if (config.loss.alpha > 0.0 || config.render.occupancy.carve)
             && scene.train.iter().any(|view| view.image.alpha.is_none())
         {
@@ -102,6 +106,7 @@ impl Trainer {
             region,
             pyramid,
             photographs,
+            semantic,
             model,
             average: Average::default(),
             occupancy,
@@ -377,6 +382,20 @@ impl Trainer {
         });
         if let Some(gain) = &gain {
             total = total + gain.clone() * gain_weight;
+        }
+
+        // A small picture from an unseen pose.
+        let semantic_weight = loss.semantic.weight_at(step);
+        if let Some(semantic) = self.semantic.as_ref().filter(|_| semantic_weight > 0.0) {
+            let noise = noise(purpose::SEMANTIC);
+            let (rays, size) = batch::unseen_picture(&self.scene, &self.region, train, loss.semantic.size, noise);
+            let want = Want { color: true, entropy: None };
+            let (coarse, level) = self.profile.time(Phase::Unseen, || render(&rays, want, noise.next()));
+            counts += count(coarse.as_ref(), &level);
+            ray_total += rays.len();
+            let picture = level.color.expect("colour was wanted");
+            let views = noise.next().next();
+            total = total + semantic.loss(picture, size, |count| views.below(0, 0, count)) * semantic_weight;
         }
 
         // Priors on opacity, and smoothness of the tables.

@@ -39,7 +39,7 @@ pub(crate) fn trained(plan: &RunPlan, folder: &Path, device: DeviceName) -> Resu
     }
     let checkpoint =
         checkpoint.with_context(|| format!("{}: expected a checkpoint: the run has none yet", folder.display()))?;
-    let config = plan.config.without_initial_weights();
+    let config = plan.config.without_weight_files();
     let mut trainer = Trainer::new(&config, run::load(plan)?, plan.seed, plan.budget, &device)?;
     trainer.resume(&checkpoint)?;
     Ok(trainer)

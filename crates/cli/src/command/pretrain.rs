@@ -3,10 +3,11 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
+use infonerf_scene::Scene;
 use infonerf_train::{Checkpoint, Event, Outcome, Pretrainer};
 
 use crate::args::PretrainArgs;
-use crate::experiment::Experiment;
+use crate::experiment::{Experiment, RunPlan};
 use crate::progress::Progress;
 use crate::run::{check_same, clear, lock};
 use crate::{device, interrupt, run};
@@ -39,7 +40,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     interrupt::install()?;
     let count = experiment.runs.len();
     println!("{}: {} ({count} scenes, on {device_name})", experiment.name, experiment.title);
-    let scenes = experiment.runs.iter().map(run::load).collect::<Result<Vec<_>>>()?;
+    let scenes = experiment.runs.iter().map(training_views).collect::<Result<Vec<_>>>()?;
     let mut trainer = Pretrainer::new(&plan.config, &scenes, plan.seed, &device)?;
     if let Some(checkpoint) = &checkpoint {
         trainer.resume(checkpoint)?;
@@ -51,9 +52,19 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let progress = trainer.progress();
-    println!("{} steps in {:.1} s, PSNR {psnr:.2} dB over the last {LAST} steps' rays", progress.step, progress.seconds);
+    println!(
+        "{} steps in {:.1} s, PSNR {psnr:.2} dB over the last {LAST} steps' rays",
+        progress.step, progress.seconds
+    );
     println!("begin with it: --set train.init={}", folder.display());
     Ok(ExitCode::SUCCESS)
+}
+
+/// A scene with as few test views as can be: none is looked at.
+fn training_views(plan: &RunPlan) -> Result<Scene> {
+    let mut plan = plan.clone();
+    plan.config.eval.test = "first-1".parse().map_err(anyhow::Error::msg)?;
+    run::load(&plan)
 }
 
 /// Trains until the end or until the user stops it ([`Outcome::Running`]); also the mean PSNR of the last steps.

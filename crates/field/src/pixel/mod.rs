@@ -42,11 +42,7 @@ struct Seen {
 impl PixelNerf {
     /// # Errors
     /// If a file of weights is asked for and cannot be used.
-    pub(crate) fn new(
-        config: &PixelNerfConfig,
-        rng: &mut impl Rng,
-        device: &Device,
-    ) -> Result<Self, ConfigError> {
+    pub(crate) fn new(config: &PixelNerfConfig, rng: &mut impl Rng, device: &Device) -> Result<Self, ConfigError> {
         let mut encoder = Encoder::new(&config.encoder, rng, device);
         if !config.encoder.weights.as_os_str().is_empty() {
             encoder = resnet34::load(encoder, &config.encoder.weights)?;

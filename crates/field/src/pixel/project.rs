@@ -39,19 +39,12 @@ pub(super) fn pixels(views: &[SourceView], positions: &[f32]) -> Vec<(usize, f32
 }
 
 /// Positions about `middle`, scaled by `frequency`, and directions, both in each view's axes.
-pub(super) fn view_points(
-    views: &[SourceView],
-    points: Points<'_>,
-    middle: [f32; 3],
-    frequency: f32,
-) -> ViewPoints {
+pub(super) fn view_points(views: &[SourceView], points: Points<'_>, middle: [f32; 3], frequency: f32) -> ViewPoints {
     let position = |view: &SourceView, p: [f32; 3]| {
         rotate(view, [0, 1, 2].map(|axis| p[axis] - middle[axis])).map(|x| frequency * x)
     };
-    let positions: Vec<f32> = views
-        .par_iter()
-        .flat_map_iter(|view| triples(points.positions).flat_map(move |p| position(view, p)))
-        .collect();
+    let positions: Vec<f32> =
+        views.par_iter().flat_map_iter(|view| triples(points.positions).flat_map(move |p| position(view, p))).collect();
     let of_view = |view: &SourceView| -> Vec<f32> {
         let rays = triples(points.directions).map(|d| rotate(view, d)).zip(points.segments.ranges());
         rays.flat_map(|(d, range)| range.flat_map(move |_| d)).collect()
@@ -65,6 +58,7 @@ mod tests {
     use infonerf_ops::Segments;
 
     use super::*;
+    use crate::Extent;
 
     /// At (0, 0, 5), looking down −z, 8 × 6 pixels.
     fn view() -> SourceView {
@@ -97,7 +91,9 @@ mod tests {
     fn every_sample_has_its_rays_direction() {
         let segments = Segments::from_counts([2, 1]);
         let positions = [1.0, 2.0, 3.0, 1.0, 2.0, 4.0, 0.0, 0.0, 0.0];
-        let points = Points { positions: &positions, directions: &[0.0, 0.0, 1.0, 0.0, 1.0, 0.0], segments: &segments };
+        let directions = [0.0, 0.0, 1.0, 0.0, 1.0, 0.0];
+        let extent = Extent::Ball { variance: 0.0 };
+        let points = Points { positions: &positions, directions: &directions, segments: &segments, extent };
         let got = view_points(&[view()], points, [1.0, 1.0, 1.0], 2.0);
         assert_eq!(got.directions, [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0]);
         assert_eq!(got.positions, [0.0, 2.0, 4.0, 0.0, 2.0, 6.0, -2.0, -2.0, -2.0]);

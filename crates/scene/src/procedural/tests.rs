@@ -27,7 +27,8 @@ fn names_are_those_that_load() {
     }
     for name in ["tree", "random", "random-", "random-x", "random--1", "random-01", "random-99999999999999999999"] {
         let error = load(&SceneSource::Procedural(name.into()), &request(8)).unwrap_err().to_string();
-        let expected = format!("unknown procedural scene `{name}`; expected one of castle, crane, knot, orrery, random-<seed>");
+        let expected =
+            format!("unknown procedural scene `{name}`; expected one of castle, crane, knot, orrery, random-<seed>");
         assert_eq!(error, expected);
     }
 }

@@ -9,7 +9,7 @@ pub use protocol::{Protocol, Views};
 use std::path::PathBuf;
 
 use infonerf_field::FieldConfig;
-use infonerf_loss::{EntropyConfig, GainConfig, Norm};
+use infonerf_loss::{EntropyConfig, GainConfig, Norm, SemanticConfig};
 use infonerf_render::{Placement, RenderConfig};
 use serde::{Deserialize, Serialize};
 
@@ -55,6 +55,8 @@ pub struct LossConfig {
     pub entropy: EntropyConfig,
     /// λ₂ L_KL.
     pub gain: GainConfig,
+    /// λ L_SC, DietNeRF's semantic consistency.
+    pub semantic: SemanticConfig,
     /// Share of the run at which the entropy and gain terms begin.
     pub start: f64,
     /// Share of the run over which they then rise to their weights; 0 is at once.
@@ -279,10 +281,11 @@ impl Config {
         })
     }
 
-    /// The same without files to take the first weights from: for a model whose weights are known.
-    pub fn without_initial_weights(&self) -> Self {
+    /// The same without need of any file of weights: for a model that is trained already.
+    pub fn without_weight_files(&self) -> Self {
         let mut config = self.clone();
         config.train.init = PathBuf::new();
+        config.loss.semantic.weight = 0.0;
         if let FieldConfig::PixelNerf(field) = &mut config.field {
             field.encoder.weights = PathBuf::new();
         }
@@ -337,6 +340,9 @@ impl Config {
         number("loss.variation.weight", f64::from(self.loss.variation.weight), 0.0, 1e6)?;
         number("loss.variation.last", f64::from(self.loss.variation.last), 1e-9, 1e9)?;
         number("loss.gain.weight", f64::from(self.loss.gain.weight), 0.0, 1e6)?;
+        number("loss.semantic.weight", f64::from(self.loss.semantic.weight), 0.0, 1e6)?;
+        number("loss.semantic.every", self.loss.semantic.every as f64, 1.0, 1e9)?;
+        number("loss.semantic.size", f64::from(self.loss.semantic.size), 1.0, 1024.0)?;
         number("loss.gain.epsilon", f64::from(self.loss.gain.epsilon), 1e-12, 0.01)?;
         number("loss.gain.max_angle_deg", self.loss.gain.max_angle_deg, 0.0, 180.0)
     }
