@@ -30,7 +30,9 @@ const BUILT_IN: &[(&str, &str)] = &[
     ("small-nerf", include_str!("../../../experiments/small-nerf.toml")),
     ("dietnerf", include_str!("../../../experiments/dietnerf.toml")),
     ("pixelnerf-pretrain", include_str!("../../../experiments/pixelnerf-pretrain.toml")),
+    ("pixelnerf-pretrain-paper", include_str!("../../../experiments/pixelnerf-pretrain-paper.toml")),
     ("integration-pixelnerf", include_str!("../../../experiments/integration-pixelnerf.toml")),
+    ("integration-pixelnerf-paper", include_str!("../../../experiments/integration-pixelnerf-paper.toml")),
 ];
 
 /// An experiment file.

@@ -37,7 +37,7 @@ impl ClipConfig {
 
 /// Mean and standard deviation of each channel of the images that CLIP was trained on.
 const MEAN: [f32; 3] = [0.481_454_66, 0.457_827_5, 0.408_210_73];
-const DEVIATION: [f32; 3] = [0.268_629_54, 0.261_302_58, 0.275_777_11];
+const DEVIATION: [f32; 3] = [0.268_629_54, 0.261_302_6, 0.275_777_1];
 const EPSILON: f64 = 1e-5;
 
 /// CLIP's image encoder with fixed weights: gradients flow to the image alone.

@@ -9,6 +9,7 @@ use infonerf_loss::{Norm, photometric_loss};
 use infonerf_render::{Counts, Level, Model, Noise, Renderer, Want};
 use infonerf_scene::Scene;
 
+use crate::average::Average;
 use crate::batch::Pyramid;
 use crate::model::{build, optimiser};
 use crate::photographs::Photographs;
@@ -89,7 +90,7 @@ impl Pretrainer {
     /// # Errors
     /// If the weights cannot be encoded.
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
-        Checkpoint::take(&self.progress, &self.model, &self.optimiser, None)
+        Checkpoint::take(&self.progress, &self.model, &Average::default(), &self.optimiser, None)
     }
 
     /// How far the run is.
