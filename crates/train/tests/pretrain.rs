@@ -51,7 +51,7 @@ fn a_broken_off_run_ends_as_an_unbroken_one() {
 
 #[test]
 fn what_was_learned_serves_a_scene_that_was_not_seen() {
-    let learning = pixel_config(&["train.iterations=150", "train.rays=64", "train.lr=3e-3", "loss.rgb.coarse=0.0"]);
+    let learning = pixel_config(&["train.iterations=150", "train.rays=64", "train.lr=3e-3"]);
     let mut pretrainer = pretrainer(&learning);
     let losses = lessons(&mut pretrainer, 150);
     let mean = |losses: &[f32]| losses.iter().sum::<f32>() / losses.len() as f32;
