@@ -146,6 +146,10 @@ impl fmt::Display for FieldConfig {
                 let finest = c.resolutions.iter().max().copied().unwrap_or(0);
                 write!(f, "planes and lines of up to {finest} texels with an MLP of {} layers of {}", c.layers, c.width)
             }
+            Self::PixelNerf(c) => {
+                let stages = c.encoder.blocks.len();
+                write!(f, "ResNet MLP of {} blocks of {} over features of {stages} stages", c.blocks, c.width)
+            }
         }
     }
 }

@@ -24,7 +24,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
         bail!("{}: expected one variant and one seed: choose with --variant and --seed", args.experiment);
     }
     let (device, device_name) = device::open(args.selection.device)?;
-    let folder = args.out.join(&experiment.name);
+    let folder = args.out.join(&experiment.about.name);
     fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
     let _lock = lock(&folder)?;
     let config = plan.to_toml_with(experiment.runs.iter().map(|plan| plan.scene.clone()).collect())?;
@@ -39,7 +39,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     fs::write(&path, config).with_context(|| path.display().to_string())?;
     interrupt::install()?;
     let count = experiment.runs.len();
-    println!("{}: {} ({count} scenes, on {device_name})", experiment.name, experiment.title);
+    println!("{}: {} ({count} scenes, on {device_name})", experiment.about.name, experiment.about.title);
     let scenes = experiment.runs.iter().map(training_views).collect::<Result<Vec<_>>>()?;
     let mut trainer = Pretrainer::new(&plan.config, &scenes, plan.seed, &device)?;
     if let Some(checkpoint) = &checkpoint {
@@ -48,7 +48,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     let (outcome, psnr) = train(&mut trainer, &folder, plan.config.train.checkpoint_every)?;
     trainer.checkpoint()?.save(&folder)?;
     if outcome == Outcome::Running {
-        println!("{}: saved; the same command with --resume goes on", experiment.name);
+        println!("{}: saved; the same command with --resume goes on", experiment.about.name);
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let progress = trainer.progress();
