@@ -31,7 +31,11 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     let path = folder.join("config.toml");
     let checkpoint = if args.resume {
         check_same(&path, &config)?;
-        Checkpoint::load(&folder)?.0
+        let (checkpoint, refused) = Checkpoint::load(&folder)?;
+        for reason in refused {
+            eprintln!("warning: {reason}; going on from the checkpoint before it");
+        }
+        checkpoint
     } else {
         clear(&folder)?;
         None
@@ -52,10 +56,8 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let progress = trainer.progress();
-    println!(
-        "{} steps in {:.1} s, PSNR {psnr:.2} dB over the last {LAST} steps' rays",
-        progress.step, progress.seconds
-    );
+    let psnr = psnr.map_or_else(String::new, |psnr| format!(", PSNR {psnr:.2} dB over the last {LAST} steps' rays"));
+    println!("{} steps in {:.1} s{psnr}", progress.step, progress.seconds);
     println!("begin with it: --set train.init={}", folder.display());
     Ok(ExitCode::SUCCESS)
 }
@@ -67,8 +69,9 @@ fn training_views(plan: &RunPlan) -> Result<Scene> {
     run::load(&plan)
 }
 
-/// Trains until the end or until the user stops it ([`Outcome::Running`]); also the mean PSNR of the last steps.
-fn train(trainer: &mut Pretrainer, folder: &Path, every: usize) -> Result<(Outcome, f32)> {
+/// Trains until the end or until the user stops it ([`Outcome::Running`]); also the mean PSNR of the last
+/// steps, if any were taken.
+fn train(trainer: &mut Pretrainer, folder: &Path, every: usize) -> Result<(Outcome, Option<f32>)> {
     let mut progress = Progress::new(folder, "pre-training", trainer.progress().step)?;
     let mut last = std::collections::VecDeque::with_capacity(LAST + 1);
     let outcome = loop {
@@ -98,5 +101,5 @@ fn train(trainer: &mut Pretrainer, folder: &Path, every: usize) -> Result<(Outco
         }
     };
     progress.finish()?;
-    Ok((outcome, last.iter().sum::<f32>() / last.len().max(1) as f32))
+    Ok((outcome, (!last.is_empty()).then(|| last.iter().sum::<f32>() / last.len() as f32)))
 }
