@@ -12,7 +12,7 @@ use infonerf_train::{Config, Preset, Trainer, config, member_seed};
 use serde::{Deserialize, Serialize};
 use toml::{Spanned, Table, Value};
 
-use crate::args::{PresetName, Selection};
+use crate::args::{PresetName, Selection, parse_seeds};
 use crate::paper::Paper;
 use crate::plot::Plot;
 
@@ -29,6 +29,11 @@ const BUILT_IN: &[(&str, &str)] = &[
     ("views", include_str!("../../../experiments/views.toml")),
     ("information", include_str!("../../../experiments/information.toml")),
     ("small-nerf", include_str!("../../../experiments/small-nerf.toml")),
+    ("dietnerf", include_str!("../../../experiments/dietnerf.toml")),
+    ("pixelnerf-pretrain", include_str!("../../../experiments/pixelnerf-pretrain.toml")),
+    ("pixelnerf-pretrain-paper", include_str!("../../../experiments/pixelnerf-pretrain-paper.toml")),
+    ("integration-pixelnerf", include_str!("../../../experiments/integration-pixelnerf.toml")),
+    ("integration-pixelnerf-paper", include_str!("../../../experiments/integration-pixelnerf-paper.toml")),
 ];
 
 /// An experiment file.
@@ -291,16 +296,14 @@ fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Result<Vec<(S
     let Some(data) = data else {
         let names = names.unwrap_or_else(|| procedural::NAMES.iter().map(|&name| name.to_owned()).collect());
         return names
-            .into_iter()
-            .map(|name| {
-                if procedural::NAMES.contains(&name.as_str()) {
-                    Ok((name.clone(), SceneSource::Procedural(name)))
-                } else {
-                    bail!(
-                        "--scene {name}: expected one of the built-in scenes ({}), or --data with the folder that holds it",
-                        procedural::NAMES.join(", ")
-                    )
-                }
+            .iter()
+            .flat_map(|name| expand(name))
+            .map(|name| match procedural::check_name(&name) {
+                Ok(()) => Ok((name.clone(), SceneSource::Procedural(name))),
+                Err(_) => bail!(
+                    "--scene {name}: expected one of the built-in scenes ({}, random-<seed>), or --data with the folder that holds it",
+                    procedural::NAMES.join(", ")
+                ),
             })
             .collect();
     };
@@ -321,6 +324,12 @@ fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Result<Vec<(S
             Ok((name, SceneSource::Folder { path }))
         })
         .collect()
+}
+
+/// `random-0..3` is short for random-0, random-1, random-2 and random-3; any other name is itself.
+fn expand(name: &str) -> Vec<String> {
+    let range = name.strip_prefix("random-").and_then(|range| parse_seeds(range).ok());
+    range.map_or_else(|| vec![name.to_owned()], |seeds| seeds.map(|seed| format!("random-{seed}")).collect())
 }
 
 fn subfolders(data: &Path) -> Result<Vec<String>> {
@@ -362,12 +371,17 @@ impl RunPlan {
 
     /// The text of `config.toml`: running it again gives the same numbers.
     pub(crate) fn to_toml(&self) -> Result<String> {
+        self.to_toml_with(vec![self.scene.clone()])
+    }
+
+    /// The same of a run over several scenes.
+    pub(crate) fn to_toml_with(&self, scenes: Vec<String>) -> Result<String> {
         let data = self.data.as_deref().map(|data| std::path::absolute(data).unwrap_or_else(|_| data.to_owned()));
         let complete = Complete {
             title: self.label(),
             name: self.experiment.clone(),
             data,
-            scenes: vec![self.scene.clone()],
+            scenes,
             seeds: vec![self.seed],
             preset: self.preset,
             budget_seconds: self.budget,

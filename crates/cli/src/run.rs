@@ -51,13 +51,8 @@ impl Session {
         let _lock = lock(&folder)?;
         let config = plan.to_toml()?;
         let path = folder.join("config.toml");
-        let found = fs::read_to_string(&path).ok();
         if self.resume {
-            if let Some(found) = found.filter(|found| *found != config) {
-                let line = config.lines().zip(found.lines()).find(|(a, b)| a != b);
-                let difference = line.map_or_else(String::new, |(now, then)| format!(": `{then}` then, `{now}` now"));
-                bail!("{}: --resume needs the config that the run began with{difference}", path.display());
-            }
+            check_same(&path, &config)?;
         } else {
             clear(&folder)?;
         }
@@ -196,6 +191,7 @@ fn notes(plan: &RunPlan, restarts: usize) -> Vec<String> {
     if plan.config.train.unseen == infonerf_train::config::Unseen::Dataset && plan.config.loss.entropy.weight > 0.0 {
         notes.push("unseen poses are those of all training images of the data set, chosen or not".into());
     }
+    notes.extend(plan.config.first_weights());
     if restarts > 0 {
         notes.push(format!("the field went empty {restarts} times and training started over with other weights"));
     }
@@ -241,8 +237,18 @@ pub(crate) fn record_path(folder: &Path, plan: &RunPlan) -> PathBuf {
     folder.join(format!("record-{}.json", plan.preset.name()))
 }
 
+/// Fails if the run at whose `config.toml` `path` points began with another config.
+pub(crate) fn check_same(path: &Path, config: &str) -> Result<()> {
+    if let Some(found) = fs::read_to_string(path).ok().filter(|found| found != config) {
+        let line = config.lines().zip(found.lines()).find(|(a, b)| a != b);
+        let difference = line.map_or_else(String::new, |(now, then)| format!(": `{then}` then, `{now}` now"));
+        bail!("{}: --resume needs the config that the run began with{difference}", path.display());
+    }
+    Ok(())
+}
+
 /// Takes away what an earlier run left.
-fn clear(folder: &Path) -> Result<()> {
+pub(crate) fn clear(folder: &Path) -> Result<()> {
     for name in ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render"]
     {
         let path = folder.join(name);
@@ -262,7 +268,7 @@ fn clear(folder: &Path) -> Result<()> {
 }
 
 /// Keeps a second process out of a run's folder for as long as the file lives.
-fn lock(folder: &Path) -> Result<fs::File> {
+pub(crate) fn lock(folder: &Path) -> Result<fs::File> {
     let path = folder.join("lock");
     let file = fs::File::create(&path).with_context(|| path.display().to_string())?;
     match file.try_lock() {

@@ -13,7 +13,11 @@ mod evaluate;
 mod event;
 mod members;
 mod memory;
+mod model;
+mod photographs;
+mod pretrain;
 mod profile;
+mod semantic;
 mod trainer;
 
 pub use checkpoint::{Checkpoint, Progress};
@@ -23,5 +27,6 @@ pub use evaluate::{Evaluation, Information, InformationQuery, TestView, evaluate
 pub use event::Event;
 pub use members::member_seed;
 pub use memory::MemoryPlan;
+pub use pretrain::Pretrainer;
 pub use profile::{Phase, Profile};
 pub use trainer::{Outcome, Trainer};

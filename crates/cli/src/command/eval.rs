@@ -36,6 +36,7 @@ pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
 pub(crate) fn trained(plan: &RunPlan, folder: &Path, device: DeviceName) -> Result<Vec<Trainer>> {
     let (device, _) = device::open(device)?;
     let scene = run::load(plan)?;
+    let plan = &RunPlan { config: plan.config.without_weight_files(), ..plan.clone() };
     let mut trainers = Vec::new();
     for index in 0..plan.members() {
         let (checkpoint, refused) = infonerf_train::Checkpoint::load(&plan.member_folder(folder, index))?;
