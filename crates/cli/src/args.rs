@@ -23,6 +23,9 @@ pub(crate) enum Command {
     /// Run an experiment: train every variant on every scene, evaluate on test views, write a report.
     #[command(after_help = EXP_EXAMPLES)]
     Exp(ExpArgs),
+    /// Train one model on all scenes of an experiment, for other runs to begin with (`train.init`).
+    #[command(after_help = PRETRAIN_EXAMPLES)]
+    Pretrain(PretrainArgs),
     /// Run an experiment for every combination of some values, and tabulate and plot what came of it.
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
@@ -85,6 +88,29 @@ pub(crate) struct ExpArgs {
     /// Print where time went and what skipping saved.
     #[arg(long)]
     pub(crate) profile: bool,
+}
+
+const PRETRAIN_EXAMPLES: &str = "\
+Examples:
+  infonerf pretrain pixelnerf-pretrain
+      PixelNeRF on procedural scenes drawn at random; leaves runs/pixelnerf-pretrain
+  infonerf pretrain pixelnerf-pretrain --data DTU
+      the same on all scenes in a folder
+  infonerf exp integration-pixelnerf --set train.init=runs/pixelnerf-pretrain
+      fine-tune what came of it on a few views of another scene";
+
+#[derive(Clone, Debug, ClapArgs)]
+pub(crate) struct PretrainArgs {
+    /// A built-in experiment (see `infonerf list`) or a TOML file: one variant, one seed, the scenes to learn from.
+    pub(crate) experiment: String,
+    #[command(flatten)]
+    pub(crate) selection: Selection,
+    /// Folder for results: weights go to a folder of the experiment's name in it.
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    pub(crate) out: PathBuf,
+    /// Go on if interrupted.
+    #[arg(long)]
+    pub(crate) resume: bool,
 }
 
 /// Which runs of an experiment, and what they change.

@@ -5,13 +5,14 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use burn::tensor::Device;
 use infonerf_report::{Claim, Record, ReportInput};
-use infonerf_scene::{SceneSource, procedural};
-use infonerf_train::{Config, Preset, config};
+use infonerf_scene::{Scene, SceneSource, procedural};
+use infonerf_train::{Config, Preset, Trainer, config, member_seed};
 use serde::{Deserialize, Serialize};
 use toml::{Spanned, Table, Value};
 
-use crate::args::{PresetName, Selection};
+use crate::args::{PresetName, Selection, parse_seeds};
 use crate::paper::Paper;
 use crate::plot::Plot;
 
@@ -28,6 +29,11 @@ const BUILT_IN: &[(&str, &str)] = &[
     ("views", include_str!("../../../experiments/views.toml")),
     ("information", include_str!("../../../experiments/information.toml")),
     ("small-nerf", include_str!("../../../experiments/small-nerf.toml")),
+    ("dietnerf", include_str!("../../../experiments/dietnerf.toml")),
+    ("pixelnerf-pretrain", include_str!("../../../experiments/pixelnerf-pretrain.toml")),
+    ("pixelnerf-pretrain-paper", include_str!("../../../experiments/pixelnerf-pretrain-paper.toml")),
+    ("integration-pixelnerf", include_str!("../../../experiments/integration-pixelnerf.toml")),
+    ("integration-pixelnerf-paper", include_str!("../../../experiments/integration-pixelnerf-paper.toml")),
 ];
 
 /// An experiment file.
@@ -290,16 +296,14 @@ fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Result<Vec<(S
     let Some(data) = data else {
         let names = names.unwrap_or_else(|| procedural::NAMES.iter().map(|&name| name.to_owned()).collect());
         return names
-            .into_iter()
-            .map(|name| {
-                if procedural::NAMES.contains(&name.as_str()) {
-                    Ok((name.clone(), SceneSource::Procedural(name)))
-                } else {
-                    bail!(
-                        "--scene {name}: expected one of the built-in scenes ({}), or --data with the folder that holds it",
-                        procedural::NAMES.join(", ")
-                    )
-                }
+            .iter()
+            .flat_map(|name| expand(name))
+            .map(|name| match procedural::check_name(&name) {
+                Ok(()) => Ok((name.clone(), SceneSource::Procedural(name))),
+                Err(_) => bail!(
+                    "--scene {name}: expected one of the built-in scenes ({}, random-<seed>), or --data with the folder that holds it",
+                    procedural::NAMES.join(", ")
+                ),
             })
             .collect();
     };
@@ -322,6 +326,12 @@ fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Result<Vec<(S
         .collect()
 }
 
+/// `random-0..3` is short for random-0, random-1, random-2 and random-3; any other name is itself.
+fn expand(name: &str) -> Vec<String> {
+    let range = name.strip_prefix("random-").and_then(|range| parse_seeds(range).ok());
+    range.map_or_else(|| vec![name.to_owned()], |seeds| seeds.map(|seed| format!("random-{seed}")).collect())
+}
+
 fn subfolders(data: &Path) -> Result<Vec<String>> {
     let entries =
         std::fs::read_dir(data).with_context(|| format!("{}: expected a folder of scenes", data.display()))?;
@@ -338,6 +348,22 @@ fn subfolders(data: &Path) -> Result<Vec<String>> {
 }
 
 impl RunPlan {
+    /// How many fields the run trains.
+    pub(crate) fn members(&self) -> usize {
+        self.config.train.members_in(self.budget)
+    }
+
+    /// Folder of the `index`th field's training: the run's own if there is one field.
+    pub(crate) fn member_folder(&self, run: &Path, index: usize) -> PathBuf {
+        if self.members() == 1 { run.to_owned() } else { run.join(format!("member{index}")) }
+    }
+
+    /// The `index`th field before its first step.
+    pub(crate) fn trainer(&self, scene: Scene, index: usize, device: &Device) -> Result<Trainer> {
+        let budget = self.budget.map(|budget| budget / self.members() as f64);
+        Ok(Trainer::new(&self.config, scene, member_seed(self.seed, index), budget, device)?)
+    }
+
     /// How the run is named to people.
     pub(crate) fn label(&self) -> String {
         format!("{}/{}/seed{}", self.scene, self.variant, self.seed)
@@ -345,12 +371,17 @@ impl RunPlan {
 
     /// The text of `config.toml`: running it again gives the same numbers.
     pub(crate) fn to_toml(&self) -> Result<String> {
+        self.to_toml_with(vec![self.scene.clone()])
+    }
+
+    /// The same of a run over several scenes.
+    pub(crate) fn to_toml_with(&self, scenes: Vec<String>) -> Result<String> {
         let data = self.data.as_deref().map(|data| std::path::absolute(data).unwrap_or_else(|_| data.to_owned()));
         let complete = Complete {
             title: self.label(),
             name: self.experiment.clone(),
             data,
-            scenes: vec![self.scene.clone()],
+            scenes,
             seeds: vec![self.seed],
             preset: self.preset,
             budget_seconds: self.budget,

@@ -6,10 +6,12 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, bail};
 use burn::tensor::Device;
 use infonerf_metrics::to_rgb8;
+use infonerf_render::Learned;
 use infonerf_report::{Record, TestViews, depth_image, error_image, run_directory};
 use infonerf_scene::{Scene, SceneRequest, SceneSource, View};
 use infonerf_train::{
-    Checkpoint, Evaluation, Event, InformationQuery, Outcome, TestView, Trainer, evaluate_view, information,
+    Checkpoint, Evaluation, Event, Information, InformationQuery, Outcome, Progress as TrainProgress, TestView,
+    Trainer, evaluate_view, information,
 };
 
 use crate::experiment::RunPlan;
@@ -29,7 +31,7 @@ pub(crate) struct Session {
 /// What came of a run.
 pub(crate) enum Finished {
     /// It is done.
-    Record(Box<Record>, Box<Trainer>),
+    Record(Box<Record>, Vec<Trainer>),
     /// It was done already.
     Kept,
     /// It was stopped, by the user or at [`Session::until`], and can be resumed.
@@ -49,33 +51,33 @@ impl Session {
         let _lock = lock(&folder)?;
         let config = plan.to_toml()?;
         let path = folder.join("config.toml");
-        let found = fs::read_to_string(&path).ok();
-        let checkpoint = if self.resume {
-            if let Some(found) = found.filter(|found| *found != config) {
-                let line = config.lines().zip(found.lines()).find(|(a, b)| a != b);
-                let difference = line.map_or_else(String::new, |(now, then)| format!(": `{then}` then, `{now}` now"));
-                bail!("{}: --resume needs the config that the run began with{difference}", path.display());
-            }
-            self.load_checkpoint(&folder)?
+        if self.resume {
+            check_same(&path, &config)?;
         } else {
             clear(&folder)?;
-            None
-        };
+        }
         if self.resume && record_path(&folder, plan).exists() {
             return Ok(Finished::Kept);
         }
         infonerf_report::write_atomically(&path, config.as_bytes())?;
         let scene = load(plan)?;
-        let mut trainer = Trainer::new(&plan.config, scene, plan.seed, plan.budget, &self.device)?;
-        if let Some(checkpoint) = &checkpoint {
-            trainer.resume(checkpoint)?;
+        let mut trainers = Vec::new();
+        let mut collapsed = false;
+        for index in 0..plan.members() {
+            let folder = plan.member_folder(&folder, index);
+            fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+            let mut trainer = plan.trainer(scene.clone(), index, &self.device)?;
+            if let Some(checkpoint) = self.load_checkpoint(&folder)? {
+                trainer.resume(&checkpoint)?;
+            }
+            match self.train(plan, &folder, &mut trainer)? {
+                Outcome::Running => return Ok(Finished::Stopped),
+                outcome => collapsed |= outcome == Outcome::Collapsed,
+            }
+            trainers.push(trainer);
         }
-        let outcome = self.train(plan, &folder, &mut trainer)?;
-        if outcome == Outcome::Running {
-            return Ok(Finished::Stopped);
-        }
-        let record = self.evaluate(plan, &folder, &trainer, outcome == Outcome::Collapsed)?;
-        Ok(Finished::Record(Box::new(record), Box::new(trainer)))
+        let record = self.evaluate(plan, &folder, &trainers, collapsed)?;
+        Ok(Finished::Record(Box::new(record), trainers))
     }
 
     fn load_checkpoint(&self, folder: &Path) -> Result<Option<Checkpoint>> {
@@ -121,11 +123,11 @@ impl Session {
     }
 
     /// Renders and measures the test views, writes the pictures, and returns the record.
-    fn evaluate(&self, plan: &RunPlan, folder: &Path, trainer: &Trainer, collapsed: bool) -> Result<Record> {
-        let (scene, model, occupancy) = (trainer.scene(), trainer.model(), trainer.picture_occupancy());
+    fn evaluate(&self, plan: &RunPlan, folder: &Path, trainers: &[Trainer], collapsed: bool) -> Result<Record> {
+        let (scene, renderer, members) = (trainers[0].scene(), trainers[0].renderer(), learned(trainers));
         let mut views = Vec::new();
         for view in &scene.test {
-            let result = evaluate_view(trainer.renderer(), &model, occupancy.as_ref(), view)?;
+            let result = evaluate_view(renderer, &members, view)?;
             write_pictures(folder, scene, view, &result)?;
             views.push(result);
         }
@@ -137,8 +139,9 @@ impl Session {
             rays: plan.config.eval.information_rays,
             seed: plan.seed,
         };
-        let information = information(trainer.renderer(), &model, trainer.occupancy(), scene, query);
-        let progress = trainer.progress();
+        let of_member = |trainer: &Trainer| information(renderer, &trainer.model(), trainer.occupancy(), scene, query);
+        let information = Information::mean(&trainers.iter().filter_map(of_member).collect::<Vec<_>>());
+        let progress = total(trainers);
         let mut notes = notes(plan, progress.restarts);
         if mean.depth_rmse.is_none() {
             notes.push("depth_rmse: the scene has no exact depth at this size".into());
@@ -188,10 +191,29 @@ fn notes(plan: &RunPlan, restarts: usize) -> Vec<String> {
     if plan.config.train.unseen == infonerf_train::config::Unseen::Dataset && plan.config.loss.entropy.weight > 0.0 {
         notes.push("unseen poses are those of all training images of the data set, chosen or not".into());
     }
+    notes.extend(plan.config.first_weights());
     if restarts > 0 {
         notes.push(format!("the field went empty {restarts} times and training started over with other weights"));
     }
     notes
+}
+
+/// What pictures of a run are rendered from.
+pub(crate) fn learned(trainers: &[Trainer]) -> Vec<Learned> {
+    trainers.iter().map(Trainer::learned).collect()
+}
+
+/// Steps, seconds, samples and fresh starts of all members together.
+pub(crate) fn total(trainers: &[Trainer]) -> TrainProgress {
+    let mut total = TrainProgress::default();
+    for progress in trainers.iter().map(Trainer::progress) {
+        total.step += progress.step;
+        total.seconds += progress.seconds;
+        total.samples_total += progress.samples_total;
+        total.samples_evaluated += progress.samples_evaluated;
+        total.restarts += progress.restarts;
+    }
+    total
 }
 
 /// Loads the scene of a run.
@@ -215,8 +237,18 @@ pub(crate) fn record_path(folder: &Path, plan: &RunPlan) -> PathBuf {
     folder.join(format!("record-{}.json", plan.preset.name()))
 }
 
+/// Fails if the run at whose `config.toml` `path` points began with another config.
+pub(crate) fn check_same(path: &Path, config: &str) -> Result<()> {
+    if let Some(found) = fs::read_to_string(path).ok().filter(|found| found != config) {
+        let line = config.lines().zip(found.lines()).find(|(a, b)| a != b);
+        let difference = line.map_or_else(String::new, |(now, then)| format!(": `{then}` then, `{now}` now"));
+        bail!("{}: --resume needs the config that the run began with{difference}", path.display());
+    }
+    Ok(())
+}
+
 /// Takes away what an earlier run left.
-fn clear(folder: &Path) -> Result<()> {
+pub(crate) fn clear(folder: &Path) -> Result<()> {
     for name in ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render"]
     {
         let path = folder.join(name);
@@ -228,13 +260,15 @@ fn clear(folder: &Path) -> Result<()> {
         let name = entry.file_name().to_string_lossy().into_owned();
         if name.starts_with("record-") || name == "metrics.jsonl" {
             fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;
+        } else if name.starts_with("member") && entry.path().is_dir() {
+            fs::remove_dir_all(entry.path()).with_context(|| entry.path().display().to_string())?;
         }
     }
     Ok(())
 }
 
 /// Keeps a second process out of a run's folder for as long as the file lives.
-fn lock(folder: &Path) -> Result<fs::File> {
+pub(crate) fn lock(folder: &Path) -> Result<fs::File> {
     let path = folder.join("lock");
     let file = fs::File::create(&path).with_context(|| path.display().to_string())?;
     match file.try_lock() {

@@ -85,6 +85,11 @@ fn poses() {
 #[test]
 fn folders() {
     let place = with_scene();
+    place.tiny(&["exp", "dietnerf", "--scene", "knot", "--variant", "dietnerf"]).fails_with(&[
+        "loss.semantic.weights",
+        "openai/clip-vit-base-patch32",
+        "clip-vit-base-patch32.safetensors: No such",
+    ]);
     let data = |data: &str, scene: &str| place.tiny(&["exp", "synthetic-4view", "--data", data, "--scene", scene]);
     data("nowhere", "knot").fails_with(&["nowhere"]);
     data("data", "lego").fails_with(&["data/lego", "not found"]);

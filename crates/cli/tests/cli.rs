@@ -319,6 +319,46 @@ fn an_experiment_file_changes_another() {
 }
 
 /// The networks of the paper, small: hierarchical sampling, and the released code's infinite last interval.
+/// A PixelNeRF so small that it is quick.
+const TINY_PIXELNERF: [&str; 6] = [
+    "--set",
+    "field={kind=\"pixelnerf\",encoder={width=4,blocks=[1],weights=\"\"},blocks=2,pool_after=1,width=8,octaves=2,frequency=1.5,density=\"softplus\"}",
+    "--set",
+    "train={batch=\"held-out\",iterations=4,rays=32,unseen_rays=16}",
+    "--set",
+    "scene={size=16,views={kind=\"seed\",count=2}}",
+];
+
+#[test]
+fn weights_learned_on_many_scenes_begin_another_run() {
+    let place = Workplace::new();
+    let small = ["--set", "eval.test=first-1", "--set", "eval.information_rays=16"];
+    let pretrain = || {
+        let scenes = ["pretrain", "pixelnerf-pretrain", "--scene", "random-0..2", "--out", "out"];
+        place.run(&scenes).args(&TINY_PIXELNERF)
+    };
+    let exp = || {
+        let args = ["exp", "integration-pixelnerf", "--scene", "random-7", "--seed", "0", "--out", "out"];
+        place.run(&args).args(&TINY_PIXELNERF).args(&small).args(&["--set", "train.init=out/pixelnerf-pretrain"])
+    };
+    exp().fails_with(&["train.init", "out/pixelnerf-pretrain", "infonerf pretrain"]);
+    let said = text(&pretrain().succeeds().stdout);
+    assert!(said.contains("3 scenes") && said.contains("train.init=out/pixelnerf-pretrain"), "{said}");
+    let config = fs::read_to_string(place.path("out/pixelnerf-pretrain/config.toml")).unwrap();
+    assert!(config.contains("scenes = [\"random-0\", \"random-1\", \"random-2\"]"), "{config}");
+    exp().succeeds();
+    let records = records(&place.path("out/integration-pixelnerf"));
+    assert_eq!(records.len(), 2);
+    for record in &records {
+        let notes = record["notes"].to_string();
+        assert!(notes.contains("began with the weights of out/pixelnerf-pretrain"), "{notes}");
+    }
+    // A run holds its own weights.
+    fs::remove_dir_all(place.path("out/pixelnerf-pretrain")).unwrap();
+    place.run(&["eval", "out/integration-pixelnerf/random-7/pixelnerf/seed0"]).succeeds();
+    pretrain().args(&["--seed", "0..1"]).fails_with(&["one variant and one seed"]);
+}
+
 #[test]
 fn the_presets_of_the_paper_run() {
     let place = Workplace::new();

@@ -1,4 +1,5 @@
 use std::fmt;
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -15,6 +16,8 @@ pub enum FieldConfig {
     Mip(MipConfig),
     /// Planes and lines with a tiny MLP.
     Factored(FactoredConfig),
+    /// An MLP over features of photographs.
+    PixelNerf(PixelNerfConfig),
 }
 
 /// Sizes of [`FactoredField`](crate::FactoredField).
@@ -79,6 +82,38 @@ pub struct MipConfig {
     pub anneal: f32,
 }
 
+/// Sizes of [`PixelNerf`](crate::PixelNerf).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PixelNerfConfig {
+    /// The image encoder.
+    pub encoder: EncoderConfig,
+    /// ResNet blocks of the MLP (paper: 5).
+    pub blocks: usize,
+    /// Blocks after which the views are averaged; features are added before each of them (paper: 3).
+    pub pool_after: usize,
+    /// Width of the MLP (paper: 512).
+    pub width: usize,
+    /// Octaves of the position's encoding in view space (paper: 6).
+    pub octaves: usize,
+    /// ω, the encoding's lowest frequency: sin(2ᵏ ω x), x in scene units (paper: 1.5).
+    pub frequency: f32,
+    /// How raw density becomes σ.
+    pub density: DensityActivation,
+}
+
+/// The image encoder of [`PixelNerf`](crate::PixelNerf).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EncoderConfig {
+    /// Channels of the stem and the first stage, twice as many in each further one (ResNet-34: 64).
+    pub width: usize,
+    /// Residual blocks of each stage that is read (paper: the first three of ResNet-34, 3, 4 and 6).
+    pub blocks: Vec<usize>,
+    /// Safetensors file with the weights of torchvision's `resnet34`; empty for random ones.
+    pub weights: PathBuf,
+}
+
 /// A size or factor out of range.
 #[derive(Debug, Error, PartialEq)]
 #[error("field.{field}: expected {expected}, found {found}")]
@@ -110,6 +145,10 @@ impl fmt::Display for FieldConfig {
             Self::Factored(c) => {
                 let finest = c.resolutions.iter().max().copied().unwrap_or(0);
                 write!(f, "planes and lines of up to {finest} texels with an MLP of {} layers of {}", c.layers, c.width)
+            }
+            Self::PixelNerf(c) => {
+                let stages = c.encoder.blocks.len();
+                write!(f, "ResNet MLP of {} blocks of {} over features of {stages} stages", c.blocks, c.width)
             }
         }
     }
@@ -155,6 +194,20 @@ impl FieldConfig {
                 )?;
                 check("density_bias", "-50 to 50", c.density_bias, (-50.0..=50.0).contains(&c.density_bias))?;
                 check("anneal", "0 to 1", c.anneal, (0.0..=1.0).contains(&c.anneal))
+            }
+            Self::PixelNerf(c) => {
+                let blocks = format!("{:?}", c.encoder.blocks);
+                let good = (1..=4).contains(&c.encoder.blocks.len())
+                    && c.encoder.blocks.iter().all(|count| (1..=64).contains(count));
+                check("encoder.blocks", "1 to 4 numbers from 1 to 64", blocks, good)?;
+                check("encoder.width", "1 to 512", c.encoder.width, (1..=512).contains(&c.encoder.width))?;
+                check("blocks", "1 to 64", c.blocks, (1..=64).contains(&c.blocks))?;
+                let pools = (1..=c.blocks).contains(&c.pool_after);
+                check("pool_after", "1 to field.blocks", c.pool_after, pools)?;
+                check("width", "1 to 4096", c.width, (1..=4096).contains(&c.width))?;
+                check("octaves", "0 to 20", c.octaves, c.octaves <= 20)?;
+                let good = c.frequency > 0.0 && c.frequency <= 1e3;
+                check("frequency", "above 0, at most 1000", c.frequency, good)
             }
         }
     }

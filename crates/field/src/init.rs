@@ -34,3 +34,12 @@ impl Init {
         layer
     }
 }
+
+/// A dense layer for ReLU networks (He et al. 2015): weights uniform in ±gain·√(6/fan_in), biases 0.
+pub(crate) fn he_linear(rng: &mut impl Rng, fan_in: usize, fan_out: usize, gain: f32, device: &Device) -> Linear {
+    let mut layer = LinearConfig::new(fan_in, fan_out).init(device);
+    let weight = uniform(rng, fan_in * fan_out, gain * (6.0 / fan_in as f32).sqrt());
+    layer.weight = Param::from_data(TensorData::new(weight, [fan_in, fan_out]), device);
+    layer.bias = Some(Param::from_data(TensorData::new(vec![0f32; fan_out], [fan_out]), device));
+    layer
+}

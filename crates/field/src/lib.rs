@@ -10,12 +10,16 @@ mod init;
 mod mip;
 mod mlp;
 mod nerf;
+mod pixel;
+mod sources;
 
 pub use activation::DensityActivation;
-pub use config::{ConfigError, FactoredConfig, FieldConfig, MipConfig, NerfConfig};
+pub use config::{ConfigError, EncoderConfig, FactoredConfig, FieldConfig, MipConfig, NerfConfig, PixelNerfConfig};
 pub use factored::FactoredField;
 pub use mip::MipNerf;
 pub use nerf::NerfMlp;
+pub use pixel::PixelNerf;
+pub use sources::{SourceView, Sources};
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
@@ -75,6 +79,8 @@ pub enum RadianceField {
     Mip(MipNerf),
     /// Planes and lines with a tiny MLP.
     Factored(FactoredField),
+    /// An MLP over features of photographs.
+    PixelNerf(PixelNerf),
 }
 
 impl RadianceField {
@@ -83,7 +89,7 @@ impl RadianceField {
     /// `bounds` are the corners of the box that holds the scene, for fields that need one.
     ///
     /// # Errors
-    /// If a size in `config` is out of range.
+    /// If a size in `config` is out of range, or a file of weights that it names cannot be used.
     pub fn new(config: &FieldConfig, bounds: [[f32; 3]; 2], seed: u64, device: &Device) -> Result<Self, ConfigError> {
         config.validate()?;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -91,24 +97,44 @@ impl RadianceField {
             FieldConfig::Nerf(config) => Self::Nerf(NerfMlp::new(config, &mut rng, device)),
             FieldConfig::Mip(config) => Self::Mip(MipNerf::new(config, &mut rng, device)),
             FieldConfig::Factored(config) => Self::Factored(FactoredField::new(config, bounds, &mut rng, device)),
+            FieldConfig::PixelNerf(config) => Self::PixelNerf(PixelNerf::new(config, &mut rng, device)?),
         })
+    }
+
+    /// The field as it answers when it looks at `sources`: needed before [`Self::evaluate`] by a field that
+    /// is conditioned on photographs, and nothing but a copy for any other.
+    ///
+    /// What the field reads from the photographs is computed here, once for all that is then asked; gradients flow back
+    /// through it into this field's parameters. It is stale once they change.
+    ///
+    /// # Panics
+    /// If a field that needs photographs is given none.
+    pub fn conditioned(&self, sources: &Sources) -> Self {
+        match self {
+            Self::PixelNerf(field) => Self::PixelNerf(field.conditioned(sources)),
+            other => other.clone(),
+        }
     }
 
     /// Density σ(x), and colour c(x, d) if `color`, differentiable in the parameters.
     ///
     /// `progress` ∈ [0, 1] is how far training is, for fields that anneal detail; 1 gives the whole field.
+    ///
+    /// # Panics
+    /// If the field needs photographs and was not [conditioned](Self::conditioned) on any.
     pub fn evaluate(&self, points: Points<'_>, color: bool, progress: f32) -> Sampled {
         match self {
             Self::Nerf(field) => field.evaluate(points, color, progress),
             Self::Mip(field) => field.evaluate(points, color, progress),
             Self::Factored(field) => field.evaluate(points, color, progress),
+            Self::PixelNerf(field) => field.evaluate(points, color),
         }
     }
 
     /// Total variation of the field's tables, a scalar; none for a field without tables.
     pub fn variation(&self) -> Option<Tensor<1>> {
         match self {
-            Self::Nerf(_) | Self::Mip(_) => None,
+            Self::Nerf(_) | Self::Mip(_) | Self::PixelNerf(_) => None,
             Self::Factored(field) => Some(field.variation()),
         }
     }
@@ -119,6 +145,7 @@ impl RadianceField {
             Self::Nerf(field) => field.device(),
             Self::Mip(field) => field.device(),
             Self::Factored(field) => field.device(),
+            Self::PixelNerf(field) => field.device(),
         }
     }
 }

@@ -5,10 +5,12 @@
 mod entropy;
 mod gain;
 mod photometric;
+mod semantic;
 
 pub use entropy::{EntropyConfig, HitMask, HitRule, entropy_loss};
 pub use gain::{Direction, GainConfig, gain_loss};
 pub use photometric::{Norm, photometric_loss};
+pub use semantic::{SemanticConfig, semantic_loss};
 
 use serde::{Deserialize, Serialize};
 

@@ -78,9 +78,9 @@ mod tests {
         let got = to_host(integrated_encode(&MEAN, &variance, 6, &[], &Device::flex()));
         assert_eq!(got.len(), integrated_width(6));
         for octave in 0..6 {
-            for axis in 0..3 {
+            for (axis, (mean, variance)) in MEAN.into_iter().zip(variance).enumerate() {
                 let scale = 2f64.powi(octave as i32);
-                let (mean, deviation) = (f64::from(MEAN[axis]) * scale, f64::from(variance[axis]).sqrt() * scale);
+                let (mean, deviation) = (f64::from(mean) * scale, f64::from(variance).sqrt() * scale);
                 let expected = |f: fn(f64) -> f64| reference::gaussian_mean(mean, deviation, f);
                 let base = octave * 6 + axis;
                 approx::assert_abs_diff_eq!(f64::from(got[base]), expected(f64::sin), epsilon = 2e-6);

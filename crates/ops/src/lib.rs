@@ -15,6 +15,7 @@
 //! ([`Segments`]), so skipping a sample costs nothing downstream.
 
 pub mod adam;
+pub mod bilinear;
 pub mod composite;
 #[cfg(feature = "flex")]
 mod distribution;
@@ -31,6 +32,7 @@ mod segments;
 #[cfg(feature = "flex")]
 mod simd;
 
+pub use bilinear::bilinear;
 pub use composite::{Composite, composite};
 pub use factored::{factored_field, plane_variation};
 pub use frequency::frequency_encode;

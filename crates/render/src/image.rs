@@ -26,13 +26,53 @@ const CHUNK: usize = 1 << 15;
 /// The same with a coarse and a fine pass, whose networks' activations are wide.
 const HIERARCHICAL_CHUNK: usize = 4096;
 
-/// Renders the picture that `camera` sees, without gradients: give the model as `valid()`.
-pub fn render_image(
-    renderer: &Renderer,
-    model: &Model,
-    camera: &Camera,
-    occupancy: Option<&OccupancyGrid>,
-) -> RenderedImage {
+/// A trained model without gradients, and what is known to be empty around it.
+#[derive(Clone, Debug)]
+pub struct Learned {
+    /// The model, as `valid()`.
+    pub model: Model,
+    /// What pictures of it may skip.
+    pub occupancy: Option<OccupancyGrid>,
+}
+
+/// Renders the picture that `camera` sees: the mean of the members' pictures, each pixel's distance weighted by opacity.
+///
+/// # Panics
+/// If there are no members.
+pub fn render_image(renderer: &Renderer, members: &[Learned], camera: &Camera) -> RenderedImage {
+    let (first, others) = members.split_first().expect("at least one member");
+    let mut image = render_one(renderer, first, camera);
+    if others.is_empty() {
+        return image;
+    }
+    // Where a member hits nothing its distance counts for nothing.
+    let distances = |image: &RenderedImage| -> Vec<[f32; 2]> {
+        let seen = |(&depth, &acc): (&f32, &f32)| if depth.is_finite() { [acc * depth, acc] } else { [0.0; 2] };
+        image.depth.iter().zip(&image.acc).map(seen).collect()
+    };
+    let mut sums = distances(&image);
+    for member in others {
+        let other = render_one(renderer, member, camera);
+        let add = |sum: &mut f32, value: f32| *sum += value;
+        image.rgb.as_flattened_mut().iter_mut().zip(other.rgb.as_flattened()).for_each(|(sum, &value)| add(sum, value));
+        image.acc.iter_mut().zip(&other.acc).for_each(|(sum, &value)| add(sum, value));
+        sums.as_flattened_mut()
+            .iter_mut()
+            .zip(distances(&other).as_flattened())
+            .for_each(|(sum, &value)| add(sum, value));
+        image.counts += other.counts;
+    }
+    let share = 1.0 / members.len() as f32;
+    image.rgb.as_flattened_mut().iter_mut().for_each(|value| *value *= share);
+    image.acc.iter_mut().for_each(|value| *value *= share);
+    for ((depth, [sum, weight]), acc) in image.depth.iter_mut().zip(sums).zip(&image.acc) {
+        *depth = if *acc > HIT { sum / weight } else { f32::INFINITY };
+    }
+    image
+}
+
+fn render_one(renderer: &Renderer, learned: &Learned, camera: &Camera) -> RenderedImage {
+    let (model, occupancy) = (&learned.model, learned.occupancy.as_ref());
     let rays: Vec<Ray> = (0..camera.height)
         .flat_map(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))
         .map(|(x, y)| camera.ray(x, y))

@@ -14,7 +14,7 @@ mod sampler;
 mod samples;
 
 pub use config::{ConfigError, LastInterval, OccupancyConfig, Placement, RenderConfig};
-pub use image::{RenderedImage, render_image};
+pub use image::{Learned, RenderedImage, render_image};
 pub use noise::Noise;
 pub use occupancy::OccupancyGrid;
 pub use render::{Counts, Level, Model, Renderer, Want};

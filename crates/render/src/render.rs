@@ -1,6 +1,6 @@
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
-use infonerf_field::RadianceField;
+use infonerf_field::{RadianceField, Sources};
 use infonerf_ops::{Composite, composite::composite, composite::weights, to_host};
 use infonerf_scene::{Aabb, Ray, Scene};
 
@@ -14,6 +14,16 @@ pub struct Model {
     pub coarse: Option<RadianceField>,
     /// The field that is rendered.
     pub fine: RadianceField,
+}
+
+impl Model {
+    /// The model as it answers when its fields look at `sources`: see [`RadianceField::conditioned`].
+    pub fn conditioned(&self, sources: &Sources) -> Self {
+        Self {
+            coarse: self.coarse.as_ref().map(|field| field.conditioned(sources)),
+            fine: self.fine.conditioned(sources),
+        }
+    }
 }
 
 /// What a render has to return beside opacity and distance.

@@ -177,8 +177,10 @@ fn scene<'a>(
     }
     let mut curves = Vec::new();
     for (label, run) in labels.iter().zip(&runs) {
-        let path = run.directory.join("metrics.jsonl");
-        match Events::read(&root.join(&path)) {
+        // Of a run that trained several fields, the first one's.
+        let found = ["metrics.jsonl", "member0/metrics.jsonl"].map(|name| run.directory.join(name));
+        let path = found.iter().find(|path| root.join(path).exists()).unwrap_or(&found[0]);
+        match Events::read(&root.join(path)) {
             Ok(events) => {
                 if events.skipped > 0 {
                     missing.push(format!("{}: {} lines were not understood", path.display(), events.skipped));

@@ -67,7 +67,7 @@ pub struct Scene {
 /// Where a scene comes from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SceneSource {
-    /// A built-in scene, one of [`procedural::NAMES`].
+    /// A built-in scene, one of [`procedural::NAMES`] or `random-<seed>`.
     Procedural(String),
     /// A folder in one of the known formats, told apart by its files, in this order:
     /// `transforms_train.json` (Blender), `transforms.json` (nerfstudio), `poses_bounds.npy` (LLFF).

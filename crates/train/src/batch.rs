@@ -1,7 +1,7 @@
 //! Which rays a step looks at. Every choice is a pure function of (seed, step), so that a resumed run sees the same rays.
 
 use infonerf_render::Noise;
-use infonerf_scene::{Camera, Image, Ray, Scene, ViewRegion, near_pose};
+use infonerf_scene::{Camera, Image, Ray, Scene, ViewRegion, near_pose, resized_dimensions};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -18,6 +18,11 @@ pub(crate) struct Pixels {
 }
 
 impl Pixels {
+    /// The view that the first pixel is of; that of all where a batch is of one image.
+    pub(crate) fn view(&self) -> usize {
+        self.at[0].0
+    }
+
     pub(crate) fn rays(&self) -> Vec<Ray> {
         self.at.iter().map(|&(camera, x, y)| self.cameras[camera].ray(x, y).widened(self.width)).collect()
     }
@@ -97,7 +102,7 @@ impl Pyramid {
                     (view.below(i, 0, images.rgba.len()), x, y)
                 })
                 .collect(),
-            Batch::Image => {
+            Batch::Image | Batch::HeldOut => {
                 let image = view.below(0, 0, images.rgba.len());
                 let pixels = columns as usize * rows as usize;
                 rand::seq::index::sample(&mut generator(column), pixels, rays.min(pixels))
@@ -142,14 +147,34 @@ pub(crate) fn unseen(
     noise: Noise,
 ) -> Pixels {
     let [pose, column, row] = [noise, noise.next(), noise.next().next()];
-    let camera = match config.unseen {
-        Unseen::Sphere => scene.train[0].camera.with_pose(region.sample(&mut generator(pose))),
-        Unseen::Dataset => scene.all_train_cameras[pose.below(0, 0, scene.all_train_cameras.len())].clone(),
-    };
+    let camera = unseen_camera(scene, region, config, pose);
     let (columns, rows) = (camera.width as usize, camera.height as usize);
     let at =
         (0..rays).map(|i| (0, column.below(i, 0, columns) as f32 + 0.5, row.below(i, 0, rows) as f32 + 0.5)).collect();
     Pixels { cameras: vec![camera], at, width }
+}
+
+/// Every pixel of a small picture from an unseen pose, with its height and width: the longer side has `size` pixels.
+pub(crate) fn unseen_picture(
+    scene: &Scene,
+    region: &ViewRegion,
+    config: &TrainConfig,
+    size: u32,
+    noise: Noise,
+) -> (Vec<Ray>, (usize, usize)) {
+    let camera = unseen_camera(scene, region, config, noise);
+    let (width, height) = resized_dimensions(camera.width, camera.height, size);
+    let camera = camera.resized(width, height);
+    let row = |y: u32| (0..width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5));
+    let rays = (0..height).flat_map(row).map(|(x, y)| camera.ray(x, y)).collect();
+    (rays, (height as usize, width as usize))
+}
+
+fn unseen_camera(scene: &Scene, region: &ViewRegion, config: &TrainConfig, noise: Noise) -> Camera {
+    match config.unseen {
+        Unseen::Sphere => scene.train[0].camera.with_pose(region.sample(&mut generator(noise))),
+        Unseen::Dataset => scene.all_train_cameras[noise.below(0, 0, scene.all_train_cameras.len())].clone(),
+    }
 }
 
 pub(crate) fn generator(noise: Noise) -> ChaCha8Rng {

@@ -3,7 +3,7 @@
 use burn::tensor::Tensor;
 use infonerf_loss::{GainConfig, HitMask, HitRule, entropy_loss, gain_loss};
 use infonerf_metrics::{Comparison, compare, depth_rmse};
-use infonerf_render::{Model, Noise, OccupancyGrid, RenderedImage, Renderer, Want, render_image};
+use infonerf_render::{Learned, Model, Noise, OccupancyGrid, RenderedImage, Renderer, Want, render_image};
 use infonerf_scene::{Ray, Scene, View, near_pose};
 
 use crate::TrainError;
@@ -46,18 +46,13 @@ impl Evaluation {
     }
 }
 
-/// Renders `view` and compares it with the truth.
+/// Renders `view`, the mean of the members' pictures, and compares it with the truth.
 ///
 /// # Errors
 /// If a render is not finite.
-pub fn evaluate_view(
-    renderer: &Renderer,
-    model: &Model,
-    occupancy: Option<&OccupancyGrid>,
-    view: &View,
-) -> Result<TestView, TrainError> {
+pub fn evaluate_view(renderer: &Renderer, members: &[Learned], view: &View) -> Result<TestView, TrainError> {
     let start = std::time::Instant::now();
-    let image = render_image(renderer, model, &view.camera, occupancy);
+    let image = render_image(renderer, members, &view.camera);
     let seconds = start.elapsed().as_secs_f64();
     let comparison = compare(&image.rgb, &view.image.rgb, image.width as usize, image.height as usize)?;
     let depth_rmse = match &view.depth {
@@ -78,6 +73,14 @@ pub struct Information {
     pub entropy_bits: f64,
     /// Mean divergence in nats between test rays and their neighbours.
     pub gain: f64,
+}
+
+impl Information {
+    /// The mean over several fields; none for none.
+    pub fn mean(all: &[Self]) -> Option<Self> {
+        let of = |value: fn(&Self) -> f64| all.iter().map(value).sum::<f64>() / all.len() as f64;
+        (!all.is_empty()).then(|| Self { entropy_bits: of(|one| one.entropy_bits), gain: of(|one| one.gain) })
+    }
 }
 
 /// On which rays [`information`] is measured, and how.

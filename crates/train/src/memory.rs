@@ -92,6 +92,8 @@ fn sizes(field: &FieldConfig) -> (u64, u64) {
         }
         FieldConfig::Nerf(c) => dense(c.layers, c.width),
         FieldConfig::Mip(c) => dense(c.layers, c.width),
+        // Two layers a block.
+        FieldConfig::PixelNerf(c) => dense(2 * c.blocks, c.width),
     }
 }
 

@@ -1,17 +1,20 @@
 use std::time::Instant;
 
-use burn::module::{Module, ParamGroup};
+use burn::module::Module;
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_field::{Extent, Points, RadianceField};
 use infonerf_loss::{Norm, entropy_loss, gain_loss, photometric_loss};
-use infonerf_ops::{Segments, adam::Adam, to_host};
-use infonerf_render::{Counts, Level, Model, Noise, OccupancyGrid, Renderer, Want};
+use infonerf_ops::{Segments, to_host};
+use infonerf_render::{Counts, Learned, Level, Model, Noise, OccupancyGrid, Renderer, Want};
 use infonerf_scene::{Ray, Scene, ViewRegion};
 
 use crate::average::Average;
 use crate::batch::{self, Pyramid};
 use crate::memory::{self, MemoryPlan};
+use crate::model::{build, optimiser};
+use crate::photographs::Photographs;
+use crate::semantic::Semantic;
 use crate::{Checkpoint, Config, Event, Phase, Profile, Progress, TrainError};
 
 /// One run in memory: what is learned, and how far it is.
@@ -25,6 +28,8 @@ pub struct Trainer {
     renderer: Renderer,
     region: ViewRegion,
     pyramid: Pyramid,
+    photographs: Photographs,
+    semantic: Option<Semantic>,
     model: Model,
     average: Average,
     optimiser: ModuleOptimizer,
@@ -52,6 +57,8 @@ mod purpose {
     pub const SAMPLES: u64 = 4;
     pub const OCCUPANCY: u64 = 5;
     pub const PICTURES: u64 = 6;
+    pub const SOURCES: u64 = 7;
+    pub const SEMANTIC: u64 = 8;
 }
 
 /// A pixel that differs by less than this from the background in every channel shows the background: half an 8-bit step.
@@ -66,7 +73,8 @@ impl Trainer {
     /// Sets up a run: the same `config`, `scene` and `seed` give the same numbers on one device.
     ///
     /// # Errors
-    /// If a number in `config` is out of range, or the run would not fit into memory.
+    /// If a number in `config` is out of range, a file of weights that it names cannot be used, or the run would not fit
+    /// into memory.
     pub fn new(
         config: &Config,
         scene: Scene,
@@ -81,8 +89,10 @@ impl Trainer {
         let device = device.clone().autodiff();
         let renderer = Renderer::new(&config.render, &scene);
         let region = ViewRegion::new(&scene.train.iter().map(|view| view.camera.clone()).collect::<Vec<_>>());
-        let model = build(config, &scene, seed, &device)?;
+        let model = build(config, scene.bounds, seed, &device)?;
         let pyramid = Pyramid::new(&scene, &config.train);
+        let photographs = Photographs::new(&scene);
+        let semantic = Semantic::new(&config.loss.semantic, &scene, &device)?;
         if (config.loss.alpha > 0.0 || config.render.occupancy.carve)
             && scene.train.iter().any(|view| view.image.alpha.is_none())
         {
@@ -100,6 +110,8 @@ impl Trainer {
             renderer,
             region,
             pyramid,
+            photographs,
+            semantic,
             model,
             average: Average::default(),
             occupancy,
@@ -148,7 +160,8 @@ impl Trainer {
 
     /// The model without gradients, to render with: the mean over the end of the run, once there is one.
     pub fn model(&self) -> Model {
-        self.average.mean().cloned().unwrap_or_else(|| self.model.valid())
+        let model = self.average.mean().cloned().unwrap_or_else(|| self.model.valid());
+        model.conditioned(self.photographs.all())
     }
 
     /// The renderer of the scene.
@@ -162,20 +175,20 @@ impl Trainer {
         self.occupancy.as_ref().filter(|_| o.carve || self.progress.step > o.warmup)
     }
 
-    /// What pictures of [`model`](Self::model) may skip; none if nothing is known yet.
-    ///
-    /// Finer than the grid of training if `render.occupancy.refine` says so: then this asks the field, and is worth keeping.
-    pub fn picture_occupancy(&self) -> Option<OccupancyGrid> {
-        let grid = self.occupancy()?;
+    /// What pictures are rendered from. Asks the field where it is empty if `render.occupancy.refine` says so: worth keeping.
+    pub fn learned(&self) -> Learned {
+        let model = self.model();
         let factor = self.config.render.occupancy.refine;
-        if factor == 1 {
-            return Some(grid.clone());
-        }
-        let field = self.model().fine;
-        let noise = Noise::new(self.seed, self.progress.step as u64, purpose::PICTURES);
-        let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
-        let length = self.renderer.step_length(1.0);
-        Some(grid.refined(factor, noise, length, |points| densities(&field, points, extent, 1.0)))
+        let occupancy = self.occupancy().map(|grid| {
+            if factor == 1 {
+                return grid.clone();
+            }
+            let noise = Noise::new(self.seed, self.progress.step as u64, purpose::PICTURES);
+            let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
+            let length = self.renderer.step_length(1.0);
+            grid.refined(factor, noise, length, |points| densities(&model.fine, points, extent, 1.0))
+        });
+        Learned { model, occupancy }
     }
 
     /// Share of the run that is done: by the clock if there is a budget, else by steps.
@@ -246,7 +259,8 @@ impl Trainer {
 
     fn restart(&mut self) -> Result<(), TrainError> {
         let restarts = self.progress.restarts + 1;
-        self.model = build(&self.config, &self.scene, Noise::new(self.seed, restarts as u64, 0).bits(), &self.device)?;
+        let seed = Noise::new(self.seed, restarts as u64, 0).bits();
+        self.model = build(&self.config, self.scene.bounds, seed, &self.device)?;
         self.average = Average::default();
         self.optimiser = optimiser(&self.config);
         self.occupancy = occupancy_grid(&self.config, &self.scene);
@@ -258,7 +272,7 @@ impl Trainer {
         let progress = self.done() as f32;
         let Some(grid) = self.occupancy.as_mut().filter(|grid| grid.is_due(step)) else { return };
         let noise = Noise::new(self.seed, step as u64, purpose::OCCUPANCY);
-        let field = self.model.fine.valid();
+        let field = self.model.fine.valid().conditioned(self.photographs.all());
         let length = self.renderer.step_length(progress);
         let extent = Extent::Ball { variance: grid.cell_variance() };
         self.profile.time(Phase::Occupancy, || {
@@ -293,11 +307,14 @@ impl Trainer {
         let occupancy = self.occupancy.as_ref().filter(|_| o.carve || step >= o.warmup);
         let wants_entropy = |counts: bool| (entropy_weight > 0.0 && counts).then_some(loss.entropy.epsilon);
 
+        let sources = self.photographs.draw(train, seen.view(), noise(purpose::SOURCES));
+        let model = self.profile.time(Phase::Seen, || self.model.conditioned(&sources));
+
         // Rays of training images.
         let rays = seen.rays();
         let want = Want { color: true, entropy: wants_entropy(loss.entropy.rays.seen()) };
         let render =
-            |rays: &[Ray], want, noise| self.renderer.render(&self.model, rays, want, Some(noise), occupancy, progress);
+            |rays: &[Ray], want, noise| self.renderer.render(&model, rays, want, Some(noise), occupancy, progress);
         let (coarse, fine) = self.profile.time(Phase::Seen, || render(&rays, want, noise(purpose::SAMPLES)));
         let mut counts = count(coarse.as_ref(), &fine);
         let samples_a_ray = counts.evaluated as f64 / rays.len() as f64;
@@ -360,7 +377,7 @@ impl Trainer {
                 let near = pixels.near(noise, loss.gain.max_angle_deg);
                 let tau = self
                     .profile
-                    .time(Phase::Near, || self.renderer.optical_depth_along(&self.model.fine, level, &near, progress));
+                    .time(Phase::Near, || self.renderer.optical_depth_along(&model.fine, level, &near, progress));
                 counts += Counts::from(&level.samples);
                 ray_total += near.len();
                 sum = sum + gain_loss(level.tau.clone(), tau, &level.samples.segments, &loss.gain);
@@ -370,6 +387,20 @@ impl Trainer {
         });
         if let Some(gain) = &gain {
             total = total + gain.clone() * gain_weight;
+        }
+
+        // A small picture from an unseen pose.
+        let semantic_weight = loss.semantic.weight_at(step);
+        if let Some(semantic) = self.semantic.as_ref().filter(|_| semantic_weight > 0.0) {
+            let noise = noise(purpose::SEMANTIC);
+            let (rays, size) = batch::unseen_picture(&self.scene, &self.region, train, loss.semantic.size, noise);
+            let want = Want { color: true, entropy: None };
+            let (coarse, level) = self.profile.time(Phase::Unseen, || render(&rays, want, noise.next()));
+            counts += count(coarse.as_ref(), &level);
+            ray_total += rays.len();
+            let picture = level.color.expect("colour was wanted");
+            let views = noise.next().next();
+            total = total + semantic.loss(picture, size, |count| views.below(0, 0, count)) * semantic_weight;
         }
 
         // Priors on opacity, and smoothness of the tables.
@@ -452,16 +483,6 @@ fn count(coarse: Option<&Level>, fine: &Level) -> Counts {
     counts
 }
 
-fn build(config: &Config, scene: &Scene, seed: u64, device: &Device) -> Result<Model, TrainError> {
-    let bounds = [scene.bounds.min.to_array(), scene.bounds.max.to_array()];
-    let field = |seed| {
-        RadianceField::new(&config.field, bounds, seed, device).map_err(|error| TrainError::Config(error.to_string()))
-    };
-    let own_coarse = config.render.fine_samples > 0 && !config.field.shares_passes();
-    let coarse = if own_coarse { Some(field(seed.wrapping_add(1 << 32))?) } else { None };
-    Ok(Model { coarse, fine: field(seed)? })
-}
-
 fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
     let o = &config.render.occupancy;
     o.enabled.then(|| {
@@ -471,13 +492,6 @@ fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
         }
         grid
     })
-}
-
-fn optimiser(config: &Config) -> ModuleOptimizer {
-    let t = &config.train;
-    let adam = Adam { epsilon: t.adam_epsilon, beta2: t.adam_beta2, ..Adam::default() };
-    let tables = Adam { rate: t.table_rate, ..adam.clone() };
-    ModuleOptimizer::from(adam).with_group(ParamGroup::from_predicate("tables"), tables, None)
 }
 
 /// Densities of points on no ray, for the occupancy grid.

@@ -18,7 +18,7 @@ fn cases() -> Vec<(Config, Device)> {
 /// Everything that evaluation measures: pictures, metrics, entropy and information gain.
 fn evaluation(trainer: &Trainer, config: &Config, seed: u64) -> (Vec<Vec<[f32; 3]>>, Vec<f64>) {
     let (scene, model) = (scene(), trainer.model());
-    let view = |view| evaluate_view(trainer.renderer(), &model, trainer.occupancy(), view).unwrap();
+    let view = |view| evaluate_view(trainer.renderer(), &[trainer.learned()], view).unwrap();
     let views: Vec<TestView> = scene.test.iter().map(view).collect();
     let rays = config.eval.information_rays;
     let gain = &config.loss.gain;

@@ -1,13 +1,14 @@
 use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use infonerf_scene::View;
 use infonerf_train::{Evaluation, TestView, Trainer, evaluate_view};
 
 use crate::args::{DeviceName, EvalArgs};
+use crate::device;
 use crate::experiment::RunPlan;
-use crate::{device, run};
+use crate::run::{self, learned};
 
 pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
     let mut table = Vec::new();
@@ -16,12 +17,13 @@ pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
         if let Some(test) = &args.test {
             plan.config.eval.test = test.parse().map_err(|fault| anyhow::anyhow!("--test: {fault}"))?;
         }
-        let trainer = trained(&plan, folder, args.device)?;
+        let trainers = trained(&plan, folder, args.device)?;
+        let trainer = &trainers[0];
         println!("{}: {} test views ({})", plan.label(), trainer.scene().test.len(), plan.config.eval.test);
         if args.scales.is_empty() {
-            each_view(&trainer)?;
+            each_view(&trainers)?;
         } else {
-            table.push((plan.label(), scales(&trainer, &args.scales)?));
+            table.push((plan.label(), scales(&trainers, &args.scales)?));
         }
     }
     if !args.scales.is_empty() {
@@ -30,38 +32,46 @@ pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// A finished or interrupted run, as its newest checkpoint left it.
-pub(crate) fn trained(plan: &RunPlan, folder: &Path, device: DeviceName) -> Result<Trainer> {
+/// The members of a finished or interrupted run, each as its newest checkpoint left it.
+pub(crate) fn trained(plan: &RunPlan, folder: &Path, device: DeviceName) -> Result<Vec<Trainer>> {
     let (device, _) = device::open(device)?;
-    let (checkpoint, refused) = infonerf_train::Checkpoint::load(folder)?;
-    for reason in refused {
-        eprintln!("warning: {reason}; using the checkpoint before it");
+    let scene = run::load(plan)?;
+    let plan = &RunPlan { config: plan.config.without_weight_files(), ..plan.clone() };
+    let mut trainers = Vec::new();
+    for index in 0..plan.members() {
+        let (checkpoint, refused) = infonerf_train::Checkpoint::load(&plan.member_folder(folder, index))?;
+        for reason in refused {
+            eprintln!("warning: {reason}; using the checkpoint before it");
+        }
+        let Some(checkpoint) = checkpoint else { break };
+        let mut trainer = plan.trainer(scene.clone(), index, &device)?;
+        trainer.resume(&checkpoint)?;
+        trainers.push(trainer);
     }
-    let checkpoint =
-        checkpoint.with_context(|| format!("{}: expected a checkpoint: the run has none yet", folder.display()))?;
-    let mut trainer = Trainer::new(&plan.config, run::load(plan)?, plan.seed, plan.budget, &device)?;
-    trainer.resume(&checkpoint)?;
-    Ok(trainer)
+    if trainers.is_empty() {
+        bail!("{}: expected a checkpoint: the run has none yet", folder.display());
+    }
+    Ok(trainers)
 }
 
 /// Evaluates `views`, and shows each as it is there.
 fn evaluate(
-    trainer: &Trainer,
+    trainers: &[Trainer],
     views: &[View],
     mut show: impl FnMut(&View, &TestView) -> Result<()>,
 ) -> Result<Evaluation> {
-    let (model, occupancy) = (trainer.model(), trainer.picture_occupancy());
+    let members = learned(trainers);
     let mut results = Vec::new();
     for view in views {
-        let result = evaluate_view(trainer.renderer(), &model, occupancy.as_ref(), view)?;
+        let result = evaluate_view(trainers[0].renderer(), &members, view)?;
         show(view, &result)?;
         results.push(result);
     }
     Evaluation::mean(&results).context("no test views")
 }
 
-fn each_view(trainer: &Trainer) -> Result<()> {
-    let mean = evaluate(trainer, &trainer.scene().test, |view, result| {
+fn each_view(trainers: &[Trainer]) -> Result<()> {
+    let mean = evaluate(trainers, &trainers[0].scene().test, |view, result| {
         let alone = Evaluation::mean(std::slice::from_ref(result)).context("a view")?;
         println!("{:16} {}", view.name, line(&alone));
         Ok(())
@@ -85,10 +95,10 @@ fn line(mean: &Evaluation) -> String {
 }
 
 /// Mean PSNR at full size and at each smaller one.
-fn scales(trainer: &Trainer, factors: &[u32]) -> Result<Vec<f64>> {
+fn scales(trainers: &[Trainer], factors: &[u32]) -> Result<Vec<f64>> {
     let at = |factor: u32| -> Result<f64> {
-        let views: Vec<View> = trainer.scene().test.iter().map(|view| view.reduced(factor)).collect();
-        Ok(evaluate(trainer, &views, |_, _| Ok(()))?.comparison.psnr)
+        let views: Vec<View> = trainers[0].scene().test.iter().map(|view| view.reduced(factor)).collect();
+        Ok(evaluate(trainers, &views, |_, _| Ok(()))?.comparison.psnr)
     };
     std::iter::once(&1).chain(factors).map(|&factor| at(factor)).collect()
 }

@@ -10,7 +10,7 @@ use crate::args::ExpArgs;
 use crate::device;
 use crate::experiment::{Experiment, RunPlan};
 use crate::interrupt;
-use crate::run::{Finished, Session};
+use crate::run::{Finished, Session, total};
 
 /// Exit code after Ctrl-C.
 const INTERRUPTED: u8 = 130;
@@ -26,10 +26,10 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     for (index, plan) in experiment.runs.iter().enumerate() {
         let label = plan.label();
         match session.run(plan)? {
-            Finished::Record(record, trainer) => {
+            Finished::Record(record, trainers) => {
                 println!("[{}/{}] {label}: {}", index + 1, experiment.runs.len(), summary(&record));
                 if args.profile {
-                    print_profile(&trainer);
+                    print_profile(&trainers);
                 }
                 records = save_record(&folder, &record)?;
             }
@@ -100,8 +100,8 @@ pub(super) fn print_claims(input: &ReportInput) {
     }
 }
 
-fn print_profile(trainer: &Trainer) {
-    let progress = trainer.progress();
+fn print_profile(trainers: &[Trainer]) {
+    let progress = total(trainers);
     let steps = progress.step.max(1) as f64;
     let skipped = 1.0 - progress.samples_evaluated as f64 / progress.samples_total.max(1) as f64;
     println!(
@@ -111,7 +111,7 @@ fn print_profile(trainer: &Trainer) {
         100.0 * skipped
     );
     for phase in Phase::ALL {
-        let spent = trainer.profile().spent(phase).as_secs_f64();
+        let spent = trainers.iter().map(|trainer| trainer.profile().spent(phase).as_secs_f64()).sum::<f64>();
         println!(
             "    {:12} {:8.2} ms a step {:5.1} %",
             phase.name(),

@@ -3,6 +3,7 @@
 pub(crate) mod bench;
 mod eval;
 mod exp;
+mod pretrain;
 mod render;
 pub(crate) mod reproduce;
 mod scene;
@@ -19,6 +20,7 @@ use crate::experiment;
 pub(crate) fn run(command: Command) -> Result<ExitCode> {
     match command {
         Command::Exp(args) => exp::run(&args),
+        Command::Pretrain(args) => pretrain::run(&args),
         Command::Sweep(args) => sweep::run(&args),
         Command::SweepItem(args) => sweep::run_item(&args),
         Command::Reproduce(args) => reproduce::run(&args),

@@ -12,14 +12,15 @@ use infonerf_scene::{Camera, orbit, resized_dimensions};
 use crate::args::{PathName, RenderArgs};
 use crate::command::eval::trained;
 use crate::experiment::RunPlan;
-use crate::run::save_png;
+use crate::run::{learned, save_png};
 
 /// Milliseconds that a frame of the animation is shown.
 const FRAME_MS: u32 = 50;
 
 pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let plan = RunPlan::of_run(&args.run)?;
-    let trainer = trained(&plan, &args.run, args.device)?;
+    let trainers = trained(&plan, &args.run, args.device)?;
+    let trainer = &trainers[0];
     let out = args.out.clone().unwrap_or_else(|| args.run.join("render"));
     let cameras: Vec<Camera> = trainer.scene().train.iter().map(|view| view.camera.clone()).collect();
     let camera = match args.size {
@@ -32,12 +33,12 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let poses = match args.path {
         PathName::Orbit => orbit(&cameras, args.frames as usize),
     };
-    let (model, occupancy) = (trainer.model(), trainer.picture_occupancy());
+    let members = learned(&trainers);
     let (near, far) = (trainer.scene().near, trainer.scene().far);
     let start = std::time::Instant::now();
     let mut frames = Vec::new();
     for (index, pose) in poses.into_iter().enumerate() {
-        let image = render_image(trainer.renderer(), &model, &camera.with_pose(pose), occupancy.as_ref());
+        let image = render_image(trainer.renderer(), &members, &camera.with_pose(pose));
         let picture = to_rgb8(&image.rgb, image.width, image.height)?;
         save_png(&picture, &out.join(format!("{index:04}.png")))?;
         let depth = depth_image(&image.depth, &image.acc, image.width, image.height, near, far)?;

@@ -25,7 +25,7 @@ use glam::Vec3;
 use crate::{Aabb, Camera, Rgba8, Scene, SceneError, SceneRequest, View};
 use model::Model;
 
-/// The names of the procedural scenes.
+/// The names of the procedural scenes that were built by hand. Beside them there is `random-<seed>` for every `u64`.
 pub const NAMES: [&str; 4] = ["castle", "crane", "knot", "orrery"];
 /// Image side in pixels where none is asked for.
 pub const DEFAULT_SIZE: u32 = 200;
@@ -49,7 +49,7 @@ pub struct Rendering {
 /// Renders the scene `name` for one camera, which may be anywhere outside the object.
 ///
 /// # Errors
-/// `name` is none of [`NAMES`].
+/// There is no scene `name`.
 pub fn render(name: &str, camera: &Camera) -> Result<Rendering, SceneError> {
     let model = model(name)?;
     Ok(Rendering { rgba: render::render(&model, camera), depth: render::depth(&model, camera) })
@@ -84,9 +84,18 @@ pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneErr
     })
 }
 
-/// Fails unless `name` is one of [`NAMES`].
-pub(crate) fn check_name(name: &str) -> Result<(), SceneError> {
+/// Fails unless there is a scene `name`: one of [`NAMES`], or `random-<seed>`.
+///
+/// # Errors
+/// There is none.
+pub fn check_name(name: &str) -> Result<(), SceneError> {
     model(name).map(drop)
+}
+
+/// The seed in `random-<seed>`, written in the one way that `u64` is printed.
+fn random_seed(name: &str) -> Option<u64> {
+    let text = name.strip_prefix("random-")?;
+    text.parse().ok().filter(|seed: &u64| seed.to_string() == text)
 }
 
 fn model(name: &str) -> Result<Model, SceneError> {
@@ -96,7 +105,13 @@ fn model(name: &str) -> Result<Model, SceneError> {
         "crane" => Ok(scenes::crane().build(0.81, 0.15)),
         "knot" => Ok(scenes::knot().build(0.90, 0.17)),
         "orrery" => Ok(scenes::orrery().build(0.94, 0.08)),
-        _ => Err(SceneError::UnknownScene { name: name.into(), known: NAMES.join(", ") }),
+        _ => match random_seed(name) {
+            Some(seed) => Ok(scenes::random(seed).build(1.0, 0.05)),
+            None => {
+                let known = format!("{}, random-<seed>", NAMES.join(", "));
+                Err(SceneError::UnknownScene { name: name.into(), known })
+            }
+        },
     }
 }
 

@@ -25,8 +25,12 @@ fn names_are_those_that_load() {
     for name in NAMES {
         assert_eq!(scene(name, 8).train.len(), 4);
     }
-    let error = load(&SceneSource::Procedural("tree".into()), &request(8)).unwrap_err().to_string();
-    assert_eq!(error, "unknown procedural scene `tree`; expected one of castle, crane, knot, orrery");
+    for name in ["tree", "random", "random-", "random-x", "random--1", "random-01", "random-99999999999999999999"] {
+        let error = load(&SceneSource::Procedural(name.into()), &request(8)).unwrap_err().to_string();
+        let expected =
+            format!("unknown procedural scene `{name}`; expected one of castle, crane, knot, orrery, random-<seed>");
+        assert_eq!(error, expected);
+    }
 }
 
 #[test]
@@ -67,6 +71,25 @@ fn coverage_and_depth_agree() {
                 .count();
             // A rod thinner than the sample spacing may pass between samples, and a hole likewise.
             assert!(differ * 100 < depth.len(), "{name}: {differ}");
+        }
+    }
+}
+
+#[test]
+fn random_scenes_follow_from_their_seed_and_fit_every_camera() {
+    assert_eq!(scene("random-7", 16), scene("random-7", 16));
+    assert_ne!(scene("random-7", 16).train[0].image, scene("random-8", 16).train[0].image);
+    for seed in 0..200 {
+        let (lo, hi) = model(&format!("random-{seed}")).unwrap().bounds();
+        assert!(BOUNDS.contains(lo.as_vec3()) && BOUNDS.contains(hi.as_vec3()), "{seed} {lo} {hi}");
+    }
+    for seed in 0..20 {
+        for view in scene(&format!("random-{seed}"), 32).train {
+            let alpha = view.image.alpha.as_ref().unwrap();
+            let on_edge = |i: usize| [0, 31].contains(&(i % 32)) || [0, 31].contains(&(i / 32));
+            assert!((0..alpha.len()).all(|i| !on_edge(i) || alpha[i] == 0.0), "{seed} {} is cropped", view.name);
+            let cover = mean(&view, |i| alpha[i]);
+            assert!((0.05..0.6).contains(&cover), "{seed} {} covers {cover}", view.name);
         }
     }
 }

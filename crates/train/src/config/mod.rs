@@ -6,12 +6,15 @@ mod protocol;
 pub use layers::{Preset, assign, merge, parse_assignment};
 pub use protocol::{Protocol, Views};
 
+use std::path::PathBuf;
+
 use infonerf_field::FieldConfig;
-use infonerf_loss::{EntropyConfig, GainConfig, Norm};
+use infonerf_loss::{EntropyConfig, GainConfig, Norm, SemanticConfig};
 use infonerf_render::{Placement, RenderConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
+use crate::members::MOST_MEMBERS;
 
 /// Everything that a run's numbers depend on, beside the scene's files, the seed and the device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,6 +56,8 @@ pub struct LossConfig {
     pub entropy: EntropyConfig,
     /// λ₂ L_KL.
     pub gain: GainConfig,
+    /// λ L_SC, DietNeRF's semantic consistency.
+    pub semantic: SemanticConfig,
     /// Share of the run at which the entropy and gain terms begin.
     pub start: f64,
     /// Share of the run over which they then rise to their weights; 0 is at once.
@@ -129,6 +134,11 @@ pub struct TrainConfig {
     pub pyramid: Vec<(f64, u32)>,
     /// Where a step's pixels come from.
     pub batch: Batch,
+    /// If above 0: a field that looks at photographs sees at most so many of them in a step, how many and which being
+    /// drawn; 0 shows it all.
+    pub sources: usize,
+    /// Folder of a run whose weights to begin with, such as `infonerf pretrain` leaves; empty for random ones.
+    pub init: PathBuf,
     /// Steps in which pixels come from the central half of the images only (released code: 500).
     pub center_steps: usize,
     /// Where unseen poses come from.
@@ -145,6 +155,10 @@ pub struct TrainConfig {
     pub adam_beta2: f32,
     /// Adam's ε (PyTorch: 1e-8).
     pub adam_epsilon: f32,
+    /// Fields trained one after another from other random numbers, whose pictures are averaged; each takes all steps.
+    pub members: usize,
+    /// With a budget: seconds that each field has, if the budget holds more of them than `members`; 0 leaves it at those.
+    pub member_seconds: f64,
     /// Share of the run, at its end, over which weights are averaged for rendering; 0 renders the last ones.
     pub average: f64,
     /// Steps between checkpoints; 0 for one at the end only.
@@ -161,6 +175,10 @@ pub enum Batch {
     Pixels,
     /// Pixels of one training image a step, each at most once, as in the released code.
     Image,
+    /// The same, of an image that a field which looks at photographs is not shown in that step, if there is another:
+    /// otherwise every ray's colour can be read where the ray starts, whatever its density.
+    #[serde(rename = "held-out")]
+    HeldOut,
 }
 
 /// Where unseen poses come from.
@@ -253,6 +271,32 @@ impl Config {
         Ok(config)
     }
 
+    /// Where the first weights come from, if a reader of the results should know.
+    pub fn first_weights(&self) -> Option<String> {
+        let init = &self.train.init;
+        if !init.as_os_str().is_empty() {
+            return Some(format!("began with the weights of {}", init.display()));
+        }
+        let FieldConfig::PixelNerf(field) = &self.field else { return None };
+        let weights = &field.encoder.weights;
+        Some(if weights.as_os_str().is_empty() {
+            "the image encoder began with random weights, not with ImageNet's".into()
+        } else {
+            format!("the image encoder began with the weights of {}", weights.display())
+        })
+    }
+
+    /// The same without need of any file of weights: for a model that is trained already.
+    pub fn without_weight_files(&self) -> Self {
+        let mut config = self.clone();
+        config.train.init = PathBuf::new();
+        config.loss.semantic.weight = 0.0;
+        if let FieldConfig::PixelNerf(field) = &mut config.field {
+            field.encoder.weights = PathBuf::new();
+        }
+        config
+    }
+
     /// Checks every number.
     ///
     /// # Errors
@@ -284,6 +328,8 @@ impl Config {
         number("train.table_rate", t.table_rate, 0.0, 1e6)?;
         number("train.adam_beta2", f64::from(t.adam_beta2), 0.0, 0.999_999)?;
         number("train.adam_epsilon", f64::from(t.adam_epsilon), 0.0, 1.0)?;
+        number("train.members", t.members as f64, 1.0, MOST_MEMBERS as f64)?;
+        number("train.member_seconds", t.member_seconds, 0.0, 1e9)?;
         number("train.average", t.average, 0.0, 1.0)?;
         if let Decay::Run { last } = t.lr_decay {
             number("train.lr_decay.last", last, 1e-9, 1.0)?;
@@ -301,6 +347,9 @@ impl Config {
         number("loss.variation.weight", f64::from(self.loss.variation.weight), 0.0, 1e6)?;
         number("loss.variation.last", f64::from(self.loss.variation.last), 1e-9, 1e9)?;
         number("loss.gain.weight", f64::from(self.loss.gain.weight), 0.0, 1e6)?;
+        number("loss.semantic.weight", f64::from(self.loss.semantic.weight), 0.0, 1e6)?;
+        number("loss.semantic.every", self.loss.semantic.every as f64, 1.0, 1e9)?;
+        number("loss.semantic.size", f64::from(self.loss.semantic.size), 1.0, 1024.0)?;
         number("loss.gain.epsilon", f64::from(self.loss.gain.epsilon), 1e-12, 0.01)?;
         number("loss.gain.max_angle_deg", self.loss.gain.max_angle_deg, 0.0, 180.0)
     }

@@ -45,6 +45,21 @@ const MIP: [&str; 4] = [
     "train.pyramid=[[0.5,2]]",
 ];
 
+/// The field that looks at photographs, everything on.
+const PIXEL: [&str; 11] = [
+    "field={kind=\"pixelnerf\",encoder={width=4,blocks=[1,1],weights=\"\"},blocks=3,pool_after=2,width=8,octaves=2,frequency=1.5,density=\"softplus\"}",
+    "render.samples=8",
+    "render.fine_samples=4",
+    "render.occupancy.enabled=true",
+    "render.occupancy.resolution=8",
+    "render.occupancy.warmup=2",
+    "render.occupancy.every=3",
+    "loss.gain.weight=1e-3",
+    "loss.gain.rays=all",
+    "train.batch=held-out",
+    "train.sources=2",
+];
+
 const ALL: [&str; 5] = [
     "train.iterations=12",
     "train.rays=24",
@@ -66,19 +81,30 @@ pub fn config(settings: &[&str]) -> Config {
     configured(Preset::Paper, &[&ALL, &PAPER, settings])
 }
 
+/// A tiny run of the field that looks at photographs, with `settings` on top.
+pub fn pixel_config(settings: &[&str]) -> Config {
+    configured(Preset::Paper, &[&ALL, &PIXEL, settings])
+}
+
 /// The same of every kind of field.
-pub fn configs() -> [Config; 3] {
-    [config(&[]), config(&MIP), configured(Preset::Fast, &[&ALL, &FAST, &["train.samples=400", "loss.start=0.2"]])]
+pub fn configs() -> [Config; 4] {
+    let fast = configured(Preset::Fast, &[&ALL, &FAST, &["train.samples=400", "loss.start=0.2"]]);
+    [config(&[]), config(&MIP), fast, pixel_config(&[])]
 }
 
 pub fn scene() -> Scene {
+    scene_of("knot", 4)
+}
+
+/// `count` views of a procedural scene.
+pub fn scene_of(name: &str, count: usize) -> Scene {
     let request = SceneRequest {
-        train: ViewSelection::Seed { seed: 0, count: 4 },
+        train: ViewSelection::Seed { seed: 0, count },
         test: TestProtocol::First(2),
         image_size: Some(16),
         background: [1.0; 3],
     };
-    infonerf_scene::load(&SceneSource::Procedural("knot".into()), &request).unwrap()
+    infonerf_scene::load(&SceneSource::Procedural(name.into()), &request).unwrap()
 }
 
 #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]

@@ -81,7 +81,7 @@ pub(super) fn trained(bench: &Bench, plan: &RunPlan, steps: u32) -> Result<Train
 
 /// Renders the first test cameras at each of `sizes`.
 pub(super) fn frames(trainer: &Trainer, plan: &RunPlan, sizes: &[u32]) -> Result<Vec<Row>> {
-    let (model, occupancy) = (trainer.model(), trainer.picture_occupancy());
+    let learned = [trainer.learned()];
     let views = &trainer.scene().test;
     let first = &views.first().with_context(|| format!("{}: no test views", plan.label()))?.camera;
     let mut rows = Vec::new();
@@ -90,7 +90,7 @@ pub(super) fn frames(trainer: &Trainer, plan: &RunPlan, sizes: &[u32]) -> Result
         let frame = |index: usize| {
             let camera = views[index % views.len()].camera.resized(width, height);
             let start = Instant::now();
-            let image = render_image(trainer.renderer(), &model, &camera, occupancy.as_ref());
+            let image = render_image(trainer.renderer(), &learned, &camera);
             (start.elapsed().as_secs_f64(), image.counts)
         };
         if rows.is_empty() {

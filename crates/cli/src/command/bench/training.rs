@@ -207,10 +207,7 @@ impl Row {
         };
         let view = &trainer.scene().train[0];
         // A checkpoint is refused if a weight is not finite, an evaluation if a pixel is not.
-        let occupancy = trainer.picture_occupancy();
-        let rendered = trainer
-            .checkpoint()
-            .and_then(|_| evaluate_view(trainer.renderer(), &trainer.model(), occupancy.as_ref(), view));
+        let rendered = trainer.checkpoint().and_then(|_| evaluate_view(trainer.renderer(), &[trainer.learned()], view));
         let Ok(rendered) = rendered else {
             self.not_finite += 1;
             return Ok(None);

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::context::Bench;
 use crate::experiment::RunPlan;
-use crate::run;
+use crate::run::{self, learned, total};
 
 /// A trained run and what its test views say.
 #[derive(Clone, Debug, Serialize)]
@@ -29,21 +29,23 @@ pub(super) struct Trial {
 impl Bench {
     /// `plan` before its first step.
     pub(super) fn trainer(&self, plan: &RunPlan) -> Result<Trainer> {
-        let scene = run::load(plan)?;
-        Trainer::new(&plan.config, scene, plan.seed, plan.budget, &self.device).with_context(|| plan.label())
+        plan.trainer(run::load(plan)?, 0, &self.device).with_context(|| plan.label())
     }
 
     /// Trains `plan` to its end and evaluates it on its test views.
     pub(super) fn trial(&self, plan: &RunPlan) -> Result<Trial> {
-        let mut trainer = self.trainer(plan)?;
-        let outcome = train(&mut trainer).with_context(|| plan.label())?;
-        let (progress, model, occupancy) = (trainer.progress(), trainer.model(), trainer.picture_occupancy());
-        let views: Result<Vec<_>, _> = trainer
-            .scene()
-            .test
-            .iter()
-            .map(|view| evaluate_view(trainer.renderer(), &model, occupancy.as_ref(), view))
-            .collect();
+        let scene = run::load(plan)?;
+        let mut trainers = Vec::new();
+        let mut collapsed = false;
+        for index in 0..plan.members() {
+            let mut trainer = plan.trainer(scene.clone(), index, &self.device)?;
+            collapsed |= train(&mut trainer).with_context(|| plan.label())? == Outcome::Collapsed;
+            trainers.push(trainer);
+        }
+        let members = learned(&trainers);
+        let views: Result<Vec<_>, _> =
+            scene.test.iter().map(|view| evaluate_view(trainers[0].renderer(), &members, view)).collect();
+        let progress = total(&trainers);
         let mean = Evaluation::mean(&views?).context("no test views")?;
         Ok(Trial {
             scene: plan.scene.clone(),
@@ -58,7 +60,7 @@ impl Bench {
             ssim: mean.comparison.ssim,
             gmsd: mean.comparison.gmsd,
             sharpness: mean.comparison.sharpness,
-            collapsed: outcome == Outcome::Collapsed,
+            collapsed,
         })
     }
 }

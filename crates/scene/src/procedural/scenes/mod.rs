@@ -4,11 +4,13 @@ mod castle;
 mod crane;
 mod knot;
 mod orrery;
+mod random;
 
 pub(super) use castle::castle;
 pub(super) use crane::crane;
 pub(super) use knot::knot;
 pub(super) use orrery::orrery;
+pub(super) use random::random;
 
 use glam::DVec3;
 

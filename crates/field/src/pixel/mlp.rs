@@ -1,0 +1,90 @@
+//! The MLP of PixelNeRF: ResNet blocks, features added before each of the first, views averaged half-way.
+
+use burn::module::Module;
+use burn::nn::Linear;
+use burn::tensor::{Device, Tensor, activation::relu};
+use rand::Rng;
+
+use crate::{PixelNerfConfig, init::he_linear};
+
+/// Position, direction and features in each view → density and colour of each point (Yu et al., Fig. 2 and Sec. B.1).
+#[derive(Module, Debug)]
+pub(super) struct ResnetMlp {
+    input: Linear,
+    /// The layers that read features, of all blocks before the average, side by side.
+    features: Linear,
+    blocks: Vec<Block>,
+    output: Linear,
+    #[module(skip)]
+    pool_after: usize,
+    #[module(skip)]
+    width: usize,
+}
+
+/// x + W₂ relu(W₁ relu(x)).
+#[derive(Module, Debug)]
+struct Block {
+    first: Linear,
+    second: Linear,
+}
+
+impl Block {
+    fn forward(&self, x: Tensor<2>) -> Tensor<2> {
+        let h = self.first.forward(relu(x.clone()));
+        x + self.second.forward(relu(h))
+    }
+}
+
+impl ResnetMlp {
+    pub(super) fn new(
+        config: &PixelNerfConfig,
+        inputs: usize,
+        channels: usize,
+        rng: &mut impl Rng,
+        device: &Device,
+    ) -> Self {
+        let &PixelNerfConfig { width, blocks, pool_after, .. } = config;
+        // The second layer of a block begins at 0: a block begins as the identity.
+        let mut block = || Block {
+            first: he_linear(rng, width, width, 1.0, device),
+            second: he_linear(rng, width, width, 0.0, device),
+        };
+        let blocks = (0..blocks).map(|_| block()).collect();
+        Self {
+            input: he_linear(rng, inputs, width, 1.0, device),
+            features: he_linear(rng, channels, pool_after * width, 1.0, device),
+            blocks,
+            output: he_linear(rng, width, 4, 1.0, device),
+            pool_after,
+            width,
+        }
+    }
+
+    /// Every feature-reading layer at once: `[P, C]` → `[P, pool_after·width]`.
+    pub(super) fn inject(&self, features: Tensor<2>) -> Tensor<2> {
+        self.features.forward(features)
+    }
+
+    /// - `x`: encoded points in each of `views` views, `[V·M, inputs]`, view by view.
+    /// - `injected`: [`Self::inject`] of the features there, `[V·M, pool_after·width]`.
+    ///
+    /// Returns raw red, green, blue and density, `[M, 4]`.
+    pub(super) fn forward(&self, x: Tensor<2>, injected: Tensor<2>, views: usize) -> Tensor<2> {
+        let mut h = self.input.forward(x);
+        for (index, block) in self.blocks.iter().enumerate() {
+            if index < self.pool_after {
+                h = h + injected.clone().narrow(1, index * self.width, self.width);
+            }
+            h = block.forward(h);
+            if index + 1 == self.pool_after && views > 1 {
+                let samples = h.dims()[0] / views;
+                h = h.reshape([views, samples, self.width]).mean_dim(0).squeeze_dim(0);
+            }
+        }
+        self.output.forward(relu(h))
+    }
+
+    pub(super) fn device(&self) -> Device {
+        self.output.weight.val().device()
+    }
+}

@@ -1,0 +1,61 @@
+//! Weights of torchvision's `resnet34` for the encoder.
+
+use std::path::Path;
+
+use burn::module::Param;
+use burn::nn::conv::Conv2d;
+use burn::tensor::TensorData;
+use infonerf_pretrained::WeightFile;
+
+use super::encoder::{Block, Encoder};
+use crate::ConfigError;
+
+/// torchvision's `BatchNorm2d.eps`.
+const EPSILON: f32 = 1e-5;
+
+/// Replaces all weights of `encoder` by those of the safetensors file at `path`, under torchvision's names.
+///
+/// # Errors
+/// If the file cannot be read, or a tensor is missing or has another shape.
+pub(super) fn load(encoder: Encoder, path: &Path) -> Result<Encoder, ConfigError> {
+    WeightFile::read(path).and_then(|file| filled(encoder, &file)).map_err(|cause| ConfigError {
+        field: "encoder.weights",
+        expected: "a safetensors file of torchvision's resnet34 (scripts/resnet34.py writes one)",
+        found: format!("{}: {cause}", path.display()),
+    })
+}
+
+fn filled(mut encoder: Encoder, file: &WeightFile) -> Result<Encoder, String> {
+    fill(&mut encoder.stem, file, "conv1", "bn1")?;
+    for (stage, blocks) in encoder.stages.iter_mut().enumerate() {
+        for (index, block) in blocks.iter_mut().enumerate() {
+            let name = format!("layer{}.{index}", stage + 1);
+            let Block { first, second, shortcut } = block;
+            fill(first, file, &format!("{name}.conv1"), &format!("{name}.bn1"))?;
+            fill(second, file, &format!("{name}.conv2"), &format!("{name}.bn2"))?;
+            if let Some(shortcut) = shortcut {
+                fill(shortcut, file, &format!("{name}.downsample.0"), &format!("{name}.downsample.1"))?;
+            }
+        }
+    }
+    Ok(encoder)
+}
+
+/// A convolution and the batch normalisation behind it: γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ), s = γ/√(σ² + ε).
+fn fill(layer: &mut Conv2d, file: &WeightFile, convolution: &str, normalisation: &str) -> Result<(), String> {
+    let shape = layer.weight.dims();
+    let mut weight = file.floats(&format!("{convolution}.weight"), &shape)?;
+    let statistic = |name: &str| file.floats(&format!("{normalisation}.{name}"), &shape[..1]);
+    let (gamma, mut bias) = (statistic("weight")?, statistic("bias")?);
+    let (mean, variance) = (statistic("running_mean")?, statistic("running_var")?);
+    let kernel = weight.len() / shape[0];
+    for (channel, weights) in weight.chunks_exact_mut(kernel).enumerate() {
+        let scale = gamma[channel] / (variance[channel] + EPSILON).sqrt();
+        weights.iter_mut().for_each(|w| *w *= scale);
+        bias[channel] -= scale * mean[channel];
+    }
+    let device = layer.weight.val().device();
+    layer.weight = Param::from_data(TensorData::new(weight, shape), &device);
+    layer.bias = Some(Param::from_data(TensorData::new(bias, [shape[0]]), &device));
+    Ok(())
+}

@@ -1,0 +1,113 @@
+//! The training views as a field sees them that looks at photographs.
+
+use infonerf_field::{SourceView, Sources};
+use infonerf_render::Noise;
+use infonerf_scene::{Scene, View};
+
+use crate::batch::generator;
+use crate::config::{Batch, TrainConfig};
+
+/// All training views of a scene.
+#[derive(Clone, Debug)]
+pub(crate) struct Photographs(Sources);
+
+impl Photographs {
+    pub(crate) fn new(scene: &Scene) -> Self {
+        let middle = scene.bounds.min.midpoint(scene.bounds.max).to_array();
+        Self(Sources { views: scene.train.iter().map(source).collect(), middle })
+    }
+
+    /// All of them, to render with.
+    pub(crate) fn all(&self) -> &Sources {
+        &self.0
+    }
+
+    /// Those that a field sees in a step whose pixels are of the view `target`.
+    pub(crate) fn draw(&self, config: &TrainConfig, target: usize, noise: Noise) -> Sources {
+        let views = &self.0.views;
+        let hidden = config.batch == Batch::HeldOut && views.len() > 1;
+        let shown: Vec<usize> = (0..views.len()).filter(|&view| !hidden || view != target).collect();
+        let count =
+            if config.sources == 0 { shown.len() } else { 1 + noise.below(0, 0, config.sources.min(shown.len())) };
+        let chosen = if count == shown.len() {
+            shown
+        } else {
+            let drawn = rand::seq::index::sample(&mut generator(noise.next()), shown.len(), count);
+            drawn.into_iter().map(|index| shown[index]).collect()
+        };
+        Sources { views: chosen.into_iter().map(|view| views[view].clone()).collect(), ..self.0 }
+    }
+}
+
+fn source(view: &View) -> SourceView {
+    let camera = &view.camera;
+    let to_camera = camera.to_world.inverse();
+    SourceView {
+        width: view.image.width as usize,
+        height: view.image.height as usize,
+        rgb: view.image.rgb.clone().into(),
+        focal: [camera.fx as f32, camera.fy as f32],
+        centre: [camera.cx as f32, camera.cy as f32],
+        to_camera: [0, 1, 2].map(|row| to_camera.row(row).as_vec4().to_array()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_scene::{SceneRequest, SceneSource, TestProtocol, ViewSelection, load};
+
+    use super::*;
+    use crate::{Config, Preset};
+
+    fn photographs(count: usize) -> Photographs {
+        let request = SceneRequest {
+            train: ViewSelection::Seed { seed: 0, count },
+            test: TestProtocol::First(1),
+            image_size: Some(4),
+            background: [1.0; 3],
+        };
+        Photographs::new(&load(&SceneSource::Procedural("knot".into()), &request).unwrap())
+    }
+
+    fn drawn(photographs: &Photographs, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
+        let mut train = Config::from_table(Preset::Fast.table()).unwrap().train;
+        (train.batch, train.sources) = (batch, sources);
+        let views = photographs.draw(&train, 1, Noise::new(0, step, 0)).views;
+        let index = |view: &SourceView| {
+            photographs.all().views.iter().position(|other| other.to_camera == view.to_camera).unwrap()
+        };
+        views.iter().map(index).collect()
+    }
+
+    #[test]
+    fn the_target_is_held_out_where_another_is_left() {
+        let four = photographs(4);
+        assert_eq!(drawn(&four, Batch::Pixels, 0, 0), [0, 1, 2, 3]);
+        assert_eq!(drawn(&four, Batch::HeldOut, 0, 0), [0, 2, 3]);
+        assert_eq!(drawn(&photographs(1), Batch::HeldOut, 0, 0), [0]);
+    }
+
+    #[test]
+    fn one_to_the_most_are_drawn_each_at_most_once() {
+        let four = photographs(4);
+        let draws: Vec<Vec<usize>> = (0..100).map(|step| drawn(&four, Batch::HeldOut, 2, step)).collect();
+        for count in [1, 2] {
+            assert!(draws.iter().any(|views| views.len() == count));
+        }
+        for views in draws {
+            assert!(views.len() <= 2 && !views.contains(&1) && (views.len() < 2 || views[0] != views[1]));
+        }
+    }
+
+    #[test]
+    fn cameras_agree_with_the_scenes() {
+        let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
+        let scene = load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let source = source(&scene.train[0]);
+        let point = [0.3f32, -0.2, 0.1];
+        let [x, y, z] = source.to_camera.map(|r| r[0] * point[0] + r[1] * point[1] + r[2] * point[2] + r[3]);
+        let expected = scene.train[0].camera.project(point.into()).unwrap();
+        assert!((source.centre[0] - source.focal[0] * x / z - expected.x).abs() < 1e-4);
+        assert!((source.centre[1] + source.focal[1] * y / z - expected.y).abs() < 1e-4);
+    }
+}

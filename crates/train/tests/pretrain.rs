@@ -1,0 +1,118 @@
+//! Learning from many scenes, beginning with what was learned, and a single view.
+
+mod common;
+
+use burn::tensor::Device;
+use common::{config, configs, devices, pixel_config, scene_of, steps, trainer};
+use infonerf_scene::Scene;
+use infonerf_train::{Config, Event, Outcome, Pretrainer, Trainer, evaluate_view};
+
+fn scenes() -> Vec<Scene> {
+    ["random-1", "random-2", "random-3"].map(|name| scene_of(name, 4)).into()
+}
+
+fn pretrainer(config: &Config) -> Pretrainer {
+    Pretrainer::new(config, &scenes(), 3, &Device::flex()).unwrap()
+}
+
+/// Takes `count` steps and returns their losses.
+fn lessons(trainer: &mut Pretrainer, count: usize) -> Vec<f32> {
+    let mut losses = Vec::new();
+    for _ in 0..count {
+        let mut report = |event| match event {
+            Event::Step { loss, .. } => losses.push(loss),
+            other => panic!("{other:?}"),
+        };
+        if trainer.step(&mut report).unwrap() != Outcome::Running {
+            break;
+        }
+    }
+    losses
+}
+
+/// What a trainer's field shows of its first test view, nothing skipped.
+fn picture(trainer: &Trainer) -> Vec<[f32; 3]> {
+    let view = &trainer.scene().test[0];
+    evaluate_view(trainer.renderer(), &[trainer.learned()], view).unwrap().image.rgb
+}
+
+#[test]
+fn a_broken_off_run_ends_as_an_unbroken_one() {
+    let config = pixel_config(&["train.iterations=10"]);
+    let mut whole = pretrainer(&config);
+    let losses = lessons(&mut whole, 20);
+    assert_eq!(losses.len(), 10);
+    let mut first = pretrainer(&config);
+    assert_eq!(lessons(&mut first, 4), losses[..4]);
+    let mut second = pretrainer(&config);
+    second.resume(&first.checkpoint().unwrap()).unwrap();
+    assert_eq!(lessons(&mut second, 20), losses[4..]);
+}
+
+#[test]
+fn what_was_learned_serves_a_scene_that_was_not_seen() {
+    let learning = pixel_config(&["train.iterations=150", "train.rays=64", "train.lr=3e-3"]);
+    let mut pretrainer = pretrainer(&learning);
+    let losses = lessons(&mut pretrainer, 150);
+    let mean = |losses: &[f32]| losses.iter().sum::<f32>() / losses.len() as f32;
+    assert!(mean(&losses[130..]) < 0.6 * mean(&losses[..20]), "{losses:?}");
+
+    let run = tempfile::tempdir().unwrap();
+    pretrainer.checkpoint().unwrap().save(run.path()).unwrap();
+    let init = format!("train.init={:?}", run.path());
+    let psnr = |config: &Config| {
+        let trainer = Trainer::new(config, scene_of("random-9", 1), 0, None, &Device::flex()).unwrap();
+        let view = &trainer.scene().test[0];
+        evaluate_view(trainer.renderer(), &[trainer.learned()], view).unwrap().comparison.psnr
+    };
+    let (fresh, taught) = (psnr(&pixel_config(&[])), psnr(&pixel_config(&[&init])));
+    assert!(taught > fresh + 1.0, "{taught} dB from weights learned on other scenes, {fresh} dB from random ones");
+}
+
+#[test]
+fn a_run_begins_with_the_weights_it_is_told_to() {
+    let run = tempfile::tempdir().unwrap();
+    let mut first = trainer(&pixel_config(&[]), 1, &Device::flex());
+    steps(&mut first, 3);
+    first.checkpoint().unwrap().save(run.path()).unwrap();
+    let init = format!("train.init={:?}", run.path());
+    let second = trainer(&pixel_config(&[&init]), 2, &Device::flex());
+    assert_eq!(picture(&second), picture(&first));
+    assert_ne!(picture(&trainer(&pixel_config(&[]), 2, &Device::flex())), picture(&first));
+}
+
+#[test]
+fn weights_that_do_not_fit_are_refused() {
+    let run = tempfile::tempdir().unwrap();
+    let fault = |config: &Config| match Trainer::new(config, scene_of("knot", 1), 0, None, &Device::flex()) {
+        Ok(_) => panic!("expected a fault"),
+        Err(error) => error.to_string(),
+    };
+    let init = format!("train.init={:?}", run.path());
+    let message = fault(&pixel_config(&[&init]));
+    assert!(message.starts_with("train.init: ") && message.contains("infonerf pretrain"), "{message}");
+    trainer(&pixel_config(&[]), 1, &Device::flex()).checkpoint().unwrap().save(run.path()).unwrap();
+    for config in [pixel_config(&[&init, "field.width=12"]), config(&[&init])] {
+        let message = fault(&config);
+        assert!(message.starts_with("train.init: ") && message.lines().count() == 1, "{message}");
+    }
+}
+
+#[test]
+fn a_field_of_one_scene_cannot_learn_from_many() {
+    let Err(error) = Pretrainer::new(&config(&[]), &scenes(), 0, &Device::flex()) else { panic!("expected a fault") };
+    assert!(error.to_string().starts_with("field.kind: expected `pixelnerf`"), "{error}");
+    let Err(error) = Pretrainer::new(&pixel_config(&[]), &[], 0, &Device::flex()) else { panic!("expected a fault") };
+    assert!(error.to_string().starts_with("scenes: "), "{error}");
+}
+
+#[test]
+fn every_field_learns_from_one_view() {
+    for config in configs() {
+        for device in devices() {
+            let mut trainer = Trainer::new(&config, scene_of("knot", 1), 0, None, &device).unwrap();
+            assert_eq!(steps(&mut trainer, 12).len(), 12);
+            assert!(picture(&trainer).iter().flatten().all(|value| value.is_finite()));
+        }
+    }
+}

@@ -1,0 +1,265 @@
+//! PixelNeRF at full size against PyTorch: torchvision's ResNet-34 read from a file, pixel-aligned features, the MLP, and
+//! gradients back into the encoder.
+//!
+//! `fixtures/pixelnerf.py` made the expected values; its head states the rule that gives every weight.
+
+use std::path::Path;
+
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::{Device, Gradients, Tensor, TensorData};
+use infonerf_field::{
+    DensityActivation, EncoderConfig, Extent, FieldConfig, PixelNerfConfig, Points, RadianceField, SourceView, Sources,
+};
+use infonerf_ops::{Segments, to_host};
+use infonerf_tests::{hashed, picture, write_weights};
+use serde_json::Value;
+
+/// Features reach 19, density 6, gradients 0.4: an error of 1e-4 beside the larger of 1 and the value.
+const TOLERANCE: f64 = 1e-4;
+const STAGES: [usize; 3] = [3, 4, 6];
+const BLOCKS: usize = 5;
+const POOL_AFTER: usize = 3;
+const WIDTH: usize = 512;
+
+fn fixture() -> Value {
+    serde_json::from_str(include_str!("../fixtures/pixelnerf.json")).unwrap()
+}
+
+fn floats(fixture: &Value, key: &str) -> Vec<f32> {
+    fixture[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
+}
+
+/// torchvision's names and shapes of the tensors up to layer3, in order.
+fn tensors() -> Vec<(String, Vec<usize>)> {
+    let mut all = Vec::new();
+    let mut layer = |convolution: String, normalisation: String, shape: [usize; 4]| {
+        all.push((format!("{convolution}.weight"), shape.to_vec()));
+        for name in ["weight", "bias", "running_mean", "running_var"] {
+            all.push((format!("{normalisation}.{name}"), vec![shape[0]]));
+        }
+    };
+    layer("conv1".into(), "bn1".into(), [64, 3, 7, 7]);
+    for (stage, count) in STAGES.into_iter().enumerate() {
+        let outputs = 64 << stage;
+        for block in 0..count {
+            let at = format!("layer{}.{block}", stage + 1);
+            let shrinks = stage > 0 && block == 0;
+            let inputs = if shrinks { outputs / 2 } else { outputs };
+            layer(format!("{at}.conv1"), format!("{at}.bn1"), [outputs, inputs, 3, 3]);
+            layer(format!("{at}.conv2"), format!("{at}.bn2"), [outputs, outputs, 3, 3]);
+            if shrinks {
+                layer(format!("{at}.downsample.0"), format!("{at}.downsample.1"), [outputs, inputs, 1, 1]);
+            }
+        }
+    }
+    all
+}
+
+fn rule(l: usize, name: &str, shape: &[usize]) -> Vec<f32> {
+    let value = |u: f64| match shape {
+        [_, inputs, height, width] => (6.0 / (inputs * height * width) as f64).sqrt() * u,
+        _ if name.ends_with("running_mean") || name.ends_with("bias") => 0.1 * u,
+        _ if name.ends_with("running_var") => 1.0 + 0.5 * u,
+        _ => (if name.contains(".bn2.") { 0.5 } else { 1.0 }) * (1.0 + 0.2 * u),
+    };
+    (0..shape.iter().product()).map(|n| value(hashed(l, n)) as f32).collect()
+}
+
+/// Writes the encoder's weights under torchvision's names.
+fn write_resnet34(path: &Path) {
+    let filled = tensors().into_iter().enumerate().map(|(l, (name, shape))| {
+        let values = rule(l, &name, &shape);
+        (name, shape, values)
+    });
+    write_weights(path, filled);
+}
+
+/// Overwrites the MLP's parameters, which come after the encoder's, by the fixture's rule.
+struct Rule {
+    /// Parameters of the encoder still to come.
+    encoder: usize,
+    /// Number of the tensor in the rule's count.
+    next: usize,
+    /// Position among the MLP's parameters.
+    visited: usize,
+}
+
+impl Rule {
+    fn new() -> Self {
+        let tensors = tensors().len();
+        // Five tensors of the file are a weight and a bias here.
+        Self { encoder: tensors / 5 * 2, next: tensors, visited: 0 }
+    }
+
+    fn dense(&self, l: usize, gain: f64, fan_in: usize, output: usize, input: usize) -> f32 {
+        (gain * (3.0 / fan_in as f64).sqrt() * hashed(l, output * fan_in + input)) as f32
+    }
+
+    fn values(&mut self, shape: &[usize]) -> Vec<f32> {
+        // Input layer, feature layers side by side, blocks, output layer.
+        let (layer, is_bias) = (self.visited / 2, self.visited % 2 == 1);
+        let last = 2 + 2 * BLOCKS;
+        let parts = if layer == 1 { POOL_AFTER } else { 1 };
+        let gain = match layer {
+            layer if layer == last => -0.25,
+            layer if layer >= 2 && layer % 2 == 1 => 0.5,
+            _ => 2f64.sqrt(),
+        };
+        let first = self.next;
+        self.visited += 1;
+        if is_bias {
+            self.next += 2 * parts;
+            let outputs = shape[0] / parts;
+            let bias = |part: usize, output| (0.1 * hashed(first + 2 * part + 1, output)) as f32;
+            return (0..parts).flat_map(|part| (0..outputs).map(move |output| bias(part, output))).collect();
+        }
+        let (inputs, outputs) = (shape[0], shape[1] / parts);
+        let mut values = Vec::with_capacity(shape[0] * shape[1]);
+        for input in 0..inputs {
+            for part in 0..parts {
+                values.extend((0..outputs).map(|output| self.dense(first + 2 * part, gain, inputs, output, input)));
+            }
+        }
+        values
+    }
+}
+
+impl ModuleMapper for Rule {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        if self.encoder > 0 {
+            self.encoder -= 1;
+            return param;
+        }
+        let values = self.values(&param.val().dims());
+        param.map(|old| Tensor::from_data(TensorData::new(values, old.shape()), &old.device()).require_grad())
+    }
+}
+
+fn field(weights: &Path, device: &Device) -> RadianceField {
+    let config = PixelNerfConfig {
+        encoder: EncoderConfig { width: 64, blocks: STAGES.to_vec(), weights: weights.to_owned() },
+        blocks: BLOCKS,
+        pool_after: POOL_AFTER,
+        width: WIDTH,
+        octaves: 6,
+        frequency: 1.5,
+        density: DensityActivation::Relu,
+    };
+    let mut rule = Rule::new();
+    let field = RadianceField::new(&FieldConfig::PixelNerf(config), [[-1.0; 3], [1.0; 3]], 0, device).unwrap();
+    let field = field.map(&mut rule);
+    assert_eq!((rule.encoder, rule.visited), (0, 2 * (3 + 2 * BLOCKS)));
+    field
+}
+
+fn sources(fixture: &Value) -> Sources {
+    let (height, width) = (fixture["height"].as_u64().unwrap() as usize, fixture["width"].as_u64().unwrap() as usize);
+    let focal = fixture["focal"].as_f64().unwrap() as f32;
+    let view = |(index, matrix): (usize, &[f32])| SourceView {
+        width,
+        height,
+        rgb: picture(index, height * width).into(),
+        focal: [focal; 2],
+        centre: [width as f32 / 2.0, height as f32 / 2.0],
+        to_camera: [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| matrix[4 * row + column])),
+    };
+    let middle = floats(fixture, "middle");
+    let views = floats(fixture, "to_camera").chunks(12).enumerate().map(view).collect();
+    Sources { views, middle: [middle[0], middle[1], middle[2]] }
+}
+
+fn compare(got: Vec<f32>, want: &[f32], what: &str) {
+    assert_eq!(got.len(), want.len(), "{what}");
+    for (index, (got, want)) in got.iter().zip(want).enumerate() {
+        let (got, want) = (f64::from(*got), f64::from(*want));
+        assert!((got - want).abs() <= TOLERANCE * want.abs().max(1.0), "{what}, {index}: {got} against {want}");
+    }
+}
+
+/// Gradients of the rank-1 parameters, in the order of the module.
+struct BiasGradients<'a> {
+    gradients: &'a Gradients,
+    found: Vec<Vec<f32>>,
+}
+
+impl ModuleVisitor for BiasGradients<'_> {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        if D == 1 {
+            self.found.push(to_host(param.val().grad(self.gradients).expect("every parameter has a gradient")));
+        }
+    }
+}
+
+fn check(device: &Device) {
+    let fixture = &fixture();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("resnet34.safetensors");
+    write_resnet34(&path);
+    let field = field(&path, &device.clone().autodiff());
+    let sources = sources(fixture);
+    let (positions, directions) = (floats(fixture, "points"), floats(fixture, "directions"));
+    let RadianceField::PixelNerf(pixel) = &field else { panic!("a PixelNeRF") };
+    let features = to_host(pixel.pixel_aligned(&sources.views, &positions));
+    compare(features, &floats(fixture, "features"), "features");
+
+    let counts: Vec<usize> =
+        fixture["counts"].as_array().unwrap().iter().map(|count| count.as_u64().unwrap() as usize).collect();
+    let firsts = counts.iter().scan(0, |sum, count| Some(std::mem::replace(sum, *sum + count)));
+    let directions: Vec<f32> = firsts.flat_map(|first| directions[3 * first..3 * first + 3].to_vec()).collect();
+    let segments = Segments::from_counts(counts.clone());
+    let points = Points {
+        positions: &positions,
+        directions: &directions,
+        segments: &segments,
+        extent: Extent::Ball { variance: 0.0 },
+    };
+    let sampled = field.conditioned(&sources).evaluate(points, true, 1.0);
+    let color = sampled.color.unwrap();
+    let gradients = (color.clone().sum() + sampled.sigma.clone().sum()).backward();
+    compare(to_host(color), &floats(fixture, "rgb"), "colour");
+    compare(to_host(sampled.sigma), &floats(fixture, "sigma"), "density");
+
+    let mut biases = BiasGradients { gradients: &gradients, found: Vec::new() };
+    field.visit(&mut biases);
+    compare(biases.found[0].clone(), &floats(fixture, "grad_stem_bias"), "gradient of the stem's bias");
+    let last = biases.found[tensors().len() / 5 - 1].clone();
+    compare(last, &floats(fixture, "grad_last_bias"), "gradient of the last convolution's bias");
+}
+
+#[test]
+fn agrees_with_pytorch_on_flex() {
+    check(&Device::flex());
+}
+
+#[test]
+#[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
+fn agrees_with_pytorch_on_ndarray() {
+    check(&Device::ndarray());
+}
+
+#[test]
+fn a_file_without_the_weights_is_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let fault = |name: &str, width: usize| {
+        let encoder = EncoderConfig { width, blocks: vec![1], weights: folder.path().join(name) };
+        let density = DensityActivation::Relu;
+        let config =
+            PixelNerfConfig { encoder, blocks: 1, pool_after: 1, width: 4, octaves: 1, frequency: 1.0, density };
+        let config = FieldConfig::PixelNerf(config);
+        RadianceField::new(&config, [[-1.0; 3], [1.0; 3]], 0, &Device::flex()).unwrap_err().to_string()
+    };
+    std::fs::write(folder.path().join("text"), "no weights").unwrap();
+    write_weights(&folder.path().join("other"), [("bias".to_owned(), vec![1], vec![0.5])].into_iter());
+    write_resnet34(&folder.path().join("good"));
+    for (name, width, part) in [
+        ("absent", 64, "No such file"),
+        ("text", 64, "no safetensors file"),
+        ("other", 64, "no tensor `conv1.weight`"),
+        ("good", 8, "`conv1.weight` is F32 [64, 3, 7, 7], not F32 [8, 3, 7, 7]"),
+    ] {
+        let message = fault(name, width);
+        assert!(message.starts_with("field.encoder.weights: expected a safetensors file"), "{message}");
+        assert!(message.contains(part) && message.contains(name), "{message}");
+        assert_eq!(message.lines().count(), 1);
+    }
+}
