@@ -79,7 +79,7 @@ fn killed_runs_go_on_to_the_same_numbers() {
         assert_eq!(unbroken, numbers(&place, &out), "{out}, after {kills} kills in all");
         runs += 1;
     }
-    println!(
+    eprintln!(
         "{kills} kills, {while_writing} of them while a checkpoint was written: {runs} of {runs} runs ended at the unbroken run's numbers"
     );
 }

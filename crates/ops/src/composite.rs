@@ -306,7 +306,7 @@ mod host {
                 let values = &self.values[i * channels..(i + 1) * channels];
                 let products = dintegrated.iter().zip(values).map(|(&g, &v)| f64::from(g) * f64::from(v));
                 let u = f64::from(dacc) + products.sum::<f64>();
-                worth = u - behind + worth;
+                worth += u - behind;
                 behind = u;
                 let (tau, alpha) = (self.tau[i], alpha(self.tau[i]));
                 dtau[i] = (f64::from(dtau[i]) * worth) as f32;

@@ -192,8 +192,11 @@ pub(super) fn variation(contents: Draw, count: usize, device: &Device, rng: &mut
     errors
 }
 
+/// A true colour, given the rendered one.
+type Truth = fn(&mut Rng, f32) -> f32;
+
 /// Rendered and true colours: how the second follows from the first.
-pub(super) const COLORS: [(&str, fn(&mut Rng, f32) -> f32); 4] = [
+pub(super) const COLORS: [(&str, Truth); 4] = [
     ("independent", |rng, _| rng.f32()),
     ("equal", |_, color| color),
     ("nearly equal", |rng, color| color * (1.0 + 1e-6 * signed(rng))),
@@ -201,7 +204,7 @@ pub(super) const COLORS: [(&str, fn(&mut Rng, f32) -> f32); 4] = [
 ];
 
 /// L_RGB of `count` rays.
-pub(super) fn photometric(truth: fn(&mut Rng, f32) -> f32, count: usize, device: &Device, rng: &mut Rng) -> Errors {
+pub(super) fn photometric(truth: Truth, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let color: Vec<f32> = (0..3 * count).map(|_| rng.f32()).collect();
     let target: Vec<f32> = color.iter().map(|&color| truth(rng, color)).collect();
     let device = device.clone().autodiff();

@@ -223,10 +223,13 @@ fn print(device: &str, rows: &[&Row]) {
     }
 }
 
+/// One of the errors of a row.
+type Pick = fn(&Errors) -> f64;
+
 /// log₁₀ of the errors of compositing, and of the gain, by case and quantity.
 fn draw(bench: &Bench, device: &str, rows: &[&Row]) -> Result<()> {
     let maps: [(&str, &[&str]); 2] = [("compositing", &compositing::QUANTITIES), ("gain", &gain::QUANTITIES)];
-    let kinds: [(&str, fn(&Errors) -> f64); 2] = [("value", |e| e.value), ("gradient", |e| e.gradient)];
+    let kinds: [(&str, Pick); 2] = [("value", |e| e.value), ("gradient", |e| e.gradient)];
     for (what, quantities) in maps {
         let own: Vec<&&Row> = rows.iter().filter(|row| quantities.contains(&row.operation)).collect();
         let cases = distinct(&own, |row| row.case.clone());
