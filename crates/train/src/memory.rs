@@ -92,8 +92,14 @@ fn sizes(field: &FieldConfig) -> (u64, u64) {
         }
         FieldConfig::Nerf(c) => dense(c.layers, c.width),
         FieldConfig::Mip(c) => dense(c.layers, c.width),
-        // Two layers a block.
-        FieldConfig::PixelNerf(c) => dense(2 * c.blocks, c.width),
+        FieldConfig::PixelNerf(c) => {
+            let stages = c.encoder.blocks.iter().enumerate();
+            let convolutions =
+                stages.map(|(stage, &blocks)| 18 * blocks as u64 * ((c.encoder.width << stage) as u64).pow(2));
+            // Before the views are averaged each of them has activations; one is certain.
+            let (parameters, activations) = dense(2 * c.blocks, c.width);
+            (parameters + convolutions.sum::<u64>(), activations)
+        }
     }
 }
 

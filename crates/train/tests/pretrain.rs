@@ -4,8 +4,9 @@ mod common;
 
 use burn::tensor::Device;
 use common::{config, configs, devices, pixel_config, scene_of, steps, trainer};
+use infonerf_render::Learned;
 use infonerf_scene::Scene;
-use infonerf_train::{Config, Event, Outcome, Pretrainer, Trainer, evaluate_view};
+use infonerf_train::{Config, Event, Outcome, Pretrainer, TestView, Trainer, evaluate_view};
 
 fn scenes() -> Vec<Scene> {
     ["random-1", "random-2", "random-3"].map(|name| scene_of(name, 4)).into()
@@ -31,9 +32,13 @@ fn lessons(trainer: &mut Pretrainer, count: usize) -> Vec<f32> {
 }
 
 /// What a trainer's field shows of its first test view, nothing skipped.
+fn shown(trainer: &Trainer) -> TestView {
+    let learned = Learned { occupancy: None, ..trainer.learned() };
+    evaluate_view(trainer.renderer(), &[learned], &trainer.scene().test[0]).unwrap()
+}
+
 fn picture(trainer: &Trainer) -> Vec<[f32; 3]> {
-    let view = &trainer.scene().test[0];
-    evaluate_view(trainer.renderer(), &[trainer.learned()], view).unwrap().image.rgb
+    shown(trainer).image.rgb
 }
 
 #[test]
@@ -62,8 +67,7 @@ fn what_was_learned_serves_a_scene_that_was_not_seen() {
     let init = format!("train.init={:?}", run.path());
     let psnr = |config: &Config| {
         let trainer = Trainer::new(config, scene_of("random-9", 1), 0, None, &Device::flex()).unwrap();
-        let view = &trainer.scene().test[0];
-        evaluate_view(trainer.renderer(), &[trainer.learned()], view).unwrap().comparison.psnr
+        shown(&trainer).comparison.psnr
     };
     let (fresh, taught) = (psnr(&pixel_config(&[])), psnr(&pixel_config(&[&init])));
     assert!(taught > fresh + 1.0, "{taught} dB from weights learned on other scenes, {fresh} dB from random ones");
