@@ -435,7 +435,7 @@ mod tests {
     /// Over any preset, and as it comes back from a run's `config.toml`.
     #[test]
     fn every_built_in_experiment_is_valid() {
-        for (name, _) in BUILT_IN {
+        for (name, _) in list().unwrap() {
             for preset in Preset::ALL.map(Preset::name) {
                 let args = Args::parse_from(["infonerf", "exp", name, "--preset", preset]);
                 let Command::Exp(args) = args.command else { panic!("exp") };

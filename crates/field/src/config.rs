@@ -36,7 +36,7 @@ pub struct FactoredConfig {
     pub width: usize,
     /// Whether colour depends on the view direction, linearly within its sigmoid.
     pub view_dependent: bool,
-    /// s in σ = s·softplus(x + b), 1/scene unit.
+    /// s in σ = s·softplus(x + b), over the longest side of the scene's box: the same scene in other units learns alike.
     pub density_scale: f32,
     /// b in σ = s·softplus(x + b): how empty space is before training.
     pub density_bias: f32,

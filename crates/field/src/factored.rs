@@ -29,7 +29,8 @@ impl FactoredField {
     /// A field over the box from `bounds[0]` to `bounds[1]`.
     pub(crate) fn new(config: &FactoredConfig, bounds: [[f32; 3]; 2], rng: &mut impl Rng, device: &Device) -> Self {
         let levels: Vec<(usize, usize)> = config.resolutions.iter().map(|&r| (r, config.channels)).collect();
-        let density = (config.density_scale, config.density_bias);
+        let longest = (0..3).map(|axis| bounds[1][axis] - bounds[0][axis]).fold(0.0, f32::max);
+        let density = (config.density_scale / longest, config.density_bias);
         let layout =
             Layout::new(config.octaves, &levels, (config.layers, config.width), config.view_dependent, density);
         let mut tables = Vec::with_capacity(layout.table_len());

@@ -40,7 +40,7 @@ pub(crate) struct BenchArgs {
     #[arg(long, value_name = "RUN")]
     pub(crate) from: Option<PathBuf>,
     /// stress-training: seeds of each setting (20).
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(id = "runs_each", long = "seeds", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) seeds: Option<u32>,
     /// stress: rays of each kind (55000).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..))]

@@ -220,6 +220,8 @@ impl Row {
         self.restarts += restarts;
         match outcome {
             Outcome::Collapsed => self.collapsed += 1,
+            // Noticed so far, but not yet for long enough to start over.
+            _ if empty && shown && trainer.progress().empty_steps > 0 => {}
             _ if empty && shown => self.missed += 1,
             _ if restarts > 0 => self.recovered += 1,
             _ => {}
