@@ -64,9 +64,9 @@ mod purpose {
 /// A pixel that differs by less than this from the background in every channel shows the background: half an 8-bit step.
 const KEY_TOLERANCE: f32 = 0.5 / 255.0;
 
-/// A field whose seen rays let this much light through is empty ...
-const EMPTY: f32 = 1e-3;
-/// ... if it stays so for this many steps while the pixels show something.
+/// A field is empty whose seen rays have less opacity than this share of the pixels that show something ...
+const EMPTY: f32 = 0.01;
+/// ... if it stays so for this many steps while any more than as large a share of the pixels does.
 const EMPTY_STEPS: usize = 50;
 
 impl Trainer {
@@ -244,7 +244,7 @@ impl Trainer {
 
     /// Detects a field that went empty, and starts over with other weights while that is allowed.
     fn watch(&mut self, numbers: &Numbers, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
-        let empty = numbers.acc < EMPTY && numbers.foreground > 0.01;
+        let empty = numbers.acc < EMPTY * numbers.foreground && numbers.foreground > EMPTY;
         self.progress.empty_steps = if empty { self.progress.empty_steps + 1 } else { 0 };
         if self.progress.empty_steps >= EMPTY_STEPS {
             let restarted = self.progress.restarts < self.config.train.restarts;
