@@ -123,7 +123,7 @@ impl OccupancyGrid {
     }
 
     /// A grid of `factor` times the resolution, for a field that no longer changes: each part of an occupied cell is asked
-    /// at [`PROBES`] random points, and is occupied if one sample at any of them would be as opaque as `min_alpha`.
+    /// at eight random points, and is occupied if one sample at any of them would be as opaque as `min_alpha`.
     ///
     /// Finer and not dilated, it follows surfaces more closely, and pictures evaluate fewer samples.
     pub fn refined(
