@@ -11,7 +11,7 @@ use infonerf_report::{Record, TestViews, depth_image, error_image, run_directory
 use infonerf_scene::{Scene, SceneRequest, SceneSource, View};
 use infonerf_train::{
     Checkpoint, Evaluation, Event, Information, InformationQuery, Outcome, Progress as TrainProgress, TestView,
-    Trainer, evaluate_view, information,
+    Trainer, evaluate_view, information, show_nothing,
 };
 
 use crate::experiment::RunPlan;
@@ -131,6 +131,8 @@ impl Session {
             write_pictures(folder, scene, view, &result)?;
             views.push(result);
         }
+        let photographs = scene.train.iter().flat_map(|view| &view.image.rgb);
+        let faint = show_nothing(&views) && photographs.into_iter().any(|color| *color != scene.background);
         let mean = Evaluation::mean(&views).context("no test views")?;
         let loss = &plan.config.loss;
         let query = InformationQuery {
@@ -174,7 +176,7 @@ impl Session {
             ray_entropy_bits: information.map(|information| information.entropy_bits),
             information_gain: information.map(|information| information.gain),
             peak_rss_bytes: peak_rss(),
-            collapsed,
+            collapsed: collapsed || faint,
             notes,
         })
     }

@@ -46,6 +46,15 @@ impl Evaluation {
     }
 }
 
+/// A picture with less opacity than this shows nothing.
+const EMPTY_PICTURE: f32 = 1e-3;
+
+/// Whether all pictures are empty: of a field so faint that nothing of it is left, though training went on to the end.
+pub fn show_nothing(views: &[TestView]) -> bool {
+    let is_empty = |view: &TestView| view.image.acc.iter().sum::<f32>() < EMPTY_PICTURE * view.image.acc.len() as f32;
+    !views.is_empty() && views.iter().all(is_empty)
+}
+
 /// Renders `view`, the mean of the members' pictures, and compares it with the truth.
 ///
 /// # Errors

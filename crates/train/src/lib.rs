@@ -23,7 +23,7 @@ mod trainer;
 pub use checkpoint::{Checkpoint, Progress};
 pub use config::{Config, Preset};
 pub use error::TrainError;
-pub use evaluate::{Evaluation, Information, InformationQuery, TestView, evaluate_view, information};
+pub use evaluate::{Evaluation, Information, InformationQuery, TestView, evaluate_view, information, show_nothing};
 pub use event::Event;
 pub use members::member_seed;
 pub use memory::MemoryPlan;
