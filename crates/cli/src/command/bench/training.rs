@@ -217,7 +217,7 @@ impl Row {
         self.restarts += restarts;
         match outcome {
             Outcome::Collapsed => self.collapsed += 1,
-            _ if shown && show_nothing(&[rendered.clone()]) => self.faint += 1,
+            _ if shown && show_nothing(std::slice::from_ref(&rendered)) => self.faint += 1,
             _ if restarts > 0 => self.recovered += 1,
             _ => {}
         }
