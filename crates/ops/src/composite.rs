@@ -164,17 +164,15 @@ fn plain_entropy(alpha: Tensor<2>, alpha_sum: Tensor<2>, epsilon: f32) -> Tensor
     let places = Tensor::<1, Int>::arange(0..samples as i64, &alpha.device()).unsqueeze::<2>().expand([rays, samples]);
     let top = places.equal(alpha.clone().detach().argmax(1).expand([rays, samples]));
     let others = alpha.clone().mask_fill(top.clone(), 0.0).sum_dim(1) / alpha_sum.clone();
-    let p = alpha / alpha_sum;
+    let p = alpha.clone() / alpha_sum.clone();
     let most = top.bool_and(p.clone().detach().greater_elem(0.5));
     // Both branches are computed, so this one is kept off what it is not meant for.
     let nearly = (others.clamp(0.0, 0.5).neg() + epsilon).log1p().expand([rays, samples]);
     let log = if epsilon > 0.0 {
         (p.clone() + epsilon).log()
     } else {
-        // Subnormal numbers have no finite 1/p for the way back.
-        let least = if p.dtype() == FloatDType::F64.into() { 1e-300 } else { f64::from(f32::MIN_POSITIVE) };
-        let zero = p.clone().lower_elem(least);
-        p.clone().mask_fill(zero, 1.0).log()
+        // An empty sample counts as the smallest normal `f32`, so that it has a finite slope.
+        alpha.clamp_min(f32::MIN_POSITIVE).log() - alpha_sum.log()
     };
     let bits = (p * log.mask_where(most, nearly)).sum_dim(1) * -std::f32::consts::LOG2_E;
     bits.mask_fill(missed, 0.0).squeeze_dim(1)
@@ -185,9 +183,11 @@ mod host {
     use rayon::prelude::*;
 
     use crate::Segments;
-    use crate::distribution::Distribution;
+    use crate::distribution::Distributions;
     use crate::kernel::{Kernel, Pass};
-    use crate::numeric::alpha;
+    use crate::numeric::Opacity;
+    use crate::segments::{GROUP, Group};
+    use crate::simd::{self, Job};
 
     #[derive(Debug)]
     pub(super) struct CompositeKernel {
@@ -196,131 +196,147 @@ mod host {
         pub(super) entropy: Option<f32>,
     }
 
+    impl CompositeKernel {
+        fn rays<'a>(&self, group: Group<'a>, inputs: &[&'a [f32]]) -> Rays<'a> {
+            let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
+            let (samples, channels) = (group.samples(), self.channels);
+            Rays {
+                group,
+                tau: &tau[samples.clone()],
+                values: &values[samples.start * channels..samples.end * channels],
+                channels,
+                entropy: self.entropy,
+            }
+        }
+    }
+
     impl Kernel for CompositeKernel {
         fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
             vec![self.segments.rays(), inputs[1][1] + 3]
         }
 
         fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-            let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
-            let channels = self.channels;
-            let mut out = vec![0.0; self.segments.rays() * (channels + 3)];
-            let rows = out.par_chunks_mut(channels + 3).enumerate().with_min_len(64);
-            rows.for_each_init(
-                || vec![0.0; channels],
-                |sums, (ray, out)| {
-                    let range = self.segments.range(ray);
-                    let row =
-                        Row { tau: &tau[range.clone()], values: &values[range.start * channels..range.end * channels] };
-                    row.forward(channels, self.entropy, sums, out);
-                },
-            );
+            let width = self.channels + 3;
+            let mut out = vec![0.0; self.segments.rays() * width];
+            let groups = self.segments.groups().zip(out.par_chunks_mut(GROUP * width));
+            groups.for_each(|(group, out)| simd::run(Forward { rays: self.rays(group, inputs), out }));
             out
         }
 
         fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
             let Pass { inputs, grad, .. } = pass;
-            let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
-            let channels = self.channels;
-            let mut dtau = vec![0.0; tau.len()];
-            let mut dvalues = vec![0.0; if wanted[1] { values.len() } else { 0 }];
-            let dvalue_rows: Vec<&mut [f32]> = if wanted[1] {
-                self.segments.split_mut(&mut dvalues, channels)
-            } else {
-                (0..self.segments.rays()).map(|_| Default::default()).collect()
-            };
-            let width = channels + 3;
-            self.segments
-                .split_mut(&mut dtau, 1)
-                .into_par_iter()
-                .zip(dvalue_rows)
-                .enumerate()
-                .with_min_len(64)
-                .for_each(|(ray, (dtau, dvalues))| {
-                    let range = self.segments.range(ray);
-                    let row =
-                        Row { tau: &tau[range.clone()], values: &values[range.start * channels..range.end * channels] };
-                    let at = ray * width..(ray + 1) * width;
-                    row.backward(channels, self.entropy, &grad[at], dtau, dvalues);
+            let mut dtau = vec![0.0; inputs[0].len()];
+            let mut dvalues = vec![0.0; inputs[1].len()];
+            (self.segments.groups())
+                .zip(self.segments.split_mut(&mut dtau, 1))
+                .zip(self.segments.split_mut(&mut dvalues, self.channels))
+                .zip(grad.par_chunks(GROUP * (self.channels + 3)))
+                .for_each(|(((group, dtau), dvalues), grad)| {
+                    simd::run(Backward { rays: self.rays(group, inputs), grad, dtau, dvalues });
                 });
             vec![wanted[0].then_some(dtau), wanted[1].then_some(dvalues)]
         }
     }
 
-    /// e^−τ in `f64` from what `f32` gives exactly: 1 − α while α is small, so that a product of many keeps its digits.
-    fn through(tau: f32, alpha: f32) -> f64 {
-        if tau < 0.5 { 1.0 - f64::from(alpha) } else { f64::from((-tau).exp()) }
-    }
-
-    struct Row<'a> {
+    struct Rays<'a> {
+        group: Group<'a>,
         tau: &'a [f32],
         values: &'a [f32],
+        channels: usize,
+        entropy: Option<f32>,
     }
 
-    impl Row<'_> {
-        /// `sums` is scratch for one number a channel.
-        fn forward(&self, channels: usize, entropy: Option<f32>, sums: &mut [f64], out: &mut [f32]) {
-            let (integrated, stats) = out.split_at_mut(channels);
-            sums.fill(0.0);
-            let mut depth = 0f64;
-            let mut alpha_sum = 0f64;
-            for (i, &tau) in self.tau.iter().enumerate() {
-                let alpha = f64::from(alpha(tau));
-                let w = (-depth).exp() * alpha;
-                depth += f64::from(tau);
-                alpha_sum += alpha;
-                for (sum, &value) in sums.iter_mut().zip(&self.values[i * channels..]) {
-                    *sum += w * f64::from(value);
-                }
-            }
-            for (out, sum) in integrated.iter_mut().zip(sums) {
-                *out = *sum as f32;
-            }
-            stats[0] = -(-depth).exp_m1() as f32;
-            stats[1] = alpha_sum as f32;
-            if let Some(distribution) = entropy.and_then(|epsilon| Distribution::new(self.tau, epsilon)) {
-                stats[2] = (distribution.entropy() * std::f64::consts::LOG2_E) as f32;
-            }
-        }
+    struct Forward<'a> {
+        rays: Rays<'a>,
+        /// One row a ray: its integrated values, Σw, Σα and entropy.
+        out: &'a mut [f32],
+    }
 
-        fn backward(&self, channels: usize, entropy: Option<f32>, grad: &[f32], dtau: &mut [f32], dvalues: &mut [f32]) {
-            let (dintegrated, dstats) = grad.split_at(channels);
-            let [dacc, dalpha_sum, dentropy] = [dstats[0], dstats[1], dstats[2]];
-            // Forward again for T_{i+1}, kept in dtau until the second pass replaces it.
-            let mut depth = 0f64;
-            for (i, &tau) in self.tau.iter().enumerate() {
-                if let Some(dvalues) = dvalues.get_mut(i * channels..(i + 1) * channels) {
-                    let w = (-depth).exp() as f32 * alpha(tau);
-                    for (out, g) in dvalues.iter_mut().zip(dintegrated) {
-                        *out = g * w;
+    impl Job for Forward<'_> {
+        #[inline(always)]
+        fn run<const FMA: bool>(self) {
+            let Self { rays, out } = self;
+            let channels = rays.channels;
+            let opacity = Opacity::of::<FMA>(rays.tau);
+            let mut sums = vec![0f64; channels];
+            for (range, out) in rays.group.ranges().zip(out.chunks_exact_mut(channels + 3)) {
+                sums.fill(0.0);
+                // Sums of positive numbers: Σw keeps its digits where 1 − T would not.
+                let (mut trans, mut acc, mut alpha_sum) = (1f64, 0f64, 0f64);
+                for i in range {
+                    let alpha = opacity.alpha[i];
+                    let w = trans * alpha;
+                    trans *= opacity.through[i];
+                    acc += w;
+                    alpha_sum += alpha;
+                    for (sum, &value) in sums.iter_mut().zip(&rays.values[i * channels..]) {
+                        *sum += w * f64::from(value);
                     }
                 }
-                depth += f64::from(tau);
-                dtau[i] = (-depth).exp() as f32;
+                for (out, sum) in out.iter_mut().zip(&sums) {
+                    *out = *sum as f32;
+                }
+                out[channels..].copy_from_slice(&[acc as f32, alpha_sum as f32, 0.0]);
             }
-            // With uᵢ = ∂L/∂wᵢ: dL/dτᵢ = uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ = T_{i+1} eᵢ, where eᵢ is how much more the sample is
-            // worth than what lies behind it: eᵢ = uᵢ − uᵢ₊₁ + e^−τᵢ₊₁ eᵢ₊₁, and behind the last there is nothing. No sum
-            // is subtracted from another, so the little that reaches through an opaque ray keeps its digits.
-            let (mut behind, mut worth) = (0f64, 0f64);
-            for i in (0..self.tau.len()).rev() {
-                let values = &self.values[i * channels..(i + 1) * channels];
-                let products = dintegrated.iter().zip(values).map(|(&g, &v)| f64::from(g) * f64::from(v));
-                let u = f64::from(dacc) + products.sum::<f64>();
-                worth += u - behind;
-                behind = u;
-                let (tau, alpha) = (self.tau[i], alpha(self.tau[i]));
-                dtau[i] = (f64::from(dtau[i]) * worth) as f32;
-                worth *= through(tau, alpha);
+            if let Some(epsilon) = rays.entropy {
+                let distributions = Distributions::new(&opacity, &rays.group);
+                distributions.entropies::<FMA>(epsilon, |ray, nats| {
+                    out[ray * (channels + 3) + channels + 2] = (nats * std::f64::consts::LOG2_E) as f32;
+                });
             }
-            if dalpha_sum != 0.0 {
-                for (out, &tau) in dtau.iter_mut().zip(self.tau) {
-                    *out += dalpha_sum * (-tau).exp();
+        }
+    }
+
+    struct Backward<'a> {
+        rays: Rays<'a>,
+        grad: &'a [f32],
+        dtau: &'a mut [f32],
+        dvalues: &'a mut [f32],
+    }
+
+    impl Job for Backward<'_> {
+        #[inline(always)]
+        fn run<const FMA: bool>(self) {
+            let Self { rays, grad, dtau, dvalues } = self;
+            let channels = rays.channels;
+            let opacity = Opacity::of::<FMA>(rays.tau);
+            // T_{i+1} of each sample, and what it is worth: uᵢ = ∂L/∂wᵢ.
+            let mut trans_after = vec![0f64; rays.tau.len()];
+            let mut worths = vec![0f64; rays.tau.len()];
+            for (range, grad) in rays.group.ranges().zip(grad.chunks_exact(channels + 3)) {
+                let (integrated, stats) = grad.split_at(channels);
+                let (dacc, dalpha_sum) = (f64::from(stats[0]), f64::from(stats[1]));
+                let mut trans = 1f64;
+                for i in range.clone() {
+                    let w = (trans * opacity.alpha[i]) as f32;
+                    trans *= opacity.through[i];
+                    trans_after[i] = trans;
+                    let mut u = dacc;
+                    let of_sample = i * channels..(i + 1) * channels;
+                    let values = rays.values[of_sample.clone()].iter().zip(&mut dvalues[of_sample]);
+                    for ((&value, dvalue), &g) in values.zip(integrated) {
+                        *dvalue = g * w;
+                        u += f64::from(g) * f64::from(value);
+                    }
+                    worths[i] = u;
+                }
+                // dL/dτᵢ = uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ = T_{i+1} eᵢ, where eᵢ is how much more the sample is worth than what
+                // lies behind it: eᵢ = uᵢ − uᵢ₊₁ + e^−τᵢ₊₁ eᵢ₊₁, and behind the last there is nothing. No sum is subtracted
+                // from another, so the little that reaches through an opaque ray keeps its digits.
+                let (mut behind, mut worth) = (0f64, 0f64);
+                for i in range.rev() {
+                    worth += worths[i] - behind;
+                    behind = worths[i];
+                    dtau[i] = (trans_after[i] * worth + dalpha_sum * opacity.through[i]) as f32;
+                    worth *= opacity.through[i];
                 }
             }
-            if let Some(epsilon) = entropy.filter(|_| dentropy != 0.0)
-                && let Some(distribution) = Distribution::new(self.tau, epsilon)
-            {
-                distribution.entropy_gradient(self.tau, f64::from(dentropy) * std::f64::consts::LOG2_E, dtau);
+            if let Some(epsilon) = rays.entropy {
+                let scale = |ray: usize| f64::from(grad[ray * (channels + 3) + channels + 2]) * std::f64::consts::LOG2_E;
+                if (0..rays.group.ranges().count()).any(|ray| scale(ray) != 0.0) {
+                    let distributions = Distributions::new(&opacity, &rays.group);
+                    distributions.add_entropy_gradients::<FMA>(epsilon, scale, dtau);
+                }
             }
         }
     }

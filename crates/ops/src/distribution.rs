@@ -1,110 +1,174 @@
-//! A ray's distribution p = α/Σα on the host, in `f64` and without cancellation: what entropy and information gain are
+//! Rays' distributions p = α/Σα on the host, in `f64` and without cancellation: what entropy and information gain are
 //! made of.
 //!
 //! Both are differences of nearly equal numbers where a ray has one surface or a neighbour that looks the same, which is
 //! what training drives them to. In `f32` nothing would be left of them there.
 
-use crate::composite::MIN_ALPHA_SUM;
+use std::ops::Range;
 
-/// p = α/Σα of one ray that hits something.
-pub(crate) struct Distribution {
-    alpha: Vec<f64>,
+use crate::composite::MIN_ALPHA_SUM;
+use crate::numeric::{Opacity, ln, log_ratio};
+use crate::segments::Group;
+
+/// p = α/Σα of the rays of a group, packed.
+pub(crate) struct Distributions<'a> {
+    opacity: &'a Opacity,
+    /// 0 along a ray that hits nothing.
+    p: Vec<f64>,
+    rays: Vec<Ray>,
+}
+
+struct Ray {
+    range: Range<usize>,
     /// Place of the most opaque sample.
     top: usize,
     /// Σα of all others, summed apart: it may be far below the last digit of Σα.
     rest: f64,
     sum: f64,
-    epsilon: f64,
 }
 
-impl Distribution {
-    /// None for a ray that hits nothing.
-    pub(crate) fn new(tau: &[f32], epsilon: f32) -> Option<Self> {
-        let alpha: Vec<f64> = tau.iter().map(|&tau| -(-f64::from(tau)).exp_m1()).collect();
-        let (mut top, mut rest) = (0, 0.0);
-        for (i, &a) in alpha.iter().enumerate().skip(1) {
-            if a > alpha[top] {
-                rest += alpha[top];
-                top = i;
-            } else {
-                rest += a;
+impl Ray {
+    #[inline(always)]
+    fn new(range: Range<usize>, alpha: &[f64]) -> Self {
+        let (mut top, mut most, mut rest) = (range.start, 0.0, 0.0);
+        for (i, &alpha) in range.clone().zip(&alpha[range.clone()]) {
+            let above = alpha > most;
+            rest += if above { most } else { alpha };
+            (top, most) = if above { (i, alpha) } else { (top, most) };
+        }
+        Self { range, top, rest, sum: most + rest }
+    }
+
+    fn hits(&self) -> bool {
+        self.sum >= f64::from(MIN_ALPHA_SUM)
+    }
+
+    /// From gᵢ = ∂L/∂pᵢ to `put(i, ∂L/∂τᵢ)`, with ∂L/∂τᵢ = (gᵢ − Σ pⱼ gⱼ)/S · e^−τᵢ. What all gᵢ have in common drops out; it
+    /// is taken off first.
+    #[inline(always)]
+    fn through_normalisation(
+        &self,
+        p: &[f64],
+        through: &[f64],
+        slope: impl Fn(usize) -> f64,
+        mut put: impl FnMut(usize, f64),
+    ) {
+        let common = slope(self.top);
+        let mean: f64 = self.range.clone().map(|i| p[i] * (slope(i) - common)).sum();
+        let scale = 1.0 / self.sum;
+        for i in self.range.clone() {
+            put(i, (slope(i) - common - mean) * scale * through[i]);
+        }
+    }
+}
+
+impl<'a> Distributions<'a> {
+    #[inline(always)]
+    pub(crate) fn new(opacity: &'a Opacity, group: &Group<'_>) -> Self {
+        let rays: Vec<Ray> = group.ranges().map(|range| Ray::new(range, &opacity.alpha)).collect();
+        let mut p = vec![0.0; opacity.alpha.len()];
+        for ray in rays.iter().filter(|ray| ray.hits()) {
+            for (p, alpha) in p[ray.range.clone()].iter_mut().zip(&opacity.alpha[ray.range.clone()]) {
+                *p = alpha / ray.sum;
             }
         }
-        let sum = alpha.get(top)? + rest;
-        (sum >= f64::from(MIN_ALPHA_SUM)).then_some(Self { alpha, top, rest, sum, epsilon: f64::from(epsilon) })
+        Self { opacity, p, rays }
     }
 
-    fn p(&self, i: usize) -> f64 {
-        self.alpha[i] / self.sum
+    /// ln(p + ε) of every sample. Without ε an empty one counts as the smallest normal `f32`, so that it has a finite slope.
+    #[inline(always)]
+    fn logs<const FMA: bool>(&self, epsilon: f64) -> Vec<f64> {
+        let mut logs: Vec<f64> = self.p.iter().map(|p| p + epsilon).collect();
+        for ray in self.rays.iter().filter(|_| epsilon == 0.0) {
+            let sum = if ray.hits() { ray.sum } else { 1.0 };
+            for (p, alpha) in logs[ray.range.clone()].iter_mut().zip(&self.opacity.alpha[ray.range.clone()]) {
+                *p = alpha.max(f64::from(f32::MIN_POSITIVE)) / sum;
+            }
+        }
+        ln::<FMA>(&mut logs);
+        // The most opaque sample's p may be 1 to all digits, and its logarithm is that of the others.
+        for ray in self.rays.iter().filter(|ray| ray.hits() && 2.0 * ray.rest < ray.sum) {
+            logs[ray.top] = (epsilon - ray.rest / ray.sum).ln_1p();
+        }
+        logs
     }
 
-    /// ln(pᵢ + ε). Without ε an empty sample counts as the smallest normal `f32`, so that it has a finite slope.
-    fn ln(&self, i: usize) -> f64 {
-        if i == self.top && self.rest < self.alpha[i] {
-            (self.epsilon - self.rest / self.sum).ln_1p()
-        } else if self.epsilon > 0.0 {
-            (self.p(i) + self.epsilon).ln()
-        } else {
-            (self.alpha[i].max(f64::from(f32::MIN_POSITIVE)) / self.sum).ln()
+    /// H = −Σ p ln(p + ε) of each ray in nats, handed to `put`; 0 for a ray that hits nothing.
+    #[inline(always)]
+    pub(crate) fn entropies<const FMA: bool>(&self, epsilon: f32, mut put: impl FnMut(usize, f64)) {
+        let logs = self.logs::<FMA>(f64::from(epsilon));
+        for (place, ray) in self.rays.iter().enumerate() {
+            let terms = self.p[ray.range.clone()].iter().zip(&logs[ray.range.clone()]);
+            put(place, -terms.map(|(p, log)| p * log).sum::<f64>());
         }
     }
 
-    /// p/(p + ε).
-    fn share(&self, i: usize) -> f64 {
-        if self.epsilon > 0.0 { self.p(i) / (self.p(i) + self.epsilon) } else { 1.0 }
+    /// Adds `scale(ray)` · ∂H/∂τ to `out`.
+    #[inline(always)]
+    pub(crate) fn add_entropy_gradients<const FMA: bool>(
+        &self,
+        epsilon: f32,
+        scale: impl Fn(usize) -> f64,
+        out: &mut [f32],
+    ) {
+        let epsilon = f64::from(epsilon);
+        // −ln(p + ε) − p/(p + ε), and 1: what all slopes have in common drops out.
+        let mut slopes = self.logs::<FMA>(epsilon);
+        for (slope, &p) in slopes.iter_mut().zip(&self.p) {
+            *slope = if epsilon > 0.0 { epsilon / (p + epsilon) - *slope } else { -*slope };
+        }
+        for (place, ray) in self.rays.iter().enumerate().filter(|(_, ray)| ray.hits()) {
+            let scale = scale(place);
+            let add = |i: usize, g| out[i] += (scale * g) as f32;
+            ray.through_normalisation(&self.p, &self.opacity.through, |i| slopes[i], add);
+        }
     }
 
-    /// H = −Σ p ln(p + ε), nats.
-    pub(crate) fn entropy(&self) -> f64 {
-        -(0..self.alpha.len()).map(|i| self.p(i) * self.ln(i)).sum::<f64>()
+    /// Whether ray `place` of both hits something.
+    fn both_hit(&self, other: &Self, place: usize) -> bool {
+        self.rays[place].hits() && other.rays[place].hits()
     }
 
-    /// Adds `scale` · ∂H/∂τ to `out`.
-    pub(crate) fn entropy_gradient(&self, tau: &[f32], scale: f64, out: &mut [f32]) {
-        self.through_normalisation(tau, |i| -self.ln(i) - self.share(i), |i, g| out[i] += (scale * g) as f32);
-    }
-
-    /// ln((pᵢ + ε)/(qᵢ + ε)), to all digits also where p and q are nearly equal.
-    fn ln_ratio(&self, other: &Self, i: usize) -> f64 {
-        let (a, b) = (self.p(i) + self.epsilon, other.p(i) + self.epsilon);
-        let r = (self.p(i) - other.p(i)) / b;
-        if r.abs() < 0.5 { r.ln_1p() } else { (a / b).ln() }
-    }
-
-    /// KL(p ‖ q) = Σ p ln((p + ε)/(q + ε)), nats.
+    /// KL(p ‖ q) = Σ p ln((p + ε)/(q + ε)) of each pair of rays in nats; 0 if either hits nothing.
     ///
     /// Σ (p − q) = 0 is subtracted term by term, which leaves a sum of Bregman divergences: each is ≥ 0, and of second
     /// order where p ≈ q, so nothing cancels. With a = p + ε, b = q + ε: Σ [a ln(a/b) − (a − b)] − ε Σ ln(a/b).
-    pub(crate) fn divergence(&self, other: &Self) -> f64 {
-        let term = |i: usize| {
-            let ln = self.ln_ratio(other, i);
-            let bregman = (self.p(i) + self.epsilon) * ln - (self.p(i) - other.p(i));
-            bregman - self.epsilon * ln
-        };
-        (0..self.alpha.len()).map(term).sum()
+    #[inline(always)]
+    pub(crate) fn divergences<const FMA: bool>(&self, other: &Self, epsilon: f32, out: &mut [f32]) {
+        let epsilon = f64::from(epsilon);
+        let logs = log_ratio::<FMA>(&self.p, &other.p, epsilon);
+        for (place, (ray, out)) in self.rays.iter().zip(out).enumerate() {
+            if self.both_hit(other, place) {
+                let term = |i: usize| ((self.p[i] + epsilon) * logs[i] - (self.p[i] - other.p[i])) - epsilon * logs[i];
+                *out = ray.range.clone().map(term).sum::<f64>() as f32;
+            }
+        }
     }
 
-    /// `scale` · ∂KL(p ‖ q)/∂τ into `dtau` and ∂/∂τ̃ into `dnear`.
-    pub(crate) fn divergence_gradient(
+    /// `grad` · ∂KL(p ‖ q)/∂τ into `dtau` and ∂/∂τ̃ into `dnear`.
+    #[inline(always)]
+    pub(crate) fn divergence_gradients<const FMA: bool>(
         &self,
         other: &Self,
-        (tau, near): (&[f32], &[f32]),
-        scale: f64,
+        epsilon: f32,
+        grad: &[f32],
         (dtau, dnear): (&mut [f32], &mut [f32]),
     ) {
-        let dp = |i: usize| self.ln_ratio(other, i) + self.share(i);
-        self.through_normalisation(tau, dp, |i, g| dtau[i] = (scale * g) as f32);
-        let dq = |i: usize| -self.p(i) / (other.p(i) + self.epsilon);
-        other.through_normalisation(near, dq, |i, g| dnear[i] = (scale * g) as f32);
-    }
-
-    /// From gᵢ = ∂L/∂pᵢ to ∂L/∂τᵢ = (gᵢ − Σ pⱼ gⱼ)/S · e^−τᵢ. What all gᵢ have in common drops out; it is taken off first.
-    fn through_normalisation(&self, tau: &[f32], slope: impl Fn(usize) -> f64, mut put: impl FnMut(usize, f64)) {
-        let common = slope(self.top);
-        let slopes: Vec<f64> = (0..tau.len()).map(|i| slope(i) - common).collect();
-        let mean: f64 = slopes.iter().enumerate().map(|(i, g)| self.p(i) * g).sum();
-        for (i, (g, &tau)) in slopes.iter().zip(tau).enumerate() {
-            put(i, (g - mean) / self.sum * f64::from(-tau).exp());
+        let epsilon = f64::from(epsilon);
+        // ln((p + ε)/(q + ε)) + p/(p + ε), less 1, and −p/(q + ε), and 1: what all have in common drops out, and the rest keeps
+        // its digits where p ≈ q.
+        let mut dp = log_ratio::<FMA>(&self.p, &other.p, epsilon);
+        let mut dq = vec![0.0; dp.len()];
+        for (((dp, dq), &p), &q) in dp.iter_mut().zip(&mut dq).zip(&self.p).zip(&other.p) {
+            *dp -= epsilon / (p + epsilon);
+            *dq = (epsilon - (p - q)) / (q + epsilon);
+        }
+        for (place, &grad) in grad.iter().enumerate().filter(|(place, _)| self.both_hit(other, *place)) {
+            let (grad, ray, near) = (f64::from(grad), &self.rays[place], &other.rays[place]);
+            let put = |i: usize, g| dtau[i] = (grad * g) as f32;
+            ray.through_normalisation(&self.p, &self.opacity.through, |i| dp[i], put);
+            let put = |i: usize, g| dnear[i] = (grad * g) as f32;
+            near.through_normalisation(&other.p, &other.opacity.through, |i| dq[i], put);
         }
     }
 }

@@ -50,10 +50,11 @@ pub fn plain(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32)
     let r = (p.clone() - q.clone()) / b.clone();
     let near = r.clone().abs().lower_elem(0.5);
     let ln = ((p.clone() + epsilon) / b.clone()).log().mask_where(near, r.clone().clamp(-0.5, 0.5).log1p());
-    let terms = b * (ln.clone() * (r.clone() + 1.0) - r) - ln * epsilon;
-    // The slopes are those of Σ p (ln a − ln b), which are simple: of it only they are taken.
-    let textbook = p.clone() * ((p + epsilon).log() - (q + epsilon).log());
-    let terms = terms.detach() + (textbook.clone() - textbook.detach());
+    let terms = b.clone() * (ln.clone() * (r.clone() + 1.0) - r.clone()) - ln.clone() * epsilon;
+    // The slopes are of Σ p (ln a − ln b), less what all of a ray's have in common, as Σ p and Σ q are fixed: of 1 − ε/a
+    // and of r + 1 − ε/b the ones, in which the rest would lose its digits.
+    let slopes = p.clone() * (ln - (p + epsilon).recip() * epsilon).detach() + q * (b.recip() * epsilon - r).detach();
+    let terms = terms.detach() + (slopes.clone() - slopes.detach());
     terms.sum_dim(1).mask_fill(p_missed, 0.0).mask_fill(q_missed, 0.0).squeeze_dim::<1>(1).cast(FloatDType::F32)
 }
 
@@ -62,8 +63,11 @@ mod host {
     use rayon::prelude::*;
 
     use crate::Segments;
-    use crate::distribution::Distribution;
+    use crate::distribution::Distributions;
     use crate::kernel::{Kernel, Pass};
+    use crate::numeric::Opacity;
+    use crate::segments::{GROUP, Group};
+    use crate::simd::{self, Job};
 
     #[derive(Debug)]
     pub(super) struct GainKernel {
@@ -72,9 +76,10 @@ mod host {
     }
 
     impl GainKernel {
-        /// Both distributions; none if either ray hits nothing.
-        fn pair(&self, tau: &[f32], near: &[f32]) -> Option<(Distribution, Distribution)> {
-            Some((Distribution::new(tau, self.epsilon)?, Distribution::new(near, self.epsilon)?))
+        fn pairs<'a>(&self, group: Group<'a>, inputs: &[&'a [f32]]) -> Pairs<'a> {
+            let &[tau, near] = inputs else { unreachable!("information gain has two inputs") };
+            let samples = group.samples();
+            Pairs { group, tau: &tau[samples.clone()], near: &near[samples], epsilon: self.epsilon }
         }
     }
 
@@ -84,36 +89,63 @@ mod host {
         }
 
         fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-            let &[tau, near] = inputs else { unreachable!("information gain has two inputs") };
-            (0..self.segments.rays())
-                .into_par_iter()
-                .with_min_len(64)
-                .map(|ray| {
-                    let range = self.segments.range(ray);
-                    let pair = self.pair(&tau[range.clone()], &near[range]);
-                    pair.map_or(0.0, |(p, q)| p.divergence(&q) as f32)
-                })
-                .collect()
+            let mut out = vec![0.0; self.segments.rays()];
+            let groups = self.segments.groups().zip(out.par_chunks_mut(GROUP));
+            groups.for_each(|(group, out)| simd::run(Forward { pairs: self.pairs(group, inputs), out }));
+            out
         }
 
         fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
             let Pass { inputs, grad, .. } = pass;
-            let &[tau, near] = inputs else { unreachable!("information gain has two inputs") };
-            let (mut dtau, mut dnear) = (vec![0.0; tau.len()], vec![0.0; near.len()]);
-            self.segments
-                .split_mut(&mut dtau, 1)
-                .into_par_iter()
+            let (mut dtau, mut dnear) = (vec![0.0; inputs[0].len()], vec![0.0; inputs[1].len()]);
+            (self.segments.groups())
+                .zip(self.segments.split_mut(&mut dtau, 1))
                 .zip(self.segments.split_mut(&mut dnear, 1))
-                .enumerate()
-                .with_min_len(64)
-                .for_each(|(ray, (dtau, dnear))| {
-                    let range = self.segments.range(ray);
-                    let rays = (&tau[range.clone()], &near[range]);
-                    if let Some((p, q)) = self.pair(rays.0, rays.1) {
-                        p.divergence_gradient(&q, rays, f64::from(grad[ray]), (dtau, dnear));
-                    }
+                .zip(grad.par_chunks(GROUP))
+                .for_each(|(((group, dtau), dnear), grad)| {
+                    simd::run(Backward { pairs: self.pairs(group, inputs), grad, dtau, dnear });
                 });
             vec![wanted[0].then_some(dtau), wanted[1].then_some(dnear)]
+        }
+    }
+
+    /// A group of rays and their neighbours.
+    struct Pairs<'a> {
+        group: Group<'a>,
+        tau: &'a [f32],
+        near: &'a [f32],
+        epsilon: f32,
+    }
+
+    struct Forward<'a> {
+        pairs: Pairs<'a>,
+        out: &'a mut [f32],
+    }
+
+    impl Job for Forward<'_> {
+        #[inline(always)]
+        fn run<const FMA: bool>(self) {
+            let Pairs { group, tau, near, epsilon } = self.pairs;
+            let (tau, near) = (Opacity::of::<FMA>(tau), Opacity::of::<FMA>(near));
+            let (p, q) = (Distributions::new(&tau, &group), Distributions::new(&near, &group));
+            p.divergences::<FMA>(&q, epsilon, self.out);
+        }
+    }
+
+    struct Backward<'a> {
+        pairs: Pairs<'a>,
+        grad: &'a [f32],
+        dtau: &'a mut [f32],
+        dnear: &'a mut [f32],
+    }
+
+    impl Job for Backward<'_> {
+        #[inline(always)]
+        fn run<const FMA: bool>(self) {
+            let Pairs { group, tau, near, epsilon } = self.pairs;
+            let (tau, near) = (Opacity::of::<FMA>(tau), Opacity::of::<FMA>(near));
+            let (p, q) = (Distributions::new(&tau, &group), Distributions::new(&near, &group));
+            p.divergence_gradients::<FMA>(&q, epsilon, self.grad, (self.dtau, self.dnear));
         }
     }
 }

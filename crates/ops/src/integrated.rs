@@ -3,7 +3,7 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use rayon::prelude::*;
 
-use crate::frequency::sin_cos;
+use crate::frequency::sines_and_cosines;
 
 /// The mean of the positional encoding over axis-aligned Gaussians in space (mip-NeRF, Eq. 13–14).
 ///
@@ -42,23 +42,16 @@ pub fn integrated_encode(
 }
 
 fn encode(mean: &[f32], variance: &[f32], window: &[f32], out: &mut [f32]) {
-    let mut scale = 1f32;
-    for (octave, block) in out.chunks_exact_mut(6).enumerate() {
-        let weight = window.get(octave).copied().unwrap_or(1.0);
-        let (sines, cosines) = block.split_at_mut(3);
-        for (((mean, variance), sine), cosine) in mean.iter().zip(variance).zip(sines).zip(cosines) {
-            let weight = weight * (-0.5 * scale * scale * variance).exp();
-            if weight > NOTHING {
-                let (s, c) = sin_cos(*mean, scale);
-                (*sine, *cosine) = (weight * s, weight * c);
-            }
+    for (axis, (&mean, &variance)) in mean.iter().zip(variance).enumerate() {
+        let mut fading = -0.5 * f64::from(variance);
+        for (octave, (block, (sine, cosine))) in out.chunks_exact_mut(6).zip(sines_and_cosines(mean)).enumerate() {
+            let weight = window.get(octave).copied().unwrap_or(1.0) * fading.exp() as f32;
+            block[axis] = weight * sine;
+            block[3 + axis] = weight * cosine;
+            fading *= 4.0;
         }
-        scale *= 2.0;
     }
 }
-
-/// A feature that can be no larger than this is left at 0: far below what `f32` can add to the others.
-const NOTHING: f32 = 1e-9;
 
 /// Width of the encoding.
 pub const fn integrated_width(octaves: usize) -> usize {

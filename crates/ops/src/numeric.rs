@@ -1,6 +1,187 @@
-//! Scalar functions that stay accurate over the whole range of optical depths.
+//! Functions that stay accurate over the whole range of optical depths.
+//!
+//! The slice versions are branch-free polynomials in `f64`, within a few units of the last place, which the compiler
+//! turns into vector code; libraries' functions are called once a number.
 
 /// `1 − e^−τ` without cancellation: `−expm1(−τ)`.
 pub fn alpha(tau: f32) -> f32 {
     -(-tau).exp_m1()
+}
+
+#[cfg(feature = "flex")]
+pub(crate) use vector::{Opacity, ln, log_ratio};
+
+#[cfg(feature = "flex")]
+#[allow(clippy::inline_always, reason = "inlined into a function compiled for the processor's instruction set")]
+mod vector {
+    use std::f64::consts::LOG2_E;
+
+    /// ln 2 in two parts: the first has 32 trailing zero bits, so that its product with an exponent is exact.
+    const LN2_HIGH: f64 = f64::from_bits(0x3fe6_2e42_fee0_0000);
+    const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;
+    /// Added to a number below 2⁵¹, it leaves the nearest integer, plus the exponent's bias, in the last bits.
+    const ROUND: f64 = 6_755_399_441_055_744.0 + 1023.0;
+    /// e^−708 is the least that is no subnormal number.
+    const DEEPEST: f64 = 708.0;
+
+    /// a · b + c, fused where that is one instruction.
+    #[inline(always)]
+    fn fma<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
+        if FMA { a.mul_add(b, c) } else { a * b + c }
+    }
+
+    /// Σ cₖ xᵏ, the highest power's factor first.
+    #[inline(always)]
+    fn horner<const FMA: bool, const N: usize>(x: f64, factors: [f64; N]) -> f64 {
+        factors.into_iter().fold(0.0, |sum, factor| fma::<FMA>(sum, x, factor))
+    }
+
+    /// `(1 − e^−τ, e^−τ)`: with −τ = k ln 2 + r, expm1(−τ) = 2ᵏ expm1(r) + (2ᵏ − 1), in which nothing cancels.
+    #[inline(always)]
+    fn opacity<const FMA: bool>(tau: f32) -> (f64, f64) {
+        let x = -f64::from(tau).min(DEEPEST);
+        let rounded = fma::<FMA>(x, LOG2_E, ROUND);
+        let k = rounded - ROUND;
+        let r = fma::<FMA>(-k, LN2_LOW, fma::<FMA>(-k, LN2_HIGH, x));
+        let scale = f64::from_bits(rounded.to_bits() << 52);
+        // Taylor: the first term left out is 3e-18 of r at |r| = ln 2 / 2.
+        let series = horner::<FMA, 13>(
+            r,
+            const {
+                let mut factors = [1.0; 13];
+                let (mut n, mut factorial) = (1, 1.0);
+                while n <= 13 {
+                    factorial *= n as f64;
+                    factors[13 - n] = 1.0 / factorial;
+                    n += 1;
+                }
+                factors
+            },
+        );
+        let m1 = scale * (series * r);
+        (-(m1 + (scale - 1.0)), m1 + scale)
+    }
+
+    /// ln x of a positive normal number: with x = 2ᵉ m and m about 1, e ln 2 + 2 artanh((m − 1)/(m + 1)).
+    #[inline(always)]
+    fn ln_of<const FMA: bool>(x: f64) -> f64 {
+        const HALF_ROOT: u64 = 0x3fe6_a09e_667f_3bcd;
+        const ONE: u64 = 0x3ff0_0000_0000_0000;
+        // An integer below 2⁵² in the last bits of 2⁵².
+        const TWO_52: u64 = 0x4330_0000_0000_0000;
+        let shifted = x.to_bits().wrapping_add(ONE - HALF_ROOT);
+        let e = f64::from_bits((shifted >> 52) | TWO_52) - (4_503_599_627_370_496.0 + 1023.0);
+        let m = f64::from_bits((shifted & 0x000f_ffff_ffff_ffff) + HALF_ROOT);
+        let s = (m - 1.0) / (m + 1.0);
+        let z = s * s;
+        // The first term left out is below 1e-17 at |s| = (√2 − 1)/(√2 + 1).
+        let series = horner::<FMA, 10>(
+            z,
+            const {
+                let mut factors = [0.0; 10];
+                let mut k = 0;
+                while k < 10 {
+                    factors[9 - k] = 2.0 / (2 * k + 3) as f64;
+                    k += 1;
+                }
+                factors
+            },
+        );
+        fma::<FMA>(e, LN2_HIGH, fma::<FMA>(e, LN2_LOW, fma::<FMA>(s * z, series, 2.0 * s)))
+    }
+
+    /// What packed samples stop of a ray, and what they let through.
+    #[derive(Debug, Default)]
+    pub(crate) struct Opacity {
+        /// α = 1 − e^−τ.
+        pub(crate) alpha: Vec<f64>,
+        /// 1 − α = e^−τ.
+        pub(crate) through: Vec<f64>,
+    }
+
+    impl Opacity {
+        #[inline(always)]
+        pub(crate) fn of<const FMA: bool>(tau: &[f32]) -> Self {
+            let mut opacity = Self { alpha: vec![0.0; tau.len()], through: vec![0.0; tau.len()] };
+            for ((alpha, through), &tau) in opacity.alpha.iter_mut().zip(&mut opacity.through).zip(tau) {
+                (*alpha, *through) = self::opacity::<FMA>(tau);
+            }
+            opacity
+        }
+    }
+
+    /// ln x of each, which are positive normal numbers, in place.
+    #[inline(always)]
+    pub(crate) fn ln<const FMA: bool>(values: &mut [f64]) {
+        for x in values {
+            *x = ln_of::<FMA>(*x);
+        }
+    }
+
+    /// ln((p + ε)/(q + ε)) of each pair, to all digits also where p and q are nearly equal.
+    #[inline(always)]
+    pub(crate) fn log_ratio<const FMA: bool>(p: &[f64], q: &[f64], epsilon: f64) -> Vec<f64> {
+        let mut out = vec![0.0; p.len()];
+        for ((out, &p), &q) in out.iter_mut().zip(p).zip(q) {
+            let (a, b) = (p + epsilon, q + epsilon);
+            let r = (p - q) / b;
+            // ln(1 + r) with the digits that the sum has lost, unless r is so near −1 that it is nothing but a loss.
+            let sum = 1.0 + r;
+            let near = r.abs() < 0.5;
+            let ratio = if near { sum } else { a / b };
+            let lost = if near { (r - (sum - 1.0)) / sum } else { 0.0 };
+            *out = ln_of::<FMA>(ratio) + lost;
+        }
+        out
+    }
+
+    #[cfg(test)]
+    mod tests {
+        use super::*;
+
+        fn close(got: f64, want: f64, what: f64) {
+            assert!((got - want).abs() <= 1e-15 * want.abs(), "{got:e} for {want:e}, of {what:e}");
+        }
+
+        fn exponents(range: std::ops::Range<i32>) -> impl Iterator<Item = f64> {
+            range.flat_map(|k| [1.0, 1.1, 1.37, 1.41, 1.42, 1.9, 1.999].map(|m| m * 2f64.powi(k)))
+        }
+
+        #[test]
+        fn opacity_is_exact_at_every_depth() {
+            for tau in exponents(-126..9).map(|tau| tau as f32) {
+                for (alpha, through) in [opacity::<false>(tau), opacity::<true>(tau)] {
+                    close(alpha, -(-f64::from(tau)).exp_m1(), f64::from(tau));
+                    close(through, (-f64::from(tau)).exp(), f64::from(tau));
+                }
+            }
+            assert_eq!(opacity::<true>(0.0), (0.0, 1.0));
+            for tau in [1e3, f32::MAX, f32::INFINITY] {
+                let (alpha, through) = opacity::<false>(tau);
+                assert!(alpha == 1.0 && (0.0..1e-300).contains(&through), "{tau}: {alpha}, {through}");
+            }
+        }
+
+        #[test]
+        fn logarithms_are_exact() {
+            for x in exponents(-1000..1000) {
+                let mut value = [x];
+                ln::<true>(&mut value);
+                close(value[0], x.ln(), x);
+                ln::<false>(&mut [x]);
+            }
+            assert_eq!(ln_of::<true>(1.0), 0.0);
+        }
+
+        #[test]
+        fn ratios_of_nearly_equal_numbers_keep_their_digits() {
+            for step in exponents(-60..-1).map(|step| step / 2.0) {
+                for step in [step, -step] {
+                    let (p, q) = (0.3 * (1.0 + step), 0.3);
+                    close(log_ratio::<true>(&[p], &[q], 0.0)[0], ((p - q) / q).ln_1p(), step);
+                }
+            }
+            close(log_ratio::<false>(&[1e-12], &[0.5], 1e-10)[0], (1.01e-10f64 / (0.5 + 1e-10)).ln(), 0.0);
+        }
+    }
 }

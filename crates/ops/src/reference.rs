@@ -74,11 +74,9 @@ pub fn entropy(tau: &[f64], epsilon: f64) -> f64 {
 /// ∂H/∂τ.
 pub fn entropy_gradient(tau: &[f64], epsilon: f64) -> Vec<f64> {
     let Some(p) = ray_density(tau) else { return vec![0.0; tau.len()] };
-    let slopes: Vec<f64> = p
-        .iter()
-        .zip(ln_density(tau, epsilon))
-        .map(|(p, ln)| -ln - if epsilon > 0.0 { p / (p + epsilon) } else { 1.0 })
-        .collect();
+    // −ln(p + ε) − p/(p + ε), without the −1 that all have in common.
+    let slope = |(p, ln): (&f64, f64)| if epsilon > 0.0 { epsilon / (p + epsilon) - ln } else { -ln };
+    let slopes: Vec<f64> = p.iter().zip(ln_density(tau, epsilon)).map(slope).collect();
     through_normalisation(tau, &p, &slopes).into_iter().map(|g| g * std::f64::consts::LOG2_E).collect()
 }
 
@@ -110,9 +108,10 @@ pub fn information_gain_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Ve
     let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else {
         return (vec![0.0; tau.len()], vec![0.0; near.len()]);
     };
-    let share = |p: f64| if epsilon > 0.0 { p / (p + epsilon) } else { 1.0 };
-    let dp: Vec<f64> = ln_ratios(&p, &q, epsilon).iter().zip(&p).map(|(ln, &p)| ln + share(p)).collect();
-    let dq: Vec<f64> = p.iter().zip(&q).map(|(p, q)| -p / (q + epsilon)).collect();
+    // ln((p + ε)/(q + ε)) + p/(p + ε) and −p/(q + ε), without the 1 and the −1 that all have in common.
+    let lost = |p: f64| if epsilon > 0.0 { epsilon / (p + epsilon) } else { 0.0 };
+    let dp: Vec<f64> = ln_ratios(&p, &q, epsilon).iter().zip(&p).map(|(ln, &p)| ln - lost(p)).collect();
+    let dq: Vec<f64> = p.iter().zip(&q).map(|(p, q)| (epsilon - (p - q)) / (q + epsilon)).collect();
     (through_normalisation(tau, &p, &dp), through_normalisation(near, &q, &dq))
 }
 

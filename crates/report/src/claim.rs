@@ -102,7 +102,7 @@ impl Claim {
     ///
     /// Differences are taken within a scene and seed, so that hard scenes and lucky views cancel. A mean difference of
     /// no more than two standard errors is noise: too little for *better*, and no objection to *not worse*. A single
-    /// pair has no noise to compare with and is judged by its sign.
+    /// pair tells nothing of its noise, and decides nothing.
     #[must_use]
     pub fn test(&self, records: &[Record], published: Option<&Published>) -> TestedClaim {
         let findings: Vec<Finding> =
@@ -152,7 +152,8 @@ impl Comparison {
             Relation::Near => right - left,
         });
         let Some(favour) = Summary::of(favour) else { return Verdict::Untested };
-        let noise = favour.std.map_or(0.0, |std| STANDARD_ERRORS * std / (favour.n as f64).sqrt());
+        let Some(std) = favour.std else { return Verdict::Undecided };
+        let noise = STANDARD_ERRORS * std / (favour.n as f64).sqrt();
         match self.is {
             Relation::NotWorse if favour.mean >= -noise => Verdict::Holds,
             _ if favour.mean > noise => Verdict::Holds,
@@ -264,6 +265,8 @@ mod tests {
         assert_eq!(verdict("a", Relation::Better, "c"), Verdict::Undecided);
         assert_eq!(verdict("c", Relation::NotWorse, "a"), Verdict::Holds);
         assert_eq!(verdict("a", Relation::Better, "none"), Verdict::Untested);
+        let one_scene = claim(&["b"], Relation::Better, &["a"]).test(&list[..4], None);
+        assert_eq!((one_scene.findings[0].found().as_str(), one_scene.verdict), ("+1.00 in 1 pair", Verdict::Undecided));
         let tested = claim(&["b"], Relation::Better, &["a"]).test(&list, None);
         assert_eq!(tested.findings[0].formula, "PSNR (dB): b > a");
         assert_eq!(tested.findings[0].found(), "+1.00 ± 0.10 in 3 pairs");
