@@ -3,7 +3,25 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use burn::tensor::Device;
 use safetensors::{Dtype, tensor::TensorView};
+
+/// Every device that the tests were built for: the CPU's, and with the feature `wgpu` the GPU or what plays one.
+#[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
+pub fn devices() -> Vec<Device> {
+    vec![
+        Device::flex(),
+        Device::ndarray(),
+        #[cfg(feature = "wgpu")]
+        gpu(),
+    ]
+}
+
+/// The GPU through WGSL.
+#[cfg(feature = "wgpu")]
+pub fn gpu() -> Device {
+    Device::webgpu(burn::tensor::DeviceKind::DefaultDevice)
+}
 
 /// Number `n` of tensor `l`, in [−1, 1): 24 bits of SplitMix64's finaliser, as `fixtures/pixelnerf.py` has it.
 pub fn hashed(l: usize, n: usize) -> f64 {
