@@ -45,11 +45,15 @@ pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy
         let kernel = host::CompositeKernel { segments: segments.clone(), channels, entropy };
         return split(crate::kernel::apply2(kernel, tau, values), channels);
     }
-    let _ = has_host_kernels;
+    #[cfg(feature = "cube")]
+    if crate::cube::serves(&tau.device()) && samples > 0 {
+        return split(crate::cube::composite(tau, values, segments, entropy), channels);
+    }
+    let _ = (has_host_kernels, channels);
     plain(tau, values, segments, entropy)
 }
 
-#[cfg(feature = "flex")]
+#[cfg(any(feature = "flex", feature = "cube"))]
 fn split(packed: Tensor<2>, channels: usize) -> Composite {
     let column = |i: usize| packed.clone().narrow(1, channels + i, 1).squeeze_dim::<1>(1);
     Composite {

@@ -25,6 +25,10 @@ pub fn information_gain(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, ep
     if has_host_kernels(&tau.device()) {
         return crate::kernel::apply2(host::GainKernel { segments: segments.clone(), epsilon }, tau, near);
     }
+    #[cfg(feature = "cube")]
+    if crate::cube::serves(&tau.device()) && segments.samples() > 0 {
+        return crate::cube::gain(tau, near, segments, epsilon);
+    }
     let _ = has_host_kernels;
     plain(tau, near, segments, epsilon)
 }

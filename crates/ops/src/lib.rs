@@ -17,6 +17,8 @@
 pub mod adam;
 pub mod bilinear;
 pub mod composite;
+#[cfg(feature = "cube")]
+mod cube;
 #[cfg(feature = "flex")]
 mod distribution;
 pub mod factored;

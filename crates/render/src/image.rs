@@ -1,6 +1,7 @@
 use infonerf_ops::to_host;
 use infonerf_scene::{Camera, Ray};
 
+use crate::ensemble::combine;
 use crate::march::march;
 use crate::{Counts, Level, Model, OccupancyGrid, Renderer, Want};
 
@@ -35,40 +36,12 @@ pub struct Learned {
     pub occupancy: Option<OccupancyGrid>,
 }
 
-/// Renders the picture that `camera` sees: the mean of the members' pictures, each pixel's distance weighted by opacity.
+/// Renders the picture that `camera` sees: of several members their mean, with as much detail as they have.
 ///
 /// # Panics
 /// If there are no members.
 pub fn render_image(renderer: &Renderer, members: &[Learned], camera: &Camera) -> RenderedImage {
-    let (first, others) = members.split_first().expect("at least one member");
-    let mut image = render_one(renderer, first, camera);
-    if others.is_empty() {
-        return image;
-    }
-    // Where a member hits nothing its distance counts for nothing.
-    let distances = |image: &RenderedImage| -> Vec<[f32; 2]> {
-        let seen = |(&depth, &acc): (&f32, &f32)| if depth.is_finite() { [acc * depth, acc] } else { [0.0; 2] };
-        image.depth.iter().zip(&image.acc).map(seen).collect()
-    };
-    let mut sums = distances(&image);
-    for member in others {
-        let other = render_one(renderer, member, camera);
-        let add = |sum: &mut f32, value: f32| *sum += value;
-        image.rgb.as_flattened_mut().iter_mut().zip(other.rgb.as_flattened()).for_each(|(sum, &value)| add(sum, value));
-        image.acc.iter_mut().zip(&other.acc).for_each(|(sum, &value)| add(sum, value));
-        sums.as_flattened_mut()
-            .iter_mut()
-            .zip(distances(&other).as_flattened())
-            .for_each(|(sum, &value)| add(sum, value));
-        image.counts += other.counts;
-    }
-    let share = 1.0 / members.len() as f32;
-    image.rgb.as_flattened_mut().iter_mut().for_each(|value| *value *= share);
-    image.acc.iter_mut().for_each(|value| *value *= share);
-    for ((depth, [sum, weight]), acc) in image.depth.iter_mut().zip(sums).zip(&image.acc) {
-        *depth = if *acc > HIT { sum / weight } else { f32::INFINITY };
-    }
-    image
+    combine(members.iter().map(|member| render_one(renderer, member, camera)).collect())
 }
 
 fn render_one(renderer: &Renderer, learned: &Learned, camera: &Camera) -> RenderedImage {
@@ -125,4 +98,4 @@ impl RenderedImage {
 }
 
 /// Opacity from which a ray is said to hit something, for depth.
-const HIT: f32 = 0.5;
+pub(crate) const HIT: f32 = 0.5;

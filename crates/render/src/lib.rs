@@ -5,6 +5,7 @@
 //! ```
 
 mod config;
+mod ensemble;
 mod image;
 mod march;
 mod noise;

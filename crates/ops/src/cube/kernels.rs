@@ -1,0 +1,281 @@
+//! The kernels: one thread a ray, which walks along its samples.
+//!
+//! The same formulas as the host's, in `f32`: what would cancel is computed by series, and sums are of numbers of one
+//! sign where that can be.
+
+use burn::cubecl::{self, prelude::*};
+
+/// 1 − e^−τ: by its series below 0.1, where the difference would cancel.
+#[cube]
+fn alpha_of(tau: f32) -> f32 {
+    let mut alpha = 1.0f32 - f32::exp(-tau);
+    if tau < 0.1f32 {
+        let t = tau;
+        alpha = t * (1.0f32 - t / 2.0f32 * (1.0f32 - t / 3.0f32 * (1.0f32 - t / 4.0f32 * (1.0f32 - t / 5.0f32))));
+    }
+    alpha
+}
+
+/// ln(1 + x) for x > −1.
+#[cube]
+fn ln_1p(x: f32) -> f32 {
+    let mut ln = f32::ln(1.0f32 + x);
+    if f32::abs(x) < 0.1f32 {
+        let tail = 1.0f32 / 5.0f32 - x * (1.0f32 / 6.0f32 - x * (1.0f32 / 7.0f32 - x / 8.0f32));
+        ln = x * (1.0f32 - x * (1.0f32 / 2.0f32 - x * (1.0f32 / 3.0f32 - x * (1.0f32 / 4.0f32 - x * tail))));
+    }
+    ln
+}
+
+/// (1 + r) ln(1 + r) − r ≥ 0, of second order in r.
+#[cube]
+fn bregman(r: f32, ln: f32) -> f32 {
+    let mut excess = (1.0f32 + r) * ln - r;
+    if f32::abs(r) < 0.1f32 {
+        let tail = 1.0f32 / 20.0f32 - r * (1.0f32 / 30.0f32 - r * (1.0f32 / 42.0f32 - r / 56.0f32));
+        excess = r * r * (1.0f32 / 2.0f32 - r * (1.0f32 / 6.0f32 - r * (1.0f32 / 12.0f32 - r * tail)));
+    }
+    excess
+}
+
+/// ln((p + ε)/(q + ε)), given r = (p − q)/(q + ε).
+#[cube]
+fn ln_ratio(p: f32, q: f32, r: f32, epsilon: f32) -> f32 {
+    let mut ln = ln_1p(r);
+    if f32::abs(r) >= 0.5f32 {
+        ln = f32::ln((p + epsilon) / (q + epsilon));
+    }
+    ln
+}
+
+/// What makes a ray's opacities a distribution.
+#[derive(CubeType, Clone, Copy)]
+struct Ray {
+    /// Σα.
+    sum: f32,
+    /// Σα without the most opaque sample's.
+    rest: f32,
+    /// Place of that sample.
+    top: usize,
+}
+
+#[cube]
+fn ray_of(tau: &Tensor<f32>, start: usize, end: usize) -> Ray {
+    let mut most = 0.0f32;
+    let mut rest = 0.0f32;
+    let mut top = start;
+    for i in start..end {
+        let alpha = alpha_of(tau[i]);
+        if alpha > most {
+            rest += most;
+            most = alpha;
+            top = i;
+        } else {
+            rest += alpha;
+        }
+    }
+    Ray { sum: most + rest, rest, top }
+}
+
+/// ln(p + ε) of a sample. Without ε an empty one counts as the smallest normal `f32`.
+#[cube]
+fn ln_density(alpha: f32, place: usize, ray: Ray, epsilon: f32) -> f32 {
+    let mut ln = f32::ln(alpha / ray.sum + epsilon);
+    if epsilon == 0.0f32 {
+        ln = f32::ln(f32::max(alpha, 1.175_494_4e-38f32)) - f32::ln(ray.sum);
+    }
+    if place == ray.top && 2.0f32 * ray.rest < ray.sum {
+        ln = ln_1p(epsilon - ray.rest / ray.sum);
+    }
+    ln
+}
+
+/// Row `ray` of `out`: its integrated values, Σw, Σα and entropy in bits.
+#[cube(launch)]
+pub(super) fn composite_forward(
+    tau: &Tensor<f32>,
+    values: &Tensor<f32>,
+    offsets: &Tensor<i32>,
+    out: &mut Tensor<f32>,
+    epsilon: f32,
+    least: f32,
+    #[comptime] channels: usize,
+    #[comptime] entropy: bool,
+) {
+    let place = ABSOLUTE_POS;
+    if place >= out.shape(0) {
+        terminate!();
+    }
+    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let row = place * (channels + 3);
+    for c in 0..channels + 3 {
+        out[row + c] = 0.0f32;
+    }
+    let mut trans = 1.0f32;
+    let mut acc = 0.0f32;
+    for i in start..end {
+        let w = trans * alpha_of(tau[i]);
+        trans *= f32::exp(-tau[i]);
+        acc += w;
+        for c in 0..channels {
+            out[row + c] += w * values[i * channels + c];
+        }
+    }
+    let ray = ray_of(tau, start, end);
+    out[row + channels] = acc;
+    out[row + channels + 1] = ray.sum;
+    if comptime!(entropy) && ray.sum >= least {
+        let mut bits = 0.0f32;
+        for i in start..end {
+            let alpha = alpha_of(tau[i]);
+            bits -= alpha / ray.sum * ln_density(alpha, i, ray, epsilon) * std::f32::consts::LOG2_E;
+        }
+        out[row + channels + 2] = bits;
+    }
+}
+
+/// Gradients with respect to τ and the values.
+#[cube(launch)]
+pub(super) fn composite_backward(
+    tau: &Tensor<f32>,
+    values: &Tensor<f32>,
+    offsets: &Tensor<i32>,
+    grad: &Tensor<f32>,
+    dtau: &mut Tensor<f32>,
+    dvalues: &mut Tensor<f32>,
+    epsilon: f32,
+    least: f32,
+    #[comptime] channels: usize,
+    #[comptime] entropy: bool,
+) {
+    let place = ABSOLUTE_POS;
+    if place >= grad.shape(0) {
+        terminate!();
+    }
+    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let row = place * (channels + 3);
+    let dacc = grad[row + channels];
+    let dalpha_sum = grad[row + channels + 1];
+    // T_{i+1} is kept in dtau until the second pass replaces it.
+    let mut trans = 1.0f32;
+    for i in start..end {
+        let w = trans * alpha_of(tau[i]);
+        for c in 0..channels {
+            dvalues[i * channels + c] = w * grad[row + c];
+        }
+        trans *= f32::exp(-tau[i]);
+        dtau[i] = trans;
+    }
+    // As on the host: how much more a sample is worth than what lies behind it.
+    let mut behind = 0.0f32;
+    let mut worth = 0.0f32;
+    for step in 0..end - start {
+        let i = end - 1 - step;
+        let mut u = dacc;
+        for c in 0..channels {
+            u += grad[row + c] * values[i * channels + c];
+        }
+        let through = f32::exp(-tau[i]);
+        worth += u - behind;
+        behind = u;
+        dtau[i] = dtau[i] * worth + dalpha_sum * through;
+        worth *= through;
+    }
+    if comptime!(entropy) {
+        let ray = ray_of(tau, start, end);
+        if ray.sum >= least {
+            let scale = grad[row + channels + 2] * std::f32::consts::LOG2_E;
+            let common = entropy_slope(tau[ray.top], ray.top, ray, epsilon);
+            let mut mean = 0.0f32;
+            for i in start..end {
+                let slope = entropy_slope(tau[i], i, ray, epsilon);
+                mean += alpha_of(tau[i]) / ray.sum * (slope - common);
+            }
+            for i in start..end {
+                let slope = entropy_slope(tau[i], i, ray, epsilon) - common - mean;
+                dtau[i] += scale * slope / ray.sum * f32::exp(-tau[i]);
+            }
+        }
+    }
+}
+
+/// ∂H/∂p in nats, and 1: what all slopes have in common drops out.
+#[cube]
+fn entropy_slope(tau: f32, place: usize, ray: Ray, epsilon: f32) -> f32 {
+    let alpha = alpha_of(tau);
+    let mut slope = -ln_density(alpha, place, ray, epsilon);
+    if epsilon > 0.0f32 {
+        slope += epsilon / (alpha / ray.sum + epsilon);
+    }
+    slope
+}
+
+/// KL of each pair of rays, in nats.
+#[cube(launch)]
+pub(super) fn gain_forward(
+    tau: &Tensor<f32>,
+    near: &Tensor<f32>,
+    offsets: &Tensor<i32>,
+    out: &mut Tensor<f32>,
+    epsilon: f32,
+    least: f32,
+) {
+    let place = ABSOLUTE_POS;
+    if place >= out.shape(0) {
+        terminate!();
+    }
+    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let (ray, other) = (ray_of(tau, start, end), ray_of(near, start, end));
+    let mut gain = 0.0f32;
+    if ray.sum >= least && other.sum >= least {
+        for i in start..end {
+            let (p, q) = (alpha_of(tau[i]) / ray.sum, alpha_of(near[i]) / other.sum);
+            let r = (p - q) / (q + epsilon);
+            let ln = ln_ratio(p, q, r, epsilon);
+            gain += (q + epsilon) * bregman(r, ln) - epsilon * ln;
+        }
+    }
+    out[place] = gain;
+}
+
+/// Gradients with respect to both rays' τ.
+#[cube(launch)]
+pub(super) fn gain_backward(
+    tau: &Tensor<f32>,
+    near: &Tensor<f32>,
+    offsets: &Tensor<i32>,
+    grad: &Tensor<f32>,
+    dtau: &mut Tensor<f32>,
+    dnear: &mut Tensor<f32>,
+    epsilon: f32,
+    least: f32,
+) {
+    let place = ABSOLUTE_POS;
+    if place >= grad.shape(0) {
+        terminate!();
+    }
+    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let (ray, other) = (ray_of(tau, start, end), ray_of(near, start, end));
+    let hit = ray.sum >= least && other.sum >= least;
+    // The slopes are kept in the results until their mean is known.
+    let mut mean_p = 0.0f32;
+    let mut mean_q = 0.0f32;
+    for i in start..end {
+        let (p, q) = (alpha_of(tau[i]) / ray.sum, alpha_of(near[i]) / other.sum);
+        let r = (p - q) / (q + epsilon);
+        dtau[i] = 0.0f32;
+        dnear[i] = 0.0f32;
+        if hit {
+            dtau[i] = ln_ratio(p, q, r, epsilon) - epsilon / (p + epsilon);
+            dnear[i] = epsilon / (q + epsilon) - r;
+            mean_p += p * dtau[i];
+            mean_q += q * dnear[i];
+        }
+    }
+    if hit {
+        for i in start..end {
+            dtau[i] = grad[place] * (dtau[i] - mean_p) / ray.sum * f32::exp(-tau[i]);
+            dnear[i] = grad[place] * (dnear[i] - mean_q) / other.sum * f32::exp(-near[i]);
+        }
+    }
+}
