@@ -361,7 +361,8 @@ impl RunPlan {
     /// The `index`th field before its first step.
     pub(crate) fn trainer(&self, scene: Scene, index: usize, device: &Device) -> Result<Trainer> {
         let budget = self.budget.map(|budget| budget / self.members() as f64);
-        Ok(Trainer::new(&self.config, scene, member_seed(self.seed, index), budget, device)?)
+        let config = Config { train: self.config.train.of_member(self.members()), ..self.config.clone() };
+        Ok(Trainer::new(&config, scene, member_seed(self.seed, index), budget, device)?)
     }
 
     /// How the run is named to people.

@@ -159,7 +159,8 @@ pub struct TrainConfig {
     pub members: usize,
     /// With a budget: seconds that each field has, if the budget holds more of them than `members`; 0 leaves it at those.
     pub member_seconds: f64,
-    /// Share of the run, at its end, over which weights are averaged for rendering; 0 renders the last ones.
+    /// Share of the run, at its end, over which weights are averaged for rendering; 0 renders the last ones. For a run of one
+    /// field only.
     pub average: f64,
     /// Steps between checkpoints; 0 for one at the end only.
     pub checkpoint_every: usize,
