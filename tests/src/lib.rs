@@ -20,7 +20,7 @@ pub fn devices() -> Vec<Device> {
 /// The GPU through WGSL.
 #[cfg(feature = "wgpu")]
 pub fn gpu() -> Device {
-    Device::webgpu(burn::tensor::DeviceKind::DefaultDevice)
+    Device::wgpu(burn::tensor::DeviceKind::DefaultDevice)
 }
 
 /// Number `n` of tensor `l`, in [−1, 1): 24 bits of SplitMix64's finaliser, as `fixtures/pixelnerf.py` has it.

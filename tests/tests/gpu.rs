@@ -20,7 +20,7 @@ const OPERATION: f32 = 1e-4;
 /// Gradients of a whole step, likewise: sums over thousands of samples in another order.
 const GRADIENT: f32 = 2e-3;
 /// Losses of later steps: Adam divides by the size of gradients, which lets small differences grow.
-const LOSS: f64 = 1e-2;
+const LOSS: f32 = 1e-2;
 /// Colours of a picture after those steps, on average.
 const COLOR: f32 = 5e-3;
 const STEPS: usize = 20;
@@ -169,7 +169,7 @@ fn every_field_trains_the_same() {
         let name = kind(&config);
         let run = |device: &Device| {
             let mut trainer = trainer(&config, 5, device);
-            let losses: Vec<[f64; 3]> = steps(&mut trainer, STEPS)
+            let losses: Vec<[f32; 3]> = steps(&mut trainer, STEPS)
                 .into_iter()
                 .filter_map(|event| match event {
                     Event::Step { loss, entropy, gain, .. } => {

@@ -181,12 +181,8 @@ fn check(device: &Device) {
 }
 
 #[test]
-fn agrees_with_jax_on_flex() {
-    check(&Device::flex());
-}
-
-#[test]
-#[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
-fn agrees_with_jax_on_ndarray() {
-    check(&Device::ndarray());
+fn agrees_with_jax_on_every_device() {
+    for device in infonerf_tests::devices() {
+        check(&device);
+    }
 }

@@ -42,7 +42,7 @@ pub(crate) fn open(name: DeviceName) -> Result<(Device, &'static str)> {
         #[allow(deprecated, reason = "kept selectable for as long as Burn ships it")]
         "ndarray" => Device::ndarray(),
         #[cfg(feature = "wgpu")]
-        "wgpu" => Device::webgpu(burn::tensor::DeviceKind::DefaultDevice),
+        "wgpu" => Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
         #[cfg(feature = "vulkan")]
         "vulkan" => Device::vulkan(burn::tensor::DeviceKind::DefaultDevice),
         #[cfg(feature = "cuda")]

@@ -49,7 +49,7 @@ fn ln_ratio(p: f32, q: f32, r: f32, epsilon: f32) -> f32 {
 }
 
 /// What makes a ray's opacities a distribution.
-#[derive(CubeType, Clone, Copy)]
+#[derive(CubeType)]
 struct Ray {
     /// Σα.
     sum: f32,
@@ -79,7 +79,7 @@ fn ray_of(tau: &Tensor<f32>, start: usize, end: usize) -> Ray {
 
 /// ln(p + ε) of a sample. Without ε an empty one counts as the smallest normal `f32`.
 #[cube]
-fn ln_density(alpha: f32, place: usize, ray: Ray, epsilon: f32) -> f32 {
+fn ln_density(alpha: f32, place: usize, ray: &Ray, epsilon: f32) -> f32 {
     let mut ln = f32::ln(alpha / ray.sum + epsilon);
     if epsilon == 0.0f32 {
         ln = f32::ln(f32::max(alpha, 1.175_494_4e-38f32)) - f32::ln(ray.sum);
@@ -128,7 +128,7 @@ pub(super) fn composite_forward(
         let mut bits = 0.0f32;
         for i in start..end {
             let alpha = alpha_of(tau[i]);
-            bits -= alpha / ray.sum * ln_density(alpha, i, ray, epsilon) * std::f32::consts::LOG2_E;
+            bits -= alpha / ray.sum * ln_density(alpha, i, &ray, epsilon) * std::f32::consts::LOG2_E;
         }
         out[row + channels + 2] = bits;
     }
@@ -185,14 +185,14 @@ pub(super) fn composite_backward(
         let ray = ray_of(tau, start, end);
         if ray.sum >= least {
             let scale = grad[row + channels + 2] * std::f32::consts::LOG2_E;
-            let common = entropy_slope(tau[ray.top], ray.top, ray, epsilon);
+            let common = entropy_slope(tau[ray.top], ray.top, &ray, epsilon);
             let mut mean = 0.0f32;
             for i in start..end {
-                let slope = entropy_slope(tau[i], i, ray, epsilon);
+                let slope = entropy_slope(tau[i], i, &ray, epsilon);
                 mean += alpha_of(tau[i]) / ray.sum * (slope - common);
             }
             for i in start..end {
-                let slope = entropy_slope(tau[i], i, ray, epsilon) - common - mean;
+                let slope = entropy_slope(tau[i], i, &ray, epsilon) - common - mean;
                 dtau[i] += scale * slope / ray.sum * f32::exp(-tau[i]);
             }
         }
@@ -201,7 +201,7 @@ pub(super) fn composite_backward(
 
 /// ∂H/∂p in nats, and 1: what all slopes have in common drops out.
 #[cube]
-fn entropy_slope(tau: f32, place: usize, ray: Ray, epsilon: f32) -> f32 {
+fn entropy_slope(tau: f32, place: usize, ray: &Ray, epsilon: f32) -> f32 {
     let alpha = alpha_of(tau);
     let mut slope = -ln_density(alpha, place, ray, epsilon);
     if epsilon > 0.0f32 {

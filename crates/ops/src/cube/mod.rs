@@ -234,13 +234,13 @@ impl<C: CheckpointStrategy> RayOps for Autodiff<CubeBackend, C> {
         offsets: CubeTensor,
         entropy: Option<f32>,
     ) -> Tracked<C> {
-        tracked([tau, values], offsets, CompositePullback { entropy }, |[tau, values], offsets| {
+        tracked::<C, _>([tau, values], offsets, CompositePullback { entropy }, |[tau, values], offsets| {
             CubeBackend::composite(tau, values, offsets, entropy)
         })
     }
 
     fn gain(tau: Tracked<C>, near: Tracked<C>, offsets: CubeTensor, epsilon: f32) -> Tracked<C> {
-        tracked([tau, near], offsets, GainPullback { epsilon }, |[tau, near], offsets| {
+        tracked::<C, _>([tau, near], offsets, GainPullback { epsilon }, |[tau, near], offsets| {
             CubeBackend::gain(tau, near, offsets, epsilon)
         })
     }
