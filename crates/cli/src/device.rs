@@ -52,5 +52,24 @@ pub(crate) fn open(name: DeviceName) -> Result<(Device, &'static str)> {
             BUILT_IN.join(", ")
         ),
     };
+    #[cfg(any(feature = "wgpu", feature = "vulkan", feature = "cuda"))]
+    if matches!(wanted, "wgpu" | "vulkan" | "cuda") {
+        eprintln!("{wanted}: {}", adapter(&device, wanted)?);
+    }
     Ok((device, wanted))
+}
+
+/// What the GPU calls itself.
+#[cfg(any(feature = "wgpu", feature = "vulkan", feature = "cuda"))]
+fn adapter(device: &Device, wanted: &str) -> Result<String> {
+    use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
+    // Burn panics where there is no device.
+    let hook = take_hook();
+    set_hook(Box::new(|_| ()));
+    let identity = catch_unwind(AssertUnwindSafe(|| device.identity()));
+    set_hook(hook);
+    match identity {
+        Ok(Some(identity)) => Ok(identity.name),
+        _ => bail!("--device {wanted}: no such device on this machine; expected a GPU and its driver, or --device flex"),
+    }
 }
