@@ -35,13 +35,17 @@ ci:
 bench NAME *ARGS:
     cargo run --release -- bench "$@"
 
-# What a GPU does, DEVICE being wgpu, vulkan or cuda: a step of the authors' network, and time against error
-bench-gpu DEVICE *ARGS:
+# A GPU, DEVICE being wgpu, vulkan or cuda: agreement with the CPU; a step of the authors' network, kernels compiled and tuned, then kept; time against error
+bench-gpu DEVICE *ARGS: (test-gpu DEVICE)
+    cargo run --release --features {{ DEVICE }} -- bench step --device {{ DEVICE }} --preset released
     cargo run --release --features {{ DEVICE }} -- bench step --device {{ DEVICE }} --preset released
     cargo run --release --features {{ DEVICE }} -- bench pareto --device {{ DEVICE }} {{ ARGS }}
 
-# Agreement with the CPU on the GPU, or on a software device such as lavapipe: operations, gradients, training, one run
-test-wgpu:
+# Agreement with the CPU on a GPU, or on a software device such as lavapipe: operations, gradients, training, one run
+test-wgpu: (test-gpu "wgpu")
+
+[private]
+test-gpu DEVICE:
     @command -v vulkaninfo >/dev/null && vulkaninfo --summary 2>/dev/null | grep deviceName || \
         echo "No Vulkan device seen. On Linux install a driver: mesa-vulkan-drivers (it has the software device lavapipe) or NVIDIA's; vulkan-tools shows what is there. macOS and Windows need nothing." >&2
-    cargo test --release -p infonerf -p infonerf-tests --features infonerf/wgpu,infonerf-tests/wgpu --test gpu --test nerf_forward --test mip_forward --test pixelnerf
+    cargo test --release -p infonerf -p infonerf-tests --features infonerf/{{ DEVICE }},infonerf-tests/{{ DEVICE }} --test gpu --test nerf_forward --test mip_forward --test pixelnerf

@@ -6,21 +6,27 @@ use std::path::Path;
 use burn::tensor::Device;
 use safetensors::{Dtype, tensor::TensorView};
 
-/// Every device that the tests were built for: the CPU's, and with the feature `wgpu` the GPU or what plays one.
+/// Every device that the tests were built for: the CPU's, and with a GPU's feature that GPU or what plays one.
 #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
 pub fn devices() -> Vec<Device> {
     vec![
         Device::flex(),
         Device::ndarray(),
-        #[cfg(feature = "wgpu")]
+        #[cfg(feature = "gpu")]
         gpu(),
     ]
 }
 
-/// The GPU through WGSL.
-#[cfg(feature = "wgpu")]
+/// The GPU, as the feature says.
+#[cfg(feature = "gpu")]
 pub fn gpu() -> Device {
-    Device::wgpu(burn::tensor::DeviceKind::DefaultDevice)
+    #[cfg(feature = "cuda")]
+    let gpu = Device::cuda(0);
+    #[cfg(all(feature = "vulkan", not(feature = "cuda")))]
+    let gpu = Device::vulkan(burn::tensor::DeviceKind::DefaultDevice);
+    #[cfg(not(any(feature = "vulkan", feature = "cuda")))]
+    let gpu = Device::wgpu(burn::tensor::DeviceKind::DefaultDevice);
+    gpu
 }
 
 /// Number `n` of tensor `l`, in [−1, 1): 24 bits of SplitMix64's finaliser, as `fixtures/pixelnerf.py` has it.

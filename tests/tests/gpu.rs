@@ -1,5 +1,5 @@
 //! The GPU against flex: operations, gradients of every kind of field, and whole training steps.
-#![cfg(feature = "wgpu")]
+#![cfg(feature = "gpu")]
 
 #[path = "../../crates/train/tests/common/mod.rs"]
 mod common;

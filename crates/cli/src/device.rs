@@ -70,6 +70,8 @@ fn adapter(device: &Device, wanted: &str) -> Result<String> {
     set_hook(hook);
     match identity {
         Ok(Some(identity)) => Ok(identity.name),
-        _ => bail!("--device {wanted}: no such device on this machine; expected a GPU and its driver, or --device flex"),
+        _ => {
+            bail!("--device {wanted}: no such device on this machine; expected a GPU and its driver, or --device flex")
+        }
     }
 }

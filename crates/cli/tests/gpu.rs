@@ -1,19 +1,31 @@
 //! The command line on a GPU, or on what plays one.
-#![cfg(feature = "wgpu")]
+#![cfg(any(feature = "wgpu", feature = "vulkan", feature = "cuda"))]
 
 mod common;
 
 use common::{Workplace, records, text};
 
+const DEVICE: &str = if cfg!(feature = "cuda") {
+    "cuda"
+} else if cfg!(feature = "vulkan") {
+    "vulkan"
+} else {
+    "wgpu"
+};
+
 #[test]
-fn an_experiment_on_wgpu_ends_with_a_report() {
+fn an_experiment_on_the_gpu_ends_with_a_report() {
     let place = Workplace::new();
-    let output = place.tiny(&["exp", "synthetic-4view", "--device", "wgpu", "--scene", "knot"]).succeeds();
-    assert!(text(&output.stderr).lines().any(|line| line.starts_with("wgpu: ")), "the adapter is named: {}", text(&output.stderr));
+    let output = place.tiny(&["exp", "synthetic-4view", "--device", DEVICE, "--scene", "knot"]).succeeds();
+    assert!(
+        text(&output.stderr).lines().any(|line| line.starts_with(&format!("{DEVICE}: "))),
+        "the adapter is named: {}",
+        text(&output.stderr)
+    );
     let records = records(&place.path("runs/synthetic-4view"));
     assert_eq!(records.len(), 2);
     for record in records {
-        assert_eq!(record["device"], "wgpu");
+        assert_eq!(record["device"], DEVICE);
         assert!(record["psnr"].as_f64().unwrap() > 5.0, "{record}");
     }
     assert!(place.path("runs/synthetic-4view/report.html").exists());
@@ -21,15 +33,16 @@ fn an_experiment_on_wgpu_ends_with_a_report() {
 
 /// No driver is one line, and not a panic.
 #[test]
+#[cfg(not(feature = "cuda"))]
 fn no_adapter_is_a_clear_error() {
     let place = Workplace::new();
-    let mut command = place.tiny(&["exp", "synthetic-4view", "--device", "wgpu", "--scene", "knot"]).into_command();
+    let mut command = place.tiny(&["exp", "synthetic-4view", "--device", DEVICE, "--scene", "knot"]).into_command();
     for drivers in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "__EGL_VENDOR_LIBRARY_FILENAMES"] {
         command.env(drivers, "/nowhere");
     }
     let output = command.output().unwrap();
     let stderr = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{stderr}");
-    assert!(stderr.contains("--device wgpu: no such device"), "{stderr}");
+    assert!(stderr.contains(&format!("--device {DEVICE}: no such device")), "{stderr}");
     assert!(!stderr.contains("panicked"), "{stderr}");
 }

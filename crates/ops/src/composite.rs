@@ -336,7 +336,8 @@ mod host {
                 }
             }
             if let Some(epsilon) = rays.entropy {
-                let scale = |ray: usize| f64::from(grad[ray * (channels + 3) + channels + 2]) * std::f64::consts::LOG2_E;
+                let scale =
+                    |ray: usize| f64::from(grad[ray * (channels + 3) + channels + 2]) * std::f64::consts::LOG2_E;
                 if (0..rays.group.ranges().count()).any(|ray| scale(ray) != 0.0) {
                     let distributions = Distributions::new(&opacity, &rays.group);
                     distributions.add_entropy_gradients::<FMA>(epsilon, scale, dtau);

@@ -140,7 +140,8 @@ mod tests {
 
     /// Mean size of the steps between neighbours of a row.
     fn detail(rgb: &[[f32; 3]]) -> f32 {
-        let squares = rgb.chunks_exact(SIZE as usize).flat_map(|row| row.windows(2)).map(|two| (two[1][0] - two[0][0]).powi(2));
+        let squares =
+            rgb.chunks_exact(SIZE as usize).flat_map(|row| row.windows(2)).map(|two| (two[1][0] - two[0][0]).powi(2));
         squares.sum::<f32>().sqrt()
     }
 

@@ -266,7 +266,10 @@ mod tests {
         assert_eq!(verdict("c", Relation::NotWorse, "a"), Verdict::Holds);
         assert_eq!(verdict("a", Relation::Better, "none"), Verdict::Untested);
         let one_scene = claim(&["b"], Relation::Better, &["a"]).test(&list[..4], None);
-        assert_eq!((one_scene.findings[0].found().as_str(), one_scene.verdict), ("+1.00 in 1 pair", Verdict::Undecided));
+        assert_eq!(
+            (one_scene.findings[0].found().as_str(), one_scene.verdict),
+            ("+1.00 in 1 pair", Verdict::Undecided)
+        );
         let tested = claim(&["b"], Relation::Better, &["a"]).test(&list, None);
         assert_eq!(tested.findings[0].formula, "PSNR (dB): b > a");
         assert_eq!(tested.findings[0].found(), "+1.00 ± 0.10 in 3 pairs");

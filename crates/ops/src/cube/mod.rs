@@ -10,10 +10,10 @@ use burn::backend::{Autodiff, Backend, Dispatch, DispatchDevice, backend_extensi
 use burn::cubecl::calculate_cube_count_elemwise;
 use burn::cubecl::prelude::*;
 use burn::tensor::{DType, Device, Int, Shape, Tensor, TensorData};
+use burn_cubecl::CubeBackend;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::numeric::empty_device_dtype;
 use burn_cubecl::tensor::CubeTensor;
-use burn_cubecl::CubeBackend;
 
 use crate::Segments;
 use crate::composite::MIN_ALPHA_SUM;
@@ -228,12 +228,7 @@ fn tracked<C: CheckpointStrategy, P: Pullback>(
 }
 
 impl<C: CheckpointStrategy> RayOps for Autodiff<CubeBackend, C> {
-    fn composite(
-        tau: Tracked<C>,
-        values: Tracked<C>,
-        offsets: CubeTensor,
-        entropy: Option<f32>,
-    ) -> Tracked<C> {
+    fn composite(tau: Tracked<C>, values: Tracked<C>, offsets: CubeTensor, entropy: Option<f32>) -> Tracked<C> {
         tracked::<C, _>([tau, values], offsets, CompositePullback { entropy }, |[tau, values], offsets| {
             CubeBackend::composite(tau, values, offsets, entropy)
         })
