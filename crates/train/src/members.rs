@@ -25,7 +25,7 @@ impl TrainConfig {
 }
 
 /// More than these change little and cost as much each.
-pub(crate) const MOST_MEMBERS: usize = 4;
+pub(crate) const MOST_MEMBERS: usize = 8;
 
 /// The seed of a run's `index`th field: the run's own for the first.
 pub fn member_seed(seed: u64, index: usize) -> u64 {
