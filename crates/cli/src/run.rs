@@ -2,6 +2,8 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use burn::tensor::Device;
@@ -273,10 +275,15 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
 pub(crate) fn lock(folder: &Path) -> Result<fs::File> {
     let path = folder.join("lock");
     let file = fs::File::create(&path).with_context(|| path.display().to_string())?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(fs::TryLockError::WouldBlock) => bail!("{}: another process is at work on this run", folder.display()),
-        Err(fs::TryLockError::Error(error)) => Err(error).with_context(|| path.display().to_string()),
+    // The lock of a process that was just killed may outlive it by a moment.
+    let patience = Instant::now() + Duration::from_secs(1);
+    loop {
+        match file.try_lock() {
+            Ok(()) => return Ok(file),
+            Err(fs::TryLockError::WouldBlock) if Instant::now() < patience => sleep(Duration::from_millis(20)),
+            Err(fs::TryLockError::WouldBlock) => bail!("{}: another process is at work on this run", folder.display()),
+            Err(fs::TryLockError::Error(error)) => return Err(error).with_context(|| path.display().to_string()),
+        }
     }
 }
 

@@ -7,6 +7,7 @@
 
 mod common;
 
+use std::fs;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -54,7 +55,8 @@ fn killed_runs_go_on_to_the_same_numbers() {
         let out = format!("run{runs}");
         let mut args = vec!["--out", out.as_str()];
         loop {
-            let mut child = command(&place, &args).spawn().unwrap();
+            let said = place.path("stderr");
+            let mut child = command(&place, &args).stderr(fs::File::create(&said).unwrap()).spawn().unwrap();
             // The last run of all is let live.
             let end = (kills < wanted).then(|| Instant::now() + life.mul_f64(rng.f64()));
             let ended = loop {
@@ -67,7 +69,7 @@ fn killed_runs_go_on_to_the_same_numbers() {
                 std::thread::sleep(Duration::from_millis(1));
             };
             if let Some(status) = ended {
-                assert!(status.success(), "after {kills} kills: {status}");
+                assert!(status.success(), "after {kills} kills: {status}, {}", fs::read_to_string(&said).unwrap());
                 break;
             }
             child.kill().unwrap();
