@@ -118,7 +118,7 @@ fn a_full_disk_is_told_of_and_does_no_harm() {
 #[test]
 fn results_that_cannot_be_written_are_told_of() {
     let place = Workplace::new();
-    std::fs::write(place.path("file"), "").unwrap();
+    fs::write(place.path("file"), "").unwrap();
     place.tiny(&RUN).args(&["--out", "file/runs"]).fails_with(&["file/runs"]);
     if cfg!(target_os = "linux") {
         place.tiny(&RUN).args(&["--out", "/proc/runs"]).fails_with(&["/proc/runs"]);
