@@ -188,9 +188,9 @@ mod host {
 
     use crate::Segments;
     use crate::distribution::Distributions;
+    use crate::groups::{GROUP, Group};
     use crate::kernel::{Kernel, Pass};
     use crate::numeric::Opacity;
-    use crate::segments::{GROUP, Group};
     use crate::simd::{self, Job};
 
     #[derive(Debug)]

@@ -7,8 +7,8 @@
 use std::ops::Range;
 
 use crate::composite::MIN_ALPHA_SUM;
+use crate::groups::Group;
 use crate::numeric::{Opacity, ln, log_ratio};
-use crate::segments::Group;
 
 /// p = α/Σα of the rays of a group, packed.
 pub(crate) struct Distributions<'a> {

@@ -1,14 +1,15 @@
 //! The few hot tensor operations of a radiance field.
 //!
-//! Every operation has three bodies that are tested against each other:
+//! Every operation has up to four bodies that are tested against each other:
 //!
 //! | body | where it runs | why it is there |
 //! |---|---|---|
 //! | host kernel ([`kernel::Kernel`]) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
-//! | plain tensors (the `plain` module of each file) | every backend | portability, and an oracle for the kernel |
+//! | CubeCL kernel (`cube`, with the feature of that name) | GPUs: compositing and information gain | one launch, one thread a ray |
+//! | plain tensors (`plain` of each file) | every backend | portability, and an oracle for the kernels |
 //! | [`mod@reference`] in `f64` | tests | bounds the error of both |
 //!
-//! The public function of each file picks the host kernel where the tensors live on `flex` and the plain body elsewhere.
+//! The public function of each file picks the kernel that serves the device of its tensors, and the plain body where none does.
 //!
 //! Names follow the field: `tau` = σδ optical depth, `alpha` = 1 − e^−τ, `trans` transmittance, `w` = trans·α.
 //! Samples are *packed*: ray `r` owns samples `offsets[r]..offsets[r + 1]` of every per-sample tensor
@@ -25,6 +26,8 @@ pub mod factored;
 pub mod frequency;
 pub mod frustum;
 pub mod gain;
+#[cfg(feature = "flex")]
+mod groups;
 pub mod integrated;
 #[cfg(feature = "flex")]
 pub mod kernel;

@@ -1,17 +1,12 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
-/// Rays of a group: enough samples to fill vectors, few enough to stay in cache.
-pub(crate) const GROUP: usize = 64;
-
 /// How packed samples are shared out among rays: ray `r` owns samples `offsets[r]..offsets[r + 1]`.
 ///
 /// Cheap to clone. Rays may own no sample at all.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Segments {
-    offsets: Arc<[u32]>,
+    pub(crate) offsets: Arc<[u32]>,
 }
 
 impl Segments {
@@ -79,42 +74,5 @@ impl Segments {
             }
         }
         (indices, valid)
-    }
-
-    /// The rays in groups of [`GROUP`], the last of which may be smaller: what one task works on.
-    pub(crate) fn groups(&self) -> impl IndexedParallelIterator<Item = Group<'_>> {
-        let starts = (0..self.rays()).into_par_iter().step_by(GROUP);
-        starts.map(|start| Group { offsets: &self.offsets[start..=(start + GROUP).min(self.rays())] })
-    }
-
-    /// Splits per-sample `values` (`width` numbers a sample) into one mutable slice for each group.
-    pub(crate) fn split_mut<'a, T>(&self, mut values: &'a mut [T], width: usize) -> Vec<&'a mut [T]> {
-        let groups = (0..self.rays()).step_by(GROUP).map(|start| {
-            let end = (start + GROUP).min(self.rays());
-            let samples = (self.offsets[end] - self.offsets[start]) as usize;
-            let (head, tail) = std::mem::take(&mut values).split_at_mut(samples * width);
-            values = tail;
-            head
-        });
-        groups.collect()
-    }
-}
-
-/// Rays in a row, whose samples are packed.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Group<'a> {
-    offsets: &'a [u32],
-}
-
-impl Group<'_> {
-    /// Where the group's samples are among all.
-    pub(crate) fn samples(&self) -> Range<usize> {
-        self.offsets[0] as usize..self.offsets[self.offsets.len() - 1] as usize
-    }
-
-    /// Where each ray's samples are among the group's.
-    pub(crate) fn ranges(&self) -> impl Iterator<Item = Range<usize>> + '_ {
-        let start = self.offsets[0];
-        self.offsets.windows(2).map(move |ends| (ends[0] - start) as usize..(ends[1] - start) as usize)
     }
 }
