@@ -10,13 +10,15 @@ use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{configs, steps, trainer};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
-use infonerf_ops::{Composite, Segments, composite, information_gain, to_host};
+use infonerf_ops::{Composite, Segments, composite, frequency_encode, information_gain, integrated_encode, to_host};
 use infonerf_render::Noise;
 use infonerf_tests::gpu;
 use infonerf_train::{Config, Event, Trainer, evaluate_view};
 
 /// Values and gradients of one operation, over the largest of their array.
 const OPERATION: f32 = 1e-4;
+/// Sines and cosines of phases up to 3·2¹⁶, for which 36 bits of the quarter turns are kept.
+const ENCODING: f32 = 2e-5;
 /// Gradients of a whole step, likewise: sums over thousands of samples in another order.
 const GRADIENT: f32 = 2e-3;
 /// Losses of later steps: Adam divides by the size of gradients, which lets small differences grow.
@@ -115,6 +117,23 @@ fn factored() {
         let tables = leaf(&tables, device);
         pulled(plane_variation(tables.clone(), &layout), &[&tables])
     });
+}
+
+#[test]
+fn encodings() {
+    let points = numbers(9, 3 * 500, -3.0, 3.0);
+    let variances: Vec<f32> = numbers(10, points.len(), -25.0, 0.0).into_iter().map(f32::exp).collect();
+    let window = [1.0, 1.0, 0.5, 0.0];
+    for octaves in [0, 1, 17] {
+        let plain = |device: &Device| to_host(frequency_encode(&points, 3, octaves, &window, device));
+        close(&plain(&gpu()), &plain(&Device::flex()), ENCODING, "frequency encoding");
+        let faded = |device: &Device| to_host(integrated_encode(&points, &variances, octaves, &window, device));
+        close(&faded(&gpu()), &faded(&Device::flex()), ENCODING, "integrated encoding");
+    }
+    // A thread for each of more points than one dimension of a grid has groups.
+    let many = numbers(11, 3 * 1_500_000, -1.0, 1.0);
+    let last = |device: &Device| to_host(frequency_encode(&many, 3, 1, &[], device).narrow(0, 1_499_000, 1000));
+    close(&last(&gpu()), &last(&Device::flex()), ENCODING, "many points");
 }
 
 struct Weights(Vec<Vec<f32>>);

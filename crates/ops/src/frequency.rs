@@ -11,6 +11,10 @@ use rayon::prelude::*;
 ///
 /// Finite for every finite `points`. Sample positions are no parameters, so no gradient flows through this function.
 pub fn frequency_encode(points: &[f32], dims: usize, octaves: usize, window: &[f32], device: &Device) -> Tensor<2> {
+    #[cfg(feature = "cube")]
+    if crate::cube::serves(device) && !points.is_empty() {
+        return crate::cube::frequency(points, dims, octaves, window, device);
+    }
     let width = dims * (1 + 2 * octaves);
     let rows = points.len() / dims;
     let mut encoded = vec![0f32; rows * width];

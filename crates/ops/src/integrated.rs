@@ -26,6 +26,10 @@ pub fn integrated_encode(
 ) -> Tensor<2> {
     const CHUNK: usize = 256;
     assert_eq!(means.len(), variances.len(), "one variance an axis of a mean");
+    #[cfg(feature = "cube")]
+    if crate::cube::serves(device) && !means.is_empty() && octaves > 0 {
+        return crate::cube::integrated(means, variances, octaves, window, device);
+    }
     let (rows, width) = (means.len() / 3, integrated_width(octaves));
     let mut encoded = vec![0f32; rows * width];
     // A chunk of no width is no chunk.

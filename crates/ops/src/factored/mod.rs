@@ -62,5 +62,9 @@ pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout
     if crate::has_host_kernels(&tables.device()) {
         return crate::kernel::apply2(host::FactoredKernel { layout: layout.clone(), query }, tables, weights);
     }
+    #[cfg(feature = "cube")]
+    if crate::cube::serves(&tables.device()) && !query.positions.is_empty() {
+        return plain::mlp(crate::cube::features(tables, layout, &query), weights, layout, &query);
+    }
     plain(tables, weights, layout, &query)
 }

@@ -6,17 +6,27 @@ use burn::tensor::{Int, Tensor, TensorData};
 use super::Query;
 use super::layout::{Layout, Level, PLANES};
 
-/// [`factored_field`](super::factored_field) without a host kernel.
+/// [`factored_field`](super::factored_field) without any kernel.
 pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
-    let device = tables.device();
-    let samples = query.positions.len() / 3;
-    let mut features = vec![octaves(query, &device)];
+    mlp(features(tables, layout, query), weights, layout, query)
+}
+
+/// The MLP's input, `[M, layout.features()]`.
+fn features(tables: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
+    let mut features = vec![octaves(query, &tables.device())];
     for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {
         for (p, axes) in PLANES.into_iter().enumerate() {
             features.push(product(&tables, level, p, axes, &query.positions) * weight);
         }
     }
-    let mut x = Tensor::cat(features, 1);
+    Tensor::cat(features, 1)
+}
+
+/// Density and colour, given the MLP's input.
+pub(super) fn mlp(features: Tensor<2>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
+    let device = features.device();
+    let samples = query.positions.len() / 3;
+    let mut x = features;
     for (index, layer) in layout.layers.iter().enumerate() {
         let w = weights
             .clone()
