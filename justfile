@@ -2,6 +2,9 @@
 
 set positional-arguments
 
+# What `test-gpu` builds, beside the tests.
+program := env_var_or_default("CARGO_TARGET_DIR", "target") + "/release/infonerf"
+
 [private]
 default:
     @just --list
@@ -37,11 +40,11 @@ bench NAME *ARGS:
 
 # A GPU, DEVICE being wgpu, vulkan or cuda: agreement with the CPU; a step of the authors' network, kernels compiled and tuned, then kept; time against error
 bench-gpu DEVICE *ARGS: (test-gpu DEVICE)
-    cargo run --release --features {{ DEVICE }} -- bench step --device {{ DEVICE }} --preset released
-    cargo run --release --features {{ DEVICE }} -- bench step --device {{ DEVICE }} --preset released
-    cargo run --release --features {{ DEVICE }} -- bench pareto --device {{ DEVICE }} {{ ARGS }}
+    {{ program }} bench step --device {{ DEVICE }} --preset released
+    {{ program }} bench step --device {{ DEVICE }} --preset released
+    {{ program }} bench pareto --device {{ DEVICE }} {{ ARGS }}
 
-# Agreement with the CPU on a GPU, or on a software device such as lavapipe: operations, gradients, training, one run
+# Agreement with the CPU on a GPU, or on a software device such as lavapipe: operations, gradients, training, one run, hard inputs
 test-wgpu: (test-gpu "wgpu")
 
 [private]
@@ -49,3 +52,4 @@ test-gpu DEVICE:
     @command -v vulkaninfo >/dev/null && vulkaninfo --summary 2>/dev/null | grep deviceName || \
         echo "No Vulkan device seen. On Linux install a driver: mesa-vulkan-drivers (it has the software device lavapipe) or NVIDIA's; vulkan-tools shows what is there. macOS and Windows need nothing." >&2
     cargo test --release -p infonerf -p infonerf-tests --features infonerf/{{ DEVICE }},infonerf-tests/{{ DEVICE }} --test gpu --test nerf_forward --test mip_forward --test pixelnerf
+    {{ program }} bench stress --device {{ DEVICE }} --rays 5000

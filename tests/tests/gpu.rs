@@ -17,8 +17,8 @@ use infonerf_train::{Config, Event, Trainer, evaluate_view};
 
 /// Values and gradients of one operation, over the largest of their array.
 const OPERATION: f32 = 1e-4;
-/// Sines and cosines of phases up to 3·2¹⁶, for which 36 bits of the quarter turns are kept.
-const ENCODING: f32 = 2e-5;
+/// Sines and cosines of phases up to 3·2¹⁶.
+const ENCODING: f32 = 1e-6;
 /// Gradients of a whole step, likewise: sums over thousands of samples in another order.
 const GRADIENT: f32 = 2e-3;
 /// Losses of later steps: Adam divides by the size of gradients, which lets small differences grow.

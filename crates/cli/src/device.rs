@@ -19,10 +19,16 @@ const BUILT_IN: &[&str] = &[
     "ndarray",
 ];
 
+const CPUS: [(&str, DeviceName); 2] = [("flex", DeviceName::Flex), ("ndarray", DeviceName::Ndarray)];
+
 /// The devices built in that need no GPU.
 pub(crate) fn cpus() -> Vec<DeviceName> {
-    let cpus = [("flex", DeviceName::Flex), ("ndarray", DeviceName::Ndarray)];
-    cpus.into_iter().filter(|(name, _)| BUILT_IN.contains(name)).map(|(_, device)| device).collect()
+    CPUS.into_iter().filter(|(name, _)| BUILT_IN.contains(name)).map(|(_, device)| device).collect()
+}
+
+/// Whether the device called `name` is the processor.
+pub(crate) fn is_cpu(name: &str) -> bool {
+    CPUS.into_iter().any(|(cpu, _)| cpu == name)
 }
 
 /// The device called `name`, and what it is called.

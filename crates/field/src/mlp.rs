@@ -2,7 +2,7 @@
 
 use burn::module::Module;
 use burn::nn::Linear;
-use burn::tensor::{Device, Tensor, TensorData, activation::relu};
+use burn::tensor::{Device, Int, Tensor, TensorData, activation::relu};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
 use rand::Rng;
 
@@ -89,17 +89,10 @@ impl Mlp {
     /// One encoded row a ray, repeated for each of its samples.
     fn encode_directions(&self, points: Points<'_>) -> Tensor<2> {
         let device = self.device();
-        let width = encoded_width(3, self.direction_octaves);
         let rays = frequency_encode(points.directions, 3, self.direction_octaves, &[], &device);
-        let rays = &infonerf_ops::to_host(rays);
-        let rows: Vec<f32> = points
-            .segments
-            .ranges()
-            .enumerate()
-            .flat_map(|(ray, range)| range.flat_map(move |_| &rays[ray * width..(ray + 1) * width]))
-            .copied()
-            .collect();
-        Tensor::from_data(TensorData::new(rows, [points.segments.samples(), width]), &device)
+        let owners = points.segments.owners();
+        let samples = owners.len();
+        rays.select(0, Tensor::<1, Int>::from_data(TensorData::new(owners, [samples]), &device))
     }
 
     pub(crate) fn device(&self) -> Device {

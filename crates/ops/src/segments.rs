@@ -57,8 +57,8 @@ impl Segments {
     }
 
     /// The ray that owns each sample, `[M]`.
-    pub fn owners(&self) -> Vec<u32> {
-        self.ranges().enumerate().flat_map(|(ray, range)| std::iter::repeat_n(ray as u32, range.len())).collect()
+    pub fn owners(&self) -> Vec<i32> {
+        self.ranges().enumerate().flat_map(|(ray, range)| std::iter::repeat_n(ray as i32, range.len())).collect()
     }
 
     /// `(indices, valid)` of the padded `[R, longest]` layout: where each cell reads from (0 if padding) and whether

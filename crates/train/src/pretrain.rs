@@ -13,6 +13,7 @@ use crate::average::Average;
 use crate::batch::Pyramid;
 use crate::model::{build, optimiser};
 use crate::photographs::Photographs;
+use crate::trainer::read_back;
 use crate::{Checkpoint, Config, Event, Outcome, Progress, TrainError};
 
 /// A run over many scenes: each step shows the field some photographs of one scene, and asks for pixels of another view.
@@ -130,10 +131,10 @@ impl Pretrainer {
             photometric_loss(color, target.clone(), loss.rgb.norm)
         };
         let rgb = rgb_of(&fine);
-        let number = |tensor: &Tensor<1>| -> f32 { tensor.clone().detach().into_scalar() };
-        let mse = number(&rgb) / if loss.rgb.norm == Norm::Squared { 3.0 } else { 1.0 };
         let total = coarse.as_ref().map_or_else(|| rgb.clone(), |level| rgb.clone() + rgb_of(level) * loss.rgb.coarse);
-        let (value, acc) = (number(&total), number(&fine.composite.acc.clone().mean()));
+        let values = read_back([&rgb, &total, &fine.composite.acc.clone().mean()]);
+        let &[rgb, value, acc] = values.as_slice() else { unreachable!("three were asked for") };
+        let mse = rgb / if loss.rgb.norm == Norm::Squared { 3.0 } else { 1.0 };
         if !value.is_finite() {
             return Err(TrainError::NonFinite { term: "RGB loss", value, step });
         }
@@ -152,7 +153,7 @@ impl Pretrainer {
             step: self.progress.step,
             seconds: self.progress.seconds,
             loss: value,
-            rgb: number(&rgb),
+            rgb,
             entropy: None,
             gain: None,
             psnr: -10.0 * mse.max(1e-12).log10(),

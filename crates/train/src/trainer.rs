@@ -424,13 +424,17 @@ impl Trainer {
             total = total + variation * loss.variation.weight * loss.variation.last.powf(progress);
         }
 
+        let acc = fine.composite.acc.clone().mean();
+        let terms = [&rgb, &mse, &total, &acc].into_iter().chain([&entropy, &gain].into_iter().flatten());
+        let values = read_back(terms);
+        let mut optional = values[4..].iter().copied();
         let numbers = Numbers {
-            rgb: number(&rgb),
-            mse: number(&mse) / if loss.rgb.norm == Norm::Squared { 3.0 } else { 1.0 },
-            entropy: entropy.as_ref().map(number),
-            gain: gain.as_ref().map(number),
-            total: number(&total),
-            acc: number(&fine.composite.acc.clone().mean()),
+            rgb: values[0],
+            mse: values[1] / if loss.rgb.norm == Norm::Squared { 3.0 } else { 1.0 },
+            total: values[2],
+            acc: values[3],
+            entropy: entropy.and_then(|_| optional.next()),
+            gain: gain.and_then(|_| optional.next()),
             foreground: foreground.iter().filter(|shown| **shown).count() as f32 / rays.len() as f32,
         };
         numbers.check(step)?;
@@ -471,8 +475,9 @@ impl Numbers {
     }
 }
 
-fn number(tensor: &Tensor<1>) -> f32 {
-    tensor.clone().detach().into_scalar()
+/// Numbers of a step, in one transfer: a GPU has to be waited for each time.
+pub(crate) fn read_back<'a>(terms: impl IntoIterator<Item = &'a Tensor<1>>) -> Vec<f32> {
+    to_host(Tensor::cat(terms.into_iter().map(|term| term.clone().detach()).collect(), 0))
 }
 
 fn count(coarse: Option<&Level>, fine: &Level) -> Counts {

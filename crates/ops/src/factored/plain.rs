@@ -1,6 +1,6 @@
 //! The same field from plain tensor operations, on any backend.
 
-use burn::tensor::activation::{relu, sigmoid, softplus};
+use burn::tensor::activation::{relu, sigmoid};
 use burn::tensor::{Int, Tensor, TensorData};
 
 use super::Query;
@@ -38,7 +38,7 @@ pub(super) fn mlp(features: Tensor<2>, weights: Tensor<1>, layout: &Layout, quer
             x = relu(x);
         }
     }
-    let sigma = softplus(x.clone().narrow(1, 0, 1) + layout.density_bias, 1.0) * layout.density_scale;
+    let sigma = softplus(x.clone().narrow(1, 0, 1) + layout.density_bias) * layout.density_scale;
     if !query.color {
         return sigma;
     }
@@ -49,6 +49,11 @@ pub(super) fn mlp(features: Tensor<2>, weights: Tensor<1>, layout: &Layout, quer
         color = color + (slopes * directions).sum_dim(2).reshape([samples, 3]);
     }
     Tensor::cat(vec![sigma, sigmoid(color)], 1).reshape([samples, 4])
+}
+
+/// ln(1 + e^x) with all its digits where it is small, and without overflow where it is large.
+fn softplus(x: Tensor<2>) -> Tensor<2> {
+    relu(x.clone()) + (-x.abs()).exp().log1p()
 }
 
 fn octaves(query: &Query, device: &burn::tensor::Device) -> Tensor<2> {

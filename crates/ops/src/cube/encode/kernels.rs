@@ -9,15 +9,6 @@ pub(crate) struct Angle {
     pub(crate) fine: f32,
 }
 
-/// 2x/π: `x` and the constant are split into parts of 12 bits, the products of which are exact.
-#[cube]
-fn angle_of(x: f32) -> Angle {
-    let (first, second, third) = (0.636_474_6f32, 1.451_373_1e-4f32, 2.567_685_4e-8f32);
-    let high = f32::from_bits(x.to_bits() & 0xFFFF_F000u32);
-    let low = x - high;
-    Angle { coarse: high * first, fine: (high * second + low * first) + (high * third + low * second) }
-}
-
 /// (sine, cosine). A GPU's own are only as good as its maker cares; these are right to 2e-7.
 #[derive(CubeType)]
 pub(crate) struct Wave {
@@ -60,7 +51,13 @@ pub(crate) fn wave(angle: &Angle, scale: f32) -> Wave {
 
 /// Row by row the point, then sines and cosines of each octave.
 #[cube(launch)]
-pub(super) fn frequency(points: &Tensor<f32>, window: &Tensor<f32>, out: &mut Tensor<f32>, octaves: usize) {
+pub(super) fn frequency(
+    points: &Tensor<f32>,
+    angles: &Tensor<f32>,
+    window: &Tensor<f32>,
+    out: &mut Tensor<f32>,
+    octaves: usize,
+) {
     let dims = points.shape(1);
     if ABSOLUTE_POS >= points.shape(0) * dims {
         terminate!();
@@ -69,7 +66,7 @@ pub(super) fn frequency(points: &Tensor<f32>, window: &Tensor<f32>, out: &mut Te
     let start = row * out.shape(1);
     let x = points[ABSOLUTE_POS];
     out[start + axis] = x;
-    let angle = angle_of(x);
+    let angle = Angle { coarse: angles[2 * ABSOLUTE_POS], fine: angles[2 * ABSOLUTE_POS + 1] };
     let mut scale = 1.0f32;
     for octave in 0..octaves {
         let wave = wave(&angle, scale);
@@ -83,18 +80,18 @@ pub(super) fn frequency(points: &Tensor<f32>, window: &Tensor<f32>, out: &mut Te
 /// The same without the point, faded by its variance.
 #[cube(launch)]
 pub(super) fn integrated(
-    means: &Tensor<f32>,
+    angles: &Tensor<f32>,
     variances: &Tensor<f32>,
     window: &Tensor<f32>,
     out: &mut Tensor<f32>,
     octaves: usize,
 ) {
-    if ABSOLUTE_POS >= means.shape(0) * 3 {
+    if ABSOLUTE_POS >= variances.shape(0) * 3 {
         terminate!();
     }
     let (row, axis) = (ABSOLUTE_POS / 3, ABSOLUTE_POS % 3);
     let start = row * out.shape(1);
-    let angle = angle_of(means[ABSOLUTE_POS]);
+    let angle = Angle { coarse: angles[2 * ABSOLUTE_POS], fine: angles[2 * ABSOLUTE_POS + 1] };
     let mut fading = -0.5f32 * variances[ABSOLUTE_POS];
     let mut scale = 1.0f32;
     for octave in 0..octaves {

@@ -2,6 +2,8 @@
 
 mod kernels;
 
+use std::f64::consts::FRAC_PI_2;
+
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, backend_extension};
@@ -9,6 +11,7 @@ use burn::tensor::{Device, Tensor};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
+use rayon::prelude::*;
 
 pub(super) use self::kernels::{Angle, wave};
 use super::{empty, threads, upload};
@@ -17,8 +20,13 @@ use crate::integrated::integrated_width;
 
 /// [`frequency_encode`](crate::frequency_encode).
 pub(crate) fn frequency(points: &[f32], dims: usize, octaves: usize, window: &[f32], device: &Device) -> Tensor<2> {
-    let [points, window] = [upload(points, dims, device), weights(octaves, window, device)];
-    Tensor::from_dispatch(<Dispatch as EncodeOps>::frequency(points.into_dispatch(), window.into_dispatch(), octaves))
+    let (angles, points) = (upload(&angles(points), 2 * dims, device), upload(points, dims, device));
+    Tensor::from_dispatch(<Dispatch as EncodeOps>::frequency(
+        points.into_dispatch(),
+        angles.into_dispatch(),
+        weights(octaves, window, device).into_dispatch(),
+        octaves,
+    ))
 }
 
 /// [`integrated_encode`](crate::integrated_encode).
@@ -29,14 +37,29 @@ pub(crate) fn integrated(
     window: &[f32],
     device: &Device,
 ) -> Tensor<2> {
-    let [means, variances] = [means, variances].map(|rows| upload(rows, 3, device));
-    let window = weights(octaves, window, device);
+    let (angles, variances) = (upload(&angles(means), 6, device), upload(variances, 3, device));
     Tensor::from_dispatch(<Dispatch as EncodeOps>::integrated(
-        means.into_dispatch(),
+        angles.into_dispatch(),
         variances.into_dispatch(),
-        window.into_dispatch(),
+        weights(octaves, window, device).into_dispatch(),
         octaves,
     ))
+}
+
+/// Each number as an angle in quarter turns, between −2 and 2, in two parts: a GPU's `f32` would not keep enough digits
+/// of it for the high octaves. A whole turn less is a whole number of turns less in every octave.
+fn angles(points: &[f32]) -> Vec<f32> {
+    // Above this the quotient's digits before the point cost too many behind it.
+    const NEAR: f64 = 1e4;
+    let parts = |x: &f32| {
+        let x = f64::from(*x);
+        let x = if x.abs() < NEAR { x } else { x.sin().atan2(x.cos()) };
+        let quarters = x / FRAC_PI_2;
+        let rest = quarters - 4.0 * (quarters / 4.0).round();
+        let coarse = rest as f32;
+        [coarse, (rest - f64::from(coarse)) as f32]
+    };
+    points.par_iter().flat_map_iter(parts).collect()
 }
 
 /// One weight an octave, and one more: a buffer cannot be empty.
@@ -47,10 +70,15 @@ fn weights(octaves: usize, window: &[f32], device: &Device) -> Tensor<2> {
 
 #[backend_extension(Cube, Autodiff)]
 trait EncodeOps: Backend {
-    fn frequency(points: FloatTensor<Self>, window: FloatTensor<Self>, octaves: usize) -> FloatTensor<Self>;
+    fn frequency(
+        points: FloatTensor<Self>,
+        angles: FloatTensor<Self>,
+        window: FloatTensor<Self>,
+        octaves: usize,
+    ) -> FloatTensor<Self>;
 
     fn integrated(
-        means: FloatTensor<Self>,
+        angles: FloatTensor<Self>,
         variances: FloatTensor<Self>,
         window: FloatTensor<Self>,
         octaves: usize,
@@ -58,8 +86,8 @@ trait EncodeOps: Backend {
 }
 
 impl EncodeOps for CubeBackend {
-    fn frequency(points: CubeTensor, window: CubeTensor, octaves: usize) -> CubeTensor {
-        let [points, window] = [points, window].map(into_contiguous);
+    fn frequency(points: CubeTensor, angles: CubeTensor, window: CubeTensor, octaves: usize) -> CubeTensor {
+        let [points, angles, window] = [points, angles, window].map(into_contiguous);
         let [rows, dims] = points.meta.shape().dims();
         let out = empty(&points, [rows, encoded_width(dims, octaves)]);
         let (count, dim) = threads(&points, rows * dims);
@@ -68,6 +96,7 @@ impl EncodeOps for CubeBackend {
             count,
             dim,
             points.into_tensor_arg(),
+            angles.into_tensor_arg(),
             window.into_tensor_arg(),
             out.clone().into_tensor_arg(),
             octaves,
@@ -75,16 +104,16 @@ impl EncodeOps for CubeBackend {
         out
     }
 
-    fn integrated(means: CubeTensor, variances: CubeTensor, window: CubeTensor, octaves: usize) -> CubeTensor {
-        let [means, variances, window] = [means, variances, window].map(into_contiguous);
-        let [rows, dims] = means.meta.shape().dims();
-        let out = empty(&means, [rows, integrated_width(octaves)]);
-        let (count, dim) = threads(&means, rows * dims);
+    fn integrated(angles: CubeTensor, variances: CubeTensor, window: CubeTensor, octaves: usize) -> CubeTensor {
+        let [angles, variances, window] = [angles, variances, window].map(into_contiguous);
+        let [rows, dims] = variances.meta.shape().dims();
+        let out = empty(&angles, [rows, integrated_width(octaves)]);
+        let (count, dim) = threads(&angles, rows * dims);
         kernels::integrated::launch(
             &out.client,
             count,
             dim,
-            means.into_tensor_arg(),
+            angles.into_tensor_arg(),
             variances.into_tensor_arg(),
             window.into_tensor_arg(),
             out.clone().into_tensor_arg(),
@@ -96,17 +125,23 @@ impl EncodeOps for CubeBackend {
 
 /// Positions are no parameters: nothing is tracked.
 impl<C: CheckpointStrategy> EncodeOps for Autodiff<CubeBackend, C> {
-    fn frequency(points: FloatTensor<Self>, window: FloatTensor<Self>, octaves: usize) -> FloatTensor<Self> {
-        FloatTensor::<Self>::new(CubeBackend::frequency(points.into_primitive(), window.into_primitive(), octaves))
+    fn frequency(
+        points: FloatTensor<Self>,
+        angles: FloatTensor<Self>,
+        window: FloatTensor<Self>,
+        octaves: usize,
+    ) -> FloatTensor<Self> {
+        let [points, angles, window] = [points, angles, window].map(|tensor| tensor.into_primitive());
+        FloatTensor::<Self>::new(CubeBackend::frequency(points, angles, window, octaves))
     }
 
     fn integrated(
-        means: FloatTensor<Self>,
+        angles: FloatTensor<Self>,
         variances: FloatTensor<Self>,
         window: FloatTensor<Self>,
         octaves: usize,
     ) -> FloatTensor<Self> {
-        let [means, variances, window] = [means, variances, window].map(|tensor| tensor.into_primitive());
-        FloatTensor::<Self>::new(CubeBackend::integrated(means, variances, window, octaves))
+        let [angles, variances, window] = [angles, variances, window].map(|tensor| tensor.into_primitive());
+        FloatTensor::<Self>::new(CubeBackend::integrated(angles, variances, window, octaves))
     }
 }
