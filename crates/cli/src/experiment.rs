@@ -20,9 +20,11 @@ use crate::plot::Plot;
 const BUILT_IN: &[(&str, &str)] = &[
     ("synthetic-4view", include_str!("../../../experiments/synthetic-4view.toml")),
     ("synthetic-4view-losses", include_str!("../../../experiments/synthetic-4view-losses.toml")),
+    ("synthetic-4view-mlp", include_str!("../../../experiments/synthetic-4view-mlp.toml")),
     ("synthetic-4view-alpha", include_str!("../../../experiments/synthetic-4view-alpha.toml")),
     ("integration", include_str!("../../../experiments/integration.toml")),
     ("integration-paper", include_str!("../../../experiments/integration-paper.toml")),
+    ("scales", include_str!("../../../experiments/scales.toml")),
     ("unseen-rays", include_str!("../../../experiments/unseen-rays.toml")),
     ("loss-ablation", include_str!("../../../experiments/loss-ablation.toml")),
     ("baseline", include_str!("../../../experiments/baseline.toml")),

@@ -348,7 +348,7 @@ fn weights_learned_on_many_scenes_begin_another_run() {
     assert!(config.contains("scenes = [\"random-0\", \"random-1\", \"random-2\"]"), "{config}");
     exp().succeeds();
     let records = records(&place.path("out/integration-pixelnerf"));
-    assert_eq!(records.len(), 2);
+    assert_eq!(records.len(), 3);
     for record in &records {
         let notes = record["notes"].to_string();
         assert!(notes.contains("began with the weights of out/pixelnerf-pretrain"), "{notes}");
