@@ -2,8 +2,9 @@
 
 use burn::module::Module;
 use burn::nn::Linear;
-use burn::tensor::{Device, Int, Tensor, TensorData, activation::relu};
-use infonerf_ops::frequency::{encoded_width, frequency_encode};
+use burn::tensor::{Device, Tensor};
+use infonerf_ops::frequency::encoded_width;
+use infonerf_ops::mlp::{ColorBranch, Dense, RadianceMlp, radiance_mlp};
 use rand::Rng;
 
 use crate::{Points, init::Init};
@@ -68,34 +69,29 @@ impl Mlp {
         points: Points<'_>,
         color: bool,
     ) -> (Tensor<1>, Option<Tensor<2>>) {
-        let mut h = encoded.clone();
-        for (layer, linear) in self.trunk.iter().enumerate() {
-            if layer > 0 && layer == self.skip {
-                h = Tensor::cat(vec![encoded.clone(), h], 1);
-            }
-            h = relu(linear.forward(h));
-        }
-        let sigma = self.sigma.forward(h.clone()).squeeze_dim(1);
-        (sigma, color.then(|| self.color(h, points)))
-    }
-
-    fn color(&self, trunk: Tensor<2>, points: Points<'_>) -> Tensor<2> {
-        let feature = self.feature.forward(trunk);
-        let direction = self.encode_directions(points);
-        let h = relu(self.view.forward(Tensor::cat(vec![feature, direction], 1)));
-        self.rgb.forward(h)
-    }
-
-    /// One encoded row a ray, repeated for each of its samples.
-    fn encode_directions(&self, points: Points<'_>) -> Tensor<2> {
-        let device = self.device();
-        let rays = frequency_encode(points.directions, 3, self.direction_octaves, &[], &device);
-        let owners = points.segments.owners();
-        let samples = owners.len();
-        rays.select(0, Tensor::<1, Int>::from_data(TensorData::new(owners, [samples]), &device))
+        let network = RadianceMlp {
+            trunk: self.trunk.iter().map(dense).collect(),
+            skip: self.skip,
+            sigma: dense(&self.sigma),
+            color: color.then(|| ColorBranch {
+                feature: dense(&self.feature),
+                view: dense(&self.view),
+                rgb: dense(&self.rgb),
+                directions: points.directions.into(),
+                octaves: self.direction_octaves,
+                segments: points.segments.clone(),
+            }),
+        };
+        let raw = radiance_mlp(encoded, &network);
+        let sigma = raw.clone().narrow(1, 0, 1).squeeze_dim(1);
+        (sigma, color.then(|| raw.narrow(1, 1, 3)))
     }
 
     pub(crate) fn device(&self) -> Device {
         self.sigma.weight.val().device()
     }
+}
+
+fn dense(layer: &Linear) -> Dense {
+    Dense { weight: layer.weight.val(), bias: layer.bias.as_ref().expect("each layer has one").val() }
 }

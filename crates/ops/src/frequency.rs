@@ -15,15 +15,20 @@ pub fn frequency_encode(points: &[f32], dims: usize, octaves: usize, window: &[f
     if crate::cube::serves(device) && !points.is_empty() {
         return crate::cube::frequency(points, dims, octaves, window, device);
     }
-    let width = dims * (1 + 2 * octaves);
-    let rows = points.len() / dims;
-    let mut encoded = vec![0f32; rows * width];
+    let shape = [points.len() / dims, encoded_width(dims, octaves)];
+    Tensor::from_data(TensorData::new(encode_rows(points, dims, octaves, window), shape), device)
+}
+
+/// [`frequency_encode`] on the host.
+pub(crate) fn encode_rows(points: &[f32], dims: usize, octaves: usize, window: &[f32]) -> Vec<f32> {
+    let width = encoded_width(dims, octaves);
+    let mut encoded = vec![0f32; points.len() / dims * width];
     encoded.par_chunks_mut(width * 256).zip(points.par_chunks(dims * 256)).for_each(|(out, x)| {
         for (out, x) in out.chunks_exact_mut(width).zip(x.chunks_exact(dims)) {
             encode(x, octaves, window, out);
         }
     });
-    Tensor::from_data(TensorData::new(encoded, [rows, width]), device)
+    encoded
 }
 
 fn encode(x: &[f32], octaves: usize, window: &[f32], out: &mut [f32]) {

@@ -31,6 +31,9 @@ mod groups;
 pub mod integrated;
 #[cfg(feature = "flex")]
 pub mod kernel;
+#[cfg(feature = "flex")]
+mod matmul;
+pub mod mlp;
 pub mod numeric;
 pub mod reference;
 mod segments;
@@ -44,6 +47,7 @@ pub use frequency::frequency_encode;
 pub use frustum::frustum_gaussian;
 pub use gain::information_gain;
 pub use integrated::integrated_encode;
+pub use mlp::radiance_mlp;
 pub use segments::Segments;
 
 /// Whether tensors on `device` are served by the host kernels.

@@ -91,7 +91,8 @@ fn store<const O: usize>(sums: &[[f32; TILE]; O], y: &mut [f32], relu: bool) {
     for (k, sums) in sums.iter().enumerate() {
         let y = &mut y[k * BLOCK..k * BLOCK + TILE];
         for (y, sum) in y.iter_mut().zip(sums) {
-            *y = if relu { sum.max(0.0) } else { *sum };
+            // As written, what is not a number stays so.
+            *y = if relu && *sum < 0.0 { 0.0 } else { *sum };
         }
     }
 }
@@ -179,7 +180,7 @@ fn add<const O: usize, const I: usize>(
 #[inline(always)]
 pub(super) fn relu_gradient(y: &[f32], dy: &mut [f32]) {
     for (dy, y) in dy.iter_mut().zip(y) {
-        *dy = if *y > 0.0 { *dy } else { 0.0 };
+        *dy = if *y <= 0.0 { 0.0 } else { *dy };
     }
 }
 

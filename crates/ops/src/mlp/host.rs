@@ -1,0 +1,291 @@
+//! The rayon body: a block of samples goes through all layers without leaving the cache.
+
+use burn::tensor::Tensor;
+use rayon::prelude::*;
+
+use super::{Dense, RadianceMlp};
+use crate::frequency::{encode_rows, encoded_width};
+use crate::kernel::{Kernel, Pass};
+use crate::matmul::{Matrix, Onto, product};
+
+/// Samples in a block: enough for matrix products to be efficient, few enough for two layers to fit into the cache.
+const BLOCK: usize = 256;
+/// Partial sums of the weights' gradient: a fixed number, so that the result does not depend on the number of threads.
+const GROUPS: usize = 16;
+
+/// The network as a list of layers, from place to place in the *activations* of a block of samples:
+///
+/// ```text
+/// x | h₁ | x h₂ | … | h_L | feature direction | h_view | σ r g b
+/// ```
+///
+/// Between two bars is a matrix of [`BLOCK`] rows. What a layer reads stands side by side, so x is repeated where the
+/// trunk sees it again.
+#[derive(Debug)]
+pub(super) struct MlpKernel {
+    layers: Vec<Layer>,
+    /// Where x stands.
+    encoded: Vec<Place>,
+    /// Where the encoded directions stand.
+    direction: Option<Place>,
+    /// Encoded direction of each ray.
+    directions: Vec<f32>,
+    /// The ray of each sample.
+    owners: Vec<i32>,
+    /// Where the result stands.
+    output: Place,
+    /// Numbers of a block.
+    activations: usize,
+}
+
+/// Some columns of a matrix of [`BLOCK`] rows within a block's activations.
+#[derive(Clone, Copy, Debug, Default)]
+struct Place {
+    start: usize,
+    stride: usize,
+    columns: usize,
+}
+
+impl Place {
+    fn matrix(self) -> Matrix {
+        Matrix { start: self.start, row: self.stride, column: 1 }
+    }
+
+    fn row(self, sample: usize) -> std::ops::Range<usize> {
+        let start = self.start + sample * self.stride;
+        start..start + self.columns
+    }
+
+    /// `columns` of this place from the `first` on.
+    fn part(self, first: usize, columns: usize) -> Self {
+        Self { start: self.start + first, columns, ..self }
+    }
+}
+
+#[derive(Debug)]
+struct Layer {
+    /// Where its weights begin, `[inputs, outputs]` row-major, with the biases after them.
+    weight: usize,
+    x: Place,
+    y: Place,
+    relu: bool,
+    /// Whether a layer further up reads x too.
+    shared: bool,
+}
+
+impl Layer {
+    fn bias(&self) -> usize {
+        self.weight + self.x.columns * self.y.columns
+    }
+
+    fn end(&self) -> usize {
+        self.bias() + self.y.columns
+    }
+
+    fn weights(&self) -> Matrix {
+        Matrix { start: self.weight, row: self.y.columns, column: 1 }
+    }
+}
+
+/// Layers and matrices as they come.
+#[derive(Default)]
+struct Builder {
+    layers: Vec<Layer>,
+    weights: Vec<Tensor<1>>,
+    activations: usize,
+}
+
+impl Builder {
+    fn matrix(&mut self, columns: usize) -> Place {
+        let place = Place { start: self.activations, stride: columns, columns };
+        self.activations += columns * BLOCK;
+        place
+    }
+
+    fn layer(&mut self, dense: &Dense, x: Place, y: Place, relu: bool) {
+        assert_eq!(dense.weight.dims(), [x.columns, y.columns], "layers fit on top of each other");
+        let weight = self.layers.last().map_or(0, Layer::end);
+        self.layers.iter_mut().filter(|layer| layer.x.start == x.start).for_each(|layer| layer.shared = true);
+        self.layers.push(Layer { weight, x, y, relu, shared: false });
+        self.weights.extend([dense.weight.clone().flatten(0, 1), dense.bias.clone()]);
+    }
+}
+
+impl MlpKernel {
+    /// The kernel for input of `[samples, width]`, and all weights one after another.
+    pub(super) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> (Self, Tensor<1>) {
+        let mut builder = Builder::default();
+        let mut x = builder.matrix(width);
+        let mut encoded = vec![x];
+        for (index, dense) in network.trunk.iter().enumerate() {
+            let [_, outputs] = dense.weight.dims();
+            // The next layer reads this one's output, with x before it where it skips.
+            let skip = index + 1 == network.skip && network.skip < network.trunk.len();
+            let before = if skip { width } else { 0 };
+            let next = builder.matrix(before + outputs);
+            encoded.extend(skip.then(|| next.part(0, width)));
+            builder.layer(dense, x, next.part(before, outputs), true);
+            x = next;
+        }
+        let (mut direction, mut directions, mut owners) = (None, Vec::new(), Vec::new());
+        let view = network.color.as_ref().map(|branch| {
+            let [_, features] = branch.feature.weight.dims();
+            let [_, outputs] = branch.view.weight.dims();
+            let columns = encoded_width(3, branch.octaves);
+            let both = builder.matrix(features + columns);
+            let view = builder.matrix(outputs);
+            builder.layer(&branch.feature, x, both.part(0, features), false);
+            builder.layer(&branch.view, both, view, true);
+            direction = Some(both.part(features, columns));
+            directions = encode_rows(&branch.directions, 3, branch.octaves, &[]);
+            owners = branch.segments.owners();
+            assert_eq!(owners.len(), samples, "a ray for every sample");
+            (view, branch)
+        });
+        let output = builder.matrix(if view.is_some() { 4 } else { 1 });
+        builder.layer(&network.sigma, x, output.part(0, 1), false);
+        if let Some((view, branch)) = view {
+            builder.layer(&branch.rgb, view, output.part(1, 3), false);
+        }
+        let Builder { layers, weights, activations } = builder;
+        (Self { layers, encoded, direction, directions, owners, output, activations }, Tensor::cat(weights, 0))
+    }
+
+    /// A block whose first sample is `first`.
+    fn forward_block(&self, weights: &[f32], encoded: &[f32], first: usize, block: &mut [f32], out: &mut [f32]) {
+        let width = self.encoded[0].columns;
+        let samples = encoded.len() / width;
+        for place in &self.encoded {
+            for (s, x) in encoded.chunks_exact(width).enumerate() {
+                block[place.row(s)].copy_from_slice(x);
+            }
+        }
+        if let Some(place) = self.direction {
+            for (s, &owner) in self.owners[first..first + samples].iter().enumerate() {
+                let direction = &self.directions[owner as usize * place.columns..][..place.columns];
+                block[place.row(s)].copy_from_slice(direction);
+            }
+        }
+        for layer in &self.layers {
+            let bias = &weights[layer.bias()..layer.end()];
+            // What a layer reads always stands before what it writes.
+            let (before, after) = block.split_at_mut(layer.y.start);
+            let y = Place { start: 0, ..layer.y };
+            let sizes = [samples, layer.y.columns, layer.x.columns];
+            let (x, w) = ((&*before, layer.x.matrix()), (weights, layer.weights()));
+            product(sizes, Onto::Nothing, (after, y.matrix()), x, w);
+            for s in 0..samples {
+                for (y, bias) in after[y.row(s)].iter_mut().zip(bias) {
+                    let sum = *y + bias;
+                    // As written, what is not a number stays so.
+                    *y = if layer.relu && sum < 0.0 { 0.0 } else { sum };
+                }
+            }
+        }
+        for (s, out) in out.chunks_exact_mut(self.output.columns).enumerate() {
+            out.copy_from_slice(&block[self.output.row(s)]);
+        }
+    }
+
+    /// Adds a block's part to `dweights`, and its gradients with respect to x to `dencoded` if that is wanted.
+    fn backward_block(
+        &self,
+        weights: &[f32],
+        block: &[f32],
+        grad: &[f32],
+        gradients: &mut [f32],
+        dweights: &mut [f32],
+        dencoded: Option<&mut Vec<f32>>,
+    ) {
+        let samples = grad.len() / self.output.columns;
+        for (s, grad) in grad.chunks_exact(self.output.columns).enumerate() {
+            gradients[self.output.row(s)].copy_from_slice(grad);
+        }
+        for layer in self.layers.iter().rev() {
+            let (below, above) = gradients.split_at_mut(layer.y.start);
+            let y = Place { start: 0, ..layer.y };
+            for s in 0..samples {
+                let dy = &mut above[y.row(s)];
+                if layer.relu {
+                    let outputs = &block[layer.y.row(s)];
+                    dy.iter_mut().zip(outputs).for_each(|(dy, y)| *dy = if *y <= 0.0 { 0.0 } else { *dy });
+                }
+                let db = &mut dweights[layer.bias()..layer.end()];
+                db.iter_mut().zip(&*dy).for_each(|(db, dy)| *db += dy);
+            }
+            let dy = (&*above, y.matrix());
+            let x = (block, layer.x.matrix().transposed());
+            let sizes = [layer.x.columns, layer.y.columns, samples];
+            product(sizes, Onto::Sum, (dweights, layer.weights()), x, dy);
+            // x itself is most often no parameter: its columns, the first that a layer reads, are then left out.
+            let own = self.encoded.iter().any(|place| place.start == layer.x.start);
+            let skipped = if own && dencoded.is_none() { self.encoded[0].columns } else { 0 };
+            let dx = layer.x.part(skipped, layer.x.columns - skipped);
+            let w = Matrix { start: layer.weight + skipped * layer.y.columns, ..layer.weights() }.transposed();
+            let onto = if layer.shared { Onto::Sum } else { Onto::Nothing };
+            product([samples, dx.columns, layer.y.columns], onto, (below, dx.matrix()), dy, (weights, w));
+        }
+        if let Some(dencoded) = dencoded {
+            for s in 0..samples {
+                let all = |column: usize| self.encoded.iter().map(|place| gradients[place.row(s)][column]).sum::<f32>();
+                dencoded.extend((0..self.encoded[0].columns).map(all));
+            }
+        }
+    }
+}
+
+impl Kernel for MlpKernel {
+    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
+        vec![inputs[0][0], self.output.columns]
+    }
+
+    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
+        let &[encoded, weights] = inputs else { unreachable!("a network has two inputs") };
+        let (width, outputs) = (self.encoded[0].columns, self.output.columns);
+        let samples = encoded.len() / width;
+        let mut out = vec![0.0; samples * outputs];
+        let blocks = encoded.par_chunks(width * BLOCK).zip(out.par_chunks_mut(outputs * BLOCK)).enumerate();
+        match saved {
+            Some(saved) => {
+                *saved = vec![0.0; samples.div_ceil(BLOCK) * self.activations];
+                blocks.zip(saved.par_chunks_mut(self.activations)).for_each(|((index, (x, out)), block)| {
+                    self.forward_block(weights, x, index * BLOCK, block, out);
+                });
+            }
+            None => blocks.for_each_init(
+                || vec![0.0; self.activations],
+                |block, (index, (x, out))| self.forward_block(weights, x, index * BLOCK, block, out),
+            ),
+        }
+        out
+    }
+
+    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+        let &[_, weights] = pass.inputs else { unreachable!("a network has two inputs") };
+        let per_group = (pass.saved.len() / self.activations).div_ceil(GROUPS).max(1);
+        let grads = pass.grad.par_chunks(self.output.columns * BLOCK * per_group);
+        let groups: Vec<(Vec<f32>, Vec<f32>)> = grads
+            .zip(pass.saved.par_chunks(self.activations * per_group))
+            .map(|(grad, saved)| {
+                let mut dweights = vec![0.0; weights.len()];
+                let mut dencoded = Vec::new();
+                let mut gradients = vec![0.0; self.activations];
+                let blocks = grad.chunks(self.output.columns * BLOCK).zip(saved.chunks_exact(self.activations));
+                for (grad, block) in blocks {
+                    let dencoded = wanted[0].then_some(&mut dencoded);
+                    self.backward_block(weights, block, grad, &mut gradients, &mut dweights, dencoded);
+                }
+                (dweights, dencoded)
+            })
+            .collect();
+        let dencoded = wanted[0].then(|| groups.iter().flat_map(|(_, part)| part).copied().collect());
+        let dweights = wanted[1].then(|| {
+            let mut sum = vec![0.0; weights.len()];
+            for (part, _) in groups {
+                sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+            }
+            sum
+        });
+        vec![dencoded, dweights]
+    }
+}

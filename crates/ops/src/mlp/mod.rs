@@ -1,0 +1,67 @@
+//! The layers that NeRF and mip-NeRF share (Mildenhall et al. 2020, Fig. 7), as one operation.
+
+mod plain;
+
+#[cfg(feature = "flex")]
+mod host;
+
+pub use plain::plain;
+
+use std::sync::Arc;
+
+use burn::tensor::Tensor;
+
+use crate::Segments;
+
+/// A layer y = xW + b.
+#[derive(Clone, Debug)]
+pub struct Dense {
+    /// W, `[inputs, outputs]`.
+    pub weight: Tensor<2>,
+    /// b, `[outputs]`.
+    pub bias: Tensor<1>,
+}
+
+/// Encoded position → trunk of ReLU layers → density; trunk and encoded view direction → colour.
+#[derive(Clone, Debug)]
+pub struct RadianceMlp {
+    /// ReLU layers, each but the first on top of the one before.
+    pub trunk: Vec<Dense>,
+    /// The layer of the trunk that is given the encoded position too, before its other inputs; 0 for none.
+    pub skip: usize,
+    /// From the trunk to density.
+    pub sigma: Dense,
+    /// The way to colour, if colour is wanted.
+    pub color: Option<ColorBranch>,
+}
+
+/// Trunk → features; features and encoded direction → a ReLU layer → colour.
+#[derive(Clone, Debug)]
+pub struct ColorBranch {
+    /// A linear layer.
+    pub feature: Dense,
+    /// A ReLU layer of features, then direction.
+    pub view: Dense,
+    /// From there to red, green and blue.
+    pub rgb: Dense,
+    /// Unit direction of each ray, `[R, 3]` row-major.
+    pub directions: Arc<[f32]>,
+    /// Octaves of its encoding.
+    pub octaves: usize,
+    /// Which samples belong to which ray.
+    pub segments: Segments,
+}
+
+/// What the network says of encoded positions `[M, E]`, before activation: `[M, 4]` of (σ, r, g, b), or `[M, 1]` of σ
+/// where `network` has no colour. Differentiable in every weight and in `encoded`.
+///
+/// # Panics
+/// If the layers do not fit on top of each other.
+pub fn radiance_mlp(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
+    #[cfg(feature = "flex")]
+    if crate::has_host_kernels(&encoded.device()) {
+        let (kernel, weights) = host::MlpKernel::new(encoded.dims(), network);
+        return crate::kernel::apply2(kernel, encoded, weights);
+    }
+    plain(encoded, network)
+}

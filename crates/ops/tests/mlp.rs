@@ -1,0 +1,203 @@
+//! NeRF's network: host kernel against plain tensors on two backends and against `f64` by hand, and its gradients against
+//! finite differences.
+
+#![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
+
+mod common;
+
+use burn::tensor::{Device, Tensor};
+use common::{Draws, matrix, vector};
+use infonerf_ops::mlp::{self, ColorBranch, Dense, RadianceMlp, radiance_mlp};
+use infonerf_ops::{Segments, to_host};
+
+/// Largest difference between two bodies in single precision, relative to the largest number of the result.
+const AGREEMENT: f32 = 2e-5;
+/// The same for a directional derivative of the `f64` network's values against the kernel's gradient.
+const DIFFERENCE: f64 = 1e-4;
+
+/// Sizes of a network, and what it is asked.
+#[derive(Clone)]
+struct Case {
+    encoded: usize,
+    skip: usize,
+    segments: Segments,
+    octaves: usize,
+    color: bool,
+    x: Vec<f32>,
+    directions: Vec<f32>,
+    /// `[inputs, outputs]` and the weights, then the biases, of every layer: trunk, σ, features, view, rgb.
+    layers: Vec<([usize; 2], Vec<f32>, Vec<f32>)>,
+}
+
+fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> Case {
+    let (encoded, width, layers, octaves) = (7, 10, 4, 2);
+    let mut draws = Draws(seed);
+    let segments = Segments::from_counts(counts.iter().copied());
+    let direction = 3 + 6 * octaves;
+    let trunk = (0..layers).map(|layer| match layer {
+        0 => [encoded, width],
+        layer if layer == skip => [encoded + width, width],
+        _ => [width, width],
+    });
+    let heads = [[width, 1], [width, width], [width + direction, width / 2], [width / 2, 3]];
+    let mut numbers = |count: usize| -> Vec<f32> { (0..count).map(|_| draws.signed()).collect() };
+    let layers = trunk.chain(heads).map(|size| (size, numbers(size[0] * size[1]), numbers(size[1]))).collect();
+    let x = numbers(segments.samples() * encoded);
+    let directions = numbers(3 * counts.len());
+    Case { encoded, skip, segments, octaves, color, x, directions, layers }
+}
+
+impl Case {
+    fn network(&self, dense: &mut impl FnMut([usize; 2], &[f32], &[f32]) -> Dense) -> RadianceMlp {
+        let mut layers: Vec<Dense> = self.layers.iter().map(|(size, w, b)| dense(*size, w, b)).collect();
+        let heads = layers.split_off(layers.len() - 4);
+        let [sigma, feature, view, rgb] = <[Dense; 4]>::try_from(heads).unwrap();
+        let directions = self.directions.as_slice().into();
+        let (octaves, segments) = (self.octaves, self.segments.clone());
+        let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, octaves, segments });
+        RadianceMlp { trunk: layers, skip: self.skip, sigma, color }
+    }
+
+    /// Value, gradient of ⟨u, value⟩ with respect to x, and with respect to all weights that have one.
+    fn run(&self, device: &Device, body: impl Fn(Tensor<2>, &RadianceMlp) -> Tensor<2>) -> [Vec<f32>; 3] {
+        let device = device.clone().autodiff();
+        let mut parameters = Vec::new();
+        let network = self.network(&mut |[_, outputs], w, b| {
+            let weight = matrix(w, outputs, &device).require_grad();
+            let bias = vector(b, &device).require_grad();
+            parameters.push((weight.clone(), bias.clone()));
+            Dense { weight, bias }
+        });
+        let x = matrix(&self.x, self.encoded, &device).require_grad();
+        let out = body(x.clone(), &network);
+        let u = matrix(&self.u(out.dims()[1]), out.dims()[1], &device);
+        let grads = (out.clone() * u).sum().backward();
+        let dweights = parameters.iter().flat_map(|(w, b)| {
+            let or_zero = |grad: Option<Vec<f32>>, count: usize| grad.unwrap_or_else(|| vec![0.0; count]);
+            let dw = or_zero(w.grad(&grads).map(to_host), w.shape().num_elements());
+            dw.into_iter().chain(or_zero(b.grad(&grads).map(to_host), b.dims()[0]))
+        });
+        let dweights = dweights.collect();
+        [to_host(out), to_host(x.grad(&grads).unwrap()), dweights]
+    }
+
+    fn u(&self, columns: usize) -> Vec<f32> {
+        let mut draws = Draws(99);
+        (0..self.segments.samples() * columns).map(|_| draws.signed()).collect()
+    }
+
+    /// ⟨u, value⟩ in `f64`, written down from NeRF's Fig. 7.
+    fn value(&self) -> f64 {
+        let apply = |(size, w, b): &([usize; 2], Vec<f32>, Vec<f32>), x: &[f64]| -> Vec<f64> {
+            assert_eq!(x.len(), size[0]);
+            let sum = |o: usize| (0..size[0]).map(|i| x[i] * f64::from(w[i * size[1] + o])).sum::<f64>();
+            (0..size[1]).map(|o| sum(o) + f64::from(b[o])).collect()
+        };
+        let relu = |x: Vec<f64>| -> Vec<f64> { x.into_iter().map(|x| x.max(0.0)).collect() };
+        let (trunk, heads) = self.layers.split_at(self.layers.len() - 4);
+        let columns = if self.color { 4 } else { 1 };
+        let mut total = 0.0;
+        for (ray, range) in self.segments.ranges().enumerate() {
+            for sample in range {
+                let x = common::wide(&self.x[sample * self.encoded..][..self.encoded]);
+                let mut h = x.clone();
+                for (index, layer) in trunk.iter().enumerate() {
+                    if index > 0 && index == self.skip {
+                        h = [x.clone(), h].concat();
+                    }
+                    h = relu(apply(layer, &h));
+                }
+                let mut out = apply(&heads[0], &h);
+                if self.color {
+                    let d = common::wide(&self.directions[3 * ray..][..3]);
+                    let mut both = apply(&heads[1], &h);
+                    both.extend(&d);
+                    for octave in 0..self.octaves {
+                        let scale = 2f64.powi(octave as i32);
+                        both.extend(d.iter().map(|d| (scale * d).sin()));
+                        both.extend(d.iter().map(|d| (scale * d).cos()));
+                    }
+                    out.extend(apply(&heads[3], &relu(apply(&heads[2], &both))));
+                }
+                let u = &self.u(columns)[sample * columns..][..columns];
+                total += out.iter().zip(u).map(|(y, u)| y * f64::from(*u)).sum::<f64>();
+            }
+        }
+        total
+    }
+}
+
+fn assert_close(a: &[f32], b: &[f32], what: &str) {
+    assert_eq!(a.len(), b.len(), "{what}");
+    let scale = b.iter().fold(1e-3f32, |m, x| m.max(x.abs()));
+    let worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst <= AGREEMENT * scale, "{what}: {worst} of {scale}");
+}
+
+/// More samples than a block, and fewer; rays without samples; a skip in the middle, at the last layer, none.
+fn cases() -> Vec<Case> {
+    let long: Vec<usize> = (0..60).map(|ray| ray % 19).collect();
+    let mut cases = Vec::new();
+    for (seed, skip) in [(1, 2), (2, 3), (3, 0)] {
+        for color in [true, false] {
+            cases.push(case(seed, &long, skip, color));
+            cases.push(case(seed, &[5, 0, 2], skip, color));
+        }
+    }
+    cases
+}
+
+#[test]
+fn bodies_agree_in_value_and_gradient() {
+    for case in cases() {
+        let host = case.run(&Device::flex(), radiance_mlp);
+        for device in [Device::flex(), Device::ndarray()] {
+            let plain = case.run(&device, mlp::plain);
+            for ((host, plain), what) in host.iter().zip(&plain).zip(["value", "x", "weights"]) {
+                let what = format!("{what}, {} samples, skip {}, {device:?}", case.segments.samples(), case.skip);
+                assert_close(host, plain, &what);
+            }
+        }
+    }
+}
+
+#[test]
+fn without_samples_there_is_nothing_to_learn() {
+    let [value, dx, dweights] = case(4, &[0, 0], 2, true).run(&Device::flex(), radiance_mlp);
+    assert!(value.is_empty() && dx.is_empty());
+    assert!(!dweights.is_empty() && dweights.iter().all(|d| *d == 0.0));
+}
+
+#[test]
+fn gradients_match_differences_of_the_f64_network() {
+    for case in cases() {
+        let [value, dx, dweights] = case.run(&Device::flex(), radiance_mlp);
+        let u = case.u(value.len() / case.segments.samples());
+        let got: f64 = value.iter().zip(&u).map(|(y, u)| f64::from(*y) * f64::from(*u)).sum();
+        approx::assert_relative_eq!(got, case.value(), max_relative = 1e-5, epsilon = 1e-4);
+
+        let mut draws = Draws(7);
+        let mut along = |count: usize| -> Vec<f32> { (0..count).map(|_| draws.signed()).collect() };
+        let (along_x, along_weights) = (along(dx.len()), along(dweights.len()));
+        // So small that hardly any ReLU changes its mind.
+        let step = 2f32.powi(-18);
+        let moved = |by: f32| {
+            let mut moved = case.clone();
+            moved.x.iter_mut().zip(&along_x).for_each(|(x, d)| *x += by * d);
+            let numbers = moved.layers.iter_mut().flat_map(|(_, w, b)| w.iter_mut().chain(b));
+            numbers.zip(&along_weights).for_each(|(x, d)| *x += by * d);
+            moved
+        };
+        let (up, down) = (moved(step), moved(-step));
+        let difference = up.value() - down.value();
+        // Along what was really moved, in single precision.
+        let flat = |case: &Case| -> Vec<f32> {
+            let weights = case.layers.iter().flat_map(|(_, w, b)| w.iter().chain(b));
+            case.x.iter().chain(weights).copied().collect()
+        };
+        let way = flat(&up).into_iter().zip(flat(&down)).map(|(up, down)| f64::from(up) - f64::from(down));
+        let derivative: f64 = way.zip(dx.iter().chain(&dweights)).map(|(d, g)| d * f64::from(*g)).sum();
+        let size: f64 = dx.iter().chain(&dweights).map(|g| f64::from(g.abs())).sum::<f64>() * f64::from(step);
+        assert!((difference - derivative).abs() <= DIFFERENCE * size, "{difference} {derivative} of {size}");
+    }
+}
