@@ -22,9 +22,3 @@ pub(crate) fn run(job: impl Job) {
     }
     if cfg!(target_arch = "aarch64") { job.run::<true>() } else { job.run::<false>() }
 }
-
-/// a · b + c, fused where that is one instruction.
-#[inline(always)]
-pub(crate) fn fma<const FMA: bool>(a: f32, b: f32, c: f32) -> f32 {
-    if FMA { a.mul_add(b, c) } else { a * b + c }
-}

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::Query;
-use super::dense::{self, BLOCK, padded};
+use super::dense::{self, BLOCK};
 use super::encode::{self, Block, level_features, plane_gradient, with_channels};
 use super::layout::{Layout, OUTPUTS, PLANES, RAW};
 use crate::kernel::{Kernel, Pass};
@@ -86,11 +86,6 @@ impl Kernel for FactoredKernel {
         let dx_len = (layout.features() - first) * BLOCK;
         let blocks = self.samples().div_ceil(BLOCK);
         let per_group = blocks.div_ceil(GROUPS).max(1);
-        let transposed: Vec<Vec<f32>> = layout
-            .layers
-            .iter()
-            .map(|layer| dense::transposed(&weights[layer.weight..], layer.inputs, layer.outputs))
-            .collect();
 
         // The MLP, block by block; what goes on to the tables is kept for all samples.
         let mut dx = vec![0.0; blocks * dx_len];
@@ -106,7 +101,7 @@ impl Kernel for FactoredKernel {
                     let numbers = rows.start * self.outputs()..rows.end * self.outputs();
                     simd::run(Backward {
                         kernel: self,
-                        transposed: &transposed,
+                        weights,
                         activations: &pass.saved[block * self.activations()..(block + 1) * self.activations()],
                         output: &pass.output[numbers.clone()],
                         grad: &pass.grad[numbers],
@@ -206,12 +201,11 @@ impl Job for Forward<'_> {
         let raw = &mut raw[..kernel.raw() * BLOCK];
         let (mut x, mut rest): (&[f32], &mut [f32]) = (input, hidden);
         for (index, layer) in layout.layers.iter().enumerate() {
-            let (w, bias) = (&weights[layer.weight..layer.bias()], &weights[layer.bias()..layer.end()]);
             if index + 1 == layout.layers.len() {
-                dense::forward::<FMA>(w, layer.inputs, Some(bias), x, raw, samples, false);
+                dense::forward(weights, layer, x, raw, samples, false);
             } else {
                 let (y, others) = rest.split_at_mut(layer.outputs * BLOCK);
-                dense::forward::<FMA>(w, layer.inputs, Some(bias), x, y, samples, true);
+                dense::forward(weights, layer, x, y, samples, true);
                 (x, rest) = (y, others);
             }
         }
@@ -254,7 +248,7 @@ impl Scratch {
 
 struct Backward<'a> {
     kernel: &'a FactoredKernel,
-    transposed: &'a [Vec<f32>],
+    weights: &'a [f32],
     activations: &'a [f32],
     output: &'a [f32],
     grad: &'a [f32],
@@ -270,7 +264,7 @@ struct Backward<'a> {
 impl Job for Backward<'_> {
     #[inline(always)]
     fn run<const FMA: bool>(self) {
-        let Self { kernel, transposed, activations, output, grad, directions, samples, first, scratch, dweights, dx } =
+        let Self { kernel, weights, activations, output, grad, directions, samples, first, scratch, dweights, dx } =
             self;
         let layout = &kernel.layout;
         let outputs = kernel.outputs();
@@ -301,21 +295,18 @@ impl Job for Backward<'_> {
         dy[..dout.len()].copy_from_slice(dout);
         for (index, layer) in layout.layers.iter().enumerate().rev() {
             let x = if index == 0 { input } else { &hidden[ends[index - 1].clone()] };
-            let (dw, db) = dweights[layer.weight..layer.end()].split_at_mut(layer.inputs * layer.outputs);
             // Without colour only the first row of the last layer was computed.
             let used = if index + 1 == layout.layers.len() { kernel.raw() } else { layer.outputs };
             let above = &dy[..used * BLOCK];
-            dense::weight_gradient::<FMA>(above, x, dw, db, samples);
-            let (wt, stride) = (&transposed[index], layer.outputs);
+            dense::weight_gradient(dweights, layer, above, x, samples);
             if index == 0 {
-                dense::forward::<FMA>(&wt[first * stride..], stride, None, above, dx, samples, false);
+                dense::input_gradient(weights, layer, first, above, dx, samples);
                 break;
             }
             let below = &mut spare[..layer.inputs * BLOCK];
-            dense::forward::<FMA>(wt, stride, None, above, below, samples, false);
+            dense::input_gradient(weights, layer, 0, above, below, samples);
             for (row, y) in below.chunks_exact_mut(BLOCK).zip(x.chunks_exact(BLOCK)) {
-                dense::relu_gradient(&y[..padded(samples)], &mut row[..padded(samples)]);
-                row[samples..].fill(0.0);
+                dense::relu_gradient(&y[..samples], &mut row[..samples]);
             }
             std::mem::swap(&mut dy, &mut spare);
         }

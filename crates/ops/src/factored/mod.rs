@@ -14,8 +14,6 @@ mod plain;
 pub mod reference;
 mod variation;
 
-#[cfg(all(feature = "flex", target_arch = "x86_64"))]
-mod avx2;
 #[cfg(feature = "flex")]
 mod dense;
 #[cfg(feature = "flex")]

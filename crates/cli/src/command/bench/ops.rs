@@ -8,8 +8,10 @@ use burn::optim::{AdamConfig, Optimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::adam::Adam;
 use infonerf_ops::factored::{self, Layout, Query};
+use infonerf_ops::mlp::{self, ColorBranch, Dense, RadianceMlp};
 use infonerf_ops::{
-    Segments, composite::composite, composite::plain as plain_composite, gain, has_host_kernels, to_host,
+    Segments, composite::composite, composite::plain as plain_composite, frequency::encoded_width, frequency_encode,
+    gain, has_host_kernels, to_host,
 };
 use infonerf_render::Noise;
 use infonerf_report::chart::{Bar, Frame, bar_chart};
@@ -25,7 +27,16 @@ const LONGEST: usize = 36;
 /// Repeats of each body, in turn; the median counts.
 const REPEATS: u32 = 7;
 
-const PROTOCOL: &str = "forward and backward of one operation at the size of a step of the fast preset; the two bodies in turn, \
+/// NeRF's network, and as many samples as keep a measurement short.
+const LAYERS: usize = 8;
+const WIDTH: usize = 256;
+const SKIP: usize = 5;
+const OCTAVES: [usize; 2] = [10, 4];
+const MLP_RAYS: usize = 128;
+const MLP_SAMPLES: usize = 64;
+
+const PROTOCOL: &str = "forward and backward of one operation at the size of a step of the fast preset, NeRF's MLP (8 x 256) \
+                        on 128 rays of 64 samples; the two bodies in turn, \
                         medians; the difference is the largest in value or gradient over the largest number of the plain one. \
                         Adam is compared with Burn's own";
 
@@ -56,6 +67,7 @@ pub(super) fn run(bench: &Bench, args: &BenchArgs) -> Result<()> {
     let repeats = args.steps.unwrap_or(REPEATS).max(1) as usize;
     let rows = [
         compare("factored field", repeats, || input.field(true), || input.field(false)),
+        compare("NeRF's MLP", repeats, || input.mlp(true), || input.mlp(false)),
         compare("compositing and entropy", repeats, || input.composite(true), || input.composite(false)),
         compare("information gain", repeats, || input.gain(true), || input.gain(false)),
         compare("plane variation", repeats, || input.variation(true), || input.variation(false)),
@@ -112,6 +124,8 @@ struct Input {
     query: Query,
     tables: Tensor<1>,
     weights: Tensor<1>,
+    encoded: Tensor<2>,
+    network: RadianceMlp,
 }
 
 impl Input {
@@ -125,6 +139,32 @@ impl Input {
         let samples = segments.samples();
         let levels = [32, 64, 128, 256].map(|resolution| (resolution, 4));
         let layout = Arc::new(Layout::new(3, &levels, (2, 32), true, (10.0, -5.0)));
+        // Weights uniform in ±√(6 / inputs), as He et al. have them for ReLU networks.
+        let dense = |purpose: u64, [inputs, outputs]: [usize; 2]| {
+            let bound = (6.0 / inputs as f32).sqrt();
+            let values = numbers(purpose, inputs * outputs).into_iter().map(|x| bound * (2.0 * x - 1.0)).collect();
+            let weight = Tensor::<2>::from_data(TensorData::new::<f32, _>(values, [inputs, outputs]), device);
+            Dense { weight, bias: Tensor::zeros([outputs], device) }
+        };
+        let [position, direction] = OCTAVES.map(|octaves| encoded_width(3, octaves));
+        let trunk = (0..LAYERS).map(|layer| match layer {
+            0 => [position, WIDTH],
+            SKIP => [position + WIDTH, WIDTH],
+            _ => [WIDTH, WIDTH],
+        });
+        let network = RadianceMlp {
+            trunk: trunk.enumerate().map(|(layer, size)| dense(20 + layer as u64, size)).collect(),
+            skip: SKIP,
+            sigma: dense(10, [WIDTH, 1]),
+            color: Some(ColorBranch {
+                feature: dense(11, [WIDTH, WIDTH]),
+                view: dense(12, [WIDTH + direction, WIDTH / 2]),
+                rgb: dense(13, [WIDTH / 2, 3]),
+                directions: numbers(14, 3 * MLP_RAYS).into(),
+                octaves: OCTAVES[1],
+                segments: Segments::uniform(MLP_RAYS, MLP_SAMPLES),
+            }),
+        };
         let centred = |values: Vec<f32>| values.into_iter().map(|x| x - 0.5).collect::<Vec<f32>>();
         let tensor = |values: Vec<f32>| {
             let length = values.len();
@@ -145,7 +185,37 @@ impl Input {
             weights: tensor(centred(numbers(7, layout.weight_len()))),
             layout,
             segments,
+            encoded: frequency_encode(&numbers(9, 3 * MLP_RAYS * MLP_SAMPLES), 3, OCTAVES[0], &[], device),
+            network,
         }
+    }
+
+    fn mlp(&self, fused: bool) -> Results {
+        let mut parameters = Vec::new();
+        let mut leaf = |dense: &Dense| {
+            let dense = Dense { weight: parameter(&dense.weight), bias: parameter(&dense.bias) };
+            parameters.push(dense.clone());
+            dense
+        };
+        let network = RadianceMlp {
+            trunk: self.network.trunk.iter().map(&mut leaf).collect(),
+            sigma: leaf(&self.network.sigma),
+            color: self.network.color.as_ref().map(|branch| ColorBranch {
+                feature: leaf(&branch.feature),
+                view: leaf(&branch.view),
+                rgb: leaf(&branch.rgb),
+                ..branch.clone()
+            }),
+            ..self.network.clone()
+        };
+        let body = if fused { mlp::radiance_mlp } else { mlp::plain };
+        let out = body(self.encoded.clone(), &network);
+        let grads = out.clone().sum().backward();
+        let all = parameters.iter().flat_map(|dense| {
+            let weight = dense.weight.grad(&grads).expect("each weight has a gradient").flatten(0, 1);
+            [weight, dense.bias.grad(&grads).expect("each bias has a gradient")]
+        });
+        std::iter::once(out.inner().flatten(0, 1)).chain(all).collect()
     }
 
     fn field(&self, fused: bool) -> Results {
