@@ -52,6 +52,9 @@ impl Progress {
                     ));
                 }
             }
+            Event::Converged { step } => {
+                self.bar.println(format!("step {step}: the training error falls no more; the run ends here"));
+            }
             Event::Collapse { step, restarted } => {
                 let next = if *restarted { "starting over with other weights" } else { "giving up" };
                 self.bar.println(format!("step {step}: the field went empty; {next}"));
@@ -77,7 +80,7 @@ fn events_until(path: &Path, step: usize) -> String {
     let text = std::fs::read_to_string(path).unwrap_or_default();
     let lines = text.lines().take_while(|line| match serde_json::from_str(line) {
         Ok(Event::Step { step: at, .. }) => at <= step,
-        Ok(Event::Collapse { .. }) => true,
+        Ok(Event::Collapse { .. } | Event::Converged { .. }) => true,
         Err(_) => false,
     });
     lines.flat_map(|line| [line, "\n"]).collect()

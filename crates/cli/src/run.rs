@@ -216,6 +216,7 @@ pub(crate) fn total(trainers: &[Trainer]) -> TrainProgress {
         total.samples_total += progress.samples_total;
         total.samples_evaluated += progress.samples_evaluated;
         total.restarts += progress.restarts;
+        total.pixels_skipped += progress.pixels_skipped;
     }
     total
 }

@@ -6,6 +6,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::config::{Batch, TrainConfig, Unseen};
+use crate::explained::Explained;
 
 /// Pixels with the cameras that see them.
 #[derive(Clone, Debug)]
@@ -34,6 +35,18 @@ impl Pixels {
             |camera: &Camera| camera.with_pose(near_pose(&camera.to_world, &mut generator(noise), max_angle_deg));
         Self { cameras: self.cameras.iter().map(turned).collect(), ..self.clone() }.rays()
     }
+}
+
+/// Pixels of training images, with what they show.
+#[derive(Clone, Debug)]
+pub(crate) struct Seen {
+    pub(crate) pixels: Pixels,
+    /// Colour and alpha.
+    pub(crate) colors: Vec<[f32; 4]>,
+    /// Where [`Explained`] has each.
+    pub(crate) places: Vec<usize>,
+    /// Draws that were passed over because the pixel is explained.
+    pub(crate) passed: u64,
 }
 
 /// Training images at one size.
@@ -81,7 +94,13 @@ impl Pyramid {
         self.at(config, progress).factor as f32
     }
 
-    /// `rays` pixels of training images with their colours and alphas.
+    /// How much smaller the images of a step are, and how many pixels they have in all.
+    pub(crate) fn size(&self, config: &TrainConfig, progress: f64) -> (u32, usize) {
+        let images = self.at(config, progress);
+        (images.factor, images.rgba.iter().map(Vec::len).sum())
+    }
+
+    /// `rays` pixels of training images, fewer of those that are `explained` if `config` says so.
     pub(crate) fn seen(
         &self,
         config: &TrainConfig,
@@ -89,17 +108,29 @@ impl Pyramid {
         step: usize,
         progress: f64,
         noise: Noise,
-    ) -> (Pixels, Vec<[f32; 4]>) {
+        explained: &Explained,
+    ) -> Seen {
         let [view, column, row] = [noise, noise.next(), noise.next().next()];
         let images = self.at(config, progress);
         let window = |size: u32| if step < config.center_steps { (size / 4, (size / 2).max(1)) } else { (0, size) };
         let ((left, columns), (top, rows)) = (window(images.width), window(images.height));
-        let at: Vec<(usize, u32, u32)> = match config.batch {
+        let stride = images.width as usize;
+        let area = stride * images.height as usize;
+        let mut passed = 0;
+        let places: Vec<usize> = match config.batch {
             Batch::Pixels => (0..rays)
                 .map(|i| {
-                    let x = left + column.below(i, 0, columns as usize) as u32;
-                    let y = top + row.below(i, 0, rows as usize) as u32;
-                    (view.below(i, 0, images.rgba.len()), x, y)
+                    let draw = |k| {
+                        let x = left as usize + column.below(i, k, columns as usize);
+                        let y = top as usize + row.below(i, k, rows as usize);
+                        view.below(i, k, images.rgba.len()) * area + y * stride + x
+                    };
+                    if config.explained.error == 0.0 {
+                        return draw(0);
+                    }
+                    let (place, skipped) = explained.choose(&config.explained, i, row.next(), draw);
+                    passed += skipped as u64;
+                    place
                 })
                 .collect(),
             Batch::Image | Batch::HeldOut => {
@@ -107,14 +138,19 @@ impl Pyramid {
                 let pixels = columns as usize * rows as usize;
                 rand::seq::index::sample(&mut generator(column), pixels, rays.min(pixels))
                     .into_iter()
-                    .map(|pixel| (image, left + pixel as u32 % columns, top + pixel as u32 / columns))
+                    .map(|pixel| (left + pixel as u32 % columns, top + pixel as u32 / columns))
+                    .map(|(x, y)| image * area + y as usize * stride + x as usize)
                     .collect()
             }
         };
-        let colors = at.iter().map(|&(view, x, y)| images.rgba[view][(y * images.width + x) as usize]).collect();
+        let colors = places.iter().map(|place| images.rgba[place / area][place % area]).collect();
         let scale = self.pixel_width(config, progress);
-        let at = at.iter().map(|&(view, x, y)| (view, (x as f32 + 0.5) * scale, (y as f32 + 0.5) * scale)).collect();
-        (Pixels { cameras: self.cameras.clone(), at, width: scale }, colors)
+        let position = |&place: &usize| {
+            let (x, y) = ((place % area) % stride, (place % area) / stride);
+            (place / area, (x as f32 + 0.5) * scale, (y as f32 + 0.5) * scale)
+        };
+        let pixels = Pixels { cameras: self.cameras.clone(), at: places.iter().map(position).collect(), width: scale };
+        Seen { pixels, colors, places, passed }
     }
 }
 
@@ -206,7 +242,7 @@ mod tests {
         // No image is 100 times smaller: the full size is used.
         for (progress, width) in [(0.1, 4.0), (0.3, 2.0), (0.6, 1.0), (1.0, 1.0)] {
             assert_eq!(pyramid.pixel_width(&config, progress), width);
-            let (seen, _) = pyramid.seen(&config, 8, 0, progress, noise);
+            let seen = pyramid.seen(&config, 8, 0, progress, noise, &Explained::default()).pixels;
             let unseen = unseen(&scene, &region, &config, 8, width, noise);
             for ray in [seen.rays(), seen.near(noise, 5.0), unseen.rays()].concat() {
                 let ratio = ray.radius / centre;

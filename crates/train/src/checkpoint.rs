@@ -14,6 +14,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
 use crate::average::Average;
+use crate::convergence::Convergence;
+use crate::explained::Explained;
 
 /// How far a run is.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -33,6 +35,10 @@ pub struct Progress {
     pub samples_a_ray: f64,
     /// Steps in a row in which the field was empty.
     pub empty_steps: usize,
+    /// Draws of training pixels that were passed over because the pixel is explained.
+    pub pixels_skipped: u64,
+    /// Whether more steps still pay.
+    pub convergence: Convergence,
 }
 
 impl Progress {
@@ -51,6 +57,7 @@ pub struct Checkpoint {
     averaged: usize,
     optimiser: Vec<u8>,
     occupancy: Option<Vec<u8>>,
+    explained: Option<Vec<u8>>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -71,7 +78,7 @@ struct Part {
     crc32: u32,
 }
 
-const VERSION: u32 = 2;
+const VERSION: u32 = 3;
 const MANIFEST: &str = "manifest.json";
 
 impl Checkpoint {
@@ -81,6 +88,7 @@ impl Checkpoint {
         average: &Average,
         optimiser: &ModuleOptimizer,
         occupancy: Option<&OccupancyGrid>,
+        explained: Option<&Explained>,
     ) -> Result<Self, TrainError> {
         if let Some(value) = not_finite(model) {
             return Err(TrainError::NonFinite { term: "value of a weight", value, step: progress.step });
@@ -95,6 +103,7 @@ impl Checkpoint {
             averaged: average.count(),
             optimiser: optimiser.to_record().into_bytes().map_err(record)?.to_vec(),
             occupancy: occupancy.map(encode_occupancy),
+            explained: explained.map(Explained::to_bytes),
         })
     }
 
@@ -116,6 +125,7 @@ impl Checkpoint {
             ("average.bpk", self.average.as_ref()),
             ("optimiser.bpk", Some(&self.optimiser)),
             ("occupancy.bin", self.occupancy.as_ref()),
+            ("explained.bin", self.explained.as_ref()),
         ];
         let mut files = Vec::new();
         for (name, bytes) in parts.into_iter().filter_map(|(name, bytes)| Some((name, bytes?))) {
@@ -179,6 +189,7 @@ impl Checkpoint {
             averaged: manifest.averaged,
             optimiser: needed("optimiser.bpk")?,
             occupancy: part("occupancy.bin")?,
+            explained: part("explained.bin")?,
             progress: manifest.progress,
         })
     }
@@ -201,6 +212,13 @@ impl Checkpoint {
         let record = OptimizerRecord::from_bytes(Bytes::from_bytes_vec(self.optimiser.clone()))
             .map_err(|error| TrainError::Config(format!("checkpoint: {error}")))?;
         Ok(optimiser.load_record(record))
+    }
+
+    /// What was known of training pixels.
+    pub(crate) fn restore_explained(&self) -> Result<Explained, TrainError> {
+        let Some(bytes) = &self.explained else { return Ok(Explained::default()) };
+        let fault = "checkpoint: explained.bin: expected numbers of four bytes";
+        Explained::from_bytes(bytes).ok_or_else(|| TrainError::Config(fault.into()))
     }
 
     /// Puts the occupancy back into a grid of the same config.

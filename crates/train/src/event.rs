@@ -29,6 +29,11 @@ pub enum Event {
         /// Share of candidate samples that a field evaluated, in this step.
         evaluated: f64,
     },
+    /// The training error falls no more: the run ends before its time.
+    Converged {
+        /// At which step.
+        step: usize,
+    },
     /// The field went empty.
     Collapse {
         /// At which step.

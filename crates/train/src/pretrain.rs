@@ -10,7 +10,8 @@ use infonerf_render::{Counts, Level, Model, Noise, Renderer, Want};
 use infonerf_scene::Scene;
 
 use crate::average::Average;
-use crate::batch::Pyramid;
+use crate::batch::{Pyramid, Seen};
+use crate::explained::Explained;
 use crate::model::{build, optimiser};
 use crate::photographs::Photographs;
 use crate::trainer::read_back;
@@ -91,7 +92,7 @@ impl Pretrainer {
     /// # Errors
     /// If the weights cannot be encoded.
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
-        Checkpoint::take(&self.progress, &self.model, &Average::default(), &self.optimiser, None)
+        Checkpoint::take(&self.progress, &self.model, &Average::default(), &self.optimiser, None, None)
     }
 
     /// How far the run is.
@@ -117,7 +118,9 @@ impl Pretrainer {
         let noise = |purpose| Noise::new(self.seed, step as u64, purpose);
         let (train, loss) = (&self.config.train, &self.config.loss);
         let lesson = &self.scenes[noise(purpose::SCENE).below(0, 0, self.scenes.len())];
-        let (pixels, colors) = lesson.pyramid.seen(train, train.rays, step, done, noise(purpose::SEEN));
+        let none = Explained::default();
+        let Seen { pixels, colors, .. } =
+            lesson.pyramid.seen(train, train.rays, step, done, noise(purpose::SEEN), &none);
         let sources = lesson.photographs.draw(train, pixels.view(), noise(purpose::SOURCES));
         let model = self.model.conditioned(&sources);
         let rays = pixels.rays();

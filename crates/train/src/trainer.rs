@@ -10,7 +10,9 @@ use infonerf_render::{Counts, Learned, Level, Model, Noise, OccupancyGrid, Rende
 use infonerf_scene::{Ray, Scene, ViewRegion};
 
 use crate::average::Average;
-use crate::batch::{self, Pyramid};
+use crate::batch::{self, Pyramid, Seen};
+use crate::convergence::Convergence;
+use crate::explained::Explained;
 use crate::memory::{self, MemoryPlan};
 use crate::model::{build, optimiser};
 use crate::photographs::Photographs;
@@ -34,6 +36,7 @@ pub struct Trainer {
     average: Average,
     optimiser: ModuleOptimizer,
     occupancy: Option<OccupancyGrid>,
+    explained: Explained,
     progress: Progress,
     profile: Profile,
 }
@@ -115,6 +118,7 @@ impl Trainer {
             model,
             average: Average::default(),
             occupancy,
+            explained: Explained::default(),
             progress: Progress::default(),
             profile: Profile::default(),
         })
@@ -131,6 +135,7 @@ impl Trainer {
         if let Some(grid) = &mut self.occupancy {
             checkpoint.restore_occupancy(grid)?;
         }
+        self.explained = checkpoint.restore_explained()?;
         self.progress = checkpoint.progress().clone();
         Ok(())
     }
@@ -140,7 +145,9 @@ impl Trainer {
     /// # Errors
     /// If the weights cannot be encoded.
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
-        Checkpoint::take(&self.progress, &self.model, &self.average, &self.optimiser, self.occupancy.as_ref())
+        let explained = self.skips_explained().then_some(&self.explained);
+        let occupancy = self.occupancy.as_ref();
+        Checkpoint::take(&self.progress, &self.model, &self.average, &self.optimiser, occupancy, explained)
     }
 
     /// How far the run is.
@@ -205,7 +212,7 @@ impl Trainer {
     /// # Errors
     /// If a loss is not finite. The model is then as it was before the step.
     pub fn step(&mut self, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
-        if self.done() >= 1.0 {
+        if self.is_over() {
             return Ok(Outcome::Finished);
         }
         let start = Instant::now();
@@ -226,6 +233,9 @@ impl Trainer {
         }
         let spent = start.elapsed().as_secs_f64();
         self.progress.seconds += spent;
+        let full_size = self.config.train.factor_at(self.done()) == 1;
+        let converged =
+            full_size && self.progress.convergence.add(&self.config.train.converged, f64::from(numbers.mse));
         report(Event::Step {
             step: self.progress.step,
             seconds: self.progress.seconds,
@@ -239,7 +249,19 @@ impl Trainer {
             acc: numbers.acc,
             evaluated: counts.evaluated as f64 / counts.total.max(1) as f64,
         });
+        if converged {
+            report(Event::Converged { step: self.progress.step });
+        }
         self.watch(&numbers, report)
+    }
+
+    /// Whether there is nothing left to do.
+    fn is_over(&self) -> bool {
+        self.done() >= 1.0 || self.progress.convergence.reached
+    }
+
+    fn skips_explained(&self) -> bool {
+        self.config.train.explained.error > 0.0
     }
 
     /// Detects a field that went empty, and starts over with other weights while that is allowed.
@@ -254,7 +276,7 @@ impl Trainer {
             }
             self.restart()?;
         }
-        Ok(if self.done() >= 1.0 { Outcome::Finished } else { Outcome::Running })
+        Ok(if self.is_over() { Outcome::Finished } else { Outcome::Running })
     }
 
     fn restart(&mut self) -> Result<(), TrainError> {
@@ -264,7 +286,9 @@ impl Trainer {
         self.average = Average::default();
         self.optimiser = optimiser(&self.config);
         self.occupancy = occupancy_grid(&self.config, &self.scene);
-        self.progress = Progress { step: 0, restarts, empty_steps: 0, ..self.progress.clone() };
+        self.explained = Explained::default();
+        let convergence = Convergence::default();
+        self.progress = Progress { step: 0, restarts, empty_steps: 0, convergence, ..self.progress.clone() };
         Ok(())
     }
 
@@ -301,8 +325,12 @@ impl Trainer {
         let gain_weight = loss.gain.weight_at(step) * ramp;
         let opacity_weight = loss.opacity_at(done);
         let (ray_count, unseen_count) = self.ray_counts();
-        let (seen, colors) =
-            self.profile.time(Phase::Rays, || self.pyramid.seen(train, ray_count, step, done, noise(purpose::SEEN)));
+        let (factor, pixels) = self.pyramid.size(train, done);
+        self.explained.look_at(factor, pixels);
+        let Seen { pixels: seen, colors, places, passed } = self.profile.time(Phase::Rays, || {
+            self.pyramid.seen(train, ray_count, step, done, noise(purpose::SEEN), &self.explained)
+        });
+        self.progress.pixels_skipped += passed;
         let o = &self.config.render.occupancy;
         let occupancy = self.occupancy.as_ref().filter(|_| o.carve || step >= o.warmup);
         let wants_entropy = |counts: bool| (entropy_weight > 0.0 && counts).then_some(loss.entropy.epsilon);
@@ -324,6 +352,13 @@ impl Trainer {
         let channels = colors.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
         let target = Tensor::<2>::from_data(TensorData::new(channels, [rays.len(), 3]), &self.device);
         let color = fine.color.clone().expect("colour was wanted");
+        if train.explained.error > 0.0 {
+            let met = to_host(color.clone().detach());
+            let apart = |(met, [red, green, blue, _]): (&[f32], &[f32; 4])| {
+                met.iter().zip([red, green, blue]).fold(0.0, |most: f32, (met, shown)| most.max((met - shown).abs()))
+            };
+            self.explained.remember(&places, met.chunks_exact(3).zip(&colors).map(apart));
+        }
         let mut rgb = photometric_loss(color, target.clone(), loss.rgb.norm);
         let mse = rgb.clone();
         if let Some(color) = coarse.and_then(|level| level.color) {

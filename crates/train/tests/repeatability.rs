@@ -121,10 +121,44 @@ fn training_learns() {
     let mean = |events: &[Event]| {
         let rgb = events.iter().map(|event| match event {
             Event::Step { rgb, .. } => *rgb,
-            Event::Collapse { .. } => panic!("the field went empty"),
+            other => panic!("expected a step: {other:?}"),
         });
         rgb.sum::<f32>() / events.len() as f32
     };
     let (first, last) = (mean(&events[..20]), mean(&events[130..]));
     assert!(last < 0.5 * first, "{first} at first, {last} at last");
+}
+
+/// Pixels that are explained are passed over, and only those.
+#[test]
+fn explained_pixels_are_passed_over() {
+    let [flex, _] = devices();
+    let passed = |error: &str| {
+        let setting = format!("train.explained={{error={error},keep=0.0}}");
+        let config = config(&["train.batch=pixels", "train.iterations=40", &setting]);
+        let mut trainer = trainer(&config, 1, &flex);
+        steps(&mut trainer, 40);
+        trainer.progress().pixels_skipped
+    };
+    assert_eq!(passed("0.0"), 0);
+    let (some, all) = (passed("0.3"), passed("1.0"));
+    assert!(some > 0 && all > some, "{some} {all}");
+}
+
+/// A run whose error no longer falls ends, and stays at its end when it is resumed.
+#[test]
+fn a_run_that_converged_is_over() {
+    let [flex, _] = devices();
+    let settings = ["train.batch=pixels", "train.iterations=40", "train.converged={window=5,gain=1.0}"];
+    let config = config(&settings);
+    let mut first = trainer(&config, 1, &flex);
+    let mut events = Vec::new();
+    while first.step(&mut |event| events.push(event)).unwrap() == Outcome::Running {}
+    assert_eq!(first.progress().step, 10, "two windows");
+    assert_eq!(events.last(), Some(&Event::Converged { step: 10 }));
+
+    let mut again = trainer(&config, 1, &flex);
+    again.resume(&trainer.checkpoint().unwrap()).unwrap();
+    assert_eq!(again.step(&mut |_| ()).unwrap(), Outcome::Finished);
+    assert_eq!(again.progress().step, 10);
 }

@@ -110,6 +110,9 @@ fn print_profile(trainers: &[Trainer]) {
         progress.samples_total,
         100.0 * skipped
     );
+    if progress.pixels_skipped > 0 {
+        println!("    pixels: {} draws passed over as explained", progress.pixels_skipped);
+    }
     for phase in Phase::ALL {
         let spent = trainers.iter().map(|trainer| trainer.profile().spent(phase).as_secs_f64()).sum::<f64>();
         println!(

@@ -134,6 +134,10 @@ pub struct TrainConfig {
     pub pyramid: Vec<(f64, u32)>,
     /// Where a step's pixels come from.
     pub batch: Batch,
+    /// Whether pixels that are explained already are drawn less.
+    pub explained: ExplainedConfig,
+    /// Whether a run ends before its time when its error falls no more.
+    pub converged: ConvergedConfig,
     /// If above 0: a field that looks at photographs sees at most so many of them in a step, how many and which being
     /// drawn; 0 shows it all.
     pub sources: usize,
@@ -166,6 +170,28 @@ pub struct TrainConfig {
     pub checkpoint_every: usize,
     /// Fresh starts allowed when a field collapses to empty space.
     pub restarts: usize,
+}
+
+/// A pixel whose colour was met to within `error` when a step last looked at it is *explained*, and drawn more rarely: the
+/// loss is then of what is not explained yet. For `train.batch = "pixels"`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExplainedConfig {
+    /// Largest difference of a channel below which a pixel is explained; 0 draws all alike.
+    pub error: f32,
+    /// How often a draw of an explained pixel counts.
+    pub keep: f32,
+}
+
+/// A run ends when its training error over `window` steps is not smaller by a share of `gain` than over those before. Steps
+/// with images smaller than the full size (`train.pyramid`) do not count.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ConvergedConfig {
+    /// Steps; 0 takes all that there are.
+    pub window: usize,
+    /// Relative.
+    pub gain: f64,
 }
 
 /// Where a step's pixels come from.
@@ -325,6 +351,14 @@ impl Config {
             number("train.pyramid", *share, 0.0, 1.0)?;
             number("train.pyramid", f64::from(*factor), 1.0, 64.0)?;
         }
+        number("train.explained.error", f64::from(t.explained.error), 0.0, 1.0)?;
+        number("train.explained.keep", f64::from(t.explained.keep), 0.0, 1.0)?;
+        if t.explained.error > 0.0 && t.batch != Batch::Pixels {
+            let cause = "expected 0 unless train.batch = \"pixels\": other batches meet each pixel once";
+            return Err(TrainError::config("train.explained.error", cause));
+        }
+        number("train.converged.window", t.converged.window as f64, 0.0, 1e9)?;
+        number("train.converged.gain", t.converged.gain, 0.0, 1.0)?;
         number("train.lr", t.lr, 0.0, 1e3)?;
         number("train.table_rate", t.table_rate, 0.0, 1e6)?;
         number("train.adam_beta2", f64::from(t.adam_beta2), 0.0, 0.999_999)?;

@@ -24,13 +24,14 @@ const PAPER: [&str; 13] = [
 ];
 
 /// The quick field, likewise.
-const FAST: [&str; 10] = [
+const FAST: [&str; 11] = [
     "field.resolutions=[4,8,16]",
     "field.channels=2",
     "field.width=16",
     "field.layers=1",
     "render.samples=24",
     "render.samples_start=12",
+    "train.explained={error=0.2,keep=0.25}",
     "render.occupancy.resolution=8",
     "render.occupancy.warmup=2",
     "render.occupancy.every=3",
