@@ -99,6 +99,7 @@ mod host {
     use rayon::prelude::*;
 
     use super::{Step, Update};
+    use crate::simd::{self, Job};
 
     /// Below this many numbers a pass is too short to share out.
     const CHUNK: usize = 1 << 14;
@@ -125,14 +126,28 @@ mod host {
                 .zip(slices.1.par_chunks_mut(CHUNK))
                 .zip(slices.2.par_chunks_mut(CHUNK))
                 .zip(g.storage::<f32>().par_chunks(CHUNK))
-                .for_each(|(((x, m), v), g)| {
-                    for (((x, m), v), &g) in x.iter_mut().zip(m).zip(v).zip(g) {
-                        *m = *m * step.beta1 + g * (1.0 - step.beta1);
-                        *v = *v * step.beta2 + g * g * (1.0 - step.beta2);
-                        *x -= *m * step.rate / (v.sqrt() + step.epsilon);
-                    }
-                });
+                .for_each(|(((x, m), v), g)| simd::run(Chunk { step, x, g, m, v }));
             (x, m, v)
+        }
+    }
+
+    struct Chunk<'a> {
+        step: Step,
+        x: &'a mut [f32],
+        g: &'a [f32],
+        m: &'a mut [f32],
+        v: &'a mut [f32],
+    }
+
+    impl Job for Chunk<'_> {
+        #[inline(always)]
+        fn run<const FMA: bool>(self) {
+            let Self { step, x, g, m, v } = self;
+            for (((x, m), v), &g) in x.iter_mut().zip(m).zip(v).zip(g) {
+                *m = *m * step.beta1 + g * (1.0 - step.beta1);
+                *v = *v * step.beta2 + g * g * (1.0 - step.beta2);
+                *x -= *m * step.rate / (v.sqrt() + step.epsilon);
+            }
         }
     }
 

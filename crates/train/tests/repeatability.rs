@@ -158,7 +158,7 @@ fn a_run_that_converged_is_over() {
     assert_eq!(events.last(), Some(&Event::Converged { step: 10 }));
 
     let mut again = trainer(&config, 1, &flex);
-    again.resume(&trainer.checkpoint().unwrap()).unwrap();
+    again.resume(&first.checkpoint().unwrap()).unwrap();
     assert_eq!(again.step(&mut |_| ()).unwrap(), Outcome::Finished);
     assert_eq!(again.progress().step, 10);
 }

@@ -26,6 +26,8 @@ const RAYS: usize = 8192;
 const LONGEST: usize = 36;
 /// Repeats of each body, in turn; the median counts.
 const REPEATS: u32 = 7;
+/// Steps of Adam, enough for the allocation of its moments not to count.
+const ADAM_STEPS: usize = 20;
 
 /// NeRF's network, and as many samples as keep a measurement short.
 const LAYERS: usize = 8;
@@ -253,7 +255,7 @@ impl Input {
         with_gradients(out, &[tables])
     }
 
-    /// Three steps on the tables, with the tables' own values as gradient.
+    /// Steps on the tables, with the tables' own values as gradient.
     fn adam(&self, fused: bool) -> Results {
         let start = self.tables.clone().inner();
         let end = if fused {
@@ -272,7 +274,7 @@ fn parameter<const D: usize>(values: &Tensor<D>) -> Tensor<D> {
 
 fn steps(optimiser: &impl Optimizer, start: Tensor<1>) -> Tensor<1> {
     let (mut weights, mut state) = (start.clone(), None);
-    for _ in 0..3 {
+    for _ in 0..ADAM_STEPS {
         (weights, state) = optimiser.step(1e-2, weights, start.clone(), state);
     }
     weights
