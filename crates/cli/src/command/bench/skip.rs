@@ -1,4 +1,4 @@
-//! What each way of skipping saves, and what it costs in quality: everything on, each off alone, everything off.
+//! What each way of skipping saves, and what it costs in quality: everything on, each off alone, everything off; and what is off by default on top.
 
 use anyhow::{Context, Result};
 use infonerf_report::chart::{Bar, Frame, bar_chart};
@@ -21,6 +21,12 @@ const SWITCHES: &[Switch] = &[
     Switch { name: "out of bounds", off: &["render.clip_to_bounds=false"] },
     Switch { name: "image pyramid", off: &["train.pyramid=[]"] },
     Switch { name: "sample ramp", off: &["render.samples_start=0"] },
+];
+
+/// Ways that are off in the presets, and the settings that switch them on.
+const EXTRAS: &[(&str, &[&str])] = &[
+    ("all, and explained pixels", &["train.explained={error=0.03,keep=0.25}"]),
+    ("all, and converged steps", &["train.converged={window=100,gain=0.02}"]),
 ];
 
 /// Not a way of skipping: what the terms on unseen rays cost.
@@ -70,6 +76,7 @@ fn cases() -> Vec<(String, Vec<&'static str>)> {
     let all_but = |switch: &Switch| (format!("all but {}", switch.name), switch.off.to_vec());
     let mut cases = vec![("skip nothing".to_owned(), nothing), ("skip all".to_owned(), Vec::new())];
     cases.extend(SWITCHES.iter().map(all_but));
+    cases.extend(EXTRAS.iter().map(|&(name, on)| (name.to_owned(), on.to_vec())));
     cases.push(("all, no unseen rays".to_owned(), NO_TERMS.to_vec()));
     cases
 }
@@ -143,7 +150,8 @@ fn save(bench: &Bench, runs: &[Run]) -> Result<()> {
 
 /// Short enough to stand below a bar.
 fn label(index: usize, row: &Row) -> String {
-    let short = ["nothing", "all", "−empty", "−hidden", "−bounds", "−pyramid", "−ramp", "−unseen"];
+    let short =
+        ["nothing", "all", "−empty", "−hidden", "−bounds", "−pyramid", "−ramp", "+explained", "+converged", "−unseen"];
     short.get(index).map_or_else(|| row.case.clone(), |&label| label.to_owned())
 }
 
@@ -162,11 +170,12 @@ fn print(rows: &[Row], runs: &[Run]) {
         "SSIM",
     ]);
     for (row, run) in rows.iter().zip(runs) {
-        let steps = run.trials.iter().map(|trial| trial.iterations).max().unwrap_or(1).max(1);
+        let steps =
+            run.trials.iter().map(|trial| trial.iterations).sum::<usize>().max(1) as f64 / run.trials.len() as f64;
         table.row(vec![
             row.case.clone(),
             format!("{:.1} s", row.train_seconds),
-            format!("{:.1}", 1e3 * row.train_seconds / steps as f64),
+            format!("{:.1}", 1e3 * row.train_seconds / steps),
             format!("{:.2} s", row.render_seconds_per_image),
             format!("{:.1} M", row.samples_total / 1e6),
             format!("{:.1} M", row.samples_evaluated / 1e6),
