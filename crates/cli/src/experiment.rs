@@ -24,6 +24,7 @@ const BUILT_IN: &[(&str, &str)] = &[
     ("synthetic-4view-alpha", include_str!("../../../experiments/synthetic-4view-alpha.toml")),
     ("integration", include_str!("../../../experiments/integration.toml")),
     ("integration-paper", include_str!("../../../experiments/integration-paper.toml")),
+    ("released-skipping", include_str!("../../../experiments/released-skipping.toml")),
     ("scales", include_str!("../../../experiments/scales.toml")),
     ("unseen-rays", include_str!("../../../experiments/unseen-rays.toml")),
     ("loss-ablation", include_str!("../../../experiments/loss-ablation.toml")),
