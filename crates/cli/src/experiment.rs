@@ -25,6 +25,7 @@ const BUILT_IN: &[(&str, &str)] = &[
     ("integration", include_str!("../../../experiments/integration.toml")),
     ("integration-paper", include_str!("../../../experiments/integration-paper.toml")),
     ("released-skipping", include_str!("../../../experiments/released-skipping.toml")),
+    ("released-warm", include_str!("../../../experiments/released-warm.toml")),
     ("scales", include_str!("../../../experiments/scales.toml")),
     ("unseen-rays", include_str!("../../../experiments/unseen-rays.toml")),
     ("loss-ablation", include_str!("../../../experiments/loss-ablation.toml")),
