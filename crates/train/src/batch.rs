@@ -6,7 +6,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use crate::config::{Batch, TrainConfig, Unseen};
-use crate::explained::Explained;
+use crate::explained::{DRAWS, Explained};
 
 /// Pixels with the cameras that see them.
 #[derive(Clone, Debug)]
@@ -136,11 +136,21 @@ impl Pyramid {
             Batch::Image | Batch::HeldOut => {
                 let image = view.below(0, 0, images.rgba.len());
                 let pixels = columns as usize * rows as usize;
-                rand::seq::index::sample(&mut generator(column), pixels, rays.min(pixels))
-                    .into_iter()
-                    .map(|pixel| (left + pixel as u32 % columns, top + pixel as u32 / columns))
-                    .map(|(x, y)| image * area + y as usize * stride + x as usize)
-                    .collect()
+                let skips = config.explained.error > 0.0;
+                let candidates = if skips { DRAWS * rays } else { rays };
+                let drawn: Vec<usize> =
+                    rand::seq::index::sample(&mut generator(column), pixels, candidates.min(pixels))
+                        .into_iter()
+                        .map(|pixel| (left + pixel as u32 % columns, top + pixel as u32 / columns))
+                        .map(|(x, y)| image * area + y as usize * stride + x as usize)
+                        .collect();
+                if skips {
+                    let (places, skipped) = explained.among(&config.explained, row, &drawn, rays.min(pixels));
+                    passed = skipped as u64;
+                    places
+                } else {
+                    drawn
+                }
             }
         };
         let colors = places.iter().map(|place| images.rgba[place / area][place % area]).collect();

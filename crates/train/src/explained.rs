@@ -5,7 +5,7 @@ use infonerf_render::Noise;
 use crate::config::ExplainedConfig;
 
 /// Draws of a pixel before one is taken whatever its error.
-const DRAWS: usize = 4;
+pub(crate) const DRAWS: usize = 4;
 
 /// The error of each training pixel when a step last met it.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -39,6 +39,32 @@ impl Explained {
         };
         let passed = (0..DRAWS - 1).find(taken).unwrap_or(DRAWS - 1);
         (draw(passed), passed)
+    }
+
+    /// `count` of `candidates`, in their order: an explained one counts with probability `config.keep` only, unless there
+    /// would be too few. Also returns how many were passed over.
+    pub(crate) fn among(
+        &self,
+        config: &ExplainedConfig,
+        coin: Noise,
+        candidates: &[usize],
+        count: usize,
+    ) -> (Vec<usize>, usize) {
+        let taken = |&(index, &place): &(usize, &usize)| {
+            let error = self.errors.get(place).copied().unwrap_or(f32::INFINITY);
+            error >= config.error || coin.uniform(index, 0) < config.keep
+        };
+        let (mut chosen, mut left): (Vec<usize>, Vec<usize>) = (Vec::new(), Vec::new());
+        for candidate in candidates.iter().enumerate() {
+            if chosen.len() == count {
+                break;
+            }
+            if taken(&candidate) { &mut chosen } else { &mut left }.push(*candidate.1);
+        }
+        let passed = left.len() - left.len().min(count - chosen.len());
+        let missing = count - chosen.len();
+        chosen.extend(left.into_iter().take(missing));
+        (chosen, passed)
     }
 
     /// Remembers what a step found.
@@ -88,6 +114,15 @@ mod tests {
         assert!((share - expected).abs() < 0.01, "{share} {expected}");
         let skipped = chosen.iter().map(|(_, passed)| passed).sum::<usize>() as f64 / rays as f64;
         assert!((skipped - passed * tries).abs() < 0.01, "{skipped}");
+
+        // Of one image, each at most once: the open ones first, then as many explained ones as are missing.
+        let none = ExplainedConfig { keep: 0.0, ..config };
+        let order = [3, 7, 1, 9, 0, 5];
+        assert_eq!(explained.among(&none, coin, &order, 2), (vec![7, 9], 2));
+        assert_eq!(explained.among(&none, coin, &order, 5), (vec![7, 9, 5, 3, 1], 1));
+        assert_eq!(explained.among(&none, coin, &order[..3], 3), (vec![7, 3, 1], 0));
+        let all = ExplainedConfig { keep: 1.0, ..config };
+        assert_eq!(explained.among(&all, coin, &order, 3), (vec![3, 7, 1], 0));
 
         let again = Explained::from_bytes(&explained.to_bytes()).unwrap();
         assert_eq!(again, explained);

@@ -133,16 +133,18 @@ fn training_learns() {
 #[test]
 fn explained_pixels_are_passed_over() {
     let [flex, _] = devices();
-    let passed = |error: &str| {
+    let passed = |batch: &str, error: &str| {
         let setting = format!("train.explained={{error={error},keep=0.0}}");
-        let config = config(&["train.batch=pixels", "train.iterations=40", &setting]);
+        let config = config(&[&format!("train.batch={batch}"), "train.iterations=40", &setting]);
         let mut trainer = trainer(&config, 1, &flex);
         steps(&mut trainer, 40);
         trainer.progress().pixels_skipped
     };
-    assert_eq!(passed("0.0"), 0);
-    let (some, all) = (passed("0.3"), passed("1.0"));
-    assert!(some > 0 && all > some, "{some} {all}");
+    for batch in ["pixels", "image"] {
+        assert_eq!(passed(batch, "0.0"), 0);
+        assert!(passed(batch, "0.3") > 0, "{batch}");
+    }
+    assert!(passed("pixels", "1.0") > passed("pixels", "0.3"));
 }
 
 /// A run whose error no longer falls ends, and stays at its end when it is resumed.

@@ -173,7 +173,7 @@ pub struct TrainConfig {
 }
 
 /// A pixel whose colour was met to within `error` when a step last looked at it is *explained*, and drawn more rarely: the
-/// loss is then of what is not explained yet. For `train.batch = "pixels"`.
+/// loss is then of what is not explained yet.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExplainedConfig {
@@ -353,10 +353,6 @@ impl Config {
         }
         number("train.explained.error", f64::from(t.explained.error), 0.0, 1.0)?;
         number("train.explained.keep", f64::from(t.explained.keep), 0.0, 1.0)?;
-        if t.explained.error > 0.0 && t.batch != Batch::Pixels {
-            let cause = "expected 0 unless train.batch = \"pixels\": other batches meet each pixel once";
-            return Err(TrainError::config("train.explained.error", cause));
-        }
         number("train.converged.window", t.converged.window as f64, 0.0, 1e9)?;
         number("train.converged.gain", t.converged.gain, 0.0, 1.0)?;
         number("train.lr", t.lr, 0.0, 1e3)?;
