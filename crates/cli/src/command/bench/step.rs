@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use infonerf_report::chart::{Bar, Frame, bar_chart};
 use infonerf_train::{Checkpoint, Phase};
 use serde::Serialize;
@@ -59,19 +59,25 @@ pub(super) fn run(bench: &Bench, args: &BenchArgs) -> Result<()> {
 }
 
 fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, steps: usize) -> Result<Row> {
-    let iterations = plan.config.train.iterations.max(warmup + steps);
+    let checkpoint = from
+        .map(|run| {
+            let (checkpoint, _) = Checkpoint::load(run)?;
+            checkpoint.with_context(|| format!("--from {}: expected a run's checkpoint", run.display()))
+        })
+        .transpose()?;
+    // A run that is over has steps to take here all the same.
+    let before = checkpoint.as_ref().map_or(0, |checkpoint| checkpoint.progress().step);
+    let iterations = plan.config.train.iterations.max(before + warmup + steps);
     let plan = with_settings(plan, &[format!("train.iterations={iterations}")])?;
     let mut trainer = bench.trainer(&plan)?;
-    if let Some(run) = from {
-        let (checkpoint, _) = Checkpoint::load(run)?;
-        let checkpoint =
-            checkpoint.with_context(|| format!("--from {}: expected a run's checkpoint", run.display()))?;
-        trainer.resume(&checkpoint)?;
+    if let Some(checkpoint) = &checkpoint {
+        trainer.resume(checkpoint)?;
     }
     step_seconds(&mut trainer, warmup)?;
     let first_step = trainer.progress().step + 1;
     let before = trainer.profile().clone();
     let mut seconds = step_seconds(&mut trainer, steps)?;
+    ensure!(!seconds.is_empty(), "bench step: the run is over before there is a step to measure");
     let total: f64 = seconds.iter().sum();
     let row = |phase: &'static str, spent: f64| PhaseRow {
         phase,
