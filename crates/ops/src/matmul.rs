@@ -47,7 +47,7 @@ pub(crate) fn product(
     (b, b_at): (&[f32], Matrix),
 ) {
     if m == 0 || n == 0 || k == 0 {
-        debug_assert!(k > 0 || onto == Onto::Sum, "an empty sum is not written");
+        assert!(k > 0 || onto == Onto::Sum, "an empty sum is not written");
         return;
     }
     assert!(y_at.fits(m, n, y.len()) && a_at.fits(m, k, a.len()) && b_at.fits(k, n, b.len()), "matrices within slices");

@@ -125,7 +125,7 @@ impl Pyramid {
                         let y = top as usize + row.below(i, k, rows as usize);
                         view.below(i, k, images.rgba.len()) * area + y * stride + x
                     };
-                    if config.explained.error == 0.0 {
+                    if !config.explained.is_on() {
                         return draw(0);
                     }
                     let (place, skipped) = explained.choose(&config.explained, i, row.next(), draw);
@@ -136,7 +136,7 @@ impl Pyramid {
             Batch::Image | Batch::HeldOut => {
                 let image = view.below(0, 0, images.rgba.len());
                 let pixels = columns as usize * rows as usize;
-                let skips = config.explained.error > 0.0;
+                let skips = config.explained.is_on();
                 let candidates = if skips { DRAWS * rays } else { rays };
                 let drawn: Vec<usize> =
                     rand::seq::index::sample(&mut generator(column), pixels, candidates.min(pixels))

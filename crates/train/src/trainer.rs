@@ -145,7 +145,7 @@ impl Trainer {
     /// # Errors
     /// If the weights cannot be encoded.
     pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
-        let explained = self.skips_explained().then_some(&self.explained);
+        let explained = self.config.train.explained.is_on().then_some(&self.explained);
         let occupancy = self.occupancy.as_ref();
         Checkpoint::take(&self.progress, &self.model, &self.average, &self.optimiser, occupancy, explained)
     }
@@ -260,10 +260,6 @@ impl Trainer {
         self.done() >= 1.0 || self.progress.convergence.reached
     }
 
-    fn skips_explained(&self) -> bool {
-        self.config.train.explained.error > 0.0
-    }
-
     /// Detects a field that went empty, and starts over with other weights while that is allowed.
     fn watch(&mut self, numbers: &Numbers, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
         let empty = numbers.acc < EMPTY * numbers.foreground && numbers.foreground > EMPTY;
@@ -352,7 +348,7 @@ impl Trainer {
         let channels = colors.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
         let target = Tensor::<2>::from_data(TensorData::new(channels, [rays.len(), 3]), &self.device);
         let color = fine.color.clone().expect("colour was wanted");
-        if train.explained.error > 0.0 {
+        if train.explained.is_on() {
             let met = to_host(color.clone().detach());
             let apart = |(met, [red, green, blue, _]): (&[f32], &[f32; 4])| {
                 met.iter().zip([red, green, blue]).fold(0.0, |most: f32, (met, shown)| most.max((met - shown).abs()))

@@ -31,8 +31,7 @@ pub(super) fn forward(parameters: &[f32], layer: &Layer, x: &[f32], y: &mut [f32
     }
 }
 
-/// Adds the gradient of a layer's weights and biases to `dparameters`, given that of its outputs, and, where `relu` says
-/// so, turns the latter into the gradient before the activation first.
+/// Adds the gradient of a layer's weights and biases to `dparameters`, given that of its outputs before activation.
 #[inline(always)]
 pub(super) fn weight_gradient(dparameters: &mut [f32], layer: &Layer, dy: &[f32], x: &[f32], samples: usize) {
     let sizes = [dy.len() / BLOCK, layer.inputs, samples];

@@ -183,6 +183,13 @@ pub struct ExplainedConfig {
     pub keep: f32,
 }
 
+impl ExplainedConfig {
+    /// Whether steps need to know what earlier ones met. On a GPU they then read their colours back.
+    pub(crate) fn is_on(&self) -> bool {
+        self.error > 0.0
+    }
+}
+
 /// A run ends when its training error over `window` steps is not smaller by a share of `gain` than over those before. Steps
 /// with images smaller than the full size (`train.pyramid`) do not count.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

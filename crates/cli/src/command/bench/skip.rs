@@ -1,4 +1,5 @@
-//! What each way of skipping saves, and what it costs in quality: everything on, each off alone, everything off; and what is off by default on top.
+//! What each way of skipping saves, and what it costs in quality: everything off, everything on, each off alone, and what is
+//! off by default on top.
 
 use anyhow::{Context, Result};
 use infonerf_report::chart::{Bar, Frame, bar_chart};
