@@ -143,7 +143,7 @@ fn a_run_trains_with_it() {
         let mut table = Preset::Fast.table();
         let weights = format!("loss.semantic.weights={path:?}");
         let weight = format!("loss.semantic.weight={weight}");
-        let settings = ["train.rays=64", "train.samples=2000", "loss.semantic.every=2", "loss.semantic.size=12"];
+        let settings = ["train.rays=64", "train.target_samples=2000", "loss.semantic.every=2", "loss.semantic.size=12"];
         for setting in settings.into_iter().chain([weights.as_str(), weight.as_str()]) {
             config::assign(&mut table, setting).unwrap();
         }
@@ -153,8 +153,8 @@ fn a_run_trains_with_it() {
         let mut losses = Vec::new();
         for _ in 0..3 {
             let mut report = |event| {
-                let Event::Step { loss, rgb, .. } = event else { panic!("{event:?}") };
-                losses.push((loss, rgb));
+                let Event::Step { loss, losses: terms, .. } = event else { panic!("{event:?}") };
+                losses.push((loss, terms["rgb"]));
             };
             trainer.step(&mut report).unwrap();
         }

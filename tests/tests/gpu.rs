@@ -4,15 +4,17 @@
 #[path = "../../crates/train/tests/common/mod.rs"]
 mod common;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{configs, steps, trainer};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
-use infonerf_ops::{Composite, Segments, composite, frequency_encode, information_gain, integrated_encode, to_host};
-use infonerf_render::Noise;
-use infonerf_tests::gpu;
+use infonerf_ops::{
+    RayDistribution, Segments, composite, frequency_encode, integrated_encode, ray_divergence, ray_entropy, to_host,
+};
+use infonerf_tests::{gpu, hashed};
 use infonerf_train::{Config, Event, Trainer, evaluate_view};
 
 /// Values and gradients of one operation, over the largest of their array.
@@ -35,9 +37,9 @@ fn close(got: &[f32], want: &[f32], tolerance: f32, what: &str) {
     }
 }
 
-fn numbers(purpose: u64, count: usize, low: f32, high: f32) -> Vec<f32> {
-    let noise = Noise::new(0, 0, purpose);
-    (0..count).map(|i| low + (high - low) * noise.uniform(i, 0)).collect()
+/// Array `index` of `count` numbers in [`low`, `high`).
+fn numbers(index: usize, count: usize, low: f32, high: f32) -> Vec<f32> {
+    (0..count).map(|i| low + (high - low) * (0.5 + 0.5 * hashed(index, i) as f32)).collect()
 }
 
 fn leaf(values: &[f32], device: &Device) -> Tensor<1> {
@@ -62,9 +64,8 @@ fn same(what: &str, on: impl Fn(&Device) -> Vec<Vec<f32>>) {
 
 /// Rays of all lengths, some of them empty, with depths from almost nothing to opaque.
 fn rays() -> (Segments, Vec<f32>, Vec<f32>) {
-    let lengths = Noise::new(0, 0, 1);
-    let segments = Segments::from_counts((0..300).map(|ray| lengths.below(ray, 0, 40)));
-    let depths = |purpose| numbers(purpose, segments.samples(), -14.0, 3.0).into_iter().map(f32::exp).collect();
+    let segments = Segments::from_counts(numbers(1, 300, 0.0, 40.0).into_iter().map(|length| length as usize));
+    let depths = |index| numbers(index, segments.samples(), -14.0, 3.0).into_iter().map(f32::exp).collect();
     (segments.clone(), depths(2), depths(3))
 }
 
@@ -72,25 +73,34 @@ fn rays() -> (Segments, Vec<f32>, Vec<f32>) {
 fn compositing() {
     let (segments, tau, _) = rays();
     let values = numbers(4, 4 * tau.len(), 0.0, 1.0);
-    let flat = |out: Composite| {
-        let row = |column: Tensor<1>| column.unsqueeze_dim::<2>(1);
-        Tensor::cat(vec![out.values, row(out.acc), row(out.alpha_sum), row(out.entropy)], 1)
-    };
-    for epsilon in [None, Some(0.0), Some(1e-10)] {
-        same(&format!("compositing with entropy {epsilon:?}"), |device| {
-            let (tau, values) = (leaf(&tau, device), leaf(&values, device));
-            let colors = values.clone().reshape([-1, 4]);
-            pulled(flat(composite(tau.clone(), colors, &segments, epsilon)), &[&tau, &values])
-        });
+    same("compositing", |device| {
+        let (tau, values) = (leaf(&tau, device), leaf(&values, device));
+        let out = composite(tau.clone(), values.clone().reshape([-1, 4]), &segments);
+        let out = Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1)], 1);
+        pulled(out, &[&tau, &values])
+    });
+}
+
+#[test]
+fn entropy() {
+    let (segments, tau, _) = rays();
+    for of in [RayDistribution::Alpha, RayDistribution::AlphaBackground, RayDistribution::Termination] {
+        for epsilon in [0.0, 1e-10] {
+            same(&format!("entropy of {of:?} with {epsilon:e}"), |device| {
+                let tau = leaf(&tau, device);
+                let out = ray_entropy(tau.clone(), &segments, of, epsilon);
+                pulled(Tensor::cat(vec![out.bits, out.alpha_sum], 0), &[&tau])
+            });
+        }
     }
 }
 
 #[test]
-fn gain() {
+fn divergence() {
     let (segments, tau, near) = rays();
-    same("gain", |device| {
+    same("divergence", |device| {
         let (tau, near) = (leaf(&tau, device), leaf(&near, device));
-        pulled(information_gain(tau.clone(), near.clone(), &segments, 1e-10), &[&tau, &near])
+        pulled(ray_divergence(tau.clone(), near.clone(), &segments, 1e-10), &[&tau, &near])
     });
 }
 
@@ -103,7 +113,7 @@ fn factored() {
     let query = |color| Query {
         positions: numbers(7, 3 * SAMPLES, 0.0, 1.0).into(),
         directions: numbers(8, 3 * SAMPLES, -0.5, 0.5).into(),
-        octave_weights: vec![1.0, 1.0, 0.5],
+        frequency_weights: vec![1.0, 1.0, 0.5],
         level_weights: vec![1.0, 0.5],
         color,
     };
@@ -124,10 +134,10 @@ fn encodings() {
     let points = numbers(9, 3 * 500, -3.0, 3.0);
     let variances: Vec<f32> = numbers(10, points.len(), -25.0, 0.0).into_iter().map(f32::exp).collect();
     let window = [1.0, 1.0, 0.5, 0.0];
-    for octaves in [0, 1, 17] {
-        let plain = |device: &Device| to_host(frequency_encode(&points, 3, octaves, &window, device));
+    for frequencies in [0, 1, 17] {
+        let plain = |device: &Device| to_host(frequency_encode(&points, 3, frequencies, &window, device));
         close(&plain(&gpu()), &plain(&Device::flex()), ENCODING, "frequency encoding");
-        let faded = |device: &Device| to_host(integrated_encode(&points, &variances, octaves, &window, device));
+        let faded = |device: &Device| to_host(integrated_encode(&points, &variances, frequencies, &window, device));
         close(&faded(&gpu()), &faded(&Device::flex()), ENCODING, "integrated encoding");
     }
     // A thread for each of more points than one dimension of a grid has groups.
@@ -154,8 +164,9 @@ fn weights(trainer: &Trainer) -> Vec<Vec<f32>> {
 fn gradients(config: &Config, device: &Device) -> Vec<Vec<f32>> {
     const RATE: f64 = 100.0;
     let mut config = config.clone();
-    (config.train.lr, config.train.adam_epsilon, config.train.average) = (RATE, 1.0, 0.0);
-    config.loss.start = 0.0;
+    (config.train.lr, config.train.adam_epsilon, config.train.weight_averaging) = (RATE.into(), 1.0, 0.0);
+    // Every term from the first step.
+    config.loss.entropy.weight = 1e-3.into();
     let mut trainer = trainer(&config, 4, device);
     let before = weights(&trainer);
     steps(&mut trainer, 1);
@@ -188,22 +199,23 @@ fn every_field_trains_the_same() {
         let name = kind(&config);
         let run = |device: &Device| {
             let mut trainer = trainer(&config, 5, device);
-            let losses: Vec<[f32; 3]> = steps(&mut trainer, STEPS)
+            let losses: Vec<BTreeMap<String, f32>> = steps(&mut trainer, STEPS)
                 .into_iter()
                 .filter_map(|event| match event {
-                    Event::Step { loss, entropy, gain, .. } => {
-                        Some([loss, entropy.unwrap_or_default(), gain.unwrap_or_default()])
+                    Event::Step { loss, losses, .. } => {
+                        Some(losses.into_iter().chain([("total".to_owned(), loss)]).collect())
                     }
                     _ => None,
                 })
                 .collect();
-            let view = evaluate_view(trainer.renderer(), &[trainer.learned()], &trainer.scene().test[0]).unwrap();
+            let view = evaluate_view(trainer.renderer(), &[trainer.trained()], &trainer.scene().test[0]).unwrap();
             (losses, view.image.rgb)
         };
         let ((got, picture), (want, expected)) = (run(&gpu()), run(&Device::flex()));
         assert_eq!(want.len(), STEPS);
         for (step, (got, want)) in got.iter().zip(&want).enumerate() {
-            for ((got, want), term) in got.iter().zip(want).zip(["loss", "entropy", "gain"]) {
+            assert!(got.keys().eq(want.keys()), "{name}, step {step}");
+            for ((term, got), want) in got.iter().zip(want.values()) {
                 let apart = (got - want).abs();
                 assert!(apart <= LOSS * want.abs().max(0.01), "{name}, step {step}, {term}: {got} for {want}");
             }

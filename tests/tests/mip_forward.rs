@@ -5,10 +5,11 @@
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::Vec3;
-use infonerf_field::RadianceField;
-use infonerf_ops::{frustum_gaussian, integrated_encode, to_host};
-use infonerf_render::{Level, Model, Renderer, Want};
+use infonerf_field::{FieldSetup, FieldSpec};
+use infonerf_ops::{RayDistribution, frustum_gaussian, integrated_encode, ray_entropy, to_host};
+use infonerf_render::{Model, RenderOutput, RenderRequest, Renderer};
 use infonerf_scene::{Aabb, Ray, Scene};
+use infonerf_schedule::Moment;
 use infonerf_train::{Config, Preset, config};
 use serde_json::Value;
 
@@ -87,7 +88,8 @@ impl ModuleMapper for Rule<'_> {
 
 /// mip-NeRF as in its paper, without jitter.
 fn config() -> Config {
-    let field = "field={kind=\"mip\",layers=8,width=256,skip=5,position_octaves=16,direction_octaves=4,anneal=0.0}";
+    let field =
+        "field={kind=\"mip\",layers=8,width=256,skip=5,position_frequencies=16,direction_frequencies=4,detail=1.0}";
     let mut table = Preset::Paper.table();
     for setting in
         [field, "render.samples=128", "render.fine_samples=128", "render.placement=interval", "render.jitter=false"]
@@ -111,17 +113,19 @@ fn renderer(fixture: &Value) -> Renderer {
         all_train_cameras: Vec::new(),
     };
     let render = config().render;
-    assert_eq!((&fixture["coarse"], &fixture["fine"]), (&render.samples.into(), &render.fine_samples.into()));
+    assert_eq!(fixture["coarse"].as_f64(), Some(render.samples.largest()));
+    assert_eq!(fixture["fine"], render.fine_samples);
     Renderer::new(&render, &scene)
 }
 
-fn compare_level(level: &Level, ray: usize, want: &Value, what: &str) {
+fn compare_output(output: &RenderOutput, ray: usize, want: &Value, what: &str) {
     let row = |tensor: Tensor<1>| to_host(tensor.narrow(0, ray, 1));
-    let color = to_host(level.color.clone().unwrap().narrow(0, ray, 1));
+    let color = to_host(output.color.clone().unwrap().narrow(0, ray, 1));
     compare(&color, &want["color"], &format!("{what}, colour"));
-    compare(&row(level.depth.clone()), &want["depth"], &format!("{what}, depth"));
-    compare(&row(level.composite.acc.clone()), &want["acc"], &format!("{what}, acc"));
-    compare(&row(level.composite.entropy.clone()), &want["entropy"], &format!("{what}, entropy"));
+    compare(&row(output.depth.clone()), &want["depth"], &format!("{what}, depth"));
+    compare(&row(output.acc.clone()), &want["acc"], &format!("{what}, acc"));
+    let entropy = ray_entropy(output.tau.clone(), output.segments(), RayDistribution::Alpha, 0.0);
+    compare(&row(entropy.bits), &want["entropy"], &format!("{what}, entropy"));
 }
 
 #[test]
@@ -135,7 +139,7 @@ fn frusta_and_their_encoding_agree_with_jax() {
         for (got, want) in moments.into_iter().zip(floats(&row["moments"])) {
             compare_relative(got, want, &format!("frustum {index}"));
         }
-        // From the stored Gaussian: at 900 units f32 cannot even hold the phase of the highest octave.
+        // From the stored Gaussian: at 900 units f32 cannot even hold the phase of the highest frequency.
         let single = |key: &str| floats(&row[key]).into_iter().map(|x| x as f32).collect::<Vec<_>>();
         let (mean, variance) = (single("mean"), single("variance"));
         for (axis, d) in direction.to_array().into_iter().enumerate() {
@@ -152,8 +156,8 @@ fn frusta_and_their_encoding_agree_with_jax() {
 fn check(device: &Device) {
     let fixture = &fixture();
     let mut rule = Rule { fixture, visited: 0 };
-    let bounds = [[-HALF_EDGE; 3], [HALF_EDGE; 3]];
-    let field = RadianceField::new(&config().field, bounds, 0, device).unwrap().map(&mut rule);
+    let setup = FieldSetup { bounds: [[-HALF_EDGE; 3], [HALF_EDGE; 3]], seed: 0, device };
+    let field = config().field.build(&setup).unwrap().map(&mut rule);
     assert_eq!(rule.visited, 2 * LAYERS);
     // One network for both passes.
     let model = Model { coarse: None, fine: field };
@@ -164,19 +168,16 @@ fn check(device: &Device) {
         radius: float(&row["radius"]),
     };
     let rays: Vec<Ray> = rows.iter().map(ray).collect();
-    let want = Want { color: true, entropy: Some(0.0) };
-    let (coarse, fine) = renderer(fixture).render(&model, &rays, want, None, None, 1.0);
-    let coarse = coarse.unwrap();
+    let request = RenderRequest { color: true };
+    let passes = renderer(fixture).render(&model, &rays, request, None, None, Moment::END);
+    let (coarse, fine) = (passes.coarse.unwrap(), passes.fine);
     for (index, row) in rows.iter().enumerate() {
         let range = fine.samples.segments.range(index);
         let mut edges: Vec<f32> = range.clone().map(|i| fine.samples.t[i] - 0.5 * fine.samples.delta[i]).collect();
         edges.push(fine.samples.t[range.end - 1] + 0.5 * fine.samples.delta[range.end - 1]);
         compare(&edges, &row["edges"], &format!("ray {index}, edges"));
-        compare_level(&fine, index, &row["fine"], &format!("ray {index}, fine"));
-        // The coarse pass's entropy is not computed: no loss asks for it.
-        let mut expected = row["coarse"].clone();
-        expected["entropy"] = 0.0.into();
-        compare_level(&coarse, index, &expected, &format!("ray {index}, coarse"));
+        compare_output(&fine, index, &row["fine"], &format!("ray {index}, fine"));
+        compare_output(&coarse, index, &row["coarse"], &format!("ray {index}, coarse"));
     }
 }
 

@@ -5,10 +5,11 @@
 use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::Vec3;
-use infonerf_field::RadianceField;
-use infonerf_ops::{information_gain, to_host};
-use infonerf_render::{Level, Model, Renderer, Want};
+use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
+use infonerf_ops::{RayDistribution, ray_divergence, ray_entropy, to_host};
+use infonerf_render::{Model, RenderOutput, RenderRequest, Renderer};
 use infonerf_scene::{Aabb, Ray, Scene};
+use infonerf_schedule::Moment;
 use infonerf_train::{Config, Preset, config};
 use serde_json::{Value, json};
 
@@ -21,7 +22,7 @@ const WEIGHT_TOLERANCE: f64 = 1e-7;
 
 /// The layers in the order in which the module is visited: trunk, density, feature, view, colour.
 const LAYERS: usize = 12;
-const OCTAVES: usize = 10;
+const FREQUENCIES: usize = 10;
 
 fn fixture() -> Value {
     serde_json::from_str(include_str!("../fixtures/nerf_forward.json")).unwrap()
@@ -47,10 +48,12 @@ impl Rule<'_> {
         &self.fixture["weight_probes"][self.net * LAYERS + layer]
     }
 
-    /// Column scale c[i]: 2^(−k/2) where layers 0 and 5 read octave k of the encoded position.
+    /// Column scale c[i]: 2^(−k/2) where layers 0 and 5 read frequency k of the encoded position.
     fn column(layer: usize, input: usize) -> f64 {
         match input.checked_sub(3).map(|i| i / 6) {
-            Some(octave) if (layer == 0 || layer == 5) && octave < OCTAVES => 2f64.powf(-0.5 * octave as f64),
+            Some(frequency) if (layer == 0 || layer == 5) && frequency < FREQUENCIES => {
+                2f64.powf(-0.5 * frequency as f64)
+            }
             _ => 1.0,
         }
     }
@@ -118,9 +121,9 @@ fn config(last_interval: &str) -> Config {
 const HALF_EDGE: f32 = 6.0;
 
 fn network(fixture: &Value, net: usize, device: &Device) -> RadianceField {
-    let bounds = [[-HALF_EDGE; 3], [HALF_EDGE; 3]];
+    let setup = FieldSetup { bounds: [[-HALF_EDGE; 3], [HALF_EDGE; 3]], seed: 0, device };
     let mut rule = Rule { fixture, net, visited: 0 };
-    let field = RadianceField::new(&config("finite").field, bounds, 0, device).unwrap().map(&mut rule);
+    let field = config("finite").field.build(&setup).unwrap().map(&mut rule);
     assert_eq!(rule.visited, 2 * LAYERS);
     field
 }
@@ -137,7 +140,7 @@ fn renderer(fixture: &Value, last_interval: &str) -> Renderer {
         all_train_cameras: Vec::new(),
     };
     let render = config(last_interval).render;
-    assert_eq!(fixture["n_coarse"], render.samples);
+    assert_eq!(fixture["n_coarse"].as_f64(), Some(render.samples.largest()));
     assert_eq!(fixture["n_fine"], render.fine_samples);
     Renderer::new(&render, &scene)
 }
@@ -163,11 +166,11 @@ fn column(tensor: Tensor<1>) -> Vec<f64> {
     to_host(tensor).into_iter().map(f64::from).collect()
 }
 
-fn compare_level(level: &Level, ray: usize, want: &Value, what: &str) {
-    let color: Vec<f64> = to_host(level.color.clone().unwrap()).into_iter().map(f64::from).collect();
+fn compare_output(output: &RenderOutput, epsilon: f32, ray: usize, want: &Value, what: &str) {
+    let color: Vec<f64> = to_host(output.color.clone().unwrap()).into_iter().map(f64::from).collect();
     compare(&color[ray * 3..ray * 3 + 3], &floats(&want["color"]), TOLERANCE, &format!("{what}, colour"));
-    let scalars = [("depth", &level.depth), ("acc", &level.composite.acc), ("entropy", &level.composite.entropy)];
-    for (name, tensor) in scalars {
+    let entropy = ray_entropy(output.tau.clone(), output.segments(), RayDistribution::Alpha, epsilon).bits;
+    for (name, tensor) in [("depth", &output.depth), ("acc", &output.acc), ("entropy", &entropy)] {
         if let Some(want) = want.get(name) {
             compare(&column(tensor.clone())[ray..=ray], &floats(want), TOLERANCE, &format!("{what}, {name}"));
         }
@@ -179,24 +182,27 @@ fn check(device: &Device) {
     let fixture = &fixture();
     let model = Model { coarse: Some(network(fixture, 0, device)), fine: network(fixture, 1, device) };
     let epsilon = fixture["eps"].as_f64().unwrap() as f32;
-    let want = Want { color: true, entropy: Some(epsilon) };
+    let request = RenderRequest { color: true };
     for last_interval in ["finite", "infinite"] {
         let renderer = renderer(fixture, last_interval);
         let render = |origin, direction| {
-            let (coarse, fine) = renderer.render(&model, &rays(fixture, origin, direction), want, None, None, 1.0);
-            (coarse.unwrap(), fine)
+            let rays = rays(fixture, origin, direction);
+            let passes = renderer.render(&model, &rays, request, None, None, Moment::END);
+            (passes.coarse.unwrap(), passes.fine)
         };
         let ray = render("origin", "dir");
         let near = render("near_origin", "near_dir");
         let segments = &ray.1.samples.segments;
-        let gain = |p: &Level, q: &Level| column(information_gain(p.tau.clone(), q.tau.clone(), segments, epsilon));
-        let (forward, backward) = (gain(&ray.1, &near.1), gain(&near.1, &ray.1));
+        let divergence = |p: &RenderOutput, q: &RenderOutput| {
+            column(ray_divergence(p.tau.clone(), q.tau.clone(), segments, epsilon))
+        };
+        let (forward, backward) = (divergence(&ray.1, &near.1), divergence(&near.1, &ray.1));
         for (index, row) in fixture["rays"].as_array().unwrap().iter().enumerate() {
             let expected = &row[last_interval]["f64"];
-            for (name, levels) in [("ray", &ray), ("near_ray", &near)] {
-                for (stage, level) in [("coarse", &levels.0), ("fine", &levels.1)] {
+            for (name, passes) in [("ray", &ray), ("near_ray", &near)] {
+                for (stage, output) in [("coarse", &passes.0), ("fine", &passes.1)] {
                     let what = format!("{last_interval}, {name} {index}, {stage}");
-                    compare_level(level, index, &expected[name][stage], &what);
+                    compare_output(output, epsilon, index, &expected[name][stage], &what);
                 }
             }
             // PyTorch's formula has no threshold: it compares a ray with the empty density of one that hits nothing.

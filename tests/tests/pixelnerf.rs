@@ -8,9 +8,11 @@ use std::path::Path;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use infonerf_field::{
-    DensityActivation, EncoderConfig, Extent, FieldConfig, PixelNerfConfig, Points, RadianceField, SourceView, Sources,
+    DensityActivation, EncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, PixelNerfConfig, Points, RadianceField,
+    SourceView, Sources,
 };
 use infonerf_ops::{Segments, to_host};
+use infonerf_schedule::Moment;
 use infonerf_tests::{hashed, picture, write_weights};
 use serde_json::Value;
 
@@ -135,18 +137,23 @@ impl ModuleMapper for Rule {
     }
 }
 
+/// PixelNeRF knows no box: it works in the cameras' frames.
+fn setup(device: &Device) -> FieldSetup<'_> {
+    FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device }
+}
+
 fn field(weights: &Path, device: &Device) -> RadianceField {
     let config = PixelNerfConfig {
         encoder: EncoderConfig { width: 64, blocks: STAGES.to_vec(), weights: weights.to_owned() },
         blocks: BLOCKS,
         pool_after: POOL_AFTER,
         width: WIDTH,
-        octaves: 6,
-        frequency: 1.5,
+        frequencies: 6,
+        lowest_frequency: 1.5,
         density: DensityActivation::Relu,
     };
     let mut rule = Rule::new();
-    let field = RadianceField::new(&FieldConfig::PixelNerf(config), [[-1.0; 3], [1.0; 3]], 0, device).unwrap();
+    let field = FieldConfig::PixelNerf(config).build(&setup(device)).unwrap();
     let field = field.map(&mut rule);
     assert_eq!((rule.encoder, rule.visited), (0, 2 * (3 + 2 * BLOCKS)));
     field
@@ -213,7 +220,7 @@ fn check(device: &Device) {
         segments: &segments,
         extent: Extent::Ball { variance: 0.0 },
     };
-    let sampled = field.conditioned(&sources).evaluate(points, true, 1.0);
+    let sampled = field.conditioned(&sources).evaluate(points, true, Moment::END);
     let color = sampled.color.unwrap();
     let gradients = (color.clone().sum() + sampled.sigma.clone().sum()).backward();
     compare(to_host(color), &floats(fixture, "rgb"), "colour");
@@ -240,9 +247,8 @@ fn a_file_without_the_weights_is_refused_by_name() {
         let encoder = EncoderConfig { width, blocks: vec![1], weights: folder.path().join(name) };
         let density = DensityActivation::Relu;
         let config =
-            PixelNerfConfig { encoder, blocks: 1, pool_after: 1, width: 4, octaves: 1, frequency: 1.0, density };
-        let config = FieldConfig::PixelNerf(config);
-        RadianceField::new(&config, [[-1.0; 3], [1.0; 3]], 0, &Device::flex()).unwrap_err().to_string()
+            PixelNerfConfig { encoder, blocks: 1, pool_after: 1, width: 4, frequencies: 1, lowest_frequency: 1.0, density };
+        FieldConfig::PixelNerf(config).build(&setup(&Device::flex())).unwrap_err().to_string()
     };
     std::fs::write(folder.path().join("text"), "no weights").unwrap();
     write_weights(&folder.path().join("other"), [("bias".to_owned(), vec![1], vec![0.5])].into_iter());

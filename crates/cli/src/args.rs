@@ -5,6 +5,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
+use infonerf_experiment::{DeviceName, OpenDevice, Selection, parse_seeds};
+use infonerf_metrics::Networks;
+use infonerf_train::Preset;
 
 use crate::command::bench::{BENCH_EXAMPLES, BenchArgs};
 use crate::command::reproduce::{REPRODUCE_EXAMPLES, ReproduceArgs};
@@ -49,9 +52,6 @@ pub(crate) enum Command {
     List,
 }
 
-/// Seeds that one `--seed` may name.
-const MOST_SEEDS: u64 = 10_000;
-
 const EXP_EXAMPLES: &str = "\
 Examples:
   infonerf exp synthetic-4view
@@ -75,7 +75,7 @@ pub(crate) struct ExpArgs {
     /// A built-in experiment (see `infonerf list`) or a TOML file, such as the config.toml of a run.
     pub(crate) experiment: String,
     #[command(flatten)]
-    pub(crate) selection: Selection,
+    pub(crate) selection: SelectionArgs,
     /// Training time for each run, such as 60s or 5m; the schedule follows the clock.
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     pub(crate) budget: Option<Duration>,
@@ -104,7 +104,7 @@ pub(crate) struct PretrainArgs {
     /// A built-in experiment (see `infonerf list`) or a TOML file: one variant, one seed, the scenes to learn from.
     pub(crate) experiment: String,
     #[command(flatten)]
-    pub(crate) selection: Selection,
+    pub(crate) selection: SelectionArgs,
     /// Folder for results: weights go to a folder of the experiment's name in it.
     #[arg(long, value_name = "DIR", default_value = "runs")]
     pub(crate) out: PathBuf,
@@ -115,7 +115,7 @@ pub(crate) struct PretrainArgs {
 
 /// Which runs of an experiment, and what they change.
 #[derive(Clone, Debug, ClapArgs)]
-pub(crate) struct Selection {
+pub(crate) struct SelectionArgs {
     /// Folder that holds the scenes' folders; without it the built-in procedural scenes are used.
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
@@ -128,15 +128,54 @@ pub(crate) struct Selection {
     /// A seed, or several such as 0..4 (0 to 4): decides the training views and all random numbers. Again for more.
     #[arg(long = "seed", value_name = "N", value_parser = parse_seeds)]
     pub(crate) seeds: Vec<RangeInclusive<u64>>,
-    /// Where to compute.
-    #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
-    pub(crate) device: DeviceName,
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+    #[command(flatten)]
+    pub(crate) weights: WeightsArgs,
     /// What the config starts from.
     #[arg(long, value_enum)]
     pub(crate) preset: Option<PresetName>,
     /// Change any key of the config, such as loss.entropy.weight=0.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
+}
+
+impl SelectionArgs {
+    /// The same with a time budget for each run.
+    pub(crate) fn selection(&self, budget: Option<Duration>) -> Selection {
+        Selection {
+            data: self.data.clone(),
+            scenes: self.scenes.clone(),
+            variants: self.variants.clone(),
+            seeds: self.seeds.iter().cloned().flatten().collect(),
+            preset: self.preset.map(PresetName::preset),
+            set: self.set.clone(),
+            budget: budget.map(|budget| budget.as_secs_f64()),
+        }
+    }
+}
+
+/// Networks of learned metrics.
+#[derive(Clone, Debug, ClapArgs)]
+pub(crate) struct WeightsArgs {
+    /// A file or folder of weights of learned metrics, beside the places where `infonerf weights` looks for them.
+    #[arg(long, value_name = "PATH")]
+    pub(crate) weights: Option<PathBuf>,
+}
+
+impl WeightsArgs {
+    /// The networks whose weights are at hand.
+    pub(crate) fn networks(&self, device: &OpenDevice) -> anyhow::Result<Networks> {
+        infonerf_experiment::networks(self.weights.as_deref(), device)
+    }
+}
+
+/// Where to compute.
+#[derive(Clone, Copy, Debug, ClapArgs)]
+pub(crate) struct DeviceArgs {
+    /// Where to compute: auto (the fastest one that is built in), flex, ndarray, wgpu, vulkan or cuda.
+    #[arg(long, value_name = "DEVICE", default_value_t = DeviceName::Auto)]
+    pub(crate) device: DeviceName,
 }
 
 #[derive(Debug, ClapArgs)]
@@ -150,9 +189,10 @@ pub(crate) struct EvalArgs {
     /// Also render at smaller sizes, such as 1/2,1/4,1/8, against the test views averaged over areas; one table.
     #[arg(long = "scale", value_name = "1/N", value_delimiter = ',', value_parser = parse_scale)]
     pub(crate) scales: Vec<u32>,
-    /// Where to compute.
-    #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
-    pub(crate) device: DeviceName,
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+    #[command(flatten)]
+    pub(crate) weights: WeightsArgs,
 }
 
 #[derive(Debug, ClapArgs)]
@@ -171,9 +211,8 @@ pub(crate) struct RenderArgs {
     /// Folder for the frames; by default RUN/render.
     #[arg(long, value_name = "DIR")]
     pub(crate) out: Option<PathBuf>,
-    /// Where to compute.
-    #[arg(long, value_enum, default_value_t = DeviceName::Auto)]
-    pub(crate) device: DeviceName,
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
 }
 
 #[derive(Debug, Subcommand)]
@@ -193,22 +232,6 @@ pub(crate) enum SceneCommand {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum DeviceName {
-    /// The fastest one that is built in.
-    Auto,
-    /// CPU.
-    Flex,
-    /// CPU, the older backend.
-    Ndarray,
-    /// GPU through WGSL.
-    Wgpu,
-    /// GPU through Vulkan.
-    Vulkan,
-    /// NVIDIA GPU.
-    Cuda,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum PresetName {
     /// Small and quick.
     Fast,
@@ -216,6 +239,16 @@ pub(crate) enum PresetName {
     Paper,
     /// The authors' code.
     Released,
+}
+
+impl PresetName {
+    fn preset(self) -> Preset {
+        match self {
+            Self::Fast => Preset::Fast,
+            Self::Paper => Preset::Paper,
+            Self::Released => Preset::Released,
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -248,27 +281,9 @@ fn parse_scale(text: &str) -> Result<u32, String> {
         .ok_or_else(|| format!("expected a scale from 1/2 to 1/64, found `{text}`"))
 }
 
-/// A seed, or a range of them such as `0..4`, both ends included.
-pub(crate) fn parse_seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
-    let fault = || format!("expected a seed such as 3, or seeds such as 0..4, found `{text}`");
-    let number = |text: &str| text.trim().parse::<u64>().map_err(|_| fault());
-    let (first, last) = text.split_once("..").unwrap_or((text, text));
-    let (first, last) = (number(first)?, number(last)?);
-    if first <= last && last - first < MOST_SEEDS { Ok(first..=last) } else { Err(fault()) }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn seeds() {
-        assert_eq!(parse_seeds("3").unwrap(), 3..=3);
-        assert_eq!(parse_seeds("0..4").unwrap(), 0..=4);
-        for text in ["", "..", "4..0", "-1", "0..", "1.5", "0..1000000000"] {
-            assert!(parse_seeds(text).is_err(), "{text}");
-        }
-    }
 
     #[test]
     fn scales() {

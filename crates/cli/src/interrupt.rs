@@ -1,6 +1,8 @@
-//! Ctrl-C: finish the step, save, stop.
+//! Ctrl-C: finish the step or picture at hand, save, stop.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+
+use infonerf_experiment::Control;
 
 static ASKED: AtomicBool = AtomicBool::new(false);
 
@@ -18,4 +20,9 @@ pub(crate) fn install() -> anyhow::Result<()> {
 /// Whether the user asked to stop.
 pub(crate) fn asked() -> bool {
     ASKED.load(Ordering::SeqCst)
+}
+
+/// What the user wants of a run.
+pub(crate) fn control() -> Control {
+    if asked() { Control::Stop } else { Control::Continue }
 }

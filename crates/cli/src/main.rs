@@ -4,13 +4,9 @@
 
 mod args;
 mod command;
-mod device;
-mod experiment;
 mod interrupt;
-mod paper;
-mod plot;
 mod progress;
-mod run;
+mod terminal;
 
 use std::process::ExitCode;
 

@@ -23,7 +23,7 @@ fn an_experiment_on_the_gpu_ends_with_a_report() {
         text(&output.stderr)
     );
     let records = records(&place.path("runs/synthetic-4view"));
-    assert_eq!(records.len(), 2);
+    assert_eq!(records.len(), 3);
     for record in records {
         assert_eq!(record["device"], DEVICE);
         assert!(record["psnr"].as_f64().unwrap() > 5.0, "{record}");

@@ -27,7 +27,7 @@ const RUN: [&str; 12] = [
     "--set",
     "train.checkpoint_every=1",
     "--set",
-    "loss.gain.weight=1e-3",
+    "loss.kl.weight=1e-3",
 ];
 const FOLDER: &str = "synthetic-4view/knot/infonerf/seed0";
 
@@ -146,8 +146,8 @@ fn two_runs_in_one_folder() {
 #[test]
 fn what_cannot_fit_into_memory_is_refused() {
     let place = Workplace::new();
-    let field = "field={kind=\"nerf\",layers=64,width=4096,skip=1,position_octaves=4,direction_octaves=2,density=\"relu\",anneal=0.0}";
-    let args = ["--set", field, "--set", "train.samples=0", "--set", "train.rays=65536"];
+    let field = "field={kind=\"nerf\",layers=64,width=4096,skip=1,position_frequencies=4,direction_frequencies=2,density=\"relu\",detail=1.0}";
+    let args = ["--set", field, "--set", "train.target_samples=0", "--set", "train.rays=65536"];
     place.tiny(&RUN).args(&args).fails_with(&["train.rays and render.samples", "GiB", "available"]);
 }
 

@@ -50,7 +50,7 @@ fn statements_are_tested_beside_the_papers_figures() {
     // Rows are in the order of the file, and views are what their names say.
     let list = records(&root.join("baseline"));
     let order: Vec<&str> = list.iter().map(|record| record["variant"].as_str().unwrap()).collect();
-    let rows = ["none", "gain", "entropy", "both"];
+    let rows = ["none", "kl", "entropy", "both"];
     let expected: Vec<String> = ["narrow", "wide"].iter().flat_map(|b| rows.map(|row| format!("{b}-{row}"))).collect();
     assert_eq!(order, expected);
     assert_ne!(list[0]["train_views"], list[4]["train_views"]);

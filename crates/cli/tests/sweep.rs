@@ -22,7 +22,7 @@ const SWEEP: [&str; 14] = [
     "--grid",
     "loss.entropy.weight=0,1e-3",
     "--grid",
-    "loss.gain.weight=0,1e-4",
+    "loss.kl.weight=0,1e-4",
     "--seed",
     "0..1",
     "--set",
@@ -77,7 +77,7 @@ fn every_combination_is_run_once() {
     assert_eq!(list.len(), RUNS);
     let variants: BTreeSet<&str> = list.iter().map(|record| record["variant"].as_str().unwrap()).collect();
     let expected =
-        ["0_loss.gain.weight_0", "0_loss.gain.weight_1e-4", "1e-3_loss.gain.weight_0", "1e-3_loss.gain.weight_1e-4"]
+        ["0_loss.kl.weight_0", "0_loss.kl.weight_1e-4", "1e-3_loss.kl.weight_0", "1e-3_loss.kl.weight_1e-4"]
             .map(|rest| format!("infonerf_loss.entropy.weight_{rest}"));
     assert_eq!(variants, expected.iter().map(String::as_str).collect());
     for file in ["table.md", "table.csv", "table.tex", "report.html", "report.md", "plots/sweep-psnr-infonerf.svg"] {
@@ -92,7 +92,7 @@ fn every_combination_is_run_once() {
         .collect();
     assert_eq!(lines.len(), RUNS);
     let config: toml::Table = lines[3]["config"].as_str().unwrap().parse().unwrap();
-    assert_eq!(config["config"]["loss"]["gain"]["weight"].as_float().map(|weight| weight as f32), Some(1e-4));
+    assert_eq!(config["config"]["loss"]["kl"]["weight"].as_float().map(|weight| weight as f32), Some(1e-4));
     assert_eq!((&lines[3]["seed"], &lines[3]["source"]), (&1.into(), &"built-in scene knot".into()));
 
     // Again: nothing is left to do, and nothing changes.
@@ -123,7 +123,7 @@ const WEIGHTS: [&str; 10] = [
     "--grid",
     "loss.entropy.weight=0,1e-4,1e-3,1e-2",
     "--grid",
-    "loss.gain.weight=0,1e-5,1e-4",
+    "loss.kl.weight=0,1e-5,1e-4",
 ];
 
 #[test]
@@ -184,8 +184,7 @@ fn hopeless_settings_are_stopped_early() {
     // A learning rate of 0 learns nothing: it cannot be among the best.
     let halving = |out: &str| {
         let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--halving", "2"];
-        let grid =
-            ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12", "--set", "train.lr_warmup=0"];
+        let grid = ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12"];
         place.tiny(&args).args(&grid).args(&["--out", out])
     };
     let said = text(&halving("runs").succeeds().stdout);
@@ -198,8 +197,7 @@ fn hopeless_settings_are_stopped_early() {
     // Stopped runs are saved: without halving the sweep goes on with them, and ends where one without would.
     let whole = |place: &Workplace, out: &str| {
         let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--out", out];
-        let grid =
-            ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12", "--set", "train.lr_warmup=0"];
+        let grid = ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12"];
         place.tiny(&args).args(&grid).succeeds();
         without_times(&records(&folder(place, out)))
     };
@@ -282,7 +280,7 @@ fn bad_grids() {
         ("loss.entropy.weight=1,1.0", &["loss.entropy.weight=1 ", "loss.entropy.weight=1.0", "the same run"]),
         ("loss.entropy.weight=0,high", &["loss.entropy.weight", "high"]),
         ("loss.entropy.weight=-1", &["loss.entropy.weight"]),
-        ("train.center_steps=0.5", &["train.center_steps", "0.5"]),
+        ("train.precrop_steps=0.5", &["train.precrop_steps", "0.5"]),
         ("..=1", &["..=1"]),
     ] {
         grid(&["--grid", values]).fails_with(parts);
@@ -309,7 +307,7 @@ fn bad_grids() {
         ("train.lr=log:0:1", &["--range train.lr=log:0:1", "above 0"]),
         ("train.lr=int:0.5:1", &["--range train.lr=int:0.5:1", "whole numbers"]),
         ("train.lrr=0:1", &["lrr"]),
-        ("train.center_steps=0:9", &["train.center_steps"]),
+        ("train.precrop_steps=0:9", &["train.precrop_steps"]),
         ("loss.entropy.weight=-2:-1", &["loss.entropy.weight"]),
     ] {
         random(range).fails_with(parts);

@@ -1,13 +1,79 @@
 //! A field factored into planes and lines with a tiny MLP: the fast one.
 
+use std::fmt;
 use std::sync::Arc;
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
-use rand::Rng;
+use infonerf_schedule::{Moment, Schedule};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 
-use crate::{FactoredConfig, Points, Sampled, init::uniform};
+use crate::check::{check, check_detail};
+use crate::detail::part_weights;
+use crate::init::uniform;
+use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled};
+
+/// Sizes of [`FactoredField`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FactoredConfig {
+    /// Texels along each axis of each level, coarsest first.
+    pub resolutions: Vec<usize>,
+    /// Features of each plane and line: 2, 4, 8 or 16.
+    pub channels: usize,
+    /// Frequencies of the position's encoding.
+    pub frequencies: usize,
+    /// Hidden layers of the MLP.
+    pub layers: usize,
+    /// Width of the MLP.
+    pub width: usize,
+    /// Whether colour depends on the view direction, linearly within its sigmoid.
+    pub view_dependent: bool,
+    /// s in σ = s·softplus(x + b), relative to the longest side of the scene's box: the same scene in other units learns
+    /// alike.
+    pub density_scale: f32,
+    /// b in σ = s·softplus(x + b): how empty space is before training.
+    pub density_bias: f32,
+    /// Share of the finer levels and higher frequencies that is there, coarsest first; 1 for all.
+    pub detail: Schedule,
+}
+
+impl fmt::Display for FactoredConfig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let finest = self.resolutions.iter().max().copied().unwrap_or(0);
+        write!(f, "planes and lines of up to {finest} texels with an MLP of {} layers of {}", self.layers, self.width)
+    }
+}
+
+impl FieldSpec for FactoredConfig {
+    type Field = FactoredField;
+
+    fn validate(&self) -> Result<(), ConfigError> {
+        let good = (1..=8).contains(&self.resolutions.len()) && self.resolutions.iter().all(|r| (2..=2048).contains(r));
+        check("resolutions", "1 to 8 numbers from 2 to 2048", format!("{:?}", self.resolutions), good)?;
+        check("channels", "2, 4, 8 or 16", self.channels, [2, 4, 8, 16].contains(&self.channels))?;
+        check("frequencies", "0 to 16", self.frequencies, self.frequencies <= 16)?;
+        check("layers", "0 to 8", self.layers, self.layers <= 8)?;
+        check("width", "1 to 256", self.width, (1..=256).contains(&self.width))?;
+        let scale = self.density_scale;
+        check("density_scale", "above 0, at most 1e6", scale, scale > 0.0 && scale <= 1e6)?;
+        check("density_bias", "-50 to 50", self.density_bias, (-50.0..=50.0).contains(&self.density_bias))?;
+        check_detail(&self.detail)
+    }
+
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<FactoredField, ConfigError> {
+        Ok(FactoredField::new(self, setup))
+    }
+
+    fn footprint(&self) -> Footprint {
+        let texels: u64 = self.resolutions.iter().map(|&r| (r as u64).pow(2) + r as u64).sum();
+        // Position, direction, distance, interval, density and colour; the kernel works through the rest in blocks.
+        Footprint { parameters: 3 * self.channels as u64 * texels, per_sample: 12 }
+    }
+}
 
 /// Planes ⊙ lines → features → MLP → density and colour, in one operation: see [`infonerf_ops::factored`].
 ///
@@ -26,22 +92,23 @@ pub struct FactoredField {
 }
 
 impl FactoredField {
-    /// A field over the box from `bounds[0]` to `bounds[1]`.
-    pub(crate) fn new(config: &FactoredConfig, bounds: [[f32; 3]; 2], rng: &mut impl Rng, device: &Device) -> Self {
+    fn new(config: &FactoredConfig, setup: &FieldSetup<'_>) -> Self {
+        let &FieldSetup { bounds, seed, device } = setup;
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let levels: Vec<(usize, usize)> = config.resolutions.iter().map(|&r| (r, config.channels)).collect();
         let longest = (0..3).map(|axis| bounds[1][axis] - bounds[0][axis]).fold(0.0, f32::max);
         let density = (config.density_scale / longest, config.density_bias);
-        let layout =
-            Layout::new(config.octaves, &levels, (config.layers, config.width), config.view_dependent, density);
+        let mlp = (config.layers, config.width);
+        let layout = Layout::new(config.frequencies, &levels, mlp, config.view_dependent, density);
         let mut tables = Vec::with_capacity(layout.table_len());
         for level in &layout.levels {
-            tables.extend(uniform(rng, 3 * level.plane_len(), 0.1));
-            tables.extend(uniform(rng, 3 * level.line_len(), 0.17).into_iter().map(|x| 1.0 + x));
+            tables.extend(uniform(&mut rng, 3 * level.plane_len(), 0.1));
+            tables.extend(uniform(&mut rng, 3 * level.line_len(), 0.17).into_iter().map(|x| 1.0 + x));
         }
         let mut weights = Vec::with_capacity(layout.weight_len());
         for (index, layer) in layout.layers.iter().enumerate() {
             let gain = if index + 1 == layout.layers.len() { 0.5 } else { 1.0 };
-            let mut matrix = uniform(rng, layer.inputs * layer.outputs, gain * (6.0 / layer.inputs as f32).sqrt());
+            let mut matrix = uniform(&mut rng, layer.inputs * layer.outputs, gain * (6.0 / layer.inputs as f32).sqrt());
             if index + 1 == layout.layers.len() {
                 // Colour does not depend on the direction before training.
                 matrix[4 * layer.inputs..].fill(0.0);
@@ -62,66 +129,41 @@ impl FactoredField {
         }
     }
 
-    pub(crate) fn evaluate(&self, points: Points<'_>, color: bool, progress: f32) -> Sampled {
+    /// Positions in [0, 1]³ over the box. Beyond the box the border goes on.
+    fn normalised(&self, positions: &[f32]) -> Arc<[f32]> {
         let [low, high] = self.bounds;
         let scale = [0, 1, 2].map(|axis| 1.0 / (high[axis] - low[axis]));
-        let mut positions = points.positions.to_vec();
+        let mut positions = positions.to_vec();
         for p in positions.chunks_exact_mut(3) {
             for axis in 0..3 {
-                // Beyond the box the border goes on.
                 p[axis] = ((p[axis] - low[axis]) * scale[axis]).clamp(0.0, 1.0);
             }
         }
-        let positions: Arc<[f32]> = positions.into();
-        let samples = positions.len() / 3;
-        let open = if self.config.anneal > 0.0 { (progress / self.config.anneal).min(1.0) } else { 1.0 };
-        let directions: Arc<[f32]> = if color && self.config.view_dependent {
-            let mut directions = Vec::with_capacity(3 * samples);
-            for (ray, range) in points.directions.chunks_exact(3).zip(points.segments.ranges()) {
-                for _ in range {
-                    directions.extend_from_slice(ray);
-                }
-            }
-            directions.into()
-        } else {
-            Arc::new([])
-        };
+        positions.into()
+    }
+}
+
+impl Field for FactoredField {
+    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
+        let samples = points.len();
+        let detail = self.config.detail.at(at);
+        let wants_directions = color && self.config.view_dependent;
         let query = Query {
-            positions,
-            directions,
-            octave_weights: fade(self.config.octaves, 2.0, open),
-            level_weights: fade(self.layout.levels.len(), 1.0, open),
+            positions: self.normalised(points.positions),
+            directions: if wants_directions { points.sample_directions().into() } else { Arc::new([]) },
+            frequency_weights: part_weights(self.config.frequencies, 2.0, detail),
+            level_weights: part_weights(self.layout.levels.len(), 1.0, detail),
             color,
         };
         let out = factored_field(self.tables.val(), self.weights.val(), &self.layout, query);
         Sampled { sigma: out.clone().narrow(1, 0, 1).reshape([samples]), color: color.then(|| out.narrow(1, 1, 3)) }
     }
 
-    /// Total variation of the planes; a scalar.
-    pub(crate) fn variation(&self) -> Tensor<1> {
-        plane_variation(self.tables.val(), &self.layout)
-    }
-
-    pub(crate) fn device(&self) -> Device {
+    fn device(&self) -> Device {
         self.tables.val().device()
     }
-}
 
-/// Weights of `count` parts, the first `start` of them there from the beginning, the others one after another.
-fn fade(count: usize, start: f32, open: f32) -> Vec<f32> {
-    let there = start + (count as f32 - start).max(0.0) * open;
-    (0..count).map(|part| (there - part as f32).clamp(0.0, 1.0)).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn levels_fade_in_one_after_another() {
-        assert_eq!(fade(4, 1.0, 0.0), [1.0, 0.0, 0.0, 0.0]);
-        assert_eq!(fade(4, 1.0, 0.5), [1.0, 1.0, 0.5, 0.0]);
-        assert_eq!(fade(4, 1.0, 1.0), [1.0; 4]);
-        assert_eq!(fade(1, 2.0, 0.3), [1.0]);
+    fn total_variation(&self) -> Option<Tensor<1>> {
+        Some(plane_variation(self.tables.val(), &self.layout))
     }
 }

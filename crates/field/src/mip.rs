@@ -1,20 +1,85 @@
 //! mip-NeRF (Barron et al. 2021): a network of volumes, not of points.
 
+use std::fmt;
+
 use burn::module::Module;
 use burn::tensor::{Device, activation::sigmoid};
 use infonerf_ops::frustum_gaussian;
 use infonerf_ops::integrated::{integrated_encode, integrated_width};
-use rand::Rng;
+use infonerf_schedule::{Moment, Schedule};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 
-use crate::anneal::anneal_window;
+use crate::check::{check, check_detail, check_mlp, dense_footprint};
+use crate::detail::frequency_window;
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
-use crate::{DensityActivation, Extent, MipConfig, Points, Sampled};
+use crate::{ConfigError, DensityActivation, Extent, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled};
+
+/// Sizes of [`MipNerf`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MipConfig {
+    /// Hidden layers of the trunk (mip-NeRF: 8).
+    pub layers: usize,
+    /// Width of the trunk (mip-NeRF: 256); the view branch has half of it.
+    pub width: usize,
+    /// The trunk layer, counted from 0, that sees the encoded position again (mip-NeRF: 5). None if not below `layers`.
+    pub skip: usize,
+    /// Frequencies of the position's integrated encoding (mip-NeRF: 16).
+    pub position_frequencies: usize,
+    /// Frequencies of the direction's encoding (mip-NeRF: 4).
+    pub direction_frequencies: usize,
+    /// Share of the position's frequencies that is there, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
+    pub detail: Schedule,
+}
+
+impl fmt::Display for MipConfig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "mip MLP of {} layers of {}", self.layers, self.width)
+    }
+}
+
+impl FieldSpec for MipConfig {
+    type Field = MipNerf;
+
+    fn validate(&self) -> Result<(), ConfigError> {
+        check_mlp(self.layers, self.width, self.direction_frequencies)?;
+        let frequencies = self.position_frequencies;
+        check("position_frequencies", "1 to 20", frequencies, (1..=20).contains(&frequencies))?;
+        check_detail(&self.detail)
+    }
+
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<MipNerf, ConfigError> {
+        let size = MlpSize {
+            inputs: integrated_width(self.position_frequencies),
+            layers: self.layers,
+            width: self.width,
+            skip: self.skip,
+            direction_frequencies: self.direction_frequencies,
+        };
+        let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
+        Ok(MipNerf { mlp: Mlp::new(size, Init::Glorot, &mut rng, setup.device), config: self.clone() })
+    }
+
+    fn footprint(&self) -> Footprint {
+        dense_footprint(self.layers, self.width)
+    }
+
+    fn shares_passes(&self) -> bool {
+        true
+    }
+
+    fn needs_intervals(&self) -> bool {
+        true
+    }
+}
 
 /// Each sample's piece of its cone, as a Gaussian with its encoding integrated, through the MLP.
 ///
-/// One network serves the coarse and the fine pass: how wide a sample is tells it how much detail is wanted. Density is
-/// softplus(x − 1), so that it starts low and never dies, and colour's sigmoid is widened so that 0 and 1 are reached.
+/// One network serves the coarse and the fine pass: the width of a sample tells it how much detail is asked for. Density
+/// is softplus(x − 1), which starts low and never dies, and colour's sigmoid is widened so that 0 and 1 are reached.
 #[derive(Module, Debug)]
 pub struct MipNerf {
     mlp: Mlp,
@@ -25,23 +90,12 @@ pub struct MipNerf {
 /// How far the colour's sigmoid reaches beyond [0, 1] on both sides (released code: `rgb_padding`).
 const COLOR_PADDING: f32 = 0.001;
 
-impl MipNerf {
-    pub(crate) fn new(config: &MipConfig, rng: &mut impl Rng, device: &Device) -> Self {
-        let size = MlpSize {
-            inputs: integrated_width(config.position_octaves),
-            layers: config.layers,
-            width: config.width,
-            skip: config.skip,
-            direction_octaves: config.direction_octaves,
-        };
-        Self { mlp: Mlp::new(size, Init::Glorot, rng, device), config: config.clone() }
-    }
-
-    pub(crate) fn evaluate(&self, points: Points<'_>, color: bool, progress: f32) -> Sampled {
-        let octaves = self.config.position_octaves;
-        let window = anneal_window(octaves, self.config.anneal, progress);
+impl Field for MipNerf {
+    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
+        let frequencies = self.config.position_frequencies;
+        let window = frequency_window(frequencies, self.config.detail.at(at));
         let (means, variances) = gaussians(points);
-        let encoded = integrated_encode(&means, &variances, octaves, &window, &self.device());
+        let encoded = integrated_encode(&means, &variances, frequencies, &window, &self.device());
         let (sigma, color) = self.mlp.forward(encoded, points, color);
         Sampled {
             sigma: DensityActivation::Softplus.apply(sigma),
@@ -49,7 +103,7 @@ impl MipNerf {
         }
     }
 
-    pub(crate) fn device(&self) -> Device {
+    fn device(&self) -> Device {
         self.mlp.device()
     }
 }

@@ -20,8 +20,8 @@ pub(crate) struct MlpSize {
     pub(crate) width: usize,
     /// The trunk layer that sees the encoded position again.
     pub(crate) skip: usize,
-    /// Octaves of the direction's encoding.
-    pub(crate) direction_octaves: usize,
+    /// Frequencies of the direction's encoding.
+    pub(crate) direction_frequencies: usize,
 }
 
 /// Encoded position → trunk of ReLU layers with one skip → density; trunk features and encoded direction → colour.
@@ -35,12 +35,12 @@ pub(crate) struct Mlp {
     #[module(skip)]
     skip: usize,
     #[module(skip)]
-    direction_octaves: usize,
+    direction_frequencies: usize,
 }
 
 impl Mlp {
     pub(crate) fn new(size: MlpSize, init: Init, rng: &mut impl Rng, device: &Device) -> Self {
-        let MlpSize { inputs, layers, width, skip, direction_octaves } = size;
+        let MlpSize { inputs, layers, width, skip, direction_frequencies } = size;
         let trunk = (0..layers)
             .map(|layer| {
                 let fan_in = match layer {
@@ -55,10 +55,10 @@ impl Mlp {
             trunk,
             sigma: init.linear(rng, width, 1, device),
             feature: init.linear(rng, width, width, device),
-            view: init.linear(rng, width + encoded_width(3, direction_octaves), width / 2, device),
+            view: init.linear(rng, width + encoded_width(3, direction_frequencies), width / 2, device),
             rgb: init.linear(rng, width / 2, 3, device),
             skip,
-            direction_octaves,
+            direction_frequencies,
         }
     }
 
@@ -78,7 +78,7 @@ impl Mlp {
                 view: dense(&self.view),
                 rgb: dense(&self.rgb),
                 directions: points.directions.into(),
-                octaves: self.direction_octaves,
+                frequencies: self.direction_frequencies,
                 segments: points.segments.clone(),
             }),
         };

@@ -1,14 +1,73 @@
 //! The MLP of NeRF (Mildenhall et al. 2020, Fig. 7).
 
+use std::fmt;
+
 use burn::module::Module;
 use burn::tensor::{Device, activation::sigmoid};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
-use rand::Rng;
+use infonerf_schedule::{Moment, Schedule};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 
-use crate::anneal::anneal_window;
+use crate::check::{check, check_detail, check_mlp, dense_footprint};
+use crate::detail::frequency_window;
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
-use crate::{NerfConfig, Points, Sampled};
+use crate::{ConfigError, DensityActivation, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled};
+
+/// Sizes of [`NerfMlp`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NerfConfig {
+    /// Hidden layers of the trunk (paper: 8).
+    pub layers: usize,
+    /// Width of the trunk (paper: 256); the view branch has half of it.
+    pub width: usize,
+    /// The trunk layer, counted from 0, that sees the encoded position again (paper: 5). None if not below `layers`.
+    pub skip: usize,
+    /// Frequencies of the position's encoding (paper: 10).
+    pub position_frequencies: usize,
+    /// Frequencies of the direction's encoding (paper: 4).
+    pub direction_frequencies: usize,
+    /// How raw density becomes σ.
+    pub density: DensityActivation,
+    /// Share of the position's frequencies that is there, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
+    pub detail: Schedule,
+}
+
+impl fmt::Display for NerfConfig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "MLP of {} layers of {}", self.layers, self.width)
+    }
+}
+
+impl FieldSpec for NerfConfig {
+    type Field = NerfMlp;
+
+    fn validate(&self) -> Result<(), ConfigError> {
+        check_mlp(self.layers, self.width, self.direction_frequencies)?;
+        let frequencies = self.position_frequencies;
+        check("position_frequencies", "0 to 20", frequencies, frequencies <= 20)?;
+        check_detail(&self.detail)
+    }
+
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<NerfMlp, ConfigError> {
+        let size = MlpSize {
+            inputs: encoded_width(3, self.position_frequencies),
+            layers: self.layers,
+            width: self.width,
+            skip: self.skip,
+            direction_frequencies: self.direction_frequencies,
+        };
+        let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
+        Ok(NerfMlp { mlp: Mlp::new(size, Init::FanIn, &mut rng, setup.device), config: self.clone() })
+    }
+
+    fn footprint(&self) -> Footprint {
+        dense_footprint(self.layers, self.width)
+    }
+}
 
 /// Positions, encoded as points, through the MLP.
 #[derive(Module, Debug)]
@@ -18,27 +77,16 @@ pub struct NerfMlp {
     config: NerfConfig,
 }
 
-impl NerfMlp {
-    pub(crate) fn new(config: &NerfConfig, rng: &mut impl Rng, device: &Device) -> Self {
-        let size = MlpSize {
-            inputs: encoded_width(3, config.position_octaves),
-            layers: config.layers,
-            width: config.width,
-            skip: config.skip,
-            direction_octaves: config.direction_octaves,
-        };
-        Self { mlp: Mlp::new(size, Init::FanIn, rng, device), config: config.clone() }
-    }
-
-    pub(crate) fn evaluate(&self, points: Points<'_>, color: bool, progress: f32) -> Sampled {
+impl Field for NerfMlp {
+    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
         let c = &self.config;
-        let window = anneal_window(c.position_octaves, c.anneal, progress);
-        let encoded = frequency_encode(points.positions, 3, c.position_octaves, &window, &self.device());
+        let window = frequency_window(c.position_frequencies, c.detail.at(at));
+        let encoded = frequency_encode(points.positions, 3, c.position_frequencies, &window, &self.device());
         let (sigma, color) = self.mlp.forward(encoded, points, color);
         Sampled { sigma: c.density.apply(sigma), color: color.map(sigmoid) }
     }
 
-    pub(crate) fn device(&self) -> Device {
+    fn device(&self) -> Device {
         self.mlp.device()
     }
 }

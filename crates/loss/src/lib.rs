@@ -1,39 +1,76 @@
-//! Losses of few-shot radiance fields: pure functions of what a render returns.
+//! The training objective: L = Σ weight · term, over a list of terms.
 //!
-//! L = L_RGB + λ₁ L_entropy + λ₂ L_KL (InfoNeRF, Eq. 10).
+//! A term is one file in `terms/` and one line in the list of [`LossConfig`]. It has a name, which is its table in config
+//! files; a weight with a [`Schedule`](infonerf_schedule::Schedule); what it [needs](Need) rendered; and a value, which is
+//! a mean over what its documentation says. The trainer renders the union of what the terms that are on need, and passes
+//! on a map of names to values: nothing else lists losses, and no term depends on whether another is on.
+//!
+//! InfoNeRF's objective is L_RGB + λ₁ L_entropy + λ₂ L_KL (Eq. 10): the terms `rgb`, `entropy` and `kl`.
 
-mod entropy;
-mod gain;
-mod photometric;
-mod semantic;
+mod list;
+mod objective;
+mod renders;
+mod term;
+mod terms;
 
-pub use entropy::{EntropyConfig, HitMask, HitRule, entropy_loss};
-pub use gain::{Direction, GainConfig, gain_loss};
-pub use photometric::{Norm, photometric_loss};
-pub use semantic::{SemanticConfig, semantic_loss};
+pub use list::LossConfig;
+pub use objective::{DueTerm, LossValues, Objective, needs};
+pub use renders::{Bundle, Need, NeighbourBundles, Picture, RaySet, Renders, Target};
+pub use term::{LossError, Term, TermSetup, TermSpec};
+pub use terms::entropy::{EntropyConfig, HitMask, HitRule, masked_entropy};
+pub use terms::kl::{Direction, KlConfig};
+pub use terms::mask::MaskConfig;
+pub use terms::opacity::OpacityConfig;
+pub use terms::photometric::{Norm, PhotometricConfig, photometric_loss};
+pub use terms::semantic::{SemanticConfig, semantic_loss};
+pub use terms::silhouette::SilhouetteConfig;
+pub use terms::tv::TvConfig;
 
-use serde::{Deserialize, Serialize};
+#[cfg(test)]
+pub(crate) mod testing {
+    //! Renders by hand, for the tests of terms.
 
-/// Which rays a regulariser is taken over.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum RaySet {
-    /// Rays of training images.
-    Seen,
-    /// Rays of sampled poses.
-    Unseen,
-    /// Both.
-    All,
-}
+    use burn::tensor::{Device, Tensor, TensorData};
+    use infonerf_ops::{Segments, composite};
+    use infonerf_render::{Passes, RenderOutput, Samples};
 
-impl RaySet {
-    /// Whether rays of training images count.
-    pub fn seen(self) -> bool {
-        self != Self::Unseen
-    }
+    use crate::{Bundle, NeighbourBundles, Renders, Target};
 
-    /// Whether rays of sampled poses count.
-    pub fn unseen(self) -> bool {
-        self != Self::Seen
+    /// Black rays of training images whose samples, one unit long each, have the optical depths `tau`.
+    pub fn renders(tau: &[&[f32]]) -> Renders {
+        let device = Device::flex();
+        let segments = Segments::from_counts(tau.iter().map(|ray| ray.len()));
+        let (rays, count) = (segments.rays(), segments.samples());
+        let t: Vec<f32> = tau.iter().flat_map(|ray| (0..ray.len()).map(|i| i as f32 + 0.5)).collect();
+        let tau = Tensor::<1>::from_data(TensorData::new(tau.concat(), [count]), &device);
+        let values = Tensor::<2>::zeros([count, 3], &device);
+        let composite = composite(tau.clone(), values, &segments);
+        let output = RenderOutput {
+            samples: Samples {
+                segments,
+                delta: vec![1.0; count],
+                positions: vec![0.0; 3 * count],
+                directions: vec![0.0; 3 * rays],
+                radii: vec![0.0; rays],
+                candidates: count,
+                t,
+            },
+            tau,
+            color: Some(composite.values),
+            depth: Tensor::zeros([rays], &device),
+            acc: composite.acc,
+        };
+        let target = Target {
+            rgb: Tensor::zeros([rays, 3], &device),
+            rgba: vec![[0.0, 0.0, 0.0, 1.0]; rays],
+            background: [1.0; 3],
+        };
+        Renders {
+            seen: Bundle { passes: Passes { coarse: None, fine: output }, target: Some(target) },
+            unseen: None,
+            neighbours: NeighbourBundles::default(),
+            picture: None,
+            total_variation: None,
+        }
     }
 }

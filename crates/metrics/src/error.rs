@@ -1,6 +1,8 @@
 use thiserror::Error;
 
-/// Why a metric has no value.
+use crate::picture::dimensions;
+
+/// Why a metric has no value, in one line.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum MetricError {
     /// There is nothing to average over.
@@ -27,16 +29,82 @@ pub enum MetricError {
         /// Index of the first such pixel or value.
         index: usize,
     },
-    /// The image is smaller than the metric's window.
-    #[error("{metric} needs both sides to be at least {minimum} pixels, got {width}×{height}")]
+    /// Two pictures, or a picture and its mask, differ in size.
+    #[error("the {what} has {} pixels, the render {}", dimensions(*found), dimensions(*expected))]
+    Size {
+        /// What does not fit the render: `truth`, `mask`.
+        what: &'static str,
+        /// Its width and height.
+        found: [usize; 2],
+        /// Width and height of the render.
+        expected: [usize; 2],
+    },
+    /// The picture is smaller than the metric's window.
+    #[error("both sides need at least {minimum} pixels, got {}", dimensions(*found))]
     TooSmall {
-        /// The metric that was asked for.
-        metric: &'static str,
-        /// Image width in pixels.
-        width: usize,
-        /// Image height in pixels.
-        height: usize,
+        /// Width and height of the picture.
+        found: [usize; 2],
         /// Smallest side accepted.
         minimum: usize,
+    },
+    /// SSIM's data range is no positive number.
+    #[error("SSIM's data range is {found}, expected more than 0")]
+    DataRange {
+        /// The number given.
+        found: String,
+    },
+    /// A border of that width is all of the picture.
+    #[error("a border of {crop} pixels leaves nothing of {}", dimensions(*found))]
+    Cropped {
+        /// Width of the border.
+        crop: usize,
+        /// Width and height of the picture.
+        found: [usize; 2],
+    },
+    /// No pixel of the mask is inside.
+    #[error("the mask is empty: no pixel is inside")]
+    EmptyMask,
+    /// The metric is over a mask, and there is none.
+    #[error("no mask")]
+    NoMask,
+    /// The metric compares depth, and the true depth is not known.
+    #[error("no true depth")]
+    NoDepth,
+    /// No ray hits something both in the render and in the truth.
+    #[error("no pixel where both the render and the truth hit something")]
+    NothingHit,
+    /// The truth has no gradient to compare with.
+    #[error("the truth is flat")]
+    Flat,
+    /// The metric needs a network whose weights are not at hand.
+    #[error("no weights; `infonerf weights import FILE` or `infonerf weights fetch {network}`")]
+    NoWeights {
+        /// Name of the network, such as `lpips-alex`.
+        network: &'static str,
+    },
+    /// The network gave no answer.
+    #[error("{0}")]
+    Network(String),
+    /// The metric compares distributions, and there are too few samples.
+    #[error("needs at least {minimum} pictures, got {found}")]
+    TooFew {
+        /// Pictures given.
+        found: usize,
+        /// Fewest pictures accepted.
+        minimum: usize,
+    },
+    /// No metric has that key.
+    #[error("no metric is called `{key}`; known: {}", crate::METRICS.iter().map(|metric| metric.key()).collect::<Vec<_>>().join(", "))]
+    UnknownMetric {
+        /// The key that was asked for.
+        key: String,
+    },
+    /// A metric that was asked for has no value.
+    #[error("{key}: {reason}")]
+    Missing {
+        /// Its key.
+        key: String,
+        /// Why.
+        reason: String,
     },
 }

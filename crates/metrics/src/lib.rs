@@ -1,41 +1,52 @@
-//! Image, depth and summary metrics of a few-shot radiance field.
+//! Image metrics: pictures in, numbers out.
 //!
-//! Images are row-major slices of RGB triples, `pixels[y * width + x]`, with values in `[0, 1]` as displayed and
-//! composited on the background; every metric is a pure function of two of them. [`compare`] is the evaluation
-//! protocol (both images rounded to 8 bits first, then every metric), [`Summary`] the mean ± standard deviation over
-//! seeds.
+//! [`METRICS`] is the one list of what is measured, [`evaluate`] measures pairs of render and truth with all of it, and
+//! [`protocol`] says exactly how. Metrics that need a network get it from [`Networks`]; without it they have no value, and
+//! a note says how to get its weights. Each metric is a pure function too:
 //!
 //! ```
-//! use infonerf_metrics::{Comparison, compare, psnr};
+//! use infonerf_metrics::{Picture, psnr};
 //!
-//! let truth = vec![[0.5, 0.5, 0.5]; 16 * 16];
-//! let render = vec![[0.6, 0.6, 0.6]; 16 * 16];
+//! let truth = Picture::new(vec![[0.5; 3]; 16 * 16], 16, 16)?;
+//! let render = Picture::new(vec![[0.6; 3]; 16 * 16], 16, 16)?;
 //! assert!((psnr(&render, &truth)? - 20.0).abs() < 1e-4);
-//!
-//! let comparison: Comparison = compare(&render, &truth, 16, 16)?;
-//! assert_eq!(comparison.sharpness, None); // a flat truth has no gradient to compare with
 //! # Ok::<(), infonerf_metrics::MetricError>(())
 //! ```
+//!
+//! Adding a metric takes a file with a [`Metric`] constant, and its line in [`METRICS`].
 
-mod compare;
 mod depth;
+mod descriptor;
 mod error;
-mod gmsd;
+mod evaluate;
+mod features;
+mod folders;
 mod luminance;
-mod psnr;
+mod mask;
+mod measured;
+mod metric;
+mod networks;
+mod picture;
+pub mod protocol;
+mod rectangle;
 mod rgb8;
-mod sharpness;
-mod ssim;
+mod shrink;
 mod summary;
-mod validate;
+mod view;
 
-pub use compare::{Comparison, compare};
-pub use depth::depth_rmse;
+pub use descriptor::{Better, Descriptor};
 pub use error::MetricError;
-pub use gmsd::gmsd;
+pub use evaluate::{Evaluator, evaluate};
+pub use features::Features;
+pub use folders::{ComparedFolders, ComparedView, FolderError, Folders, compare_folders};
 pub use luminance::luminance;
-pub use psnr::psnr;
+pub use mask::Mask;
+pub use measured::{Measured, Note, Values};
+pub use metric::*;
+pub use networks::{FeatureExtractor, Networks, PictureDistance};
+pub use picture::Picture;
+pub use protocol::Protocol;
+pub use rectangle::Rectangle;
 pub use rgb8::{from_rgb8, quantise_8bit, to_rgb8};
-pub use sharpness::{mean_gradient, sharpness};
-pub use ssim::{SSIM_WINDOW, ssim};
 pub use summary::Summary;
+pub use view::{Depths, Pair, View};

@@ -1,6 +1,7 @@
 use image::{Rgb, RgbImage};
 
-use crate::{MetricError, validate};
+use crate::MetricError;
+use crate::picture::check_length;
 
 /// Pixels rounded to 8 bits and back: `round(255 · clamp(x, 0, 1)) / 255`, what a PNG of them would hold.
 ///
@@ -16,7 +17,7 @@ pub fn quantise_8bit(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
 /// # Errors
 /// [`MetricError::Length`] when `pixels` does not hold `width × height` pixels.
 pub fn to_rgb8(pixels: &[[f32; 3]], width: u32, height: u32) -> Result<RgbImage, MetricError> {
-    validate::size("image", pixels.len(), width as usize, height as usize)?;
+    check_length("image", pixels.len(), [width as usize, height as usize])?;
     Ok(RgbImage::from_fn(width, height, |x, y| {
         Rgb(pixels[y as usize * width as usize + x as usize].map(|value| rounded(value) as u8))
     }))

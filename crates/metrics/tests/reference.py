@@ -41,24 +41,40 @@ def mean_gradient(image):
     return np.mean(np.hypot(*np.gradient(luma(image))))
 
 
+def mask(width, height):
+    y, x = np.mgrid[0:height, 0:width]
+    return (3 * x + 2 * y) % 7 < 3
+
+
+def gaussian_ssim(render, truth):
+    return structural_similarity(
+        truth,
+        render,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        channel_axis=-1,
+        data_range=1,
+    )
+
+
 def case(width, height):
     render, truth = images(width, height)
+    inside = mask(width, height)
+    white = [np.where(inside[..., None], image, 1.0) for image in (render, truth)]
     return {
         "width": width,
         "height": height,
         "psnr": peak_signal_noise_ratio(truth, render, data_range=1),
-        "ssim": structural_similarity(
-            truth,
-            render,
-            gaussian_weights=True,
-            sigma=1.5,
-            use_sample_covariance=False,
-            channel_axis=-1,
-            data_range=1,
-        ),
+        "psnr_masked": peak_signal_noise_ratio(truth[inside], render[inside], data_range=1),
+        "ssim": gaussian_ssim(render, truth),
+        "ssim_masked": gaussian_ssim(*white),
+        "ssim_uniform": structural_similarity(truth, render, channel_axis=-1, data_range=1),
+        "ssim_uniform_range_2": structural_similarity(truth, render, channel_axis=-1, data_range=2),
         "gmsd": gmsd(render, truth),
         "sharpness": mean_gradient(render) / mean_gradient(truth),
     }
 
 
-print(json.dumps([case(*size) for size in SIZES], indent=1))
+if __name__ == "__main__":
+    print(json.dumps([case(*size) for size in SIZES], indent=1))

@@ -1,73 +1,85 @@
 //! Metrics against scikit-image, SciPy and NumPy (`reference.json`, made by `reference.py`), and on arbitrary input.
 
+mod common;
+
 use approx::assert_abs_diff_eq;
-use infonerf_metrics::{MetricError, compare, depth_rmse, gmsd, psnr, sharpness, ssim};
+use common::pictures;
+use infonerf_metrics::protocol::{Ssim, SsimWindow};
+use infonerf_metrics::{
+    Depths, Mask, MetricError, Networks, Pair, Picture, Protocol, depth_error, evaluate, gmsd, psnr, sharpness,
+    silhouette_iou, ssim,
+};
 use proptest::prelude::*;
 use serde_json::Value;
 
-type Pixels = Vec<[f32; 3]>;
-
-/// Render and truth by the rule of `reference.py`.
-fn images(width: usize, height: usize) -> (Pixels, Pixels) {
-    let truth = |x: usize, y: usize, c: usize| (3 * x * x + 5 * y * y + x * y * (c + 1)) / 4 % 256;
-    let render = |x: usize, y: usize, c: usize| 3 * truth(x, y, c) / 4 + (5 * x + 3 * y + 11 * c) % 64;
-    let pixels = |rule: &dyn Fn(usize, usize, usize) -> usize| {
-        let pixel = |i: usize| std::array::from_fn(|c| rule(i % width, i / width, c) as f32 / 255.0);
-        (0..width * height).map(pixel).collect()
-    };
-    (pixels(&render), pixels(&truth))
+/// The mask by the rule of `reference.py`.
+fn mask(width: usize, height: usize) -> Mask {
+    let inside = |i: usize| (3 * (i % width) + 2 * (i / width)) % 7 < 3;
+    Mask::new((0..width * height).map(inside).collect(), width, height).unwrap()
 }
 
 #[test]
-fn image_metrics_agree_with_the_reference() {
+fn metrics_agree_with_the_reference() {
     let cases: Vec<Value> = serde_json::from_str(include_str!("reference.json")).unwrap();
     assert_eq!(cases.len(), 4);
     for case in cases {
         let size = |key: &str| case[key].as_u64().unwrap() as usize;
-        let expected = |key: &str| case[key].as_f64().unwrap();
         let (width, height) = (size("width"), size("height"));
-        let (render, truth) = images(width, height);
-
-        assert_abs_diff_eq!(psnr(&render, &truth).unwrap(), expected("psnr"), epsilon = 1e-5);
-        assert_abs_diff_eq!(ssim(&render, &truth, width, height).unwrap(), expected("ssim"), epsilon = 1e-6);
-        assert_abs_diff_eq!(gmsd(&render, &truth, width, height).unwrap(), expected("gmsd"), epsilon = 1e-6);
-        let ratio = sharpness(&render, &truth, width, height).unwrap().unwrap();
-        assert_abs_diff_eq!(ratio, expected("sharpness"), epsilon = 1e-6);
+        let (render, truth) = pictures(width, height);
+        let mask = mask(width, height);
+        let pair = Pair { mask: Some(&mask), ..Pair::new(&render, &truth) };
+        // The pictures are 8-bit ones, so that rounding them changes nothing.
+        let set = evaluate(&[pair], &Networks::none(), &Protocol::default()).unwrap().set;
+        for key in ["psnr", "psnr_masked"] {
+            assert_abs_diff_eq!(set[key].unwrap(), case[key].as_f64().unwrap(), epsilon = 1e-5);
+        }
+        for key in ["ssim", "ssim_masked", "gmsd", "sharpness"] {
+            assert_abs_diff_eq!(set[key].unwrap(), case[key].as_f64().unwrap(), epsilon = 1e-6);
+        }
+        for (key, data_range) in [("ssim_uniform", 1.0), ("ssim_uniform_range_2", 2.0)] {
+            let value = ssim(&render, &truth, Ssim { window: SsimWindow::Uniform7, data_range }).unwrap();
+            assert_abs_diff_eq!(value, case[key].as_f64().unwrap(), epsilon = 1e-6);
+        }
     }
-}
-
-#[test]
-fn the_protocol_keeps_eight_bit_images_as_they_are() {
-    let (render, truth) = images(20, 15);
-    let comparison = compare(&render, &truth, 20, 15).unwrap();
-    assert_abs_diff_eq!(comparison.psnr, psnr(&render, &truth).unwrap(), epsilon = 1e-5);
-    assert_abs_diff_eq!(comparison.ssim.unwrap(), ssim(&render, &truth, 20, 15).unwrap(), epsilon = 1e-6);
 }
 
 proptest! {
     #[test]
-    fn metrics_never_panic(
+    fn nothing_panics(
         render in prop::collection::vec(prop::array::uniform3(prop::num::f32::ANY), 0..200),
-        truth in prop::collection::vec(prop::array::uniform3(prop::num::f32::ANY), 0..200),
-        width in 0usize..20,
-        height in prop_oneof![0usize..20, Just(usize::MAX)],
+        truth in prop::collection::vec(prop::array::uniform3(-1f32..2.0), 0..200),
+        inside in prop::collection::vec(any::<bool>(), 0..200),
+        sizes in prop::array::uniform3((1usize..14, prop_oneof![0usize..14, Just(usize::MAX)])),
+        crop in 0usize..8,
     ) {
-        let _ = compare(&render, &truth, width, height);
-        let _ = ssim(&render, &truth, width, height);
-        let _ = gmsd(&render, &truth, width, height);
-        let _ = sharpness(&render, &truth, width, height);
-        let _ = depth_rmse(render.as_flattened(), truth.as_flattened());
+        let picture = |pixels: &[[f32; 3]], (width, height): (usize, usize)| {
+            Picture::new(pixels[..pixels.len().min(width.saturating_mul(height))].to_vec(), width, height)
+        };
+        let depth = [render.as_flattened(), truth.as_flattened()];
+        let _ = (depth_error(depth[0], depth[1]), silhouette_iou(depth[0], depth[1]));
+        let _ = picture(&render, sizes[0]);
+        let (Ok(render), Ok(truth)) = (picture(&truth, sizes[0]), picture(&truth, sizes[1])) else { return Ok(()) };
+        let mask = Mask::new(inside, sizes[2].0, sizes[2].1).ok();
+        let depths = Some(Depths { render: depth[0], truth: depth[1] });
+        for depths in [None, depths] {
+            for protocol in [Protocol::INFONERF, Protocol::REGNERF, Protocol::NEURAL_BODY] {
+                let protocol = Protocol { crop, ..protocol };
+                let pair = Pair { mask: mask.as_ref(), depths, ..Pair::new(&render, &truth) };
+                let _ = evaluate(&[pair, Pair::new(&render, &render)], &Networks::none(), &protocol);
+            }
+        }
     }
 
     #[test]
-    fn metrics_are_in_range(seed in 0usize..1000, width in 11usize..20, height in 11usize..20) {
-        let (render, truth) = images(width + seed % 7, height);
-        let (width, pixels) = (width + seed % 7, truth.len());
-        let similarity = ssim(&render, &truth, width, height).unwrap();
+    fn metrics_are_in_range(width in 11usize..26, height in 11usize..20) {
+        let (render, truth) = pictures(width, height);
+        let similarity = ssim(&render, &truth, Ssim::default()).unwrap();
         prop_assert!((-1.0..=1.0).contains(&similarity));
-        prop_assert!((0.0..=1.0).contains(&gmsd(&render, &truth, width, height).unwrap()));
-        prop_assert_eq!(ssim(&truth, &render, width, height).unwrap(), similarity);
-        let wrong = MetricError::Length { what: "truth", found: pixels, expected: pixels + width };
-        prop_assert_eq!(gmsd(&render, &truth, width, height + 1), Err(wrong));
+        prop_assert_eq!(ssim(&truth, &render, Ssim::default()).unwrap(), similarity);
+        prop_assert!((0.0..=1.0).contains(&gmsd(&render, &truth).unwrap()));
+        prop_assert!(sharpness(&render, &truth).unwrap() > 0.0);
+        let (other, _) = pictures(width, height + 1);
+        let wrong = MetricError::Size { what: "truth", found: [width, height], expected: [width, height + 1] };
+        prop_assert_eq!(psnr(&other, &truth), Err(wrong));
     }
 }

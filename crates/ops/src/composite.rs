@@ -1,5 +1,6 @@
-//! Compositing along rays, with all that the losses need from the same pass.
+//! Compositing along rays.
 
+#[cfg(feature = "ndarray")]
 use burn::backend::DispatchDevice;
 use burn::tensor::{Bool, Device, FloatDType, Int, Tensor, TensorData};
 
@@ -11,17 +12,13 @@ use crate::{Segments, has_host_kernels};
 /// keeps it within `f32`.
 pub const MIN_ALPHA_SUM: f32 = 1e-20;
 
-/// What [`composite`] returns, one row a ray.
+/// What [`composite`] returns, one row per ray.
 #[derive(Clone, Debug)]
 pub struct Composite {
     /// Σ wᵢ vᵢ of the given per-sample values, `[R, C]`.
     pub values: Tensor<2>,
     /// Accumulated opacity Σ wᵢ = 1 − exp(−Σ τᵢ), `[R]`.
     pub acc: Tensor<1>,
-    /// Cumulative ray density Q = Σ αᵢ (InfoNeRF, Eq. 7), `[R]`.
-    pub alpha_sum: Tensor<1>,
-    /// Ray entropy H = −Σ pᵢ log₂(pᵢ + ε) with p = α/Σα (InfoNeRF, Eq. 4–5), in bits, `[R]`; 0 if not asked for.
-    pub entropy: Tensor<1>,
 }
 
 /// Composites packed samples.
@@ -30,38 +27,31 @@ pub struct Composite {
 ///
 /// - `tau`: optical depths τ = σδ ≥ 0, `[M]`.
 /// - `values`: what to integrate (colour, distance, features), `[M, C]`.
-/// - `entropy`: `Some(ε)` to compute the ray entropy with that ε ≥ 0 inside the logarithm (the released code has 1e-10).
 ///
 /// An empty ray gives zeros. Values and gradients are finite for every τ in [0, ∞].
 ///
 /// # Panics
 /// If the shapes do not match `segments`.
-pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy: Option<f32>) -> Composite {
+pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {
     let [samples, channels] = values.dims();
-    assert_eq!(tau.dims(), [segments.samples()], "tau holds one number a packed sample");
-    assert_eq!(samples, segments.samples(), "values holds one row a packed sample");
+    assert_eq!(tau.dims(), [segments.samples()], "tau holds one number per packed sample");
+    assert_eq!(samples, segments.samples(), "values holds one row per packed sample");
     #[cfg(feature = "flex")]
     if has_host_kernels(&tau.device()) {
-        let kernel = host::CompositeKernel { segments: segments.clone(), channels, entropy };
+        let kernel = host::CompositeKernel { segments: segments.clone(), channels };
         return split(crate::kernel::apply2(kernel, tau, values), channels);
     }
     #[cfg(feature = "cube")]
     if crate::cube::serves(&tau.device()) && samples > 0 {
-        return split(crate::cube::composite(tau, values, segments, entropy), channels);
+        return split(crate::cube::composite(tau, values, segments), channels);
     }
     let _ = (has_host_kernels, channels);
-    plain(tau, values, segments, entropy)
+    plain(tau, values, segments)
 }
 
 #[cfg(any(feature = "flex", feature = "cube"))]
 fn split(packed: Tensor<2>, channels: usize) -> Composite {
-    let column = |i: usize| packed.clone().narrow(1, channels + i, 1).squeeze_dim::<1>(1);
-    Composite {
-        values: packed.clone().narrow(1, 0, channels),
-        acc: column(0),
-        alpha_sum: column(1),
-        entropy: column(2),
-    }
+    Composite { acc: packed.clone().narrow(1, channels, 1).squeeze_dim(1), values: packed.narrow(1, 0, channels) }
 }
 
 /// Compositing weights `w` of packed samples on the host, `[M]`, without a gradient: for importance sampling.
@@ -78,19 +68,13 @@ pub fn weights(tau: &[f32], segments: &Segments) -> Vec<f32> {
 }
 
 /// The same from plain tensor operations, on any backend.
-pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy: Option<f32>) -> Composite {
+pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {
     let (rays, channels) = (segments.rays(), values.dims()[1]);
     let device = tau.device();
     let dtype = working_dtype(&device);
     let longest = segments.longest();
     if longest == 0 {
-        let zeros = Tensor::<1>::zeros([rays], &device);
-        return Composite {
-            values: Tensor::zeros([rays, channels], &device),
-            acc: zeros.clone(),
-            alpha_sum: zeros.clone(),
-            entropy: zeros,
-        };
+        return Composite { values: Tensor::zeros([rays, channels], &device), acc: Tensor::zeros([rays], &device) };
     }
     let padding = Padding::new(segments, &device);
     let tau = padding.apply(tau.cast(dtype));
@@ -100,20 +84,10 @@ pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy: Op
     // Shifted, not subtracted: a huge last interval would swallow what is before it.
     let nothing = tau.clone().narrow(1, 0, 1).zeros_like();
     let before = Tensor::cat(vec![nothing, tau], 1).cumsum(1).narrow(1, 0, longest);
-    let weights = before.neg().exp() * alpha.clone();
+    let weights = before.neg().exp() * alpha;
     let values = values.cast(dtype).select(0, padding.indices.clone()).reshape([rays, longest, channels]);
-    let alpha_sum = alpha.clone().sum_dim(1);
-    let entropy = match entropy {
-        Some(epsilon) => plain_entropy(alpha, alpha_sum.clone(), epsilon),
-        None => Tensor::zeros([rays], &device),
-    };
     let values = (values * weights.unsqueeze_dim::<3>(2)).sum_dim(1).squeeze_dim::<2>(1);
-    Composite {
-        values: values.cast(FloatDType::F32),
-        acc: acc.squeeze_dim::<1>(1).cast(FloatDType::F32),
-        alpha_sum: alpha_sum.squeeze_dim::<1>(1).cast(FloatDType::F32),
-        entropy: entropy.cast(FloatDType::F32),
-    }
+    Composite { values: values.cast(FloatDType::F32), acc: acc.squeeze_dim::<1>(1).cast(FloatDType::F32) }
 }
 
 /// From packed samples `[M]` to rays padded with empty samples `[R, longest]`.
@@ -159,35 +133,11 @@ pub(crate) fn plain_alpha<const D: usize>(tau: Tensor<D>) -> Tensor<D> {
     (tau.neg().exp().neg() + 1.0).mask_where(small, horner * t)
 }
 
-/// −Σ p log₂(p + ε), 0 where Σα < [`MIN_ALPHA_SUM`]; inputs are masked before the logarithm.
-fn plain_entropy(alpha: Tensor<2>, alpha_sum: Tensor<2>, epsilon: f32) -> Tensor<1> {
-    let missed = alpha_sum.clone().lower_elem(MIN_ALPHA_SUM);
-    let alpha_sum = alpha_sum.mask_fill(missed.clone(), 1.0);
-    // The most opaque sample's p is 1 − (all others)/Σα: where it is nearly 1, its logarithm is that of the others.
-    let [rays, samples] = alpha.dims();
-    let places = Tensor::<1, Int>::arange(0..samples as i64, &alpha.device()).unsqueeze::<2>().expand([rays, samples]);
-    let top = places.equal(alpha.clone().detach().argmax(1).expand([rays, samples]));
-    let others = alpha.clone().mask_fill(top.clone(), 0.0).sum_dim(1) / alpha_sum.clone();
-    let p = alpha.clone() / alpha_sum.clone();
-    let most = top.bool_and(p.clone().detach().greater_elem(0.5));
-    // Both branches are computed, so this one is kept off what it is not meant for.
-    let nearly = (others.clamp(0.0, 0.5).neg() + epsilon).log1p().expand([rays, samples]);
-    let log = if epsilon > 0.0 {
-        (p.clone() + epsilon).log()
-    } else {
-        // An empty sample counts as the smallest normal `f32`, so that it has a finite slope.
-        alpha.clamp_min(f32::MIN_POSITIVE).log() - alpha_sum.log()
-    };
-    let bits = (p * log.mask_where(most, nearly)).sum_dim(1) * -std::f32::consts::LOG2_E;
-    bits.mask_fill(missed, 0.0).squeeze_dim(1)
-}
-
 #[cfg(feature = "flex")]
 mod host {
     use rayon::prelude::*;
 
     use crate::Segments;
-    use crate::distribution::Distributions;
     use crate::groups::{GROUP, Group};
     use crate::kernel::{Kernel, Pass};
     use crate::numeric::Opacity;
@@ -197,7 +147,6 @@ mod host {
     pub(super) struct CompositeKernel {
         pub(super) segments: Segments,
         pub(super) channels: usize,
-        pub(super) entropy: Option<f32>,
     }
 
     impl CompositeKernel {
@@ -209,18 +158,17 @@ mod host {
                 tau: &tau[samples.clone()],
                 values: &values[samples.start * channels..samples.end * channels],
                 channels,
-                entropy: self.entropy,
             }
         }
     }
 
     impl Kernel for CompositeKernel {
         fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-            vec![self.segments.rays(), inputs[1][1] + 3]
+            vec![self.segments.rays(), inputs[1][1] + 1]
         }
 
         fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-            let width = self.channels + 3;
+            let width = self.channels + 1;
             let mut out = vec![0.0; self.segments.rays() * width];
             let groups = self.segments.groups().zip(out.par_chunks_mut(GROUP * width));
             groups.for_each(|(group, out)| simd::run(Forward { rays: self.rays(group, inputs), out }));
@@ -234,7 +182,7 @@ mod host {
             (self.segments.groups())
                 .zip(self.segments.split_mut(&mut dtau, 1))
                 .zip(self.segments.split_mut(&mut dvalues, self.channels))
-                .zip(grad.par_chunks(GROUP * (self.channels + 3)))
+                .zip(grad.par_chunks(GROUP * (self.channels + 1)))
                 .for_each(|(((group, dtau), dvalues), grad)| {
                     simd::run(Backward { rays: self.rays(group, inputs), grad, dtau, dvalues });
                 });
@@ -247,12 +195,11 @@ mod host {
         tau: &'a [f32],
         values: &'a [f32],
         channels: usize,
-        entropy: Option<f32>,
     }
 
     struct Forward<'a> {
         rays: Rays<'a>,
-        /// One row a ray: its integrated values, Σw, Σα and entropy.
+        /// One row per ray: its integrated values and Σw.
         out: &'a mut [f32],
     }
 
@@ -263,16 +210,15 @@ mod host {
             let channels = rays.channels;
             let opacity = Opacity::of::<FMA>(rays.tau);
             let mut sums = vec![0f64; channels];
-            for (range, out) in rays.group.ranges().zip(out.chunks_exact_mut(channels + 3)) {
+            for (range, out) in rays.group.ranges().zip(out.chunks_exact_mut(channels + 1)) {
                 sums.fill(0.0);
                 // Sums of positive numbers: Σw keeps its digits where 1 − T would not.
-                let (mut trans, mut acc, mut alpha_sum) = (1f64, 0f64, 0f64);
+                let (mut trans, mut acc) = (1f64, 0f64);
                 for i in range {
                     let alpha = opacity.alpha[i];
                     let w = trans * alpha;
                     trans *= opacity.through[i];
                     acc += w;
-                    alpha_sum += alpha;
                     for (sum, &value) in sums.iter_mut().zip(&rays.values[i * channels..]) {
                         *sum += w * f64::from(value);
                     }
@@ -280,13 +226,7 @@ mod host {
                 for (out, sum) in out.iter_mut().zip(&sums) {
                     *out = *sum as f32;
                 }
-                out[channels..].copy_from_slice(&[acc as f32, alpha_sum as f32, 0.0]);
-            }
-            if let Some(epsilon) = rays.entropy {
-                let distributions = Distributions::new(&opacity, &rays.group);
-                distributions.entropies::<FMA>(epsilon, |ray, nats| {
-                    out[ray * (channels + 3) + channels + 2] = (nats * std::f64::consts::LOG2_E) as f32;
-                });
+                out[channels] = acc as f32;
             }
         }
     }
@@ -307,9 +247,8 @@ mod host {
             // T_{i+1} of each sample, and what it is worth: uᵢ = ∂L/∂wᵢ.
             let mut trans_after = vec![0f64; rays.tau.len()];
             let mut worths = vec![0f64; rays.tau.len()];
-            for (range, grad) in rays.group.ranges().zip(grad.chunks_exact(channels + 3)) {
-                let (integrated, stats) = grad.split_at(channels);
-                let (dacc, dalpha_sum) = (f64::from(stats[0]), f64::from(stats[1]));
+            for (range, grad) in rays.group.ranges().zip(grad.chunks_exact(channels + 1)) {
+                let (integrated, dacc) = (&grad[..channels], f64::from(grad[channels]));
                 let mut trans = 1f64;
                 for i in range.clone() {
                     let w = (trans * opacity.alpha[i]) as f32;
@@ -331,16 +270,8 @@ mod host {
                 for i in range.rev() {
                     worth += worths[i] - behind;
                     behind = worths[i];
-                    dtau[i] = (trans_after[i] * worth + dalpha_sum * opacity.through[i]) as f32;
+                    dtau[i] = (trans_after[i] * worth) as f32;
                     worth *= opacity.through[i];
-                }
-            }
-            if let Some(epsilon) = rays.entropy {
-                let scale =
-                    |ray: usize| f64::from(grad[ray * (channels + 3) + channels + 2]) * std::f64::consts::LOG2_E;
-                if (0..rays.group.ranges().count()).any(|ray| scale(ray) != 0.0) {
-                    let distributions = Distributions::new(&opacity, &rays.group);
-                    distributions.add_entropy_gradients::<FMA>(epsilon, scale, dtau);
                 }
             }
         }

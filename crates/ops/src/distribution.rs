@@ -1,105 +1,168 @@
-//! Rays' distributions p = α/Σα on the host, in `f64` and without cancellation: what entropy and information gain are
-//! made of.
+//! Distributions along rays on the host, in `f64` and without cancellation: what ray entropy and the divergence of
+//! neighbouring rays are computed from.
 //!
 //! Both are differences of nearly equal numbers where a ray has one surface or a neighbour that looks the same, which is
-//! what training drives them to. In `f32` nothing would be left of them there.
+//! the state that training drives them to. In `f32` no digit would be left there.
 
 use std::ops::Range;
 
+use crate::RayDistribution;
 use crate::composite::MIN_ALPHA_SUM;
 use crate::groups::Group;
 use crate::numeric::{Opacity, ln, log_ratio};
 
-/// p = α/Σα of the rays of a group, packed.
+/// The distributions of the rays of a group: probabilities of their samples, packed, and of the background.
 pub(crate) struct Distributions<'a> {
     opacity: &'a Opacity,
-    /// 0 along a ray that hits nothing.
+    kind: RayDistribution,
+    /// Probability of each sample; 0 along a ray whose masses sum to nothing.
     p: Vec<f64>,
     rays: Vec<Ray>,
 }
 
+/// One ray's distribution. A sample's *mass* is its probability before normalisation.
 struct Ray {
     range: Range<usize>,
-    /// Place of the most opaque sample.
-    top: usize,
-    /// Σα of all others, summed apart: it may be far below the last digit of Σα.
+    /// Place of the sample of the largest mass; none where that is the background.
+    top: Option<usize>,
+    /// Sum of all masses but the largest, summed apart: it may be far below the last digit of `sum`.
     rest: f64,
+    /// Sum of all masses.
     sum: f64,
+    /// Probability of the background.
+    background: f64,
 }
 
 impl Ray {
+    /// A ray of the given masses, and of mass `background` behind them.
     #[inline(always)]
-    fn new(range: Range<usize>, alpha: &[f64]) -> Self {
-        let (mut top, mut most, mut rest) = (range.start, 0.0, 0.0);
-        for (i, &alpha) in range.clone().zip(&alpha[range.clone()]) {
-            let above = alpha > most;
-            rest += if above { most } else { alpha };
-            (top, most) = if above { (i, alpha) } else { (top, most) };
+    fn new(range: Range<usize>, mass: &[f64], background: f64) -> Self {
+        let (mut top, mut most, mut rest) = (None, background, 0.0);
+        for (i, &mass) in range.clone().zip(&mass[range.clone()]) {
+            let above = mass > most;
+            rest += if above { most } else { mass };
+            (top, most) = if above { (Some(i), mass) } else { (top, most) };
         }
-        Self { range, top, rest, sum: most + rest }
+        let sum = most + rest;
+        Self { range, top, rest, sum, background: if background > 0.0 { background / sum } else { 0.0 } }
     }
 
     fn hits(&self) -> bool {
         self.sum >= f64::from(MIN_ALPHA_SUM)
     }
 
-    /// From gᵢ = ∂L/∂pᵢ to `put(i, ∂L/∂τᵢ)`, with ∂L/∂τᵢ = (gᵢ − Σ pⱼ gⱼ)/S · e^−τᵢ. What all gᵢ have in common drops out; it
-    /// is taken off first.
+    /// Whether one mass is more than half of all: its probability is then 1 − rest/sum to all digits.
+    fn is_certain(&self) -> bool {
+        self.hits() && 2.0 * self.rest < self.sum
+    }
+
+    /// From gᵢ = ∂L/∂pᵢ, where p = α/S, to `put(i, ∂L/∂τᵢ)` = (gᵢ − Σ pⱼ gⱼ)/S · e^−τᵢ. What all gᵢ have in common drops
+    /// out; it is subtracted first.
     #[inline(always)]
     fn through_normalisation(
         &self,
         p: &[f64],
         through: &[f64],
         slope: impl Fn(usize) -> f64,
+        background: f64,
         mut put: impl FnMut(usize, f64),
     ) {
-        let common = slope(self.top);
-        let mean: f64 = self.range.clone().map(|i| p[i] * (slope(i) - common)).sum();
+        let common = self.top.map_or(background, &slope);
+        let samples: f64 = self.range.clone().map(|i| p[i] * (slope(i) - common)).sum();
+        let mean = samples + self.background * (background - common);
         let scale = 1.0 / self.sum;
         for i in self.range.clone() {
             put(i, (slope(i) - common - mean) * scale * through[i]);
+        }
+    }
+
+    /// From gᵢ = ∂L/∂wᵢ to `put(i, ∂L/∂τᵢ)` = Tᵢ₊₁ (gᵢ − mean slope of what lies behind sample i).
+    #[inline(always)]
+    fn through_weights(
+        &self,
+        opacity: &Opacity,
+        slope: impl Fn(usize) -> f64,
+        background: f64,
+        mut put: impl FnMut(usize, f64),
+    ) {
+        let mut trans: Vec<f64> = opacity.through[self.range.clone()]
+            .iter()
+            .scan(1.0, |trans, through| {
+                *trans *= through;
+                Some(*trans)
+            })
+            .collect();
+        let mut behind = background;
+        for i in self.range.clone().rev() {
+            put(i, trans.pop().unwrap_or(1.0) * (slope(i) - behind));
+            behind = opacity.alpha[i] * slope(i) + opacity.through[i] * behind;
         }
     }
 }
 
 impl<'a> Distributions<'a> {
     #[inline(always)]
-    pub(crate) fn new(opacity: &'a Opacity, group: &Group<'_>) -> Self {
-        let rays: Vec<Ray> = group.ranges().map(|range| Ray::new(range, &opacity.alpha)).collect();
-        let mut p = vec![0.0; opacity.alpha.len()];
-        for ray in rays.iter().filter(|ray| ray.hits()) {
-            for (p, alpha) in p[ray.range.clone()].iter_mut().zip(&opacity.alpha[ray.range.clone()]) {
-                *p = alpha / ray.sum;
-            }
-        }
-        Self { opacity, p, rays }
+    pub(crate) fn new(opacity: &'a Opacity, group: &Group<'_>, kind: RayDistribution) -> Self {
+        let mut p = opacity.alpha.clone();
+        let rays: Vec<Ray> = group
+            .ranges()
+            .map(|range| {
+                let background = match kind {
+                    RayDistribution::Alpha => 0.0,
+                    RayDistribution::AlphaBackground => 1.0,
+                    RayDistribution::Termination => {
+                        let mut trans = 1.0;
+                        for i in range.clone() {
+                            p[i] *= trans;
+                            trans *= opacity.through[i];
+                        }
+                        trans
+                    }
+                };
+                let ray = Ray::new(range, &p, background);
+                let scale = if ray.hits() { 1.0 / ray.sum } else { 0.0 };
+                p[ray.range.clone()].iter_mut().for_each(|p| *p *= scale);
+                ray
+            })
+            .collect();
+        Self { opacity, kind, p, rays }
     }
 
-    /// ln(p + ε) of every sample. Without ε an empty one counts as the smallest normal `f32`, so that it has a finite slope.
+    /// ln(p + ε) of every sample, and of the background of every ray. Without ε a probability counts as at least the
+    /// smallest normal `f32` over the ray's sum, so that its slope is finite.
     #[inline(always)]
-    fn logs<const FMA: bool>(&self, epsilon: f64) -> Vec<f64> {
+    fn logs<const FMA: bool>(&self, epsilon: f64) -> (Vec<f64>, Vec<f64>) {
         let mut logs: Vec<f64> = self.p.iter().map(|p| p + epsilon).collect();
-        for ray in self.rays.iter().filter(|_| epsilon == 0.0) {
-            let sum = if ray.hits() { ray.sum } else { 1.0 };
-            for (p, alpha) in logs[ray.range.clone()].iter_mut().zip(&self.opacity.alpha[ray.range.clone()]) {
-                *p = alpha.max(f64::from(f32::MIN_POSITIVE)) / sum;
+        if epsilon == 0.0 {
+            for ray in &self.rays {
+                let least = f64::from(f32::MIN_POSITIVE) / if ray.hits() { ray.sum } else { 1.0 };
+                logs[ray.range.clone()].iter_mut().for_each(|p| *p = p.max(least));
             }
         }
         ln::<FMA>(&mut logs);
-        // The most opaque sample's p may be 1 to all digits, and its logarithm is that of the others.
-        for ray in self.rays.iter().filter(|ray| ray.hits() && 2.0 * ray.rest < ray.sum) {
-            logs[ray.top] = (epsilon - ray.rest / ray.sum).ln_1p();
+        let certain = |ray: &Ray| (epsilon - ray.rest / ray.sum).ln_1p();
+        let mut background = Vec::with_capacity(self.rays.len());
+        for ray in &self.rays {
+            let is_certain = ray.is_certain();
+            if let Some(top) = ray.top.filter(|_| is_certain) {
+                logs[top] = certain(ray);
+            }
+            background.push(match ray.top {
+                _ if ray.background == 0.0 => 0.0,
+                None if is_certain => certain(ray),
+                _ => (ray.background + epsilon).max(f64::from(f32::MIN_POSITIVE)).ln(),
+            });
         }
-        logs
+        (logs, background)
     }
 
     /// H = −Σ p ln(p + ε) of each ray in nats, handed to `put`; 0 for a ray that hits nothing.
     #[inline(always)]
     pub(crate) fn entropies<const FMA: bool>(&self, epsilon: f32, mut put: impl FnMut(usize, f64)) {
-        let logs = self.logs::<FMA>(f64::from(epsilon));
-        for (place, ray) in self.rays.iter().enumerate() {
+        let (logs, background) = self.logs::<FMA>(f64::from(epsilon));
+        for (place, (ray, last)) in self.rays.iter().zip(background).enumerate() {
             let terms = self.p[ray.range.clone()].iter().zip(&logs[ray.range.clone()]);
-            put(place, -terms.map(|(p, log)| p * log).sum::<f64>());
+            put(place, -terms.map(|(p, log)| p * log).sum::<f64>() - ray.background * last);
         }
     }
 
@@ -112,15 +175,21 @@ impl<'a> Distributions<'a> {
         out: &mut [f32],
     ) {
         let epsilon = f64::from(epsilon);
-        // −ln(p + ε) − p/(p + ε), and 1: what all slopes have in common drops out.
-        let mut slopes = self.logs::<FMA>(epsilon);
-        for (slope, &p) in slopes.iter_mut().zip(&self.p) {
-            *slope = if epsilon > 0.0 { epsilon / (p + epsilon) - *slope } else { -*slope };
+        // −ln(p + ε) − p/(p + ε), plus 1: what all slopes have in common drops out.
+        let slope = |p: f64, log: f64| if epsilon > 0.0 { epsilon / (p + epsilon) - log } else { -log };
+        let (mut slopes, background) = self.logs::<FMA>(epsilon);
+        for (log, &p) in slopes.iter_mut().zip(&self.p) {
+            *log = slope(p, *log);
         }
         for (place, ray) in self.rays.iter().enumerate().filter(|(_, ray)| ray.hits()) {
             let scale = scale(place);
             let add = |i: usize, g| out[i] += (scale * g) as f32;
-            ray.through_normalisation(&self.p, &self.opacity.through, |i| slopes[i], add);
+            let last = slope(ray.background, background[place]);
+            if self.kind == RayDistribution::Termination {
+                ray.through_weights(self.opacity, |i| slopes[i], last, add);
+            } else {
+                ray.through_normalisation(&self.p, &self.opacity.through, |i| slopes[i], last, add);
+            }
         }
     }
 
@@ -155,8 +224,8 @@ impl<'a> Distributions<'a> {
         (dtau, dnear): (&mut [f32], &mut [f32]),
     ) {
         let epsilon = f64::from(epsilon);
-        // ln((p + ε)/(q + ε)) + p/(p + ε), less 1, and −p/(q + ε), and 1: what all have in common drops out, and the rest keeps
-        // its digits where p ≈ q.
+        // ln((p + ε)/(q + ε)) + p/(p + ε), less 1, and −p/(q + ε), plus 1: what all have in common drops out, and the rest
+        // keeps its digits where p ≈ q.
         let mut dp = log_ratio::<FMA>(&self.p, &other.p, epsilon);
         let mut dq = vec![0.0; dp.len()];
         for (((dp, dq), &p), &q) in dp.iter_mut().zip(&mut dq).zip(&self.p).zip(&other.p) {
@@ -166,9 +235,9 @@ impl<'a> Distributions<'a> {
         for (place, &grad) in grad.iter().enumerate().filter(|(place, _)| self.both_hit(other, *place)) {
             let (grad, ray, near) = (f64::from(grad), &self.rays[place], &other.rays[place]);
             let put = |i: usize, g| dtau[i] = (grad * g) as f32;
-            ray.through_normalisation(&self.p, &self.opacity.through, |i| dp[i], put);
+            ray.through_normalisation(&self.p, &self.opacity.through, |i| dp[i], 0.0, put);
             let put = |i: usize, g| dnear[i] = (grad * g) as f32;
-            near.through_normalisation(&other.p, &other.opacity.through, |i| dq[i], put);
+            near.through_normalisation(&other.p, &other.opacity.through, |i| dq[i], 0.0, put);
         }
     }
 }

@@ -7,11 +7,11 @@ use crate::frequency::sines_and_cosines;
 
 /// The mean of the positional encoding over axis-aligned Gaussians in space (mip-NeRF, Eq. 13–14).
 ///
-/// γ(μ, σ²) = (…, sin(2ˡμ) exp(−½ 4ˡσ²), cos(2ˡμ) exp(−½ 4ˡσ²), …) for each octave l and axis, since E[sin x] of
+/// γ(μ, σ²) = (…, sin(2ˡμ) exp(−½ 4ˡσ²), cos(2ˡμ) exp(−½ 4ˡσ²), …) for each frequency l and axis, since E[sin x] of
 /// x ~ N(μ, σ²) is sin μ · exp(−σ²/2): what is finer than the Gaussian fades out. Columns are in the order of
 /// [`frequency_encode`](crate::frequency_encode), without the position itself. `means` and `variances` are `[M, 3]`
-/// row-major on the host, scene units and their square; the result is `[M, 6·L]` on `device`. `window[l]` scales octave
-/// `l`; an octave beyond its length has weight 1.
+/// row-major on the host, scene units and their square; the result is `[M, 6·L]` on `device`. `window[l]` scales frequency
+/// `l`; a frequency beyond its length has weight 1.
 ///
 /// Positions are no parameters, so no gradient flows through this function.
 ///
@@ -20,17 +20,17 @@ use crate::frequency::sines_and_cosines;
 pub fn integrated_encode(
     means: &[f32],
     variances: &[f32],
-    octaves: usize,
+    frequencies: usize,
     window: &[f32],
     device: &Device,
 ) -> Tensor<2> {
     const CHUNK: usize = 256;
     assert_eq!(means.len(), variances.len(), "one variance an axis of a mean");
     #[cfg(feature = "cube")]
-    if crate::cube::serves(device) && !means.is_empty() && octaves > 0 {
-        return crate::cube::integrated(means, variances, octaves, window, device);
+    if crate::cube::serves(device) && !means.is_empty() && frequencies > 0 {
+        return crate::cube::integrated(means, variances, frequencies, window, device);
     }
-    let (rows, width) = (means.len() / 3, integrated_width(octaves));
+    let (rows, width) = (means.len() / 3, integrated_width(frequencies));
     let mut encoded = vec![0f32; rows * width];
     // A chunk of no width is no chunk.
     encoded
@@ -48,8 +48,8 @@ pub fn integrated_encode(
 fn encode(mean: &[f32], variance: &[f32], window: &[f32], out: &mut [f32]) {
     for (axis, (&mean, &variance)) in mean.iter().zip(variance).enumerate() {
         let mut fading = -0.5 * f64::from(variance);
-        for (octave, (block, (sine, cosine))) in out.chunks_exact_mut(6).zip(sines_and_cosines(mean)).enumerate() {
-            let weight = window.get(octave).copied().unwrap_or(1.0) * fading.exp() as f32;
+        for (frequency, (block, (sine, cosine))) in out.chunks_exact_mut(6).zip(sines_and_cosines(mean)).enumerate() {
+            let weight = window.get(frequency).copied().unwrap_or(1.0) * fading.exp() as f32;
             block[axis] = weight * sine;
             block[3 + axis] = weight * cosine;
             fading *= 4.0;
@@ -58,8 +58,8 @@ fn encode(mean: &[f32], variance: &[f32], window: &[f32], out: &mut [f32]) {
 }
 
 /// Width of the encoding.
-pub const fn integrated_width(octaves: usize) -> usize {
-    6 * octaves
+pub const fn integrated_width(frequencies: usize) -> usize {
+    6 * frequencies
 }
 
 #[cfg(test)]
@@ -74,12 +74,12 @@ mod tests {
         let variance = [1e-4f32, 0.01, 0.5];
         let got = to_host(integrated_encode(&MEAN, &variance, 6, &[], &Device::flex()));
         assert_eq!(got.len(), integrated_width(6));
-        for octave in 0..6 {
+        for frequency in 0..6 {
             for (axis, (mean, variance)) in MEAN.into_iter().zip(variance).enumerate() {
-                let scale = 2f64.powi(octave as i32);
+                let scale = 2f64.powi(frequency as i32);
                 let (mean, deviation) = (f64::from(mean) * scale, f64::from(variance).sqrt() * scale);
                 let expected = |f: fn(f64) -> f64| reference::gaussian_mean(mean, deviation, f);
-                let base = octave * 6 + axis;
+                let base = frequency * 6 + axis;
                 approx::assert_abs_diff_eq!(f64::from(got[base]), expected(f64::sin), epsilon = 2e-6);
                 approx::assert_abs_diff_eq!(f64::from(got[base + 3]), expected(f64::cos), epsilon = 2e-6);
             }
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn no_octaves_and_no_points() {
+    fn no_frequencies_and_no_points() {
         let device = Device::flex();
         assert_eq!(integrated_encode(&MEAN, &[0.0; 3], 0, &[], &device).dims(), [1, 0]);
         assert_eq!(integrated_encode(&[], &[], 4, &[], &device).dims(), [0, 24]);

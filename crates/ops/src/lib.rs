@@ -22,10 +22,11 @@ pub mod composite;
 mod cube;
 #[cfg(feature = "flex")]
 mod distribution;
+pub mod divergence;
+pub mod entropy;
 pub mod factored;
 pub mod frequency;
 pub mod frustum;
-pub mod gain;
 #[cfg(feature = "flex")]
 mod groups;
 pub mod integrated;
@@ -42,10 +43,11 @@ mod simd;
 
 pub use bilinear::bilinear;
 pub use composite::{Composite, composite};
+pub use divergence::ray_divergence;
+pub use entropy::{RayDistribution, RayEntropy, ray_entropy};
 pub use factored::{factored_field, plane_variation};
 pub use frequency::frequency_encode;
 pub use frustum::frustum_gaussian;
-pub use gain::information_gain;
 pub use integrated::integrated_encode;
 pub use mlp::radiance_mlp;
 pub use segments::Segments;

@@ -5,6 +5,9 @@
 //! numbers, one is used that is not: an oracle that cancels could not tell who is wrong. `tests/agreement.rs` holds all
 //! of it against closed forms and against values of arbitrary precision.
 
+use crate::RayDistribution;
+use crate::composite::MIN_ALPHA_SUM;
+
 /// α = 1 − e^−τ.
 pub fn alpha(tau: f64) -> f64 {
     -(-tau).exp_m1()
@@ -40,10 +43,10 @@ pub fn weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
     (0..tau.len()).map(|i| behind(i) + u[i] * trans[tau.len()]).collect()
 }
 
-/// p = α/Σα, or `None` where Σα is below [`MIN_ALPHA_SUM`](crate::composite::MIN_ALPHA_SUM).
+/// p = α/Σα, or `None` where Σα is below [`MIN_ALPHA_SUM`].
 pub fn ray_density(tau: &[f64]) -> Option<Vec<f64>> {
     let sum = alpha_sum(tau);
-    (sum >= f64::from(crate::composite::MIN_ALPHA_SUM)).then(|| tau.iter().map(|&tau| alpha(tau) / sum).collect())
+    (sum >= f64::from(MIN_ALPHA_SUM)).then(|| tau.iter().map(|&tau| alpha(tau) / sum).collect())
 }
 
 /// Σ α.
@@ -51,33 +54,61 @@ pub fn alpha_sum(tau: &[f64]) -> f64 {
     tau.iter().map(|&tau| alpha(tau)).sum()
 }
 
-/// ln(p + ε); without ε an empty sample counts as the smallest normal `f32`.
-fn ln_density(tau: &[f64], epsilon: f64) -> Vec<f64> {
-    let sum = alpha_sum(tau);
+/// Masses of the samples, and of the background if the distribution has one, before normalisation; with their sum, exact
+/// also where it is 1 by definition.
+fn masses(tau: &[f64], distribution: RayDistribution) -> (Vec<f64>, f64) {
+    let alphas = || tau.iter().map(|&tau| alpha(tau));
+    match distribution {
+        RayDistribution::Alpha => (alphas().collect(), alpha_sum(tau)),
+        RayDistribution::AlphaBackground => (alphas().chain([1.0]).collect(), alpha_sum(tau) + 1.0),
+        RayDistribution::Termination => {
+            let background = transmittance(tau)[tau.len()];
+            (weights(tau).into_iter().chain([background]).collect(), 1.0)
+        }
+    }
+}
+
+/// ln(p + ε); without ε a mass counts as at least the smallest normal `f32`.
+fn ln_density(masses: &[f64], sum: f64, epsilon: f64) -> Vec<f64> {
     let floor = f64::from(f32::MIN_POSITIVE);
-    // A sample that holds more than half of the ray: p = 1 − (all others)/Σα.
-    let others = |i: usize| (0..tau.len()).filter(|&j| j != i).map(|j| alpha(tau[j])).sum::<f64>();
-    let ln = |(i, &tau): (usize, &f64)| match alpha(tau) {
-        alpha if alpha > 0.5 * sum => (epsilon - others(i) / sum).ln_1p(),
-        alpha if epsilon > 0.0 => (alpha / sum + epsilon).ln(),
-        alpha => (alpha.max(floor) / sum).ln(),
+    // A sample that holds more than half of the ray: p = 1 − (all others)/sum.
+    let others = |i: usize| (0..masses.len()).filter(|&j| j != i).map(|j| masses[j]).sum::<f64>();
+    let ln = |(i, &mass): (usize, &f64)| match mass {
+        mass if mass > 0.5 * sum => (epsilon - others(i) / sum).ln_1p(),
+        mass if epsilon > 0.0 => (mass / sum + epsilon).ln(),
+        mass => (mass.max(floor) / sum).ln(),
     };
-    tau.iter().enumerate().map(ln).collect()
+    masses.iter().enumerate().map(ln).collect()
 }
 
 /// H = −Σ p log₂(p + ε) in bits; 0 for a ray that hits nothing.
-pub fn entropy(tau: &[f64], epsilon: f64) -> f64 {
-    let Some(p) = ray_density(tau) else { return 0.0 };
-    -p.iter().zip(ln_density(tau, epsilon)).map(|(p, ln)| p * ln).sum::<f64>() * std::f64::consts::LOG2_E
+pub fn entropy(tau: &[f64], distribution: RayDistribution, epsilon: f64) -> f64 {
+    let (masses, sum) = masses(tau, distribution);
+    if sum < f64::from(MIN_ALPHA_SUM) {
+        return 0.0;
+    }
+    let ln = ln_density(&masses, sum, epsilon);
+    -masses.iter().zip(ln).map(|(mass, ln)| mass / sum * ln).sum::<f64>() * std::f64::consts::LOG2_E
 }
 
 /// ∂H/∂τ.
-pub fn entropy_gradient(tau: &[f64], epsilon: f64) -> Vec<f64> {
-    let Some(p) = ray_density(tau) else { return vec![0.0; tau.len()] };
+pub fn entropy_gradient(tau: &[f64], distribution: RayDistribution, epsilon: f64) -> Vec<f64> {
+    let (masses, sum) = masses(tau, distribution);
+    if sum < f64::from(MIN_ALPHA_SUM) {
+        return vec![0.0; tau.len()];
+    }
     // −ln(p + ε) − p/(p + ε), without the −1 that all have in common.
-    let slope = |(p, ln): (&f64, f64)| if epsilon > 0.0 { epsilon / (p + epsilon) - ln } else { -ln };
-    let slopes: Vec<f64> = p.iter().zip(ln_density(tau, epsilon)).map(slope).collect();
-    through_normalisation(tau, &p, &slopes).into_iter().map(|g| g * std::f64::consts::LOG2_E).collect()
+    let slope = |(mass, ln): (&f64, f64)| if epsilon > 0.0 { epsilon / (mass / sum + epsilon) - ln } else { -ln };
+    let slopes: Vec<f64> = masses.iter().zip(ln_density(&masses, sum, epsilon)).map(slope).collect();
+    let gradient = match distribution {
+        RayDistribution::Termination => {
+            // Relative to the background, whose probability is what the weights leave: ∂Σw/∂τ = −∂(1 − Σw)/∂τ.
+            let background = slopes[tau.len()];
+            weights_vjp(tau, &slopes[..tau.len()].iter().map(|slope| slope - background).collect::<Vec<_>>())
+        }
+        _ => through_normalisation(tau, &masses, sum, &slopes),
+    };
+    gradient.into_iter().map(|g| g * std::f64::consts::LOG2_E).collect()
 }
 
 /// ln((p + ε)/(q + ε)) of each pair of samples.
@@ -94,7 +125,7 @@ fn ln_ratios(p: &[f64], q: &[f64], epsilon: f64) -> Vec<f64> {
 /// KL(P ‖ Q) in nats with ε in both logarithms; 0 where either ray hits nothing.
 ///
 /// Σ p ln((p + ε)/(q + ε)), less Σ (p − q) = 0 term by term: what remains is of second order where p ≈ q.
-pub fn information_gain(tau: &[f64], near: &[f64], epsilon: f64) -> f64 {
+pub fn divergence(tau: &[f64], near: &[f64], epsilon: f64) -> f64 {
     let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else { return 0.0 };
     p.iter()
         .zip(&q)
@@ -104,7 +135,7 @@ pub fn information_gain(tau: &[f64], near: &[f64], epsilon: f64) -> f64 {
 }
 
 /// (∂KL/∂τ, ∂KL/∂τ̃).
-pub fn information_gain_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Vec<f64>, Vec<f64>) {
+pub fn divergence_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Vec<f64>, Vec<f64>) {
     let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else {
         return (vec![0.0; tau.len()], vec![0.0; near.len()]);
     };
@@ -112,14 +143,15 @@ pub fn information_gain_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Ve
     let lost = |p: f64| if epsilon > 0.0 { epsilon / (p + epsilon) } else { 0.0 };
     let dp: Vec<f64> = ln_ratios(&p, &q, epsilon).iter().zip(&p).map(|(ln, &p)| ln - lost(p)).collect();
     let dq: Vec<f64> = p.iter().zip(&q).map(|(p, q)| (epsilon - (p - q)) / (q + epsilon)).collect();
-    (through_normalisation(tau, &p, &dp), through_normalisation(near, &q, &dq))
+    (through_normalisation(tau, &p, alpha_sum(tau), &dp), through_normalisation(near, &q, alpha_sum(near), &dq))
 }
 
-/// From ∂L/∂p to ∂L/∂τ: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ. As Σ p = 1, a constant in g drops out.
-fn through_normalisation(tau: &[f64], p: &[f64], slopes: &[f64]) -> Vec<f64> {
-    let sum = alpha_sum(tau);
-    let most = (0..p.len()).max_by(|&i, &j| p[i].total_cmp(&p[j])).map_or(0.0, |i| slopes[i]);
-    let mean: f64 = p.iter().zip(slopes).map(|(p, g)| p * (g - most)).sum();
+/// From ∂L/∂p to ∂L/∂τ, where p is `masses` over their sum S: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ. As Σ p = 1, a
+/// constant in g drops out.
+fn through_normalisation(tau: &[f64], masses: &[f64], sum: f64, slopes: &[f64]) -> Vec<f64> {
+    let total: f64 = masses.iter().sum();
+    let most = (0..masses.len()).max_by(|&i, &j| masses[i].total_cmp(&masses[j])).map_or(0.0, |i| slopes[i]);
+    let mean: f64 = masses.iter().zip(slopes).map(|(mass, g)| mass / total * (g - most)).sum();
     tau.iter().zip(slopes).map(|(&tau, g)| (g - most - mean) / sum * (-tau).exp()).collect()
 }
 

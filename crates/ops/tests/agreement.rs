@@ -1,11 +1,11 @@
-//! Every body of compositing and information gain against the oracle in `f64`: values and gradients, random rays and
+//! Every body of compositing, ray entropy and ray divergence against the oracle in `f64`: values and gradients, random rays and
 //! extreme ones. The oracle itself against finite differences and against values from arbitrary-precision arithmetic.
 
 mod common;
 
 use burn::tensor::{Tensor, TensorData};
-use common::{Body, Draws, Rays, floats, matrix, vector, wide};
-use infonerf_ops::{Segments, reference};
+use common::{Body, DISTRIBUTIONS, Draws, Rays, floats, matrix, vector, wide};
+use infonerf_ops::{RayDistribution, Segments, reference};
 use serde_json::Value;
 
 /// Error of values that are at most about 1: a few roundings of `f32`.
@@ -25,7 +25,7 @@ const CHANNELS: usize = 2;
 /// The exact entropy and the released code's.
 const EPSILONS: [f32; 2] = [0.0, 1e-10];
 /// The released code's, a large one, and the smallest that a config may have.
-const GAIN_EPSILONS: [f32; 3] = [1e-10, 1e-3, 1e-12];
+const DIVERGENCE_EPSILONS: [f32; 3] = [1e-10, 1e-3, 1e-12];
 
 fn close(got: f64, want: f64, tolerance: f64, what: &dyn Fn() -> String) {
     assert!((got - want).abs() <= tolerance, "{}: {got:e} against {want:e}, tolerance {tolerance:e}", what());
@@ -38,6 +38,14 @@ fn condition(tau: &[f64], epsilon: f64) -> f64 {
     let floor = if epsilon > 0.0 { epsilon } else { f64::from(f32::MIN_POSITIVE) };
     let largest = p.iter().map(|p| -(p + floor).ln()).fold(0.0, f64::max);
     (1.0 + largest) / sum
+}
+
+/// The same for the entropy of a distribution: those with a background are normalised by a sum of at least 1.
+fn entropy_condition(tau: &[f64], of: RayDistribution, epsilon: f64) -> f64 {
+    match of {
+        RayDistribution::Alpha => condition(tau, epsilon),
+        _ => 1.0 - epsilon.max(f64::from(f32::MIN_POSITIVE)).ln(),
+    }
 }
 
 fn check_gradient(got: &[f64], want: &[f64], condition: f64, skip: impl Fn(usize) -> bool, what: &dyn Fn() -> String) {
@@ -53,32 +61,22 @@ fn check_gradient(got: &[f64], want: &[f64], condition: f64, skip: impl Fn(usize
 struct Upstream {
     values: Vec<f32>,
     acc: Vec<f32>,
-    alpha_sum: Vec<f32>,
-    entropy: Vec<f32>,
 }
 
-/// Σ of everything but the entropy, and of the entropy, each weighted, with gradients.
 fn check_composite(body: Body, rays: &Rays, draws: &mut Draws) {
     let Rays { segments, tau } = rays;
     let values: Vec<f32> = (0..tau.len() * CHANNELS).map(|_| draws.signed()).collect();
     let mut weights = |count: usize| -> Vec<f32> { (0..count).map(|_| draws.signed()).collect() };
     let rays = segments.rays();
-    let upstream = Upstream {
-        values: weights(rays * CHANNELS),
-        acc: weights(rays),
-        alpha_sum: weights(rays),
-        entropy: weights(rays),
-    };
-    for epsilon in EPSILONS {
-        composite_values(body, segments, tau, &values, epsilon);
-        composite_gradients(body, segments, tau, &values, epsilon, &upstream);
-    }
+    let upstream = Upstream { values: weights(rays * CHANNELS), acc: weights(rays) };
+    composite_values(body, segments, tau, &values);
+    composite_gradients(body, segments, tau, &values, &upstream);
 }
 
-fn composite_values(body: Body, segments: &Segments, tau: &[f32], values: &[f32], epsilon: f32) {
+fn composite_values(body: Body, segments: &Segments, tau: &[f32], values: &[f32]) {
     let device = body.device();
-    let out = body.composite(vector(tau, &device), matrix(values, CHANNELS, &device), segments, Some(epsilon));
-    let (got, acc, sum, bits) = (floats(out.values), floats(out.acc), floats(out.alpha_sum), floats(out.entropy));
+    let out = body.composite(vector(tau, &device), matrix(values, CHANNELS, &device), segments);
+    let (got, acc) = (floats(out.values), floats(out.acc));
     for (ray, range) in segments.ranges().enumerate() {
         let row = wide(&tau[range.clone()]);
         let what = |name: &str| format!("{body:?}, ray {row:?}, {name}");
@@ -88,81 +86,87 @@ fn composite_values(body: Body, segments: &Segments, tau: &[f32], values: &[f32]
             close(got[ray * CHANNELS + c], want, UNIT, &|| what("value"));
         }
         close(acc[ray], w.iter().sum(), UNIT, &|| what("acc"));
-        let want: f64 = row.iter().map(|&tau| reference::alpha(tau)).sum();
-        close(sum[ray], want, SUM * want + 1e-45, &|| what("alpha sum"));
-        let want = reference::entropy(&row, f64::from(epsilon));
-        close(bits[ray], want, INFORMATION * (1.0 + want), &|| what("entropy"));
     }
 }
 
-fn composite_gradients(
-    body: Body,
-    segments: &Segments,
-    tau: &[f32],
-    values: &[f32],
-    epsilon: f32,
-    upstream: &Upstream,
-) {
+fn composite_gradients(body: Body, segments: &Segments, tau: &[f32], values: &[f32], upstream: &Upstream) {
     let device = body.device().autodiff();
     let t = vector(tau, &device).require_grad();
     let v = matrix(values, CHANNELS, &device).require_grad();
-    // One graph a backward pass: Burn consumes it.
-    let composite = || body.composite(t.clone(), v.clone(), segments, Some(epsilon));
-    let out = composite();
-    let weigh = |tensor: Tensor<1>, weights: &[f32]| (tensor * vector(weights, &device)).sum();
+    let out = body.composite(t.clone(), v.clone(), segments);
     let integrals = (out.values * matrix(&upstream.values, CHANNELS, &device)).sum()
-        + weigh(out.acc, &upstream.acc)
-        + weigh(out.alpha_sum, &upstream.alpha_sum);
+        + (out.acc * vector(&upstream.acc, &device)).sum();
     let grads = integrals.backward();
     let (dtau, dvalues) = (floats(t.grad(&grads).unwrap()), floats(v.grad(&grads).unwrap()));
-    let grads = weigh(composite().entropy, &upstream.entropy).backward();
-    let dentropy = floats(t.grad(&grads).unwrap());
     for (ray, range) in segments.ranges().enumerate() {
         let row = wide(&tau[range.clone()]);
-        let w = reference::weights(&row);
         let g = |c: usize| f64::from(upstream.values[ray * CHANNELS + c]);
         let u: Vec<f64> = range
             .clone()
             .map(|i| (0..CHANNELS).map(|c| g(c) * f64::from(values[i * CHANNELS + c])).sum::<f64>())
             .map(|u| u + f64::from(upstream.acc[ray]))
             .collect();
-        let want: Vec<f64> = reference::weights_vjp(&row, &u)
-            .into_iter()
-            .zip(&row)
-            .map(|(g, tau)| g + f64::from(upstream.alpha_sum[ray]) * (-tau).exp())
-            .collect();
+        let want = reference::weights_vjp(&row, &u);
         check_gradient(&dtau[range.clone()], &want, 0.0, |_| false, &|| format!("{body:?}, ray {row:?}, integrals"));
-        for (i, w) in range.clone().zip(&w) {
+        for (i, w) in range.zip(&reference::weights(&row)) {
             for c in 0..CHANNELS {
                 close(dvalues[i * CHANNELS + c], w * g(c), UNIT, &|| format!("{body:?}, ray {row:?}, values"));
             }
         }
-        let epsilon = f64::from(epsilon);
-        let scale = f64::from(upstream.entropy[ray]);
-        let want: Vec<f64> = reference::entropy_gradient(&row, epsilon).iter().map(|g| g * scale).collect();
-        // The exact entropy of an empty sample has an infinite slope: what is asked for is a finite number.
-        let infinite = |i: usize| epsilon == 0.0 && row[i] < f64::from(f32::MIN_POSITIVE);
-        let what = || format!("{body:?}, ray {row:?}, entropy with ε = {epsilon:e}");
-        check_gradient(&dentropy[range], &want, condition(&row, epsilon), infinite, &what);
     }
 }
 
-fn check_gain(body: Body, segments: &Segments, tau: &[f32], near: &[f32], draws: &mut Draws) {
+fn check_entropy(body: Body, rays: &Rays, draws: &mut Draws) {
+    let Rays { segments, tau } = rays;
     let device = body.device().autodiff();
     let weights: Vec<f32> = (0..segments.rays()).map(|_| draws.signed()).collect();
-    for epsilon in GAIN_EPSILONS {
+    for (of, epsilon) in DISTRIBUTIONS.into_iter().flat_map(|of| EPSILONS.map(|epsilon| (of, epsilon))) {
+        let t = vector(tau, &device).require_grad();
+        let out = body.entropy(t.clone(), segments, of, epsilon);
+        let (bits, sum) = (floats(out.bits.clone().detach()), floats(out.alpha_sum.clone().detach()));
+        let grads = (out.bits * vector(&weights, &device)).sum().backward();
+        let dbits = floats(t.grad(&grads).unwrap());
+        // One graph per backward pass: Burn consumes it.
+        let again = body.entropy(t.clone(), segments, of, epsilon);
+        let grads = (again.alpha_sum * vector(&weights, &device)).sum().backward();
+        let dsum = floats(t.grad(&grads).unwrap());
+        let epsilon = f64::from(epsilon);
+        for (ray, range) in segments.ranges().enumerate() {
+            let row = wide(&tau[range.clone()]);
+            let what = |name: &str| format!("{body:?}, {of:?} with ε = {epsilon:e}, ray {row:?}, {name}");
+            let want: f64 = row.iter().map(|&tau| reference::alpha(tau)).sum();
+            close(sum[ray], want, SUM * want + 1e-45, &|| what("alpha sum"));
+            let want = reference::entropy(&row, of, epsilon);
+            close(bits[ray], want, INFORMATION * (1.0 + want), &|| what("value"));
+            let scale = f64::from(weights[ray]);
+            let want: Vec<f64> = row.iter().map(|tau| scale * (-tau).exp()).collect();
+            check_gradient(&dsum[range.clone()], &want, 0.0, |_| false, &|| what("alpha sum"));
+            let want: Vec<f64> = reference::entropy_gradient(&row, of, epsilon).iter().map(|g| g * scale).collect();
+            // The exact entropy of an empty sample has an infinite slope: what is asked for is a finite number.
+            let weights = reference::weights(&row);
+            let least = |i: usize| if of == RayDistribution::Termination { weights[i].min(row[i]) } else { row[i] };
+            let infinite = |i: usize| epsilon == 0.0 && least(i) < f64::from(f32::MIN_POSITIVE);
+            check_gradient(&dbits[range], &want, entropy_condition(&row, of, epsilon), infinite, &|| what("gradient"));
+        }
+    }
+}
+
+fn check_divergence(body: Body, segments: &Segments, tau: &[f32], near: &[f32], draws: &mut Draws) {
+    let device = body.device().autodiff();
+    let weights: Vec<f32> = (0..segments.rays()).map(|_| draws.signed()).collect();
+    for epsilon in DIVERGENCE_EPSILONS {
         let (p, q) = (vector(tau, &device).require_grad(), vector(near, &device).require_grad());
-        let gain = body.gain(p.clone(), q.clone(), segments, epsilon);
-        let got = floats(gain.clone().detach());
-        let grads = (gain * vector(&weights, &device)).sum().backward();
+        let divergence = body.divergence(p.clone(), q.clone(), segments, epsilon);
+        let got = floats(divergence.clone().detach());
+        let grads = (divergence * vector(&weights, &device)).sum().backward();
         let (dp, dq) = (floats(p.grad(&grads).unwrap()), floats(q.grad(&grads).unwrap()));
         let epsilon = f64::from(epsilon);
         for (ray, range) in segments.ranges().enumerate() {
             let (p, q) = (wide(&tau[range.clone()]), wide(&near[range.clone()]));
             let what = || format!("{body:?}, rays {p:?} and {q:?}, ε = {epsilon:e}");
-            let want = reference::information_gain(&p, &q, epsilon);
+            let want = reference::divergence(&p, &q, epsilon);
             close(got[ray], want, INFORMATION * (1.0 + want.abs()), &|| format!("{}, value", what()));
-            let (want_p, want_q) = reference::information_gain_gradient(&p, &q, epsilon);
+            let (want_p, want_q) = reference::divergence_gradient(&p, &q, epsilon);
             let scaled = |g: Vec<f64>| g.into_iter().map(|g| g * f64::from(weights[ray])).collect::<Vec<f64>>();
             let gap = condition(&p, epsilon).max(condition(&q, epsilon));
             check_gradient(&dp[range.clone()], &scaled(want_p), gap, |_| false, &|| format!("{}, P", what()));
@@ -172,20 +176,22 @@ fn check_gain(body: Body, segments: &Segments, tau: &[f32], near: &[f32], draws:
 }
 
 #[test]
-fn compositing_of_random_rays() {
+fn random_rays() {
     for body in Body::ALL {
         let mut draws = Draws(1);
         for _ in 0..3 {
             let rays = Rays::random(&mut draws, 61);
             check_composite(body, &rays, &mut draws);
+            check_entropy(body, &rays, &mut draws);
         }
     }
 }
 
 #[test]
-fn compositing_of_extreme_rays() {
+fn extreme_rays() {
     for body in Body::ALL {
         check_composite(body, &Rays::extreme(), &mut Draws(2));
+        check_entropy(body, &Rays::extreme(), &mut Draws(2));
     }
 }
 
@@ -195,6 +201,7 @@ fn a_huge_last_interval_leaves_the_samples_before_it_alone() {
     let rays = Rays::from_rows(&[vec![0.5, 0.25, 1e10], vec![0.5, 1e10, 0.25], vec![3.0, 5e9]]);
     for body in Body::ALL {
         check_composite(body, &rays, &mut Draws(3));
+        check_entropy(body, &rays, &mut Draws(3));
     }
 }
 
@@ -206,9 +213,11 @@ fn no_rays_and_rays_without_samples() {
             let segments = Segments::uniform(rays, 0);
             let empty = || Tensor::<1>::from_data(TensorData::new(Vec::<f32>::new(), [0]), &device);
             let values = Tensor::<2>::from_data(TensorData::new(Vec::<f32>::new(), [0, CHANNELS]), &device);
-            let out = body.composite(empty(), values, &segments, Some(0.0));
+            let out = body.composite(empty(), values, &segments);
             assert_eq!(out.values.dims(), [rays, CHANNELS], "{body:?}");
-            for column in [out.acc, out.alpha_sum, out.entropy, body.gain(empty(), empty(), &segments, 1e-10)] {
+            let entropies = DISTRIBUTIONS.map(|of| body.entropy(empty(), &segments, of, 0.0).bits);
+            let divergence = body.divergence(empty(), empty(), &segments, 1e-10);
+            for column in entropies.into_iter().chain([out.acc, divergence]) {
                 assert_eq!(floats(column), vec![0.0; rays], "{body:?}");
             }
         }
@@ -216,21 +225,21 @@ fn no_rays_and_rays_without_samples() {
 }
 
 #[test]
-fn information_gain_of_random_rays() {
+fn divergence_of_random_rays() {
     for body in Body::ALL {
         let mut draws = Draws(4);
         for _ in 0..3 {
             let Rays { segments, tau } = Rays::random(&mut draws, 61);
             let near: Vec<f32> =
                 tau.iter().map(|tau| if draws.unit() < 0.2 { draws.tau() } else { tau * 1.3 }).collect();
-            check_gain(body, &segments, &tau, &near, &mut draws);
-            check_gain(body, &segments, &near, &tau, &mut draws);
+            check_divergence(body, &segments, &tau, &near, &mut draws);
+            check_divergence(body, &segments, &near, &tau, &mut draws);
         }
     }
 }
 
 #[test]
-fn information_gain_of_extreme_rays() {
+fn divergence_of_extreme_rays() {
     let Rays { segments, tau } = Rays::extreme();
     for body in Body::ALL {
         for shift in [0, 1, 4] {
@@ -239,7 +248,7 @@ fn information_gain_of_extreme_rays() {
                 .flat_map(|range| (0..range.len()).map(move |i| range.start + (i + shift) % range.len()))
                 .map(|i| tau[i])
                 .collect();
-            check_gain(body, &segments, &tau, &near, &mut Draws(5));
+            check_divergence(body, &segments, &tau, &near, &mut Draws(5));
         }
     }
 }
@@ -273,14 +282,14 @@ fn the_oracle_against_finite_differences() {
         let (tau, near, u) = (ray(n), ray(n), ray(n));
         let integral = |tau: &[f64]| reference::weights(tau).iter().zip(&u).map(|(w, u)| w * u).sum();
         agree(&reference::weights_vjp(&tau, &u), &differences(&tau, integral), "weights");
-        for epsilon in [0.0, 1e-10, 1e-3] {
-            let want = differences(&tau, |tau| reference::entropy(tau, epsilon));
-            agree(&reference::entropy_gradient(&tau, epsilon), &want, "entropy");
+        for (of, epsilon) in DISTRIBUTIONS.into_iter().flat_map(|of| [0.0, 1e-10, 1e-3].map(|epsilon| (of, epsilon))) {
+            let want = differences(&tau, |tau| reference::entropy(tau, of, epsilon));
+            agree(&reference::entropy_gradient(&tau, of, epsilon), &want, "entropy");
         }
         for epsilon in [1e-10, 1e-3] {
-            let (dp, dq) = reference::information_gain_gradient(&tau, &near, epsilon);
-            agree(&dp, &differences(&tau, |tau| reference::information_gain(tau, &near, epsilon)), "gain, P");
-            agree(&dq, &differences(&near, |near| reference::information_gain(&tau, near, epsilon)), "gain, Q");
+            let (dp, dq) = reference::divergence_gradient(&tau, &near, epsilon);
+            agree(&dp, &differences(&tau, |tau| reference::divergence(tau, &near, epsilon)), "divergence, P");
+            agree(&dq, &differences(&near, |near| reference::divergence(&tau, near, epsilon)), "divergence, Q");
         }
     }
 }
@@ -320,16 +329,21 @@ fn the_oracle_against_arbitrary_precision() {
         agree_where_finite(&w, &numbers(&ray["w"]), EXACT, name);
         agree_where_finite(&[w.iter().sum()], &[ray["acc"].as_f64().unwrap()], EXACT, name);
         if hits(&tau) {
-            close(reference::entropy(&tau, 0.0), ray["entropy"].as_f64().unwrap(), EXACT, &|| name.to_owned());
+            close(
+                reference::entropy(&tau, RayDistribution::Alpha, 0.0),
+                ray["entropy"].as_f64().unwrap(),
+                EXACT,
+                &|| name.to_owned(),
+            );
             let want = numbers(&ray["dentropy_dtau"]);
             // Slopes that cancel to nothing are compared with what they cancelled from.
-            let got = reference::entropy_gradient(&tau, 0.0);
+            let got = reference::entropy_gradient(&tau, RayDistribution::Alpha, 0.0);
             let scale = condition(&tau, 0.0);
             for (got, want) in got.iter().zip(&want).filter(|(_, want)| want.is_finite()) {
                 close(*got, *want, EXACT * scale, &|| name.to_owned());
             }
         } else {
-            assert_eq!(reference::entropy(&tau, 0.0), 0.0, "{name}");
+            assert_eq!(reference::entropy(&tau, RayDistribution::Alpha, 0.0), 0.0, "{name}");
         }
         rays.insert(name.to_owned(), tau);
     }
@@ -337,14 +351,14 @@ fn the_oracle_against_arbitrary_precision() {
         let (p, q) = (pair["p"].as_str().unwrap(), pair["q"].as_str().unwrap());
         let what = || format!("{p} and {q}");
         let (tau, near) = (&rays[p], &rays[q]);
-        let got = reference::information_gain(tau, near, 0.0);
+        let got = reference::divergence(tau, near, 0.0);
         if !(hits(tau) && hits(near)) {
             assert_eq!(got, 0.0, "{}", what());
             continue;
         }
         let want = pair["kl"].as_f64().unwrap();
         close(got, want, EXACT * (1.0 + want), &what);
-        let (dp, dq) = reference::information_gain_gradient(tau, near, 0.0);
+        let (dp, dq) = reference::divergence_gradient(tau, near, 0.0);
         let scale = condition(tau, 0.0).max(condition(near, 0.0));
         for (got, want) in [(dp, numbers(&pair["dkl_dtau_p"])), (dq, numbers(&pair["dkl_dtau_q"]))] {
             for (got, want) in got.iter().zip(&want).filter(|(_, want)| want.is_finite()) {
@@ -366,10 +380,11 @@ fn every_body_against_arbitrary_precision() {
                 let device = body.device();
                 let w = vec![1.0; tau.len()];
                 let segments = Segments::uniform(1, tau.len());
-                let out = body.composite(vector(&tau, &device), matrix(&w, 1, &device), &segments, Some(0.0));
+                let out = body.composite(vector(&tau, &device), matrix(&w, 1, &device), &segments);
+                let entropy = body.entropy(vector(&tau, &device), &segments, RayDistribution::Alpha, 0.0);
                 let what = || format!("{body:?}, {}", ray["name"]);
                 close(floats(out.acc)[0], ray["acc"].as_f64().unwrap(), UNIT, &what);
-                close(floats(out.entropy)[0], ray["entropy"].as_f64().unwrap(), INFORMATION, &what);
+                close(floats(entropy.bits)[0], ray["entropy"].as_f64().unwrap(), INFORMATION, &what);
             }
         }
         rays.insert(ray["name"].as_str().unwrap().to_owned(), tau);
@@ -383,7 +398,7 @@ fn every_body_against_arbitrary_precision() {
         for body in Body::ALL {
             let device = body.device();
             let segments = Segments::uniform(1, tau.len());
-            let got = body.gain(vector(tau, &device), vector(near, &device), &segments, 1e-30);
+            let got = body.divergence(vector(tau, &device), vector(near, &device), &segments, 1e-30);
             let what = || format!("{body:?}, {} and {}", pair["p"], pair["q"]);
             close(floats(got)[0], want, INFORMATION * (1.0 + want), &what);
         }
@@ -404,12 +419,14 @@ fn the_oracle_against_closed_forms() {
             close(w, left(i) * -(-sigma * delta).exp_m1(), 1e-12 * w, &|| format!("weight {i}"));
         }
         close(reference::opacity(&tau), -(-sigma * length).exp_m1(), 1e-13, &|| "opacity".into());
-        close(reference::entropy(&tau, 0.0), (n as f64).log2(), 1e-13 * n as f64, &|| "entropy".into());
+        close(reference::entropy(&tau, RayDistribution::Alpha, 0.0), (n as f64).log2(), 1e-13 * n as f64, &|| {
+            "entropy".into()
+        });
         // ∂ Σ w / ∂τ = what leaves the ray, for every sample; and an even ray's entropy is at its maximum.
         for slope in reference::weights_vjp(&tau, &vec![1.0; n]) {
             close(slope, left(n), 1e-12 * left(n), &|| "slope of the opacity".into());
         }
-        assert!(reference::entropy_gradient(&tau, 0.0).iter().all(|slope| *slope == 0.0));
+        assert!(reference::entropy_gradient(&tau, RayDistribution::Alpha, 0.0).iter().all(|slope| *slope == 0.0));
 
         // Nothing, then a wall: all that arrives stops at the first interval of it.
         let mut step = vec![0.0; n];
@@ -458,17 +475,21 @@ fn the_oracle_where_rays_cancel() {
         let ones = vec![1.0; tau.len()];
         slopes(&reference::weights_vjp(&tau, &ones), &ray["opacity_gradient"], &what("its slopes"));
         if hits(&tau) {
-            value(reference::entropy(&tau, epsilon), &ray["entropy"], &what("entropy"));
-            slopes(&reference::entropy_gradient(&tau, epsilon), &ray["entropy_gradient"], &what("its slopes"));
-            value(reference::entropy(&tau, 0.0), &ray["entropy_exact"], &what("exact entropy"));
+            value(reference::entropy(&tau, RayDistribution::Alpha, epsilon), &ray["entropy"], &what("entropy"));
+            slopes(
+                &reference::entropy_gradient(&tau, RayDistribution::Alpha, epsilon),
+                &ray["entropy_gradient"],
+                &what("its slopes"),
+            );
+            value(reference::entropy(&tau, RayDistribution::Alpha, 0.0), &ray["entropy_exact"], &what("exact entropy"));
         }
         rays.insert(name.to_owned(), tau);
     }
     for pair in fixture["pairs"].as_array().unwrap() {
         let (p, q) = (pair["p"].as_str().unwrap(), pair["q"].as_str().unwrap());
         let what = || format!("{p} and {q}");
-        value(reference::information_gain(&rays[p], &rays[q], epsilon), &pair["gain"], &what);
-        let (dp, dq) = reference::information_gain_gradient(&rays[p], &rays[q], epsilon);
+        value(reference::divergence(&rays[p], &rays[q], epsilon), &pair["gain"], &what);
+        let (dp, dq) = reference::divergence_gradient(&rays[p], &rays[q], epsilon);
         slopes(&dp, &pair["gradient_p"], &what);
         slopes(&dq, &pair["gradient_q"], &what);
     }

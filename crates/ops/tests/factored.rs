@@ -41,7 +41,7 @@ fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> C
     let query = Query {
         positions: numbers(3 * samples, 1).into_iter().map(|x| 0.5 + 0.55 * x).collect(),
         directions: if color && view_dependent { numbers(3 * samples, 2).into() } else { Arc::new([]) },
-        octave_weights: vec![1.0, 0.5],
+        frequency_weights: vec![1.0, 0.5],
         level_weights: vec![1.0, 0.4, 0.0],
         color,
     };

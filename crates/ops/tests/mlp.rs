@@ -21,7 +21,7 @@ struct Case {
     encoded: usize,
     skip: usize,
     segments: Segments,
-    octaves: usize,
+    frequencies: usize,
     color: bool,
     x: Vec<f32>,
     directions: Vec<f32>,
@@ -30,10 +30,10 @@ struct Case {
 }
 
 fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> Case {
-    let (encoded, width, layers, octaves) = (7, 10, 4, 2);
+    let (encoded, width, layers, frequencies) = (7, 10, 4, 2);
     let mut draws = Draws(seed);
     let segments = Segments::from_counts(counts.iter().copied());
-    let direction = 3 + 6 * octaves;
+    let direction = 3 + 6 * frequencies;
     let trunk = (0..layers).map(|layer| match layer {
         0 => [encoded, width],
         layer if layer == skip => [encoded + width, width],
@@ -44,7 +44,7 @@ fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> Case {
     let layers = trunk.chain(heads).map(|size| (size, numbers(size[0] * size[1]), numbers(size[1]))).collect();
     let x = numbers(segments.samples() * encoded);
     let directions = numbers(3 * counts.len());
-    Case { encoded, skip, segments, octaves, color, x, directions, layers }
+    Case { encoded, skip, segments, frequencies, color, x, directions, layers }
 }
 
 impl Case {
@@ -53,8 +53,8 @@ impl Case {
         let heads = layers.split_off(layers.len() - 4);
         let [sigma, feature, view, rgb] = <[Dense; 4]>::try_from(heads).unwrap();
         let directions = self.directions.as_slice().into();
-        let (octaves, segments) = (self.octaves, self.segments.clone());
-        let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, octaves, segments });
+        let (frequencies, segments) = (self.frequencies, self.segments.clone());
+        let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, frequencies, segments });
         RadianceMlp { trunk: layers, skip: self.skip, sigma, color }
     }
 
@@ -112,8 +112,8 @@ impl Case {
                     let d = common::wide(&self.directions[3 * ray..][..3]);
                     let mut both = apply(&heads[1], &h);
                     both.extend(&d);
-                    for octave in 0..self.octaves {
-                        let scale = 2f64.powi(octave as i32);
+                    for frequency in 0..self.frequencies {
+                        let scale = 2f64.powi(frequency as i32);
                         both.extend(d.iter().map(|d| (scale * d).sin()));
                         both.extend(d.iter().map(|d| (scale * d).cos()));
                     }

@@ -3,8 +3,8 @@
 mod common;
 
 use burn::tensor::Tensor;
-use common::{Body, floats, matrix, vector};
-use infonerf_ops::{Composite, Segments, composite, reference};
+use common::{Body, DISTRIBUTIONS, floats, matrix, vector};
+use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, reference};
 use proptest::prelude::*;
 
 /// Roundings of `f32` sums over a ray.
@@ -36,26 +36,37 @@ fn packed(rows: &[Vec<f32>]) -> (Segments, Vec<f32>) {
     (Segments::from_counts(rows.iter().map(Vec::len)), rows.concat())
 }
 
-fn run(body: Body, rows: &[Vec<f32>], values: &[f32], epsilon: f32) -> Composite {
+fn run(body: Body, rows: &[Vec<f32>], values: &[f32]) -> Composite {
     let (segments, tau) = packed(rows);
     let device = body.device();
-    body.composite(vector(&tau, &device), matrix(values, 1, &device), &segments, Some(epsilon))
+    body.composite(vector(&tau, &device), matrix(values, 1, &device), &segments)
+}
+
+fn entropies(body: Body, rows: &[Vec<f32>], of: RayDistribution, epsilon: f32) -> RayEntropy {
+    let (segments, tau) = packed(rows);
+    body.entropy(vector(&tau, &body.device()), &segments, of, epsilon)
+}
+
+fn bits(body: Body, ray: &[f32], of: RayDistribution) -> f64 {
+    floats(entropies(body, &[ray.to_vec()], of, 0.0).bits)[0]
 }
 
 fn values(count: usize) -> Vec<f32> {
     (0..count).map(value).collect()
 }
 
+/// Σ w v, Σ w, Σ α and the entropy of α/Σα.
 fn single(body: Body, ray: &[f32], values: &[f32]) -> [f64; 4] {
-    let out = run(body, &[ray.to_vec()], values, 0.0);
+    let out = run(body, &[ray.to_vec()], values);
+    let entropy = entropies(body, &[ray.to_vec()], RayDistribution::Alpha, 0.0);
     let first = |tensor: Tensor<1>| floats(tensor)[0];
-    [floats(out.values)[0], first(out.acc), first(out.alpha_sum), first(out.entropy)]
+    [floats(out.values)[0], first(out.acc), first(entropy.alpha_sum), first(entropy.bits)]
 }
 
-fn gain(body: Body, p: &[f32], q: &[f32]) -> f64 {
+fn divergence(body: Body, p: &[f32], q: &[f32]) -> f64 {
     let device = body.device();
     let segments = Segments::uniform(1, p.len());
-    floats(body.gain(vector(p, &device), vector(q, &device), &segments, 1e-10))[0]
+    floats(body.divergence(vector(p, &device), vector(q, &device), &segments, 1e-10))[0]
 }
 
 fn close(a: f64, b: f64) -> bool {
@@ -82,14 +93,26 @@ proptest! {
         prop_assert!(close(single(body, &tau, &values(tau.len()))[1], sum));
     }
 
-    /// 0 ≤ H ≤ log₂ N, and H = log₂ N only if all samples are equally opaque.
+    /// 0 ≤ H ≤ log₂ N, and H = log₂ N only if all samples are equally opaque. With a background there is one outcome more.
     #[test]
     fn entropy_is_bounded(body in body(), tau in ray(), even in tau(), count in 1usize..40) {
-        let bits = single(body, &tau, &values(tau.len()))[3];
-        prop_assert!(bits >= -TOLERANCE && bits <= (tau.len() as f64).log2() + TOLERANCE, "{bits}");
-        let bits = single(body, &vec![even; count], &values(count))[3];
+        for of in DISTRIBUTIONS {
+            let outcomes = tau.len() + usize::from(of != RayDistribution::Alpha);
+            let bits = bits(body, &tau, of);
+            prop_assert!(bits >= -TOLERANCE && bits <= (outcomes as f64).log2() + TOLERANCE, "{of:?}: {bits}");
+        }
+        let bits = bits(body, &vec![even; count], RayDistribution::Alpha);
         let most = if even > 0.0 { (count as f64).log2() } else { 0.0 };
         prop_assert!(close(most, bits), "{bits}");
+    }
+
+    /// A ray that meets nothing, or stops at its first sample, ends where it ends for certain.
+    #[test]
+    fn certain_rays_have_no_entropy_of_termination(body in body(), rest in ray(), count in 1usize..40) {
+        prop_assert!(bits(body, &vec![0.0; count], RayDistribution::Termination).abs() <= TOLERANCE);
+        prop_assert!(bits(body, &vec![0.0; count], RayDistribution::AlphaBackground).abs() <= TOLERANCE);
+        let wall: Vec<f32> = std::iter::once(1e10).chain(rest).collect();
+        prop_assert!(bits(body, &wall, RayDistribution::Termination).abs() <= TOLERANCE);
     }
 
     /// Entropy and Σα ask how opacity is spread, not where; so does opacity.
@@ -105,9 +128,9 @@ proptest! {
     #[test]
     fn divergence_is_not_negative(body in body(), pairs in prop::collection::vec((tau(), tau()), 1..40)) {
         let (p, q): (Vec<f32>, Vec<f32>) = pairs.into_iter().unzip();
-        let divergence = gain(body, &p, &q);
+        let divergence = divergence(body, &p, &q);
         prop_assert!(divergence >= -TOLERANCE && divergence <= -1e-10f64.ln() + TOLERANCE, "{divergence}");
-        prop_assert!(gain(body, &p, &p).abs() <= TOLERANCE);
+        prop_assert!(self::divergence(body, &p, &p).abs() <= TOLERANCE);
     }
 
     /// KL is 0 for equal rays only, and it is the more the more they differ: KL ≥ ½ (Σ |p − q|)² (Pinsker).
@@ -117,7 +140,7 @@ proptest! {
         let densities = [&p, &q].map(|tau| reference::ray_density(&tau.iter().copied().map(f64::from).collect::<Vec<_>>()));
         if let [Some(a), Some(b)] = densities {
             let distance: f64 = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).sum();
-            let divergence = gain(body, &p, &q);
+            let divergence = divergence(body, &p, &q);
             prop_assert!(divergence >= 0.5 * distance * distance - TOLERANCE, "{divergence}, distance {distance}");
         }
     }
@@ -125,7 +148,7 @@ proptest! {
     /// How opaque an even ray is says nothing about how its opacity is spread.
     #[test]
     fn entropy_of_an_even_ray_knows_no_scale(body in body(), even in 1e-9f32..10.0, factor in 1e-3f32..1e3, count in 1usize..40) {
-        let bits = |tau: f32| single(body, &vec![tau; count], &values(count))[3];
+        let bits = |tau: f32| bits(body, &vec![tau; count], RayDistribution::Alpha);
         prop_assert!(close(bits(even), bits(even * factor)));
     }
 
@@ -145,12 +168,14 @@ proptest! {
     fn each_ray_by_itself(body in body(), rows in rays(), turn in any::<prop::sample::Index>()) {
         let by_ray = |rows: &[Vec<f32>]| {
             let own: Vec<f32> = rows.iter().flat_map(|row| values(row.len())).collect();
-            let out = run(body, rows, &own, 1e-10);
+            let out = run(body, rows, &own);
+            let entropies = DISTRIBUTIONS.map(|of| floats(entropies(body, rows, of, 1e-10).bits));
             let (segments, tau) = packed(rows);
             let device = body.device();
             let near: Vec<f32> = tau.iter().map(|tau| tau * 0.5 + 0.1).collect();
-            let gain = body.gain(vector(&tau, &device), vector(&near, &device), &segments, 1e-10);
-            let columns = [floats(out.values), floats(out.acc), floats(out.alpha_sum), floats(out.entropy), floats(gain)];
+            let divergence = body.divergence(vector(&tau, &device), vector(&near, &device), &segments, 1e-10);
+            let [a, b, c] = entropies;
+            let columns = [floats(out.values), floats(out.acc), a, b, c, floats(divergence)];
             (0..rows.len()).map(|ray| columns.each_ref().map(|column| column[ray])).collect::<Vec<_>>()
         };
         let turn = turn.index(rows.len());
@@ -158,7 +183,7 @@ proptest! {
         together.rotate_left(turn);
         let mut turned = rows.clone();
         turned.rotate_left(turn);
-        let alone: Vec<[f64; 5]> = turned.iter().flat_map(|row| by_ray(std::slice::from_ref(row))).collect();
+        let alone: Vec<[f64; 6]> = turned.iter().flat_map(|row| by_ray(std::slice::from_ref(row))).collect();
         for (other, what) in [(by_ray(&turned), "turned"), (alone, "alone")] {
             for (a, b) in together.iter().flatten().zip(other.iter().flatten()) {
                 prop_assert!(close(*a, *b), "{}: {} {}", what, a, b);

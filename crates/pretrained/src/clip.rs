@@ -8,7 +8,7 @@ use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::bilinear::{Taps, bilinear};
 
-use crate::WeightFile;
+use crate::{TensorShape, WeightFile};
 
 /// Sizes of [`ClipVision`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,6 +33,37 @@ impl ClipConfig {
     /// ViT-B/32, the one that DietNeRF takes.
     pub const VIT_B_32: Self =
         Self { image: 224, patch: 32, width: 768, layers: 12, heads: 12, hidden: 3072, embedding: 512 };
+
+    /// Names and shapes of the encoder's tensors, as Hugging Face has them.
+    #[must_use]
+    pub fn tensors(&self) -> Vec<TensorShape> {
+        let Self { image, patch, width, hidden, .. } = *self;
+        let embeddings = "vision_model.embeddings";
+        let tokens = 1 + (image / patch).pow(2);
+        let mut tensors = vec![
+            (format!("{embeddings}.class_embedding"), vec![width]),
+            (format!("{embeddings}.patch_embedding.weight"), vec![width, 3, patch, patch]),
+            (format!("{embeddings}.position_embedding.weight"), vec![tokens, width]),
+            ("visual_projection.weight".to_owned(), vec![self.embedding, width]),
+        ];
+        let mut weight_and_bias = |name: &str, shape: &[usize]| {
+            tensors.push((format!("{name}.weight"), shape.to_vec()));
+            tensors.push((format!("{name}.bias"), vec![shape[0]]));
+        };
+        weight_and_bias("vision_model.pre_layrnorm", &[width]);
+        weight_and_bias("vision_model.post_layernorm", &[width]);
+        for layer in 0..self.layers {
+            let part = |part: &str| format!("vision_model.encoder.layers.{layer}.{part}");
+            for projection in ["q", "k", "v", "out"] {
+                weight_and_bias(&part(&format!("self_attn.{projection}_proj")), &[width, width]);
+            }
+            weight_and_bias(&part("layer_norm1"), &[width]);
+            weight_and_bias(&part("layer_norm2"), &[width]);
+            weight_and_bias(&part("mlp.fc1"), &[hidden, width]);
+            weight_and_bias(&part("mlp.fc2"), &[width, hidden]);
+        }
+        tensors
+    }
 }
 
 /// Mean and standard deviation of each channel of the images that CLIP was trained on.
@@ -106,7 +137,7 @@ impl Layer {
 }
 
 impl ClipVision {
-    /// Reads the encoder from a safetensors file with the names that the published model has at Hugging Face
+    /// Reads the encoder from a weight file with the names that the published model has at Hugging Face
     /// (`openai/clip-vit-base-patch32`); other tensors in the file are not looked at.
     ///
     /// # Errors

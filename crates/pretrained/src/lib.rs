@@ -1,9 +1,36 @@
-//! Networks that others trained: reading their published weights, and the image encoder of CLIP, which judges renders.
+//! Networks that others trained, with fixed weights: LPIPS, Inception (FID and KID) and the image encoder of CLIP; and
+//! reading, finding, importing and fetching their weights.
 //!
-//! Nothing here is trained, and no weights are part of this program.
+//! Nothing here is trained, and no weights are part of this program: where they are missing, there is an error or a note,
+//! never random numbers.
+//!
+//! ```no_run
+//! use burn::tensor::Device;
+//! use infonerf_metrics::{METRICS, Pair, Picture, Protocol, evaluate};
+//! use infonerf_pretrained::Store;
+//!
+//! let store = Store::new(None)?;
+//! store.fetch("lpips-vgg", &mut |progress| eprintln!("{} of {} bytes", progress.done, progress.total))?;
+//! let networks = store.networks(METRICS, &Device::flex())?;
+//!
+//! let [render, truth] = ["render.png", "truth.png"].map(|path| image::open(path).unwrap().to_rgb8());
+//! let (render, truth) = (Picture::from_rgb8(&render)?, Picture::from_rgb8(&truth)?);
+//! let measured = evaluate(&[Pair::new(&render, &truth)], &networks, &Protocol::default())?;
+//! println!("{:?}", measured.set["lpips_vgg"]);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod clip;
 mod file;
+mod inception;
+mod lpips;
+mod maps;
+mod weights;
 
 pub use clip::{ClipConfig, ClipVision};
-pub use file::WeightFile;
+pub use file::{TensorShape, WeightFile};
+pub use inception::{Inception, InceptionConfig};
+pub use lpips::{Lpips, LpipsConfig};
+#[cfg(feature = "fetch")]
+pub use weights::Progress;
+pub use weights::{KNOWN_WEIGHTS, KnownWeights, Status, Store, WeightsError};

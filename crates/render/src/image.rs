@@ -1,9 +1,11 @@
+use infonerf_field::Field;
 use infonerf_ops::to_host;
 use infonerf_scene::{Camera, Ray};
+use infonerf_schedule::Moment;
 
 use crate::ensemble::combine;
 use crate::march::march;
-use crate::{Counts, Level, Model, OccupancyGrid, Renderer, Want};
+use crate::{Counts, RenderOutput, RenderRequest, Renderer, TrainedModel};
 
 /// A rendered picture with what the report shows beside it. All row-major.
 #[derive(Clone, Debug)]
@@ -22,30 +24,21 @@ pub struct RenderedImage {
     pub counts: Counts,
 }
 
-/// Rays rendered at a time: bounds the memory of a picture.
+/// Rays that march at a time: bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
-/// The same with a coarse and a fine pass, whose networks' activations are wide.
-const HIERARCHICAL_CHUNK: usize = 4096;
-
-/// A trained model without gradients, and what is known to be empty around it.
-#[derive(Clone, Debug)]
-pub struct Learned {
-    /// The model, as `valid()`.
-    pub model: Model,
-    /// What pictures of it may skip.
-    pub occupancy: Option<OccupancyGrid>,
-}
+/// Rays rendered at a time where all of a ray's samples are evaluated at once.
+const WHOLE_RAY_CHUNK: usize = 4096;
 
 /// Renders the picture that `camera` sees: of several members their mean, with as much detail as they have.
 ///
 /// # Panics
 /// If there are no members.
-pub fn render_image(renderer: &Renderer, members: &[Learned], camera: &Camera) -> RenderedImage {
+pub fn render_image<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], camera: &Camera) -> RenderedImage {
     combine(members.iter().map(|member| render_one(renderer, member, camera)).collect())
 }
 
-fn render_one(renderer: &Renderer, learned: &Learned, camera: &Camera) -> RenderedImage {
-    let (model, occupancy) = (&learned.model, learned.occupancy.as_ref());
+fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
+    let (model, occupancy) = (&trained.model, trained.occupancy.as_ref());
     let rays: Vec<Ray> = (0..camera.height)
         .flat_map(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))
         .map(|(x, y)| camera.ray(x, y))
@@ -58,7 +51,7 @@ fn render_one(renderer: &Renderer, learned: &Learned, camera: &Camera) -> Render
         acc: Vec::with_capacity(rays.len()),
         counts: Counts::default(),
     };
-    if !renderer.is_hierarchical() {
+    if renderer.sampler().config().marches() {
         for rays in rays.chunks(CHUNK) {
             let (marched, counts) = march(renderer, &model.fine, rays, occupancy);
             image.counts += counts;
@@ -68,22 +61,19 @@ fn render_one(renderer: &Renderer, learned: &Learned, camera: &Camera) -> Render
         }
         return image;
     }
-    for rays in rays.chunks(HIERARCHICAL_CHUNK) {
-        let want = Want { color: true, entropy: None };
-        let (coarse, fine) = renderer.render(model, rays, want, None, occupancy, 1.0);
-        image.append(&fine);
-        for level in coarse.iter().chain([&fine]) {
-            image.counts += Counts::from(&level.samples);
-        }
+    for rays in rays.chunks(WHOLE_RAY_CHUNK) {
+        let passes = renderer.render(model, rays, RenderRequest { color: true }, None, occupancy, Moment::END);
+        image.append(&passes.fine);
+        image.counts += passes.counts();
     }
     image
 }
 
 impl RenderedImage {
-    fn append(&mut self, level: &Level) {
-        let rgb = to_host(level.color.clone().expect("colour was wanted"));
-        let acc = to_host(level.composite.acc.clone());
-        let depth = to_host(level.depth.clone());
+    fn append(&mut self, output: &RenderOutput) {
+        let rgb = to_host(output.color.clone().expect("colour was asked for"));
+        let acc = to_host(output.acc.clone());
+        let depth = to_host(output.depth.clone());
         for ((rgb, depth), acc) in rgb.chunks_exact(3).zip(depth).zip(acc) {
             self.push([rgb[0], rgb[1], rgb[2]], depth, acc);
         }

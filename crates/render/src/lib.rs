@@ -5,18 +5,23 @@
 //! ```
 
 mod config;
+mod distances;
 mod ensemble;
 mod image;
 mod march;
+mod model;
 mod noise;
 mod occupancy;
-mod render;
+mod output;
+mod renderer;
 mod sampler;
 mod samples;
 
 pub use config::{ConfigError, LastInterval, OccupancyConfig, Placement, RenderConfig};
-pub use image::{Learned, RenderedImage, render_image};
-pub use noise::Noise;
+pub use image::{RenderedImage, render_image};
+pub use model::{Model, TrainedModel};
+pub use noise::{Noise, Stream};
 pub use occupancy::OccupancyGrid;
-pub use render::{Counts, Level, Model, Renderer, Want};
+pub use output::{Counts, Passes, RenderOutput, RenderRequest};
+pub use renderer::Renderer;
 pub use samples::Samples;

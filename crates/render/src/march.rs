@@ -1,11 +1,12 @@
-//! Front to back: pictures of a field without a coarse network.
+//! Front to back: pictures of a field without a coarse pass.
 //!
 //! Rays advance a few samples at a time, and those through which no more light comes drop out. What is left out weighs less
-//! than `render.min_transmittance`.
+//! than `render.early_stop_transmittance`.
 
-use infonerf_field::{Extent, Points, RadianceField};
+use infonerf_field::{Extent, Field, Points};
 use infonerf_ops::{Segments, numeric, to_host};
 use infonerf_scene::Ray;
+use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
 use crate::{Counts, OccupancyGrid, Renderer};
@@ -26,17 +27,19 @@ pub(crate) struct Marched {
 const ROUND: usize = 8;
 
 /// Renders `rays` on the background; colour, distance and transmittance of each, and how many samples that took.
-pub(crate) fn march(
+pub(crate) fn march<F: Field>(
     renderer: &Renderer,
-    field: &RadianceField,
+    field: &F,
     rays: &[Ray],
     occupancy: Option<&OccupancyGrid>,
 ) -> (Vec<Marched>, Counts) {
-    let (longest, step) = renderer.final_step();
+    let sampler = renderer.sampler();
+    let (longest, step) = (sampler.longest(), sampler.step_length(Moment::END));
+    let least = sampler.config().early_stop_transmittance;
     let mut counts = Counts { total: (rays.len() as f32 * longest / step) as u64, evaluated: 0 };
     let mut marched: Vec<Marched> = rays
         .par_iter()
-        .map(|ray| Marched { trans: 1.0, steps: renderer.steps(ray, step, 0.5, occupancy), ..Marched::default() })
+        .map(|ray| Marched { trans: 1.0, steps: sampler.steps(ray, step, 0.5, occupancy), ..Marched::default() })
         .collect();
     let mut active: Vec<usize> = (0..rays.len()).filter(|&ray| !marched[ray].steps.is_empty()).collect();
     while !active.is_empty() {
@@ -58,7 +61,7 @@ pub(crate) fn march(
             segments: &segments,
             extent: Extent::Cones { t: &t, delta: &delta, radii: &radii },
         };
-        let sampled = field.evaluate(points, true, 1.0);
+        let sampled = field.evaluate(points, true, Moment::END);
         let sigma = to_host(sampled.sigma);
         let color = to_host(sampled.color.expect("colour was asked for"));
         let mut advancing = active.iter().copied().enumerate().peekable();
@@ -76,7 +79,7 @@ pub(crate) fn march(
         });
         active.retain(|&ray| {
             let ray = &marched[ray];
-            ray.next < ray.steps.len() && ray.trans > renderer.min_transmittance()
+            ray.next < ray.steps.len() && ray.trans > least
         });
     }
     let background = renderer.background();

@@ -1,37 +1,86 @@
 //! Random numbers addressed by what they are for, so that they do not depend on the order or number of threads.
 
-/// A stream of reproducible random numbers: number `i` of item `n` is a pure function of (seed, n, i).
-#[derive(Clone, Copy, Debug)]
+/// What random numbers are for. Each use in the workspace has a variant of its own: two uses cannot share a stream.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u64)]
+pub enum Stream {
+    /// First weights of a fresh start after a collapse.
+    Restart,
+    /// First weights and random numbers of another field of an ensemble.
+    EnsembleMember,
+    /// Which scene a pre-training step is of.
+    TrainingScene,
+    /// Rays of training images.
+    SeenRays,
+    /// Rays of an unseen pose.
+    UnseenRays,
+    /// How cameras of neighbouring rays are turned.
+    Neighbours,
+    /// A whole picture from an unseen pose.
+    Picture,
+    /// Points at which the occupancy grid is updated.
+    Occupancy,
+    /// Points at which the occupancy grid of finished pictures is filled.
+    RefinedOccupancy,
+    /// Which photographs a field sees.
+    Sources,
+    /// Test rays whose entropy and information gain are reported.
+    InformationRays,
+    /// The neighbours of these.
+    InformationNeighbours,
+    /// A camera's pose.
+    Pose,
+    /// Which of several views.
+    View,
+    /// A pixel's column.
+    Column,
+    /// A pixel's row.
+    Row,
+    /// How many of something.
+    Count,
+    /// Whether a well-fitted pixel is drawn all the same.
+    Acceptance,
+    /// Where samples lie along rays.
+    Samples,
+    /// Samples of a fine pass.
+    FineSamples,
+}
+
+/// A stream of reproducible random numbers: number `i` of item `n` is a pure function of (seed, step, streams, n, i).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Noise {
     seed: u64,
 }
 
 impl Noise {
-    /// A stream for `seed`, a step and a purpose (any distinguishing number).
-    pub fn new(seed: u64, step: u64, purpose: u64) -> Self {
-        Self { seed: mix(mix(mix(seed) ^ step) ^ purpose) }
+    /// The stream of one use within one step of a run.
+    pub fn new(seed: u64, step: u64, stream: Stream) -> Self {
+        Self { seed: mix(mix(mix(seed) ^ step) ^ stream as u64) }
+    }
+
+    /// An independent stream within this one.
+    pub fn child(self, stream: Stream) -> Self {
+        // Roots differ from children in their number of rounds.
+        Self { seed: mix(mix(self.seed).rotate_left(32) ^ stream as u64) }
     }
 
     /// Uniform in [0, 1).
     pub fn uniform(self, item: usize, index: usize) -> f32 {
-        let bits = mix(self.seed ^ mix(((item as u64) << 24) ^ index as u64));
-        (bits >> 40) as f32 / (1u64 << 24) as f32
-    }
-
-    /// An independent stream for the next use within one step.
-    pub fn next(self) -> Self {
-        Self { seed: mix(self.seed) }
-    }
-
-    /// The stream's own seed, for generators that want one.
-    pub fn bits(self) -> u64 {
-        self.seed
+        (self.number(item, index) >> 40) as f32 / (1u64 << 24) as f32
     }
 
     /// Uniform in 0..`count`.
     pub fn below(self, item: usize, index: usize, count: usize) -> usize {
-        let bits = mix(self.seed ^ mix(((item as u64) << 24) ^ index as u64));
-        ((u128::from(bits) * count as u128) >> 64) as usize
+        ((u128::from(self.number(item, index)) * count as u128) >> 64) as usize
+    }
+
+    /// The stream's own seed, for generators that need one.
+    pub fn bits(self) -> u64 {
+        self.seed
+    }
+
+    fn number(self, item: usize, index: usize) -> u64 {
+        mix(self.seed ^ mix(((item as u64) << 24) ^ index as u64))
     }
 }
 
@@ -45,17 +94,61 @@ fn mix(x: u64) -> u64 {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::HashSet;
+
     use super::*;
 
     #[test]
     fn is_uniform_and_reproducible() {
-        let noise = Noise::new(1, 2, 3);
+        let noise = Noise::new(1, 2, Stream::SeenRays);
         let draws: Vec<f32> = (0..10_000).map(|i| noise.uniform(i / 100, i % 100)).collect();
         let mean = draws.iter().sum::<f32>() / draws.len() as f32;
         assert!((mean - 0.5).abs() < 0.01, "{mean}");
         assert!(draws.iter().all(|u| (0.0..1.0).contains(u)));
-        assert_eq!(draws[123], Noise::new(1, 2, 3).uniform(1, 23));
-        assert_ne!(draws[123], Noise::new(1, 2, 4).uniform(1, 23));
+        assert_eq!(draws[123], Noise::new(1, 2, Stream::SeenRays).uniform(1, 23));
         assert!((0..1000).all(|i| noise.below(i, 0, 7) < 7));
     }
+
+    /// Every stream, every stream within a stream, and two deep: no two are the same, also between steps and seeds.
+    #[test]
+    fn no_two_uses_share_a_stream() {
+        assert_eq!(ALL.len() as u64, Stream::FineSamples as u64 + 1, "every variant is listed");
+        let mut seen = HashSet::new();
+        for (seed, step) in [(0, 0), (0, 1), (1, 0)] {
+            for root in ALL {
+                let root = Noise::new(seed, step, root);
+                assert!(seen.insert(root.bits()));
+                for child in ALL {
+                    let child = root.child(child);
+                    assert!(seen.insert(child.bits()));
+                    for grandchild in ALL {
+                        assert!(seen.insert(child.child(grandchild).bits()));
+                    }
+                }
+            }
+        }
+    }
+
+    const ALL: [Stream; 20] = [
+        Stream::Restart,
+        Stream::EnsembleMember,
+        Stream::TrainingScene,
+        Stream::SeenRays,
+        Stream::UnseenRays,
+        Stream::Neighbours,
+        Stream::Picture,
+        Stream::Occupancy,
+        Stream::RefinedOccupancy,
+        Stream::Sources,
+        Stream::InformationRays,
+        Stream::InformationNeighbours,
+        Stream::Pose,
+        Stream::View,
+        Stream::Column,
+        Stream::Row,
+        Stream::Count,
+        Stream::Acceptance,
+        Stream::Samples,
+        Stream::FineSamples,
+    ];
 }

@@ -13,7 +13,7 @@ const PROBES: usize = 8;
 ///
 /// A cell's density is a decaying maximum of what the field answered at random points of it:
 /// d ← max(decay · d, σ(x)), x uniform in the cell. A cell is empty while 1 − exp(−d · step) stays below
-/// `min_alpha`, or below the opacity of the mean cell while the whole field is still faint. A sample can therefore be
+/// `alpha_threshold`, or below the opacity of the mean cell while the whole field is still faint. A sample can therefore be
 /// dropped wrongly only where the field rises within a cell faster than the updates see it.
 #[derive(Clone, Debug)]
 pub struct OccupancyGrid {
@@ -123,7 +123,7 @@ impl OccupancyGrid {
     }
 
     /// A grid of `factor` times the resolution, for a field that no longer changes: each part of an occupied cell is asked
-    /// at eight random points, and is occupied if one sample at any of them would be as opaque as `min_alpha`.
+    /// at eight random points, and is occupied if one sample at any of them would be as opaque as `alpha_threshold`.
     ///
     /// Finer and not dilated, it follows surfaces more closely, and pictures evaluate fewer samples.
     pub fn refined(
@@ -273,6 +273,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::Stream;
 
     fn config() -> OccupancyConfig {
         OccupancyConfig {
@@ -280,7 +281,7 @@ mod tests {
             resolution: 16,
             warmup: 10,
             every: 4,
-            min_alpha: 0.01,
+            alpha_threshold: 0.01,
             decay: 0.9,
             refine: 1,
             carve: false,
@@ -295,7 +296,7 @@ mod tests {
         };
         assert_eq!(grid.fraction(), 1.0);
         for step in 0..8 {
-            assert!(grid.update(Noise::new(0, step, 0), 0.02, ball));
+            assert!(grid.update(Noise::new(0, step, Stream::Occupancy), 0.02, ball));
         }
         assert!(grid.is_occupied(Vec3::ZERO) && grid.is_occupied(Vec3::new(0.45, 0.0, 0.0)));
         assert!(!grid.is_occupied(Vec3::splat(0.9)));
@@ -305,16 +306,16 @@ mod tests {
     }
 
     proptest! {
-        /// With a field that is even within each cell, no sample is dropped whose alpha reaches `min_alpha`.
+        /// With a field that is even within each cell, no sample is dropped whose alpha reaches `alpha_threshold`.
         #[test]
         fn no_sample_above_the_bound_is_dropped(
             seed in any::<u64>(),
-            min_alpha in 1e-4f32..0.5,
+            alpha_threshold in 1e-4f32..0.5,
             step in 1e-3f32..0.5,
             logs in prop::collection::vec(-6f32..3.0, 64),
             at in prop::array::uniform3(-0.999f32..0.999),
         ) {
-            let config = OccupancyConfig { resolution: 4, min_alpha, ..config() };
+            let config = OccupancyConfig { resolution: 4, alpha_threshold, ..config() };
             let mut grid = OccupancyGrid::new(&config, Aabb::cube(Vec3::ZERO, 1.0));
             let cell = |p: Vec3| {
                 let c = ((p + 1.0) * 2.0).clamp(Vec3::ZERO, Vec3::splat(3.0));
@@ -322,12 +323,12 @@ mod tests {
             };
             let sigma = |p: Vec3| 10f32.powf(logs[cell(p)]);
             for update in 0..3 {
-                grid.update(Noise::new(seed, update, 0), step, |points| {
+                grid.update(Noise::new(seed, update, Stream::Occupancy), step, |points| {
                     points.chunks(3).map(|p| sigma(Vec3::from_slice(p))).collect()
                 });
                 let p = Vec3::from(at);
                 let alpha = -(-sigma(p) * step).exp_m1();
-                prop_assert!(alpha < min_alpha * (1.0 + 1e-5) || grid.is_occupied(p), "alpha {alpha} was dropped");
+                prop_assert!(alpha < alpha_threshold * (1.0 + 1e-5) || grid.is_occupied(p), "alpha {alpha} was dropped");
             }
         }
     }
@@ -335,7 +336,7 @@ mod tests {
     #[test]
     fn an_empty_field_reopens_everything() {
         let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
-        assert!(!grid.update(Noise::new(0, 0, 0), 0.02, |points| vec![0.0; points.len() / 3]));
+        assert!(!grid.update(Noise::new(0, 0, Stream::Occupancy), 0.02, |points| vec![0.0; points.len() / 3]));
         assert_eq!(grid.fraction(), 1.0);
     }
 
@@ -346,7 +347,7 @@ mod tests {
         let wall = |points: &[f32]| -> Vec<f32> {
             points.chunks(3).map(|p| if p[0] > 0.5 && p[0] < 0.625 { 20.0 } else { 0.0 }).collect()
         };
-        assert!(grid.update(Noise::new(0, 0, 0), 0.02, wall));
+        assert!(grid.update(Noise::new(0, 0, Stream::Occupancy), 0.02, wall));
         let ray = Ray { origin: Vec3::new(-1.0, 0.1, 0.1), direction: Vec3::X, radius: 0.0 };
         assert_eq!(grid.occupied_density(ray.at(1.0)), None);
         // One of the sixteen cells is the wall.

@@ -1,227 +1,172 @@
-//! Where along a ray to look: pure functions of distances.
+//! Where along each ray a field is evaluated: candidate distances, minus what is known to be empty or hidden.
 
-use crate::{LastInterval, Noise, Placement};
+use infonerf_ops::composite::weights;
+use infonerf_ops::to_host;
+use infonerf_scene::{Aabb, Ray, Scene};
+use infonerf_schedule::Moment;
 
-/// `count` distances that divide [near, far]: with jitter one at random in each stratum, else evenly spaced.
-///
-/// [`Placement::Left`]: NeRF's rule, `linspace(near, far, count)`, each jittered between the midpoints beside it.
-/// [`Placement::Mid`]: `count` equal intervals, one sample in the middle of each, or anywhere in it if jittered.
-/// [`Placement::Interval`]: the `count + 1` edges of `count` intervals, by NeRF's rule.
-pub(crate) fn stratified(
+use crate::distances::{blurred, importance, intervals, resample, stratified};
+use crate::noise::Stream;
+use crate::{Noise, OccupancyGrid, Placement, RenderConfig, RenderOutput, Samples};
+
+/// Sorted distances (edges under [`Placement::Interval`]) of one ray with the ends of its interval; none if it misses the
+/// bounds.
+pub(crate) type Candidates = Option<(Vec<f32>, f32, f32)>;
+
+/// Places samples along the rays of one scene.
+#[derive(Clone, Debug)]
+pub(crate) struct Sampler {
+    config: RenderConfig,
     near: f32,
     far: f32,
-    count: usize,
-    placement: Placement,
-    jitter: Option<(Noise, usize)>,
-) -> Vec<f32> {
-    let at = |u: f32| near * (1.0 - u) + far * u;
-    let draw = |i: usize| jitter.map(|(noise, ray)| noise.uniform(ray, i));
-    match placement {
-        Placement::Left | Placement::Interval => {
-            let count = if placement == Placement::Interval { count + 1 } else { count };
-            let even = |i: usize| at(i as f32 / (count - 1) as f32);
-            (0..count)
-                .map(|i| match draw(i) {
-                    None => even(i),
-                    Some(u) => {
-                        let lower = if i == 0 { even(0) } else { 0.5 * (even(i - 1) + even(i)) };
-                        let upper = if i + 1 == count { even(i) } else { 0.5 * (even(i) + even(i + 1)) };
-                        lower + (upper - lower) * u
-                    }
-                })
-                .collect()
-        }
-        Placement::Mid => (0..count).map(|i| at((i as f32 + draw(i).unwrap_or(0.5)) / count as f32)).collect(),
-    }
+    bounds: Aabb,
 }
 
-/// Samples of one ray from its sorted distances: where each is, and the length of its interval.
-///
-/// [`Placement::Left`]: from the sample to the next; the last one by `last`. [`Placement::Mid`]: from half-way to the
-/// neighbour before to half-way to the one behind, ends reaching to `near` and `far`. [`Placement::Interval`]: distances
-/// are edges, one more than there are samples.
-pub(crate) fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, last: LastInterval) -> Vec<(f32, f32)> {
-    let n = t.len();
-    match placement {
-        Placement::Left => (0..n)
-            .map(|i| match (t.get(i + 1), last) {
-                (Some(next), _) => (t[i], next - t[i]),
-                (None, LastInterval::Infinite) => (t[i], 1e10),
-                (None, LastInterval::Finite) if n > 1 => (t[i], t[n - 1] - t[n - 2]),
-                (None, LastInterval::Finite) => (t[i], far - t[i]),
-            })
-            .collect(),
-        Placement::Mid => {
-            let edge = |i: usize| match i {
-                0 => near,
-                i if i == n => far,
-                i => 0.5 * (t[i - 1] + t[i]),
-            };
-            (0..n).map(|i| (t[i], (edge(i + 1) - edge(i)).max(0.0))).collect()
-        }
-        Placement::Interval => t.windows(2).map(|edge| (0.5 * (edge[0] + edge[1]), edge[1] - edge[0])).collect(),
+impl Sampler {
+    pub(crate) fn new(config: &RenderConfig, scene: &Scene) -> Self {
+        Self { config: config.clone(), near: scene.near, far: scene.far, bounds: scene.bounds }
     }
-}
 
-/// `count` distances drawn from the piecewise-constant density of the coarse `weights`, merged with the coarse `t`.
-///
-/// NeRF's inverse transform (Mildenhall et al., Sec. 5.2): bins between the midpoints of `t`, weights of the inner
-/// samples + 1e-5, `u` even in [0, 1] or jittered. Returns sorted distances, `[t.len() + count]`.
-pub(crate) fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Option<(Noise, usize)>) -> Vec<f32> {
-    let n = t.len();
-    let mids: Vec<f32> = t.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect();
-    let inner = &weights[1..n - 1];
-    let total: f32 = inner.iter().map(|w| w + 1e-5).sum();
-    let mut cdf = Vec::with_capacity(n - 1);
-    let mut sum = 0.0;
-    cdf.push(0.0);
-    for w in inner {
-        sum += (w + 1e-5) / total;
-        cdf.push(sum);
+    pub(crate) fn config(&self) -> &RenderConfig {
+        &self.config
     }
-    let mut merged = t.to_vec();
-    merged.extend((0..count).map(|i| {
-        let u = match jitter {
-            Some((noise, ray)) => noise.uniform(ray, i),
-            None => i as f32 / (count.max(2) - 1) as f32,
-        };
-        let above = cdf.partition_point(|&c| c <= u);
-        let (below, above) = (above.saturating_sub(1), above.min(cdf.len() - 1));
-        let width = cdf[above] - cdf[below];
-        let fraction = (u - cdf[below]) / if width < 1e-5 { 1.0 } else { width };
-        mids[below] + fraction * (mids[above] - mids[below])
-    }));
-    merged.sort_unstable_by(f32::total_cmp);
-    merged
-}
 
-/// Coarse weights as mip-NeRF resamples them (Eq. 18): the mean of the maxima over each pair of neighbours, + 0.01, so that
-/// a surface that moves from one interval to the next is not missed.
-pub(crate) fn blurred(weights: &[f32]) -> Vec<f32> {
-    const PADDING: f32 = 0.01;
-    let at = |i: usize| weights[i.min(weights.len() - 1)];
-    (0..weights.len()).map(|i| 0.5 * (at(i.saturating_sub(1)).max(at(i)) + at(i).max(at(i + 1))) + PADDING).collect()
-}
-
-/// `count + 1` edges drawn from the piecewise-constant density of `weights` between `edges`, one fewer of the former.
-///
-/// mip-NeRF's inverse transform (Sec. 3.1, released code): `u` even in [0, 1), or jittered one in each stratum, so that
-/// edges come out sorted; weights that sum to less than 1e-5 are evened out.
-pub(crate) fn resample(edges: &[f32], weights: &[f32], count: usize, jitter: Option<(Noise, usize)>) -> Vec<f32> {
-    const LEAST: f32 = 1e-5;
-    const LAST: f32 = 1.0 - f32::EPSILON;
-    let n = weights.len();
-    let sum: f32 = weights.iter().sum();
-    let padding = (LEAST - sum).max(0.0) / n as f32;
-    let total = sum + padding * n as f32;
-    let mut cdf = Vec::with_capacity(n + 1);
-    let mut below = 0.0;
-    cdf.push(0.0);
-    for weight in &weights[..n - 1] {
-        below += (weight + padding) / total;
-        cdf.push(f32::min(below, 1.0));
+    /// Length of the interval that a sample stands for, on average: what occupancy is judged by.
+    pub(crate) fn step_length(&self, at: Moment) -> f32 {
+        let c = &self.config;
+        let samples = c.samples.at(at) as f32;
+        // Fine samples are merged with the coarse ones, unless they are intervals.
+        let coarse = if c.is_hierarchical() && c.placement == Placement::Interval { 0.0 } else { samples };
+        self.longest() / (coarse + c.fine_samples as f32)
     }
-    cdf.push(1.0);
-    (0..=count)
-        .map(|i| {
-            let u = match jitter {
-                Some((noise, ray)) => ((i as f32 + noise.uniform(ray, i)) / (count + 1) as f32).min(LAST),
-                None => i as f32 / count as f32 * LAST,
-            };
-            // u is in [0, 1), and so in one of the intervals.
-            let interval = cdf.partition_point(|&c| c <= u) - 1;
-            let fraction = (u - cdf[interval]) / (cdf[interval + 1] - cdf[interval]);
-            edges[interval] + fraction.clamp(0.0, 1.0) * (edges[interval + 1] - edges[interval])
+
+    /// Length of the longest ray.
+    pub(crate) fn longest(&self) -> f32 {
+        if self.config.clip_to_bounds { self.bounds.size().length() } else { self.far - self.near }
+    }
+
+    /// Samples of a single pass by steps of one length: each in the middle of its step or, jittered, all of a ray's samples
+    /// shifted alike.
+    pub(crate) fn marched(
+        &self,
+        rays: &[Ray],
+        noise: Option<Noise>,
+        occupancy: Option<&OccupancyGrid>,
+        at: Moment,
+    ) -> Samples {
+        let step = self.step_length(at);
+        let most = (self.longest() / step).round() as usize;
+        Samples::pack(rays, |index| {
+            let shift = noise.map_or(0.5, |noise| noise.uniform(index, 0));
+            (self.steps(&rays[index], step, shift, occupancy), most)
         })
-        .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::*;
-
-    #[test]
-    fn even_samples_of_both_placements() {
-        assert_eq!(stratified(2.0, 6.0, 5, Placement::Left, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
-        assert_eq!(stratified(2.0, 6.0, 4, Placement::Mid, None), [2.5, 3.5, 4.5, 5.5]);
-        assert_eq!(stratified(2.0, 6.0, 4, Placement::Interval, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
-        let t = [2.0, 3.0, 5.0];
-        let left = |last| intervals(&t, 2.0, 6.0, Placement::Left, last);
-        assert_eq!(left(LastInterval::Finite), [(2.0, 1.0), (3.0, 2.0), (5.0, 2.0)]);
-        assert_eq!(left(LastInterval::Infinite), [(2.0, 1.0), (3.0, 2.0), (5.0, 1e10)]);
-        let finite = |placement| intervals(&t, 1.0, 6.0, placement, LastInterval::Finite);
-        assert_eq!(finite(Placement::Mid), [(2.0, 1.5), (3.0, 1.5), (5.0, 2.0)]);
-        assert_eq!(finite(Placement::Interval), [(2.5, 1.0), (4.0, 2.0)]);
     }
 
-    /// Values made by `tests/fixtures/mip_forward.py`.
-    #[test]
-    fn resampling_agrees_with_jax() {
-        let fixture: serde_json::Value =
-            serde_json::from_str(include_str!("../../../tests/fixtures/mip_forward.json")).unwrap();
-        for case in fixture["resampling"].as_array().unwrap() {
-            let floats = |key: &str| -> Vec<f32> {
-                case[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
-            };
-            let (weights, edges) = (floats("weights"), floats("edges"));
-            let blurred = blurred(&weights);
-            let drawn = resample(&edges, &blurred, floats("resampled").len() - 1, None);
-            for (got, want) in [(blurred, floats("blurred")), (drawn, floats("resampled"))] {
-                assert_eq!(got.len(), want.len());
-                for (got, want) in got.iter().zip(want) {
-                    approx::assert_abs_diff_eq!(*got, want, epsilon = 1e-5);
-                }
-            }
-        }
+    /// `(distance, length)` of the steps of one ray, without those that are empty or behind what the grid remembers as
+    /// opaque.
+    pub(crate) fn steps(&self, ray: &Ray, step: f32, shift: f32, occupancy: Option<&OccupancyGrid>) -> Vec<(f32, f32)> {
+        let Some((near, far)) = self.interval(ray) else { return Vec::new() };
+        let count = ((far - near) / step).ceil().max(1.0);
+        let length = (far - near) / count;
+        let at = |i: usize| (near + (i as f32 + shift) * length, length);
+        let Some(grid) = occupancy else { return (0..count as usize).map(at).collect() };
+        // Steps before and behind everything need no look at the grid.
+        let (first, last) = if self.config.clip_to_bounds {
+            let Some((enter, leave)) = grid.tight_bounds().intersect(ray) else { return Vec::new() };
+            let index = |t: f32| ((t - near) / length).max(0.0);
+            (index(enter).floor() as usize, (index(leave).ceil() as usize + 1).min(count as usize))
+        } else {
+            (0, count as usize)
+        };
+        self.visible((first.saturating_sub(1)..last).map(at), ray, grid)
     }
 
-    #[test]
-    fn resampling_nothing_is_even() {
-        let edges = [2.0, 3.0, 4.0, 5.0, 6.0];
-        for (got, want) in
-            resample(&edges, &[0.0; 4], 8, None).iter().zip([2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0])
-        {
-            approx::assert_abs_diff_eq!(*got, want, epsilon = 1e-5);
-        }
+    /// Stratified distances of each ray, for the coarse pass or the only one.
+    pub(crate) fn coarse(&self, rays: &[Ray], noise: Option<Noise>, at: Moment) -> Vec<Candidates> {
+        let count = self.config.samples.at(at).round() as usize;
+        rays.iter()
+            .enumerate()
+            .map(|(index, ray)| {
+                let (near, far) = self.interval(ray)?;
+                let t = stratified(near, far, count, self.config.placement, noise.map(|noise| (noise, index)));
+                Some((t, near, far))
+            })
+            .collect()
     }
 
-    #[test]
-    fn importance_goes_where_the_weight_is() {
-        let t = stratified(2.0, 6.0, 64, Placement::Left, None);
-        let mut weights = vec![0.0; 64];
-        weights[40] = 1.0;
-        let drawn = importance(&t, &weights, 100, None);
-        let near = drawn.iter().filter(|d| (**d - t[40]).abs() < 0.07).count();
-        assert!(near > 90, "{near} of 164 near the spike");
-    }
-
-    proptest! {
-        #[test]
-        fn samples_are_sorted_and_inside(
-            seed in any::<u64>(), count in 4usize..40, fine in 1usize..40,
-            near in 0.1f32..3.0, length in 0.01f32..10.0,
-            weights in prop::collection::vec(0f32..1.0, 40),
-        ) {
-            let far = near + length;
-            let noise = Noise::new(seed, 0, 0);
-            let jitter = Some((noise, 3));
-            for placement in [Placement::Left, Placement::Mid, Placement::Interval] {
-                let t = stratified(near, far, count, placement, jitter);
-                let drawn = match placement {
-                    Placement::Interval => resample(&t, &weights[..count], fine, jitter),
-                    _ => importance(&t, &weights[..count], fine, jitter),
+    /// Distances of the fine pass, drawn from the coarse weights. A coarse sample that was skipped has weight 0.
+    pub(crate) fn fine(&self, coarse: &[Candidates], output: &RenderOutput, noise: Option<Noise>) -> Vec<Candidates> {
+        let c = &self.config;
+        let weights = weights(&to_host(output.tau.clone()), output.segments());
+        let noise = noise.map(|noise| noise.child(Stream::FineSamples));
+        coarse
+            .iter()
+            .enumerate()
+            .map(|(index, candidates)| {
+                let (t, near, far) = candidates.as_ref()?;
+                let range = output.segments().range(index);
+                // Both lists are sorted and the kept distances are copies of candidates.
+                let mut kept = output.samples.t[range.clone()].iter().zip(&weights[range]).peekable();
+                let mut weight = |t: f32| kept.next_if(|(kept, _)| **kept == t).map_or(0.0, |(_, weight)| *weight);
+                let samples = intervals(t, *near, *far, c.placement, c.last_interval);
+                let dense: Vec<f32> = samples.into_iter().map(|(t, _)| weight(t)).collect();
+                let jitter = noise.map(|noise| (noise, index));
+                let t = match c.placement {
+                    Placement::Interval => resample(t, &blurred(&dense), c.fine_samples, jitter),
+                    Placement::Left | Placement::Mid => importance(t, &dense, c.fine_samples, jitter),
                 };
-                for t in [&t, &drawn] {
-                    prop_assert!(t.windows(2).all(|pair| pair[0] <= pair[1]));
-                    prop_assert!(t.iter().all(|t| *t >= near - 1e-4 && *t <= far + 1e-4));
-                }
-                let samples = intervals(&drawn, near, far, placement, LastInterval::Finite);
-                let expected = if placement == Placement::Interval { fine } else { count + fine };
-                prop_assert_eq!(samples.len(), expected);
-                prop_assert!(samples.iter().all(|(_, delta)| *delta >= 0.0));
-            }
+                Some((t, *near, *far))
+            })
+            .collect()
+    }
+
+    /// Candidates with their intervals, less what the grid knows to be empty or hidden.
+    pub(crate) fn pack(&self, rays: &[Ray], candidates: &[Candidates], occupancy: Option<&OccupancyGrid>) -> Samples {
+        let c = &self.config;
+        let longest = candidates.iter().flatten().map(|(t, ..)| t.len()).max().unwrap_or(0);
+        Samples::pack(rays, |index| {
+            let Some((t, near, far)) = &candidates[index] else { return (Vec::new(), longest) };
+            let samples = intervals(t, *near, *far, c.placement, c.last_interval);
+            let candidates = samples.len();
+            let kept = match occupancy {
+                Some(grid) => self.visible(samples.into_iter(), &rays[index], grid),
+                None => samples,
+            };
+            (kept, candidates)
+        })
+    }
+
+    /// The part of a ray in which there can be something.
+    fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
+        if !self.config.clip_to_bounds {
+            return Some((self.near, self.far));
         }
+        let (enter, leave) = self.bounds.intersect(ray)?;
+        let (near, far) = (enter.max(self.near), leave.min(self.far));
+        (near < far).then_some((near, far))
+    }
+
+    /// Drops the samples in empty cells, and those behind what the grid remembers as opaque. A sample that stands for all
+    /// of its interval is in every cell that this passes.
+    ///
+    /// Hidden samples weigh nothing in the image. They would count in the ray's entropy, which is then that of the visible
+    /// part alone.
+    fn visible(&self, samples: impl Iterator<Item = (f32, f32)>, ray: &Ray, grid: &OccupancyGrid) -> Vec<(f32, f32)> {
+        let enough = if self.config.hidden_depth > 0.0 { self.config.hidden_depth } else { f32::INFINITY };
+        let mut depth = 0.0;
+        let mut kept = Vec::with_capacity(32);
+        for (t, delta) in samples {
+            let density = match self.config.placement {
+                Placement::Left | Placement::Mid => grid.occupied_density(ray.at(t)),
+                Placement::Interval => grid.density_between(ray, t - 0.5 * delta, t + 0.5 * delta),
+            };
+            let Some(density) = density else { continue };
+            if depth >= enough {
+                break;
+            }
+            depth += density * delta;
+            kept.push((t, delta));
+        }
+        kept
     }
 }

@@ -36,7 +36,7 @@ pub enum ReportError {
         reason: String,
     },
     /// A name of a record cannot be a folder's name.
-    #[error("{}: `{field}` is {value:?}: expected letters, digits, `.`, `_` or `-`, not starting with `.`", path.display())]
+    #[error("{}: `{field}` is {value:?}: expected a name that can be a folder's: {reason}", path.display())]
     Name {
         /// The folder under which it would lie.
         path: PathBuf,
@@ -44,6 +44,8 @@ pub enum ReportError {
         field: &'static str,
         /// The name.
         value: String,
+        /// Why it cannot.
+        reason: String,
     },
     /// Other processes replaced the file again and again.
     #[error("{}: other processes kept writing it; the record itself is saved, save any record again", path.display())]

@@ -1,11 +1,11 @@
-use std::{fs, path::Path};
+use std::{collections::BTreeMap, fs, path::Path};
 
 use serde_json::Value;
 
 use crate::ReportError;
 
 /// A training step, as a line of `metrics.jsonl` with `"event": "step"` tells it. What the line lacks is `None`.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Step {
     /// Optimiser step.
     pub step: f64,
@@ -13,6 +13,8 @@ pub struct Step {
     pub seconds: Option<f64>,
     /// Total loss.
     pub loss: Option<f64>,
+    /// Value of each term of the objective, unweighted, by its name.
+    pub losses: BTreeMap<String, f64>,
     /// PSNR of the training batch, in decibels.
     pub psnr: Option<f64>,
 }
@@ -69,7 +71,14 @@ impl Events {
         let number = |key: &str| value.get(key).and_then(Value::as_f64).filter(|number| number.is_finite());
         let (step, seconds, psnr) = (number("step")?, number("seconds"), number("psnr"));
         match value.get("event")?.as_str()? {
-            "step" => self.steps.push(Step { step, seconds, loss: number("loss"), psnr }),
+            "step" => {
+                let terms = value.get("losses").and_then(Value::as_object).into_iter().flatten();
+                let finite = |(name, value): (&String, &Value)| {
+                    value.as_f64().filter(|value| value.is_finite()).map(|value| (name.clone(), value))
+                };
+                let losses = terms.filter_map(finite).collect();
+                self.steps.push(Step { step, seconds, loss: number("loss"), losses, psnr });
+            }
             "eval" => self.evaluations.push(Evaluation { step, seconds, psnr, ssim: number("ssim") }),
             _ => return None,
         }
@@ -83,7 +92,7 @@ mod tests {
 
     #[test]
     fn known_lines_are_read_and_others_counted() {
-        let text = r#"{"event":"step","step":120,"seconds":3.2,"loss":0.012,"rays_per_second":1e5}
+        let text = r#"{"event":"step","step":120,"seconds":3.2,"loss":0.012,"losses":{"rgb":0.01,"kl":null},"rays_per_second":1e5}
 
 {"event":"eval","step":1000,"psnr":18.2,"ssim":null}
 {"event":"checkpoint","step":1000}
@@ -91,7 +100,8 @@ mod tests {
 {"event":"step","loss":0.1}
 {"event":"step","st"#;
         let events = Events::parse(text);
-        assert_eq!(events.steps, [Step { step: 120.0, seconds: Some(3.2), loss: Some(0.012), psnr: None }]);
+        let losses = BTreeMap::from([("rgb".to_owned(), 0.01)]);
+        assert_eq!(events.steps, [Step { step: 120.0, seconds: Some(3.2), loss: Some(0.012), losses, psnr: None }]);
         assert_eq!(events.evaluations, [Evaluation { step: 1000.0, psnr: Some(18.2), ..Evaluation::default() }]);
         assert_eq!(events.skipped, 4);
     }

@@ -1,7 +1,9 @@
 //! The charts that every report has, made from the records and from what the runs wrote while training.
 
+use std::collections::BTreeSet;
+
 use crate::{
-    Events, Metric, Record, ReportError,
+    Events, Quantity, Record, ReportError, Step,
     chart::{Axis, Bar, Frame, Series, bar_chart, line_chart, scatter_chart},
     table::{distinct, groups},
 };
@@ -31,24 +33,24 @@ pub(crate) fn comparison_figures(records: &[Record]) -> Result<Vec<Figure>, Repo
     }
     let over = if scenes.len() > 1 { format!("mean over {} scenes", scenes.len()) } else { scenes.join("") };
     let mut figures = Vec::new();
-    for (metric, name) in [(Metric::Psnr, "psnr"), (Metric::RayEntropy, "ray-entropy")] {
+    for (quantity, name) in [(Quantity::PSNR, "psnr"), (Quantity::RAY_ENTROPY, "ray-entropy")] {
         let bar = |group: &crate::table::Group| {
-            let summary = group.cell(metric, &scenes).summary?;
+            let summary = group.cell(quantity, &scenes).summary?;
             Some(Bar { label: group.label.clone(), value: summary.mean, spread: summary.std })
         };
         let bars: Vec<Bar> = groups.iter().filter_map(bar).collect();
         if bars.len() > 1 {
-            let title = format!("{}, {over}", metric.heading());
-            let svg = bar_chart(&Frame::new(&title, "", metric.heading()), &bars)?;
+            let title = format!("{}, {over}", quantity.heading());
+            let svg = bar_chart(&Frame::new(&title, "", &quantity.heading()), &bars)?;
             let spread = bars.iter().any(|bar| bar.spread.is_some());
             let caption = if spread { "Whiskers: standard deviation over seeds." } else { "" };
             figures.push(Figure { name: name.into(), title, svg, caption: caption.into() });
         }
     }
     let point = |group: &crate::table::Group| {
-        let mean = |metric| group.cell(metric, &scenes).summary.map(|summary| summary.mean);
-        let seconds = mean(Metric::TrainSeconds).filter(|&seconds| seconds > 0.0)?;
-        Some(Series { name: group.label.clone(), points: vec![(seconds, mean(Metric::Psnr)?)] })
+        let mean = |quantity| group.cell(quantity, &scenes).summary.map(|summary| summary.mean);
+        let seconds = mean(Quantity::TRAIN_SECONDS).filter(|&seconds| seconds > 0.0)?;
+        Some(Series { name: group.label.clone(), points: vec![(seconds, mean(Quantity::PSNR)?)] })
     };
     let series: Vec<Series> = groups.iter().filter_map(point).collect();
     if series.len() > 1 {
@@ -86,7 +88,30 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
         let svg = line_chart(&frame, &loss)?;
         figures.push(Figure { name: format!("{scene}-loss"), title, svg, caption: String::new() });
     }
+    for (label, events) in runs {
+        figures.extend(term_figure(scene, label, events)?);
+    }
     Ok(figures)
+}
+
+/// Curves of the objective's terms in one run; none where it has one term only.
+fn term_figure(scene: &str, label: &str, events: &Events) -> Result<Option<Figure>, ReportError> {
+    let names: BTreeSet<&String> = events.steps.iter().flat_map(|step| step.losses.keys()).collect();
+    // What is 0 or less has no place on a logarithmic axis: a term that is not on yet.
+    let point = |step: &Step, name: &String| Some((step.step, step.losses.get(name).copied().filter(|x| *x > 0.0)?));
+    let one = |name: &String| Series {
+        name: name.clone(),
+        points: averaged(&events.steps.iter().filter_map(|step| point(step, name)).collect::<Vec<_>>()),
+    };
+    let series: Vec<Series> = names.into_iter().map(one).filter(|series| series.points.len() > 1).collect();
+    if series.len() < 2 {
+        return Ok(None);
+    }
+    let title = format!("{scene}: terms of the objective of {label}");
+    let frame = Frame { title: title.clone(), x: Axis::linear("step"), y: Axis::log("value") };
+    let svg = line_chart(&frame, &series)?;
+    let caption = "Values before their weights.".into();
+    Ok(Some(Figure { name: format!("{scene}-{label}-terms"), title, svg, caption }))
 }
 
 /// At most [`CURVE_POINTS`] points, each the mean of as many neighbours.

@@ -10,15 +10,15 @@
 //! - [`depth_image`] and [`error_image`]: the pictures of depth and error that a run stores beside its renders.
 //!
 //! ```
-//! use infonerf_report::{Emphasis, Metric, Record, scene_table};
+//! use infonerf_report::{Emphasis, Quantity, Record, scene_table};
 //!
 //! let run = |variant: &str, psnr| Record {
 //!     scene: "lego".into(),
 //!     variant: variant.into(),
-//!     psnr: Some(psnr),
+//!     metrics: [("psnr".to_owned(), Some(psnr))].into_iter().collect(),
 //!     ..Record::default()
 //! };
-//! let table = scene_table(&[run("nerf", 15.9), run("infonerf", 18.9)], Metric::Psnr);
+//! let table = scene_table(&[run("nerf", 15.9), run("infonerf", 18.9)], Quantity::PSNR);
 //! assert!(table.to_markdown().contains("| infonerf | **18.90** |"));
 //! println!("{}", table.to_text(Emphasis::Terminal));
 //! ```
@@ -34,8 +34,10 @@ mod files;
 mod gallery;
 mod html;
 mod markdown;
+mod names;
 mod protocol;
 mod published;
+mod quantity;
 mod record;
 mod report;
 mod run;
@@ -43,17 +45,19 @@ mod store;
 mod table;
 mod text;
 
-pub use claim::{Claim, Comparison, Finding, Quantity, Relation, TestedClaim, Verdict};
+pub use claim::{Claim, Comparison, Finding, Interval, Relation, Side, TestedClaim, Unit, Verdict};
 pub use collection::{Chapter, Collection, write_collection};
 pub use colormap::{ERROR_FULL_SCALE, depth_image, error_image, turbo, viridis};
 pub use error::ReportError;
 pub use events::{Evaluation, Events, Step};
 pub use figures::Figure;
 pub use files::write_atomically;
+pub use names::folder_name_fault;
 pub use protocol::protocol_lines;
 pub use published::{Published, PublishedRow};
 pub use record::{Record, TestViews};
 pub use report::{ReportFiles, ReportInput, write_report};
 pub use run::{Run, RunKey, run_directory};
 pub use store::{read_records, save_record, write_records};
-pub use table::{Cell, Column, Emphasis, Metric, Row, Table, overview_table, scene_table};
+pub use quantity::Quantity;
+pub use table::{Cell, Column, Emphasis, Row, Table, overview_table, scene_table};

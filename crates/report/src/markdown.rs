@@ -1,7 +1,5 @@
 //! `report.md`: the report for a repository, with links to the pictures of the runs.
 
-use std::path::Path;
-
 use crate::{
     Figure, Table, TestedClaim,
     gallery::{KINDS, Picture, View},
@@ -54,8 +52,11 @@ pub(crate) fn claims(claims: &[TestedClaim]) -> String {
 
 /// A chart whose file is in `folder`, below that of the page.
 pub(crate) fn figure(figure: &Figure, folder: &str) -> String {
-    let path = Path::new(folder).join(plot_path(figure));
-    let image = format!("![{}]({})", escape_markdown(&figure.title), escape_url(&path.to_string_lossy()));
+    let path = match folder {
+        "" => plot_path(figure),
+        folder => format!("{folder}/{}", plot_path(figure)),
+    };
+    let image = format!("![{}]({})", escape_markdown(&figure.title), escape_url(&path));
     if figure.caption.is_empty() { image } else { format!("{image}\n\n{}", escape_markdown(&figure.caption)) }
 }
 

@@ -3,8 +3,8 @@ use crate::{Record, table::distinct};
 /// Views, or values that nothing explains, of which a line names each; more of them it counts.
 const MOST_LISTED: usize = 8;
 
-/// How the numbers of `records` were obtained, in two lines: training views, test views, image size and seeds; preset,
-/// iterations and device.
+/// How the numbers of `records` were obtained, in up to three lines: training views, test views, image size and seeds; preset,
+/// iterations and device; how pictures are measured.
 ///
 /// Where records differ in one of these, the line says for which seed, scene, preset or variant it is what
 /// (`train views seed 0: 26, 86, 2, 55; seed 1: 80, 84, 33, 81`), or lists them as `mixed` where none of the four
@@ -33,7 +33,8 @@ pub fn protocol_lines(records: &[Record]) -> Vec<String> {
         iterations(records),
         described(records, "device ", "", |record| record.device.clone()),
     ];
-    vec![first.join(" · "), second.join(" · ")]
+    let third = described(records, "", "", |record| record.evaluation.clone());
+    [first.join(" · "), second.join(" · "), third].into_iter().filter(|line| !line.is_empty()).collect()
 }
 
 /// A range: under a time budget every run takes another number of steps.

@@ -3,12 +3,9 @@
 use infonerf_metrics::Summary;
 
 use crate::{
-    Metric, Record,
+    Quantity, Record,
     table::{Cell, Column, Row, Table, distinct, groups},
 };
-
-/// The metrics of which a paper's tables have figures.
-const METRICS: [Metric; 3] = [Metric::Psnr, Metric::Ssim, Metric::Lpips];
 
 /// What a paper found.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -28,30 +25,21 @@ pub struct PublishedRow {
     pub variant: String,
     /// The scene, where the figures are those of one scene; else they are means over the paper's scenes.
     pub scene: Option<String>,
-    /// PSNR in dB.
-    pub psnr: Option<Summary>,
-    /// SSIM.
-    pub ssim: Option<Summary>,
-    /// LPIPS.
-    pub lpips: Option<Summary>,
+    /// Its figures.
+    pub figures: Vec<(Quantity, Summary)>,
 }
 
 impl PublishedRow {
-    fn summary(&self, metric: Metric) -> Option<Summary> {
-        match metric {
-            Metric::Psnr => self.psnr,
-            Metric::Ssim => self.ssim,
-            Metric::Lpips => self.lpips,
-            _ => None,
-        }
+    fn summary(&self, quantity: Quantity) -> Option<Summary> {
+        self.figures.iter().find(|(of, _)| *of == quantity).map(|(_, summary)| *summary)
     }
 }
 
 impl Published {
     /// The paper's mean over its scenes.
-    pub(crate) fn value(&self, variant: &str, metric: Metric) -> Option<f64> {
+    pub(crate) fn value(&self, variant: &str, quantity: Quantity) -> Option<f64> {
         let row = self.rows.iter().find(|row| row.variant == variant && row.scene.is_none())?;
-        row.summary(metric).map(|summary| summary.mean)
+        row.summary(quantity).map(|summary| summary.mean)
     }
 
     /// Ours beside the paper's, a column each; none if the paper gives no figures.
@@ -60,18 +48,18 @@ impl Published {
     #[must_use]
     pub fn table(&self, records: &[Record]) -> Option<Table> {
         let scenes = distinct(records, |record| record.scene.clone());
-        let measured = |metric: Metric| records.iter().any(|record| metric.value(record).is_some());
-        let shown = |metric: &Metric| self.rows.iter().any(|row| row.summary(*metric).is_some());
-        let metrics: Vec<Metric> = METRICS.into_iter().filter(shown).collect();
-        if metrics.is_empty() {
+        let measured = |quantity: Quantity| records.iter().any(|record| quantity.value(record).is_some());
+        let shown = |quantity: &Quantity| self.rows.iter().any(|row| row.summary(*quantity).is_some());
+        let quantities: Vec<Quantity> = Quantity::all().into_iter().filter(shown).collect();
+        if quantities.is_empty() {
             return None;
         }
         let mut columns = Vec::new();
-        for &metric in &metrics {
-            if measured(metric) {
-                columns.push((Column { heading: format!("{}, here", metric.heading()), metric }, true));
+        for &quantity in &quantities {
+            if measured(quantity) {
+                columns.push((Column { heading: format!("{}, here", quantity.heading()), quantity }, true));
             }
-            columns.push((Column { heading: format!("{}, paper", metric.heading()), metric }, false));
+            columns.push((Column { heading: format!("{}, paper", quantity.heading()), quantity }, false));
         }
         let groups = groups(records);
         let row = |label: String, variant: &str, scene: Option<&String>| {
@@ -79,8 +67,8 @@ impl Published {
             let paper = self.rows.iter().find(|row| row.variant == variant && row.scene.as_ref() == scene);
             let scenes = scene.map_or(&scenes[..], std::slice::from_ref);
             let cell = |(column, here): &(Column, bool)| match here {
-                true => ours.map(|group| group.cell(column.metric, scenes)).unwrap_or_default(),
-                false => Cell { summary: paper.and_then(|row| row.summary(column.metric)), ..Cell::default() },
+                true => ours.map(|group| group.cell(column.quantity, scenes)).unwrap_or_default(),
+                false => Cell { summary: paper.and_then(|row| row.summary(column.quantity)), ..Cell::default() },
             };
             Row { label, cells: columns.iter().map(cell).collect() }
         };
@@ -111,8 +99,7 @@ mod tests {
         let row = |variant: &str, scene: Option<&str>, psnr| PublishedRow {
             variant: variant.into(),
             scene: scene.map(str::to_owned),
-            psnr: Summary::of([psnr]),
-            ..PublishedRow::default()
+            figures: Summary::of([psnr]).map(|psnr| (Quantity::PSNR, psnr)).into_iter().collect(),
         };
         Published {
             source: "Table 1".into(),
@@ -144,7 +131,7 @@ mod tests {
     #[test]
     fn a_paper_without_figures_has_no_table() {
         assert_eq!(Published::default().table(&two_by_two()), None);
-        assert_eq!(published().value("nerf", Metric::Psnr), Some(15.93));
-        assert_eq!(published().value("nerf", Metric::Ssim), None);
+        assert_eq!(published().value("nerf", Quantity::PSNR), Some(15.93));
+        assert_eq!(published().value("nerf", Quantity::SSIM), None);
     }
 }

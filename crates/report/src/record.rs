@@ -1,4 +1,5 @@
-use serde::{Deserialize, Serialize};
+use infonerf_metrics::{METRICS, Values};
+use serde::{Deserialize, Deserializer, Serialize, de};
 
 /// One run: an entry of `results.json`, keys in this order.
 ///
@@ -21,6 +22,9 @@ pub struct Record {
     pub train_views: Vec<usize>,
     /// Which views the metrics are means over.
     pub test_views: TestViews,
+    /// How pictures are measured, in words.
+    #[serde(default)]
+    pub evaluation: String,
     /// `[width, height]` in pixels, of training and test images.
     pub image_size: [usize; 2],
     /// Optimiser steps taken.
@@ -33,18 +37,9 @@ pub struct Record {
     pub samples_total: u64,
     /// Points along training rays at which the field was evaluated.
     pub samples_evaluated: u64,
-    /// Peak signal-to-noise ratio in decibels.
-    pub psnr: Option<f64>,
-    /// Structural similarity.
-    pub ssim: Option<f64>,
-    /// Learned perceptual distance.
-    pub lpips: Option<f64>,
-    /// Gradient magnitude similarity deviation.
-    pub gmsd: Option<f64>,
-    /// Mean image-gradient magnitude of the renders over the truth's.
-    pub sharpness: Option<f64>,
-    /// Root mean square error of depth in scene units, where the scene has exact depth.
-    pub depth_rmse: Option<f64>,
+    /// The metrics of [`METRICS`], a key each: means over the test views.
+    #[serde(flatten, deserialize_with = "known_metrics")]
+    pub metrics: Values,
     /// Mean entropy of the ray distribution on test rays, in bits (the paper's Figure A).
     pub ray_entropy_bits: Option<f64>,
     /// Mean information gain between test rays and their neighbours (the paper's Figure A).
@@ -73,17 +68,12 @@ impl Record {
     /// numbers.
     #[must_use]
     pub fn representable(mut self) -> Self {
-        let metrics = [
-            ("psnr", &mut self.psnr),
-            ("ssim", &mut self.ssim),
-            ("lpips", &mut self.lpips),
-            ("gmsd", &mut self.gmsd),
-            ("sharpness", &mut self.sharpness),
-            ("depth_rmse", &mut self.depth_rmse),
+        let of_rays = [
             ("ray_entropy_bits", &mut self.ray_entropy_bits),
             ("information_gain", &mut self.information_gain),
         ];
-        for (name, metric) in metrics {
+        let metrics = self.metrics.iter_mut().map(|(key, value)| (key.as_str(), value));
+        for (name, metric) in metrics.chain(of_rays) {
             if let Some(value) = metric.take_if(|value| !value.is_finite()) {
                 self.notes.push(format!("{name} was {value} and is left out: JSON cannot hold it"));
             }
@@ -97,4 +87,15 @@ impl Record {
             .into_iter()
             .find(|(_, value)| !value.is_finite())
     }
+}
+
+/// Of the keys that a record has beside its own, those of metrics.
+fn known_metrics<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Values, D::Error> {
+    let others = serde_json::Map::deserialize(deserializer)?;
+    let is_metric = |key: &str| METRICS.iter().any(|metric| metric.key() == key);
+    let number = |(key, value): (String, serde_json::Value)| {
+        let value = Option::<f64>::deserialize(value).map_err(|error| de::Error::custom(format!("{key}: {error}")))?;
+        Ok((key, value))
+    };
+    others.into_iter().filter(|(key, _)| is_metric(key)).map(number).collect()
 }

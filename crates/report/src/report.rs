@@ -4,7 +4,7 @@ use std::{
 };
 
 use crate::{
-    Claim, Events, Figure, Metric, Published, Record, ReportError, Run, Table, TestedClaim,
+    Claim, Events, Figure, Quantity, Published, Record, ReportError, Run, Table, TestedClaim,
     chart::standalone,
     figures::{comparison_figures, curve_figures},
     files::write_atomically,
@@ -95,7 +95,7 @@ pub(crate) struct Contents<'a> {
     pub(crate) published: Option<Table>,
     pub(crate) claims: Vec<TestedClaim>,
     pub(crate) figures: Vec<Figure>,
-    /// A table of scenes for each metric that was measured; none for a single scene.
+    /// A table of scenes for each quantity that was measured; none for a single scene.
     pub(crate) tables: Vec<Table>,
     pub(crate) scenes: Vec<Scene<'a>>,
     /// Each note with the runs that have it.
@@ -118,22 +118,22 @@ impl<'a> Contents<'a> {
         let mut missing = Vec::new();
         let names = distinct(&records, |record| record.scene.clone());
         let several = names.len() > 1;
-        let measured = |metric: &Metric| records.iter().any(|record| metric.value(record).is_some());
-        let tables = Metric::ALL.into_iter().filter(|metric| several && measured(metric));
+        let measured = |quantity: &Quantity| records.iter().any(|record| quantity.value(record).is_some());
+        let tables = Quantity::all().into_iter().filter(|quantity| several && measured(quantity));
         let scenes: Result<Vec<Scene>, ReportError> =
             names.into_iter().map(|name| scene(input, &records, root, name, &mut missing)).collect();
         Ok(Self {
             input,
             protocol: protocol_lines(&records),
             warnings: warnings(input),
-            overviews: [("Quality", &Metric::QUALITY[..]), ("Cost", &Metric::COST[..])].map(|(name, metrics)| {
-                let table = overview_table(&records, metrics);
+            overviews: [("Quality", Quantity::quality()), ("Cost", Quantity::cost())].map(|(name, quantities)| {
+                let table = overview_table(&records, &quantities);
                 Table { title: format!("{name}, {}", table.title), ..table }
             }),
             published: input.published.as_ref().and_then(|published| published.table(&records)),
             claims: input.tested_claims(),
             figures: comparison_figures(&records)?.into_iter().chain(input.figures.iter().cloned()).collect(),
-            tables: tables.map(|metric| scene_table(&records, metric)).collect(),
+            tables: tables.map(|quantity| scene_table(&records, quantity)).collect(),
             scenes: scenes?,
             notes: notes(&input.runs),
             missing,

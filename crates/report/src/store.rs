@@ -14,7 +14,7 @@ use std::{
 
 use serde_json::Value;
 
-use crate::{Record, ReportError, RunKey, files::write_atomically, run_directory};
+use crate::{Record, ReportError, RunKey, files::write_atomically, folder_name_fault, run_directory};
 
 const LIST: &str = "results.json";
 const ATTEMPTS: usize = 1000;
@@ -128,9 +128,11 @@ fn check_names(directory: &Path, record: &Record) -> Result<(), ReportError> {
         ("variant", &record.variant),
         ("preset", &record.preset),
     ];
-    let allowed = |c: char| c.is_alphanumeric() || matches!(c, '.' | '_' | '-');
-    match names.iter().find(|(_, name)| name.is_empty() || name.starts_with('.') || !name.chars().all(allowed)) {
-        Some(&(field, value)) => Err(ReportError::Name { path: directory.into(), field, value: value.clone() }),
+    let fault = names.into_iter().find_map(|(field, name)| Some((field, name, folder_name_fault(name)?)));
+    match fault {
+        Some((field, value, reason)) => {
+            Err(ReportError::Name { path: directory.into(), field, value: value.clone(), reason })
+        }
         None => Ok(()),
     }
 }
@@ -151,13 +153,13 @@ fn parse_records(path: &Path, text: &str) -> Result<Vec<Record>, ReportError> {
 fn offending_field(value: &Value) -> Option<(String, String)> {
     let given = value.as_object()?;
     let default = serde_json::to_value(Record::default()).ok()?;
-    for (key, sample) in default.as_object()? {
+    let missing = |key: &&String| !given.contains_key(*key) && default.get(*key).is_some_and(|value| !value.is_null());
+    if let Some(key) = default.as_object()?.keys().find(missing) {
+        return Some((key.clone(), "is missing".into()));
+    }
+    for (key, found) in given {
         let mut probe = default.clone();
-        match given.get(key) {
-            Some(found) => probe[key] = found.clone(),
-            None if sample.is_null() => continue,
-            None => return Some((key.clone(), "is missing".into())),
-        }
+        probe[key] = found.clone();
         if let Err(error) = serde_json::from_value::<Record>(probe) {
             return Some((key.clone(), error.to_string()));
         }
@@ -169,7 +171,13 @@ fn offending_field(value: &Value) -> Option<(String, String)> {
 mod tests {
     use std::thread;
 
+    use infonerf_metrics::Values;
+
     use super::*;
+
+    fn psnr(value: f64) -> Values {
+        [("psnr".to_owned(), Some(value))].into_iter().collect()
+    }
 
     fn record(scene: &str, variant: &str, seed: u64) -> Record {
         Record {
@@ -178,7 +186,7 @@ mod tests {
             variant: variant.into(),
             seed,
             preset: "fast".into(),
-            psnr: Some(18.123_456_789_012_345),
+            metrics: psnr(18.123_456_789_012_345),
             ..Record::default()
         }
     }
@@ -188,7 +196,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         save_record(directory.path(), &record("lego", "nerf", 0)).unwrap();
         save_record(directory.path(), &record("lego", "infonerf", 0)).unwrap();
-        let better = Record { psnr: Some(20.0), ..record("lego", "nerf", 0) };
+        let better = Record { metrics: psnr(20.0), ..record("lego", "nerf", 0) };
         let records = save_record(directory.path(), &better).unwrap();
         assert_eq!(records, [better, record("lego", "infonerf", 0)]);
         assert_eq!(read_records(&directory.path().join(LIST)).unwrap(), records);
@@ -226,9 +234,9 @@ mod tests {
     #[test]
     fn what_json_cannot_hold_is_null_with_a_note() {
         let directory = tempfile::tempdir().unwrap();
-        let perfect = Record { psnr: Some(f64::INFINITY), ..record("lego", "nerf", 0) };
+        let perfect = Record { metrics: psnr(f64::INFINITY), ..record("lego", "nerf", 0) };
         let saved = &save_record(directory.path(), &perfect).unwrap()[0];
-        assert_eq!((saved.psnr, saved.notes.len()), (None, 1));
+        assert_eq!((saved.metrics["psnr"], saved.notes.len()), (None, 1));
         let timeless = Record { train_seconds: f64::NAN, ..record("lego", "nerf", 0) };
         let error = save_record(directory.path(), &timeless).unwrap_err().to_string();
         assert!(error.contains("field `train_seconds`: expected a finite number"), "{error}");
@@ -241,7 +249,7 @@ mod tests {
         value[0]["psnr"] = "high".into();
         let error = parse_records(path, &value.to_string()).unwrap_err().to_string();
         assert!(
-            error.starts_with("runs/e/results.json: record 0: field `psnr`: invalid type: string \"high\""),
+            error.starts_with("runs/e/results.json: record 0: field `psnr`: psnr: invalid type: string \"high\""),
             "{error}"
         );
         value[0]["psnr"] = Value::Null;
@@ -254,7 +262,7 @@ mod tests {
 
     #[test]
     fn names_stay_inside_the_experiment() {
-        for name in ["..", "a/b", "", "a b"] {
+        for name in ["..", "a/b", "", "a:b"] {
             let error = save_record(Path::new("nowhere"), &record(name, "nerf", 0)).unwrap_err();
             assert!(matches!(error, ReportError::Name { field: "scene", .. }), "{name:?}");
         }

@@ -6,9 +6,9 @@ use std::{
 };
 
 use image::{Rgb, RgbImage};
-use infonerf_metrics::Summary;
+use infonerf_metrics::{METRICS, Summary, Values};
 use infonerf_report::{
-    Claim, Comparison, Figure, Metric, Published, PublishedRow, Quantity, Record, Relation, ReportInput, TestViews,
+    Claim, Comparison, Figure, Published, PublishedRow, Quantity, Record, Relation, ReportInput, Side, TestViews,
     chart::{Axis, Frame, Series, heat_map, power_law_chart, scatter_chart},
     depth_image, error_image, read_records, run_directory, save_record, write_report,
 };
@@ -49,17 +49,27 @@ fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
         render_seconds_per_image: 0.31,
         samples_total: 1_000_000,
         samples_evaluated: 130_000,
-        psnr: Some(psnr),
-        ssim: Some(0.4 + psnr / 50.0),
-        gmsd: Some(0.2),
-        sharpness: Some(0.04 * psnr),
-        depth_rmse: Some(6.0 / psnr),
+        evaluation: "8-bit RGB on white".into(),
+        metrics: metrics(psnr),
         ray_entropy_bits: Some(60.0 / psnr),
         information_gain: Some(0.1),
         peak_rss_bytes: Some(700 << 20),
-        notes: vec!["lpips is null: no weights".into()],
+        notes: vec!["lpips_alex: no weights".into()],
         ..Record::default()
     }
+}
+
+/// All metrics, some of them not measured.
+fn metrics(psnr: f64) -> Values {
+    let value = |key: &str| match key {
+        "psnr" => Some(psnr),
+        "ssim" => Some(0.4 + psnr / 50.0),
+        "gmsd" => Some(0.2),
+        "sharpness" => Some(0.04 * psnr),
+        "depth_error" => Some(6.0 / psnr),
+        _ => None,
+    };
+    METRICS.iter().map(|metric| (metric.key().to_owned(), value(metric.key()))).collect()
 }
 
 fn pictures(root: &Path, record: &Record, quality: f32) {
@@ -97,10 +107,10 @@ fn events(root: &Path, record: &Record) {
     let mut lines = String::new();
     for step in (0..2000).step_by(10) {
         let time = f64::from(step) / 40.0;
-        let psnr = record.psnr.unwrap() * (1.0 - (-0.2 - time / 10.0).exp()) + f64::from(step * 7 % 11) / 20.0;
+        let psnr = record.metrics["psnr"].unwrap() * (1.0 - (-0.2 - time / 10.0).exp()) + f64::from(step * 7 % 11) / 20.0;
         let loss = 10f64.powf(-psnr / 10.0);
         lines +=
-            &format!("{{\"event\":\"step\",\"step\":{step},\"seconds\":{time},\"loss\":{loss},\"psnr\":{psnr}}}\n");
+            &format!("{{\"event\":\"step\",\"step\":{step},\"seconds\":{time},\"loss\":{loss},\"losses\":{{\"rgb\":{loss},\"kl\":0.1}},\"psnr\":{psnr}}}\n");
         if step % 200 == 0 {
             lines +=
                 &format!("{{\"event\":\"eval\",\"step\":{step},\"seconds\":{time},\"psnr\":{psnr},\"ssim\":0.7}}\n");
@@ -226,12 +236,13 @@ fn text_from_outside_stays_text() {
         caption: hostile.into(),
     });
     let comparison = Comparison {
-        left: Quantity::Variant(hostile.into()),
+        left: Side::Variant(hostile.into()),
         is: Relation::Better,
-        right: Quantity::Variant("nerf".into()),
+        right: Side::Variant("nerf".into()),
     };
-    input.claims.push(Claim { statement: hostile.into(), metric: Metric::Psnr, comparisons: vec![comparison] });
-    let row = PublishedRow { variant: hostile.into(), psnr: Summary::of([1.0]), ..PublishedRow::default() };
+    input.claims.push(Claim { statement: hostile.into(), metric: Quantity::PSNR, margin: 0.0, comparisons: vec![comparison] });
+    let figures = vec![(Quantity::PSNR, Summary { mean: 1.0, std: None, n: 1 })];
+    let row = PublishedRow { variant: hostile.into(), figures, ..PublishedRow::default() };
     input.published = Some(Published { source: hostile.into(), rows: vec![row], footnotes: vec![hostile.into()] });
     let files = write_report(&input, root.path()).unwrap();
     let html = fs::read_to_string(files.html).unwrap();
@@ -248,10 +259,12 @@ fn results_have_the_keys_of_the_contract_in_order() {
     save_record(root.path(), &saved).unwrap();
     let text = fs::read_to_string(root.path().join("results.json")).unwrap();
     let keys: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("    \"")?.split('"').next()).collect();
-    let expected = "experiment scene variant seed preset device train_views test_views image_size iterations train_seconds \
-                    render_seconds_per_image samples_total samples_evaluated psnr ssim lpips gmsd sharpness depth_rmse \
+    let expected = "experiment scene variant seed preset device train_views test_views evaluation image_size iterations train_seconds \
+                    render_seconds_per_image samples_total samples_evaluated METRICS \
                     ray_entropy_bits information_gain peak_rss_bytes collapsed notes";
-    assert_eq!(keys, expected.split_whitespace().collect::<Vec<_>>());
-    assert!(text.contains("\"lpips\": null"));
+    let metrics: Vec<&str> = METRICS.iter().map(|metric| metric.key()).collect();
+    assert!(metrics.starts_with(&["psnr", "ssim", "lpips_alex", "lpips_vgg"]));
+    assert_eq!(keys, expected.replace("METRICS", &metrics.join(" ")).split_whitespace().collect::<Vec<_>>());
+    assert!(text.contains("\"lpips_alex\": null"));
     assert_eq!(read_records(&root.path().join("results.json")).unwrap(), [saved]);
 }

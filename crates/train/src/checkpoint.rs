@@ -8,45 +8,14 @@ use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::{ModuleOptimizer, OptimizerRecord};
 use burn::store::ModuleRecord;
 use burn::tensor::{Bytes, Tensor};
+use infonerf_field::Field;
 use infonerf_ops::to_host;
-use infonerf_render::{Counts, Model, OccupancyGrid};
+use infonerf_render::{Model, OccupancyGrid};
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
-use crate::average::Average;
-use crate::convergence::Convergence;
-use crate::explained::Explained;
-
-/// How far a run is.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Progress {
-    /// Steps taken since the last fresh start.
-    pub step: usize,
-    /// Seconds of training so far, over all sessions.
-    pub seconds: f64,
-    /// Points along rays before skipping.
-    pub samples_total: u64,
-    /// Points along rays that a field evaluated.
-    pub samples_evaluated: u64,
-    /// Fresh starts after a collapse.
-    pub restarts: usize,
-    /// Mean number of evaluated samples along a seen ray, lately.
-    pub samples_a_ray: f64,
-    /// Steps in a row in which the field was empty.
-    pub empty_steps: usize,
-    /// Draws of training pixels that were passed over because the pixel is explained.
-    pub pixels_skipped: u64,
-    /// Whether more steps still pay.
-    pub convergence: Convergence,
-}
-
-impl Progress {
-    pub(crate) fn count(&mut self, counts: Counts) {
-        self.samples_total += counts.total;
-        self.samples_evaluated += counts.evaluated;
-    }
-}
+use crate::error_sampling::PixelErrors;
+use crate::weight_averaging::WeightAverage;
+use crate::{Progress, TrainError};
 
 /// Everything that a run needs to go on as if it had never stopped.
 #[derive(Clone, Debug)]
@@ -57,7 +26,17 @@ pub struct Checkpoint {
     averaged: usize,
     optimiser: Vec<u8>,
     occupancy: Option<Vec<u8>>,
-    explained: Option<Vec<u8>>,
+    pixel_errors: Option<Vec<u8>>,
+}
+
+/// What a checkpoint is taken of.
+pub(crate) struct State<'a, F: Field> {
+    pub(crate) progress: &'a Progress,
+    pub(crate) model: &'a Model<F>,
+    pub(crate) average: &'a WeightAverage<F>,
+    pub(crate) optimiser: &'a ModuleOptimizer,
+    pub(crate) occupancy: Option<&'a OccupancyGrid>,
+    pub(crate) pixel_errors: Option<&'a PixelErrors>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -78,32 +57,25 @@ struct Part {
     crc32: u32,
 }
 
-const VERSION: u32 = 3;
+const VERSION: u32 = 4;
 const MANIFEST: &str = "manifest.json";
 
 impl Checkpoint {
-    pub(crate) fn take(
-        progress: &Progress,
-        model: &Model,
-        average: &Average,
-        optimiser: &ModuleOptimizer,
-        occupancy: Option<&OccupancyGrid>,
-        explained: Option<&Explained>,
-    ) -> Result<Self, TrainError> {
-        if let Some(value) = not_finite(model) {
-            return Err(TrainError::NonFinite { term: "value of a weight", value, step: progress.step });
+    pub(crate) fn take<F: Field>(state: State<'_, F>) -> Result<Self, TrainError> {
+        if let Some(value) = not_finite(state.model) {
+            return Err(TrainError::NonFinite { what: "value of a weight".into(), value, step: state.progress.step });
         }
         let record = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
         let bytes =
-            |model: &Model| model.clone().into_record().into_bytes().map(|bytes| bytes.to_vec()).map_err(record);
+            |model: &Model<F>| model.clone().into_record().into_bytes().map(|bytes| bytes.to_vec()).map_err(record);
         Ok(Self {
-            progress: progress.clone(),
-            model: bytes(model)?,
-            average: average.mean().map(bytes).transpose()?,
-            averaged: average.count(),
-            optimiser: optimiser.to_record().into_bytes().map_err(record)?.to_vec(),
-            occupancy: occupancy.map(encode_occupancy),
-            explained: explained.map(Explained::to_bytes),
+            progress: state.progress.clone(),
+            model: bytes(state.model)?,
+            average: state.average.mean().map(bytes).transpose()?,
+            averaged: state.average.count(),
+            optimiser: state.optimiser.to_record().into_bytes().map_err(record)?.to_vec(),
+            occupancy: state.occupancy.map(encode_occupancy),
+            pixel_errors: state.pixel_errors.map(PixelErrors::to_bytes),
         })
     }
 
@@ -125,7 +97,7 @@ impl Checkpoint {
             ("average.bpk", self.average.as_ref()),
             ("optimiser.bpk", Some(&self.optimiser)),
             ("occupancy.bin", self.occupancy.as_ref()),
-            ("explained.bin", self.explained.as_ref()),
+            ("pixel_errors.bin", self.pixel_errors.as_ref()),
         ];
         let mut files = Vec::new();
         for (name, bytes) in parts.into_iter().filter_map(|(name, bytes)| Some((name, bytes?))) {
@@ -189,7 +161,7 @@ impl Checkpoint {
             averaged: manifest.averaged,
             optimiser: needed("optimiser.bpk")?,
             occupancy: part("occupancy.bin")?,
-            explained: part("explained.bin")?,
+            pixel_errors: part("pixel_errors.bin")?,
             progress: manifest.progress,
         })
     }
@@ -198,14 +170,14 @@ impl Checkpoint {
     ///
     /// # Errors
     /// If the model is of another shape.
-    pub fn restore_model(&self, model: Model) -> Result<Model, TrainError> {
+    pub fn restore_model<F: Field>(&self, model: Model<F>) -> Result<Model<F>, TrainError> {
         load(model, &self.model)
     }
 
     /// The averaged weights in a model of the same config.
-    pub(crate) fn restore_average(&self, model: &Model) -> Result<Average, TrainError> {
+    pub(crate) fn restore_average<F: Field>(&self, model: &Model<F>) -> Result<WeightAverage<F>, TrainError> {
         let mean = self.average.as_ref().map(|bytes| load(model.clone(), bytes)).transpose()?;
-        Ok(Average::restored(mean, self.averaged))
+        Ok(WeightAverage::restored(mean, self.averaged))
     }
 
     pub(crate) fn restore_optimiser(&self, optimiser: ModuleOptimizer) -> Result<ModuleOptimizer, TrainError> {
@@ -214,11 +186,11 @@ impl Checkpoint {
         Ok(optimiser.load_record(record))
     }
 
-    /// What was known of training pixels.
-    pub(crate) fn restore_explained(&self) -> Result<Explained, TrainError> {
-        let Some(bytes) = &self.explained else { return Ok(Explained::default()) };
-        let fault = "checkpoint: explained.bin: expected numbers of four bytes";
-        Explained::from_bytes(bytes).ok_or_else(|| TrainError::Config(fault.into()))
+    /// The errors of training pixels.
+    pub(crate) fn restore_pixel_errors(&self) -> Result<PixelErrors, TrainError> {
+        let Some(bytes) = &self.pixel_errors else { return Ok(PixelErrors::default()) };
+        let fault = "checkpoint: pixel_errors.bin: expected numbers of four bytes";
+        PixelErrors::from_bytes(bytes).ok_or_else(|| TrainError::Config(fault.into()))
     }
 
     /// Puts the occupancy back into a grid of the same config.
@@ -237,7 +209,7 @@ impl Checkpoint {
 }
 
 /// A weight that is not finite, if there is one: such a model is not worth keeping, and the checkpoint before it is.
-fn not_finite(model: &Model) -> Option<f32> {
+fn not_finite<F: Field>(model: &Model<F>) -> Option<f32> {
     struct Search(Option<f32>);
     impl ModuleVisitor for Search {
         fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
@@ -249,7 +221,7 @@ fn not_finite(model: &Model) -> Option<f32> {
     search.0
 }
 
-fn load(model: Model, bytes: &[u8]) -> Result<Model, TrainError> {
+fn load<F: Field>(model: Model<F>, bytes: &[u8]) -> Result<Model<F>, TrainError> {
     let fault = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
     let record = ModuleRecord::from_bytes(Bytes::from_bytes_vec(bytes.to_vec())).map_err(fault)?;
     model.try_load_record(record).map_err(fault)

@@ -9,10 +9,10 @@ pub enum TrainError {
     #[error("{0}")]
     Config(String),
     /// A loss is not finite. The last checkpoint is from before it.
-    #[error("step {step}: the {term} is {value}, not a finite number; the last checkpoint is kept")]
+    #[error("step {step}: the {what} is {value}, not a finite number; the last checkpoint is kept")]
     NonFinite {
-        /// Which term.
-        term: &'static str,
+        /// What is not finite, such as ``loss `entropy` ``.
+        what: String,
         /// Its value.
         value: f32,
         /// At which step.

@@ -1,3 +1,5 @@
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 /// One line of `metrics.jsonl`.
@@ -12,25 +14,21 @@ pub enum Event {
         seconds: f64,
         /// The whole objective.
         loss: f32,
-        /// L_RGB.
-        rgb: f32,
-        /// L_entropy in bits, without its weight; none where it is off.
-        entropy: Option<f32>,
-        /// L_KL in nats, without its weight; none where it is off.
-        gain: Option<f32>,
+        /// Each term that took part, by name, without its weight.
+        losses: BTreeMap<String, f32>,
         /// PSNR of the step's rays, dB.
         psnr: f32,
         /// Learning rate.
         lr: f64,
-        /// Rays of all kinds a second, in this step.
+        /// Rays of all kinds per second, in this step.
         rays_per_second: f64,
         /// Mean opacity of the step's seen rays.
         acc: f32,
         /// Share of candidate samples that a field evaluated, in this step.
         evaluated: f64,
     },
-    /// The training error falls no more: the run ends before its time.
-    Converged {
+    /// Early stopping: the training error has plateaued, and the run ends before its time.
+    Plateau {
         /// At which step.
         step: usize,
     },

@@ -1,34 +1,41 @@
-//! Training: configs, schedules, the loop, checkpoints, events and evaluation.
+//! Training: configs, the loop, checkpoints, events and evaluation.
 //!
 //! ```text
 //! Config + Scene ─► Trainer ─► Event … ─► Checkpoint ─► evaluate
 //! ```
 
-mod average;
-mod batch;
 mod checkpoint;
+mod collapse;
 pub mod config;
-mod convergence;
+mod early_stopping;
+mod ensemble;
 mod error;
+mod error_sampling;
 mod evaluate;
 mod event;
-mod explained;
-mod members;
+mod information;
 mod memory;
 mod model;
 mod photographs;
-mod pretrain;
+mod pixels;
 mod profile;
-mod semantic;
+mod progress;
+mod step_renderer;
 mod trainer;
+mod training_images;
+mod training_scene;
+mod weight_averaging;
 
-pub use checkpoint::{Checkpoint, Progress};
+pub use checkpoint::Checkpoint;
+pub use collapse::EmptySteps;
 pub use config::{Config, Preset};
+pub use early_stopping::EarlyStopping;
+pub use ensemble::member_seed;
 pub use error::TrainError;
-pub use evaluate::{Evaluation, Information, InformationQuery, TestView, evaluate_view, information, show_nothing};
+pub use evaluate::{Evaluated, Evaluation, TestView, evaluate_view};
 pub use event::Event;
-pub use members::member_seed;
+pub use information::{Information, InformationQuery, information};
 pub use memory::MemoryPlan;
-pub use pretrain::Pretrainer;
 pub use profile::{Phase, Profile};
+pub use progress::Progress;
 pub use trainer::{Outcome, Trainer};

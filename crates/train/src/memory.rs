@@ -1,6 +1,6 @@
 //! How much memory a run needs, from its sizes alone: one that cannot fit is refused before it begins.
 
-use infonerf_field::FieldConfig;
+use infonerf_field::{FieldSpec, Footprint};
 use infonerf_scene::Scene;
 
 use crate::{Config, TrainError};
@@ -21,14 +21,14 @@ pub struct MemoryPlan {
 impl MemoryPlan {
     /// The plan of `config` on `scene`.
     pub fn new(config: &Config, scene: &Scene) -> Self {
-        let fields = if config.render.fine_samples > 0 && !matches!(config.field, FieldConfig::Mip(_)) { 2 } else { 1 };
-        let (parameters, activations) = sizes(&config.field);
+        let fields = if config.render.is_hierarchical() && !config.field.shares_passes() { 2 } else { 1 };
+        let Footprint { parameters, per_sample } = config.field.footprint();
         let pixels = scene.train.iter().chain(&scene.test).map(|view| view.image.rgb.len() as u64);
         let occupancy = if config.render.occupancy.enabled { cube(config.render.occupancy.resolution) * 6 } else { 0 };
         Self {
             parts: [
                 ("field (its parameters, their gradients and Adam's moments)", fields * parameters * COPIES * FLOAT),
-                ("train.rays and render.samples (the activations of a step)", samples(config) * activations * FLOAT),
+                ("train.rays and render.samples (the activations of a step)", samples(config) * per_sample * FLOAT),
                 ("scene.size (the images)", pixels.sum::<u64>() * PIXEL * FLOAT),
                 ("render.occupancy.resolution (the grid)", occupancy),
             ],
@@ -78,35 +78,8 @@ fn gib(bytes: u64) -> String {
 /// Samples that a step asks a field for, at most as many as it aims for where it aims for a number.
 fn samples(config: &Config) -> u64 {
     let train = &config.train;
-    let along = (config.render.samples + config.render.fine_samples) as u64;
-    if train.samples > 0 { train.samples as u64 } else { train.rays as u64 * along }
-}
-
-/// Parameters of a field, and floats that a step holds for each sample.
-fn sizes(field: &FieldConfig) -> (u64, u64) {
-    match field {
-        FieldConfig::Factored(c) => {
-            let texels: u64 = c.resolutions.iter().map(|&r| (r as u64).pow(2) + r as u64).sum();
-            // Position, direction, distance, interval, density and colour; the kernel works through the rest in blocks.
-            (3 * c.channels as u64 * texels, 12)
-        }
-        FieldConfig::Nerf(c) => dense(c.layers, c.width),
-        FieldConfig::Mip(c) => dense(c.layers, c.width),
-        FieldConfig::PixelNerf(c) => {
-            let stages = c.encoder.blocks.iter().enumerate();
-            let convolutions =
-                stages.map(|(stage, &blocks)| 18 * blocks as u64 * ((c.encoder.width << stage) as u64).pow(2));
-            // Before the views are averaged each of them has activations; one is certain.
-            let (parameters, activations) = dense(2 * c.blocks, c.width);
-            (parameters + convolutions.sum::<u64>(), activations)
-        }
-    }
-}
-
-/// The trunk of an MLP, which is nearly all of it.
-fn dense(layers: usize, width: usize) -> (u64, u64) {
-    let (layers, width) = (layers as u64, width as u64);
-    (layers * width * width, layers * width)
+    let along = config.render.samples.largest() as u64 + config.render.fine_samples as u64;
+    if train.target_samples > 0 { train.target_samples as u64 } else { train.rays as u64 * along }
 }
 
 #[cfg(test)]
@@ -126,7 +99,7 @@ mod tests {
 
     #[test]
     fn sizes_by_hand() {
-        let plan = plan(&["field.resolutions=[64]", "field.channels=2", "train.samples=1000"]);
+        let plan = plan(&["field.resolutions=[64]", "field.channels=2", "train.target_samples=1000"]);
         let tables = 3 * 2 * (64 * 64 + 64) * 5 * 4;
         assert_eq!(plan.total(), tables + 1000 * 12 * 4 + 5 * 64 * 8 * 4 + 64 * 64 * 64 * 6);
         assert!(plan.check(plan.total()).is_ok());
@@ -138,8 +111,8 @@ mod tests {
         let message = giant.check(16 << 30).unwrap_err().to_string();
         assert!(message.starts_with("field (its parameters") && message.contains("16.0 GiB"), "{message}");
         let wide = plan(&[
-            "train.samples=100000000",
-            "field={kind=\"nerf\",layers=8,width=4096,skip=4,position_octaves=10,direction_octaves=4,density=\"relu\",anneal=0.0}",
+            "train.target_samples=100000000",
+            "field={kind=\"nerf\",layers=8,width=4096,skip=4,position_frequencies=10,direction_frequencies=4,density=\"relu\",detail=1.0}",
         ]);
         let message = wide.check(16 << 30).unwrap_err().to_string();
         assert!(message.starts_with("train.rays and render.samples"), "{message}");

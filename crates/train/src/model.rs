@@ -1,28 +1,62 @@
 //! The model that a config describes, as training finds it, and its optimiser.
 
+use std::fmt;
+use std::sync::Arc;
+
 use burn::module::ParamGroup;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
-use infonerf_field::RadianceField;
+use infonerf_field::{Field, FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::adam::Adam;
 use infonerf_render::Model;
 use infonerf_scene::Aabb;
 
 use crate::{Checkpoint, Config, TrainError};
 
-/// Weights drawn from `seed`, or those of the run that `train.init` names.
-pub(crate) fn build(config: &Config, bounds: Aabb, seed: u64, device: &Device) -> Result<Model, TrainError> {
-    let bounds = [bounds.min.to_array(), bounds.max.to_array()];
-    let field = |seed| {
-        RadianceField::new(&config.field, bounds, seed, device).map_err(|error| TrainError::Config(error.to_string()))
-    };
-    let own_coarse = config.render.fine_samples > 0 && !config.field.shares_passes();
-    let coarse = if own_coarse { Some(field(seed.wrapping_add(1 << 32))?) } else { None };
-    begun(config, Model { coarse, fine: field(seed)? })
+type Build<F> = dyn Fn(u64, &Device) -> Result<F, TrainError> + Send + Sync;
+
+/// Makes fields with their first weights: the same ones for the same seed.
+#[derive(Clone)]
+pub(crate) struct FieldBuilder<F> {
+    build: Arc<Build<F>>,
+    shares_passes: bool,
+}
+
+impl<F> fmt::Debug for FieldBuilder<F> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("FieldBuilder").field("shares_passes", &self.shares_passes).finish_non_exhaustive()
+    }
+}
+
+impl FieldBuilder<RadianceField> {
+    /// Fields as `config` describes them, for a scene within `bounds`.
+    pub(crate) fn configured(config: &Config, bounds: Aabb) -> Self {
+        let bounds = [bounds.min.to_array(), bounds.max.to_array()];
+        let (config, shares_passes) = (config.field.clone(), config.field.shares_passes());
+        let build = move |seed: u64, device: &Device| {
+            RadianceField::new(&config, &FieldSetup { bounds, seed, device })
+                .map_err(|error| TrainError::Config(error.to_string()))
+        };
+        Self { build: Arc::new(build), shares_passes }
+    }
+}
+
+impl<F: Field> FieldBuilder<F> {
+    /// Fields that `build` makes of a seed and a device.
+    pub(crate) fn custom(build: impl Fn(u64, &Device) -> F + Send + Sync + 'static) -> Self {
+        Self { build: Arc::new(move |seed, device| Ok(build(seed, device))), shares_passes: false }
+    }
+
+    /// A model with weights drawn from `seed`, or those of the run that `train.init` names.
+    pub(crate) fn model(&self, config: &Config, seed: u64, device: &Device) -> Result<Model<F>, TrainError> {
+        let own_coarse = config.render.is_hierarchical() && !self.shares_passes;
+        let coarse = if own_coarse { Some((self.build)(seed.wrapping_add(1 << 32), device)?) } else { None };
+        begun(config, Model { coarse, fine: (self.build)(seed, device)? })
+    }
 }
 
 /// `model` with the weights of the run in `train.init`, if one is named.
-fn begun(config: &Config, model: Model) -> Result<Model, TrainError> {
+fn begun<F: Field>(config: &Config, model: Model<F>) -> Result<Model<F>, TrainError> {
     let folder = &config.train.init;
     if folder.as_os_str().is_empty() {
         return Ok(model);
@@ -42,6 +76,6 @@ fn begun(config: &Config, model: Model) -> Result<Model, TrainError> {
 pub(crate) fn optimiser(config: &Config) -> ModuleOptimizer {
     let t = &config.train;
     let adam = Adam { epsilon: t.adam_epsilon, beta2: t.adam_beta2, ..Adam::default() };
-    let tables = Adam { rate: t.table_rate, ..adam.clone() };
+    let tables = Adam { rate: t.grid_lr_multiplier, ..adam.clone() };
     ModuleOptimizer::from(adam).with_group(ParamGroup::from_predicate("tables"), tables, None)
 }

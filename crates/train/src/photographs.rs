@@ -1,11 +1,11 @@
 //! The training views as a field sees them that looks at photographs.
 
 use infonerf_field::{SourceView, Sources};
-use infonerf_render::Noise;
+use infonerf_render::{Noise, Stream};
 use infonerf_scene::{Scene, View};
 
-use crate::batch::generator;
 use crate::config::{Batch, TrainConfig};
+use crate::pixels::generator;
 
 /// All training views of a scene.
 #[derive(Clone, Debug)]
@@ -27,12 +27,15 @@ impl Photographs {
         let views = &self.0.views;
         let hidden = config.batch == Batch::HeldOut && views.len() > 1;
         let shown: Vec<usize> = (0..views.len()).filter(|&view| !hidden || view != target).collect();
-        let count =
-            if config.sources == 0 { shown.len() } else { 1 + noise.below(0, 0, config.sources.min(shown.len())) };
+        let count = if config.sources == 0 {
+            shown.len()
+        } else {
+            1 + noise.child(Stream::Count).below(0, 0, config.sources.min(shown.len()))
+        };
         let chosen = if count == shown.len() {
             shown
         } else {
-            let drawn = rand::seq::index::sample(&mut generator(noise.next()), shown.len(), count);
+            let drawn = rand::seq::index::sample(&mut generator(noise.child(Stream::View)), shown.len(), count);
             drawn.into_iter().map(|index| shown[index]).collect()
         };
         Sources { views: chosen.into_iter().map(|view| views[view].clone()).collect(), ..self.0 }
@@ -72,7 +75,7 @@ mod tests {
     fn drawn(photographs: &Photographs, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
         let mut train = Config::from_table(Preset::Fast.table()).unwrap().train;
         (train.batch, train.sources) = (batch, sources);
-        let views = photographs.draw(&train, 1, Noise::new(0, step, 0)).views;
+        let views = photographs.draw(&train, 1, Noise::new(0, step, Stream::Sources)).views;
         let index = |view: &SourceView| {
             photographs.all().views.iter().position(|other| other.to_camera == view.to_camera).unwrap()
         };

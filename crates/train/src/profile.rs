@@ -12,7 +12,7 @@ pub enum Phase {
     /// Rendering rays of unseen poses.
     Unseen,
     /// Rendering neighbouring rays.
-    Near,
+    Neighbours,
     /// Gradients.
     Backward,
     /// Adam.
@@ -22,7 +22,7 @@ pub enum Phase {
 impl Phase {
     /// All of them, in the order of a step.
     pub const ALL: [Self; 7] =
-        [Self::Occupancy, Self::Rays, Self::Seen, Self::Unseen, Self::Near, Self::Backward, Self::Optimiser];
+        [Self::Occupancy, Self::Rays, Self::Seen, Self::Unseen, Self::Neighbours, Self::Backward, Self::Optimiser];
 
     /// For tables.
     pub fn name(self) -> &'static str {
@@ -31,7 +31,7 @@ impl Phase {
             Self::Rays => "rays",
             Self::Seen => "seen rays",
             Self::Unseen => "unseen rays",
-            Self::Near => "near rays",
+            Self::Neighbours => "neighbours",
             Self::Backward => "backward",
             Self::Optimiser => "optimiser",
         }

@@ -91,7 +91,7 @@ fn a_checkpoint_of_another_config_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     saved(folder.path());
     let checkpoint = Checkpoint::load(folder.path()).unwrap().0.unwrap();
-    let wider = "field={kind=\"nerf\",layers=3,width=32,skip=1,position_octaves=4,direction_octaves=2,density=\"relu\",anneal=0.0}";
+    let wider = "field={kind=\"nerf\",layers=3,width=32,skip=1,position_frequencies=4,direction_frequencies=2,density=\"relu\",detail=1.0}";
     for setting in [wider, "render.fine_samples=0", "render.occupancy.resolution=9"] {
         let mut other = trainer(&config(&[setting]), 1, &devices()[0]);
         match other.resume(&checkpoint) {
@@ -104,7 +104,7 @@ fn a_checkpoint_of_another_config_is_refused() {
 #[test]
 fn a_loss_that_is_not_finite_stops_the_run() {
     for device in devices() {
-        let mut poisoned = scene();
+        let mut poisoned = scene().as_ref().clone();
         let config = config(&["train.rays=64"]);
         let mut trainer = Trainer::new(&config, poisoned.clone(), 1, None, &device).unwrap();
         steps(&mut trainer, 2);
@@ -116,12 +116,12 @@ fn a_loss_that_is_not_finite_stops_the_run() {
         let mut trainer = Trainer::new(&config, poisoned, 1, None, &device).unwrap();
         trainer.resume(&good).unwrap();
         let error = trainer.step(&mut |_| panic!("a step was reported")).unwrap_err();
-        let TrainError::NonFinite { term, step, value } = &error else { panic!("{error}") };
-        assert_eq!((*term, *step), ("RGB loss", 2));
+        let TrainError::NonFinite { what, step, value } = &error else { panic!("{error}") };
+        assert_eq!((what.as_str(), *step), ("loss `rgb`", 2));
         assert!(value.is_nan());
         let message = error.to_string();
         assert!(
-            message.contains("step 2") && message.contains("RGB loss") && message.lines().count() == 1,
+            message.contains("step 2") && message.contains("loss `rgb`") && message.lines().count() == 1,
             "{message}"
         );
         // The model is as it was before the step.
@@ -138,7 +138,7 @@ fn a_loss_that_is_not_finite_stops_the_run() {
 #[test]
 fn an_empty_field_starts_over() {
     // Nothing is learned, and the density of a ReLU field of this size is 0 everywhere for some seeds.
-    let field = "field={kind=\"nerf\",layers=1,width=2,skip=1,position_octaves=0,direction_octaves=0,density=\"relu\",anneal=0.0}";
+    let field = "field={kind=\"nerf\",layers=1,width=2,skip=1,position_frequencies=0,direction_frequencies=0,density=\"relu\",detail=1.0}";
     let run = |seed, restarts: usize| {
         let restarts = format!("train.restarts={restarts}");
         let settings = [field, &restarts, "train.lr=0.0", "train.iterations=60", "render.occupancy.enabled=false"];

@@ -2,22 +2,30 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use burn::tensor::Device;
 use common::{config, configs, devices, pixel_config, scene_of, steps, trainer};
-use infonerf_render::Learned;
+use infonerf_render::TrainedModel;
 use infonerf_scene::Scene;
-use infonerf_train::{Config, Event, Outcome, Pretrainer, TestView, Trainer, evaluate_view};
+use infonerf_train::{Config, Event, Outcome, TestView, Trainer, evaluate_view};
 
-fn scenes() -> Vec<Scene> {
+fn scenes() -> Vec<Arc<Scene>> {
     ["random-1", "random-2", "random-3"].map(|name| scene_of(name, 4)).into()
 }
 
-fn pretrainer(config: &Config) -> Pretrainer {
-    Pretrainer::new(config, &scenes(), 3, &Device::flex()).unwrap()
+/// A config of many scenes: L_RGB alone, and no grid, which is of one scene.
+fn lesson_config(settings: &[&str]) -> Config {
+    let off = ["render.occupancy.enabled=false", "loss.entropy.weight=0", "loss.kl.weight=0"];
+    pixel_config(&[&off, settings].concat())
+}
+
+fn pretrainer(config: &Config) -> Trainer {
+    Trainer::on_scenes(config, scenes(), 1, &Device::flex()).unwrap()
 }
 
 /// Takes `count` steps and returns their losses.
-fn lessons(trainer: &mut Pretrainer, count: usize) -> Vec<f32> {
+fn lessons(trainer: &mut Trainer, count: usize) -> Vec<f32> {
     let mut losses = Vec::new();
     for _ in 0..count {
         let mut report = |event| match event {
@@ -33,8 +41,8 @@ fn lessons(trainer: &mut Pretrainer, count: usize) -> Vec<f32> {
 
 /// What a trainer's field shows of its first test view, nothing skipped.
 fn shown(trainer: &Trainer) -> TestView {
-    let learned = Learned { occupancy: None, ..trainer.learned() };
-    evaluate_view(trainer.renderer(), &[learned], &trainer.scene().test[0]).unwrap()
+    let trained = TrainedModel { occupancy: None, ..trainer.trained() };
+    evaluate_view(trainer.renderer(), &[trained], &trainer.scene().test[0]).unwrap()
 }
 
 fn picture(trainer: &Trainer) -> Vec<[f32; 3]> {
@@ -43,7 +51,7 @@ fn picture(trainer: &Trainer) -> Vec<[f32; 3]> {
 
 #[test]
 fn a_broken_off_run_ends_as_an_unbroken_one() {
-    let config = pixel_config(&["train.iterations=10"]);
+    let config = lesson_config(&["train.iterations=10"]);
     let mut whole = pretrainer(&config);
     let losses = lessons(&mut whole, 20);
     assert_eq!(losses.len(), 10);
@@ -56,7 +64,7 @@ fn a_broken_off_run_ends_as_an_unbroken_one() {
 
 #[test]
 fn what_was_learned_serves_a_scene_that_was_not_seen() {
-    let learning = pixel_config(&["train.iterations=150", "train.rays=64", "train.lr=3e-3"]);
+    let learning = lesson_config(&["train.iterations=150", "train.rays=64", "train.lr=3e-3"]);
     let mut pretrainer = pretrainer(&learning);
     let losses = lessons(&mut pretrainer, 150);
     let mean = |losses: &[f32]| losses.iter().sum::<f32>() / losses.len() as f32;
@@ -67,7 +75,7 @@ fn what_was_learned_serves_a_scene_that_was_not_seen() {
     let init = format!("train.init={:?}", run.path());
     let psnr = |config: &Config| {
         let trainer = Trainer::new(config, scene_of("random-9", 1), 0, None, &Device::flex()).unwrap();
-        shown(&trainer).comparison.psnr
+        shown(&trainer).value("psnr").unwrap()
     };
     let (fresh, taught) = (psnr(&pixel_config(&[])), psnr(&pixel_config(&[&init])));
     assert!(taught > fresh + 1.0, "{taught} dB from weights learned on other scenes, {fresh} dB from random ones");
@@ -103,11 +111,20 @@ fn weights_that_do_not_fit_are_refused() {
 }
 
 #[test]
-fn a_field_of_one_scene_cannot_learn_from_many() {
-    let Err(error) = Pretrainer::new(&config(&[]), &scenes(), 0, &Device::flex()) else { panic!("expected a fault") };
-    assert!(error.to_string().starts_with("field.kind: expected `pixelnerf`"), "{error}");
-    let Err(error) = Pretrainer::new(&pixel_config(&[]), &[], 0, &Device::flex()) else { panic!("expected a fault") };
-    assert!(error.to_string().starts_with("scenes: "), "{error}");
+fn a_config_of_one_scene_cannot_learn_from_many() {
+    let fault = |config: &Config, scenes| match Trainer::on_scenes(config, scenes, 0, &Device::flex()) {
+        Ok(_) => panic!("expected a fault"),
+        Err(error) => error.to_string(),
+    };
+    for (config, key) in [
+        (config(&[]), "field.kind: expected `pixelnerf`"),
+        (pixel_config(&[]), "render.occupancy.enabled: "),
+        (lesson_config(&["train.error_sampling.threshold=0.1"]), "train.error_sampling.threshold: "),
+    ] {
+        let message = fault(&config, scenes());
+        assert!(message.starts_with(key), "{message}");
+    }
+    assert!(fault(&lesson_config(&[]), Vec::new()).starts_with("scenes: "));
 }
 
 #[test]

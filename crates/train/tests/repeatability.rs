@@ -2,8 +2,12 @@
 
 mod common;
 
+use std::collections::BTreeMap;
+
 use burn::tensor::Device;
 use common::{config, configs, devices, scene, steps, trainer};
+use infonerf_render::TrainedModel;
+use infonerf_schedule::Moment;
 use infonerf_train::{
     Checkpoint, Config, Event, InformationQuery, Outcome, TestView, Trainer, evaluate_view, information,
 };
@@ -17,23 +21,21 @@ fn cases() -> Vec<(Config, Device)> {
 
 /// Everything that evaluation measures: pictures, metrics, entropy and information gain.
 fn evaluation(trainer: &Trainer, config: &Config, seed: u64) -> (Vec<Vec<[f32; 3]>>, Vec<f64>) {
-    let (scene, model) = (scene(), trainer.model());
-    let view = |view| evaluate_view(trainer.renderer(), &[trainer.learned()], view).unwrap();
+    let scene = scene();
+    let view = |view| evaluate_view(trainer.renderer(), &[trainer.trained()], view).unwrap();
     let views: Vec<TestView> = scene.test.iter().map(view).collect();
-    let rays = config.eval.information_rays;
-    let gain = &config.loss.gain;
-    let epsilon = config.loss.entropy.epsilon;
-    let information = information(
-        trainer.renderer(),
-        &model,
-        trainer.occupancy(),
-        &scene,
-        InformationQuery { gain, epsilon, rays, seed },
-    )
-    .unwrap();
+    let trained = TrainedModel { model: trainer.model(), occupancy: trainer.occupancy().cloned() };
+    let query = InformationQuery {
+        entropy: &config.loss.entropy,
+        kl: &config.loss.kl,
+        max_angle_deg: config.train.neighbours.max_angle_deg,
+        rays: config.eval.information_rays,
+        seed,
+    };
+    let information = information(trainer.renderer(), &trained, &scene, query).unwrap();
     let mut numbers = vec![information.entropy_bits, information.gain];
-    numbers.extend(views.iter().flat_map(|view| [view.comparison.psnr, view.comparison.gmsd]));
-    numbers.extend(views.iter().map(|view| view.depth_rmse.unwrap()));
+    numbers.extend(views.iter().flat_map(|view| view.values.values().flatten()));
+    assert!(views.iter().all(|view| view.value("silhouette_iou").is_some()));
     (views.into_iter().map(|view| view.image.rgb).collect(), numbers)
 }
 
@@ -50,11 +52,12 @@ fn a_seed_decides_everything() {
         assert_eq!(first, run(7));
         assert_ne!(first.0, run(8).0);
         for event in &first.0 {
-            let Event::Step { step, loss, entropy, gain, .. } = event else { panic!("{event:?}") };
-            // The priors of the quick field set in later.
-            let done = (*step - 1) as f64 / STEPS as f64;
-            let all = config.loss.start == 0.0 || done > config.loss.start;
-            assert!(loss.is_finite() && entropy.is_some() == all && gain.is_some() == all, "{event:?}");
+            let Event::Step { step, loss, losses, .. } = event else { panic!("{event:?}") };
+            let at = Moment { step: step - 1, progress: (step - 1) as f64 / STEPS as f64 };
+            for (name, spec) in config.loss.specs() {
+                assert_eq!(losses.contains_key(name), spec.weight().at(at) > 0.0, "{name}: {event:?}");
+            }
+            assert!(loss.is_finite() && losses.contains_key("rgb"), "{event:?}");
         }
     }
 }
@@ -101,12 +104,11 @@ fn a_broken_run_goes_on_to_the_same_numbers() {
 #[test]
 fn a_term_that_is_off_costs_nothing() {
     let [flex, _] = devices();
-    let off = config(&["loss.entropy.weight=0.0", "loss.gain.weight=0.0"]);
+    let off = config(&["loss.entropy.weight=0.0", "loss.kl.weight=0.0"]);
     let mut trainer = trainer(&off, 1, &flex);
     for event in steps(&mut trainer, 2) {
-        let Event::Step { entropy, gain, loss, rgb, .. } = event else { panic!("{event:?}") };
-        assert_eq!((entropy, gain), (None, None));
-        assert_eq!(loss, rgb);
+        let Event::Step { loss, losses, .. } = event else { panic!("{event:?}") };
+        assert_eq!(losses, BTreeMap::from([("rgb".to_owned(), loss)]));
     }
     // Two steps of 24 rays, 10 coarse samples and 16 fine ones.
     assert_eq!(trainer.progress().samples_total, 2 * 24 * (10 + 16));
@@ -116,11 +118,11 @@ fn a_term_that_is_off_costs_nothing() {
 #[test]
 fn training_learns() {
     let [flex, _] = devices();
-    let quick = config(&["train.iterations=150", "train.rays=128", "train.lr=1e-2", "loss.gain.weight=0.0"]);
+    let quick = config(&["train.iterations=150", "train.rays=128", "train.lr=1e-2", "loss.kl.weight=0.0"]);
     let events = steps(&mut trainer(&quick, 0, &flex), 150);
     let mean = |events: &[Event]| {
         let rgb = events.iter().map(|event| match event {
-            Event::Step { rgb, .. } => *rgb,
+            Event::Step { losses, .. } => losses["rgb"],
             other => panic!("expected a step: {other:?}"),
         });
         rgb.sum::<f32>() / events.len() as f32
@@ -129,12 +131,12 @@ fn training_learns() {
     assert!(last < 0.5 * first, "{first} at first, {last} at last");
 }
 
-/// Pixels that are explained are passed over, and only those.
+/// Well-fitted pixels are sampled less often, and only those.
 #[test]
-fn explained_pixels_are_passed_over() {
+fn well_fitted_pixels_are_passed_over() {
     let [flex, _] = devices();
-    let passed = |batch: &str, error: &str| {
-        let setting = format!("train.explained={{error={error},keep=0.0}}");
+    let passed = |batch: &str, threshold: &str| {
+        let setting = format!("train.error_sampling={{threshold={threshold},keep=0.0}}");
         let config = config(&[&format!("train.batch={batch}"), "train.iterations=40", &setting]);
         let mut trainer = trainer(&config, 1, &flex);
         steps(&mut trainer, 40);
@@ -147,17 +149,17 @@ fn explained_pixels_are_passed_over() {
     assert!(passed("pixels", "1.0") > passed("pixels", "0.3"));
 }
 
-/// A run whose error no longer falls ends, and stays at its end when it is resumed.
+/// A run whose error has plateaued ends, and stays at its end when it is resumed.
 #[test]
-fn a_run_that_converged_is_over() {
+fn a_run_that_stopped_early_is_over() {
     let [flex, _] = devices();
-    let settings = ["train.batch=pixels", "train.iterations=40", "train.converged={window=5,gain=1.0}"];
+    let settings = ["train.batch=pixels", "train.iterations=40", "train.early_stopping={patience=5,min_delta=1.0}"];
     let config = config(&settings);
     let mut first = trainer(&config, 1, &flex);
     let mut events = Vec::new();
     while first.step(&mut |event| events.push(event)).unwrap() == Outcome::Running {}
     assert_eq!(first.progress().step, 10, "two windows");
-    assert_eq!(events.last(), Some(&Event::Converged { step: 10 }));
+    assert_eq!(events.last(), Some(&Event::Plateau { step: 10 }));
 
     let mut again = trainer(&config, 1, &flex);
     again.resume(&first.checkpoint().unwrap()).unwrap();

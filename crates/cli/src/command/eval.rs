@@ -1,29 +1,35 @@
-use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
+use infonerf_experiment::{RunPlan, Trained};
+use infonerf_metrics::{METRICS, Metric, Networks, PSNR, Values};
+use infonerf_render::TrainedModel;
 use infonerf_scene::View;
-use infonerf_train::{Evaluation, TestView, Trainer, evaluate_view};
+use infonerf_train::{Evaluated, Evaluation, TestView};
 
-use crate::args::{DeviceName, EvalArgs};
-use crate::device;
-use crate::experiment::RunPlan;
-use crate::run::{self, learned};
+use crate::args::EvalArgs;
+use crate::terminal::open_device;
 
 pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
+    let device = open_device(args.device.device)?;
+    let networks = args.weights.networks(&device)?;
     let mut table = Vec::new();
     for folder in &args.runs {
         let mut plan = RunPlan::of_run(folder)?;
         if let Some(test) = &args.test {
             plan.config.eval.test = test.parse().map_err(|fault| anyhow::anyhow!("--test: {fault}"))?;
         }
-        let trainers = trained(&plan, folder, args.device)?;
-        let trainer = &trainers[0];
-        println!("{}: {} test views ({})", plan.label(), trainer.scene().test.len(), plan.config.eval.test);
+        let trained = Trained::read(plan, folder, &device)?;
+        for warning in &trained.warnings {
+            eprintln!("warning: {warning}");
+        }
+        let (label, test) = (trained.plan.label(), &trained.plan.config.eval.test);
+        println!("{label}: {} test views ({test})", trained.scene().test.len());
+        let models = trained.models();
         if args.scales.is_empty() {
-            each_view(&trainers)?;
+            each_view(&trained, &models, &networks)?;
         } else {
-            table.push((plan.label(), scales(&trainers, &args.scales)?));
+            table.push((label, scales(&trained, &models, &args.scales)?));
         }
     }
     if !args.scales.is_empty() {
@@ -32,78 +38,57 @@ pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// The members of a finished or interrupted run, each as its newest checkpoint left it.
-pub(crate) fn trained(plan: &RunPlan, folder: &Path, device: DeviceName) -> Result<Vec<Trainer>> {
-    let (device, _) = device::open(device)?;
-    let scene = run::load(plan)?;
-    let plan = &RunPlan { config: plan.config.without_weight_files(), ..plan.clone() };
-    let mut trainers = Vec::new();
-    for index in 0..plan.members() {
-        let (checkpoint, refused) = infonerf_train::Checkpoint::load(&plan.member_folder(folder, index))?;
-        for reason in refused {
-            eprintln!("warning: {reason}; using the checkpoint before it");
-        }
-        let Some(checkpoint) = checkpoint else { break };
-        let mut trainer = plan.trainer(scene.clone(), index, &device)?;
-        trainer.resume(&checkpoint)?;
-        trainers.push(trainer);
-    }
-    if trainers.is_empty() {
-        bail!("{}: expected a checkpoint: the run has none yet", folder.display());
-    }
-    Ok(trainers)
-}
-
-/// Evaluates `views`, and shows each as it is there.
+/// Evaluates `views`, and shows each when it is there.
 fn evaluate(
-    trainers: &[Trainer],
+    trained: &Trained,
+    models: &[TrainedModel],
     views: &[View],
-    mut show: impl FnMut(&View, &TestView) -> Result<()>,
-) -> Result<Evaluation> {
-    let members = learned(trainers);
-    let mut results = Vec::new();
+    mut evaluation: Evaluation<'_>,
+    mut show: impl FnMut(&View, &TestView),
+) -> Result<Evaluated> {
     for view in views {
-        let result = evaluate_view(trainers[0].renderer(), &members, view)?;
-        show(view, &result)?;
-        results.push(result);
+        show(view, &evaluation.add(trained.renderer(), models, view)?);
     }
-    Evaluation::mean(&results).context("no test views")
+    evaluation.finish().context("no test views")
 }
 
-fn each_view(trainers: &[Trainer]) -> Result<()> {
-    let mean = evaluate(trainers, &trainers[0].scene().test, |view, result| {
-        let alone = Evaluation::mean(std::slice::from_ref(result)).context("a view")?;
-        println!("{:16} {}", view.name, line(&alone));
-        Ok(())
+fn each_view(trained: &Trained, models: &[TrainedModel], networks: &Networks) -> Result<()> {
+    let protocol = trained.plan.config.eval.metric_protocol();
+    println!("{protocol}");
+    let evaluation = Evaluation::new(networks, &protocol);
+    let evaluated = evaluate(trained, models, &trained.scene().test, evaluation, |view, result| {
+        println!("{:16} {}{:.2} s", view.name, line(&result.values), result.seconds);
     })?;
-    println!("{:16} {}", "mean", line(&mean));
+    println!("{:16} {}{:.2} s", "mean", line(&evaluated.measured.set), evaluated.seconds_per_image);
+    for note in &evaluated.measured.notes {
+        println!("{note}");
+    }
     Ok(())
 }
 
-fn line(mean: &Evaluation) -> String {
-    let number =
-        |value: Option<f64>, digits: usize| value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"));
-    format!(
-        "PSNR {:6.2} dB  SSIM {}  GMSD {:.4}  sharpness {}  depth RMSE {}  {:.2} s",
-        mean.comparison.psnr,
-        number(mean.comparison.ssim, 4),
-        mean.comparison.gmsd,
-        number(mean.comparison.sharpness, 3),
-        number(mean.depth_rmse, 4),
-        mean.seconds
-    )
+/// The metrics that have a value, each with its name.
+fn line(values: &Values) -> String {
+    let shown = |metric: &&Metric| {
+        let value = values.get(metric.key()).copied().flatten()?;
+        let unit = Some(metric.descriptor.unit).filter(|unit| !unit.is_empty());
+        Some(format!("{} {}{}  ", metric.descriptor.name, metric.descriptor.format(value), unit.map_or_else(String::new, |unit| format!(" {unit}"))))
+    };
+    METRICS.iter().filter_map(shown).collect()
 }
 
 /// Mean PSNR at full size and at each smaller one.
-fn scales(trainers: &[Trainer], factors: &[u32]) -> Result<Vec<f64>> {
+fn scales(trained: &Trained, models: &[TrainedModel], factors: &[u32]) -> Result<Vec<f64>> {
+    let (networks, protocol) = (Networks::none(), trained.plan.config.eval.metric_protocol());
     let at = |factor: u32| -> Result<f64> {
-        let views: Vec<View> = trainers[0].scene().test.iter().map(|view| view.reduced(factor)).collect();
-        Ok(evaluate(trainers, &views, |_, _| Ok(()))?.comparison.psnr)
+        let views: Vec<View> = trained.scene().test.iter().map(|view| view.reduced(factor)).collect();
+        let evaluation = Evaluation::of(&[&PSNR], &networks, &protocol);
+        let evaluated = evaluate(trained, models, &views, evaluation, |_, _| ())?;
+        Ok(evaluated.measured.set[PSNR.key()].unwrap_or(f64::NAN))
     };
     std::iter::once(&1).chain(factors).map(|&factor| at(factor)).collect()
 }
 
-/// One row a run: PSNR at full size, then at each scale, with the difference from full size.
+/// One row per run: PSNR at full size, then at each scale, with the difference from full size.
 fn print_scales(factors: &[u32], table: &[(String, Vec<f64>)]) {
     let wide = table.iter().map(|(label, _)| label.len()).max().unwrap_or(0);
     let headings: String = factors.iter().map(|factor| format!("{:>16}", format!("1/{factor}"))).collect();

@@ -1,41 +1,40 @@
 use std::process::ExitCode;
 
 use anyhow::Result;
-use infonerf_report::{
-    Emphasis, Metric, Record, ReportInput, overview_table, protocol_lines, save_record, write_report,
-};
+use infonerf_experiment::{Experiment, Finished, Resume, RunPlan, Session, total_progress};
+use infonerf_report::{Quantity, Record, ReportInput, overview_table, protocol_lines, save_record, write_report};
 use infonerf_train::{Phase, Trainer};
 
+use super::INTERRUPTED;
 use crate::args::ExpArgs;
-use crate::device;
-use crate::experiment::{Experiment, RunPlan};
 use crate::interrupt;
-use crate::run::{Finished, Session, total};
-
-/// Exit code after Ctrl-C.
-const INTERRUPTED: u8 = 130;
+use crate::progress::Progress;
+use crate::terminal::{emphasis, open_device};
 
 pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
-    let experiment = Experiment::plan(&args.experiment, &args.selection, args.budget)?;
-    let (device, device_name) = device::open(args.selection.device)?;
-    let session = Session { device, device_name, out: args.out.clone(), resume: args.resume, until: None };
+    let experiment = Experiment::plan(&args.experiment, &args.selection.selection(args.budget))?;
+    let resume = if args.resume { Resume::Always } else { Resume::Never };
+    let device = open_device(args.selection.device.device)?;
+    let networks = args.selection.weights.networks(&device)?;
+    let session = Session::new(device, &args.out, resume).with_networks(networks);
     interrupt::install()?;
-    announce(&experiment, device_name);
-    let folder = args.out.join(&experiment.about.name);
+    announce(&experiment, &session);
+    let folder = session.experiment_folder(&experiment.about.name);
     let mut records: Vec<Record> = Vec::new();
     for (index, plan) in experiment.runs.iter().enumerate() {
-        let label = plan.label();
-        match session.run(plan)? {
+        let label = format!("[{}/{}] {}", index + 1, experiment.runs.len(), plan.label());
+        let mut progress = Progress::new(&label)?;
+        match session.run(plan, &mut |event| progress.watch(event))? {
             Finished::Record(record, trainers) => {
-                println!("[{}/{}] {label}: {}", index + 1, experiment.runs.len(), summary(&record));
+                println!("{label}: {}", summary(&record));
                 if args.profile {
                     print_profile(&trainers);
                 }
                 records = save_record(&folder, &record)?;
             }
-            Finished::Kept => {
-                println!("[{}/{}] {label}: finished before, kept", index + 1, experiment.runs.len());
-                records = infonerf_report::read_records(&folder.join("results.json"))?;
+            Finished::Kept(record) => {
+                println!("{label}: finished before, kept");
+                records = save_record(&folder, &record)?;
             }
             Finished::Stopped => {
                 println!("{label}: saved; the same command with --resume goes on");
@@ -58,9 +57,9 @@ fn same(plan: &RunPlan, record: &Record) -> bool {
         == (&record.scene, &record.variant, record.seed, record.preset.as_str())
 }
 
-fn announce(experiment: &Experiment, device: &str) {
+fn announce(experiment: &Experiment, session: &Session) {
     let about = &experiment.about;
-    println!("{}: {} ({} runs, on {device})", about.name, about.title, experiment.runs.len());
+    println!("{}: {} ({} runs, on {})", about.name, about.title, experiment.runs.len(), session.device.name);
     match &about.data {
         Some(data) => println!("scenes from {}", data.display()),
         None => println!("no --data given: using the built-in procedural scenes"),
@@ -69,11 +68,11 @@ fn announce(experiment: &Experiment, device: &str) {
 
 /// The most telling numbers of a run on one line.
 pub(super) fn summary(record: &Record) -> String {
-    let number = |value: Option<f64>, digits| value.map_or_else(|| "-".into(), |value| format!("{value:.digits$}"));
+    let shown = |quantity: Quantity| quantity.value(record).map_or_else(|| "-".into(), |value| quantity.format(value));
     format!(
         "PSNR {} dB, SSIM {}, {} steps in {:.1} s{}",
-        number(record.psnr, 2),
-        number(record.ssim, 3),
+        shown(Quantity::PSNR),
+        shown(Quantity::SSIM),
         record.iterations,
         record.train_seconds,
         if record.collapsed { ", COLLAPSED" } else { "" }
@@ -85,10 +84,10 @@ fn print_table(records: &[Record]) {
     for line in protocol_lines(records) {
         println!("{line}");
     }
-    println!("\n{}", overview_table(records, &Metric::ALL).to_text(Emphasis::Terminal));
+    println!("\n{}", overview_table(records, &Quantity::all()).to_text(emphasis()));
 }
 
-/// What became of the paper's statements, if the experiment has some.
+/// What became of the statements on the order of variants, if the experiment has some.
 pub(super) fn print_claims(input: &ReportInput) {
     for claim in input.tested_claims() {
         println!("{:13} {}", claim.verdict.to_string(), claim.statement);
@@ -101,7 +100,7 @@ pub(super) fn print_claims(input: &ReportInput) {
 }
 
 fn print_profile(trainers: &[Trainer]) {
-    let progress = total(trainers);
+    let progress = total_progress(trainers);
     let steps = progress.step.max(1) as f64;
     let skipped = 1.0 - progress.samples_evaluated as f64 / progress.samples_total.max(1) as f64;
     println!(
@@ -111,12 +110,12 @@ fn print_profile(trainers: &[Trainer]) {
         100.0 * skipped
     );
     if progress.pixels_skipped > 0 {
-        println!("    pixels: {} draws passed over as explained", progress.pixels_skipped);
+        println!("    pixels: {} draws rejected as well fitted", progress.pixels_skipped);
     }
     for phase in Phase::ALL {
         let spent = trainers.iter().map(|trainer| trainer.profile().spent(phase).as_secs_f64()).sum::<f64>();
         println!(
-            "    {:12} {:8.2} ms a step {:5.1} %",
+            "    {:12} {:8.2} ms per step {:5.1} %",
             phase.name(),
             spent / steps * 1e3,
             100.0 * spent / progress.seconds

@@ -14,7 +14,9 @@ use std::process::ExitCode;
 use anyhow::Result;
 
 use crate::args::Command;
-use crate::experiment;
+
+/// Exit code after Ctrl-C.
+const INTERRUPTED: u8 = 130;
 
 /// Runs a subcommand.
 pub(crate) fn run(command: Command) -> Result<ExitCode> {
@@ -29,7 +31,7 @@ pub(crate) fn run(command: Command) -> Result<ExitCode> {
         Command::Render(args) => render::run(&args),
         Command::Scene(command) => scene::run(&command),
         Command::List => {
-            for (name, title) in experiment::list()? {
+            for (name, title) in infonerf_experiment::list()? {
                 println!("{name:24} {title}");
             }
             Ok(ExitCode::SUCCESS)

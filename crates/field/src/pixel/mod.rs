@@ -5,16 +5,109 @@ mod mlp;
 mod project;
 mod resnet34;
 
+use std::fmt;
+use std::path::PathBuf;
+
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData, activation::sigmoid};
 use infonerf_ops::bilinear::{Taps, bilinear};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
-use rand::Rng;
+use infonerf_schedule::Moment;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
 
-use crate::{ConfigError, PixelNerfConfig, Points, Sampled, SourceView, Sources};
+use crate::check::{check, dense_footprint};
+use crate::{
+    ConfigError, DensityActivation, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, SourceView, Sources,
+};
 use encoder::Encoder;
 use mlp::ResnetMlp;
 use project::{ViewPoints, view_points};
+
+/// Sizes of [`PixelNerf`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PixelNerfConfig {
+    /// The image encoder.
+    pub encoder: EncoderConfig,
+    /// ResNet blocks of the MLP (paper: 5).
+    pub blocks: usize,
+    /// Blocks after which the views are averaged; features are added before each of them (paper: 3).
+    pub pool_after: usize,
+    /// Width of the MLP (paper: 512).
+    pub width: usize,
+    /// Frequencies of the position's encoding in view space (paper: 6).
+    pub frequencies: usize,
+    /// ω, the encoding's lowest frequency: sin(2ᵏ ω x), x in scene units (paper: 1.5).
+    pub lowest_frequency: f32,
+    /// How raw density becomes σ.
+    pub density: DensityActivation,
+}
+
+/// The image encoder of [`PixelNerf`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EncoderConfig {
+    /// Channels of the stem and the first stage, twice as many in each further one (ResNet-34: 64).
+    pub width: usize,
+    /// Residual blocks of each stage that is read (paper: the first three of ResNet-34, 3, 4 and 6).
+    pub blocks: Vec<usize>,
+    /// Safetensors file with the weights of torchvision's `resnet34`; empty for random ones.
+    pub weights: PathBuf,
+}
+
+impl fmt::Display for PixelNerfConfig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let stages = self.encoder.blocks.len();
+        write!(f, "ResNet MLP of {} blocks of {} over features of {stages} stages", self.blocks, self.width)
+    }
+}
+
+impl FieldSpec for PixelNerfConfig {
+    type Field = PixelNerf;
+
+    fn validate(&self) -> Result<(), ConfigError> {
+        let encoder = &self.encoder;
+        let good = (1..=4).contains(&encoder.blocks.len()) && encoder.blocks.iter().all(|n| (1..=64).contains(n));
+        check("encoder.blocks", "1 to 4 numbers from 1 to 64", format!("{:?}", encoder.blocks), good)?;
+        check("encoder.width", "1 to 512", encoder.width, (1..=512).contains(&encoder.width))?;
+        check("blocks", "1 to 64", self.blocks, (1..=64).contains(&self.blocks))?;
+        check("pool_after", "1 to field.blocks", self.pool_after, (1..=self.blocks).contains(&self.pool_after))?;
+        check("width", "1 to 4096", self.width, (1..=4096).contains(&self.width))?;
+        check("frequencies", "0 to 20", self.frequencies, self.frequencies <= 20)?;
+        let lowest = self.lowest_frequency;
+        check("lowest_frequency", "above 0, at most 1000", lowest, lowest > 0.0 && lowest <= 1e3)
+    }
+
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<PixelNerf, ConfigError> {
+        let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
+        let mut encoder = Encoder::new(&self.encoder, &mut rng, setup.device);
+        if !self.encoder.weights.as_os_str().is_empty() {
+            encoder = resnet34::load(encoder, &self.encoder.weights)?;
+        }
+        let inputs = encoded_width(3, self.frequencies) + 3;
+        let mlp = ResnetMlp::new(self, inputs, encoder.channels(), &mut rng, setup.device);
+        Ok(PixelNerf { encoder, mlp, seen: None, config: self.clone() })
+    }
+
+    fn footprint(&self) -> Footprint {
+        let stages = self.encoder.blocks.iter().enumerate();
+        let convolutions: u64 =
+            stages.map(|(stage, &blocks)| 18 * blocks as u64 * ((self.encoder.width << stage) as u64).pow(2)).sum();
+        // Before the views are averaged each of them has activations; one is certain.
+        let mlp = dense_footprint(2 * self.blocks, self.width);
+        Footprint { parameters: mlp.parameters + convolutions, ..mlp }
+    }
+
+    fn sees_photographs(&self) -> bool {
+        true
+    }
+
+    fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
+        Some(("encoder.weights", &mut self.encoder.weights))
+    }
+}
 
 /// Pixel-aligned features of each source view → ResNet MLP, views averaged on the way → density and colour.
 ///
@@ -24,7 +117,7 @@ use project::{ViewPoints, view_points};
 pub struct PixelNerf {
     encoder: Encoder,
     mlp: ResnetMlp,
-    /// What the source views show; none before the field is [conditioned](crate::RadianceField::conditioned).
+    /// What the source views show; none before the field is [conditioned](Field::conditioned).
     seen: Option<Seen>,
     #[module(skip)]
     config: PixelNerfConfig,
@@ -40,47 +133,39 @@ struct Seen {
 }
 
 impl PixelNerf {
-    /// # Errors
-    /// If a file of weights is asked for and cannot be used.
-    pub(crate) fn new(config: &PixelNerfConfig, rng: &mut impl Rng, device: &Device) -> Result<Self, ConfigError> {
-        let mut encoder = Encoder::new(&config.encoder, rng, device);
-        if !config.encoder.weights.as_os_str().is_empty() {
-            encoder = resnet34::load(encoder, &config.encoder.weights)?;
-        }
-        let inputs = encoded_width(3, config.octaves) + 3;
-        let mlp = ResnetMlp::new(config, inputs, encoder.channels(), rng, device);
-        Ok(Self { encoder, mlp, seen: None, config: config.clone() })
-    }
-
-    pub(crate) fn conditioned(&self, sources: &Sources) -> Self {
-        // A linear layer and bilinear reading commute: weighting texels, of which there are fewer than samples, is cheaper.
-        let injected = self.mlp.inject(self.encoder.features(&sources.views, &self.device()));
-        Self { seen: Some(Seen { injected, sources: sources.clone() }), ..self.clone() }
-    }
-
     /// The encoder's features where each of `views` sees each of `positions` (`[M, 3]` row-major): `[V·M, C]`, view by
     /// view. Points outside an image read its border.
     pub fn pixel_aligned(&self, views: &[SourceView], positions: &[f32]) -> Tensor<2> {
         let device = self.device();
         bilinear(self.encoder.features(views, &device), &taps(&project::pixels(views, positions), views))
     }
+}
 
-    pub(crate) fn evaluate(&self, points: Points<'_>, color: bool) -> Sampled {
+impl Field for PixelNerf {
+    /// # Panics
+    /// If the field was not [conditioned](Field::conditioned) on any photographs.
+    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
         let device = self.device();
-        let seen = self.seen.as_ref().expect("a PixelNeRF is conditioned on photographs before it is asked");
-        let (views, samples) = (&seen.sources.views[..], points.positions.len() / 3);
-        let middle = seen.sources.middle;
-        let ViewPoints { positions, directions } = view_points(views, points, middle, self.config.frequency);
+        let seen = self.seen.as_ref().expect("a PixelNeRF is conditioned on photographs before it is evaluated");
+        let (views, samples) = (&seen.sources.views[..], points.len());
+        let ViewPoints { positions, directions } =
+            view_points(views, points, seen.sources.middle, self.config.lowest_frequency);
         let directions = Tensor::from_data(TensorData::new(directions, [views.len() * samples, 3]), &device);
-        let encoded = frequency_encode(&positions, 3, self.config.octaves, &[], &device);
+        let encoded = frequency_encode(&positions, 3, self.config.frequencies, &[], &device);
         let injected = bilinear(seen.injected.clone(), &taps(&project::pixels(views, points.positions), views));
         let out = self.mlp.forward(Tensor::cat(vec![encoded, directions], 1), injected, views.len());
         let raw = out.clone().narrow(1, 3, 1).reshape([samples]);
         Sampled { sigma: self.config.density.apply(raw), color: color.then(|| sigmoid(out.narrow(1, 0, 3))) }
     }
 
-    pub(crate) fn device(&self) -> Device {
+    fn device(&self) -> Device {
         self.mlp.device()
+    }
+
+    fn conditioned(&self, sources: &Sources) -> Self {
+        // A linear layer and bilinear reading commute: weighting texels, of which there are fewer than samples, is cheaper.
+        let injected = self.mlp.inject(self.encoder.features(&sources.views, &self.device()));
+        Self { seen: Some(Seen { injected, sources: sources.clone() }), ..self.clone() }
     }
 }
 

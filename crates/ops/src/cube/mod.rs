@@ -12,7 +12,7 @@ use burn_cubecl::ops::numeric::{empty_device_dtype, zeros_client};
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use encode::{frequency, integrated};
-pub(crate) use rays::{composite, gain};
+pub(crate) use rays::{composite, divergence, entropy};
 pub(crate) use tables::features;
 
 /// Whether tensors on `device` are served by these kernels.

@@ -16,17 +16,17 @@ pub(super) fn texel(u: f32, resolution: usize) -> (usize, f32) {
     (i, v - i as f32)
 }
 
-/// Position and its octaves: rows x, y, z, then for each octave sin and cos of 2^k π (u − ½) of each axis.
+/// Position and its frequencies: rows x, y, z, then for each frequency sin and cos of 2^k π (u − ½) of each axis.
 #[inline(always)]
-pub(super) fn octaves(positions: &Block, weights: &[f32], x: &mut [f32], samples: usize) {
+pub(super) fn frequencies(positions: &Block, weights: &[f32], x: &mut [f32], samples: usize) {
     for axis in 0..3 {
         for s in 0..samples {
             x[axis * BLOCK + s] = 2.0 * positions[axis][s] - 1.0;
         }
         for s in 0..samples {
             let (mut sin, mut cos) = sin_cos_pi(positions[axis][s] - 0.5);
-            for (octave, weight) in weights.iter().enumerate() {
-                let row = 3 + octave * 6 + axis * 2;
+            for (frequency, weight) in weights.iter().enumerate() {
+                let row = 3 + frequency * 6 + axis * 2;
                 x[row * BLOCK + s] = sin * weight;
                 x[(row + 1) * BLOCK + s] = cos * weight;
                 // Double the angle.

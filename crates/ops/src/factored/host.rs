@@ -188,7 +188,7 @@ impl Job for Forward<'_> {
             }
         }
         let (input, hidden) = activations.split_at_mut(layout.features() * BLOCK);
-        encode::octaves(&block, &query.octave_weights, input, samples);
+        encode::frequencies(&block, &query.frequency_weights, input, samples);
         for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {
             let rows = &mut input[level.feature * BLOCK..(level.feature + 3 * level.channels) * BLOCK];
             if weight == 0.0 {

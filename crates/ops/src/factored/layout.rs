@@ -72,8 +72,8 @@ impl Layer {
 /// Sizes of a field, and where its parameters lie.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
-    /// Octaves of the position's encoding.
-    pub octaves: usize,
+    /// Frequencies of the position's encoding.
+    pub frequencies: usize,
     /// Planes and lines, coarsest first.
     pub levels: Vec<Level>,
     /// The MLP; the last layer gives density, red, green, blue, and if `view_dependent` nine numbers more: how red, green
@@ -95,13 +95,13 @@ pub(crate) const RAW: usize = OUTPUTS + 9;
 impl Layout {
     /// Lays out levels of `(resolution, channels)` and an MLP of `hidden_layers` layers of `hidden` units.
     pub fn new(
-        octaves: usize,
+        frequencies: usize,
         levels: &[(usize, usize)],
         (hidden_layers, hidden): (usize, usize),
         view_dependent: bool,
         density: (f32, f32),
     ) -> Self {
-        let mut feature = 3 + 6 * octaves;
+        let mut feature = 3 + 6 * frequencies;
         let mut offset = 0;
         let levels = levels
             .iter()
@@ -123,7 +123,7 @@ impl Layout {
                 layer
             })
             .collect();
-        Self { octaves, levels, layers, view_dependent, density_scale: density.0, density_bias: density.1 }
+        Self { frequencies, levels, layers, view_dependent, density_scale: density.0, density_bias: density.1 }
     }
 
     /// Numbers in all planes and lines.

@@ -2,7 +2,7 @@
 //!
 //! Each *level* holds three planes and three lines of `channels` features (the vector–matrix decomposition of
 //! TensoRF, Chen et al. 2022): at u ∈ [0, 1]³ it gives plane_xy(u) ⊙ line_z(u), plane_xz ⊙ line_y and plane_yz ⊙ line_x,
-//! interpolated linearly. The features of all levels, with a few octaves of the position itself, go through an MLP of
+//! interpolated linearly. The features of all levels, with a few frequencies of the position itself, go through an MLP of
 //! ReLU layers to density σ = s·ln(1 + e^(x+b)) and colour 1/(1 + e^−(x + v·d)), linear in the view direction d within the
 //! sigmoid (spherical harmonics of degree 1).
 //!
@@ -36,8 +36,8 @@ pub struct Query {
     pub positions: Arc<[f32]>,
     /// Unit view direction of each sample, `[M, 3]` row-major; empty where colour is not wanted or does not depend on it.
     pub directions: Arc<[f32]>,
-    /// Weight of each octave of the position's encoding, for annealing; as many as the layout has.
-    pub octave_weights: Vec<f32>,
+    /// Weight of each frequency of the position's encoding, for annealing; as many as the layout has.
+    pub frequency_weights: Vec<f32>,
     /// Weight of each level's features, for annealing; as many as the layout has. A level of weight 0 costs nothing.
     pub level_weights: Vec<f32>,
     /// Whether colour is wanted beside density.
@@ -54,8 +54,8 @@ pub struct Query {
 pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout>, query: Query) -> Tensor<2> {
     assert_eq!(tables.dims(), [layout.table_len()], "tables hold every plane and line of the layout");
     assert_eq!(weights.dims(), [layout.weight_len()], "weights hold every layer of the layout");
-    assert_eq!(query.octave_weights.len(), layout.octaves, "one weight an octave");
-    assert_eq!(query.level_weights.len(), layout.levels.len(), "one weight a level");
+    assert_eq!(query.frequency_weights.len(), layout.frequencies, "one weight per frequency");
+    assert_eq!(query.level_weights.len(), layout.levels.len(), "one weight per level");
     #[cfg(feature = "flex")]
     if crate::has_host_kernels(&tables.device()) {
         return crate::kernel::apply2(host::FactoredKernel { layout: layout.clone(), query }, tables, weights);

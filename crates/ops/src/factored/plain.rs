@@ -13,7 +13,7 @@ pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Layout, query: &Que
 
 /// The MLP's input, `[M, layout.features()]`.
 fn features(tables: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
-    let mut features = vec![octaves(query, &tables.device())];
+    let mut features = vec![frequencies(query, &tables.device())];
     for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {
         for (p, axes) in PLANES.into_iter().enumerate() {
             features.push(product(&tables, level, p, axes, &query.positions) * weight);
@@ -56,8 +56,8 @@ fn softplus(x: Tensor<2>) -> Tensor<2> {
     relu(x.clone()) + (-x.abs()).exp().log1p()
 }
 
-fn octaves(query: &Query, device: &burn::tensor::Device) -> Tensor<2> {
-    let width = 3 + 6 * query.octave_weights.len();
+fn frequencies(query: &Query, device: &burn::tensor::Device) -> Tensor<2> {
+    let width = 3 + 6 * query.frequency_weights.len();
     let rows: Vec<f32> = query
         .positions
         .chunks_exact(3)
@@ -65,10 +65,10 @@ fn octaves(query: &Query, device: &burn::tensor::Device) -> Tensor<2> {
             let mut row = vec![0.0; width];
             for axis in 0..3 {
                 row[axis] = 2.0 * u[axis] - 1.0;
-                for (octave, weight) in query.octave_weights.iter().enumerate() {
-                    let phase = (1u64 << octave) as f32 * std::f32::consts::PI * (u[axis] - 0.5);
-                    row[3 + octave * 6 + axis * 2] = weight * phase.sin();
-                    row[4 + octave * 6 + axis * 2] = weight * phase.cos();
+                for (frequency, weight) in query.frequency_weights.iter().enumerate() {
+                    let phase = (1u64 << frequency) as f32 * std::f32::consts::PI * (u[axis] - 0.5);
+                    row[3 + frequency * 6 + axis * 2] = weight * phase.sin();
+                    row[4 + frequency * 6 + axis * 2] = weight * phase.cos();
                 }
             }
             row

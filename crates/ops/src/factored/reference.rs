@@ -73,10 +73,10 @@ impl Field<'_> {
         for axis in 0..3 {
             let u = self.position(sample, axis);
             x[axis] = 2.0 * u - 1.0;
-            for (octave, &weight) in self.query.octave_weights.iter().enumerate() {
-                let phase = (1u64 << octave) as f64 * std::f64::consts::PI * (u - 0.5);
-                x[3 + 6 * octave + 2 * axis] = f64::from(weight) * phase.sin();
-                x[4 + 6 * octave + 2 * axis] = f64::from(weight) * phase.cos();
+            for (frequency, &weight) in self.query.frequency_weights.iter().enumerate() {
+                let phase = (1u64 << frequency) as f64 * std::f64::consts::PI * (u - 0.5);
+                x[3 + 6 * frequency + 2 * axis] = f64::from(weight) * phase.sin();
+                x[4 + 6 * frequency + 2 * axis] = f64::from(weight) * phase.cos();
             }
         }
         for (at, weight, plane, line) in self.features(sample) {

@@ -131,13 +131,13 @@ impl MlpKernel {
         let view = network.color.as_ref().map(|branch| {
             let [_, features] = branch.feature.weight.dims();
             let [_, outputs] = branch.view.weight.dims();
-            let columns = encoded_width(3, branch.octaves);
+            let columns = encoded_width(3, branch.frequencies);
             let both = builder.matrix(features + columns);
             let view = builder.matrix(outputs);
             builder.layer(&branch.feature, x, both.part(0, features), false);
             builder.layer(&branch.view, both, view, true);
             direction = Some(both.part(features, columns));
-            directions = encode_rows(&branch.directions, 3, branch.octaves, &[]);
+            directions = encode_rows(&branch.directions, 3, branch.frequencies, &[]);
             owners = branch.segments.owners();
             assert_eq!(owners.len(), samples, "a ray for every sample");
             (view, branch)

@@ -46,8 +46,8 @@ pub struct ColorBranch {
     pub rgb: Dense,
     /// Unit direction of each ray, `[R, 3]` row-major.
     pub directions: Arc<[f32]>,
-    /// Octaves of its encoding.
-    pub octaves: usize,
+    /// Frequencies of its encoding.
+    pub frequencies: usize,
     /// Which samples belong to which ray.
     pub segments: Segments,
 }

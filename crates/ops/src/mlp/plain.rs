@@ -28,7 +28,7 @@ fn apply(layer: &Dense, x: Tensor<2>) -> Tensor<2> {
 fn color(branch: &ColorBranch, trunk: Tensor<2>) -> Tensor<2> {
     // One encoded row a ray, repeated for each of its samples.
     let device = trunk.device();
-    let rays = frequency_encode(&branch.directions, 3, branch.octaves, &[], &device);
+    let rays = frequency_encode(&branch.directions, 3, branch.frequencies, &[], &device);
     let owners = branch.segments.owners();
     let samples = owners.len();
     let direction = rays.select(0, Tensor::<1, Int>::from_data(TensorData::new(owners, [samples]), &device));

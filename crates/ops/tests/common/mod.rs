@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
 use burn::tensor::{Device, Tensor, TensorData};
-use infonerf_ops::{Composite, Segments, composite, gain, to_host};
+use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, divergence, entropy, to_host};
 
 /// One implementation on one backend.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,20 +24,31 @@ impl Body {
         if self == Self::PlainNdarray { Device::ndarray() } else { Device::flex() }
     }
 
-    pub fn composite(self, tau: Tensor<1>, values: Tensor<2>, segments: &Segments, entropy: Option<f32>) -> Composite {
+    pub fn composite(self, tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {
         match self {
-            Self::Kernel => composite(tau, values, segments, entropy),
-            _ => composite::plain(tau, values, segments, entropy),
+            Self::Kernel => composite(tau, values, segments),
+            _ => composite::plain(tau, values, segments),
         }
     }
 
-    pub fn gain(self, tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
+    pub fn entropy(self, tau: Tensor<1>, segments: &Segments, of: RayDistribution, epsilon: f32) -> RayEntropy {
         match self {
-            Self::Kernel => gain::information_gain(tau, near, segments, epsilon),
-            _ => gain::plain(tau, near, segments, epsilon),
+            Self::Kernel => entropy::ray_entropy(tau, segments, of, epsilon),
+            _ => entropy::plain(tau, segments, of, epsilon),
+        }
+    }
+
+    pub fn divergence(self, tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
+        match self {
+            Self::Kernel => divergence::ray_divergence(tau, near, segments, epsilon),
+            _ => divergence::plain(tau, near, segments, epsilon),
         }
     }
 }
+
+/// Every distribution that an entropy can be of.
+pub const DISTRIBUTIONS: [RayDistribution; 3] =
+    [RayDistribution::Alpha, RayDistribution::AlphaBackground, RayDistribution::Termination];
 
 pub fn vector(values: &[f32], device: &Device) -> Tensor<1> {
     Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), device)

@@ -1,11 +1,13 @@
 //! The section of one scene: pictures in a grid, then its curves.
 
+use base64::prelude::{BASE64_STANDARD, Engine};
+
 use crate::{
-    Metric, Run,
+    Quantity, Run,
     colormap::{to_bytes, turbo, viridis},
     gallery::{KINDS, Kind, Picture, Shots, View},
     report::Scene,
-    text::{base64, escape_html},
+    text::escape_html,
 };
 
 /// Id of the section of the scene at `index`.
@@ -62,12 +64,11 @@ fn headings(scene: &Scene) -> String {
 
 /// The run's means, such as `18.92 dB · SSIM 0.788 · seed 0`.
 fn scores(run: &Run) -> String {
-    let shown = |metric: Metric, before: &str, after: &str| {
-        let value = metric.value(&run.record)?;
-        Some(format!("{before}{value:.*}{after}", metric.decimals()))
+    let shown = |quantity: Quantity, before: &str, after: &str| {
+        Some(format!("{before}{}{after}", quantity.format(quantity.value(&run.record)?)))
     };
     let seed = Some(format!("seed {}", run.record.seed));
-    let parts = [shown(Metric::Psnr, "", " dB"), shown(Metric::Ssim, "SSIM ", ""), seed];
+    let parts = [shown(Quantity::PSNR, "", " dB"), shown(Quantity::SSIM, "SSIM ", ""), seed];
     parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 
@@ -96,7 +97,7 @@ fn image(picture: &Picture, class: &str, description: &str) -> String {
         escape_html(description),
         picture.width,
         picture.height,
-        base64(&picture.png),
+        BASE64_STANDARD.encode(&picture.png),
     )
 }
 

@@ -1,6 +1,6 @@
 //! Tables of the page.
 
-use crate::{Metric, Run, Table, report::Contents, text::escape_html};
+use crate::{Quantity, Run, Table, report::Contents, text::escape_html};
 
 /// A comparison table with its title and protocol above.
 pub(super) fn table(table: &Table) -> String {
@@ -32,13 +32,13 @@ fn heading(text: &str) -> String {
     format!("<th scope=\"col\">{text}</th>")
 }
 
-/// Every run with every metric that any run has.
+/// Every run with every quantity that any run has.
 pub(super) fn runs(contents: &Contents) -> String {
     let runs = &contents.input.runs;
-    let measured = |metric: &Metric| runs.iter().any(|run| metric.value(&run.record).is_some());
-    let metrics: Vec<Metric> = Metric::ALL.into_iter().filter(measured).collect();
-    let headings: String = metrics.iter().map(|metric| heading(metric.heading())).collect();
-    let rows: String = runs.iter().map(|run| row(run, &metrics)).collect();
+    let measured = |quantity: &Quantity| runs.iter().any(|run| quantity.value(&run.record).is_some());
+    let quantities: Vec<Quantity> = Quantity::all().into_iter().filter(measured).collect();
+    let headings: String = quantities.iter().map(|quantity| heading(&quantity.heading())).collect();
+    let rows: String = runs.iter().map(|run| row(run, &quantities)).collect();
     format!(
         "<section id=\"runs\">\n<h2>Runs</h2>\n<div class=\"scroll\"><table class=\"runs\">\n<thead><tr>\
          <th scope=\"col\">Scene</th><th scope=\"col\">Variant</th><th scope=\"col\">Seed</th>\
@@ -46,10 +46,10 @@ pub(super) fn runs(contents: &Contents) -> String {
     )
 }
 
-fn row(run: &Run, metrics: &[Metric]) -> String {
+fn row(run: &Run, quantities: &[Quantity]) -> String {
     let record = &run.record;
-    let cell = |metric: &Metric| match metric.value(record) {
-        Some(value) => format!("<td>{value:.*}</td>", metric.decimals()),
+    let cell = |quantity: &Quantity| match quantity.value(record) {
+        Some(value) => format!("<td>{}</td>", quantity.format(value)),
         None => "<td>–</td>".to_owned(),
     };
     format!(
@@ -59,6 +59,6 @@ fn row(run: &Run, metrics: &[Metric]) -> String {
         if record.collapsed { " <span class=\"tag\">collapsed</span>" } else { "" },
         record.seed,
         record.iterations,
-        metrics.iter().map(cell).collect::<String>(),
+        quantities.iter().map(cell).collect::<String>(),
     )
 }

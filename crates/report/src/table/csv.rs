@@ -38,12 +38,12 @@ fn quoted(field: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Metric, scene_table, table::tests::record};
+    use crate::{Quantity, scene_table, table::tests::record};
 
     #[test]
     fn csv_keeps_full_precision_and_quotes() {
         let records = [record("a,b", "nerf", 0, 16.123456789), record("a,b", "info\"nerf", 0, 17.0)];
-        let csv = scene_table(&records, Metric::Psnr).to_csv();
+        let csv = scene_table(&records, Quantity::PSNR).to_csv();
         let body: Vec<&str> = csv.lines().filter(|line| !line.starts_with('#')).collect();
         let expected = ["variant,\"a,b\",\"a,b std\",\"a,b n\"", "nerf,16.123456789,,1", "\"info\"\"nerf\",17,,1"];
         assert_eq!(body, expected);

@@ -40,12 +40,12 @@ fn row(first: String, rest: impl Iterator<Item = String>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Metric, scene_table, table::tests::record};
+    use crate::{Quantity, scene_table, table::tests::record};
 
     #[test]
     fn latex_sets_the_best_in_bold_and_escapes() {
         let records = [record("my_scene", "nerf", 0, 16.0), record("my_scene", "info_nerf", 0, 17.0)];
-        let latex = scene_table(&records, Metric::Psnr).to_latex();
+        let latex = scene_table(&records, Quantity::PSNR).to_latex();
         assert!(latex.contains(r"    nerf & 16.00 \\"), "{latex}");
         assert!(latex.contains(r"    info\_nerf & \textbf{17.00} \\"), "{latex}");
         assert!(latex.contains(r"\caption{PSNR (dB) $\uparrow$. train views 26, 86, 2, 55 $\cdot$"), "{latex}");

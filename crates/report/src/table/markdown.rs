@@ -37,7 +37,7 @@ fn row(first: String, rest: impl Iterator<Item = String>) -> String {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Metric, scene_table, table::tests::two_by_two};
+    use crate::{Quantity, scene_table, table::tests::two_by_two};
 
     #[test]
     fn markdown_has_the_protocol_above_the_table() {
@@ -52,6 +52,6 @@ mod tests {
 | nerf | 16.50 ± 0.71 | 17.50 ± 0.71 | 17.00 ± 0.71 |
 | infonerf | **18.50 ± 0.71** | **19.50 ± 0.71** | **19.00 ± 0.71** |
 ";
-        assert_eq!(scene_table(&two_by_two(), Metric::Psnr).to_markdown(), expected);
+        assert_eq!(scene_table(&two_by_two(), Quantity::PSNR).to_markdown(), expected);
     }
 }

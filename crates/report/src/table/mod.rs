@@ -1,16 +1,13 @@
-//! Comparison tables: rows are variants, columns scenes or metrics, cells mean ± standard deviation over seeds.
+//! Comparison tables: rows are variants, columns scenes or quantities, cells mean ± standard deviation over seeds.
 
 mod csv;
 mod latex;
 mod markdown;
-mod metric;
 mod plain;
 
 use infonerf_metrics::Summary;
 
-use crate::{Record, protocol_lines};
-pub(crate) use metric::Better;
-pub use metric::Metric;
+use crate::{Quantity, Record, protocol_lines};
 pub use plain::Emphasis;
 
 /// What stands where nothing was measured.
@@ -40,10 +37,10 @@ pub struct Table {
 /// A column of a [`Table`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Column {
-    /// Scene or metric.
+    /// Scene or quantity.
     pub heading: String,
     /// What its cells hold, for decimals and for which side is better.
-    pub metric: Metric,
+    pub quantity: Quantity,
 }
 
 /// A row of a [`Table`].
@@ -67,36 +64,36 @@ pub struct Cell {
     pub collapsed: bool,
 }
 
-/// Variants against scenes for one metric, and the mean over scenes in the last column where there are several.
+/// Variants against scenes for one quantity, and the mean over scenes in the last column where there are several.
 ///
 /// A mean over scenes is taken for each seed first, over the seeds that ran on every scene, and summarised over those
 /// seeds: its spread is that of the figure a paper would print. A variant which lacks a scene has no mean.
 #[must_use]
-pub fn scene_table(records: &[Record], metric: Metric) -> Table {
+pub fn scene_table(records: &[Record], quantity: Quantity) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
     let row = |group: &Group| {
-        let on = |scene: &String| group.cell(metric, std::slice::from_ref(scene));
-        let mean = (scenes.len() > 1).then(|| group.cell(metric, &scenes));
+        let on = |scene: &String| group.cell(quantity, std::slice::from_ref(scene));
+        let mean = (scenes.len() > 1).then(|| group.cell(quantity, &scenes));
         scenes.iter().map(on).chain(mean).collect()
     };
     let mean = (scenes.len() > 1).then(|| "mean".to_owned());
-    let columns = scenes.iter().cloned().chain(mean).map(|heading| Column { heading, metric }).collect();
-    assemble(metric.heading().to_owned(), records, columns, row)
+    let columns = scenes.iter().cloned().chain(mean).map(|heading| Column { heading, quantity }).collect();
+    assemble(quantity.heading(), records, columns, row)
 }
 
-/// Variants against metrics, each the mean over all scenes as in [`scene_table`]. Metrics without any value are left
+/// Variants against quantities, each the mean over all scenes as in [`scene_table`]. Quantities without any value are left
 /// out.
 #[must_use]
-pub fn overview_table(records: &[Record], metrics: &[Metric]) -> Table {
+pub fn overview_table(records: &[Record], quantities: &[Quantity]) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
-    let measured = |metric: &Metric| records.iter().any(|record| metric.value(record).is_some());
-    let metrics: Vec<Metric> = metrics.iter().copied().filter(measured).collect();
-    let columns = metrics.iter().map(|&metric| Column { heading: metric.heading().to_owned(), metric }).collect();
+    let measured = |quantity: &Quantity| records.iter().any(|record| quantity.value(record).is_some());
+    let quantities: Vec<Quantity> = quantities.iter().copied().filter(measured).collect();
+    let columns = quantities.iter().map(|&quantity| Column { heading: quantity.heading(), quantity }).collect();
     let title = match scenes.as_slice() {
         [scene] => scene.clone(),
         scenes => format!("mean over {} scenes", scenes.len()),
     };
-    assemble(title, records, columns, |group| metrics.iter().map(|&metric| group.cell(metric, &scenes)).collect())
+    assemble(title, records, columns, |group| quantities.iter().map(|&quantity| group.cell(quantity, &scenes)).collect())
 }
 
 /// The records of one row.
@@ -129,14 +126,14 @@ pub(crate) fn distinct<T: PartialEq>(records: &[Record], key: impl Fn(&Record) -
 
 impl Group<'_> {
     /// Summary over seeds of the mean over `scenes`, each of which a seed needs.
-    pub(crate) fn cell(&self, metric: Metric, scenes: &[String]) -> Cell {
+    pub(crate) fn cell(&self, quantity: Quantity, scenes: &[String]) -> Cell {
         let mut seeds: Vec<u64> = self.records.iter().map(|record| record.seed).collect();
         seeds.sort_unstable();
         seeds.dedup();
         let in_cell = || self.records.iter().filter(|record| scenes.contains(&record.scene));
         let mean = |seed: u64| {
             let value = |scene: &String| {
-                in_cell().find(|r| r.seed == seed && r.scene == *scene).and_then(|record| metric.value(record))
+                in_cell().find(|r| r.seed == seed && r.scene == *scene).and_then(|record| quantity.value(record))
             };
             let values: Option<Vec<f64>> = scenes.iter().map(value).collect();
             Summary::of(values?).map(|summary| summary.mean)
@@ -160,11 +157,11 @@ fn mark_best(table: &mut Table) {
     for (index, column) in table.columns.iter().enumerate() {
         let rank = |row: &Row| {
             let cell = row.cells.get(index).filter(|cell| !cell.collapsed)?;
-            cell.summary.map(|summary| column.metric.rank(summary.mean))
+            cell.summary.map(|summary| column.quantity.rank(summary.mean))
         };
         let ranks: Vec<Option<f64>> = table.rows.iter().map(rank).collect();
         let shown = table.rows.iter().filter_map(|row| row.cells.get(index)?.summary);
-        let shown: Vec<f64> = shown.map(|summary| column.metric.rank(summary.mean)).collect();
+        let shown: Vec<f64> = shown.map(|summary| column.quantity.rank(summary.mean)).collect();
         let differ = shown.windows(2).any(|pair| pair[0] != pair[1]);
         let best = ranks.iter().flatten().copied().min_by(f64::total_cmp);
         for (row, rank) in table.rows.iter_mut().zip(ranks) {
@@ -178,7 +175,7 @@ fn mark_best(table: &mut Table) {
 impl Table {
     /// Text of a cell without emphasis: `18.65 ± 0.12`, `18.65`, `18.65†` or `–`.
     pub(crate) fn text(&self, cell: &Cell, column: usize) -> String {
-        let decimals = self.columns.get(column).map_or(2, |column| column.metric.decimals());
+        let decimals = self.columns.get(column).map_or(2, |column| column.quantity.decimals());
         let value = cell.summary.map_or(MISSING.to_owned(), |summary| format!("{summary:.decimals$}"));
         if cell.collapsed { value + COLLAPSED } else { value }
     }
@@ -209,7 +206,7 @@ pub(crate) mod tests {
             train_seconds: 60.0,
             samples_total: 1000,
             samples_evaluated: 100,
-            psnr: Some(psnr),
+            metrics: [("psnr".to_owned(), Some(psnr))].into_iter().collect(),
             ..Record::default()
         }
     }
@@ -228,7 +225,7 @@ pub(crate) mod tests {
 
     #[test]
     fn the_mean_over_scenes_spreads_over_seeds() {
-        let table = scene_table(&two_by_two(), Metric::Psnr);
+        let table = scene_table(&two_by_two(), Quantity::PSNR);
         let headings: Vec<&str> = table.columns.iter().map(|column| column.heading.as_str()).collect();
         assert_eq!(headings, ["lego", "mic", "mean"]);
         let nerf: Vec<String> = (0..3).map(|i| table.text(&table.rows[0].cells[i], i)).collect();
@@ -241,7 +238,7 @@ pub(crate) mod tests {
     fn a_missing_scene_leaves_no_mean() {
         let mut records = two_by_two();
         records.retain(|record| !(record.scene == "mic" && record.variant == "nerf"));
-        let table = scene_table(&records, Metric::Psnr);
+        let table = scene_table(&records, Quantity::PSNR);
         assert_eq!(table.rows[0].cells[2].summary, None);
         assert!(!table.rows[1].cells[2].best);
     }
@@ -251,12 +248,12 @@ pub(crate) mod tests {
         let mut records =
             vec![record("lego", "a", 0, 10.0), record("lego", "b", 0, 20.0), record("lego", "c", 0, 10.001)];
         records[1].collapsed = true;
-        let table = scene_table(&records, Metric::Psnr);
+        let table = scene_table(&records, Quantity::PSNR);
         let best: Vec<bool> = table.rows.iter().map(|row| row.cells[0].best).collect();
         assert_eq!(best, [true, false, true]);
-        records[2].psnr = records[0].psnr;
+        records[2].metrics = records[0].metrics.clone();
         records.remove(1);
-        let same = scene_table(&records, Metric::Psnr);
+        let same = scene_table(&records, Quantity::PSNR);
         assert!(!same.rows.iter().any(|row| row.cells[0].best));
         assert_eq!(table.text(&table.rows[1].cells[0], 0), "20.00†");
         assert_eq!(table.footnotes().len(), 1);
@@ -272,9 +269,10 @@ pub(crate) mod tests {
 
     #[test]
     fn an_overview_leaves_out_what_nobody_measured() {
-        let table = overview_table(&two_by_two(), &[Metric::Psnr, Metric::Lpips, Metric::SamplesSkipped]);
-        let metrics: Vec<Metric> = table.columns.iter().map(|column| column.metric).collect();
-        assert_eq!(metrics, [Metric::Psnr, Metric::SamplesSkipped]);
-        assert_eq!(overview_table(&[], &Metric::ALL).rows, []);
+        let [lpips, skipped] = ["lpips_alex", "samples_skipped"].map(|key| Quantity::named(key).unwrap());
+        let table = overview_table(&two_by_two(), &[Quantity::PSNR, lpips, skipped]);
+        let quantities: Vec<Quantity> = table.columns.iter().map(|column| column.quantity).collect();
+        assert_eq!(quantities, [Quantity::PSNR, skipped]);
+        assert_eq!(overview_table(&[], &Quantity::all()).rows, []);
     }
 }

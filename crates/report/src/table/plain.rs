@@ -63,7 +63,7 @@ fn length(text: &str) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Emphasis, Metric, scene_table, table::tests::two_by_two};
+    use crate::{Emphasis, Quantity, scene_table, table::tests::two_by_two};
 
     #[test]
     fn text_is_aligned() {
@@ -78,12 +78,12 @@ nerf      16.50 ± 0.71   17.50 ± 0.71   17.00 ± 0.71
 infonerf  18.50 ± 0.71*  19.50 ± 0.71*  19.00 ± 0.71*
 ─────────────────────────────────────────────────────
 ";
-        assert_eq!(scene_table(&two_by_two(), Metric::Psnr).to_text(Emphasis::Star), expected);
+        assert_eq!(scene_table(&two_by_two(), Quantity::PSNR).to_text(Emphasis::Star), expected);
     }
 
     #[test]
     fn a_terminal_sees_bold() {
-        let text = scene_table(&two_by_two(), Metric::Psnr).to_text(Emphasis::Terminal);
+        let text = scene_table(&two_by_two(), Quantity::PSNR).to_text(Emphasis::Terminal);
         assert!(text.contains("\u{1b}[1m18.50 ± 0.71\u{1b}[0m"), "{text}");
     }
 }

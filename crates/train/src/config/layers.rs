@@ -9,7 +9,7 @@ use crate::TrainError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Preset {
-    /// Small and quick: about a minute a scene on two cores.
+    /// Small and quick: about a minute per scene on two cores.
     Fast,
     /// The text of the paper, at full size.
     Paper,
@@ -52,11 +52,14 @@ fn merged(mut base: Table, over: Table) -> Table {
 
 /// Lays `over` onto `base`: tables are merged key by key, anything else replaces what was there.
 ///
-/// A table that names another `kind` than the one below replaces it whole: the keys of one kind mean nothing to another.
+/// A table that names another `kind` than the one below replaces it whole, and so does a schedule: the keys of one kind or
+/// curve mean nothing to another.
 pub fn merge(base: &mut Table, over: Table) {
     for (key, value) in over {
         match (base.get_mut(&key), value) {
-            (Some(Value::Table(below)), Value::Table(above)) if same_kind(below, &above) => merge(below, above),
+            (Some(Value::Table(below)), Value::Table(above)) if same_kind(below, &above) && !is_schedule(&above) => {
+                merge(below, above);
+            }
             (_, value) => {
                 base.insert(key, value);
             }
@@ -66,6 +69,11 @@ pub fn merge(base: &mut Table, over: Table) {
 
 fn same_kind(below: &Table, above: &Table) -> bool {
     above.get("kind").is_none_or(|kind| below.get("kind") == Some(kind))
+}
+
+/// Whether a table is a whole [`Schedule`](infonerf_schedule::Schedule), and not a change to one.
+fn is_schedule(table: &Table) -> bool {
+    table.contains_key("from") || table.contains_key("steps")
 }
 
 /// Applies `dotted.key=value` to `table`. The value is TOML; a bare word is a string.
@@ -128,5 +136,17 @@ mod tests {
         assign(&mut base, "g.m = 1e-3").unwrap();
         assign(&mut base, "g.name=word").unwrap();
         assert_eq!(base, parse("a = 2\n[f]\nkind = 'y'\n[g]\nn = 5\nm = 1e-3\nname = 'word'"));
+    }
+
+    #[test]
+    fn a_schedule_replaces_another_and_its_parts_can_be_set() {
+        let mut base = parse("lr = { from = 1.0, factor = 0.1, every = 10 }\nw = 3");
+        merge(&mut base, parse("lr = { from = 2.0, to = 1.0 }\nw = { from = 0.0, to = 3.0 }"));
+        assert_eq!(base, parse("lr = { from = 2.0, to = 1.0 }\nw = { from = 0.0, to = 3.0 }"));
+        assign(&mut base, "lr.from = 5.0").unwrap();
+        merge(&mut base, parse("w.to = 4.0"));
+        assert_eq!(base, parse("lr = { from = 5.0, to = 1.0 }\nw = { from = 0.0, to = 4.0 }"));
+        assign(&mut base, "w = 7").unwrap();
+        assert_eq!(base["w"], Value::Integer(7));
     }
 }

@@ -2,13 +2,15 @@
 
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
+use std::sync::Arc;
+
 use burn::tensor::Device;
 use infonerf_scene::{Scene, SceneRequest, SceneSource, TestProtocol, ViewSelection};
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer, config};
 
 /// The field of the paper, everything on: coarse and fine network, occupancy grid, jitter, all loss terms, unseen rays.
-const PAPER: [&str; 13] = [
-    "field={kind=\"nerf\",layers=3,width=16,skip=1,position_octaves=4,direction_octaves=2,density=\"softplus\",anneal=0.5}",
+const PAPER: [&str; 12] = [
+    "field={kind=\"nerf\",layers=3,width=16,skip=1,position_frequencies=4,direction_frequencies=2,density=\"softplus\",detail={from=0.0,to=1.0,end=0.5}}",
     "render.samples=10",
     "render.fine_samples=6",
     "render.jitter=true",
@@ -17,46 +19,44 @@ const PAPER: [&str; 13] = [
     "render.occupancy.warmup=2",
     "render.occupancy.every=3",
     "loss.entropy.rays=all",
-    "loss.gain.weight=1e-3",
-    "loss.gain.rays=all",
-    "loss.gain.halve_every=4",
-    "train.lr_decay={kind=\"run\",last=0.1}",
+    "loss.kl.weight={from=1e-3,factor=0.5,every=4,stairs=true}",
+    "loss.kl.rays=all",
+    "train.lr={from=5e-4,to=5e-5,curve=\"exponential\"}",
 ];
 
 /// The quick field, likewise.
-const FAST: [&str; 11] = [
+const FAST: [&str; 10] = [
     "field.resolutions=[4,8,16]",
     "field.channels=2",
     "field.width=16",
     "field.layers=1",
-    "render.samples=24",
-    "render.samples_start=12",
-    "train.explained={error=0.2,keep=0.25}",
+    "render.samples={from=12,to=24,end=0.5,curve=\"exponential\"}",
+    "train.error_sampling={threshold=0.2,keep=0.25}",
     "render.occupancy.resolution=8",
     "render.occupancy.warmup=2",
     "render.occupancy.every=3",
-    "loss.gain.weight=1e-3",
+    "loss.kl.weight=1e-3",
 ];
 
 /// The field of mip-NeRF, with smaller images first.
 const MIP: [&str; 4] = [
-    "field={kind=\"mip\",layers=3,width=16,skip=1,position_octaves=6,direction_octaves=2,anneal=0.5}",
+    "field={kind=\"mip\",layers=3,width=16,skip=1,position_frequencies=6,direction_frequencies=2,detail={from=0.0,to=1.0,end=0.5}}",
     "render.placement=interval",
     "render.clip_to_bounds=true",
-    "train.pyramid=[[0.5,2]]",
+    "train.downscale={steps=[[0.0,2],[0.5,1]]}",
 ];
 
 /// The field that looks at photographs, everything on.
 const PIXEL: [&str; 11] = [
-    "field={kind=\"pixelnerf\",encoder={width=4,blocks=[1,1],weights=\"\"},blocks=3,pool_after=2,width=8,octaves=2,frequency=1.5,density=\"softplus\"}",
+    "field={kind=\"pixelnerf\",encoder={width=4,blocks=[1,1],weights=\"\"},blocks=3,pool_after=2,width=8,frequencies=2,lowest_frequency=1.5,density=\"softplus\"}",
     "render.samples=8",
     "render.fine_samples=4",
     "render.occupancy.enabled=true",
     "render.occupancy.resolution=8",
     "render.occupancy.warmup=2",
     "render.occupancy.every=3",
-    "loss.gain.weight=1e-3",
-    "loss.gain.rays=all",
+    "loss.kl.weight=1e-3",
+    "loss.kl.rays=all",
     "train.batch=held-out",
     "train.sources=2",
 ];
@@ -89,23 +89,23 @@ pub fn pixel_config(settings: &[&str]) -> Config {
 
 /// The same of every kind of field.
 pub fn configs() -> [Config; 4] {
-    let fast = configured(Preset::Fast, &[&ALL, &FAST, &["train.samples=400", "loss.start=0.2"]]);
+    let fast = configured(Preset::Fast, &[&ALL, &FAST, &["train.target_samples=400"]]);
     [config(&[]), config(&MIP), fast, pixel_config(&[])]
 }
 
-pub fn scene() -> Scene {
+pub fn scene() -> Arc<Scene> {
     scene_of("knot", 4)
 }
 
 /// `count` views of a procedural scene.
-pub fn scene_of(name: &str, count: usize) -> Scene {
+pub fn scene_of(name: &str, count: usize) -> Arc<Scene> {
     let request = SceneRequest {
         train: ViewSelection::Seed { seed: 0, count },
         test: TestProtocol::First(2),
         image_size: Some(16),
         background: [1.0; 3],
     };
-    infonerf_scene::load(&SceneSource::Procedural(name.into()), &request).unwrap()
+    infonerf_scene::load(&SceneSource::Procedural(name.into()), &request).unwrap().into()
 }
 
 #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
@@ -130,8 +130,8 @@ pub fn steps(trainer: &mut Trainer, count: usize) -> Vec<Event> {
 
 fn timeless(event: Event) -> Event {
     match event {
-        Event::Step { step, loss, rgb, entropy, gain, psnr, lr, acc, evaluated, .. } => {
-            Event::Step { step, seconds: 0.0, loss, rgb, entropy, gain, psnr, lr, rays_per_second: 0.0, acc, evaluated }
+        Event::Step { step, loss, losses, psnr, lr, acc, evaluated, .. } => {
+            Event::Step { step, seconds: 0.0, loss, losses, psnr, lr, rays_per_second: 0.0, acc, evaluated }
         }
         other => other,
     }

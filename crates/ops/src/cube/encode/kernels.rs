@@ -2,7 +2,7 @@
 
 use burn::cubecl::{self, prelude::*};
 
-/// An angle in quarter turns: a sum, as one `f32` does not keep enough digits for the high octaves.
+/// An angle in quarter turns: a sum, as one `f32` does not keep enough digits for the high frequencies.
 #[derive(CubeType)]
 pub(crate) struct Angle {
     pub(crate) coarse: f32,
@@ -49,14 +49,14 @@ pub(crate) fn wave(angle: &Angle, scale: f32) -> Wave {
     Wave { sine, cosine }
 }
 
-/// Row by row the point, then sines and cosines of each octave.
+/// Row by row the point, then sines and cosines of each frequency.
 #[cube(launch)]
 pub(super) fn frequency(
     points: &Tensor<f32>,
     angles: &Tensor<f32>,
     window: &Tensor<f32>,
     out: &mut Tensor<f32>,
-    octaves: usize,
+    frequencies: usize,
 ) {
     let dims = points.shape(1);
     if ABSOLUTE_POS >= points.shape(0) * dims {
@@ -68,11 +68,11 @@ pub(super) fn frequency(
     out[start + axis] = x;
     let angle = Angle { coarse: angles[2 * ABSOLUTE_POS], fine: angles[2 * ABSOLUTE_POS + 1] };
     let mut scale = 1.0f32;
-    for octave in 0..octaves {
+    for frequency in 0..frequencies {
         let wave = wave(&angle, scale);
-        let place = start + dims * (1 + 2 * octave) + axis;
-        out[place] = window[octave] * wave.sine;
-        out[place + dims] = window[octave] * wave.cosine;
+        let place = start + dims * (1 + 2 * frequency) + axis;
+        out[place] = window[frequency] * wave.sine;
+        out[place + dims] = window[frequency] * wave.cosine;
         scale *= 2.0f32;
     }
 }
@@ -84,7 +84,7 @@ pub(super) fn integrated(
     variances: &Tensor<f32>,
     window: &Tensor<f32>,
     out: &mut Tensor<f32>,
-    octaves: usize,
+    frequencies: usize,
 ) {
     if ABSOLUTE_POS >= variances.shape(0) * 3 {
         terminate!();
@@ -94,10 +94,10 @@ pub(super) fn integrated(
     let angle = Angle { coarse: angles[2 * ABSOLUTE_POS], fine: angles[2 * ABSOLUTE_POS + 1] };
     let mut fading = -0.5f32 * variances[ABSOLUTE_POS];
     let mut scale = 1.0f32;
-    for octave in 0..octaves {
+    for frequency in 0..frequencies {
         let wave = wave(&angle, scale);
-        let weight = window[octave] * f32::exp(fading);
-        let place = start + 6 * octave + axis;
+        let weight = window[frequency] * f32::exp(fading);
+        let place = start + 6 * frequency + axis;
         out[place] = weight * wave.sine;
         out[place + 3] = weight * wave.cosine;
         fading *= 4.0f32;

@@ -19,13 +19,13 @@ use crate::frequency::encoded_width;
 use crate::integrated::integrated_width;
 
 /// [`frequency_encode`](crate::frequency_encode).
-pub(crate) fn frequency(points: &[f32], dims: usize, octaves: usize, window: &[f32], device: &Device) -> Tensor<2> {
+pub(crate) fn frequency(points: &[f32], dims: usize, frequencies: usize, window: &[f32], device: &Device) -> Tensor<2> {
     let (angles, points) = (upload(&angles(points), 2 * dims, device), upload(points, dims, device));
     Tensor::from_dispatch(<Dispatch as EncodeOps>::frequency(
         points.into_dispatch(),
         angles.into_dispatch(),
-        weights(octaves, window, device).into_dispatch(),
-        octaves,
+        weights(frequencies, window, device).into_dispatch(),
+        frequencies,
     ))
 }
 
@@ -33,7 +33,7 @@ pub(crate) fn frequency(points: &[f32], dims: usize, octaves: usize, window: &[f
 pub(crate) fn integrated(
     means: &[f32],
     variances: &[f32],
-    octaves: usize,
+    frequencies: usize,
     window: &[f32],
     device: &Device,
 ) -> Tensor<2> {
@@ -41,13 +41,13 @@ pub(crate) fn integrated(
     Tensor::from_dispatch(<Dispatch as EncodeOps>::integrated(
         angles.into_dispatch(),
         variances.into_dispatch(),
-        weights(octaves, window, device).into_dispatch(),
-        octaves,
+        weights(frequencies, window, device).into_dispatch(),
+        frequencies,
     ))
 }
 
 /// Each number as an angle in quarter turns, between −2 and 2, in two parts: a GPU's `f32` would not keep enough digits
-/// of it for the high octaves. A whole turn less is a whole number of turns less in every octave.
+/// of it for the high frequencies. A whole turn less is a whole number of turns less in every frequency.
 fn angles(points: &[f32]) -> Vec<f32> {
     // Above this the quotient's digits before the point cost too many behind it.
     const NEAR: f64 = 1e4;
@@ -62,9 +62,9 @@ fn angles(points: &[f32]) -> Vec<f32> {
     points.par_iter().flat_map_iter(parts).collect()
 }
 
-/// One weight an octave, and one more: a buffer cannot be empty.
-fn weights(octaves: usize, window: &[f32], device: &Device) -> Tensor<2> {
-    let weights: Vec<f32> = (0..=octaves).map(|octave| window.get(octave).copied().unwrap_or(1.0)).collect();
+/// One weight per frequency, and one more: a buffer cannot be empty.
+fn weights(frequencies: usize, window: &[f32], device: &Device) -> Tensor<2> {
+    let weights: Vec<f32> = (0..=frequencies).map(|frequency| window.get(frequency).copied().unwrap_or(1.0)).collect();
     upload(&weights, 1, device)
 }
 
@@ -74,22 +74,22 @@ trait EncodeOps: Backend {
         points: FloatTensor<Self>,
         angles: FloatTensor<Self>,
         window: FloatTensor<Self>,
-        octaves: usize,
+        frequencies: usize,
     ) -> FloatTensor<Self>;
 
     fn integrated(
         angles: FloatTensor<Self>,
         variances: FloatTensor<Self>,
         window: FloatTensor<Self>,
-        octaves: usize,
+        frequencies: usize,
     ) -> FloatTensor<Self>;
 }
 
 impl EncodeOps for CubeBackend {
-    fn frequency(points: CubeTensor, angles: CubeTensor, window: CubeTensor, octaves: usize) -> CubeTensor {
+    fn frequency(points: CubeTensor, angles: CubeTensor, window: CubeTensor, frequencies: usize) -> CubeTensor {
         let [points, angles, window] = [points, angles, window].map(into_contiguous);
         let [rows, dims] = points.meta.shape().dims();
-        let out = empty(&points, [rows, encoded_width(dims, octaves)]);
+        let out = empty(&points, [rows, encoded_width(dims, frequencies)]);
         let (count, dim) = threads(&points, rows * dims);
         kernels::frequency::launch(
             &out.client,
@@ -99,15 +99,15 @@ impl EncodeOps for CubeBackend {
             angles.into_tensor_arg(),
             window.into_tensor_arg(),
             out.clone().into_tensor_arg(),
-            octaves,
+            frequencies,
         );
         out
     }
 
-    fn integrated(angles: CubeTensor, variances: CubeTensor, window: CubeTensor, octaves: usize) -> CubeTensor {
+    fn integrated(angles: CubeTensor, variances: CubeTensor, window: CubeTensor, frequencies: usize) -> CubeTensor {
         let [angles, variances, window] = [angles, variances, window].map(into_contiguous);
         let [rows, dims] = variances.meta.shape().dims();
-        let out = empty(&angles, [rows, integrated_width(octaves)]);
+        let out = empty(&angles, [rows, integrated_width(frequencies)]);
         let (count, dim) = threads(&angles, rows * dims);
         kernels::integrated::launch(
             &out.client,
@@ -117,7 +117,7 @@ impl EncodeOps for CubeBackend {
             variances.into_tensor_arg(),
             window.into_tensor_arg(),
             out.clone().into_tensor_arg(),
-            octaves,
+            frequencies,
         );
         out
     }
@@ -129,19 +129,19 @@ impl<C: CheckpointStrategy> EncodeOps for Autodiff<CubeBackend, C> {
         points: FloatTensor<Self>,
         angles: FloatTensor<Self>,
         window: FloatTensor<Self>,
-        octaves: usize,
+        frequencies: usize,
     ) -> FloatTensor<Self> {
         let [points, angles, window] = [points, angles, window].map(|tensor| tensor.into_primitive());
-        FloatTensor::<Self>::new(CubeBackend::frequency(points, angles, window, octaves))
+        FloatTensor::<Self>::new(CubeBackend::frequency(points, angles, window, frequencies))
     }
 
     fn integrated(
         angles: FloatTensor<Self>,
         variances: FloatTensor<Self>,
         window: FloatTensor<Self>,
-        octaves: usize,
+        frequencies: usize,
     ) -> FloatTensor<Self> {
         let [angles, variances, window] = [angles, variances, window].map(|tensor| tensor.into_primitive());
-        FloatTensor::<Self>::new(CubeBackend::integrated(angles, variances, window, octaves))
+        FloatTensor::<Self>::new(CubeBackend::integrated(angles, variances, window, frequencies))
     }
 }

@@ -90,25 +90,22 @@ fn ln_density(alpha: f32, place: usize, ray: &Ray, epsilon: f32) -> f32 {
     ln
 }
 
-/// Row `ray` of `out`: its integrated values, Σw, Σα and entropy in bits.
+/// Row `ray` of `out`: its integrated values and Σw.
 #[cube(launch)]
 pub(super) fn composite_forward(
     tau: &Tensor<f32>,
     values: &Tensor<f32>,
     offsets: &Tensor<i32>,
     out: &mut Tensor<f32>,
-    epsilon: f32,
-    least: f32,
     #[comptime] channels: usize,
-    #[comptime] entropy: bool,
 ) {
     let place = ABSOLUTE_POS;
     if place >= out.shape(0) {
         terminate!();
     }
     let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
-    let row = place * (channels + 3);
-    for c in 0..channels + 3 {
+    let row = place * (channels + 1);
+    for c in 0..channels {
         out[row + c] = 0.0f32;
     }
     let mut trans = 1.0f32;
@@ -121,17 +118,7 @@ pub(super) fn composite_forward(
             out[row + c] += w * values[i * channels + c];
         }
     }
-    let ray = ray_of(tau, start, end);
     out[row + channels] = acc;
-    out[row + channels + 1] = ray.sum;
-    if comptime!(entropy) && ray.sum >= least {
-        let mut bits = 0.0f32;
-        for i in start..end {
-            let alpha = alpha_of(tau[i]);
-            bits -= alpha / ray.sum * ln_density(alpha, i, &ray, epsilon) * std::f32::consts::LOG2_E;
-        }
-        out[row + channels + 2] = bits;
-    }
 }
 
 /// Gradients with respect to τ and the values.
@@ -143,19 +130,15 @@ pub(super) fn composite_backward(
     grad: &Tensor<f32>,
     dtau: &mut Tensor<f32>,
     dvalues: &mut Tensor<f32>,
-    epsilon: f32,
-    least: f32,
     #[comptime] channels: usize,
-    #[comptime] entropy: bool,
 ) {
     let place = ABSOLUTE_POS;
     if place >= grad.shape(0) {
         terminate!();
     }
     let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
-    let row = place * (channels + 3);
+    let row = place * (channels + 1);
     let dacc = grad[row + channels];
-    let dalpha_sum = grad[row + channels + 1];
     // T_{i+1} is kept in dtau until the second pass replaces it.
     let mut trans = 1.0f32;
     for i in start..end {
@@ -175,26 +158,70 @@ pub(super) fn composite_backward(
         for c in 0..channels {
             u += grad[row + c] * values[i * channels + c];
         }
-        let through = f32::exp(-tau[i]);
         worth += u - behind;
         behind = u;
-        dtau[i] = dtau[i] * worth + dalpha_sum * through;
-        worth *= through;
+        dtau[i] *= worth;
+        worth *= f32::exp(-tau[i]);
     }
-    if comptime!(entropy) {
-        let ray = ray_of(tau, start, end);
-        if ray.sum >= least {
-            let scale = grad[row + channels + 2] * std::f32::consts::LOG2_E;
-            let common = entropy_slope(tau[ray.top], ray.top, &ray, epsilon);
-            let mut mean = 0.0f32;
-            for i in start..end {
-                let slope = entropy_slope(tau[i], i, &ray, epsilon);
-                mean += alpha_of(tau[i]) / ray.sum * (slope - common);
-            }
-            for i in start..end {
-                let slope = entropy_slope(tau[i], i, &ray, epsilon) - common - mean;
-                dtau[i] += scale * slope / ray.sum * f32::exp(-tau[i]);
-            }
+}
+
+/// Row `ray` of `out`: its entropy in bits and Σα.
+#[cube(launch)]
+pub(super) fn entropy_forward(
+    tau: &Tensor<f32>,
+    offsets: &Tensor<i32>,
+    out: &mut Tensor<f32>,
+    epsilon: f32,
+    least: f32,
+) {
+    let place = ABSOLUTE_POS;
+    if place >= out.shape(0) {
+        terminate!();
+    }
+    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let ray = ray_of(tau, start, end);
+    let mut bits = 0.0f32;
+    if ray.sum >= least {
+        for i in start..end {
+            let alpha = alpha_of(tau[i]);
+            bits -= alpha / ray.sum * ln_density(alpha, i, &ray, epsilon) * std::f32::consts::LOG2_E;
+        }
+    }
+    out[place * 2] = bits;
+    out[place * 2 + 1] = ray.sum;
+}
+
+/// Gradient with respect to τ.
+#[cube(launch)]
+pub(super) fn entropy_backward(
+    tau: &Tensor<f32>,
+    offsets: &Tensor<i32>,
+    grad: &Tensor<f32>,
+    dtau: &mut Tensor<f32>,
+    epsilon: f32,
+    least: f32,
+) {
+    let place = ABSOLUTE_POS;
+    if place >= grad.shape(0) {
+        terminate!();
+    }
+    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let ray = ray_of(tau, start, end);
+    let dalpha_sum = grad[place * 2 + 1];
+    for i in start..end {
+        dtau[i] = dalpha_sum * f32::exp(-tau[i]);
+    }
+    if ray.sum >= least {
+        let scale = grad[place * 2] * std::f32::consts::LOG2_E;
+        let common = entropy_slope(tau[ray.top], ray.top, &ray, epsilon);
+        let mut mean = 0.0f32;
+        for i in start..end {
+            let slope = entropy_slope(tau[i], i, &ray, epsilon);
+            mean += alpha_of(tau[i]) / ray.sum * (slope - common);
+        }
+        for i in start..end {
+            let slope = entropy_slope(tau[i], i, &ray, epsilon) - common - mean;
+            dtau[i] += scale * slope / ray.sum * f32::exp(-tau[i]);
         }
     }
 }
@@ -212,7 +239,7 @@ fn entropy_slope(tau: f32, place: usize, ray: &Ray, epsilon: f32) -> f32 {
 
 /// KL of each pair of rays, in nats.
 #[cube(launch)]
-pub(super) fn gain_forward(
+pub(super) fn divergence_forward(
     tau: &Tensor<f32>,
     near: &Tensor<f32>,
     offsets: &Tensor<i32>,
@@ -226,21 +253,21 @@ pub(super) fn gain_forward(
     }
     let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
     let (ray, other) = (ray_of(tau, start, end), ray_of(near, start, end));
-    let mut gain = 0.0f32;
+    let mut divergence = 0.0f32;
     if ray.sum >= least && other.sum >= least {
         for i in start..end {
             let (p, q) = (alpha_of(tau[i]) / ray.sum, alpha_of(near[i]) / other.sum);
             let r = (p - q) / (q + epsilon);
             let ln = ln_ratio(p, q, r, epsilon);
-            gain += (q + epsilon) * bregman(r, ln) - epsilon * ln;
+            divergence += (q + epsilon) * bregman(r, ln) - epsilon * ln;
         }
     }
-    out[place] = gain;
+    out[place] = divergence;
 }
 
 /// Gradients with respect to both rays' τ.
 #[cube(launch)]
-pub(super) fn gain_backward(
+pub(super) fn divergence_backward(
     tau: &Tensor<f32>,
     near: &Tensor<f32>,
     offsets: &Tensor<i32>,

@@ -6,7 +6,7 @@ use crate::cube::encode::{Angle, wave};
 
 /// 2u − 1 of each coordinate, and sines and cosines of 2ˡπ(u − ½).
 #[cube(launch)]
-pub(super) fn octaves(positions: &Tensor<f32>, weights: &Tensor<f32>, out: &mut Tensor<f32>, octaves: usize) {
+pub(super) fn frequencies(positions: &Tensor<f32>, weights: &Tensor<f32>, out: &mut Tensor<f32>, frequencies: usize) {
     if ABSOLUTE_POS >= positions.shape(0) * 3 {
         terminate!();
     }
@@ -17,11 +17,11 @@ pub(super) fn octaves(positions: &Tensor<f32>, weights: &Tensor<f32>, out: &mut 
     // π(u − ½) is this many quarter turns, exactly.
     let angle = Angle { coarse: 2.0f32 * (u - 0.5f32), fine: 0.0f32 };
     let mut scale = 1.0f32;
-    for octave in 0..octaves {
+    for frequency in 0..frequencies {
         let wave = wave(&angle, scale);
-        let place = start + 3 + octave * 6 + axis * 2;
-        out[place] = weights[octave] * wave.sine;
-        out[place + 1] = weights[octave] * wave.cosine;
+        let place = start + 3 + frequency * 6 + axis * 2;
+        out[place] = weights[frequency] * wave.sine;
+        out[place + 1] = weights[frequency] * wave.cosine;
         scale *= 2.0f32;
     }
 }

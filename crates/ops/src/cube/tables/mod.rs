@@ -1,4 +1,4 @@
-//! Reading of planes and lines, and the octaves of the position: all that goes into a factored field's MLP.
+//! Reading of planes and lines, and the frequencies of the position: all that goes into a factored field's MLP.
 
 mod kernels;
 
@@ -23,11 +23,11 @@ use crate::factored::{Layout, Level, PLANES, Query};
 /// The MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables`.
 pub(crate) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2> {
     let device = tables.device();
-    let octaves: Vec<f32> = query.octave_weights.iter().copied().chain([0.0]).collect();
+    let frequencies: Vec<f32> = query.frequency_weights.iter().copied().chain([0.0]).collect();
     Tensor::from_dispatch(<Dispatch as TableOps>::features(
         tables.into_dispatch(),
         upload(&query.positions, 3, &device).into_dispatch(),
-        upload(&octaves, 1, &device).into_dispatch(),
+        upload(&frequencies, 1, &device).into_dispatch(),
         Plan { layout: layout.clone(), level_weights: query.level_weights.clone() },
     ))
 }
@@ -50,26 +50,26 @@ trait TableOps: Backend {
     fn features(
         tables: FloatTensor<Self>,
         positions: FloatTensor<Self>,
-        octaves: FloatTensor<Self>,
+        frequencies: FloatTensor<Self>,
         plan: Plan,
     ) -> FloatTensor<Self>;
 }
 
 impl TableOps for CubeBackend {
-    fn features(tables: CubeTensor, positions: CubeTensor, octaves: CubeTensor, plan: Plan) -> CubeTensor {
-        let [tables, positions, octaves] = [tables, positions, octaves].map(into_contiguous);
+    fn features(tables: CubeTensor, positions: CubeTensor, frequencies: CubeTensor, plan: Plan) -> CubeTensor {
+        let [tables, positions, frequencies] = [tables, positions, frequencies].map(into_contiguous);
         let samples = positions.meta.shape()[0];
         // Zero where a level does not count.
         let out = zeros(&tables, [samples, plan.layout.features()]);
         let (count, dim) = threads(&tables, samples * 3);
-        kernels::octaves::launch(
+        kernels::frequencies::launch(
             &out.client,
             count.clone(),
             dim,
             positions.clone().into_tensor_arg(),
-            octaves.into_tensor_arg(),
+            frequencies.into_tensor_arg(),
             out.clone().into_tensor_arg(),
-            plan.layout.octaves,
+            plan.layout.frequencies,
         );
         for (level, weight) in plan.levels() {
             kernels::products::launch(
@@ -145,12 +145,13 @@ impl<C: CheckpointStrategy> TableOps for Autodiff<CubeBackend, C> {
     fn features(
         tables: FloatTensor<Self>,
         positions: FloatTensor<Self>,
-        octaves: FloatTensor<Self>,
+        frequencies: FloatTensor<Self>,
         plan: Plan,
     ) -> FloatTensor<Self> {
         let guard = tables.node();
-        let [tables, positions, octaves] = [tables, positions, octaves].map(|t| into_contiguous(t.into_primitive()));
-        let output = CubeBackend::features(tables.clone(), positions.clone(), octaves, plan.clone());
+        let [tables, positions, frequencies] =
+            [tables, positions, frequencies].map(|t| into_contiguous(t.into_primitive()));
+        let output = CubeBackend::features(tables.clone(), positions.clone(), frequencies, plan.clone());
         match FeaturesBackward.prepare::<C>([guard]).compute_bound().stateful() {
             OpsKind::Tracked(prep) => prep.finish(Saved { tables, positions, plan }, output),
             OpsKind::UnTracked(prep) => prep.finish(output),

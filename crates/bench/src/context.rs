@@ -1,0 +1,137 @@
+//! What every benchmark has: the runs to measure, the device, the machine, and a folder for results.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use burn::tensor::Device;
+use infonerf_experiment::{Experiment, RunPlan, networks, open};
+use infonerf_metrics::Networks;
+use infonerf_train::config::{Protocol, Views};
+use serde::Serialize;
+
+use super::options::{Benchmark, Options};
+
+/// The variant that is measured where one is enough.
+const USUAL_VARIANT: &str = "infonerf";
+
+pub(super) struct Bench {
+    pub(super) plans: Vec<RunPlan>,
+    pub(super) device: Device,
+    pub(super) networks: Networks,
+    pub(super) folder: PathBuf,
+    pub(super) about: About,
+}
+
+/// What the numbers of a benchmark depend on; part of its `results.json`.
+#[derive(Serialize)]
+pub(super) struct About {
+    benchmark: String,
+    program: &'static str,
+    cpu: Option<String>,
+    cores: usize,
+    device: &'static str,
+    experiment: String,
+    preset: &'static str,
+    settings: Vec<String>,
+    data: String,
+    scenes: Vec<String>,
+    variants: Vec<String>,
+    seeds: Vec<u64>,
+    image_size: u32,
+    train_views: Views,
+    test_views: Protocol,
+}
+
+impl Bench {
+    pub(super) fn new(options: &Options) -> Result<Self> {
+        let experiment = Experiment::plan(&options.experiment, &options.selection)?;
+        let mut plans = experiment.runs;
+        if options.selection.scenes.is_empty() {
+            keep(&mut plans, |plan| &plan.scene, None);
+        }
+        if options.selection.variants.is_empty() && options.benchmark != Benchmark::Pareto {
+            keep(&mut plans, |plan| &plan.variant, Some(USUAL_VARIANT));
+        }
+        let device = open(options.device)?;
+        let first = plans.first().context("expected at least one run to measure")?;
+        let name = options.benchmark.to_string();
+        let about = About {
+            program: concat!("infonerf ", env!("CARGO_PKG_VERSION")),
+            cpu: cpu(),
+            cores: std::thread::available_parallelism().map_or(1, usize::from),
+            device: device.name.name(),
+            experiment: experiment.about.name,
+            preset: first.preset.name(),
+            settings: options.selection.set.clone(),
+            data: first
+                .data
+                .as_ref()
+                .map_or_else(|| "built-in procedural scenes".into(), |data| data.display().to_string()),
+            scenes: distinct(&plans, |plan| plan.scene.clone()),
+            variants: distinct(&plans, |plan| plan.variant.clone()),
+            seeds: distinct(&plans, |plan| plan.seed),
+            image_size: first.config.scene.size,
+            train_views: first.config.scene.views.clone(),
+            test_views: first.config.eval.test.clone(),
+            benchmark: name.clone(),
+        };
+        let networks = match options.benchmark {
+            Benchmark::Pareto | Benchmark::Skip => networks(options.weights.as_deref(), &device)?,
+            _ => Networks::none(),
+        };
+        Ok(Self { plans, networks, device: device.device, folder: options.out.join(name), about })
+    }
+}
+
+/// Keeps the plans whose `key` is `wanted`, or the first plan's where none is.
+fn keep(plans: &mut Vec<RunPlan>, key: fn(&RunPlan) -> &String, wanted: Option<&str>) {
+    let Some(first) = plans.first() else { return };
+    let wanted = plans.iter().find(|plan| wanted == Some(key(plan).as_str())).unwrap_or(first);
+    let wanted = key(wanted).clone();
+    plans.retain(|plan| *key(plan) == wanted);
+}
+
+/// The values of `key`, each once, in order of appearance.
+pub(super) fn distinct<I, T: PartialEq>(items: &[I], key: impl Fn(&I) -> T) -> Vec<T> {
+    let mut values = Vec::new();
+    for value in items.iter().map(key) {
+        if !values.contains(&value) {
+            values.push(value);
+        }
+    }
+    values
+}
+
+/// Name of the processor, where the system tells.
+fn cpu() -> Option<String> {
+    let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
+    let line = text.lines().find(|line| line.starts_with("model name"))?;
+    Some(line.split_once(':')?.1.trim().to_owned())
+}
+
+impl fmt::Display for Bench {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let about = &self.about;
+        let cpu = about.cpu.as_deref().unwrap_or("processor not known");
+        let size = match about.image_size {
+            0 => "images as they are".into(),
+            size => format!("images of {size} pixels"),
+        };
+        let seeds: Vec<String> = about.seeds.iter().map(u64::to_string).collect();
+        writeln!(
+            f,
+            "bench {}: {}, {} cores, {}, device {}",
+            about.benchmark, cpu, about.cores, about.program, about.device
+        )?;
+        writeln!(f, "{} ({}): {}", about.scenes.join(", "), about.data, about.variants.join(", "))?;
+        write!(
+            f,
+            "preset {}, {size}, test views {}, seed {}{}",
+            about.preset,
+            about.test_views,
+            seeds.join(", "),
+            about.settings.iter().map(|setting| format!(", {setting}")).collect::<String>()
+        )
+    }
+}

@@ -1,0 +1,172 @@
+//! Compositing (weights, colour, depth, opacity), Σα, and the entropy of every distribution, with gradients.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use fastrand::Rng;
+use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, ray_entropy, reference, to_host};
+use rayon::prelude::*;
+
+use super::errors::Errors;
+use super::rays::Family;
+
+/// Columns of the result.
+pub(super) const QUANTITIES: [&str; 11] = [
+    "weights",
+    "colour",
+    "depth",
+    "opacity",
+    "alpha sum",
+    "entropy",
+    "entropy, eps 1e-10",
+    "background entropy",
+    "background entropy, eps 1e-10",
+    "termination entropy",
+    "termination entropy, eps 1e-10",
+];
+/// The entropies among them: the exact one and that with the released code's ε, of every distribution.
+const ENTROPIES: [(RayDistribution, f32); 6] = [
+    (RayDistribution::Alpha, 0.0),
+    (RayDistribution::Alpha, 1e-10),
+    (RayDistribution::AlphaBackground, 0.0),
+    (RayDistribution::AlphaBackground, 1e-10),
+    (RayDistribution::Termination, 0.0),
+    (RayDistribution::Termination, 1e-10),
+];
+/// Colour and distance of each sample.
+const CHANNELS: usize = 4;
+/// Samples of a batch, about.
+const BATCH: usize = 300_000;
+
+/// Rays with colours, distances, and the gradient of something with respect to their colour.
+struct Batch {
+    segments: Segments,
+    tau: Vec<f32>,
+    values: Vec<f32>,
+    upstream: Vec<f32>,
+}
+
+impl Batch {
+    fn new(rows: &[Vec<f32>], rng: &mut Rng) -> Self {
+        let tau = rows.concat();
+        let sample = |rng: &mut Rng| [rng.f32(), rng.f32(), rng.f32(), 2.0 + 4.0 * rng.f32()];
+        Self {
+            segments: Segments::from_counts(rows.iter().map(Vec::len)),
+            values: tau.iter().flat_map(|_| sample(rng)).collect(),
+            upstream: (0..3 * rows.len()).map(|_| 2.0 * rng.f32() - 1.0).collect(),
+            tau,
+        }
+    }
+}
+
+/// What a device says: values per ray, and a gradient of each with respect to every τ.
+struct Answer {
+    weights: Vec<f32>,
+    color: Vec<f32>,
+    /// Depth, opacity, Σα, then the entropies.
+    columns: Vec<Vec<f32>>,
+    /// Colour, depth, opacity, Σα, then the entropies.
+    gradients: Vec<Vec<f32>>,
+}
+
+/// Errors of each of [`QUANTITIES`] over `count` rays of a family.
+pub(super) fn measure(family: &Family, count: usize, device: &Device, rng: &mut Rng) -> Vec<Errors> {
+    let mut errors = vec![Errors::default(); QUANTITIES.len()];
+    let mut left = ((count as f64 * family.share) as usize).max(1);
+    while left > 0 {
+        let (mut rows, mut samples) = (Vec::new(), 0);
+        while left > 0 && samples < BATCH {
+            let row = (family.draw)(rng);
+            samples += row.len();
+            rows.push(row);
+            left -= 1;
+        }
+        let batch = Batch::new(&rows, rng);
+        let answer = ask(&batch, &device.clone().autodiff());
+        for (sum, errors) in errors.iter_mut().zip(compare(&batch, &answer)) {
+            sum.merge(&errors);
+        }
+    }
+    errors
+}
+
+fn ask(batch: &Batch, device: &Device) -> Answer {
+    let samples = batch.tau.len();
+    let tau = Tensor::<1>::from_data(TensorData::new(batch.tau.clone(), [samples]), device).require_grad();
+    let values = TensorData::new(batch.values.clone(), [samples, CHANNELS]);
+    let values = Tensor::<2>::from_data(values, device).require_grad();
+    let upstream = TensorData::new(batch.upstream.clone(), [batch.segments.rays(), 3]);
+    let upstream = Tensor::<2>::from_data(upstream, device);
+    // One graph per backward pass: Burn consumes it.
+    let run = || composite(tau.clone(), values.clone(), &batch.segments);
+    let entropy = |(of, epsilon)| ray_entropy(tau.clone(), &batch.segments, of, epsilon);
+    let gradients = |objective: Tensor<1>| {
+        let grads = objective.backward();
+        let of = |tensor: Option<Tensor<1>>| tensor.map(to_host).unwrap_or_default();
+        (of(tau.grad(&grads)), values.grad(&grads).map(to_host).unwrap_or_default())
+    };
+    let (depth_gradient, dvalues) = gradients(run().values.narrow(1, 3, 1).sum());
+    let Composite { values: integrals, acc } = run();
+    let RayEntropy { alpha_sum, .. } = entropy(ENTROPIES[0]);
+    let columns = [integrals.clone().narrow(1, 3, 1).flatten(0, 1), acc, alpha_sum];
+    let bits = ENTROPIES.map(|which| entropy(which).bits);
+    let mut slopes = vec![
+        gradients((run().values.narrow(1, 0, 3) * upstream).sum()).0,
+        depth_gradient,
+        gradients(run().acc.sum()).0,
+        gradients(entropy(ENTROPIES[0]).alpha_sum.sum()).0,
+    ];
+    slopes.extend(ENTROPIES.map(|which| gradients(entropy(which).bits.sum()).0));
+    Answer {
+        // The gradient of Σ w t with respect to t is w.
+        weights: dvalues.chunks_exact(CHANNELS).map(|row| row[3]).collect(),
+        color: to_host(integrals.narrow(1, 0, 3).detach()),
+        columns: columns.into_iter().chain(bits).map(|column| to_host(column.detach())).collect(),
+        gradients: slopes,
+    }
+}
+
+fn compare(batch: &Batch, answer: &Answer) -> Vec<Errors> {
+    let none = || vec![Errors::default(); QUANTITIES.len()];
+    let add = |mut errors: Vec<Errors>, ray: usize| {
+        let range = batch.segments.range(ray);
+        let row: Vec<f64> = batch.tau[range.clone()].iter().copied().map(f64::from).collect();
+        let value = |i: usize, channel: usize| f64::from(batch.values[i * CHANNELS + channel]);
+        let along = |channel| range.clone().map(|i| value(i, channel)).collect::<Vec<f64>>();
+        let w = reference::weights(&row);
+        let integral = |channel: usize| w.iter().zip(along(channel)).map(|(w, v)| w * v).sum::<f64>();
+        for (&got, &want) in answer.weights[range.clone()].iter().zip(&w) {
+            errors[0].value(got, want);
+        }
+        for channel in 0..3 {
+            errors[1].value(answer.color[3 * ray + channel], integral(channel));
+        }
+        let entropies = ENTROPIES.map(|(of, epsilon)| reference::entropy(&row, of, f64::from(epsilon)));
+        let wants = [integral(3), reference::opacity(&row), reference::alpha_sum(&row)].into_iter().chain(entropies);
+        for ((errors, column), want) in errors[2..].iter_mut().zip(&answer.columns).zip(wants) {
+            errors.value(column[ray], want);
+        }
+        let upstream = |channel: usize| f64::from(batch.upstream[3 * ray + channel]);
+        let worth = range.clone().map(|i| (0..3).map(|channel| upstream(channel) * value(i, channel)).sum());
+        let integrals = [
+            reference::weights_vjp(&row, &worth.collect::<Vec<f64>>()),
+            reference::weights_vjp(&row, &along(3)),
+            reference::weights_vjp(&row, &vec![1.0; row.len()]),
+            row.iter().map(|tau| (-tau).exp()).collect(),
+        ];
+        for (i, want) in integrals.iter().enumerate() {
+            errors[1 + i].gradient(&answer.gradients[i][range.clone()], want, |_| false);
+        }
+        for (i, (of, epsilon)) in ENTROPIES.into_iter().enumerate() {
+            let want = reference::entropy_gradient(&row, of, f64::from(epsilon));
+            // The exact entropy has an infinite slope where a sample is empty.
+            let least = |sample: usize| if of == RayDistribution::Termination { w[sample] } else { row[sample] };
+            let undefined = |sample: usize| epsilon == 0.0 && least(sample) < f64::from(f32::MIN_POSITIVE);
+            errors[5 + i].gradient(&answer.gradients[4 + i][range.clone()], &want, undefined);
+        }
+        errors
+    };
+    let merge = |mut a: Vec<Errors>, b: Vec<Errors>| {
+        a.iter_mut().zip(&b).for_each(|(a, b)| a.merge(b));
+        a
+    };
+    (0..batch.segments.rays()).into_par_iter().fold(none, add).reduce(none, merge)
+}

@@ -1,0 +1,223 @@
+//! The positional encoding, the factored field, the variation of its planes, and the photometric loss.
+
+use std::sync::Arc;
+
+use burn::tensor::{Device, Tensor, TensorData};
+use fastrand::Rng;
+use infonerf_loss::{Norm, photometric_loss};
+use infonerf_ops::factored::{Layout, Query, reference};
+use infonerf_ops::frequency::encoded_width;
+use infonerf_ops::{
+    factored_field, frequency_encode, frustum_gaussian, integrated_encode, plane_variation, reference as oracle,
+    to_host,
+};
+
+use super::errors::Errors;
+use super::rays::log_uniform;
+
+type Draw = fn(&mut Rng) -> f32;
+
+/// Coordinates of points, from the origin to far away.
+pub(super) const COORDINATES: [(&str, Draw); 5] = [
+    ("a scene of 4 units", |rng| 8.0 * (rng.f32() - 0.5)),
+    ("a scene of 1e-3 units", |rng| 2e-3 * (rng.f32() - 0.5)),
+    ("a scene of 1e3 units", |rng| 2e3 * (rng.f32() - 0.5)),
+    ("subnormal", |rng| log_uniform(rng, -44.9, -38.0)),
+    ("as far as f32 goes", |rng| log_uniform(rng, 6.0, 38.5).min(f32::MAX) * if rng.bool() { 1.0 } else { -1.0 }),
+];
+
+/// Frequencies of the encoding: NeRF's 10 and twice as many.
+const FREQUENCIES: usize = 20;
+
+/// The encoding of `count` coordinates.
+pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
+    let points: Vec<f32> = (0..count).map(|_| draw(rng)).collect();
+    let encoded = to_host(frequency_encode(&points, 1, FREQUENCIES, &[], device));
+    let mut errors = Errors::default();
+    for (row, &x) in encoded.chunks_exact(encoded_width(1, FREQUENCIES)).zip(&points) {
+        errors.value(row[0], f64::from(x));
+        for (frequency, pair) in row[1..].chunks_exact(2).enumerate() {
+            let phase = f64::from(x) * 2f64.powi(frequency as i32);
+            errors.value(pair[0], phase.sin());
+            errors.value(pair[1], phase.cos());
+        }
+    }
+    errors
+}
+
+/// The integrated encoding of `count` Gaussians about such coordinates, as wide as a point and up to a unit.
+pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
+    /// The operation leaves at 0 what can be no larger than this.
+    const NOTHING: f64 = 1e-9;
+    let means: Vec<f32> = (0..3 * count).map(|_| draw(rng)).collect();
+    let variances: Vec<f32> = (0..3 * count).map(|_| log_uniform(rng, -12.0, 0.0)).collect();
+    let encoded = to_host(integrated_encode(&means, &variances, FREQUENCIES, &[], device));
+    let mut errors = Errors::default();
+    for (sample, row) in encoded.chunks_exact(6 * FREQUENCIES).enumerate() {
+        for (frequency, block) in row.chunks_exact(6).enumerate() {
+            for axis in 0..3 {
+                let scale = 2f64.powi(frequency as i32);
+                let phase = f64::from(means[3 * sample + axis]) * scale;
+                let weight = (-0.5 * scale * scale * f64::from(variances[3 * sample + axis])).exp();
+                let weight = if weight > NOTHING { weight } else { 0.0 };
+                errors.value(block[axis], weight * phase.sin());
+                errors.value(block[3 + axis], weight * phase.cos());
+            }
+        }
+    }
+    errors
+}
+
+/// Pieces of cones, from the apex to far away: mean and variances.
+pub(super) fn frustums(count: usize, rng: &mut Rng) -> Errors {
+    let mut errors = Errors::default();
+    for _ in 0..count {
+        let (t, radius) = (log_uniform(rng, -6.0, 6.0), log_uniform(rng, -5.0, -1.0));
+        // A piece does not reach behind the apex.
+        let delta = t * log_uniform(rng, -6.0, 0.3).min(2.0);
+        let got = frustum_gaussian(t, delta, radius);
+        let (t, half) = (f64::from(t), 0.5 * f64::from(delta));
+        let want = oracle::frustum_moments(t - half, t + half, f64::from(radius));
+        for (got, want) in [got.mean, got.along, got.across].into_iter().zip(want) {
+            errors.value(got, want);
+        }
+    }
+    errors
+}
+
+/// Contents of a field: numbers of its tables, of its MLP, and the bias of its density.
+pub(super) struct Contents {
+    pub(super) name: &'static str,
+    tables: Draw,
+    weights: Draw,
+    bias: f32,
+}
+
+pub(super) const CONTENTS: [Contents; 6] = [
+    Contents { name: "as trained", tables: signed, weights: signed, bias: -5.0 },
+    Contents { name: "empty", tables: signed, weights: signed, bias: -40.0 },
+    Contents { name: "opaque", tables: signed, weights: signed, bias: 40.0 },
+    Contents { name: "all zero", tables: |_| 0.0, weights: |_| 0.0, bias: -5.0 },
+    Contents { name: "tables 1e-30 to 1e-6", tables: |rng| log_uniform(rng, -30.0, -6.0), weights: signed, bias: -5.0 },
+    Contents { name: "tables 1e3", tables: |rng| 1e3 * signed(rng), weights: signed, bias: -5.0 },
+];
+
+fn signed(rng: &mut Rng) -> f32 {
+    rng.f32() - 0.5
+}
+
+/// Samples that a field is asked for at once.
+const SAMPLES: usize = 256;
+
+fn layout(bias: f32) -> Arc<Layout> {
+    Arc::new(Layout::new(3, &[(4, 4), (8, 4), (16, 4)], (2, 16), true, (10.0, bias)))
+}
+
+fn draw(rng: &mut Rng, count: usize, draw: Draw) -> Vec<f32> {
+    (0..count).map(|_| draw(rng)).collect()
+}
+
+fn wide(values: &[f32]) -> Vec<f64> {
+    values.iter().copied().map(f64::from).collect()
+}
+
+/// Density and colour at `count` points, some on the border of the box.
+pub(super) fn field(contents: &Contents, count: usize, device: &Device, rng: &mut Rng) -> Errors {
+    let mut errors = Errors::default();
+    let device = device.clone().autodiff();
+    let layout = layout(contents.bias);
+    for _ in 0..count.div_ceil(SAMPLES) {
+        let tables = draw(rng, layout.table_len(), contents.tables);
+        let weights = draw(rng, layout.weight_len(), contents.weights);
+        let coordinate = |rng: &mut Rng| match rng.u8(0..8) {
+            0 => 0.0,
+            1 => 1.0,
+            2 => log_uniform(rng, -44.0, -3.0),
+            _ => rng.f32(),
+        };
+        let direction = |rng: &mut Rng| {
+            let d = [signed(rng), signed(rng), signed(rng) + 1e-3];
+            let length = d.iter().map(|x| x * x).sum::<f32>().sqrt();
+            d.map(|x| x / length)
+        };
+        let query = Query {
+            positions: (0..3 * SAMPLES).map(|_| coordinate(rng)).collect(),
+            directions: (0..SAMPLES).flat_map(|_| direction(rng)).collect(),
+            frequency_weights: vec![1.0; layout.frequencies],
+            level_weights: vec![1.0; layout.levels.len()],
+            color: true,
+        };
+        let parameter =
+            |values: &[f32]| Tensor::<1>::from_data(TensorData::new(values.to_vec(), [values.len()]), &device);
+        let (t, w) = (parameter(&tables).require_grad(), parameter(&weights).require_grad());
+        let out = factored_field(t.clone(), w.clone(), &layout, query.clone());
+        let upstream = draw(rng, 4 * SAMPLES, signed);
+        let weigh = Tensor::<2>::from_data(TensorData::new(upstream.clone(), [SAMPLES, 4]), &device);
+        let (tables, weights) = (wide(&tables), wide(&weights));
+        let wants = reference::value(&tables, &weights, &layout, &query);
+        for (&got, want) in to_host(out.clone().detach()).iter().zip(wants) {
+            errors.value(got, want);
+        }
+        let grads = (out * weigh).sum().backward();
+        let (dt, dw) = reference::gradient(&tables, &weights, &layout, &query, &wide(&upstream));
+        for (parameter, want) in [(&t, dt), (&w, dw)] {
+            let got = parameter.grad(&grads).map(to_host).unwrap_or_default();
+            errors.gradient(&got, &want, |_| false);
+        }
+    }
+    errors
+}
+
+/// Contents of planes whose variation is taken.
+pub(super) const PLANES: [(&str, Draw); 4] = [
+    ("as trained", signed),
+    ("all equal", |_| 0.7),
+    ("1e-9", |rng| 1e-9 * signed(rng)),
+    ("1e9", |rng| 1e9 * signed(rng)),
+];
+
+pub(super) fn variation(contents: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
+    let mut errors = Errors::default();
+    let layout = layout(0.0);
+    for _ in 0..count.div_ceil(layout.table_len()) {
+        let tables = draw(rng, layout.table_len(), contents);
+        let data = TensorData::new(tables.clone(), [tables.len()]);
+        let tensor = Tensor::<1>::from_data(data, &device.clone().autodiff()).require_grad();
+        let sum = plane_variation(tensor.clone(), &layout);
+        let (want, gradient) = reference::variation(&wide(&tables), &layout);
+        errors.value(to_host(sum.clone().detach())[0], want);
+        let got = tensor.grad(&sum.backward()).map(to_host).unwrap_or_default();
+        errors.gradient(&got, &gradient, |_| false);
+    }
+    errors
+}
+
+/// A true colour, given the rendered one.
+type Truth = fn(&mut Rng, f32) -> f32;
+
+/// Rendered and true colours: how the second follows from the first.
+pub(super) const COLORS: [(&str, Truth); 4] = [
+    ("independent", |rng, _| rng.f32()),
+    ("equal", |_, color| color),
+    ("nearly equal", |rng, color| color * (1.0 + 1e-6 * signed(rng))),
+    ("black and white", |_, color| if color < 0.5 { 1.0 } else { 0.0 }),
+];
+
+/// L_RGB of `count` rays.
+pub(super) fn photometric(truth: Truth, count: usize, device: &Device, rng: &mut Rng) -> Errors {
+    let color: Vec<f32> = (0..3 * count).map(|_| rng.f32()).collect();
+    let target: Vec<f32> = color.iter().map(|&color| truth(rng, color)).collect();
+    let device = device.clone().autodiff();
+    let tensor = |values: &[f32]| Tensor::<2>::from_data(TensorData::new(values.to_vec(), [count, 3]), &device);
+    let rendered = tensor(&color).require_grad();
+    let loss = photometric_loss(rendered.clone(), tensor(&target), Norm::Mean);
+    let difference = |(a, b): (&f32, &f32)| f64::from(*a) - f64::from(*b);
+    let differences: Vec<f64> = color.iter().zip(&target).map(difference).collect();
+    let share = 1.0 / (3 * count) as f64;
+    let mut errors = Errors::default();
+    errors.value(to_host(loss.clone().detach())[0], differences.iter().map(|d| d * d).sum::<f64>() * share);
+    let want: Vec<f64> = differences.iter().map(|d| 2.0 * d * share).collect();
+    let got = rendered.grad(&loss.backward()).map(to_host).unwrap_or_default();
+    errors.gradient(&got, &want, |_| false);
+    errors
+}

@@ -1,0 +1,124 @@
+//! Training and evaluating in memory: nothing of it is kept but what was measured.
+
+use std::sync::Arc;
+
+use anyhow::{Context, Result};
+use infonerf_experiment::{RunPlan, total_progress};
+use infonerf_render::TrainedModel;
+use infonerf_metrics::{METRICS, Values};
+use infonerf_train::{Config, Evaluation, Outcome, Trainer, config};
+use serde::Serialize;
+
+use super::context::Bench;
+
+/// A trained run and what its test views say.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Trial {
+    pub(super) scene: String,
+    pub(super) variant: String,
+    pub(super) seed: u64,
+    pub(super) iterations: usize,
+    pub(super) train_seconds: f64,
+    pub(super) render_seconds_per_image: f64,
+    pub(super) samples_total: u64,
+    pub(super) samples_evaluated: u64,
+    pub(super) collapsed: bool,
+    #[serde(flatten)]
+    pub(super) metrics: Values,
+}
+
+impl Bench {
+    /// `plan` before its first step.
+    pub(super) fn trainer(&self, plan: &RunPlan) -> Result<Trainer> {
+        plan.trainer(Arc::new(plan.load()?), 0, &self.device).with_context(|| plan.label())
+    }
+
+    /// Trains `plan` to its end and evaluates it on its test views.
+    pub(super) fn trial(&self, plan: &RunPlan) -> Result<Trial> {
+        let scene = Arc::new(plan.load()?);
+        let mut trainers = Vec::new();
+        let mut collapsed = false;
+        for index in 0..plan.members() {
+            let mut trainer = plan.trainer(scene.clone(), index, &self.device)?;
+            collapsed |= train(&mut trainer).with_context(|| plan.label())? == Outcome::Collapsed;
+            trainers.push(trainer);
+        }
+        let members: Vec<TrainedModel> = trainers.iter().map(Trainer::trained).collect();
+        let protocol = plan.config.eval.metric_protocol();
+        let mut evaluation = Evaluation::new(&self.networks, &protocol);
+        for view in &scene.test {
+            evaluation.add(trainers[0].renderer(), &members, view)?;
+        }
+        let evaluated = evaluation.finish().context("no test views")?;
+        let progress = total_progress(&trainers);
+        Ok(Trial {
+            scene: plan.scene.clone(),
+            variant: plan.variant.clone(),
+            seed: plan.seed,
+            iterations: progress.step,
+            train_seconds: progress.seconds,
+            render_seconds_per_image: evaluated.seconds_per_image,
+            samples_total: progress.samples_total,
+            samples_evaluated: progress.samples_evaluated,
+            collapsed,
+            metrics: evaluated.measured.representable().set,
+        })
+    }
+}
+
+impl Trial {
+    /// The metric of this key; none where it could not be computed.
+    pub(super) fn metric(&self, key: &str) -> Option<f64> {
+        self.metrics.get(key).copied().flatten()
+    }
+
+    /// PSNR in dB.
+    pub(super) fn psnr(&self) -> f64 {
+        self.metric("psnr").unwrap_or(f64::NAN)
+    }
+}
+
+/// Takes all steps.
+pub(super) fn train(trainer: &mut Trainer) -> Result<Outcome> {
+    loop {
+        match trainer.step(&mut |_| ())? {
+            Outcome::Running => {}
+            outcome => return Ok(outcome),
+        }
+    }
+}
+
+/// Takes `count` steps and tells how many seconds each took. Ends early where the run does.
+pub(super) fn step_seconds(trainer: &mut Trainer, count: usize) -> Result<Vec<f64>> {
+    let mut seconds = Vec::with_capacity(count);
+    for _ in 0..count {
+        let before = trainer.progress().seconds;
+        let outcome = trainer.step(&mut |_| ())?;
+        seconds.push(trainer.progress().seconds - before);
+        if outcome != Outcome::Running {
+            break;
+        }
+    }
+    Ok(seconds)
+}
+
+/// The same run with some keys of its config changed.
+pub(super) fn with_settings<S: AsRef<str>>(plan: &RunPlan, settings: &[S]) -> Result<RunPlan> {
+    let mut table = toml::Table::try_from(&plan.config)?;
+    for setting in settings {
+        config::assign(&mut table, setting.as_ref())?;
+    }
+    Ok(RunPlan { config: Config::from_table(table)?, ..plan.clone() })
+}
+
+/// Mean of a quantity over trials; none where a trial lacks it.
+pub(super) fn mean(trials: &[&Trial], value: impl Fn(&Trial) -> Option<f64>) -> Option<f64> {
+    let values: Option<Vec<f64>> = trials.iter().map(|trial| value(trial)).collect();
+    let values = values.filter(|values| !values.is_empty())?;
+    Some(values.iter().sum::<f64>() / values.len() as f64)
+}
+
+/// Mean of each metric over trials; none where a trial lacks it.
+pub(super) fn mean_metrics(trials: &[&Trial]) -> Values {
+    METRICS.iter().map(|metric| (metric.key().to_owned(), mean(trials, |trial| trial.metric(metric.key())))).collect()
+}

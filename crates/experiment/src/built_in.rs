@@ -1,0 +1,33 @@
+//! The experiments that are built in: a file in `experiments/` and a line here.
+
+/// Makes the list of names with the text of each file.
+macro_rules! built_in {
+    ($($name:literal,)*) => {
+        /// Names and texts.
+        pub(crate) const BUILT_IN: &[(&str, &str)] =
+            &[$(($name, include_str!(concat!("../experiments/", $name, ".toml"))),)*];
+    };
+}
+
+built_in! {
+    "synthetic-4view",
+    "synthetic-4view-losses",
+    "synthetic-4view-mlp",
+    "synthetic-4view-alpha",
+    "integration",
+    "integration-paper",
+    "released-skipping",
+    "released-warm",
+    "scales",
+    "unseen-rays",
+    "loss-ablation",
+    "baseline",
+    "views",
+    "information",
+    "small-nerf",
+    "dietnerf",
+    "pixelnerf-pretrain",
+    "pixelnerf-pretrain-paper",
+    "integration-pixelnerf",
+    "integration-pixelnerf-paper",
+}

@@ -1,0 +1,155 @@
+//! Which backend computes: one of those that this program was built with.
+
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+use anyhow::{Result, bail};
+use burn::tensor::Device;
+use infonerf_metrics::{METRICS, Networks};
+use infonerf_pretrained::Store;
+
+/// A device by name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DeviceName {
+    /// The fastest one that is built in.
+    #[default]
+    Auto,
+    /// CPU: Burn's flex backend with the kernels of infonerf-ops.
+    Flex,
+    /// CPU: Burn's older backend, plain tensors.
+    Ndarray,
+    /// Any GPU through WGSL.
+    Wgpu,
+    /// GPUs with Vulkan, through SPIR-V.
+    Vulkan,
+    /// NVIDIA GPUs.
+    Cuda,
+}
+
+/// The devices built in, fastest first.
+const BUILT_IN: &[DeviceName] = &[
+    #[cfg(feature = "cuda")]
+    DeviceName::Cuda,
+    #[cfg(feature = "vulkan")]
+    DeviceName::Vulkan,
+    #[cfg(feature = "wgpu")]
+    DeviceName::Wgpu,
+    #[cfg(feature = "flex")]
+    DeviceName::Flex,
+    #[cfg(feature = "ndarray")]
+    DeviceName::Ndarray,
+];
+
+impl DeviceName {
+    /// All of them.
+    pub const ALL: [Self; 6] = [Self::Auto, Self::Flex, Self::Ndarray, Self::Wgpu, Self::Vulkan, Self::Cuda];
+
+    /// As written on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Flex => "flex",
+            Self::Ndarray => "ndarray",
+            Self::Wgpu => "wgpu",
+            Self::Vulkan => "vulkan",
+            Self::Cuda => "cuda",
+        }
+    }
+
+    /// Whether it is the processor.
+    pub fn is_cpu(self) -> bool {
+        matches!(self, Self::Flex | Self::Ndarray)
+    }
+
+    /// The devices built in that need no GPU.
+    pub fn cpus() -> impl Iterator<Item = Self> {
+        BUILT_IN.iter().copied().filter(|device| device.is_cpu())
+    }
+}
+
+impl fmt::Display for DeviceName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for DeviceName {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let known = || Self::ALL.map(Self::name).join(", ");
+        Self::ALL.into_iter().find(|device| device.name() == text).ok_or_else(|| format!("expected one of {}", known()))
+    }
+}
+
+/// A device with its name.
+#[derive(Clone, Debug)]
+pub struct OpenDevice {
+    /// For tensors.
+    pub device: Device,
+    /// Which one it is; never [`DeviceName::Auto`].
+    pub name: DeviceName,
+    /// What a GPU calls itself.
+    pub adapter: Option<String>,
+}
+
+/// Opens the device called `name`.
+///
+/// # Errors
+/// If it is not built in, or there is no such GPU.
+pub fn open(name: DeviceName) -> Result<OpenDevice> {
+    let name = match name {
+        DeviceName::Auto => BUILT_IN.first().copied().unwrap_or(DeviceName::Auto),
+        name => name,
+    };
+    let device = match name {
+        #[cfg(feature = "flex")]
+        DeviceName::Flex => Device::flex(),
+        #[cfg(feature = "ndarray")]
+        #[allow(deprecated, reason = "kept selectable for as long as Burn ships it")]
+        DeviceName::Ndarray => Device::ndarray(),
+        #[cfg(feature = "wgpu")]
+        DeviceName::Wgpu => Device::wgpu(burn::tensor::DeviceKind::DefaultDevice),
+        #[cfg(feature = "vulkan")]
+        DeviceName::Vulkan => Device::vulkan(burn::tensor::DeviceKind::DefaultDevice),
+        #[cfg(feature = "cuda")]
+        DeviceName::Cuda => Device::cuda(0),
+        _ => bail!(
+            "--device {name}: not built in; this program has: {}. Build with `cargo build --release --features {name}`",
+            BUILT_IN.iter().map(|device| device.name()).collect::<Vec<_>>().join(", ")
+        ),
+    };
+    let adapter = if name.is_cpu() { None } else { Some(adapter(&device, name)?) };
+    Ok(OpenDevice { device, name, adapter })
+}
+
+/// The networks of learned metrics whose weights are at hand: in `weights` (a file or a folder), the folder of the
+/// environment variable `INFONERF_WEIGHTS`, or the user's cache.
+///
+/// # Errors
+/// If weights are there and cannot be read.
+pub fn networks(weights: Option<&Path>, device: &OpenDevice) -> Result<Networks> {
+    Ok(Store::new(weights)?.networks(METRICS, &device.device)?)
+}
+
+/// What the GPU calls itself.
+#[cfg(not(any(feature = "wgpu", feature = "vulkan", feature = "cuda")))]
+fn adapter(_device: &Device, name: DeviceName) -> Result<String> {
+    bail!("--device {name}: not built in")
+}
+
+/// What the GPU calls itself.
+#[cfg(any(feature = "wgpu", feature = "vulkan", feature = "cuda"))]
+fn adapter(device: &Device, name: DeviceName) -> Result<String> {
+    use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};
+    // Burn panics where there is no device.
+    let hook = take_hook();
+    set_hook(Box::new(|_| ()));
+    let identity = catch_unwind(AssertUnwindSafe(|| device.identity()));
+    set_hook(hook);
+    match identity {
+        Ok(Some(identity)) => Ok(identity.name),
+        _ => bail!("--device {name}: no such device on this machine; expected a GPU and its driver, or --device flex"),
+    }
+}

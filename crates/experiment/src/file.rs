@@ -1,0 +1,183 @@
+//! Experiment files.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail};
+use infonerf_report::Claim;
+use infonerf_train::{Preset, config};
+use serde::Deserialize;
+use toml::{Spanned, Table, Value};
+
+use crate::built_in::BUILT_IN;
+use crate::plot::Plot;
+use crate::published::Paper;
+
+/// Experiments in a row of which each changes the next, at most.
+const LONGEST_CHAIN: usize = 8;
+
+/// An experiment file.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct File {
+    /// One line on what it shows.
+    pub(crate) title: Option<String>,
+    /// Another experiment that this one changes.
+    base: Option<String>,
+    /// The experiment's name in results; by default the file's.
+    pub(crate) name: Option<String>,
+    /// Folder of scenes.
+    pub(crate) data: Option<PathBuf>,
+    /// Scenes to run on.
+    pub(crate) scenes: Option<Vec<String>>,
+    /// Seeds to run.
+    pub(crate) seeds: Option<Vec<u64>>,
+    /// Preset to start from.
+    pub(crate) preset: Option<Preset>,
+    /// Training time of each run in seconds.
+    pub(crate) budget_seconds: Option<f64>,
+    /// Laid over the preset.
+    #[serde(default)]
+    pub(crate) config: Table,
+    /// What is compared: each laid over `config`. The place of a name in the file is its place in tables.
+    #[serde(default)]
+    variants: BTreeMap<Spanned<String>, Value>,
+    /// What a paper found, to stand beside the results.
+    pub(crate) paper: Option<Paper>,
+    /// Statements on the order of the variants, to be tested.
+    pub(crate) claims: Option<Vec<Claim>>,
+    /// A chart for its report.
+    pub(crate) plot: Option<Plot>,
+}
+
+/// An experiment file together with those that it changes.
+pub(crate) struct Layers {
+    /// The file's own name, without extension.
+    pub(crate) name: String,
+    /// The furthest first.
+    files: Vec<File>,
+}
+
+impl Layers {
+    /// Reads the experiment called `name`: a built-in one, or the path of a file.
+    pub(crate) fn read(name: &str) -> Result<Self> {
+        let (own_name, file) = read(name)?;
+        let mut base = file.base.clone();
+        let mut files = vec![file];
+        while let Some(name) = base {
+            if files.len() > LONGEST_CHAIN {
+                bail!(
+                    "{own_name}: base: expected at most {LONGEST_CHAIN} experiments in a row, each changing the next"
+                );
+            }
+            let (_, file) = read(&name).with_context(|| format!("{own_name}: base"))?;
+            base = file.base.clone();
+            files.push(file);
+        }
+        files.reverse();
+        Ok(Self { name: own_name, files })
+    }
+
+    /// The last file's own name for its results; by default its file name.
+    pub(crate) fn result_name(&self) -> String {
+        self.files.last().and_then(|file| file.name.clone()).unwrap_or_else(|| self.name.clone())
+    }
+
+    /// What the nearest file says that says something.
+    pub(crate) fn last<T>(&self, pick: impl Fn(&File) -> Option<T>) -> Option<T> {
+        self.files.iter().rev().find_map(pick)
+    }
+
+    /// The preset with the config of every file laid over it.
+    pub(crate) fn config(&self, preset: Preset) -> Table {
+        let mut table = preset.table();
+        for file in &self.files {
+            config::merge(&mut table, file.config.clone());
+        }
+        table
+    }
+
+    /// The names of the variants in the order of the files, the base's first, and what each changes.
+    pub(crate) fn variants(&self) -> (Vec<String>, Table) {
+        let (mut order, mut tables) = (Vec::new(), Table::new());
+        for file in &self.files {
+            let mut own: Vec<(&Spanned<String>, &Value)> = file.variants.iter().collect();
+            own.sort_by_key(|(name, _)| name.span().start);
+            for (name, value) in own {
+                let name = name.get_ref();
+                if !order.contains(name) {
+                    order.push(name.clone());
+                }
+                config::merge(&mut tables, Table::from_iter([(name.clone(), value.clone())]));
+            }
+        }
+        (order, tables)
+    }
+}
+
+/// Names and titles of the built-in experiments that can be run: one without variants and base is there for others to
+/// build on.
+///
+/// # Errors
+/// If one of them cannot be read, which a test excludes.
+pub fn list() -> Result<Vec<(&'static str, String)>> {
+    let parsed = BUILT_IN.iter().map(|&(name, text)| Ok((name, parse(name, text)?)));
+    let files = parsed.collect::<Result<Vec<(&str, File)>>>()?;
+    let runs = |(_, file): &(&str, File)| file.base.is_some() || !file.variants.is_empty();
+    Ok(files.into_iter().filter(runs).map(|(name, file)| (name, file.title.unwrap_or_default())).collect())
+}
+
+fn read(name: &str) -> Result<(String, File)> {
+    if let Some((_, text)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == name) {
+        return Ok((name.to_owned(), parse(name, text)?));
+    }
+    let path = Path::new(name);
+    if !path.exists() {
+        let known: Vec<&str> = BUILT_IN.iter().map(|(name, _)| *name).collect();
+        bail!("{name}: expected an experiment file or one of: {}", known.join(", "));
+    }
+    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let stem = path.file_stem().map_or_else(|| "experiment".into(), |stem| stem.to_string_lossy().into_owned());
+    Ok((stem, parse(name, &text)?))
+}
+
+fn parse(origin: &str, text: &str) -> Result<File> {
+    let first = |error: toml::de::Error| {
+        let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].lines().count().max(1));
+        anyhow::anyhow!("{origin}: line {line}: {}", error.message().lines().next().unwrap_or_default())
+    };
+    toml::from_str(text).map_err(first)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn variants_come_in_the_order_of_the_files() {
+        let base = parse("base", "[variants.z]\n[variants.m.loss.mask]\nweight = 1.0\n").unwrap();
+        let over = parse("over", "[variants.b]\n[variants.m.train]\nlr = 1.0\n[variants.a]\n").unwrap();
+        let (order, tables) = Layers { name: "over".into(), files: vec![base, over] }.variants();
+        assert_eq!(order, ["z", "m", "b", "a"]);
+        assert_eq!(tables["m"].as_table().unwrap().len(), 2);
+    }
+
+    #[test]
+    fn every_built_in_experiment_is_sound() {
+        for (name, text) in BUILT_IN {
+            parse(name, text).unwrap();
+        }
+        let listed = list().unwrap();
+        assert!(listed.iter().all(|(name, title)| !title.is_empty() && *name != "small-nerf"));
+        assert_eq!(listed.len(), BUILT_IN.len() - 1);
+    }
+
+    #[test]
+    fn a_chain_has_an_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("loop.toml");
+        std::fs::write(&path, format!("base = {path:?}")).unwrap();
+        let error = Layers::read(&path.to_string_lossy()).err().unwrap().to_string();
+        assert!(error.contains("at most 8 experiments in a row"), "{error}");
+    }
+}

@@ -1,0 +1,196 @@
+//! What a run's numbers depend on, so that one that was begun or finished is only gone on with if nothing has changed.
+
+use std::collections::HashMap;
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, OnceLock};
+
+use anyhow::{Context, Result};
+use infonerf_scene::SceneSource;
+use serde::{Deserialize, Serialize};
+
+use crate::RunPlan;
+use crate::run_plan::weight_paths;
+
+/// File name in a run's folder.
+const NAME: &str = "identity.json";
+
+/// Checksums of all that a run's numbers depend on.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Identity {
+    /// The run's `config.toml`.
+    config: String,
+    /// The contents of the scene's files, or the name of a built-in scene.
+    data: String,
+    /// The program.
+    program: String,
+    /// The device that computes.
+    device: String,
+    /// Files of weights that the run begins with; empty without any.
+    first_weights: String,
+}
+
+impl Identity {
+    /// The identity of `plan` on the device called `device`, with this program.
+    ///
+    /// # Errors
+    /// If a file cannot be read.
+    pub fn of(plan: &RunPlan, device: &str) -> Result<Self> {
+        let data = match &plan.source {
+            SceneSource::Procedural(name) => name.clone(),
+            SceneSource::Folder { path } => folder_checksum(path)?,
+        };
+        Ok(Self {
+            config: checksum(plan.to_toml()?.as_bytes()),
+            data,
+            program: program_checksum()?,
+            device: device.to_owned(),
+            first_weights: weights_checksum(plan)?,
+        })
+    }
+
+    /// The identity of the run in `folder`; none if there is none, or it is of an earlier version.
+    pub(crate) fn read(folder: &Path) -> Option<Self> {
+        serde_json::from_slice(&fs::read(folder.join(NAME)).ok()?).ok()
+    }
+
+    pub(crate) fn write(&self, folder: &Path) -> Result<()> {
+        let text = serde_json::to_vec_pretty(self)?;
+        Ok(infonerf_report::write_atomically(&folder.join(NAME), &text)?)
+    }
+
+    /// What differs from the run that was begun as `then`.
+    pub(crate) fn changes(&self, then: &Self) -> Vec<&'static str> {
+        let parts = [
+            ("its config", &self.config, &then.config),
+            ("the scene's files", &self.data, &then.data),
+            ("the program", &self.program, &then.program),
+            ("the device", &self.device, &then.device),
+            ("the first weights", &self.first_weights, &then.first_weights),
+        ];
+        parts.into_iter().filter(|(_, now, then)| now != then).map(|(what, ..)| what).collect()
+    }
+}
+
+fn checksum(bytes: &[u8]) -> String {
+    short(blake3::hash(bytes))
+}
+
+fn short(hash: blake3::Hash) -> String {
+    hash.to_hex()[..16].to_owned()
+}
+
+/// Of the names and contents of all files below `folder`, read once per process.
+fn folder_checksum(folder: &Path) -> Result<String> {
+    static KNOWN: OnceLock<Mutex<HashMap<PathBuf, String>>> = OnceLock::new();
+    let known = KNOWN.get_or_init(Mutex::default);
+    if let Some(checksum) = known.lock().ok().and_then(|known| known.get(folder).cloned()) {
+        return Ok(checksum);
+    }
+    let mut files = Vec::new();
+    collect(folder, &mut files).with_context(|| folder.display().to_string())?;
+    files.sort();
+    let mut hasher = blake3::Hasher::new();
+    for path in files {
+        let relative = path.strip_prefix(folder).unwrap_or(&path).to_string_lossy().into_owned();
+        hasher.update(&(relative.len() as u64).to_le_bytes()).update(relative.as_bytes());
+        hash_file(&path, &mut hasher).with_context(|| path.display().to_string())?;
+    }
+    let checksum = short(hasher.finalize());
+    if let Ok(mut known) = known.lock() {
+        known.insert(folder.to_owned(), checksum.clone());
+    }
+    Ok(checksum)
+}
+
+fn collect(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            collect(&path, files)?;
+        } else {
+            files.push(path);
+        }
+    }
+    Ok(())
+}
+
+fn hash_file(path: &Path, hasher: &mut blake3::Hasher) -> std::io::Result<()> {
+    let mut file = fs::File::open(path)?;
+    hasher.update(&file.metadata()?.len().to_le_bytes());
+    let mut buffer = vec![0; 1 << 20];
+    loop {
+        match file.read(&mut buffer)? {
+            0 => return Ok(()),
+            count => hasher.update(&buffer[..count]),
+        };
+    }
+}
+
+/// Of the executable: another build may give other numbers.
+fn program_checksum() -> Result<String> {
+    static KNOWN: OnceLock<String> = OnceLock::new();
+    if let Some(checksum) = KNOWN.get() {
+        return Ok(checksum.clone());
+    }
+    let path = std::env::current_exe().context("the program's own file")?;
+    let mut hasher = blake3::Hasher::new();
+    hash_file(&path, &mut hasher).with_context(|| path.display().to_string())?;
+    Ok(KNOWN.get_or_init(|| short(hasher.finalize())).clone())
+}
+
+fn weights_checksum(plan: &RunPlan) -> Result<String> {
+    let mut config = plan.config.clone();
+    let semantic = !config.loss.semantic.weight.is_zero();
+    let unused = config.loss.semantic.weights.clone();
+    let mut hasher = blake3::Hasher::new();
+    let mut any = false;
+    for path in weight_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
+        if !semantic && *path == unused {
+            continue;
+        }
+        // A run's folder stands for its weights. What is missing is told when it is used.
+        let file = if path.is_dir() { path.join("checkpoint/model.bpk") } else { path.clone() };
+        if file.is_file() {
+            hash_file(&file, &mut hasher).with_context(|| file.display().to_string())?;
+            any = true;
+        }
+    }
+    Ok(if any { short(hasher.finalize()) } else { String::new() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Experiment, Selection};
+
+    #[test]
+    fn every_part_is_told_apart() {
+        let plan = |set: &str| {
+            let selection = Selection { set: vec![set.into()], ..Selection::default() };
+            Experiment::plan("synthetic-4view", &selection).unwrap().runs.remove(0)
+        };
+        let first = Identity::of(&plan("train.rays=64"), "flex").unwrap();
+        assert_eq!(first, Identity::of(&plan("train.rays=64"), "flex").unwrap());
+        let other = Identity::of(&plan("train.rays=65"), "ndarray").unwrap();
+        assert_eq!(other.changes(&first), ["its config", "the device"]);
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(Identity::read(folder.path()), None);
+        first.write(folder.path()).unwrap();
+        assert_eq!(Identity::read(folder.path()), Some(first));
+    }
+
+    #[test]
+    fn a_changed_image_is_another_scene() {
+        let sums = [b"one".as_slice(), b"two"].map(|content| {
+            // Another folder each time: a process reads each once.
+            let folder = tempfile::tempdir().unwrap();
+            fs::create_dir(folder.path().join("train")).unwrap();
+            fs::write(folder.path().join("train/r_0.png"), content).unwrap();
+            folder_checksum(folder.path()).unwrap()
+        });
+        assert_ne!(sums[0], sums[1]);
+    }
+}

@@ -1,0 +1,221 @@
+//! Which runs an experiment has, and how each differs from a preset.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail};
+use infonerf_report::{Claim, Record, ReportInput};
+use infonerf_train::{Config, Preset, config};
+use toml::{Table, Value};
+
+use crate::file::Layers;
+use crate::scenes::check_name;
+use crate::plot::Plot;
+use crate::published::Paper;
+use crate::run_plan::RunPlan;
+use crate::scenes::find_scenes;
+
+/// Which runs of an experiment, and what they change. What is empty is as the experiment says.
+#[derive(Clone, Debug, Default)]
+pub struct Selection {
+    /// Folder that holds the scenes' folders; without it the experiment's, or the built-in procedural scenes.
+    pub data: Option<PathBuf>,
+    /// Scenes.
+    pub scenes: Vec<String>,
+    /// Variants.
+    pub variants: Vec<String>,
+    /// Seeds.
+    pub seeds: Vec<u64>,
+    /// What the config starts from.
+    pub preset: Option<Preset>,
+    /// `dotted.key=value`, each changing a key of every config.
+    pub set: Vec<String>,
+    /// Training time of each run in seconds; the schedules follow the clock.
+    pub budget: Option<f64>,
+}
+
+/// What an experiment is, beside its runs.
+#[derive(Clone, Debug)]
+pub struct About {
+    /// Its name in results.
+    pub name: String,
+    /// One line on what it shows.
+    pub title: String,
+    /// Folder of scenes; none for the built-in ones.
+    pub data: Option<PathBuf>,
+    /// What a paper found.
+    pub(crate) paper: Option<Paper>,
+    /// Statements on the order of the variants.
+    pub(crate) claims: Vec<Claim>,
+    pub(crate) plot: Option<Plot>,
+}
+
+/// An experiment, ready to run.
+#[derive(Clone, Debug)]
+pub struct Experiment {
+    /// What it is.
+    pub about: About,
+    /// Its runs: by scene, variant and seed.
+    pub runs: Vec<RunPlan>,
+}
+
+impl Experiment {
+    /// Reads the experiment called `experiment` (built in, or a file) and applies what `selection` changes.
+    ///
+    /// # Errors
+    /// One line that names the file or option and what was expected.
+    pub fn plan(experiment: &str, selection: &Selection) -> Result<Self> {
+        let layers = Layers::read(experiment)?;
+        let name = layers.result_name();
+        check_name("experiment", &name)?;
+        let preset = selection.preset.or_else(|| layers.last(|file| file.preset)).unwrap_or(Preset::Fast);
+        let data = selection.data.clone().or_else(|| layers.last(|file| file.data.clone()));
+        let budget = selection.budget.or_else(|| layers.last(|file| file.budget_seconds));
+        let scenes = find_scenes(data.as_deref(), chosen_scenes(&layers, selection))?;
+        let variants = Variants::of(&layers, preset, selection)?;
+        let seeds = chosen_seeds(&layers, selection);
+        check_distinct("--scene", scenes.iter().map(|(scene, _)| scene.clone()))?;
+        check_distinct("--seed", seeds.iter().map(u64::to_string))?;
+        let mut runs = Vec::new();
+        for (scene, source) in &scenes {
+            for variant in &variants.names {
+                let config = variants.config(variant).with_context(|| experiment.to_owned())?;
+                runs.extend(seeds.iter().map(|&seed| RunPlan {
+                    experiment: name.clone(),
+                    scene: scene.clone(),
+                    source: source.clone(),
+                    data: data.clone(),
+                    variant: variant.clone(),
+                    seed,
+                    preset,
+                    budget,
+                    config: config.clone(),
+                }));
+            }
+        }
+        let about = About {
+            title: layers.last(|file| file.title.clone()).unwrap_or_else(|| name.clone()),
+            name,
+            data,
+            paper: layers.last(|file| file.paper.clone()),
+            claims: layers.last(|file| file.claims.clone()).unwrap_or_default(),
+            plot: layers.last(|file| file.plot.clone()),
+        };
+        Ok(Self { about, runs })
+    }
+}
+
+/// The scenes that are asked for; none for all that there are. `data` of the command line has scenes of its own.
+fn chosen_scenes(layers: &Layers, selection: &Selection) -> Option<Vec<String>> {
+    if !selection.scenes.is_empty() {
+        Some(selection.scenes.clone())
+    } else if selection.data.is_some() {
+        None
+    } else {
+        layers.last(|file| file.scenes.clone())
+    }
+}
+
+fn chosen_seeds(layers: &Layers, selection: &Selection) -> Vec<u64> {
+    if selection.seeds.is_empty() {
+        layers.last(|file| file.seeds.clone()).unwrap_or_else(|| vec![0])
+    } else {
+        selection.seeds.clone()
+    }
+}
+
+/// The variants that are asked for, with all that their configs are made of.
+struct Variants {
+    names: Vec<String>,
+    base: Table,
+    tables: Table,
+    set: Vec<String>,
+}
+
+impl Variants {
+    fn of(layers: &Layers, preset: Preset, selection: &Selection) -> Result<Self> {
+        let (known, tables) = layers.variants();
+        if known.is_empty() {
+            bail!("{}: variants: expected at least one table", layers.name);
+        }
+        if let Some(unknown) = selection.variants.iter().find(|name| !known.contains(name)) {
+            bail!("--variant {unknown}: expected one of: {}", known.join(", "));
+        }
+        let names = if selection.variants.is_empty() { known } else { selection.variants.clone() };
+        check_distinct("--variant", names.iter().cloned())?;
+        names.iter().try_for_each(|name| check_name("variant", name))?;
+        Ok(Self { names, base: layers.config(preset), tables, set: selection.set.clone() })
+    }
+
+    fn config(&self, variant: &str) -> Result<Config> {
+        let mut table = self.base.clone();
+        match self.tables.get(variant) {
+            Some(Value::Table(over)) => config::merge(&mut table, over.clone()),
+            _ => bail!("variants.{variant}: expected a table"),
+        }
+        for assignment in &self.set {
+            config::assign(&mut table, assignment).with_context(|| format!("--set {assignment}"))?;
+        }
+        Config::from_table(table).with_context(|| format!("variant {variant}"))
+    }
+}
+
+fn check_distinct(what: &str, items: impl Iterator<Item = String>) -> Result<()> {
+    let mut seen = BTreeSet::new();
+    for item in items {
+        if !seen.insert(item.clone()) {
+            bail!("{what} {item}: given twice");
+        }
+    }
+    Ok(())
+}
+
+impl About {
+    /// What a report of `records`, which came of `runs`, is made of.
+    ///
+    /// # Errors
+    /// If its chart cannot be drawn.
+    pub fn report_input(&self, records: Vec<Record>, runs: &[&RunPlan]) -> Result<ReportInput> {
+        let plot = self.plot.as_ref().map(|plot| plot.figure(&records)).transpose()?;
+        let mut input = ReportInput::new(&self.name, &self.title, records);
+        input.figures.extend(plot);
+        if self.data.is_none() {
+            input.warnings.push("Procedural scenes of this project, not a published data set.".into());
+        }
+        input.published = self.paper.as_ref().map(|paper| paper.beside(runs));
+        input.claims = self.claims.clone();
+        Ok(input)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::file::list;
+
+    /// Over any preset, and as it comes back from a run's `config.toml`.
+    #[test]
+    fn every_built_in_experiment_is_valid() {
+        for (name, _) in list().unwrap() {
+            for preset in Preset::ALL {
+                let selection = Selection { preset: Some(preset), ..Selection::default() };
+                for plan in Experiment::plan(name, &selection).unwrap().runs {
+                    assert_eq!(RunPlan::from_toml(&plan.to_toml().unwrap()).unwrap().config, plan.config, "{name}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn names_are_checked_before_anything_runs() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("my exp.toml");
+        std::fs::write(&file, "base = 'synthetic-4view'\n[variants.'nerf+key']\n").unwrap();
+        let plan = Experiment::plan(&file.to_string_lossy(), &Selection::default()).unwrap();
+        assert_eq!(plan.about.name, "my exp");
+        assert!(plan.runs.iter().any(|run| run.variant == "nerf+key"));
+        std::fs::write(&file, "base = 'synthetic-4view'\n[variants.'nerf/key']\n").unwrap();
+        let error = Experiment::plan(&file.to_string_lossy(), &Selection::default()).unwrap_err();
+        assert!(format!("{error:#}").contains("variant \"nerf/key\""), "{error:#}");
+    }
+}

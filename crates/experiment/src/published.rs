@@ -1,0 +1,212 @@
+//! What a paper found, as an experiment file holds it, and how its protocol differs from ours.
+
+use std::collections::BTreeMap;
+
+use indexmap::IndexMap;
+use infonerf_metrics::Summary;
+use infonerf_report::{Published, PublishedRow, Quantity};
+use infonerf_schedule::Moment;
+use serde::Deserialize;
+
+use crate::RunPlan;
+
+/// The `[paper]` of an experiment file.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Paper {
+    /// Which paper and table.
+    source: String,
+    /// By variant: means over the paper's scenes.
+    #[serde(default)]
+    figures: BTreeMap<String, Figures>,
+    /// By scene and variant.
+    #[serde(default)]
+    scenes: BTreeMap<String, BTreeMap<String, Figures>>,
+    /// How the figures were obtained.
+    #[serde(default)]
+    protocol: Protocol,
+    /// Further remarks.
+    #[serde(default)]
+    notes: Vec<String>,
+}
+
+/// What a row of a paper's table holds.
+#[derive(Clone, Debug, Deserialize)]
+struct Figures(IndexMap<Quantity, Figure>);
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(untagged)]
+enum Figure {
+    Mean(f64),
+    /// Mean and standard deviation.
+    Spread([f64; 2]),
+}
+
+/// What figures depend on, in words. What a paper's protocol leaves out is not compared.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Protocol {
+    scenes: Option<String>,
+    images: Option<String>,
+    test_views: Option<String>,
+    view_sets: Option<String>,
+    field: Option<String>,
+    samples: Option<String>,
+    training: Option<String>,
+    weights: Option<String>,
+    priors: Option<String>,
+}
+
+impl Paper {
+    /// The paper's figures, with each difference between its protocol and that of `runs`.
+    pub(crate) fn beside(&self, runs: &[&RunPlan]) -> Published {
+        let means = self.figures.iter().map(|(variant, figures)| figures.row(variant, None));
+        let of_scenes = self.scenes.iter().flat_map(|(scene, variants)| {
+            variants.iter().map(move |(variant, figures)| figures.row(variant, Some(scene.clone())))
+        });
+        let differences = self.protocol.differences(&Protocol::of(runs));
+        Published {
+            source: self.source.clone(),
+            rows: means.chain(of_scenes).collect(),
+            footnotes: differences.into_iter().chain(self.notes.iter().cloned()).collect(),
+        }
+    }
+}
+
+impl Figures {
+    fn row(&self, variant: &str, scene: Option<String>) -> PublishedRow {
+        let summary = |figure: &Figure| match *figure {
+            Figure::Mean(mean) => Summary { mean, std: None, n: 1 },
+            Figure::Spread([mean, std]) => Summary { mean, std: Some(std), n: 1 },
+        };
+        let figures = self.0.iter().map(|(quantity, figure)| (*quantity, summary(figure))).collect();
+        PublishedRow { variant: variant.to_owned(), scene, figures }
+    }
+}
+
+impl Protocol {
+    /// Ours.
+    fn of(runs: &[&RunPlan]) -> Self {
+        let all = |describe: fn(&RunPlan) -> String| Some(distinct(runs, describe).join(" or "));
+        let own = if runs.iter().any(|plan| plan.data.is_none()) { "built-in: " } else { "" };
+        let seeds = distinct(runs, |plan| plan.seed.to_string()).len();
+        Self {
+            scenes: Some(format!("{own}{}", distinct(runs, |plan| plan.scene.clone()).join(", "))),
+            images: all(|plan| match plan.config.scene.size {
+                0 => "as they are".into(),
+                size => format!("{size} pixels"),
+            }),
+            test_views: all(|plan| plan.config.eval.test.to_string()),
+            view_sets: Some(format!("{seeds}")),
+            field: all(|plan| plan.config.field.to_string()),
+            samples: all(|plan| {
+                let coarse = plan.config.render.samples.at(Moment::END).round();
+                match plan.config.render.fine_samples {
+                    0 => format!("at most {coarse} per ray"),
+                    fine => format!("{coarse} coarse and {fine} fine per ray"),
+                }
+            }),
+            training: all(|plan| match plan.budget {
+                Some(seconds) => format!("{seconds} s"),
+                None => format!("{} steps of {} seen rays", plan.config.train.iterations, plan.config.train.rays),
+            }),
+            weights: Some(weights(runs)),
+            priors: Some(priors(runs)),
+        }
+    }
+
+    /// One line for each difference.
+    fn differences(&self, ours: &Self) -> Vec<String> {
+        let both = [
+            ("Scenes", &ours.scenes, &self.scenes),
+            ("Images", &ours.images, &self.images),
+            ("Test views", &ours.test_views, &self.test_views),
+            ("Sets of training views", &ours.view_sets, &self.view_sets),
+            ("Field", &ours.field, &self.field),
+            ("Samples", &ours.samples, &self.samples),
+            ("Training", &ours.training, &self.training),
+            ("Weights", &ours.weights, &self.weights),
+            ("Other losses", &ours.priors, &self.priors),
+        ];
+        let line = |(what, here, there): (&str, &Option<String>, &Option<String>)| {
+            let (here, there) = (here.as_ref()?, there.as_ref()?);
+            (here != there).then(|| format!("{what}: {here} here; {there} in the paper."))
+        };
+        both.into_iter().filter_map(line).collect()
+    }
+}
+
+/// Terms of the paper's objective, and how it calls their weights.
+const PAPER_TERMS: [(&str, &str); 3] = [("rgb", ""), ("entropy", "λ₁"), ("kl", "λ₂")];
+
+/// The weights of the paper's losses, where they are on.
+fn weights(runs: &[&RunPlan]) -> String {
+    let of = |(term, symbol): (&str, &str)| {
+        let weight = |plan: &RunPlan| {
+            let terms = plan.config.loss.active();
+            terms.filter(|(name, _)| *name == term).map(|(_, spec)| spec.weight().largest()).next()
+        };
+        let on: Vec<&RunPlan> = runs.iter().copied().filter(|plan| weight(plan).is_some()).collect();
+        let values = distinct(&on, |plan| weight(plan).unwrap_or(0.0).to_string());
+        (!values.is_empty() && !symbol.is_empty()).then(|| format!("{symbol} = {}", values.join(" or ")))
+    };
+    PAPER_TERMS.into_iter().filter_map(of).collect::<Vec<_>>().join(", ")
+}
+
+/// Terms of the objective that are not the paper's.
+fn priors(runs: &[&RunPlan]) -> String {
+    let names = runs.iter().flat_map(|plan| plan.config.loss.active().map(|(name, _)| name));
+    let mut terms: Vec<&str> = Vec::new();
+    for name in names.filter(|name| PAPER_TERMS.iter().all(|(paper, _)| paper != name)) {
+        if !terms.contains(&name) {
+            terms.push(name);
+        }
+    }
+    if terms.is_empty() { "none".to_owned() } else { terms.join(", ") }
+}
+
+/// The values of `key`, each once, in order of appearance.
+fn distinct(runs: &[&RunPlan], key: impl Fn(&RunPlan) -> String) -> Vec<String> {
+    let mut values: Vec<String> = Vec::new();
+    for value in runs.iter().map(|plan| key(plan)) {
+        if !values.contains(&value) {
+            values.push(value);
+        }
+    }
+    values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Experiment, Selection};
+
+    #[test]
+    fn figures_and_differences() {
+        let text = "source = 'Table 1'\nnotes = ['n']\n[figures.nerf]\npsnr = [15.93, 1.06]\nlpips_vgg = 0.32\n\
+                    [scenes.lego.nerf]\npsnr = 15.61\n[protocol]\nimages = '800 pixels'\nview_sets = '5'\n";
+        let paper: Paper = toml::from_str(text).unwrap();
+        let published = paper.beside(&[]);
+        assert_eq!(
+            published.rows[0].figures[0],
+            (Quantity::PSNR, Summary { mean: 15.93, std: Some(1.06), n: 1 })
+        );
+        assert_eq!((published.rows[0].figures.len(), published.rows[1].scene.as_deref()), (2, Some("lego")));
+        assert!(toml::from_str::<Paper>("source = 'x'\n[figures.nerf]\nvmaf = 90.0").is_err());
+        assert!(published.footnotes.contains(&"Sets of training views: 0 here; 5 in the paper.".into()));
+        assert_eq!(published.footnotes.last().map(String::as_str), Some("n"));
+        assert!(toml::from_str::<Paper>("source = 'x'\npages = 3").is_err());
+    }
+
+    /// Every term that is on is reported, whichever it is.
+    #[test]
+    fn no_term_is_silently_missing() {
+        let selection = Selection {
+            set: vec!["loss.semantic.weight=0.1".into(), "loss.tv.weight=1".into(), "loss.opacity.weight=0".into()],
+            variants: vec!["nerf".into()],
+            ..Selection::default()
+        };
+        let runs = Experiment::plan("synthetic-4view", &selection).unwrap().runs;
+        assert_eq!(priors(&runs.iter().collect::<Vec<_>>()), "semantic, tv");
+    }
+}

@@ -1,0 +1,109 @@
+//! Evaluation of a run on its test views, and the record of it.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use infonerf_render::TrainedModel;
+use infonerf_report::{Record, TestViews};
+use infonerf_train::{
+    Evaluation, Information, InformationQuery, Trainer, config::Unseen, information,
+};
+
+use super::pictures::write_pictures;
+use super::total_progress;
+use crate::{Control, RunEvent, RunPlan, Session, Watch};
+
+/// Renders and measures the test views, writes the pictures, and returns the record without its memory; none if `watch`
+/// stops it.
+pub(super) fn evaluate(
+    session: &Session,
+    plan: &RunPlan,
+    folder: &Path,
+    trainers: &[Trainer],
+    collapsed: bool,
+    watch: &mut Watch<'_>,
+) -> Result<Option<Record>> {
+    let (scene, renderer) = (trainers[0].scene(), trainers[0].renderer());
+    let members: Vec<TrainedModel> = trainers.iter().map(Trainer::trained).collect();
+    let protocol = plan.config.eval.metric_protocol();
+    let mut evaluation = Evaluation::new(&session.networks, &protocol);
+    for (index, view) in scene.test.iter().enumerate() {
+        if watch(RunEvent::Evaluating { view: index, views: scene.test.len() }) == Control::Stop {
+            return Ok(None);
+        }
+        let result = evaluation.add(renderer, &members, view)?;
+        write_pictures(folder, scene, view, &result)?;
+    }
+    let mut photographs = scene.train.iter().flat_map(|view| &view.image.rgb);
+    let evaluated = evaluation.finish().context("no test views")?;
+    let faint = evaluated.shows_nothing && photographs.any(|color| *color != scene.background);
+    let information = information_of(plan, trainers);
+    let progress = total_progress(trainers);
+    let measured = evaluated.measured.representable();
+    let mut notes = notes(plan, progress.restarts);
+    notes.extend(measured.notes.iter().map(ToString::to_string));
+    Ok(Some(Record {
+        experiment: plan.experiment.clone(),
+        scene: plan.scene.clone(),
+        variant: plan.variant.clone(),
+        seed: plan.seed,
+        preset: plan.preset.name().to_owned(),
+        device: session.device.name.name().to_owned(),
+        train_views: scene.train.iter().map(|view| view.id).collect(),
+        test_views: TestViews {
+            protocol: plan.config.eval.test.to_string(),
+            count: scene.test.len(),
+            ids: scene.test.iter().map(|view| view.id).collect(),
+        },
+        image_size: [scene.test[0].image.width as usize, scene.test[0].image.height as usize],
+        iterations: progress.step as u64,
+        train_seconds: progress.seconds,
+        render_seconds_per_image: evaluated.seconds_per_image,
+        samples_total: progress.samples_total,
+        samples_evaluated: progress.samples_evaluated,
+        evaluation: protocol.to_string(),
+        metrics: measured.set,
+        ray_entropy_bits: information.map(|information| information.entropy_bits),
+        information_gain: information.map(|information| information.gain),
+        peak_rss_bytes: None,
+        collapsed: collapsed || faint,
+        notes,
+    }))
+}
+
+/// Ray entropy and information gain on test rays, the mean over the fields.
+fn information_of(plan: &RunPlan, trainers: &[Trainer]) -> Option<Information> {
+    let query = InformationQuery {
+        entropy: &plan.config.loss.entropy,
+        kl: &plan.config.loss.kl,
+        max_angle_deg: plan.config.train.neighbours.max_angle_deg,
+        rays: plan.config.eval.information_rays,
+        seed: plan.seed,
+    };
+    let of_member = |trainer: &Trainer| {
+        let trained = TrainedModel { model: trainer.model(), occupancy: trainer.occupancy().cloned() };
+        information(trainer.renderer(), &trained, trainer.scene(), query)
+    };
+    Information::mean(&trainers.iter().filter_map(of_member).collect::<Vec<_>>())
+}
+
+/// What a reader of the numbers should know.
+fn notes(plan: &RunPlan, restarts: usize) -> Vec<String> {
+    let mut notes = Vec::new();
+    if plan.data.is_none() {
+        notes.push("procedural scene, not a published data set".to_owned());
+    }
+    if let Some(budget) = plan.budget {
+        notes.push(format!("trained for {budget} s by the clock: another machine takes another number of steps"));
+    }
+    if plan.config.train.unseen == Unseen::Dataset && !plan.config.loss.entropy.weight.is_zero() {
+        notes.push("unseen poses are those of all training images of the data set, chosen or not".into());
+    }
+    let privileges = plan.config.loss.active().filter_map(|(name, spec)| Some((name, spec.privilege()?)));
+    notes.extend(privileges.map(|(name, privilege)| format!("loss.{name} knows {privilege}")));
+    notes.extend(plan.config.first_weights());
+    if restarts > 0 {
+        notes.push(format!("the field went empty {restarts} times and training started over with other weights"));
+    }
+    notes
+}

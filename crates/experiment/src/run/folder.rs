@@ -1,0 +1,87 @@
+//! The folder of a run.
+
+use std::fs;
+use std::io::ErrorKind;
+use std::path::Path;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+
+/// Folders that a run leaves.
+const FOLDERS: [&str; 8] =
+    ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render"];
+
+/// Removes what an earlier run left.
+pub(crate) fn clear(folder: &Path) -> Result<()> {
+    for name in FOLDERS {
+        let path = folder.join(name);
+        if path.exists() {
+            fs::remove_dir_all(&path).with_context(|| path.display().to_string())?;
+        }
+    }
+    for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        if name.starts_with("record-") || name == "metrics.jsonl" {
+            fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;
+        } else if name.starts_with("member") && entry.path().is_dir() {
+            fs::remove_dir_all(entry.path()).with_context(|| entry.path().display().to_string())?;
+        }
+    }
+    Ok(())
+}
+
+/// Keeps a second process out of a run's folder for as long as the file lives. Also returns a warning where the file system
+/// knows no locks.
+pub(crate) fn lock(folder: &Path) -> Result<(fs::File, Option<String>)> {
+    let path = folder.join("lock");
+    let file = fs::File::create(&path).with_context(|| path.display().to_string())?;
+    // The lock of a process that was just killed may outlive it by a moment.
+    let patience = Instant::now() + Duration::from_secs(1);
+    loop {
+        match file.try_lock() {
+            Ok(()) => return Ok((file, None)),
+            Err(fs::TryLockError::WouldBlock) if Instant::now() < patience => sleep(Duration::from_millis(20)),
+            Err(fs::TryLockError::WouldBlock) => bail!("{}: another process is at work on this run", folder.display()),
+            Err(fs::TryLockError::Error(error)) => return without_lock(file, &error, folder),
+        }
+    }
+}
+
+/// Goes on without a lock where the file system has none.
+fn without_lock(file: fs::File, error: &std::io::Error, folder: &Path) -> Result<(fs::File, Option<String>)> {
+    // ENOLCK is what network file systems answer.
+    const ENOLCK: i32 = 37;
+    if error.kind() == ErrorKind::Unsupported || error.raw_os_error() == Some(ENOLCK) {
+        let warning =
+            format!("{}: the file system has no locks: see that no other process runs this", folder.display());
+        return Ok((file, Some(warning)));
+    }
+    bail!("{}: cannot be locked: {error}", folder.display())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_process_is_kept_out() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = lock(folder.path()).unwrap();
+        assert!(first.1.is_none());
+        assert!(lock(folder.path()).unwrap_err().to_string().contains("another process"));
+        drop(first);
+        lock(folder.path()).unwrap();
+    }
+
+    #[test]
+    fn a_file_system_without_locks_is_no_obstacle() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = || fs::File::create(folder.path().join("lock")).unwrap();
+        for error in [ErrorKind::Unsupported.into(), std::io::Error::from_raw_os_error(37)] {
+            let (_, warning) = without_lock(file(), &error, folder.path()).unwrap();
+            assert!(warning.unwrap().contains("no locks"));
+        }
+        assert!(without_lock(file(), &ErrorKind::PermissionDenied.into(), folder.path()).is_err());
+    }
+}

@@ -1,0 +1,100 @@
+//! `metrics.jsonl`: the events of a field's training.
+
+use std::fs::{File, OpenOptions};
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use infonerf_train::{Event, Progress};
+
+/// The log of one field.
+pub(super) struct Log {
+    file: BufWriter<File>,
+    path: PathBuf,
+}
+
+impl Log {
+    /// Logs to `metrics.jsonl` in `folder`, going on after `progress`; a run that has not begun starts a new log.
+    pub(super) fn open(folder: &Path, progress: &Progress) -> Result<Self> {
+        let path = folder.join("metrics.jsonl");
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        let open = || -> std::io::Result<_> {
+            let mut file = OpenOptions::new().create(true).write(true).truncate(true).open(&path)?;
+            file.write_all(events_until(&text, progress).as_bytes())?;
+            Ok(file)
+        };
+        let file = BufWriter::new(open().with_context(|| path.display().to_string())?);
+        Ok(Self { file, path })
+    }
+
+    pub(super) fn write(&mut self, event: &Event) -> Result<()> {
+        let path = self.path.display();
+        serde_json::to_writer(&mut self.file, event).with_context(|| path.to_string())?;
+        self.file.write_all(b"\n").with_context(|| path.to_string())
+    }
+
+    pub(super) fn flush(&mut self) -> Result<()> {
+        self.file.flush().with_context(|| self.path.display().to_string())
+    }
+}
+
+/// The lines of a log up to `progress`, fresh starts included: what came after is about to happen again.
+fn events_until(text: &str, progress: &Progress) -> String {
+    let mut restarts = 0;
+    let lines = text.lines().take_while(|line| {
+        let step = match serde_json::from_str(line) {
+            Ok(Event::Collapse { restarted: true, .. }) => {
+                restarts += 1;
+                0
+            }
+            Ok(Event::Step { step, .. } | Event::Collapse { step, .. } | Event::Plateau { step }) => step,
+            Err(_) => return false,
+        };
+        (restarts, step) <= (progress.restarts, progress.step)
+    });
+    lines.flat_map(|line| [line, "\n"]).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten steps, a collapse at the tenth, and ten steps of the fresh start.
+    fn log() -> String {
+        let step = |step: usize| {
+            serde_json::to_string(&Event::Step {
+                step,
+                seconds: 0.0,
+                loss: 1.0,
+                losses: Default::default(),
+                psnr: 1.0,
+                lr: 1.0,
+                rays_per_second: 1.0,
+                acc: 0.0,
+                evaluated: 1.0,
+            })
+            .unwrap()
+        };
+        let collapse = serde_json::to_string(&Event::Collapse { step: 10, restarted: true }).unwrap();
+        (1..=10).map(step).chain([collapse]).chain((1..=10).map(step)).flat_map(|line| [line, "\n".into()]).collect()
+    }
+
+    #[test]
+    fn what_happens_again_is_cut_off() {
+        let kept =
+            |restarts, step| events_until(&log(), &Progress { restarts, step, ..Progress::default() }).lines().count();
+        assert_eq!([kept(0, 0), kept(0, 4), kept(0, 10)], [0, 4, 10]);
+        // After the fresh start: everything before it stays.
+        assert_eq!([kept(1, 0), kept(1, 4), kept(1, 10)], [11, 15, 21]);
+    }
+
+    #[test]
+    fn a_line_that_was_broken_off_ends_the_log() {
+        let text = log();
+        let broken = &text[..text.len() - 20];
+        assert_eq!(
+            events_until(broken, &Progress { restarts: 1, step: 10, ..Progress::default() }).lines().count(),
+            20
+        );
+    }
+}

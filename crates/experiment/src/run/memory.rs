@@ -1,0 +1,49 @@
+//! Peak memory of a run.
+
+use std::fs;
+
+/// Measures the largest resident memory of this process from a moment on, where the system tells.
+pub(crate) struct PeakMemory {
+    /// Whether what the system tells is of this run alone.
+    own: bool,
+}
+
+impl PeakMemory {
+    /// Begins anew. Linux forgets the peak so far on request; where it cannot, only the first run of a process has one.
+    pub(crate) fn start() -> Self {
+        static FIRST: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(true);
+        let first = FIRST.swap(false, std::sync::atomic::Ordering::Relaxed);
+        let reset = fs::write("/proc/self/clear_refs", "5").is_ok();
+        Self { own: reset || first }
+    }
+
+    /// Bytes since the start.
+    pub(crate) fn peak(&self) -> Option<u64> {
+        if !self.own {
+            return None;
+        }
+        let status = fs::read_to_string("/proc/self/status").ok()?;
+        let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+        Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What an earlier run took is not charged to a later one.
+    #[test]
+    fn a_run_has_its_own_peak() {
+        if fs::write("/proc/self/clear_refs", "5").is_err() {
+            return;
+        }
+        const LARGE: usize = 256 << 20;
+        let first = PeakMemory::start();
+        let block = std::hint::black_box(vec![1u8; LARGE]);
+        let large = first.peak().unwrap();
+        drop(block);
+        let small = PeakMemory::start().peak().unwrap();
+        assert!(large > LARGE as u64 && small + (LARGE / 2) as u64 <= large, "{large}, then {small}");
+    }
+}

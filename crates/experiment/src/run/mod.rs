@@ -1,0 +1,148 @@
+//! One run from start to record: load, train, evaluate, write pictures.
+
+mod evaluate;
+mod folder;
+mod log;
+mod memory;
+mod pictures;
+mod train;
+mod trained;
+
+use std::collections::BTreeSet;
+use std::fs;
+
+use anyhow::{Context, Result, bail};
+use infonerf_report::{Record, read_records};
+use infonerf_train::{Outcome, Trainer};
+use toml::{Table, Value};
+
+pub(crate) use folder::{clear, lock};
+pub(crate) use memory::PeakMemory;
+pub use pictures::save_png;
+pub(crate) use train::{Ended, load_checkpoint, train};
+pub use trained::{Trained, total_progress};
+
+use crate::{Identity, Resume, RunEvent, RunPlan, Session, Watch};
+
+/// What came of a run.
+pub enum Finished {
+    /// It is done.
+    Record(Box<Record>, Vec<Trainer>),
+    /// It was done already; its record.
+    Kept(Box<Record>),
+    /// It was stopped, by whoever watches it or at [`Session::until`], and can be resumed.
+    Stopped,
+}
+
+impl Session {
+    /// Trains and evaluates `plan`, and leaves its folder; the record is not added to the experiment's `results.json`.
+    ///
+    /// # Errors
+    /// If the scene cannot be read, training meets a number that is not finite, a file cannot be written, or another
+    /// process is at work on the run.
+    pub fn run(&self, plan: &RunPlan, watch: &mut Watch<'_>) -> Result<Finished> {
+        let folder = self.experiment_folder(&plan.experiment).join(plan.directory());
+        fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        let (_lock, warning) = lock(&folder)?;
+        if let Some(warning) = warning {
+            watch(RunEvent::Warning(warning));
+        }
+        let identity = Identity::of(plan, self.device.name.name())?;
+        if self.goes_on(plan, &folder, &identity)? {
+            let record = plan.record_path(&folder);
+            if record.exists() {
+                let record =
+                    read_records(&record)?.pop().with_context(|| format!("{}: no record", record.display()))?;
+                return Ok(Finished::Kept(Box::new(record)));
+            }
+        } else {
+            clear(&folder)?;
+        }
+        infonerf_report::write_atomically(&folder.join("config.toml"), plan.to_toml()?.as_bytes())?;
+        identity.write(&folder)?;
+        let memory = PeakMemory::start();
+        watch(RunEvent::Loading);
+        let scene = self.scene(plan)?;
+        let mut trainers = Vec::new();
+        let (mut collapsed, mut stopped) = (false, false);
+        for member in 0..plan.members() {
+            let folder = plan.member_folder(&folder, member);
+            fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+            let mut trainer = plan.trainer(scene.clone(), member, &self.device.device)?;
+            if let Some(checkpoint) = load_checkpoint(&folder, watch)? {
+                trainer.resume(&checkpoint)?;
+            }
+            watch(RunEvent::Started { member, members: plan.members() });
+            let ended = train(&mut trainer, &folder, plan.config.train.checkpoint_every, self.until, watch)?;
+            watch(RunEvent::Ended);
+            match ended {
+                Ended::Over(outcome) => collapsed |= outcome == Outcome::Collapsed,
+                // Every member gets as far.
+                Ended::Until => stopped = true,
+                Ended::Stopped => return Ok(Finished::Stopped),
+            }
+            trainers.push(trainer);
+        }
+        if stopped {
+            return Ok(Finished::Stopped);
+        }
+        let evaluated = evaluate::evaluate(self, plan, &folder, &trainers, collapsed, watch)?;
+        Ok(match evaluated {
+            Some(record) => {
+                let record = Record { peak_rss_bytes: memory.peak(), ..record };
+                Finished::Record(Box::new(record), trainers)
+            }
+            None => Finished::Stopped,
+        })
+    }
+
+    /// Whether what is in a run's folder is gone on with.
+    fn goes_on(&self, plan: &RunPlan, folder: &std::path::Path, identity: &Identity) -> Result<bool> {
+        let path = folder.join("config.toml");
+        if self.resume == Resume::Never || !path.exists() {
+            return Ok(false);
+        }
+        let Some(then) = Identity::read(folder) else {
+            return match self.resume {
+                Resume::Always => bail!(
+                    "{}: --resume needs to know what the run began with: identity.json is missing or of another version",
+                    folder.display()
+                ),
+                _ => Ok(false),
+            };
+        };
+        let changes = identity.changes(&then);
+        if changes.is_empty() {
+            return Ok(true);
+        }
+        if self.resume == Resume::Unchanged {
+            return Ok(false);
+        }
+        let found = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        let difference = match first_difference(&found.parse()?, &plan.to_toml()?.parse()?) {
+            Some((key, then, now)) => format!(" ({}: {key} was {then} and is {now})", path.display()),
+            None => String::new(),
+        };
+        bail!(
+            "{}: --resume goes on with a run as it began, but {} changed{difference}",
+            folder.display(),
+            changes.join(" and ")
+        )
+    }
+}
+
+/// The first key at which two configs differ, and its value in each.
+fn first_difference(then: &Table, now: &Table) -> Option<(String, String, String)> {
+    let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
+    keys.into_iter().find_map(|key| match (then.get(key), now.get(key)) {
+        (Some(Value::Table(then)), Some(Value::Table(now))) => {
+            let (rest, then, now) = first_difference(then, now)?;
+            Some((format!("{key}.{rest}"), then, now))
+        }
+        (then, now) if then == now => None,
+        (then, now) => {
+            let shown = |value: Option<&Value>| value.map_or_else(|| "absent".to_owned(), Value::to_string);
+            Some((key.clone(), shown(then), shown(now)))
+        }
+    })
+}

@@ -1,0 +1,205 @@
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::{Context, Result, bail};
+use burn::tensor::Device;
+use infonerf_field::FieldSpec;
+use infonerf_report::run_directory;
+use infonerf_scene::{Scene, SceneRequest, SceneSource};
+use infonerf_train::{Config, Preset, Trainer, member_seed};
+use serde::{Deserialize, Serialize};
+use toml::Table;
+
+use crate::scenes::find_scenes;
+
+/// One run: a variant on a scene with a seed.
+#[derive(Clone, Debug)]
+pub struct RunPlan {
+    /// The experiment that it is of.
+    pub experiment: String,
+    /// Name of the scene.
+    pub scene: String,
+    /// Where the scene is.
+    pub source: SceneSource,
+    /// Folder that holds the scene's folder; none for a built-in scene.
+    pub data: Option<PathBuf>,
+    /// What is compared.
+    pub variant: String,
+    /// Decides the training views and all random numbers.
+    pub seed: u64,
+    /// What the config started from.
+    pub preset: Preset,
+    /// Training time in seconds, if the clock decides.
+    pub budget: Option<f64>,
+    /// Everything else that its numbers depend on.
+    pub config: Config,
+}
+
+/// The `config.toml` of a run: an experiment file of that one run, complete.
+#[derive(Serialize, Deserialize)]
+struct Complete {
+    title: String,
+    name: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    data: Option<PathBuf>,
+    scenes: Vec<String>,
+    seeds: Vec<u64>,
+    preset: Preset,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    budget_seconds: Option<f64>,
+    config: Table,
+    variants: BTreeMap<String, Table>,
+}
+
+impl RunPlan {
+    /// How the run is named to people.
+    pub fn label(&self) -> String {
+        format!("{}/{}/seed{}", self.scene, self.variant, self.seed)
+    }
+
+    /// Folder of the run below that of its experiment.
+    pub fn directory(&self) -> PathBuf {
+        run_directory(&self.scene, &self.variant, self.seed)
+    }
+
+    /// The file that says that the run in `folder` is finished.
+    pub fn record_path(&self, folder: &Path) -> PathBuf {
+        folder.join(format!("record-{}.json", self.preset.name()))
+    }
+
+    /// How many fields the run trains.
+    pub fn members(&self) -> usize {
+        self.config.train.ensemble.members(self.budget)
+    }
+
+    /// Folder of the `index`th field's training: the run's own if there is one field.
+    pub fn member_folder(&self, run: &Path, index: usize) -> PathBuf {
+        if self.members() == 1 { run.to_owned() } else { run.join(format!("member{index}")) }
+    }
+
+    /// Training time of each field in seconds, if the clock decides.
+    pub fn member_budget(&self) -> Option<f64> {
+        self.budget.map(|budget| budget / self.members() as f64)
+    }
+
+    /// The `index`th field before its first step.
+    ///
+    /// # Errors
+    /// As [`Trainer::new`].
+    pub fn trainer(&self, scene: Arc<Scene>, index: usize, device: &Device) -> Result<Trainer> {
+        let config = Config { train: self.config.train.of_member(self.members()), ..self.config.clone() };
+        Ok(Trainer::new(&config, scene, member_seed(self.seed, index), self.member_budget(), device)?)
+    }
+
+    /// Loads the scene.
+    ///
+    /// # Errors
+    /// As [`infonerf_scene::load`].
+    pub fn load(&self) -> Result<Scene> {
+        let scene = &self.config.scene;
+        let request = SceneRequest {
+            train: scene.views.select(self.seed),
+            test: self.config.eval.test.test(),
+            image_size: (scene.size > 0).then_some(scene.size),
+            background: scene.background,
+        };
+        let name = match &self.source {
+            SceneSource::Procedural(name) => format!("built-in scene {name}"),
+            SceneSource::Folder { path } => path.display().to_string(),
+        };
+        infonerf_scene::load(&self.source, &request).with_context(|| format!("scene {name}"))
+    }
+
+    /// The text of `config.toml`: running it again, from any folder, gives the same numbers.
+    ///
+    /// # Errors
+    /// If a number cannot be written.
+    pub fn to_toml(&self) -> Result<String> {
+        self.to_toml_with(vec![self.scene.clone()])
+    }
+
+    /// The same of a run over several scenes.
+    pub(crate) fn to_toml_with(&self, scenes: Vec<String>) -> Result<String> {
+        let mut config = self.config.clone();
+        for path in weight_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
+            *path = absolute(path);
+        }
+        let complete = Complete {
+            title: self.label(),
+            name: self.experiment.clone(),
+            data: self.data.as_deref().map(absolute),
+            scenes,
+            seeds: vec![self.seed],
+            preset: self.preset,
+            budget_seconds: self.budget,
+            config: Table::try_from(&config)?,
+            variants: BTreeMap::from([(self.variant.clone(), Table::new())]),
+        };
+        Ok(toml::to_string(&complete)?)
+    }
+
+    /// Reads the `config.toml` of a run's folder.
+    ///
+    /// # Errors
+    /// If there is none, or it is not of a run.
+    pub fn of_run(folder: &Path) -> Result<Self> {
+        let path = folder.join("config.toml");
+        if !path.is_file() {
+            bail!("{}: expected the folder of a run: it has no config.toml", folder.display());
+        }
+        let text = std::fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        Self::from_toml(&text).with_context(|| path.display().to_string())
+    }
+
+    /// Reads the text of a `config.toml`.
+    ///
+    /// # Errors
+    /// If it is not of one run, or a key is unknown or out of range.
+    pub fn from_toml(text: &str) -> Result<Self> {
+        let complete: Complete = toml::from_str(text).map_err(|error| anyhow::anyhow!("{}", error.message()))?;
+        let config = Config::from_table(complete.config)?;
+        let (Some(scene), Some(&seed), Some(variant)) =
+            (complete.scenes.first(), complete.seeds.first(), complete.variants.keys().next())
+        else {
+            bail!("expected one scene, one seed and one variant");
+        };
+        let source = find_scenes(complete.data.as_deref(), Some(vec![scene.clone()]))?.remove(0).1;
+        Ok(Self {
+            experiment: complete.name,
+            scene: scene.clone(),
+            source,
+            data: complete.data,
+            variant: variant.clone(),
+            seed,
+            preset: complete.preset,
+            budget: complete.budget_seconds,
+            config,
+        })
+    }
+}
+
+/// The paths of all files of weights that a config names; those that it does not use are empty.
+pub(crate) fn weight_paths(config: &mut Config) -> Vec<&mut PathBuf> {
+    let mut paths = vec![&mut config.train.init, &mut config.loss.semantic.weights];
+    paths.extend(config.field.weights_file().map(|(_, path)| path));
+    paths
+}
+
+fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Experiment, Selection};
+
+    #[test]
+    fn a_config_can_be_run_from_another_folder() {
+        let selection = Selection { set: vec!["train.init=runs/here".into()], ..Selection::default() };
+        let plan = Experiment::plan("synthetic-4view", &selection).unwrap().runs.remove(0);
+        let again = RunPlan::from_toml(&plan.to_toml().unwrap()).unwrap();
+        assert!(again.config.train.init.is_absolute() && again.config.train.init.ends_with("runs/here"));
+    }
+}

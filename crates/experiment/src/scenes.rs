@@ -1,0 +1,72 @@
+//! Which scenes an experiment runs on.
+
+use std::path::Path;
+
+use anyhow::{Context, Result, bail};
+use infonerf_report::folder_name_fault;
+use infonerf_scene::{SceneSource, procedural};
+
+use crate::seeds::parse_seeds;
+
+/// Refuses a name that cannot be a folder's.
+pub(crate) fn check_name(what: &str, name: &str) -> Result<()> {
+    match folder_name_fault(name) {
+        Some(fault) => bail!("{what} {name:?}: expected a name that can be a folder's: {fault}"),
+        None => Ok(()),
+    }
+}
+
+/// The scenes called `names`, or all that there are, with where each is: below `data`, or built in where that is none.
+pub(crate) fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Result<Vec<(String, SceneSource)>> {
+    let Some(data) = data else {
+        let names = names.unwrap_or_else(|| procedural::NAMES.iter().map(|&name| name.to_owned()).collect());
+        return names.iter().flat_map(|name| expand(name)).map(built_in).collect();
+    };
+    let names = match names {
+        Some(names) => names,
+        None => subfolders(data)?,
+    };
+    names
+        .into_iter()
+        .map(|name| {
+            check_name("--scene", &name)?;
+            let path = data.join(&name);
+            if !path.is_dir() {
+                bail!("{}: expected the folder of scene {name}: not found", path.display());
+            }
+            Ok((name, SceneSource::Folder { path }))
+        })
+        .collect()
+}
+
+fn built_in(name: String) -> Result<(String, SceneSource)> {
+    match procedural::check_name(&name) {
+        Ok(()) => Ok((name.clone(), SceneSource::Procedural(name))),
+        Err(_) => bail!(
+            "--scene {name}: expected one of the built-in scenes ({}, random-<seed>), or --data with the folder that \
+             holds it",
+            procedural::NAMES.join(", ")
+        ),
+    }
+}
+
+/// `random-0..3` is short for random-0, random-1, random-2 and random-3; any other name is itself.
+fn expand(name: &str) -> Vec<String> {
+    let range = name.strip_prefix("random-").and_then(|range| parse_seeds(range).ok());
+    range.map_or_else(|| vec![name.to_owned()], |seeds| seeds.map(|seed| format!("random-{seed}")).collect())
+}
+
+fn subfolders(data: &Path) -> Result<Vec<String>> {
+    let entries =
+        std::fs::read_dir(data).with_context(|| format!("{}: expected a folder of scenes", data.display()))?;
+    let mut names: Vec<String> = entries
+        .filter_map(|entry| Some(entry.ok()?.path()))
+        .filter(|path| path.is_dir())
+        .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
+        .collect();
+    names.sort();
+    if names.is_empty() {
+        bail!("{}: expected a folder of scenes: it has none", data.display());
+    }
+    Ok(names)
+}

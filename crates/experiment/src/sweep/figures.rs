@@ -1,0 +1,118 @@
+//! Quality over the values of a sweep: a line for one grid, a heat map for two, points for random draws.
+
+use std::collections::HashMap;
+
+use anyhow::Result;
+use infonerf_report::chart::{Axis, Bar, Frame, Series, bar_chart, heat_map, line_chart, scatter_chart};
+use infonerf_report::{Figure, Quantity, Record, overview_table};
+
+use super::grid::Grid;
+use super::plan::{Item, Sweep};
+use super::random::Scale;
+
+/// Values that span more than this are shown on a logarithmic axis.
+const WIDE: f64 = 30.0;
+
+/// Mean PSNR over scenes and seeds, by the name of a variant with its values.
+type Means = HashMap<String, f64>;
+
+/// Nothing for three grids or more: those are read from the table.
+pub(super) fn figures(sweep: &Sweep, records: &[Record]) -> Result<Vec<Figure>> {
+    let table = overview_table(records, &[Quantity::PSNR]);
+    let mean = |row: &infonerf_report::Row| Some((row.label.clone(), row.cells.first()?.summary?.mean));
+    let means: Means = table.rows.iter().filter_map(mean).collect();
+    if !sweep.space.ranges.is_empty() {
+        return (0..sweep.space.ranges.len()).map(|range| points(sweep, range, &means)).collect();
+    }
+    match &sweep.space.grids[..] {
+        [grid] if (0..grid.values.len()).all(|i| grid.number(i).is_some()) => Ok(vec![line(sweep, grid, &means)?]),
+        [grid] => variants(sweep).iter().map(|variant| bars(sweep, grid, variant, &means)).collect(),
+        [rows, columns] => variants(sweep).iter().map(|variant| map(sweep, rows, columns, variant, &means)).collect(),
+        _ => Ok(Vec::new()),
+    }
+}
+
+/// The experiment's variants, in the order of the sweep.
+fn variants(sweep: &Sweep) -> Vec<String> {
+    let mut variants: Vec<String> = Vec::new();
+    for Item { variant, .. } in &sweep.items {
+        if !variants.contains(variant) {
+            variants.push(variant.clone());
+        }
+    }
+    variants
+}
+
+/// The mean of `variant` with the values of `choice`.
+fn mean(sweep: &Sweep, means: &Means, variant: &str, choice: &[usize]) -> Option<f64> {
+    let item = sweep.items.iter().find(|item| item.variant == variant && item.setting.choice == choice)?;
+    means.get(&item.plan.variant).copied()
+}
+
+/// Every draw of one range, whatever the others are.
+fn points(sweep: &Sweep, index: usize, means: &Means) -> Result<Figure> {
+    let range = &sweep.space.ranges[index];
+    let series = variants(sweep).into_iter().map(|name| {
+        let mut points: Vec<(f64, f64)> = Vec::new();
+        for item in sweep.items.iter().filter(|item| item.variant == name) {
+            let value = item.setting.draw.and_then(|draw| sweep.space.draws.get(draw)?.get(index)?.parse().ok());
+            if let Some(point) = value.zip(means.get(&item.plan.variant).copied()).filter(|new| !points.contains(new)) {
+                points.push(point);
+            }
+        }
+        Series { name, points }
+    });
+    let title = format!("{} by {}", Quantity::PSNR.heading(), range.key);
+    let key = range.key.to_string();
+    let axis = if range.scale == Scale::Log { Axis::log(&key) } else { Axis::linear(&key) };
+    let frame = Frame { title: title.clone(), x: axis, y: Axis::linear("PSNR (dB)") };
+    let svg = scatter_chart(&frame, &series.collect::<Vec<_>>(), false)?;
+    let caption = "A point a setting: its mean over scenes and seeds.".into();
+    Ok(Figure { name: format!("sweep-psnr-{}", key.replace('.', "-")), title, svg, caption })
+}
+
+fn line(sweep: &Sweep, grid: &Grid, means: &Means) -> Result<Figure> {
+    let values: Vec<f64> = (0..grid.values.len()).filter_map(|i| grid.number(i)).collect();
+    let positive = || values.iter().copied().filter(|value| *value > 0.0);
+    let least = positive().fold(f64::INFINITY, f64::min);
+    let log = values.iter().all(|value| *value >= 0.0) && positive().fold(0.0, f64::max) > WIDE * least;
+    // Zero has no place on a logarithmic axis and is shown a decade before the least.
+    let place = |value: f64| if log && value == 0.0 { 0.1 * least } else { value };
+    let series = variants(sweep).into_iter().map(|name| {
+        let point = |(i, value): (usize, &f64)| Some((place(*value), mean(sweep, means, &name, &[i])?));
+        let mut points: Vec<(f64, f64)> = values.iter().enumerate().filter_map(point).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Series { name, points }
+    });
+    let title = format!("{} by {}", Quantity::PSNR.heading(), grid.key);
+    let key = grid.key.to_string();
+    let axis = if log { Axis::log(&key) } else { Axis::linear(&key) };
+    let frame = Frame { title: title.clone(), x: axis, y: Axis::linear("PSNR (dB)") };
+    let svg = line_chart(&frame, &series.collect::<Vec<_>>())?;
+    let caption = if log && values.contains(&0.0) { "The leftmost point is 0." } else { "" };
+    Ok(Figure { name: "sweep-psnr".into(), title, svg, caption: caption.into() })
+}
+
+fn bars(sweep: &Sweep, grid: &Grid, variant: &str, means: &Means) -> Result<Figure> {
+    let bar = |(i, label): (usize, &String)| {
+        Some(Bar { label: label.clone(), value: mean(sweep, means, variant, &[i])?, spread: None })
+    };
+    let bars: Vec<Bar> = grid.values.iter().enumerate().filter_map(bar).collect();
+    let title = format!("{variant}: {} by {}", Quantity::PSNR.heading(), grid.key);
+    let svg = bar_chart(&Frame::new(&title, &grid.key.to_string(), "PSNR (dB)"), &bars)?;
+    Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: String::new() })
+}
+
+fn map(sweep: &Sweep, rows: &Grid, columns: &Grid, variant: &str, means: &Means) -> Result<Figure> {
+    let cell = |row, column| mean(sweep, means, variant, &[row, column]);
+    let line = |row| (0..columns.values.len()).map(|column| cell(row, column)).collect();
+    let values: Vec<Vec<Option<f64>>> = (0..rows.values.len()).map(line).collect();
+    let title = format!("{variant}: {}", Quantity::PSNR.heading());
+    let svg = heat_map(
+        &Frame::new(&title, &columns.key.to_string(), &rows.key.to_string()),
+        &columns.values,
+        &rows.values,
+        &values,
+    )?;
+    Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: "Mean over scenes and seeds.".into() })
+}

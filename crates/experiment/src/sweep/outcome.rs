@@ -1,0 +1,70 @@
+//! What is made of the records: `results.json`, tables and the report.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use infonerf_report::{
+    Quantity, Record, ReportInput, RunKey, Table, overview_table, read_records, write_records, write_report,
+};
+
+use super::figures::figures;
+use super::plan::Sweep;
+use crate::RunPlan;
+
+/// What a sweep has written.
+pub struct Outcome {
+    /// Every run, in the order of the sweep.
+    pub table: Table,
+    /// What the report is made of.
+    pub input: ReportInput,
+    /// The page.
+    pub report: PathBuf,
+    /// The numbers.
+    pub results: PathBuf,
+}
+
+/// Writes what is finished, in the order of the sweep; nothing where nothing is finished.
+pub(super) fn write(sweep: &Sweep, folder: &Path, warnings: Vec<String>) -> Result<Option<Outcome>> {
+    let records = records(sweep, folder)?;
+    if records.is_empty() {
+        return Ok(None);
+    }
+    list(folder, &records)?;
+    let table = overview_table(&records, &Quantity::all());
+    for (name, text) in
+        [("table.md", table.to_markdown()), ("table.csv", table.to_csv()), ("table.tex", table.to_latex())]
+    {
+        let path = folder.join(name);
+        fs::write(&path, text).with_context(|| path.display().to_string())?;
+    }
+    let figures = figures(sweep, &records)?;
+    let runs: Vec<&RunPlan> = sweep.items.iter().map(|item| &item.plan).collect();
+    let mut input = sweep.about.report_input(records, &runs)?;
+    input.figures.extend(figures);
+    input.warnings.extend(warnings);
+    let files = write_report(&input, folder)?;
+    Ok(Some(Outcome { table, input, report: files.html, results: folder.join("results.json") }))
+}
+
+/// The records of the items that are finished.
+fn records(sweep: &Sweep, folder: &Path) -> Result<Vec<Record>> {
+    let mut records = Vec::new();
+    for item in &sweep.items {
+        let path = item.plan.record_path(&folder.join(item.plan.directory()));
+        if path.exists() {
+            records.extend(read_records(&path)?);
+        }
+    }
+    Ok(records)
+}
+
+/// Writes `results.json` with `records` last and in their order, however many processes made them.
+fn list(folder: &Path, records: &[Record]) -> Result<()> {
+    let path = folder.join("results.json");
+    let listed = if path.exists() { read_records(&path)? } else { Vec::new() };
+    let own: Vec<RunKey> = records.iter().map(RunKey::from).collect();
+    let others = listed.into_iter().filter(|record| !own.contains(&record.into()));
+    let all: Vec<Record> = others.chain(records.iter().cloned()).collect();
+    Ok(write_records(&path, &all)?)
+}

@@ -1,0 +1,177 @@
+//! Which runs a sweep has: settings × scenes × variants × seeds.
+
+use std::collections::HashMap;
+
+use anyhow::{Context, Result, bail};
+
+use super::options::SweepOptions;
+use super::setting::{MOST, Setting, Space};
+use crate::{About, Experiment, RunPlan, Selection};
+
+/// A sweep, ready to run.
+#[derive(Clone, Debug)]
+pub struct Sweep {
+    /// What its experiment is.
+    pub about: About,
+    pub(super) space: Space,
+    /// Of how many settings one goes on at each rung.
+    pub(super) halving: Option<u32>,
+    /// In the order of the tables: by scene, variant, values, seed.
+    pub(super) items: Vec<Item>,
+    /// What the user should know before it runs.
+    pub notices: Vec<String>,
+}
+
+/// One run of a sweep.
+#[derive(Clone, Debug)]
+pub(super) struct Item {
+    pub(super) plan: RunPlan,
+    /// The experiment's variant.
+    pub(super) variant: String,
+    pub(super) setting: Setting,
+}
+
+/// Bytes of a variant's name; folders allow 255.
+const LONGEST_NAME: usize = 160;
+
+impl Sweep {
+    /// The runs of an experiment as they are.
+    pub fn of(experiment: Experiment) -> Self {
+        let item = |plan: RunPlan| Item { variant: plan.variant.clone(), plan, setting: Setting::default() };
+        let items = experiment.runs.into_iter().map(item).collect();
+        Self { about: experiment.about, space: Space::default(), halving: None, items, notices: Vec::new() }
+    }
+
+    /// The runs of the experiment called `experiment` for every combination of values.
+    ///
+    /// # Errors
+    /// One line that names the option and what was expected.
+    pub fn plan(experiment: &str, options: &SweepOptions) -> Result<Self> {
+        let space = Space::parse(options)?;
+        let mut items = Vec::new();
+        let mut about = None;
+        for (order, setting) in space.settings()?.into_iter().enumerate() {
+            let assignments = space.assignments(&setting)?;
+            let set = options.selection.set.iter().chain(&assignments).cloned().collect();
+            let selection = Selection { set, ..options.selection.clone() };
+            let planned =
+                Experiment::plan(experiment, &selection).with_context(|| format!("with {}", assignments.join(" ")))?;
+            let name = format!("sweep-{}", planned.about.name);
+            let seeds = seeds(&planned.runs);
+            for (index, plan) in planned.runs.into_iter().enumerate() {
+                let variant = plan.variant.clone();
+                let plan = RunPlan { experiment: name.clone(), variant: safe_name(&variant, &assignments), ..plan };
+                items.push(((index / seeds, order, index % seeds), Item { plan, variant, setting: setting.clone() }));
+            }
+            if items.len() > MOST {
+                bail!("--grid: expected at most {MOST} runs");
+            }
+            // The paper has no figures for settings of ours.
+            about.get_or_insert(About { name, paper: None, claims: Vec::new(), plot: None, ..planned.about });
+        }
+        items.sort_by_key(|(place, _)| *place);
+        let mut items: Vec<Item> = items.into_iter().map(|(_, item)| item).collect();
+        let mut notices = leave_out_repetitions(&space, &mut items)?;
+        let repeated = options.random as usize - space.draws.len();
+        if repeated > 0 {
+            notices.push(format!("{repeated} of the random settings repeat earlier ones and are left out"));
+        }
+        let about = about.context("--grid: expected at least one value")?;
+        Ok(Self { about, space, halving: options.halving, items, notices })
+    }
+
+    /// Number of runs.
+    pub fn len(&self) -> usize {
+        self.items.len()
+    }
+
+    /// Whether there are no runs.
+    pub fn is_empty(&self) -> bool {
+        self.items.is_empty()
+    }
+}
+
+/// How many runs in a row differ in their seed only.
+fn seeds(runs: &[RunPlan]) -> usize {
+    let same = |plan: &&RunPlan| plan.scene == runs[0].scene && plan.variant == runs[0].variant;
+    runs.iter().take_while(same).count().max(1)
+}
+
+/// A variant's name with its values, such as `infonerf_loss.entropy.weight_1e-3`, of letters, digits and `._-`.
+///
+/// Where a value has other characters or the name would be too long, a checksum keeps names apart.
+fn safe_name(variant: &str, assignments: &[String]) -> String {
+    let exact: String = assignments.iter().map(|assignment| format!("_{}", assignment.replacen('=', "_", 1))).collect();
+    let safe = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-') { c } else { '-' };
+    let mut name: String = exact.chars().map(safe).collect();
+    if name != exact || variant.len() + name.len() > LONGEST_NAME {
+        name.truncate(LONGEST_NAME.saturating_sub(variant.len() + 9));
+        name.push_str(&format!("-{:08x}", checksum(&exact)));
+    }
+    format!("{variant}{name}")
+}
+
+/// FNV-1a, the same on every machine and in every version.
+fn checksum(text: &str) -> u32 {
+    text.bytes().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
+}
+
+/// Refuses values that mean the same, and leaves out a variant that the values make into another.
+fn leave_out_repetitions(space: &Space, items: &mut Vec<Item>) -> Result<Vec<String>> {
+    let Some(first) = items.first().map(|item| item.plan.clone()) else { return Ok(Vec::new()) };
+    let mut variants: Vec<(String, Vec<String>)> = Vec::new();
+    for item in items.iter().filter(|item| item.plan.scene == first.scene && item.plan.seed == first.seed) {
+        if variants.last().is_none_or(|(variant, _)| *variant != item.variant) {
+            variants.push((item.variant.clone(), Vec::new()));
+        }
+        if let Some((_, configs)) = variants.last_mut() {
+            configs.push(toml::to_string(&item.plan.config)?);
+        }
+    }
+    let mut notices = Vec::new();
+    let mut known: HashMap<Vec<String>, String> = HashMap::new();
+    for (variant, configs) in variants {
+        refuse_equal(space, items, &variant, &configs)?;
+        match known.get(&configs) {
+            Some(other) => {
+                items.retain(|item| item.variant != variant);
+                notices.push(format!("variant {variant} is left out: with these values it is the same as {other}"));
+            }
+            None => drop(known.insert(configs, variant)),
+        }
+    }
+    Ok(notices)
+}
+
+fn refuse_equal(space: &Space, items: &[Item], variant: &str, configs: &[String]) -> Result<()> {
+    let mut seen: HashMap<&str, usize> = HashMap::new();
+    let settings = space.settings()?;
+    let described = |index: usize| settings.get(index).map_or(Ok(Vec::new()), |setting| space.assignments(setting));
+    for (index, config) in configs.iter().enumerate() {
+        if let Some(other) = seen.insert(config, index) {
+            let (a, b) = (described(other)?.join(" "), described(index)?.join(" "));
+            bail!("--grid: {a} and {b} give the same run of variant {variant} (one of {} runs)", items.len());
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_safe_and_different() {
+        let name = |values: &[&str]| safe_name("infonerf", &values.iter().map(|&v| v.to_owned()).collect::<Vec<_>>());
+        assert_eq!(
+            name(&["loss.entropy.weight=1e-3", "train.rays=64"]),
+            "infonerf_loss.entropy.weight_1e-3_train.rays_64"
+        );
+        let names =
+            [name(&["a=[1, 2]"]), name(&["a=[1; 2]"]), name(&["a=[12]"]), name(&[&format!("a={}", "x".repeat(300))])];
+        for (index, name) in names.iter().enumerate() {
+            assert!(name.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c)), "{name}");
+            assert!(name.len() <= LONGEST_NAME + 9 && !names[..index].contains(name), "{name}");
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! Checks of sizes that several fields have.
+
+use infonerf_schedule::Schedule;
+use thiserror::Error;
+
+use crate::Footprint;
+
+/// A size or factor out of range.
+#[derive(Debug, Error, PartialEq)]
+#[error("field.{field}: expected {expected}, found {found}")]
+pub struct ConfigError {
+    /// The key within `[field]`.
+    pub field: &'static str,
+    /// What would have been accepted.
+    pub expected: &'static str,
+    /// What was given.
+    pub found: String,
+}
+
+pub(crate) fn check(
+    field: &'static str,
+    expected: &'static str,
+    found: impl ToString,
+    good: bool,
+) -> Result<(), ConfigError> {
+    if good { Ok(()) } else { Err(ConfigError { field, expected, found: found.to_string() }) }
+}
+
+/// Sizes of NeRF's MLP.
+pub(crate) fn check_mlp(layers: usize, width: usize, direction_frequencies: usize) -> Result<(), ConfigError> {
+    check("layers", "1 to 64", layers, (1..=64).contains(&layers))?;
+    check("width", "an even number from 2 to 4096", width, (2..=4096).contains(&width) && width.is_multiple_of(2))?;
+    check("direction_frequencies", "0 to 20", direction_frequencies, direction_frequencies <= 20)
+}
+
+/// A share of the detail that is there.
+pub(crate) fn check_detail(detail: &Schedule) -> Result<(), ConfigError> {
+    let range = format!("{} to {}", detail.least(), detail.largest());
+    check("detail", "shares from 0 to 1", range, detail.least() >= 0.0 && detail.largest() <= 1.0)
+}
+
+/// Memory of `layers` dense layers of `width`, which is nearly all that an MLP takes.
+pub(crate) fn dense_footprint(layers: usize, width: usize) -> Footprint {
+    let (layers, width) = (layers as u64, width as u64);
+    Footprint { parameters: layers * width * width, per_sample: layers * width }
+}

@@ -1,0 +1,97 @@
+use std::fmt;
+use std::path::PathBuf;
+
+use burn::module::{Module, ModuleDisplay};
+use burn::tensor::{Device, Tensor};
+use infonerf_schedule::Moment;
+
+use crate::{ConfigError, Points, Sampled, Sources};
+
+/// A function from position and view direction to density and colour, with parameters to learn.
+///
+/// Parameters of a module called `tables` get the learning rate `train.lr` × `train.grid_lr_multiplier`.
+pub trait Field: Module + ModuleDisplay + Sync + 'static {
+    /// Density σ(x), and colour c(x, d) if `color`, differentiable in the parameters.
+    ///
+    /// `at` is the moment of the run, for fields that anneal detail; [`Moment::END`] gives the whole field.
+    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled;
+
+    /// The device that holds the parameters.
+    fn device(&self) -> Device;
+
+    /// The field as it answers when it looks at `sources`, the photographs that it is conditioned on.
+    ///
+    /// What a field computes once for all queries of a step or picture (an image encoder's features) is computed here;
+    /// gradients flow back through it. It is stale once the parameters change. Most fields look at no photographs, and
+    /// this is a copy.
+    fn conditioned(&self, _sources: &Sources) -> Self {
+        self.clone()
+    }
+
+    /// Total variation of the field's tables, a scalar; none for a field without tables.
+    fn total_variation(&self) -> Option<Tensor<1>> {
+        None
+    }
+}
+
+/// What a field is built for.
+#[derive(Clone, Copy, Debug)]
+pub struct FieldSetup<'a> {
+    /// Corners of the box that holds the scene, scene units.
+    pub bounds: [[f32; 3]; 2],
+    /// Decides the first weights: the same ones on every backend.
+    pub seed: u64,
+    /// Where the parameters live.
+    pub device: &'a Device,
+}
+
+/// What a config file says of a field. `Display` names it with its sizes: `MLP of 8 layers of 256`.
+pub trait FieldSpec: fmt::Display {
+    /// The field that it describes.
+    type Field: Field;
+
+    /// Checks every size.
+    ///
+    /// # Errors
+    /// The first key that is out of range.
+    fn validate(&self) -> Result<(), ConfigError>;
+
+    /// The field with its first weights.
+    ///
+    /// # Errors
+    /// If a file of weights is named that cannot be used.
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<Self::Field, ConfigError>;
+
+    /// How much memory the field takes.
+    fn footprint(&self) -> Footprint;
+
+    /// Whether one network serves the coarse and the fine pass; otherwise each pass has its own.
+    fn shares_passes(&self) -> bool {
+        false
+    }
+
+    /// Whether samples have to be intervals (`render.placement = "interval"`), as a field of volumes needs.
+    fn needs_intervals(&self) -> bool {
+        false
+    }
+
+    /// Whether the field looks at the photographs of the scene, and so can learn from many scenes.
+    fn sees_photographs(&self) -> bool {
+        false
+    }
+
+    /// The file that the first weights are read from, if the field can read one: its key within `[field]`, and its path,
+    /// which is empty for random weights.
+    fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
+        None
+    }
+}
+
+/// Memory that a field takes, in numbers of four bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Footprint {
+    /// Parameters.
+    pub parameters: u64,
+    /// Activations that a training step holds for each sample.
+    pub per_sample: u64,
+}

@@ -1,0 +1,113 @@
+//! The fields that config files can name.
+
+use std::fmt;
+use std::path::PathBuf;
+
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
+use infonerf_schedule::Moment;
+use serde::{Deserialize, Serialize};
+
+use crate::factored::{FactoredConfig, FactoredField};
+use crate::mip::{MipConfig, MipNerf};
+use crate::nerf::{NerfConfig, NerfMlp};
+use crate::pixel::{PixelNerf, PixelNerfConfig};
+use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, Sources};
+
+/// Makes [`FieldConfig`] and [`RadianceField`] of a list of fields: one line per field, with its name, its config and
+/// its module. The name in lower case is its `field.kind`.
+macro_rules! fields {
+    ($($(#[$doc:meta])* $name:ident($config:ty => $field:ty),)*) => {
+        /// Which field to train, and its sizes.
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(tag = "kind", rename_all = "lowercase")]
+        pub enum FieldConfig {
+            $($(#[$doc])* $name($config),)*
+        }
+
+        /// Any of the fields that config files can name.
+        #[derive(Module, Debug)]
+        #[allow(clippy::large_enum_variant, reason = "a model holds one or two of them")]
+        pub enum RadianceField {
+            $($(#[$doc])* $name($field),)*
+        }
+
+        impl fmt::Display for FieldConfig {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                match self { $(Self::$name(config) => config.fmt(f),)* }
+            }
+        }
+
+        impl FieldSpec for FieldConfig {
+            type Field = RadianceField;
+
+            fn validate(&self) -> Result<(), ConfigError> {
+                match self { $(Self::$name(config) => config.validate(),)* }
+            }
+
+            fn build(&self, setup: &FieldSetup<'_>) -> Result<RadianceField, ConfigError> {
+                Ok(match self { $(Self::$name(config) => RadianceField::$name(config.build(setup)?),)* })
+            }
+
+            fn footprint(&self) -> Footprint {
+                match self { $(Self::$name(config) => config.footprint(),)* }
+            }
+
+            fn shares_passes(&self) -> bool {
+                match self { $(Self::$name(config) => config.shares_passes(),)* }
+            }
+
+            fn needs_intervals(&self) -> bool {
+                match self { $(Self::$name(config) => config.needs_intervals(),)* }
+            }
+
+            fn sees_photographs(&self) -> bool {
+                match self { $(Self::$name(config) => config.sees_photographs(),)* }
+            }
+
+            fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
+                match self { $(Self::$name(config) => config.weights_file(),)* }
+            }
+        }
+
+        impl Field for RadianceField {
+            fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
+                match self { $(Self::$name(field) => field.evaluate(points, color, at),)* }
+            }
+
+            fn device(&self) -> Device {
+                match self { $(Self::$name(field) => field.device(),)* }
+            }
+
+            fn conditioned(&self, sources: &Sources) -> Self {
+                match self { $(Self::$name(field) => Self::$name(field.conditioned(sources)),)* }
+            }
+
+            fn total_variation(&self) -> Option<Tensor<1>> {
+                match self { $(Self::$name(field) => field.total_variation(),)* }
+            }
+        }
+    };
+}
+
+fields! {
+    /// The MLP of NeRF.
+    Nerf(NerfConfig => NerfMlp),
+    /// The MLP of mip-NeRF.
+    Mip(MipConfig => MipNerf),
+    /// Planes and lines with a tiny MLP.
+    Factored(FactoredConfig => FactoredField),
+    /// An MLP over features of photographs.
+    PixelNerf(PixelNerfConfig => PixelNerf),
+}
+
+impl RadianceField {
+    /// Builds the field that `config` describes.
+    ///
+    /// # Errors
+    /// If a size in `config` is out of range, or a file of weights that it names cannot be used.
+    pub fn new(config: &FieldConfig, setup: &FieldSetup<'_>) -> Result<Self, ConfigError> {
+        config.validate()?;
+        config.build(setup)
+    }
+}

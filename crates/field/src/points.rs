@@ -1,0 +1,67 @@
+use burn::tensor::Tensor;
+use infonerf_ops::Segments;
+
+/// Where a field is evaluated, on the host.
+#[derive(Clone, Copy, Debug)]
+pub struct Points<'a> {
+    /// Sample positions in scene units, `[M, 3]` row-major.
+    pub positions: &'a [f32],
+    /// Unit view direction of each ray, `[R, 3]` row-major.
+    pub directions: &'a [f32],
+    /// Which samples belong to which ray.
+    pub segments: &'a Segments,
+    /// How much space around its position each sample stands for.
+    pub extent: Extent<'a>,
+}
+
+impl Points<'_> {
+    /// Number of samples `M`.
+    pub fn len(&self) -> usize {
+        self.positions.len() / 3
+    }
+
+    /// Whether there are no samples.
+    pub fn is_empty(&self) -> bool {
+        self.positions.is_empty()
+    }
+
+    /// The view direction of each sample, `[M, 3]` row-major.
+    pub fn sample_directions(&self) -> Vec<f32> {
+        let mut directions = Vec::with_capacity(self.positions.len());
+        for (ray, range) in self.directions.chunks_exact(3).zip(self.segments.ranges()) {
+            for _ in range {
+                directions.extend_from_slice(ray);
+            }
+        }
+        directions
+    }
+}
+
+/// How much space a sample stands for. A field of points ignores it; a field of volumes is averaged over it.
+#[derive(Clone, Copy, Debug)]
+pub enum Extent<'a> {
+    /// Pieces of the cones around the rays: sample `i`, at distance `t[i]`, is the middle of an interval of length
+    /// `delta[i]`.
+    Cones {
+        /// Distance of each sample along its ray, `[M]`, scene units.
+        t: &'a [f32],
+        /// Length of each sample's interval, `[M]`, scene units.
+        delta: &'a [f32],
+        /// Radius of each ray's cone at distance 1, `[R]`.
+        radii: &'a [f32],
+    },
+    /// The same ball around each position, for points that are on no ray.
+    Ball {
+        /// Variance along each axis, scene units².
+        variance: f32,
+    },
+}
+
+/// What a field returns.
+#[derive(Clone, Debug)]
+pub struct Sampled {
+    /// Volume density σ ≥ 0 in 1/scene unit, `[M]`.
+    pub sigma: Tensor<1>,
+    /// Colour in [0, 1]³ (mip-NeRF: up to 0.001 beyond), `[M, 3]`; none if it was not asked for.
+    pub color: Option<Tensor<2>>,
+}

@@ -1,0 +1,63 @@
+//! The list of terms.
+
+use serde::{Deserialize, Serialize};
+
+use crate::TermSpec;
+use crate::terms::entropy::EntropyConfig;
+use crate::terms::kl::KlConfig;
+use crate::terms::mask::MaskConfig;
+use crate::terms::opacity::OpacityConfig;
+use crate::terms::photometric::PhotometricConfig;
+use crate::terms::semantic::SemanticConfig;
+use crate::terms::silhouette::SilhouetteConfig;
+use crate::terms::tv::TvConfig;
+
+/// Makes [`LossConfig`] of a list of terms: the name of each, which is its table in config files, and its config.
+macro_rules! terms {
+    ($($(#[$doc:meta])* $name:ident: $config:ty,)*) => {
+        /// `[loss]` of a config: one table for each term.
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        pub struct LossConfig {
+            $($(#[$doc])* pub $name: $config,)*
+        }
+
+        impl LossConfig {
+            /// Every term by name, in the order of reports.
+            pub fn specs(&self) -> impl Iterator<Item = (&'static str, &dyn TermSpec)> {
+                [$((stringify!($name), &self.$name as &dyn TermSpec),)*].into_iter()
+            }
+
+            /// The same, to be changed.
+            pub fn specs_mut(&mut self) -> impl Iterator<Item = (&'static str, &mut dyn TermSpec)> {
+                [$((stringify!($name), &mut self.$name as &mut dyn TermSpec),)*].into_iter()
+            }
+        }
+    };
+}
+
+terms! {
+    /// L_RGB (InfoNeRF, Eq. 3).
+    rgb: PhotometricConfig,
+    /// λ₁ L_entropy (InfoNeRF, Eq. 8).
+    entropy: EntropyConfig,
+    /// λ₂ L_KL (InfoNeRF, Eq. 9).
+    kl: KlConfig,
+    /// DietNeRF's semantic consistency.
+    semantic: SemanticConfig,
+    /// Penalty on opacity.
+    opacity: OpacityConfig,
+    /// What a known background colour says about opacity.
+    silhouette: SilhouetteConfig,
+    /// Supervision of opacity by the alpha channel.
+    mask: MaskConfig,
+    /// Total variation of a field's tables.
+    tv: TvConfig,
+}
+
+impl LossConfig {
+    /// The terms that are on at some time of a run.
+    pub fn active(&self) -> impl Iterator<Item = (&'static str, &dyn TermSpec)> {
+        self.specs().filter(|(_, spec)| !spec.weight().is_zero())
+    }
+}

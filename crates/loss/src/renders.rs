@@ -1,0 +1,165 @@
+//! What a training step renders, and what terms can ask for.
+
+use burn::tensor::Tensor;
+use infonerf_render::{Passes, RenderOutput};
+use serde::{Deserialize, Serialize};
+
+/// Something that a term needs rendered beside the density along the rays of training images, which is always there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// Colour along the rays of training images.
+    SeenColor,
+    /// Density along rays of an unseen pose.
+    Unseen,
+    /// Density along the neighbours of rays of training images.
+    SeenNeighbours,
+    /// Density along the neighbours of rays of the unseen pose.
+    UnseenNeighbours,
+    /// A whole picture from an unseen pose.
+    Picture {
+        /// Its longest side in pixels.
+        size: u32,
+    },
+    /// The total variation of the field's tables.
+    TotalVariation,
+}
+
+impl Need {
+    /// Rays that a term is taken over, if `rays` has unseen ones.
+    pub fn of(rays: RaySet) -> Vec<Self> {
+        if rays.unseen() { vec![Self::Unseen] } else { Vec::new() }
+    }
+
+    /// `rays`, and the neighbours of each.
+    pub fn neighbours_of(rays: RaySet) -> Vec<Self> {
+        let mut needs = Self::of(rays);
+        needs.extend(rays.seen().then_some(Self::SeenNeighbours));
+        needs.extend(rays.unseen().then_some(Self::UnseenNeighbours));
+        needs
+    }
+}
+
+/// Which rays a term is taken over.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RaySet {
+    /// Rays of training images.
+    Seen,
+    /// Rays of sampled poses.
+    Unseen,
+    /// Both.
+    All,
+}
+
+impl RaySet {
+    /// Whether rays of training images count.
+    pub fn seen(self) -> bool {
+        self != Self::Unseen
+    }
+
+    /// Whether rays of sampled poses count.
+    pub fn unseen(self) -> bool {
+        self != Self::Seen
+    }
+}
+
+/// What the pixels of a bundle show in the training images.
+#[derive(Clone, Debug)]
+pub struct Target {
+    /// Colours on the background, `[R, 3]`.
+    pub rgb: Tensor<2>,
+    /// The same on the host, with alpha; that is 1 where the image has none.
+    pub rgba: Vec<[f32; 4]>,
+    /// The scene's background.
+    pub background: [f32; 3],
+}
+
+impl Target {
+    /// Whether a pixel shows something other than the background: it differs from it by half an 8-bit step or more.
+    pub fn is_foreground(&self, pixel: [f32; 4]) -> bool {
+        const TOLERANCE: f32 = 0.5 / 255.0;
+        (0..3).any(|channel| (pixel[channel] - self.background[channel]).abs() >= TOLERANCE)
+    }
+}
+
+/// Rays with what the model renders along them.
+#[derive(Clone, Debug)]
+pub struct Bundle {
+    /// The passes.
+    pub passes: Passes,
+    /// What the training images show; none for rays of unseen poses.
+    pub target: Option<Target>,
+}
+
+impl Bundle {
+    /// The pass that is the result.
+    pub fn output(&self) -> &RenderOutput {
+        &self.passes.fine
+    }
+
+    /// Number of rays.
+    pub fn rays(&self) -> usize {
+        self.output().segments().rays()
+    }
+}
+
+/// Density along neighbouring rays, which are paired with those of a bundle by index.
+#[derive(Clone, Debug, Default)]
+pub struct NeighbourBundles {
+    /// Neighbours of rays of training images.
+    pub seen: Option<RenderOutput>,
+    /// Neighbours of rays of the unseen pose.
+    pub unseen: Option<RenderOutput>,
+}
+
+/// A whole picture.
+#[derive(Clone, Debug)]
+pub struct Picture {
+    /// Colours, `[height·width, 3]` row-major.
+    pub rgb: Tensor<2>,
+    /// Height and width in pixels.
+    pub size: (usize, usize),
+    /// A training view, drawn anew for each picture.
+    pub view: usize,
+}
+
+/// All that a step rendered.
+#[derive(Clone, Debug)]
+pub struct Renders {
+    /// Rays of training images.
+    pub seen: Bundle,
+    /// Rays of an unseen pose, if asked for.
+    pub unseen: Option<Bundle>,
+    /// Neighbours, if asked for.
+    pub neighbours: NeighbourBundles,
+    /// A picture from an unseen pose, if asked for.
+    pub picture: Option<Picture>,
+    /// Total variation of the field's tables, if asked for and there are any.
+    pub total_variation: Option<Tensor<1>>,
+}
+
+impl Renders {
+    /// The bundles of `rays` that were rendered.
+    pub fn bundles(&self, rays: RaySet) -> impl Iterator<Item = &Bundle> {
+        rays.seen().then_some(&self.seen).into_iter().chain(self.unseen.as_ref().filter(|_| rays.unseen()))
+    }
+
+    /// The neighbours of `rays` that were rendered.
+    pub fn neighbours(&self, rays: RaySet) -> impl Iterator<Item = &RenderOutput> {
+        let NeighbourBundles { seen, unseen } = &self.neighbours;
+        seen.as_ref().filter(|_| rays.seen()).into_iter().chain(unseen.as_ref().filter(|_| rays.unseen()))
+    }
+
+    /// The bundles of `rays`, each with its neighbours, as far as they were rendered.
+    pub fn pairs(&self, rays: RaySet) -> impl Iterator<Item = (&Bundle, &RenderOutput)> {
+        let NeighbourBundles { seen, unseen } = &self.neighbours;
+        let seen = seen.as_ref().filter(|_| rays.seen()).map(|near| (&self.seen, near));
+        let unseen = self.unseen.as_ref().zip(unseen.as_ref()).filter(|_| rays.unseen());
+        seen.into_iter().chain(unseen)
+    }
+
+    /// A scalar 0 on the device of the renders.
+    pub fn zero(&self) -> Tensor<1> {
+        Tensor::zeros([1], &self.seen.output().acc.device())
+    }
+}

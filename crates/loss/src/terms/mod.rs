@@ -1,0 +1,10 @@
+//! One file for each term.
+
+pub(crate) mod entropy;
+pub(crate) mod kl;
+pub(crate) mod mask;
+pub(crate) mod opacity;
+pub(crate) mod photometric;
+pub(crate) mod semantic;
+pub(crate) mod silhouette;
+pub(crate) mod tv;

@@ -1,0 +1,62 @@
+use burn::tensor::Tensor;
+use infonerf_schedule::Schedule;
+use serde::{Deserialize, Serialize};
+
+use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
+
+/// A penalty on opacity Σ w: mean over the rays that it is taken over.
+///
+/// White fog before a white background costs nothing in colour, and hides the scene from other views.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OpacityConfig {
+    /// Its weight.
+    pub weight: Schedule,
+    /// Which rays it is taken over.
+    pub rays: RaySet,
+}
+
+impl TermSpec for OpacityConfig {
+    fn weight(&self) -> &Schedule {
+        &self.weight
+    }
+
+    fn weight_mut(&mut self) -> &mut Schedule {
+        &mut self.weight
+    }
+
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+        Ok(Box::new(self.clone()))
+    }
+}
+
+impl Term for OpacityConfig {
+    fn needs(&self) -> Vec<Need> {
+        Need::of(self.rays)
+    }
+
+    fn value(&self, renders: &Renders) -> Tensor<1> {
+        let (mut sum, mut rays) = (renders.zero(), 0);
+        for bundle in renders.bundles(self.rays) {
+            sum = sum + bundle.output().acc.clone().sum();
+            rays += bundle.rays();
+        }
+        sum / rays.max(1) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    /// It reaches the unseen rays whichever other terms are on: it asks for them itself.
+    #[test]
+    fn the_mean_is_over_all_rays() {
+        let config = OpacityConfig { weight: 1.0.into(), rays: RaySet::All };
+        assert_eq!(config.needs(), [Need::Unseen]);
+        let mut renders = testing::renders(&[&[f32::INFINITY]]);
+        renders.unseen = Some(testing::renders(&[&[0.0], &[0.0], &[0.0]]).seen);
+        approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), 0.25, epsilon = 1e-6);
+    }
+}

@@ -1,0 +1,91 @@
+use burn::tensor::Tensor;
+use infonerf_schedule::Schedule;
+use serde::{Deserialize, Serialize};
+
+use crate::term::in_range;
+use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
+
+/// L_RGB (InfoNeRF, Eq. 3): mean over the rays of training images.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PhotometricConfig {
+    /// Its weight.
+    pub weight: Schedule,
+    /// How a colour difference becomes a number.
+    pub norm: Norm,
+    /// Weight of the coarse pass's colour beside the fine one's 1 (NeRF: 1, mip-NeRF: 0.1).
+    pub coarse: f32,
+}
+
+/// How a colour difference becomes a number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Norm {
+    /// Mean over rays of the squared norm ‖C − Ĉ‖², as the paper writes (Eq. 3).
+    Squared,
+    /// Mean over rays and channels, a third of it, as the released code has it: λ₁ and λ₂ are calibrated to this one.
+    Mean,
+}
+
+impl TermSpec for PhotometricConfig {
+    fn weight(&self) -> &Schedule {
+        &self.weight
+    }
+
+    fn weight_mut(&mut self) -> &mut Schedule {
+        &mut self.weight
+    }
+
+    fn validate(&self) -> Result<(), LossError> {
+        in_range("coarse", self.coarse.into(), 0.0, 1e6)
+    }
+
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+        Ok(Box::new(self.clone()))
+    }
+}
+
+impl Term for PhotometricConfig {
+    fn needs(&self) -> Vec<Need> {
+        vec![Need::SeenColor]
+    }
+
+    fn value(&self, renders: &Renders) -> Tensor<1> {
+        let passes = &renders.seen.passes;
+        let target = &renders.seen.target.as_ref().expect("training images show colours").rgb;
+        let of = |color: &Option<Tensor<2>>| {
+            photometric_loss(color.clone().expect("colour was asked for"), target.clone(), self.norm)
+        };
+        let fine = of(&passes.fine.color);
+        match &passes.coarse {
+            Some(coarse) => fine + of(&coarse.color) * self.coarse,
+            None => fine,
+        }
+    }
+}
+
+/// L_RGB of rendered `color` against `target`, both `[R, 3]` in [0, 1] (InfoNeRF, Eq. 3); a scalar.
+pub fn photometric_loss(color: Tensor<2>, target: Tensor<2>, norm: Norm) -> Tensor<1> {
+    let mean = (color - target).square().mean();
+    match norm {
+        Norm::Mean => mean,
+        Norm::Squared => mean * 3.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use burn::tensor::Device;
+
+    #[test]
+    fn both_norms_by_hand() {
+        let device = Device::flex();
+        let color = Tensor::<2>::from_floats([[0.1, 0.2, 0.3], [1.0, 1.0, 1.0]], &device);
+        let target = Tensor::<2>::from_floats([[0.0, 0.0, 0.0], [1.0, 1.0, 0.5]], &device);
+        let squared = (0.01 + 0.04 + 0.09 + 0.25) / 2.0;
+        let value = |norm| photometric_loss(color.clone(), target.clone(), norm).into_scalar::<f32>();
+        approx::assert_abs_diff_eq!(value(Norm::Squared), squared, epsilon = 1e-6);
+        approx::assert_abs_diff_eq!(value(Norm::Mean), squared / 3.0, epsilon = 1e-6);
+    }
+}

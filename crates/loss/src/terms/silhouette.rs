@@ -1,0 +1,79 @@
+use burn::tensor::{Tensor, TensorData};
+use infonerf_schedule::Schedule;
+use serde::{Deserialize, Serialize};
+
+use crate::term::in_range;
+use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
+
+/// What a known background colour says about opacity: a pixel of exactly that colour most likely shows the background, any
+/// other an object.
+///
+/// `background`·acc for the former and −`foreground`·acc for the latter, mean over the rays of training images. No alpha
+/// channel is used; an object of exactly the background's colour would be thinned.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SilhouetteConfig {
+    /// Its weight.
+    pub weight: Schedule,
+    /// Factor for pixels of the background's colour.
+    pub background: f32,
+    /// Factor for all others.
+    pub foreground: f32,
+}
+
+impl TermSpec for SilhouetteConfig {
+    fn weight(&self) -> &Schedule {
+        &self.weight
+    }
+
+    fn weight_mut(&mut self) -> &mut Schedule {
+        &mut self.weight
+    }
+
+    fn validate(&self) -> Result<(), LossError> {
+        in_range("background", self.background.into(), 0.0, 1e6)?;
+        in_range("foreground", self.foreground.into(), 0.0, 1e6)
+    }
+
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+        Ok(Box::new(self.clone()))
+    }
+
+    fn privilege(&self) -> Option<&'static str> {
+        Some("the colour of the background")
+    }
+}
+
+impl Term for SilhouetteConfig {
+    fn needs(&self) -> Vec<Need> {
+        Vec::new()
+    }
+
+    fn value(&self, renders: &Renders) -> Tensor<1> {
+        let acc = renders.seen.output().acc.clone();
+        let target = renders.seen.target.as_ref().expect("training images show colours");
+        let sign = |pixel: &[f32; 4]| {
+            if target.is_foreground(*pixel) { -self.foreground } else { self.background }
+        };
+        let signs: Vec<f32> = target.rgba.iter().map(sign).collect();
+        let signs = Tensor::<1>::from_data(TensorData::new(signs, [target.rgba.len()]), &acc.device());
+        (acc * signs).mean()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    #[test]
+    fn background_is_pressed_down_and_foreground_pulled_up() {
+        let mut renders = testing::renders(&[&[0.5], &[1.0]]);
+        let target = renders.seen.target.as_mut().unwrap();
+        target.rgba = vec![[1.0, 1.0, 1.0, 1.0], [1.0, 0.9, 1.0, 1.0]];
+        let config = SilhouetteConfig { weight: 1.0.into(), background: 2.0, foreground: 3.0 };
+        let acc = [0.5f32, 1.0].map(|tau| -(-tau).exp_m1());
+        let want = (2.0 * acc[0] - 3.0 * acc[1]) / 2.0;
+        approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), want, epsilon = 1e-6);
+    }
+}

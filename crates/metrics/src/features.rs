@@ -1,0 +1,108 @@
+use crate::MetricError;
+
+/// What a network made of a set of pictures: one vector per picture, `[n, dimension]`.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Features {
+    values: Vec<f64>,
+    dimension: usize,
+}
+
+impl Features {
+    /// The vectors in `rows`.
+    ///
+    /// # Errors
+    /// As [`Features::push`].
+    pub fn from_rows<'a>(rows: impl IntoIterator<Item = &'a [f32]>) -> Result<Self, MetricError> {
+        let mut features = Self::default();
+        rows.into_iter().try_for_each(|row| features.push(row))?;
+        Ok(features)
+    }
+
+    /// Adds the vector of one more picture; the first one decides the dimension.
+    ///
+    /// # Errors
+    /// [`MetricError::Empty`], [`MetricError::Length`] for another dimension, [`MetricError::NonFinite`].
+    pub fn push(&mut self, row: &[f32]) -> Result<(), MetricError> {
+        if row.is_empty() {
+            return Err(MetricError::Empty { what: "feature vector" });
+        }
+        if self.dimension != 0 && row.len() != self.dimension {
+            return Err(MetricError::Length { what: "feature vector", found: row.len(), expected: self.dimension });
+        }
+        if let Some(index) = row.iter().position(|value| !value.is_finite()) {
+            return Err(MetricError::NonFinite { what: "feature vector", index });
+        }
+        self.dimension = row.len();
+        self.values.extend(row.iter().copied().map(f64::from));
+        Ok(())
+    }
+
+    /// How many pictures.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.values.len() / self.dimension.max(1)
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.values.is_empty()
+    }
+
+    /// Length of a vector; 0 if there are none.
+    #[must_use]
+    pub fn dimension(&self) -> usize {
+        self.dimension
+    }
+
+    /// All values, a vector per row.
+    #[must_use]
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// The vector of picture `index`.
+    ///
+    /// # Panics
+    /// If there are not so many.
+    #[must_use]
+    pub fn row(&self, index: usize) -> &[f64] {
+        &self.values[index * self.dimension..][..self.dimension]
+    }
+
+    /// The vectors of these pictures.
+    ///
+    /// # Panics
+    /// If there are not so many.
+    pub(crate) fn select(&self, pictures: impl Iterator<Item = usize>) -> Self {
+        Self { values: pictures.flat_map(|picture| self.row(picture)).copied().collect(), dimension: self.dimension }
+    }
+
+    /// Both sets hold at least `minimum` vectors, of the same dimension.
+    pub(crate) fn check_pair(a: &Self, b: &Self, minimum: usize) -> Result<(), MetricError> {
+        let found = a.len().min(b.len());
+        if found < minimum {
+            return Err(MetricError::TooFew { found, minimum });
+        }
+        if a.dimension != b.dimension {
+            return Err(MetricError::Length { what: "feature vector", found: b.dimension, expected: a.dimension });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vectors_are_of_one_length_and_finite() {
+        let mut features = Features::from_rows([&[1.0, 2.0][..], &[3.0, 4.0]]).unwrap();
+        assert_eq!((features.len(), features.dimension(), features.row(1)), (2, 2, &[3.0, 4.0][..]));
+        let length = MetricError::Length { what: "feature vector", found: 1, expected: 2 };
+        assert_eq!(features.push(&[1.0]), Err(length));
+        assert_eq!(features.push(&[1.0, f32::NAN]), Err(MetricError::NonFinite { what: "feature vector", index: 1 }));
+        assert_eq!(features.push(&[]), Err(MetricError::Empty { what: "feature vector" }));
+        assert_eq!(features.len(), 2);
+    }
+}

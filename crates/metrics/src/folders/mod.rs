@@ -1,0 +1,98 @@
+//! Comparing pictures that somebody else rendered: folders of PNG and JPEG.
+
+mod error;
+mod read;
+
+use std::path::{Path, PathBuf};
+
+pub use error::FolderError;
+
+use crate::{Evaluator, Measured, Metric, Networks, Pair, Protocol};
+
+/// Which pictures to compare. A render, its truth and its mask have the same name but for the extension.
+#[derive(Debug, Clone, Copy)]
+pub struct Folders<'a> {
+    /// The renders.
+    pub renders: &'a Path,
+    /// The photographs.
+    pub truth: &'a Path,
+    /// Masks for the masked metrics: PNG, black outside.
+    pub masks: Option<&'a Path>,
+    /// Whether photographs without a render are left out; otherwise they are an error.
+    pub partial: bool,
+}
+
+/// What [`compare_folders`] found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ComparedFolders {
+    /// The pictures, by name.
+    pub views: Vec<ComparedView>,
+    /// The values of these views in the same order, and of the set.
+    pub measured: Measured,
+}
+
+/// A render with its truth.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ComparedView {
+    /// Name without extension.
+    pub name: String,
+    /// The render.
+    pub render: PathBuf,
+    /// The photograph.
+    pub truth: PathBuf,
+    /// The mask.
+    pub mask: Option<PathBuf>,
+}
+
+/// Measures every render with `metrics`, a pair in memory at a time. `progress` is told how many views are done, and of
+/// how many.
+///
+/// A metric without a value (such as FID of one picture) has a note; [`Measured::require`] makes it an error.
+///
+/// # Errors
+/// [`FolderError`]: what cannot be read, has no partner, or does not fit its partner.
+pub fn compare_folders(
+    folders: Folders<'_>,
+    metrics: &[&'static Metric],
+    networks: &Networks,
+    protocol: &Protocol,
+    mut progress: impl FnMut(usize, usize),
+) -> Result<ComparedFolders, FolderError> {
+    let views = partners(folders)?;
+    let mut evaluator = Evaluator::new(metrics, networks, protocol);
+    for (index, view) in views.iter().enumerate() {
+        progress(index, views.len());
+        let render = read::picture(&view.render, protocol.background)?;
+        let truth = read::picture(&view.truth, protocol.background)?;
+        let mask = view.mask.as_deref().map(read::mask).transpose()?;
+        let pair = Pair { mask: mask.as_ref(), ..Pair::new(&render, &truth) };
+        evaluator.add(pair).map_err(|error| FolderError::Pair { path: view.render.clone(), error })?;
+    }
+    progress(views.len(), views.len());
+    Ok(ComparedFolders { measured: evaluator.finish(), views })
+}
+
+/// Each render with what belongs to it, in the order of names.
+fn partners(folders: Folders<'_>) -> Result<Vec<ComparedView>, FolderError> {
+    let renders = read::pictures(folders.renders)?;
+    let truths = read::pictures(folders.truth)?;
+    let masks = folders.masks.map(|folder| read::pictures(folder).map(|masks| (folder, masks))).transpose()?;
+    let missing = |what, path: &Path, folder: &Path, name: &str| FolderError::NoPartner {
+        path: path.to_owned(),
+        what,
+        folder: folder.to_owned(),
+        name: name.to_owned(),
+    };
+    if let Some((name, path)) = truths.iter().find(|(name, _)| !folders.partial && !renders.contains_key(*name)) {
+        return Err(missing("render", path, folders.renders, name));
+    }
+    let view = |(name, render): (String, PathBuf)| {
+        let truth = truths.get(&name).ok_or_else(|| missing("truth", &render, folders.truth, &name))?;
+        let mask = masks
+            .as_ref()
+            .map(|(folder, masks)| masks.get(&name).ok_or_else(|| missing("mask", &render, folder, &name)).cloned());
+        let (truth, mask) = (truth.clone(), mask.transpose()?);
+        Ok(ComparedView { name, render, truth, mask })
+    };
+    renders.into_iter().map(view).collect()
+}

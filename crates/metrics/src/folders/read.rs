@@ -1,0 +1,70 @@
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use image::{DynamicImage, ImageReader};
+
+use super::FolderError;
+use crate::protocol::Background;
+use crate::{Mask, Picture};
+
+const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
+
+/// The pictures in `folder` by their names without extension.
+///
+/// # Errors
+/// [`FolderError::Read`], [`FolderError::Empty`], [`FolderError::Twice`].
+pub(super) fn pictures(folder: &Path) -> Result<BTreeMap<String, PathBuf>, FolderError> {
+    let of_folder = |error: std::io::Error| FolderError::Read { path: folder.to_owned(), cause: error.to_string() };
+    let mut pictures = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).map_err(of_folder)? {
+        let path = entry.map_err(of_folder)?.path();
+        let extension = path.extension().map(|extension| extension.to_string_lossy().to_lowercase());
+        let Some(name) = path.file_stem().map(|name| name.to_string_lossy().into_owned()) else { continue };
+        if !extension.is_some_and(|extension| EXTENSIONS.contains(&extension.as_str())) || name.starts_with('.') {
+            continue;
+        }
+        if let Some(other) = pictures.insert(name, path.clone()) {
+            let (first, second) = if other < path { (other, path) } else { (path, other) };
+            return Err(FolderError::Twice { first, second });
+        }
+    }
+    if pictures.is_empty() { Err(FolderError::Empty { folder: folder.to_owned() }) } else { Ok(pictures) }
+}
+
+/// The picture at `path`, composited on `background` where it is not opaque: `α c + (1 − α) b`.
+///
+/// # Errors
+/// [`FolderError::Read`].
+pub(super) fn picture(path: &Path, background: Background) -> Result<Picture, FolderError> {
+    let image = decoded(path)?.into_rgba32f();
+    let behind = background.color();
+    let pixel = |[r, g, b, alpha]: [f32; 4]| {
+        let color = [r, g, b];
+        std::array::from_fn(|channel| alpha * color[channel] + (1.0 - alpha) * behind[channel])
+    };
+    let pixels = image.pixels().map(|rgba| pixel(rgba.0)).collect();
+    Picture::new(pixels, image.width() as usize, image.height() as usize)
+        .map_err(|error| FolderError::Pair { path: path.to_owned(), error })
+}
+
+/// The mask at `path`: a pixel is inside unless it is black, so that pictures of class numbers are masks too.
+///
+/// # Errors
+/// [`FolderError::Read`], also for a JPEG, whose black is not exact; [`FolderError::Pair`] for an empty mask.
+pub(super) fn mask(path: &Path) -> Result<Mask, FolderError> {
+    let is_png = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    if !is_png {
+        let cause = "a mask is a PNG: JPEG does not keep black exactly".to_owned();
+        return Err(FolderError::Read { path: path.to_owned(), cause });
+    }
+    let image = decoded(path)?.into_rgb16();
+    let inside = image.pixels().map(|pixel| pixel.0 != [0; 3]).collect();
+    Mask::new(inside, image.width() as usize, image.height() as usize)
+        .map_err(|error| FolderError::Pair { path: path.to_owned(), error })
+}
+
+fn decoded(path: &Path) -> Result<DynamicImage, FolderError> {
+    let fault = |cause: String| FolderError::Read { path: path.to_owned(), cause };
+    let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format);
+    reader.map_err(|error| fault(error.to_string()))?.decode().map_err(|error| fault(error.to_string()))
+}

@@ -1,0 +1,95 @@
+use std::fmt;
+
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+
+use crate::{Metric, MetricError};
+
+/// The value of each metric by its key, in the order of [`crate::METRICS`]; none where it could not be computed.
+pub type Values = IndexMap<String, Option<f64>>;
+
+/// What was measured on a set of views.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Measured {
+    /// The values of each view, in the order in which they were added; metrics of sets are not among them.
+    pub views: Vec<Values>,
+    /// The values of the set: means over views, and metrics of sets.
+    pub set: Values,
+    /// Why values of the set are missing, or are means over fewer views.
+    pub notes: Vec<Note>,
+}
+
+/// A remark on metrics; its [`Display`](fmt::Display) is `KEY, KEY: REASON`.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Note {
+    /// Keys of the metrics that it concerns.
+    pub metrics: Vec<String>,
+    /// One line.
+    pub reason: String,
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.metrics.join(", "), self.reason)
+    }
+}
+
+impl Measured {
+    /// Checks that each of `metrics`, which somebody asked for, has a value.
+    ///
+    /// # Errors
+    /// [`MetricError::Missing`] for the first that has none, with the reason.
+    pub fn require(&self, metrics: &[&Metric]) -> Result<(), MetricError> {
+        let missing = metrics.iter().find(|metric| self.set.get(metric.key()).copied().flatten().is_none());
+        let Some(metric) = missing else { return Ok(()) };
+        let note = self.notes.iter().find(|note| note.metrics.iter().any(|key| key == metric.key()));
+        let reason = note.map_or("was not measured", |note| &note.reason).to_owned();
+        Err(MetricError::Missing { key: metric.key().to_owned(), reason })
+    }
+
+    /// The same without values that JSON cannot hold, such as the infinite PSNR of identical pictures; those of the set
+    /// are named in the notes.
+    #[must_use]
+    pub fn representable(mut self) -> Self {
+        for value in self.views.iter_mut().flat_map(IndexMap::values_mut) {
+            *value = value.filter(|value| value.is_finite());
+        }
+        for (key, value) in &mut self.set {
+            if let Some(value) = value.take_if(|value| !value.is_finite()) {
+                let reason = format!("{value}, which JSON cannot hold");
+                self.notes.push(Note { metrics: vec![key.clone()], reason });
+            }
+        }
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::select;
+
+    fn measured(psnr: Option<f64>) -> Measured {
+        let set = Values::from([("psnr".to_owned(), psnr), ("fid".to_owned(), None)]);
+        let note = Note { metrics: vec!["fid".into(), "kid".into()], reason: "too few".into() };
+        Measured { views: vec![Values::from([("psnr".to_owned(), psnr)])], set, notes: vec![note] }
+    }
+
+    #[test]
+    fn what_was_asked_for_must_have_a_value() {
+        let measured = measured(Some(20.0));
+        assert_eq!(measured.require(&select(["psnr"]).unwrap()), Ok(()));
+        let error = measured.require(&select(["psnr", "ssim"]).unwrap()).unwrap_err();
+        assert_eq!(error.to_string(), "ssim: was not measured");
+        assert_eq!(measured.notes[0].to_string(), "fid, kid: too few");
+    }
+
+    #[test]
+    fn infinity_becomes_a_note() {
+        let measured = measured(Some(f64::INFINITY)).representable();
+        assert_eq!((measured.set["psnr"], measured.views[0]["psnr"]), (None, None));
+        assert_eq!(measured.notes[1].to_string(), "psnr: inf, which JSON cannot hold");
+        let json = serde_json::to_string(&measured).unwrap();
+        assert_eq!(serde_json::from_str::<Measured>(&json).unwrap(), measured);
+    }
+}

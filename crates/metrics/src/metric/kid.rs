@@ -1,0 +1,101 @@
+use nalgebra::DMatrix;
+use rand::SeedableRng;
+use rand::seq::index::sample;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::fid::INCEPTION_NETWORK;
+use super::{Measure, Metric};
+use crate::{Better, Descriptor, Features, MetricError};
+
+pub(super) const KID: Metric = Metric {
+    descriptor: Descriptor { key: "kid", name: "KID", unit: "", decimals: 3, better: Better::Lower },
+    definition: "unbiased squared MMD of Inception's features, kernel (x·y/d + 1)³ (Bińkowski et al. 2018)",
+    measure: Measure::Set(INCEPTION_NETWORK, kernel_distance),
+};
+
+/// Largest subset, and how many are drawn.
+const SUBSET: usize = 1000;
+const SUBSETS: u64 = 100;
+
+/// Kernel distance between two sets of vectors: the mean of [`maximum_mean_discrepancy`] over 100 pairs of random subsets
+/// of `min(n, m, 1000)` vectors, as clean-fid defines it. The subsets are the same in every run. Where both sets are
+/// subsets as they are, every draw has the same value and one is enough.
+///
+/// # Errors
+/// [`MetricError::TooFew`] for fewer than two vectors in a set, [`MetricError::Length`] for different dimensions.
+pub fn kernel_distance(a: &Features, b: &Features) -> Result<f64, MetricError> {
+    Features::check_pair(a, b, 2)?;
+    let size = a.len().min(b.len()).min(SUBSET);
+    if a.len() == size && b.len() == size {
+        return maximum_mean_discrepancy(a, b);
+    }
+    let draws: Result<Vec<f64>, MetricError> = (0..SUBSETS)
+        .into_par_iter()
+        .map(|draw| {
+            let mut random = ChaCha8Rng::seed_from_u64(draw);
+            let mut subset =
+                |features: &Features| features.select(sample(&mut random, features.len(), size).into_iter());
+            maximum_mean_discrepancy(&subset(a), &subset(b))
+        })
+        .collect();
+    Ok(draws?.iter().sum::<f64>() / SUBSETS as f64)
+}
+
+/// Unbiased estimate of the squared maximum mean discrepancy with the kernel `k(x, y) = (x·y / d + 1)³`,
+///
+/// `Σ_{i≠j} k(x_i, x_j) / (n (n − 1)) + Σ_{i≠j} k(y_i, y_j) / (m (m − 1)) − 2 Σ_{ij} k(x_i, y_j) / (n m)`
+///
+/// (Bińkowski et al. 2018, Eq. 4); it may be negative.
+///
+/// # Errors
+/// As [`kernel_distance`].
+pub fn maximum_mean_discrepancy(a: &Features, b: &Features) -> Result<f64, MetricError> {
+    Features::check_pair(a, b, 2)?;
+    let [a, b] = [a, b].map(|set| DMatrix::from_row_slice(set.len(), set.dimension(), set.values()));
+    let kernel =
+        |x: &DMatrix<f64>, y: &DMatrix<f64>| (x * y.transpose()).map(|dot| (dot / x.ncols() as f64 + 1.0).powi(3));
+    let within = |x: &DMatrix<f64>| {
+        let (kernel, n) = (kernel(x, x), x.nrows() as f64);
+        (kernel.sum() - kernel.trace()) / (n * (n - 1.0))
+    };
+    Ok(within(&a) + within(&b) - 2.0 * kernel(&a, &b).mean())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn set(rows: &[[f32; 2]]) -> Features {
+        Features::from_rows(rows.iter().map(|row| &row[..])).unwrap()
+    }
+
+    #[test]
+    fn two_vectors_each_have_the_closed_form() {
+        let (a, b) = (set(&[[2.0, 0.0], [0.0, 2.0]]), set(&[[2.0, 2.0], [0.0, 0.0]]));
+        // Within each set 1; across (2 + 1)³ twice and 1 twice.
+        let expected = 1.0 + 1.0 - 2.0 * (27.0 + 27.0 + 1.0 + 1.0) / 4.0;
+        assert_eq!(maximum_mean_discrepancy(&a, &b), Ok(expected));
+        assert_eq!(kernel_distance(&a, &b), Ok(expected));
+    }
+
+    #[test]
+    fn subsets_are_drawn_from_the_larger_set_alike_in_every_run() {
+        let row = |i: usize| [(i % 7) as f32 / 7.0, (i % 5) as f32 / 5.0];
+        let near: Vec<[f32; 2]> = (0..40).map(row).collect();
+        let far: Vec<[f32; 2]> = (0..30).map(row).map(|[x, y]| [x + 1.0, y + 1.0]).collect();
+        let (near, far) = (set(&near), set(&far));
+        let value = kernel_distance(&near, &far).unwrap();
+        assert_eq!(kernel_distance(&near, &far), Ok(value));
+        // A mean over subsets estimates what all vectors give.
+        let expected = maximum_mean_discrepancy(&near, &far).unwrap();
+        assert!(value != expected, "subsets were drawn");
+        approx::assert_relative_eq!(value, expected, max_relative = 0.02);
+    }
+
+    #[test]
+    fn one_picture_is_too_few() {
+        let one = set(&[[1.0, 2.0]]);
+        assert_eq!(kernel_distance(&one, &one), Err(MetricError::TooFew { found: 1, minimum: 2 }));
+    }
+}

@@ -1,0 +1,80 @@
+use super::{Measure, Metric};
+use crate::picture::{check_size, check_sizes};
+use crate::{Better, Descriptor, Mask, MetricError, Picture};
+
+/// See its definition.
+pub const PSNR: Metric = Metric {
+    descriptor: Descriptor { key: "psnr", name: "PSNR", unit: "dB", decimals: 2, better: Better::Higher },
+    definition: "−10 log₁₀ of the mean square error over pixels and channels",
+    measure: Measure::View(|view| psnr(&view.render, &view.truth)),
+};
+
+pub(super) const PSNR_MASKED: Metric = Metric {
+    descriptor: Descriptor { key: "psnr_masked", name: "PSNR (masked)", ..PSNR.descriptor },
+    definition: "PSNR over the pixels of the mask",
+    measure: Measure::View(|view| psnr_masked(&view.render, &view.truth, view.mask()?)),
+};
+
+/// Peak signal-to-noise ratio in decibels, data range 1.
+///
+/// `PSNR = −10 · log₁₀(MSE)`, with the mean square error over all pixels and the three channels together (Mildenhall
+/// et al. 2020). Identical pictures give `+∞`.
+///
+/// # Errors
+/// [`MetricError::Size`].
+pub fn psnr(render: &Picture, truth: &Picture) -> Result<f64, MetricError> {
+    check_sizes(render, truth)?;
+    Ok(decibels(render.pixels().iter().zip(truth.pixels())))
+}
+
+/// [`psnr`] over the pixels inside `mask`.
+///
+/// # Errors
+/// [`MetricError::Size`].
+pub fn psnr_masked(render: &Picture, truth: &Picture, mask: &Mask) -> Result<f64, MetricError> {
+    check_sizes(render, truth)?;
+    check_size("mask", mask.size(), render.size())?;
+    let pixels = render.pixels().iter().zip(truth.pixels()).zip(mask.inside());
+    Ok(decibels(pixels.filter(|(_, inside)| **inside).map(|(pair, _)| pair)))
+}
+
+fn decibels<'a>(pixels: impl Iterator<Item = (&'a [f32; 3], &'a [f32; 3])>) -> f64 {
+    let (sum, count) = pixels.fold((0.0, 0usize), |(sum, count), (a, b)| {
+        let square = |channel: usize| (f64::from(a[channel]) - f64::from(b[channel])).powi(2);
+        (sum + square(0) + square(1) + square(2), count + 3)
+    });
+    -10.0 * (sum / count as f64).log10()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flat(value: f32) -> Picture {
+        Picture::new(vec![[value; 3]; 6], 3, 2).unwrap()
+    }
+
+    #[test]
+    fn a_tenth_off_everywhere_is_twenty_decibels() {
+        approx::assert_abs_diff_eq!(psnr(&flat(0.1), &flat(0.0)).unwrap(), 20.0, epsilon = 1e-5);
+        assert_eq!(psnr(&flat(0.3), &flat(0.3)), Ok(f64::INFINITY));
+    }
+
+    #[test]
+    fn a_mask_leaves_out_what_is_outside() {
+        let truth = flat(0.0);
+        let render = truth.mapped(|index, _| if index < 2 { [0.1; 3] } else { [1.0; 3] });
+        let mask = Mask::new((0..6).map(|index| index < 2).collect(), 3, 2).unwrap();
+        approx::assert_abs_diff_eq!(psnr_masked(&render, &truth, &mask).unwrap(), 20.0, epsilon = 1e-5);
+        let other = Mask::new(vec![true; 6], 2, 3).unwrap();
+        let expected = MetricError::Size { what: "mask", found: [2, 3], expected: [3, 2] };
+        assert_eq!(psnr_masked(&render, &truth, &other), Err(expected));
+    }
+
+    #[test]
+    fn other_sizes_are_refused() {
+        let other = Picture::new(vec![[0.0; 3]; 6], 2, 3).unwrap();
+        let expected = MetricError::Size { what: "truth", found: [2, 3], expected: [3, 2] };
+        assert_eq!(psnr(&flat(0.0), &other), Err(expected));
+    }
+}

@@ -1,0 +1,204 @@
+use rayon::prelude::*;
+
+use super::{Measure, Metric};
+use crate::picture::check_sizes;
+use crate::protocol::{Ssim, SsimWindow};
+use crate::{Better, Descriptor, MetricError, Picture};
+
+/// See its definition.
+pub const SSIM: Metric = Metric {
+    descriptor: Descriptor { key: "ssim", name: "SSIM", unit: "", decimals: 3, better: Better::Higher },
+    definition: "mean over channels and over the windows inside the picture (Wang et al. 2004); by default Gaussian, 11×11, σ 1.5, C₁ = 0.01², C₂ = 0.03²",
+    measure: Measure::View(|view| ssim(&view.render, &view.truth, view.protocol.ssim)),
+};
+
+pub(super) const SSIM_MASKED: Metric = Metric {
+    descriptor: Descriptor { key: "ssim_masked", name: "SSIM (masked)", ..SSIM.descriptor },
+    definition: "SSIM of the masked pictures",
+    measure: Measure::View(|view| view.masked().and_then(|(render, truth)| ssim(render, truth, view.protocol.ssim))),
+};
+
+/// Structural similarity: mean over the three channels and over all windows that lie inside the picture.
+///
+/// With means `μ`, variances `σ²` and covariance `σ_xy` of a window and `L` the data range,
+///
+/// `SSIM = (2 μ_x μ_y + C₁)(2 σ_xy + C₂) / ((μ_x² + μ_y² + C₁)(σ_x² + σ_y² + C₂))`, `C₁ = (0.01 L)²`, `C₂ = (0.03 L)²`
+///
+/// (Wang et al. 2004). [`SsimWindow::Gaussian11`] equals scikit-image's `structural_similarity(gaussian_weights=True,
+/// sigma=1.5, use_sample_covariance=False)`, [`SsimWindow::Uniform7`] its default; both with `channel_axis=-1` and
+/// `data_range=L`.
+///
+/// Works on several threads; the sum is taken in row order, so the value does not depend on their number.
+///
+/// # Errors
+/// [`MetricError::Size`]; [`MetricError::TooSmall`] when no window fits: no padding is invented;
+/// [`MetricError::DataRange`].
+pub fn ssim(render: &Picture, truth: &Picture, options: Ssim) -> Result<f64, MetricError> {
+    let channels = terms(render, truth, options)?;
+    Ok(channels.iter().map(|terms| terms.similarity).sum::<f64>() / 3.0)
+}
+
+/// Means over all windows of one channel.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Terms {
+    /// SSIM.
+    pub(super) similarity: f64,
+    /// Its factor of contrast and structure, `(2 σ_xy + C₂) / (σ_x² + σ_y² + C₂)`.
+    pub(super) contrast: f64,
+}
+
+/// [`Terms`] of red, green and blue; errors as [`ssim`].
+pub(super) fn terms(render: &Picture, truth: &Picture, options: Ssim) -> Result<[Terms; 3], MetricError> {
+    check_sizes(render, truth)?;
+    if !(options.data_range > 0.0 && options.data_range.is_finite()) {
+        return Err(MetricError::DataRange { found: options.data_range.to_string() });
+    }
+    let window = Window::new(options);
+    let side = window.kernel.len();
+    let [width, height] = truth.size();
+    if width < side || height < side {
+        return Err(MetricError::TooSmall { found: truth.size(), minimum: side });
+    }
+    let (columns, rows) = (width - side + 1, height - side + 1);
+    let row_sums: Vec<[Terms; 3]> = (0..rows)
+        .into_par_iter()
+        .map_init(|| Moments::zeros(3 * width), |moments, row| window.row_sum(render, truth, row, moments))
+        .collect();
+    let windows = (rows * columns) as f64;
+    Ok(std::array::from_fn(|channel| Terms {
+        similarity: row_sums.iter().map(|sums| sums[channel].similarity).sum::<f64>() / windows,
+        contrast: row_sums.iter().map(|sums| sums[channel].contrast).sum::<f64>() / windows,
+    }))
+}
+
+/// A separable window and the constants of the formula.
+struct Window {
+    /// Weights along one side, which add up to 1.
+    kernel: Vec<f64>,
+    /// From population to the covariance that is used.
+    covariance_scale: f64,
+    c1: f64,
+    c2: f64,
+}
+
+impl Window {
+    fn new(options: Ssim) -> Self {
+        let (kernel, covariance_scale) = match options.window {
+            SsimWindow::Gaussian11 => (gaussian(11, 1.5), 1.0),
+            SsimWindow::Uniform7 => (vec![1.0 / 7.0; 7], 49.0 / 48.0),
+        };
+        let constant = |k: f64| (k * options.data_range).powi(2);
+        Self { kernel, covariance_scale, c1: constant(0.01), c2: constant(0.03) }
+    }
+
+    /// Sums over the windows whose top row is `top`.
+    ///
+    /// The vertical pass runs along whole interleaved rows and the horizontal pass in strides of three, so that all
+    /// channels go through together. Only `σ_x² + σ_y²` enters the formula, so the two squares share one filter.
+    fn row_sum(&self, render: &Picture, truth: &Picture, top: usize, moments: &mut Moments) -> [Terms; 3] {
+        let stride = 3 * truth.width();
+        let (render, truth) = (render.pixels().as_flattened(), truth.pixels().as_flattened());
+        moments.clear();
+        for (offset, &weight) in self.kernel.iter().enumerate() {
+            let row = (top + offset) * stride..(top + offset + 1) * stride;
+            moments.add(weight, &render[row.clone()], &truth[row]);
+        }
+        let mut sums = [Terms::default(); 3];
+        for at in 0..stride - 3 * (self.kernel.len() - 1) {
+            let across =
+                |row: &[f64]| -> f64 { self.kernel.iter().enumerate().map(|(k, g)| g * row[at + 3 * k]).sum() };
+            let (mean_x, mean_y) = (across(&moments.x), across(&moments.y));
+            let (product, means) = (mean_x * mean_y, mean_x * mean_x + mean_y * mean_y);
+            let variances = self.covariance_scale * (across(&moments.squares) - means);
+            let covariance = self.covariance_scale * (across(&moments.xy) - product);
+            let contrast = (2.0 * covariance + self.c2) / (variances + self.c2);
+            let sum = &mut sums[at % 3];
+            sum.contrast += contrast;
+            sum.similarity += contrast * (2.0 * product + self.c1) / (means + self.c1);
+        }
+        sums
+    }
+}
+
+/// Vertically filtered first and second moments of one row of windows, channels interleaved.
+struct Moments {
+    x: Vec<f64>,
+    y: Vec<f64>,
+    squares: Vec<f64>,
+    xy: Vec<f64>,
+}
+
+impl Moments {
+    fn zeros(length: usize) -> Self {
+        let zeros = || vec![0.0; length];
+        Self { x: zeros(), y: zeros(), squares: zeros(), xy: zeros() }
+    }
+
+    fn clear(&mut self) {
+        for buffer in [&mut self.x, &mut self.y, &mut self.squares, &mut self.xy] {
+            buffer.fill(0.0);
+        }
+    }
+
+    fn add(&mut self, weight: f64, render: &[f32], truth: &[f32]) {
+        let sums = self.x.iter_mut().zip(&mut self.y).zip(&mut self.squares).zip(&mut self.xy);
+        for ((((sum_x, sum_y), sum_squares), sum_xy), (&x, &y)) in sums.zip(render.iter().zip(truth)) {
+            let (x, y) = (f64::from(x), f64::from(y));
+            *sum_x += weight * x;
+            *sum_y += weight * y;
+            *sum_squares += weight * (x * x + y * y);
+            *sum_xy += weight * (x * y);
+        }
+    }
+}
+
+/// Gaussian of `taps` taps that add up to 1.
+fn gaussian(taps: usize, sigma: f64) -> Vec<f64> {
+    let centre = (taps / 2) as f64;
+    let weights: Vec<f64> = (0..taps).map(|i| (-0.5 * ((i as f64 - centre) / sigma).powi(2)).exp()).collect();
+    let total: f64 = weights.iter().sum();
+    weights.into_iter().map(|weight| weight / total).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flat(value: f32) -> Picture {
+        Picture::new(vec![[value; 3]; 121], 11, 11).unwrap()
+    }
+
+    #[test]
+    fn identical_pictures_are_one() {
+        let pixels = (0..11 * 12).map(|i| [i as f32 / 132.0, 0.2, 1.0]).collect();
+        let picture = Picture::new(pixels, 12, 11).unwrap();
+        approx::assert_abs_diff_eq!(ssim(&picture, &picture, Ssim::default()).unwrap(), 1.0, epsilon = 1e-12);
+    }
+
+    #[test]
+    fn flat_pictures_have_the_closed_form() {
+        for data_range in [1.0, 2.0] {
+            let options = Ssim { data_range, ..Ssim::default() };
+            let c1 = (0.01 * data_range).powi(2);
+            let expected = (2.0 * 0.25 * 0.75 + c1) / (0.25f64.powi(2) + 0.75f64.powi(2) + c1);
+            let value = ssim(&flat(0.25), &flat(0.75), options).unwrap();
+            approx::assert_abs_diff_eq!(value, expected, epsilon = 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_data_range_is_positive() {
+        for data_range in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let options = Ssim { data_range, ..Ssim::default() };
+            assert!(matches!(ssim(&flat(0.2), &flat(0.3), options), Err(MetricError::DataRange { .. })));
+        }
+    }
+
+    #[test]
+    fn a_side_below_the_window_is_an_error() {
+        let picture = Picture::new(vec![[0.0; 3]; 10 * 40], 40, 10).unwrap();
+        let expected = MetricError::TooSmall { found: [40, 10], minimum: 11 };
+        assert_eq!(ssim(&picture, &picture, Ssim::default()), Err(expected));
+        assert!(ssim(&picture, &picture, Ssim { window: SsimWindow::Uniform7, data_range: 1.0 }).is_ok());
+    }
+}

@@ -1,0 +1,293 @@
+//! The evaluation protocol: what is done to pictures before they are measured, and which definition of a metric is used
+//! where the field has several.
+//!
+//! # The protocol
+//!
+//! A number in a paper is a metric of two pictures *and* of what happened to them before. [`Protocol::default`] is what
+//! this project reports everywhere; whatever differs is a named option, and the protocol's [`Display`](fmt::Display) is
+//! the line under each table.
+//!
+//! 1. **Pictures** are RGB as displayed (sRGB values, no linearisation), row by row from the upper left corner. A pixel
+//!    with opacity is composited on the background, `α c + (1 − α) b`, before anything else; white unless
+//!    `background` says otherwise.
+//! 2. **Size.** A render and its truth have the same size, or there is an error. With `sizes = "shrink-truth"` a larger
+//!    truth (and its mask) is brought to the render's size: each pixel becomes the mean over the area that it covers, and
+//!    a pixel of the mask is inside if half of its area is. Nothing is ever enlarged.
+//! 3. **Border.** `crop` pixels are left out on each side; none by default.
+//! 4. **Rounding.** Both pictures are clamped to [0, 1] and rounded to 8 bits, `round(255 x) / 255`, so that a render in
+//!    memory and its PNG score the same.
+//! 5. **Each metric** is computed per view, and the set's value is the mean over views; PSNR is averaged in decibels.
+//!    A view without a value (SSIM of a picture smaller than its window, sharpness of a flat photograph) is left out of the
+//!    mean, and a note says so. FID and KID compare the set of renders with the set of truths.
+//!
+//! [`definitions`] is the table of all metrics, from [`crate::METRICS`].
+//!
+//! A rendered ray hits something where its opacity exceeds one half. FID of few pictures is biased upwards, so it compares
+//! methods on the same views and nothing else; KID is not biased.
+//!
+//! # Masks
+//!
+//! Metrics whose key ends in `_masked` look at a part of the picture. PSNR is over the mask's pixels. For SSIM and LPIPS,
+//! which look at neighbourhoods, `masked` decides:
+//!
+//! - `white-composite` (DTU in RegNeRF and FreeNeRF): both pictures are white outside the mask, and are then measured
+//!   whole.
+//! - `bounding-rectangle` (ZJU-MoCap in Neural Body): both are black outside the mask, and the mask's bounding rectangle
+//!   is measured.
+//!
+//! Which mask (an object's, what the training views see, the projection of a box) is up to the data set.
+//!
+//! # What other systems do
+//!
+//! [`Protocol::named`] has their combinations, so that their tables can be met.
+//!
+//! | option | values | who |
+//! |---|---|---|
+//! | `eight_bit` | `true`; `false` measures float renders | `false`: RegNeRF, Neural Body |
+//! | `ssim.window` | `gaussian-11`; `uniform-7` is scikit-image's default: mean over 7×7 with sample covariance | `uniform-7`: RegNeRF, Neural Body |
+//! | `ssim.data_range` | 1; scikit-image takes 2 for float pictures unless told, which raises SSIM | 2: RegNeRF, Neural Body |
+//! | `lpips_input` | `signed` [−1, 1]; `unsigned` feeds [0, 1], which gives another number | `unsigned`: RegNeRF, FreeNeRF |
+//! | `inception_input` | `pytorch-fid`: bilinear to 299², no low-pass, 2x − 1; `clean-fid`: bicubic with low-pass, (x − 128)/128 | either, by the library used |
+//! | `masked` | see above | |
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::{METRICS, Metric};
+
+/// How pictures are measured: see [the module](self).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Protocol {
+    /// Whether both pictures are rounded to 8 bits first.
+    pub eight_bit: bool,
+    /// What is behind pixels that are not opaque.
+    pub background: Background,
+    /// What to do with a truth that is larger than its render.
+    pub sizes: Sizes,
+    /// Pixels left out on each side.
+    pub crop: usize,
+    /// What SSIM and LPIPS over a mask look at.
+    pub masked: Masked,
+    /// Which SSIM.
+    pub ssim: Ssim,
+    /// Range of the pictures that LPIPS is given.
+    pub lpips_input: LpipsInput,
+    /// How pictures are brought to Inception's size and range.
+    pub inception_input: InceptionInput,
+}
+
+impl Default for Protocol {
+    fn default() -> Self {
+        Self::INFONERF
+    }
+}
+
+/// What is behind pixels that are not opaque.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Background {
+    /// White, as in the Blender data set's protocol.
+    White,
+    /// Black.
+    Black,
+}
+
+/// What to do with a truth that is larger than its render.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Sizes {
+    /// It is an error.
+    Equal,
+    /// It is averaged over areas.
+    ShrinkTruth,
+}
+
+/// What SSIM and LPIPS over a mask look at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Masked {
+    /// The whole picture, white outside the mask.
+    WhiteComposite,
+    /// The mask's bounding rectangle, black outside the mask.
+    BoundingRectangle,
+}
+
+/// Which SSIM: see [`crate::ssim`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Ssim {
+    /// Weights of a neighbourhood.
+    pub window: SsimWindow,
+    /// Range of values that the constants C₁ and C₂ assume.
+    pub data_range: f64,
+}
+
+impl Default for Ssim {
+    fn default() -> Self {
+        Self { window: SsimWindow::Gaussian11, data_range: 1.0 }
+    }
+}
+
+/// Weights of a neighbourhood.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum SsimWindow {
+    /// Gaussian, 11×11, σ 1.5, population covariance.
+    #[serde(rename = "gaussian-11")]
+    Gaussian11,
+    /// Equal, 7×7, sample covariance: scikit-image's default.
+    #[serde(rename = "uniform-7")]
+    Uniform7,
+}
+
+/// Range of the pictures that LPIPS is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LpipsInput {
+    /// [−1, 1], as its authors define it.
+    Signed,
+    /// [0, 1].
+    Unsigned,
+}
+
+/// How pictures are brought to Inception's size and range.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum InceptionInput {
+    /// Bilinear without low-pass filter, 2x − 1.
+    PytorchFid,
+    /// Bicubic with low-pass filter, (x − 128)/128 of 8-bit values.
+    CleanFid,
+}
+
+impl Protocol {
+    /// What this project reports.
+    pub const INFONERF: Self = Self {
+        eight_bit: true,
+        background: Background::White,
+        sizes: Sizes::Equal,
+        crop: 0,
+        masked: Masked::WhiteComposite,
+        ssim: Ssim { window: SsimWindow::Gaussian11, data_range: 1.0 },
+        lpips_input: LpipsInput::Signed,
+        inception_input: InceptionInput::PytorchFid,
+    };
+
+    /// RegNeRF's and FreeNeRF's.
+    pub const REGNERF: Self = Self {
+        eight_bit: false,
+        ssim: Ssim { window: SsimWindow::Uniform7, data_range: 2.0 },
+        lpips_input: LpipsInput::Unsigned,
+        ..Self::INFONERF
+    };
+
+    /// Neural Body's, on ZJU-MoCap.
+    pub const NEURAL_BODY: Self = Self {
+        eight_bit: false,
+        background: Background::Black,
+        masked: Masked::BoundingRectangle,
+        ssim: Ssim { window: SsimWindow::Uniform7, data_range: 2.0 },
+        ..Self::INFONERF
+    };
+
+    /// Protocols that have a name.
+    pub const NAMED: [(&str, Self); 3] =
+        [("infonerf", Self::INFONERF), ("regnerf", Self::REGNERF), ("neural-body", Self::NEURAL_BODY)];
+
+    /// The protocol called `name`, of [`Self::NAMED`].
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::NAMED.into_iter().find(|(known, _)| *known == name).map(|(_, protocol)| protocol)
+    }
+}
+
+/// A Markdown table of the metrics and their definitions.
+#[must_use]
+pub fn definitions() -> String {
+    let row = |metric: &&Metric| {
+        format!("| `{}` | {} | {} |\n", metric.key(), metric.descriptor.heading(), metric.definition)
+    };
+    let rows: String = METRICS.iter().map(row).collect();
+    format!("| key | metric | definition |\n|---|---|---|\n{rows}")
+}
+
+impl Background {
+    /// Its colour.
+    #[must_use]
+    pub fn color(self) -> [f32; 3] {
+        match self {
+            Self::White => [1.0; 3],
+            Self::Black => [0.0; 3],
+        }
+    }
+}
+
+impl fmt::Display for Protocol {
+    /// One line, such as `8-bit RGB on white; SSIM 11×11 Gaussian, range 1; …`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let background = match self.background {
+            Background::White => "white",
+            Background::Black => "black",
+        };
+        let rounding = if self.eight_bit { "8-bit RGB" } else { "RGB without rounding" };
+        write!(f, "{rounding} on {background}")?;
+        if self.sizes == Sizes::ShrinkTruth {
+            write!(f, "; larger truth averaged to the render's size")?;
+        }
+        if self.crop > 0 {
+            write!(f, "; border of {} px left out", self.crop)?;
+        }
+        let window = match self.ssim.window {
+            SsimWindow::Gaussian11 => "11×11 Gaussian",
+            SsimWindow::Uniform7 => "7×7 uniform",
+        };
+        write!(f, "; SSIM {window}, range {}", self.ssim.data_range)?;
+        write!(f, "; LPIPS 0.1 of {}", if self.lpips_input == LpipsInput::Signed { "[−1, 1]" } else { "[0, 1]" })?;
+        let input = if self.inception_input == InceptionInput::PytorchFid { "pytorch-fid" } else { "clean-fid" };
+        write!(f, "; FID, KID resized as {input}; masked SSIM, LPIPS ")?;
+        match self.masked {
+            Masked::WhiteComposite => write!(f, "on white outside the mask"),
+            Masked::BoundingRectangle => write!(f, "in the mask's bounding rectangle, black outside the mask"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_line_says_what_is_done() {
+        let line = "8-bit RGB on white; SSIM 11×11 Gaussian, range 1; LPIPS 0.1 of [−1, 1]; FID, KID resized as pytorch-fid; \
+                    masked SSIM, LPIPS on white outside the mask";
+        assert_eq!(Protocol::default().to_string(), line);
+        let other = Protocol { crop: 4, sizes: Sizes::ShrinkTruth, ..Protocol::NEURAL_BODY }.to_string();
+        let parts = ["RGB without rounding on black", "averaged", "4 px", "7×7 uniform, range 2", "bounding rectangle"];
+        assert!(parts.iter().all(|part| other.contains(part)), "{other}");
+    }
+
+    #[test]
+    fn every_metric_is_defined() {
+        let table = definitions();
+        assert!(
+            table.contains("| `psnr` | PSNR (dB) ↑ | −10 log₁₀ of the mean square error over pixels and channels |\n")
+        );
+        assert_eq!(table.lines().count(), METRICS.len() + 2);
+    }
+
+    #[test]
+    fn options_are_read_by_name_and_the_rest_is_default() {
+        let text = r#"{"ssim": {"window": "uniform-7"}, "lpips_input": "unsigned", "masked": "bounding-rectangle"}"#;
+        let expected = Protocol {
+            ssim: Ssim { window: SsimWindow::Uniform7, data_range: 1.0 },
+            lpips_input: LpipsInput::Unsigned,
+            masked: Masked::BoundingRectangle,
+            ..Protocol::default()
+        };
+        assert_eq!(serde_json::from_str::<Protocol>(text).unwrap(), expected);
+        assert!(serde_json::from_str::<Protocol>(r#"{"colour": "bgr"}"#).is_err());
+        assert_eq!(Protocol::named("regnerf"), Some(Protocol::REGNERF));
+        assert_eq!(Protocol::named("mipnerf"), None);
+    }
+}

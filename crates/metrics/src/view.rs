@@ -1,0 +1,225 @@
+use std::borrow::Cow;
+use std::cell::OnceCell;
+
+use crate::picture::{check_length, check_size, check_sizes};
+use crate::protocol::{Masked, Sizes};
+use crate::shrink::{shrunk_mask, shrunk_picture};
+use crate::{Mask, MetricError, Picture, Protocol, Rectangle};
+
+/// A render and the photograph that it should equal, with whatever else is known of them.
+#[derive(Debug, Clone, Copy)]
+pub struct Pair<'a> {
+    /// The render.
+    pub render: &'a Picture,
+    /// The photograph.
+    pub truth: &'a Picture,
+    /// The pixels that count in masked metrics.
+    pub mask: Option<&'a Mask>,
+    /// Depth maps, where the true depth is known.
+    pub depths: Option<Depths<'a>>,
+}
+
+/// Rendered and true distance along each pixel's ray, row-major; +∞ where a ray hits nothing (the truth may have NaN
+/// there).
+#[derive(Debug, Clone, Copy)]
+pub struct Depths<'a> {
+    /// Of the render.
+    pub render: &'a [f32],
+    /// Of the truth.
+    pub truth: &'a [f32],
+}
+
+impl<'a> Pair<'a> {
+    /// A pair without mask and depth.
+    #[must_use]
+    pub fn new(render: &'a Picture, truth: &'a Picture) -> Self {
+        Self { render, truth, mask: None, depths: None }
+    }
+}
+
+/// A pair as the protocol has it, which is what metrics look at: render, truth, mask and depth maps have the same size.
+pub struct View<'a> {
+    /// The render.
+    pub render: Picture,
+    /// The photograph.
+    pub truth: Picture,
+    /// The protocol.
+    pub protocol: &'a Protocol,
+    mask: Option<Mask>,
+    depths: Option<[Cow<'a, [f32]>; 2]>,
+    masked: OnceCell<(Picture, Picture)>,
+}
+
+impl<'a> View<'a> {
+    /// Does to `pair` what `protocol` says.
+    ///
+    /// # Errors
+    /// [`MetricError::Size`] if sizes differ other than the protocol allows, [`MetricError::Cropped`] if nothing is left,
+    /// [`MetricError::EmptyMask`] if nothing is left of the mask, [`MetricError::Length`] for depth maps of another size.
+    pub fn new(pair: Pair<'a>, protocol: &'a Protocol) -> Result<Self, MetricError> {
+        let (render, size) = (pair.render, pair.render.size());
+        let shrinks = protocol.sizes == Sizes::ShrinkTruth;
+        let truth = match pair.truth {
+            larger if shrinks && larger.size() != size => Cow::Owned(shrunk_picture(larger, size)?),
+            truth => Cow::Borrowed(truth),
+        };
+        check_sizes(render, &truth)?;
+        let mask = match pair.mask {
+            Some(larger) if shrinks && larger.size() != size => Some(Cow::Owned(shrunk_mask(larger, size)?)),
+            mask => mask.map(Cow::Borrowed),
+        };
+        if let Some(mask) = &mask {
+            check_size("mask", mask.size(), size)?;
+        }
+        for depth in pair.depths.iter().flat_map(|depths| [depths.render, depths.truth]) {
+            check_length("depth", depth.len(), size)?;
+        }
+
+        let inner = inner(size, protocol.crop)?;
+        let picture = |picture: &Picture| {
+            let cropped = if protocol.crop == 0 { picture.clone() } else { picture.cropped(inner) };
+            if protocol.eight_bit { cropped.rounded() } else { cropped }
+        };
+        let depth = |map: &'a [f32]| match protocol.crop {
+            0 => Cow::Borrowed(map),
+            _ => Cow::Owned(inner.of(map, size[0])),
+        };
+        Ok(Self {
+            render: picture(render),
+            truth: picture(&truth),
+            protocol,
+            mask: mask.map(|mask| mask.cropped(inner)).transpose()?,
+            depths: pair.depths.map(|depths| [depths.render, depths.truth].map(depth)),
+            masked: OnceCell::new(),
+        })
+    }
+
+    /// The mask.
+    ///
+    /// # Errors
+    /// [`MetricError::NoMask`].
+    pub fn mask(&self) -> Result<&Mask, MetricError> {
+        self.mask.as_ref().ok_or(MetricError::NoMask)
+    }
+
+    /// Render and truth as SSIM and LPIPS over the mask see them, see [`Masked`].
+    ///
+    /// # Errors
+    /// [`MetricError::NoMask`].
+    pub fn masked(&self) -> Result<(&Picture, &Picture), MetricError> {
+        let mask = self.mask()?;
+        let (render, truth) = self.masked.get_or_init(|| {
+            let seen = |picture: &Picture| match self.protocol.masked {
+                Masked::WhiteComposite => mask.composite(picture, [1.0; 3]),
+                Masked::BoundingRectangle => mask.composite(picture, [0.0; 3]).cropped(mask.bounding_rectangle()),
+            };
+            (seen(&self.render), seen(&self.truth))
+        });
+        Ok((render, truth))
+    }
+
+    /// Rendered and true depth.
+    ///
+    /// # Errors
+    /// [`MetricError::NoDepth`].
+    pub fn depths(&self) -> Result<(&[f32], &[f32]), MetricError> {
+        let [render, truth] = self.depths.as_ref().ok_or(MetricError::NoDepth)?;
+        Ok((render, truth))
+    }
+}
+
+/// What is left without a border.
+fn inner(size: [usize; 2], crop: usize) -> Result<Rectangle, MetricError> {
+    let left = |side: usize| side.checked_sub(crop.checked_mul(2)?).filter(|left| *left > 0);
+    match size.map(left) {
+        [Some(width), Some(height)] => Ok(Rectangle { origin: [crop; 2], size: [width, height] }),
+        _ => Err(MetricError::Cropped { crop, found: size }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn picture(width: usize, height: usize) -> Picture {
+        Picture::new((0..width * height).map(|i| [i as f32 / 50.0, 0.3, 0.0]).collect(), width, height).unwrap()
+    }
+
+    fn refused(pair: Pair<'_>, protocol: Protocol) -> MetricError {
+        View::new(pair, &protocol).map(|_| ()).unwrap_err()
+    }
+
+    #[test]
+    fn sizes_must_agree() {
+        let (render, truth) = (picture(6, 4), picture(12, 8));
+        let expected = MetricError::Size { what: "truth", found: [12, 8], expected: [6, 4] };
+        assert_eq!(refused(Pair::new(&render, &truth), Protocol::default()), expected);
+        let mask = Mask::new(vec![true; 20], 5, 4).unwrap();
+        let pair = Pair { mask: Some(&mask), ..Pair::new(&render, &render) };
+        let expected = MetricError::Size { what: "mask", found: [5, 4], expected: [6, 4] };
+        assert_eq!(refused(pair, Protocol::default()), expected);
+        let depths = Depths { render: &[1.0; 24], truth: &[1.0; 23] };
+        let pair = Pair { depths: Some(depths), ..Pair::new(&render, &render) };
+        let expected = MetricError::Length { what: "depth", found: 23, expected: 24 };
+        assert_eq!(refused(pair, Protocol::default()), expected);
+    }
+
+    #[test]
+    fn a_larger_truth_and_its_mask_are_shrunk_on_request() {
+        let (render, truth) = (picture(6, 4), picture(12, 8));
+        let mask = Mask::new((0..96).map(|i| i % 12 < 6).collect(), 12, 8).unwrap();
+        let protocol = Protocol { sizes: Sizes::ShrinkTruth, ..Protocol::default() };
+        let pair = Pair { mask: Some(&mask), ..Pair::new(&render, &truth) };
+        let view = View::new(pair, &protocol).unwrap();
+        assert_eq!(view.truth.size(), [6, 4]);
+        assert_eq!(view.mask().unwrap().inside()[..6], [true, true, true, false, false, false]);
+        assert!(matches!(refused(Pair::new(&truth, &render), protocol), MetricError::Size { what: "truth", .. }));
+    }
+
+    #[test]
+    fn a_border_is_cut_from_everything() {
+        let render = picture(6, 4);
+        let mask = Mask::new((0..24).map(|i| i < 6 || i == 8).collect(), 6, 4).unwrap();
+        let depth: Vec<f32> = (0..24).map(|i| i as f32).collect();
+        let depths = Some(Depths { render: &depth, truth: &depth });
+        let pair = Pair { mask: Some(&mask), depths, ..Pair::new(&render, &render) };
+        let protocol = Protocol { crop: 1, ..Protocol::default() };
+        let view = View::new(pair, &protocol).unwrap();
+        assert_eq!(view.render.size(), [4, 2]);
+        assert_eq!(view.depths().unwrap().0, [7.0, 8.0, 9.0, 10.0, 13.0, 14.0, 15.0, 16.0]);
+        assert_eq!(view.mask().unwrap().inside().iter().filter(|inside| **inside).count(), 1);
+        for crop in [2, usize::MAX] {
+            let expected = MetricError::Cropped { crop, found: [6, 4] };
+            assert_eq!(refused(pair, Protocol { crop, ..protocol }), expected);
+        }
+    }
+
+    #[test]
+    fn rounding_is_an_option() {
+        let render = picture(6, 4);
+        let rounded = |eight_bit| {
+            let protocol = Protocol { eight_bit, ..Protocol::default() };
+            View::new(Pair::new(&render, &render), &protocol).unwrap().render
+        };
+        assert_eq!((rounded(true), rounded(false)), (render.rounded(), render.clone()));
+    }
+
+    #[test]
+    fn masked_pictures_follow_the_protocol() {
+        let render = picture(6, 4);
+        let mask = Mask::new((0..24).map(|i| i == 8 || i == 15).collect(), 6, 4).unwrap();
+        let pair = Pair { mask: Some(&mask), ..Pair::new(&render, &render) };
+        let seen = |protocol: &Protocol| {
+            let view = View::new(pair, protocol).unwrap();
+            view.masked().unwrap().0.clone()
+        };
+        let white = seen(&Protocol::default());
+        assert_eq!(
+            (white.size(), white.pixels()[0], white.pixels()[8]),
+            ([6, 4], [1.0; 3], render.rounded().pixels()[8])
+        );
+        let rectangle = seen(&Protocol { masked: Masked::BoundingRectangle, ..Protocol::default() });
+        assert_eq!((rectangle.size(), rectangle.pixels()[1]), ([2, 2], [0.0; 3]));
+        assert_eq!(rectangle.pixels()[3], render.rounded().pixels()[15]);
+    }
+}

@@ -1,0 +1,199 @@
+//! Comparing folders of pictures: the same numbers as in memory, and one line for everything that is wrong.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+
+use common::pictures;
+use image::{GrayImage, Luma, Rgba, RgbaImage};
+use infonerf_metrics::protocol::{Background, Sizes};
+use infonerf_metrics::{
+    ComparedFolders, FolderError, Folders, METRICS, Mask, Networks, Pair, Picture, Protocol, compare_folders, evaluate,
+    select,
+};
+
+/// Folders `renders`, `truth` and `masks`.
+struct Workspace(tempfile::TempDir);
+
+impl Workspace {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        ["renders", "truth", "masks"].iter().for_each(|name| std::fs::create_dir(folder.path().join(name)).unwrap());
+        Self(folder)
+    }
+
+    fn path(&self, file: &str) -> PathBuf {
+        self.0.path().join(file)
+    }
+
+    fn write(&self, file: &str, picture: &Picture) {
+        picture.to_rgb8().unwrap().save(self.path(file)).unwrap();
+    }
+
+    /// Writes a render and a truth of that size.
+    fn pair(&self, name: &str, width: usize, height: usize) -> (Picture, Picture) {
+        let (render, truth) = pictures(width, height);
+        self.write(&format!("renders/{name}.png"), &render);
+        self.write(&format!("truth/{name}.png"), &truth);
+        (render, truth)
+    }
+
+    /// Writes a mask: inside where `class` is not 0.
+    fn mask(&self, name: &str, width: u32, height: u32, class: impl Fn(u32, u32) -> u8) {
+        let image = GrayImage::from_fn(width, height, |x, y| Luma([class(x, y)]));
+        image.save(self.path(&format!("masks/{name}.png"))).unwrap();
+    }
+
+    fn compare(&self, masks: bool, protocol: Protocol) -> Result<ComparedFolders, FolderError> {
+        let (renders, truth, masks_folder) = (self.path("renders"), self.path("truth"), self.path("masks"));
+        let masks = masks.then_some(masks_folder.as_path());
+        let folders = Folders { renders: &renders, truth: &truth, masks, partial: false };
+        compare_folders(folders, METRICS, &Networks::none(), &protocol, |_, _| {})
+    }
+
+    fn fault(&self, masks: bool) -> String {
+        let line = self.compare(masks, Protocol::default()).unwrap_err().to_string();
+        let folder = format!("{}/", self.0.path().display());
+        assert!(line.contains(&folder) && !line.contains('\n'), "{line}");
+        line.replace(&folder, "")
+    }
+}
+
+#[test]
+fn folders_have_the_numbers_of_the_same_pictures_in_memory() {
+    let workspace = Workspace::new();
+    let sizes = [("a", 16, 12), ("b", 20, 15), ("c", 13, 30)];
+    let written: Vec<(Picture, Picture)> = sizes.iter().map(|(name, w, h)| workspace.pair(name, *w, *h)).collect();
+    std::fs::write(workspace.path("renders/notes.txt"), "not a picture").unwrap();
+    for (name, width, height) in sizes {
+        workspace.mask(name, width as u32, height as u32, |x, _| u8::from(x > 3));
+    }
+    let inside = |w: usize, h: usize| Mask::new((0..w * h).map(|i| i % w > 3).collect(), w, h).unwrap();
+    let masks: Vec<Mask> = sizes.iter().map(|(_, w, h)| inside(*w, *h)).collect();
+    let pairs: Vec<Pair<'_>> =
+        written.iter().zip(&masks).map(|((x, y), mask)| Pair { mask: Some(mask), ..Pair::new(x, y) }).collect();
+    let expected = evaluate(&pairs, &Networks::none(), &Protocol::default()).unwrap();
+
+    let mut steps = Vec::new();
+    let (renders, truth, masks) = (workspace.path("renders"), workspace.path("truth"), workspace.path("masks"));
+    let folders = Folders { renders: &renders, truth: &truth, masks: Some(&masks), partial: false };
+    let compared =
+        compare_folders(folders, METRICS, &Networks::none(), &Protocol::default(), |done, all| steps.push((done, all)));
+    let compared = compared.unwrap();
+    assert_eq!(compared.measured, expected);
+    assert_eq!(compared.views.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(), ["a", "b", "c"]);
+    assert_eq!(compared.views[1].mask, Some(masks.join("b.png")));
+    assert_eq!(steps, [(0, 3), (1, 3), (2, 3), (3, 3)]);
+}
+
+#[test]
+fn what_is_transparent_shows_the_background() {
+    let workspace = Workspace::new();
+    let half = RgbaImage::from_pixel(12, 12, Rgba([255, 0, 0, 51]));
+    half.save(workspace.path("renders/a.png")).unwrap();
+    for (background, expected) in [(Background::White, [255, 204, 204]), (Background::Black, [51, 0, 0])] {
+        let truth = image::RgbImage::from_pixel(12, 12, image::Rgb(expected));
+        truth.save(workspace.path("truth/a.png")).unwrap();
+        let compared = workspace.compare(false, Protocol { background, ..Protocol::default() }).unwrap();
+        assert_eq!(compared.measured.set["psnr"], Some(f64::INFINITY));
+    }
+}
+
+#[test]
+fn a_jpeg_may_be_compared_with_a_png() {
+    let workspace = Workspace::new();
+    let (render, _) = workspace.pair("a", 32, 32);
+    std::fs::remove_file(workspace.path("truth/a.png")).unwrap();
+    workspace.write("truth/a.JPG", &render);
+    assert!(workspace.compare(false, Protocol::default()).unwrap().measured.set["psnr"].unwrap() > 10.0);
+}
+
+#[test]
+fn partners_that_are_missing_are_named() {
+    let workspace = Workspace::new();
+    assert_eq!(workspace.fault(false), "renders: no PNG or JPEG pictures in it");
+    let (render, _) = workspace.pair("a", 12, 12);
+    workspace.write("renders/b.png", &render);
+    assert_eq!(workspace.fault(false), "renders/b.png has no truth in truth: expected a picture called `b`");
+    std::fs::rename(workspace.path("renders/b.png"), workspace.path("truth/b.png")).unwrap();
+    assert_eq!(workspace.fault(false), "truth/b.png has no render in renders: expected a picture called `b`");
+    std::fs::remove_file(workspace.path("truth/b.png")).unwrap();
+    workspace.mask("c", 12, 12, |_, _| 1);
+    assert_eq!(workspace.fault(true), "renders/a.png has no mask in masks: expected a picture called `a`");
+    workspace.write("truth/a.jpeg", &render);
+    assert_eq!(workspace.fault(false), "truth/a.jpeg and truth/a.png have the same name");
+    std::fs::remove_dir_all(workspace.path("masks")).unwrap();
+    std::fs::remove_file(workspace.path("truth/a.jpeg")).unwrap();
+    assert!(workspace.fault(true).starts_with("masks: No such file"), "{}", workspace.fault(true));
+}
+
+#[test]
+fn photographs_without_a_render_may_be_left_out() {
+    let workspace = Workspace::new();
+    let (_, truth) = workspace.pair("a", 12, 12);
+    workspace.write("truth/b.png", &truth);
+    let (renders, truth) = (workspace.path("renders"), workspace.path("truth"));
+    let folders = Folders { renders: &renders, truth: &truth, masks: None, partial: true };
+    let metrics = select(["psnr"]).unwrap();
+    let compared = compare_folders(folders, &metrics, &Networks::none(), &Protocol::default(), |_, _| {}).unwrap();
+    assert_eq!((compared.views.len(), compared.measured.set.len()), (1, 1));
+}
+
+#[test]
+fn sizes_and_masks_that_do_not_fit_are_named() {
+    let workspace = Workspace::new();
+    let (_, truth) = workspace.pair("a", 24, 16);
+    let (small, _) = pictures(12, 8);
+    workspace.write("renders/a.png", &small);
+    assert_eq!(workspace.fault(false), "renders/a.png: the truth has 24×16 pixels, the render 12×8");
+    let shrunk = workspace.compare(false, Protocol { sizes: Sizes::ShrinkTruth, ..Protocol::default() });
+    assert!(shrunk.unwrap().measured.set["psnr"].is_some());
+
+    workspace.write("renders/a.png", &truth);
+    workspace.mask("a", 24, 16, |_, _| 0);
+    assert_eq!(workspace.fault(true), "masks/a.png: the mask is empty: no pixel is inside");
+    workspace.mask("a", 24, 15, |_, _| 1);
+    assert_eq!(workspace.fault(true), "renders/a.png: the mask has 24×15 pixels, the render 24×16");
+    std::fs::remove_file(workspace.path("masks/a.png")).unwrap();
+    workspace.write("masks/a.jpg", &truth);
+    assert_eq!(workspace.fault(true), "masks/a.jpg: a mask is a PNG: JPEG does not keep black exactly");
+}
+
+#[test]
+fn pictures_that_are_broken_are_named() {
+    let workspace = Workspace::new();
+    workspace.pair("a", 24, 16);
+    let bytes = std::fs::read(workspace.path("truth/a.png")).unwrap();
+    for length in [0, 10, bytes.len() / 2] {
+        std::fs::write(workspace.path("truth/a.png"), &bytes[..length]).unwrap();
+        assert!(workspace.fault(false).starts_with("truth/a.png: "), "{}", workspace.fault(false));
+    }
+}
+
+/// A feature extractor: mean and corner.
+struct Means;
+
+impl infonerf_metrics::FeatureExtractor for Means {
+    fn features(&self, pictures: &[&Picture], _: &Protocol) -> Result<Vec<Vec<f32>>, String> {
+        let mean =
+            |picture: &Picture| picture.pixels().iter().map(|p| p[0]).sum::<f32>() / picture.pixels().len() as f32;
+        Ok(pictures.iter().map(|picture| vec![mean(picture), picture.pixels()[0][1]]).collect())
+    }
+}
+
+#[test]
+fn one_picture_has_no_fid_and_asking_for_it_is_an_error() {
+    let workspace = Workspace::new();
+    workspace.pair("a", 12, 12);
+    let networks = Networks::none().with_extractor("inception-fid", Box::new(Means));
+    let (renders, truth): (PathBuf, PathBuf) = (workspace.path("renders"), workspace.path("truth"));
+    let fid = || {
+        let folders = Folders { renders: Path::new(&renders), truth: &truth, masks: None, partial: false };
+        compare_folders(folders, METRICS, &networks, &Protocol::default(), |_, _| {}).unwrap().measured
+    };
+    let asked = select(["psnr", "fid"]).unwrap();
+    let error = fid().require(&asked).unwrap_err().to_string();
+    assert_eq!(error, "fid: needs at least 2 pictures, got 1");
+    workspace.pair("b", 20, 13);
+    assert_eq!(fid().require(&asked), Ok(()));
+}

@@ -1,0 +1,230 @@
+//! Downloads from a server on this machine.
+
+use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
+use std::thread::JoinHandle;
+
+use super::*;
+
+/// LPIPS heads by rule; `tests/files.py` made them.
+const FILE: &[u8] = include_bytes!("../../../tests/heads.pth");
+
+/// What the server does with a request.
+enum Answer {
+    /// Sends what was asked for, all of the file or the rest of it.
+    File,
+    /// The same, but closes the connection after so many bytes.
+    Cut(usize),
+    /// Sends all of the file, whatever was asked for.
+    Whole,
+    /// The rest of the file from another byte than was asked for.
+    Elsewhere,
+    /// Sends this instead.
+    Other(&'static [u8]),
+    /// Sends nothing but a status.
+    Status(&'static str),
+}
+
+/// A server that gives these answers and ends; it returns the `Range` of each request.
+fn serve(answers: Vec<Answer>) -> (String, JoinHandle<Vec<Option<String>>>) {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("http://{}/models/heads-12345678.pth", listener.local_addr().unwrap());
+    let answer = move |answer: Answer| {
+        let (mut stream, _) = listener.accept().unwrap();
+        let head = BufReader::new(stream.try_clone().unwrap()).lines().map(Result::unwrap);
+        let head: Vec<String> = head.take_while(|line| !line.is_empty()).map(|line| line.to_lowercase()).collect();
+        let range = head.iter().find_map(|line| line.strip_prefix("range: ")).map(str::to_owned);
+        let start = range.as_ref().map_or(0, |range| range["bytes=".len()..].trim_end_matches('-').parse().unwrap());
+        let ok = |body: &[u8]| (format!("200 OK\r\nContent-Length: {}", body.len()), body.to_vec());
+        let rest = |start: usize| {
+            let rest = FILE[start..].to_vec();
+            let range = format!("Content-Range: bytes {start}-{}/{}", FILE.len() - 1, FILE.len());
+            (format!("206 Partial Content\r\nContent-Length: {}\r\n{range}", rest.len()), rest)
+        };
+        let (head, body) = match answer {
+            Answer::File if start == 0 => ok(FILE),
+            Answer::File => rest(start),
+            Answer::Cut(count) => {
+                let (head, mut body) = if start == 0 { ok(FILE) } else { rest(start) };
+                body.truncate(count);
+                (head, body)
+            }
+            Answer::Whole => ok(FILE),
+            Answer::Elsewhere => rest(start + 1),
+            Answer::Other(body) => ok(body),
+            Answer::Status(status) => (format!("{status}\r\nContent-Length: 0"), vec![]),
+        };
+        write!(stream, "HTTP/1.1 {head}\r\nConnection: close\r\n\r\n").unwrap();
+        // The client may have turned away already.
+        let _ = stream.write_all(&body);
+        range
+    };
+    (url, std::thread::spawn(move || answers.into_iter().map(answer).collect()))
+}
+
+/// The heads of LPIPS as if they were published at `url`.
+fn published(url: String, file: &[u8]) -> KnownWeights {
+    let sha256: String = Sha256::digest(file).iter().map(|byte| format!("{byte:02x}")).collect();
+    let heads = KnownWeights::named("lpips-alex-heads").unwrap();
+    let (url, sha256) = (Box::leak(url.into_boxed_str()), Box::leak(sha256.into_boxed_str()));
+    KnownWeights { url, sha256, bytes: file.len() as u64, ..*heads }
+}
+
+/// A folder for weights, and what is in it.
+struct Folder(tempfile::TempDir);
+
+impl Folder {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn fetch(&self, weights: &KnownWeights) -> Result<PathBuf, String> {
+        Store::in_folder(self.0.path()).fetch_file(weights, &mut |_| {}).map_err(|error| error.to_string())
+    }
+
+    fn part(&self) -> PathBuf {
+        self.0.path().join("heads-12345678.pth.part")
+    }
+
+    fn files(&self) -> Vec<String> {
+        let entries = std::fs::read_dir(self.0.path()).unwrap();
+        entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+    }
+}
+
+const KEPT: &str = "lpips-alex-heads.safetensors";
+
+#[test]
+fn a_file_arrives_with_progress_and_nothing_else_stays() {
+    let (url, server) = serve(vec![Answer::File]);
+    let (weights, folder) = (published(url, FILE), Folder::new());
+    let mut reports = Vec::new();
+    let store = Store::in_folder(folder.0.path().join("new"));
+    let path = store.fetch_file(&weights, &mut |progress| reports.push(progress)).unwrap();
+    let total = FILE.len() as u64;
+    assert_eq!(reports[0], Progress { weights: "lpips-alex-heads", done: 0, total });
+    assert_eq!(reports.last().unwrap().done, total);
+    assert!(WeightFile::read(&path).unwrap().check("lin4.model.1.weight", &[1, 256, 1, 1]).is_ok());
+    assert_eq!(std::fs::read_dir(folder.0.path().join("new")).unwrap().count(), 1);
+    assert_eq!(server.join().unwrap(), [None]);
+}
+
+#[test]
+fn what_was_cut_off_goes_on_where_it_ended() {
+    let (url, server) = serve(vec![Answer::Cut(1000), Answer::Cut(2000), Answer::File]);
+    let (weights, folder) = (published(url.clone(), FILE), Folder::new());
+    for done in [1000, 3000] {
+        let expected = format!(
+            "{url}: the connection ended after {done} of {} bytes; what has arrived is kept, so try again to go on",
+            FILE.len()
+        );
+        assert_eq!(folder.fetch(&weights), Err(expected));
+        assert_eq!(std::fs::read(folder.part()).unwrap(), FILE[..done]);
+    }
+    folder.fetch(&weights).unwrap();
+    assert_eq!(folder.files(), [KEPT]);
+    let ranges = [None, Some("bytes=1000-".to_owned()), Some("bytes=3000-".to_owned())];
+    assert_eq!(server.join().unwrap(), ranges);
+}
+
+#[test]
+fn a_server_that_cannot_go_on_starts_again() {
+    let unable =
+        [vec![Answer::Whole], vec![Answer::Elsewhere, Answer::File], vec![Answer::Status("416 No"), Answer::File]];
+    for answers in unable {
+        let (url, server) = serve(answers);
+        let (weights, folder) = (published(url, FILE), Folder::new());
+        std::fs::write(folder.part(), &FILE[..500]).unwrap();
+        folder.fetch(&weights).unwrap();
+        assert_eq!(folder.files(), [KEPT]);
+        server.join().unwrap();
+    }
+}
+
+#[test]
+fn a_part_that_is_whole_needs_no_server() {
+    let (weights, folder) = (published("http://127.0.0.1:1/heads-12345678.pth".to_owned(), FILE), Folder::new());
+    std::fs::write(folder.part(), FILE).unwrap();
+    folder.fetch(&weights).unwrap();
+    assert_eq!(folder.files(), [KEPT]);
+}
+
+#[test]
+fn a_part_that_is_too_long_is_none() {
+    let (url, server) = serve(vec![Answer::File]);
+    let (weights, folder) = (published(url, FILE), Folder::new());
+    std::fs::write(folder.part(), [FILE, FILE].concat()).unwrap();
+    folder.fetch(&weights).unwrap();
+    assert_eq!(server.join().unwrap(), [None]);
+}
+
+#[test]
+fn a_wrong_sum_keeps_nothing() {
+    let (url, server) = serve(vec![Answer::File]);
+    let (mut weights, folder) = (published(url.clone(), FILE), Folder::new());
+    let found = weights.sha256;
+    weights.sha256 = "00ff";
+    let expected = format!("{url}: wrong checksum: SHA-256 is {found}, expected 00ff; nothing was kept");
+    assert_eq!(folder.fetch(&weights), Err(expected));
+    assert_eq!(folder.files(), [""; 0]);
+    server.join().unwrap();
+}
+
+#[test]
+fn other_answers_are_one_line() {
+    let (url, server) =
+        serve(vec![Answer::Status("404 Not Found"), Answer::Status("503 Busy"), Answer::Other(b"<html>")]);
+    let (weights, folder) = (published(url.clone(), FILE), Folder::new());
+    assert_eq!(folder.fetch(&weights), Err(format!("{url}: the server answered with HTTP status 404")));
+    assert_eq!(folder.fetch(&weights), Err(format!("{url}: the server answered with HTTP status 503")));
+    let expected = format!("{url}: the server offers 6 bytes, expected {}", FILE.len());
+    assert_eq!(folder.fetch(&weights), Err(expected));
+    assert_eq!(folder.files(), [""; 0]);
+    server.join().unwrap();
+}
+
+#[test]
+fn no_connection_is_one_line_that_names_the_way_out() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("http://{}/heads-12345678.pth", listener.local_addr().unwrap());
+    drop(listener);
+    let error = Folder::new().fetch(&published(url.clone(), FILE)).unwrap_err();
+    assert!(
+        error.starts_with(&format!("no connection to {url}: ")) && error.contains("weights import FILE"),
+        "{error}"
+    );
+    assert!(!error.contains('\n'));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn no_space_is_one_line() {
+    let (url, server) = serve(vec![Answer::File]);
+    let (weights, folder) = (published(url, FILE), Folder::new());
+    std::os::unix::fs::symlink("/dev/full", folder.part()).unwrap();
+    assert_eq!(folder.fetch(&weights), Err(format!("no space left in {}", folder.0.path().display())));
+    server.join().unwrap();
+}
+
+#[test]
+fn a_file_of_other_tensors_is_refused() {
+    const OTHER: &[u8] = b"\x08\0\0\0\0\0\0\0{}      ";
+    let (url, server) = serve(vec![Answer::Other(OTHER)]);
+    let (weights, folder) = (published(url, OTHER), Folder::new());
+    let error = folder.fetch(&weights).unwrap_err();
+    assert!(error.ends_with("no tensor `lin0.model.1.weight`, expected F32 [1, 64, 1, 1]"), "{error}");
+    server.join().unwrap();
+}
+
+#[test]
+fn only_what_is_not_here_is_fetched() {
+    let folder = Folder::new();
+    let store = Store::in_folder(folder.0.path());
+    for name in ["lpips-vgg", "lpips-vgg-heads"] {
+        std::fs::write(folder.0.path().join(KnownWeights::named(name).unwrap().file()), b"").unwrap();
+    }
+    let paths = store.fetch("lpips-vgg", &mut |_| panic!("nothing is downloaded")).unwrap();
+    assert_eq!(paths.len(), 2);
+    let error = store.fetch("squeeze", &mut |_| {}).unwrap_err().to_string();
+    assert!(error.starts_with("no weights are called `squeeze`; known: lpips-alex, lpips-alex-heads,"), "{error}");
+}

@@ -1,0 +1,149 @@
+//! LPIPS against PyTorch: narrow backbones with weights by rule (`lpips.json`, made by `lpips.py`), and the published
+//! weights on the pictures whose distances its authors publish.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use approx::assert_relative_eq;
+use burn::tensor::Device;
+use common::{devices, picture, write_weights};
+use infonerf_metrics::protocol::LpipsInput;
+use infonerf_metrics::{Picture, PictureDistance, Protocol};
+use infonerf_pretrained::{Lpips, LpipsConfig, WeightFile};
+use serde_json::Value;
+
+/// Files of a narrow network's backbone and heads.
+fn files(folder: &Path, config: &LpipsConfig) -> [PathBuf; 2] {
+    let files = ["backbone", "heads"].map(|name| folder.join(name));
+    write_weights(&files[0], &config.backbone_tensors());
+    write_weights(&files[1], &config.head_tensors());
+    files
+}
+
+fn narrow(config: LpipsConfig, device: &Device) -> Lpips {
+    let folder = tempfile::tempdir().unwrap();
+    let config = config.narrowed(8);
+    let [backbone, heads] = files(folder.path(), &config);
+    Lpips::read(&backbone, &heads, config, device).unwrap()
+}
+
+#[test]
+fn agrees_with_pytorch_on_every_device() {
+    let cases: Vec<Value> = serde_json::from_str(include_str!("lpips.json")).unwrap();
+    assert_eq!(cases.len(), 3);
+    for device in devices().into_iter().chain([Device::flex().autodiff()]) {
+        for (name, config) in [("alex", LpipsConfig::alex()), ("vgg", LpipsConfig::vgg())] {
+            let lpips = narrow(config, &device);
+            let side = |case: &Value, key: &str| case[key].as_u64().unwrap() as usize;
+            let pictures: Vec<[Picture; 2]> = cases
+                .iter()
+                .map(|case| [0, 1].map(|index| picture(index, side(case, "height"), side(case, "width"))))
+                .collect();
+            let pairs: Vec<(&Picture, &Picture)> = pictures.iter().map(|[x, y]| (x, y)).collect();
+            for (key, input) in
+                [(name.to_owned(), LpipsInput::Signed), (format!("{name}_unsigned"), LpipsInput::Unsigned)]
+            {
+                let found = lpips.distances(&pairs, input).unwrap();
+                for (found, case) in found.into_iter().zip(&cases) {
+                    assert_relative_eq!(found, case[&key].as_f64().unwrap(), max_relative = 1e-5);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn batches_and_single_pairs_are_the_same() {
+    let (a, b, c) = (picture(0, 40, 40), picture(1, 40, 40), picture(2, 40, 40));
+    for device in devices() {
+        let lpips = narrow(LpipsConfig::alex(), &device);
+        let pairs = [(&a, &b), (&b, &c), (&a, &a)];
+        let together = lpips.distances(&pairs, LpipsInput::Signed).unwrap();
+        for ((x, y), together) in pairs.into_iter().zip(together) {
+            assert_relative_eq!(lpips.distance(x, y, &Protocol::default()).unwrap(), together, max_relative = 1e-5);
+        }
+        assert_eq!(lpips.distance(&a, &a, &Protocol::default()), Ok(0.0));
+    }
+}
+
+#[test]
+fn pictures_that_do_not_fit_are_refused() {
+    let lpips = narrow(LpipsConfig::alex(), &Device::flex());
+    let (small, tall, wide) = (picture(0, 30, 64), picture(0, 64, 40), picture(0, 40, 64));
+    let error = |a, b| lpips.distances(&[(a, b)], LpipsInput::Signed).unwrap_err();
+    assert_eq!(error(&small, &small), "64×30 pixels are too few for its convolutions");
+    assert_eq!(error(&tall, &wide), "pictures of [40, 64] and [64, 40] pixels cannot be compared");
+    assert_eq!(lpips.distances(&[], LpipsInput::Signed), Ok(vec![]));
+}
+
+#[test]
+fn faults_name_file_tensor_and_shape() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = LpipsConfig::alex().narrowed(8);
+    let [backbone, heads] = files(folder.path(), &config);
+    let fault = |backbone: &Path, heads: &Path, config: LpipsConfig| {
+        Lpips::read(backbone, heads, config, &Device::flex()).map(|_| ()).unwrap_err()
+    };
+    let expected = format!("{}: no tensor `features.0.weight`, expected F32 [8, 3, 11, 11]", heads.display());
+    assert_eq!(fault(&heads, &heads, config.clone()), expected);
+    let expected = format!("{}: no tensor `lin0.model.1.weight`, expected F32 [1, 8, 1, 1]", backbone.display());
+    assert_eq!(fault(&backbone, &backbone, config.clone()), expected);
+    let expected =
+        format!("{}: `features.0.weight` is F32 [8, 3, 11, 11], not F32 [64, 3, 11, 11]", backbone.display());
+    assert_eq!(fault(&backbone, &heads, LpipsConfig::alex()), expected);
+    let absent = folder.path().join("absent");
+    assert!(fault(&absent, &heads, config).starts_with(&format!("{}: No such file", absent.display())));
+}
+
+/// The published weights and pictures, in the folder `INFONERF_DATA`.
+fn published(name: &str, config: LpipsConfig) -> (Lpips, [Picture; 3]) {
+    let data = PathBuf::from(std::env::var("INFONERF_DATA").expect("INFONERF_DATA is set"));
+    let backbones = data.join("lpips_backbones_v0.1");
+    let backbone = backbones.join(if name == "alex" { "alexnet_features.pth" } else { "vgg16_features.pth" });
+    let heads = data.join("lpips_heads_v0.1").join(format!("{name}.pth"));
+    let pictures = ["ex_ref.png", "ex_p0.png", "ex_p1.png"]
+        .map(|name| Picture::from_rgb8(&image::open(backbones.join(name)).unwrap().to_rgb8()).unwrap());
+    (Lpips::read(&backbone, &heads, config, &Device::flex()).unwrap(), pictures)
+}
+
+#[test]
+#[ignore = "needs the published weights in INFONERF_DATA"]
+fn published_distances_are_met() {
+    for (name, config, expected) in
+        [("alex", LpipsConfig::alex(), [0.72188, 0.13757]), ("vgg", LpipsConfig::vgg(), [0.56861, 0.42166])]
+    {
+        let (lpips, [reference, first, second]) = published(name, config);
+        let found = lpips.distances(&[(&reference, &first), (&reference, &second)], LpipsInput::Signed).unwrap();
+        for (found, expected) in found.into_iter().zip(expected) {
+            approx::assert_abs_diff_eq!(found, expected, epsilon = 1e-5);
+        }
+    }
+}
+
+#[test]
+#[ignore = "a timing; needs the published weights in INFONERF_DATA; run with --release -- --nocapture"]
+fn views_of_400_pixels_are_compared_in_time() {
+    let (render, truth) = (picture(0, 400, 400), picture(1, 400, 400));
+    for (name, config, limit) in [("alex", LpipsConfig::alex(), 5.0), ("vgg", LpipsConfig::vgg(), 60.0)] {
+        let (lpips, _) = published(name, config);
+        let start = Instant::now();
+        lpips.distances(&[(&render, &truth); 25], LpipsInput::Signed).unwrap();
+        let seconds = start.elapsed().as_secs_f64();
+        eprintln!("LPIPS of 25 pictures of 400² with {name}: {seconds:.1} s");
+        assert!(seconds < limit, "{name} took {seconds:.1} s");
+    }
+}
+
+#[test]
+#[ignore = "needs the published weights in INFONERF_DATA"]
+fn published_files_are_what_is_needed() {
+    let data = PathBuf::from(std::env::var("INFONERF_DATA").expect("INFONERF_DATA is set"));
+    let file = WeightFile::read(&data.join("lpips_heads_v0.1/vgg.pth")).unwrap();
+    let mut expected = LpipsConfig::vgg().head_tensors();
+    expected.sort();
+    let found: Vec<(String, Vec<usize>)> =
+        file.shapes().map(|(name, shape)| (name.to_owned(), shape.to_vec())).collect();
+    assert_eq!(found, expected);
+}

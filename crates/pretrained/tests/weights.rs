@@ -1,0 +1,209 @@
+//! Weight files: both of PyTorch's formats, files that are broken, and importing.
+
+mod common;
+
+use std::path::Path;
+
+use common::{numbers, write_weights};
+use infonerf_metrics::{METRICS, select};
+use infonerf_pretrained::{
+    ClipConfig, ClipVision, InceptionConfig, KNOWN_WEIGHTS, KnownWeights, LpipsConfig, Store, WeightFile,
+};
+
+/// As PyTorch saves it, and as it did before 1.6; `files.py` made both.
+const HEADS: [(&str, &[u8]); 2] =
+    [("heads.pth", include_bytes!("heads.pth")), ("heads_legacy.pth", include_bytes!("heads_legacy.pth"))];
+
+#[test]
+fn pytorch_files_have_the_numbers_of_the_rule() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in HEADS {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let file = WeightFile::read(&path).unwrap();
+        for (name, shape) in LpipsConfig::alex().head_tensors() {
+            assert_eq!(file.floats(&name, &shape).unwrap(), numbers(&name, &shape));
+        }
+        assert_eq!(file.shapes().count(), 5);
+    }
+}
+
+#[test]
+fn broken_files_are_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("file");
+    let safetensors = folder.path().join("good");
+    write_weights(&safetensors, &LpipsConfig::alex().head_tensors());
+    let safetensors = std::fs::read(&safetensors).unwrap();
+    let fault = |bytes: &[u8]| {
+        std::fs::write(&path, bytes).unwrap();
+        // A PyTorch file is read when a tensor is asked for.
+        let read = |file: WeightFile| {
+            let tensors = LpipsConfig::alex().head_tensors();
+            tensors.iter().try_for_each(|(name, shape)| file.floats(name, shape).map(|_| ()))
+        };
+        WeightFile::read(&path).and_then(read)
+    };
+    for bytes in [&safetensors[..], HEADS[0].1, HEADS[1].1] {
+        assert_eq!(fault(bytes), Ok(()));
+        for length in (0..bytes.len()).step_by(97).chain([bytes.len() - 1]) {
+            let line = fault(&bytes[..length]).expect_err("a truncated file");
+            assert!(!line.contains('\n') && !line.is_empty(), "{line}");
+        }
+        for at in (0..bytes.len().min(1500)).step_by(7) {
+            let mut other = bytes.to_vec();
+            other[at] ^= 0x5a;
+            if let Err(line) = fault(&other) {
+                assert!(!line.contains('\n'), "{line}");
+            }
+        }
+    }
+    assert!(fault(b"some text").unwrap_err().starts_with("no safetensors file, and no PyTorch file either: "));
+    assert!(fault(b"12345678{").unwrap_err().starts_with("no safetensors file: "));
+}
+
+#[test]
+fn numbers_that_are_not_finite_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("file");
+    let tensors = [("a".to_owned(), vec![4])];
+    write_weights(&path, &tensors);
+    let mut bytes = std::fs::read(&path).unwrap();
+    let end = bytes.len();
+    bytes[end - 4..].copy_from_slice(&f32::NAN.to_le_bytes());
+    std::fs::write(&path, bytes).unwrap();
+    let fault = WeightFile::read(&path).unwrap().floats("a", &[4]);
+    assert_eq!(fault, Err("`a` is not finite at index 3".to_owned()));
+}
+
+#[test]
+fn an_import_finds_out_what_a_file_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::in_folder(folder.path().join("weights"));
+    assert!(store.status().iter().all(|status| status.path.is_none()));
+    for (name, bytes) in HEADS {
+        let path = folder.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let imported = store.import(&path).unwrap();
+        let [(weights, path)] = imported.as_slice() else { panic!("{imported:?}") };
+        assert_eq!(weights.name, "lpips-alex-heads");
+        assert_eq!(path, &folder.path().join("weights/lpips-alex-heads.safetensors"));
+        let shape = [1, 64, 1, 1];
+        let file = WeightFile::read(path).unwrap();
+        assert_eq!(file.floats("lin0.model.1.weight", &shape).unwrap(), numbers("lin0.model.1.weight", &shape));
+    }
+    let found: Vec<&str> =
+        store.status().iter().filter(|status| status.path.is_some()).map(|status| status.weights.name).collect();
+    assert_eq!(found, ["lpips-alex-heads"]);
+    let files = std::fs::read_dir(folder.path().join("weights")).unwrap();
+    assert_eq!(files.count(), 1, "nothing else is left there");
+}
+
+#[test]
+fn an_import_keeps_only_what_is_needed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, store) = (folder.path().join("all"), Store::in_folder(folder.path()));
+    let mut tensors = LpipsConfig::vgg().head_tensors();
+    tensors.push(("classifier.weight".to_owned(), vec![10, 3]));
+    write_weights(&path, &tensors);
+    let imported = store.import(&path).unwrap();
+    assert_eq!(WeightFile::read(&imported[0].1).unwrap().shapes().count(), 5);
+}
+
+#[test]
+fn other_files_are_refused_with_what_they_lack() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, store) = (folder.path().join("file"), Store::in_folder(folder.path().join("weights")));
+    let fault = |tensors: &[(String, Vec<usize>)]| {
+        write_weights(&path, tensors);
+        store.import(&path).unwrap_err().to_string()
+    };
+    let mut tensors = LpipsConfig::vgg().head_tensors();
+    tensors.pop();
+    let expected = "none of the known weights: most like lpips-vgg-heads, but no tensor `lin4.model.1.weight`, expected F32 \
+                    [1, 512, 1, 1]";
+    assert_eq!(fault(&tensors), format!("{}: {expected}", path.display()));
+    let expected = "none of the known weights: it has no tensor that a known network has";
+    assert_eq!(fault(&[("weight".to_owned(), vec![2])]), format!("{}: {expected}", path.display()));
+    assert!(!folder.path().join("weights").exists());
+    let absent = folder.path().join("absent");
+    assert!(store.import(&absent).unwrap_err().to_string().starts_with(&format!("{}: No such file", absent.display())));
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("heads");
+    write_weights(&path, &LpipsConfig::alex().head_tensors());
+    // A file stands where the folder should be.
+    let error = Store::in_folder(&path).import(&path).unwrap_err().to_string();
+    assert!(error.starts_with(&format!("{}: ", path.display())), "{error}");
+}
+
+#[test]
+fn networks_are_read_if_they_are_needed_and_here() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = Store::in_folder(folder.path());
+    let device = burn::tensor::Device::flex();
+    let names = |keys: &[&str]| {
+        let metrics = select(keys.iter().copied()).unwrap();
+        format!("{:?}", store.networks(&metrics, &device).unwrap())
+    };
+    let all: Vec<&str> = METRICS.iter().map(|metric| metric.key()).collect();
+    assert_eq!(names(&all), "{}");
+    let write = |name: &str, config: &[(String, Vec<usize>)]| {
+        write_weights(&folder.path().join(KnownWeights::named(name).unwrap().file()), config);
+    };
+    write("lpips-alex", &LpipsConfig::alex().backbone_tensors());
+    assert_eq!(names(&all), "{}", "the heads are missing");
+    write("lpips-alex-heads", &LpipsConfig::alex().head_tensors());
+    write("inception-fid", &InceptionConfig::FULL.tensors());
+    assert_eq!(names(&["psnr", "lpips_alex_masked"]), r#"{"lpips-alex"}"#);
+    assert_eq!(names(&all), r#"{"lpips-alex", "inception-fid"}"#);
+    // What is there and broken is no missing file.
+    write("lpips-alex-heads", &LpipsConfig::vgg().head_tensors());
+    let error = store.networks(METRICS, &device).unwrap_err().to_string();
+    assert!(error.contains("lpips-alex-heads.safetensors: `lin1.model.1.weight` is F32 [1, 128, 1, 1]"), "{error}");
+}
+
+#[test]
+fn a_file_or_a_folder_may_be_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("anything.bin");
+    let heads = KnownWeights::named("lpips-alex-heads").unwrap();
+    write_weights(&path, &LpipsConfig::alex().head_tensors());
+    assert_eq!(Store::new(Some(&path)).unwrap().find(heads), Some(path.clone()));
+    assert_ne!(
+        Store::new(Some(folder.path())).unwrap().find(heads),
+        Some(path.clone()),
+        "folders are searched by name"
+    );
+    let published = folder.path().join(heads.published_file());
+    std::fs::rename(&path, &published).unwrap();
+    assert_eq!(Store::new(Some(folder.path())).unwrap().find(heads), Some(published));
+    assert!(Store::new(Some(&path)).unwrap_err().to_string().contains("anything.bin: No such file"));
+}
+
+#[test]
+fn clip_is_read_from_what_its_list_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("clip");
+    let config = ClipConfig { image: 8, patch: 4, width: 6, layers: 2, heads: 2, hidden: 10, embedding: 5 };
+    let tensors = config.tensors();
+    let read = |path: &Path| ClipVision::read(path, config, &burn::tensor::Device::flex()).map(|_| ());
+    write_weights(&path, &tensors);
+    assert_eq!(read(&path), Ok(()));
+    for index in 0..tensors.len() {
+        let mut lacking = tensors.clone();
+        let (name, shape) = lacking.remove(index);
+        write_weights(&path, &lacking);
+        assert_eq!(read(&path), Err(format!("no tensor `{name}`, expected F32 {shape:?}")));
+    }
+}
+
+#[test]
+fn weights_are_known_by_name() {
+    assert!(KNOWN_WEIGHTS.iter().all(|weights| KnownWeights::named(weights.name).is_some()));
+    assert!(KnownWeights::named("squeeze").is_none());
+    assert_eq!(KnownWeights::named("lpips-vgg").unwrap().published_file(), "vgg16-397923af.pth");
+}

@@ -1,0 +1,228 @@
+//! Where along a ray to look: pure functions of distances.
+
+use crate::{LastInterval, Noise, Placement};
+
+/// `count` distances that divide [near, far]: with jitter one at random in each stratum, else evenly spaced.
+///
+/// [`Placement::Left`]: NeRF's rule, `linspace(near, far, count)`, each jittered between the midpoints beside it.
+/// [`Placement::Mid`]: `count` equal intervals, one sample in the middle of each, or anywhere in it if jittered.
+/// [`Placement::Interval`]: the `count + 1` edges of `count` intervals, by NeRF's rule.
+pub(crate) fn stratified(
+    near: f32,
+    far: f32,
+    count: usize,
+    placement: Placement,
+    jitter: Option<(Noise, usize)>,
+) -> Vec<f32> {
+    let at = |u: f32| near * (1.0 - u) + far * u;
+    let draw = |i: usize| jitter.map(|(noise, ray)| noise.uniform(ray, i));
+    match placement {
+        Placement::Left | Placement::Interval => {
+            let count = if placement == Placement::Interval { count + 1 } else { count };
+            let even = |i: usize| at(i as f32 / (count - 1) as f32);
+            (0..count)
+                .map(|i| match draw(i) {
+                    None => even(i),
+                    Some(u) => {
+                        let lower = if i == 0 { even(0) } else { 0.5 * (even(i - 1) + even(i)) };
+                        let upper = if i + 1 == count { even(i) } else { 0.5 * (even(i) + even(i + 1)) };
+                        lower + (upper - lower) * u
+                    }
+                })
+                .collect()
+        }
+        Placement::Mid => (0..count).map(|i| at((i as f32 + draw(i).unwrap_or(0.5)) / count as f32)).collect(),
+    }
+}
+
+/// Samples of one ray from its sorted distances: where each is, and the length of its interval.
+///
+/// [`Placement::Left`]: from the sample to the next; the last one by `last`. [`Placement::Mid`]: from half-way to the
+/// neighbour before to half-way to the one behind, ends reaching to `near` and `far`. [`Placement::Interval`]: distances
+/// are edges, one more than there are samples.
+pub(crate) fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, last: LastInterval) -> Vec<(f32, f32)> {
+    let n = t.len();
+    match placement {
+        Placement::Left => (0..n)
+            .map(|i| match (t.get(i + 1), last) {
+                (Some(next), _) => (t[i], next - t[i]),
+                (None, LastInterval::Infinite) => (t[i], 1e10),
+                (None, LastInterval::Finite) if n > 1 => (t[i], t[n - 1] - t[n - 2]),
+                (None, LastInterval::Finite) => (t[i], far - t[i]),
+            })
+            .collect(),
+        Placement::Mid => {
+            let edge = |i: usize| match i {
+                0 => near,
+                i if i == n => far,
+                i => 0.5 * (t[i - 1] + t[i]),
+            };
+            (0..n).map(|i| (t[i], (edge(i + 1) - edge(i)).max(0.0))).collect()
+        }
+        Placement::Interval => t.windows(2).map(|edge| (0.5 * (edge[0] + edge[1]), edge[1] - edge[0])).collect(),
+    }
+}
+
+/// `count` distances drawn from the piecewise-constant density of the coarse `weights`, merged with the coarse `t`.
+///
+/// NeRF's inverse transform (Mildenhall et al., Sec. 5.2): bins between the midpoints of `t`, weights of the inner
+/// samples + 1e-5, `u` even in [0, 1] or jittered. Returns sorted distances, `[t.len() + count]`.
+pub(crate) fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Option<(Noise, usize)>) -> Vec<f32> {
+    let n = t.len();
+    let mids: Vec<f32> = t.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect();
+    let inner = &weights[1..n - 1];
+    let total: f32 = inner.iter().map(|w| w + 1e-5).sum();
+    let mut cdf = Vec::with_capacity(n - 1);
+    let mut sum = 0.0;
+    cdf.push(0.0);
+    for w in inner {
+        sum += (w + 1e-5) / total;
+        cdf.push(sum);
+    }
+    let mut merged = t.to_vec();
+    merged.extend((0..count).map(|i| {
+        let u = match jitter {
+            Some((noise, ray)) => noise.uniform(ray, i),
+            None => i as f32 / (count.max(2) - 1) as f32,
+        };
+        let above = cdf.partition_point(|&c| c <= u);
+        let (below, above) = (above.saturating_sub(1), above.min(cdf.len() - 1));
+        let width = cdf[above] - cdf[below];
+        let fraction = (u - cdf[below]) / if width < 1e-5 { 1.0 } else { width };
+        mids[below] + fraction * (mids[above] - mids[below])
+    }));
+    merged.sort_unstable_by(f32::total_cmp);
+    merged
+}
+
+/// Coarse weights as mip-NeRF resamples them (Eq. 18): the mean of the maxima over each pair of neighbours, + 0.01, so that
+/// a surface that moves from one interval to the next is not missed.
+pub(crate) fn blurred(weights: &[f32]) -> Vec<f32> {
+    const PADDING: f32 = 0.01;
+    let at = |i: usize| weights[i.min(weights.len() - 1)];
+    (0..weights.len()).map(|i| 0.5 * (at(i.saturating_sub(1)).max(at(i)) + at(i).max(at(i + 1))) + PADDING).collect()
+}
+
+/// `count + 1` edges drawn from the piecewise-constant density of `weights` between `edges`, one fewer of the former.
+///
+/// mip-NeRF's inverse transform (Sec. 3.1, released code): `u` even in [0, 1), or jittered one in each stratum, so that
+/// edges come out sorted; weights that sum to less than 1e-5 are evened out.
+pub(crate) fn resample(edges: &[f32], weights: &[f32], count: usize, jitter: Option<(Noise, usize)>) -> Vec<f32> {
+    const LEAST: f32 = 1e-5;
+    const LAST: f32 = 1.0 - f32::EPSILON;
+    let n = weights.len();
+    let sum: f32 = weights.iter().sum();
+    let padding = (LEAST - sum).max(0.0) / n as f32;
+    let total = sum + padding * n as f32;
+    let mut cdf = Vec::with_capacity(n + 1);
+    let mut below = 0.0;
+    cdf.push(0.0);
+    for weight in &weights[..n - 1] {
+        below += (weight + padding) / total;
+        cdf.push(f32::min(below, 1.0));
+    }
+    cdf.push(1.0);
+    (0..=count)
+        .map(|i| {
+            let u = match jitter {
+                Some((noise, ray)) => ((i as f32 + noise.uniform(ray, i)) / (count + 1) as f32).min(LAST),
+                None => i as f32 / count as f32 * LAST,
+            };
+            // u is in [0, 1), and so in one of the intervals.
+            let interval = cdf.partition_point(|&c| c <= u) - 1;
+            let fraction = (u - cdf[interval]) / (cdf[interval + 1] - cdf[interval]);
+            edges[interval] + fraction.clamp(0.0, 1.0) * (edges[interval + 1] - edges[interval])
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::Stream;
+
+    #[test]
+    fn even_samples_of_both_placements() {
+        assert_eq!(stratified(2.0, 6.0, 5, Placement::Left, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
+        assert_eq!(stratified(2.0, 6.0, 4, Placement::Mid, None), [2.5, 3.5, 4.5, 5.5]);
+        assert_eq!(stratified(2.0, 6.0, 4, Placement::Interval, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
+        let t = [2.0, 3.0, 5.0];
+        let left = |last| intervals(&t, 2.0, 6.0, Placement::Left, last);
+        assert_eq!(left(LastInterval::Finite), [(2.0, 1.0), (3.0, 2.0), (5.0, 2.0)]);
+        assert_eq!(left(LastInterval::Infinite), [(2.0, 1.0), (3.0, 2.0), (5.0, 1e10)]);
+        let finite = |placement| intervals(&t, 1.0, 6.0, placement, LastInterval::Finite);
+        assert_eq!(finite(Placement::Mid), [(2.0, 1.5), (3.0, 1.5), (5.0, 2.0)]);
+        assert_eq!(finite(Placement::Interval), [(2.5, 1.0), (4.0, 2.0)]);
+    }
+
+    /// Values made by `tests/fixtures/mip_forward.py`.
+    #[test]
+    fn resampling_agrees_with_jax() {
+        let fixture: serde_json::Value =
+            serde_json::from_str(include_str!("../../../tests/fixtures/mip_forward.json")).unwrap();
+        for case in fixture["resampling"].as_array().unwrap() {
+            let floats = |key: &str| -> Vec<f32> {
+                case[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
+            };
+            let (weights, edges) = (floats("weights"), floats("edges"));
+            let blurred = blurred(&weights);
+            let drawn = resample(&edges, &blurred, floats("resampled").len() - 1, None);
+            for (got, want) in [(blurred, floats("blurred")), (drawn, floats("resampled"))] {
+                assert_eq!(got.len(), want.len());
+                for (got, want) in got.iter().zip(want) {
+                    approx::assert_abs_diff_eq!(*got, want, epsilon = 1e-5);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn resampling_nothing_is_even() {
+        let edges = [2.0, 3.0, 4.0, 5.0, 6.0];
+        for (got, want) in
+            resample(&edges, &[0.0; 4], 8, None).iter().zip([2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0])
+        {
+            approx::assert_abs_diff_eq!(*got, want, epsilon = 1e-5);
+        }
+    }
+
+    #[test]
+    fn importance_goes_where_the_weight_is() {
+        let t = stratified(2.0, 6.0, 64, Placement::Left, None);
+        let mut weights = vec![0.0; 64];
+        weights[40] = 1.0;
+        let drawn = importance(&t, &weights, 100, None);
+        let near = drawn.iter().filter(|d| (**d - t[40]).abs() < 0.07).count();
+        assert!(near > 90, "{near} of 164 near the spike");
+    }
+
+    proptest! {
+        #[test]
+        fn samples_are_sorted_and_inside(
+            seed in any::<u64>(), count in 4usize..40, fine in 1usize..40,
+            near in 0.1f32..3.0, length in 0.01f32..10.0,
+            weights in prop::collection::vec(0f32..1.0, 40),
+        ) {
+            let far = near + length;
+            let noise = Noise::new(seed, 0, Stream::Samples);
+            let jitter = Some((noise, 3));
+            for placement in [Placement::Left, Placement::Mid, Placement::Interval] {
+                let t = stratified(near, far, count, placement, jitter);
+                let drawn = match placement {
+                    Placement::Interval => resample(&t, &weights[..count], fine, jitter),
+                    _ => importance(&t, &weights[..count], fine, jitter),
+                };
+                for t in [&t, &drawn] {
+                    prop_assert!(t.windows(2).all(|pair| pair[0] <= pair[1]));
+                    prop_assert!(t.iter().all(|t| *t >= near - 1e-4 && *t <= far + 1e-4));
+                }
+                let samples = intervals(&drawn, near, far, placement, LastInterval::Finite);
+                let expected = if placement == Placement::Interval { fine } else { count + fine };
+                prop_assert_eq!(samples.len(), expected);
+                prop_assert!(samples.iter().all(|(_, delta)| *delta >= 0.0));
+            }
+        }
+    }
+}

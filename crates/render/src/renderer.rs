@@ -1,0 +1,104 @@
+use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_field::Field;
+use infonerf_ops::{Composite, composite::composite};
+use infonerf_scene::{Ray, Scene};
+use infonerf_schedule::Moment;
+
+use crate::sampler::Sampler;
+use crate::{Model, Noise, OccupancyGrid, Passes, RenderConfig, RenderOutput, RenderRequest, Samples};
+
+/// Renders bundles of rays of one scene.
+#[derive(Clone, Debug)]
+pub struct Renderer {
+    sampler: Sampler,
+    background: [f32; 3],
+}
+
+impl Renderer {
+    /// A renderer for `scene`'s bounds and background.
+    pub fn new(config: &RenderConfig, scene: &Scene) -> Self {
+        Self { sampler: Sampler::new(config, scene), background: scene.background }
+    }
+
+    /// Length of the interval that a sample stands for, on average: what occupancy is judged by.
+    pub fn step_length(&self, at: Moment) -> f32 {
+        self.sampler.step_length(at)
+    }
+
+    pub(crate) fn sampler(&self) -> &Sampler {
+        &self.sampler
+    }
+
+    pub(crate) fn background(&self) -> [f32; 3] {
+        self.background
+    }
+
+    /// Renders `rays`. With `noise` samples are jittered (training), without it they are even (evaluation).
+    ///
+    /// Where colour is not asked for, a coarse pass is run without a gradient: it only says where to look. `at` goes to the
+    /// fields.
+    pub fn render<F: Field>(
+        &self,
+        model: &Model<F>,
+        rays: &[Ray],
+        request: RenderRequest,
+        noise: Option<Noise>,
+        occupancy: Option<&OccupancyGrid>,
+        at: Moment,
+    ) -> Passes {
+        let config = self.sampler.config();
+        let noise = noise.filter(|_| config.jitter);
+        if config.marches() {
+            let samples = self.sampler.marched(rays, noise, occupancy, at);
+            return Passes { coarse: None, fine: self.evaluate(&model.fine, samples, request, at) };
+        }
+        let candidates = self.sampler.coarse(rays, noise, at);
+        let samples = self.sampler.pack(rays, &candidates, occupancy);
+        if !config.is_hierarchical() {
+            return Passes { coarse: None, fine: self.evaluate(&model.fine, samples, request, at) };
+        }
+        let coarse_field = model.coarse.as_ref().unwrap_or(&model.fine);
+        let coarse = if request.color {
+            self.evaluate(coarse_field, samples, request, at)
+        } else {
+            self.evaluate(&coarse_field.valid(), samples, request, at)
+        };
+        let fine = self.sampler.fine(&candidates, &coarse, noise);
+        let samples = self.sampler.pack(rays, &fine, occupancy);
+        let fine = self.evaluate(&model.fine, samples, request, at);
+        Passes { coarse: Some(coarse), fine }
+    }
+
+    /// Density of `field` along other `rays` at the distances of `output`, whose samples they are paired with one by one.
+    pub fn along<F: Field>(&self, field: &F, output: &RenderOutput, rays: &[Ray], at: Moment) -> RenderOutput {
+        self.evaluate(field, output.samples.along(rays), RenderRequest { color: false }, at)
+    }
+
+    fn evaluate<F: Field>(&self, field: &F, samples: Samples, request: RenderRequest, at: Moment) -> RenderOutput {
+        let device = field.device();
+        let rays = samples.segments.rays();
+        let count = samples.segments.samples();
+        if count == 0 {
+            return RenderOutput::empty(samples, request, self.background, &device);
+        }
+        let sampled = field.evaluate(samples.points(), request.color, at);
+        let tau = sampled.sigma * lengths(&samples.delta, &device);
+        let t = Tensor::<2>::from_data(TensorData::new(samples.t.clone(), [count, 1]), &device);
+        let values = match sampled.color {
+            Some(color) => Tensor::cat(vec![color, t], 1),
+            None => t,
+        };
+        let Composite { values, acc } = composite(tau.clone(), values, &samples.segments);
+        let color = request.color.then(|| {
+            let behind = acc.clone().neg() + 1.0;
+            let background = Tensor::<1>::from_floats(self.background, &device).unsqueeze::<2>();
+            values.clone().narrow(1, 0, 3) + behind.unsqueeze_dim::<2>(1).mul(background)
+        });
+        let depth = values.narrow(1, if request.color { 3 } else { 0 }, 1).reshape([rays]);
+        RenderOutput { samples, tau, color, depth, acc }
+    }
+}
+
+fn lengths(delta: &[f32], device: &Device) -> Tensor<1> {
+    Tensor::from_data(TensorData::new(delta.to_vec(), [delta.len()]), device)
+}

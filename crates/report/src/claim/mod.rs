@@ -1,0 +1,303 @@
+//! What a paper says about the order of variants, tested on records.
+
+mod finding;
+mod interval;
+
+use std::fmt;
+
+use serde::Deserialize;
+
+pub use finding::{Finding, Unit};
+pub use interval::Interval;
+
+use crate::{Published, Quantity, Record};
+
+/// A statement on the order of variants: all of its comparisons together.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(try_from = "Unchecked")]
+pub struct Claim {
+    /// In words.
+    pub statement: String,
+    /// What is compared.
+    pub metric: Quantity,
+    /// What *not worse* allows for, in the metric's unit.
+    pub margin: f64,
+    /// Each of which has to hold.
+    pub comparisons: Vec<Comparison>,
+}
+
+/// A claim as a file has it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Unchecked {
+    statement: String,
+    metric: Quantity,
+    margin: Option<f64>,
+    comparisons: Vec<Comparison>,
+}
+
+impl TryFrom<Unchecked> for Claim {
+    type Error = String;
+
+    fn try_from(claim: Unchecked) -> Result<Self, String> {
+        let Unchecked { statement, metric, margin, comparisons } = claim;
+        let needs_margin = comparisons.iter().any(|comparison| comparison.is == Relation::NotWorse);
+        match margin {
+            None if needs_margin => Err(format!(
+                "`{statement}`: `not-worse` expects a `margin`: how much worse still counts as not worse, in the unit of {}",
+                metric.key()
+            )),
+            Some(margin) if !(margin > 0.0 && margin.is_finite()) => {
+                Err(format!("`{statement}`: margin: expected a number above 0, found {margin}"))
+            }
+            margin => Ok(Self { statement, metric, margin: margin.unwrap_or(0.0), comparisons }),
+        }
+    }
+}
+
+/// One relation between two sides.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Comparison {
+    /// Left of the sign.
+    pub left: Side,
+    /// The sign.
+    pub is: Relation,
+    /// Right of the sign.
+    pub right: Side,
+}
+
+/// What a comparison compares.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum Side {
+    /// A variant.
+    Variant(String),
+    /// How far the first variant is above the second.
+    Difference([String; 2]),
+}
+
+/// How the left of a [`Comparison`] is to the right.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Relation {
+    /// Better.
+    Better,
+    /// Worse by less than the claim's margin.
+    NotWorse,
+    /// At most half of it, both taken as distances: |left| ≤ ½ |right|.
+    Near,
+}
+
+/// What the records say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Verdict {
+    /// It holds.
+    Holds,
+    /// The difference is within the noise.
+    Undecided,
+    /// There are no runs to tell.
+    Untested,
+    /// It does not hold.
+    Fails,
+}
+
+/// A [`Claim`] with what came of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TestedClaim {
+    /// The claim's.
+    pub statement: String,
+    /// The least favourable of the findings.
+    pub verdict: Verdict,
+    /// One per comparison.
+    pub findings: Vec<Finding>,
+}
+
+impl Claim {
+    /// Tests the claim on `records`.
+    ///
+    /// Differences are taken within a scene and seed, so that hard scenes and lucky views cancel, and averaged over the
+    /// seeds of a scene, since these are not independent of one another. What decides is the 95 % confidence interval of
+    /// the mean over scenes (Student's t; over seeds where there is one scene): *better* holds if all of it is above zero,
+    /// *not worse* if all of it is above −margin, and either fails if all of it is below. Runs that collapsed count with
+    /// what they show. A single scene with a single seed decides nothing.
+    #[must_use]
+    pub fn test(&self, records: &[Record], published: Option<&Published>) -> TestedClaim {
+        let test = |comparison: &Comparison| Finding::of(self, comparison, records, published);
+        let findings: Vec<Finding> = self.comparisons.iter().map(test).collect();
+        let verdict = findings.iter().map(|finding| finding.verdict).max().unwrap_or(Verdict::Untested);
+        TestedClaim { statement: self.statement.clone(), verdict, findings }
+    }
+
+    /// Every variant that it names.
+    pub fn variants(&self) -> impl Iterator<Item = &str> {
+        self.comparisons.iter().flat_map(Comparison::variants)
+    }
+}
+
+impl Comparison {
+    fn variants(&self) -> impl Iterator<Item = &str> {
+        [&self.left, &self.right].into_iter().flat_map(Side::variants)
+    }
+}
+
+impl Side {
+    fn variants(&self) -> impl Iterator<Item = &str> {
+        let names = match self {
+            Self::Variant(name) => std::slice::from_ref(name),
+            Self::Difference(names) => names.as_slice(),
+        };
+        names.iter().map(String::as_str)
+    }
+
+    fn value(&self, value: impl Fn(&str) -> Option<f64>) -> Option<f64> {
+        match self {
+            Self::Variant(variant) => value(variant),
+            Self::Difference([above, below]) => Some(value(above)? - value(below)?),
+        }
+    }
+}
+
+impl fmt::Display for Side {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Variant(variant) => f.write_str(variant),
+            Self::Difference([above, below]) => write!(f, "{above} − {below}"),
+        }
+    }
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Holds => "holds",
+            Self::Undecided => "undecided",
+            Self::Untested => "not tested",
+            Self::Fails => "does not hold",
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::table::tests::record;
+
+    fn side(names: &[&str]) -> Side {
+        match names {
+            [above, below] => Side::Difference([above, below].map(|name| (*name).to_owned())),
+            names => Side::Variant(names.concat()),
+        }
+    }
+
+    fn claim(left: &[&str], is: Relation, right: &[&str]) -> Claim {
+        let comparison = Comparison { left: side(left), is, right: side(right) };
+        Claim { statement: "s".into(), metric: Quantity::PSNR, margin: 0.5, comparisons: vec![comparison] }
+    }
+
+    /// Variants by their PSNR on each of three scenes.
+    fn records(variants: &[(&str, [f64; 3])]) -> Vec<Record> {
+        let of = |(variant, values): &(&str, [f64; 3])| {
+            ["x", "y", "z"].iter().zip(values).map(|(scene, psnr)| record(scene, variant, 0, *psnr)).collect::<Vec<_>>()
+        };
+        variants.iter().flat_map(of).collect()
+    }
+
+    #[test]
+    fn differences_are_paired_and_noise_is_no_order() {
+        // Scenes differ by ten, and the variants by one on each of them.
+        let list = records(&[
+            ("a", [10.0, 20.0, 30.1]),
+            ("b", [11.0, 21.1, 31.0]),
+            ("c", [9.0, 21.0, 30.1]),
+            ("d", [10.0, 20.1, 30.0]),
+        ]);
+        let verdict = |left, is, right| claim(&[left], is, &[right]).test(&list, None).verdict;
+        assert_eq!(verdict("b", Relation::Better, "a"), Verdict::Holds);
+        assert_eq!(verdict("a", Relation::Better, "b"), Verdict::Fails);
+        assert_eq!(verdict("a", Relation::NotWorse, "b"), Verdict::Fails);
+        assert_eq!(verdict("a", Relation::Better, "c"), Verdict::Undecided);
+        assert_eq!(verdict("c", Relation::NotWorse, "a"), Verdict::Undecided, "it may be worse by more than the margin");
+        assert_eq!(verdict("d", Relation::NotWorse, "a"), Verdict::Holds);
+        assert_eq!(verdict("a", Relation::Better, "none"), Verdict::Untested);
+        let tested = claim(&["b"], Relation::Better, &["a"]).test(&list, None);
+        assert_eq!(tested.findings[0].formula, "PSNR (dB): b > a");
+        assert_eq!(tested.findings[0].found(), "+1.00 [+0.75, +1.25] over 3 scenes");
+        assert_eq!(claim(&["b"], Relation::NotWorse, &["a"]).test(&list, None).findings[0].formula, "PSNR (dB): b > a − 0.5");
+    }
+
+    /// Four seeds of one scene are one scene; of one scene alone they say something of that scene.
+    #[test]
+    fn seeds_of_a_scene_are_not_independent() {
+        let mut list = Vec::new();
+        for (scene, gain) in [("x", 1.0), ("y", -0.8)] {
+            for seed in 0..4 {
+                list.push(record(scene, "a", seed, 20.0));
+                list.push(record(scene, "b", seed, 20.0 + gain + 0.01 * seed as f64));
+            }
+        }
+        let claim = claim(&["b"], Relation::Better, &["a"]);
+        let both = &claim.test(&list, None).findings[0];
+        assert_eq!((both.verdict, both.difference.unwrap().n, both.unit), (Verdict::Undecided, 2, Unit::Scene));
+        let one = &claim.test(&list[..8], None).findings[0];
+        assert_eq!((one.verdict, one.unit), (Verdict::Holds, Unit::Seed));
+        assert!(one.found().ends_with("over 4 seeds of one scene"), "{}", one.found());
+        let single = &claim.test(&list[..2], None).findings[0];
+        assert_eq!((single.verdict, single.found().as_str()), (Verdict::Undecided, "+1.00 over 1 seed of one scene"));
+    }
+
+    #[test]
+    fn what_collapsed_counts_and_what_is_left_out_is_told() {
+        let mut list = records(&[("a", [10.0, 20.0, 30.0]), ("b", [11.0, 21.1, 5.0])]);
+        list[5].collapsed = true;
+        let found = |list: &[Record]| claim(&["b"], Relation::Better, &["a"]).test(list, None).findings[0].found();
+        let text = found(&list);
+        assert!(text.starts_with("-7.6") && text.ends_with("over 3 scenes; 1 pair with a collapsed run"), "{text}");
+        let text = found(&list[..5]);
+        assert!(text.ends_with("over 2 scenes; 1 pair incomplete and left out"), "{text}");
+    }
+
+    #[test]
+    fn differences_and_distances() {
+        let list = records(&[
+            ("few", [10.0, 10.1, 10.2]),
+            ("info", [18.0; 3]),
+            ("many", [20.0; 3]),
+            ("both", [20.5; 3]),
+        ]);
+        let gain = claim(&["info", "few"], Relation::Better, &["both", "many"]).test(&list, None);
+        assert_eq!(gain.verdict, Verdict::Holds);
+        assert_eq!(gain.findings[0].found(), "+7.40 [+7.15, +7.65] over 3 scenes");
+        let near = |of| claim(&[of, "many"], Relation::Near, &["few", "many"]).test(&list, None).verdict;
+        assert_eq!(near("info"), Verdict::Holds);
+        assert_eq!(near("few"), Verdict::Fails);
+    }
+
+    #[test]
+    fn lower_is_better_for_some_and_the_worst_finding_counts() {
+        let mut list = records(&[("a", [1.0; 3]), ("b", [2.0; 3])]);
+        for record in &mut list {
+            record.ray_entropy_bits = record.metrics["psnr"];
+        }
+        let mut claim = Claim { metric: Quantity::RAY_ENTROPY, ..claim(&["a"], Relation::Better, &["b"]) };
+        assert_eq!(claim.test(&list, None).verdict, Verdict::Holds);
+        assert_eq!(claim.test(&list, None).findings[0].formula, "Ray entropy (bits): a < b");
+        claim.comparisons.push(Comparison { left: side(&["b"]), is: Relation::NotWorse, right: side(&["a"]) });
+        assert_eq!(claim.test(&list, None).verdict, Verdict::Fails);
+        assert_eq!(claim.variants().collect::<Vec<_>>(), ["a", "b", "b", "a"]);
+    }
+
+    #[test]
+    fn a_margin_belongs_to_not_worse() {
+        let parse = |margin: &str| {
+            let text = format!(
+                "{{\"statement\": \"s\", \"metric\": \"psnr\",{margin} \"comparisons\": \
+                 [{{\"left\": \"a\", \"is\": \"not-worse\", \"right\": \"b\"}}]}}"
+            );
+            serde_json::from_str::<Claim>(&text).map(|claim| claim.margin).map_err(|error| error.to_string())
+        };
+        assert_eq!(parse("\"margin\": 0.1,"), Ok(0.1));
+        assert!(parse("").unwrap_err().contains("`not-worse` expects a `margin`"));
+        assert!(parse("\"margin\": 0,").unwrap_err().contains("above 0"));
+    }
+}

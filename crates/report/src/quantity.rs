@@ -1,0 +1,203 @@
+use std::fmt;
+use std::hash::{Hash, Hasher};
+
+use infonerf_metrics::{Better, Descriptor, METRICS};
+use serde::{Deserialize, Deserializer, de};
+
+use crate::Record;
+
+/// A number of a [`Record`] that tables, charts and claims can show: a metric of [`METRICS`], what test rays say, or a
+/// cost. In files it is called by its key.
+#[derive(Clone, Copy)]
+pub struct Quantity {
+    descriptor: Descriptor,
+    value: fn(&Record, &str) -> Option<f64>,
+}
+
+const fn of_record(descriptor: Descriptor, value: fn(&Record, &str) -> Option<f64>) -> Quantity {
+    Quantity { descriptor, value }
+}
+
+/// What is known of test rays (the paper's Figure A).
+const OF_RAYS: [Quantity; 2] = [
+    of_record(
+        Descriptor { key: "ray_entropy_bits", name: "Ray entropy", unit: "bits", decimals: 2, better: Better::Lower },
+        |record, _| record.ray_entropy_bits,
+    ),
+    of_record(
+        Descriptor { key: "information_gain", name: "Information gain", unit: "", decimals: 3, better: Better::Lower },
+        |record, _| record.information_gain,
+    ),
+];
+
+/// What a run costs.
+const COSTS: [Quantity; 4] = [
+    Quantity::TRAIN_SECONDS,
+    of_record(
+        Descriptor {
+            key: "render_seconds_per_image",
+            name: "Render",
+            unit: "s/image",
+            decimals: 2,
+            better: Better::Lower,
+        },
+        |record, _| Some(record.render_seconds_per_image),
+    ),
+    of_record(
+        Descriptor { key: "samples_skipped", name: "Samples skipped", unit: "×", decimals: 1, better: Better::Higher },
+        |record, _| Some(record.samples_total as f64 / record.samples_evaluated as f64),
+    ),
+    of_record(
+        Descriptor { key: "peak_memory", name: "Peak memory", unit: "MiB", decimals: 0, better: Better::Lower },
+        |record, _| record.peak_rss_bytes.map(|bytes| bytes as f64 / f64::from(1 << 20)),
+    ),
+];
+
+impl Quantity {
+    /// Peak signal-to-noise ratio.
+    pub const PSNR: Self = Self::metric(infonerf_metrics::PSNR.descriptor);
+    /// Structural similarity.
+    pub const SSIM: Self = Self::metric(infonerf_metrics::SSIM.descriptor);
+    /// Mean entropy of the ray distribution.
+    pub const RAY_ENTROPY: Self = OF_RAYS[0];
+    /// Wall clock of training.
+    pub const TRAIN_SECONDS: Self = of_record(
+        Descriptor { key: "train_seconds", name: "Training", unit: "s", decimals: 1, better: Better::Lower },
+        |record, _| Some(record.train_seconds),
+    );
+
+    const fn metric(descriptor: Descriptor) -> Self {
+        of_record(descriptor, |record, key| record.metrics.get(key).copied().flatten())
+    }
+
+    /// How good a run is: the metrics, and the paper's Figure A.
+    #[must_use]
+    pub fn quality() -> Vec<Self> {
+        METRICS.iter().map(|metric| Self::metric(metric.descriptor)).chain(OF_RAYS).collect()
+    }
+
+    /// What a run costs: time, samples, memory.
+    #[must_use]
+    pub fn cost() -> Vec<Self> {
+        COSTS.to_vec()
+    }
+
+    /// Every quantity, in the order of a report.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        [Self::quality(), Self::cost()].concat()
+    }
+
+    /// The quantity of this key.
+    #[must_use]
+    pub fn named(key: &str) -> Option<Self> {
+        Self::all().into_iter().find(|quantity| quantity.key() == key)
+    }
+
+    /// Its key in `results.json`.
+    #[must_use]
+    pub fn key(self) -> &'static str {
+        self.descriptor.key
+    }
+
+    /// Value of a run; `None` where it was not computed.
+    #[must_use]
+    pub fn value(self, record: &Record) -> Option<f64> {
+        (self.value)(record, self.key()).filter(|value| value.is_finite())
+    }
+
+    /// Name with its unit, such as `PSNR (dB)`.
+    #[must_use]
+    pub fn name(self) -> String {
+        match self.descriptor.unit {
+            "" => self.descriptor.name.to_owned(),
+            unit => format!("{} ({unit})", self.descriptor.name),
+        }
+    }
+
+    /// Name with its unit and an arrow towards the better side, such as `PSNR (dB) ↑`.
+    #[must_use]
+    pub fn heading(self) -> String {
+        self.descriptor.heading()
+    }
+
+    /// Decimals shown.
+    #[must_use]
+    pub fn decimals(self) -> usize {
+        self.descriptor.decimals
+    }
+
+    /// `value` with the decimals that are shown.
+    #[must_use]
+    pub fn format(self, value: f64) -> String {
+        self.descriptor.format(value)
+    }
+
+    pub(crate) fn better(self) -> Better {
+        self.descriptor.better
+    }
+
+    /// `value` as a distance from the best, in units of the last decimal shown: smaller is better, equal is a tie.
+    pub(crate) fn rank(self, value: f64) -> f64 {
+        self.descriptor.rank(value)
+    }
+}
+
+impl PartialEq for Quantity {
+    fn eq(&self, other: &Self) -> bool {
+        self.key() == other.key()
+    }
+}
+
+impl Eq for Quantity {}
+
+impl Hash for Quantity {
+    fn hash<H: Hasher>(&self, state: &mut H) {
+        self.key().hash(state);
+    }
+}
+
+impl fmt::Debug for Quantity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.key())
+    }
+}
+
+impl<'de> Deserialize<'de> for Quantity {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let key = String::deserialize(deserializer)?;
+        let known = || Self::all().into_iter().map(Self::key).collect::<Vec<_>>().join(", ");
+        Self::named(&key).ok_or_else(|| de::Error::custom(format!("expected one of {}, found {key:?}", known())))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_are_unique_and_found() {
+        let all = Quantity::all();
+        for quantity in &all {
+            assert_eq!(Quantity::named(quantity.key()).map(Quantity::key), Some(quantity.key()));
+        }
+        let mut keys: Vec<&str> = all.iter().map(|quantity| quantity.key()).collect();
+        keys.sort_unstable();
+        keys.dedup();
+        assert_eq!(keys.len(), all.len());
+    }
+
+    #[test]
+    fn a_record_has_metrics_and_costs() {
+        let record = Record {
+            metrics: [("psnr".to_owned(), Some(20.0)), ("fid".to_owned(), None)].into_iter().collect(),
+            train_seconds: 2.0,
+            samples_total: 10,
+            samples_evaluated: 0,
+            ..Record::default()
+        };
+        let value = |key| Quantity::named(key).unwrap().value(&record);
+        assert_eq!(["psnr", "fid", "ssim", "train_seconds"].map(value), [Some(20.0), None, None, Some(2.0)]);
+        assert_eq!(value("samples_skipped"), None, "nothing was evaluated");
+    }
+}

@@ -1,0 +1,197 @@
+use std::path::PathBuf;
+
+use infonerf_schedule::Schedule;
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+
+/// More fields than these change little and cost as much each.
+pub(crate) const LARGEST_ENSEMBLE: usize = 8;
+
+/// The training loop.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainConfig {
+    /// Steps, unless a time budget decides.
+    pub iterations: usize,
+    /// Rays of training images per step, |R_s|.
+    pub rays: usize,
+    /// Rays of unseen poses per step, |R_u|.
+    pub unseen_rays: usize,
+    /// If above 0: evaluated samples per step to aim for. As space is found empty, a step then takes more rays of both
+    /// kinds, in proportion.
+    pub target_samples: usize,
+    /// By which factor training images are smaller than at full size, rounded: coarse-to-fine where it falls over the run.
+    pub downscale: Schedule,
+    /// Where a step's pixels come from.
+    pub batch: Batch,
+    /// Whether well-fitted pixels are sampled less often.
+    pub error_sampling: ErrorSamplingConfig,
+    /// Whether a run ends before its time when its error plateaus.
+    pub early_stopping: EarlyStoppingConfig,
+    /// If above 0: a field that looks at photographs sees at most so many of them in a step, a random number of random
+    /// ones; 0 shows it all.
+    pub sources: usize,
+    /// Folder of a run whose weights to begin with, such as `infonerf pretrain` leaves; empty for random ones.
+    pub init: PathBuf,
+    /// Steps in which pixels come from the central half of the images only (released code: 500).
+    pub precrop_steps: usize,
+    /// Where unseen poses come from.
+    pub unseen: Unseen,
+    /// The neighbours of rays.
+    pub neighbours: NeighbourConfig,
+    /// Adam's learning rate.
+    pub lr: Schedule,
+    /// Factor on the learning rate of a field's tables.
+    pub grid_lr_multiplier: f64,
+    /// Adam's β₂ (PyTorch: 0.999).
+    pub adam_beta2: f32,
+    /// Adam's ε (PyTorch: 1e-8).
+    pub adam_epsilon: f32,
+    /// Several fields of one scene.
+    pub ensemble: EnsembleConfig,
+    /// Share of the run, at its end, over which weights are averaged for rendering; 0 renders the last ones. For a run of
+    /// one field only: the pictures of an ensemble are averaged instead.
+    pub weight_averaging: f64,
+    /// Steps between checkpoints; 0 for one at the end only.
+    pub checkpoint_every: usize,
+    /// Fresh starts allowed when a field collapses to empty space.
+    pub restarts: usize,
+}
+
+/// Where a step's pixels come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Batch {
+    /// Any pixels of all training images.
+    Pixels,
+    /// Pixels of one training image per step, each at most once, as in the released code.
+    Image,
+    /// The same, of an image that a field which looks at photographs is not shown in that step, if there is another:
+    /// otherwise every ray's colour can be read where the ray starts, whatever its density.
+    #[serde(rename = "held-out")]
+    HeldOut,
+}
+
+/// Where unseen poses come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Unseen {
+    /// The part of the sphere that the training cameras span; never a test pose.
+    Sphere,
+    /// The poses of all training images, chosen or not: knowledge of the scene that four photographs do not give.
+    Dataset,
+}
+
+/// Neighbouring rays: the same pixels of cameras that are rotated by three angles, drawn once per step for all rays.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NeighbourConfig {
+    /// Largest rotation about each axis of the world, degrees (paper: 5).
+    pub max_angle_deg: f64,
+    /// What the cameras are rotated about.
+    pub about: RotationCentre,
+    /// Where samples lie along neighbouring rays.
+    pub sampling: NeighbourSampling,
+}
+
+/// What the cameras of neighbouring rays are rotated about, position and orientation alike.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RotationCentre {
+    /// The point that the training cameras look at.
+    Centre,
+    /// The origin of the world, as in the released code.
+    Origin,
+}
+
+/// Where samples lie along neighbouring rays; they are paired with those of their partner by index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum NeighbourSampling {
+    /// At the distances of the partner's samples, so that pairs by index are pairs by distance.
+    Partner,
+    /// Where sampling places them for the neighbour itself, as in the released code.
+    Own,
+}
+
+/// Error-driven sampling of training pixels: one whose colour was fitted to within `threshold` when a step last drew it is
+/// drawn less often, so that the loss is of what is not fitted yet.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ErrorSamplingConfig {
+    /// Largest difference of a channel below which a pixel is well fitted; 0 draws all alike.
+    pub threshold: f32,
+    /// Probability with which a drawn pixel that is well fitted is taken.
+    pub keep: f32,
+}
+
+impl ErrorSamplingConfig {
+    /// Whether steps need the errors that earlier ones found. On a GPU they then read their colours back.
+    pub(crate) fn is_on(&self) -> bool {
+        self.threshold > 0.0
+    }
+}
+
+/// Early stopping: a run ends when its training error over `patience` steps is not smaller by a share of `min_delta` than
+/// over those before. Steps with images smaller than the full size (`train.downscale`) do not count.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EarlyStoppingConfig {
+    /// Steps; 0 takes all that there are.
+    pub patience: usize,
+    /// Relative improvement.
+    pub min_delta: f64,
+}
+
+/// An ensemble: fields trained one after another from other random numbers, each taking all steps, whose pictures are
+/// averaged.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EnsembleConfig {
+    /// Fields.
+    pub size: usize,
+    /// With a time budget: seconds that each field has, if the budget holds more such fields than `size`; 0 keeps to
+    /// `size`.
+    pub seconds_per_member: f64,
+}
+
+impl TrainConfig {
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// The first key that is out of range.
+    pub(crate) fn validate(&self) -> Result<(), TrainError> {
+        number("iterations", self.iterations as f64, 1.0, 1e9)?;
+        number("rays", self.rays as f64, 1.0, 65_536.0)?;
+        number("unseen_rays", self.unseen_rays as f64, 0.0, 65_536.0)?;
+        number("target_samples", self.target_samples as f64, 0.0, 1e8)?;
+        schedule("downscale", &self.downscale, 1.0, 64.0)?;
+        number("error_sampling.threshold", self.error_sampling.threshold.into(), 0.0, 1.0)?;
+        number("error_sampling.keep", self.error_sampling.keep.into(), 0.0, 1.0)?;
+        number("early_stopping.patience", self.early_stopping.patience as f64, 0.0, 1e9)?;
+        number("early_stopping.min_delta", self.early_stopping.min_delta, 0.0, 1.0)?;
+        number("neighbours.max_angle_deg", self.neighbours.max_angle_deg, 0.0, 180.0)?;
+        schedule("lr", &self.lr, 0.0, 1e3)?;
+        number("grid_lr_multiplier", self.grid_lr_multiplier, 0.0, 1e6)?;
+        number("adam_beta2", self.adam_beta2.into(), 0.0, 0.999_999)?;
+        number("adam_epsilon", self.adam_epsilon.into(), 0.0, 1.0)?;
+        number("ensemble.size", self.ensemble.size as f64, 1.0, LARGEST_ENSEMBLE as f64)?;
+        number("ensemble.seconds_per_member", self.ensemble.seconds_per_member, 0.0, 1e9)?;
+        number("weight_averaging", self.weight_averaging, 0.0, 1.0)
+    }
+}
+
+fn number(key: &str, value: f64, low: f64, high: f64) -> Result<(), TrainError> {
+    if (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        let cause = format!("expected a number from {low} to {high}, found {value}");
+        Err(TrainError::config(format!("train.{key}"), cause))
+    }
+}
+
+fn schedule(key: &str, schedule: &Schedule, low: f64, high: f64) -> Result<(), TrainError> {
+    number(key, schedule.least(), low, high)?;
+    number(key, schedule.largest(), low, high)
+}

@@ -1,0 +1,40 @@
+//! Files of weights that a config names.
+
+use std::path::PathBuf;
+
+use infonerf_field::FieldSpec;
+use infonerf_schedule::Schedule;
+
+use super::Config;
+
+impl Config {
+    /// Where the first weights come from, if a reader of the results should know.
+    pub fn first_weights(&self) -> Option<String> {
+        let init = &self.train.init;
+        if !init.as_os_str().is_empty() {
+            return Some(format!("began with the weights of {}", init.display()));
+        }
+        let mut field = self.field.clone();
+        let (key, path) = field.weights_file()?;
+        Some(if path.as_os_str().is_empty() {
+            format!("field.{key}: random weights, not published ones")
+        } else {
+            format!("field.{key}: began with the weights of {}", path.display())
+        })
+    }
+
+    /// The same without need of any file of weights: for a model that is trained already.
+    pub fn without_weight_files(&self) -> Self {
+        let mut config = self.clone();
+        config.train.init = PathBuf::new();
+        if let Some((_, path)) = config.field.weights_file() {
+            *path = PathBuf::new();
+        }
+        for (_, spec) in config.loss.specs_mut() {
+            if spec.weights_file().is_some() {
+                *spec.weight_mut() = Schedule::constant(0.0);
+            }
+        }
+        config
+    }
+}

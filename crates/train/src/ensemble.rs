@@ -1,0 +1,61 @@
+//! Several fields of one scene, each from other random numbers, whose pictures are averaged.
+//!
+//! Four photographs leave much of a scene open, and each field fills it in another way. What they agree on stays in the
+//! mean of their pictures, what one of them made up fades (deep ensembles, Lakshminarayanan et al. 2017).
+
+use infonerf_render::{Noise, Stream};
+
+use crate::config::{EnsembleConfig, LARGEST_ENSEMBLE, TrainConfig};
+
+impl EnsembleConfig {
+    /// How many fields a run trains: `size`, or with a budget of `budget` seconds as many as have `seconds_per_member`
+    /// each if those are more.
+    pub fn members(&self, budget: Option<f64>) -> usize {
+        let seconds = self.seconds_per_member;
+        let affordable = budget.filter(|_| seconds > 0.0).map_or(0, |budget| (budget / seconds) as usize);
+        self.size.max(affordable.min(LARGEST_ENSEMBLE))
+    }
+}
+
+impl TrainConfig {
+    /// How each of `members` fields is trained. Where there are several, their weights are not averaged over the end of the
+    /// run: the mean of their pictures evens out the same noise, and the fields stay sharper.
+    pub fn of_member(&self, members: usize) -> Self {
+        let weight_averaging = if members > 1 { 0.0 } else { self.weight_averaging };
+        Self { weight_averaging, ..self.clone() }
+    }
+}
+
+/// The seed of a run's `index`th field: the run's own for the first.
+pub fn member_seed(seed: u64, index: usize) -> u64 {
+    if index == 0 { seed } else { Noise::new(seed, index as u64, Stream::EnsembleMember).bits() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Config, Preset};
+
+    #[test]
+    fn a_budget_buys_members() {
+        let mut train = Config::from_table(Preset::Paper.table()).unwrap().train;
+        let mut ensemble = EnsembleConfig { size: 2, seconds_per_member: 0.0 };
+        assert_eq!((ensemble.members(None), ensemble.members(Some(1e4))), (2, 2));
+        ensemble.seconds_per_member = 75.0;
+        assert_eq!(
+            [60.0, 149.0, 150.0, 300.0, 1e9].map(|budget| ensemble.members(Some(budget))),
+            [2, 2, 2, 4, LARGEST_ENSEMBLE]
+        );
+        train.weight_averaging = 0.3;
+        assert_eq!([1, 2].map(|members| train.of_member(members).weight_averaging), [0.3, 0.0]);
+    }
+
+    #[test]
+    fn members_have_seeds_of_their_own() {
+        let mut seeds: Vec<u64> = (0..3).flat_map(|seed| (0..4).map(move |index| member_seed(seed, index))).collect();
+        assert_eq!((seeds[0], seeds[4]), (0, 1));
+        seeds.sort_unstable();
+        seeds.dedup();
+        assert_eq!(seeds.len(), 12);
+    }
+}

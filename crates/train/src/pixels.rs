@@ -1,0 +1,154 @@
+//! Which rays a step looks at. Every choice is a pure function of (seed, step), so that a resumed run sees the same rays.
+
+use infonerf_render::{Noise, Stream};
+use infonerf_scene::{Camera, Ray, Scene, ViewRegion, near_pose, resized_dimensions};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+use crate::config::{NeighbourConfig, RotationCentre, TrainConfig, Unseen};
+
+/// Pixels with the cameras that see them.
+#[derive(Clone, Debug)]
+pub(crate) struct Pixels {
+    pub(crate) cameras: Vec<Camera>,
+    /// Camera, and the position in its image, in pixels.
+    pub(crate) at: Vec<(usize, f32, f32)>,
+    /// How wide a pixel is, in pixels of the cameras: more than 1 for images that are smaller.
+    pub(crate) width: f32,
+}
+
+impl Pixels {
+    /// The view that the first pixel is of; that of all where a batch is of one image.
+    pub(crate) fn view(&self) -> usize {
+        self.at[0].0
+    }
+
+    pub(crate) fn rays(&self) -> Vec<Ray> {
+        self.at.iter().map(|&(camera, x, y)| self.cameras[camera].ray(x, y).widened(self.width)).collect()
+    }
+
+    /// The rays of the same pixels when the cameras are rotated: one draw for all.
+    pub(crate) fn neighbours(&self, config: &NeighbourConfig, region: &ViewRegion, noise: Noise) -> Vec<Ray> {
+        let centre = match config.about {
+            RotationCentre::Origin => glam::DVec3::ZERO,
+            RotationCentre::Centre => region.centre(),
+        };
+        let rotated = |camera: &Camera| {
+            // The same generator for each camera: one rotation per step.
+            let mut rng = generator(noise);
+            let there = glam::DMat4::from_translation(-centre) * camera.to_world;
+            let back = glam::DMat4::from_translation(centre);
+            camera.with_pose(back * near_pose(&there, &mut rng, config.max_angle_deg))
+        };
+        Self { cameras: self.cameras.iter().map(rotated).collect(), ..self.clone() }.rays()
+    }
+}
+
+/// The columns (or rows) of an image from which pixels are drawn: first and number. Until `train.precrop_steps` they are
+/// the central half.
+pub(crate) fn crop(config: &TrainConfig, step: usize, size: u32) -> (u32, u32) {
+    if step < config.precrop_steps { (size / 4, (size / 2).max(1)) } else { (0, size) }
+}
+
+/// Draws from what no photograph shows.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct UnseenViews<'a> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) region: &'a ViewRegion,
+    pub(crate) config: &'a TrainConfig,
+}
+
+impl UnseenViews<'_> {
+    /// `rays` pixels of one unseen pose in step `step`, each `width` pixels of the full size wide.
+    pub(crate) fn pixels(&self, rays: usize, width: f32, step: usize, noise: Noise) -> Pixels {
+        let camera = self.camera(noise.child(Stream::Pose));
+        let [column, row] = [Stream::Column, Stream::Row].map(|stream| noise.child(stream));
+        let ((left, columns), (top, rows)) =
+            (crop(self.config, step, camera.width), crop(self.config, step, camera.height));
+        let at = |i| {
+            let x = left as usize + column.below(i, 0, columns as usize);
+            let y = top as usize + row.below(i, 0, rows as usize);
+            (0, x as f32 + 0.5, y as f32 + 0.5)
+        };
+        Pixels { at: (0..rays).map(at).collect(), cameras: vec![camera], width }
+    }
+
+    /// Every ray of a small picture from an unseen pose, with its height and width: the longer side has `size` pixels.
+    pub(crate) fn picture(&self, size: u32, noise: Noise) -> (Vec<Ray>, (usize, usize)) {
+        let camera = self.camera(noise.child(Stream::Pose));
+        let (width, height) = resized_dimensions(camera.width, camera.height, size);
+        let camera = camera.resized(width, height);
+        let row = |y: u32| (0..width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5));
+        let rays = (0..height).flat_map(row).map(|(x, y)| camera.ray(x, y)).collect();
+        (rays, (height as usize, width as usize))
+    }
+
+    fn camera(&self, noise: Noise) -> Camera {
+        let scene = self.scene;
+        match self.config.unseen {
+            Unseen::Sphere => scene.train[0].camera.with_pose(self.region.sample(&mut generator(noise))),
+            Unseen::Dataset => scene.all_train_cameras[noise.below(0, 0, scene.all_train_cameras.len())].clone(),
+        }
+    }
+}
+
+pub(crate) fn generator(noise: Noise) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(noise.bits())
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_scene::{SceneRequest, SceneSource, ViewSelection};
+
+    use super::*;
+    use crate::{Config, Preset};
+
+    fn scene() -> Scene {
+        let request = SceneRequest {
+            train: ViewSelection::Seed { seed: 0, count: 2 },
+            image_size: Some(16),
+            ..SceneRequest::default()
+        };
+        infonerf_scene::load(&SceneSource::Procedural("knot".into()), &request).unwrap()
+    }
+
+    /// Neighbours of a capture far from the origin are neighbours of it, and not somewhere else.
+    #[test]
+    fn neighbours_turn_about_the_scene() {
+        let mut scene = scene();
+        let shift = glam::DVec3::new(1000.0, 0.0, 0.0);
+        for view in &mut scene.train {
+            view.camera.to_world = glam::DMat4::from_translation(shift) * view.camera.to_world;
+        }
+        let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let region = ViewRegion::new(&cameras);
+        let pixels = Pixels { at: vec![(0, 8.0, 8.0)], width: 1.0, cameras };
+        let mut config = Config::from_table(Preset::Paper.table()).unwrap().train.neighbours;
+        let noise = Noise::new(0, 0, Stream::Neighbours);
+        let distance = |config: &NeighbourConfig| {
+            let near = pixels.neighbours(config, &region, noise);
+            near[0].origin.distance(pixels.rays()[0].origin)
+        };
+        let distances = [RotationCentre::Centre, RotationCentre::Origin].map(|about| {
+            config.about = about;
+            distance(&config)
+        });
+        // The cameras are 4 units from the scene's centre, and 15° move one by at most about 1.
+        assert!(distances[0] < 1.1 && distances[0] > 0.0, "{distances:?}");
+        assert!(distances[1] > 10.0, "{distances:?}");
+    }
+
+    #[test]
+    fn unseen_rays_are_cropped_like_seen_ones() {
+        let scene = scene();
+        let mut config = Config::from_table(Preset::Paper.table()).unwrap().train;
+        config.precrop_steps = 10;
+        let region = ViewRegion::new(&scene.train.iter().map(|view| view.camera.clone()).collect::<Vec<_>>());
+        let unseen = UnseenViews { scene: &scene, region: &region, config: &config };
+        let within = |step: usize| {
+            let pixels = unseen.pixels(200, 1.0, step, Noise::new(0, step as u64, Stream::UnseenRays));
+            pixels.at.iter().all(|&(_, x, y)| (4.0..12.0).contains(&x) && (4.0..12.0).contains(&y))
+        };
+        assert!(within(9) && !within(10));
+    }
+}

@@ -1,0 +1,50 @@
+use infonerf_render::Counts;
+use serde::{Deserialize, Serialize};
+
+use crate::collapse::EmptySteps;
+use crate::early_stopping::EarlyStopping;
+
+/// How far a run is.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Progress {
+    /// Steps taken since the last fresh start.
+    pub step: usize,
+    /// Seconds of training so far, over all sessions.
+    pub seconds: f64,
+    /// Points along rays before skipping.
+    pub samples_total: u64,
+    /// Points along rays that a field evaluated.
+    pub samples_evaluated: u64,
+    /// Fresh starts after a collapse.
+    pub restarts: usize,
+    /// Running mean of the number of evaluated samples along a seen ray.
+    pub samples_per_ray: f64,
+    /// Steps in a row in which the field was empty.
+    pub empty_steps: EmptySteps,
+    /// Draws of training pixels that were rejected because the pixel is well fitted.
+    pub pixels_skipped: u64,
+    /// Whether more steps still pay.
+    pub early_stopping: EarlyStopping,
+}
+
+impl Progress {
+    /// Takes in what a step sampled.
+    pub(crate) fn count(&mut self, counts: Counts, samples_per_ray: f64) {
+        self.samples_total += counts.total;
+        self.samples_evaluated += counts.evaluated;
+        let before = if self.samples_per_ray > 0.0 { self.samples_per_ray } else { samples_per_ray };
+        self.samples_per_ray = (0.9 * before + 0.1 * samples_per_ray).max(1.0);
+    }
+
+    /// After a fresh start.
+    pub(crate) fn restarted(&self) -> Self {
+        Self {
+            step: 0,
+            restarts: self.restarts + 1,
+            empty_steps: EmptySteps::default(),
+            early_stopping: EarlyStopping::default(),
+            ..self.clone()
+        }
+    }
+}

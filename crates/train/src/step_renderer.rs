@@ -1,0 +1,119 @@
+//! What a step renders: the rays of training images, and the union of what the terms of the objective need.
+
+use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_field::Field;
+use infonerf_loss::{Bundle, Need, NeighbourBundles, Picture, Renders, Target};
+use infonerf_render::{Counts, Model, Noise, OccupancyGrid, Passes, RenderOutput, RenderRequest, Stream};
+use infonerf_scene::Ray;
+use infonerf_schedule::Moment;
+
+use crate::config::NeighbourSampling;
+use crate::pixels::Pixels;
+use crate::training_images::SeenPixels;
+use crate::training_scene::TrainingScene;
+use crate::{Config, Phase, Profile};
+
+/// Renders for one step, and counts what that took.
+pub(crate) struct StepRenderer<'a, F: Field> {
+    pub(crate) config: &'a Config,
+    pub(crate) scene: &'a TrainingScene,
+    /// Conditioned on the photographs of the step.
+    pub(crate) model: &'a Model<F>,
+    pub(crate) occupancy: Option<&'a OccupancyGrid>,
+    pub(crate) at: Moment,
+    pub(crate) seed: u64,
+    pub(crate) unseen_rays: usize,
+    pub(crate) profile: &'a mut Profile,
+    /// Samples so far.
+    pub(crate) counts: Counts,
+    /// Rays so far.
+    pub(crate) rays: usize,
+}
+
+impl<F: Field> StepRenderer<'_, F> {
+    /// Renders `seen`, and what else is needed.
+    pub(crate) fn render(&mut self, seen: &SeenPixels, needs: &[Need]) -> Renders {
+        let color = needs.contains(&Need::SeenColor);
+        let samples = self.noise(Stream::SeenRays).child(Stream::Samples);
+        let passes = self.passes(Phase::Seen, &seen.pixels.rays(), color, samples);
+        let target = self.target(seen);
+        let seen_bundle = Bundle { passes, target: Some(target) };
+        let unseen = needs.contains(&Need::Unseen).then(|| self.unseen());
+        let near = |needed: Need, pixels: &Pixels, bundle: &Bundle, renderer: &mut Self| {
+            needs.contains(&needed).then(|| renderer.neighbours(pixels, bundle.output()))
+        };
+        let neighbours = NeighbourBundles {
+            seen: near(Need::SeenNeighbours, &seen.pixels, &seen_bundle, self),
+            unseen: unseen.as_ref().and_then(|(pixels, bundle)| near(Need::UnseenNeighbours, pixels, bundle, self)),
+        };
+        let size = needs.iter().find_map(|need| if let Need::Picture { size } = need { Some(*size) } else { None });
+        Renders {
+            seen: seen_bundle,
+            unseen: unseen.map(|(_, bundle)| bundle),
+            neighbours,
+            picture: size.map(|size| self.picture(size)),
+            total_variation: needs.contains(&Need::TotalVariation).then(|| self.model.fine.total_variation()).flatten(),
+        }
+    }
+
+    fn target(&self, seen: &SeenPixels) -> Target {
+        let channels = seen.rgba.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
+        Target {
+            rgb: Tensor::from_data(TensorData::new(channels, [seen.rgba.len(), 3]), &self.device()),
+            rgba: seen.rgba.clone(),
+            background: self.scene.scene.background,
+        }
+    }
+
+    fn unseen(&mut self) -> (Pixels, Bundle) {
+        let noise = self.noise(Stream::UnseenRays);
+        let width = self.scene.images.at(&self.config.train, self.at).pixel_width();
+        let pixels = self.scene.unseen(self.config).pixels(self.unseen_rays, width, self.at.step, noise);
+        let passes = self.passes(Phase::Unseen, &pixels.rays(), false, noise.child(Stream::Samples));
+        (pixels, Bundle { passes, target: None })
+    }
+
+    /// Density along the neighbours of the rays of `output`.
+    fn neighbours(&mut self, pixels: &Pixels, output: &RenderOutput) -> RenderOutput {
+        let config = &self.config.train.neighbours;
+        let noise = self.noise(Stream::Neighbours);
+        let rays = pixels.neighbours(config, &self.scene.region, noise);
+        if config.sampling == NeighbourSampling::Own {
+            return self.passes(Phase::Neighbours, &rays, false, noise.child(Stream::Samples)).fine;
+        }
+        let renderer = &self.scene.renderer;
+        let near = self.profile.time(Phase::Neighbours, || renderer.along(&self.model.fine, output, &rays, self.at));
+        self.counts += Counts::from(&near.samples);
+        self.rays += rays.len();
+        near
+    }
+
+    fn picture(&mut self, size: u32) -> Picture {
+        let noise = self.noise(Stream::Picture);
+        let (rays, size) = self.scene.unseen(self.config).picture(size, noise);
+        let passes = self.passes(Phase::Unseen, &rays, true, noise.child(Stream::Samples));
+        Picture {
+            rgb: passes.fine.color.expect("colour was asked for"),
+            size,
+            view: noise.child(Stream::View).below(0, 0, self.scene.scene.train.len()),
+        }
+    }
+
+    fn passes(&mut self, phase: Phase, rays: &[Ray], color: bool, noise: Noise) -> Passes {
+        let (renderer, model, at) = (&self.scene.renderer, self.model, self.at);
+        let request = RenderRequest { color };
+        let occupancy = self.occupancy;
+        let passes = self.profile.time(phase, || renderer.render(model, rays, request, Some(noise), occupancy, at));
+        self.counts += passes.counts();
+        self.rays += rays.len();
+        passes
+    }
+
+    fn noise(&self, stream: Stream) -> Noise {
+        Noise::new(self.seed, self.at.step as u64, stream)
+    }
+
+    fn device(&self) -> Device {
+        self.model.fine.device()
+    }
+}

@@ -1,0 +1,93 @@
+use burn::tensor::Tensor;
+use infonerf_field::Field;
+use infonerf_loss::{LossValues, Renders, needs};
+use infonerf_ops::to_host;
+use infonerf_render::{Counts, Noise, Stream};
+use infonerf_schedule::Moment;
+
+use super::Trainer;
+use super::numbers::Numbers;
+use crate::step_renderer::StepRenderer;
+use crate::training_images::SeenPixels;
+use crate::{Phase, TrainError};
+
+/// What a step's forward pass gives.
+pub(super) struct Forward {
+    /// The objective, to be differentiated.
+    pub(super) total: Tensor<1>,
+    pub(super) numbers: Numbers,
+    /// Samples before and after skipping.
+    pub(super) counts: Counts,
+    /// Rays of all kinds.
+    pub(super) rays: usize,
+    /// Evaluated samples per seen ray.
+    pub(super) samples_per_ray: f64,
+}
+
+impl<F: Field> Trainer<F> {
+    /// Renders a step's rays and evaluates the objective.
+    pub(super) fn forward(&mut self, at: Moment) -> Result<Forward, TrainError> {
+        let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
+        let train = &self.config.train;
+        let scene = &self.scenes[noise(Stream::TrainingScene).below(0, 0, self.scenes.len())];
+        let terms = scene.objective.due(at);
+        let (rays, unseen_rays) = self.ray_counts();
+
+        self.pixel_errors.resize(scene.images.at(train, at).size());
+        let draw = || scene.images.draw(train, rays, at, noise(Stream::SeenRays), &self.pixel_errors);
+        let seen = self.profile.time(Phase::Rays, draw);
+        let sources = scene.photographs.draw(train, seen.pixels.view(), noise(Stream::Sources));
+        let model = self.profile.time(Phase::Seen, || self.model.conditioned(&sources));
+
+        let config = &self.config.render.occupancy;
+        let mut renderer = StepRenderer {
+            config: &self.config,
+            scene,
+            model: &model,
+            occupancy: self.occupancy.as_ref().filter(|_| config.carve || at.step >= config.warmup),
+            at,
+            seed: self.seed,
+            unseen_rays,
+            profile: &mut self.profile,
+            counts: Counts::default(),
+            rays: 0,
+        };
+        let renders = renderer.render(&seen, &needs(&terms));
+        let (counts, rays) = (renderer.counts, renderer.rays);
+        let losses = LossValues::of(&terms, &renders);
+        let numbers = Numbers::read(&losses, &renders, at.step)?;
+        self.remember(&seen, &renders);
+        Ok(Forward {
+            total: losses.total,
+            numbers,
+            counts,
+            rays,
+            samples_per_ray: renders.seen.output().segments().samples() as f64 / seen.places.len() as f64,
+        })
+    }
+
+    /// Keeps the errors of the pixels of a step, if later ones are to draw by them.
+    fn remember(&mut self, seen: &SeenPixels, renders: &Renders) {
+        self.progress.pixels_skipped += seen.rejected;
+        let Some(color) = renders.seen.output().color.clone().filter(|_| self.config.train.error_sampling.is_on())
+        else {
+            return;
+        };
+        let color = to_host(color.detach());
+        let errors = color.chunks_exact(3).zip(&seen.rgba).map(|(color, target)| {
+            color.iter().zip(target).map(|(color, target)| (color - target).abs()).fold(0.0, f32::max)
+        });
+        self.pixel_errors.remember(&seen.places, errors);
+    }
+
+    /// Rays of training images and of unseen poses for this step.
+    fn ray_counts(&self) -> (usize, usize) {
+        let train = &self.config.train;
+        if train.target_samples == 0 || self.progress.samples_per_ray <= 0.0 {
+            return (train.rays, train.unseen_rays);
+        }
+        let rays = (train.target_samples as f64 / self.progress.samples_per_ray)
+            .clamp(train.rays as f64 / 4.0, train.rays as f64 * 16.0);
+        (rays as usize, (rays * train.unseen_rays as f64 / train.rays as f64) as usize)
+    }
+}

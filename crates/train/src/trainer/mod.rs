@@ -1,0 +1,249 @@
+mod forward;
+mod numbers;
+mod step;
+
+use std::sync::Arc;
+
+use burn::module::Module;
+use burn::optim::ModuleOptimizer;
+use burn::tensor::Device;
+use infonerf_field::{Extent, Field, FieldSpec, Points, RadianceField};
+use infonerf_ops::{Segments, to_host};
+use infonerf_render::{Model, Noise, OccupancyGrid, Renderer, Stream, TrainedModel};
+use infonerf_scene::Scene;
+use infonerf_schedule::Moment;
+
+use crate::checkpoint::State;
+use crate::error_sampling::PixelErrors;
+use crate::memory::{self, MemoryPlan};
+use crate::model::{FieldBuilder, optimiser};
+use crate::training_scene::TrainingScene;
+use crate::weight_averaging::WeightAverage;
+use crate::{Checkpoint, Config, Profile, Progress, TrainError};
+
+/// The training of one field, of one scene or, for a field that looks at photographs, of many.
+pub struct Trainer<F: Field = RadianceField> {
+    config: Config,
+    scenes: Vec<TrainingScene>,
+    seed: u64,
+    /// Seconds after which to stop, if the clock and not the number of steps decides.
+    budget: Option<f64>,
+    device: Device,
+    builder: FieldBuilder<F>,
+    model: Model<F>,
+    weight_average: WeightAverage<F>,
+    optimiser: ModuleOptimizer,
+    occupancy: Option<OccupancyGrid>,
+    pixel_errors: PixelErrors,
+    progress: Progress,
+    profile: Profile,
+}
+
+/// Why a run stopped, or that it has not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// There is more to do.
+    Running,
+    /// All steps are taken, the budget is spent, or the training error has plateaued.
+    Finished,
+    /// The field went empty and no fresh start is left.
+    Collapsed,
+}
+
+impl Trainer {
+    /// Sets up a run on `scene`: the same arguments give the same numbers on one device.
+    ///
+    /// `budget` is the time in seconds after which to stop, if the clock and not `train.iterations` decides.
+    ///
+    /// # Errors
+    /// If a number in `config` is out of range, a file of weights that it names cannot be used, or the run would not fit
+    /// into memory.
+    pub fn new(
+        config: &Config,
+        scene: impl Into<Arc<Scene>>,
+        seed: u64,
+        budget: Option<f64>,
+        device: &Device,
+    ) -> Result<Self, TrainError> {
+        let scene = scene.into();
+        let builder = FieldBuilder::configured(config, scene.bounds);
+        Self::with_builder(config, vec![scene], seed, budget, device, builder)
+    }
+
+    /// Sets up a run over many `scenes`: each step shows the field some photographs of one of them, and asks for pixels of
+    /// another view of it. Its checkpoint is what `train.init` takes.
+    ///
+    /// # Errors
+    /// As [`Self::new`], and if there is no scene, or if the config is one of a single scene.
+    pub fn on_scenes(config: &Config, scenes: Vec<Arc<Scene>>, seed: u64, device: &Device) -> Result<Self, TrainError> {
+        let several = |key: &str, cause: &str, good: bool| {
+            if good { Ok(()) } else { Err(TrainError::config(key, format!("expected {cause}"))) }
+        };
+        let cause = "`pixelnerf`: only a field that looks at photographs can learn from many scenes";
+        several("field.kind", cause, config.field.sees_photographs())?;
+        let cause = "false: an occupancy grid is of one scene";
+        several("render.occupancy.enabled", cause, !config.render.occupancy.enabled)?;
+        let cause = "0: the errors of pixels are those of one scene";
+        several("train.error_sampling.threshold", cause, !config.train.error_sampling.is_on())?;
+        let first = scenes.first().ok_or_else(|| TrainError::config("scenes", "expected at least one"))?;
+        let builder = FieldBuilder::configured(config, first.bounds);
+        Self::with_builder(config, scenes, seed, None, device, builder)
+    }
+}
+
+impl<F: Field> Trainer<F> {
+    /// Sets up a run of a field that is not of this workspace: `build` makes it, with its first weights, of a seed and a
+    /// device. `config.field` is not looked at.
+    ///
+    /// # Errors
+    /// As [`Trainer::new`].
+    pub fn with_field(
+        config: &Config,
+        scene: impl Into<Arc<Scene>>,
+        seed: u64,
+        budget: Option<f64>,
+        device: &Device,
+        build: impl Fn(u64, &Device) -> F + Send + Sync + 'static,
+    ) -> Result<Self, TrainError> {
+        Self::with_builder(config, vec![scene.into()], seed, budget, device, FieldBuilder::custom(build))
+    }
+
+    fn with_builder(
+        config: &Config,
+        scenes: Vec<Arc<Scene>>,
+        seed: u64,
+        budget: Option<f64>,
+        device: &Device,
+        builder: FieldBuilder<F>,
+    ) -> Result<Self, TrainError> {
+        config.validate()?;
+        if let (Some(available), Some(scene)) = (memory::available(), scenes.first()) {
+            MemoryPlan::new(config, scene).check(available)?;
+        }
+        let device = device.clone().autodiff();
+        let scenes: Vec<TrainingScene> =
+            scenes.into_iter().map(|scene| TrainingScene::new(config, scene, &device)).collect::<Result<_, _>>()?;
+        Ok(Self {
+            model: builder.model(config, seed, &device)?,
+            optimiser: optimiser(config),
+            occupancy: occupancy_grid(config, &scenes[0].scene),
+            config: config.clone(),
+            scenes,
+            seed,
+            budget,
+            device,
+            builder,
+            weight_average: WeightAverage::default(),
+            pixel_errors: PixelErrors::default(),
+            progress: Progress::default(),
+            profile: Profile::default(),
+        })
+    }
+
+    /// Goes on from `checkpoint`.
+    ///
+    /// # Errors
+    /// If it is of another config.
+    pub fn resume(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
+        self.model = checkpoint.restore_model(self.model.clone())?;
+        self.weight_average = checkpoint.restore_average(&self.model.valid())?;
+        self.optimiser = checkpoint.restore_optimiser(optimiser(&self.config))?;
+        if let Some(grid) = &mut self.occupancy {
+            checkpoint.restore_occupancy(grid)?;
+        }
+        self.pixel_errors = checkpoint.restore_pixel_errors()?;
+        self.progress = checkpoint.progress().clone();
+        Ok(())
+    }
+
+    /// Everything needed to go on later, or for another run to begin with.
+    ///
+    /// # Errors
+    /// If the weights cannot be encoded.
+    pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
+        Checkpoint::take(State {
+            progress: &self.progress,
+            model: &self.model,
+            average: &self.weight_average,
+            optimiser: &self.optimiser,
+            occupancy: self.occupancy.as_ref(),
+            pixel_errors: self.config.train.error_sampling.is_on().then_some(&self.pixel_errors),
+        })
+    }
+
+    /// How far the run is.
+    pub fn progress(&self) -> &Progress {
+        &self.progress
+    }
+
+    /// Where the time went.
+    pub fn profile(&self) -> &Profile {
+        &self.profile
+    }
+
+    /// The scene that it learns; the first of many.
+    pub fn scene(&self) -> &Arc<Scene> {
+        &self.scenes[0].scene
+    }
+
+    /// The model without gradients, to render with: the mean over the end of the run, once there is one.
+    pub fn model(&self) -> Model<F> {
+        let model = self.weight_average.mean().cloned().unwrap_or_else(|| self.model.valid());
+        model.conditioned(self.scenes[0].photographs.all())
+    }
+
+    /// The renderer of the scene.
+    pub fn renderer(&self) -> &Renderer {
+        &self.scenes[0].renderer
+    }
+
+    /// The occupancy grid once it may be used.
+    pub fn occupancy(&self) -> Option<&OccupancyGrid> {
+        let config = &self.config.render.occupancy;
+        self.occupancy.as_ref().filter(|_| config.carve || self.progress.step > config.warmup)
+    }
+
+    /// What pictures are rendered from. Asks the field where it is empty if `render.occupancy.refine` says so: worth
+    /// keeping.
+    pub fn trained(&self) -> TrainedModel<F> {
+        let model = self.model();
+        let factor = self.config.render.occupancy.refine;
+        let occupancy = self.occupancy().map(|grid| {
+            if factor == 1 {
+                return grid.clone();
+            }
+            let noise = Noise::new(self.seed, self.progress.step as u64, Stream::RefinedOccupancy);
+            let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
+            let length = self.renderer().step_length(Moment::END);
+            grid.refined(factor, noise, length, |points| densities(&model.fine, points, extent, Moment::END))
+        });
+        TrainedModel { model, occupancy }
+    }
+
+    /// Share of the run that is done: by the clock if there is a budget, else by steps.
+    pub fn done(&self) -> f64 {
+        let share = match self.budget {
+            Some(budget) => self.progress.seconds / budget,
+            None => self.progress.step as f64 / self.config.train.iterations as f64,
+        };
+        share.min(1.0)
+    }
+}
+
+fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
+    let config = &config.render.occupancy;
+    config.enabled.then(|| {
+        let mut grid = OccupancyGrid::new(config, scene.bounds);
+        if config.carve {
+            grid.carve(&scene.train);
+        }
+        grid
+    })
+}
+
+/// Densities of points on no ray, for the occupancy grid.
+pub(super) fn densities<F: Field>(field: &F, positions: &[f32], extent: Extent<'_>, at: Moment) -> Vec<f32> {
+    let segments = Segments::uniform(1, positions.len() / 3);
+    let points = Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments, extent };
+    to_host(field.evaluate(points, false, at).sigma)
+}

@@ -1,0 +1,106 @@
+//! A step: forward, backward, optimiser, and what is watched over steps.
+
+use std::time::Instant;
+
+use burn::module::Module;
+use burn::optim::GradientsParams;
+use infonerf_field::{Extent, Field};
+use infonerf_render::{Noise, Stream};
+use infonerf_schedule::Moment;
+
+use super::forward::Forward;
+use super::numbers::Numbers;
+use super::{Outcome, Trainer, densities, occupancy_grid};
+use crate::error_sampling::PixelErrors;
+use crate::model::optimiser;
+use crate::weight_averaging::WeightAverage;
+use crate::{Event, Phase, TrainError};
+
+impl<F: Field> Trainer<F> {
+    /// Takes one step and reports what happened.
+    ///
+    /// # Errors
+    /// If a loss is not finite. The model is then as it was before the step.
+    pub fn step(&mut self, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
+        if self.is_over() {
+            return Ok(Outcome::Finished);
+        }
+        let start = Instant::now();
+        let at = Moment { step: self.progress.step, progress: self.done() };
+        self.update_occupancy(at);
+        let forward = self.forward(at)?;
+        let lr = self.config.train.lr.at(at);
+        let Forward { total, numbers, counts, rays, samples_per_ray } = forward;
+        let grads = self.profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), &self.model));
+        let (optimiser, model) = (&mut self.optimiser, self.model.clone());
+        self.model = self.profile.time(Phase::Optimiser, || optimiser.step(lr, model, grads));
+        self.progress.count(counts, samples_per_ray);
+        self.progress.step += 1;
+        if WeightAverage::<F>::takes(self.config.train.weight_averaging, self.progress.step, self.done()) {
+            self.weight_average.add(self.model.valid());
+        }
+        let spent = start.elapsed().as_secs_f64();
+        self.progress.seconds += spent;
+        report(Event::Step {
+            step: self.progress.step,
+            seconds: self.progress.seconds,
+            loss: numbers.total,
+            psnr: -10.0 * numbers.mse.max(1e-12).log10(),
+            lr,
+            rays_per_second: rays as f64 / spent,
+            acc: numbers.acc,
+            evaluated: counts.evaluated as f64 / counts.total.max(1) as f64,
+            losses: numbers.losses.clone(),
+        });
+        self.watch(at, &numbers, report)
+    }
+
+    /// Whether there is nothing left to do.
+    fn is_over(&self) -> bool {
+        self.done() >= 1.0 || self.progress.early_stopping.plateaued
+    }
+
+    /// Notices an error that has plateaued, and a field that went empty; the latter starts over with other weights while
+    /// that is allowed.
+    fn watch(&mut self, at: Moment, numbers: &Numbers, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
+        let step = self.progress.step;
+        let full_size = self.scenes[0].images.at(&self.config.train, at).is_full_size();
+        let config = &self.config.train.early_stopping;
+        if full_size && self.progress.early_stopping.add(config, f64::from(numbers.mse)) {
+            report(Event::Plateau { step });
+        }
+        if self.progress.empty_steps.add(numbers.acc, numbers.foreground) {
+            let restarted = self.progress.restarts < self.config.train.restarts;
+            report(Event::Collapse { step, restarted });
+            if !restarted {
+                return Ok(Outcome::Collapsed);
+            }
+            self.restart()?;
+        }
+        Ok(if self.is_over() { Outcome::Finished } else { Outcome::Running })
+    }
+
+    fn restart(&mut self) -> Result<(), TrainError> {
+        let restarts = self.progress.restarts + 1;
+        let seed = Noise::new(self.seed, restarts as u64, Stream::Restart).bits();
+        self.model = self.builder.model(&self.config, seed, &self.device)?;
+        self.weight_average = WeightAverage::default();
+        self.optimiser = optimiser(&self.config);
+        self.occupancy = occupancy_grid(&self.config, &self.scenes[0].scene);
+        self.pixel_errors = PixelErrors::default();
+        self.progress = self.progress.restarted();
+        Ok(())
+    }
+
+    fn update_occupancy(&mut self, at: Moment) {
+        let Some(grid) = self.occupancy.as_mut().filter(|grid| grid.is_due(at.step)) else { return };
+        let scene = &self.scenes[0];
+        let noise = Noise::new(self.seed, at.step as u64, Stream::Occupancy);
+        let field = self.model.fine.valid().conditioned(scene.photographs.all());
+        let length = scene.renderer.step_length(at);
+        let extent = Extent::Ball { variance: grid.cell_variance() };
+        self.profile.time(Phase::Occupancy, || {
+            grid.update(noise, length, |positions| densities(&field, positions, extent, at))
+        });
+    }
+}

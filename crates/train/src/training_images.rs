@@ -1,0 +1,225 @@
+//! The training images, and the pixels of them that a step learns from.
+
+use infonerf_render::{Noise, Stream};
+use infonerf_scene::{Camera, Image, Scene};
+use infonerf_schedule::Moment;
+
+use crate::config::{Batch, TrainConfig};
+use crate::error_sampling::PixelErrors;
+use crate::pixels::{Pixels, crop, generator};
+
+/// Pixels of training images, with what they show.
+#[derive(Clone, Debug)]
+pub(crate) struct SeenPixels {
+    pub(crate) pixels: Pixels,
+    /// Colour and alpha of each.
+    pub(crate) rgba: Vec<[f32; 4]>,
+    /// Index of each among all pixels of the training images, for [`PixelErrors`].
+    pub(crate) places: Vec<usize>,
+    /// Draws that were passed over because the pixel is well fitted.
+    pub(crate) rejected: u64,
+}
+
+/// The training images of a scene at every size that a run uses.
+#[derive(Clone, Debug)]
+pub(crate) struct TrainingImages {
+    cameras: Vec<Camera>,
+    /// Full size first.
+    sizes: Vec<Images>,
+}
+
+/// Training images at one size.
+#[derive(Clone, Debug)]
+pub(crate) struct Images {
+    /// How much smaller than at full size.
+    factor: u32,
+    width: u32,
+    height: u32,
+    /// Colour and alpha of each pixel of each view; alpha is 1 where the view has none.
+    rgba: Vec<Vec<[f32; 4]>>,
+}
+
+impl TrainConfig {
+    /// By which factor images are smaller at a moment of the run.
+    pub(crate) fn downscale_at(&self, at: Moment) -> u32 {
+        self.downscale.at(at).round().max(1.0) as u32
+    }
+}
+
+impl TrainingImages {
+    /// Images of `scene` at full size, and box-filtered by each factor that `config` asks for.
+    pub(crate) fn new(scene: &Scene, config: &TrainConfig) -> Self {
+        let (width, height) = (scene.train[0].image.width, scene.train[0].image.height);
+        // Every whole factor between the extremes: all of them together are smaller than the images themselves.
+        let (least, largest) = (config.downscale.least().round() as u32, config.downscale.largest().round() as u32);
+        let factors = (least.max(2)..=largest).filter(|&factor| factor <= width.min(height));
+        let sizes = std::iter::once(1)
+            .chain(factors)
+            .map(|factor| Images {
+                factor,
+                width: width / factor,
+                height: height / factor,
+                rgba: scene.train.iter().map(|view| downscaled(&view.image, factor)).collect(),
+            })
+            .collect();
+        Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), sizes }
+    }
+
+    /// The images that a run learns from at a moment; at full size where none is so small.
+    pub(crate) fn at(&self, config: &TrainConfig, at: Moment) -> &Images {
+        let factor = config.downscale_at(at);
+        self.sizes.iter().find(|images| images.factor == factor).unwrap_or(&self.sizes[0])
+    }
+
+    /// `rays` pixels for the step at `at`; of well-fitted ones fewer, if `config` says so.
+    pub(crate) fn draw(
+        &self,
+        config: &TrainConfig,
+        rays: usize,
+        at: Moment,
+        noise: Noise,
+        errors: &PixelErrors,
+    ) -> SeenPixels {
+        let images = self.at(config, at);
+        let (places, rejected) = images.places(config, rays, at.step, noise, errors);
+        let (stride, area) = (images.width as usize, images.area());
+        let scale = images.pixel_width();
+        let position = |&place: &usize| {
+            let (x, y) = ((place % area) % stride, (place % area) / stride);
+            (place / area, (x as f32 + 0.5) * scale, (y as f32 + 0.5) * scale)
+        };
+        let pixels = Pixels { cameras: self.cameras.clone(), at: places.iter().map(position).collect(), width: scale };
+        let rgba = places.iter().map(|place| images.rgba[place / area][place % area]).collect();
+        SeenPixels { pixels, rgba, places, rejected }
+    }
+}
+
+impl Images {
+    /// How wide their pixels are, in pixels of the full size.
+    pub(crate) fn pixel_width(&self) -> f32 {
+        self.factor as f32
+    }
+
+    /// Whether they have the full size.
+    pub(crate) fn is_full_size(&self) -> bool {
+        self.factor == 1
+    }
+
+    /// How much smaller they are, and how many pixels all views have.
+    pub(crate) fn size(&self) -> (u32, usize) {
+        (self.factor, self.area() * self.rgba.len())
+    }
+
+    fn area(&self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    /// Indices of `rays` pixels, and how many draws were rejected.
+    fn places(
+        &self,
+        config: &TrainConfig,
+        rays: usize,
+        step: usize,
+        noise: Noise,
+        errors: &PixelErrors,
+    ) -> (Vec<usize>, u64) {
+        let ((left, columns), (top, rows)) = (crop(config, step, self.width), crop(config, step, self.height));
+        let (stride, area) = (self.width as usize, self.area());
+        let [view, column, row, acceptance] =
+            [Stream::View, Stream::Column, Stream::Row, Stream::Acceptance].map(|stream| noise.child(stream));
+        let sampling = config.error_sampling.is_on().then_some(&config.error_sampling);
+        match config.batch {
+            Batch::Pixels => {
+                let draw = |ray: usize, k: usize| {
+                    let x = left as usize + column.below(ray, k, columns as usize);
+                    let y = top as usize + row.below(ray, k, rows as usize);
+                    view.below(ray, k, self.rgba.len()) * area + y * stride + x
+                };
+                let mut rejected = 0;
+                let choose = |ray| match sampling {
+                    None => draw(ray, 0),
+                    Some(sampling) => {
+                        let (place, passed) = errors.choose(sampling, ray, acceptance, |k| draw(ray, k));
+                        rejected += passed as u64;
+                        place
+                    }
+                };
+                ((0..rays).map(choose).collect(), rejected)
+            }
+            Batch::Image | Batch::HeldOut => {
+                let image = view.below(0, 0, self.rgba.len());
+                let pixels = columns as usize * rows as usize;
+                let candidates = if sampling.is_some() { PixelErrors::DRAWS * rays } else { rays };
+                let drawn: Vec<usize> =
+                    rand::seq::index::sample(&mut generator(column), pixels, candidates.min(pixels))
+                        .into_iter()
+                        .map(|pixel| (left + pixel as u32 % columns, top + pixel as u32 / columns))
+                        .map(|(x, y)| image * area + y as usize * stride + x as usize)
+                        .collect();
+                match sampling {
+                    None => (drawn, 0),
+                    Some(sampling) => errors.among(sampling, acceptance, &drawn, rays.min(pixels)),
+                }
+            }
+        }
+    }
+}
+
+/// Means over squares of `factor` × `factor` pixels; what is left at the right and lower edges is cut off.
+fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 4]> {
+    let share = 1.0 / (factor * factor) as f32;
+    let square = |x: u32, y: u32| {
+        let mut sum = [0.0; 4];
+        for (dx, dy) in (0..factor).flat_map(|dy| (0..factor).map(move |dx| (dx, dy))) {
+            let at = ((y * factor + dy) * image.width + x * factor + dx) as usize;
+            let [red, green, blue] = image.rgb[at];
+            let alpha = image.alpha.as_ref().map_or(1.0, |alpha| alpha[at]);
+            for (sum, value) in sum.iter_mut().zip([red, green, blue, alpha]) {
+                *sum += value * share;
+            }
+        }
+        sum
+    };
+    let (width, height) = (image.width / factor, image.height / factor);
+    (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_scene::{SceneRequest, SceneSource, ViewRegion, ViewSelection};
+
+    use super::*;
+    use crate::pixels::UnseenViews;
+    use crate::{Config, Preset};
+
+    /// Cones of all kinds of rays are as wide as the pixels of the images that a step learns from.
+    #[test]
+    fn smaller_images_have_wider_cones() {
+        let request = SceneRequest {
+            train: ViewSelection::Seed { seed: 0, count: 2 },
+            image_size: Some(16),
+            ..SceneRequest::default()
+        };
+        let scene = infonerf_scene::load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let mut table = Preset::Paper.table();
+        crate::config::assign(&mut table, "train.downscale={steps=[[0.0,4],[0.25,2],[0.5,50],[0.75,1]]}").unwrap();
+        let config = Config::from_table(table).unwrap().train;
+        let images = TrainingImages::new(&scene, &config);
+        let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let region = ViewRegion::new(&cameras);
+        let unseen = UnseenViews { scene: &scene, region: &region, config: &config };
+        let noise = Noise::new(0, 0, Stream::SeenRays);
+        let centre = cameras[0].ray(8.0, 8.0).radius;
+        // No image is 50 times smaller: the full size is used.
+        for (progress, width) in [(0.1, 4.0), (0.3, 2.0), (0.6, 1.0), (1.0, 1.0)] {
+            let at = Moment { step: 0, progress };
+            assert_eq!(images.at(&config, at).pixel_width(), width);
+            let seen = images.draw(&config, 8, at, noise, &PixelErrors::default()).pixels;
+            let near = seen.neighbours(&config.neighbours, &region, noise);
+            for ray in [seen.rays(), near, unseen.pixels(8, width, 0, noise).rays()].concat() {
+                let ratio = ray.radius / centre;
+                assert!(ratio > 0.8 * width && ratio <= 1.0001 * width, "{ratio} at {progress}");
+            }
+        }
+    }
+}

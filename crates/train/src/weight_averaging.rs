@@ -1,0 +1,89 @@
+//! Averaging of weights over the end of a run (Polyak and Juditsky 1992; Izmailov et al. 2018).
+//!
+//! Few views leave much of a scene undetermined, and there the weights keep wandering with the batches. Their mean is less
+//! noisy than any one of them.
+
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::Tensor;
+use infonerf_field::Field;
+use infonerf_render::Model;
+
+/// Steps between two models that are averaged: successive ones are nearly the same, and each costs a pass over all weights.
+const EVERY: usize = 8;
+
+/// The mean of the models added so far.
+#[derive(Clone, Debug)]
+pub(crate) struct WeightAverage<F: Field> {
+    mean: Option<Model<F>>,
+    count: usize,
+}
+
+impl<F: Field> Default for WeightAverage<F> {
+    fn default() -> Self {
+        Self { mean: None, count: 0 }
+    }
+}
+
+impl<F: Field> WeightAverage<F> {
+    /// A mean of `count` models, as a checkpoint kept it.
+    pub(crate) fn restored(mean: Option<Model<F>>, count: usize) -> Self {
+        Self { mean, count }
+    }
+
+    /// Whether the model after `step` steps is one of those averaged, in a run that averages its last `share`.
+    pub(crate) fn takes(share: f64, step: usize, done: f64) -> bool {
+        share > 0.0 && done >= 1.0 - share && step.is_multiple_of(EVERY)
+    }
+
+    /// Adds a model: mean ← mean + (model − mean)/n.
+    pub(crate) fn add(&mut self, model: Model<F>) {
+        self.count += 1;
+        self.mean = Some(match self.mean.take() {
+            None => model,
+            Some(mean) => blend(mean, &model, 1.0 / self.count as f32),
+        });
+    }
+
+    /// The mean; none before the first model.
+    pub(crate) fn mean(&self) -> Option<&Model<F>> {
+        self.mean.as_ref()
+    }
+
+    /// How many models are in it.
+    pub(crate) fn count(&self) -> usize {
+        self.count
+    }
+}
+
+/// a + share · (b − a), weight by weight, for two models of one shape.
+fn blend<F: Field>(a: Model<F>, b: &Model<F>, share: f32) -> Model<F> {
+    let mut weights = Weights(Vec::new());
+    b.visit(&mut weights);
+    weights.0.reverse();
+    a.map(&mut Towards { weights, share })
+}
+
+/// All weights of a model, each flattened, in the module's order.
+struct Weights(Vec<Tensor<1>>);
+
+impl ModuleVisitor for Weights {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        self.0.push(param.val().flatten(0, D - 1));
+    }
+}
+
+struct Towards {
+    /// In reverse order: the next one is popped.
+    weights: Weights,
+    share: f32,
+}
+
+impl ModuleMapper for Towards {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let other = self.weights.0.pop().expect("models of one shape");
+        param.map(|weight| {
+            let shape = weight.shape();
+            weight.clone() + (other.reshape(shape) - weight) * self.share
+        })
+    }
+}
