@@ -8,8 +8,8 @@ use std::path::Path;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use infonerf_field::{
-    DensityActivation, EncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, PixelNerfConfig, Points, RadianceField,
-    SourceView, Sources,
+    DensityActivation, EncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, PixelNerfConfig, Points,
+    RadianceField, SourceView, Sources,
 };
 use infonerf_ops::{Segments, to_host};
 use infonerf_schedule::Moment;
@@ -246,8 +246,15 @@ fn a_file_without_the_weights_is_refused_by_name() {
     let fault = |name: &str, width: usize| {
         let encoder = EncoderConfig { width, blocks: vec![1], weights: folder.path().join(name) };
         let density = DensityActivation::Relu;
-        let config =
-            PixelNerfConfig { encoder, blocks: 1, pool_after: 1, width: 4, frequencies: 1, lowest_frequency: 1.0, density };
+        let config = PixelNerfConfig {
+            encoder,
+            blocks: 1,
+            pool_after: 1,
+            width: 4,
+            frequencies: 1,
+            lowest_frequency: 1.0,
+            density,
+        };
         FieldConfig::PixelNerf(config).build(&setup(&Device::flex())).unwrap_err().to_string()
     };
     std::fs::write(folder.path().join("text"), "no weights").unwrap();

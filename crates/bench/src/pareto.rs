@@ -165,8 +165,7 @@ fn text(points: &[Point], passed: &[Passed]) -> String {
     let measured = |metric: &&&Metric| points.iter().any(|point| point.metric(metric.key()).is_some());
     let metrics: Vec<&Metric> = METRICS.iter().filter(measured).copied().collect();
     let names = metrics.iter().map(|metric| metric.descriptor.name);
-    let headings: Vec<&str> =
-        ["variant", "budget", "training", "steps", "frontier"].into_iter().chain(names).collect();
+    let headings: Vec<&str> = ["variant", "budget", "training", "steps", "frontier"].into_iter().chain(names).collect();
     let mut table = TextTable::new(&headings);
     for point in points {
         let shown = |metric: &&Metric| {

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use infonerf_experiment::{RunPlan, total_progress};
-use infonerf_render::TrainedModel;
 use infonerf_metrics::{METRICS, Values};
+use infonerf_render::TrainedModel;
 use infonerf_train::{Config, Evaluation, Outcome, Trainer, config};
 use serde::Serialize;
 

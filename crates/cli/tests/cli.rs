@@ -49,7 +49,15 @@ fn an_experiment_leaves_everything_behind() {
     let place = Workplace::new();
     let output = place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--profile"]).succeeds();
     let said = text(&output.stdout);
-    for part in ["no --data given", "knot/nerf/seed0", "knot/infonerf/seed0", "knot/infonerf+/seed0", "PSNR", "report.html", "evaluated"] {
+    for part in [
+        "no --data given",
+        "knot/nerf/seed0",
+        "knot/infonerf/seed0",
+        "knot/infonerf+/seed0",
+        "PSNR",
+        "report.html",
+        "evaluated",
+    ] {
         assert!(said.contains(part), "{part}: {said}");
     }
 

@@ -9,10 +9,10 @@ use infonerf_train::{Config, Preset, config};
 use toml::{Table, Value};
 
 use crate::file::Layers;
-use crate::scenes::check_name;
 use crate::plot::Plot;
 use crate::published::Paper;
 use crate::run_plan::RunPlan;
+use crate::scenes::check_name;
 use crate::scenes::find_scenes;
 
 /// Which runs of an experiment, and what they change. What is empty is as the experiment says.

@@ -68,10 +68,8 @@ impl Record {
     /// numbers.
     #[must_use]
     pub fn representable(mut self) -> Self {
-        let of_rays = [
-            ("ray_entropy_bits", &mut self.ray_entropy_bits),
-            ("information_gain", &mut self.information_gain),
-        ];
+        let of_rays =
+            [("ray_entropy_bits", &mut self.ray_entropy_bits), ("information_gain", &mut self.information_gain)];
         let metrics = self.metrics.iter_mut().map(|(key, value)| (key.as_str(), value));
         for (name, metric) in metrics.chain(of_rays) {
             if let Some(value) = metric.take_if(|value| !value.is_finite()) {

@@ -4,7 +4,7 @@ use std::{
 };
 
 use crate::{
-    Claim, Events, Figure, Quantity, Published, Record, ReportError, Run, Table, TestedClaim,
+    Claim, Events, Figure, Published, Quantity, Record, ReportError, Run, Table, TestedClaim,
     chart::standalone,
     figures::{comparison_figures, curve_figures},
     files::write_atomically,

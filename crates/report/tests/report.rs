@@ -107,10 +107,12 @@ fn events(root: &Path, record: &Record) {
     let mut lines = String::new();
     for step in (0..2000).step_by(10) {
         let time = f64::from(step) / 40.0;
-        let psnr = record.metrics["psnr"].unwrap() * (1.0 - (-0.2 - time / 10.0).exp()) + f64::from(step * 7 % 11) / 20.0;
+        let psnr =
+            record.metrics["psnr"].unwrap() * (1.0 - (-0.2 - time / 10.0).exp()) + f64::from(step * 7 % 11) / 20.0;
         let loss = 10f64.powf(-psnr / 10.0);
-        lines +=
-            &format!("{{\"event\":\"step\",\"step\":{step},\"seconds\":{time},\"loss\":{loss},\"losses\":{{\"rgb\":{loss},\"kl\":0.1}},\"psnr\":{psnr}}}\n");
+        lines += &format!(
+            "{{\"event\":\"step\",\"step\":{step},\"seconds\":{time},\"loss\":{loss},\"losses\":{{\"rgb\":{loss},\"kl\":0.1}},\"psnr\":{psnr}}}\n"
+        );
         if step % 200 == 0 {
             lines +=
                 &format!("{{\"event\":\"eval\",\"step\":{step},\"seconds\":{time},\"psnr\":{psnr},\"ssim\":0.7}}\n");
@@ -235,12 +237,14 @@ fn text_from_outside_stays_text() {
         svg: "<svg ></svg>".into(),
         caption: hostile.into(),
     });
-    let comparison = Comparison {
-        left: Side::Variant(hostile.into()),
-        is: Relation::Better,
-        right: Side::Variant("nerf".into()),
-    };
-    input.claims.push(Claim { statement: hostile.into(), metric: Quantity::PSNR, margin: 0.0, comparisons: vec![comparison] });
+    let comparison =
+        Comparison { left: Side::Variant(hostile.into()), is: Relation::Better, right: Side::Variant("nerf".into()) };
+    input.claims.push(Claim {
+        statement: hostile.into(),
+        metric: Quantity::PSNR,
+        margin: 0.0,
+        comparisons: vec![comparison],
+    });
     let figures = vec![(Quantity::PSNR, Summary { mean: 1.0, std: None, n: 1 })];
     let row = PublishedRow { variant: hostile.into(), figures, ..PublishedRow::default() };
     input.published = Some(Published { source: hostile.into(), rows: vec![row], footnotes: vec![hostile.into()] });

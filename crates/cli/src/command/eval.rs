@@ -71,7 +71,12 @@ fn line(values: &Values) -> String {
     let shown = |metric: &&Metric| {
         let value = values.get(metric.key()).copied().flatten()?;
         let unit = Some(metric.descriptor.unit).filter(|unit| !unit.is_empty());
-        Some(format!("{} {}{}  ", metric.descriptor.name, metric.descriptor.format(value), unit.map_or_else(String::new, |unit| format!(" {unit}"))))
+        Some(format!(
+            "{} {}{}  ",
+            metric.descriptor.name,
+            metric.descriptor.format(value),
+            unit.map_or_else(String::new, |unit| format!(" {unit}"))
+        ))
     };
     METRICS.iter().filter_map(shown).collect()
 }

@@ -5,9 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use infonerf_render::TrainedModel;
 use infonerf_report::{Record, TestViews};
-use infonerf_train::{
-    Evaluation, Information, InformationQuery, Trainer, config::Unseen, information,
-};
+use infonerf_train::{Evaluation, Information, InformationQuery, Trainer, config::Unseen, information};
 
 use super::pictures::write_pictures;
 use super::total_progress;

@@ -105,9 +105,8 @@ impl Pairs {
     fn of(comparison: &Comparison, quantity: Quantity, records: &[Record]) -> Self {
         let mut pairs = Self { sides: Vec::new(), collapsed: 0, incomplete: 0 };
         for (scene, seed) in distinct(records, |record| (record.scene.clone(), record.seed)) {
-            let run = |variant: &str| {
-                records.iter().find(|r| r.variant == variant && r.scene == scene && r.seed == seed)
-            };
+            let run =
+                |variant: &str| records.iter().find(|r| r.variant == variant && r.scene == scene && r.seed == seed);
             let value = |variant: &str| quantity.value(run(variant)?);
             match (comparison.left.value(value), comparison.right.value(value)) {
                 (Some(left), Some(right)) => {
@@ -132,9 +131,8 @@ impl Pairs {
         if let [(_, seeds)] = scenes.as_slice() {
             return (Unit::Seed, seeds.clone());
         }
-        let mean = |sides: &[[f64; 2]], side: usize| {
-            sides.iter().map(|sides| sides[side]).sum::<f64>() / sides.len() as f64
-        };
+        let mean =
+            |sides: &[[f64; 2]], side: usize| sides.iter().map(|sides| sides[side]).sum::<f64>() / sides.len() as f64;
         (Unit::Scene, scenes.iter().map(|(_, sides)| [mean(sides, 0), mean(sides, 1)]).collect())
     }
 }

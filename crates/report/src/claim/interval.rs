@@ -57,7 +57,8 @@ mod tests {
     #[test]
     fn quantiles_are_those_of_student() {
         // Quantiles from printed tables: 12.706 for 1 degree of freedom, 4.303 for 2, 3.182 for 3.
-        for (values, quantile) in [(&[1.0, 3.0][..], 12.706), (&[1.0, 2.0, 3.0], 4.303), (&[0.0, 1.0, 2.0, 3.0], 3.182)] {
+        for (values, quantile) in [(&[1.0, 3.0][..], 12.706), (&[1.0, 2.0, 3.0], 4.303), (&[0.0, 1.0, 2.0, 3.0], 3.182)]
+        {
             let interval = Interval::of(values).unwrap();
             let n = values.len() as f64;
             let std = (values.iter().map(|x| (x - interval.mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();

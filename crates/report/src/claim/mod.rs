@@ -217,13 +217,20 @@ mod tests {
         assert_eq!(verdict("a", Relation::Better, "b"), Verdict::Fails);
         assert_eq!(verdict("a", Relation::NotWorse, "b"), Verdict::Fails);
         assert_eq!(verdict("a", Relation::Better, "c"), Verdict::Undecided);
-        assert_eq!(verdict("c", Relation::NotWorse, "a"), Verdict::Undecided, "it may be worse by more than the margin");
+        assert_eq!(
+            verdict("c", Relation::NotWorse, "a"),
+            Verdict::Undecided,
+            "it may be worse by more than the margin"
+        );
         assert_eq!(verdict("d", Relation::NotWorse, "a"), Verdict::Holds);
         assert_eq!(verdict("a", Relation::Better, "none"), Verdict::Untested);
         let tested = claim(&["b"], Relation::Better, &["a"]).test(&list, None);
         assert_eq!(tested.findings[0].formula, "PSNR (dB): b > a");
         assert_eq!(tested.findings[0].found(), "+1.00 [+0.75, +1.25] over 3 scenes");
-        assert_eq!(claim(&["b"], Relation::NotWorse, &["a"]).test(&list, None).findings[0].formula, "PSNR (dB): b > a − 0.5");
+        assert_eq!(
+            claim(&["b"], Relation::NotWorse, &["a"]).test(&list, None).findings[0].formula,
+            "PSNR (dB): b > a − 0.5"
+        );
     }
 
     /// Four seeds of one scene are one scene; of one scene alone they say something of that scene.
@@ -259,12 +266,8 @@ mod tests {
 
     #[test]
     fn differences_and_distances() {
-        let list = records(&[
-            ("few", [10.0, 10.1, 10.2]),
-            ("info", [18.0; 3]),
-            ("many", [20.0; 3]),
-            ("both", [20.5; 3]),
-        ]);
+        let list =
+            records(&[("few", [10.0, 10.1, 10.2]), ("info", [18.0; 3]), ("many", [20.0; 3]), ("both", [20.5; 3])]);
         let gain = claim(&["info", "few"], Relation::Better, &["both", "many"]).test(&list, None);
         assert_eq!(gain.verdict, Verdict::Holds);
         assert_eq!(gain.findings[0].found(), "+7.40 [+7.15, +7.65] over 3 scenes");

@@ -93,7 +93,9 @@ pub fn overview_table(records: &[Record], quantities: &[Quantity]) -> Table {
         [scene] => scene.clone(),
         scenes => format!("mean over {} scenes", scenes.len()),
     };
-    assemble(title, records, columns, |group| quantities.iter().map(|&quantity| group.cell(quantity, &scenes)).collect())
+    assemble(title, records, columns, |group| {
+        quantities.iter().map(|&quantity| group.cell(quantity, &scenes)).collect()
+    })
 }
 
 /// The records of one row.

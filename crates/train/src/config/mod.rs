@@ -74,7 +74,10 @@ impl EvalConfig {
         if known.contains(&self.protocol.as_str()) {
             return Ok(());
         }
-        Err(TrainError::config("eval.protocol", format!("expected one of {}, found {:?}", known.join(", "), self.protocol)))
+        Err(TrainError::config(
+            "eval.protocol",
+            format!("expected one of {}, found {:?}", known.join(", "), self.protocol),
+        ))
     }
 }
 
