@@ -177,7 +177,7 @@ fn a_file_without_the_encoder_is_refused_by_name() {
     };
     assert!(fault(&path).contains("No such file"));
     write_weights(&path, [("bias".to_owned(), vec![1], vec![0.5])].into_iter());
-    assert_eq!(fault(&path), "no tensor `visual_projection.weight`");
+    assert!(fault(&path).starts_with("no tensor `visual_projection.weight`, expected F32 ["));
     encoder(&path, small(&fixture()), &Device::flex());
     assert!(fault(&path).contains("`visual_projection.weight` is F32 [10, 24], not F32 [512, 768]"));
 }

@@ -40,9 +40,12 @@ pub(crate) enum Command {
     /// Measure speed: time against error, what skipping saves, where a step's time goes, how cost grows.
     #[command(after_help = BENCH_EXAMPLES)]
     Bench(BenchArgs),
-    /// Evaluate finished runs again, at other image sizes too.
+    /// Evaluate finished runs again, at other image sizes too, or pictures that something else rendered.
     #[command(after_help = EVAL_EXAMPLES)]
     Eval(EvalArgs),
+    /// List the published weights that metrics, losses and encoders need; fetch or import them.
+    #[command(after_help = WEIGHTS_EXAMPLES)]
+    Weights(WeightsListArgs),
     /// Render new views of a finished run: an orbit as PNG frames and an animation.
     Render(RenderArgs),
     /// List or export scenes.
@@ -68,7 +71,18 @@ Examples:
   infonerf eval runs/synthetic-4view/castle/infonerf/seed0 --test all
       on all 200 test views
   infonerf eval runs/scales/castle/nerf/seed0 runs/scales/castle/mipnerf/seed0 --scale 1/2,1/4,1/8
-      how two runs stand smaller images than those that they were trained on";
+      how two runs stand smaller images than those that they were trained on
+  infonerf eval --renders their/renders --truth their/test --out compared
+      any PNG or JPEG pictures of the same names: a table, compared/comparison.json and a page with sliders";
+
+const WEIGHTS_EXAMPLES: &str = "\
+Examples:
+  infonerf weights
+      what there is, what needs it, and whether it is here
+  infonerf weights fetch lpips-vgg
+      download it, check its SHA-256, and keep it in the user's cache
+  infonerf weights import vgg16-397923af.pth
+      take a file that is here already: PyTorch's or safetensors";
 
 #[derive(Clone, Debug, ClapArgs)]
 pub(crate) struct ExpArgs {
@@ -181,8 +195,10 @@ pub(crate) struct DeviceArgs {
 #[derive(Debug, ClapArgs)]
 pub(crate) struct EvalArgs {
     /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0; more of them are compared.
-    #[arg(required = true, value_name = "RUN")]
+    #[arg(required_unless_present = "renders", conflicts_with = "renders", value_name = "RUN")]
     pub(crate) runs: Vec<PathBuf>,
+    #[command(flatten)]
+    pub(crate) pictures: PicturesArgs,
     /// Test views: all, every-8, first-3; by default as the run says.
     #[arg(long, value_name = "PROTOCOL")]
     pub(crate) test: Option<String>,
@@ -193,6 +209,64 @@ pub(crate) struct EvalArgs {
     pub(crate) device: DeviceArgs,
     #[command(flatten)]
     pub(crate) weights: WeightsArgs,
+}
+
+/// Pictures that something else rendered.
+#[derive(Debug, ClapArgs)]
+#[command(next_help_heading = "Pictures of other programs")]
+pub(crate) struct PicturesArgs {
+    /// Folder of rendered pictures, PNG or JPEG.
+    #[arg(long, value_name = "DIR", requires = "truth", conflicts_with_all = ["test", "scales"])]
+    renders: Option<PathBuf>,
+    /// Folder of photographs, called as the renders but for the extension.
+    #[arg(long, value_name = "DIR", requires = "renders")]
+    truth: Option<PathBuf>,
+    /// Folder of masks for the masked metrics, black where pixels do not count.
+    #[arg(long, value_name = "DIR", requires = "renders")]
+    pub(crate) masks: Option<PathBuf>,
+    /// How pictures are measured: infonerf, regnerf or neural-body; see docs/protocol.md.
+    #[arg(long, value_name = "NAME", requires = "renders", default_value = "infonerf")]
+    pub(crate) protocol: String,
+    /// A metric by its key, such as lpips_vgg, which then has to have a value; again for more. By default all that can be
+    /// measured.
+    #[arg(long = "metric", value_name = "KEY", requires = "renders")]
+    pub(crate) metrics: Vec<String>,
+    /// Leave photographs without a render out; otherwise they are an error.
+    #[arg(long, requires = "renders")]
+    pub(crate) partial: bool,
+    /// Folder for comparison.json and comparison.html.
+    #[arg(long, value_name = "DIR", requires = "renders")]
+    pub(crate) out: Option<PathBuf>,
+}
+
+impl PicturesArgs {
+    /// Renders and truth, if they are given.
+    pub(crate) fn folders(&self) -> Option<(PathBuf, PathBuf)> {
+        self.renders.clone().zip(self.truth.clone())
+    }
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct WeightsListArgs {
+    #[command(subcommand)]
+    pub(crate) command: Option<WeightsCommand>,
+    #[command(flatten)]
+    pub(crate) weights: WeightsArgs,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum WeightsCommand {
+    /// Download weights, check their sum, and keep what is needed; goes on where a download was cut off.
+    Fetch {
+        /// Names, as `infonerf weights` lists them.
+        #[arg(required = true, value_name = "NAME")]
+        names: Vec<String>,
+    },
+    /// Take a file of weights that is here: safetensors, or what PyTorch saves.
+    Import {
+        /// The file.
+        file: PathBuf,
+    },
 }
 
 #[derive(Debug, ClapArgs)]

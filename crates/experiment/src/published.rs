@@ -187,7 +187,8 @@ mod tests {
                     [scenes.lego.nerf]\npsnr = 15.61\n[protocol]\nimages = '800 pixels'\nview_sets = '5'\n";
         let paper: Paper = toml::from_str(text).unwrap();
         let published = paper.beside(&[]);
-        assert_eq!(published.rows[0].figures[0], (Quantity::PSNR, Summary { mean: 15.93, std: Some(1.06), n: 1 }));
+        let psnr = (Quantity::PSNR, Summary { mean: 15.93, std: Some(1.06), n: 1 });
+        assert!(published.rows[0].figures.contains(&psnr));
         assert_eq!((published.rows[0].figures.len(), published.rows[1].scene.as_deref()), (2, Some("lego")));
         assert!(toml::from_str::<Paper>("source = 'x'\n[figures.nerf]\nvmaf = 90.0").is_err());
         assert!(published.footnotes.contains(&"Sets of training views: 0 here; 5 in the paper.".into()));

@@ -181,9 +181,9 @@ impl RunPlan {
 
 /// The paths of all files of weights that a config names; those that it does not use are empty.
 pub(crate) fn weight_paths(config: &mut Config) -> Vec<&mut PathBuf> {
-    let mut paths = vec![&mut config.train.init, &mut config.loss.semantic.weights];
-    paths.extend(config.field.weights_file().map(|(_, path)| path));
-    paths
+    let of_terms = config.loss.specs_mut().filter_map(|(_, term)| term.weights_file());
+    let of_field = config.field.weights_file();
+    std::iter::once(&mut config.train.init).chain(of_terms.chain(of_field).map(|(_, path)| path)).collect()
 }
 
 fn absolute(path: &Path) -> PathBuf {

@@ -50,7 +50,7 @@ pub trait TermSpec {
     }
 
     /// The file of weights that the term reads, if it reads one: its key within the term's table, and its path.
-    fn weights_file(&self) -> Option<(&'static str, &PathBuf)> {
+    fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
         None
     }
 }

@@ -20,6 +20,7 @@ pub mod bilinear;
 pub mod composite;
 #[cfg(feature = "cube")]
 mod cube;
+pub mod distortion;
 #[cfg(feature = "flex")]
 mod distribution;
 pub mod divergence;
@@ -43,6 +44,7 @@ mod simd;
 
 pub use bilinear::bilinear;
 pub use composite::{Composite, composite};
+pub use distortion::{Intervals, ray_distortion};
 pub use divergence::ray_divergence;
 pub use entropy::{RayDistribution, RayEntropy, ray_entropy};
 pub use factored::{factored_field, plane_variation};

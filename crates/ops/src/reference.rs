@@ -146,6 +146,21 @@ pub fn divergence_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Vec<f64>
     (through_normalisation(tau, &p, alpha_sum(tau), &dp), through_normalisation(near, &q, alpha_sum(near), &dq))
 }
 
+/// Σᵢⱼ wᵢ wⱼ |mᵢ − mⱼ| + ⅓ Σ wᵢ² δᵢ.
+pub fn distortion(tau: &[f64], middle: &[f64], length: &[f64]) -> f64 {
+    let w = weights(tau);
+    let between = |i: usize| (0..w.len()).map(|j| w[j] * (middle[i] - middle[j]).abs()).sum::<f64>();
+    (0..w.len()).map(|i| w[i] * (between(i) + w[i] * length[i] / 3.0)).sum()
+}
+
+/// ∂(distortion)/∂τ.
+pub fn distortion_gradient(tau: &[f64], middle: &[f64], length: &[f64]) -> Vec<f64> {
+    let w = weights(tau);
+    let between = |i: usize| (0..w.len()).map(|j| w[j] * (middle[i] - middle[j]).abs()).sum::<f64>();
+    let slopes: Vec<f64> = (0..w.len()).map(|i| 2.0 * between(i) + 2.0 / 3.0 * w[i] * length[i]).collect();
+    weights_vjp(tau, &slopes)
+}
+
 /// From ∂L/∂p to ∂L/∂τ, where p is `masses` over their sum S: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ. As Σ p = 1, a
 /// constant in g drops out.
 fn through_normalisation(tau: &[f64], masses: &[f64], sum: f64, slopes: &[f64]) -> Vec<f64> {

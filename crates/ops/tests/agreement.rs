@@ -5,7 +5,7 @@ mod common;
 
 use burn::tensor::{Tensor, TensorData};
 use common::{Body, DISTRIBUTIONS, Draws, Rays, floats, matrix, vector, wide};
-use infonerf_ops::{RayDistribution, Segments, reference};
+use infonerf_ops::{Intervals, RayDistribution, Segments, reference};
 use serde_json::Value;
 
 /// Error of values that are at most about 1: a few roundings of `f32`.
@@ -175,6 +175,42 @@ fn check_divergence(body: Body, segments: &Segments, tau: &[f32], near: &[f32], 
     }
 }
 
+/// Intervals of random length, one behind the other along each ray.
+fn intervals(segments: &Segments, draws: &mut Draws) -> Intervals {
+    let mut intervals = Intervals::default();
+    for range in segments.ranges() {
+        let mut edge = 0.0;
+        for _ in range {
+            let length = 0.1 * draws.unit() as f32;
+            intervals.middle.push(edge + 0.5 * length);
+            intervals.length.push(length);
+            edge += length;
+        }
+    }
+    intervals
+}
+
+fn check_distortion(body: Body, rays: &Rays, draws: &mut Draws) {
+    let Rays { segments, tau } = rays;
+    let device = body.device().autodiff();
+    let weights: Vec<f32> = (0..segments.rays()).map(|_| draws.signed()).collect();
+    let intervals = intervals(segments, draws);
+    let t = vector(tau, &device).require_grad();
+    let distortion = body.distortion(t.clone(), &intervals, segments);
+    let got = floats(distortion.clone().detach());
+    let grads = (distortion * vector(&weights, &device)).sum().backward();
+    let dtau = floats(t.grad(&grads).unwrap());
+    for (ray, range) in segments.ranges().enumerate() {
+        let row = wide(&tau[range.clone()]);
+        let (middle, length) = (wide(&intervals.middle[range.clone()]), wide(&intervals.length[range.clone()]));
+        let what = || format!("{body:?}, ray {row:?}, distortion");
+        close(got[ray], reference::distortion(&row, &middle, &length), UNIT, &what);
+        let want = reference::distortion_gradient(&row, &middle, &length);
+        let want: Vec<f64> = want.iter().map(|g| g * f64::from(weights[ray])).collect();
+        check_gradient(&dtau[range], &want, 0.0, |_| false, &what);
+    }
+}
+
 #[test]
 fn random_rays() {
     for body in Body::ALL {
@@ -183,6 +219,7 @@ fn random_rays() {
             let rays = Rays::random(&mut draws, 61);
             check_composite(body, &rays, &mut draws);
             check_entropy(body, &rays, &mut draws);
+            check_distortion(body, &rays, &mut draws);
         }
     }
 }
@@ -192,6 +229,7 @@ fn extreme_rays() {
     for body in Body::ALL {
         check_composite(body, &Rays::extreme(), &mut Draws(2));
         check_entropy(body, &Rays::extreme(), &mut Draws(2));
+        check_distortion(body, &Rays::extreme(), &mut Draws(2));
     }
 }
 
@@ -202,6 +240,7 @@ fn a_huge_last_interval_leaves_the_samples_before_it_alone() {
     for body in Body::ALL {
         check_composite(body, &rays, &mut Draws(3));
         check_entropy(body, &rays, &mut Draws(3));
+        check_distortion(body, &rays, &mut Draws(3));
     }
 }
 
@@ -217,7 +256,8 @@ fn no_rays_and_rays_without_samples() {
             assert_eq!(out.values.dims(), [rays, CHANNELS], "{body:?}");
             let entropies = DISTRIBUTIONS.map(|of| body.entropy(empty(), &segments, of, 0.0).bits);
             let divergence = body.divergence(empty(), empty(), &segments, 1e-10);
-            for column in entropies.into_iter().chain([out.acc, divergence]) {
+            let distortion = body.distortion(empty(), &Intervals::default(), &segments);
+            for column in entropies.into_iter().chain([out.acc, divergence, distortion]) {
                 assert_eq!(floats(column), vec![0.0; rays], "{body:?}");
             }
         }
@@ -282,6 +322,9 @@ fn the_oracle_against_finite_differences() {
         let (tau, near, u) = (ray(n), ray(n), ray(n));
         let integral = |tau: &[f64]| reference::weights(tau).iter().zip(&u).map(|(w, u)| w * u).sum();
         agree(&reference::weights_vjp(&tau, &u), &differences(&tau, integral), "weights");
+        let (middle, length): (Vec<f64>, Vec<f64>) = (0..n).map(|i| (i as f64 * 0.1, 0.1 + u[i])).unzip();
+        let want = differences(&tau, |tau| reference::distortion(tau, &middle, &length));
+        agree(&reference::distortion_gradient(&tau, &middle, &length), &want, "distortion");
         for (of, epsilon) in DISTRIBUTIONS.into_iter().flat_map(|of| [0.0, 1e-10, 1e-3].map(|epsilon| (of, epsilon))) {
             let want = differences(&tau, |tau| reference::entropy(tau, of, epsilon));
             agree(&reference::entropy_gradient(&tau, of, epsilon), &want, "entropy");
@@ -295,7 +338,7 @@ fn the_oracle_against_finite_differences() {
 }
 
 fn fixture() -> Value {
-    serde_json::from_str(include_str!("../../../tests/fixtures/losses.json")).unwrap()
+    serde_json::from_str(include_str!("fixtures/losses.json")).unwrap()
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
@@ -453,7 +496,7 @@ fn the_oracle_against_closed_forms() {
 
 #[test]
 fn the_oracle_where_rays_cancel() {
-    let fixture: Value = serde_json::from_str(include_str!("../../../tests/fixtures/extremes.json")).unwrap();
+    let fixture: Value = serde_json::from_str(include_str!("fixtures/extremes.json")).unwrap();
     let epsilon = fixture["epsilon"].as_f64().unwrap();
     let value = |got: f64, want: &Value, what: &dyn Fn() -> String| {
         let want = want.as_f64().unwrap();

@@ -160,9 +160,8 @@ mod tests {
     /// Values made by `tests/fixtures/mip_forward.py`.
     #[test]
     fn resampling_agrees_with_jax() {
-        let fixture: serde_json::Value =
-            serde_json::from_str(include_str!("../../../tests/fixtures/mip_forward.json")).unwrap();
-        for case in fixture["resampling"].as_array().unwrap() {
+        let cases: Vec<serde_json::Value> = serde_json::from_str(include_str!("../fixtures/resampling.json")).unwrap();
+        for case in &cases {
             let floats = |key: &str| -> Vec<f32> {
                 case[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
             };

@@ -87,13 +87,12 @@ impl Record {
     }
 }
 
-/// Of the keys that a record has beside its own, those of metrics.
+/// Of the keys that a record has beside its own, those of metrics, in the order of [`METRICS`].
 fn known_metrics<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Values, D::Error> {
-    let others = serde_json::Map::deserialize(deserializer)?;
-    let is_metric = |key: &str| METRICS.iter().any(|metric| metric.key() == key);
-    let number = |(key, value): (String, serde_json::Value)| {
+    let mut others = serde_json::Map::deserialize(deserializer)?;
+    let number = |(key, value): (&str, serde_json::Value)| {
         let value = Option::<f64>::deserialize(value).map_err(|error| de::Error::custom(format!("{key}: {error}")))?;
-        Ok((key, value))
+        Ok((key.to_owned(), value))
     };
-    others.into_iter().filter(|(key, _)| is_metric(key)).map(number).collect()
+    METRICS.iter().filter_map(|metric| Some((metric.key(), others.remove(metric.key())?))).map(number).collect()
 }

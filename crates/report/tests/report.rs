@@ -152,6 +152,9 @@ fn bench_figures() -> Vec<Figure> {
     ]
 }
 
+/// Loss terms of the runs, each with a chart per scene.
+const TERMS: usize = 2;
+
 #[test]
 fn the_page_holds_everything_and_links_nothing() {
     let root = tempfile::tempdir().unwrap();
@@ -170,7 +173,7 @@ fn the_page_holds_everything_and_links_nothing() {
     assert!(html.contains("<td class=\"best\">18.50 ± 0.21</td>"));
     // 2 scenes × 3 views × (truth + 2 variants × render, depth, error)
     assert_eq!(html.matches("data:image/png;base64,").count(), 42);
-    assert_eq!(html.matches("<svg ").count(), 3 + 3 + 2 * 2);
+    assert_eq!(html.matches("<svg ").count(), 3 + 3 + 2 * (2 + TERMS));
     for link in ["src=\"http", "href=\"http", "url(", "@import", "<link"] {
         assert!(!html.contains(link), "{link}");
     }
@@ -187,7 +190,7 @@ fn every_link_of_the_markdown_report_leads_to_a_file() {
     let images = markdown.split("src=\"").skip(1).filter_map(|rest| rest.split('"').next());
     let plots = markdown.split("](").skip(1).filter_map(|rest| rest.split(')').next());
     let links: Vec<&str> = images.chain(plots).collect();
-    assert_eq!(links.len(), 42 + 7);
+    assert_eq!(links.len(), 42 + 7 + 2 * TERMS);
     for link in links {
         assert!(root.path().join(link).is_file(), "{link}");
     }

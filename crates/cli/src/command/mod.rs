@@ -8,6 +8,7 @@ mod render;
 pub(crate) mod reproduce;
 mod scene;
 pub(crate) mod sweep;
+mod weights;
 
 use std::process::ExitCode;
 
@@ -28,6 +29,7 @@ pub(crate) fn run(command: Command) -> Result<ExitCode> {
         Command::Reproduce(args) => reproduce::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Eval(args) => eval::run(&args),
+        Command::Weights(args) => weights::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Scene(command) => scene::run(&command),
         Command::List => {

@@ -20,7 +20,7 @@ const EPSILON: f32 = 1e-5;
 pub(super) fn load(encoder: Encoder, path: &Path) -> Result<Encoder, ConfigError> {
     WeightFile::read(path).and_then(|file| filled(encoder, &file)).map_err(|cause| ConfigError {
         field: "encoder.weights",
-        expected: "a safetensors file of torchvision's resnet34 (scripts/resnet34.py writes one)",
+        expected: "a file of the tensors of torchvision's resnet34 (scripts/resnet34.py writes one)",
         found: format!("{}: {cause}", path.display()),
     })
 }

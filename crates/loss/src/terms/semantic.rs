@@ -41,7 +41,7 @@ impl TermSpec for SemanticConfig {
 
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
         let clip = ClipVision::read(&self.weights, ClipConfig::VIT_B_32, setup.device).map_err(|cause| {
-            let expected = "a safetensors file of openai/clip-vit-base-patch32";
+            let expected = "the tensors of openai/clip-vit-base-patch32, as safetensors or PyTorch's";
             LossError::new("weights", expected, format!("{}: {cause}", self.weights.display()))
         })?;
         let embed = |view: &View| {
@@ -54,8 +54,8 @@ impl TermSpec for SemanticConfig {
         Ok(Box::new(SemanticTerm { config: self.clone(), clip, photographs }))
     }
 
-    fn weights_file(&self) -> Option<(&'static str, &PathBuf)> {
-        Some(("weights", &self.weights))
+    fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
+        Some(("weights", &mut self.weights))
     }
 }
 

@@ -3,7 +3,9 @@
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
 use burn::tensor::{Device, Tensor, TensorData};
-use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, divergence, entropy, to_host};
+use infonerf_ops::{
+    Composite, Intervals, RayDistribution, RayEntropy, Segments, composite, distortion, divergence, entropy, to_host,
+};
 
 /// One implementation on one backend.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,6 +44,13 @@ impl Body {
         match self {
             Self::Kernel => divergence::ray_divergence(tau, near, segments, epsilon),
             _ => divergence::plain(tau, near, segments, epsilon),
+        }
+    }
+
+    pub fn distortion(self, tau: Tensor<1>, intervals: &Intervals, segments: &Segments) -> Tensor<1> {
+        match self {
+            Self::Kernel => distortion::ray_distortion(tau, intervals, segments),
+            _ => distortion::plain(tau, intervals, segments),
         }
     }
 }

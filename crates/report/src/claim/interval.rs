@@ -56,9 +56,9 @@ mod tests {
 
     #[test]
     fn quantiles_are_those_of_student() {
-        // Quantiles from printed tables: 12.706 for 1 degree of freedom, 4.303 for 2, 3.182 for 3.
-        for (values, quantile) in [(&[1.0, 3.0][..], 12.706), (&[1.0, 2.0, 3.0], 4.303), (&[0.0, 1.0, 2.0, 3.0], 3.182)]
-        {
+        // Quantiles from printed tables: 12.7062 for 1 degree of freedom, 4.3027 for 2, 3.1824 for 3.
+        let cases = [(&[1.0, 3.0][..], 12.7062), (&[1.0, 2.0, 3.0], 4.3027), (&[0.0, 1.0, 2.0, 3.0], 3.1824)];
+        for (values, quantile) in cases {
             let interval = Interval::of(values).unwrap();
             let n = values.len() as f64;
             let std = (values.iter().map(|x| (x - interval.mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();

@@ -2,10 +2,12 @@
 
 mod claims;
 mod collection;
+mod comparison;
 mod scene;
 mod table;
 
 pub(crate) use collection::page as collection_page;
+pub(crate) use comparison::comparison_page;
 
 use crate::{Figure, report::Contents, text::escape_html};
 

@@ -1,0 +1,58 @@
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use indicatif::{ProgressBar, ProgressStyle};
+use infonerf_pretrained::{Progress, Status, Store};
+
+use crate::args::{WeightsCommand, WeightsListArgs};
+
+pub(crate) fn run(args: &WeightsListArgs) -> Result<ExitCode> {
+    let store = Store::new(args.weights.weights.as_deref())?;
+    match &args.command {
+        None => list(&store),
+        Some(WeightsCommand::Fetch { names }) => fetch(&store, names)?,
+        Some(WeightsCommand::Import { file }) => import(&store, file)?,
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What each of the known weights is for, where it is published, and where it is here.
+fn list(store: &Store) {
+    for Status { weights, path } in store.status() {
+        let place = path.as_ref().map_or_else(|| "not here".to_owned(), |path| path.display().to_string());
+        let megabytes = weights.bytes as f64 / 1e6;
+        println!("{:17} {}", weights.name, weights.needed_by);
+        println!("{:17} {} ({megabytes:.1} MB)\n{:17} SHA-256 {}", "", weights.url, "", weights.sha256);
+        println!("{:17} {place}", "");
+    }
+    println!("\nLooked for in this order:");
+    for folder in store.folders() {
+        println!("  {}", folder.display());
+    }
+    println!("`infonerf weights fetch NAME` downloads, `infonerf weights import FILE` takes a file that is here.");
+}
+
+fn fetch(store: &Store, names: &[String]) -> Result<()> {
+    let bar = ProgressBar::new(0);
+    bar.set_style(ProgressStyle::with_template("{prefix} {wide_bar} {bytes}/{total_bytes} {bytes_per_sec}")?);
+    for name in names {
+        let files = store.fetch(name, &mut |Progress { weights, done, total }| {
+            bar.set_prefix(weights);
+            bar.set_length(total);
+            bar.set_position(done);
+        })?;
+        for file in files {
+            bar.suspend(|| println!("{}", file.display()));
+        }
+    }
+    bar.finish_and_clear();
+    Ok(())
+}
+
+fn import(store: &Store, file: &Path) -> Result<()> {
+    for (weights, path) in store.import(file)? {
+        println!("{}: {}", weights.name, path.display());
+    }
+    Ok(())
+}

@@ -1,0 +1,100 @@
+//! Other people's pictures beside the truth: what `infonerf eval --renders` leaves.
+
+use std::path::{Path, PathBuf};
+
+use indexmap::IndexMap;
+use infonerf_metrics::{ComparedFolders, METRICS, Metric, Note, Protocol, Values};
+use serde::Serialize;
+
+use crate::{ReportError, html, write_atomically};
+
+/// What the metrics of two folders of pictures came to, with the pictures.
+#[derive(Debug, Clone, Copy)]
+pub struct PictureComparison<'a> {
+    /// Title of the page.
+    pub title: &'a str,
+    /// How pictures were measured.
+    pub protocol: &'a Protocol,
+    /// What was found.
+    pub compared: &'a ComparedFolders,
+}
+
+/// The files that [`PictureComparison::write`] wrote.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ComparisonFiles {
+    /// Every number: `comparison.json`.
+    pub json: PathBuf,
+    /// Table and pictures with a slider between render and truth: `comparison.html`.
+    pub html: PathBuf,
+}
+
+/// `comparison.json`.
+#[derive(Serialize)]
+struct Numbers<'a> {
+    evaluation: String,
+    protocol: &'a Protocol,
+    mean: &'a Values,
+    views: IndexMap<&'a str, &'a Values>,
+    notes: &'a [Note],
+}
+
+impl<'a> PictureComparison<'a> {
+    /// Writes the JSON and the page into `folder`.
+    ///
+    /// # Errors
+    /// If a file cannot be written, or a picture cannot be read again.
+    pub fn write(&self, folder: &Path) -> Result<ComparisonFiles, ReportError> {
+        let files = ComparisonFiles { json: folder.join("comparison.json"), html: folder.join("comparison.html") };
+        let measured = self.compared.measured.clone().representable();
+        let names = self.compared.views.iter().map(|view| view.name.as_str());
+        let numbers = Numbers {
+            evaluation: self.protocol.to_string(),
+            protocol: self.protocol,
+            mean: &measured.set,
+            views: names.zip(&measured.views).collect(),
+            notes: &measured.notes,
+        };
+        let json = serde_json::to_string_pretty(&numbers).expect("numbers and text are representable");
+        write_atomically(&files.json, json.as_bytes())?;
+        write_atomically(&files.html, html::comparison_page(self)?.as_bytes())?;
+        Ok(files)
+    }
+
+    /// Plain text: the protocol, a row per view, the mean, and the notes.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let metrics = self.metrics();
+        let width = self.rows().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+        let line = |name: &str, cells: Vec<String>| {
+            let cells = metrics.iter().zip(cells).map(|(metric, cell)| {
+                format!("  {cell:>width$}", width = metric.descriptor.heading().chars().count().max(8))
+            });
+            format!("{name:width$}{}\n", cells.collect::<String>())
+        };
+        let headings = metrics.iter().map(|metric| metric.descriptor.heading()).collect();
+        let mut text = format!("{}\n{}", self.protocol, line("", headings));
+        for (name, values) in self.rows() {
+            text += &line(name, metrics.iter().map(|metric| cell(metric, values)).collect());
+        }
+        self.compared.measured.notes.iter().fold(text, |text, note| text + &note.to_string() + "\n")
+    }
+
+    /// The metrics that have a value.
+    pub(crate) fn metrics(&self) -> Vec<&'static Metric> {
+        let has = |metric: &&&Metric| self.compared.measured.set.get(metric.key()).copied().flatten().is_some();
+        METRICS.iter().filter(has).copied().collect()
+    }
+
+    /// Each view with its values, and the mean.
+    pub(crate) fn rows(&self) -> impl Iterator<Item = (&'a str, &'a Values)> {
+        let ComparedFolders { views, measured } = self.compared;
+        let views = views.iter().map(|view| view.name.as_str()).zip(&measured.views);
+        views.chain(std::iter::once(("mean", &measured.set)))
+    }
+}
+
+/// A value as it is shown.
+pub(crate) fn cell(metric: &Metric, values: &Values) -> String {
+    let value = values.get(metric.key()).copied().flatten();
+    value.map_or_else(|| "–".to_owned(), |value| metric.descriptor.format(value))
+}
