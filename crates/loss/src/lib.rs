@@ -17,6 +17,7 @@ pub use list::LossConfig;
 pub use objective::{DueTerm, LossValues, Objective, needs};
 pub use renders::{Bundle, Need, NeighbourBundles, Picture, RaySet, Renders, Target};
 pub use term::{LossError, Term, TermSetup, TermSpec};
+pub use terms::distortion::DistortionConfig;
 pub use terms::entropy::{EntropyConfig, HitMask, HitRule, masked_entropy};
 pub use terms::kl::{Direction, KlConfig};
 pub use terms::mask::MaskConfig;

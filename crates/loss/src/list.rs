@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::TermSpec;
+use crate::terms::distortion::DistortionConfig;
 use crate::terms::entropy::EntropyConfig;
 use crate::terms::kl::KlConfig;
 use crate::terms::mask::MaskConfig;
@@ -45,6 +46,8 @@ terms! {
     kl: KlConfig,
     /// DietNeRF's semantic consistency.
     semantic: SemanticConfig,
+    /// Distortion of the weights along rays (mip-NeRF 360).
+    distortion: DistortionConfig,
     /// Penalty on opacity.
     opacity: OpacityConfig,
     /// What a known background colour says about opacity.

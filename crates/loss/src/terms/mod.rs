@@ -1,5 +1,6 @@
 //! One file for each term.
 
+pub(crate) mod distortion;
 pub(crate) mod entropy;
 pub(crate) mod kl;
 pub(crate) mod mask;

@@ -1,0 +1,86 @@
+use burn::tensor::Tensor;
+use infonerf_ops::{Intervals, ray_distortion};
+use infonerf_render::Samples;
+use infonerf_schedule::Schedule;
+use serde::{Deserialize, Serialize};
+
+use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
+
+/// Distortion of the weights along a ray (mip-NeRF 360, Barron et al. 2022, Eq. 15), mean over all rays that it is taken
+/// over. Distances are shares of the scene's [near, far], so that the weight does not depend on the scene's unit.
+///
+/// It draws what a ray sees together: against floaters, and against fog before a surface.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DistortionConfig {
+    /// Its weight.
+    pub weight: Schedule,
+    /// Which rays it is taken over.
+    pub rays: RaySet,
+}
+
+impl TermSpec for DistortionConfig {
+    fn weight(&self) -> &Schedule {
+        &self.weight
+    }
+
+    fn weight_mut(&mut self) -> &mut Schedule {
+        &mut self.weight
+    }
+
+    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+        Ok(Box::new(Distortion { rays: self.rays, near: setup.scene.near, far: setup.scene.far }))
+    }
+}
+
+#[derive(Debug)]
+struct Distortion {
+    rays: RaySet,
+    near: f32,
+    far: f32,
+}
+
+impl Distortion {
+    /// Intervals as shares of [near, far]; one that is infinitely long counts as all of it.
+    fn intervals(&self, samples: &Samples) -> Intervals {
+        let range = self.far - self.near;
+        Intervals {
+            middle: samples.t.iter().map(|t| (t - self.near) / range).collect(),
+            length: samples.delta.iter().map(|delta| (delta / range).min(1.0)).collect(),
+        }
+    }
+}
+
+impl Term for Distortion {
+    fn needs(&self) -> Vec<Need> {
+        Need::of(self.rays)
+    }
+
+    fn value(&self, renders: &Renders) -> Tensor<1> {
+        let (mut sum, mut rays) = (renders.zero(), 0);
+        for output in renders.bundles(self.rays).map(|bundle| bundle.output()) {
+            let intervals = self.intervals(&output.samples);
+            sum = sum + ray_distortion(output.tau.clone(), &intervals, output.segments()).sum();
+            rays += output.segments().rays();
+        }
+        sum / rays.max(1) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    /// One opaque sample is one interval's width; two that share a ray are further apart; an empty ray counts as 0.
+    #[test]
+    fn spread_costs_more_than_a_surface() {
+        let term = Distortion { rays: RaySet::Seen, near: 0.0, far: 2.0 };
+        let value = |tau: &[&[f32]]| term.value(&testing::renders(tau)).into_scalar::<f32>();
+        approx::assert_abs_diff_eq!(value(&[&[f32::INFINITY]]), 0.5 / 3.0, epsilon = 1e-6);
+        approx::assert_abs_diff_eq!(value(&[&[f32::INFINITY], &[0.0]]), 0.25 / 3.0, epsilon = 1e-6);
+        let half = std::f32::consts::LN_2;
+        let spread = 2.0 * 0.5 * 0.5 * 0.5 + (0.25 + 0.25) * 0.5 / 3.0;
+        approx::assert_abs_diff_eq!(value(&[&[half, f32::INFINITY]]), spread, epsilon = 1e-6);
+    }
+}
