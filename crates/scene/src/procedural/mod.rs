@@ -15,6 +15,7 @@ mod scenes;
 mod shade;
 mod shape;
 mod texture;
+mod through;
 
 pub use cameras::{TEST_VIEWS, TRAIN_VIEWS, test_cameras, train_cameras};
 
