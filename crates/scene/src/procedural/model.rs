@@ -145,9 +145,8 @@ impl Builder {
                     + (s3 - 2.0 * s2 + s) * h * m0
                     + (3.0 * s2 - 2.0 * s3) * r1
                     + (s3 - s2) * h * m1;
-                let slope = 6.0 * (s2 - s) * (r0 - r1) / h
-                    + (3.0 * s2 - 4.0 * s + 1.0) * m0
-                    + (3.0 * s2 - 2.0 * s) * m1;
+                let slope =
+                    6.0 * (s2 - s) * (r0 - r1) / h + (3.0 * s2 - 4.0 * s + 1.0) * m0 + (3.0 * s2 - 2.0 * s) * m1;
                 (radius.max(1e-4), z0 + s * h, DVec2::new(1.0, -slope).normalize_or(DVec2::X))
             };
             for k in 0..SLICES {
