@@ -123,8 +123,8 @@ fn table(seed: u64, size: u32) -> (Vec<Camera>, Vec<Camera>) {
         let azimuth = (-90.0 + within(65.0)).to_radians();
         let elevation = (32.0 + within(16.0)).to_radians();
         let direction = DVec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
-        let target = DVec3::new(within(0.1), within(0.1), -0.3 + within(0.1));
-        let at = target + direction * (3.0 + within(0.25));
+        let target = DVec3::new(within(0.1), within(0.1), -0.2 + within(0.1));
+        let at = target + direction * (3.4 + within(0.25));
         Camera::from_fov(size, size, FOV_X, look_along(at, target - at, DVec3::new(within(0.02), 0.0, 1.0)))
     });
     divided(cameras.collect())

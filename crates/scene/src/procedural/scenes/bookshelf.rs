@@ -43,8 +43,19 @@ fn carcass(scene: &mut Builder) {
         scene.solid(Convex::block(v(0.0, 0.0, floor(shelf) - 0.015), v(WIDE, DEEP, 0.035)), oak());
     }
     let height = RISE * SHELVES as f64 + 0.05;
-    for x in [-1.0, 0.0, 1.0] {
-        scene.solid(Convex::block(v(x * (0.5 * WIDE - 0.02), 0.0, LOW + 0.5 * height), v(0.04, DEEP, height)), oak());
+    let board = |x: f64| Convex::block(v(x * (0.5 * WIDE - 0.02), 0.0, LOW + 0.5 * height), v(0.04, DEEP, height));
+    scene.solid(board(0.0), oak());
+    for x in [-1.0, 1.0] {
+        // The ends have windows.
+        let mut cuts = Vec::new();
+        for shelf in 0..SHELVES {
+            for y in [-0.165, 0.165] {
+                let middle = v(x * 0.5 * WIDE, y, floor(shelf) + 0.23);
+                cuts.push(Convex::block(middle, v(0.2, 0.23, 0.26)));
+                cuts.push(Convex::rod(middle + v(-0.1, 0.0, 0.13), middle + v(0.1, 0.0, 0.13), 0.115));
+            }
+        }
+        scene.carved(board(x), cuts, oak());
     }
     let back = Texture::Flowers { ground: rgb(96, 116, 104), petal: rgb(196, 176, 130), per_unit: 8.0, round: false };
     scene.solid(
@@ -54,14 +65,6 @@ fn carcass(scene: &mut Builder) {
     for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let foot = v(x * (0.5 * WIDE - 0.08), y * (0.5 * DEEP - 0.08), LOW - 0.05);
         scene.solid(Convex::sphere(foot, 0.06), Material::glossy(Texture::Plain(rgb(70, 38, 20))));
-        // Panels on the ends.
-        for z in [0.28, 0.72] {
-            let panel = v(x * (0.5 * WIDE + 0.004), y * 0.16, LOW + z * height);
-            scene.solid(
-                Convex::block(panel, v(0.02, 0.24, 0.40 * height)),
-                Material::satin(Texture::Plain(rgb(126, 76, 38))),
-            );
-        }
     }
 }
 

@@ -9,7 +9,7 @@ use crate::procedural::texture::Texture;
 
 const LOW: f64 = -1.24;
 const HALF: f64 = 1.02;
-const STOREY: f64 = 0.56;
+const STOREY: f64 = 0.62;
 
 pub(in crate::procedural) fn facade() -> Builder {
     let mut scene = Builder::default();
@@ -24,7 +24,7 @@ pub(in crate::procedural) fn facade() -> Builder {
 }
 
 fn stone() -> Material {
-    Material::matt(Texture::Plain(rgb(226, 214, 190)))
+    Material::matt(Texture::Plain(rgb(192, 174, 144)))
 }
 
 fn body(scene: &mut Builder) {
@@ -88,7 +88,7 @@ fn front(scene: &mut Builder, side: u32) {
     // Quoins at the corner.
     for k in 0..9 {
         let wide = if k % 2 == 0 { 0.16 } else { 0.10 };
-        let z = LOW + STOREY + 0.06 + 0.121 * f64::from(k);
+        let z = LOW + STOREY + 0.06 + 0.135 * f64::from(k);
         scene.solid(block(out * HALF + along * (HALF - 0.5 * wide + 0.012) + DVec3::Z * z, wide, 0.05, 0.10), stone());
         scene.solid(block(out * HALF - along * (HALF - 0.5 * wide + 0.012) + DVec3::Z * z, wide, 0.05, 0.10), stone());
     }
@@ -202,7 +202,23 @@ fn roof(scene: &mut Builder) {
     });
     scene.solid(Convex::block(v(0.0, 0.0, z + 0.06), v(1.86, 1.86, 0.12)), slate);
     scene.solid(Convex::block(v(0.0, 0.0, z + 0.17), v(1.60, 1.60, 0.14)), slate);
-    scene.solid(Convex::block(v(0.0, 0.0, z + 0.25), v(1.64, 1.64, 0.03)), stone());
+    let tiles = Texture::Checker { a: rgb(168, 104, 72), b: rgb(126, 74, 54), per_unit: v(8.0, 8.0, 0.1) };
+    scene.solid(Convex::block(v(0.0, 0.0, z + 0.24), v(1.50, 1.50, 0.02)), Material::matt(tiles));
+    for side in 0..4 {
+        let turn = f64::from(side) * 90.0;
+        let (along, out) = (polar(1.0, turn, 0.0), polar(1.0, turn - 90.0, 0.0));
+        let parapet = Convex::block(out * 0.79 + DVec3::Z * (z + 0.27), v(1.64, 0.06, 0.08));
+        scene.solid(parapet.turned(turn), stone());
+        // Dormers in the slope.
+        for x in [-0.55, 0.0, 0.55] {
+            let c = out * 0.88 + along * x + DVec3::Z * (z + 0.13);
+            scene.solid(Convex::block(c, v(0.24, 0.22, 0.20)).turned(turn), stone());
+            let pane = Material { reflectance: 0.25, ..Material::glossy(Texture::Plain(rgb(46, 66, 84))) };
+            scene.solid(Convex::block(c + out * 0.11, v(0.16, 0.01, 0.14)).turned(turn), pane);
+            scene.solid(Convex::rod(c + out * 0.13 + DVec3::Z * 0.08, c - out * 0.12 + DVec3::Z * 0.08, 0.12), slate);
+        }
+    }
+    terrace(scene, z);
     let brick = Texture::Bricks {
         brick: rgb(176, 84, 62),
         mortar: rgb(206, 196, 180),
@@ -210,7 +226,7 @@ fn roof(scene: &mut Builder) {
         height: 0.045,
         round: false,
     };
-    for (x, y) in [(0.5, 0.45), (-0.55, 0.1), (0.2, -0.5)] {
+    for (x, y) in [(0.30, 0.56), (-0.60, 0.15), (0.45, -0.5)] {
         scene.solid(Convex::block(v(x, y, z + 0.38), v(0.20, 0.16, 0.28)), Material::matt(brick));
         for dx in [-0.05, 0.05] {
             scene.solid(
@@ -221,11 +237,35 @@ fn roof(scene: &mut Builder) {
     }
     let green =
         Material::matt(Texture::Patches { a: rgb(110, 170, 70), b: rgb(50, 110, 50), per_unit: 12.0, cap: 9.0 });
-    for (x, y) in [(-0.5, 0.55), (-0.3, 0.6), (-0.5, -0.5), (0.6, -0.1)] {
+    for (x, y) in [(-0.5, 0.55), (-0.3, 0.6), (0.0, -0.6), (0.6, -0.1)] {
         scene.solid(
             Convex::cone(v(x, y, z + 0.26), 0.06, 0.08, 0.10),
             Material::matt(Texture::Plain(rgb(196, 110, 70))),
         );
         scene.solid(Convex::sphere(v(x, y, z + 0.40), 0.10), green);
     }
+}
+
+/// A skylight, a sunshade with a table, and a bed of herbs.
+fn terrace(scene: &mut Builder, z: f64) {
+    let pane = Material { reflectance: 0.20, ..Material::glossy(Texture::Plain(rgb(70, 110, 130))) };
+    let white = Material::satin(Texture::Plain(rgb(200, 200, 196)));
+    for side in [-1.0, 1.0] {
+        let leaf = Convex::block(v(-0.05 + side * 0.10, 0.10, z + 0.32), v(0.24, 0.50, 0.015));
+        scene.solid(leaf.swung(v(-0.05 + side * 0.10, 0.10, z + 0.32), DVec3::Y, side * 38.0), pane);
+        scene.solid(Convex::block(v(-0.05 + side * 0.20, 0.10, z + 0.27), v(0.03, 0.54, 0.06)), white);
+    }
+    for y in [-0.15, 0.02, 0.18, 0.35] {
+        for x in [-0.25, 0.15] {
+            scene.solid(Convex::rod(v(x, y, z + 0.26), v(-0.05, y, z + 0.41), 0.012), white);
+        }
+    }
+    let shade = Texture::Shingles { a: rgb(206, 44, 50), b: rgb(240, 220, 180), around: 12.0, per_unit: 3.0 };
+    scene.solid(Convex::cone(v(-0.45, -0.42, z + 0.44), 0.20, 0.0, 0.10), Material::matt(shade));
+    scene.solid(Convex::cylinder(v(-0.45, -0.42, z + 0.24), 0.012, 0.22), white);
+    scene.solid(Convex::cylinder(v(-0.45, -0.42, z + 0.31), 0.10, 0.015), white);
+    let herbs = Texture::Patches { a: rgb(130, 180, 70), b: rgb(60, 110, 50), per_unit: 22.0, cap: 9.0 };
+    let wood = Texture::Plain(rgb(120, 80, 46));
+    scene.solid(Convex::block(v(0.60, 0.40, z + 0.27), v(0.16, 0.52, 0.07)), Material::matt(wood));
+    scene.solid(Convex::block(v(0.60, 0.40, z + 0.31), v(0.13, 0.49, 0.03)), Material::matt(herbs));
 }

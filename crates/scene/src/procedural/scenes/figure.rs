@@ -38,7 +38,7 @@ pub(in crate::procedural) fn figure() -> Builder {
         &[(0.02, -0.165), (0.075, -0.13), (0.115, -0.03), (0.12, 0.05), (0.08, 0.13), (0.01, 0.16)],
         skin,
     );
-    scene.solid(Convex::sphere(head + v(0.01, 0.035, 0.045), 0.128), hair);
+    scene.solid(Convex::sphere(head + v(0.005, 0.022, 0.065), 0.126), hair);
     scene.solid(Convex::sphere(head + v(0.02, 0.14, 0.12), 0.07), hair);
     for x in [-0.045, 0.045] {
         scene.solid(Convex::sphere(head + v(x, -0.105, 0.0), 0.019), ink);

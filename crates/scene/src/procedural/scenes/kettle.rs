@@ -70,8 +70,8 @@ fn body(scene: &mut Builder) {
     );
     // The handle arches over the lid.
     let arch = |s: f64| {
-        let a = PI * (0.08 + 0.84 * s);
-        at(0.47 * a.cos(), 0.66 + 0.70 * a.sin())
+        let a = PI * s;
+        at(0.47 * a.cos(), 0.64 + 0.72 * a.sin())
     };
     scene.closed_tube(arch, 30, 0.028, steel());
     let grip = |s: f64| arch(0.30 + 0.40 * s);

@@ -24,40 +24,37 @@ pub(in crate::procedural) fn piano() -> Builder {
 }
 
 fn lacquer() -> Material {
-    Material::glossy(Texture::Plain(rgb(20, 20, 23)))
+    Material { reflectance: 0.045, ..Material::glossy(Texture::Plain(rgb(22, 22, 24))) }
 }
 
-/// The solids whose union has the outline of a grand piano, `shrink` smaller all around.
-fn outline(low: f64, high: f64, shrink: f64) -> Vec<Convex> {
-    let (z, h) = (0.5 * (low + high), high - low);
-    let s = 2.0 * shrink;
-    vec![
-        Convex::block(v(0.0, -0.24, z), v(1.36 - s, 0.50 - s, h)),
-        Convex::block(v(-0.34, 0.24, z), v(0.68 - s, 0.80, h)),
-        Convex::cylinder(v(-0.28, 0.58, low), 0.40 - shrink, h),
-        Convex::cylinder(v(0.02, 0.22, low), 0.50 - shrink, h),
-        Convex::cylinder(v(0.28, 0.0, low), 0.40 - shrink, h),
-    ]
+/// A grand piano's outline from `y` back: a block with its bent side hollowed out, and the round tail. All of it
+/// `shrink` smaller.
+fn outline(low: f64, high: f64, y: f64, shrink: f64) -> [(Convex, Vec<Convex>); 2] {
+    let (front, back) = (y + shrink, 0.62);
+    let size = v(1.36 - 2.0 * shrink, back - front, high - low);
+    let bent = Convex::cylinder(v(0.95, 0.85, low - 1.0), 0.75 + shrink, 2.0);
+    let block = Convex::block(v(0.0, 0.5 * (front + back), 0.5 * (low + high)), size);
+    [(block, vec![bent]), (Convex::cylinder(v(-0.24, 0.60, low), 0.44 - shrink, high - low), Vec::new())]
 }
 
 fn case(scene: &mut Builder) {
-    for part in outline(TOP - 0.24, TOP, 0.0) {
-        scene.solid(part, lacquer());
+    for (part, cuts) in outline(TOP - 0.24, TOP, -0.49, 0.0) {
+        scene.carved(part, cuts, lacquer());
     }
     let board = Texture::Planks { a: rgb(120, 78, 36), b: rgb(84, 50, 22), width: 0.09, length: 0.9 };
-    for part in outline(TOP, TOP + 0.004, 0.035) {
-        scene.solid(part, Material::satin(board));
+    for (part, cuts) in outline(TOP, TOP + 0.004, -0.49, 0.035) {
+        scene.carved(part, cuts, Material::satin(board));
     }
     let iron = Material::metal(rgb(150, 112, 48));
     scene.solid(Convex::block(v(0.0, -0.33, TOP + 0.02), v(1.24, 0.07, 0.03)), iron);
-    for (x, y) in [(-0.56, 0.62), (-0.30, 0.84), (-0.02, 0.62), (0.26, 0.32), (0.52, 0.10)] {
+    for (x, y) in [(-0.56, 0.70), (-0.30, 0.92), (-0.02, 0.74), (0.20, 0.46), (0.46, 0.14)] {
         scene.solid(Convex::rod(v(x, -0.30, TOP + 0.03), v(x, y, TOP + 0.03), 0.018), iron);
     }
     let string = Material::metal(rgb(190, 186, 176));
     for k in 0..22 {
         let s = f64::from(k) / 21.0;
         let x = -0.58 + 1.14 * s;
-        let length = if s < 0.45 { 1.02 } else { 1.02 - 1.45 * (s - 0.45) };
+        let length = if s < 0.45 { 1.04 } else { 1.04 - 1.25 * (s - 0.45) };
         scene.solid(Convex::rod(v(x, -0.30, TOP + 0.02), v(x + 0.04, -0.30 + length, TOP + 0.02), 0.006), string);
     }
     scene.solid(
@@ -94,13 +91,11 @@ fn keyboard(scene: &mut Builder) {
 fn lid(scene: &mut Builder) {
     // Hinged along the straight side.
     let hinge = v(-0.68, 0.0, TOP + 0.02);
-    for part in outline(TOP + 0.02, TOP + 0.05, 0.0).into_iter().skip(1) {
-        scene.solid(part.swung(hinge, DVec3::Y, -38.0), lacquer());
+    let swing = |part: Convex| part.swung(hinge, DVec3::Y, -38.0);
+    for (part, cuts) in outline(TOP + 0.02, TOP + 0.05, -0.20, 0.0) {
+        scene.carved(swing(part), cuts.into_iter().map(swing).collect(), lacquer());
     }
-    let front = Convex::block(v(0.0, -0.13, TOP + 0.035), v(1.36, 0.28, 0.03));
-    scene.solid(front.swung(hinge, DVec3::Y, -38.0), lacquer());
-    scene
-        .solid(Convex::rod(v(0.52, -0.10, TOP), v(0.36, -0.10, TOP + 0.80), 0.014), Material::metal(rgb(150, 112, 48)));
+    scene.solid(Convex::rod(v(0.54, 0.02, TOP), v(0.36, 0.02, TOP + 0.82), 0.014), Material::metal(rgb(150, 112, 48)));
 }
 
 fn legs(scene: &mut Builder) {

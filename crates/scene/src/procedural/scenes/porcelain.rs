@@ -21,11 +21,11 @@ pub(in crate::procedural) fn porcelain() -> Builder {
 }
 
 fn white() -> Material {
-    Material::glossy(Texture::Plain(rgb(246, 246, 244)))
+    Material::glossy(Texture::Plain(rgb(232, 232, 230)))
 }
 
 fn sprigged() -> Material {
-    let sprigs = Texture::Flowers { ground: rgb(247, 247, 246), petal: rgb(206, 220, 240), per_unit: 7.5, round: true };
+    let sprigs = Texture::Flowers { ground: rgb(234, 234, 234), petal: rgb(150, 178, 218), per_unit: 7.5, round: true };
     Material::glossy(sprigs)
 }
 
@@ -35,7 +35,7 @@ fn gilt() -> Material {
 
 /// A scalloped board.
 fn plate(scene: &mut Builder) {
-    let veins = Texture::Marble { a: rgb(248, 248, 246), b: rgb(214, 216, 220), per_unit: 2.2 };
+    let veins = Texture::Marble { a: rgb(200, 201, 204), b: rgb(168, 174, 184), per_unit: 2.2 };
     scene.solid(Convex::cylinder(v(0.0, 0.0, TOP - 0.10), 0.98, 0.10), Material::satin(veins));
     for k in 0..24 {
         scene.solid(Convex::cylinder(polar(0.98, f64::from(k) * 15.0, TOP - 0.10), 0.10, 0.085), white());

@@ -25,13 +25,14 @@ pub(in crate::procedural) fn room() -> Builder {
 }
 
 fn shell(scene: &mut Builder) {
+    // No light from the floor reaches the ceiling here: its colour stands in for it.
     let (near, thick) = (-1.0, 0.08);
     let (y, deep) = (0.5 * (near + WALL), WALL - near);
     let boards = Texture::Planks { a: rgb(176, 122, 76), b: rgb(122, 76, 42), width: 0.16, length: 1.3 };
     scene.solid(Convex::block(v(0.0, y, -0.5 * thick), v(2.0 * SIDE, deep, thick)), Material::glossy(boards));
     scene.solid(
         Convex::block(v(0.0, y, HIGH + 0.5 * thick), v(2.0 * SIDE, deep, thick)),
-        Material::matt(Texture::Plain(rgb(255, 252, 246))),
+        Material::matt(Texture::Plain(v(3.4, 3.25, 3.0))),
     );
     let paper = Texture::Flowers { ground: rgb(92, 136, 134), petal: rgb(206, 206, 170), per_unit: 4.0, round: false };
     let plain = Texture::Stripes { a: rgb(226, 206, 166), b: rgb(214, 188, 144), direction: v(0.0, 4.0, 0.0) };
