@@ -81,7 +81,7 @@ pub(super) fn layout(name: &str, size: u32) -> Layout {
     };
     match name {
         "room" => capture(room(seed, size), 0.4, 8.0, [-2.1, -1.1, -0.1], [2.1, 4.6, 2.9]),
-        "table" => capture(table(seed, size), 1.2, 9.0, [-5.1, -3.1, -1.2], [5.1, 3.1, 3.6]),
+        "table" => capture(table(seed, size), 1.2, 9.0, [-4.3, -3.1, -1.2], [4.3, 2.7, 3.6]),
         "figure" => capture(ring(size), NEAR, FAR, [-1.3; 3], [1.3; 3]),
         _ => {
             let first = ["castle", "crane", "knot", "orrery"].contains(&name) || name.starts_with("random-");

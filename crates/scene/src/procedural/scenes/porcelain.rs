@@ -108,7 +108,7 @@ fn vase(scene: &mut Builder) {
         let curve = |s: f64| start + polar(0.34 * s * s + 0.05 * s, angle, rise * s);
         scene.closed_tube(curve, 8, 0.009, twig);
         for s in [0.55, 0.72, 0.86, 1.0] {
-            let bud = Texture::Plain(if (s * 100.0) as u32 % 2 == 0 { rgb(250, 248, 248) } else { rgb(246, 226, 230) });
+            let bud = Texture::Plain(if s == 0.55 || s == 0.86 { rgb(250, 248, 248) } else { rgb(246, 226, 230) });
             let side = polar(0.03, angle + 400.0 * s, 0.012);
             scene.solid(Convex::sphere(curve(s) + side, 0.030), Material::matt(bud));
         }

@@ -13,15 +13,20 @@ pub(in crate::procedural) fn table() -> Builder {
     let mut scene = Builder::default();
     scene.backdrop(true);
     let boards = Texture::Planks { a: rgb(150, 100, 60), b: rgb(96, 58, 32), width: 0.26, length: 2.6 };
-    scene.solid(Convex::block(v(0.0, -0.2, TOP - 0.1), v(10.0, 5.6, 0.2)), Material::satin(boards));
+    scene.solid(Convex::block(v(0.0, -0.2, TOP - 0.1), v(8.2, 5.6, 0.2)), Material::satin(boards));
     let cloth = Texture::Checker { a: rgb(226, 222, 206), b: rgb(140, 170, 176), per_unit: v(7.0, 7.0, 0.1) };
     scene.solid(Convex::block(v(0.0, 0.0, TOP + 0.003), v(1.9, 1.5, 0.008)).turned(14.0), Material::matt(cloth));
     let paper = Texture::Flowers { ground: rgb(214, 190, 140), petal: rgb(150, 96, 70), per_unit: 2.2, round: false };
-    scene.solid(Convex::block(v(0.0, 2.5, 1.2), v(10.0, 0.2, 4.6)), Material::matt(paper));
+    scene.solid(Convex::block(v(0.0, 2.5, 1.2), v(8.2, 0.2, 4.6)), Material::matt(paper));
     scene.solid(
-        Convex::block(v(0.0, 2.38, TOP + 0.12), v(10.0, 0.06, 0.24)),
+        Convex::block(v(0.0, 2.38, TOP + 0.12), v(8.2, 0.06, 0.24)),
         Material::satin(Texture::Plain(rgb(236, 230, 216))),
     );
+    for side in [-4.0, 4.0] {
+        scene.solid(Convex::block(v(side, -0.2, 1.2), v(0.2, 5.6, 4.6)), Material::matt(paper));
+        let skirting = Convex::block(v(side * 0.97, -0.2, TOP + 0.12), v(0.06, 5.6, 0.24));
+        scene.solid(skirting, Material::satin(Texture::Plain(rgb(236, 230, 216))));
+    }
     scene.backdrop(false);
     bowl(&mut scene);
     jug(&mut scene);
