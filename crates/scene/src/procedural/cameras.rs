@@ -27,7 +27,7 @@ const SEED: u64 = 1590;
 /// The [`TRAIN_VIEWS`] training cameras for `size`² images: at random on the upper hemisphere
 /// (elevations 3° to 80°, uniform by area, from a fixed seed), looking at the origin.
 ///
-/// These are those of castle, crane, knot, orrery and random-<seed>; see [`super::cameras`] for all scenes.
+/// These are those of castle, crane, knot, orrery and `random-<seed>`; see [`super::cameras()`] for all scenes.
 pub fn train_cameras(size: u32) -> Vec<Camera> {
     hemisphere(SEED, size)
 }
