@@ -1,31 +1,56 @@
-//! Renders a contact sheet of every procedural scene: `contact_sheet FOLDER [SIZE]`.
+//! Renders a contact sheet of procedural scenes: `contact_sheet FOLDER [SIZE [SCENE...]]`, all of them by default.
 //!
-//! The first row shows the four training views of seed 0, the second four test views.
+//! The first row shows the four training views of seed 0, the second four test views. Of captures there is a third,
+//! the first row again with all that is not the subject dimmed.
 
 use std::path::Path;
 use std::time::Instant;
 
-use infonerf_scene::{Image, SceneError, SceneRequest, SceneSource, TestProtocol, ViewSelection, load, procedural};
+use infonerf_scene::{
+    Image, SceneError, SceneRequest, SceneSource, TestProtocol, View, ViewSelection, load, procedural,
+};
 
 fn main() -> Result<(), SceneError> {
     let mut args = std::env::args().skip(1);
     let folder = args.next().unwrap_or_else(|| ".".into());
     let size = args.next().and_then(|s| s.parse().ok()).unwrap_or(procedural::DEFAULT_SIZE);
-    for name in procedural::NAMES {
+    let mut names: Vec<String> = args.collect();
+    if names.is_empty() {
+        names = procedural::NAMES.map(str::to_owned).to_vec();
+    }
+    for name in &names {
         let request = SceneRequest {
             train: ViewSelection::Seed { seed: 0, count: 4 },
-            test: TestProtocol::Every(8),
+            test: TestProtocol::Every(if procedural::YARDSTICK.contains(&name.as_str()) { 8 } else { 1 }),
             image_size: Some(size),
             background: [1.0; 3],
         };
         let start = Instant::now();
-        let scene = load(&SceneSource::Procedural(name.into()), &request)?;
+        let scene = load(&SceneSource::Procedural(name.clone()), &request)?;
         eprintln!("{name}: {} images in {:.2?}", scene.train.len() + scene.test.len(), start.elapsed());
         let mut rows: Vec<Vec<&Image>> = vec![scene.train.iter().map(|v| &v.image).collect()];
-        rows.push(scene.test.iter().step_by(6).take(4).map(|v| &v.image).collect());
+        let step = (scene.test.len() / 4).max(1);
+        rows.push(scene.test.iter().step_by(step).take(4).map(|v| &v.image).collect());
+        let subjects: Vec<Image> = match procedural::CAPTURES.contains(&name.as_str()) {
+            true => scene.train.iter().map(|v| subject(name, v)).collect::<Result<_, _>>()?,
+            false => Vec::new(),
+        };
+        if !subjects.is_empty() {
+            rows.push(subjects.iter().collect());
+        }
         sheet(&rows, size).write_png(&Path::new(&folder).join(format!("{name}.png")))?;
     }
     Ok(())
+}
+
+/// The view with everything but the subject dimmed.
+fn subject(name: &str, view: &View) -> Result<Image, SceneError> {
+    let mask = procedural::object_mask(name, &view.camera)?;
+    let mut image = Image::clone(&view.image);
+    for (pixel, subject) in image.rgb.iter_mut().zip(mask) {
+        *pixel = if subject { *pixel } else { pixel.map(|v| 0.25 * v) };
+    }
+    Ok(image)
 }
 
 /// Puts images of `size`² pixels side by side in rows of four.

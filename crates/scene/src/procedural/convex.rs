@@ -119,6 +119,20 @@ impl Convex {
         Self { frame: Frame::along(0.5 * (a + b), b - a), kind: Kind::Bullet { radius, half } }
     }
 
+    /// A frustum from `a` to `b` with those radii.
+    pub fn taper(a: DVec3, b: DVec3, bottom: f64, top: f64) -> Self {
+        let half = 0.5 * a.distance(b);
+        Self { frame: Frame::along(0.5 * (a + b), b - a), kind: Kind::Cone { bottom, top, half } }
+    }
+
+    /// The same solid turned about `axis` through `pivot`.
+    pub fn swung(mut self, pivot: DVec3, axis: DVec3, degrees: f64) -> Self {
+        let turn = DMat3::from_axis_angle(axis, degrees * PI / 180.0);
+        self.frame.rotation = turn * self.frame.rotation;
+        self.frame.origin = pivot + turn * (self.frame.origin - pivot);
+        self
+    }
+
     /// The same solid turned about the vertical through its own centre.
     pub fn turned(mut self, degrees: f64) -> Self {
         self.frame.rotation = DMat3::from_rotation_z(degrees * PI / 180.0) * self.frame.rotation;

@@ -1,14 +1,17 @@
 //! A procedural scene: objects with materials, ready to be hit by rays.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use super::bvh::Bvh;
-use super::convex::{Convex, Frame, Line};
+use super::convex::{Convex, Frame, Kind, Line};
 use super::shape::{Hit, Knot, Shape};
 use super::texture::Texture;
 
 /// Surfaces that reflect more than this show mirror images.
 pub(super) const MIRRORS_ABOVE: f64 = 0.03;
+
+/// Slices between two points of an outline.
+const SLICES: usize = 5;
 
 /// How a surface answers light.
 #[derive(Clone, Copy, Debug)]
@@ -20,27 +23,40 @@ pub(super) struct Material {
     pub gloss: f64,
     /// Whether the highlight and mirror image take the surface's own colour.
     pub metal: bool,
+    /// Share of the light from behind that the surface stops where it is met at right angles. What stops
+    /// less than all lets rays go straight on (thin glass: no refraction) and casts no shadow.
+    pub opacity: f64,
 }
 
 impl Material {
     /// No highlight to speak of.
     pub fn matt(texture: Texture) -> Self {
-        Self { texture, reflectance: 0.02, gloss: 12.0, metal: false }
+        Self { texture, reflectance: 0.02, gloss: 12.0, metal: false, opacity: 1.0 }
     }
 
     /// Polished stone: a highlight, no mirror image.
     pub fn satin(texture: Texture) -> Self {
-        Self { texture, reflectance: MIRRORS_ABOVE, gloss: 60.0, metal: false }
+        Self { texture, reflectance: MIRRORS_ABOVE, gloss: 60.0, metal: false, opacity: 1.0 }
     }
 
     /// A coat of varnish.
     pub fn glossy(texture: Texture) -> Self {
-        Self { texture, reflectance: 0.06, gloss: 120.0, metal: false }
+        Self { texture, reflectance: 0.06, gloss: 120.0, metal: false, opacity: 1.0 }
+    }
+
+    /// Thin glass that stops `opacity` of the light from behind.
+    pub fn glass(colour: DVec3, opacity: f64) -> Self {
+        Self { texture: Texture::Plain(colour), reflectance: 0.05, gloss: 300.0, metal: false, opacity }
+    }
+
+    /// Metal polished to a mirror.
+    pub fn mirror(colour: DVec3) -> Self {
+        Self { texture: Texture::Plain(colour), reflectance: 0.82, gloss: 160.0, metal: true, opacity: 1.0 }
     }
 
     /// Polished metal of the given colour.
     pub fn metal(colour: DVec3) -> Self {
-        Self { texture: Texture::Plain(colour), reflectance: 0.6, gloss: 70.0, metal: true }
+        Self { texture: Texture::Plain(colour), reflectance: 0.6, gloss: 70.0, metal: true, opacity: 1.0 }
     }
 }
 
@@ -49,12 +65,27 @@ impl Material {
 pub(super) struct Object {
     pub shape: Shape,
     pub material: Material,
+    /// Surroundings: it shows shadows but casts none (walls would keep out all light), and is no part of the mask.
+    pub backdrop: bool,
+}
+
+/// Matter that fills a solid evenly and is lit from everywhere the same: water, mist. Volumes of one scene do not
+/// overlap.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Volume {
+    pub solid: Convex,
+    /// What is seen where it is thick, linear.
+    pub colour: DVec3,
+    /// Optical depth of a unit length.
+    pub density: f64,
 }
 
 /// Objects being put together.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Builder {
     objects: Vec<Object>,
+    volumes: Vec<Volume>,
+    backdrop: bool,
 }
 
 impl Builder {
@@ -101,8 +132,49 @@ impl Builder {
         self
     }
 
+    /// A solid of revolution about the z axis of `frame` whose outline is a smooth curve through `outline`: radii and
+    /// heights, from the lowest to the highest.
+    pub fn lathe(&mut self, frame: Frame, outline: &[(f64, f64)], material: Material) -> &mut Self {
+        let slopes = slopes(outline);
+        for (points, slopes) in outline.windows(2).zip(slopes.windows(2)) {
+            let (&[(r0, z0), (r1, z1)], &[m0, m1]) = (points, slopes) else { continue };
+            let point = |s: f64| {
+                // A cubic with these ends and slopes, and its own slope.
+                let (h, s2, s3) = (z1 - z0, s * s, s * s * s);
+                let radius = (2.0 * s3 - 3.0 * s2 + 1.0) * r0
+                    + (s3 - 2.0 * s2 + s) * h * m0
+                    + (3.0 * s2 - 2.0 * s3) * r1
+                    + (s3 - s2) * h * m1;
+                let slope =
+                    6.0 * (s2 - s) * (r0 - r1) / h + (3.0 * s2 - 4.0 * s + 1.0) * m0 + (3.0 * s2 - 2.0 * s) * m1;
+                (radius.max(1e-4), z0 + s * h, DVec2::new(1.0, -slope).normalize_or(DVec2::X))
+            };
+            for k in 0..SLICES {
+                let (bottom, low, lower) = point(k as f64 / SLICES as f64);
+                let (top, high, upper) = point((k + 1) as f64 / SLICES as f64);
+                let height = 0.5 * (low + high);
+                let place = Frame { origin: frame.origin + frame.rotation.z_axis * height, ..frame };
+                let cone = Convex { frame: place, kind: Kind::Cone { bottom, top, half: 0.5 * (high - low) } };
+                self.push(Shape::Slice { cone, lower, upper, height }, material);
+            }
+        }
+        self
+    }
+
+    /// Fills `solid` with matter.
+    pub fn fill(&mut self, solid: Convex, colour: DVec3, density: f64) -> &mut Self {
+        self.volumes.push(Volume { solid, colour, density });
+        self
+    }
+
+    /// Whether what is added from here on are surroundings.
+    pub fn backdrop(&mut self, backdrop: bool) -> &mut Self {
+        self.backdrop = backdrop;
+        self
+    }
+
     fn push(&mut self, shape: Shape, material: Material) -> &mut Self {
-        self.objects.push(Object { shape, material });
+        self.objects.push(Object { shape, material, backdrop: self.backdrop });
         self
     }
 
@@ -111,14 +183,31 @@ impl Builder {
     pub fn build(self, scale: f64, rise: f64) -> Model {
         let shapes: Vec<&Shape> = self.objects.iter().map(|o| &o.shape).collect();
         let bvh = Bvh::new(&shapes);
-        Model { objects: self.objects, bvh, scale, rise }
+        let clear = !self.volumes.is_empty() || self.objects.iter().any(|o| o.material.opacity < 1.0);
+        Model { objects: self.objects, volumes: self.volumes, clear, bvh, scale, rise }
     }
+}
+
+/// The slopes (radius by height) of a smooth outline at its points, which make no new bulge or waist.
+fn slopes(outline: &[(f64, f64)]) -> Vec<f64> {
+    let secants: Vec<f64> = outline.windows(2).map(|w| (w[1].0 - w[0].0) / (w[1].1 - w[0].1)).collect();
+    (0..outline.len())
+        .map(|i| match (i.checked_sub(1).and_then(|i| secants.get(i)), secants.get(i)) {
+            (Some(&a), Some(&b)) if a * b <= 0.0 => 0.0,
+            (Some(&a), Some(&b)) => (0.5 * (a + b)).clamp(-3.0 * a.abs().min(b.abs()), 3.0 * a.abs().min(b.abs())),
+            (Some(&a), None) | (None, Some(&a)) => a,
+            (None, None) => 0.0,
+        })
+        .collect()
 }
 
 /// Objects sorted for rays.
 #[derive(Clone, Debug)]
 pub(super) struct Model {
     objects: Vec<Object>,
+    volumes: Vec<Volume>,
+    /// Whether anything can be looked through.
+    clear: bool,
     bvh: Bvh,
     scale: f64,
     rise: f64,
@@ -136,15 +225,39 @@ impl Model {
         self.scale
     }
 
-    /// The nearest hit and the material there.
-    pub fn nearest(&self, line: &Line) -> Option<(Hit, &Material)> {
-        let (i, hit) = self.bvh.nearest(|i, t| self.objects[i].shape.hit(line, t), line, f64::INFINITY)?;
-        Some((hit, &self.objects[i].material))
+    /// Whether anything can be looked through.
+    pub fn is_clear(&self) -> bool {
+        self.clear
     }
 
-    /// Whether anything lies on the line.
+    /// What fills solids.
+    pub fn volumes(&self) -> &[Volume] {
+        &self.volumes
+    }
+
+    /// The nearest hit and what is hit.
+    pub fn nearest(&self, line: &Line) -> Option<(Hit, &Object)> {
+        let (i, hit) = self.bvh.nearest(|i, t| self.objects[i].shape.hit(line, t), line, f64::INFINITY)?;
+        Some((hit, &self.objects[i]))
+    }
+
+    /// The nearest hit of a surface that cannot be looked through.
+    pub fn nearest_opaque(&self, line: &Line) -> Option<(Hit, &Object)> {
+        let hit = |i: usize, t| match &self.objects[i] {
+            Object { material, .. } if material.opacity < 1.0 => None,
+            object => object.shape.hit(line, t),
+        };
+        let (i, hit) = self.bvh.nearest(hit, line, f64::INFINITY)?;
+        Some((hit, &self.objects[i]))
+    }
+
+    /// Whether anything that casts a shadow lies on the line.
     pub fn blocked(&self, line: &Line) -> bool {
-        self.bvh.any(|i, t| self.objects[i].shape.hit(line, t), line, f64::INFINITY)
+        let hit = |i: usize, t| match &self.objects[i] {
+            object if object.backdrop || object.material.opacity < 1.0 => None,
+            object => object.shape.hit(line, t),
+        };
+        self.bvh.any(hit, line, f64::INFINITY)
     }
 
     /// A box around all objects, in the world.

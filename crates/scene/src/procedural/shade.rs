@@ -24,12 +24,23 @@ const LIFT: f64 = 1e-4;
 
 /// Linear RGB seen along `line`, or `None` where nothing is hit. `sample` says which of the
 /// [`LIGHT_SAMPLES`] positions over the lamps to use.
+#[cfg(test)]
 pub(super) fn radiance(model: &Model, line: &Line, sample: usize) -> Option<DVec3> {
-    let (hit, material) = model.nearest(line)?;
-    Some(surface(model, line, &hit, material, sample, true))
+    let (hit, object) = model.nearest(line)?;
+    Some(surface(model, line, &hit, &object.material, sample, true).0)
 }
 
-fn surface(model: &Model, line: &Line, hit: &Hit, material: &Material, sample: usize, mirror: bool) -> DVec3 {
+/// Linear RGB that the surface sends back along `line`, and the share of what is behind it that it hides. The
+/// light of a surface that can be looked through is less by what it lacks in opacity, its mirror image and
+/// highlight are not.
+pub(super) fn surface(
+    model: &Model,
+    line: &Line,
+    hit: &Hit,
+    material: &Material,
+    sample: usize,
+    mirror: bool,
+) -> (DVec3, f64) {
     let view = -line.direction;
     let normal = if hit.normal.dot(view) < 0.0 { -hit.normal } else { hit.normal };
     let start = line.at(hit.t) + LIFT * normal;
@@ -44,6 +55,9 @@ fn surface(model: &Model, line: &Line, hit: &Hit, material: &Material, sample: u
 
     let tint = if material.metal { albedo } else { DVec3::ONE };
     let body = if material.metal { 0.25 * albedo } else { albedo };
+
+    let opacity = opacity(material, normal.dot(view));
+    let body = body * opacity;
 
     let mut light = GROUND_COLOUR * (0.5 - 0.5 * normal.z) * 0.55;
     let up = towards(DVec3::Z, SKY_SIZE);
@@ -67,18 +81,35 @@ fn surface(model: &Model, line: &Line, hit: &Hit, material: &Material, sample: u
         highlight += SUN_COLOUR * facing * lobe * fresnel(material.reflectance, half.dot(view));
     }
 
-    let mut colour = body * light + tint * highlight.min(DVec3::splat(4.0));
+    let highlight = tint * highlight.min(DVec3::splat(4.0));
+    let mut colour = body * light + highlight;
+    let mut passes = (1.0 - opacity) * (1.0 - highlight.max_element().min(1.0));
     if mirror && material.reflectance > MIRRORS_ABOVE {
         let share = fresnel(material.reflectance, normal.dot(view));
         let direction = line.direction - 2.0 * line.direction.dot(normal) * normal;
         let reflected = Line { origin: start, direction: direction.normalize_or(normal) };
-        let image = match model.nearest(&reflected) {
-            Some((hit, material)) => surface(model, &reflected, &hit, material, sample, false),
+        let image = match model.nearest_opaque(&reflected) {
+            Some((hit, object)) => surface(model, &reflected, &hit, &object.material, sample, false).0,
             None => sky(reflected.direction),
         };
         colour = colour * (1.0 - share) + tint * image * share;
+        passes *= 1.0 - share;
     }
-    colour
+    (colour, 1.0 - passes)
+}
+
+/// What the material stops of the light behind it where it is met at this cosine: a slanted way through is longer.
+fn opacity(material: &Material, cosine: f64) -> f64 {
+    if material.opacity >= 1.0 {
+        return 1.0;
+    }
+    1.0 - (1.0 - material.opacity).powf(1.0 / cosine.abs().max(0.15))
+}
+
+/// What the surface hides of what is behind it, highlights left out.
+pub(super) fn cover(material: &Material, cosine: f64) -> f64 {
+    let share = if material.reflectance > MIRRORS_ABOVE { fresnel(material.reflectance, cosine.abs()) } else { 0.0 };
+    1.0 - (1.0 - opacity(material, cosine)) * (1.0 - share)
 }
 
 /// Schlick's approximation.

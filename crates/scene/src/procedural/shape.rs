@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use super::convex::{Convex, Frame, Line};
+use super::convex::{Convex, Frame, Kind, Line};
 
 /// Hits nearer than this are the surface that a ray starts on.
 const NEAREST: f64 = 1e-6;
@@ -29,6 +29,9 @@ pub(super) enum Shape {
     /// A piece of a tube of radius `tube` about a smooth curve: a rod with a ball at its start,
     /// whose normals follow the curve, so that no joint shows.
     Piece { rod: Convex, from: Knot, to: Knot, tube: f64 },
+    /// A slice of a solid of revolution: a frustum whose side's normals go from `lower` to `upper`
+    /// (outwards, along the axis), so that no joint shows. `height` is that of its middle.
+    Slice { cone: Convex, lower: DVec2, upper: DVec2, height: f64 },
 }
 
 /// A point of a curve.
@@ -48,6 +51,7 @@ impl Shape {
         match self {
             Self::Solid { base, .. } => base.bounds(),
             Self::Piece { rod, .. } => rod.bounds(),
+            Self::Slice { cone, .. } => cone.bounds(),
             Self::Ring { frame, radius, tube } => {
                 let axis = frame.rotation.z_axis;
                 let half = DVec3::from(axis.to_array().map(|c| radius * (1.0 - c * c).max(0.0).sqrt() + tube));
@@ -82,6 +86,14 @@ impl Shape {
                 let span = rod.span(line)?;
                 let t = if span.enter > NEAREST { span.enter } else { span.exit };
                 (t > NEAREST && t < farthest).then(|| piece_hit(line.at(t), t, from, to, *tube))
+            }
+            Self::Slice { cone, lower, upper, height } => {
+                let span = cone.span(line)?;
+                let (t, flat) = match span.enter > NEAREST {
+                    true => (span.enter, span.enter_normal),
+                    false => (span.exit, span.exit_normal),
+                };
+                (t > NEAREST && t < farthest).then(|| slice_hit(line.at(t), t, flat, cone, (*lower, *upper), *height))
             }
         }
     }
@@ -160,6 +172,23 @@ fn piece_hit(p: DVec3, t: f64, from: &Knot, to: &Knot, tube: f64) -> Hit {
     let angle = normal.dot(tangent.cross(side)).atan2(normal.dot(side));
     let length = from.length + (to.length - from.length) * s;
     Hit { t, normal, texture_point: DVec3::new(length, angle, 0.0), texture_normal: DVec3::Z }
+}
+
+fn slice_hit(p: DVec3, t: f64, flat: DVec3, cone: &Convex, (lower, upper): (DVec2, DVec2), height: f64) -> Hit {
+    let p = cone.frame.point_to_local(p);
+    let half = match cone.kind {
+        Kind::Cone { half, .. } => half,
+        _ => f64::INFINITY,
+    };
+    let on_cap = half - p.z.abs() < 1e-9;
+    let local = if on_cap {
+        cone.frame.rotation.transpose() * flat
+    } else {
+        let slope = lower.lerp(upper, 0.5 + 0.5 * p.z / half);
+        (p.truncate().normalize_or(DVec2::X) * slope.x).extend(slope.y).normalize_or(DVec3::Z)
+    };
+    let texture_point = p + DVec3::Z * height;
+    Hit { t, normal: cone.frame.rotation * local, texture_point, texture_normal: local }
 }
 
 #[cfg(test)]

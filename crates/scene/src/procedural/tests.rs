@@ -14,6 +14,11 @@ fn scene(name: &str, size: u32) -> Scene {
     load(&SceneSource::Procedural(name.into()), &request(size)).unwrap()
 }
 
+/// The scenes of an object before a clear background.
+fn objects() -> impl Iterator<Item = &'static str> {
+    NAMES.into_iter().filter(|name| !CAPTURES.contains(name))
+}
+
 /// The mean over pixels of `value`.
 fn mean(view: &View, value: impl Fn(usize) -> f32) -> f32 {
     let n = view.image.rgb.len();
@@ -25,10 +30,12 @@ fn names_are_those_that_load() {
     for name in NAMES {
         assert_eq!(scene(name, 8).train.len(), 4);
     }
+    assert_eq!(NAMES[..4], ["castle", "crane", "knot", "orrery"], "the first come first");
     for name in ["tree", "random", "random-", "random-x", "random--1", "random-01", "random-99999999999999999999"] {
         let error = load(&SceneSource::Procedural(name.into()), &request(8)).unwrap_err().to_string();
-        let expected =
-            format!("unknown procedural scene `{name}`; expected one of castle, crane, knot, orrery, random-<seed>");
+        let known = "castle, crane, knot, orrery, aquarium, birdcage, bookshelf, chessman, facade, kettle, piano, \
+                     porcelain, room, table, figure, random-<seed>";
+        let expected = format!("unknown procedural scene `{name}`; expected one of {known}");
         assert_eq!(error, expected);
     }
 }
@@ -36,11 +43,19 @@ fn names_are_those_that_load() {
 #[test]
 fn objects_lie_in_the_bounds_and_between_near_and_far() {
     for name in NAMES {
+        let (near, far, bounds) = extent(name).unwrap();
         let (lo, hi) = model(name).unwrap().bounds();
-        assert!(BOUNDS.contains(lo.as_vec3()) && BOUNDS.contains(hi.as_vec3()), "{name} {lo} {hi}");
-        for view in scene(name, 40).train {
-            for &t in view.depth.unwrap().iter().filter(|t| t.is_finite()) {
-                assert!((NEAR..FAR).contains(&t));
+        assert!(bounds.contains(lo.as_vec3()) && bounds.contains(hi.as_vec3()), "{name} {lo} {hi}");
+        let scene = scene(name, 40);
+        assert_eq!((scene.near, scene.far, scene.bounds), (near, far, bounds));
+        if !CAPTURES.contains(&name) {
+            assert_eq!((near, far, bounds), (NEAR, FAR, BOUNDS));
+        }
+        let (train, test) = cameras(name, 24).unwrap();
+        let model = model(name).unwrap();
+        for camera in train.iter().chain(&test) {
+            for t in render::depth(&model, camera).into_iter().filter(|t| t.is_finite()) {
+                assert!((near..far).contains(&t), "{name}: {t}");
             }
         }
     }
@@ -48,12 +63,19 @@ fn objects_lie_in_the_bounds_and_between_near_and_far() {
 
 #[test]
 fn images_have_an_object_with_detail_on_a_clear_background() {
-    for name in NAMES {
+    for name in objects() {
         for view in scene(name, 64).train {
             let alpha = view.image.alpha.as_ref().unwrap();
             let cover = mean(&view, |i| alpha[i]);
-            assert!((0.05..0.6).contains(&cover), "{name} {} covers {cover}", view.name);
-            assert_eq!((alpha[0], alpha[63], alpha[64 * 64 - 1]), (0.0, 0.0, 0.0));
+            let expected = match name {
+                "chessman" => 0.008..0.03,
+                "facade" => 0.65..1.0,
+                _ => 0.05..0.6,
+            };
+            assert!(expected.contains(&cover), "{name} {} covers {cover}", view.name);
+            if name != "facade" {
+                assert_eq!((alpha[0], alpha[63], alpha[64 * 64 - 1]), (0.0, 0.0, 0.0));
+            }
             let grey = |i: usize| view.image.rgb[i].iter().sum::<f32>() / 3.0;
             let detail = mean(&view, |i| if i > 0 { (grey(i) - grey(i - 1)).abs() } else { 0.0 });
             assert!(detail / cover > 0.05, "{name} is flat: {detail}");
@@ -63,7 +85,7 @@ fn images_have_an_object_with_detail_on_a_clear_background() {
 
 #[test]
 fn coverage_and_depth_agree() {
-    for name in NAMES {
+    for name in objects() {
         for view in scene(name, 64).test {
             let (alpha, depth) = (view.image.alpha.as_ref().unwrap(), view.depth.as_ref().unwrap());
             let differ = (0..depth.len())
@@ -100,8 +122,14 @@ fn random_scenes_follow_from_their_seed_and_fit_every_camera() {
 fn depth_is_consistent_between_views() {
     for name in NAMES {
         let model = model(name).unwrap();
-        let cameras = train_cameras(48);
-        let (a, b) = (&cameras[26], &cameras[86]);
+        if model.is_clear() {
+            // Where half is hidden depends on the way there.
+            continue;
+        }
+        let (cameras, _) = cameras(name, 48).unwrap();
+        let a = &cameras[if cameras.len() == TRAIN_VIEWS { 26 } else { 3 }];
+        let apart = |c: &&Camera| (c.position().angle_between(a.position()) - 0.8).abs();
+        let b = cameras.iter().min_by(|c, d| apart(c).total_cmp(&apart(d))).unwrap();
         let depth = render::depth(&model, a);
         let mut agree = 0;
         for (i, &t) in depth.iter().enumerate().filter(|(_, t)| t.is_finite()) {
@@ -111,7 +139,7 @@ fn depth_is_consistent_between_views() {
             // Trace b's own ray through exactly that point.
             let line = b.ray_f64(f64::from(pixel.x), f64::from(pixel.y));
             let line = model.line(line.0, line.1);
-            let seen = model.nearest(&line).map_or(f64::INFINITY, |(hit, _)| hit.t * model.scale());
+            let seen = through::front(&model, &line).map_or(f64::INFINITY, |(t, _)| t * model.scale());
             let distance = f64::from(p.distance(b.position()));
             // Grazing rays slide off the silhouette by rounding: leave those out.
             let (hit, _) = model
@@ -122,8 +150,105 @@ fn depth_is_consistent_between_views() {
                 agree += usize::from((seen - distance).abs() < 1e-3);
             }
         }
-        assert!(agree > 50, "{name}: only {agree} points are seen from both");
+        let least = if name == "chessman" { 20 } else { 50 };
+        assert!(agree > least, "{name}: only {agree} points are seen from both");
     }
+}
+
+#[test]
+fn the_yardstick_is_divided_by_its_rule() {
+    assert!(YARDSTICK.is_sorted() && YARDSTICK.iter().all(|name| NAMES.contains(name)));
+    let every_second = |from: usize| YARDSTICK.into_iter().skip(from).step_by(2);
+    assert!(TUNING.into_iter().eq(every_second(0)) && JUDGING.into_iter().eq(every_second(1)));
+}
+
+#[test]
+fn later_scenes_have_cameras_drawn_from_their_names() {
+    assert_eq!(cameras("castle", 8).unwrap(), (train_cameras(8), test_cameras(8)));
+    assert_eq!(cameras("random-3", 8).unwrap().0, train_cameras(8));
+    let (kettle, piano) = (cameras("kettle", 8).unwrap(), cameras("piano", 8).unwrap());
+    assert_eq!((kettle.0.len(), kettle.1), (100, test_cameras(8)));
+    assert!(kettle.0 != piano.0 && kettle.0 != train_cameras(8));
+    assert_eq!(scene("kettle", 8).all_train_cameras, kettle.0);
+    assert!(cameras("tree", 8).is_err() && extent("tree").is_err() && object_mask("tree", &kettle.0[0]).is_err());
+}
+
+#[test]
+fn captures_fill_every_pixel_and_know_their_subject() {
+    for name in CAPTURES {
+        let request = SceneRequest { train: ViewSelection::All, test: TestProtocol::All, ..request(24) };
+        let scene = load(&SceneSource::Procedural(name.into()), &request).unwrap();
+        assert_eq!((scene.train.len(), scene.test.len()), (30, 10));
+        let other = SceneRequest { background: [0.0, 1.0, 0.0], ..request };
+        let again = load(&SceneSource::Procedural(name.into()), &other).unwrap();
+        assert!(scene.train[0].image == again.train[0].image, "{name} depends on the background");
+        for view in scene.train.iter().chain(&scene.test) {
+            assert_eq!(view.image.alpha, None);
+            assert!(view.depth.as_ref().unwrap().iter().all(|t| t.is_finite()), "{name} {}", view.name);
+            assert!(render(name, &view.camera).unwrap().rgba.pixels.iter().all(|p| p[3] == 255));
+            let mask = object_mask(name, &view.camera).unwrap();
+            let share = mask.iter().filter(|&&m| m).count() as f32 / mask.len() as f32;
+            assert!((0.08..0.6).contains(&share), "{name} {}: {share}", view.name);
+        }
+    }
+}
+
+#[test]
+fn masks_of_objects_are_where_there_is_depth() {
+    for name in ["figure", "aquarium", "castle"] {
+        for view in scene(name, 32).train {
+            let hit = view.depth.unwrap().into_iter().map(f32::is_finite);
+            assert!(object_mask(name, &view.camera).unwrap().into_iter().eq(hit));
+        }
+    }
+}
+
+/// A pane over nothing hides its share, a pane before a wall shows the wall through, and water by its thickness.
+#[test]
+fn what_lies_behind_glass_and_water_shines_through() {
+    use convex::Convex;
+    use glam::DVec3;
+    let red = model::Material::matt(texture::Texture::Plain(DVec3::new(0.8, 0.0, 0.0)));
+    let blue = model::Material { reflectance: 0.0, ..model::Material::glass(DVec3::new(0.0, 0.0, 0.8), 0.25) };
+    let line = |y: f64| convex::Line { origin: DVec3::new(3.0, y, 0.0), direction: DVec3::NEG_X };
+    let mut scene = model::Builder::default();
+    // From y 0 to 2 a wall, from −2 to 1 a pane before it; below y = −2 water two units thick.
+    scene.solid(Convex::block(DVec3::new(-1.0, 1.0, 0.0), DVec3::new(0.2, 2.0, 2.0)), red);
+    scene.solid(Convex::block(DVec3::new(1.0, -0.5, 0.0), DVec3::new(0.2, 3.0, 2.0)), blue);
+    scene.fill(Convex::block(DVec3::new(0.0, -3.0, 0.0), DVec3::new(2.0, 1.0, 2.0)), DVec3::ONE, 0.9);
+    let model = scene.build(1.0, 0.0);
+    let see = |y: f64| through::light(&model, &line(y), 0);
+    let both_sides = 1.0 - 0.75 * 0.75;
+    // The pane casts no shadow on the wall: where it is seen through it, only the pane's hiding dims it.
+    let (wall, pane, through) = (see(1.5), see(-0.5), see(0.5));
+    assert_eq!((wall.1, through.1), (1.0, 1.0));
+    assert!((pane.1 - both_sides).abs() < 0.02, "{pane:?}");
+    assert!(through.0.z > wall.0.z + 0.01 && through.0.x < wall.0.x && through.0.x > 0.4 * wall.0.x);
+    let water = see(-3.0);
+    assert!((water.1 - (1.0 - (-1.8f64).exp())).abs() < 1e-9 && (water.0.x - water.1).abs() < 1e-9);
+    assert_eq!(see(-5.0), (DVec3::ZERO, 0.0));
+    // Depth is where half is hidden: the wall behind the pane, ln 2 / 0.9 deep in the water, nowhere on the pane.
+    let depth = |y: f64| through::front(&model, &line(y)).map(|(t, _)| t);
+    assert!((depth(0.5).unwrap() - 3.9).abs() < 1e-9 && depth(-0.5).is_none());
+    assert!((depth(-3.0).unwrap() - (2.0 + 2f64.ln() / 0.9)).abs() < 1e-9);
+}
+
+#[test]
+fn lathes_are_smooth_where_their_slices_meet() {
+    use glam::DVec3;
+    let mut scene = model::Builder::default();
+    let plain = model::Material::matt(texture::Texture::Plain(DVec3::ONE));
+    scene.lathe(convex::Frame::at(DVec3::ZERO), &[(0.3, -0.5), (0.6, 0.0), (0.2, 0.5)], plain);
+    let model = scene.build(1.0, 0.0);
+    let normal = |z: f64| {
+        let line = convex::Line { origin: DVec3::new(3.0, 0.0, z), direction: DVec3::NEG_X };
+        model.nearest(&line).unwrap().0.normal
+    };
+    for k in -45..45 {
+        let z = f64::from(k) * 0.01 + 0.0003;
+        assert!(normal(z).angle_between(normal(z + 0.01)) < 0.2, "{z}");
+    }
+    assert!(normal(-0.25).z < -0.1 && normal(0.25).z > 0.1);
 }
 
 #[test]
@@ -144,9 +269,11 @@ fn highlights_move_with_the_view() {
 fn the_number_of_threads_changes_nothing() {
     let with = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| scene("castle", 32))
+        pool.install(|| NAMES.map(|name| scene(name, 16)))
     };
-    assert_eq!(with(1), with(3));
+    for (one, three) in with(1).iter().zip(&with(3)) {
+        assert!(one == three, "{}", one.name);
+    }
 }
 
 #[test]
@@ -165,9 +292,10 @@ fn cameras_are_a_hemisphere_that_looks_at_the_origin() {
 #[test]
 fn no_image_is_cropped() {
     let size = 48;
-    for name in NAMES {
+    for name in objects().filter(|&name| name != "facade") {
         let model = model(name).unwrap();
-        for camera in train_cameras(size).iter().chain(test_cameras(size).iter().step_by(5)) {
+        let (train, test) = cameras(name, size).unwrap();
+        for camera in train.iter().chain(test.iter().step_by(5)) {
             let depth = render::depth(&model, camera);
             let n = size as usize;
             let edge = |i: usize| [i, i + (n - 1) * n, i * n, i * n + n - 1];
@@ -189,4 +317,30 @@ fn the_published_view_sets_are_spread() {
             }
         }
     }
+}
+
+/// A fingerprint of bytes (FNV-1a).
+#[cfg(all(target_os = "linux", target_arch = "x86_64", target_env = "gnu"))]
+fn fingerprint(bytes: impl IntoIterator<Item = u8>) -> u64 {
+    bytes.into_iter().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// What was published of these scenes must stay as it is. The figures are those of one mathematical library.
+#[cfg(all(target_os = "linux", target_arch = "x86_64", target_env = "gnu"))]
+#[test]
+fn the_first_scenes_never_change() {
+    let expected = [
+        ("castle", 14049021463521838936),
+        ("crane", 10313091132694606161),
+        ("knot", 16872614610471715021),
+        ("orrery", 9336174511608281722),
+        ("random-0", 14589615429340700797),
+        ("random-7", 18318855451968460935),
+    ];
+    let found = ["castle", "crane", "knot", "orrery", "random-0", "random-7"].map(|name| {
+        let cameras = train_cameras(48);
+        let pixels = [26, 86, 2, 55].map(|i| render(name, &cameras[i]).unwrap().rgba.pixels);
+        (name, fingerprint(pixels.concat().into_iter().flatten()))
+    });
+    assert_eq!(found, expected);
 }

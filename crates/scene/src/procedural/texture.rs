@@ -24,6 +24,10 @@ pub(super) enum Texture {
     Patches { a: DVec3, b: DVec3, per_unit: f64, cap: f64 },
     /// Scales or shingles in courses along local z around z.
     Shingles { a: DVec3, b: DVec3, around: f64, per_unit: f64 },
+    /// Boards of the given width and length with grain, from `a` to `b`; on upright faces they stand on end.
+    Planks { a: DVec3, b: DVec3, width: f64, length: f64 },
+    /// Flowers of `petal` on `ground`, `per_unit` of them along each axis of the face; `round` wraps them about z.
+    Flowers { ground: DVec3, petal: DVec3, per_unit: f64, round: bool },
 }
 
 impl Texture {
@@ -70,6 +74,14 @@ impl Texture {
                 let edge = if fv + 0.6 * fu * fu * 4.0 < 0.28 || fu.abs() > 0.46 { 0.35 } else { 1.0 };
                 a.lerp(b, shade) * edge
             }
+            Self::Planks { a, b, width, length } => {
+                let (u, v) = wrap(p, n, false);
+                planks(a, b, u / width, v / length)
+            }
+            Self::Flowers { ground, petal, per_unit, round } => {
+                let (u, v) = wrap(p, n, round);
+                flowers(ground, petal, u * per_unit, v * per_unit) * (0.96 + 0.08 * noise(p * 30.0))
+            }
         }
     }
 }
@@ -96,6 +108,37 @@ fn bricks(brick: DVec3, mortar: DVec3, u: f64, v: f64) -> DVec3 {
         return mortar;
     }
     brick * (0.55 + 0.9 * hash([u.floor() as i64, row as i64, 3]))
+}
+
+fn planks(a: DVec3, b: DVec3, u: f64, v: f64) -> DVec3 {
+    let board = u.floor();
+    let v = v + hash([board as i64, 11, 5]);
+    let cell = [board as i64, v.floor() as i64, 13];
+    let (fu, fv) = (u - board, v - v.floor());
+    if !(0.04..0.96).contains(&fu) || fv < 0.015 {
+        return b * 0.35;
+    }
+    let grain = fractal(DVec3::new(u * 5.0, v * 1.3, 9.0 * hash(cell)));
+    let streak =
+        smooth((0.5 + 2.2 * (fractal(DVec3::new(u * 17.0, v * 1.1, 40.0 * hash(cell))) - 0.5)).clamp(0.0, 1.0));
+    a.lerp(b, 0.5 * grain + 0.35 * streak + 0.3 * (hash(cell) - 0.3)) * (0.8 + 0.4 * hash(cell))
+}
+
+/// Five petals about a heart in every other cell, a leaf in the rest.
+fn flowers(ground: DVec3, petal: DVec3, u: f64, v: f64) -> DVec3 {
+    let (cu, cv) = (u.floor(), v.floor());
+    let (x, y) = (u - cu - 0.5, v - cv - 0.5);
+    let (r, angle) = (x.hypot(y), y.atan2(x));
+    if (cu + cv).rem_euclid(2.0) < 1.0 {
+        if r < 0.09 {
+            return ground;
+        }
+        let edge = 0.30 + 0.13 * (5.0 * angle + 1.5).cos();
+        if r < edge { petal } else { ground }
+    } else {
+        let leaf = (x - 1.2 * y * y).abs() < 0.03 && y.abs() < 0.4;
+        if leaf || (r > 0.12 && r < 0.16) { ground.lerp(petal, 0.6) } else { ground }
+    }
 }
 
 fn smooth(x: f64) -> f64 {

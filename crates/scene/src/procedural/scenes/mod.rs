@@ -1,16 +1,38 @@
 //! The scenes, one a file.
 
+mod aquarium;
+mod birdcage;
+mod bookshelf;
 mod castle;
+mod chessman;
 mod crane;
+mod facade;
+mod figure;
+mod kettle;
 mod knot;
 mod orrery;
+mod piano;
+mod porcelain;
 mod random;
+mod room;
+mod table;
 
+pub(super) use aquarium::aquarium;
+pub(super) use birdcage::birdcage;
+pub(super) use bookshelf::bookshelf;
 pub(super) use castle::castle;
+pub(super) use chessman::chessman;
 pub(super) use crane::crane;
+pub(super) use facade::facade;
+pub(super) use figure::figure;
+pub(super) use kettle::kettle;
 pub(super) use knot::knot;
 pub(super) use orrery::orrery;
+pub(super) use piano::piano;
+pub(super) use porcelain::porcelain;
 pub(super) use random::random;
+pub(super) use room::room;
+pub(super) use table::table;
 
 use glam::DVec3;
 
