@@ -16,13 +16,13 @@ fn main() -> Result<(), SceneError> {
             train: ViewSelection::Seed { seed: 0, count: 4 },
             test: TestProtocol::Every(8),
             image_size: Some(size),
-            background: [1.0; 3],
+            ..Default::default()
         };
         let start = Instant::now();
         let scene = load(&SceneSource::Procedural(name.into()), &request)?;
         eprintln!("{name}: {} images in {:.2?}", scene.train.len() + scene.test.len(), start.elapsed());
-        let mut rows: Vec<Vec<&Image>> = vec![scene.train.iter().map(|v| &v.image).collect()];
-        rows.push(scene.test.iter().step_by(6).take(4).map(|v| &v.image).collect());
+        let mut rows: Vec<Vec<&Image>> = vec![scene.train.iter().map(|v| &*v.image).collect()];
+        rows.push(scene.test.iter().step_by(6).take(4).map(|v| &*v.image).collect());
         sheet(&rows, size).write_png(&Path::new(&folder).join(format!("{name}.png")))?;
     }
     Ok(())

@@ -8,10 +8,14 @@ mod frames;
 pub mod fuzzing;
 mod json;
 mod llff;
+mod mask;
 mod nerfstudio;
 mod npy;
+mod optics;
 mod pose;
+mod space;
 
+pub(crate) use blender::named_selections;
 pub(crate) use depth::write_depth;
 
 use std::path::Path;
@@ -52,20 +56,17 @@ pub(crate) mod testing {
     use crate::procedural::train_cameras;
     use crate::{Rgba8, Scene, SceneError, SceneRequest, SceneSource, TestProtocol, ViewSelection};
 
-    /// The shared test data, where there is any: `$INFONERF_DATA`, or a folder beside the workspace.
-    pub fn shared_data(part: &str) -> Option<PathBuf> {
+    /// The shared test data: `$INFONERF_DATA`, or a folder beside the workspace. Only for tests that are ignored.
+    pub fn shared_data(part: &str) -> PathBuf {
         let root = std::env::var_os("INFONERF_DATA")
             .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
         let path = root.join(part);
-        if !path.is_dir() {
-            eprintln!("skipped: {part} not found; set INFONERF_DATA to the folder that holds it");
-            return None;
-        }
-        Some(path)
+        assert!(path.is_dir(), "{part} not found; set INFONERF_DATA to the folder that holds it");
+        path
     }
 
     pub fn request() -> SceneRequest {
-        SceneRequest { train: ViewSelection::All, test: TestProtocol::All, image_size: None, background: [1.0; 3] }
+        SceneRequest { train: ViewSelection::All, test: TestProtocol::All, ..Default::default() }
     }
 
     pub fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {

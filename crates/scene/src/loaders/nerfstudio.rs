@@ -1,48 +1,64 @@
-//! nerfstudio's format: one `transforms.json` with intrinsics, shared or per frame.
+//! The format of nerfstudio and instant-ngp: one `transforms.json` with intrinsics, shared or per frame.
 
 use std::collections::HashSet;
 use std::path::Path;
 
 use super::assemble::{Parts, assemble};
-use super::extent::{capture_extent, hold_out};
-use super::frames::{Frame, Split, read_transforms};
-use crate::{Camera, Scene, SceneError, SceneRequest};
+use super::extent::{capture_space, hold_out};
+use super::frames::{Frame, Split, numbered, read_transforms};
+use crate::image::dimensions;
+use crate::{Camera, Format, Scene, SceneError, SceneRequest};
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "transforms.json";
 
-/// Loads a folder in nerfstudio's format.
+/// Loads a folder in nerfstudio's or instant-ngp's format.
 ///
 /// Frames named in the fields `train_filenames` and `test_filenames` are the two pools; without
-/// those fields every 8th frame, starting with the first, is held out for test. Poses keep their
-/// scale. `near`, `far` and `aabb` are taken from the file where it has them, else from where the
-/// cameras are, see [`capture_extent`].
+/// those fields every 8th frame, starting with the first, is held out for test. Frames without their image are left out,
+/// with one warning. Poses keep their scale. `near`, `far` and `aabb` are taken from the file where it has them, else
+/// from `aabb_scale` and from where the cameras are, see [`capture_space`].
 pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
     let path = dir.join(MARKER);
     let transforms = read_transforms(&path)?;
-    let cameras: Vec<Camera> = transforms.frames.iter().map(|f| f.camera(1, 1)).collect();
-    let (range, bounds) = capture_extent(&cameras);
+    let (frames, missing): (Vec<_>, Vec<_>) = transforms.frames.into_iter().partition(|f| f.image.is_file());
+    let warning = missing.first().map(|first| {
+        let total = frames.len() + missing.len();
+        format!("{} of {total} frames have no image, the first {}", missing.len(), first.image.display())
+    });
+    let Some(size) = frames.first().map(|f| f.stated_size().map_or_else(|| dimensions(&f.image), Ok)).transpose()?
+    else {
+        let image = missing.into_iter().next().map_or_else(|| dir.into(), |f| f.image);
+        return Err(SceneError::NotFound { path: image, expected: "an image of at least one frame".into() });
+    };
+    let cameras: Vec<Camera> = frames.iter().map(|f| f.camera(size.0, size.1)).collect();
+    let mut space = capture_space(&cameras, Vec::new()).with(transforms.range, transforms.bounds);
+    if let (Some(cube), None) = (transforms.cube, transforms.bounds) {
+        space.bounds = cube;
+    }
+    let known: HashSet<String> = missing.into_iter().map(|f| f.name).collect();
     let (train, test) = match &transforms.split {
         Some(Split { train, test }) => (
-            named(&path, "train_filenames", &transforms.frames, train)?,
-            named(&path, "test_filenames", &transforms.frames, test)?,
+            named(&path, "train_filenames", &frames, &known, train)?,
+            named(&path, "test_filenames", &frames, &known, test)?,
         ),
-        None => hold_out(transforms.frames),
+        None => hold_out(frames),
     };
-    let parts = Parts {
-        dir,
-        train,
-        test,
-        range: transforms.range.unwrap_or(range),
-        bounds: transforms.bounds.unwrap_or(bounds),
-    };
+    let mut parts = Parts::new(dir, Format::Transforms, numbered(train), numbered(test), space);
+    parts.warnings.extend(warning);
     assemble(parts, request)
 }
 
-/// The frames with the given names, in the order of the file. Every name must be a frame's.
-fn named(path: &Path, field: &str, frames: &[Frame], names: &[String]) -> Result<Vec<Frame>, SceneError> {
+/// The frames with the given names, in the order of the file. Every name must be a frame's, if one without an image.
+fn named(
+    path: &Path,
+    field: &str,
+    frames: &[Frame],
+    missing: &HashSet<String>,
+    names: &[String],
+) -> Result<Vec<Frame>, SceneError> {
     let known: HashSet<&str> = frames.iter().map(|f| f.name.as_str()).collect();
-    if let Some(unknown) = names.iter().find(|n| !known.contains(n.as_str())) {
+    if let Some(unknown) = names.iter().find(|n| !known.contains(n.as_str()) && !missing.contains(*n)) {
         let found = format!("\"{unknown}\"");
         return Err(SceneError::field(path, field, "the file_path of a frame", found));
     }
@@ -126,13 +142,19 @@ mod tests {
     #[test]
     fn faults_name_the_field() {
         let cases = [
-            ("/k1", Some(json!(0.1)), "`k1`: expected 0 (undistorted images"),
+            ("/k1", Some(json!("x")), "`k1`: expected a distortion coefficient"),
+            ("/camera_model", Some(json!("EQUIRECTANGULAR")), "`camera_model`: expected one of SIMPLE_PINHOLE"),
+            ("/camera_model", Some(json!(3)), "`camera_model`: expected one of SIMPLE_PINHOLE"),
+            ("/is_fisheye", Some(json!(1)), "`is_fisheye`: expected true or false"),
+            ("/applied_transform", Some(json!([[1, 0, 0, 0]])), "`applied_transform`: expected a 3×4 matrix"),
+            ("/aabb_scale", Some(json!(3)), "`aabb_scale`: expected a power of two"),
+            ("/frames/2/mask_path", Some(json!("m.png")), "`frames[0].mask_path`: expected the path of a mask"),
             ("/fl_x", Some(json!(0)), "`fl_x`: expected a positive focal length"),
             ("/fl_x", None, "`camera_angle_x`"),
             ("/w", Some(json!(7.5)), "`w`: expected an image side in whole pixels"),
             ("/w", Some(json!(9)), "f_1.png: expected an image of 9×8 pixels"),
             ("/frames/4/transform_matrix/1/1", Some(json!("x")), "`frames[4].transform_matrix[1][1]`"),
-            ("/frames/2/p2", Some(json!(1e-3)), "`frames[2].p2`"),
+            ("/frames/2/p2", Some(json!(1e9)), "`frames[2].p2`"),
         ];
         for (pointer, value, expected) in cases {
             let (_guard, dir, json) = folder();

@@ -22,7 +22,8 @@ pub(crate) use cameras::FOV_X;
 
 use glam::Vec3;
 
-use crate::{Aabb, Camera, Rgba8, Scene, SceneError, SceneRequest, View};
+use crate::select::pool;
+use crate::{Aabb, Camera, Range, Rgba8, Scene, SceneError, SceneRequest, View, loaders};
 use model::Model;
 
 /// The names of the procedural scenes that were built by hand. Beside them there is `random-<seed>` for every `u64`.
@@ -60,13 +61,16 @@ pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneErr
     let model = model(name)?;
     let size = request.image_size.unwrap_or(DEFAULT_SIZE);
     let (train, test) = (train_cameras(size), test_cameras(size));
-    let train_ids = request.train.select(&train)?;
-    let test_ids = request.test.select(test.len())?;
+    let ids = |n: usize| (0..n).collect::<Vec<_>>();
+    let named = loaders::named_selections(&train);
+    let train_ids = pool::train(&request.train, &train, &ids(train.len()), &named)?;
+    let test_ids = pool::test(&request.test, &ids(test.len()), None, &Vec::new())?;
     let view = |split: &str, id: usize, camera: &Camera| View {
         id,
         name: format!("{split}/r_{id}"),
-        image: render::render(&model, camera).to_f32().composite(request.background),
-        depth: Some(render::depth(&model, camera)),
+        image: render::render(&model, camera).to_f32().composite(request.background).into(),
+        depth: Some(render::depth(&model, camera).into()),
+        mask: None,
         camera: camera.clone(),
     };
     let views = |split: &str, ids: &[usize], cameras: &[Camera]| -> Vec<View> {
@@ -79,8 +83,11 @@ pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneErr
         background: request.background,
         near: NEAR,
         far: FAR,
+        range: Range::Distance { near: NEAR, far: FAR },
         bounds: BOUNDS,
+        radius: cameras::RADIUS as f32,
         all_train_cameras: train,
+        ..Scene::default()
     })
 }
 

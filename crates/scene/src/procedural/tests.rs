@@ -6,7 +6,7 @@ fn request(size: u32) -> SceneRequest {
         train: ViewSelection::Seed { seed: 0, count: 4 },
         test: TestProtocol::First(2),
         image_size: Some(size),
-        background: [1.0; 3],
+        ..Default::default()
     }
 }
 
@@ -39,7 +39,7 @@ fn objects_lie_in_the_bounds_and_between_near_and_far() {
         let (lo, hi) = model(name).unwrap().bounds();
         assert!(BOUNDS.contains(lo.as_vec3()) && BOUNDS.contains(hi.as_vec3()), "{name} {lo} {hi}");
         for view in scene(name, 40).train {
-            for &t in view.depth.unwrap().iter().filter(|t| t.is_finite()) {
+            for &t in view.depth.as_ref().unwrap().iter().filter(|t| t.is_finite()) {
                 assert!((NEAR..FAR).contains(&t));
             }
         }
