@@ -132,7 +132,7 @@ impl Lens {
                 let across = direction.truncate();
                 let r = across.length();
                 let angle = r.atan2(direction.z);
-                if !(angle <= self.reach) || direction == DVec3::ZERO {
+                if angle.is_nan() || angle > self.reach || direction == DVec3::ZERO {
                     return None;
                 }
                 Some(if r > 0.0 { across * (self.profile(angle).0 / r) } else { DVec2::ZERO })
@@ -201,7 +201,7 @@ impl Lens {
     fn unprofile(&self, value: f64) -> Option<f64> {
         let (mut low, mut high) = (0.0, self.reach);
         let end = self.profile(high).0;
-        if !(value <= end) {
+        if value.is_nan() || end.is_nan() || value > end {
             return None;
         }
         let mut r = value.min(high);

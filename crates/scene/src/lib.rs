@@ -28,6 +28,7 @@
 
 mod bounds;
 mod camera;
+pub mod colmap;
 mod error;
 mod export;
 mod image;

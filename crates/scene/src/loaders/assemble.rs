@@ -19,7 +19,7 @@ const MOST_BYTES: u64 = 15 << 28;
 const MOST_AT_ONCE: u64 = 24 << 20;
 
 /// All that a loader has found out, with no image read.
-pub(super) struct Parts<'a> {
+pub(crate) struct Parts<'a> {
     /// The scene's folder, for its name.
     pub dir: &'a Path,
     /// Its format.

@@ -4,12 +4,12 @@ use std::path::Path;
 
 use glam::Vec3;
 
-use super::assemble::{Parts, assemble};
+use super::assemble::Parts;
 use super::extent::capture_space;
 use super::frames::{Frame, read_transforms};
 use super::space::{Space, camera_layout};
 use crate::poses::ViewRegion;
-use crate::{Aabb, Camera, Format, Layout, Scene, SceneError, SceneRequest, ViewSelection};
+use crate::{Aabb, Camera, Format, Layout, SceneError, SceneRequest, ViewSelection};
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "transforms_train.json";
@@ -21,14 +21,14 @@ const HALF_EDGE: f32 = 1.5;
 /// How far from the origin the cameras of such scenes are: then the unit ball lies between near and far.
 const DISTANCES: (f64, f64) = (3.0, 5.0);
 
-/// Loads a folder in Blender's format. Test views come from `transforms_test.json`, or from
+/// What a folder in Blender's format says. Test views come from `transforms_test.json`, or from
 /// `transforms_val.json` where that is missing.
 ///
 /// Three optional fields go beyond the format: `near` and `far`, `aabb`, and in a frame
 /// `ray_depth_file_path`, an `.npy` of exact distances. Without them near and far are 2 and 6 and the box is ±1.5, as for
 /// NeRF's synthetic scenes, if the cameras are where those scenes have them; else they are derived from the cameras, and
 /// a warning says so.
-pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
+pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, SceneError> {
     let train = read_transforms(&dir.join(MARKER))?;
     let (test, val) = (dir.join("transforms_test.json"), dir.join("transforms_val.json"));
     let test = read_transforms(if !test.is_file() && val.is_file() { &val } else { &test })?;
@@ -46,7 +46,7 @@ pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneErr
     let mut parts = Parts::new(dir, Format::Blender, train.frames, test.frames, space);
     parts.warnings.extend(warning);
     parts.selections = named_selections(&cameras);
-    assemble(parts, request)
+    Ok(parts)
 }
 
 /// The paper's four views of a hundred.
@@ -68,7 +68,7 @@ fn space(cameras: &[Camera]) -> (Space, Option<String>) {
     }
     let space = match camera_layout(cameras) {
         Layout::Object => object_space(cameras),
-        _ => capture_space(cameras, Vec::new()),
+        _ => capture_space(cameras, Vec::new(), Vec::new()),
     };
     let (near, far, bounds) = (space.near, space.far, space.bounds);
     let warning = format!(

@@ -27,13 +27,13 @@ pub(super) fn hold_out<T>(views: Vec<T>) -> (Vec<T>, Vec<T>) {
 /// The space of a capture that says nothing of it itself.
 ///
 /// With points, near and far are 0.8 of the 0.5 % and 1.1 of the 99.5 % quantile of the distances from the cameras to the
-/// points that they see. Without, and with `c` the point nearest to all optical axes and `r` the greatest distance of a
+/// points that they see: `distances` where these are known, else to those that fall into their images. Without, and with `c` the point nearest to all optical axes and `r` the greatest distance of a
 /// camera from it: r / 20 and `r (1 + √3)`; for cameras that look outward, `s / 20` and `10 s` where `s` is how far they
 /// are from their mean, or 1.
 ///
 /// Around an object the bounds are the box of the points' 1 % to 99 % quantiles, a tenth wider, or the cube `c ± r`.
 /// Otherwise they hold all that the cameras see up to far.
-pub(super) fn capture_space(cameras: &[Camera], points: Vec<Vec3>) -> Space {
+pub(super) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Vec<f32>) -> Space {
     let region = ViewRegion::new(cameras);
     let focus = region.centre().as_vec3();
     let reach = (region.radii().1 as f32).max(1e-3);
@@ -41,7 +41,7 @@ pub(super) fn capture_space(cameras: &[Camera], points: Vec<Vec3>) -> Space {
     let mean = cameras.iter().map(Camera::position).sum::<Vec3>() / cameras.len().max(1) as f32;
     let spread = cameras.iter().map(|c| c.position().distance(mean)).fold(0.0, f32::max);
 
-    let seen = visible_distances(cameras, &points);
+    let seen = ascending(distances).or_else(|| visible_distances(cameras, &points));
     let (near, far) = match (&seen, layout) {
         (Some(seen), _) => (0.8 * quantile(seen, 0.005), 1.1 * quantile(seen, 0.995)),
         (None, Layout::Inside) => {
@@ -94,7 +94,7 @@ fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> 
 /// The distances, in ascending order, from each camera to the points that fall into its image; `None` for too few.
 fn visible_distances(cameras: &[Camera], points: &[Vec3]) -> Option<Vec<f32>> {
     let step = points.len().div_ceil(MOST_POINTS).max(1);
-    let mut distances: Vec<f32> = cameras
+    let distances = cameras
         .iter()
         .flat_map(|camera| {
             points.iter().step_by(step).filter_map(move |&p| {
@@ -104,8 +104,13 @@ fn visible_distances(cameras: &[Camera], points: &[Vec3]) -> Option<Vec<f32>> {
                 inside.then(|| p.distance(camera.position()))
             })
         })
-        .filter(|d| d.is_finite() && *d > 0.0)
         .collect();
+    ascending(distances)
+}
+
+/// Distances that are finite and positive, sorted; `None` for too few.
+fn ascending(mut distances: Vec<f32>) -> Option<Vec<f32>> {
+    distances.retain(|d| d.is_finite() && *d > 0.0);
     distances.sort_by(f32::total_cmp);
     (distances.len() >= FEWEST_POINTS).then_some(distances)
 }
@@ -133,7 +138,7 @@ fn quantile(sorted: &[f32], q: f64) -> f32 {
 
 /// The smallest box around what the cameras see within `range`, of a grid of rays through each.
 pub(super) fn frusta_bounds(cameras: &[Camera], range: Range) -> Option<Aabb> {
-    let ends = cameras.iter().flat_map(|camera| grid(camera)).filter_map(|ray| {
+    let ends = cameras.iter().flat_map(grid).filter_map(|ray| {
         let (near, far) = range.along(&ray)?;
         Some([ray.at(near), ray.at(far)])
     });
@@ -191,7 +196,7 @@ mod tests {
             .collect();
         for points in [vec![], walls.clone()] {
             let known = !points.is_empty();
-            let space = capture_space(&cameras, points);
+            let space = capture_space(&cameras, points, Vec::new());
             assert_eq!(space.layout, Layout::Inside);
             assert!((space.centre - Vec3::Z).length() < 1e-3 && space.up.z > 0.999);
             for ray in cameras.iter().flat_map(grid) {
@@ -215,7 +220,7 @@ mod tests {
             })
             .collect();
         points.push(Vec3::splat(500.0));
-        let space = capture_space(&cameras, points);
+        let space = capture_space(&cameras, points, Vec::new());
         assert_eq!(space.layout, Layout::Object);
         assert!((space.bounds.max.x - 1.2).abs() < 0.05 && (space.bounds.max.z - 0.6).abs() < 0.05, "{space:?}");
         assert!(space.near > 1.5 && space.far < 7.0);

@@ -54,6 +54,16 @@ impl Frame {
     }
 }
 
+/// The frames whose image is there, and a warning about those whose is not. Where none is, all: the error will name one.
+pub(super) fn present(frames: Vec<Frame>) -> (Vec<Frame>, Option<String>) {
+    let total = frames.len();
+    let (there, missing): (Vec<_>, Vec<_>) = frames.into_iter().partition(|f| f.image.is_file());
+    let warning = missing
+        .first()
+        .map(|first| format!("{} of {total} frames have no image, the first {}", missing.len(), first.image.display()));
+    (if there.is_empty() { missing } else { there }, warning)
+}
+
 /// The frames with their places in the list as ids.
 pub(super) fn numbered(frames: Vec<Frame>) -> Vec<Frame> {
     frames.into_iter().enumerate().map(|(id, frame)| Frame { id, ..frame }).collect()
@@ -211,7 +221,7 @@ pub(super) fn known_extension(path: &Path) -> bool {
     path.extension().and_then(|e| e.to_str()).is_some_and(|e| EXTENSIONS.contains(&e.to_ascii_lowercase().as_str()))
 }
 
-fn without_extension(relative: &str) -> String {
+pub(super) fn without_extension(relative: &str) -> String {
     let path = Path::new(relative);
     let bare = if known_extension(path) { path.with_extension("") } else { path.to_owned() };
     bare.to_string_lossy().into_owned()

@@ -24,7 +24,7 @@ pub fn transforms(bytes: &[u8]) -> bool {
     let path = Path::new("transforms.json");
     let Ok(read) = JsonFile::parse(path, bytes).and_then(|file| read_transforms(path, &file)) else { return false };
     let cameras: Vec<Camera> = read.frames.iter().take(MOST_FRAMES).map(|frame| frame.camera(8, 6)).collect();
-    let space = capture_space(&cameras, Vec::new()).with(read.range, read.bounds);
+    let space = capture_space(&cameras, Vec::new(), Vec::new()).with(read.range, read.bounds);
     assert!(space.near <= space.far, "near and far: {} {}", space.near, space.far);
     follow(&cameras, space.bounds);
     true

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DVec3, DVec4};
 
-use super::assemble::{Parts, assemble};
+use super::assemble::Parts;
 use super::extent::{frusta_bounds, grid, hold_out};
 use super::frames::{Frame, known_extension, numbered};
 use super::json::PIXELS;
@@ -14,7 +14,7 @@ use super::optics::Intrinsics;
 use super::space::Space;
 use super::{npy, pose};
 use crate::image::dimensions;
-use crate::{Camera, Format, Layout, Lens, Range, Scene, SceneError, SceneRequest};
+use crate::{Camera, Format, Layout, Lens, Range, SceneError, SceneRequest};
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "poses_bounds.npy";
@@ -27,9 +27,9 @@ const NEAREST: f64 = 0.75;
 /// Nothing is expected nearer than this share of the nearest depth.
 const MARGIN: f32 = 0.9;
 /// Folders that may hold the images, the largest first.
-const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
+pub(super) const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
 
-/// Loads a folder in LLFF's format.
+/// What a folder in LLFF's format says.
 ///
 /// Each row of `poses_bounds.npy` is a 3×5 matrix, row-major, and the depths of the nearest and
 /// farthest point seen. The matrix's columns are the camera's down, right and backward axes, its
@@ -39,7 +39,7 @@ const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
 ///
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as
 /// large as the request (without one: the largest there is), sorted by name.
-pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
+pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
     let rows = read_rows(&dir.join(MARKER))?;
     let images = find_images(dir, request.image_size)?;
     if images.len() != rows.len() {
@@ -81,7 +81,7 @@ pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneErr
     let mut parts = Parts::new(dir, Format::Llff, train, test, space);
     parts.selections = selections.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
     parts.protocols = vec![("regnerf".into(), (0..parts.test.len()).collect())];
-    assemble(parts, request)
+    Ok(parts)
 }
 
 /// The space in front of cameras that see content between two depths.

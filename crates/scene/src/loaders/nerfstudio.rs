@@ -3,62 +3,60 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use super::assemble::{Parts, assemble};
+use super::assemble::Parts;
 use super::extent::{capture_space, hold_out};
-use super::frames::{Frame, Split, numbered, read_transforms};
+use super::frames::{Frame, Split, numbered, present, read_transforms};
 use crate::image::dimensions;
-use crate::{Camera, Format, Scene, SceneError, SceneRequest};
+use crate::{Camera, Format, SceneError, SceneRequest};
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "transforms.json";
 
-/// Loads a folder in nerfstudio's or instant-ngp's format.
+/// What a folder in nerfstudio's or instant-ngp's format says.
 ///
 /// Frames named in the fields `train_filenames` and `test_filenames` are the two pools; without
 /// those fields every 8th frame, starting with the first, is held out for test. Frames without their image are left out,
 /// with one warning. Poses keep their scale. `near`, `far` and `aabb` are taken from the file where it has them, else
 /// from `aabb_scale` and from where the cameras are, see [`capture_space`].
-pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
+pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, SceneError> {
     let path = dir.join(MARKER);
     let transforms = read_transforms(&path)?;
-    let (frames, missing): (Vec<_>, Vec<_>) = transforms.frames.into_iter().partition(|f| f.image.is_file());
-    let warning = missing.first().map(|first| {
-        let total = frames.len() + missing.len();
-        format!("{} of {total} frames have no image, the first {}", missing.len(), first.image.display())
-    });
-    let Some(size) = frames.first().map(|f| f.stated_size().map_or_else(|| dimensions(&f.image), Ok)).transpose()?
-    else {
-        let image = missing.into_iter().next().map_or_else(|| dir.into(), |f| f.image);
-        return Err(SceneError::NotFound { path: image, expected: "an image of at least one frame".into() });
-    };
-    let cameras: Vec<Camera> = frames.iter().map(|f| f.camera(size.0, size.1)).collect();
-    let mut space = capture_space(&cameras, Vec::new()).with(transforms.range, transforms.bounds);
+    let all: HashSet<String> = transforms.frames.iter().map(|f| f.name.clone()).collect();
+    let (frames, warning) = present(transforms.frames);
+    // One image tells the size of all that do not state theirs.
+    let size = frames.iter().find(|f| f.image.is_file()).map(|f| dimensions(&f.image)).transpose()?;
+    let cameras: Vec<Camera> = frames
+        .iter()
+        .map(|f| match (f.stated_size(), size) {
+            (None, Some((width, height))) => f.camera(width, height),
+            _ => f.nominal_camera(),
+        })
+        .collect();
+    let mut space = capture_space(&cameras, Vec::new(), Vec::new()).with(transforms.range, transforms.bounds);
     if let (Some(cube), None) = (transforms.cube, transforms.bounds) {
         space.bounds = cube;
     }
-    let known: HashSet<String> = missing.into_iter().map(|f| f.name).collect();
     let (train, test) = match &transforms.split {
         Some(Split { train, test }) => (
-            named(&path, "train_filenames", &frames, &known, train)?,
-            named(&path, "test_filenames", &frames, &known, test)?,
+            named(&path, "train_filenames", &frames, &all, train)?,
+            named(&path, "test_filenames", &frames, &all, test)?,
         ),
         None => hold_out(frames),
     };
     let mut parts = Parts::new(dir, Format::Transforms, numbered(train), numbered(test), space);
     parts.warnings.extend(warning);
-    assemble(parts, request)
+    Ok(parts)
 }
 
-/// The frames with the given names, in the order of the file. Every name must be a frame's, if one without an image.
+/// The frames with the given names, in the order of the file. Every name must be in `all`, if of a frame without image.
 fn named(
     path: &Path,
     field: &str,
     frames: &[Frame],
-    missing: &HashSet<String>,
+    all: &HashSet<String>,
     names: &[String],
 ) -> Result<Vec<Frame>, SceneError> {
-    let known: HashSet<&str> = frames.iter().map(|f| f.name.as_str()).collect();
-    if let Some(unknown) = names.iter().find(|n| !known.contains(n.as_str()) && !missing.contains(*n)) {
+    if let Some(unknown) = names.iter().find(|n| !all.contains(*n)) {
         let found = format!("\"{unknown}\"");
         return Err(SceneError::field(path, field, "the file_path of a frame", found));
     }
