@@ -73,7 +73,7 @@ mod tests {
     use serde_json::{Value, json};
 
     use super::super::testing::*;
-    use crate::SceneRequest;
+    use crate::{Camera, Lens, SceneRequest};
 
     /// Ten 8×8 views with shared intrinsics.
     fn folder() -> (tempfile::TempDir, PathBuf, PathBuf) {
@@ -135,6 +135,98 @@ mod tests {
         edit(&json, "/test_filenames", Some(json!(["images/f_99.png"])));
         let text = message(&dir, &request());
         assert!(text.contains("`test_filenames`: expected the file_path of a frame"), "{text}");
+    }
+
+    /// Views of `knot` through the lens whose fields are given, one of them without its image.
+    fn through(lens: Lens, fields: &Value) -> (tempfile::TempDir, Vec<Camera>) {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path();
+        fs::create_dir_all(dir.join("images")).unwrap();
+        let cameras: Vec<Camera> = (0..6)
+            .map(|i| {
+                let f = 20.0 + i as f64;
+                let pose = crate::procedural::train_cameras(8)[i].to_world;
+                Camera::pinhole((18, 14), [f, f + 0.5], [8.75, 7.5], pose).with_lens(lens)
+            })
+            .collect();
+        let frames: Vec<Value> = cameras
+            .iter()
+            .enumerate()
+            .map(|(i, camera)| {
+                if i != 3 {
+                    write_view(&dir.join(format!("images/f_{i}.png")), camera);
+                }
+                let mut frame = fields.clone();
+                // A frame's own focal lengths; instant-ngp leaves extensions out.
+                frame["fl_x"] = json!(camera.fx);
+                frame["fl_y"] = json!(camera.fy);
+                frame["file_path"] = json!(format!("./images/f_{i}"));
+                frame["transform_matrix"] = pose(i);
+                frame
+            })
+            .collect();
+        let applied = json!([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]]);
+        let value = json!({"w": 18, "h": 14, "cx": 8.75, "cy": 7.5, "aabb_scale": 4, "applied_transform": applied,
+            "frames": frames});
+        write_json(&dir.join("transforms.json"), &value);
+        (guard, cameras)
+    }
+
+    #[test]
+    fn every_lens_round_trips() {
+        let k = [0.05, -0.02, 0.01, 0.003];
+        let p = [1e-3, -2e-3];
+        let full = [0.2, 0.1, 0.01, 0.1, 0.05, 0.002];
+        let lenses = [
+            (Lens::PERSPECTIVE, json!({"camera_model": "PINHOLE"})),
+            (Lens::radial_tangential([k[0], 0.0, 0.0, 0.0], [0.0; 2]), json!({"k1": k[0]})),
+            (
+                Lens::radial_tangential(k, p),
+                json!({"camera_model": "OPENCV", "k1": k[0], "k2": k[1], "k3": k[2], "k4": k[3], "p1": p[0], "p2": p[1]}),
+            ),
+            (
+                Lens::rational(full, p),
+                json!({"camera_model": "FULL_OPENCV", "k1": full[0], "k2": full[1], "k3": full[2], "k4": full[3],
+                    "k5": full[4], "k6": full[5], "p1": p[0], "p2": p[1]}),
+            ),
+            (Lens::fisheye([0.0; 4]), json!({"camera_model": "OPENCV_FISHEYE"})),
+            (Lens::fisheye(k), json!({"is_fisheye": true, "k1": k[0], "k2": k[1], "k3": k[2], "k4": k[3], "p1": 0.0})),
+        ];
+        for (lens, fields) in lenses {
+            let (guard, cameras) = through(lens, &fields);
+            let scene = load(guard.path(), &request()).unwrap();
+            assert_eq!((scene.train.len(), scene.test.len()), (4, 1));
+            for (view, i) in scene.train.iter().zip([1, 2, 4, 5]) {
+                assert_same_view(view, &cameras[i]);
+            }
+            assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+            assert!(scene.warnings[0].starts_with("1 of 6 frames have no image, the first "));
+            assert!((scene.bounds.size().x - 4.0 / 0.33).abs() < 1e-4, "instant-ngp's box");
+        }
+    }
+
+    #[test]
+    fn masks_say_which_pixels_count() {
+        let (_guard, dir, json) = folder();
+        for i in 0..10 {
+            let pixels = (0..64).map(|j| if j < 8 * i { [0, 0, 0, 255] } else { [255; 4] }).collect();
+            let mask = crate::Rgba8 { width: 8, height: 8, pixels };
+            mask.write_png(&dir.join(format!("images/m_{i}.png"))).unwrap();
+            let place = format!("/frames/{i}/mask_path");
+            edit(&json, &place, Some(json!(format!("images/m_{i}.png"))));
+        }
+        let chosen = SceneRequest { train: crate::ViewSelection::Ids(vec![0, 1]), ..request() };
+        let only = SceneRequest { test: crate::TestProtocol::First(1), ..chosen };
+        let scene = load(&dir, &only).unwrap();
+        let mask = scene.train[1].mask.as_deref().unwrap();
+        assert!(!mask[15] && mask[16] && mask.len() == 64);
+        // The photograph is left as it is.
+        assert_eq!(*scene.train[1].image, image(8, 2).to_f32().composite([1.0; 3]));
+        let empty = crate::Rgba8 { width: 8, height: 8, pixels: vec![[0, 0, 0, 255]; 64] };
+        empty.write_png(&dir.join("images/m_1.png")).unwrap();
+        assert!(message(&dir, &only).contains("m_1.png: expected a mask with at least one pixel"));
+        fs::remove_file(dir.join("images/m_1.png")).unwrap();
+        assert!(message(&dir, &only).contains("m_1.png: not found"));
     }
 
     #[test]
