@@ -135,8 +135,8 @@ pub enum SceneSource {
     /// A built-in scene, one of [`procedural::NAMES`] or `random-<seed>`.
     Procedural(String),
     /// A folder in one of the known formats, told apart by its files, in this order:
-    /// `transforms_train.json` (Blender), `transforms.json` (nerfstudio, instant-ngp), `poses_bounds.npy` (LLFF), a
-    /// reconstruction of COLMAP.
+    /// `transforms_train.json` (Blender), `transforms.json` (nerfstudio, instant-ngp), `poses_bounds.npy` (LLFF),
+    /// `cameras_sphere.npz` or `cameras.npz` (DTU), `annots.npy` (ZJU-MoCap), a reconstruction of COLMAP.
     Folder {
         /// The folder that holds that file.
         path: PathBuf,

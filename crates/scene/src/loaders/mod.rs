@@ -4,6 +4,7 @@ mod assemble;
 mod blender;
 mod colmap;
 mod depth;
+mod dtu;
 mod extent;
 mod frames;
 pub mod fuzzing;
@@ -12,6 +13,7 @@ mod llff;
 mod mask;
 mod nerfstudio;
 mod npy;
+mod npz;
 mod optics;
 mod pose;
 mod space;
@@ -36,10 +38,11 @@ struct Known {
 }
 
 /// The known formats, in the order in which they are looked for.
-const FORMATS: [Known; 4] = [
+const FORMATS: [Known; 5] = [
     Known { marker: blender::MARKER, found: |dir| dir.join(blender::MARKER).is_file(), parts: blender::parts },
     Known { marker: nerfstudio::MARKER, found: |dir| dir.join(nerfstudio::MARKER).is_file(), parts: nerfstudio::parts },
     Known { marker: llff::MARKER, found: |dir| dir.join(llff::MARKER).is_file(), parts: llff::parts },
+    Known { marker: dtu::MARKER, found: |dir| dtu::cameras_file(dir).is_some(), parts: dtu::parts },
     Known { marker: colmap::MARKER, found: |dir| crate::colmap::find(dir).is_some(), parts: colmap::parts },
 ];
 
