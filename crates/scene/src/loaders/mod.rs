@@ -15,8 +15,10 @@ mod nerfstudio;
 mod npy;
 mod npz;
 mod optics;
+mod pickle;
 mod pose;
 mod space;
+mod zju;
 
 pub(crate) use blender::named_selections;
 pub(crate) use depth::write_depth;
@@ -38,11 +40,12 @@ struct Known {
 }
 
 /// The known formats, in the order in which they are looked for.
-const FORMATS: [Known; 5] = [
+const FORMATS: [Known; 6] = [
     Known { marker: blender::MARKER, found: |dir| dir.join(blender::MARKER).is_file(), parts: blender::parts },
     Known { marker: nerfstudio::MARKER, found: |dir| dir.join(nerfstudio::MARKER).is_file(), parts: nerfstudio::parts },
     Known { marker: llff::MARKER, found: |dir| dir.join(llff::MARKER).is_file(), parts: llff::parts },
     Known { marker: dtu::MARKER, found: |dir| dtu::cameras_file(dir).is_some(), parts: dtu::parts },
+    Known { marker: zju::MARKER, found: |dir| dir.join(zju::MARKER).is_file(), parts: zju::parts },
     Known { marker: colmap::MARKER, found: |dir| crate::colmap::find(dir).is_some(), parts: colmap::parts },
 ];
 
@@ -118,16 +121,21 @@ pub(crate) mod testing {
         crate::procedural::render("knot", camera).unwrap().rgba.write_png(path).unwrap();
     }
 
-    /// The view has the rays of `camera` to 1e-5 and shows just what [`write_view`] wrote.
-    pub fn assert_same_view(view: &View, camera: &Camera) {
-        assert_eq!((view.camera.width, view.camera.height), (camera.width, camera.height));
+    /// The cameras have the same rays to 1e-5.
+    pub fn assert_same_rays(found: &Camera, camera: &Camera) {
+        assert_eq!((found.width, found.height), (camera.width, camera.height));
         for y in 0..=camera.height {
             for x in 0..=camera.width {
-                let (a, b) = (view.camera.ray(x as f32, y as f32), camera.ray(x as f32, y as f32));
+                let (a, b) = (found.ray(x as f32, y as f32), camera.ray(x as f32, y as f32));
                 assert!((a.direction - b.direction).length() < 1e-5, "{a:?} {b:?}");
                 assert!((a.origin - b.origin).length() < 1e-5, "{a:?} {b:?}");
             }
         }
+    }
+
+    /// The view has the rays of `camera` to 1e-5 and shows just what [`write_view`] wrote.
+    pub fn assert_same_view(view: &View, camera: &Camera) {
+        assert_same_rays(&view.camera, camera);
         let expected = crate::procedural::render("knot", camera).unwrap().rgba.to_f32().composite([1.0; 3]);
         assert_eq!(*view.image, expected);
     }
