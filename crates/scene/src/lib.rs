@@ -1,6 +1,5 @@
 //! Cameras, rays, loaders and procedural scenes: everything a radiance field is trained *from*.
 //!
-//! A [`SceneSource`] (a folder of photographs or the name of a built-in procedural scene) and a
 //! [`SceneRequest`] (which views, at which size, on which background) give a [`Scene`] through
 //! [`load`]. Nothing here knows about tensors or networks.
 //!
@@ -32,6 +31,7 @@ pub mod colmap;
 mod error;
 mod export;
 mod image;
+mod info;
 mod lens;
 mod loaders;
 pub mod poses;
@@ -46,6 +46,7 @@ pub use camera::Camera;
 pub use error::SceneError;
 pub use export::export;
 pub use image::{Image, Rgba8, RgbaImage, resized_dimensions, round_to_u8};
+pub use info::{Concern, Info, Warning, check, info, info_page, outline};
 pub use lens::{Lens, LensModel};
 #[doc(hidden)]
 pub use loaders::fuzzing;

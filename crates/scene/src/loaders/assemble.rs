@@ -190,7 +190,7 @@ fn read_view(frame: &Frame, native: (u32, u32), size: (u32, u32), background: [f
 }
 
 /// The folder's name, also for paths such as `.` that do not end in one.
-pub(super) fn scene_name(dir: &Path) -> String {
+pub(crate) fn scene_name(dir: &Path) -> String {
     let whole = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
     whole.file_name().map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned())
 }

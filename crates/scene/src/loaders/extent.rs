@@ -146,7 +146,7 @@ pub(super) fn frusta_bounds(cameras: &[Camera], range: Range) -> Option<Aabb> {
 }
 
 /// Rays through a grid of pixel positions, the borders included.
-pub(super) fn grid(camera: &Camera) -> impl Iterator<Item = crate::Ray> + use<'_> {
+pub(crate) fn grid(camera: &Camera) -> impl Iterator<Item = crate::Ray> + use<'_> {
     let at = |i: usize, side: u32| i as f32 / (GRID - 1) as f32 * side as f32;
     (0..GRID * GRID).map(move |i| camera.ray(at(i % GRID, camera.width), at(i / GRID, camera.height)))
 }

@@ -48,6 +48,11 @@ impl Frame {
         self.camera(width, height)
     }
 
+    /// Whether the mask beside the image is its alpha channel.
+    pub fn is_matted(&self) -> bool {
+        matches!(self.mask, Some((_, MaskRole::Matte)))
+    }
+
     /// The image size that the poses file states.
     pub fn stated_size(&self) -> Option<(u32, u32)> {
         self.intrinsics.stated_size()

@@ -244,7 +244,7 @@ fn find_images(dir: &Path, size: Option<u32>) -> Result<Vec<PathBuf>, SceneError
     })
 }
 
-pub(super) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
+pub(crate) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     let io = |e| SceneError::io(folder, e);
     let mut images = Vec::new();
     for entry in fs::read_dir(folder).map_err(io)? {

@@ -5,6 +5,7 @@ mod centre;
 mod orbit;
 mod unseen;
 
+pub(crate) use cap::angle;
 pub(crate) use centre::{cone, scene_focus, up_direction, view_directions};
 pub(crate) use orbit::FORWARD_FACING;
 pub use orbit::orbit;
