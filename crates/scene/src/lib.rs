@@ -1,5 +1,6 @@
 //! Cameras, rays, loaders and procedural scenes: everything a radiance field is trained *from*.
 //!
+//! A [`SceneSource`] (a folder of photographs or the name of a built-in procedural scene) and a
 //! [`SceneRequest`] (which views, at which size, on which background) give a [`Scene`] through
 //! [`load`]. Nothing here knows about tensors or networks.
 //!
@@ -34,6 +35,7 @@ mod image;
 mod info;
 mod lens;
 mod loaders;
+mod photographs;
 pub mod poses;
 pub mod procedural;
 mod ray;
@@ -50,6 +52,7 @@ pub use info::{Concern, Info, Warning, check, info, info_page, outline};
 pub use lens::{Lens, LensModel};
 #[doc(hidden)]
 pub use loaders::fuzzing;
+pub use photographs::from_images;
 pub use poses::{ViewRegion, near_pose, near_pose_about, orbit, unseen_pose};
 pub use ray::Ray;
 pub use scene::{Scene, SceneRequest, SceneSource, View, load};
