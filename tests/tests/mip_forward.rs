@@ -104,13 +104,10 @@ const HALF_EDGE: f32 = 6.0;
 fn renderer(fixture: &Value) -> Renderer {
     let scene = Scene {
         name: "fixture".into(),
-        train: Vec::new(),
-        test: Vec::new(),
-        background: [1.0; 3],
         near: float(&fixture["near"]),
         far: float(&fixture["far"]),
         bounds: Aabb::cube(Vec3::ZERO, HALF_EDGE),
-        all_train_cameras: Vec::new(),
+        ..Scene::default()
     };
     let render = config().render;
     assert_eq!(fixture["coarse"].as_f64(), Some(render.samples.largest()));
@@ -166,6 +163,7 @@ fn check(device: &Device) {
         origin: vector(&row["origin"]),
         direction: vector(&row["direction"]),
         radius: float(&row["radius"]),
+        cosine: 1.0,
     };
     let rays: Vec<Ray> = rows.iter().map(ray).collect();
     let request = RenderRequest { color: true };

@@ -131,13 +131,10 @@ fn network(fixture: &Value, net: usize, device: &Device) -> RadianceField {
 fn renderer(fixture: &Value, last_interval: &str) -> Renderer {
     let scene = Scene {
         name: "fixture".into(),
-        train: Vec::new(),
-        test: Vec::new(),
-        background: [1.0; 3],
         near: fixture["near"].as_f64().unwrap() as f32,
         far: fixture["far"].as_f64().unwrap() as f32,
         bounds: Aabb::cube(Vec3::ZERO, HALF_EDGE),
-        all_train_cameras: Vec::new(),
+        ..Scene::default()
     };
     let render = config(last_interval).render;
     assert_eq!(fixture["n_coarse"].as_f64(), Some(render.samples.largest()));
@@ -151,7 +148,7 @@ fn rays(fixture: &Value, origin: &str, direction: &str) -> Vec<Ray> {
         Vec3::new(x as f32, y as f32, z as f32)
     };
     let rows = fixture["rays"].as_array().unwrap();
-    let ray = |row: &Value| Ray { origin: vector(&row[origin]), direction: vector(&row[direction]), radius: 0.0 };
+    let ray = |row: &Value| Ray::new(vector(&row[origin]), vector(&row[direction]));
     rows.iter().map(ray).collect()
 }
 

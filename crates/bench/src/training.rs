@@ -232,7 +232,7 @@ fn looking_away(scene: &mut Scene) {
 
 fn paint(scene: &mut Scene, color: fn(usize) -> [f32; 3]) {
     for view in &mut scene.train {
-        view.image.rgb.iter_mut().enumerate().for_each(|(i, pixel)| *pixel = color(i));
+        Arc::make_mut(&mut view.image).rgb.iter_mut().enumerate().for_each(|(i, pixel)| *pixel = color(i));
     }
 }
 

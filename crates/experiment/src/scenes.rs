@@ -19,7 +19,7 @@ pub(crate) fn check_name(what: &str, name: &str) -> Result<()> {
 /// The scenes called `names`, or all that there are, with where each is: below `data`, or built in where that is none.
 pub(crate) fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Result<Vec<(String, SceneSource)>> {
     let Some(data) = data else {
-        let names = names.unwrap_or_else(|| procedural::NAMES.iter().map(|&name| name.to_owned()).collect());
+        let names = names.unwrap_or_else(|| procedural::CLASSICS.iter().map(|&name| name.to_owned()).collect());
         return names.iter().flat_map(|name| expand(name)).map(built_in).collect();
     };
     let names = match names {

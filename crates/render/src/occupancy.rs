@@ -348,7 +348,7 @@ mod tests {
             points.chunks(3).map(|p| if p[0] > 0.5 && p[0] < 0.625 { 20.0 } else { 0.0 }).collect()
         };
         assert!(grid.update(Noise::new(0, 0, Stream::Occupancy), 0.02, wall));
-        let ray = Ray { origin: Vec3::new(-1.0, 0.1, 0.1), direction: Vec3::X, radius: 0.0 };
+        let ray = Ray::new(Vec3::new(-1.0, 0.1, 0.1), Vec3::X);
         assert_eq!(grid.occupied_density(ray.at(1.0)), None);
         // One of the sixteen cells is the wall.
         let mean = grid.density_between(&ray, 0.0, 2.0).unwrap();

@@ -23,14 +23,14 @@ fn main() -> Result<(), SceneError> {
             train: ViewSelection::Seed { seed: 0, count: 4 },
             test: TestProtocol::Every(if procedural::YARDSTICK.contains(&name.as_str()) { 8 } else { 1 }),
             image_size: Some(size),
-            background: [1.0; 3],
+            ..Default::default()
         };
         let start = Instant::now();
         let scene = load(&SceneSource::Procedural(name.clone()), &request)?;
         eprintln!("{name}: {} images in {:.2?}", scene.train.len() + scene.test.len(), start.elapsed());
-        let mut rows: Vec<Vec<&Image>> = vec![scene.train.iter().map(|v| &v.image).collect()];
+        let mut rows: Vec<Vec<&Image>> = vec![scene.train.iter().map(|v| &*v.image).collect()];
         let step = (scene.test.len() / 4).max(1);
-        rows.push(scene.test.iter().step_by(step).take(4).map(|v| &v.image).collect());
+        rows.push(scene.test.iter().step_by(step).take(4).map(|v| &*v.image).collect());
         let subjects: Vec<Image> = match procedural::CAPTURES.contains(&name.as_str()) {
             true => scene.train.iter().map(|v| subject(name, v)).collect::<Result<_, _>>()?,
             false => Vec::new(),

@@ -5,7 +5,7 @@ use glam::Vec3;
 use crate::Ray;
 
 /// An axis-aligned box, `min ≤ max` in each coordinate, in world units.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Aabb {
     /// The corner with the least coordinates.
     pub min: Vec3,
@@ -84,7 +84,7 @@ mod tests {
     }
 
     fn ray(origin: [f32; 3], direction: [f32; 3]) -> Ray {
-        Ray { origin: origin.into(), direction: direction.into(), radius: 0.0 }
+        Ray::new(origin.into(), direction.into())
     }
 
     #[test]
@@ -135,7 +135,7 @@ mod tests {
         ) {
             let d = Vec3::from(d);
             prop_assume!(d.length() > 1e-2);
-            let ray = Ray { origin: o.into(), direction: d.normalize(), radius: 0.0 };
+            let ray = Ray::new(o.into(), d.normalize());
             if let Some((a, b)) = unit().intersect(&ray) {
                 prop_assert!(0.0 <= a && a <= b);
                 let grown = Aabb::cube(Vec3::ZERO, 1.0 + 1e-4);

@@ -1,15 +1,15 @@
-//! Pinhole cameras.
+//! Cameras.
 
-use glam::{DMat3, DMat4, DVec3, DVec4, Vec2, Vec3};
+use glam::{DMat3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3};
 
-use crate::Ray;
+use crate::{Lens, Ray};
 
-/// A pinhole camera: intrinsics in pixels and an OpenGL camera-to-world pose.
+/// A camera: intrinsics in pixels, a lens and an OpenGL camera-to-world pose.
 ///
 /// The camera looks along its −z axis with +y up and +x right; pixel `(i, j)` has its centre at
 /// `(i + 0.5, j + 0.5)`, row 0 at the top. A pixel position `(x, y)` and a camera-space point
 /// `(X, Y, Z)`, `Z < 0`, are related by
-/// `x = cx + fx · X / −Z`, `y = cy − fy · Y / −Z`.
+/// `x = cx + fx · u`, `y = cy + fy · v`, where the lens takes `(X / −Z, −Y / −Z)` to `(u, v)`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
     /// Image width in pixels.
@@ -26,6 +26,8 @@ pub struct Camera {
     pub cy: f64,
     /// Camera-to-world transform: rotation and translation, no scale.
     pub to_world: DMat4,
+    /// How the lens bends rays, in units of the focal length.
+    pub lens: Lens,
 }
 
 impl Camera {
@@ -35,37 +37,70 @@ impl Camera {
     pub fn from_fov(width: u32, height: u32, fov_x: f64, to_world: DMat4) -> Self {
         let f = 0.5 * f64::from(width) / (0.5 * fov_x).tan();
         let (cx, cy) = (0.5 * f64::from(width), 0.5 * f64::from(height));
-        Self { width, height, fx: f, fy: f, cx, cy, to_world }
+        Self { width, height, fx: f, fy: f, cx, cy, to_world, lens: Lens::PERSPECTIVE }
+    }
+
+    /// A camera without distortion, from focal lengths and principal point in pixels.
+    pub fn pinhole(size: (u32, u32), focal: [f64; 2], centre: [f64; 2], to_world: DMat4) -> Self {
+        let ((width, height), [fx, fy], [cx, cy]) = (size, focal, centre);
+        Self { width, height, fx, fy, cx, cy, to_world, lens: Lens::PERSPECTIVE }
+    }
+
+    /// The same camera behind another lens.
+    pub fn with_lens(&self, lens: Lens) -> Self {
+        Self { lens, ..self.clone() }
     }
 
     /// The ray through the continuous pixel position `(x, y)`, with unit direction and the cone of a pixel.
     ///
-    /// At depth `z` a pixel is `z/f` wide with `f = √(fx · fy)`, and the cone's radius there is `2/√12` of that, so that its
-    /// variance in x and y is that of the pixel (mip-NeRF, Sec. 3.1). Depth along a unit ray is `z = t · cos θ`.
+    /// At depth `z` a pixel is `z/f` wide with `f = √(fx · fy)` times the lens's magnification there, and the cone's radius
+    /// is `2/√12` of that, so that its variance in x and y is that of the pixel (mip-NeRF, Sec. 3.1). Depth along a unit
+    /// ray is `z = t · cos θ`.
+    ///
+    /// Where the lens cannot be inverted ([`Camera::covers`] is false) it is the ray at the edge of where it can.
     pub fn ray(&self, x: f32, y: f32) -> Ray {
         let (origin, direction) = self.ray_f64(f64::from(x), f64::from(y));
-        let radius = 2.0 / 12f64.sqrt() / (self.fx * self.fy).sqrt() * direction.dot(self.forward_f64());
-        Ray { origin: origin.as_vec3(), direction: direction.as_vec3(), radius: radius as f32 }
+        let cosine = direction.dot(self.forward_f64());
+        let magnification = if self.lens.is_perspective() {
+            1.0
+        } else {
+            let local = self.rotation().transpose() * direction;
+            self.lens.magnification(DVec3::new(local.x, -local.y, -local.z))
+        };
+        let radius = 2.0 / 12f64.sqrt() / (self.fx * self.fy).sqrt() * cosine.abs() / magnification;
+        Ray { origin: origin.as_vec3(), direction: direction.as_vec3(), radius: radius as f32, cosine: cosine as f32 }
     }
 
     /// [`Camera::ray`] in double precision: origin and unit direction.
     pub fn ray_f64(&self, x: f64, y: f64) -> (DVec3, DVec3) {
-        let local = DVec3::new((x - self.cx) / self.fx, (self.cy - y) / self.fy, -1.0);
+        let (u, v) = ((x - self.cx) / self.fx, (self.cy - y) / self.fy);
+        let local = if self.lens.is_perspective() {
+            DVec3::new(u, v, -1.0)
+        } else {
+            let direction = self.lens.nearest_direction(DVec2::new(u, -v));
+            DVec3::new(direction.x, -direction.y, -direction.z)
+        };
         let direction = (self.rotation() * local).normalize();
         (self.to_world.w_axis.truncate(), direction)
     }
 
+    /// Whether the lens can be inverted at the continuous pixel position `(x, y)`, so that its ray is known.
+    pub fn covers(&self, x: f64, y: f64) -> bool {
+        let image = DVec2::new((x - self.cx) / self.fx, (y - self.cy) / self.fy);
+        self.lens.is_perspective() || self.lens.unproject(image).is_some()
+    }
+
     /// The continuous pixel position of a world point, or `None` where it is not in front of the
-    /// camera. The position may lie outside the image.
+    /// camera, or outside what its lens can be inverted on. The position may lie outside the image.
     pub fn project(&self, p: Vec3) -> Option<Vec2> {
-        let local = self.rotation().transpose() * (p.as_dvec3() - self.position_f64());
-        let depth = -local.z;
-        if depth.is_nan() || depth <= 0.0 {
-            return None;
-        }
-        let x = self.cx + self.fx * local.x / depth;
-        let y = self.cy - self.fy * local.y / depth;
-        Some(Vec2::new(x as f32, y as f32))
+        self.project_f64(p.as_dvec3()).map(|p| p.as_vec2())
+    }
+
+    /// [`Camera::project`] in double precision.
+    pub fn project_f64(&self, p: DVec3) -> Option<DVec2> {
+        let local = self.rotation().transpose() * (p - self.position_f64());
+        let image = self.lens.project(DVec3::new(local.x, -local.y, -local.z))?;
+        Some(DVec2::new(self.cx + self.fx * image.x, self.cy + self.fy * image.y))
     }
 
     /// The optical centre in world coordinates.
@@ -91,6 +126,7 @@ impl Camera {
             cx: self.cx * sx,
             cy: self.cy * sy,
             to_world: self.to_world,
+            lens: self.lens,
         }
     }
 
@@ -186,6 +222,34 @@ mod tests {
             let expected = width * 2.0 / 12f32.sqrt() / at_depth_one(x).length();
             assert!((camera.ray(x, y).radius / expected - 1.0).abs() < 1e-4);
         }
+    }
+
+    #[test]
+    fn rays_of_a_lens_project_back() {
+        let lenses = [
+            Lens::radial_tangential([-0.2, 0.05, 0.0, 0.0], [1e-3, 2e-3]),
+            Lens::rational([0.3, 0.1, 0.0, 0.2, 0.1, 0.0], [0.0; 2]),
+            Lens::fisheye([0.05, -0.01, 0.0, 0.0]),
+        ];
+        for lens in lenses {
+            let camera = camera().with_lens(lens);
+            for (x, y) in [(0.0, 0.0), (20.0, 15.0), (39.5, 0.5), (3.25, 29.0)] {
+                let (origin, direction) = camera.ray_f64(x, y);
+                let back = camera.project_f64(origin + 7.0 * direction).unwrap();
+                assert!((back - DVec2::new(x, y)).length() < 1e-9 && camera.covers(x, y), "{lens} {back}");
+                let ray = camera.ray(x as f32, y as f32);
+                assert!((f64::from(ray.cosine) - direction.dot(camera.forward_f64())).abs() < 1e-6);
+                // As wide as to the next pixel, in the mean over both directions.
+                let width = |dx: f64, dy: f64| (camera.ray_f64(x + dx, y + dy).1 - direction) / 1e-3;
+                let area = width(1e-3, 0.0).cross(width(0.0, 1e-3)).length().sqrt();
+                let ratio = f64::from(ray.radius) * 12f64.sqrt() / 2.0 / area;
+                assert!((0.8..1.25).contains(&ratio), "{lens} {ratio}");
+            }
+            assert_eq!(camera.resized(80, 60).lens, lens);
+        }
+        let narrow = camera().with_lens(Lens::radial_tangential([-5.0, 0.0, 0.0, 0.0], [0.0; 2]));
+        assert!(narrow.covers(20.0, 15.0) && !narrow.covers(0.0, 0.0));
+        assert!(narrow.ray(0.0, 0.0).direction.is_finite());
     }
 
     proptest! {

@@ -6,8 +6,10 @@ use std::path::Path;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::procedural::{self, BOUNDS, FAR, FOV_X, NEAR, test_cameras, train_cameras};
-use crate::{Camera, SceneError, loaders};
+use crate::{Aabb, Camera, SceneError, loaders, procedural};
+
+/// The file that marks a folder as written here. It holds the scene's name.
+const MARK: &str = ".infonerf-export";
 
 /// Writes the procedural scene `name` at `size`² pixels into the folder `dir`, in Blender's format:
 /// `transforms_{train,test}.json`, `{train,test}/r_<id>.png` (straight RGBA, 8 bits) and, beside the
@@ -15,20 +17,43 @@ use crate::{Camera, SceneError, loaders};
 /// hits nothing).
 ///
 /// Loading the folder at its own size gives the views of the procedural scene bit for bit. `dir` is
-/// made if need be; files of the same names in it are overwritten.
+/// made if need be; files of the same names in one that this wrote before are overwritten.
 ///
 /// # Errors
-/// `name` is no procedural scene, `size` is 0 or above 16384, or a file cannot be written.
+/// `name` is no procedural scene, `size` is 0 or above 16384, `dir` holds something that this did not write, or a file
+/// cannot be written.
 pub fn export(name: &str, size: u32, dir: &Path) -> Result<(), SceneError> {
     procedural::check_name(name)?;
     if size == 0 || size > 16_384 {
         return Err(SceneError::request("image_size", "a size from 1 to 16384 pixels", size));
     }
-    write_split(name, dir, "train", &train_cameras(size), false)?;
-    write_split(name, dir, "test", &test_cameras(size), true)
+    claim(dir, name)?;
+    let (train, test) = procedural::cameras(name, size)?;
+    let extent = procedural::extent(name)?;
+    write_split(name, dir, "train", &train, extent, false)?;
+    write_split(name, dir, "test", &test, extent, true)
 }
 
-fn write_split(name: &str, dir: &Path, split: &str, cameras: &[Camera], with_depth: bool) -> Result<(), SceneError> {
+/// Makes `dir` and marks it as ours, unless it holds something else.
+pub(crate) fn claim(dir: &Path, name: &str) -> Result<(), SceneError> {
+    let mark = dir.join(MARK);
+    if !mark.is_file() && fs::read_dir(dir).is_ok_and(|mut entries| entries.next().is_some()) {
+        let expected = "a new or empty folder, or one that an export wrote";
+        return Err(SceneError::malformed(dir, expected, "it holds other files, which would be overwritten"));
+    }
+    fs::create_dir_all(dir).map_err(|e| SceneError::io(dir, e))?;
+    fs::write(&mark, format!("{name}\n")).map_err(|e| SceneError::io(&mark, e))
+}
+
+/// Writes the images of a split and its `transforms_<split>.json`; `extent` is near, far and the box.
+fn write_split(
+    name: &str,
+    dir: &Path,
+    split: &str,
+    cameras: &[Camera],
+    (near, far, bounds): (f32, f32, Aabb),
+    with_depth: bool,
+) -> Result<(), SceneError> {
     let folder = dir.join(split);
     fs::create_dir_all(&folder).map_err(|e| SceneError::io(&folder, e))?;
     let results: Vec<_> = cameras
@@ -38,10 +63,10 @@ fn write_split(name: &str, dir: &Path, split: &str, cameras: &[Camera], with_dep
         .collect();
     let frames = results.into_iter().collect::<Result<Vec<_>, _>>()?;
     let transforms = json!({
-        "camera_angle_x": FOV_X,
-        "near": NEAR,
-        "far": FAR,
-        "aabb": [BOUNDS.min.to_array(), BOUNDS.max.to_array()],
+        "camera_angle_x": procedural::field_of_view(name),
+        "near": near,
+        "far": far,
+        "aabb": [bounds.min.to_array(), bounds.max.to_array()],
         "frames": frames,
     });
     // The poses come last: a folder that has them is complete.
@@ -86,6 +111,7 @@ mod tests {
             test: TestProtocol::All,
             image_size: Some(24),
             background: [0.1, 0.7, 1.0],
+            ..Default::default()
         };
         let loaded = load(&SceneSource::Folder { path: dir }, &request).unwrap();
         let direct = load(&SceneSource::Procedural("orrery".into()), &request).unwrap();
@@ -109,6 +135,20 @@ mod tests {
         let file = guard.path().join("file");
         fs::write(&file, "").unwrap();
         let error = export("knot", 8, &file.join("below")).unwrap_err().to_string();
-        assert!(error.contains("below/train"), "{error}");
+        assert!(error.contains("below"), "{error}");
+    }
+
+    #[test]
+    fn a_folder_of_somebody_elses_is_left_alone() {
+        let guard = tempfile::tempdir().unwrap();
+        let json = guard.path().join("transforms_train.json");
+        fs::write(&json, "{}").unwrap();
+        let error = export("knot", 8, guard.path()).unwrap_err().to_string();
+        assert!(error.contains("a new or empty folder"), "{error}");
+        assert_eq!(fs::read_to_string(&json).unwrap(), "{}");
+        fs::remove_file(&json).unwrap();
+        for _ in 0..2 {
+            export("knot", 8, guard.path()).unwrap();
+        }
     }
 }

@@ -19,7 +19,7 @@
 //!     train: ViewSelection::Seed { seed: 0, count: 4 },
 //!     test: TestProtocol::First(1),
 //!     image_size: Some(16),
-//!     background: [1.0; 3],
+//!     ..Default::default()
 //! };
 //! let scene = load(&SceneSource::Procedural("knot".into()), &request)?;
 //! assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [26, 86, 2, 55]);
@@ -28,24 +28,33 @@
 
 mod bounds;
 mod camera;
+pub mod colmap;
 mod error;
 mod export;
 mod image;
+mod info;
+mod lens;
 mod loaders;
+mod photographs;
 pub mod poses;
 pub mod procedural;
 mod ray;
 mod scene;
 pub mod select;
+mod space;
 
 pub use bounds::Aabb;
 pub use camera::Camera;
 pub use error::SceneError;
 pub use export::export;
 pub use image::{Image, Rgba8, RgbaImage, resized_dimensions, round_to_u8};
+pub use info::{Concern, Info, Warning, check, info, info_page, outline};
+pub use lens::{Lens, LensModel};
 #[doc(hidden)]
 pub use loaders::fuzzing;
-pub use poses::{ViewRegion, near_pose, orbit, unseen_pose};
+pub use photographs::from_images;
+pub use poses::{ViewRegion, near_pose, near_pose_about, orbit, unseen_pose};
 pub use ray::Ray;
-pub use scene::{Scene, SceneRequest, SceneSource, TestProtocol, View, load};
-pub use select::ViewSelection;
+pub use scene::{Scene, SceneRequest, SceneSource, View, load};
+pub use select::{TestProtocol, ViewSelection};
+pub use space::{Backdrop, Format, Layout, Range};

@@ -13,9 +13,17 @@ pub struct Ray {
     pub direction: Vec3,
     /// Radius of the pixel's cone at distance 1 (mip-NeRF, Sec. 3.1): at distance `t` it is `t · radius`. 0 for a line.
     pub radius: f32,
+    /// Cosine of the angle between the ray and the camera's viewing axis: depth along that axis is `t · cosine`. 1 for
+    /// a ray without a camera.
+    pub cosine: f32,
 }
 
 impl Ray {
+    /// A line from `origin` along `direction`, of no camera: a cone of radius 0, and its own viewing axis.
+    pub fn new(origin: Vec3, direction: Vec3) -> Self {
+        Self { origin, direction, radius: 0.0, cosine: 1.0 }
+    }
+
     /// The ray of a pixel `factor` times as wide.
     pub fn widened(self, factor: f32) -> Self {
         Self { radius: self.radius * factor, ..self }

@@ -1,8 +1,14 @@
 //! Scenes: what a loader gives and what it is asked for.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
-use crate::{Aabb, Camera, Image, SceneError, ViewSelection, loaders, procedural, resized_dimensions, select};
+use glam::Vec3;
+
+use crate::{
+    Aabb, Backdrop, Camera, Format, Image, Layout, Range, Ray, SceneError, TestProtocol, ViewSelection, loaders,
+    procedural, resized_dimensions,
+};
 
 /// The longest image side that can be asked for, in pixels.
 const LARGEST_SIZE: u32 = 16_384;
@@ -11,18 +17,21 @@ const LARGEST_SIZE: u32 = 16_384;
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// Index in its pool: the frames of the file for split data sets, all training (or all held-out)
-    /// views in order for captures split here.
+    /// views in order for captures split here. DTU and ZJU-MoCap number their views themselves.
     pub id: usize,
     /// The image's path within the scene, without extension, such as `train/r_26`.
     pub name: String,
     /// Intrinsics for `image` and the pose.
     pub camera: Camera,
     /// The photograph, composited on the scene's background.
-    pub image: Image,
+    pub image: Arc<Image>,
     /// Exact distance along the unit ray through each pixel's centre, row-major, scene units;
     /// `f32::INFINITY` where nothing is hit. `None` where the scene does not know it, or where the
     /// image was resized: distances cannot be averaged.
-    pub depth: Option<Vec<f32>>,
+    pub depth: Option<Arc<[f32]>>,
+    /// Which pixels count in evaluation, row-major: the object's in DTU, the person's in ZJU-MoCap, those that a
+    /// `mask_path` leaves in. `None` where all do.
+    pub mask: Option<Arc<[bool]>>,
 }
 
 impl View {
@@ -36,8 +45,11 @@ impl View {
             id: self.id,
             name: self.name.clone(),
             camera: self.camera.resized(width, height),
-            image: self.image.resized(width, height),
+            image: Arc::new(self.image.resized(width, height)),
             depth: None,
+            mask: self.mask.as_ref().map(|mask| {
+                crate::image::resized_mask(mask, (self.image.width, self.image.height), (width, height)).into()
+            }),
         }
     }
 }
@@ -51,17 +63,70 @@ pub struct Scene {
     pub train: Vec<View>,
     /// The chosen test views, of the same size.
     pub test: Vec<View>,
+    /// Where it came from.
+    pub format: Format,
     /// What transparent pixels were composited on, display-encoded RGB in `[0, 1]`.
     pub background: [f32; 3],
-    /// Distance along a ray before which there is nothing, scene units, ≥ 0.
+    /// Whether `background` is what lies behind the content.
+    pub backdrop: Backdrop,
+    /// Distance along any ray before which there is nothing, scene units, ≥ 0.
     pub near: f32,
-    /// Distance along a ray beyond which there is nothing, scene units, > `near`.
+    /// Distance along any ray beyond which there is nothing, scene units, > `near`.
     pub far: f32,
+    /// Where along each ray the content lies; within `near` and `far`.
+    pub range: Range,
     /// A box that holds what is to be reconstructed.
     pub bounds: Aabb,
+    /// Whether all content lies in `bounds`, so that nothing or the background is beyond.
+    pub bounded: bool,
+    /// How the cameras stand to the content.
+    pub layout: Layout,
+    /// The unit direction that is up, as the cameras were held.
+    pub up: Vec3,
+    /// The point that the cameras look at, or stand about where they look outward.
+    pub centre: Vec3,
+    /// The greatest distance of a camera from `centre`, scene units, > 0.
+    pub radius: f32,
+    /// Points on surfaces, where the format has them.
+    pub points: Vec<Vec3>,
     /// The cameras of every training view there is, chosen or not, at the scene's image size. Only
     /// their poses: no image of an unchosen view is read.
     pub all_train_cameras: Vec<Camera>,
+    /// What a person should know of the data, one line each.
+    pub warnings: Vec<String>,
+}
+
+impl Default for Scene {
+    /// No views, and the space of NeRF's synthetic scenes.
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            train: Vec::new(),
+            test: Vec::new(),
+            format: Format::default(),
+            background: [1.0; 3],
+            backdrop: Backdrop::default(),
+            near: 2.0,
+            far: 6.0,
+            range: Range::default(),
+            bounds: Aabb::cube(Vec3::ZERO, 1.5),
+            bounded: true,
+            layout: Layout::default(),
+            up: Vec3::Z,
+            centre: Vec3::ZERO,
+            radius: 4.0,
+            points: Vec::new(),
+            all_train_cameras: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+}
+
+impl Scene {
+    /// The distances `(near, far)` between which content lies along `ray`, `0 ≤ near < far`; `None` where none does.
+    pub fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
+        self.range.along(ray)
+    }
 }
 
 /// Where a scene comes from.
@@ -70,7 +135,8 @@ pub enum SceneSource {
     /// A built-in scene, one of [`procedural::NAMES`] or `random-<seed>`.
     Procedural(String),
     /// A folder in one of the known formats, told apart by its files, in this order:
-    /// `transforms_train.json` (Blender), `transforms.json` (nerfstudio), `poses_bounds.npy` (LLFF).
+    /// `transforms_train.json` (Blender), `transforms.json` (nerfstudio, instant-ngp), `poses_bounds.npy` (LLFF),
+    /// `cameras_sphere.npz` or `cameras.npz` (DTU), `annots.npy` (ZJU-MoCap), a reconstruction of COLMAP.
     Folder {
         /// The folder that holds that file.
         path: PathBuf,
@@ -89,6 +155,8 @@ pub struct SceneRequest {
     pub image_size: Option<u32>,
     /// Colour behind transparent pixels, display-encoded RGB in `[0, 1]`.
     pub background: [f32; 3],
+    /// Which frame of a film (ZJU-MoCap); `None` for the first.
+    pub frame: Option<usize>,
 }
 
 impl Default for SceneRequest {
@@ -99,39 +167,7 @@ impl Default for SceneRequest {
             test: TestProtocol::Every(8),
             image_size: None,
             background: [1.0; 3],
-        }
-    }
-}
-
-/// Which of a scene's test views to evaluate on.
-#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum TestProtocol {
-    /// All of them.
-    All,
-    /// Every n-th, starting with the first: `Every(8)` takes 25 of Blender's 200.
-    Every(usize),
-    /// The first n, or all where there are fewer.
-    First(usize),
-    /// These, in this order.
-    Ids(Vec<usize>),
-}
-
-impl TestProtocol {
-    /// The indices of the chosen views among `n`.
-    ///
-    /// # Errors
-    /// There are no test views; `Every(0)` or `First(0)`; an id is out of range or given twice.
-    pub fn select(&self, n: usize) -> Result<Vec<usize>, SceneError> {
-        let error = |expected: &str, found: &str| SceneError::request("test", expected, found);
-        match self {
-            _ if n == 0 => Err(error("a scene with at least one test view", "none")),
-            Self::Every(0) => Err(error("a positive step", "0")),
-            Self::First(0) => Err(error("a positive number of views", "0")),
-            Self::All => Ok((0..n).collect()),
-            Self::Every(step) => Ok((0..n).step_by(*step).collect()),
-            Self::First(count) => Ok((0..n.min(*count)).collect()),
-            Self::Ids(ids) => select::check_ids("test", ids, n).map(|()| ids.clone()),
+            frame: None,
         }
     }
 }
@@ -171,26 +207,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn test_protocols() {
-        assert_eq!(TestProtocol::All.select(3).unwrap(), [0, 1, 2]);
-        assert_eq!(TestProtocol::Every(8).select(200).unwrap().len(), 25);
-        assert_eq!(TestProtocol::Every(8).select(20).unwrap(), [0, 8, 16]);
-        assert_eq!(TestProtocol::First(2).select(3).unwrap(), [0, 1]);
-        assert_eq!(TestProtocol::First(9).select(3).unwrap().len(), 3);
-        assert_eq!(TestProtocol::Ids(vec![2, 0]).select(3).unwrap(), [2, 0]);
-        for bad in [
-            TestProtocol::Every(0),
-            TestProtocol::First(0),
-            TestProtocol::Ids(vec![3]),
-            TestProtocol::Ids(vec![1, 1]),
-            TestProtocol::Ids(vec![]),
-        ] {
-            assert!(bad.select(3).unwrap_err().to_string().contains("`test`"));
-        }
-        assert!(TestProtocol::All.select(0).is_err());
-    }
-
-    #[test]
     fn a_reduced_view_sees_the_same() {
         let pose = glam::DMat4::IDENTITY;
         let mut image = Image::filled(4, 2, [0.25; 3]);
@@ -199,11 +215,13 @@ mod tests {
             id: 0,
             name: "a".into(),
             camera: Camera::from_fov(4, 2, 1.0, pose),
-            image,
-            depth: Some(vec![1.0; 8]),
+            image: image.into(),
+            depth: Some(vec![1.0; 8].into()),
+            mask: Some(vec![true, true, false, false, true, false, false, true].into()),
         };
         let half = view.reduced(2);
         assert_eq!(half.image.rgb, [[0.4375, 0.25, 0.25], [0.25; 3]]);
+        assert_eq!(half.mask.unwrap()[..], [true, false], "a pixel counts if half of it does");
         assert_eq!((half.camera, half.depth), (Camera::from_fov(2, 1, 1.0, pose), None));
         assert_eq!(view.reduced(100).image.rgb.len(), 1, "never less than a pixel");
     }

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use infonerf_field::Field;
-use infonerf_metrics::{Depths, Evaluator, METRICS, Measured, Metric, Networks, Pair, Picture, Protocol, Values};
+use infonerf_metrics::{Depths, Evaluator, METRICS, Mask, Measured, Metric, Networks, Pair, Picture, Protocol, Values};
 use infonerf_render::{RenderedImage, Renderer, TrainedModel, render_image};
 use infonerf_scene::View;
 
@@ -83,7 +83,10 @@ impl<'a> Evaluation<'a> {
         let render = Picture::new(image.rgb.clone(), image.width as usize, image.height as usize)?;
         let truth = Picture::new(view.image.rgb.clone(), view.image.width as usize, view.image.height as usize)?;
         let depths = view.depth.as_ref().map(|truth| Depths { render: &image.depth, truth });
-        let values = self.evaluator.add(Pair { depths, ..Pair::new(&render, &truth) })?.clone();
+        let mask =
+            view.mask.as_ref().map(|mask| Mask::new(mask.to_vec(), render.width(), render.height())).transpose()?;
+        let pair = Pair { depths, mask: mask.as_ref(), ..Pair::new(&render, &truth) };
+        let values = self.evaluator.add(pair)?.clone();
         let view = TestView { image, values, seconds };
         self.views += 1;
         self.seconds += seconds;

@@ -68,6 +68,7 @@ mod tests {
             test: TestProtocol::First(1),
             image_size: Some(4),
             background: [1.0; 3],
+            ..SceneRequest::default()
         };
         Photographs::new(&load(&SceneSource::Procedural("knot".into()), &request).unwrap())
     }

@@ -1,7 +1,7 @@
 //! Which rays a step looks at. Every choice is a pure function of (seed, step), so that a resumed run sees the same rays.
 
 use infonerf_render::{Noise, Stream};
-use infonerf_scene::{Camera, Ray, Scene, ViewRegion, near_pose, resized_dimensions};
+use infonerf_scene::{Camera, Ray, Scene, ViewRegion, near_pose_about, resized_dimensions};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -36,9 +36,7 @@ impl Pixels {
         let rotated = |camera: &Camera| {
             // The same generator for each camera: one rotation per step.
             let mut rng = generator(noise);
-            let there = glam::DMat4::from_translation(-centre) * camera.to_world;
-            let back = glam::DMat4::from_translation(centre);
-            camera.with_pose(back * near_pose(&there, &mut rng, config.max_angle_deg))
+            camera.with_pose(near_pose_about(&camera.to_world, centre, &mut rng, config.max_angle_deg))
         };
         Self { cameras: self.cameras.iter().map(rotated).collect(), ..self.clone() }.rays()
     }

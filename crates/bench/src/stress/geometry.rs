@@ -53,7 +53,7 @@ fn toward(rng: &mut Rng) -> [f32; 3] {
 fn rays(draw: Draw, scale: f32, count: usize, rng: &mut Rng) -> Vec<Ray> {
     let ray = |(origin, direction): ([f32; 3], [f32; 3])| {
         let length = direction.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt() as f32;
-        Ray { origin: origin.map(|x| scale * x).into(), direction: direction.map(|x| x / length).into(), radius: 0.0 }
+        Ray::new(origin.map(|x| scale * x).into(), direction.map(|x| x / length).into())
     };
     (0..count).map(|_| ray(draw(rng))).collect()
 }

@@ -3,7 +3,7 @@
 use std::io::{self, BufRead, BufReader, Cursor, Seek};
 use std::{fs::File, path::Path};
 
-use ::image::{ColorType, DynamicImage, ImageError, ImageReader, Limits};
+use ::image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 
 use super::RgbaImage;
 use crate::SceneError;
@@ -19,6 +19,12 @@ pub(crate) fn dimensions(path: &Path) -> Result<(u32, u32), SceneError> {
     let size = open(path)?.into_dimensions().map_err(|e| decode_error(path, e))?;
     check_side(path, size)?;
     Ok(size)
+}
+
+/// Whether an image file says that it has an alpha channel.
+pub(crate) fn has_alpha(path: &Path) -> Result<bool, SceneError> {
+    let decoder = open(path)?.into_decoder().map_err(|e| decode_error(path, e))?;
+    Ok(decoder.color_type().has_alpha())
 }
 
 /// Decodes a PNG or JPEG, 8 or 16 bits a channel, grey or colour, with or without alpha.

@@ -4,7 +4,7 @@ mod codec;
 mod resize;
 mod rgba;
 
-pub(crate) use codec::{decode_bytes, dimensions, read_rgba};
+pub(crate) use codec::{decode_bytes, dimensions, has_alpha, read_rgba};
 pub use resize::resized_dimensions;
 pub use rgba::{Rgba8, RgbaImage};
 
@@ -62,6 +62,17 @@ impl Image {
         Self { width, height, rgb: resize::box_filter(&self.rgb, from, to), alpha: self.alpha.as_ref().map(coverage) }
     }
 
+    /// Whether at least 95 % of the border is within 2 % of `colour`.
+    pub(crate) fn has_border(&self, colour: [f32; 3]) -> bool {
+        let (w, h) = (self.width, self.height);
+        let border = (0..w).flat_map(|x| [(x, 0), (x, h - 1)]).chain((0..h).flat_map(|y| [(0, y), (w - 1, y)]));
+        let like = |p: [f32; 3]| p.iter().zip(colour).all(|(a, b)| (a - b).abs() <= 0.02);
+        let (all, alike) = border
+            .filter_map(|(x, y)| self.get(x, y))
+            .fold((0u64, 0u64), |(all, alike), p| (all + 1, alike + u64::from(like(p))));
+        all > 0 && alike * 100 >= all * 95
+    }
+
     /// Reads a PNG or JPEG and composites it on `background`.
     ///
     /// # Errors
@@ -78,6 +89,15 @@ impl Image {
     pub fn write_png(&self, path: &Path) -> Result<(), SceneError> {
         codec::write_png(path, self.width, self.height, &self.to_rgb8(), ::image::ColorType::Rgb8)
     }
+}
+
+/// A mask at another size: a pixel counts if at least half of the area that it covers does.
+pub(crate) fn resized_mask(mask: &[bool], from: (u32, u32), to: (u32, u32)) -> Vec<bool> {
+    if from == to {
+        return mask.to_vec();
+    }
+    let weights: Vec<[f32; 1]> = mask.iter().map(|&m| [f32::from(u8::from(m))]).collect();
+    resize::box_filter(&weights, from, to).into_iter().map(|[w]| w >= 0.5 - 1e-6).collect()
 }
 
 /// `⌊255 · clamp(v, 0, 1) + ½⌋`; NaN gives 0.

@@ -1,74 +1,155 @@
 //! From lists of frames to a scene: selection, decoding, resizing, compositing.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
 use super::depth::read_depth;
 use super::frames::Frame;
-use crate::image::{dimensions, read_rgba, resized_dimensions};
-use crate::{Aabb, Camera, Scene, SceneError, SceneRequest, View};
+use super::mask::{MaskRole, lens_mask, read_mask};
+use super::space::Space;
+use crate::image::{dimensions, has_alpha, read_rgba, resized_dimensions, resized_mask};
+use crate::select::pool::{self, Named};
+use crate::{Backdrop, Camera, Format, Layout, Scene, SceneError, SceneRequest, View};
+
+/// The most that the chosen images may take in memory together, in bytes: 3.75 GiB.
+const MOST_BYTES: u64 = 15 << 28;
+/// The most that is decoded at once before it is resized, in pixels of the files.
+const MOST_AT_ONCE: u64 = 24 << 20;
 
 /// All that a loader has found out, with no image read.
-pub(super) struct Parts<'a> {
+pub(crate) struct Parts<'a> {
     /// The scene's folder, for its name.
     pub dir: &'a Path,
+    /// Its format.
+    pub format: Format,
     /// Every training frame.
     pub train: Vec<Frame>,
     /// Every test frame.
     pub test: Vec<Frame>,
-    /// Near and far distance, scene units.
-    pub range: (f32, f32),
-    /// What is to be reconstructed.
-    pub bounds: Aabb,
+    /// The ids of the test frames that are the format's own test split, where not all are.
+    pub split: Option<Vec<usize>>,
+    /// Published selections of training frames.
+    pub selections: Named,
+    /// Published sets of test frames.
+    pub protocols: Named,
+    /// Where the content is.
+    pub space: Space,
+    /// The colour that mattes are composited on, where the format says so.
+    pub background: Option<[f32; 3]>,
+    /// What a person should know.
+    pub warnings: Vec<String>,
+}
+
+impl<'a> Parts<'a> {
+    /// Parts with the test frames as their own split, without names and warnings.
+    pub fn new(dir: &'a Path, format: Format, train: Vec<Frame>, test: Vec<Frame>, space: Space) -> Self {
+        Self {
+            dir,
+            format,
+            train,
+            test,
+            split: None,
+            selections: Vec::new(),
+            protocols: Vec::new(),
+            space,
+            background: None,
+            warnings: Vec::new(),
+        }
+    }
 }
 
 /// Chooses views, reads their images in parallel and puts the scene together.
 ///
-/// All chosen images must have the size of the first; a size that the poses state must be theirs.
+/// All chosen images must have the size of the first; a size that the poses state must be theirs. A view that is in both
+/// pools and chosen for training is left out of the test.
 pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene, SceneError> {
     // Selection looks at poses alone, so that any size will do before one is known.
     let poses: Vec<Camera> = parts.train.iter().map(|f| f.camera(1, 1)).collect();
-    let train_ids = request.train.select(&poses)?;
-    let test_ids = request.test.select(parts.test.len())?;
+    let ids = |frames: &[Frame]| frames.iter().map(|f| f.id).collect::<Vec<_>>();
+    let train = pool::train(&request.train, &poses, &ids(&parts.train), &parts.selections)?;
+    let test = pool::test(&request.test, &ids(&parts.test), parts.split.as_deref(), &parts.protocols)?;
+    let train = pick(&parts.train, &train);
+    let mut test = pick(&parts.test, &test);
+    test.retain(|t| train.iter().all(|f| f.image != t.image));
+    if test.is_empty() {
+        return Err(SceneError::request("test", "at least one view that is not trained on", "none"));
+    }
 
-    let first = train_ids.first().and_then(|&i| parts.train.get(i));
-    let native = match first {
-        Some(frame) => dimensions(&frame.image)?,
-        None => return Err(SceneError::request("train", "at least one view", "none")),
+    let Some(first) = train.first() else {
+        return Err(SceneError::request("train", "at least one view", "none"));
     };
+    let native = dimensions(&first.image)?;
     let size = match request.image_size {
         Some(longest) => resized_dimensions(native.0, native.1, longest),
         None => native,
     };
-    let read = |ids: &[usize], frames: &[Frame]| -> Result<Vec<View>, SceneError> {
-        let views: Vec<_> = ids
-            .par_iter()
-            .filter_map(|&id| frames.get(id).map(|frame| (id, frame)))
-            .map(|(id, frame)| read_view(id, frame, native, size, request.background))
-            .collect();
-        // The first fault in the order of the views, whichever thread met it first.
-        views.into_iter().collect()
+    check_memory(parts.dir, size, train.len() + test.len(), has_alpha(&first.image)?)?;
+    let background = parts.background.unwrap_or(request.background);
+    let read = |frames: &[&Frame]| -> Result<Vec<View>, SceneError> {
+        let pixels = u64::from(native.0) * u64::from(native.1);
+        let at_once = (MOST_AT_ONCE / pixels.max(1)).clamp(1, 1 << 16) as usize;
+        let mut views = Vec::with_capacity(frames.len());
+        for frames in frames.chunks(at_once) {
+            let read: Vec<_> = frames.par_iter().map(|frame| read_view(frame, native, size, background)).collect();
+            // The first fault in the order of the views, whichever thread met it first.
+            for view in read {
+                views.push(view?);
+            }
+        }
+        Ok(views)
+    };
+    let (train, test) = (read(&train)?, read(&test)?);
+    let space = parts.space;
+    let mut warnings = parts.warnings;
+    let bent = train.iter().chain(&test).filter(|v| lens_mask(&v.camera).is_some()).count();
+    if bent > 0 {
+        warnings.push(format!("the lens cannot be inverted at the border of {bent} views: those pixels do not count"));
+    }
+    let backdrop = if train.iter().all(|v| v.image.alpha.is_some() || v.image.has_border(background)) {
+        Backdrop::Colour
+    } else {
+        Backdrop::Unknown
     };
     Ok(Scene {
         name: scene_name(parts.dir),
-        train: read(&train_ids, &parts.train)?,
-        test: read(&test_ids, &parts.test)?,
-        background: request.background,
-        near: parts.range.0,
-        far: parts.range.1,
-        bounds: parts.bounds,
+        train,
+        test,
+        format: parts.format,
+        background,
+        backdrop,
+        near: space.near,
+        far: space.far,
+        range: space.range,
+        bounds: space.bounds,
+        bounded: space.bounded || (backdrop == Backdrop::Colour && space.layout == Layout::Object),
+        layout: space.layout,
+        up: space.up,
+        centre: space.centre,
+        radius: space.radius,
+        points: space.points,
         all_train_cameras: parts.train.iter().map(|f| f.camera(native.0, native.1).resized(size.0, size.1)).collect(),
+        warnings,
     })
 }
 
-fn read_view(
-    id: usize,
-    frame: &Frame,
-    native: (u32, u32),
-    size: (u32, u32),
-    background: [f32; 3],
-) -> Result<View, SceneError> {
+fn pick<'f>(frames: &'f [Frame], positions: &[usize]) -> Vec<&'f Frame> {
+    positions.iter().filter_map(|&i| frames.get(i)).collect()
+}
+
+/// Refuses, before any is decoded, more images than memory should hold.
+fn check_memory(dir: &Path, (width, height): (u32, u32), views: usize, alpha: bool) -> Result<(), SceneError> {
+    let each = u64::from(width) * u64::from(height) * if alpha { 16 } else { 12 };
+    let size = each.saturating_mul(views as u64);
+    if size > MOST_BYTES {
+        let what = "the memory for the chosen images in bytes (choose fewer views or a smaller image size)";
+        return Err(SceneError::TooLarge { path: dir.into(), what, size, limit: MOST_BYTES });
+    }
+    Ok(())
+}
+
+fn read_view(frame: &Frame, native: (u32, u32), size: (u32, u32), background: [f32; 3]) -> Result<View, SceneError> {
     let found = dimensions(&frame.image)?;
     for wanted in [Some(native), frame.stated_size()].into_iter().flatten() {
         if found != wanted {
@@ -81,18 +162,50 @@ fn read_view(
         Some(path) if size == native => Some(read_depth(path, native.0, native.1)?),
         _ => None,
     };
-    let rgba = read_rgba(&frame.image)?;
+    let mut rgba = read_rgba(&frame.image)?;
+    let mut mask = None;
+    if let Some((path, role)) = &frame.mask {
+        let counts = read_mask(path, native)?;
+        if *role == MaskRole::Matte {
+            rgba.has_alpha = true;
+            for (pixel, &inside) in rgba.pixels.iter_mut().zip(&counts) {
+                pixel[3] = if inside { 1.0 } else { 0.0 };
+            }
+        }
+        mask = Some(resized_mask(&counts, native, size));
+    }
+    let camera = frame.camera(native.0, native.1).resized(size.0, size.1);
+    if let Some(covered) = lens_mask(&camera) {
+        let whole = vec![true; covered.len()];
+        mask = Some(mask.unwrap_or(whole).into_iter().zip(covered).map(|(a, b)| a && b).collect());
+    }
     Ok(View {
-        id,
+        id: frame.id,
         name: frame.name.clone(),
-        camera: frame.camera(native.0, native.1).resized(size.0, size.1),
-        image: rgba.composite_resized(size.0, size.1, background),
-        depth,
+        camera,
+        image: Arc::new(rgba.composite_resized(size.0, size.1, background)),
+        depth: depth.map(Into::into),
+        mask: mask.map(Into::into),
     })
 }
 
 /// The folder's name, also for paths such as `.` that do not end in one.
-fn scene_name(dir: &Path) -> String {
+pub(crate) fn scene_name(dir: &Path) -> String {
     let whole = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
     whole.file_name().map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_than_memory_should_hold_is_refused() {
+        let dir = Path::new("capture");
+        assert!(check_memory(dir, (4000, 3000), 26, false).is_ok());
+        let text = check_memory(dir, (4000, 3000), 60, false).unwrap_err().to_string();
+        assert!(text.starts_with("capture: the memory for the chosen images"), "{text}");
+        assert!(check_memory(dir, (4000, 3000), 21, true).is_err());
+        assert!(check_memory(dir, (u32::MAX, u32::MAX), usize::MAX, true).is_err());
+    }
 }

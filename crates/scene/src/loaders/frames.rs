@@ -4,59 +4,74 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat4, Vec3};
 
-use super::json::{JsonFile, Node, PIXELS};
+use super::json::{JsonFile, Node};
+use super::mask::MaskRole;
+use super::optics::{Intrinsics, read_optics};
 use super::pose::{FARTHEST, read_pose};
-use crate::{Aabb, Camera, SceneError};
+use crate::{Aabb, Camera, Lens, SceneError};
 
 /// Extensions tried, in this order, for a `file_path` without one.
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
-/// Lens distortion coefficients of nerfstudio and instant-ngp, none of which is supported.
-const DISTORTION: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
+/// What instant-ngp multiplies positions by before it puts them into its unit cube.
+const NGP_SCALE: f64 = 0.33;
 
 /// One image that can be loaded.
 #[derive(Clone, Debug)]
 pub(crate) struct Frame {
+    /// The number that selections know it by.
+    pub id: usize,
     /// Path within the scene without extension.
     pub name: String,
     /// The image file.
     pub image: PathBuf,
     /// Exact distances along the pixel rays, `[height, width]` in an `.npy` file.
     pub depth: Option<PathBuf>,
+    /// An image that says which pixels count, and what for.
+    pub mask: Option<(PathBuf, MaskRole)>,
     /// Camera-to-world, OpenGL.
     pub pose: DMat4,
-    /// What the file says of the lens.
+    /// Focal lengths and principal point, as the file gives them.
+    pub intrinsics: Intrinsics,
+    /// How the lens bends rays.
     pub lens: Lens,
-}
-
-/// Intrinsics before the image size is known.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Lens {
-    /// Horizontal field of view in radians; square pixels, centred principal point.
-    Fov(f64),
-    /// Focal lengths and principal point in pixels, and the image size that they hold for where it
-    /// is stated.
-    Pinhole { focal: [f64; 2], centre: Option<[f64; 2]>, size: Option<(u32, u32)> },
 }
 
 impl Frame {
     /// The camera for an image of `width × height` pixels as stored on disk.
     pub fn camera(&self, width: u32, height: u32) -> Camera {
-        match self.lens {
-            Lens::Fov(angle) => Camera::from_fov(width, height, angle, self.pose),
-            Lens::Pinhole { focal: [fx, fy], centre, .. } => {
-                let [cx, cy] = centre.unwrap_or([f64::from(width) / 2.0, f64::from(height) / 2.0]);
-                Camera { width, height, fx, fy, cx, cy, to_world: self.pose }
-            }
-        }
+        self.intrinsics.camera((width, height), self.pose).with_lens(self.lens)
+    }
+
+    /// The camera for an image of the stated size, or of one that the intrinsics suggest.
+    pub fn nominal_camera(&self) -> Camera {
+        let (width, height) = self.intrinsics.nominal_size();
+        self.camera(width, height)
+    }
+
+    /// Whether the mask beside the image is its alpha channel.
+    pub fn is_matted(&self) -> bool {
+        matches!(self.mask, Some((_, MaskRole::Matte)))
     }
 
     /// The image size that the poses file states.
     pub fn stated_size(&self) -> Option<(u32, u32)> {
-        match self.lens {
-            Lens::Pinhole { size, .. } => size,
-            Lens::Fov(_) => None,
-        }
+        self.intrinsics.stated_size()
     }
+}
+
+/// The frames whose image is there, and a warning about those whose is not. Where none is, all: the error will name one.
+pub(super) fn present(frames: Vec<Frame>) -> (Vec<Frame>, Option<String>) {
+    let total = frames.len();
+    let (there, missing): (Vec<_>, Vec<_>) = frames.into_iter().partition(|f| f.image.is_file());
+    let warning = missing
+        .first()
+        .map(|first| format!("{} of {total} frames have no image, the first {}", missing.len(), first.image.display()));
+    (if there.is_empty() { missing } else { there }, warning)
+}
+
+/// The frames with their places in the list as ids.
+pub(super) fn numbered(frames: Vec<Frame>) -> Vec<Frame> {
+    frames.into_iter().enumerate().map(|(id, frame)| Frame { id, ..frame }).collect()
 }
 
 /// What one `transforms*.json` file says.
@@ -68,6 +83,8 @@ pub(crate) struct Transforms {
     pub range: Option<(f32, f32)>,
     /// Optional field `aabb`: `[[x, y, z], [x, y, z]]`.
     pub bounds: Option<Aabb>,
+    /// The cube of instant-ngp's `aabb_scale`, in the file's coordinates.
+    pub cube: Option<Aabb>,
     /// Names under the fields `train_filenames` and `test_filenames` of nerfstudio.
     pub split: Option<Split>,
 }
@@ -94,11 +111,46 @@ pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, Sce
         return Err(list.error(expected));
     }
     let dir = path.parent().unwrap_or(Path::new(""));
-    let frames = items.iter().map(|f| read_frame(dir, &root, f)).collect::<Result<_, _>>()?;
-    Ok(Transforms { frames, range: read_range(&root)?, bounds: read_bounds(&root)?, split: read_split(&root)? })
+    let frames = items.iter().enumerate().map(|(i, f)| read_frame(dir, &root, i, f)).collect::<Result<Vec<_>, _>>()?;
+    if let Some(i) = frames.iter().position(|f| f.mask.is_some() != frames[0].mask.is_some()) {
+        let at = if frames[i].mask.is_some() { 0 } else { i };
+        let expected = "the path of a mask, as other frames have one";
+        items[at].get("mask_path", expected)?;
+    }
+    check_applied(&root)?;
+    Ok(Transforms {
+        frames,
+        range: read_range(&root)?,
+        bounds: read_bounds(&root)?,
+        cube: read_aabb_scale(&root)?,
+        split: read_split(&root)?,
+    })
 }
 
-fn read_frame(dir: &Path, root: &Node<'_>, frame: &Node<'_>) -> Result<Frame, SceneError> {
+/// `applied_transform` took the capture's own coordinates to the file's, which are the ones used here: it is only looked
+/// at for being what it should.
+fn check_applied(root: &Node<'_>) -> Result<(), SceneError> {
+    let Some(node) = root.find("applied_transform") else { return Ok(()) };
+    let expected = "a 3×4 matrix";
+    let rows = node.items(expected)?;
+    if !(3..=4).contains(&rows.len()) {
+        return Err(node.fault(expected, format!("{} rows", rows.len())));
+    }
+    rows.iter().try_for_each(|row| row.numbers::<4>("4 finite numbers, a row of a 3×4 matrix").map(drop))
+}
+
+/// instant-ngp's box: a cube of `aabb_scale` times its unit cube, which is `1 / 0.33` wide about the origin.
+fn read_aabb_scale(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
+    let Some(node) = root.find("aabb_scale") else { return Ok(None) };
+    let expected = "a power of two from 1 to 128";
+    let scale = node.number(expected)?;
+    if !(1.0..=128.0).contains(&scale) || scale.log2().fract() != 0.0 {
+        return Err(node.error(expected));
+    }
+    Ok(Some(Aabb::cube(Vec3::ZERO, (0.5 * scale / NGP_SCALE) as f32)))
+}
+
+fn read_frame(dir: &Path, root: &Node<'_>, id: usize, frame: &Node<'_>) -> Result<Frame, SceneError> {
     let expected = "the path of an image";
     let path = frame.get("file_path", expected)?.text(expected)?;
     let relative = path.trim_start_matches("./");
@@ -106,59 +158,24 @@ fn read_frame(dir: &Path, root: &Node<'_>, frame: &Node<'_>) -> Result<Frame, Sc
         Some(node) => Some(dir.join(node.text("the path of an .npy file")?)),
         None => None,
     };
+    let mask = match frame.find("mask_path") {
+        Some(node) => {
+            let relative = node.text("the path of a mask image")?;
+            Some((image_path(dir, relative.trim_start_matches("./")), MaskRole::Counts))
+        }
+        None => None,
+    };
+    let (intrinsics, lens) = read_optics(root, frame)?;
     Ok(Frame {
+        id,
         name: without_extension(relative),
         image: image_path(dir, relative),
         depth,
+        mask,
         pose: read_pose(&frame.get("transform_matrix", "a 4×4 matrix")?)?,
-        lens: read_lens(root, frame)?,
+        intrinsics,
+        lens,
     })
-}
-
-/// A frame's own intrinsics or, field by field, those of the file.
-fn read_lens(root: &Node<'_>, frame: &Node<'_>) -> Result<Lens, SceneError> {
-    let find = |key: &str| frame.find(key).or_else(|| root.find(key));
-    for key in DISTORTION {
-        if let Some(node) = find(key)
-            && node.number("a distortion coefficient")? != 0.0
-        {
-            return Err(node.error("0 (undistorted images; lens distortion is not supported)"));
-        }
-    }
-    let Some(focal_x) = find("fl_x") else {
-        let expected = "a horizontal field of view between 0 and π radians";
-        let node = match find("camera_angle_x") {
-            Some(node) => node,
-            None => root.get("camera_angle_x", &format!("{expected} (or `fl_x`)"))?,
-        };
-        let angle = node.number(expected)?;
-        if angle <= 0.0 || angle >= std::f64::consts::PI {
-            return Err(node.error(expected));
-        }
-        return Ok(Lens::Fov(angle));
-    };
-    let expected = "a positive focal length in pixels";
-    let fx = focal_x.pixels(expected)?;
-    let fy = find("fl_y").map_or(Ok(fx), |node| node.pixels(expected))?;
-    let position = |node: Node<'_>| {
-        let expected = "a position in pixels";
-        let position = node.number(expected)?;
-        if position.abs() <= *PIXELS.end() { Ok(position) } else { Err(node.error(expected)) }
-    };
-    let number = |key| find(key).map(position).transpose();
-    let centre = number("cx")?.zip(number("cy")?).map(|(x, y)| [x, y]);
-    let side = |key| find(key).map(|node| read_side(&node)).transpose();
-    let size = side("w")?.zip(side("h")?);
-    Ok(Lens::Pinhole { focal: [fx, fy], centre, size })
-}
-
-fn read_side(node: &Node<'_>) -> Result<u32, SceneError> {
-    let expected = "an image side in whole pixels";
-    let side = node.positive(expected)?;
-    if side.fract() != 0.0 || side > f64::from(u32::MAX) {
-        return Err(node.error(expected));
-    }
-    Ok(side as u32)
 }
 
 fn read_range(root: &Node<'_>) -> Result<Option<(f32, f32)>, SceneError> {
@@ -209,7 +226,7 @@ pub(super) fn known_extension(path: &Path) -> bool {
     path.extension().and_then(|e| e.to_str()).is_some_and(|e| EXTENSIONS.contains(&e.to_ascii_lowercase().as_str()))
 }
 
-fn without_extension(relative: &str) -> String {
+pub(super) fn without_extension(relative: &str) -> String {
     let path = Path::new(relative);
     let bare = if known_extension(path) { path.with_extension("") } else { path.to_owned() };
     bare.to_string_lossy().into_owned()

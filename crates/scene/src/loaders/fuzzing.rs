@@ -8,13 +8,13 @@ use std::path::Path;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::extent::{capture_extent, frusta_bounds};
+use super::extent::{capture_space, frusta_bounds};
 use super::frames::transforms as read_transforms;
 use super::json::JsonFile;
 use super::{llff, npy};
 use crate::image::decode_bytes;
 use crate::poses::{ViewRegion, near_pose};
-use crate::{Aabb, Camera, ViewSelection};
+use crate::{Aabb, Camera, Range, ViewSelection};
 
 /// The most frames that poses are derived from: time beyond that is the input's, not the reader's.
 const MOST_FRAMES: usize = 64;
@@ -24,10 +24,9 @@ pub fn transforms(bytes: &[u8]) -> bool {
     let path = Path::new("transforms.json");
     let Ok(read) = JsonFile::parse(path, bytes).and_then(|file| read_transforms(path, &file)) else { return false };
     let cameras: Vec<Camera> = read.frames.iter().take(MOST_FRAMES).map(|frame| frame.camera(8, 6)).collect();
-    let ((near, far), bounds) = capture_extent(&cameras);
-    let range = read.range.unwrap_or((near, far));
-    assert!(range.0 <= range.1, "near and far: {range:?}");
-    follow(&cameras, read.bounds.unwrap_or(bounds));
+    let space = capture_space(&cameras, Vec::new(), Vec::new()).with(read.range, read.bounds);
+    assert!(space.near <= space.far, "near and far: {} {}", space.near, space.far);
+    follow(&cameras, space.bounds);
     true
 }
 
@@ -37,9 +36,9 @@ pub fn poses_bounds(bytes: &[u8]) -> bool {
     let array = npy::decode(path, bytes, bytes.len() as u64, llff::EXPECTED);
     let placed = array.and_then(|array| llff::rows(path, array)).and_then(|rows| llff::placed(path, &rows));
     let Ok((poses, range)) = placed else { return false };
-    let camera = |to_world| Camera { width: 8, height: 6, fx: 9.0, fy: 9.0, cx: 4.0, cy: 3.0, to_world };
+    let camera = |pose| Camera::pinhole((8, 6), [9.0; 2], [4.0, 3.0], pose);
     let cameras: Vec<Camera> = poses.into_iter().take(MOST_FRAMES).map(camera).collect();
-    if let Some(bounds) = frusta_bounds(&cameras, range.0, range.1) {
+    if let Some(bounds) = frusta_bounds(&cameras, Range::Depth { near: range.0, far: range.1 }) {
         follow(&cameras, bounds);
     }
     true

@@ -35,8 +35,9 @@ impl JsonFile {
         Self::parse(path, &fs::read(path).map_err(|e| SceneError::io(path, e))?)
     }
 
-    /// Parses what the file at `path` holds.
+    /// Parses what the file at `path` holds. A byte-order mark, as Windows editors write it, is skipped.
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, SceneError> {
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
         let root =
             serde_json::from_slice(bytes).map_err(|e| SceneError::malformed(path, "JSON with finite numbers", e))?;
         Ok(Self { path: path.into(), root })
@@ -105,6 +106,11 @@ impl<'a> Node<'a> {
             *number = item.number(expected)?;
         }
         Ok(numbers)
+    }
+
+    /// `true` or `false`.
+    pub fn flag(&self, expected: &str) -> Result<bool, SceneError> {
+        self.value.as_bool().ok_or_else(|| self.error(expected))
     }
 
     /// A string that is not empty.

@@ -5,14 +5,16 @@ use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DVec3, DVec4};
 
-use super::assemble::{Parts, assemble};
-use super::extent::{frusta_bounds, hold_out};
-use super::frames::{Frame, Lens, known_extension};
+use super::assemble::Parts;
+use super::extent::{frusta_bounds, grid, hold_out};
+use super::frames::{Frame, known_extension, numbered};
 use super::json::PIXELS;
 use super::npy::Array;
+use super::optics::Intrinsics;
+use super::space::Space;
 use super::{npy, pose};
 use crate::image::dimensions;
-use crate::{Camera, Scene, SceneError, SceneRequest};
+use crate::{Camera, Format, Layout, Lens, Range, SceneError, SceneRequest};
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "poses_bounds.npy";
@@ -25,19 +27,19 @@ const NEAREST: f64 = 0.75;
 /// Nothing is expected nearer than this share of the nearest depth.
 const MARGIN: f32 = 0.9;
 /// Folders that may hold the images, the largest first.
-const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
+pub(super) const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
 
-/// Loads a folder in LLFF's format.
+/// What a folder in LLFF's format says.
 ///
 /// Each row of `poses_bounds.npy` is a 3×5 matrix, row-major, and the depths of the nearest and
 /// farthest point seen. The matrix's columns are the camera's down, right and backward axes, its
 /// position, and (height, width, focal length in pixels) of the full-size images. Poses are
 /// converted to OpenGL, scaled so that the nearest depth becomes 4/3, and recentred on their mean
-/// pose. Views 0, 8, 16, … are held out for test.
+/// pose. Views 0, 8, 16, … are held out for test. Near and far are depths along the viewing axis.
 ///
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as
 /// large as the request (without one: the largest there is), sorted by name.
-pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
+pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
     let rows = read_rows(&dir.join(MARKER))?;
     let images = find_images(dir, request.image_size)?;
     if images.len() != rows.len() {
@@ -56,11 +58,14 @@ pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneErr
         .zip(poses)
         .zip(&images)
         .map(|((row, pose), image)| Frame {
+            id: 0,
             name: name(dir, image),
             image: image.clone(),
             depth: None,
+            mask: None,
             pose,
-            lens: Lens::Pinhole {
+            lens: Lens::PERSPECTIVE,
+            intrinsics: Intrinsics::Pixels {
                 focal: [row.focal * f64::from(width) / row.width, row.focal * f64::from(height) / row.height],
                 centre: None,
                 size: Some((width, height)),
@@ -68,10 +73,45 @@ pub(super) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneErr
         })
         .collect();
     let cameras: Vec<Camera> = frames.iter().map(|f| f.camera(width, height)).collect();
-    let bounds = frusta_bounds(&cameras, range.0, range.1)
-        .ok_or_else(|| SceneError::malformed(&dir.join(MARKER), EXPECTED, "no finite bounds"))?;
+    let space =
+        space(&cameras, range).ok_or_else(|| SceneError::malformed(&dir.join(MARKER), EXPECTED, "no finite bounds"))?;
     let (train, test) = hold_out(frames);
-    assemble(Parts { dir, train, test, range, bounds }, request)
+    let (train, test) = (numbered(train), numbered(test));
+    let selections = [2, 3, 6, 9].map(|count| (format!("regnerf-{count}"), spread(train.len(), count)));
+    let mut parts = Parts::new(dir, Format::Llff, train, test, space);
+    parts.selections = selections.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
+    parts.protocols = vec![("regnerf".into(), (0..parts.test.len()).collect())];
+    Ok(parts)
+}
+
+/// The space in front of cameras that see content between two depths.
+fn space(cameras: &[Camera], (near, far): (f32, f32)) -> Option<Space> {
+    let range = Range::Depth { near, far };
+    let bounds = frusta_bounds(cameras, range)?;
+    let farthest = cameras.iter().flat_map(grid).filter_map(|ray| range.along(&ray)).map(|r| r.1).fold(far, f32::max);
+    let mut space = Space::known(cameras, (near, farthest), bounds);
+    space.range = range;
+    space.bounded = false;
+    if space.layout == Layout::Forward {
+        // Half-way in inverse depth.
+        let middle = 2.0 / (1.0 / near + 1.0 / far);
+        let n = cameras.len().max(1) as f32;
+        let mean = cameras.iter().map(Camera::position).sum::<glam::Vec3>() / n;
+        let ahead = cameras.iter().map(Camera::forward).sum::<glam::Vec3>().normalize_or(glam::Vec3::NEG_Z);
+        space.centre = mean + middle * ahead;
+        space.radius = super::space::farthest(cameras, space.centre);
+    }
+    Some(space)
+}
+
+/// RegNeRF's `count` training views of `n`: evenly spaced, both ends included, halves rounded to even as NumPy does.
+/// None where there are fewer.
+fn spread(n: usize, count: usize) -> Vec<usize> {
+    if count > n || count < 2 {
+        return Vec::new();
+    }
+    let step = (n - 1) as f64 / (count - 1) as f64;
+    (0..count).map(|i| (i as f64 * step).round_ties_even() as usize).collect()
 }
 
 /// One row of the file, with its pose in OpenGL's convention.
@@ -204,7 +244,7 @@ fn find_images(dir: &Path, size: Option<u32>) -> Result<Vec<PathBuf>, SceneError
     })
 }
 
-fn list_images(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
+pub(crate) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
     let io = |e| SceneError::io(folder, e);
     let mut images = Vec::new();
     for entry in fs::read_dir(folder).map_err(io)? {
@@ -230,7 +270,8 @@ mod tests {
     use glam::{DVec3, Vec3};
 
     use super::super::{npy, testing::*};
-    use crate::SceneRequest;
+    use super::spread;
+    use crate::{Format, Layout, SceneRequest, TestProtocol};
 
     /// Row of a camera at `x` that looks along −z with y up, for full-size images of 16×16.
     fn row(x: f32) -> [f32; 17] {
@@ -274,8 +315,17 @@ mod tests {
         assert!((camera.forward() - Vec3::NEG_Z).length() < 1e-6);
         assert!((camera.to_world.y_axis.truncate() - DVec3::Y).length() < 1e-9);
         assert!((scene.near - 0.9 * 2.0 * scale).abs() < 1e-6);
-        assert!((scene.far - 10.0 * scale).abs() < 1e-6);
-        assert!((scene.bounds.min.z + scene.far).abs() < 1e-4, "bounds reach the farthest depth");
+        // Far is a depth: along the ray through a corner it is farther away.
+        let corner = camera.ray(0.0, 0.0);
+        let (near, far) = scene.interval(&corner).unwrap();
+        let slant = (1.0 + 2.0 * 0.4f32 * 0.4).sqrt();
+        assert!((near - scene.near * slant).abs() < 1e-5 && (far - 10.0 * scale * slant).abs() < 1e-4);
+        assert!((scene.interval(&camera.ray(8.0, 8.0)).unwrap().1 - 10.0 * scale).abs() < 1e-4);
+        assert!((scene.far - far).abs() < 1e-4, "no ray goes farther");
+        assert!((scene.bounds.min.z + 10.0 * scale).abs() < 1e-4, "bounds reach the farthest depth");
+        assert!(scene.bounds.contains(corner.at(0.999 * far)));
+        assert_eq!((scene.format, scene.layout, scene.bounded), (Format::Llff, Layout::Forward, false));
+        assert_eq!(scene.up, Vec3::Y);
         assert_eq!((camera.width, camera.fx), (16, 20.0));
     }
 
@@ -318,9 +368,47 @@ mod tests {
         assert!(message(guard.path(), &request()).contains("no views"));
     }
 
+    /// The published views of the eight scenes, whose numbers count the held-out views as well.
     #[test]
+    fn regnerfs_views() {
+        let whole = |n: usize, count| -> Vec<usize> {
+            let train: Vec<usize> = (0..n).filter(|i| i % 8 != 0).collect();
+            spread(train.len(), count).into_iter().map(|i| train[i]).collect()
+        };
+        // fern, flower, fortress, horns, leaves, orchids, room, trex
+        let published = [
+            (20, [1, 10, 19]),
+            (34, [1, 17, 33]),
+            (42, [1, 21, 41]),
+            (62, [1, 30, 61]),
+            (26, [1, 12, 25]),
+            (25, [1, 12, 23]),
+            (41, [1, 20, 39]),
+            (55, [1, 28, 54]),
+        ];
+        for (n, views) in published {
+            assert_eq!(whole(n, 3), views, "{n}");
+        }
+        assert_eq!(whole(20, 2), [1, 19]);
+        assert!(spread(2, 3).is_empty());
+    }
+
+    #[test]
+    fn named_views_and_the_formats_own_split() {
+        let guard = folder(&rows());
+        let chosen = SceneRequest { train: "regnerf-3".parse().unwrap(), test: TestProtocol::Split, ..request() };
+        let scene = load(guard.path(), &chosen).unwrap();
+        let names: Vec<_> = scene.train.iter().map(|v| v.name.as_str()).collect();
+        assert_eq!(names, ["images/image001", "images/image004", "images/image007"]);
+        assert_eq!(scene.test.len(), 2);
+        let many = SceneRequest { train: "regnerf-9".parse().unwrap(), ..request() };
+        assert!(message(guard.path(), &many).contains("one of regnerf-2, regnerf-3, regnerf-6"));
+    }
+
+    #[test]
+    #[ignore = "needs …/shared/data"]
     fn fern_of_the_llff_captures() {
-        let Some(dir) = shared_data("nerf_llff_data/fern") else { return };
+        let dir = shared_data("nerf_llff_data/fern");
         let scene = load(&dir, &SceneRequest { image_size: Some(126), ..request() }).unwrap();
         assert_eq!((scene.train.len(), scene.test.len()), (17, 3));
         let view = &scene.train[0];

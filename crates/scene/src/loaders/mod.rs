@@ -2,42 +2,86 @@
 
 mod assemble;
 mod blender;
+mod colmap;
 mod depth;
+mod dtu;
 mod extent;
 mod frames;
 pub mod fuzzing;
 mod json;
 mod llff;
+mod mask;
 mod nerfstudio;
 mod npy;
+mod npz;
+mod optics;
+mod pickle;
 mod pose;
+mod space;
+mod zju;
 
+pub(crate) use assemble::scene_name;
+pub(crate) use blender::named_selections;
 pub(crate) use depth::write_depth;
+pub(crate) use extent::grid;
+pub(crate) use llff::list_images;
 
+pub(crate) use pose::FARTHEST;
+
+use std::fs;
 use std::path::Path;
 
 use crate::{Scene, SceneError, SceneRequest};
+pub(crate) use assemble::Parts;
+use assemble::assemble;
 
-/// The file that marks a folder as being in a format, and what loads it.
-type Format = (&'static str, fn(&Path, &SceneRequest) -> Result<Scene, SceneError>);
+/// A known format: the file that marks a folder as being in it, whether a folder has it, and what reads the folder.
+struct Known {
+    marker: &'static str,
+    found: fn(&Path) -> bool,
+    parts: for<'a> fn(&'a Path, &SceneRequest) -> Result<Parts<'a>, SceneError>,
+}
 
 /// The known formats, in the order in which they are looked for.
-const FORMATS: [Format; 3] =
-    [(blender::MARKER, blender::load), (nerfstudio::MARKER, nerfstudio::load), (llff::MARKER, llff::load)];
+const FORMATS: [Known; 6] = [
+    Known { marker: blender::MARKER, found: |dir| dir.join(blender::MARKER).is_file(), parts: blender::parts },
+    Known { marker: nerfstudio::MARKER, found: |dir| dir.join(nerfstudio::MARKER).is_file(), parts: nerfstudio::parts },
+    Known { marker: llff::MARKER, found: |dir| dir.join(llff::MARKER).is_file(), parts: llff::parts },
+    Known { marker: dtu::MARKER, found: |dir| dtu::cameras_file(dir).is_some(), parts: dtu::parts },
+    Known { marker: zju::MARKER, found: |dir| dir.join(zju::MARKER).is_file(), parts: zju::parts },
+    Known { marker: colmap::MARKER, found: |dir| crate::colmap::find(dir).is_some(), parts: colmap::parts },
+];
 
 /// Loads the folder `dir` with the loader of the format whose file it holds.
 pub(crate) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
+    assemble(parts(dir, request)?, request)
+}
+
+/// What the folder `dir` says, with no image decoded.
+pub(crate) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
     let missing = |expected: String| SceneError::NotFound { path: dir.into(), expected };
     if !dir.is_dir() {
         return Err(missing("the folder of a scene".into()));
     }
-    match FORMATS.iter().find(|(marker, _)| dir.join(marker).is_file()) {
-        Some((_, load)) => load(dir, request),
+    match FORMATS.iter().find(|format| (format.found)(dir)) {
+        Some(format) => (format.parts)(dir, request),
         None => {
-            let markers = FORMATS.map(|(marker, _)| marker).join(", ");
+            let markers = FORMATS.map(|format| format.marker).join(", ");
             Err(missing(format!("a scene folder with one of {markers}")))
         }
     }
+}
+
+/// What a file holds, refusing one of more than `limit` bytes unread.
+pub(crate) fn read_file(path: &Path, expected: &str, limit: u64) -> Result<Vec<u8>, SceneError> {
+    if !path.is_file() {
+        return Err(SceneError::NotFound { path: path.into(), expected: expected.into() });
+    }
+    let size = fs::metadata(path).map_err(|e| SceneError::io(path, e))?.len();
+    if size > limit {
+        return Err(SceneError::TooLarge { path: path.into(), what: "the size of the file in bytes", size, limit });
+    }
+    fs::read(path).map_err(|e| SceneError::io(path, e))
 }
 
 #[cfg(test)]
@@ -50,22 +94,19 @@ pub(crate) mod testing {
     use serde_json::{Value, json};
 
     use crate::procedural::train_cameras;
-    use crate::{Rgba8, Scene, SceneError, SceneRequest, SceneSource, TestProtocol, ViewSelection};
+    use crate::{Camera, Rgba8, Scene, SceneError, SceneRequest, SceneSource, TestProtocol, View, ViewSelection};
 
-    /// The shared test data, where there is any: `$INFONERF_DATA`, or a folder beside the workspace.
-    pub fn shared_data(part: &str) -> Option<PathBuf> {
+    /// The shared test data: `$INFONERF_DATA`, or a folder beside the workspace. Only for tests that are ignored.
+    pub fn shared_data(part: &str) -> PathBuf {
         let root = std::env::var_os("INFONERF_DATA")
             .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
         let path = root.join(part);
-        if !path.is_dir() {
-            eprintln!("skipped: {part} not found; set INFONERF_DATA to the folder that holds it");
-            return None;
-        }
-        Some(path)
+        assert!(path.is_dir(), "{part} not found; set INFONERF_DATA to the folder that holds it");
+        path
     }
 
     pub fn request() -> SceneRequest {
-        SceneRequest { train: ViewSelection::All, test: TestProtocol::All, image_size: None, background: [1.0; 3] }
+        SceneRequest { train: ViewSelection::All, test: TestProtocol::All, ..Default::default() }
     }
 
     pub fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
@@ -76,6 +117,30 @@ pub(crate) mod testing {
         let text = load(dir, request).expect_err("should be refused").to_string();
         assert!(!text.contains('\n'), "{text}");
         text
+    }
+
+    /// What `knot` shows to a camera, as a PNG.
+    pub fn write_view(path: &Path, camera: &Camera) {
+        crate::procedural::render("knot", camera).unwrap().rgba.write_png(path).unwrap();
+    }
+
+    /// The cameras have the same rays to 1e-5.
+    pub fn assert_same_rays(found: &Camera, camera: &Camera) {
+        assert_eq!((found.width, found.height), (camera.width, camera.height));
+        for y in 0..=camera.height {
+            for x in 0..=camera.width {
+                let (a, b) = (found.ray(x as f32, y as f32), camera.ray(x as f32, y as f32));
+                assert!((a.direction - b.direction).length() < 1e-5, "{a:?} {b:?}");
+                assert!((a.origin - b.origin).length() < 1e-5, "{a:?} {b:?}");
+            }
+        }
+    }
+
+    /// The view has the rays of `camera` to 1e-5 and shows just what [`write_view`] wrote.
+    pub fn assert_same_view(view: &View, camera: &Camera) {
+        assert_same_rays(&view.camera, camera);
+        let expected = crate::procedural::render("knot", camera).unwrap().rgba.to_f32().composite([1.0; 3]);
+        assert_eq!(*view.image, expected);
     }
 
     /// A 4×4 pose as JSON rows.

@@ -22,7 +22,7 @@ pub(crate) struct Array<T> {
     pub values: Vec<T>,
 }
 
-/// Reads a C-ordered array of `f32` or `f64` as `f64`.
+/// Reads an array of `f32` or `f64` as `f64`; in Fortran's order if it is a matrix.
 pub(super) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError> {
     if !path.is_file() {
         return Err(SceneError::NotFound { path: path.into(), expected: expected.into() });
@@ -47,7 +47,8 @@ pub(crate) fn decode(path: &Path, mut file: impl Read, size: u64, expected: &str
     if claimed.is_none_or(|n| n > size / 4) {
         return Err(fault(&format!("shape {shape:?} is more than the file holds")));
     }
-    if npy.order() != Order::C {
+    let columns_first = npy.order() != Order::C && shape.len() > 1;
+    if columns_first && shape.len() > 2 {
         return Err(fault(&"a Fortran-ordered array; save it with order C"));
     }
     let wide = match npy.dtype() {
@@ -56,14 +57,19 @@ pub(crate) fn decode(path: &Path, mut file: impl Read, size: u64, expected: &str
         other => return Err(fault(&format!("element type {}; f4 or f8 needed", other.descr()))),
     };
     let values = if wide { collect::<f64>(npy) } else { collect::<f32>(npy) };
-    Ok(Array { shape, values: values.map_err(|e| fault(&e))? })
+    let mut values = values.map_err(|e| fault(&e))?;
+    if let (true, &[rows, columns]) = (columns_first, &shape[..]) {
+        let (rows, columns) = (rows as usize, columns as usize);
+        values = (0..rows * columns).filter_map(|i| values.get(i % columns * rows + i / columns).copied()).collect();
+    }
+    Ok(Array { shape, values })
 }
 
 /// Everything before the numbers, if it is as short and plain as the header of an array of numbers is.
 ///
 /// The parser's time is exponential in how deeply brackets nest, and it allocates whatever length the header claims: a
 /// file of 160 bytes could keep it busy for hours.
-fn header(file: &mut impl Read) -> io::Result<Cursor<Vec<u8>>> {
+pub(super) fn header(file: &mut impl Read) -> io::Result<Cursor<Vec<u8>>> {
     // Magic number and version, then the text's length: 2 bytes in version 1, 4 from version 2.
     let mut header = vec![0; 8];
     file.read_exact(&mut header)?;
@@ -104,6 +110,20 @@ pub(super) fn write(path: &Path, shape: &[u64], values: &[f32]) -> Result<(), Sc
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn matrices_may_be_in_fortrans_order() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("f.npy");
+        write(&path, &[2, 3], &[0.0, 1.0, 2.0, 3.0, 4.0, 5.0]).unwrap();
+        let bytes = fs::read(&path).unwrap();
+        let mut changed = bytes[..bytes.len() - 24].to_vec();
+        let at = changed.windows(5).position(|w| w == b"False").unwrap();
+        changed[at..at + 5].copy_from_slice(b"True ");
+        changed.extend(&bytes[bytes.len() - 24..]);
+        fs::write(&path, changed).unwrap();
+        assert_eq!(read(&path, "numbers").unwrap().values, [0.0, 2.0, 4.0, 1.0, 3.0, 5.0]);
+    }
 
     #[test]
     fn round_trip_and_damage() {

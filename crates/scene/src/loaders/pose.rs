@@ -9,7 +9,7 @@ use crate::SceneError;
 /// 1.001 does not.
 const TOLERANCE: f64 = 1e-3;
 /// The farthest from the origin that anything may lie, scene units: beyond it `f32` has no digits left for a scene.
-pub(super) const FARTHEST: f64 = 1e9;
+pub(crate) const FARTHEST: f64 = 1e9;
 const EXPECTED: &str = "a 4×4 rigid camera-to-world matrix (rotation and translation)";
 
 /// Reads a 4×4 matrix given as rows and checks that it is a rigid transform.

@@ -2,10 +2,14 @@
 
 use glam::{DMat3, DVec3};
 
+use super::cap::Cap;
 use crate::Camera;
 
 /// Weight of the prior in [`scene_centre`]. Axes within about 0.01 rad of parallel are left to it.
 const PRIOR: f64 = 1e-4;
+
+/// Directions agree whose mean is at least this long: with the same angle to it, 32°.
+const AGREED: f64 = 0.85;
 
 /// The centre of a scene and the way its cameras face it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,15 +77,25 @@ pub(crate) fn view_directions(cameras: &[Camera]) -> Vec<DVec3> {
     cameras.iter().map(|c| focus.direction(c)).collect()
 }
 
+/// The half-angle, in radians, of the smallest cone that holds all viewing directions.
+pub(crate) fn cone(cameras: &[Camera]) -> f64 {
+    let forward: Vec<DVec3> = cameras.iter().map(|c| c.forward_f64().normalize_or(DVec3::NEG_Z)).collect();
+    Cap::enclosing(&forward, DVec3::NEG_Z).half_angle
+}
+
 /// The world's up direction, from cameras that were held level: the unit vector most nearly at
 /// right angles to all their x axes, on the side of their mean y axis.
 ///
 /// Inverse iteration on `Σ xᵢxᵢᵀ` from the mean y axis; where the x axes leave a choice (one camera,
-/// parallel x axes) the mean y axis decides.
+/// parallel x axes) the mean y axis decides. It also does where all look one way with rolls of their own: the x axes
+/// then lie in the image plane, and what is at right angles to them is the viewing axis.
 pub(crate) fn up_direction(cameras: &[Camera]) -> DVec3 {
     let n = cameras.len() as f64;
     let mean_up: DVec3 = cameras.iter().map(|c| c.to_world.y_axis.truncate()).sum();
+    let agreed = mean_up.length() > AGREED * n;
     let mean_up = mean_up.normalize_or(DVec3::Z);
+    let forward: DVec3 = cameras.iter().map(Camera::forward_f64).sum();
+    let forward = if forward.length() > AGREED * n { forward.normalize_or_zero() } else { DVec3::ZERO };
     let mut spread = DMat3::IDENTITY * (1e-3 * n.max(1.0));
     for camera in cameras {
         spread += outer(camera.to_world.x_axis.truncate());
@@ -89,6 +103,9 @@ pub(crate) fn up_direction(cameras: &[Camera]) -> DVec3 {
     let inverse = spread.inverse();
     let up = (0..4).fold(mean_up, |u, _| (inverse * u).normalize_or(u));
     let up = if up.is_finite() { up } else { mean_up };
+    if agreed && up.dot(forward).abs() > 0.75 {
+        return mean_up;
+    }
     if up.dot(mean_up) < 0.0 { -up } else { up }
 }
 
@@ -114,6 +131,20 @@ mod tests {
             assert!(focus.centre.length() < 1e-6 && focus.inward);
             assert!(up_direction(set).dot(DVec3::Z) > 0.9999, "{}", up_direction(set));
         }
+    }
+
+    #[test]
+    fn rolls_of_a_forward_facing_capture_do_not_make_its_axis_up() {
+        let cameras: Vec<_> = (0..9)
+            .map(|i| {
+                let roll = (f64::from(i) - 4.0) * 0.09;
+                let up = DVec3::new(roll.sin(), 0.02 * f64::from(i % 2), roll.cos());
+                let position = DVec3::new(f64::from(i % 3), 0.0, f64::from(i / 3)) * 0.3;
+                Camera::from_fov(8, 8, 0.7, look_along(position, DVec3::new(0.01 * roll, 1.0, 0.0), up))
+            })
+            .collect();
+        let up = up_direction(&cameras);
+        assert!(up.dot(DVec3::Z) > 0.97, "{up}");
     }
 
     #[test]

@@ -5,31 +5,45 @@ mod centre;
 mod orbit;
 mod unseen;
 
-pub(crate) use centre::view_directions;
+pub(crate) use cap::angle;
+pub(crate) use centre::{cone, scene_focus, up_direction, view_directions};
+pub(crate) use orbit::FORWARD_FACING;
 pub use orbit::orbit;
 pub use unseen::{ViewRegion, unseen_pose};
 
-use glam::{DMat3, DMat4};
+use glam::{DMat3, DMat4, DVec3};
 use rand::Rng;
 
 /// A pose near `pose`: three angles from U(−a, a), a = `max_angle_deg` degrees, rotate it about the
 /// *world origin*, position and orientation alike: `R_x(α) · R_y(β) · R_z(γ) · pose`.
 ///
-/// This is the neighbour rule of information-gain reduction: both rays of a pair then pass the
+/// This is the neighbour rule of information-gain reduction as released: both rays of a pair then pass the
 /// origin at the same distance. The sign of `max_angle_deg` does not matter; one that is not finite
 /// counts as 0.
 pub fn near_pose(pose: &DMat4, rng: &mut impl Rng, max_angle_deg: f64) -> DMat4 {
+    DMat4::from_mat3(near_rotation(rng, max_angle_deg)) * *pose
+}
+
+/// As [`near_pose`], rotated about `centre` (world coordinates) instead of the origin: what lies there stays where it is
+/// in the image. With the same random numbers and the centre at the origin, the same pose.
+pub fn near_pose_about(pose: &DMat4, centre: DVec3, rng: &mut impl Rng, max_angle_deg: f64) -> DMat4 {
+    let mut moved = *pose;
+    moved.w_axis -= centre.extend(0.0);
+    let mut near = DMat4::from_mat3(near_rotation(rng, max_angle_deg)) * moved;
+    near.w_axis += centre.extend(0.0);
+    near
+}
+
+fn near_rotation(rng: &mut impl Rng, max_angle_deg: f64) -> DMat3 {
     let a = if max_angle_deg.is_finite() { max_angle_deg.to_radians() } else { 0.0 };
     let mut angle = || a * (2.0 * rng.random::<f64>() - 1.0);
     let (x, y, z) = (angle(), angle(), angle());
-    let rotation = DMat3::from_rotation_x(x) * DMat3::from_rotation_y(y) * DMat3::from_rotation_z(z);
-    DMat4::from_mat3(rotation) * *pose
+    DMat3::from_rotation_x(x) * DMat3::from_rotation_y(y) * DMat3::from_rotation_z(z)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::DVec3;
     use proptest::prelude::*;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
@@ -46,6 +60,20 @@ mod tests {
             // The same rotation takes the old orientation to the new one.
             let turn = DMat3::from_mat4(near) * DMat3::from_mat4(pose).transpose();
             prop_assert!((turn * p - q).length() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn near_pose_about_keeps_the_centre_in_place() {
+        let centre = DVec3::new(40.0, -7.0, 3.0);
+        let pose = crate::camera::look_along(DVec3::new(44.0, -7.0, 3.0), DVec3::NEG_X, DVec3::Z);
+        for seed in 0..20 {
+            let near = near_pose_about(&pose, centre, &mut ChaCha8Rng::seed_from_u64(seed), 5.0);
+            let local = |pose: &DMat4| pose.inverse().transform_point3(centre);
+            assert!((local(&near) - local(&pose)).length() < 1e-9);
+            assert!((near.w_axis.truncate() - centre).length() - 4.0 < 1e-9);
+            let origin = near_pose_about(&pose, DVec3::ZERO, &mut ChaCha8Rng::seed_from_u64(seed), 5.0);
+            assert_eq!(origin, near_pose(&pose, &mut ChaCha8Rng::seed_from_u64(seed), 5.0));
         }
     }
 

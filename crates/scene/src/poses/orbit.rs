@@ -8,7 +8,7 @@ use super::ViewRegion;
 use crate::Camera;
 
 /// Cameras within this half-angle (radians) of their mean direction are taken to face one way.
-const FORWARD_FACING: f64 = 0.45;
+pub(crate) const FORWARD_FACING: f64 = 0.45;
 
 /// `n` camera-to-world poses, evenly spaced along a closed path about the scene.
 ///

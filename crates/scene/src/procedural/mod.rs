@@ -21,11 +21,12 @@ mod through;
 
 pub use cameras::{TEST_VIEWS, TRAIN_VIEWS, test_cameras, train_cameras};
 
-pub(crate) use cameras::FOV_X;
+pub(crate) use cameras::field_of_view;
 
 use glam::Vec3;
 
-use crate::{Aabb, Camera, Rgba8, RgbaImage, Scene, SceneError, SceneRequest, View};
+use crate::select::pool;
+use crate::{Aabb, Backdrop, Camera, Range, Rgba8, RgbaImage, Scene, SceneError, SceneRequest, View, loaders};
 use cameras::Layout;
 use model::Model;
 
@@ -49,6 +50,8 @@ pub const NAMES: [&str; 15] = [
     "table",
     "figure",
 ];
+/// What an experiment runs on where no scene is named.
+pub const CLASSICS: [&str; 4] = ["castle", "crane", "knot", "orrery"];
 /// What a method is measured on, in alphabetical order. What is hard about them: something translucent (aquarium), thin
 /// rods and wire (birdcage, crane), parts that hide each other (bookshelf, castle), small in the picture (chessman),
 /// filling and overflowing it (facade), polished metal (kettle, orrery), varnish that mirrors (knot), dark
@@ -146,15 +149,19 @@ pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneErr
     let model = model(name)?;
     let size = request.image_size.unwrap_or(DEFAULT_SIZE);
     let Layout { train, test, near, far, bounds } = cameras::layout(name, size);
-    let train_ids = request.train.select(&train)?;
-    let test_ids = request.test.select(test.len())?;
-    let has_alpha = !CAPTURES.contains(&name);
-    let pixels = |camera: &Camera| RgbaImage { has_alpha, ..render::render(&model, camera).to_f32() };
+    let ids = |n: usize| (0..n).collect::<Vec<_>>();
+    let named = loaders::named_selections(&train);
+    let train_ids = pool::train(&request.train, &train, &ids(train.len()), &named)?;
+    let test_ids = pool::test(&request.test, &ids(test.len()), None, &Vec::new())?;
+    let is_capture = CAPTURES.contains(&name);
+    let centre = if is_capture { bounds.centre() } else { Vec3::ZERO };
+    let pixels = |camera: &Camera| RgbaImage { has_alpha: !is_capture, ..render::render(&model, camera).to_f32() };
     let view = |split: &str, id: usize, camera: &Camera| View {
         id,
         name: format!("{split}/r_{id}"),
-        image: pixels(camera).composite(request.background),
-        depth: Some(render::depth(&model, camera)),
+        image: pixels(camera).composite(request.background).into(),
+        depth: Some(render::depth(&model, camera).into()),
+        mask: None,
         camera: camera.clone(),
     };
     let views = |split: &str, ids: &[usize], cameras: &[Camera]| -> Vec<View> {
@@ -167,8 +174,14 @@ pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneErr
         background: request.background,
         near,
         far,
+        range: Range::Distance { near, far },
         bounds,
+        backdrop: if is_capture { Backdrop::Unknown } else { Backdrop::Colour },
+        layout: if name == "room" { crate::Layout::Forward } else { crate::Layout::Object },
+        centre,
+        radius: train.iter().map(|camera| camera.position().distance(centre)).fold(0.0, f32::max),
         all_train_cameras: train,
+        ..Scene::default()
     })
 }
 

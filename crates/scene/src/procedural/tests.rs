@@ -6,7 +6,7 @@ fn request(size: u32) -> SceneRequest {
         train: ViewSelection::Seed { seed: 0, count: 4 },
         test: TestProtocol::First(2),
         image_size: Some(size),
-        background: [1.0; 3],
+        ..Default::default()
     }
 }
 
@@ -197,8 +197,8 @@ fn captures_fill_every_pixel_and_know_their_subject() {
 fn masks_of_objects_are_where_there_is_depth() {
     for name in ["figure", "aquarium", "castle"] {
         for view in scene(name, 32).train {
-            let hit = view.depth.unwrap().into_iter().map(f32::is_finite);
-            assert!(object_mask(name, &view.camera).unwrap().into_iter().eq(hit));
+            let hit: Vec<bool> = view.depth.unwrap().iter().map(|t| t.is_finite()).collect();
+            assert_eq!(object_mask(name, &view.camera).unwrap(), hit);
         }
     }
 }

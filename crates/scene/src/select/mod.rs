@@ -1,7 +1,12 @@
-//! Choosing the few training views.
+//! Choosing the few training views, and those to evaluate on.
 
 mod mt19937;
+pub(crate) mod pool;
 mod spread;
+mod test;
+mod text;
+
+pub use test::TestProtocol;
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -14,6 +19,9 @@ use mt19937::Mt19937;
 /// Every rule depends only on its own fields and the cameras, and so is repeatable. Angles are
 /// between directions from the scene's centre (the point nearest to all optical axes) to the
 /// cameras, or between viewing directions where cameras look outwards.
+///
+/// As text ([`std::fmt::Display`], [`std::str::FromStr`]): `all`, `26,86,2,55`, `seed-4@0`, `farthest-4@0`,
+/// `wide-4@0`, `narrow-4/30@0` (degrees), or a published selection's name.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ViewSelection {
@@ -56,6 +64,8 @@ pub enum ViewSelection {
     },
     /// Every view.
     All,
+    /// A published selection by its name, such as `regnerf-3` for LLFF and DTU.
+    Named(String),
 }
 
 impl ViewSelection {
@@ -64,13 +74,14 @@ impl ViewSelection {
     /// # Errors
     /// `cameras` is empty; no view is asked for, or more than there are; an id is out of range or
     /// given twice; a NumPy seed above 2³² − 1; an angle that is not positive; or no `count` views
-    /// within it.
+    /// within it; a published selection, which only the scene that it belongs to can tell.
     pub fn select(&self, cameras: &[Camera]) -> Result<Vec<usize>, SceneError> {
         let n = cameras.len();
         match self {
             _ if n == 0 => Err(error("a scene with at least one training view", "none")),
             Self::Ids(ids) => check_ids("train", ids, n).map(|()| ids.clone()),
             Self::All => Ok((0..n).collect()),
+            Self::Named(name) => Err(error("a selection that this scene knows", format!("`{name}`"))),
             Self::Seed { seed, count } => {
                 check_count(*count, n)?;
                 let seed = u32::try_from(*seed).map_err(|_| error("a NumPy seed of at most 4294967295", seed))?;

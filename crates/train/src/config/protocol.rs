@@ -4,7 +4,8 @@ use std::str::FromStr;
 use infonerf_scene::{TestProtocol, ViewSelection};
 use serde::{Deserialize, Serialize};
 
-/// Which test views to evaluate on, as written in configs: `all`, `every-8`, `first-3`.
+/// Which test views to evaluate on, as written in configs: `all`, `split` (the format's own), `every-8`, `first-3`,
+/// `0,8,16`, or a published protocol of the scene's format.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub struct Protocol(TestProtocol);
@@ -20,15 +21,7 @@ impl FromStr for Protocol {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let number = |prefix| text.strip_prefix(prefix).and_then(|n: &str| n.parse::<usize>().ok()).filter(|n| *n > 0);
-        match text {
-            "all" => Ok(Self(TestProtocol::All)),
-            _ => number("every-")
-                .map(TestProtocol::Every)
-                .or_else(|| number("first-").map(TestProtocol::First))
-                .map(Self)
-                .ok_or_else(|| format!("expected `all`, `every-8` or `first-3`, found `{text}`")),
-        }
+        text.parse().map(Self).map_err(|error: infonerf_scene::SceneError| error.to_string())
     }
 }
 
@@ -42,12 +35,7 @@ impl TryFrom<String> for Protocol {
 
 impl fmt::Display for Protocol {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.0 {
-            TestProtocol::All => write!(f, "all"),
-            TestProtocol::Every(n) => write!(f, "every-{n}"),
-            TestProtocol::First(n) => write!(f, "first-{n}"),
-            TestProtocol::Ids(ids) => write!(f, "ids {ids:?}"),
-        }
+        self.0.fmt(f)
     }
 }
 
@@ -88,6 +76,11 @@ pub enum Views {
         /// How many.
         count: usize,
     },
+    /// A published selection of the scene's format, such as `regnerf-3` of LLFF and DTU.
+    Published {
+        /// Its name.
+        name: String,
+    },
     /// Every training image.
     All,
 }
@@ -101,6 +94,7 @@ impl Views {
             Self::Farthest { count } => ViewSelection::FarthestPoint { count, seed },
             Self::Narrow { count, angle_deg } => ViewSelection::Narrow { count, angle_deg, seed },
             Self::Wide { count } => ViewSelection::Wide { count, seed },
+            Self::Published { name } => ViewSelection::Named(name),
             Self::All => ViewSelection::All,
         }
     }

@@ -104,6 +104,7 @@ pub fn scene_of(name: &str, count: usize) -> Arc<Scene> {
         test: TestProtocol::First(2),
         image_size: Some(16),
         background: [1.0; 3],
+        ..SceneRequest::default()
     };
     infonerf_scene::load(&SceneSource::Procedural(name.into()), &request).unwrap().into()
 }

@@ -1,0 +1,438 @@
+//! Lenses: where a direction falls in the image plane, and back.
+
+use std::f64::consts::PI;
+use std::fmt;
+
+use glam::{DMat2, DVec2, DVec3};
+
+/// Directions of radial-tangential lenses are looked at up to this tangent of the angle to the axis (88.9°).
+const WIDEST: f64 = 50.0;
+/// Steps in which the end of the invertible domain is looked for.
+const STEPS: usize = 4096;
+/// Newton steps of the tangential part: four do for any real lens.
+const NEWTON: usize = 32;
+/// The residual that counts as solved, in focal lengths.
+const SOLVED: f64 = 1e-13;
+
+/// What a lens is made of.
+#[derive(Clone, Copy, Debug, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case", tag = "model")]
+pub enum LensModel {
+    /// Straight lines stay straight.
+    #[default]
+    Perspective,
+    /// With `r² = x² + y²` and
+    /// `d = (1 + k₁r² + k₂r⁴ + k₃r⁶ + k₄r⁸) / (1 + q₁r² + q₂r⁴ + q₃r⁶)`:
+    /// `x ↦ x·d + 2p₁xy + p₂(r² + 2x²)`, `y ↦ y·d + 2p₂xy + p₁(r² + 2y²)`.
+    /// COLMAP's FULL_OPENCV has q = its k₄ to k₆ and `k₄ = 0`; nerfstudio's OPENCV has `q = 0`.
+    RadialTangential {
+        /// Coefficients of the numerator.
+        k: [f64; 4],
+        /// Coefficients of the denominator.
+        q: [f64; 3],
+        /// Tangential coefficients.
+        p: [f64; 2],
+    },
+    /// A direction at the angle θ to the axis falls at `θ(1 + k₁θ² + k₂θ⁴ + k₃θ⁶ + k₄θ⁸)` from the centre.
+    Fisheye {
+        /// Coefficients of the angle's polynomial.
+        k: [f64; 4],
+    },
+}
+
+/// A lens, in units of the focal length: x right, y down, z forward.
+///
+/// It is used only where it can be inverted: from the axis out to where a point farther out would first fall nearer to
+/// the centre again.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    model: LensModel,
+    /// Where the invertible domain ends: a tangent for radial-tangential lenses, an angle in radians for fisheyes.
+    reach: f64,
+}
+
+impl Default for Lens {
+    fn default() -> Self {
+        Self::PERSPECTIVE
+    }
+}
+
+impl Lens {
+    /// A lens without distortion.
+    pub const PERSPECTIVE: Self = Self { model: LensModel::Perspective, reach: f64::INFINITY };
+
+    /// The lens of a model. A radial-tangential model whose coefficients are all 0 is [`Lens::PERSPECTIVE`].
+    pub fn new(model: LensModel) -> Self {
+        match model {
+            LensModel::Perspective => Self::PERSPECTIVE,
+            LensModel::RadialTangential { k, q, p } if [&k[..], &q, &p].iter().all(|v| v.iter().all(|&c| c == 0.0)) => {
+                Self::PERSPECTIVE
+            }
+            LensModel::RadialTangential { .. } => Self { model, reach: reach(&model, WIDEST) },
+            LensModel::Fisheye { .. } => Self { model, reach: reach(&model, PI) },
+        }
+    }
+
+    /// A lens with the coefficients of nerfstudio's and OpenCV's polynomial model.
+    pub fn radial_tangential(k: [f64; 4], p: [f64; 2]) -> Self {
+        Self::new(LensModel::RadialTangential { k, q: [0.0; 3], p })
+    }
+
+    /// A lens with the coefficients of COLMAP's FULL_OPENCV: `k₁` to `k₃` above, `k₄` to `k₆` below the line.
+    pub fn rational(k: [f64; 6], p: [f64; 2]) -> Self {
+        let [k1, k2, k3, k4, k5, k6] = k;
+        Self::new(LensModel::RadialTangential { k: [k1, k2, k3, 0.0], q: [k4, k5, k6], p })
+    }
+
+    /// A fisheye with the coefficients of OPENCV_FISHEYE.
+    pub fn fisheye(k: [f64; 4]) -> Self {
+        Self::new(LensModel::Fisheye { k })
+    }
+
+    /// What the lens is made of.
+    pub fn model(&self) -> LensModel {
+        self.model
+    }
+
+    /// Whether straight lines stay straight.
+    pub fn is_perspective(&self) -> bool {
+        self.model == LensModel::Perspective
+    }
+
+    /// Where the point `(x, y)` of the plane at depth 1 falls, or `None` outside the invertible domain.
+    pub fn distort(&self, point: DVec2) -> Option<DVec2> {
+        if !point.is_finite() {
+            return None;
+        }
+        let r = point.length();
+        match &self.model {
+            LensModel::Perspective => Some(point),
+            LensModel::RadialTangential { .. } => (r <= self.reach).then(|| self.bend(point)),
+            LensModel::Fisheye { .. } => {
+                let angle = r.atan();
+                (angle <= self.reach).then(|| if r > 0.0 { point * (self.profile(angle).0 / r) } else { point })
+            }
+        }
+    }
+
+    /// The point of the plane at depth 1 that falls at `image`: the inverse of [`Lens::distort`], to 1e-9 and better.
+    /// `None` where there is none, as beyond 90°.
+    pub fn undistort(&self, image: DVec2) -> Option<DVec2> {
+        if self.is_perspective() {
+            return image.is_finite().then_some(image);
+        }
+        let direction = self.unproject(image)?;
+        (direction.z > 1e-9).then(|| direction.truncate() / direction.z)
+    }
+
+    /// Where a direction of any length falls, or `None` outside the invertible domain.
+    pub fn project(&self, direction: DVec3) -> Option<DVec2> {
+        match &self.model {
+            LensModel::Fisheye { .. } => {
+                let across = direction.truncate();
+                let r = across.length();
+                let angle = r.atan2(direction.z);
+                if angle.is_nan() || angle > self.reach || direction == DVec3::ZERO {
+                    return None;
+                }
+                Some(if r > 0.0 { across * (self.profile(angle).0 / r) } else { DVec2::ZERO })
+            }
+            _ if direction.z > 0.0 => self.distort(direction.truncate() / direction.z),
+            _ => None,
+        }
+    }
+
+    /// The unit direction that falls at `image`, or `None` outside the invertible domain.
+    pub fn unproject(&self, image: DVec2) -> Option<DVec3> {
+        if !image.is_finite() {
+            return None;
+        }
+        let radius = image.length();
+        match &self.model {
+            LensModel::Perspective => Some(image.extend(1.0).normalize()),
+            LensModel::Fisheye { .. } => {
+                let angle = self.unprofile(radius)?;
+                let (sin, cos) = angle.sin_cos();
+                Some((if radius > 0.0 { image * (sin / radius) } else { DVec2::ZERO }).extend(cos))
+            }
+            LensModel::RadialTangential { .. } => Some(self.unbend(image)?.extend(1.0).normalize()),
+        }
+    }
+
+    /// As [`Lens::unproject`]; outside the domain, the direction at its edge on the same side.
+    pub fn nearest_direction(&self, image: DVec2) -> DVec3 {
+        if let Some(direction) = self.unproject(image) {
+            return direction;
+        }
+        let (mut inside, mut outside) = (0.0, 1.0);
+        for _ in 0..48 {
+            let middle = 0.5 * (inside + outside);
+            if self.unproject(image * middle).is_some() { inside = middle } else { outside = middle }
+        }
+        self.unproject(image * inside).unwrap_or(DVec3::Z)
+    }
+
+    /// How much smaller than at the axis the things in `direction` (unit length) appear: the square root of the change
+    /// in area. 1 for a perspective lens, measured in the plane at depth 1; for a fisheye measured on the sphere and
+    /// divided by the cosine, so that `cos θ / magnification` is the width of an image point at distance 1.
+    pub fn magnification(&self, direction: DVec3) -> f64 {
+        let scale = match &self.model {
+            LensModel::Perspective => return 1.0,
+            LensModel::RadialTangential { .. } => {
+                self.jacobian(direction.truncate() / direction.z.max(1e-9)).determinant().abs().sqrt()
+            }
+            LensModel::Fisheye { .. } => {
+                let r = direction.truncate().length();
+                let angle = r.atan2(direction.z);
+                let (value, slope) = self.profile(angle);
+                let along = if r > 1e-9 { value / r } else { 1.0 };
+                (along * slope.max(0.0)).sqrt() * direction.z.abs().max(1e-6)
+            }
+        };
+        scale.max(1e-6)
+    }
+
+    /// The radial part and its derivative: from the tangent of the angle, or the angle, to the distance in the image.
+    fn profile(&self, r: f64) -> (f64, f64) {
+        profile(&self.model, r)
+    }
+
+    /// The inverse of the radial part: bracketed Newton steps.
+    fn unprofile(&self, value: f64) -> Option<f64> {
+        let (mut low, mut high) = (0.0, self.reach);
+        let end = self.profile(high).0;
+        if value.is_nan() || end.is_nan() || value > end {
+            return None;
+        }
+        let mut r = value.min(high);
+        for _ in 0..100 {
+            let (found, slope) = self.profile(r);
+            let rest = found - value;
+            if rest > 0.0 {
+                high = r
+            } else {
+                low = r
+            }
+            let next = r - rest / slope;
+            let next = if next > low && next < high { next } else { 0.5 * (low + high) };
+            if (next - r).abs() <= 1e-16 * r.max(1e-3) || rest == 0.0 {
+                break;
+            }
+            r = next;
+        }
+        Some(r)
+    }
+
+    /// The whole radial-tangential map.
+    fn bend(&self, point: DVec2) -> DVec2 {
+        let LensModel::RadialTangential { p: [p1, p2], .. } = self.model else { return point };
+        let (x, y) = (point.x, point.y);
+        let r2 = x * x + y * y;
+        let (d, _) = factor(&self.model, r2);
+        DVec2::new(
+            x * d + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * d + 2.0 * p2 * x * y + p1 * (r2 + 2.0 * y * y),
+        )
+    }
+
+    /// The derivative of [`Lens::bend`].
+    fn jacobian(&self, point: DVec2) -> DMat2 {
+        let LensModel::RadialTangential { p: [p1, p2], .. } = self.model else { return DMat2::IDENTITY };
+        let (x, y) = (point.x, point.y);
+        let (d, slope) = factor(&self.model, x * x + y * y);
+        let cross = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y;
+        DMat2::from_cols(
+            DVec2::new(d + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x, cross),
+            DVec2::new(cross, d + 2.0 * y * y * slope + 2.0 * p2 * x + 6.0 * p1 * y),
+        )
+    }
+
+    /// The inverse of [`Lens::bend`]: the radial part by itself, then Newton steps in the plane.
+    fn unbend(&self, image: DVec2) -> Option<DVec2> {
+        let LensModel::RadialTangential { p, .. } = self.model else { return Some(image) };
+        let radius = image.length();
+        if radius == 0.0 {
+            return Some(image);
+        }
+        if p == [0.0; 2] {
+            return Some(image * (self.unprofile(radius)? / radius));
+        }
+        // A tangential part may shift a point at the edge of the domain a little beyond the radial part's range.
+        let start = self.unprofile(radius.min(self.profile(self.reach).0))?;
+        let mut point = image * (start / radius);
+        for _ in 0..NEWTON {
+            let rest = self.bend(point) - image;
+            if rest.length() <= SOLVED * radius.max(1.0) {
+                break;
+            }
+            let jacobian = self.jacobian(point);
+            if jacobian.determinant().abs() < 1e-9 {
+                return None;
+            }
+            point -= jacobian.inverse() * rest;
+        }
+        let solved = (self.bend(point) - image).length() <= 1e-11 * radius.max(1.0);
+        let inside = point.length() <= self.reach && self.jacobian(point).determinant() > 0.0;
+        (solved && inside).then_some(point)
+    }
+}
+
+impl fmt::Display for Lens {
+    /// The model's name and its coefficients, such as `OPENCV_FISHEYE k 0.1 0 0 0`.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
+        match &self.model {
+            LensModel::Perspective => write!(f, "perspective"),
+            LensModel::Fisheye { k } => write!(f, "fisheye, k {}", list(k)),
+            LensModel::RadialTangential { k, q, p } => {
+                write!(f, "radial-tangential, k {}", list(k))?;
+                if *q != [0.0; 3] {
+                    write!(f, " over {}", list(q))?;
+                }
+                write!(f, ", p {}", list(p))
+            }
+        }
+    }
+}
+
+/// The radial factor `d` and its derivative by `r²`.
+fn factor(model: &LensModel, r2: f64) -> (f64, f64) {
+    let LensModel::RadialTangential { k: [k1, k2, k3, k4], q: [q1, q2, q3], .. } = model else { return (1.0, 0.0) };
+    let above = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)));
+    let above_slope = k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4));
+    let below = 1.0 + r2 * (q1 + r2 * (q2 + r2 * q3));
+    let below_slope = q1 + r2 * (2.0 * q2 + r2 * 3.0 * q3);
+    (above / below, (above_slope * below - above * below_slope) / (below * below))
+}
+
+fn profile(model: &LensModel, r: f64) -> (f64, f64) {
+    match model {
+        LensModel::Perspective => (r, 1.0),
+        LensModel::RadialTangential { .. } => {
+            let (d, slope) = factor(model, r * r);
+            (r * d, d + 2.0 * r * r * slope)
+        }
+        LensModel::Fisheye { k: [k1, k2, k3, k4] } => {
+            let s = r * r;
+            let value = r * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))));
+            let slope = 1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * (7.0 * k3 + s * 9.0 * k4)));
+            (value, slope)
+        }
+    }
+}
+
+/// The first `r` up to `end` from which the radial part no longer grows.
+fn reach(model: &LensModel, end: f64) -> f64 {
+    let grows = |r: f64| {
+        let (value, slope) = profile(model, r);
+        value.is_finite() && slope > 1e-9 && value >= 0.0
+    };
+    // Finer near the axis: quadratic steps.
+    let at = |i: usize| end * (i as f64 / STEPS as f64).powi(2);
+    let Some(first) = (0..=STEPS).find(|&i| !grows(at(i))) else { return end };
+    if first == 0 {
+        return 0.0;
+    }
+    let (mut low, mut high) = (at(first - 1), at(first));
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if grows(middle) { low = middle } else { high = middle }
+    }
+    low
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Phones, an action camera, a pincushion and a wide lens that turns back.
+    fn lenses() -> Vec<Lens> {
+        vec![
+            Lens::PERSPECTIVE,
+            Lens::radial_tangential([0.08, -0.12, 0.0, 0.0], [1e-3, -5e-4]),
+            Lens::radial_tangential([-0.28, 0.07, 0.0, 0.0], [2e-4, 1e-5]),
+            Lens::radial_tangential([0.2, 0.05, 0.01, 0.001], [0.0, 0.0]),
+            Lens::rational([0.5, 0.1, 0.01, 0.4, 0.12, 0.002], [-1e-3, 2e-3]),
+            Lens::fisheye([0.0; 4]),
+            Lens::fisheye([-0.02, 0.01, -0.004, 0.0005]),
+        ]
+    }
+
+    #[test]
+    fn the_inverse_is_exact_over_the_image() {
+        for lens in lenses() {
+            for i in -20..=20 {
+                for j in -15..=15 {
+                    let image = DVec2::new(f64::from(i), f64::from(j)) * 0.04;
+                    let point = lens.undistort(image).unwrap_or_else(|| panic!("{lens}: {image}"));
+                    let back = lens.distort(point).unwrap();
+                    assert!((back - image).length() < 1e-12, "{lens}: {image} {back}");
+                    let again = lens.undistort(back).unwrap();
+                    assert!((again - point).length() < 1e-9, "{lens}: {point} {again}");
+                    let direction = lens.unproject(image).unwrap();
+                    assert!((direction.length() - 1.0).abs() < 1e-12);
+                    assert!((lens.project(direction * 3.0).unwrap() - image).length() < 1e-12);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn nothing_outside_the_invertible_domain() {
+        // r − 0.28 r³ turns back at r = 1.09, where it is 0.727.
+        let lens = Lens::radial_tangential([-0.28, 0.0, 0.0, 0.0], [0.0; 2]);
+        assert!(lens.undistort(DVec2::new(0.72, 0.0)).is_some());
+        assert_eq!(lens.undistort(DVec2::new(0.73, 0.0)), None);
+        assert_eq!(lens.distort(DVec2::new(1.2, 0.0)), None);
+        let edge = lens.nearest_direction(DVec2::new(0.9, 0.0));
+        assert!((edge.x / edge.z - 1.0910895).abs() < 1e-4, "{edge}");
+        for bad in [f64::NAN, f64::INFINITY] {
+            assert_eq!(lens.undistort(DVec2::new(bad, 0.0)), None);
+            assert_eq!(lens.distort(DVec2::new(bad, 0.0)), None);
+        }
+        // A model that is nothing anywhere is refused everywhere but at the centre.
+        let broken = Lens::radial_tangential([f64::NAN, 0.0, 0.0, 0.0], [0.0; 2]);
+        assert_eq!(broken.undistort(DVec2::new(0.1, 0.0)), None);
+    }
+
+    #[test]
+    fn a_fisheye_sees_beyond_ninety_degrees() {
+        let lens = Lens::fisheye([0.0; 4]);
+        let image = DVec2::new(1.8, 0.0);
+        let direction = lens.unproject(image).unwrap();
+        assert!(direction.z < 0.0 && (lens.project(direction).unwrap() - image).length() < 1e-12);
+        assert_eq!(lens.undistort(image), None);
+        assert_eq!(lens.unproject(DVec2::new(3.2, 0.0)), None);
+    }
+
+    /// The formulas, by hand.
+    #[test]
+    fn the_formulas() {
+        let lens = Lens::radial_tangential([0.1, 0.0, 0.0, 0.0], [0.01, 0.02]);
+        let found = lens.distort(DVec2::new(0.5, 0.25)).unwrap();
+        let r2: f64 = 0.3125;
+        let d = 1.0 + 0.1 * r2;
+        let expected = DVec2::new(
+            0.5 * d + 2.0 * 0.01 * 0.125 + 0.02 * (r2 + 0.5),
+            0.25 * d + 2.0 * 0.02 * 0.125 + 0.01 * (r2 + 0.125),
+        );
+        assert!((found - expected).length() < 1e-15);
+        assert!(Lens::radial_tangential([0.0; 4], [0.0; 2]).is_perspective());
+    }
+
+    #[test]
+    fn magnification_is_the_change_in_size() {
+        for lens in lenses() {
+            let direction = DVec3::new(0.3, -0.2, 1.0).normalize();
+            let step = 1e-5;
+            let plane = direction.truncate() / direction.z;
+            let at = |d: DVec2| lens.distort(plane + d).unwrap();
+            let (a, b) = (at(DVec2::X * step) - at(DVec2::ZERO), at(DVec2::Y * step) - at(DVec2::ZERO));
+            let area = a.perp_dot(b).abs().sqrt() / step;
+            let found = lens.magnification(direction);
+            // A fisheye's is measured across the ray: the plane's area is 1 / cos θ of that.
+            let ratio = if matches!(lens.model(), LensModel::Fisheye { .. }) { direction.z.sqrt() } else { 1.0 };
+            assert!((found / area * ratio - 1.0).abs() < 1e-4, "{lens}: {found} {area}");
+        }
+    }
+}

@@ -1,0 +1,700 @@
+//! Pickles of plain values and NumPy arrays, read without running anything.
+//!
+//! A pickle is a program for a stack machine that may call whatever it names. Here it may name only what makes up an
+//! array: `_reconstruct`, `ndarray`, `dtype`, `scalar`, `_frombuffer`, and `_codecs.encode`, which Python 3 uses for
+//! bytes in old protocols. None of them is called: the machine knows what each would give. Anything else is refused.
+
+use std::collections::HashMap;
+
+/// Values nest at most this deep where they are looked through.
+const DEEPEST: usize = 16;
+/// The most numbers that all arrays of a pickle hold together.
+const MOST_NUMBERS: usize = 1 << 24;
+
+/// A value. Lists, dictionaries and arrays are kept apart, since a pickle may refer to one from many places.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Value {
+    None,
+    Bool(bool),
+    Int(i64),
+    Float(f64),
+    Text(String),
+    Bytes(Vec<u8>),
+    /// A place in [`Pickle`]'s objects.
+    Object(usize),
+    Global(Global),
+}
+
+/// What a pickle may name.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Global {
+    Reconstruct,
+    Ndarray,
+    Dtype,
+    Scalar,
+    FromBuffer,
+    Encode,
+}
+
+/// A value that others refer to.
+#[derive(Clone, Debug)]
+enum Object {
+    List(Vec<Value>),
+    Tuple(Vec<Value>),
+    Dict(Vec<(Value, Value)>),
+    Kind { code: String, big: bool },
+    Array { values: Vec<Value> },
+}
+
+/// A pickle that was read.
+#[derive(Debug)]
+pub(super) struct Pickle {
+    objects: Vec<Object>,
+    root: Value,
+}
+
+impl Pickle {
+    /// The outermost value; of an array without axes, its element.
+    pub fn root(&self) -> &Value {
+        match self.object(&self.root) {
+            Some(Object::Array { values }) if values.len() == 1 => &values[0],
+            _ => &self.root,
+        }
+    }
+
+    /// The value under `key` of a dictionary.
+    pub fn get(&self, value: &Value, key: &str) -> Option<&Value> {
+        let Object::Dict(entries) = self.object(value)? else { return None };
+        let same = |k: &Value| match k {
+            Value::Text(text) => text == key,
+            Value::Bytes(bytes) => bytes == key.as_bytes(),
+            _ => false,
+        };
+        entries.iter().find(|(k, _)| same(k)).map(|(_, v)| v)
+    }
+
+    /// The elements of a list, tuple or array.
+    pub fn items(&self, value: &Value) -> Option<&[Value]> {
+        match self.object(value)? {
+            Object::List(items) | Object::Tuple(items) | Object::Array { values: items, .. } => Some(items),
+            _ => None,
+        }
+    }
+
+    /// All numbers in a number, or in a nesting of lists and arrays, row by row.
+    pub fn numbers(&self, value: &Value) -> Option<Vec<f64>> {
+        let mut numbers = Vec::new();
+        self.collect(value, DEEPEST, &mut { MOST_NUMBERS }, &mut numbers)?;
+        Some(numbers)
+    }
+
+    /// `left` bounds how many values are looked at: lists that hold one list many times grow without numbers in them.
+    fn collect(&self, value: &Value, depth: usize, left: &mut usize, numbers: &mut Vec<f64>) -> Option<()> {
+        *left = left.checked_sub(1)?;
+        match value {
+            Value::Int(v) => numbers.push(*v as f64),
+            Value::Float(v) => numbers.push(*v),
+            Value::Bool(v) => numbers.push(f64::from(u8::from(*v))),
+            _ if depth == 0 => return None,
+            _ => self.items(value)?.iter().try_for_each(|item| self.collect(item, depth - 1, left, numbers))?,
+        }
+        Some(())
+    }
+
+    /// A text.
+    pub fn text<'a>(&self, value: &'a Value) -> Option<&'a str> {
+        match value {
+            Value::Text(text) => Some(text),
+            Value::Bytes(bytes) => std::str::from_utf8(bytes).ok(),
+            _ => None,
+        }
+    }
+
+    fn object(&self, value: &Value) -> Option<&Object> {
+        match value {
+            Value::Object(index) => self.objects.get(*index),
+            _ => None,
+        }
+    }
+}
+
+/// Reads a pickle of protocol 0 to 5.
+///
+/// # Errors
+/// It ends early, is not a pickle, or asks for anything but plain values and arrays: one line says what.
+pub(super) fn read(bytes: &[u8]) -> Result<Pickle, String> {
+    let mut machine = Machine {
+        bytes,
+        at: 0,
+        stack: Vec::new(),
+        marks: Vec::new(),
+        memo: HashMap::new(),
+        objects: Vec::new(),
+        numbers: 0,
+    };
+    let root = machine.run()?;
+    Ok(Pickle { objects: machine.objects, root })
+}
+
+struct Machine<'a> {
+    bytes: &'a [u8],
+    at: usize,
+    stack: Vec<Value>,
+    marks: Vec<usize>,
+    memo: HashMap<u64, Value>,
+    objects: Vec<Object>,
+    numbers: usize,
+}
+
+impl Machine<'_> {
+    fn run(&mut self) -> Result<Value, String> {
+        loop {
+            let code = self.byte()?;
+            match code {
+                b'.' => return self.pop(),
+                0x80 => drop(self.byte()?),
+                0x95 => drop(self.take(8)?),
+                b'(' => self.marks.push(self.stack.len()),
+                b'0' => drop(self.pop()?),
+                b'1' => drop(self.above_mark()?),
+                b'2' => {
+                    let top = self.top()?.clone();
+                    self.stack.push(top);
+                }
+                b'N' => self.stack.push(Value::None),
+                0x88 => self.stack.push(Value::Bool(true)),
+                0x89 => self.stack.push(Value::Bool(false)),
+                b'J' => {
+                    let value = i32::from_le_bytes(self.array()?);
+                    self.stack.push(Value::Int(value.into()));
+                }
+                b'K' => {
+                    let value = self.byte()?;
+                    self.stack.push(Value::Int(value.into()));
+                }
+                b'M' => {
+                    let value = u16::from_le_bytes(self.array()?);
+                    self.stack.push(Value::Int(value.into()));
+                }
+                b'I' | b'L' => self.decimal()?,
+                b'F' => {
+                    let line = self.line()?;
+                    let value = line.parse().map_err(|_| format!("`{line}` for a number"))?;
+                    self.stack.push(Value::Float(value));
+                }
+                b'G' => {
+                    let value = f64::from_be_bytes(self.array()?);
+                    self.stack.push(Value::Float(value));
+                }
+                0x8a => {
+                    let length = self.byte()?.into();
+                    self.long(length)?;
+                }
+                b'V' => {
+                    let text = self.line()?;
+                    self.stack.push(Value::Text(text));
+                }
+                b'S' => {
+                    let line = self.line()?;
+                    let bare = line.trim_matches(|c| c == '\'' || c == '"');
+                    self.stack.push(Value::Text(bare.to_owned()));
+                }
+                b'X' | 0x8c | 0x8d => {
+                    let length = self.length(match code {
+                        b'X' => 4,
+                        0x8c => 1,
+                        _ => 8,
+                    })?;
+                    let text = String::from_utf8_lossy(self.take(length)?).into_owned();
+                    self.stack.push(Value::Text(text));
+                }
+                b'T' | b'U' | b'B' | b'C' | 0x8e | 0x96 => {
+                    let length = self.length(match code {
+                        b'T' | b'B' => 4,
+                        b'U' | b'C' => 1,
+                        _ => 8,
+                    })?;
+                    let bytes = self.take(length)?.to_vec();
+                    self.stack.push(Value::Bytes(bytes));
+                }
+                b']' => self.make(Object::List(Vec::new())),
+                b'}' => self.make(Object::Dict(Vec::new())),
+                b')' => self.make(Object::Tuple(Vec::new())),
+                b'l' => {
+                    let items = self.above_mark()?;
+                    self.make(Object::List(items));
+                }
+                b't' => {
+                    let items = self.above_mark()?;
+                    self.make(Object::Tuple(items));
+                }
+                b'd' => {
+                    let items = self.above_mark()?;
+                    self.make(Object::Dict(pairs(items)?));
+                }
+                0x85..=0x87 => {
+                    let count = usize::from(code - 0x84);
+                    let start = self.stack.len().checked_sub(count).ok_or("too few values for a tuple")?;
+                    let items = self.stack.split_off(start);
+                    self.make(Object::Tuple(items));
+                }
+                b'a' => {
+                    let item = self.pop()?;
+                    self.append(vec![item])?;
+                }
+                b'e' => {
+                    let items = self.above_mark()?;
+                    self.append(items)?;
+                }
+                b's' => {
+                    let value = self.pop()?;
+                    let key = self.pop()?;
+                    self.set(vec![(key, value)])?;
+                }
+                b'u' => {
+                    let items = self.above_mark()?;
+                    self.set(pairs(items)?)?;
+                }
+                b'p' | b'g' => {
+                    let line = self.line()?;
+                    let key = line.parse().map_err(|_| format!("`{line}` for a place in the memo"))?;
+                    if code == b'p' { self.remember(key)? } else { self.recall(key)? }
+                }
+                b'q' | b'h' => {
+                    let key = self.byte()?.into();
+                    if code == b'q' { self.remember(key)? } else { self.recall(key)? }
+                }
+                b'r' | b'j' => {
+                    let key = u32::from_le_bytes(self.array()?).into();
+                    if code == b'r' { self.remember(key)? } else { self.recall(key)? }
+                }
+                0x94 => self.remember(self.memo.len() as u64)?,
+                b'c' => {
+                    let (module, name) = (self.line()?, self.line()?);
+                    self.name(&module, &name)?;
+                }
+                0x93 => match (self.pop()?, self.pop()?) {
+                    (Value::Text(name), Value::Text(module)) => self.name(&module, &name)?,
+                    _ => return Err("a name that is no text".into()),
+                },
+                b'R' => self.reduce()?,
+                b'b' => self.build()?,
+                other => {
+                    return Err(format!(
+                        "a pickle that asks for more than plain values and arrays (opcode {other:#04x})"
+                    ));
+                }
+            }
+        }
+    }
+
+    fn take(&mut self, count: usize) -> Result<&[u8], String> {
+        let end = self.at.checked_add(count).filter(|&end| end <= self.bytes.len()).ok_or("it ends early")?;
+        let taken = &self.bytes[self.at..end];
+        self.at = end;
+        Ok(taken)
+    }
+
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], String> {
+        let mut array = [0; N];
+        array.copy_from_slice(self.take(N)?);
+        Ok(array)
+    }
+
+    fn byte(&mut self) -> Result<u8, String> {
+        self.array::<1>().map(|[b]| b)
+    }
+
+    /// An unsigned number of 1, 4 or 8 bytes.
+    fn length(&mut self, width: usize) -> Result<usize, String> {
+        let mut bytes = [0; 8];
+        bytes[..width].copy_from_slice(self.take(width)?);
+        usize::try_from(u64::from_le_bytes(bytes)).map_err(|_| "it ends early".into())
+    }
+
+    fn line(&mut self) -> Result<String, String> {
+        let rest = &self.bytes[self.at..];
+        let length = rest.iter().position(|&b| b == b'\n').ok_or("it ends early")?;
+        let line = String::from_utf8_lossy(&rest[..length]).trim_end_matches('\r').to_owned();
+        self.at += length + 1;
+        Ok(line)
+    }
+
+    fn decimal(&mut self) -> Result<(), String> {
+        let line = self.line()?;
+        let value = match line.as_str() {
+            "00" => Value::Bool(false),
+            "01" => Value::Bool(true),
+            text => Value::Int(text.trim_end_matches('L').parse().map_err(|_| format!("`{text}` for a number"))?),
+        };
+        self.stack.push(value);
+        Ok(())
+    }
+
+    /// A two's complement number of up to 8 bytes.
+    fn long(&mut self, length: usize) -> Result<(), String> {
+        let bytes = self.take(length)?;
+        if length > 8 {
+            return Err("a number of more than 64 bits".into());
+        }
+        let negative = bytes.last().is_some_and(|b| b & 0x80 != 0);
+        let mut whole = [if negative { 0xff } else { 0 }; 8];
+        whole[..length].copy_from_slice(bytes);
+        self.stack.push(Value::Int(i64::from_le_bytes(whole)));
+        Ok(())
+    }
+
+    fn pop(&mut self) -> Result<Value, String> {
+        self.stack.pop().ok_or_else(|| "a stack without values".into())
+    }
+
+    fn top(&self) -> Result<&Value, String> {
+        self.stack.last().ok_or_else(|| "a stack without values".into())
+    }
+
+    fn above_mark(&mut self) -> Result<Vec<Value>, String> {
+        let mark = self.marks.pop().filter(|&mark| mark <= self.stack.len()).ok_or("a mark that is not there")?;
+        Ok(self.stack.split_off(mark))
+    }
+
+    fn make(&mut self, object: Object) {
+        self.stack.push(Value::Object(self.objects.len()));
+        self.objects.push(object);
+    }
+
+    fn top_object(&mut self) -> Result<&mut Object, String> {
+        match self.top()? {
+            Value::Object(index) => {
+                let index = *index;
+                self.objects.get_mut(index).ok_or_else(|| "an object that is not there".into())
+            }
+            _ => Err("a value where a list, dictionary or array is needed".into()),
+        }
+    }
+
+    fn append(&mut self, items: Vec<Value>) -> Result<(), String> {
+        match self.top_object()? {
+            Object::List(list) => list.extend(items),
+            _ => return Err("an element for what is no list".into()),
+        }
+        Ok(())
+    }
+
+    fn set(&mut self, entries: Vec<(Value, Value)>) -> Result<(), String> {
+        match self.top_object()? {
+            Object::Dict(dict) => dict.extend(entries),
+            _ => return Err("an entry for what is no dictionary".into()),
+        }
+        Ok(())
+    }
+
+    fn remember(&mut self, key: u64) -> Result<(), String> {
+        let top = self.top()?.clone();
+        self.charge(&top)?;
+        self.memo.insert(key, top);
+        Ok(())
+    }
+
+    fn recall(&mut self, key: u64) -> Result<(), String> {
+        let value = self.memo.get(&key).cloned().ok_or("a place in the memo that is empty")?;
+        self.charge(&value)?;
+        self.stack.push(value);
+        Ok(())
+    }
+
+    /// Copies of texts and bytes count against the limit: a pickle of a few bytes may make many.
+    fn charge(&mut self, value: &Value) -> Result<(), String> {
+        self.count(match value {
+            Value::Text(text) => text.len() / 8,
+            Value::Bytes(bytes) => bytes.len() / 8,
+            _ => 0,
+        })
+    }
+
+    fn count(&mut self, numbers: usize) -> Result<(), String> {
+        self.numbers = self.numbers.saturating_add(numbers);
+        if self.numbers > MOST_NUMBERS { Err(format!("more than {MOST_NUMBERS} numbers")) } else { Ok(()) }
+    }
+
+    fn name(&mut self, module: &str, name: &str) -> Result<(), String> {
+        let global = match (module, name) {
+            ("numpy.core.multiarray" | "numpy._core.multiarray", "_reconstruct") => Global::Reconstruct,
+            ("numpy.core.multiarray" | "numpy._core.multiarray", "scalar") => Global::Scalar,
+            ("numpy.core.numeric" | "numpy._core.numeric", "_frombuffer") => Global::FromBuffer,
+            ("numpy", "ndarray") => Global::Ndarray,
+            ("numpy", "dtype") => Global::Dtype,
+            ("_codecs", "encode") => Global::Encode,
+            _ => return Err(format!("a pickle that asks for the code `{module}.{name}`; nothing of it was run")),
+        };
+        self.stack.push(Value::Global(global));
+        Ok(())
+    }
+
+    /// What a call of one of the names would give.
+    fn reduce(&mut self) -> Result<(), String> {
+        let arguments = self.pop()?;
+        let arguments = match &arguments {
+            Value::Object(index) => match self.objects.get(*index) {
+                Some(Object::Tuple(items)) => items.clone(),
+                _ => return Err("a call without arguments".into()),
+            },
+            _ => return Err("a call without arguments".into()),
+        };
+        match (self.pop()?, arguments.as_slice()) {
+            (Value::Global(Global::Reconstruct), [Value::Global(Global::Ndarray), ..]) => {
+                self.make(Object::Array { values: Vec::new() });
+            }
+            (Value::Global(Global::Dtype), [Value::Text(code), ..]) => {
+                let big = code.starts_with('>');
+                let code = code.trim_start_matches(['<', '>', '|', '=']).to_owned();
+                self.make(Object::Kind { code, big });
+            }
+            (Value::Global(Global::Scalar), [kind, Value::Bytes(bytes)]) => {
+                let values = self.decode(kind, bytes)?;
+                let value = values.into_iter().next().ok_or("a scalar without a value")?;
+                self.stack.push(value);
+            }
+            (Value::Global(Global::FromBuffer), [Value::Bytes(bytes), kind, shape, Value::Text(order)]) => {
+                let values = self.decode(kind, bytes)?;
+                let values = self.arranged(values, shape, order == "F")?;
+                self.make(Object::Array { values });
+            }
+            (Value::Global(Global::Encode), [Value::Text(text), ..]) => {
+                let bytes = text.chars().map(|c| u8::try_from(u32::from(c))).collect::<Result<Vec<u8>, _>>();
+                self.stack.push(Value::Bytes(bytes.map_err(|_| "bytes that are no bytes")?));
+            }
+            _ => return Err("a call that makes no array".into()),
+        }
+        Ok(())
+    }
+
+    /// Fills in the state of an array or a dtype.
+    fn build(&mut self) -> Result<(), String> {
+        let state = self.pop()?;
+        let items = match &state {
+            Value::Object(index) => match self.objects.get(*index) {
+                Some(Object::Tuple(items)) => items.clone(),
+                _ => return Err("a state that is no tuple".into()),
+            },
+            _ => return Err("a state that is no tuple".into()),
+        };
+        match (self.top_object()?, items.as_slice()) {
+            (Object::Kind { big, .. }, [_, Value::Text(order), ..]) => *big = order == ">",
+            (Object::Array { .. }, [_, shape, kind, Value::Bool(columns_first), data]) => {
+                let values = match data {
+                    Value::Bytes(bytes) => self.decode(kind, bytes)?,
+                    Value::Object(index) => match self.objects.get(*index) {
+                        Some(Object::List(items)) => {
+                            let items = items.clone();
+                            self.count(items.len())?;
+                            items
+                        }
+                        _ => return Err("an array without values".into()),
+                    },
+                    _ => return Err("an array without values".into()),
+                };
+                let filled = self.arranged(values, shape, *columns_first)?;
+                if let Object::Array { values } = self.top_object()? {
+                    *values = filled;
+                }
+            }
+            _ => return Err("a state of neither an array nor its type".into()),
+        }
+        Ok(())
+    }
+
+    /// The values row by row, if they are as many as the shape says.
+    fn arranged(&self, values: Vec<Value>, shape: &Value, columns_first: bool) -> Result<Vec<Value>, String> {
+        let Value::Object(index) = shape else { return Err("a shape that is no tuple".into()) };
+        let Some(Object::Tuple(sides)) = self.objects.get(*index) else {
+            return Err("a shape that is no tuple".into());
+        };
+        let side = |v: &Value| if let Value::Int(n) = v { usize::try_from(*n).ok() } else { None };
+        let sides: Vec<usize> =
+            sides.iter().map(side).collect::<Option<_>>().ok_or("a shape that is no whole numbers")?;
+        let count = sides.iter().try_fold(1usize, |n, &s| n.checked_mul(s));
+        if count != Some(values.len()) {
+            return Err(format!("an array of shape {sides:?} with {} values", values.len()));
+        }
+        match (columns_first, sides.as_slice()) {
+            (true, &[rows, columns]) => {
+                let at = |i: usize| values.get(i % columns * rows + i / columns).cloned();
+                Ok((0..rows * columns).filter_map(at).collect())
+            }
+            (true, [_, _, ..]) => Err("an array in Fortran's order with more than two axes".into()),
+            _ => Ok(values),
+        }
+    }
+
+    /// Numbers or texts from the bytes of an array.
+    fn decode(&mut self, kind: &Value, bytes: &[u8]) -> Result<Vec<Value>, String> {
+        let kind = match kind {
+            Value::Object(index) => self.objects.get(*index),
+            _ => None,
+        };
+        let Some(Object::Kind { code, big }) = kind else { return Err("an array without a type".into()) };
+        let (code, big) = (code.clone(), *big);
+        let (letter, width) = code.split_at_checked(1).ok_or("an array type without a name")?;
+        let width: usize = width.parse().map_err(|_| format!("an array of type `{code}`"))?;
+        let size = if letter == "U" { width.saturating_mul(4) } else { width };
+        if size == 0 || !bytes.len().is_multiple_of(size) {
+            return Err(format!("{} bytes of type `{code}`", bytes.len()));
+        }
+        self.count(bytes.len() / size.min(8))?;
+        let value = |chunk: &[u8]| -> Option<Value> {
+            let mut whole = chunk.to_vec();
+            if big && letter != "S" && letter != "U" {
+                whole.reverse();
+            }
+            Some(match (letter, width) {
+                ("f", 4) => Value::Float(f32::from_le_bytes(whole.try_into().ok()?).into()),
+                ("f", 8) => Value::Float(f64::from_le_bytes(whole.try_into().ok()?)),
+                ("i", 1 | 2 | 4 | 8) => {
+                    let negative = whole.last().is_some_and(|b| b & 0x80 != 0);
+                    whole.resize(8, if negative { 0xff } else { 0 });
+                    Value::Int(i64::from_le_bytes(whole.try_into().ok()?))
+                }
+                ("u", 1 | 2 | 4) => {
+                    whole.resize(8, 0);
+                    Value::Int(i64::from_le_bytes(whole.try_into().ok()?))
+                }
+                ("b", 1) => Value::Bool(whole != [0]),
+                ("S", _) => Value::Text(String::from_utf8_lossy(&whole).trim_end_matches('\0').to_owned()),
+                ("U", _) => {
+                    let code = |c: &[u8]| {
+                        let c: [u8; 4] = c.try_into().unwrap_or([0; 4]);
+                        char::from_u32(if big { u32::from_be_bytes(c) } else { u32::from_le_bytes(c) })
+                    };
+                    let text: Option<String> = whole.chunks(4).map(code).collect();
+                    Value::Text(text?.trim_end_matches('\0').to_owned())
+                }
+                _ => return None,
+            })
+        };
+        bytes.chunks(size).map(value).collect::<Option<_>>().ok_or_else(|| format!("an array of type `{code}`"))
+    }
+}
+
+fn pairs(items: Vec<Value>) -> Result<Vec<(Value, Value)>, String> {
+    if !items.len().is_multiple_of(2) {
+        return Err("a dictionary with a key and no value".into());
+    }
+    let mut pairs = Vec::with_capacity(items.len() / 2);
+    let mut items = items.into_iter();
+    while let (Some(key), Some(value)) = (items.next(), items.next()) {
+        pairs.push((key, value));
+    }
+    Ok(pairs)
+}
+
+#[cfg(test)]
+pub(super) mod testing {
+    //! Pickles put together by hand.
+
+    pub fn text(value: &str) -> Vec<u8> {
+        let mut out = vec![b'X'];
+        out.extend((value.len() as u32).to_le_bytes());
+        out.extend(value.bytes());
+        out
+    }
+
+    pub fn list(items: &[Vec<u8>]) -> Vec<u8> {
+        [b"](".to_vec(), items.concat(), b"e".to_vec()].concat()
+    }
+
+    pub fn dict(items: &[(&str, Vec<u8>)]) -> Vec<u8> {
+        let entries: Vec<u8> = items.iter().flat_map(|(k, v)| [text(k), v.clone()].concat()).collect();
+        [b"}(".to_vec(), entries, b"u".to_vec()].concat()
+    }
+
+    fn dtype(code: &str, order: &str) -> Vec<u8> {
+        let call = [b"cnumpy\ndtype\n".to_vec(), text(code), b"K\x00K\x01\x87R".to_vec()].concat();
+        let state =
+            [b"(K\x03".to_vec(), text(order), b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb".to_vec()].concat();
+        [call, state].concat()
+    }
+
+    fn shape(sides: &[usize]) -> Vec<u8> {
+        let sides: Vec<u8> = sides.iter().flat_map(|&s| [b'K', s as u8]).collect();
+        [b"(".to_vec(), sides, b"t".to_vec()].concat()
+    }
+
+    fn ndarray(sides: &[usize], kind: Vec<u8>, data: Vec<u8>) -> Vec<u8> {
+        let call = b"cnumpy.core.multiarray\n_reconstruct\ncnumpy\nndarray\nK\x00\x85C\x01b\x87R".to_vec();
+        [call, b"(K\x01".to_vec(), shape(sides), kind, vec![0x89], data, b"tb".to_vec()].concat()
+    }
+
+    pub fn numbers(sides: &[usize], values: &[f64]) -> Vec<u8> {
+        let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
+        let mut data = vec![b'B'];
+        data.extend((bytes.len() as u32).to_le_bytes());
+        data.extend(bytes);
+        ndarray(sides, dtype("f8", "<"), data)
+    }
+
+    /// An object array without axes, as `numpy.save` writes a dictionary.
+    pub fn object(value: Vec<u8>) -> Vec<u8> {
+        let data = [b"]".to_vec(), value, b"a".to_vec()].concat();
+        [vec![0x80, 3], ndarray(&[], dtype("O8", "|"), data), b".".to_vec()].concat()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrays_lists_and_texts() {
+        let matrix = testing::numbers(&[2, 2], &[1.0, 2.0, 3.0, 4.5]);
+        let value = testing::dict(&[
+            ("K", testing::list(&[matrix])),
+            ("ims", testing::list(&[testing::text("a/0.jpg"), testing::text("b")])),
+            ("n", b"\x8a\x02\xfe\xff".to_vec()),
+        ]);
+        let pickle = read(&testing::object(value)).unwrap();
+        let root = pickle.root();
+        let k = pickle.items(pickle.get(root, "K").unwrap()).unwrap();
+        assert_eq!(pickle.numbers(&k[0]).unwrap(), [1.0, 2.0, 3.0, 4.5]);
+        let names = pickle.items(pickle.get(root, "ims").unwrap()).unwrap();
+        assert_eq!(pickle.text(&names[0]), Some("a/0.jpg"));
+        assert_eq!(pickle.numbers(pickle.get(root, "n").unwrap()).unwrap(), [-2.0]);
+        assert!(pickle.get(root, "x").is_none() && pickle.numbers(&names[0]).is_none());
+    }
+
+    #[test]
+    fn code_is_refused() {
+        let attacks: [&[u8]; 6] = [
+            b"cos\nsystem\n(S'echo hi'\ntR.",
+            b"\x80\x04\x8c\x02os\x8c\x06system\x93.",
+            b"(ios\nsystem\n.",
+            b"\x80\x02cnumpy\nndarray\n)\x81.",
+            b"Pname\n.",
+            b"cnumpy.f2py.capi_maps\nload_f2cmap_file\n.",
+        ];
+        for attack in attacks {
+            let error = read(attack).unwrap_err();
+            assert!(error.contains("a pickle that asks for"), "{error}");
+        }
+    }
+
+    #[test]
+    fn broken_pickles_are_refused() {
+        let whole = testing::object(testing::dict(&[("a", testing::numbers(&[2], &[1.0, 2.0]))]));
+        for keep in 0..whole.len() {
+            assert!(read(&whole[..keep]).is_err(), "{keep}");
+        }
+        for bad in [&b"."[..], b"e.", b"h\x00.", b"]s.", b"NR.", b"Nb.", b"cnumpy\ndtype\nNR.", b"(", b"K\x01K\x02s."] {
+            assert!(read(bad).is_err());
+        }
+        // A list that holds itself is read, and looked through only so far.
+        let pickle = read(b"]q\x00h\x00a.").unwrap();
+        assert!(pickle.numbers(pickle.root()).is_none());
+        // Doubling, again and again.
+        let mut bomb = b"X\x00\x01\x00\x00".to_vec();
+        bomb.extend([b'a'; 256]);
+        bomb.extend(b"q\x00");
+        bomb.extend(b"h\x00".repeat(1 << 20));
+        bomb.push(b'.');
+        assert!(read(&bomb).unwrap_err().contains("numbers"));
+    }
+}

@@ -1,0 +1,89 @@
+//! Selections and protocols where a format has splits and names of its own.
+
+use super::{TestProtocol, ViewSelection};
+use crate::{Camera, SceneError};
+
+/// Views by their ids under a name.
+pub(crate) type Named = Vec<(String, Vec<usize>)>;
+
+/// The positions in a pool of the views that `selection` chooses, where `ids` are the pool's ids.
+pub(crate) fn train(
+    selection: &ViewSelection,
+    cameras: &[Camera],
+    ids: &[usize],
+    named: &Named,
+) -> Result<Vec<usize>, SceneError> {
+    match selection {
+        ViewSelection::Ids(wanted) => positions("train", wanted, ids),
+        ViewSelection::Named(name) => positions("train", by_name("train", name, named)?, ids),
+        other => other.select(cameras),
+    }
+}
+
+/// The positions in a pool of the views that `protocol` chooses, of which `split` are the format's own test views.
+pub(crate) fn test(
+    protocol: &TestProtocol,
+    ids: &[usize],
+    split: Option<&[usize]>,
+    named: &Named,
+) -> Result<Vec<usize>, SceneError> {
+    match (protocol, split) {
+        (TestProtocol::Ids(wanted), _) => positions("test", wanted, ids),
+        (TestProtocol::Published(name), _) => positions("test", by_name("test", name, named)?, ids),
+        (TestProtocol::Split, Some(split)) => positions("test", split, ids),
+        _ => protocol.select(ids.len()),
+    }
+}
+
+fn by_name<'a>(field: &'static str, name: &str, named: &'a Named) -> Result<&'a [usize], SceneError> {
+    let found = named.iter().find(|(known, _)| known == name);
+    found.map(|(_, ids)| ids.as_slice()).ok_or_else(|| {
+        let known = named.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
+        let expected =
+            if known.is_empty() { "no name (this scene knows none)".into() } else { format!("one of {known}") };
+        SceneError::request(field, expected, format!("`{name}`"))
+    })
+}
+
+/// Where in `ids` each of `wanted` is.
+fn positions(field: &'static str, wanted: &[usize], ids: &[usize]) -> Result<Vec<usize>, SceneError> {
+    if ids.iter().enumerate().all(|(i, &id)| i == id) {
+        return super::check_ids(field, wanted, ids.len()).map(|()| wanted.to_vec());
+    }
+    let found: Vec<usize> = wanted
+        .iter()
+        .map(|id| {
+            ids.iter().position(|known| known == id).ok_or_else(|| {
+                let known = ids.iter().map(usize::to_string).collect::<Vec<_>>().join(" ");
+                SceneError::request(field, format!("view ids among {known}"), id)
+            })
+        })
+        .collect::<Result<_, _>>()?;
+    super::check_ids(field, &found, ids.len()).map(|()| found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::procedural::train_cameras;
+
+    #[test]
+    fn ids_need_not_be_positions() {
+        let ids = [3, 5, 9];
+        let named = vec![("two".to_owned(), vec![9, 3]), ("lost".to_owned(), vec![4])];
+        let cameras = &train_cameras(8)[..3];
+        let choose = |selection| train(&selection, cameras, &ids, &named);
+        assert_eq!(choose(ViewSelection::Ids(vec![5, 3])).unwrap(), [1, 0]);
+        assert_eq!(choose(ViewSelection::Named("two".into())).unwrap(), [2, 0]);
+        assert_eq!(choose(ViewSelection::All).unwrap(), [0, 1, 2]);
+        let text = choose(ViewSelection::Ids(vec![4])).unwrap_err().to_string();
+        assert!(text.contains("view ids among 3 5 9, found 4"), "{text}");
+        let text = choose(ViewSelection::Named("three".into())).unwrap_err().to_string();
+        assert!(text.contains("one of two, lost, found `three`"), "{text}");
+        assert!(choose(ViewSelection::Ids(vec![5, 5])).is_err());
+        assert_eq!(test(&TestProtocol::Split, &ids, Some(&[9]), &named).unwrap(), [2]);
+        assert_eq!(test(&TestProtocol::Split, &ids, None, &named).unwrap(), [0, 1, 2]);
+        assert_eq!(test(&TestProtocol::Published("two".into()), &ids, None, &named).unwrap(), [2, 0]);
+        assert!(test(&TestProtocol::Published("x".into()), &ids, None, &Vec::new()).is_err());
+    }
+}

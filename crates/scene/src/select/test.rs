@@ -1,0 +1,74 @@
+//! Choosing the views to evaluate on.
+
+use super::check_ids;
+use crate::SceneError;
+
+/// Which of a scene's test views to evaluate on.
+///
+/// As text ([`std::fmt::Display`], [`std::str::FromStr`]): `all`, `split`, `every-8`, `first-3`, `26,86,2`, or the name
+/// of a published protocol.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TestProtocol {
+    /// All of them.
+    All,
+    /// Every n-th, starting with the first: `Every(8)` takes 25 of Blender's 200.
+    Every(usize),
+    /// The first n, or all where there are fewer.
+    First(usize),
+    /// These, in this order.
+    Ids(Vec<usize>),
+    /// The format's own test split: Blender's test set, every eighth view that LLFF and captures hold out, the 25 of
+    /// RegNeRF for DTU.
+    Split,
+    /// A published protocol by its name, such as `pixelnerf` for DTU.
+    Published(String),
+}
+
+impl TestProtocol {
+    /// The indices of the chosen views among `n` of a scene whose whole test set is its split and that knows no
+    /// published protocol.
+    ///
+    /// # Errors
+    /// There are no test views; `Every(0)` or `First(0)`; an id is out of range or given twice; a published protocol.
+    pub fn select(&self, n: usize) -> Result<Vec<usize>, SceneError> {
+        let error = |expected: &str, found: &str| SceneError::request("test", expected, found);
+        match self {
+            _ if n == 0 => Err(error("a scene with at least one test view", "none")),
+            Self::Every(0) => Err(error("a positive step", "0")),
+            Self::First(0) => Err(error("a positive number of views", "0")),
+            Self::All | Self::Split => Ok((0..n).collect()),
+            Self::Every(step) => Ok((0..n).step_by(*step).collect()),
+            Self::First(count) => Ok((0..n.min(*count)).collect()),
+            Self::Ids(ids) => check_ids("test", ids, n).map(|()| ids.clone()),
+            Self::Published(name) => Err(error("a protocol that this scene knows", name)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn test_protocols() {
+        assert_eq!(TestProtocol::All.select(3).unwrap(), [0, 1, 2]);
+        assert_eq!(TestProtocol::Split.select(3).unwrap(), [0, 1, 2]);
+        assert_eq!(TestProtocol::Every(8).select(200).unwrap().len(), 25);
+        assert_eq!(TestProtocol::Every(8).select(20).unwrap(), [0, 8, 16]);
+        assert_eq!(TestProtocol::First(2).select(3).unwrap(), [0, 1]);
+        assert_eq!(TestProtocol::First(9).select(3).unwrap().len(), 3);
+        assert_eq!(TestProtocol::Ids(vec![2, 0]).select(3).unwrap(), [2, 0]);
+        for bad in [
+            TestProtocol::Every(0),
+            TestProtocol::First(0),
+            TestProtocol::Ids(vec![3]),
+            TestProtocol::Ids(vec![1, 1]),
+            TestProtocol::Ids(vec![]),
+            TestProtocol::Published("x".into()),
+        ] {
+            assert!(bad.select(3).unwrap_err().to_string().contains("`test`"));
+        }
+        assert!(TestProtocol::All.select(0).is_err());
+    }
+}

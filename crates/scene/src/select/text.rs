@@ -1,0 +1,158 @@
+//! Selections and protocols as text, as a command line or a table has them.
+
+use std::fmt;
+use std::str::FromStr;
+
+use super::{TestProtocol, ViewSelection};
+use crate::SceneError;
+
+impl fmt::Display for TestProtocol {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::All => write!(f, "all"),
+            Self::Split => write!(f, "split"),
+            Self::Every(step) => write!(f, "every-{step}"),
+            Self::First(count) => write!(f, "first-{count}"),
+            Self::Ids(ids) => f.write_str(&list(ids)),
+            Self::Published(name) => f.write_str(name),
+        }
+    }
+}
+
+impl FromStr for TestProtocol {
+    type Err = SceneError;
+
+    fn from_str(text: &str) -> Result<Self, SceneError> {
+        let expected = "`all`, `split`, `every-8`, `first-3`, view ids `0,8,16` or a protocol's name";
+        let error = || SceneError::request("test", expected, format!("`{text}`"));
+        let positive = |n: &str| n.parse::<usize>().ok().filter(|n| *n > 0).ok_or_else(error);
+        match text {
+            "all" => return Ok(Self::All),
+            "split" => return Ok(Self::Split),
+            _ => {}
+        }
+        if let Some(step) = text.strip_prefix("every-") {
+            return positive(step).map(Self::Every);
+        }
+        if let Some(count) = text.strip_prefix("first-") {
+            return positive(count).map(Self::First);
+        }
+        if let Some(ids) = ids(text) {
+            return Ok(Self::Ids(ids));
+        }
+        is_name(text).then(|| Self::Published(text.into())).ok_or_else(error)
+    }
+}
+
+impl fmt::Display for ViewSelection {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::All => write!(f, "all"),
+            Self::Ids(ids) => f.write_str(&list(ids)),
+            Self::Seed { seed, count } => write!(f, "seed-{count}@{seed}"),
+            Self::FarthestPoint { count, seed } => write!(f, "farthest-{count}@{seed}"),
+            Self::Wide { count, seed } => write!(f, "wide-{count}@{seed}"),
+            Self::Narrow { count, angle_deg, seed } => write!(f, "narrow-{count}/{angle_deg}@{seed}"),
+            Self::Named(name) => f.write_str(name),
+        }
+    }
+}
+
+impl FromStr for ViewSelection {
+    type Err = SceneError;
+
+    fn from_str(text: &str) -> Result<Self, SceneError> {
+        let expected = "`all`, view ids `26,86,2,55`, `seed-4@0`, `farthest-4@0`, `wide-4@0`, `narrow-4/30@0` or a \
+                        selection's name such as `regnerf-3`";
+        let error = || SceneError::request("train", expected, format!("`{text}`"));
+        if text == "all" {
+            return Ok(Self::All);
+        }
+        if let Some(ids) = ids(text) {
+            return Ok(Self::Ids(ids));
+        }
+        let (rule, seed) = match text.split_once('@') {
+            Some((rule, seed)) => (rule, Some(seed.parse::<u64>().map_err(|_| error())?)),
+            None => (text, None),
+        };
+        let number = seed.unwrap_or(0);
+        let count = |n: &str| n.parse::<usize>().ok().filter(|n| *n > 0).ok_or_else(error);
+        if let Some(n) = rule.strip_prefix("seed-") {
+            return Ok(Self::Seed { count: count(n)?, seed: number });
+        }
+        if let Some(n) = rule.strip_prefix("farthest-") {
+            return Ok(Self::FarthestPoint { count: count(n)?, seed: number });
+        }
+        if let Some(n) = rule.strip_prefix("wide-") {
+            return Ok(Self::Wide { count: count(n)?, seed: number });
+        }
+        if let Some((n, angle)) = rule.strip_prefix("narrow-").and_then(|rest| rest.split_once('/')) {
+            let angle_deg = angle.parse::<f64>().ok().filter(|a| a.is_finite() && *a > 0.0).ok_or_else(error)?;
+            return Ok(Self::Narrow { count: count(n)?, angle_deg, seed: number });
+        }
+        (seed.is_none() && is_name(text)).then(|| Self::Named(text.into())).ok_or_else(error)
+    }
+}
+
+/// Ids between commas, or `None` where `text` is something else.
+fn ids(text: &str) -> Option<Vec<usize>> {
+    text.split(',').map(|id| id.trim().parse().ok()).collect()
+}
+
+fn list(ids: &[usize]) -> String {
+    ids.iter().map(usize::to_string).collect::<Vec<_>>().join(",")
+}
+
+/// Names are a letter followed by small letters, digits and hyphens.
+fn is_name(text: &str) -> bool {
+    let rest = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+    text.starts_with(|c: char| c.is_ascii_lowercase()) && text.chars().all(rest)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_round_trip() {
+        for text in ["all", "split", "every-8", "first-3", "26,86,2,55", "7", "pixelnerf"] {
+            assert_eq!(text.parse::<TestProtocol>().unwrap().to_string(), text);
+        }
+        let selections =
+            ["all", "26,86,2,55", "seed-4@1", "farthest-3@0", "wide-4@7", "narrow-4/30.5@2", "regnerf-3", "infonerf-2"];
+        for text in selections {
+            assert_eq!(text.parse::<ViewSelection>().unwrap().to_string(), text);
+        }
+        assert_eq!("seed-4".parse::<ViewSelection>().unwrap(), ViewSelection::Seed { seed: 0, count: 4 });
+    }
+
+    #[test]
+    fn other_texts_are_refused() {
+        for text in ["", "every-0", "every-x", "first-", "1,,2", "-1", "Split", "a b"] {
+            let error = text.parse::<TestProtocol>().unwrap_err().to_string();
+            assert!(error.contains(&format!("found `{text}`")), "{error}");
+        }
+        for text in ["", "seed-0", "seed-x@1", "seed-4@x", "narrow-4/0", "regnerf-3@1", "1,x"] {
+            assert!(text.parse::<ViewSelection>().is_err(), "{text}");
+        }
+    }
+
+    /// The form that earlier configurations and records hold.
+    #[test]
+    fn the_serialised_form_is_unchanged() {
+        let json = |value: serde_json::Value| value;
+        let cases = [
+            (TestProtocol::All, json(serde_json::json!("all"))),
+            (TestProtocol::Every(8), json(serde_json::json!({"every": 8}))),
+            (TestProtocol::Ids(vec![1]), json(serde_json::json!({"ids": [1]}))),
+        ];
+        for (protocol, expected) in cases {
+            assert_eq!(serde_json::to_value(&protocol).unwrap(), expected);
+            assert_eq!(serde_json::from_value::<TestProtocol>(expected).unwrap(), protocol);
+        }
+        let seed = serde_json::json!({"seed": {"seed": 1, "count": 4}});
+        assert_eq!(serde_json::to_value(ViewSelection::Seed { seed: 1, count: 4 }).unwrap(), seed);
+        let far = serde_json::json!({"farthest-point": {"count": 4, "seed": 1}});
+        assert_eq!(serde_json::to_value(ViewSelection::FarthestPoint { count: 4, seed: 1 }).unwrap(), far);
+    }
+}
