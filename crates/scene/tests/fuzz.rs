@@ -70,3 +70,30 @@ fn depth() {
 fn image() {
     run("image", fuzzing::image);
 }
+
+#[test]
+fn colmap() {
+    run("colmap", fuzzing::colmap);
+}
+
+#[test]
+fn cameras_npz() {
+    run("cameras_npz", fuzzing::cameras_npz);
+}
+
+#[test]
+fn annots() {
+    run("annots", fuzzing::annots);
+}
+
+/// The seeds were written by NumPy: whole, they are all read.
+#[test]
+fn numpys_own_files_are_read() {
+    let targets: [(&str, fn(&[u8]) -> bool); 3] =
+        [("colmap", fuzzing::colmap), ("cameras_npz", fuzzing::cameras_npz), ("annots", fuzzing::annots)];
+    for (target, read) in targets {
+        for (i, bytes) in files("seeds", target).iter().enumerate() {
+            assert!(read(bytes), "seed {i} of {target}");
+        }
+    }
+}
