@@ -1,6 +1,8 @@
 """Writes fuzz/seeds: small valid files that fuzzing starts from. Needs numpy and pillow."""
 
 import json
+import pickle
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +55,49 @@ np.save(place("poses_bounds", "f4.npy"), np.array(rows, dtype=np.float32))
 np.save(place("depth", "f4.npy"), np.arange(6, dtype=np.float32).reshape(2, 3))
 np.save(place("depth", "f8.npy"), np.arange(4, dtype=np.float64))
 np.save(place("depth", "fortran.npy"), np.asfortranarray(np.ones((2, 2))))
+
+parameters = {2: [20.0, 4.0, 3.0, 0.1], 5: [20.0, 21.0, 4.0, 3.0, 0.1, 0.0, 0.0, 0.0],
+              6: [20.0, 21.0, 4.0, 3.0, 0.1, 0.02, 0.001, 0.0, 0.0, 0.05, 0.0, 0.0]}
+binary = struct.pack("<Q", len(parameters))
+for model, values in parameters.items():
+    binary += struct.pack(f"<IiQQ{len(values)}d", model, model, 8, 6, *values)
+place("colmap", "cameras.bin").write_bytes(binary)
+place("colmap", "images.bin").write_bytes(
+    struct.pack("<QI7dI", 1, 5, 1.0, 0.0, 0.0, 0.0, 0.1, 0.2, 3.0, 2) + b"a.png\0" + struct.pack("<Q2dQ", 1, 3.0, 2.0, 9)
+)
+place("colmap", "points3D.bin").write_bytes(struct.pack("<QQ3d3BdQ2I", 1, 9, 0.0, 0.1, 3.0, 1, 2, 3, 0.5, 1, 5, 0))
+place("colmap", "cameras.txt").write_text("# cameras\n1 OPENCV 8 6 20 21 4 3 0.1 0.01 0 0\n")
+place("colmap", "images.txt").write_text("5 1 0 0 0 0.1 0.2 3 1 a.png\n3 2 9 4 4 -1\n")
+place("colmap", "points3D.txt").write_text("9 0 0.1 3 1 2 3 0.5 5 0\n")
+
+matrices = {}
+for i in range(2):
+    axes = np.array(pose(i))
+    rotation = np.diag([1.0, -1.0, -1.0]) @ axes[:3, :3].T
+    camera = np.array([[20.0, 0, 3.5], [0, 20.0, 2.5], [0, 0, 1]])
+    world = np.eye(4)
+    world[:3] = camera @ np.hstack([rotation, -rotation @ axes[:3, 3:]])
+    matrices |= {f"world_mat_{i}": world, f"scale_mat_{i}": np.diag([2.0, 2, 2, 1]).astype(np.float32)}
+np.savez(place("cameras_npz", "stored.npz"), **matrices)
+np.savez_compressed(place("cameras_npz", "deflated.npz"), **matrices)
+
+cams = {"K": [], "D": [], "R": [], "T": []}
+for i in range(2):
+    axes = np.array(pose(i))
+    rotation = np.diag([1.0, -1.0, -1.0]) @ axes[:3, :3].T
+    cams["K"].append(camera)
+    cams["D"].append(np.array([[-0.1], [0.05], [0.001], [0.0], [0.01]]))
+    cams["R"].append(rotation.tolist())
+    cams["T"].append(-1000 * rotation @ axes[:3, 3:])
+annots = {"cams": cams, "ims": [{"ims": ["Camera_B1/0.jpg", "Camera_B2/0.jpg"]}]}
+np.save(place("annots", "lists.npy"), annots)
+arrays = {"cams": {k: np.array(v) for k, v in cams.items()}, "ims": [{"ims": np.array(["a.jpg", "b.jpg"])}]}
+np.save(place("annots", "arrays.npy"), arrays)
+for protocol in (0, 2, 5):
+    with open(place("annots", f"protocol{protocol}.npy"), "wb") as file:
+        header = {"descr": "|O", "fortran_order": False, "shape": ()}
+        np.lib.format.write_array_header_1_0(file, header)
+        pickle.dump(np.array(annots, dtype=object), file, protocol=protocol)
 
 for mode, shape in [("L", (5, 7)), ("RGB", (5, 7, 3)), ("RGBA", (5, 7, 4))]:
     Image.fromarray(rng.integers(0, 256, shape, dtype=np.uint8), mode).save(place("image", f"{mode}.png"))

@@ -39,7 +39,10 @@ pub fn from_images(dir: &Path, mut progress: impl FnMut(&str)) -> Result<(), Sce
     fs::create_dir_all(&sparse).map_err(|e| SceneError::io(&sparse, e))?;
     let done = steps(&images, &database, &sparse).iter().try_for_each(|(step, arguments)| {
         progress(step);
-        run(&program, step, arguments, &mut progress)
+        let mut help = String::new();
+        // A program without help is given all options, and says itself what it does not know.
+        let _ = run(&program, step, &[step.into(), "-h".into()], &mut |line: &str| help += line);
+        run(&program, step, &accepted(arguments, &help), &mut progress)
     });
     let found = done.and_then(|()| {
         if crate::colmap::find(dir).is_some() {
@@ -113,6 +116,27 @@ fn steps(images: &Path, database: &Path, sparse: &Path) -> Vec<(&'static str, Ve
             ),
         ),
     ]
+}
+
+/// The arguments with the options that `help` lists, under the names that this version of COLMAP has for them: 3.12 moved
+/// what is not SIFT's own to groups of other names. Options that it does not have at all are left to their defaults.
+fn accepted(arguments: &[OsString], help: &str) -> Vec<OsString> {
+    const MOVED: [(&str, &str); 2] = [("SiftExtraction.", "FeatureExtraction."), ("SiftMatching.", "FeatureMatching.")];
+    let mut kept = Vec::new();
+    let mut rest = arguments.iter();
+    while let Some(argument) = rest.next() {
+        let name = argument.to_string_lossy();
+        if !name.starts_with("--") || !name.contains('.') || !help.contains("--") {
+            kept.push(argument.clone());
+            continue;
+        }
+        let value = rest.next();
+        let names = MOVED.iter().map(|(old, new)| name.replace(old, new)).chain([name.to_string()]);
+        if let (Some(known), Some(value)) = (names.into_iter().find(|n| help.contains(n.as_str())), value) {
+            kept.extend([known.into(), value.clone()]);
+        }
+    }
+    kept
 }
 
 /// `dir/images` if it is there, else `dir`, with at least [`FEWEST`] images in it.
@@ -196,6 +220,19 @@ mod tests {
         let text = from_images(guard.path(), |_| {}).unwrap_err().to_string();
         assert!(text.contains("at least two PNG or JPEG photographs: it has 0"), "{text}");
         assert!(from_images(&guard.path().join("none"), |_| {}).unwrap_err().to_string().contains("not found"));
+    }
+
+    #[test]
+    fn options_are_those_of_the_installed_version() {
+        let all = steps(Path::new("images"), Path::new("my.colmap.db"), Path::new("sparse"));
+        let names = |help: &str| -> Vec<String> {
+            accepted(&all[1].1, help).iter().map(|a| a.to_string_lossy().into_owned()).collect()
+        };
+        let old = ["exhaustive_matcher", "--database_path", "my.colmap.db", "--SiftMatching.use_gpu", "0"];
+        assert_eq!(names("--SiftMatching.use_gpu arg"), old);
+        let new = ["exhaustive_matcher", "--database_path", "my.colmap.db", "--FeatureMatching.use_gpu", "0"];
+        assert_eq!(names("--FeatureMatching.use_gpu arg"), new);
+        assert_eq!(names("").len(), 7, "without help, all");
     }
 
     /// A stand-in that prints its step and fails at the mapper.

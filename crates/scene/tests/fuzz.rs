@@ -35,7 +35,10 @@ fn mutated(mut bytes: Vec<u8>, rng: &mut ChaCha8Rng) -> Vec<u8> {
     bytes
 }
 
-fn run(target: &str, read: fn(&[u8]) -> bool) {
+/// A fuzz target: whether it accepts the bytes.
+type Reader = fn(&[u8]) -> bool;
+
+fn run(target: &str, read: Reader) {
     let count = std::env::var("INFONERF_FUZZ").map_or(4000, |count| count.parse().expect("a number"));
     let (seeds, findings) = (files("seeds", target), files("findings", target));
     assert!(!seeds.is_empty(), "fuzz/seeds/{target} is empty");
@@ -69,4 +72,31 @@ fn depth() {
 #[test]
 fn image() {
     run("image", fuzzing::image);
+}
+
+#[test]
+fn colmap() {
+    run("colmap", fuzzing::colmap);
+}
+
+#[test]
+fn cameras_npz() {
+    run("cameras_npz", fuzzing::cameras_npz);
+}
+
+#[test]
+fn annots() {
+    run("annots", fuzzing::annots);
+}
+
+/// The seeds were written by NumPy: whole, they are all read.
+#[test]
+fn numpys_own_files_are_read() {
+    let targets: [(&str, Reader); 3] =
+        [("colmap", fuzzing::colmap), ("cameras_npz", fuzzing::cameras_npz), ("annots", fuzzing::annots)];
+    for (target, read) in targets {
+        for (i, bytes) in files("seeds", target).iter().enumerate() {
+            assert!(read(bytes), "seed {i} of {target}");
+        }
+    }
 }

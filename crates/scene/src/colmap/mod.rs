@@ -1,8 +1,8 @@
 //! Reconstructions of COLMAP: cameras with their lenses, poses, points and where each image sees them.
 
-mod binary;
+pub(crate) mod binary;
 mod camera;
-mod text;
+pub(crate) mod text;
 
 pub use camera::{ColmapCamera, MODELS};
 

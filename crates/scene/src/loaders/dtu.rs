@@ -79,8 +79,9 @@ pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, Sc
         sphere(&cameras)
     };
     let whole = frames.len() >= VIEWS;
-    let tested =
-        |i: &usize| if whole { *i < VIEWS && !LEFT_OUT.contains(i) && !REGNERF.contains(i) } else { i % 8 == 0 };
+    let tested = |i: &usize| {
+        if whole { *i < VIEWS && !LEFT_OUT.contains(i) && !REGNERF.contains(i) } else { i.is_multiple_of(8) }
+    };
     let split: Vec<usize> = (0..frames.len()).filter(|i| tested(i) && frames.len() > 1).collect();
     let train = frames.iter().filter(|f| !split.contains(&f.id)).cloned().collect();
     let mut parts = Parts::new(dir, Format::Dtu, train, frames, space);
@@ -201,7 +202,7 @@ mod tests {
     use glam::{DMat3, DMat4, DVec3, Vec3};
     use zip::CompressionMethod;
 
-    use super::super::{npz::testing::write as write_npz, testing::*};
+    use super::super::{npz::testing::Written, npz::testing::write as write_npz, testing::*};
     use crate::{Backdrop, Camera, Format, Layout, SceneRequest, TestProtocol, ViewSelection};
 
     /// Scale and translation of the unit sphere in the toy's world.
@@ -227,7 +228,7 @@ mod tests {
         DMat4::from_cols(m.x_axis.extend(0.0), m.y_axis.extend(0.0), m.z_axis.extend(0.0), t.extend(1.0))
     }
 
-    fn arrays(cameras: &[Camera]) -> Vec<(String, Vec<u64>, Vec<f64>)> {
+    fn arrays(cameras: &[Camera]) -> Vec<Written> {
         let scale = DMat4::from_translation(SHIFT) * DMat4::from_scale(DVec3::splat(SCALE));
         let of = |(i, camera): (usize, &Camera)| {
             [
@@ -320,7 +321,7 @@ mod tests {
 
     #[test]
     fn faults() {
-        let bad = |change: &dyn Fn(&mut Vec<(String, Vec<u64>, Vec<f64>)>)| {
+        let bad = |change: &dyn Fn(&mut Vec<Written>)| {
             let guard = tempfile::tempdir().unwrap();
             let cameras = folder(guard.path(), 3, false);
             let mut arrays = arrays(&cameras);

@@ -11,7 +11,8 @@ use rand_chacha::ChaCha8Rng;
 use super::extent::{capture_space, frusta_bounds};
 use super::frames::transforms as read_transforms;
 use super::json::JsonFile;
-use super::{llff, npy};
+use super::{dtu, llff, npy, npz, zju};
+use crate::colmap;
 use crate::image::decode_bytes;
 use crate::poses::{ViewRegion, near_pose};
 use crate::{Aabb, Camera, Range, ViewSelection};
@@ -49,6 +50,42 @@ pub fn depth(bytes: &[u8]) -> bool {
     npy::decode(Path::new("depth.npy"), bytes, bytes.len() as u64, "depths").is_ok()
 }
 
+/// A file of a COLMAP reconstruction, binary or text, whichever of the three it may be.
+pub fn colmap(bytes: &[u8]) -> bool {
+    let path = Path::new("colmap");
+    let text = String::from_utf8_lossy(bytes);
+    let cameras = [colmap::binary::cameras(path, bytes).ok(), colmap::text::cameras(path, &text).ok()];
+    let images = [colmap::binary::images(path, bytes).ok(), colmap::text::images(path, &text).ok()];
+    let points = [colmap::binary::points(path, bytes).is_ok(), colmap::text::points(path, &text).is_ok()];
+    for camera in cameras.iter().flatten().flat_map(|all| all.values()).take(MOST_FRAMES) {
+        let poses = crate::procedural::train_cameras(8);
+        let cameras: Vec<Camera> = poses[..3].iter().map(|c| camera.at(c.to_world)).collect();
+        follow(&cameras, capture_space(&cameras, Vec::new(), Vec::new()).bounds);
+    }
+    for image in images.iter().flatten().flatten() {
+        assert!(image.pose.is_finite(), "a pose that is not finite");
+    }
+    cameras.iter().any(Option::is_some) || images.iter().any(Option::is_some) || points.contains(&true)
+}
+
+/// A `cameras_sphere.npz`, with the cameras that follow from it.
+pub fn cameras_npz(bytes: &[u8]) -> bool {
+    let path = Path::new("cameras_sphere.npz");
+    let Ok(matrices) = npz::decode(path, bytes, dtu::EXPECTED, |_| true) else { return false };
+    let cameras: Vec<Camera> = (0..3).map_while(|i| dtu::camera(path, &matrices, i, (8, 6)).ok()).collect();
+    follow(&cameras, Aabb::cube(glam::Vec3::ZERO, 1.0));
+    !cameras.is_empty()
+}
+
+/// An `annots.npy`, with the cameras that follow from it.
+pub fn annots(bytes: &[u8]) -> bool {
+    let Ok(read) = zju::annotations(Path::new("annots.npy"), bytes, 0) else { return false };
+    let size = |camera: &Camera| Camera { width: 8, height: 6, ..camera.clone() };
+    let cameras: Vec<Camera> = read.cameras.iter().take(MOST_FRAMES).map(size).collect();
+    follow(&cameras, capture_space(&cameras, Vec::new(), Vec::new()).bounds);
+    true
+}
+
 /// A PNG or JPEG.
 pub fn image(bytes: &[u8]) -> bool {
     let Ok(image) = decode_bytes(Path::new("image.png"), bytes) else { return false };
@@ -69,6 +106,7 @@ fn follow(cameras: &[Camera], bounds: Aabb) {
     for camera in cameras {
         let near = camera.with_pose(near_pose(&camera.to_world, &mut rng, 5.0));
         for ray in [camera.ray(0.5, 0.5), near.ray(7.5, 5.5)] {
+            assert!(ray.direction.is_finite(), "a ray that is not finite");
             if let Some((enter, leave)) = bounds.intersect(&ray) {
                 assert!(0.0 <= enter && enter <= leave, "the part of a ray in bounds: {enter} to {leave}");
             }

@@ -66,14 +66,17 @@ pub(super) mod testing {
     use zip::write::SimpleFileOptions;
     use zip::{CompressionMethod, ZipWriter};
 
-    pub fn write(path: &Path, arrays: &[(String, Vec<u64>, Vec<f64>)], method: CompressionMethod) {
+    /// An array's name, shape and values.
+    pub type Written = (String, Vec<u64>, Vec<f64>);
+
+    pub fn write(path: &Path, arrays: &[Written], method: CompressionMethod) {
         let mut archive = ZipWriter::new(std::fs::File::create(path).unwrap());
         for (name, shape, values) in arrays {
             let options = SimpleFileOptions::default().compression_method(method);
             archive.start_file(format!("{name}.npy"), options).unwrap();
             let shape: Vec<String> = shape.iter().map(|n| format!("{n},")).collect();
             let mut header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}), }}", shape.join(" "));
-            while (header.len() + 11) % 64 != 0 {
+            while !(header.len() + 11).is_multiple_of(64) {
                 header.push(' ');
             }
             header.push('\n');

@@ -191,7 +191,7 @@ impl Machine<'_> {
                     self.long(length)?;
                 }
                 b'V' => {
-                    let text = self.line()?;
+                    let text = unescaped(self.raw_line()?);
                     self.stack.push(Value::Text(text));
                 }
                 b'S' => {
@@ -312,12 +312,15 @@ impl Machine<'_> {
         usize::try_from(u64::from_le_bytes(bytes)).map_err(|_| "it ends early".into())
     }
 
-    fn line(&mut self) -> Result<String, String> {
-        let rest = &self.bytes[self.at..];
-        let length = rest.iter().position(|&b| b == b'\n').ok_or("it ends early")?;
-        let line = String::from_utf8_lossy(&rest[..length]).trim_end_matches('\r').to_owned();
+    fn raw_line(&mut self) -> Result<&[u8], String> {
+        let start = self.at;
+        let length = self.bytes[start..].iter().position(|&b| b == b'\n').ok_or("it ends early")?;
         self.at += length + 1;
-        Ok(line)
+        Ok(&self.bytes[start..start + length])
+    }
+
+    fn line(&mut self) -> Result<String, String> {
+        Ok(String::from_utf8_lossy(self.raw_line()?).trim_end_matches('\r').to_owned())
     }
 
     fn decimal(&mut self) -> Result<(), String> {
@@ -503,8 +506,8 @@ impl Machine<'_> {
         Ok(())
     }
 
-    /// The values row by row, if they are as many as the shape says.
-    fn arranged(&self, values: Vec<Value>, shape: &Value, columns_first: bool) -> Result<Vec<Value>, String> {
+    /// The elements along the first axis, those of further axes as lists, if the values are as many as the shape says.
+    fn arranged(&mut self, values: Vec<Value>, shape: &Value, columns_first: bool) -> Result<Vec<Value>, String> {
         let Value::Object(index) = shape else { return Err("a shape that is no tuple".into()) };
         let Some(Object::Tuple(sides)) = self.objects.get(*index) else {
             return Err("a shape that is no tuple".into());
@@ -516,14 +519,25 @@ impl Machine<'_> {
         if count != Some(values.len()) {
             return Err(format!("an array of shape {sides:?} with {} values", values.len()));
         }
-        match (columns_first, sides.as_slice()) {
+        let mut values = match (columns_first, sides.as_slice()) {
             (true, &[rows, columns]) => {
                 let at = |i: usize| values.get(i % columns * rows + i / columns).cloned();
-                Ok((0..rows * columns).filter_map(at).collect())
+                (0..rows * columns).filter_map(at).collect()
             }
-            (true, [_, _, ..]) => Err("an array in Fortran's order with more than two axes".into()),
-            _ => Ok(values),
+            (true, [_, _, ..]) => return Err("an array in Fortran's order with more than two axes".into()),
+            _ => values,
+        };
+        for &side in sides.iter().skip(1).rev().filter(|&&side| side > 0) {
+            let rows: Vec<Vec<Value>> = values.chunks(side).map(<[Value]>::to_vec).collect();
+            values = rows
+                .into_iter()
+                .map(|row| {
+                    self.objects.push(Object::List(row));
+                    Value::Object(self.objects.len() - 1)
+                })
+                .collect();
         }
+        Ok(values)
     }
 
     /// Numbers or texts from the bytes of an array.
@@ -573,6 +587,31 @@ impl Machine<'_> {
         };
         bytes.chunks(size).map(value).collect::<Option<_>>().ok_or_else(|| format!("an array of type `{code}`"))
     }
+}
+
+/// Text in Python's raw-unicode-escape: Latin-1 with `\\uXXXX` and `\\UXXXXXXXX`.
+fn unescaped(line: &[u8]) -> String {
+    let mut text = String::new();
+    let mut rest = line;
+    while let Some((&byte, after)) = rest.split_first() {
+        let width = match (byte, after.first()) {
+            (b'\\', Some(b'u')) => 4,
+            (b'\\', Some(b'U')) => 8,
+            _ => 0,
+        };
+        let code = after.get(1..1 + width).filter(|_| width > 0).and_then(|hex| std::str::from_utf8(hex).ok());
+        match code.and_then(|hex| u32::from_str_radix(hex, 16).ok()).and_then(char::from_u32) {
+            Some(c) => {
+                text.push(c);
+                rest = &after[1 + width..];
+            }
+            None => {
+                text.push(char::from(byte));
+                rest = after;
+            }
+        }
+    }
+    text
 }
 
 fn pairs(items: Vec<Value>) -> Result<Vec<(Value, Value)>, String> {
@@ -655,6 +694,8 @@ mod tests {
         let root = pickle.root();
         let k = pickle.items(pickle.get(root, "K").unwrap()).unwrap();
         assert_eq!(pickle.numbers(&k[0]).unwrap(), [1.0, 2.0, 3.0, 4.5]);
+        let rows = pickle.items(&k[0]).unwrap();
+        assert_eq!((rows.len(), pickle.numbers(&rows[1]).unwrap()), (2, vec![3.0, 4.5]));
         let names = pickle.items(pickle.get(root, "ims").unwrap()).unwrap();
         assert_eq!(pickle.text(&names[0]), Some("a/0.jpg"));
         assert_eq!(pickle.numbers(pickle.get(root, "n").unwrap()).unwrap(), [-2.0]);

@@ -256,7 +256,7 @@ mod tests {
 
     fn write(path: &Path, pickle: &[u8]) {
         let mut header = "{'descr': '|O', 'fortran_order': False, 'shape': (), }".to_owned();
-        while (header.len() + 11) % 64 != 0 {
+        while !(header.len() + 11).is_multiple_of(64) {
             header.push(' ');
         }
         let length = (header.len() as u16 + 1).to_le_bytes();
