@@ -267,7 +267,7 @@ fn a_file_without_the_weights_is_refused_by_name() {
         ("good", 8, "`conv1.weight` is F32 [64, 3, 7, 7], not F32 [8, 3, 7, 7]"),
     ] {
         let message = fault(name, width);
-        assert!(message.starts_with("field.encoder.weights: expected a safetensors file"), "{message}");
+        assert!(message.starts_with("field.encoder.weights: expected a file of the tensors"), "{message}");
         assert!(message.contains(part) && message.contains(name), "{message}");
         assert_eq!(message.lines().count(), 1);
     }

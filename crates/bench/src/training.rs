@@ -1,5 +1,7 @@
 //! Training under stress: many seeds of tiny runs with settings and scenes that make it diverge or collapse.
 
+use std::sync::Arc;
+
 use anyhow::{Context, Result};
 use infonerf_report::chart::{Frame, heat_map};
 use infonerf_scene::Scene;

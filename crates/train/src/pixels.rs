@@ -1,7 +1,8 @@
 //! Which rays a step looks at. Every choice is a pure function of (seed, step), so that a resumed run sees the same rays.
 
+use glam::{DMat4, DVec3};
 use infonerf_render::{Noise, Stream};
-use infonerf_scene::{Camera, Ray, Scene, ViewRegion, near_pose_about, resized_dimensions};
+use infonerf_scene::{Camera, Ray, Scene, ViewRegion, near_pose, resized_dimensions};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -9,12 +10,13 @@ use crate::config::{NeighbourConfig, RotationCentre, TrainConfig, Unseen};
 
 /// Pixels with the cameras that see them.
 #[derive(Clone, Debug)]
-pub(crate) struct Pixels {
-    pub(crate) cameras: Vec<Camera>,
+pub struct Pixels {
+    /// The cameras.
+    pub cameras: Vec<Camera>,
     /// Camera, and the position in its image, in pixels.
-    pub(crate) at: Vec<(usize, f32, f32)>,
+    pub at: Vec<(usize, f32, f32)>,
     /// How wide a pixel is, in pixels of the cameras: more than 1 for images that are smaller.
-    pub(crate) width: f32,
+    pub width: f32,
 }
 
 impl Pixels {
@@ -27,18 +29,17 @@ impl Pixels {
         self.at.iter().map(|&(camera, x, y)| self.cameras[camera].ray(x, y).widened(self.width)).collect()
     }
 
-    /// The rays of the same pixels when the cameras are rotated: one draw for all.
-    pub(crate) fn neighbours(&self, config: &NeighbourConfig, region: &ViewRegion, noise: Noise) -> Vec<Ray> {
+    /// The rays of the same pixels when the cameras are turned by the rotation `turn`.
+    pub(crate) fn neighbours(&self, turn: DMat4, config: &NeighbourConfig, region: &ViewRegion) -> Vec<Ray> {
         let centre = match config.about {
-            RotationCentre::Origin => glam::DVec3::ZERO,
+            RotationCentre::Origin => DVec3::ZERO,
             RotationCentre::Centre => region.centre(),
         };
-        let rotated = |camera: &Camera| {
-            // The same generator for each camera: one rotation per step.
-            let mut rng = generator(noise);
-            camera.with_pose(near_pose_about(&camera.to_world, centre, &mut rng, config.max_angle_deg))
+        let turned = |camera: &Camera| {
+            let there = DMat4::from_translation(-centre) * camera.to_world;
+            camera.with_pose(DMat4::from_translation(centre) * (turn * there))
         };
-        Self { cameras: self.cameras.iter().map(rotated).collect(), ..self.clone() }.rays()
+        Self { cameras: self.cameras.iter().map(turned).collect(), ..self.clone() }.rays()
     }
 }
 
@@ -46,6 +47,11 @@ impl Pixels {
 /// the central half.
 pub(crate) fn crop(config: &TrainConfig, step: usize, size: u32) -> (u32, u32) {
     if step < config.precrop_steps { (size / 4, (size / 2).max(1)) } else { (0, size) }
+}
+
+/// The rotation that takes the cameras of a step to those of neighbouring rays: one for all.
+pub(crate) fn turn(config: &NeighbourConfig, noise: Noise) -> DMat4 {
+    near_pose(&DMat4::IDENTITY, &mut generator(noise), config.max_angle_deg)
 }
 
 /// Draws from what no photograph shows.
@@ -124,7 +130,7 @@ mod tests {
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train.neighbours;
         let noise = Noise::new(0, 0, Stream::Neighbours);
         let distance = |config: &NeighbourConfig| {
-            let near = pixels.neighbours(config, &region, noise);
+            let near = pixels.neighbours(turn(config, noise), config, &region);
             near[0].origin.distance(pixels.rays()[0].origin)
         };
         let distances = [RotationCentre::Centre, RotationCentre::Origin].map(|about| {

@@ -2,6 +2,8 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use std::fs;
 use std::path::Path;
 
@@ -111,7 +113,7 @@ fn a_loss_that_is_not_finite_stops_the_run() {
         let good = trainer.checkpoint().unwrap();
 
         for view in &mut poisoned.train {
-            view.image.rgb.fill([f32::NAN; 3]);
+            Arc::make_mut(&mut view.image).rgb.fill([f32::NAN; 3]);
         }
         let mut trainer = Trainer::new(&config, poisoned, 1, None, &device).unwrap();
         trainer.resume(&good).unwrap();
