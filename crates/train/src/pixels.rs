@@ -1,5 +1,6 @@
 //! Which rays a step looks at. Every choice is a pure function of (seed, step), so that a resumed run sees the same rays.
 
+use glam::{DMat4, DVec3};
 use infonerf_render::{Noise, Stream};
 use infonerf_scene::{Camera, Ray, Scene, ViewRegion, near_pose, resized_dimensions};
 use rand::SeedableRng;
@@ -9,12 +10,13 @@ use crate::config::{NeighbourConfig, RotationCentre, TrainConfig, Unseen};
 
 /// Pixels with the cameras that see them.
 #[derive(Clone, Debug)]
-pub(crate) struct Pixels {
-    pub(crate) cameras: Vec<Camera>,
+pub struct Pixels {
+    /// The cameras.
+    pub cameras: Vec<Camera>,
     /// Camera, and the position in its image, in pixels.
-    pub(crate) at: Vec<(usize, f32, f32)>,
+    pub at: Vec<(usize, f32, f32)>,
     /// How wide a pixel is, in pixels of the cameras: more than 1 for images that are smaller.
-    pub(crate) width: f32,
+    pub width: f32,
 }
 
 impl Pixels {
@@ -27,20 +29,17 @@ impl Pixels {
         self.at.iter().map(|&(camera, x, y)| self.cameras[camera].ray(x, y).widened(self.width)).collect()
     }
 
-    /// The rays of the same pixels when the cameras are rotated: one draw for all.
-    pub(crate) fn neighbours(&self, config: &NeighbourConfig, region: &ViewRegion, noise: Noise) -> Vec<Ray> {
+    /// The rays of the same pixels when the cameras are turned by the rotation `turn`.
+    pub(crate) fn neighbours(&self, turn: DMat4, config: &NeighbourConfig, region: &ViewRegion) -> Vec<Ray> {
         let centre = match config.about {
-            RotationCentre::Origin => glam::DVec3::ZERO,
+            RotationCentre::Origin => DVec3::ZERO,
             RotationCentre::Centre => region.centre(),
         };
-        let rotated = |camera: &Camera| {
-            // The same generator for each camera: one rotation per step.
-            let mut rng = generator(noise);
-            let there = glam::DMat4::from_translation(-centre) * camera.to_world;
-            let back = glam::DMat4::from_translation(centre);
-            camera.with_pose(back * near_pose(&there, &mut rng, config.max_angle_deg))
+        let turned = |camera: &Camera| {
+            let there = DMat4::from_translation(-centre) * camera.to_world;
+            camera.with_pose(DMat4::from_translation(centre) * (turn * there))
         };
-        Self { cameras: self.cameras.iter().map(rotated).collect(), ..self.clone() }.rays()
+        Self { cameras: self.cameras.iter().map(turned).collect(), ..self.clone() }.rays()
     }
 }
 
@@ -48,6 +47,11 @@ impl Pixels {
 /// the central half.
 pub(crate) fn crop(config: &TrainConfig, step: usize, size: u32) -> (u32, u32) {
     if step < config.precrop_steps { (size / 4, (size / 2).max(1)) } else { (0, size) }
+}
+
+/// The rotation that takes the cameras of a step to those of neighbouring rays: one for all.
+pub(crate) fn turn(config: &NeighbourConfig, noise: Noise) -> DMat4 {
+    near_pose(&DMat4::IDENTITY, &mut generator(noise), config.max_angle_deg)
 }
 
 /// Draws from what no photograph shows.
@@ -116,9 +120,9 @@ mod tests {
     #[test]
     fn neighbours_turn_about_the_scene() {
         let mut scene = scene();
-        let shift = glam::DVec3::new(1000.0, 0.0, 0.0);
+        let shift = DVec3::new(1000.0, 0.0, 0.0);
         for view in &mut scene.train {
-            view.camera.to_world = glam::DMat4::from_translation(shift) * view.camera.to_world;
+            view.camera.to_world = DMat4::from_translation(shift) * view.camera.to_world;
         }
         let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let region = ViewRegion::new(&cameras);
@@ -126,7 +130,7 @@ mod tests {
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train.neighbours;
         let noise = Noise::new(0, 0, Stream::Neighbours);
         let distance = |config: &NeighbourConfig| {
-            let near = pixels.neighbours(config, &region, noise);
+            let near = pixels.neighbours(turn(config, noise), config, &region);
             near[0].origin.distance(pixels.rays()[0].origin)
         };
         let distances = [RotationCentre::Centre, RotationCentre::Origin].map(|about| {

@@ -1,6 +1,7 @@
 //! What a step renders: the rays of training images, and the union of what the terms of the objective need.
 
 use burn::tensor::{Device, Tensor, TensorData};
+use glam::DMat4;
 use infonerf_field::Field;
 use infonerf_loss::{Bundle, Need, NeighbourBundles, Picture, Renders, Target};
 use infonerf_render::{Counts, Model, Noise, OccupancyGrid, Passes, RenderOutput, RenderRequest, Stream};
@@ -9,6 +10,7 @@ use infonerf_schedule::Moment;
 
 use crate::config::NeighbourSampling;
 use crate::pixels::Pixels;
+use crate::step_pixels::StepPixels;
 use crate::training_images::SeenPixels;
 use crate::training_scene::TrainingScene;
 use crate::{Config, Phase, Profile};
@@ -22,7 +24,6 @@ pub(crate) struct StepRenderer<'a, F: Field> {
     pub(crate) occupancy: Option<&'a OccupancyGrid>,
     pub(crate) at: Moment,
     pub(crate) seed: u64,
-    pub(crate) unseen_rays: usize,
     pub(crate) profile: &'a mut Profile,
     /// Samples so far.
     pub(crate) counts: Counts,
@@ -31,20 +32,22 @@ pub(crate) struct StepRenderer<'a, F: Field> {
 }
 
 impl<F: Field> StepRenderer<'_, F> {
-    /// Renders `seen`, and what else is needed.
-    pub(crate) fn render(&mut self, seen: &SeenPixels, needs: &[Need]) -> Renders {
+    /// Renders `pixels`, and what else is needed.
+    pub(crate) fn render(&mut self, pixels: &StepPixels, needs: &[Need]) -> Renders {
+        let seen = &pixels.seen;
         let color = needs.contains(&Need::SeenColor);
         let samples = self.noise(Stream::SeenRays).child(Stream::Samples);
         let passes = self.passes(Phase::Seen, &seen.pixels.rays(), color, samples);
         let target = self.target(seen);
         let seen_bundle = Bundle { passes, target: Some(target) };
-        let unseen = needs.contains(&Need::Unseen).then(|| self.unseen());
-        let near = |needed: Need, pixels: &Pixels, bundle: &Bundle, renderer: &mut Self| {
-            needs.contains(&needed).then(|| renderer.neighbours(pixels, bundle.output()))
+        let unseen = pixels.unseen.as_ref().filter(|_| needs.contains(&Need::Unseen));
+        let unseen = unseen.map(|unseen| (unseen, self.unseen(unseen)));
+        let near = |needed: Need, of: &Pixels, bundle: &Bundle, renderer: &mut Self| {
+            needs.contains(&needed).then(|| renderer.neighbours(of, pixels.turn, bundle.output()))
         };
         let neighbours = NeighbourBundles {
             seen: near(Need::SeenNeighbours, &seen.pixels, &seen_bundle, self),
-            unseen: unseen.as_ref().and_then(|(pixels, bundle)| near(Need::UnseenNeighbours, pixels, bundle, self)),
+            unseen: unseen.as_ref().and_then(|(unseen, bundle)| near(Need::UnseenNeighbours, unseen, bundle, self)),
         };
         let size = needs.iter().find_map(|need| if let Need::Picture { size } = need { Some(*size) } else { None });
         Renders {
@@ -65,21 +68,18 @@ impl<F: Field> StepRenderer<'_, F> {
         }
     }
 
-    fn unseen(&mut self) -> (Pixels, Bundle) {
-        let noise = self.noise(Stream::UnseenRays);
-        let width = self.scene.images.at(&self.config.train, self.at).pixel_width();
-        let pixels = self.scene.unseen(self.config).pixels(self.unseen_rays, width, self.at.step, noise);
-        let passes = self.passes(Phase::Unseen, &pixels.rays(), false, noise.child(Stream::Samples));
-        (pixels, Bundle { passes, target: None })
+    fn unseen(&mut self, pixels: &Pixels) -> Bundle {
+        let samples = self.noise(Stream::UnseenRays).child(Stream::Samples);
+        Bundle { passes: self.passes(Phase::Unseen, &pixels.rays(), false, samples), target: None }
     }
 
     /// Density along the neighbours of the rays of `output`.
-    fn neighbours(&mut self, pixels: &Pixels, output: &RenderOutput) -> RenderOutput {
+    fn neighbours(&mut self, pixels: &Pixels, turn: DMat4, output: &RenderOutput) -> RenderOutput {
         let config = &self.config.train.neighbours;
-        let noise = self.noise(Stream::Neighbours);
-        let rays = pixels.neighbours(config, &self.scene.region, noise);
+        let rays = pixels.neighbours(turn, config, &self.scene.region);
         if config.sampling == NeighbourSampling::Own {
-            return self.passes(Phase::Neighbours, &rays, false, noise.child(Stream::Samples)).fine;
+            let samples = self.noise(Stream::Neighbours).child(Stream::Samples);
+            return self.passes(Phase::Neighbours, &rays, false, samples).fine;
         }
         let renderer = &self.scene.renderer;
         let near = self.profile.time(Phase::Neighbours, || renderer.along(&self.model.fine, output, &rays, self.at));

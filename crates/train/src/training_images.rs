@@ -10,14 +10,15 @@ use crate::pixels::{Pixels, crop, generator};
 
 /// Pixels of training images, with what they show.
 #[derive(Clone, Debug)]
-pub(crate) struct SeenPixels {
-    pub(crate) pixels: Pixels,
+pub struct SeenPixels {
+    /// The pixels.
+    pub pixels: Pixels,
     /// Colour and alpha of each.
-    pub(crate) rgba: Vec<[f32; 4]>,
-    /// Index of each among all pixels of the training images, for [`PixelErrors`].
-    pub(crate) places: Vec<usize>,
+    pub rgba: Vec<[f32; 4]>,
+    /// Index of each among all pixels of the training images, for error-driven sampling.
+    pub places: Vec<usize>,
     /// Draws that were passed over because the pixel is well fitted.
-    pub(crate) rejected: u64,
+    pub rejected: u64,
 }
 
 /// The training images of a scene at every size that a run uses.
@@ -189,7 +190,7 @@ mod tests {
     use infonerf_scene::{SceneRequest, SceneSource, ViewRegion, ViewSelection};
 
     use super::*;
-    use crate::pixels::UnseenViews;
+    use crate::pixels::{UnseenViews, turn};
     use crate::{Config, Preset};
 
     /// Cones of all kinds of rays are as wide as the pixels of the images that a step learns from.
@@ -215,7 +216,7 @@ mod tests {
             let at = Moment { step: 0, progress };
             assert_eq!(images.at(&config, at).pixel_width(), width);
             let seen = images.draw(&config, 8, at, noise, &PixelErrors::default()).pixels;
-            let near = seen.neighbours(&config.neighbours, &region, noise);
+            let near = seen.neighbours(turn(&config.neighbours, noise), &config.neighbours, &region);
             for ray in [seen.rays(), near, unseen.pixels(8, width, 0, noise).rays()].concat() {
                 let ratio = ray.radius / centre;
                 assert!(ratio > 0.8 * width && ratio <= 1.0001 * width, "{ratio} at {progress}");

@@ -1,12 +1,14 @@
 use burn::tensor::Tensor;
 use infonerf_field::Field;
-use infonerf_loss::{LossValues, Renders, needs};
+use infonerf_loss::{LossValues, Need, Renders, needs};
 use infonerf_ops::to_host;
 use infonerf_render::{Counts, Noise, Stream};
 use infonerf_schedule::Moment;
 
 use super::Trainer;
 use super::numbers::Numbers;
+use crate::pixels::turn;
+use crate::step_pixels::StepPixels;
 use crate::step_renderer::StepRenderer;
 use crate::training_images::SeenPixels;
 use crate::{Phase, TrainError};
@@ -25,18 +27,35 @@ pub(super) struct Forward {
 }
 
 impl<F: Field> Trainer<F> {
-    /// Renders a step's rays and evaluates the objective.
-    pub(super) fn forward(&mut self, at: Moment) -> Result<Forward, TrainError> {
+    /// Draws what the step at `at` looks at.
+    pub(super) fn draw(&mut self, at: Moment) -> StepPixels {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let train = &self.config.train;
-        let scene = &self.scenes[noise(Stream::TrainingScene).below(0, 0, self.scenes.len())];
-        let terms = scene.objective.due(at);
+        let index = noise(Stream::TrainingScene).below(0, 0, self.scenes.len());
+        let scene = &self.scenes[index];
+        let images = scene.images.at(train, at);
         let (rays, unseen_rays) = self.ray_counts();
+        let unseen_is_needed = needs(&scene.objective.due(at)).contains(&Need::Unseen);
+        let unseen = || {
+            let views = scene.unseen(&self.config);
+            views.pixels(unseen_rays, images.pixel_width(), at.step, noise(Stream::UnseenRays))
+        };
 
-        self.pixel_errors.resize(scene.images.at(train, at).size());
-        let draw = || scene.images.draw(train, rays, at, noise(Stream::SeenRays), &self.pixel_errors);
-        let seen = self.profile.time(Phase::Rays, draw);
-        let sources = scene.photographs.draw(train, seen.pixels.view(), noise(Stream::Sources));
+        self.pixel_errors.resize(images.size());
+        self.profile.time(Phase::Rays, || StepPixels {
+            scene: index,
+            seen: scene.images.draw(train, rays, at, noise(Stream::SeenRays), &self.pixel_errors),
+            unseen: unseen_is_needed.then(unseen),
+            turn: turn(&train.neighbours, noise(Stream::Neighbours)),
+        })
+    }
+
+    /// Renders the rays of `pixels` and evaluates the objective.
+    pub(super) fn forward(&mut self, at: Moment, pixels: &StepPixels) -> Result<Forward, TrainError> {
+        let noise = Noise::new(self.seed, at.step as u64, Stream::Sources);
+        let scene = &self.scenes[pixels.scene];
+        let terms = scene.objective.due(at);
+        let sources = scene.photographs.draw(&self.config.train, pixels.seen.pixels.view(), noise);
         let model = self.profile.time(Phase::Seen, || self.model.conditioned(&sources));
 
         let config = &self.config.render.occupancy;
@@ -47,22 +66,21 @@ impl<F: Field> Trainer<F> {
             occupancy: self.occupancy.as_ref().filter(|_| config.carve || at.step >= config.warmup),
             at,
             seed: self.seed,
-            unseen_rays,
             profile: &mut self.profile,
             counts: Counts::default(),
             rays: 0,
         };
-        let renders = renderer.render(&seen, &needs(&terms));
+        let renders = renderer.render(pixels, &needs(&terms));
         let (counts, rays) = (renderer.counts, renderer.rays);
         let losses = LossValues::of(&terms, &renders);
         let numbers = Numbers::read(&losses, &renders, at.step)?;
-        self.remember(&seen, &renders);
+        self.remember(&pixels.seen, &renders);
         Ok(Forward {
             total: losses.total,
             numbers,
             counts,
             rays,
-            samples_per_ray: renders.seen.output().segments().samples() as f64 / seen.places.len() as f64,
+            samples_per_ray: renders.seen.output().segments().samples() as f64 / renders.seen.rays() as f64,
         })
     }
 

@@ -13,6 +13,7 @@ use super::numbers::Numbers;
 use super::{Outcome, Trainer, densities, occupancy_grid};
 use crate::error_sampling::PixelErrors;
 use crate::model::optimiser;
+use crate::step_pixels::StepPixels;
 use crate::weight_averaging::WeightAverage;
 use crate::{Event, Phase, TrainError};
 
@@ -22,13 +23,33 @@ impl<F: Field> Trainer<F> {
     /// # Errors
     /// If a loss is not finite. The model is then as it was before the step.
     pub fn step(&mut self, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
+        self.step_with(Self::draw, report)
+    }
+
+    /// The same, of pixels that are given and not drawn. Samples along their rays are jittered by the run's seed and step.
+    ///
+    /// # Errors
+    /// As [`Self::step`].
+    ///
+    /// # Panics
+    /// If there is no such scene or camera, or no seen pixel.
+    pub fn step_on(&mut self, pixels: StepPixels, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
+        self.step_with(|_, _| pixels, report)
+    }
+
+    fn step_with(
+        &mut self,
+        pixels: impl FnOnce(&mut Self, Moment) -> StepPixels,
+        report: &mut impl FnMut(Event),
+    ) -> Result<Outcome, TrainError> {
         if self.is_over() {
             return Ok(Outcome::Finished);
         }
         let start = Instant::now();
         let at = Moment { step: self.progress.step, progress: self.done() };
         self.update_occupancy(at);
-        let forward = self.forward(at)?;
+        let pixels = pixels(self, at);
+        let forward = self.forward(at, &pixels)?;
         let lr = self.config.train.lr.at(at);
         let Forward { total, numbers, counts, rays, samples_per_ray } = forward;
         let grads = self.profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), &self.model));
