@@ -71,25 +71,26 @@ pub(crate) fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Optio
     let n = t.len();
     let mids: Vec<f32> = t.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect();
     let inner = &weights[1..n - 1];
-    let total: f32 = inner.iter().map(|w| w + 1e-5).sum();
+    // In `f64`: where the encoding has high frequencies, a last digit of a distance is seen in the result.
+    let total: f64 = inner.iter().map(|&w| f64::from(w) + 1e-5).sum();
     let mut cdf = Vec::with_capacity(n - 1);
     let mut sum = 0.0;
     cdf.push(0.0);
-    for w in inner {
-        sum += (w + 1e-5) / total;
+    for &w in inner {
+        sum += (f64::from(w) + 1e-5) / total;
         cdf.push(sum);
     }
     let mut merged = t.to_vec();
     merged.extend((0..count).map(|i| {
         let u = match jitter {
-            Some((noise, ray)) => noise.uniform(ray, i),
-            None => i as f32 / (count.max(2) - 1) as f32,
+            Some((noise, ray)) => f64::from(noise.uniform(ray, i)),
+            None => i as f64 / (count.max(2) - 1) as f64,
         };
         let above = cdf.partition_point(|&c| c <= u);
         let (below, above) = (above.saturating_sub(1), above.min(cdf.len() - 1));
         let width = cdf[above] - cdf[below];
         let fraction = (u - cdf[below]) / if width < 1e-5 { 1.0 } else { width };
-        mids[below] + fraction * (mids[above] - mids[below])
+        mids[below] + fraction as f32 * (mids[above] - mids[below])
     }));
     merged.sort_unstable_by(f32::total_cmp);
     merged
