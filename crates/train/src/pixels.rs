@@ -120,9 +120,9 @@ mod tests {
     #[test]
     fn neighbours_turn_about_the_scene() {
         let mut scene = scene();
-        let shift = glam::DVec3::new(1000.0, 0.0, 0.0);
+        let shift = DVec3::new(1000.0, 0.0, 0.0);
         for view in &mut scene.train {
-            view.camera.to_world = glam::DMat4::from_translation(shift) * view.camera.to_world;
+            view.camera.to_world = DMat4::from_translation(shift) * view.camera.to_world;
         }
         let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let region = ViewRegion::new(&cameras);

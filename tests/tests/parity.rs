@@ -1,0 +1,261 @@
+//! Training against PyTorch: 50 steps of the released algorithm with the same first weights, pixels, poses and jitter.
+//!
+//! `fixtures/parity.py` took the same steps; its head states the algorithm, and the rule that gives the first weights.
+
+use std::sync::Arc;
+
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::{Device, Tensor, TensorData, f16};
+use glam::{DMat3, DMat4, DVec3, Vec3};
+use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
+use infonerf_ops::to_host;
+use infonerf_render::Stream;
+use infonerf_scene::{Aabb, Camera, Image, Scene, View};
+use infonerf_tests::hashed;
+use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepPixels, Trainer, config};
+use safetensors::SafeTensors;
+use serde_json::Value;
+
+/// Of each loss in each step, relative.
+const LOSS_TOLERANCE: f64 = 1e-3;
+/// Of the weights of each network in the end, relative to how far they have moved.
+const WEIGHT_TOLERANCE: f64 = 1e-2;
+/// Weight and bias of four layers of the trunk, then density, feature, view and colour.
+const TENSORS: usize = 16;
+const SIGMA: usize = 4;
+
+fn fixture() -> Value {
+    serde_json::from_str(include_str!("../fixtures/parity.json")).unwrap()
+}
+
+fn floats(value: &Value) -> Vec<f64> {
+    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
+}
+
+fn number(value: &Value) -> usize {
+    value.as_u64().unwrap() as usize
+}
+
+/// Numbers of a layer's weight in the order that Burn has, `[inputs, outputs]`, from PyTorch's `[outputs, inputs]`; those
+/// of a bias as they are.
+fn in_order<T>(shape: &[usize], at: impl Fn(usize) -> T) -> Vec<T> {
+    match shape {
+        &[inputs, outputs] => (0..inputs * outputs).map(|n| at(n % outputs * inputs + n / outputs)).collect(),
+        shape => (0..shape.iter().product()).map(at).collect(),
+    }
+}
+
+/// First weights by the fixture's rule: overwrites every parameter of a network.
+struct FirstWeights<'a> {
+    fixture: &'a Value,
+    /// Number of the next tensor, of both networks.
+    next: usize,
+    fan_in: usize,
+}
+
+impl ModuleMapper for FirstWeights<'_> {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let shape = param.val().dims();
+        if D == 2 {
+            self.fan_in = shape[0];
+        }
+        let fact = |key: &str| self.fixture[key].as_f64().unwrap();
+        let (gain, shift) = match (self.next % TENSORS / 2, D) {
+            (SIGMA, 2) => (fact("sigma_gain"), 0.0),
+            (SIGMA, _) => (1.0, fact("sigma_bias")),
+            _ => (1.0, 0.0),
+        };
+        let value = |n| (gain * (hashed(self.next, n) / (self.fan_in as f64).sqrt()) + shift) as f32;
+        let values = in_order(&shape, value);
+        self.next += 1;
+        param.map(|old| Tensor::from_data(TensorData::new(values, shape), &old.device()).require_grad())
+    }
+}
+
+/// Every parameter in turn: its shape, and its numbers.
+#[derive(Default)]
+struct Weights(Vec<(Vec<usize>, Vec<f32>)>);
+
+impl ModuleVisitor for Weights {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        self.0.push((param.val().dims().to_vec(), to_host(param.val())));
+    }
+}
+
+impl Weights {
+    fn of(model: &impl Module) -> Self {
+        let mut weights = Self::default();
+        model.visit(&mut weights);
+        weights
+    }
+
+    /// How far the tensors `which` are from having changed by `change` since `first`, relative to that change.
+    fn error(&self, first: &Self, which: std::ops::Range<usize>, change: impl Fn(usize) -> Vec<f64>) -> f64 {
+        let (mut apart, mut moved) = (0.0, 0.0);
+        for tensor in which {
+            let ((shape, last), (_, first)) = (&self.0[tensor], &first.0[tensor]);
+            let change = change(tensor);
+            assert_eq!(change.len(), last.len());
+            let change = in_order(shape, |n| change[n]);
+            for ((last, first), change) in last.iter().zip(first).zip(change) {
+                apart += (f64::from(*last) - f64::from(*first) - change).powi(2);
+                moved += change.powi(2);
+            }
+        }
+        (apart / moved).sqrt()
+    }
+}
+
+/// A network of the fixture: 0 is the coarse one, 1 the fine one.
+fn network(fixture: &Value, config: &Config, net: usize, device: &Device) -> RadianceField {
+    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device };
+    let mut rule = FirstWeights { fixture, next: net * TENSORS, fan_in: 0 };
+    let field = config.field.build(&setup).unwrap().map(&mut rule);
+    assert_eq!(rule.next, (net + 1) * TENSORS);
+    field
+}
+
+/// The preset of the released code at the fixture's size, with the weights of a run's losses.
+fn configured(fixture: &Value, run: &Value) -> Config {
+    let mut table = Preset::Released.table();
+    let sizes = [
+        ("field.layers", "layers"),
+        ("field.width", "width"),
+        ("render.samples", "samples"),
+        ("render.fine_samples", "fine_samples"),
+        ("train.rays", "rays"),
+        ("train.unseen_rays", "rays"),
+    ];
+    let steps = run["steps"].as_array().unwrap().len();
+    let mut settings = vec![
+        format!("train.iterations={steps}"),
+        format!("loss.entropy.weight={}", run["entropy_weight"]),
+        format!("loss.kl.weight={}", run["kl_weight"]),
+        format!("loss.entropy.neighbours={}", run["kl_weight"].as_f64() > Some(0.0)),
+    ];
+    settings.extend(sizes.map(|(key, size)| format!("{key}={}", fixture[size])));
+    for setting in &settings {
+        config::assign(&mut table, setting).unwrap();
+    }
+    Config::from_table(table).unwrap()
+}
+
+/// The fixture's data set: four photographs, and the cameras of those and of others.
+fn scene(fixture: &Value) -> Scene {
+    let size = number(&fixture["size"]) as u32;
+    let cameras: Vec<Camera> = fixture["poses"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|rows| {
+            let mut pose: Vec<f64> = rows.as_array().unwrap().iter().flat_map(floats).collect();
+            pose.extend([0.0, 0.0, 0.0, 1.0]);
+            let pose = DMat4::from_cols_slice(&pose).transpose();
+            Camera::from_fov(size, size, fixture["fov"].as_f64().unwrap(), pose)
+        })
+        .collect();
+    let view = |(id, (pixels, camera)): (usize, (&Value, &Camera))| {
+        let color = |pixel: &Value| [0, 1, 2].map(|channel| pixel[channel].as_f64().unwrap() as f32 / 255.0);
+        let rgb = pixels.as_array().unwrap().iter().map(color).collect();
+        let image = Image { width: size, height: size, rgb, alpha: None };
+        View { id, name: format!("train/{id}"), camera: camera.clone(), image, depth: None }
+    };
+    Scene {
+        name: "fixture".into(),
+        train: fixture["images"].as_array().unwrap().iter().zip(&cameras).enumerate().map(view).collect(),
+        test: Vec::new(),
+        background: [1.0; 3],
+        near: fixture["near"].as_f64().unwrap() as f32,
+        far: fixture["far"].as_f64().unwrap() as f32,
+        bounds: Aabb::cube(Vec3::ZERO, 1.0),
+        all_train_cameras: cameras,
+    }
+}
+
+/// What a step of the fixture looks at.
+fn step_pixels(scene: &Scene, step: &Value) -> StepPixels {
+    let size = scene.train[0].image.width as usize;
+    let pixels = |camera: usize, numbers: &Value| {
+        let numbers: Vec<usize> = numbers.as_array().unwrap().iter().map(number).collect();
+        let at = numbers.iter().map(|&n| (camera, (n % size) as f32, (n / size) as f32)).collect();
+        (Pixels { cameras: scene.all_train_cameras.clone(), at, width: 1.0 }, numbers)
+    };
+    let view = number(&step["view"]);
+    let (seen, numbers) = pixels(view, &step["seen"]);
+    let rgba = |&n: &usize| {
+        let [red, green, blue] = scene.train[view].image.rgb[n];
+        [red, green, blue, 1.0]
+    };
+    let [x, y, z] = floats(&step["turn"])[..] else { panic!("three angles") };
+    let turn = [(DVec3::X, x), (DVec3::Y, y), (DVec3::Z, z)]
+        .map(|(axis, degrees)| DMat3::from_axis_angle(axis, degrees.to_radians()));
+    StepPixels {
+        scene: 0,
+        seen: SeenPixels {
+            pixels: seen,
+            rgba: numbers.iter().map(rgba).collect(),
+            places: numbers.iter().map(|n| view * size * size + n).collect(),
+            rejected: 0,
+        },
+        unseen: Some(pixels(number(&step["pose"]), &step["unseen"]).0),
+        turn: DMat4::from_mat3(turn[0] * turn[1] * turn[2]),
+    }
+}
+
+/// Takes the steps of a run and compares the losses of each with the fixture: the weights at first and at last.
+fn train(fixture: &Value, mode: &str, device: &Device) -> [Weights; 2] {
+    let run = &fixture["runs"][mode];
+    let config = configured(fixture, run);
+    let scene = Arc::new(scene(fixture));
+    let seed = run["seed"].as_u64().unwrap();
+    let build = {
+        let (fixture, config) = (fixture.clone(), config.clone());
+        // The trainer asks for the fine network with the run's own seed, and for the coarse one with another.
+        move |of: u64, device: &Device| network(&fixture, &config, usize::from(of == seed), device)
+    };
+    let mut trainer = Trainer::with_field(&config, scene.clone(), seed, None, device, build).unwrap();
+    let first = Weights::of(&trainer.model());
+    for (index, step) in run["steps"].as_array().unwrap().iter().enumerate() {
+        let mut events = Vec::new();
+        trainer.step_on(step_pixels(&scene, step), &mut |event| events.push(event)).unwrap();
+        let [Event::Step { loss, losses, .. }] = &events[..] else { panic!("{mode}, step {index}: {events:?}") };
+        let expected = run["losses"].as_object().unwrap();
+        assert_eq!(losses.len() + 1, expected.len(), "{mode}: {losses:?}");
+        for (name, want) in expected {
+            let got = f64::from(if name == "total" { *loss } else { losses[name] });
+            let want = want[index].as_f64().unwrap();
+            let what = format!("{device:?}, {mode}, step {index}, {name}: {got} against {want}");
+            assert!((got - want).abs() <= LOSS_TOLERANCE * want.abs(), "{what}");
+        }
+    }
+    [first, Weights::of(&trainer.model())]
+}
+
+fn check(device: &Device) {
+    let fixture = &fixture();
+    let changes = SafeTensors::deserialize(include_bytes!("../fixtures/parity.safetensors")).unwrap();
+    for (name, stream) in fixture["streams"].as_object().unwrap() {
+        let streams = [Stream::SeenRays, Stream::UnseenRays, Stream::Neighbours, Stream::Samples, Stream::FineSamples];
+        let known = streams.iter().find(|known| format!("{known:?}") == *name).unwrap();
+        assert_eq!(*known as u64, stream.as_u64().unwrap(), "{name}: put its new number into parity.py and run that");
+    }
+    for mode in fixture["runs"].as_object().unwrap().keys() {
+        let [first, last] = train(fixture, mode, device);
+        let change = |tensor: usize| {
+            let tensor = changes.tensor(&format!("{mode}.{tensor}")).unwrap();
+            let halves = tensor.data().chunks_exact(2).map(|bytes| f16::from_le_bytes([bytes[0], bytes[1]]));
+            halves.map(f64::from).collect()
+        };
+        for (net, tensors) in [("coarse", 0..TENSORS), ("fine", TENSORS..2 * TENSORS)] {
+            let error = last.error(&first, tensors, change);
+            assert!(error <= WEIGHT_TOLERANCE, "{device:?}, {mode}: {net} weights are {error} of their change apart");
+        }
+    }
+}
+
+#[test]
+fn trains_as_pytorch_does_on_every_device() {
+    for device in infonerf_tests::devices() {
+        check(&device);
+    }
+}
