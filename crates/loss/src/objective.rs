@@ -54,7 +54,8 @@ impl LossConfig {
 }
 
 impl Objective {
-    /// Builds the terms that are on at some time.
+    /// Builds the terms that are on at some time, without those that say nothing about the scene
+    /// ([`crate::TermSpec::left_out`]).
     ///
     /// # Errors
     /// If a term lacks what it needs.
@@ -63,7 +64,8 @@ impl Objective {
             let term = spec.build(setup).map_err(|error| error.within(name))?;
             Ok(Entry { name, weight: spec.weight().clone(), term })
         };
-        Ok(Self { terms: config.active().map(entry).collect::<Result<_, _>>()? })
+        let taking_part = config.active().filter(|(_, spec)| spec.left_out(setup.scene).is_none());
+        Ok(Self { terms: taking_part.map(entry).collect::<Result<_, _>>()? })
     }
 
     /// The terms that take part in the step at `at`.

@@ -44,6 +44,11 @@ pub trait TermSpec {
         Ok(())
     }
 
+    /// Why the term says nothing about `scene`, and so is left out; none if it takes part.
+    fn left_out(&self, _scene: &Scene) -> Option<&'static str> {
+        None
+    }
+
     /// What the term knows of a scene beside the colours of its training images, for reports; none if nothing.
     fn privilege(&self) -> Option<&'static str> {
         None

@@ -2,6 +2,8 @@ use infonerf_schedule::Schedule;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use crate::Space;
+
 /// How rays are sampled and what is skipped.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -17,7 +19,9 @@ pub struct RenderConfig {
     pub last_interval: LastInterval,
     /// Whether samples are jittered within their intervals in training.
     pub jitter: bool,
-    /// Whether rays are cut to the box that holds the scene.
+    /// Whether space is taken as it is, or brought into a box: `auto`, `box`, `ndc`, `contraction`.
+    pub space: Space,
+    /// Whether rays are cut to the box that holds the scene; only where space is taken as it is.
     pub clip_to_bounds: bool,
     /// In pictures: transmittance below which the rest of a ray is not evaluated. Exact up to this much; 0 evaluates
     /// everything.

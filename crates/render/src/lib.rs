@@ -16,6 +16,7 @@ mod output;
 mod renderer;
 mod sampler;
 mod samples;
+mod warp;
 
 pub use config::{ConfigError, LastInterval, OccupancyConfig, Placement, RenderConfig};
 pub use image::{RenderedImage, render_image};
@@ -25,3 +26,4 @@ pub use occupancy::OccupancyGrid;
 pub use output::{Counts, Passes, RenderOutput, RenderRequest};
 pub use renderer::Renderer;
 pub use samples::Samples;
+pub use warp::{Space, Warp};

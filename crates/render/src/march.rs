@@ -50,7 +50,8 @@ pub(crate) fn march<F: Field>(
             let (from, count) = (marched[ray].next, segments.range(index).len());
             marched[ray].steps[from..from + count].iter()
         };
-        let position = |(index, ray)| steps_of((index, ray)).flat_map(|(t, _)| rays[*ray].at(*t).to_array());
+        let position =
+            |(index, ray)| steps_of((index, ray)).flat_map(|(t, _)| sampler.warp().point(rays[*ray].at(*t)).to_array());
         let positions: Vec<f32> = active.par_iter().enumerate().flat_map_iter(position).collect();
         let (t, delta): (Vec<f32>, Vec<f32>) = active.iter().enumerate().flat_map(steps_of).copied().unzip();
         let directions: Vec<f32> = active.iter().flat_map(|&ray| rays[ray].direction.to_array()).collect();

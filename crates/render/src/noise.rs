@@ -44,6 +44,8 @@ pub enum Stream {
     Samples,
     /// Samples of a fine pass.
     FineSamples,
+    /// A colour behind everything.
+    Background,
 }
 
 /// A stream of reproducible random numbers: number `i` of item `n` is a pure function of (seed, step, streams, n, i).

@@ -1,23 +1,24 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_field::Field;
 use infonerf_ops::{Composite, composite::composite};
-use infonerf_scene::{Ray, Scene};
+use infonerf_scene::{Backdrop, Ray, Scene};
 use infonerf_schedule::Moment;
 
 use crate::sampler::Sampler;
-use crate::{Model, Noise, OccupancyGrid, Passes, RenderConfig, RenderOutput, RenderRequest, Samples};
+use crate::{Model, Noise, OccupancyGrid, Passes, RenderConfig, RenderOutput, RenderRequest, Samples, Stream, Warp};
 
 /// Renders bundles of rays of one scene.
 #[derive(Clone, Debug)]
 pub struct Renderer {
     sampler: Sampler,
     background: [f32; 3],
+    backdrop: Backdrop,
 }
 
 impl Renderer {
     /// A renderer for `scene`'s bounds and background.
     pub fn new(config: &RenderConfig, scene: &Scene) -> Self {
-        Self { sampler: Sampler::new(config, scene), background: scene.background }
+        Self { sampler: Sampler::new(config, scene), background: scene.background, backdrop: scene.backdrop }
     }
 
     /// Length of the interval that a sample stands for, on average: what occupancy is judged by.
@@ -31,6 +32,23 @@ impl Renderer {
 
     pub(crate) fn background(&self) -> [f32; 3] {
         self.background
+    }
+
+    /// How the scene's space is brought into the box that fields and occupancy grids are made for.
+    pub fn warp(&self) -> &Warp {
+        self.sampler.warp()
+    }
+
+    /// What is behind everything. In training before an unknown backdrop it is another colour for each bundle: a field that
+    /// lets it through is wrong nearly always, so that it learns to be opaque.
+    fn behind(&self, noise: Option<Noise>) -> [f32; 3] {
+        match (self.backdrop, noise) {
+            (Backdrop::Unknown, Some(noise)) => {
+                let noise = noise.child(Stream::Background);
+                [0, 1, 2].map(|channel| noise.uniform(0, channel))
+            }
+            _ => self.background,
+        }
     }
 
     /// Renders `rays`. With `noise` samples are jittered (training), without it they are even (evaluation).
@@ -47,39 +65,53 @@ impl Renderer {
         at: Moment,
     ) -> Passes {
         let config = self.sampler.config();
+        let background = self.behind(noise);
         let noise = noise.filter(|_| config.jitter);
         if config.marches() {
             let samples = self.sampler.marched(rays, noise, occupancy, at);
-            return Passes { coarse: None, fine: self.evaluate(&model.fine, samples, request, at) };
+            return Passes { coarse: None, fine: self.evaluate(&model.fine, samples, request, background, at) };
         }
         let candidates = self.sampler.coarse(rays, noise, at);
         let samples = self.sampler.pack(rays, &candidates, occupancy);
         if !config.is_hierarchical() {
-            return Passes { coarse: None, fine: self.evaluate(&model.fine, samples, request, at) };
+            return Passes { coarse: None, fine: self.evaluate(&model.fine, samples, request, background, at) };
         }
         let coarse_field = model.coarse.as_ref().unwrap_or(&model.fine);
         let coarse = if request.color {
-            self.evaluate(coarse_field, samples, request, at)
+            self.evaluate(coarse_field, samples, request, background, at)
         } else {
-            self.evaluate(&coarse_field.valid(), samples, request, at)
+            self.evaluate(&coarse_field.valid(), samples, request, background, at)
         };
         let fine = self.sampler.fine(&candidates, &coarse, noise);
         let samples = self.sampler.pack(rays, &fine, occupancy);
-        let fine = self.evaluate(&model.fine, samples, request, at);
+        let fine = self.evaluate(&model.fine, samples, request, background, at);
         Passes { coarse: Some(coarse), fine }
     }
 
     /// Density of `field` along other `rays` at the distances of `output`, whose samples they are paired with one by one.
     pub fn along<F: Field>(&self, field: &F, output: &RenderOutput, rays: &[Ray], at: Moment) -> RenderOutput {
-        self.evaluate(field, output.samples.along(rays), RenderRequest { color: false }, at)
+        self.evaluate(
+            field,
+            output.samples.along(rays, self.sampler.warp()),
+            RenderRequest { color: false },
+            self.background,
+            at,
+        )
     }
 
-    fn evaluate<F: Field>(&self, field: &F, samples: Samples, request: RenderRequest, at: Moment) -> RenderOutput {
+    fn evaluate<F: Field>(
+        &self,
+        field: &F,
+        samples: Samples,
+        request: RenderRequest,
+        background: [f32; 3],
+        at: Moment,
+    ) -> RenderOutput {
         let device = field.device();
         let rays = samples.segments.rays();
         let count = samples.segments.samples();
         if count == 0 {
-            return RenderOutput::empty(samples, request, self.background, &device);
+            return RenderOutput::empty(samples, request, background, &device);
         }
         let sampled = field.evaluate(samples.points(), request.color, at);
         let tau = sampled.sigma * lengths(&samples.delta, &device);
@@ -91,7 +123,7 @@ impl Renderer {
         let Composite { values, acc } = composite(tau.clone(), values, &samples.segments);
         let color = request.color.then(|| {
             let behind = acc.clone().neg() + 1.0;
-            let background = Tensor::<1>::from_floats(self.background, &device).unsqueeze::<2>();
+            let background = Tensor::<1>::from_floats(background, &device).unsqueeze::<2>();
             values.clone().narrow(1, 0, 3) + behind.unsqueeze_dim::<2>(1).mul(background)
         });
         let depth = values.narrow(1, if request.color { 3 } else { 0 }, 1).reshape([rays]);

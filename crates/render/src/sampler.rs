@@ -2,29 +2,41 @@
 
 use infonerf_ops::composite::weights;
 use infonerf_ops::to_host;
-use infonerf_scene::{Aabb, Ray, Scene};
+use infonerf_scene::{Aabb, Range, Ray, Scene};
 use infonerf_schedule::Moment;
 
 use crate::distances::{blurred, importance, intervals, resample, stratified};
 use crate::noise::Stream;
-use crate::{Noise, OccupancyGrid, Placement, RenderConfig, RenderOutput, Samples};
+use crate::{Noise, OccupancyGrid, Placement, RenderConfig, RenderOutput, Samples, Warp};
 
-/// Sorted distances (edges under [`Placement::Interval`]) of one ray with the ends of its interval; none if it misses the
-/// bounds.
+/// Sorted coordinates (edges under [`Placement::Interval`]) of one ray's samples with the ends of its interval; none if it
+/// misses the bounds. A coordinate is the distance, unless space is warped ([`Warp::coordinate`]).
 pub(crate) type Candidates = Option<(Vec<f32>, f32, f32)>;
 
 /// Places samples along the rays of one scene.
 #[derive(Clone, Debug)]
 pub(crate) struct Sampler {
     config: RenderConfig,
-    near: f32,
-    far: f32,
+    range: Range,
+    /// Length of the longest ray, in coordinates.
+    longest: f32,
     bounds: Aabb,
+    warp: Warp,
 }
 
 impl Sampler {
     pub(crate) fn new(config: &RenderConfig, scene: &Scene) -> Self {
-        Self { config: config.clone(), near: scene.near, far: scene.far, bounds: scene.bounds }
+        let warp = Warp::of(scene, config.space);
+        let longest = if config.clip_to_bounds && warp.is_identity() {
+            scene.bounds.size().length()
+        } else {
+            warp.coordinate(scene.far) - warp.coordinate(scene.near)
+        };
+        Self { config: config.clone(), range: scene.range, longest, bounds: scene.bounds, warp }
+    }
+
+    pub(crate) fn warp(&self) -> &Warp {
+        &self.warp
     }
 
     pub(crate) fn config(&self) -> &RenderConfig {
@@ -40,9 +52,9 @@ impl Sampler {
         self.longest() / (coarse + c.fine_samples as f32)
     }
 
-    /// Length of the longest ray.
+    /// Length of the longest ray, in coordinates.
     pub(crate) fn longest(&self) -> f32 {
-        if self.config.clip_to_bounds { self.bounds.size().length() } else { self.far - self.near }
+        self.longest
     }
 
     /// Samples of a single pass by steps of one length: each in the middle of its step or, jittered, all of a ray's samples
@@ -56,7 +68,7 @@ impl Sampler {
     ) -> Samples {
         let step = self.step_length(at);
         let most = (self.longest() / step).round() as usize;
-        Samples::pack(rays, |index| {
+        Samples::pack(rays, &self.warp, |index| {
             let shift = noise.map_or(0.5, |noise| noise.uniform(index, 0));
             (self.steps(&rays[index], step, shift, occupancy), most)
         })
@@ -68,10 +80,10 @@ impl Sampler {
         let Some((near, far)) = self.interval(ray) else { return Vec::new() };
         let count = ((far - near) / step).ceil().max(1.0);
         let length = (far - near) / count;
-        let at = |i: usize| (near + (i as f32 + shift) * length, length);
+        let at = |i: usize| (self.warp.distance(near + (i as f32 + shift) * length), length);
         let Some(grid) = occupancy else { return (0..count as usize).map(at).collect() };
         // Steps before and behind everything need no look at the grid.
-        let (first, last) = if self.config.clip_to_bounds {
+        let (first, last) = if self.clips() {
             let Some((enter, leave)) = grid.tight_bounds().intersect(ray) else { return Vec::new() };
             let index = |t: f32| ((t - near) / length).max(0.0);
             (index(enter).floor() as usize, (index(leave).ceil() as usize + 1).min(count as usize))
@@ -108,8 +120,7 @@ impl Sampler {
                 // Both lists are sorted and the kept distances are copies of candidates.
                 let mut kept = output.samples.t[range.clone()].iter().zip(&weights[range]).peekable();
                 let mut weight = |t: f32| kept.next_if(|(kept, _)| **kept == t).map_or(0.0, |(_, weight)| *weight);
-                let samples = intervals(t, *near, *far, c.placement, c.last_interval);
-                let dense: Vec<f32> = samples.into_iter().map(|(t, _)| weight(t)).collect();
+                let dense: Vec<f32> = self.placed(t, *near, *far).map(|(t, _)| weight(t)).collect();
                 let jitter = noise.map(|noise| (noise, index));
                 let t = match c.placement {
                     Placement::Interval => resample(t, &blurred(&dense), c.fine_samples, jitter),
@@ -122,28 +133,38 @@ impl Sampler {
 
     /// Candidates with their intervals, less what the grid knows to be empty or hidden.
     pub(crate) fn pack(&self, rays: &[Ray], candidates: &[Candidates], occupancy: Option<&OccupancyGrid>) -> Samples {
-        let c = &self.config;
         let longest = candidates.iter().flatten().map(|(t, ..)| t.len()).max().unwrap_or(0);
-        Samples::pack(rays, |index| {
+        Samples::pack(rays, &self.warp, |index| {
             let Some((t, near, far)) = &candidates[index] else { return (Vec::new(), longest) };
-            let samples = intervals(t, *near, *far, c.placement, c.last_interval);
+            let samples = self.placed(t, *near, *far);
             let candidates = samples.len();
             let kept = match occupancy {
-                Some(grid) => self.visible(samples.into_iter(), &rays[index], grid),
-                None => samples,
+                Some(grid) => self.visible(samples, &rays[index], grid),
+                None => samples.collect(),
             };
             (kept, candidates)
         })
     }
 
-    /// The part of a ray in which there can be something.
+    /// The samples of one ray from their coordinates: the distance of each, and the length of its interval.
+    fn placed(&self, s: &[f32], near: f32, far: f32) -> impl ExactSizeIterator<Item = (f32, f32)> + '_ {
+        let samples = intervals(s, near, far, self.config.placement, self.config.last_interval);
+        samples.into_iter().map(|(s, length)| (self.warp.distance(s), length))
+    }
+
+    /// Whether rays are cut to the scene's box.
+    fn clips(&self) -> bool {
+        self.config.clip_to_bounds && self.warp.is_identity()
+    }
+
+    /// The part of a ray in which there can be something, in coordinates.
     fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
-        if !self.config.clip_to_bounds {
-            return Some((self.near, self.far));
+        let (mut near, mut far) = self.range.along(ray)?;
+        if self.clips() {
+            let (enter, leave) = self.bounds.intersect(ray)?;
+            (near, far) = (enter.max(near), leave.min(far));
         }
-        let (enter, leave) = self.bounds.intersect(ray)?;
-        let (near, far) = (enter.max(self.near), leave.min(self.far));
-        (near < far).then_some((near, far))
+        (near < far).then(|| (self.warp.coordinate(near), self.warp.coordinate(far)))
     }
 
     /// Drops the samples in empty cells, and those behind what the grid remembers as opaque. A sample that stands for all
@@ -157,7 +178,7 @@ impl Sampler {
         let mut kept = Vec::with_capacity(32);
         for (t, delta) in samples {
             let density = match self.config.placement {
-                Placement::Left | Placement::Mid => grid.occupied_density(ray.at(t)),
+                Placement::Left | Placement::Mid => grid.occupied_density(self.warp.point(ray.at(t))),
                 Placement::Interval => grid.density_between(ray, t - 0.5 * delta, t + 0.5 * delta),
             };
             let Some(density) = density else { continue };

@@ -3,6 +3,8 @@ use infonerf_ops::Segments;
 use infonerf_scene::Ray;
 use rayon::prelude::*;
 
+use crate::Warp;
+
 /// Packed samples of a bundle of rays.
 #[derive(Clone, Debug)]
 pub struct Samples {
@@ -10,9 +12,10 @@ pub struct Samples {
     pub segments: Segments,
     /// Distance of each sample along its ray, `[M]`, scene units.
     pub t: Vec<f32>,
-    /// Length of the interval that each sample stands for, `[M]`.
+    /// Length of the interval that each sample stands for, `[M]`: in scene units, or where space is warped in those of the
+    /// coordinate that samples are spread over ([`Warp::coordinate`]).
     pub delta: Vec<f32>,
-    /// World positions, `[M, 3]` row-major.
+    /// Where the field is asked, `[M, 3]` row-major: world positions, through the [`Warp`].
     pub positions: Vec<f32>,
     /// Direction of each ray, `[R, 3]` row-major.
     pub directions: Vec<f32>,
@@ -24,14 +27,14 @@ pub struct Samples {
 
 impl Samples {
     /// Packs the samples of each ray: `of(ray index)` gives the kept `(t, delta)` and how many candidates there were.
-    pub(crate) fn pack(rays: &[Ray], of: impl Fn(usize) -> (Vec<(f32, f32)>, usize) + Sync) -> Self {
+    pub(crate) fn pack(rays: &[Ray], warp: &Warp, of: impl Fn(usize) -> (Vec<(f32, f32)>, usize) + Sync) -> Self {
         const CHUNK: usize = 128;
         let parts: Vec<Part> = (0..rays.len().div_ceil(CHUNK))
             .into_par_iter()
             .map(|chunk| {
                 let mut part = Part::default();
                 for (index, ray) in rays.iter().enumerate().skip(chunk * CHUNK).take(CHUNK) {
-                    part.add(ray, of(index));
+                    part.add(ray, warp, of(index));
                 }
                 part
             })
@@ -49,12 +52,12 @@ impl Samples {
     }
 
     /// The same distances along other rays, one for one.
-    pub(crate) fn along(&self, rays: &[Ray]) -> Self {
+    pub(crate) fn along(&self, rays: &[Ray], warp: &Warp) -> Self {
         let positions = self
             .segments
             .ranges()
             .zip(rays)
-            .flat_map(|(range, ray)| self.t[range].iter().flat_map(|&t| ray.at(t).to_array()))
+            .flat_map(|(range, ray)| self.t[range].iter().flat_map(|&t| warp.point(ray.at(t)).to_array()))
             .collect();
         let directions = rays.iter().flat_map(|ray| ray.direction.to_array()).collect();
         let radii = rays.iter().map(|ray| ray.radius).collect();
@@ -83,13 +86,13 @@ struct Part {
 }
 
 impl Part {
-    fn add(&mut self, ray: &Ray, (samples, candidates): (Vec<(f32, f32)>, usize)) {
+    fn add(&mut self, ray: &Ray, warp: &Warp, (samples, candidates): (Vec<(f32, f32)>, usize)) {
         self.counts.push(samples.len());
         self.candidates += candidates;
         for (t, delta) in samples {
             self.t.push(t);
             self.delta.push(delta);
-            self.positions.extend(ray.at(t).to_array());
+            self.positions.extend(warp.point(ray.at(t)).to_array());
         }
     }
 }

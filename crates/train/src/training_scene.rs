@@ -1,8 +1,9 @@
 use std::sync::Arc;
 
 use burn::tensor::Device;
+use infonerf_field::FieldSpec;
 use infonerf_loss::{Objective, TermSetup};
-use infonerf_render::Renderer;
+use infonerf_render::{Placement, Renderer, Warp};
 use infonerf_scene::{Scene, ViewRegion};
 
 use crate::photographs::Photographs;
@@ -31,6 +32,19 @@ impl TrainingScene {
         {
             let cause = format!("expected training images with an alpha channel: {} has none", view.name);
             return Err(TrainError::config("render.occupancy.carve", cause));
+        }
+        if !Warp::of(&scene, config.render.space).is_identity() {
+            let refuse = |key: &str, cause: &str, found: bool| match found {
+                true => {
+                    Err(TrainError::config(key, format!("expected {cause}: {} is not bounded by a box", scene.name)))
+                }
+                false => Ok(()),
+            };
+            let placement = config.render.placement == Placement::Interval;
+            refuse("render.placement", "\"mid\" or \"left\" (or render.space = \"box\")", placement)?;
+            let photographs = config.field.sees_photographs();
+            refuse("field.kind", "a field that looks at no photographs (or render.space = \"box\")", photographs)?;
+            refuse("render.occupancy.carve", "false (or render.space = \"box\")", config.render.occupancy.carve)?;
         }
         let objective = Objective::new(&config.loss, &TermSetup { scene: &scene, device })
             .map_err(|error| TrainError::Config(error.to_string()))?;

@@ -1,4 +1,5 @@
 use burn::tensor::Tensor;
+use infonerf_scene::{Backdrop, Scene};
 use infonerf_schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
@@ -23,6 +24,10 @@ impl TermSpec for OpacityConfig {
 
     fn weight_mut(&mut self) -> &mut Schedule {
         &mut self.weight
+    }
+
+    fn left_out(&self, scene: &Scene) -> Option<&'static str> {
+        (scene.backdrop == Backdrop::Unknown).then_some("left out: nothing is known of what is behind the scene")
     }
 
     fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {

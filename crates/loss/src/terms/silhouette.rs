@@ -1,4 +1,5 @@
 use burn::tensor::{Tensor, TensorData};
+use infonerf_scene::{Backdrop, Scene};
 use infonerf_schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
@@ -33,6 +34,10 @@ impl TermSpec for SilhouetteConfig {
     fn validate(&self) -> Result<(), LossError> {
         in_range("background", self.background.into(), 0.0, 1e6)?;
         in_range("foreground", self.foreground.into(), 0.0, 1e6)
+    }
+
+    fn left_out(&self, scene: &Scene) -> Option<&'static str> {
+        (scene.backdrop == Backdrop::Unknown).then_some("left out: nothing is known of what is behind the scene")
     }
 
     fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {

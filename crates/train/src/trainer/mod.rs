@@ -9,8 +9,8 @@ use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use infonerf_field::{Extent, Field, FieldSpec, Points, RadianceField};
 use infonerf_ops::{Segments, to_host};
-use infonerf_render::{Model, Noise, OccupancyGrid, Renderer, Stream, TrainedModel};
-use infonerf_scene::Scene;
+use infonerf_render::{Model, Noise, OccupancyGrid, Renderer, Stream, TrainedModel, Warp};
+use infonerf_scene::{Aabb, Scene};
 use infonerf_schedule::Moment;
 
 use crate::checkpoint::State;
@@ -66,7 +66,7 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self, TrainError> {
         let scene = scene.into();
-        let builder = FieldBuilder::configured(config, scene.bounds);
+        let builder = FieldBuilder::configured(config, field_bounds(config, &scene));
         Self::with_builder(config, vec![scene], seed, budget, device, builder)
     }
 
@@ -86,7 +86,7 @@ impl Trainer {
         let cause = "0: the errors of pixels are those of one scene";
         several("train.error_sampling.threshold", cause, !config.train.error_sampling.is_on())?;
         let first = scenes.first().ok_or_else(|| TrainError::config("scenes", "expected at least one"))?;
-        let builder = FieldBuilder::configured(config, first.bounds);
+        let builder = FieldBuilder::configured(config, field_bounds(config, first));
         Self::with_builder(config, scenes, seed, None, device, builder)
     }
 }
@@ -230,10 +230,16 @@ impl<F: Field> Trainer<F> {
     }
 }
 
+/// The box that a field of `scene` is made for.
+fn field_bounds(config: &Config, scene: &Scene) -> Aabb {
+    Warp::of(scene, config.render.space).bounds(scene)
+}
+
 fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
+    let bounds = field_bounds(config, scene);
     let config = &config.render.occupancy;
     config.enabled.then(|| {
-        let mut grid = OccupancyGrid::new(config, scene.bounds);
+        let mut grid = OccupancyGrid::new(config, bounds);
         if config.carve {
             grid.carve(&scene.train);
         }

@@ -1,0 +1,227 @@
+//! Space as a field sees it: captures without an end are brought into a box.
+
+use glam::{Mat4, Vec2, Vec3};
+use infonerf_scene::{Aabb, Camera, Layout, Scene};
+use serde::{Deserialize, Serialize};
+
+/// Which [`Warp`] a scene is seen through.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Space {
+    /// By the scene: the world where it is bounded, NDC where the cameras face forward, else contraction.
+    #[default]
+    Auto,
+    /// The scene's box.
+    Box,
+    /// Normalised device coordinates.
+    Ndc,
+    /// Contraction.
+    Contraction,
+}
+
+/// How far a ray reaches at most in the coordinate that samples are spread over evenly, where space is warped: as far as
+/// through a bounded scene, so that densities mean the same.
+const REACH: f32 = 4.0;
+/// Distances beyond this many near depths or radii are not told apart.
+const HORIZON: f32 = 1e4;
+
+/// How a point of the world becomes one that a field is asked about, and a distance along a ray the coordinate `s` that
+/// samples are spread over evenly.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Warp {
+    /// The world and its distances as they are: `s = t`.
+    Identity,
+    /// Normalised device coordinates of a camera (NeRF, Appendix C) that looks as the training cameras do on average:
+    /// `(aₓ x/z, a_y y/z, 1 − 2n/z)` at depth z ≥ n, which brings a cone without an end into a box; `s = 4 (1 − n/t)`.
+    Ndc {
+        /// World to the camera's coordinates, OpenGL: it looks along −z.
+        to_camera: Mat4,
+        /// Focal lengths over half the image's width and height.
+        scale: Vec2,
+        /// The nearest depth n, scene units.
+        near: f32,
+    },
+    /// Contraction (mip-NeRF 360, Barron et al. 2022, Eq. 10): with x from `centre` in units of `radius`, x where |x| ≤ 1,
+    /// else `(2 − 1/|x|) x/|x|`, a ball of radius 2; `s = u` up to u = 2, then `4 − 4/u`, with `u = t/radius`.
+    Contraction {
+        /// What the cameras look at.
+        centre: Vec3,
+        /// Within this distance of the centre nothing is changed.
+        radius: f32,
+    },
+}
+
+impl Warp {
+    /// The warp of `scene`.
+    pub fn of(scene: &Scene, space: Space) -> Self {
+        let space = match (space, scene.layout) {
+            (Space::Auto, _) if scene.bounded => Space::Box,
+            (Space::Auto, Layout::Forward) => Space::Ndc,
+            (Space::Auto, Layout::Object | Layout::Inside) => Space::Contraction,
+            (chosen, _) => chosen,
+        };
+        match (space, mean_camera(scene)) {
+            (Space::Ndc, Some(camera)) => Self::Ndc {
+                to_camera: camera.to_world.inverse().as_mat4(),
+                scale: Vec2::new(
+                    2.0 * camera.fx as f32 / camera.width as f32,
+                    2.0 * camera.fy as f32 / camera.height as f32,
+                ),
+                near: scene.near.max(1e-6 * scene.far),
+            },
+            (Space::Contraction | Space::Ndc, _) => Self::Contraction { centre: scene.centre, radius: scene.radius },
+            (Space::Box | Space::Auto, _) => Self::Identity,
+        }
+    }
+
+    /// Whether the world is taken as it is.
+    pub fn is_identity(&self) -> bool {
+        *self == Self::Identity
+    }
+
+    /// Where a field is asked about the point `p` of the world.
+    pub fn point(&self, p: Vec3) -> Vec3 {
+        match self {
+            Self::Identity => p,
+            Self::Ndc { to_camera, scale, near } => {
+                let p = to_camera.transform_point3(p);
+                // What lies before the nearest depth stays at its plane.
+                let z = (-p.z).max(0.5 * near);
+                Vec3::new(scale.x * p.x / z, scale.y * p.y / z, 1.0 - 2.0 * near / z)
+            }
+            Self::Contraction { centre, radius } => {
+                let x = (p - *centre) / *radius;
+                let length = x.length();
+                if length <= 1.0 { x } else { x * ((2.0 - 1.0 / length) / length) }
+            }
+        }
+    }
+
+    /// The box in which [`Self::point`] puts what the training cameras of `scene` can see.
+    pub fn bounds(&self, scene: &Scene) -> Aabb {
+        match self {
+            Self::Identity => scene.bounds,
+            Self::Contraction { .. } => Aabb::cube(Vec3::ZERO, 2.0),
+            Self::Ndc { .. } => {
+                let corners = cameras(scene).flat_map(|camera| {
+                    let (width, height) = (camera.width as f32, camera.height as f32);
+                    let rays =
+                        [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)].map(|(x, y)| camera.ray(x, y));
+                    rays.into_iter()
+                        .filter_map(|ray| scene.interval(&ray).map(|(near, far)| [ray.at(near), ray.at(far)]))
+                });
+                let seen = Aabb::containing(corners.flatten().map(|p| self.point(p)));
+                seen.unwrap_or(Aabb::cube(Vec3::ZERO, 1.0))
+            }
+        }
+    }
+
+    /// The coordinate `s` at distance `t` along a ray.
+    pub fn coordinate(&self, t: f32) -> f32 {
+        match self {
+            Self::Identity => t,
+            Self::Ndc { near, .. } => REACH * (1.0 - near / t.max(1e-3 * near)),
+            Self::Contraction { radius, .. } => {
+                let u = t / radius;
+                if u <= 2.0 { u } else { REACH - 4.0 / u }
+            }
+        }
+    }
+
+    /// The distance at coordinate `s`: the inverse of [`Self::coordinate`].
+    pub fn distance(&self, s: f32) -> f32 {
+        match self {
+            Self::Identity => s,
+            Self::Ndc { near, .. } => near / (1.0 - s / REACH).max(1.0 / HORIZON),
+            Self::Contraction { radius, .. } => {
+                radius * if s <= 2.0 { s } else { 4.0 / (REACH - s).max(4.0 / HORIZON) }
+            }
+        }
+    }
+}
+
+/// Every training camera that there is: their poses are known before any image is chosen.
+fn cameras(scene: &Scene) -> impl Iterator<Item = &Camera> {
+    scene.all_train_cameras.iter().chain(scene.train.iter().map(|view| &view.camera))
+}
+
+/// The first camera at the mean place of all, looking the mean way; none without cameras that agree on one.
+fn mean_camera(scene: &Scene) -> Option<Camera> {
+    let first = cameras(scene).next()?;
+    let count = cameras(scene).count() as f64;
+    let sum = cameras(scene).fold(glam::DMat4::ZERO, |sum, camera| sum + camera.to_world);
+    let [place, back] = [sum.w_axis, sum.z_axis].map(|axis| axis.truncate() / count);
+    let back = back.try_normalize()?;
+    let right = sum.y_axis.truncate().cross(back).try_normalize()?;
+    let axes = glam::DMat3::from_cols(right, back.cross(right), back);
+    Some(first.with_pose(glam::DMat4::from_translation(place) * glam::DMat4::from_mat3(axes)))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat4, DVec3};
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn forward() -> Scene {
+        let camera = |x| Camera::from_fov(40, 30, 1.0, DMat4::from_translation(DVec3::new(x, 0.0, 0.0)));
+        Scene {
+            all_train_cameras: vec![camera(-0.1), camera(0.1)],
+            layout: Layout::Forward,
+            bounded: false,
+            near: 1.0,
+            far: 100.0,
+            range: infonerf_scene::Range::Depth { near: 1.0, far: 100.0 },
+            ..Scene::default()
+        }
+    }
+
+    #[test]
+    fn the_scene_says_which() {
+        assert!(Warp::of(&Scene::default(), Space::Auto).is_identity());
+        assert!(matches!(Warp::of(&forward(), Space::Auto), Warp::Ndc { .. }));
+        let around = Scene { layout: Layout::Object, ..forward() };
+        assert!(matches!(Warp::of(&around, Space::Auto), Warp::Contraction { .. }));
+        assert!(Warp::of(&around, Space::Box).is_identity());
+    }
+
+    #[test]
+    fn ndc_brings_the_frustum_into_a_cube() {
+        let warp = Warp::of(&forward(), Space::Auto);
+        let edge = 0.5f32.tan();
+        for (p, expected) in [
+            (Vec3::new(0.0, 0.0, -1.0), Vec3::new(0.0, 0.0, -1.0)),
+            (Vec3::new(edge, 0.0, -1.0), Vec3::new(1.0, 0.0, -1.0)),
+            (Vec3::new(2.0 * edge, 1.5 * edge, -2.0), Vec3::new(1.0, 1.0, 0.0)),
+        ] {
+            assert!(warp.point(p).distance(expected) < 1e-5, "{p}: {}", warp.point(p));
+        }
+        let bounds = warp.bounds(&forward());
+        assert!(
+            bounds.min.z >= -1.0 - 1e-5 && bounds.max.z <= 1.0 && bounds.min.x <= -1.0 && bounds.max.y >= 1.0,
+            "{bounds:?}"
+        );
+    }
+
+    #[test]
+    fn contraction_keeps_the_ball_and_brings_the_rest_within_two() {
+        let warp = Warp::Contraction { centre: Vec3::X, radius: 2.0 };
+        assert_eq!(warp.point(Vec3::new(2.0, 0.0, 0.0)), Vec3::new(0.5, 0.0, 0.0));
+        assert_eq!(warp.point(Vec3::new(5.0, 0.0, 0.0)), Vec3::new(1.5, 0.0, 0.0));
+        assert!(warp.point(Vec3::splat(1e9)).length() <= 2.0);
+    }
+
+    proptest! {
+        /// The coordinate rises with the distance, and each gives the other back.
+        #[test]
+        fn coordinates_and_distances_agree(t in 1.0f32..1000.0, further in 1.01f32..2.0) {
+            let warps = [Warp::of(&forward(), Space::Ndc), Warp::Contraction { centre: Vec3::ZERO, radius: 3.0 }, Warp::Identity];
+            for warp in warps {
+                let s = warp.coordinate(t);
+                prop_assert!(warp.coordinate(t * further) > s);
+                prop_assert!((warp.distance(s) / t - 1.0).abs() < 1e-3, "{warp:?} {t}: {}", warp.distance(s));
+            }
+        }
+    }
+}
