@@ -10,7 +10,7 @@ use glam::{DMat3, DMat4, DVec3, Vec3};
 use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::to_host;
 use infonerf_render::Stream;
-use infonerf_scene::{Aabb, Camera, Image, Scene, View};
+use infonerf_scene::{Aabb, Camera, Image, Range, Scene, View};
 use infonerf_tests::hashed;
 use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepPixels, Trainer, config};
 use safetensors::SafeTensors;
@@ -158,17 +158,18 @@ fn scene(fixture: &Value) -> Scene {
         let color = |pixel: &Value| [0, 1, 2].map(|channel| pixel[channel].as_f64().unwrap() as f32 / 255.0);
         let rgb = pixels.as_array().unwrap().iter().map(color).collect();
         let image = Image { width: size, height: size, rgb, alpha: None };
-        View { id, name: format!("train/{id}"), camera: camera.clone(), image, depth: None }
+        View { id, name: format!("train/{id}"), camera: camera.clone(), image: image.into(), depth: None, mask: None }
     };
+    let [near, far] = ["near", "far"].map(|key| fixture[key].as_f64().unwrap() as f32);
     Scene {
         name: "fixture".into(),
         train: fixture["images"].as_array().unwrap().iter().zip(&cameras).enumerate().map(view).collect(),
-        test: Vec::new(),
-        background: [1.0; 3],
-        near: fixture["near"].as_f64().unwrap() as f32,
-        far: fixture["far"].as_f64().unwrap() as f32,
+        near,
+        far,
+        range: Range::Distance { near, far },
         bounds: Aabb::cube(Vec3::ZERO, 1.0),
         all_train_cameras: cameras,
+        ..Scene::default()
     }
 }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result};
 use infonerf_report::chart::{Frame, heat_map};
-use infonerf_scene::Scene;
+use infonerf_scene::{Range, Scene};
 use infonerf_train::{Event, Outcome, TrainError, Trainer, evaluate_view};
 use serde::Serialize;
 
@@ -254,6 +254,7 @@ fn scale(scene: &mut Scene, factor: f32) {
     }
     scene.train.iter_mut().chain(&mut scene.test).for_each(|view| view.depth = None);
     (scene.near, scene.far) = (scene.near * factor, scene.far * factor);
+    scene.range = Range::Distance { near: scene.near, far: scene.far };
     (scene.bounds.min, scene.bounds.max) = (scene.bounds.min * factor, scene.bounds.max * factor);
 }
 

@@ -4,6 +4,8 @@
 //! cargo run --release --example own_field
 //! ```
 
+#![allow(clippy::print_stdout, reason = "an example shows what it computes")]
+
 use std::path::Path;
 
 use burn::module::Module;

@@ -4,6 +4,8 @@
 //! cargo run --release --example own_renderer
 //! ```
 
+#![allow(clippy::print_stdout, reason = "an example shows what it computes")]
+
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::{RayDistribution, Segments, ray_divergence, ray_entropy};
 

@@ -199,7 +199,7 @@ pub(crate) struct EvalArgs {
     pub(crate) runs: Vec<PathBuf>,
     #[command(flatten)]
     pub(crate) pictures: PicturesArgs,
-    /// Test views: all, every-8, first-3; by default as the run says.
+    /// Test views: all, split, every-8, first-3, 0,8,16 or a published protocol; by default as the run says.
     #[arg(long, value_name = "PROTOCOL")]
     pub(crate) test: Option<String>,
     /// Also render at smaller sizes, such as 1/2,1/4,1/8, against the test views averaged over areas; one table.
@@ -293,6 +293,27 @@ pub(crate) struct RenderArgs {
 pub(crate) enum SceneCommand {
     /// List the built-in scenes.
     List,
+    /// What is in a folder of photographs: format, cameras, lens, bounds, splits; with a page that shows them in 3D.
+    Info {
+        /// The folder.
+        dir: PathBuf,
+        /// As JSON.
+        #[arg(long)]
+        json: bool,
+        /// Write a page that shows cameras, points and the scene's box.
+        #[arg(long, value_name = "FILE")]
+        page: Option<PathBuf>,
+    },
+    /// Look for what makes captures fail: cameras far off, blurred images, a doubtful up axis, a narrow baseline.
+    Check {
+        /// The folder.
+        dir: PathBuf,
+    },
+    /// Find the poses of photographs with an installed `colmap`: writes DIR/sparse/0.
+    FromImages {
+        /// The folder that holds the photographs.
+        dir: PathBuf,
+    },
     /// Write a built-in scene as a folder in Blender's format, with exact depth.
     Export {
         /// Name of the scene.

@@ -11,6 +11,11 @@ macro_rules! built_in {
 
 built_in! {
     "synthetic-4view",
+    "paper-regime",
+    "llff-2view",
+    "llff-3view",
+    "dtu-3view",
+    "zju-4view",
     "synthetic-4view-losses",
     "synthetic-4view-mlp",
     "synthetic-4view-alpha",

@@ -103,7 +103,7 @@ impl RunPlan {
             test: self.config.eval.test.test(),
             image_size: (scene.size > 0).then_some(scene.size),
             background: scene.background,
-            ..SceneRequest::default()
+            frame: Some(scene.frame),
         };
         let name = match &self.source {
             SceneSource::Procedural(name) => format!("built-in scene {name}"),

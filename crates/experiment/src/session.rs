@@ -19,9 +19,9 @@ pub struct Session {
     pub resume: Resume,
     /// Share of each run after which it is stopped, to go on later.
     pub until: Option<f64>,
-    /// The scene of the last run: the next one often has the same.
     /// What learned metrics need: those without a network have no value.
     pub networks: Networks,
+    /// The scene of the last run: the next one often has the same.
     last_scene: Mutex<Option<(String, Arc<Scene>)>>,
 }
 

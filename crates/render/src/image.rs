@@ -29,7 +29,7 @@ const CHUNK: usize = 1 << 15;
 /// Rays rendered at a time where all of a ray's samples are evaluated at once.
 const WHOLE_RAY_CHUNK: usize = 4096;
 
-/// Renders the picture that `camera` sees: of several members their mean, with as much detail as they have.
+/// Renders the picture that `camera` sees: of several members their mean.
 ///
 /// # Panics
 /// If there are no members.

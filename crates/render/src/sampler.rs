@@ -18,6 +18,7 @@ pub(crate) type Candidates = Option<(Vec<f32>, f32, f32)>;
 pub(crate) struct Sampler {
     config: RenderConfig,
     range: Range,
+    near: f32,
     /// Length of the longest ray, in coordinates.
     longest: f32,
     bounds: Aabb,
@@ -30,9 +31,9 @@ impl Sampler {
         let longest = if config.clip_to_bounds && warp.is_identity() {
             scene.bounds.size().length()
         } else {
-            warp.coordinate(scene.far) - warp.coordinate(scene.near)
+            warp.coordinate(warp.horizon().unwrap_or(scene.far)) - warp.coordinate(scene.near)
         };
-        Self { config: config.clone(), range: scene.range, longest, bounds: scene.bounds, warp }
+        Self { config: config.clone(), range: scene.range, near: scene.near, longest, bounds: scene.bounds, warp }
     }
 
     pub(crate) fn warp(&self) -> &Warp {
@@ -159,7 +160,12 @@ impl Sampler {
 
     /// The part of a ray in which there can be something, in coordinates.
     fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
-        let (mut near, mut far) = self.range.along(ray)?;
+        let within = self.range.along(ray);
+        let (mut near, mut far) = match self.warp.horizon() {
+            // Space goes on behind what the cameras look at, and beside it.
+            Some(horizon) => (within.map_or(self.near, |(near, _)| near), horizon),
+            None => within?,
+        };
         if self.clips() {
             let (enter, leave) = self.bounds.intersect(ray)?;
             (near, far) = (enter.max(near), leave.min(far));

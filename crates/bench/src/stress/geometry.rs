@@ -117,6 +117,7 @@ pub(super) fn rendered(
         with_settings(plan, &["scene.size=8", "train.downscale=1", "field.resolutions=[4,8]", "render.samples=48"])?;
     let mut scene = plan.load()?;
     (scene.near, scene.far) = (0.0, 1e5 * scale);
+    scene.range = infonerf_scene::Range::Distance { near: scene.near, far: scene.far };
     scene.bounds = Aabb::cube([0.0; 3].into(), scale);
     let trainer = Trainer::new(&plan.config, scene, plan.seed, None, device)?;
     let rays = rays(draw, scale, count, rng);

@@ -5,6 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use infonerf_render::TrainedModel;
 use infonerf_report::{Record, TestViews};
+use infonerf_scene::Scene;
 use infonerf_train::{Evaluation, Information, InformationQuery, Trainer, config::Unseen, information};
 
 use super::pictures::write_pictures;
@@ -38,7 +39,7 @@ pub(super) fn evaluate(
     let information = information_of(plan, trainers);
     let progress = total_progress(trainers);
     let measured = evaluated.measured.representable();
-    let mut notes = notes(plan, progress.restarts);
+    let mut notes = notes(plan, scene, progress.restarts);
     notes.extend(measured.notes.iter().map(ToString::to_string));
     Ok(Some(Record {
         experiment: plan.experiment.clone(),
@@ -86,8 +87,8 @@ fn information_of(plan: &RunPlan, trainers: &[Trainer]) -> Option<Information> {
 }
 
 /// What a reader of the numbers should know.
-fn notes(plan: &RunPlan, restarts: usize) -> Vec<String> {
-    let mut notes = Vec::new();
+fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
+    let mut notes = scene.warnings.clone();
     if plan.data.is_none() {
         notes.push("procedural scene, not a published data set".to_owned());
     }
@@ -97,7 +98,11 @@ fn notes(plan: &RunPlan, restarts: usize) -> Vec<String> {
     if plan.config.train.unseen == Unseen::Dataset && !plan.config.loss.entropy.weight.is_zero() {
         notes.push("unseen poses are those of all training images of the data set, chosen or not".into());
     }
-    let privileges = plan.config.loss.active().filter_map(|(name, spec)| Some((name, spec.privilege()?)));
+    for (name, spec) in plan.config.loss.active() {
+        notes.extend(spec.left_out(scene).map(|reason| format!("loss.{name} is {reason}")));
+    }
+    let taking_part = plan.config.loss.active().filter(|(_, spec)| spec.left_out(scene).is_none());
+    let privileges = taking_part.filter_map(|(name, spec)| Some((name, spec.privilege()?)));
     notes.extend(privileges.map(|(name, privilege)| format!("loss.{name} knows {privilege}")));
     notes.extend(plan.config.first_weights());
     if restarts > 0 {

@@ -63,6 +63,9 @@ impl Session {
         let memory = PeakMemory::start();
         watch(RunEvent::Loading);
         let scene = self.scene(plan)?;
+        for warning in &scene.warnings {
+            watch(RunEvent::Warning(format!("{}: {warning}", plan.scene)));
+        }
         let mut trainers = Vec::new();
         let (mut collapsed, mut stopped) = (false, false);
         for member in 0..plan.members() {

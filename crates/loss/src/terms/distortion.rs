@@ -1,6 +1,7 @@
 use burn::tensor::Tensor;
 use infonerf_ops::{Intervals, ray_distortion};
 use infonerf_render::Samples;
+use infonerf_scene::Scene;
 use infonerf_schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
@@ -26,6 +27,10 @@ impl TermSpec for DistortionConfig {
 
     fn weight_mut(&mut self) -> &mut Schedule {
         &mut self.weight
+    }
+
+    fn left_out(&self, scene: &Scene) -> Option<&'static str> {
+        (!scene.bounded).then_some("left out: the scene has no end, so that shares of its depth say nothing")
     }
 
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {

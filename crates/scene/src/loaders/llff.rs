@@ -77,7 +77,7 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
         space(&cameras, range).ok_or_else(|| SceneError::malformed(&dir.join(MARKER), EXPECTED, "no finite bounds"))?;
     let (train, test) = hold_out(frames);
     let (train, test) = (numbered(train), numbered(test));
-    let selections = [2, 3, 6, 9].map(|count| (format!("regnerf-{count}"), spread(train.len(), count)));
+    let selections = spread_selections(train.len());
     let mut parts = Parts::new(dir, Format::Llff, train, test, space);
     parts.selections = selections.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
     parts.protocols = vec![("regnerf".into(), (0..parts.test.len()).collect())];
@@ -102,6 +102,11 @@ fn space(cameras: &[Camera], (near, far): (f32, f32)) -> Option<Space> {
         space.radius = super::space::farthest(cameras, space.centre);
     }
     Some(space)
+}
+
+/// RegNeRF's selections for forward-facing captures, by name: `count` of `n` training views, spread evenly.
+pub(crate) fn spread_selections(n: usize) -> Vec<(String, Vec<usize>)> {
+    [2, 3, 6, 9].map(|count| (format!("regnerf-{count}"), spread(n, count))).into()
 }
 
 /// RegNeRF's `count` training views of `n`: evenly spaced, both ends included, halves rounded to even as NumPy does.

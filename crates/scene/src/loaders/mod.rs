@@ -24,7 +24,7 @@ pub(crate) use assemble::scene_name;
 pub(crate) use blender::named_selections;
 pub(crate) use depth::write_depth;
 pub(crate) use extent::grid;
-pub(crate) use llff::list_images;
+pub(crate) use llff::{list_images, spread_selections};
 
 pub(crate) use pose::FARTHEST;
 

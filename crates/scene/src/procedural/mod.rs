@@ -150,7 +150,11 @@ pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneErr
     let size = request.image_size.unwrap_or(DEFAULT_SIZE);
     let Layout { train, test, near, far, bounds } = cameras::layout(name, size);
     let ids = |n: usize| (0..n).collect::<Vec<_>>();
-    let named = loaders::named_selections(&train);
+    let named = if CAPTURES.contains(&name) {
+        loaders::spread_selections(train.len())
+    } else {
+        loaders::named_selections(&train)
+    };
     let train_ids = pool::train(&request.train, &train, &ids(train.len()), &named)?;
     let test_ids = pool::test(&request.test, &ids(test.len()), None, &Vec::new())?;
     let is_capture = CAPTURES.contains(&name);

@@ -45,8 +45,10 @@ pub struct Config {
 pub struct SceneConfig {
     /// Training views.
     pub views: Views,
-    /// Longest side of the images in pixels; 0 for the size that they have.
+    /// Longest side of the images in pixels; 0 for the size that they have (built-in scenes: 200).
     pub size: u32,
+    /// Which frame of a film (ZJU-MoCap).
+    pub frame: usize,
     /// Colour behind transparent pixels.
     pub background: [f32; 3],
 }

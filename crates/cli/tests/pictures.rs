@@ -1,0 +1,86 @@
+//! `infonerf eval --renders`, `infonerf weights` and `infonerf scene`, as a user runs them.
+
+mod common;
+
+use std::fs;
+
+use common::{Workplace, text};
+use serde_json::Value;
+
+#[test]
+fn pictures_of_a_run_measure_as_its_record_says() {
+    let place = Workplace::new();
+    place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf"]).succeeds();
+    let run = place.path("runs/synthetic-4view/knot/nerf/seed0");
+    let (renders, truth) = (run.join("test"), run.join("truth"));
+    let (renders, truth) = (renders.to_str().unwrap(), truth.to_str().unwrap());
+    let output = place.run(&["eval", "--renders", renders, "--truth", truth, "--out", "compared"]).succeeds();
+    assert!(text(&output.stdout).contains("8-bit RGB on white"), "{}", text(&output.stdout));
+    let json = fs::read_to_string(place.path("compared/comparison.json")).unwrap();
+    let compared: Value = serde_json::from_str(&json).unwrap();
+    let records = fs::read_to_string(place.path("runs/synthetic-4view/results.json")).unwrap();
+    let record = serde_json::from_str::<Value>(&records).unwrap()[0].clone();
+    for key in ["psnr", "ssim", "gmsd", "sharpness"] {
+        let (there, here) = (record[key].as_f64().unwrap(), compared["mean"][key].as_f64().unwrap());
+        assert!((there - here).abs() < 1e-9 * there.abs().max(1.0), "{key}: {there} and {here}");
+    }
+    let page = fs::read_to_string(place.path("compared/comparison.html")).unwrap();
+    assert_eq!(page.matches("type=\"range\"").count(), 2);
+}
+
+#[test]
+fn pictures_that_do_not_fit_are_one_line() {
+    let place = Workplace::new();
+    let picture = |path: &str, side: u32| {
+        let path = place.path(path);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        image::RgbImage::from_pixel(side, side, image::Rgb([9, 8, 7])).save(path).unwrap();
+    };
+    for folder in ["a", "b", "small"] {
+        picture(&format!("{folder}/0.png"), if folder == "small" { 8 } else { 16 });
+    }
+    picture("more/0.png", 16);
+    picture("more/1.png", 16);
+    picture("masks/0.png", 16);
+    image::GrayImage::new(16, 16).save(place.path("masks/0.png")).unwrap();
+    fs::create_dir(place.path("none")).unwrap();
+    for (arguments, part) in [
+        (&["--renders", "a", "--truth", "small"][..], "a/0.png"),
+        (&["--renders", "a", "--truth", "more"], "no render in"),
+        (&["--renders", "more", "--truth", "a"], "no truth in"),
+        (&["--renders", "none", "--truth", "a"], "no PNG or JPEG"),
+        (&["--renders", "absent", "--truth", "a"], "absent"),
+        (&["--renders", "a", "--truth", "b", "--masks", "masks"], "mask"),
+        (&["--renders", "a", "--truth", "b", "--metric", "fid"], "fid"),
+        (&["--renders", "a", "--truth", "b", "--metric", "vmaf"], "vmaf"),
+        (&["--renders", "a", "--truth", "b", "--protocol", "ours"], "expected one of infonerf"),
+    ] {
+        place.run(&[&["eval"], arguments].concat()).fails_with(&[part]);
+    }
+}
+
+#[test]
+fn weights_are_listed_and_bad_files_refused() {
+    let place = Workplace::new();
+    let listed = text(&place.run(&["weights"]).succeeds().stdout);
+    for name in ["lpips-alex", "lpips-vgg-heads", "clip-vit-b32", "resnet34", "not here", "SHA-256"] {
+        assert!(listed.contains(name), "{name}: {listed}");
+    }
+    fs::write(place.path("text.pth"), "no weights").unwrap();
+    place.run(&["weights", "import", "text.pth"]).fails_with(&["text.pth"]);
+    place.run(&["weights", "import", "absent.pth"]).fails_with(&["absent.pth"]);
+    place.run(&["weights", "fetch", "lpips-squeeze"]).fails_with(&["lpips-squeeze"]);
+}
+
+#[test]
+fn a_scene_is_described_and_checked() {
+    let place = Workplace::new();
+    place.run(&["scene", "export", "castle", "castle", "--size", "16"]).succeeds();
+    let described = text(&place.run(&["scene", "info", "castle", "--page", "castle.html"]).succeeds().stdout);
+    assert!(described.contains("Blender") && described.contains("100 to train on"), "{described}");
+    assert!(fs::read_to_string(place.path("castle.html")).unwrap().contains("<canvas"));
+    let json = place.run(&["scene", "info", "castle", "--json"]).succeeds();
+    assert!(serde_json::from_str::<Value>(&text(&json.stdout)).is_ok());
+    place.run(&["scene", "check", "castle"]).succeeds();
+    place.run(&["scene", "info", "absent"]).fails_with(&["absent"]);
+}
