@@ -46,14 +46,13 @@ pub enum Warp {
     Contraction {
         /// What the cameras look at.
         centre: Vec3,
-        /// Distance of the farthest camera from there: within it nothing is changed. (On DTU's scan24 the radius of the
-        /// content instead costs 3 dB.)
+        /// Distance of the farthest camera from the centre; within it nothing is changed.
         radius: f32,
     },
 }
 
 impl Warp {
-    /// The warp of `scene`.
+    /// The warp of `scene`. Cameras whose mean direction is undefined have no NDC: their scene is contracted.
     pub fn of(scene: &Scene, space: Space) -> Self {
         let space = match (space, scene.layout) {
             (Space::Auto, _) if scene.bounded => Space::Box,
