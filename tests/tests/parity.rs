@@ -195,6 +195,8 @@ fn step_pixels(scene: &Scene, step: &Value) -> StepPixels {
         seen: SeenPixels {
             pixels: seen,
             rgba: numbers.iter().map(rgba).collect(),
+            // Of silhouettes, which are off here.
+            coverage: vec![1.0; numbers.len()],
             places: numbers.iter().map(|n| view * size * size + n).collect(),
             rejected: 0,
         },

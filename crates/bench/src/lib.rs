@@ -2,6 +2,30 @@
 //!
 //! Each benchmark is one file with one function that measures, says what it found, and writes `results.json` and charts.
 //! [`run`] runs one by name.
+//!
+//! ```no_run
+//! use infonerf_bench::{Benchmark, Options, run};
+//! use infonerf_experiment::{DeviceName, Selection};
+//!
+//! // Errors of every operation on extreme inputs, against f64.
+//! let options = Options {
+//!     benchmark: Benchmark::Stress,
+//!     experiment: "synthetic-4view".into(),
+//!     selection: Selection::default(),
+//!     device: DeviceName::Auto,
+//!     budgets: Vec::new(),
+//!     steps: None,
+//!     warmup: None,
+//!     from: None,
+//!     seeds: None,
+//!     rays: Some(64),
+//!     weights: None,
+//!     out: "runs/bench".into(),
+//! };
+//! let holds = run(&options, &mut |line| println!("{line}"))?;
+//! assert!(holds);
+//! # Ok::<(), anyhow::Error>(())
+//! ```
 
 mod context;
 mod ops;

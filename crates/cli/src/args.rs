@@ -23,6 +23,9 @@ pub(crate) struct Args {
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
+    /// Learn a built-in scene from four views in a minute, and watch it appear.
+    #[command(after_help = DEMO_EXAMPLES)]
+    Demo(DemoArgs),
     /// Run an experiment: train every variant on every scene, evaluate on test views, write a report.
     #[command(after_help = EXP_EXAMPLES)]
     Exp(ExpArgs),
@@ -53,6 +56,38 @@ pub(crate) enum Command {
     Scene(SceneCommand),
     /// List the experiments that are built in.
     List,
+    /// Write the results of several experiments as one Markdown document.
+    Collect(CollectArgs),
+    /// Print the completions of a shell: `infonerf completions bash > /etc/bash_completion.d/infonerf`.
+    Completions {
+        /// Which shell.
+        shell: clap_complete::Shell,
+    },
+    /// Write the manual pages, one for each command.
+    Man {
+        /// Folder for them, such as /usr/local/share/man/man1.
+        #[arg(long, value_name = "DIR", default_value = "man")]
+        out: PathBuf,
+    },
+}
+
+const DEMO_EXAMPLES: &str = "\
+Examples:
+  infonerf demo
+      the crane, from four views
+  infonerf demo --scene castle --device wgpu
+      another scene, on a GPU";
+
+#[derive(Clone, Debug, ClapArgs)]
+pub(crate) struct DemoArgs {
+    /// A built-in scene (see `infonerf scene list`).
+    #[arg(long, default_value = "crane")]
+    pub(crate) scene: String,
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+    /// Folder for results.
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    pub(crate) out: PathBuf,
 }
 
 const EXP_EXAMPLES: &str = "\
@@ -108,7 +143,7 @@ const PRETRAIN_EXAMPLES: &str = "\
 Examples:
   infonerf pretrain pixelnerf-pretrain
       PixelNeRF on procedural scenes drawn at random; leaves runs/pixelnerf-pretrain
-  infonerf pretrain pixelnerf-pretrain --data DTU
+  infonerf pretrain pixelnerf-pretrain --data nerf_synthetic
       the same on all scenes in a folder
   infonerf exp integration-pixelnerf --set train.init=runs/pixelnerf-pretrain
       fine-tune what came of it on a few views of another scene";
@@ -190,6 +225,19 @@ pub(crate) struct DeviceArgs {
     /// Where to compute: auto (the fastest one that is built in), flex, ndarray, wgpu, vulkan or cuda.
     #[arg(long, value_name = "DEVICE", default_value_t = DeviceName::Auto)]
     pub(crate) device: DeviceName,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct CollectArgs {
+    /// Folder of an experiment, such as runs/synthetic-4view.
+    #[arg(required = true, value_name = "DIR")]
+    pub(crate) folders: Vec<PathBuf>,
+    /// Heading of the document.
+    #[arg(long, default_value = "Results")]
+    pub(crate) title: String,
+    /// File to write.
+    #[arg(long, value_name = "FILE", default_value = "results.md")]
+    pub(crate) out: PathBuf,
 }
 
 #[derive(Debug, ClapArgs)]

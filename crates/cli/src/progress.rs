@@ -54,6 +54,11 @@ impl Progress {
         interrupt::control()
     }
 
+    /// Does something that prints, with the bar out of the way.
+    pub(crate) fn suspend<R>(&self, print: impl FnOnce() -> R) -> R {
+        self.bar.suspend(print)
+    }
+
     fn begin(&mut self, label: String, length: u64) {
         let style = self.bar.style();
         self.bar = ProgressBar::new(length).with_style(style);

@@ -410,3 +410,33 @@ fn help_can_be_learned_from() {
         assert!(help.contains(part), "{part}: {help}");
     }
 }
+
+#[test]
+fn shells_and_man_are_told_of_every_command() {
+    let place = Workplace::new();
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let script = text(&place.run(&["completions", shell]).succeeds().stdout);
+        for part in ["infonerf", "exp", "sweep", "--budget"] {
+            assert!(script.contains(part), "{shell}: {part}");
+        }
+    }
+    place.run(&["man", "--out", "pages"]).succeeds();
+    let page = fs::read_to_string(place.path("pages/infonerf-exp.1")).unwrap();
+    assert!(page.contains("budget") && place.path("pages/infonerf.1").is_file());
+    fs::write(place.path("file"), "").unwrap();
+    place.run(&["man", "--out", "file"]).fails_with(&["file"]);
+    place.run(&["completions", "tcsh"]).assert_refused(&["tcsh"]);
+}
+
+#[test]
+fn results_are_collected_into_one_document() {
+    let place = Workplace::new();
+    place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--out", "here"]).succeeds();
+    place.run(&["collect", "here/synthetic-4view", "--title", "All of it"]).succeeds();
+    let document = fs::read_to_string(place.path("results.md")).unwrap();
+    for part in ["# All of it", "infonerf exp", "--scene knot", "PSNR", "train views 26, 86, 2, 55"] {
+        assert!(document.contains(part), "{part}: {document}");
+    }
+    assert!(!document.contains("here"), "{document}");
+    place.run(&["collect", "nowhere"]).fails_with(&["nowhere", "results.json"]);
+}

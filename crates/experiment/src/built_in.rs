@@ -12,6 +12,7 @@ macro_rules! built_in {
 built_in! {
     "synthetic-4view",
     "paper-regime",
+    "paper-regime-choices",
     "llff-2view",
     "llff-3view",
     "dtu-3view",

@@ -93,15 +93,7 @@ impl Experiment {
                 }));
             }
         }
-        let about = About {
-            title: layers.last(|file| file.title.clone()).unwrap_or_else(|| name.clone()),
-            name,
-            data,
-            paper: layers.last(|file| file.paper.clone()),
-            claims: layers.last(|file| file.claims.clone()).unwrap_or_default(),
-            plot: layers.last(|file| file.plot.clone()),
-        };
-        Ok(Self { about, runs })
+        Ok(Self { about: About::of(&layers, data), runs })
     }
 }
 
@@ -171,6 +163,28 @@ fn check_distinct(what: &str, items: impl Iterator<Item = String>) -> Result<()>
 }
 
 impl About {
+    /// What the experiment called `name` says of itself.
+    ///
+    /// # Errors
+    /// If there is none, or its file cannot be read.
+    pub fn read(name: &str) -> Result<Self> {
+        let layers = Layers::read(name)?;
+        let data = layers.last(|file| file.data.clone());
+        Ok(Self::of(&layers, data))
+    }
+
+    fn of(layers: &Layers, data: Option<PathBuf>) -> Self {
+        let name = layers.result_name();
+        Self {
+            title: layers.last(|file| file.title.clone()).unwrap_or_else(|| name.clone()),
+            name,
+            data,
+            paper: layers.last(|file| file.paper.clone()),
+            claims: layers.last(|file| file.claims.clone()).unwrap_or_default(),
+            plot: layers.last(|file| file.plot.clone()),
+        }
+    }
+
     /// What a report of `records`, which came of `runs`, is made of.
     ///
     /// # Errors

@@ -7,7 +7,7 @@ use burn::tensor::Device;
 use infonerf_field::FieldSpec;
 use infonerf_report::run_directory;
 use infonerf_scene::{Scene, SceneRequest, SceneSource};
-use infonerf_train::{Config, Preset, Trainer, member_seed};
+use infonerf_train::{Config, MemoryPlan, Preset, Trainer, member_seed};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -97,19 +97,34 @@ impl RunPlan {
     /// # Errors
     /// As [`infonerf_scene::load`].
     pub fn load(&self) -> Result<Scene> {
+        infonerf_scene::load(&self.source, &self.request()).with_context(|| self.source_name())
+    }
+
+    /// Refuses a run that would not fit into memory, before anything is loaded.
+    ///
+    /// # Errors
+    /// One line that names the largest part, or what is wrong with the scene.
+    pub fn check_memory(&self) -> Result<()> {
+        let pixels = infonerf_scene::count_pixels(&self.source, &self.request()).with_context(|| self.source_name())?;
+        Ok(MemoryPlan::new(&self.config, pixels).check_available()?)
+    }
+
+    fn request(&self) -> SceneRequest {
         let scene = &self.config.scene;
-        let request = SceneRequest {
+        SceneRequest {
             train: scene.views.select(self.seed),
             test: self.config.eval.test.test(),
             image_size: (scene.size > 0).then_some(scene.size),
             background: scene.background,
             frame: Some(scene.frame),
-        };
-        let name = match &self.source {
+        }
+    }
+
+    fn source_name(&self) -> String {
+        match &self.source {
             SceneSource::Procedural(name) => format!("built-in scene {name}"),
-            SceneSource::Folder { path } => path.display().to_string(),
-        };
-        infonerf_scene::load(&self.source, &request).with_context(|| format!("scene {name}"))
+            SceneSource::Folder { path } => format!("scene {}", path.display()),
+        }
     }
 
     /// The text of `config.toml`: running it again, from any folder, gives the same numbers.

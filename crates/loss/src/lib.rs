@@ -6,6 +6,23 @@
 //! on a map of names to values: nothing else lists losses, and no term depends on whether another is on.
 //!
 //! InfoNeRF's objective is L_RGB + λ₁ L_entropy + λ₂ L_KL (Eq. 10): the terms `rgb`, `entropy` and `kl`.
+//!
+//! ```
+//! use infonerf_loss::{EntropyConfig, HitMask, HitRule, Need, RaySet, Term};
+//! use infonerf_ops::RayDistribution;
+//!
+//! // λ₁ = 1e-3, on the rays of training images and on unseen rays.
+//! let entropy = EntropyConfig {
+//!     weight: 1e-3.into(),
+//!     rays: RaySet::All,
+//!     neighbours: false,
+//!     distribution: RayDistribution::Alpha,
+//!     mask: HitMask { rule: HitRule::Acc, threshold: 0.1 },
+//!     epsilon: 1e-10,
+//! };
+//! // A term without colour: unseen rays are rendered for it, and their densities alone.
+//! assert_eq!(entropy.needs(), [Need::Unseen]);
+//! ```
 
 mod list;
 mod objective;
@@ -15,7 +32,7 @@ mod terms;
 
 pub use list::LossConfig;
 pub use objective::{DueTerm, LossValues, Objective, needs};
-pub use renders::{Bundle, Need, NeighbourBundles, Picture, RaySet, Renders, Target};
+pub use renders::{Bundle, Need, NeighbourBundles, Picture, RaySet, Renders, Target, is_foreground};
 pub use term::{LossError, Term, TermSetup, TermSpec};
 pub use terms::distortion::DistortionConfig;
 pub use terms::entropy::{EntropyConfig, HitMask, HitRule, masked_entropy};
@@ -64,6 +81,7 @@ pub(crate) mod testing {
         let target = Target {
             rgb: Tensor::zeros([rays, 3], &device),
             rgba: vec![[0.0, 0.0, 0.0, 1.0]; rays],
+            coverage: vec![1.0; rays],
             background: [1.0; 3],
         };
         Renders {

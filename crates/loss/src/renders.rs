@@ -70,16 +70,23 @@ pub struct Target {
     pub rgb: Tensor<2>,
     /// The same on the host, with alpha; that is 1 where the image has none.
     pub rgba: Vec<[f32; 4]>,
+    /// Share of the 3 × 3 pixels about each that do not show the background: 1 within an object, less at its edge.
+    pub coverage: Vec<f32>,
     /// The scene's background.
     pub background: [f32; 3],
 }
 
 impl Target {
-    /// Whether a pixel shows something other than the background: it differs from it by half an 8-bit step or more.
+    /// Whether a pixel shows something other than the scene's background.
     pub fn is_foreground(&self, pixel: [f32; 4]) -> bool {
-        const TOLERANCE: f32 = 0.5 / 255.0;
-        (0..3).any(|channel| (pixel[channel] - self.background[channel]).abs() >= TOLERANCE)
+        is_foreground(pixel, self.background)
     }
+}
+
+/// Whether a pixel shows something other than `background`: it differs from it by half an 8-bit step or more.
+pub fn is_foreground(pixel: [f32; 4], background: [f32; 3]) -> bool {
+    const TOLERANCE: f32 = 0.5 / 255.0;
+    (0..3).any(|channel| (pixel[channel] - background[channel]).abs() >= TOLERANCE)
 }
 
 /// Rays with what the model renders along them.

@@ -5,7 +5,7 @@
 //! | body | where it runs | why it is there |
 //! |---|---|---|
 //! | host kernel ([`kernel::Kernel`]) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
-//! | CubeCL kernel (`cube`, with the feature of that name) | GPUs: compositing, information gain, planes and lines, encodings | few launches; points are moved, not their encodings |
+//! | CubeCL kernel (`cube`, with the feature of that name) | GPUs: compositing, entropy, KL divergence, planes and lines, encodings | few launches; positions are uploaded instead of their encodings |
 //! | plain tensors (`plain` of each file) | every backend | portability, and an oracle for the kernels |
 //! | [`mod@reference`] in `f64` | tests | bounds the error of both |
 //!
@@ -14,6 +14,25 @@
 //! Names follow the field: `tau` = σδ optical depth, `alpha` = 1 − e^−τ, `trans` transmittance, `w` = trans·α.
 //! Samples are *packed*: ray `r` owns samples `offsets[r]..offsets[r + 1]` of every per-sample tensor
 //! ([`Segments`]), so skipping a sample costs nothing downstream.
+//!
+//! ```
+//! # #[cfg(feature = "flex")] {
+//! use burn::tensor::{Device, Tensor};
+//! use infonerf_ops::{RayDistribution, Segments, composite, ray_entropy, to_host};
+//!
+//! // Two rays with two samples and one: optical depths, and red, green and blue of each sample.
+//! let device = Device::flex().autodiff();
+//! let rays = Segments::from_counts([2, 1]);
+//! let tau = Tensor::<1>::from_floats([0.7, 50.0, 0.0], &device).require_grad();
+//! let rgb = Tensor::<2>::from_floats([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], &device);
+//!
+//! let rendered = composite(tau.clone(), rgb, &rays);
+//! let entropy = ray_entropy(tau.clone(), &rays, RayDistribution::Alpha, 0.0);
+//! let gradients = (rendered.values.sum() + entropy.bits.mean()).backward();
+//! assert_eq!(to_host(rendered.acc), [1.0, 0.0]);
+//! assert_eq!(tau.grad(&gradients).map(to_host).map(|gradient| gradient.len()), Some(3));
+//! # }
+//! ```
 
 pub mod adam;
 pub mod bilinear;

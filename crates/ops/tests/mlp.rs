@@ -25,6 +25,8 @@ struct Case {
     color: bool,
     x: Vec<f32>,
     directions: Vec<f32>,
+    /// One sample in so many has a gradient.
+    reached: usize,
     /// `[inputs, outputs]` and the weights, then the biases, of every layer: trunk, σ, features, view, rgb.
     layers: Vec<([usize; 2], Vec<f32>, Vec<f32>)>,
 }
@@ -44,7 +46,7 @@ fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> Case {
     let layers = trunk.chain(heads).map(|size| (size, numbers(size[0] * size[1]), numbers(size[1]))).collect();
     let x = numbers(segments.samples() * encoded);
     let directions = numbers(3 * counts.len());
-    Case { encoded, skip, segments, frequencies, color, x, directions, layers }
+    Case { encoded, skip, segments, frequencies, color, x, directions, reached: 1, layers }
 }
 
 impl Case {
@@ -83,7 +85,8 @@ impl Case {
 
     fn u(&self, columns: usize) -> Vec<f32> {
         let mut draws = Draws(99);
-        (0..self.segments.samples() * columns).map(|_| draws.signed()).collect()
+        let draws = (0..self.segments.samples() * columns).map(|_| draws.signed());
+        draws.enumerate().map(|(i, u)| if (i / columns).is_multiple_of(self.reached) { u } else { 0.0 }).collect()
     }
 
     /// ⟨u, value⟩ in `f64`, written down from NeRF's Fig. 7.
@@ -134,7 +137,8 @@ fn assert_close(a: &[f32], b: &[f32], what: &str) {
     assert!(worst <= AGREEMENT * scale, "{what}: {worst} of {scale}");
 }
 
-/// More samples than a block, and fewer; rays without samples; a skip in the middle, at the last layer, none.
+/// More samples than a block, and fewer; rays without samples; a skip in the middle, at the last layer, none; most samples
+/// without a gradient, as behind ReLU densities.
 fn cases() -> Vec<Case> {
     let long: Vec<usize> = (0..60).map(|ray| ray % 19).collect();
     let mut cases = Vec::new();
@@ -142,6 +146,7 @@ fn cases() -> Vec<Case> {
         for color in [true, false] {
             cases.push(case(seed, &long, skip, color));
             cases.push(case(seed, &[5, 0, 2], skip, color));
+            cases.push(Case { reached: 3, ..case(seed, &[400, 0, 900], skip, color) });
         }
     }
     cases

@@ -3,6 +3,64 @@
 //! ```text
 //! rays ─► sampler (candidate distances) ─► occupancy grid (drops what is empty or hidden) ─► field ─► compositing
 //! ```
+//!
+//! A picture of a field of one's own, a blue fog:
+//!
+//! ```
+//! use burn::module::Module;
+//! use burn::tensor::{Device, Tensor};
+//! use infonerf_field::{Field, Points, Sampled};
+//! use infonerf_render::{
+//!     LastInterval, Model, OccupancyConfig, Placement, RenderConfig, Renderer, Space, TrainedModel, render_image,
+//! };
+//! use infonerf_scene::{Scene, SceneRequest, SceneSource, TestProtocol, load};
+//! use infonerf_schedule::Moment;
+//!
+//! #[derive(Module, Debug)]
+//! struct Fog {
+//!     density: Tensor<1>,
+//! }
+//!
+//! impl Field for Fog {
+//!     fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
+//!         let sigma = self.density.clone().expand([points.segments.samples()]);
+//!         let blue = Tensor::<2>::from_floats([[0.0, 0.0, 1.0]], &self.device());
+//!         Sampled { color: color.then(|| blue.expand([points.segments.samples(), 3])), sigma }
+//!     }
+//!
+//!     fn device(&self) -> Device {
+//!         self.density.device()
+//!     }
+//! }
+//!
+//! let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..SceneRequest::default() };
+//! let scene: Scene = load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+//! let config = RenderConfig {
+//!     samples: 16.0.into(),
+//!     fine_samples: 0,
+//!     placement: Placement::Mid,
+//!     last_interval: LastInterval::Finite,
+//!     jitter: false,
+//!     space: Space::Auto,
+//!     clip_to_bounds: false,
+//!     early_stop_transmittance: 0.0,
+//!     hidden_depth: 0.0,
+//!     occupancy: OccupancyConfig {
+//!         enabled: false,
+//!         resolution: 2,
+//!         warmup: 0,
+//!         every: 1,
+//!         alpha_threshold: 0.01,
+//!         decay: 1.0,
+//!         refine: 1,
+//!         carve: false,
+//!     },
+//! };
+//! let fog = Fog { density: Tensor::from_floats([100.0], &Device::flex()) };
+//! let trained = TrainedModel { model: Model { coarse: None, fine: fog }, occupancy: None };
+//! let picture = render_image(&Renderer::new(&config, &scene), &[trained], &scene.test[0].camera);
+//! assert_eq!((picture.width, picture.rgb[0]), (8, [0.0, 0.0, 1.0]));
+//! ```
 
 mod config;
 mod distances;

@@ -52,7 +52,7 @@ pub enum Warp {
 }
 
 impl Warp {
-    /// The warp of `scene`. Cameras whose mean direction is undefined have no NDC: their scene is contracted.
+    /// The warp of `scene`. Cameras without NDC ([`Self::has_ndc`]) have their scene contracted.
     pub fn of(scene: &Scene, space: Space) -> Self {
         let space = match (space, scene.layout) {
             (Space::Auto, _) if scene.bounded => Space::Box,
@@ -72,6 +72,11 @@ impl Warp {
             (Space::Contraction | Space::Ndc, _) => Self::Contraction { centre: scene.centre, radius: scene.radius },
             (Space::Box | Space::Auto, _) => Self::Identity,
         }
+    }
+
+    /// Whether all cameras of `scene` face within 90° of their mean direction, as normalised device coordinates need.
+    pub fn has_ndc(scene: &Scene) -> bool {
+        mean_camera(scene).is_some()
     }
 
     /// Whether the world is taken as it is.
@@ -158,6 +163,10 @@ fn mean_camera(scene: &Scene) -> Option<Camera> {
     let sum = cameras(scene).fold(glam::DMat4::ZERO, |sum, camera| sum + camera.to_world);
     let [place, back] = [sum.w_axis, sum.z_axis].map(|axis| axis.truncate() / count);
     let back = back.try_normalize()?;
+    // A camera that faces away sees nothing of what is before the mean one.
+    if cameras(scene).any(|camera| camera.to_world.z_axis.truncate().dot(back) <= 0.0) {
+        return None;
+    }
     let right = sum.y_axis.truncate().cross(back).try_normalize()?;
     let axes = glam::DMat3::from_cols(right, back.cross(right), back);
     Some(first.with_pose(glam::DMat4::from_translation(place) * glam::DMat4::from_mat3(axes)))

@@ -55,6 +55,6 @@ pub use loaders::fuzzing;
 pub use photographs::from_images;
 pub use poses::{ViewRegion, near_pose, near_pose_about, orbit, unseen_pose};
 pub use ray::Ray;
-pub use scene::{Scene, SceneRequest, SceneSource, View, load};
+pub use scene::{PixelCount, Scene, SceneRequest, SceneSource, View, count_pixels, load};
 pub use select::{TestProtocol, ViewSelection};
 pub use space::{Backdrop, Format, Layout, Range};

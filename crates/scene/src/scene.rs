@@ -188,6 +188,42 @@ pub fn load(source: &SceneSource, request: &SceneRequest) -> Result<Scene, Scene
     }
 }
 
+/// How many pixels the chosen views of a scene have, which decides how much memory it takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PixelCount {
+    /// Of all training views together.
+    pub train: u64,
+    /// Of all test views together.
+    pub test: u64,
+}
+
+impl PixelCount {
+    pub(crate) fn new((width, height): (u32, u32), train: usize, test: usize) -> Self {
+        let each = u64::from(width) * u64::from(height);
+        Self { train: each.saturating_mul(train as u64), test: each.saturating_mul(test as u64) }
+    }
+}
+
+impl Scene {
+    /// How many pixels its views have.
+    pub fn pixels(&self) -> PixelCount {
+        let of = |views: &[View]| views.iter().map(|view| view.image.rgb.len() as u64).sum();
+        PixelCount { train: of(&self.train), test: of(&self.test) }
+    }
+}
+
+/// How many pixels [`load`] would hold, from the headers of image files: nothing is decoded or rendered.
+///
+/// # Errors
+/// As [`load`], faults within images apart.
+pub fn count_pixels(source: &SceneSource, request: &SceneRequest) -> Result<PixelCount, SceneError> {
+    check(request)?;
+    match source {
+        SceneSource::Procedural(name) => procedural::count_pixels(name, request),
+        SceneSource::Folder { path } => loaders::count_pixels(path, request),
+    }
+}
+
 fn check(request: &SceneRequest) -> Result<(), SceneError> {
     if let Some(size) = request.image_size
         && (size == 0 || size > LARGEST_SIZE)
@@ -205,6 +241,23 @@ fn check(request: &SceneRequest) -> Result<(), SceneError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pixels_are_counted_before_they_are_loaded() {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path().join("toy");
+        loaders::testing::blender(&dir, 5, 3);
+        let sources = [SceneSource::Procedural("knot".into()), SceneSource::Folder { path: dir }];
+        for source in sources {
+            for image_size in [Some(6), None] {
+                let train = ViewSelection::Ids(vec![1, 3]);
+                let request = SceneRequest { train, test: TestProtocol::First(3), image_size, ..Default::default() };
+                let counted = count_pixels(&source, &request).unwrap();
+                assert_eq!(counted, load(&source, &request).unwrap().pixels(), "{source:?}");
+                assert_eq!(2 * counted.test, 3 * counted.train);
+            }
+        }
+    }
 
     #[test]
     fn a_reduced_view_sees_the_same() {

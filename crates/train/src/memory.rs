@@ -1,7 +1,7 @@
 //! How much memory a run needs, from its sizes alone: one that cannot fit is refused before it begins.
 
 use infonerf_field::{FieldSpec, Footprint};
-use infonerf_scene::Scene;
+use infonerf_scene::PixelCount;
 
 use crate::{Config, TrainError};
 
@@ -9,8 +9,11 @@ use crate::{Config, TrainError};
 const FLOAT: u64 = 4;
 /// A parameter, its gradient, Adam's two moments, and the copy that an optimiser step is made on.
 const COPIES: u64 = 5;
-/// Floats of a pixel: RGB and alpha as loaded, and RGBA as batches are drawn from.
-const PIXEL: u64 = 8;
+/// Floats of a pixel of a test view: RGB and alpha.
+const TEST_PIXEL: u64 = 4;
+/// Floats of a pixel of a training view: the same, RGBA as batches are drawn from, and RGB as a field sees it that looks at
+/// photographs.
+const TRAIN_PIXEL: u64 = TEST_PIXEL + 4 + 3;
 
 /// Least memory of a run's parts, in bytes: what is certain to be held at the same time.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -19,17 +22,17 @@ pub struct MemoryPlan {
 }
 
 impl MemoryPlan {
-    /// The plan of `config` on `scene`.
-    pub fn new(config: &Config, scene: &Scene) -> Self {
+    /// The plan of `config` on a scene with so many pixels.
+    pub fn new(config: &Config, pixels: PixelCount) -> Self {
         let fields = if config.render.is_hierarchical() && !config.field.shares_passes() { 2 } else { 1 };
         let Footprint { parameters, per_sample } = config.field.footprint();
-        let pixels = scene.train.iter().chain(&scene.test).map(|view| view.image.rgb.len() as u64);
+        let images = pixels.train.saturating_mul(TRAIN_PIXEL).saturating_add(pixels.test.saturating_mul(TEST_PIXEL));
         let occupancy = if config.render.occupancy.enabled { cube(config.render.occupancy.resolution) * 6 } else { 0 };
         Self {
             parts: [
                 ("field (its parameters, their gradients and Adam's moments)", fields * parameters * COPIES * FLOAT),
                 ("train.rays and render.samples (the activations of a step)", samples(config) * per_sample * FLOAT),
-                ("scene.size (the images)", pixels.sum::<u64>() * PIXEL * FLOAT),
+                ("scene.size (the images)", images.saturating_mul(FLOAT)),
                 ("render.occupancy.resolution (the grid)", occupancy),
             ],
         }
@@ -38,6 +41,14 @@ impl MemoryPlan {
     /// Bytes in all.
     pub fn total(&self) -> u64 {
         self.parts.iter().fold(0, |sum, (_, bytes)| sum.saturating_add(*bytes))
+    }
+
+    /// Refuses a plan that needs more memory than can be had without swapping, where the system tells.
+    ///
+    /// # Errors
+    /// As [`Self::check`].
+    pub fn check_available(&self) -> Result<(), TrainError> {
+        available().map_or(Ok(()), |available| self.check(available))
     }
 
     /// Refuses a plan that needs more than the `available` bytes.
@@ -61,7 +72,7 @@ impl MemoryPlan {
 }
 
 /// Memory that can be had without swapping, in bytes, where the system tells.
-pub(crate) fn available() -> Option<u64> {
+fn available() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
     Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
@@ -84,24 +95,21 @@ fn samples(config: &Config) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use infonerf_scene::{SceneRequest, SceneSource, TestProtocol};
-
     use super::*;
     use crate::{Preset, config};
 
     fn plan(settings: &[&str]) -> MemoryPlan {
-        let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..SceneRequest::default() };
-        let scene = infonerf_scene::load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let pixels = PixelCount { train: 4 * 64, test: 64 };
         let mut table = Preset::Fast.table();
         settings.iter().for_each(|setting| config::assign(&mut table, setting).unwrap());
-        MemoryPlan::new(&Config::from_table(table).unwrap(), &scene)
+        MemoryPlan::new(&Config::from_table(table).unwrap(), pixels)
     }
 
     #[test]
     fn sizes_by_hand() {
         let plan = plan(&["field.resolutions=[64]", "field.channels=2", "train.target_samples=1000"]);
         let tables = 3 * 2 * (64 * 64 + 64) * 5 * 4;
-        assert_eq!(plan.total(), tables + 1000 * 12 * 4 + 5 * 64 * 8 * 4 + 64 * 64 * 64 * 6);
+        assert_eq!(plan.total(), tables + 1000 * 12 * 4 + 64 * (4 * 11 + 4) * 4 + 64 * 64 * 64 * 6);
         assert!(plan.check(plan.total()).is_ok());
     }
 

@@ -64,6 +64,7 @@ impl<F: Field> StepRenderer<'_, F> {
         Target {
             rgb: Tensor::from_data(TensorData::new(channels, [seen.rgba.len(), 3]), &self.device()),
             rgba: seen.rgba.clone(),
+            coverage: seen.coverage.clone(),
             background: self.scene.scene.background,
         }
     }

@@ -1,5 +1,6 @@
 //! The training images, and the pixels of them that a step learns from.
 
+use infonerf_loss::is_foreground;
 use infonerf_render::{Noise, Stream};
 use infonerf_scene::{Camera, Image, Scene};
 use infonerf_schedule::Moment;
@@ -15,6 +16,8 @@ pub struct SeenPixels {
     pub pixels: Pixels,
     /// Colour and alpha of each.
     pub rgba: Vec<[f32; 4]>,
+    /// Share of the 3 × 3 pixels about each that do not show the background.
+    pub coverage: Vec<f32>,
     /// Index of each among all pixels of the training images, for error-driven sampling.
     pub places: Vec<usize>,
     /// Draws that were passed over because the pixel is well fitted.
@@ -38,6 +41,8 @@ pub(crate) struct Images {
     height: u32,
     /// Colour and alpha of each pixel of each view; alpha is 1 where the view has none.
     rgba: Vec<Vec<[f32; 4]>>,
+    /// Share of the 3 × 3 pixels about each that do not show the background, of each view.
+    coverage: Vec<Vec<f32>>,
 }
 
 impl TrainConfig {
@@ -56,11 +61,11 @@ impl TrainingImages {
         let factors = (least.max(2)..=largest).filter(|&factor| factor <= width.min(height));
         let sizes = std::iter::once(1)
             .chain(factors)
-            .map(|factor| Images {
-                factor,
-                width: width / factor,
-                height: height / factor,
-                rgba: scene.train.iter().map(|view| downscaled(&view.image, factor)).collect(),
+            .map(|factor| {
+                let (width, height) = (width / factor, height / factor);
+                let rgba: Vec<_> = scene.train.iter().map(|view| downscaled(&view.image, factor)).collect();
+                let coverage = rgba.iter().map(|pixels| coverage(pixels, width, scene.background)).collect();
+                Images { factor, width, height, rgba, coverage }
             })
             .collect();
         Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), sizes }
@@ -91,7 +96,8 @@ impl TrainingImages {
         };
         let pixels = Pixels { cameras: self.cameras.clone(), at: places.iter().map(position).collect(), width: scale };
         let rgba = places.iter().map(|place| images.rgba[place / area][place % area]).collect();
-        SeenPixels { pixels, rgba, places, rejected }
+        let coverage = places.iter().map(|place| images.coverage[place / area][place % area]).collect();
+        SeenPixels { pixels, rgba, coverage, places, rejected }
     }
 }
 
@@ -185,6 +191,21 @@ fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 4]> {
     (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
 }
 
+/// Share of the 3 × 3 pixels about each, less at the border of the image, that do not show `background`: 0 in the open, 1
+/// within an object, between the two at its edge, whose pixels are mixtures.
+fn coverage(rgba: &[[f32; 4]], width: u32, background: [f32; 3]) -> Vec<f32> {
+    let (width, height) = (width as usize, rgba.len() / width as usize);
+    let foreground: Vec<bool> = rgba.iter().map(|&pixel| is_foreground(pixel, background)).collect();
+    let share = |x: usize, y: usize| {
+        let columns = x.saturating_sub(1)..(x + 2).min(width);
+        let rows = y.saturating_sub(1)..(y + 2).min(height);
+        let area = (columns.len() * rows.len()) as f32;
+        let shown = rows.flat_map(|y| columns.clone().map(move |x| (x, y))).filter(|(x, y)| foreground[y * width + x]);
+        shown.count() as f32 / area
+    };
+    (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| share(x, y)).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use infonerf_scene::{SceneRequest, SceneSource, ViewRegion, ViewSelection};
@@ -192,6 +213,16 @@ mod tests {
     use super::*;
     use crate::pixels::{UnseenViews, turn};
     use crate::{Config, Preset};
+
+    #[test]
+    fn coverage_falls_at_the_edge_of_an_object() {
+        let (white, red) = ([1.0; 4], [1.0, 0.0, 0.0, 1.0]);
+        let columns = [white, red, red, red, white, white];
+        let rgba: Vec<[f32; 4]> = (0..3).flat_map(|_| columns).collect();
+        let found = coverage(&rgba, 6, [1.0; 3]);
+        let want = [1.0 / 2.0, 2.0 / 3.0, 1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0];
+        assert_eq!(found, want.repeat(3));
+    }
 
     /// Cones of all kinds of rays are as wide as the pixels of the images that a step learns from.
     #[test]

@@ -3,7 +3,7 @@ use std::sync::Arc;
 use burn::tensor::Device;
 use infonerf_field::FieldSpec;
 use infonerf_loss::{Objective, TermSetup};
-use infonerf_render::{Placement, Renderer, Warp};
+use infonerf_render::{Placement, Renderer, Space, Warp};
 use infonerf_scene::{Scene, ViewRegion};
 
 use crate::photographs::Photographs;
@@ -33,6 +33,10 @@ impl TrainingScene {
             let cause = format!("expected training images with an alpha channel: {} has none", view.name);
             return Err(TrainError::config("render.occupancy.carve", cause));
         }
+        if config.render.space == Space::Ndc && !Warp::has_ndc(&scene) {
+            let cause = format!("expected another space than \"ndc\": the cameras of {} face all ways", scene.name);
+            return Err(TrainError::config("render.space", cause));
+        }
         if !Warp::of(&scene, config.render.space).is_identity() {
             let refuse = |key: &str, cause: &str, found: bool| match found {
                 true => {
@@ -60,5 +64,32 @@ impl TrainingScene {
 
     pub(crate) fn unseen<'a>(&'a self, config: &'a Config) -> UnseenViews<'a> {
         UnseenViews { scene: &self.scene, region: &self.region, config: &config.train }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_scene::{SceneRequest, SceneSource, load};
+
+    use super::*;
+    use crate::Preset;
+
+    #[test]
+    fn cameras_that_face_all_ways_have_no_device_coordinates() {
+        let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
+        let mut scene = load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let mut config = Config::from_table(Preset::Fast.table()).unwrap();
+        config.render.space = Space::Ndc;
+        let views = scene.train.clone();
+        scene.train = views[..1].to_vec();
+        scene.all_train_cameras = vec![views[0].camera.clone()];
+        assert!(TrainingScene::new(&config, Arc::new(scene.clone()), &Device::flex()).is_ok());
+        // Two cameras back to back.
+        let turned = glam::DMat4::from_rotation_y(std::f64::consts::PI);
+        scene.train = vec![views[0].clone(), views[0].clone()];
+        scene.train[1].camera.to_world = views[0].camera.to_world * turned;
+        scene.all_train_cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let message = TrainingScene::new(&config, Arc::new(scene), &Device::flex()).unwrap_err().to_string();
+        assert!(message.contains("render.space") && message.contains("knot"), "{message}");
     }
 }

@@ -6,6 +6,7 @@ use infonerf_report::{Quantity, Record, ReportInput, overview_table, protocol_li
 use infonerf_train::{Phase, Trainer};
 
 use super::INTERRUPTED;
+use super::collect::save_command;
 use crate::args::ExpArgs;
 use crate::interrupt;
 use crate::progress::Progress;
@@ -48,6 +49,7 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     let input = experiment.about.report_input(records, &experiment.runs.iter().collect::<Vec<_>>())?;
     print_claims(&input);
     let files = write_report(&input, &folder)?;
+    save_command(&folder)?;
     println!("\nreport: {}\nnumbers: {}", files.html.display(), folder.join("results.json").display());
     Ok(ExitCode::SUCCESS)
 }

@@ -1,6 +1,9 @@
 //! One file for each subcommand.
 
 pub(crate) mod bench;
+mod collect;
+mod demo;
+mod documentation;
 mod eval;
 mod exp;
 mod pretrain;
@@ -22,6 +25,7 @@ const INTERRUPTED: u8 = 130;
 /// Runs a subcommand.
 pub(crate) fn run(command: Command) -> Result<ExitCode> {
     match command {
+        Command::Demo(args) => demo::run(&args),
         Command::Exp(args) => exp::run(&args),
         Command::Pretrain(args) => pretrain::run(&args),
         Command::Sweep(args) => sweep::run(&args),
@@ -38,5 +42,8 @@ pub(crate) fn run(command: Command) -> Result<ExitCode> {
             }
             Ok(ExitCode::SUCCESS)
         }
+        Command::Collect(args) => collect::run(&args),
+        Command::Completions { shell } => documentation::completions(shell),
+        Command::Man { out } => documentation::man(&out),
     }
 }

@@ -58,6 +58,7 @@ impl Session {
         } else {
             clear(&folder)?;
         }
+        plan.check_memory()?;
         infonerf_report::write_atomically(&folder.join("config.toml"), plan.to_toml()?.as_bytes())?;
         identity.write(&folder)?;
         let memory = PeakMemory::start();

@@ -7,10 +7,10 @@ use crate::term::in_range;
 use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
 
 /// What a known background colour says about opacity: a pixel of exactly that colour most likely shows the background, any
-/// other an object.
+/// other an object, or its edge where one of the 3 × 3 pixels about it has the background's colour.
 ///
-/// `background`·acc for the former and −`foreground`·acc for the latter, mean over the rays of training images. No alpha
-/// channel is used; an object of exactly the background's colour would be thinned.
+/// `background`·acc, −`foreground`·acc and −`edge`·acc for the three, mean over the rays of training images. No alpha channel
+/// is used; an object of exactly the background's colour would be thinned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SilhouetteConfig {
@@ -18,8 +18,10 @@ pub struct SilhouetteConfig {
     pub weight: Schedule,
     /// Factor for pixels of the background's colour.
     pub background: f32,
-    /// Factor for all others.
+    /// Factor for pixels within an object.
     pub foreground: f32,
+    /// Factor for pixels at its edge, which are mixtures.
+    pub edge: f32,
 }
 
 impl TermSpec for SilhouetteConfig {
@@ -33,7 +35,8 @@ impl TermSpec for SilhouetteConfig {
 
     fn validate(&self) -> Result<(), LossError> {
         in_range("background", self.background.into(), 0.0, 1e6)?;
-        in_range("foreground", self.foreground.into(), 0.0, 1e6)
+        in_range("foreground", self.foreground.into(), 0.0, 1e6)?;
+        in_range("edge", self.edge.into(), 0.0, 1e6)
     }
 
     fn left_out(&self, scene: &Scene) -> Option<&'static str> {
@@ -57,10 +60,12 @@ impl Term for SilhouetteConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let acc = renders.seen.output().acc.clone();
         let target = renders.seen.target.as_ref().expect("training images show colours");
-        let sign = |pixel: &[f32; 4]| {
-            if target.is_foreground(*pixel) { -self.foreground } else { self.background }
+        let sign = |(pixel, coverage): (&[f32; 4], &f32)| match (target.is_foreground(*pixel), *coverage) {
+            (false, _) => self.background,
+            (true, 1.0) => -self.foreground,
+            (true, _) => -self.edge,
         };
-        let signs: Vec<f32> = target.rgba.iter().map(sign).collect();
+        let signs: Vec<f32> = target.rgba.iter().zip(&target.coverage).map(sign).collect();
         let signs = Tensor::<1>::from_data(TensorData::new(signs, [target.rgba.len()]), &acc.device());
         (acc * signs).mean()
     }
@@ -73,12 +78,14 @@ mod tests {
 
     #[test]
     fn background_is_pressed_down_and_foreground_pulled_up() {
-        let mut renders = testing::renders(&[&[0.5], &[1.0]]);
+        let mut renders = testing::renders(&[&[0.5], &[1.0], &[2.0]]);
         let target = renders.seen.target.as_mut().unwrap();
-        target.rgba = vec![[1.0, 1.0, 1.0, 1.0], [1.0, 0.9, 1.0, 1.0]];
-        let config = SilhouetteConfig { weight: 1.0.into(), background: 2.0, foreground: 3.0 };
-        let acc = [0.5f32, 1.0].map(|tau| -(-tau).exp_m1());
-        let want = (2.0 * acc[0] - 3.0 * acc[1]) / 2.0;
+        // The last is at an edge.
+        target.rgba = vec![[1.0, 1.0, 1.0, 1.0], [1.0, 0.9, 1.0, 1.0], [1.0, 0.9, 1.0, 1.0]];
+        target.coverage = vec![0.0, 1.0, 0.8];
+        let config = SilhouetteConfig { weight: 1.0.into(), background: 2.0, foreground: 3.0, edge: 0.5 };
+        let acc = [0.5f32, 1.0, 2.0].map(|tau| -(-tau).exp_m1());
+        let want = (2.0 * acc[0] - 3.0 * acc[1] - 0.5 * acc[2]) / 3.0;
         approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), want, epsilon = 1e-6);
     }
 }

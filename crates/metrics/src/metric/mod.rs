@@ -1,4 +1,4 @@
-//! The metrics, a file each.
+//! The metrics, one file each.
 //!
 //! A new one is a file with a [`Metric`] constant, its `mod` line here, and its line in [`METRICS`]: records, tables,
 //! `eval` and notes follow from the list.

@@ -34,6 +34,8 @@ pub(super) struct MlpKernel {
     owners: Vec<i32>,
     /// Where the result stands.
     output: Place,
+    /// Every matrix of a block.
+    matrices: Vec<Place>,
     /// Numbers of a block.
     activations: usize,
 }
@@ -92,6 +94,7 @@ impl Layer {
 struct Builder {
     layers: Vec<Layer>,
     weights: Vec<Tensor<1>>,
+    matrices: Vec<Place>,
     activations: usize,
 }
 
@@ -99,6 +102,7 @@ impl Builder {
     fn matrix(&mut self, columns: usize) -> Place {
         let place = Place { start: self.activations, stride: columns, columns };
         self.activations += columns * BLOCK;
+        self.matrices.push(place);
         place
     }
 
@@ -147,8 +151,9 @@ impl MlpKernel {
         if let Some((view, branch)) = view {
             builder.layer(&branch.rgb, view, output.part(1, 3), false);
         }
-        let Builder { layers, weights, activations } = builder;
-        (Self { layers, encoded, direction, directions, owners, output, activations }, Tensor::cat(weights, 0))
+        let Builder { layers, weights, matrices, activations } = builder;
+        let kernel = Self { layers, encoded, direction, directions, owners, output, matrices, activations };
+        (kernel, Tensor::cat(weights, 0))
     }
 
     /// A block whose first sample is `first`.
@@ -187,16 +192,9 @@ impl MlpKernel {
         }
     }
 
-    /// Adds a block's part to `dweights`, and its gradients with respect to x to `dencoded` if that is wanted.
-    fn backward_block(
-        &self,
-        weights: &[f32],
-        block: &[f32],
-        grad: &[f32],
-        gradients: &mut [f32],
-        dweights: &mut [f32],
-        dencoded: Option<&mut Vec<f32>>,
-    ) {
+    /// Adds a block's part to the gradients; its samples are those of `rows`, counted within the group.
+    fn backward_block(&self, weights: &[f32], block: &[f32], grad: &[f32], rows: &[usize], sums: &mut GroupGradients) {
+        let GroupGradients { dweights, dencoded, gradients } = sums;
         let samples = grad.len() / self.output.columns;
         for (s, grad) in grad.chunks_exact(self.output.columns).enumerate() {
             gradients[self.output.row(s)].copy_from_slice(grad);
@@ -226,11 +224,82 @@ impl MlpKernel {
             product([samples, dx.columns, layer.y.columns], onto, (below, dx.matrix()), dy, (weights, w));
         }
         if let Some(dencoded) = dencoded {
-            for s in 0..samples {
+            let width = self.encoded[0].columns;
+            for (s, row) in rows.iter().enumerate() {
                 let all = |column: usize| self.encoded.iter().map(|place| gradients[place.row(s)][column]).sum::<f32>();
-                dencoded.extend((0..self.encoded[0].columns).map(all));
+                let row = &mut dencoded[row * width..][..width];
+                row.iter_mut().enumerate().for_each(|(column, dx)| *dx = all(column));
             }
         }
+    }
+
+    /// The gradients of consecutive blocks. Samples whose output has no gradient add exactly 0 and are left out: behind
+    /// ReLU densities, whose gradient vanishes in empty space, that is most of a scene.
+    fn backward_group(&self, weights: &[f32], saved: &[f32], grad: &[f32], dencoded: bool) -> GroupGradients {
+        let outputs = self.output.columns;
+        let width = self.encoded[0].columns;
+        let mut sums = GroupGradients {
+            dweights: vec![0.0; weights.len()],
+            dencoded: dencoded.then(|| vec![0.0; grad.len() / outputs * width]),
+            gradients: vec![0.0; self.activations],
+        };
+        let mut reached = Reached { block: vec![0.0; self.activations], grad: Vec::new(), rows: Vec::new() };
+        for (index, (grad, block)) in grad.chunks(outputs * BLOCK).zip(saved.chunks_exact(self.activations)).enumerate()
+        {
+            let first = index * BLOCK;
+            // Not a number counts as reached.
+            let rows =
+                || (0..grad.len() / outputs).filter(|s| grad[s * outputs..][..outputs].iter().any(|g| *g != 0.0));
+            if rows().count() * outputs == grad.len() {
+                let rows: Vec<usize> = rows().map(|s| first + s).collect();
+                self.backward_block(weights, block, grad, &rows, &mut sums);
+                continue;
+            }
+            for s in rows() {
+                reached.push(&self.matrices, block, &grad[s * outputs..][..outputs], s, first + s);
+                if reached.rows.len() == BLOCK {
+                    self.backward_block(weights, &reached.block, &reached.grad, &reached.rows, &mut sums);
+                    reached.clear();
+                }
+            }
+        }
+        self.backward_block(weights, &reached.block, &reached.grad, &reached.rows, &mut sums);
+        sums
+    }
+}
+
+/// The gradients of a group of blocks.
+struct GroupGradients {
+    dweights: Vec<f32>,
+    /// With respect to x, if that is wanted.
+    dencoded: Option<Vec<f32>>,
+    /// With respect to the activations of the block at hand.
+    gradients: Vec<f32>,
+}
+
+/// A block of samples gathered from several blocks: those that a gradient reaches.
+struct Reached {
+    block: Vec<f32>,
+    /// Gradient of the output of each.
+    grad: Vec<f32>,
+    /// Which sample of the group each is.
+    rows: Vec<usize>,
+}
+
+impl Reached {
+    /// Adds sample `s` of `block`, which is number `row` of the group.
+    fn push(&mut self, matrices: &[Place], block: &[f32], grad: &[f32], s: usize, row: usize) {
+        let slot = self.rows.len();
+        for matrix in matrices {
+            self.block[matrix.row(slot)].copy_from_slice(&block[matrix.row(s)]);
+        }
+        self.grad.extend_from_slice(grad);
+        self.rows.push(row);
+    }
+
+    fn clear(&mut self) {
+        self.grad.clear();
+        self.rows.clear();
     }
 }
 
@@ -264,25 +333,16 @@ impl Kernel for MlpKernel {
         let &[_, weights] = pass.inputs else { unreachable!("a network has two inputs") };
         let per_group = (pass.saved.len() / self.activations).div_ceil(GROUPS).max(1);
         let grads = pass.grad.par_chunks(self.output.columns * BLOCK * per_group);
-        let groups: Vec<(Vec<f32>, Vec<f32>)> = grads
+        let groups: Vec<GroupGradients> = grads
             .zip(pass.saved.par_chunks(self.activations * per_group))
-            .map(|(grad, saved)| {
-                let mut dweights = vec![0.0; weights.len()];
-                let mut dencoded = Vec::new();
-                let mut gradients = vec![0.0; self.activations];
-                let blocks = grad.chunks(self.output.columns * BLOCK).zip(saved.chunks_exact(self.activations));
-                for (grad, block) in blocks {
-                    let dencoded = wanted[0].then_some(&mut dencoded);
-                    self.backward_block(weights, block, grad, &mut gradients, &mut dweights, dencoded);
-                }
-                (dweights, dencoded)
-            })
+            .map(|(grad, saved)| self.backward_group(weights, saved, grad, wanted[0]))
             .collect();
-        let dencoded = wanted[0].then(|| groups.iter().flat_map(|(_, part)| part).copied().collect());
+        let dencoded =
+            wanted[0].then(|| groups.iter().filter_map(|part| part.dencoded.as_deref()).flatten().copied().collect());
         let dweights = wanted[1].then(|| {
             let mut sum = vec![0.0; weights.len()];
-            for (part, _) in groups {
-                sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+            for part in groups {
+                sum.iter_mut().zip(part.dweights).for_each(|(sum, part)| *sum += part);
             }
             sum
         });

@@ -11,7 +11,7 @@ use super::mask::{MaskRole, lens_mask, read_mask};
 use super::space::Space;
 use crate::image::{dimensions, has_alpha, read_rgba, resized_dimensions, resized_mask};
 use crate::select::pool::{self, Named};
-use crate::{Backdrop, Camera, Format, Layout, Scene, SceneError, SceneRequest, View};
+use crate::{Backdrop, Camera, Format, Layout, PixelCount, Scene, SceneError, SceneRequest, View};
 
 /// The most that the chosen images may take in memory together, in bytes: 3.75 GiB.
 const MOST_BYTES: u64 = 15 << 28;
@@ -60,11 +60,20 @@ impl<'a> Parts<'a> {
     }
 }
 
-/// Chooses views, reads their images in parallel and puts the scene together.
-///
-/// All chosen images must have the size of the first; a size that the poses state must be theirs. A view that is in both
-/// pools and chosen for training is left out of the test.
-pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene, SceneError> {
+/// The views that a request chooses, with no image decoded.
+struct Chosen<'f> {
+    train: Vec<&'f Frame>,
+    test: Vec<&'f Frame>,
+    /// Size of the files.
+    native: (u32, u32),
+    /// Size asked for.
+    size: (u32, u32),
+    alpha: bool,
+}
+
+/// Chooses views. The size is that of the first. A view that is in both pools and chosen for training is left out of the
+/// test.
+fn choose<'f>(parts: &'f Parts<'_>, request: &SceneRequest) -> Result<Chosen<'f>, SceneError> {
     // Selection looks at poses alone, so that any size will do before one is known.
     let poses: Vec<Camera> = parts.train.iter().map(|f| f.camera(1, 1)).collect();
     let ids = |frames: &[Frame]| frames.iter().map(|f| f.id).collect::<Vec<_>>();
@@ -76,7 +85,6 @@ pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene
     if test.is_empty() {
         return Err(SceneError::request("test", "at least one view that is not trained on", "none"));
     }
-
     let Some(first) = train.first() else {
         return Err(SceneError::request("train", "at least one view", "none"));
     };
@@ -85,7 +93,21 @@ pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene
         Some(longest) => resized_dimensions(native.0, native.1, longest),
         None => native,
     };
-    check_memory(parts.dir, size, train.len() + test.len(), has_alpha(&first.image)?)?;
+    Ok(Chosen { alpha: has_alpha(&first.image)?, train, test, native, size })
+}
+
+/// How many pixels loading the chosen views gives.
+pub(super) fn count_pixels(parts: &Parts<'_>, request: &SceneRequest) -> Result<PixelCount, SceneError> {
+    let chosen = choose(parts, request)?;
+    Ok(PixelCount::new(chosen.size, chosen.train.len(), chosen.test.len()))
+}
+
+/// Chooses views, reads their images in parallel and puts the scene together.
+///
+/// All chosen images must have the size of the first; a size that the poses state must be theirs.
+pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene, SceneError> {
+    let Chosen { train, test, native, size, alpha } = choose(&parts, request)?;
+    check_memory(parts.dir, size, train.len() + test.len(), alpha)?;
     let background = parts.background.unwrap_or(request.background);
     let read = |frames: &[&Frame]| -> Result<Vec<View>, SceneError> {
         let pixels = u64::from(native.0) * u64::from(native.1);

@@ -31,7 +31,7 @@ pub(crate) use pose::FARTHEST;
 use std::fs;
 use std::path::Path;
 
-use crate::{Scene, SceneError, SceneRequest};
+use crate::{PixelCount, Scene, SceneError, SceneRequest};
 pub(crate) use assemble::Parts;
 use assemble::assemble;
 
@@ -55,6 +55,11 @@ const FORMATS: [Known; 6] = [
 /// Loads the folder `dir` with the loader of the format whose file it holds.
 pub(crate) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
     assemble(parts(dir, request)?, request)
+}
+
+/// How many pixels [`load`] would hold, with no image decoded.
+pub(crate) fn count_pixels(dir: &Path, request: &SceneRequest) -> Result<PixelCount, SceneError> {
+    assemble::count_pixels(&parts(dir, request)?, request)
 }
 
 /// What the folder `dir` says, with no image decoded.

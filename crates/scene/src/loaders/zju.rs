@@ -67,7 +67,7 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
     let mut parts = Parts::new(dir, Format::Zju, frames.clone(), frames, space);
     parts.background = Some([0.0; 3]);
     parts.selections = vec![("infonerf-4".into(), ids)];
-    parts.protocols = ["infonerf", "neuralbody"].map(|name| (name.to_owned(), others.clone())).to_vec();
+    parts.protocols = ["infonerf", "neural-body"].map(|name| (name.to_owned(), others.clone())).to_vec();
     parts.split = Some(others);
     if count > 1 && request.frame.is_none() {
         parts.warnings.push(format!("a film of {count} frames: the first is loaded"));

@@ -26,7 +26,9 @@ pub(crate) use cameras::field_of_view;
 use glam::Vec3;
 
 use crate::select::pool;
-use crate::{Aabb, Backdrop, Camera, Range, Rgba8, RgbaImage, Scene, SceneError, SceneRequest, View, loaders};
+use crate::{
+    Aabb, Backdrop, Camera, PixelCount, Range, Rgba8, RgbaImage, Scene, SceneError, SceneRequest, View, loaders,
+};
 use cameras::Layout;
 use model::Model;
 
@@ -144,19 +146,34 @@ pub fn extent(name: &str) -> Result<(f32, f32, Aabb), SceneError> {
     Ok((layout.near, layout.far, layout.bounds))
 }
 
-/// Renders the views of the scene `name` that `request` asks for.
-pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
-    let model = model(name)?;
-    let size = request.image_size.unwrap_or(DEFAULT_SIZE);
-    let Layout { train, test, near, far, bounds } = cameras::layout(name, size);
+/// The ids of the training and of the test views that `request` chooses.
+fn choose(name: &str, cameras: &Layout, request: &SceneRequest) -> Result<(Vec<usize>, Vec<usize>), SceneError> {
+    let Layout { train, test, .. } = cameras;
     let ids = |n: usize| (0..n).collect::<Vec<_>>();
     let named = if CAPTURES.contains(&name) {
         loaders::spread_selections(train.len())
     } else {
-        loaders::named_selections(&train)
+        loaders::named_selections(train)
     };
-    let train_ids = pool::train(&request.train, &train, &ids(train.len()), &named)?;
-    let test_ids = pool::test(&request.test, &ids(test.len()), None, &Vec::new())?;
+    let train = pool::train(&request.train, train, &ids(train.len()), &named)?;
+    Ok((train, pool::test(&request.test, &ids(test.len()), None, &Vec::new())?))
+}
+
+/// How many pixels [`load`] would render.
+pub(crate) fn count_pixels(name: &str, request: &SceneRequest) -> Result<PixelCount, SceneError> {
+    check_name(name)?;
+    let size = request.image_size.unwrap_or(DEFAULT_SIZE);
+    let (train, test) = choose(name, &cameras::layout(name, size), request)?;
+    Ok(PixelCount::new((size, size), train.len(), test.len()))
+}
+
+/// Renders the views of the scene `name` that `request` asks for.
+pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
+    let model = model(name)?;
+    let size = request.image_size.unwrap_or(DEFAULT_SIZE);
+    let cameras = cameras::layout(name, size);
+    let (train_ids, test_ids) = choose(name, &cameras, request)?;
+    let Layout { train, test, near, far, bounds } = cameras;
     let is_capture = CAPTURES.contains(&name);
     let centre = if is_capture { bounds.centre() } else { Vec3::ZERO };
     let pixels = |camera: &Camera| RgbaImage { has_alpha: !is_capture, ..render::render(&model, camera).to_f32() };

@@ -7,7 +7,7 @@ use super::{TestProtocol, ViewSelection};
 use crate::SceneError;
 
 /// Published protocols of test views; each format knows some of them.
-const PUBLISHED: [&str; 4] = ["regnerf", "pixelnerf", "infonerf", "neuralbody"];
+const PUBLISHED: [&str; 4] = ["regnerf", "pixelnerf", "infonerf", "neural-body"];
 
 impl fmt::Display for TestProtocol {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -26,7 +26,7 @@ impl FromStr for TestProtocol {
     type Err = SceneError;
 
     fn from_str(text: &str) -> Result<Self, SceneError> {
-        let expected = "`all`, `split`, `every-8`, `first-3`, view ids `0,8,16` `regnerf`, `pixelnerf`, `infonerf` or `neuralbody`";
+        let expected = "`all`, `split`, `every-8`, `first-3`, view ids `0,8,16`, `regnerf`, `pixelnerf`, `infonerf` or `neural-body`";
         let error = || SceneError::request("test", expected, format!("`{text}`"));
         let positive = |n: &str| n.parse::<usize>().ok().filter(|n| *n > 0).ok_or_else(error);
         match text {

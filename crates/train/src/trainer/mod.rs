@@ -15,7 +15,7 @@ use infonerf_schedule::Moment;
 
 use crate::checkpoint::State;
 use crate::error_sampling::PixelErrors;
-use crate::memory::{self, MemoryPlan};
+use crate::memory::MemoryPlan;
 use crate::model::{FieldBuilder, optimiser};
 use crate::training_scene::TrainingScene;
 use crate::weight_averaging::WeightAverage;
@@ -117,8 +117,8 @@ impl<F: Field> Trainer<F> {
         builder: FieldBuilder<F>,
     ) -> Result<Self, TrainError> {
         config.validate()?;
-        if let (Some(available), Some(scene)) = (memory::available(), scenes.first()) {
-            MemoryPlan::new(config, scene).check(available)?;
+        if let Some(scene) = scenes.first() {
+            MemoryPlan::new(config, scene.pixels()).check_available()?;
         }
         let device = device.clone().autodiff();
         let scenes: Vec<TrainingScene> =

@@ -1,4 +1,4 @@
-//! The scenes, one a file.
+//! The scenes, one file each.
 
 mod aquarium;
 mod birdcage;

@@ -1,0 +1,97 @@
+//! One scene in one minute, for a first look.
+
+use std::process::ExitCode;
+
+use anyhow::{Context, Result};
+use image::{RgbImage, imageops};
+use infonerf_experiment::{Experiment, Finished, Resume, RunEvent, Selection, Session};
+use infonerf_metrics::to_rgb8;
+use infonerf_render::render_image;
+use infonerf_report::{save_record, write_report};
+use infonerf_scene::View;
+use infonerf_train::Trainer;
+
+use super::INTERRUPTED;
+use super::exp::summary;
+use crate::args::DemoArgs;
+use crate::interrupt;
+use crate::progress::Progress;
+use crate::terminal::{is_terminal, open_device, show};
+
+/// Shares of the run at which a picture is shown.
+const PREVIEWS: [f64; 3] = [0.05, 0.2, 0.5];
+/// Longest side of these pictures, in pixels.
+const PREVIEW_SIZE: u32 = 64;
+/// Test views that are measured: enough for a first look.
+const TEST_VIEWS: &str = "eval.test=first-5";
+
+pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
+    let selection = Selection {
+        scenes: vec![args.scene.clone()],
+        variants: vec!["infonerf+".into()],
+        set: vec![TEST_VIEWS.into()],
+        ..Selection::default()
+    };
+    let experiment = Experiment::plan("synthetic-4view", &selection)?;
+    let plan = experiment.runs.first().context("expected a run of synthetic-4view")?;
+    let session = Session::new(open_device(args.device.device)?, args.out.join("demo"), Resume::Never);
+    interrupt::install()?;
+    println!("{}: four views are learned, others are predicted (on {})", args.scene, session.device.name);
+    let mut progress = Progress::new(&args.scene)?;
+    let mut due = PREVIEWS.iter().peekable();
+    let finished = session.run(plan, &mut |event| {
+        if let RunEvent::Training { trainer, .. } = &event
+            && is_terminal()
+            && due.next_if(|share| trainer.done() >= **share).is_some()
+        {
+            match preview(trainer) {
+                Ok(picture) => progress.suspend(|| show(&picture)),
+                Err(error) => progress.suspend(|| eprintln!("warning: no preview: {error}")),
+            }
+        }
+        progress.watch(event)
+    })?;
+    let Finished::Record(record, trainers) = finished else {
+        println!("stopped");
+        return Ok(ExitCode::from(INTERRUPTED));
+    };
+    let folder = session.experiment_folder(&experiment.about.name);
+    let records = save_record(&folder, &record)?;
+    let input = experiment.about.report_input(records, &[plan])?;
+    let files = write_report(&input, &folder)?;
+    if is_terminal()
+        && let Some(trainer) = trainers.first()
+    {
+        println!("left: a view that was not trained on, as learned; right: the truth");
+        show(&beside_truth(trainer)?);
+    }
+    println!("{}\nreport: {}", summary(&record), files.html.display());
+    println!("next: infonerf render {}", folder.join(plan.directory()).display());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The first test view as learned so far.
+fn preview(trainer: &Trainer) -> Result<RgbImage> {
+    let view = first_test_view(trainer)?;
+    let factor = view.image.width.max(view.image.height).div_ceil(PREVIEW_SIZE);
+    rendered(trainer, &view.reduced(factor))
+}
+
+/// The first test view, and its truth to the right of it.
+fn beside_truth(trainer: &Trainer) -> Result<RgbImage> {
+    let view = first_test_view(trainer)?;
+    let (width, height) = (view.image.width, view.image.height);
+    let mut both = RgbImage::new(2 * width, height);
+    imageops::replace(&mut both, &rendered(trainer, view)?, 0, 0);
+    imageops::replace(&mut both, &to_rgb8(&view.image.rgb, width, height)?, i64::from(width), 0);
+    Ok(both)
+}
+
+fn first_test_view(trainer: &Trainer) -> Result<&View> {
+    trainer.scene().test.first().context("expected a test view")
+}
+
+fn rendered(trainer: &Trainer, view: &View) -> Result<RgbImage> {
+    let image = render_image(trainer.renderer(), &[trainer.trained()], &view.camera);
+    Ok(to_rgb8(&image.rgb, image.width, image.height)?)
+}
