@@ -9,6 +9,7 @@ use infonerf_schedule::Moment;
 use serde::{Deserialize, Serialize};
 
 use crate::factored::{FactoredConfig, FactoredField};
+use crate::hash::{HashConfig, HashGrid};
 use crate::mip::{MipConfig, MipNerf};
 use crate::nerf::{NerfConfig, NerfMlp};
 use crate::pixel::{PixelNerf, PixelNerfConfig};
@@ -97,6 +98,8 @@ fields! {
     Mip(MipConfig => MipNerf),
     /// Planes and lines with a tiny MLP.
     Factored(FactoredConfig => FactoredField),
+    /// A multi-resolution hash grid with a small MLP.
+    Hash(HashConfig => HashGrid),
     /// An MLP over features of photographs.
     PixelNerf(PixelNerfConfig => PixelNerf),
 }

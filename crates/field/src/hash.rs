@@ -1,0 +1,322 @@
+//! A multi-resolution hash grid with a small MLP (Instant-NGP, Müller et al. 2022).
+
+use std::fmt;
+
+use burn::module::{Module, Param};
+use burn::tensor::activation::{sigmoid, softplus};
+use burn::tensor::{Device, Int, Tensor, TensorData};
+use infonerf_schedule::{Moment, Schedule};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::check::{check, check_detail};
+use crate::detail::part_weights;
+use crate::init::{Init, uniform};
+use crate::mlp::{Mlp, MlpSize};
+use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled};
+
+/// Corners of a cell.
+const CORNERS: usize = 8;
+/// Factors of the spatial hash (Müller et al. 2022, Eq. 4).
+const PRIMES: [u32; 3] = [1, 2_654_435_761, 805_459_861];
+
+/// Sizes of [`HashGrid`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HashConfig {
+    /// Levels of resolution (paper: 16).
+    pub levels: usize,
+    /// Features of each entry (paper: 2).
+    pub features: usize,
+    /// Base-2 logarithm of the number of entries of a level at most (paper: 14 to 24).
+    pub log2_table_size: u32,
+    /// Cells along each axis of the coarsest level (paper: 16).
+    pub coarsest: usize,
+    /// Cells along each axis of the finest level (paper: 512 to 524288); between them resolutions grow by one factor.
+    pub finest: usize,
+    /// Hidden layers of the MLP before density.
+    pub layers: usize,
+    /// Width of the MLP; the view branch has half of it.
+    pub width: usize,
+    /// Frequencies of the direction's encoding.
+    pub direction_frequencies: usize,
+    /// s in σ = s·softplus(x + b), relative to the longest side of the scene's box.
+    pub density_scale: f32,
+    /// b in σ = s·softplus(x + b): how empty space is before training.
+    pub density_bias: f32,
+    /// Share of the finer levels that is there, coarsest first; 1 for all.
+    pub detail: Schedule,
+}
+
+impl fmt::Display for HashConfig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { levels, finest, layers, width, .. } = self;
+        write!(f, "hash grid of {levels} levels up to {finest} with an MLP of {layers} layers of {width}")
+    }
+}
+
+impl HashConfig {
+    /// Cells along each axis of each level, coarsest first: a geometric series (Eq. 2 and 3).
+    fn resolutions(&self) -> Vec<usize> {
+        let growth = (self.finest as f64 / self.coarsest as f64).powf(1.0 / (self.levels.max(2) - 1) as f64);
+        (0..self.levels).map(|level| (self.coarsest as f64 * growth.powi(level as i32)).round() as usize).collect()
+    }
+
+    fn level_tables(&self) -> Vec<LevelTable> {
+        let mut first = 0;
+        let table = |cells: usize| {
+            let most = 1usize << self.log2_table_size;
+            let vertices = (cells + 1).saturating_pow(3);
+            let level = LevelTable { cells, first, entries: vertices.min(most), is_hashed: vertices > most };
+            first += level.entries;
+            level
+        };
+        self.resolutions().into_iter().map(table).collect()
+    }
+}
+
+impl FieldSpec for HashConfig {
+    type Field = HashGrid;
+
+    fn validate(&self) -> Result<(), ConfigError> {
+        check("levels", "1 to 16", self.levels, (1..=16).contains(&self.levels))?;
+        check("features", "1 to 8", self.features, (1..=8).contains(&self.features))?;
+        check("log2_table_size", "4 to 22", self.log2_table_size, (4..=22).contains(&self.log2_table_size))?;
+        check("coarsest", "2 to 4096", self.coarsest, (2..=4096).contains(&self.coarsest))?;
+        let finest = (self.coarsest..=1 << 16).contains(&self.finest);
+        check("finest", "field.coarsest to 65536", self.finest, finest)?;
+        check("layers", "1 to 8", self.layers, (1..=8).contains(&self.layers))?;
+        let width = (2..=256).contains(&self.width) && self.width.is_multiple_of(2);
+        check("width", "an even number from 2 to 256", self.width, width)?;
+        check("direction_frequencies", "0 to 20", self.direction_frequencies, self.direction_frequencies <= 20)?;
+        let scale = self.density_scale;
+        check("density_scale", "above 0, at most 1e6", scale, scale > 0.0 && scale <= 1e6)?;
+        check("density_bias", "-50 to 50", self.density_bias, (-50.0..=50.0).contains(&self.density_bias))?;
+        check_detail(&self.detail)
+    }
+
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<HashGrid, ConfigError> {
+        let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
+        let levels = self.level_tables();
+        let entries: usize = levels.iter().map(|level| level.entries).sum();
+        let values = uniform(&mut rng, entries * self.features, 1e-4);
+        let size = MlpSize {
+            inputs: self.levels * self.features,
+            layers: self.layers,
+            width: self.width,
+            skip: self.layers,
+            direction_frequencies: self.direction_frequencies,
+        };
+        let [low, high] = setup.bounds;
+        let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f32::max);
+        Ok(HashGrid {
+            tables: Param::from_data(TensorData::new(values, [entries, self.features]), setup.device),
+            mlp: Mlp::new(size, Init::FanIn, &mut rng, setup.device),
+            levels,
+            density_scale: self.density_scale / longest,
+            config: self.clone(),
+            bounds: setup.bounds,
+        })
+    }
+
+    fn footprint(&self) -> Footprint {
+        let entries: usize = self.level_tables().iter().map(|level| level.entries).sum();
+        // The features of eight corners per level with their indices and weights, and the MLP's activations.
+        let corners = self.levels * CORNERS * (self.features + 2);
+        Footprint {
+            parameters: (entries * self.features + self.layers * self.width * self.width) as u64,
+            per_sample: (corners + self.layers * self.width) as u64,
+        }
+    }
+}
+
+/// The entries of one level within the table of all.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct LevelTable {
+    /// Cells along each axis.
+    cells: usize,
+    /// Where its entries begin.
+    first: usize,
+    entries: usize,
+    /// Whether vertices share entries.
+    is_hashed: bool,
+}
+
+impl LevelTable {
+    /// The entry of a vertex.
+    fn entry(self, vertex: [usize; 3]) -> usize {
+        let side = self.cells + 1;
+        let index = if self.is_hashed {
+            let mixed = vertex.into_iter().zip(PRIMES).map(|(v, prime)| (v as u32).wrapping_mul(prime));
+            mixed.fold(0, |hash, part| hash ^ part) as usize % self.entries
+        } else {
+            (vertex[2] * side + vertex[1]) * side + vertex[0]
+        };
+        self.first + index
+    }
+
+    /// The entries at the corners of the cell around `u` ∈ [0, 1]³, with their trilinear weights, which sum to 1.
+    fn corners(self, u: [f32; 3]) -> [(usize, f32); CORNERS] {
+        let scaled = u.map(|u| u * self.cells as f32);
+        let low = scaled.map(|x| (x as usize).min(self.cells - 1));
+        std::array::from_fn(|corner| {
+            let mut vertex = low;
+            let mut weight = 1.0;
+            for axis in 0..3 {
+                let above = scaled[axis] - low[axis] as f32;
+                let upper = corner >> axis & 1;
+                vertex[axis] += upper;
+                weight *= if upper == 1 { above } else { 1.0 - above };
+            }
+            (self.entry(vertex), weight)
+        })
+    }
+}
+
+/// Features of a pyramid of grids, whose finer levels share entries by a spatial hash, through a small MLP to density and
+/// colour.
+#[derive(Module, Debug)]
+pub struct HashGrid {
+    tables: Param<Tensor<2>>,
+    mlp: Mlp,
+    #[module(skip)]
+    levels: Vec<LevelTable>,
+    /// Per scene unit.
+    #[module(skip)]
+    density_scale: f32,
+    #[module(skip)]
+    config: HashConfig,
+    #[module(skip)]
+    bounds: [[f32; 3]; 2],
+}
+
+impl HashGrid {
+    /// Features of every level side by side, `[M, levels · features]`: those of the corners around each point, weighted.
+    fn encode(&self, positions: &[f32], detail: f64) -> Tensor<2> {
+        let (levels, features) = (self.levels.len(), self.config.features);
+        let device = self.device();
+        let [low, high] = self.bounds;
+        let present = part_weights(levels, 1.0, detail);
+        let samples = positions.len() / 3;
+        let mut indices = vec![0i32; samples * levels * CORNERS];
+        let mut weights = vec![0f32; indices.len()];
+        let rows = indices.par_chunks_mut(levels * CORNERS).zip(weights.par_chunks_mut(levels * CORNERS));
+        rows.zip(positions.par_chunks_exact(3)).for_each(|((indices, weights), p)| {
+            let u = [0, 1, 2].map(|axis| ((p[axis] - low[axis]) / (high[axis] - low[axis])).clamp(0.0, 1.0));
+            let corners =
+                self.levels.iter().zip(&present).flat_map(|(level, present)| {
+                    level.corners(u).map(|(entry, weight)| (entry as i32, weight * present))
+                });
+            for ((index, weight), corner) in indices.iter_mut().zip(weights).zip(corners) {
+                (*index, *weight) = corner;
+            }
+        });
+        let count = indices.len();
+        let indices = Tensor::<1, Int>::from_data(TensorData::new(indices, [count]), &device);
+        let weights = Tensor::<2>::from_data(TensorData::new(weights, [count, 1]), &device);
+        let weighted = self.tables.val().select(0, indices) * weights;
+        weighted.reshape([samples * levels, CORNERS, features]).sum_dim(1).reshape([samples, levels * features])
+    }
+}
+
+impl Field for HashGrid {
+    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
+        let encoded = self.encode(points.positions, self.config.detail.at(at));
+        let (sigma, color) = self.mlp.forward(encoded, points, color);
+        let sigma = softplus(sigma + self.config.density_bias, 1.0) * self.density_scale;
+        Sampled { sigma, color: color.map(sigmoid) }
+    }
+
+    fn device(&self) -> Device {
+        self.mlp.device()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_ops::{Segments, to_host};
+
+    use super::*;
+    use crate::Extent;
+
+    fn config() -> HashConfig {
+        HashConfig {
+            levels: 3,
+            features: 2,
+            log2_table_size: 9,
+            coarsest: 4,
+            finest: 16,
+            layers: 1,
+            width: 8,
+            direction_frequencies: 1,
+            density_scale: 10.0,
+            density_bias: -1.0,
+            detail: 1.0.into(),
+        }
+    }
+
+    fn field(device: &Device) -> HashGrid {
+        config().build(&FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device }).unwrap()
+    }
+
+    #[test]
+    fn coarse_levels_are_dense_and_fine_ones_hashed() {
+        let levels = config().level_tables();
+        let sizes: Vec<_> = levels.iter().map(|level| (level.cells, level.entries, level.is_hashed)).collect();
+        assert_eq!(sizes, [(4, 125, false), (8, 512, true), (16, 512, true)]);
+        assert_eq!(levels[2].first, 125 + 512);
+    }
+
+    #[test]
+    fn weights_are_trilinear() {
+        for level in config().level_tables() {
+            for u in [[0.0; 3], [1.0; 3], [0.3, 0.71, 0.5], [0.25, 0.25, 0.999]] {
+                let corners = level.corners(u);
+                assert!((corners.iter().map(|(_, weight)| weight).sum::<f32>() - 1.0).abs() < 1e-6);
+                assert!(corners.iter().all(|(entry, _)| (level.first..level.first + level.entries).contains(entry)));
+            }
+        }
+        // A vertex has its own entry alone.
+        let dense = config().level_tables()[0];
+        let at_vertex: Vec<_> = dense.corners([0.5, 0.25, 1.0]).into_iter().filter(|(_, w)| *w > 0.0).collect();
+        assert_eq!(at_vertex, [((4 * 5 + 1) * 5 + 2, 1.0)]);
+    }
+
+    /// A directional derivative of the encoding against finite differences: it is linear in the tables.
+    #[test]
+    fn gradients_reach_the_entries_of_a_cell() {
+        let device = Device::flex().autodiff();
+        let field = field(&device);
+        let positions = [0.1, -0.4, 0.7, 0.95, 0.2, -0.9];
+        let gradients = field.encode(&positions, 1.0).sum().backward();
+        let gradient = to_host(field.tables.val().grad(&gradients).unwrap());
+        let entries = gradient.chunks(2).filter(|entry| entry[0] != 0.0).count();
+        assert!(entries <= 2 * 3 * CORNERS, "{entries}");
+        // Each point spreads a weight of 1 over each level, for each feature.
+        assert!((gradient.iter().sum::<f32>() - 2.0 * 3.0 * 2.0).abs() < 1e-4);
+        assert!((to_host(field.encode(&positions, 0.0)).iter().skip(2).take(4).sum::<f32>()).abs() < 1e-9);
+    }
+
+    #[test]
+    fn density_is_never_negative_and_colour_in_range() {
+        let rays = Segments::from_counts([2, 1]);
+        let points = Points {
+            positions: &[0.0, 0.0, 0.0, 5.0, -5.0, 0.1, 0.3, 0.2, 0.1],
+            directions: &[1.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+            segments: &rays,
+            extent: Extent::Ball { variance: 1e-4 },
+        };
+        let sampled = field(&Device::flex()).evaluate(points, true, Moment::END);
+        assert!(to_host(sampled.sigma).iter().all(|sigma| *sigma > 0.0 && sigma.is_finite()));
+        assert!(to_host(sampled.color.unwrap()).iter().all(|c| (0.0..=1.0).contains(c)));
+    }
+
+    #[test]
+    fn sizes_are_checked() {
+        let finer = HashConfig { finest: 2, ..config() };
+        assert_eq!(finer.validate().unwrap_err().field, "finest");
+        assert!(config().validate().is_ok());
+    }
+}
