@@ -137,6 +137,12 @@ pub(crate) struct ExpArgs {
     /// Print where time went and what skipping saved.
     #[arg(long)]
     pub(crate) profile: bool,
+    /// Print nothing but warnings and errors.
+    #[arg(long, conflicts_with = "json")]
+    pub(crate) quiet: bool,
+    /// Print events as JSON, one per line, for other programs.
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 const PRETRAIN_EXAMPLES: &str = "\
@@ -378,6 +384,8 @@ pub(crate) enum SceneCommand {
 pub(crate) enum PresetName {
     /// Small and quick.
     Fast,
+    /// The same for photographs.
+    Capture,
     /// The text of the paper.
     Paper,
     /// The authors' code.
@@ -388,6 +396,7 @@ impl PresetName {
     fn preset(self) -> Preset {
         match self {
             Self::Fast => Preset::Fast,
+            Self::Capture => Preset::Capture,
             Self::Paper => Preset::Paper,
             Self::Released => Preset::Released,
         }

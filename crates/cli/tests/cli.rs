@@ -440,3 +440,21 @@ fn results_are_collected_into_one_document() {
     assert!(!document.contains("here"), "{document}");
     place.run(&["collect", "nowhere"]).fails_with(&["nowhere", "results.json"]);
 }
+
+#[test]
+fn other_programs_are_told_in_json_and_quiet_is_quiet() {
+    let place = Workplace::new();
+    let run = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf"];
+    let output = place.tiny(&run).args(&["--json"]).succeeds();
+    let said = text(&output.stdout);
+    let events: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let names: Vec<&str> = events.iter().map(|event| event["event"].as_str().unwrap()).collect();
+    assert_eq!((names[0], names[names.len() - 1]), ("loading", "finished"), "{names:?}");
+    for name in ["started", "step", "trained", "evaluating", "record"] {
+        assert!(names.contains(&name), "{name}: {names:?}");
+    }
+    let record = events.iter().find(|event| event["event"] == "record").unwrap();
+    assert!(record["record"]["psnr"].is_f64());
+    assert!(place.tiny(&run).args(&["--quiet"]).succeeds().stdout.is_empty());
+    place.tiny(&run).args(&["--quiet", "--json"]).assert_refused(&["--json"]);
+}

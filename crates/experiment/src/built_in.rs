@@ -24,6 +24,8 @@ built_in! {
     "integration-paper",
     "released-skipping",
     "released-warm",
+    "recipe",
+    "fields",
     "scales",
     "unseen-rays",
     "loss-ablation",

@@ -38,6 +38,7 @@ pub use terms::distortion::DistortionConfig;
 pub use terms::entropy::{EntropyConfig, HitMask, HitRule, masked_entropy};
 pub use terms::kl::{Direction, KlConfig};
 pub use terms::mask::MaskConfig;
+pub use terms::occlusion::OcclusionConfig;
 pub use terms::opacity::OpacityConfig;
 pub use terms::photometric::{Norm, PhotometricConfig, photometric_loss};
 pub use terms::semantic::{SemanticConfig, semantic_loss};

@@ -7,6 +7,7 @@ use crate::terms::distortion::DistortionConfig;
 use crate::terms::entropy::EntropyConfig;
 use crate::terms::kl::KlConfig;
 use crate::terms::mask::MaskConfig;
+use crate::terms::occlusion::OcclusionConfig;
 use crate::terms::opacity::OpacityConfig;
 use crate::terms::photometric::PhotometricConfig;
 use crate::terms::semantic::SemanticConfig;
@@ -48,6 +49,8 @@ terms! {
     semantic: SemanticConfig,
     /// Distortion of the weights along rays (mip-NeRF 360).
     distortion: DistortionConfig,
+    /// Penalty on density just before the cameras.
+    occlusion: OcclusionConfig,
     /// Penalty on opacity.
     opacity: OpacityConfig,
     /// What a known background colour says about opacity.

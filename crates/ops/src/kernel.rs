@@ -4,7 +4,7 @@
 //! gradient bookkeeping happen here, once.
 
 use std::fmt::Debug;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
@@ -18,7 +18,8 @@ pub trait Kernel: Debug + Send + Sync + 'static {
     /// Shape of the output, given the shapes of the inputs.
     fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize>;
 
-    /// Computes the output. If there will be a backward pass, `saved` is there to keep numbers for it.
+    /// Computes the output. If there will be a backward pass, `saved` is there to keep numbers for it; it may hold those of
+    /// an earlier pass, so that its length has to be set.
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32>;
 
     /// Vector–Jacobian product: for each input that is `wanted`, the gradient of `⟨grad, output⟩` with respect to it.
@@ -98,6 +99,32 @@ impl HostOps for Flex {
     }
 }
 
+/// Numbers that a forward pass keeps for the backward one.
+///
+/// Their memory is handed on to later passes: for tens of megabytes in every step, having the system map and clear pages
+/// takes longer than filling them.
+#[derive(Debug)]
+struct Kept(Vec<f32>);
+
+/// Most buffers that wait for another pass.
+const SPARE_BUFFERS: usize = 4;
+static SPARE: Mutex<Vec<Vec<f32>>> = Mutex::new(Vec::new());
+
+impl Kept {
+    fn new() -> Self {
+        Self(SPARE.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default())
+    }
+}
+
+impl Drop for Kept {
+    fn drop(&mut self) {
+        let mut spare = SPARE.lock().unwrap_or_else(PoisonError::into_inner);
+        if spare.len() < SPARE_BUFFERS {
+            spare.push(std::mem::take(&mut self.0));
+        }
+    }
+}
+
 #[derive(Debug)]
 struct HostBackward<const N: usize>;
 
@@ -105,7 +132,7 @@ struct HostBackward<const N: usize>;
 struct Saved<const N: usize> {
     inputs: [Host; N],
     output: Host,
-    kept: Arc<Vec<f32>>,
+    kept: Arc<Kept>,
     kernel: Shared,
 }
 
@@ -117,7 +144,7 @@ impl<const N: usize> Backward<Flex, N> for HostBackward<N> {
         let grad = prepare(grads.consume::<Flex>(&ops.node));
         let wanted = ops.parents.each_ref().map(Option::is_some);
         let slices = inputs.each_ref().map(slice);
-        let pass = Pass { inputs: &slices, output: slice(&output), saved: &kept, grad: slice(&grad) };
+        let pass = Pass { inputs: &slices, output: slice(&output), saved: &kept.0, grad: slice(&grad) };
         let results = kernel.backward(pass, &wanted);
         for ((parent, input), result) in ops.parents.into_iter().zip(&inputs).zip(results) {
             if let (Some(node), Some(values)) = (parent, result) {
@@ -135,8 +162,8 @@ fn tracked<const N: usize, C: CheckpointStrategy>(
     let inputs = inputs.map(|input| prepare(input.into_primitive()));
     match HostBackward::<N>.prepare::<C>(guards).compute_bound().stateful() {
         OpsKind::Tracked(prep) => {
-            let mut kept = Vec::new();
-            let output = forward(&inputs, kernel.as_ref(), Some(&mut kept));
+            let mut kept = Kept::new();
+            let output = forward(&inputs, kernel.as_ref(), Some(&mut kept.0));
             prep.finish(Saved { inputs, output: output.clone(), kept: Arc::new(kept), kernel }, output)
         }
         OpsKind::UnTracked(prep) => prep.finish(forward(&inputs, kernel.as_ref(), None)),

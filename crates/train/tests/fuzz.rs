@@ -79,7 +79,7 @@ fn configs() {
         let to = rng.random_range(from..=lines.len());
         let over = mutated(&lines[from..to].join("\n"), &mut rng);
         let Ok(over) = over.parse::<toml::Table>() else { continue };
-        let mut table = Preset::ALL[rng.random_range(0..3)].table();
+        let mut table = Preset::ALL[rng.random_range(0..Preset::ALL.len())].table();
         layers::merge(&mut table, over.clone());
         accepted += usize::from(one_line(Config::from_table(table), &format!("{over:?}")));
     }

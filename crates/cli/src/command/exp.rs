@@ -1,14 +1,16 @@
 use std::process::ExitCode;
 
 use anyhow::Result;
-use infonerf_experiment::{Experiment, Finished, Resume, RunPlan, Session, total_progress};
+use infonerf_experiment::{Experiment, Finished, Resume, RunEvent, RunPlan, Session, total_progress};
 use infonerf_report::{Quantity, Record, ReportInput, overview_table, protocol_lines, save_record, write_report};
 use infonerf_train::{Phase, Trainer};
+use serde_json::json;
 
 use super::INTERRUPTED;
 use super::collect::save_command;
 use crate::args::ExpArgs;
 use crate::interrupt;
+use crate::output::{Output, Told};
 use crate::progress::Progress;
 use crate::terminal::{emphasis, open_device};
 
@@ -18,40 +20,73 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     let device = open_device(args.selection.device.device)?;
     let networks = args.selection.weights.networks(&device)?;
     let session = Session::new(device, &args.out, resume).with_networks(networks);
+    let output = match (args.quiet, args.json) {
+        (true, _) => Output::Quiet,
+        (_, true) => Output::Json,
+        _ => Output::Text,
+    };
     interrupt::install()?;
-    announce(&experiment, &session);
+    if output == Output::Text {
+        announce(&experiment, &session);
+    }
     let folder = session.experiment_folder(&experiment.about.name);
     let mut records: Vec<Record> = Vec::new();
     for (index, plan) in experiment.runs.iter().enumerate() {
         let label = format!("[{}/{}] {}", index + 1, experiment.runs.len(), plan.label());
-        let mut progress = Progress::new(&label)?;
-        match session.run(plan, &mut |event| progress.watch(event))? {
+        match watched(&session, plan, &label, output)? {
             Finished::Record(record, trainers) => {
-                println!("{label}: {}", summary(&record));
-                if args.profile {
+                output.say(format_args!("{label}: {}", summary(&record)));
+                output.tell(&json!({ "event": "record", "run": label, "record": &record }));
+                if args.profile && output == Output::Text {
                     print_profile(&trainers);
                 }
                 records = save_record(&folder, &record)?;
             }
             Finished::Kept(record) => {
-                println!("{label}: finished before, kept");
+                output.say(format_args!("{label}: finished before, kept"));
+                output.tell(&json!({ "event": "record", "run": label, "record": &record }));
                 records = save_record(&folder, &record)?;
             }
             Finished::Stopped => {
-                println!("{label}: saved; the same command with --resume goes on");
+                output.say(format_args!("{label}: saved; the same command with --resume goes on"));
+                output.tell(&json!({ "event": "stopped", "run": label }));
                 return Ok(ExitCode::from(INTERRUPTED));
             }
         }
     }
     let records: Vec<Record> =
         records.into_iter().filter(|record| experiment.runs.iter().any(|plan| same(plan, record))).collect();
-    print_table(&records);
+    if output == Output::Text {
+        print_table(&records);
+    }
     let input = experiment.about.report_input(records, &experiment.runs.iter().collect::<Vec<_>>())?;
-    print_claims(&input);
+    if output == Output::Text {
+        print_claims(&input);
+    }
     let files = write_report(&input, &folder)?;
     save_command(&folder)?;
-    println!("\nreport: {}\nnumbers: {}", files.html.display(), folder.join("results.json").display());
+    let (report, numbers) = (files.html, folder.join("results.json"));
+    output.say(format_args!("\nreport: {}\nnumbers: {}", report.display(), numbers.display()));
+    output.tell(&json!({ "event": "finished", "report": report, "numbers": numbers }));
     Ok(ExitCode::SUCCESS)
+}
+
+/// Runs `plan`, and shows its events.
+fn watched(session: &Session, plan: &RunPlan, label: &str, output: Output) -> Result<Finished> {
+    if output == Output::Text {
+        let mut progress = Progress::new(label)?;
+        return session.run(plan, &mut |event| progress.watch(event));
+    }
+    let mut told = Told::new(label);
+    session.run(plan, &mut |event| {
+        if let (RunEvent::Warning(warning), Output::Quiet) = (&event, output) {
+            eprintln!("warning: {warning}");
+        }
+        if let Some(event) = told.event(&event) {
+            output.tell(&event);
+        }
+        interrupt::control()
+    })
 }
 
 fn same(plan: &RunPlan, record: &Record) -> bool {

@@ -4,6 +4,7 @@ pub(crate) mod distortion;
 pub(crate) mod entropy;
 pub(crate) mod kl;
 pub(crate) mod mask;
+pub(crate) mod occlusion;
 pub(crate) mod opacity;
 pub(crate) mod photometric;
 pub(crate) mod semantic;

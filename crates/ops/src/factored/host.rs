@@ -66,7 +66,7 @@ impl Kernel for FactoredKernel {
         let blocks = positions.zip(out.par_chunks_mut(BLOCK * self.outputs()));
         match saved {
             Some(saved) => {
-                *saved = vec![0.0; self.samples().div_ceil(BLOCK) * self.activations()];
+                saved.resize(self.samples().div_ceil(BLOCK) * self.activations(), 0.0);
                 blocks
                     .zip(saved.par_chunks_mut(self.activations()))
                     .for_each(|((positions, out), activations)| job(positions, activations, out));

@@ -316,7 +316,7 @@ impl Kernel for MlpKernel {
         let blocks = encoded.par_chunks(width * BLOCK).zip(out.par_chunks_mut(outputs * BLOCK)).enumerate();
         match saved {
             Some(saved) => {
-                *saved = vec![0.0; samples.div_ceil(BLOCK) * self.activations];
+                saved.resize(samples.div_ceil(BLOCK) * self.activations, 0.0);
                 blocks.zip(saved.par_chunks_mut(self.activations)).for_each(|((index, (x, out)), block)| {
                     self.forward_block(weights, x, index * BLOCK, block, out);
                 });

@@ -11,6 +11,8 @@ use crate::TrainError;
 pub enum Preset {
     /// Small and quick: about a minute per scene on two cores.
     Fast,
+    /// The same for photographs: no uniform background, space without an end.
+    Capture,
     /// The text of the paper, at full size.
     Paper,
     /// The behaviour of the authors' code, at full size.
@@ -19,12 +21,13 @@ pub enum Preset {
 
 impl Preset {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Fast, Self::Paper, Self::Released];
+    pub const ALL: [Self; 4] = [Self::Fast, Self::Capture, Self::Paper, Self::Released];
 
     /// As written on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fast => "fast",
+            Self::Capture => "capture",
             Self::Paper => "paper",
             Self::Released => "released",
         }
@@ -37,6 +40,7 @@ impl Preset {
             Self::Paper => paper,
             Self::Released => merged(paper, parse(include_str!("../../presets/released.toml"))),
             Self::Fast => merged(paper, parse(include_str!("../../presets/fast.toml"))),
+            Self::Capture => merged(Self::Fast.table(), parse(include_str!("../../presets/capture.toml"))),
         }
     }
 }

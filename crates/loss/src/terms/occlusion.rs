@@ -1,0 +1,107 @@
+use burn::tensor::{Tensor, TensorData};
+use infonerf_scene::Scene;
+use infonerf_schedule::Schedule;
+use serde::{Deserialize, Serialize};
+
+use crate::term::in_range;
+use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
+
+/// A penalty on density just before the cameras (FreeNeRF, Yang et al. 2023, Eq. 8): optical depth of the first `share` of
+/// each ray, mean over the rays that it is taken over.
+///
+/// With few views, walls before a camera explain its picture alone. What is near a camera is seen by no other, so that
+/// nothing else speaks against them.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OcclusionConfig {
+    /// Its weight.
+    pub weight: Schedule,
+    /// How much of the ray from its near end counts: a share of the distances between near and far or, in a scene without
+    /// an end, of the disparities.
+    pub share: f32,
+    /// Which rays it is taken over.
+    pub rays: RaySet,
+}
+
+impl OcclusionConfig {
+    /// The distance up to which density is penalised.
+    fn reach(&self, scene: &Scene) -> f32 {
+        let (near, far) = (scene.near, scene.far);
+        if scene.bounded {
+            near + self.share * (far - near)
+        } else {
+            let near = near.max(1e-6 * far);
+            1.0 / (1.0 / near - self.share * (1.0 / near - 1.0 / far))
+        }
+    }
+}
+
+impl TermSpec for OcclusionConfig {
+    fn weight(&self) -> &Schedule {
+        &self.weight
+    }
+
+    fn weight_mut(&mut self) -> &mut Schedule {
+        &mut self.weight
+    }
+
+    fn validate(&self) -> Result<(), LossError> {
+        in_range("share", self.share.into(), 0.0, 1.0)
+    }
+
+    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+        Ok(Box::new(Occlusion { rays: self.rays, reach: self.reach(setup.scene) }))
+    }
+}
+
+#[derive(Debug)]
+struct Occlusion {
+    rays: RaySet,
+    /// Distance along the ray, scene units.
+    reach: f32,
+}
+
+impl Term for Occlusion {
+    fn needs(&self) -> Vec<Need> {
+        Need::of(self.rays)
+    }
+
+    fn value(&self, renders: &Renders) -> Tensor<1> {
+        let (mut sum, mut rays) = (renders.zero(), 0);
+        for output in renders.bundles(self.rays).map(|bundle| bundle.output()) {
+            rays += output.segments().rays();
+            let counts: Vec<f32> = output.samples.t.iter().map(|t| if *t < self.reach { 1.0 } else { 0.0 }).collect();
+            if counts.contains(&1.0) {
+                let length = counts.len();
+                let counts = Tensor::<1>::from_data(TensorData::new(counts, [length]), &output.tau.device());
+                sum = sum + (output.tau.clone() * counts).sum();
+            }
+        }
+        sum / rays.max(1) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    /// Samples of the test's rays are at 0.5, 1.5, …
+    #[test]
+    fn only_what_is_near_counts() {
+        let term = Occlusion { rays: RaySet::Seen, reach: 2.0 };
+        let value = term.value(&testing::renders(&[&[1.0, 2.0, 40.0], &[0.0], &[3.0, 0.0, 5.0]]));
+        approx::assert_abs_diff_eq!(value.into_scalar::<f32>(), 2.0, epsilon = 1e-6);
+    }
+
+    #[test]
+    fn the_reach_is_a_share_of_distance_or_disparity() {
+        let config = OcclusionConfig { weight: 1.0.into(), share: 0.25, rays: RaySet::Seen };
+        let scene = Scene { near: 2.0, far: 6.0, ..Scene::default() };
+        approx::assert_relative_eq!(config.reach(&scene), 3.0);
+        // Disparities from 1 to 0.2, of which 0.8 is a quarter of the way.
+        let scene = Scene { near: 1.0, far: 5.0, bounded: false, ..Scene::default() };
+        approx::assert_relative_eq!(config.reach(&scene), 1.25);
+        assert!(OcclusionConfig { share: 1.5, ..config }.validate().is_err());
+    }
+}
