@@ -107,13 +107,13 @@ fn items_that_fail_take_too_long_or_are_cancelled() {
                 [variants.bad.scene]\nviews = { kind = 'ids', ids = [1000] }\n\
                 [variants.slow.train]\niterations = 1_000_000_000\n[variants.good.train]\niterations = 20\n";
     fs::write(place.path("mine.toml"), file).unwrap();
-    let args = ["sweep", "mine.toml", "--scene", "knot", "--grid", "train.checkpoint_every=50", "--timeout", "60s"];
+    let args = ["sweep", "mine.toml", "--scene", "knot", "--grid", "loss.kl.weight=0", "--timeout", "60s"];
     let variants = ["--variant", "cancelled", "--variant", "bad", "--variant", "slow", "--variant", "good"];
     let args = [&args[..], &variants].concat();
     let sweep = Sweep { place: &place, args: &args };
     let child = sweep.spawn("slurm", &["--launch", "slurm", "--cpus", "1", "--watch"]);
     let folder = place.path("slurm/sweep-mine");
-    let run = |variant: &str| folder.join(format!("knot/{variant}_train.checkpoint_every_50/seed0"));
+    let run = |variant: &str| folder.join(format!("knot/{variant}_loss.kl.weight_0/seed0"));
     let task = running(0, run("cancelled"));
     slurm("scancel", &[&task]);
     patiently("the end of a cancelled item", || {

@@ -18,7 +18,7 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     let experiment = Experiment::plan(&args.experiment, &args.selection.selection(args.budget))?;
     let device = args.selection.device.device.built_in()?;
     let mode = args.launch.mode(device, &args.selection.weights)?;
-    if let Mode::Local(_) = mode {
+    if matches!(mode, Mode::Local(_)) {
         args.launch.refuse_limits()?;
         return here(args, &experiment);
     }

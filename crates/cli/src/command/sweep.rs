@@ -36,7 +36,7 @@ Examples:
   infonerf sweep loss-ablation --variant both --random 20 --range loss.entropy.weight=log:1e-5:1e-1 --halving 3
       twenty random weights; the two thirds that fit the training images worst are stopped early, twice
   infonerf sweep synthetic-4view --grid loss.entropy.weight=0,1e-3 --seed 0..4 --launch slurm --timeout 30m --watch
-      each run as a task of a Slurm array, eight cores or a GPU each as --cpus and --submit-option ask for
+      each run as a task of a Slurm array; a run that 30 minutes do not suffice for saves, and goes on the next time
 The same command again goes on where it was interrupted.";
 
 #[derive(Debug, Args)]
@@ -167,9 +167,9 @@ pub(super) fn merge_one(sweep: &Sweep, out: &Path, device: DeviceName) -> Result
 
 /// Says what there is to do.
 pub(super) fn announce(sweep: &Sweep, prepared: &Prepared) {
-    let (name, total, State { kept, stale, .. }) = (&sweep.about.name, sweep.len(), *prepared.state());
-    println!("{name}: {total} runs, {kept} of them finished before and kept");
-    if stale > 0 {
+    let State { kept, stale, .. } = prepared.state();
+    println!("{}: {} runs, {kept} of them finished before and kept", sweep.about.name, sweep.len());
+    if *stale > 0 {
         println!("{stale} finished before with other data, program, device or first weights: run again");
     }
     if let Some(warning) = &prepared.warning {

@@ -35,10 +35,10 @@ fn finish(folder: &Path, plan: &RunPlan, psnr: f64) {
 #[test]
 fn ten_thousand_runs() {
     let out = tempfile::tempdir().unwrap();
-    let values = |from: f64| (1..=100).map(|i| format!("{:e}", from * f64::from(i))).collect::<Vec<_>>().join(",");
+    let values = |exponent: i32| (1..=100).map(|i| format!("{i}e{exponent}")).collect::<Vec<_>>().join(",");
     let selection =
         Selection { scenes: vec!["knot".into()], variants: vec!["infonerf".into()], ..Selection::default() };
-    let grids = vec![format!("loss.entropy.weight={}", values(1e-5)), format!("loss.kl.weight={}", values(1e-6))];
+    let grids = vec![format!("loss.entropy.weight={}", values(-5)), format!("loss.kl.weight={}", values(-6))];
     let options = SweepOptions { grids, selection, ..SweepOptions::default() };
 
     let start = Instant::now();
