@@ -21,6 +21,15 @@ reproduce *ARGS:
 test:
     cargo test --release --workspace
 
+# Sweeps through a Slurm of one node, which this starts and stops: as root, with Slurm installed
+test-slurm:
+    #!/usr/bin/env bash
+    set -euo pipefail
+    export SLURM_CONF=/tmp/infonerf-slurm/slurm.conf
+    scripts/slurm-node start
+    trap 'scripts/slurm-node stop' EXIT
+    cargo test --release --workspace --test slurm -- --ignored
+
 # Formatting and lints
 lint:
     cargo fmt --all --check

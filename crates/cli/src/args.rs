@@ -10,8 +10,10 @@ use infonerf_metrics::Networks;
 use infonerf_train::Preset;
 
 use crate::command::bench::{BENCH_EXAMPLES, BenchArgs};
+use crate::command::launch::LaunchArgs;
 use crate::command::reproduce::{REPRODUCE_EXAMPLES, ReproduceArgs};
 use crate::command::sweep::{SWEEP_EXAMPLES, SweepArgs, SweepItemArgs};
+use crate::command::tensorboard::{TENSORBOARD_EXAMPLES, TensorboardArgs};
 
 /// Learn a 3D scene from a handful of photographs, and measure how well.
 #[derive(Debug, Parser)]
@@ -35,11 +37,14 @@ pub(crate) enum Command {
     /// Run an experiment for every combination of some values, and tabulate and plot what came of it.
     #[command(after_help = SWEEP_EXAMPLES)]
     Sweep(SweepArgs),
-    /// Run one line of a sweep's manifest: a job of a cluster's array.
+    /// Run one line of a sweep's manifest, as the jobs of --launch do.
     SweepItem(SweepItemArgs),
     /// Run every synthetic table and figure of the paper into one report, and tell whether what it says holds here.
     #[command(after_help = REPRODUCE_EXAMPLES)]
     Reproduce(ReproduceArgs),
+    /// Write the training curves of runs as event files for TensorBoard.
+    #[command(after_help = TENSORBOARD_EXAMPLES)]
+    Tensorboard(TensorboardArgs),
     /// Measure speed: time against error, what skipping saves, where a step's time goes, how cost grows.
     #[command(after_help = BENCH_EXAMPLES)]
     Bench(BenchArgs),
@@ -131,9 +136,11 @@ pub(crate) struct ExpArgs {
     /// Folder for results.
     #[arg(long, value_name = "DIR", default_value = "runs")]
     pub(crate) out: PathBuf,
-    /// Go on with runs that were interrupted; finished ones are kept.
+    /// Go on with runs that were interrupted; finished ones are kept, as jobs of --launch always do.
     #[arg(long)]
     pub(crate) resume: bool,
+    #[command(flatten)]
+    pub(crate) launch: LaunchArgs,
     /// Print where time went and what skipping saved.
     #[arg(long)]
     pub(crate) profile: bool,

@@ -219,7 +219,7 @@ fn a_run_that_takes_too_long_is_given_up_and_the_others_go_on() {
 fn items_run_alone() {
     let place = Workplace::new();
     sweep(&place, "whole").succeeds();
-    sweep(&place, "items").args(&["--manifest-only"]).succeeds();
+    sweep(&place, "items").args(&["--launch", "print"]).succeeds();
     let manifest = "items/sweep-synthetic-4view/manifest.jsonl";
     for item in (0..RUNS).rev() {
         place.run(&["sweep-item", manifest, &item.to_string()]).succeeds();
@@ -295,7 +295,8 @@ fn bad_grids() {
     grid(&["--grid", "train.lr=1e-3", "--seed", "4..0"]).assert_refused(&["4..0"]);
     grid(&["--grid", "train.lr=1e-3", "--timeout", "0"]).assert_refused(&["--timeout"]);
     grid(&["--grid", "train.lr=1e-3", "--halving", "1"]).assert_refused(&["--halving"]);
-    grid(&["--grid", "train.lr=1e-3", "--halving", "2", "--manifest-only"]).assert_refused(&["--manifest-only"]);
+    grid(&["--grid", "train.lr=1e-3", "--halving", "2", "--launch", "print"])
+        .fails_with(&["--halving", "--launch local"]);
     grid(&["--random", "3"]).assert_refused(&["--range"]);
     grid(&["--range", "train.lr=0:1"]).assert_refused(&["--random"]);
     let random = |range: &str| grid(&["--random", "2", "--range", range]);
@@ -319,7 +320,7 @@ fn bad_grids() {
 #[test]
 fn another_version_and_another_config() {
     let place = Workplace::new();
-    sweep(&place, "runs").args(&["--manifest-only"]).succeeds();
+    sweep(&place, "runs").args(&["--launch", "print"]).succeeds();
     let path = folder(&place, "runs").join("manifest.jsonl");
     let whole = fs::read_to_string(&path).unwrap();
     let name = path.to_str().unwrap();

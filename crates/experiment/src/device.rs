@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use burn::tensor::Device;
 use infonerf_metrics::{METRICS, Networks};
 use infonerf_pretrained::Store;
@@ -57,6 +57,24 @@ impl DeviceName {
         }
     }
 
+    /// The device that this name stands for in this program: never [`DeviceName::Auto`]. Whether the machine has one is
+    /// for [`open`] to see.
+    ///
+    /// # Errors
+    /// If it is not built in.
+    pub fn built_in(self) -> Result<Self> {
+        let found = match self {
+            Self::Auto => BUILT_IN.first().copied(),
+            name => BUILT_IN.iter().copied().find(|device| *device == name),
+        };
+        found.with_context(|| {
+            format!(
+                "--device {self}: not built in; this program has: {}. Build with `cargo build --release --features {self}`",
+                BUILT_IN.iter().map(|device| device.name()).collect::<Vec<_>>().join(", ")
+            )
+        })
+    }
+
     /// Whether it is the processor.
     pub fn is_cpu(self) -> bool {
         matches!(self, Self::Flex | Self::Ndarray)
@@ -99,10 +117,7 @@ pub struct OpenDevice {
 /// # Errors
 /// If it is not built in, or there is no such GPU.
 pub fn open(name: DeviceName) -> Result<OpenDevice> {
-    let name = match name {
-        DeviceName::Auto => BUILT_IN.first().copied().unwrap_or(DeviceName::Auto),
-        name => name,
-    };
+    let name = name.built_in()?;
     let device = match name {
         #[cfg(feature = "flex")]
         DeviceName::Flex => Device::flex(),
@@ -115,10 +130,7 @@ pub fn open(name: DeviceName) -> Result<OpenDevice> {
         DeviceName::Vulkan => Device::vulkan(burn::tensor::DeviceKind::DefaultDevice),
         #[cfg(feature = "cuda")]
         DeviceName::Cuda => Device::cuda(0),
-        _ => bail!(
-            "--device {name}: not built in; this program has: {}. Build with `cargo build --release --features {name}`",
-            BUILT_IN.iter().map(|device| device.name()).collect::<Vec<_>>().join(", ")
-        ),
+        name => bail!("--device {name}: not built in"),
     };
     let adapter = if name.is_cpu() { None } else { Some(adapter(&device, name)?) };
     Ok(OpenDevice { device, name, adapter })

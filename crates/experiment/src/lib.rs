@@ -26,6 +26,7 @@ mod built_in;
 mod device;
 mod file;
 mod identity;
+pub mod launch;
 mod plan;
 mod plot;
 mod pretrain;

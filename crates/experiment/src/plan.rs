@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use infonerf_report::{Claim, Record, ReportInput};
+use infonerf_scene::SceneSource;
 use infonerf_train::{Config, Preset, config};
 use toml::{Table, Value};
 
@@ -65,6 +66,25 @@ impl Experiment {
     /// # Errors
     /// One line that names the file or option and what was expected.
     pub fn plan(experiment: &str, selection: &Selection) -> Result<Self> {
+        let outline = Outline::read(experiment, selection)?;
+        Ok(Self { runs: outline.runs(&[])?, about: outline.about })
+    }
+}
+
+/// An experiment that was read once, for any number of settings.
+pub(crate) struct Outline {
+    pub(crate) about: About,
+    /// As it was asked for.
+    experiment: String,
+    preset: Preset,
+    budget: Option<f64>,
+    scenes: Vec<(String, SceneSource)>,
+    seeds: Vec<u64>,
+    variants: Variants,
+}
+
+impl Outline {
+    pub(crate) fn read(experiment: &str, selection: &Selection) -> Result<Self> {
         let layers = Layers::read(experiment)?;
         let name = layers.result_name();
         check_name("experiment", &name)?;
@@ -76,24 +96,36 @@ impl Experiment {
         let seeds = chosen_seeds(&layers, selection);
         check_distinct("--scene", scenes.iter().map(|(scene, _)| scene.clone()))?;
         check_distinct("--seed", seeds.iter().map(u64::to_string))?;
+        let about = About::of(&layers, data);
+        Ok(Self { about, experiment: experiment.to_owned(), preset, budget, scenes, seeds, variants })
+    }
+
+    /// How many runs in a row differ in their seed only.
+    pub(crate) fn seeds(&self) -> usize {
+        self.seeds.len()
+    }
+
+    /// Its runs, by scene, variant and seed, with `set` after what the selection sets.
+    pub(crate) fn runs(&self, set: &[String]) -> Result<Vec<RunPlan>> {
+        let config = |variant: &String| self.variants.config(variant, set).with_context(|| self.experiment.clone());
+        let configs = self.variants.names.iter().map(config).collect::<Result<Vec<Config>>>()?;
         let mut runs = Vec::new();
-        for (scene, source) in &scenes {
-            for variant in &variants.names {
-                let config = variants.config(variant).with_context(|| experiment.to_owned())?;
-                runs.extend(seeds.iter().map(|&seed| RunPlan {
-                    experiment: name.clone(),
+        for (scene, source) in &self.scenes {
+            for (variant, config) in self.variants.names.iter().zip(&configs) {
+                runs.extend(self.seeds.iter().map(|&seed| RunPlan {
+                    experiment: self.about.name.clone(),
                     scene: scene.clone(),
                     source: source.clone(),
-                    data: data.clone(),
+                    data: self.about.data.clone(),
                     variant: variant.clone(),
                     seed,
-                    preset,
-                    budget,
+                    preset: self.preset,
+                    budget: self.budget,
                     config: config.clone(),
                 }));
             }
         }
-        Ok(Self { about: About::of(&layers, data), runs })
+        Ok(runs)
     }
 }
 
@@ -139,13 +171,13 @@ impl Variants {
         Ok(Self { names, base: layers.config(preset), tables, set: selection.set.clone() })
     }
 
-    fn config(&self, variant: &str) -> Result<Config> {
+    fn config(&self, variant: &str, set: &[String]) -> Result<Config> {
         let mut table = self.base.clone();
         match self.tables.get(variant) {
             Some(Value::Table(over)) => config::merge(&mut table, over.clone()),
             _ => bail!("variants.{variant}: expected a table"),
         }
-        for assignment in &self.set {
+        for assignment in self.set.iter().chain(set) {
             config::assign(&mut table, assignment).with_context(|| format!("--set {assignment}"))?;
         }
         Config::from_table(table).with_context(|| format!("variant {variant}"))

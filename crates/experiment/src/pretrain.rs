@@ -32,7 +32,7 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     }
     let folder = session.experiment_folder(&experiment.about.name);
     fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-    let (_lock, warning) = lock(&folder)?;
+    let (_lock, warning) = lock(&folder, "run")?;
     if let Some(warning) = warning {
         watch(RunEvent::Warning(warning));
     }

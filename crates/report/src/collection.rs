@@ -52,8 +52,9 @@ impl ChapterContents<'_> {
 /// As [`write_report`](crate::write_report).
 pub fn write_collection(collection: &Collection, root: &Path) -> Result<ReportFiles, ReportError> {
     let mut chapters = Vec::new();
-    for chapter in &collection.chapters {
-        let contents = Contents::gather(&chapter.input, &root.join(&chapter.folder))?;
+    let shown: Vec<_> = collection.chapters.iter().map(|chapter| chapter.input.shown()).collect();
+    for (chapter, input) in collection.chapters.iter().zip(&shown) {
+        let contents = Contents::gather(input, &root.join(&chapter.folder))?;
         let report = format!("{}/report.html", chapter.folder);
         chapters.push(ChapterContents { contents, folder: &chapter.folder, report });
     }

@@ -7,6 +7,8 @@
 //! - [`chart`]: small functions from numbers to an SVG string.
 //! - [`write_report`]: `report.html`, which needs nothing else, and `report.md`, which links the pictures of the runs.
 //! - [`write_collection`]: several experiments in one report.
+//! - [`write_tensorboard`]: training curves for TensorBoard.
+//! - [`RESULTS_SCHEMA`]: what `results.json` holds, as a JSON schema.
 //! - [`depth_image`] and [`error_image`]: the pictures of depth and error that a run stores beside its renders.
 //!
 //! ```
@@ -43,8 +45,10 @@ mod record;
 mod report;
 mod results;
 mod run;
+mod schema;
 mod store;
 mod table;
+mod tensorboard;
 mod text;
 
 pub use claim::{Claim, Comparison, Finding, Interval, Relation, Side, TestedClaim, Unit, Verdict};
@@ -63,5 +67,7 @@ pub use record::{Record, TestViews};
 pub use report::{ReportFiles, ReportInput, write_report};
 pub use results::{Results, results_document};
 pub use run::{Run, RunKey, run_directory};
-pub use store::{read_records, save_record, write_records};
+pub use schema::RESULTS_SCHEMA;
+pub use store::{read_records, save_own_record, save_record, write_records};
 pub use table::{Cell, Column, Emphasis, Row, Table, overview_table, scene_table};
+pub use tensorboard::{tensorboard_events, write_tensorboard};

@@ -2,6 +2,8 @@ use crate::{Record, table::distinct};
 
 /// Views, or values that nothing explains, of which a line names each; more of them it counts.
 const MOST_LISTED: usize = 8;
+/// Seeds, or other things that explain a difference, of which a line names each; more of them it counts.
+const MOST_EXPLAINED: usize = 32;
 
 /// How the numbers of `records` were obtained, in up to three lines: training views, test views, image size and seeds; preset,
 /// iterations and device; how pictures are measured.
@@ -26,7 +28,11 @@ pub fn protocol_lines(records: &[Record]) -> Vec<String> {
             format!("{} ({})", record.test_views.protocol, record.test_views.count)
         }),
         described(records, "", " pixels", |record| format!("{} × {}", record.image_size[0], record.image_size[1])),
-        format!("{} {}", if seeds.len() == 1 { "seed" } else { "seeds" }, joined(&seeds)),
+        match seeds.len() {
+            1 => format!("seed {}", joined(&seeds)),
+            count if count > MOST_EXPLAINED => format!("{count} seeds"),
+            _ => format!("seeds {}", joined(&seeds)),
+        },
     ];
     let second = [
         described(records, "preset ", "", |record| record.preset.clone()),
@@ -60,7 +66,7 @@ fn described(records: &[Record], before: &str, after: &str, value: impl Fn(&Reco
     ];
     let explained = keys.iter().find_map(|key| {
         let pairs = distinct(records, |record| (key(record), value(record)));
-        (pairs.len() == distinct(records, key).len()).then(|| {
+        (pairs.len() <= MOST_EXPLAINED && pairs.len() == distinct(records, key).len()).then(|| {
             let parts: Vec<String> = pairs.into_iter().map(|(key, value)| format!("{key}: {value}")).collect();
             parts.join("; ")
         })

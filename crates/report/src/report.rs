@@ -1,7 +1,10 @@
 use std::{
-    collections::BTreeMap,
+    borrow::Cow,
+    collections::{BTreeMap, HashSet},
     path::{Path, PathBuf},
 };
+
+use indexmap::IndexMap;
 
 use crate::{
     Claim, Events, Figure, Published, Quantity, Record, ReportError, Run, Table, TestedClaim,
@@ -10,8 +13,17 @@ use crate::{
     files::write_atomically,
     gallery::Gallery,
     html, markdown, overview_table, protocol_lines, scene_table,
-    table::{distinct, groups},
+    table::{Group, distinct, groups},
 };
+
+/// Variants that a page shows, at most.
+const MOST_VARIANTS: usize = 64;
+/// Variants whose pictures and curves it shows, at most.
+const MOST_PICTURED: usize = 12;
+/// Pictures that it shows, at most.
+const MOST_PICTURES: usize = 400;
+/// Runs that a line names, at most.
+const MOST_NAMED: usize = 16;
 
 /// What a report is made of.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -50,6 +62,35 @@ impl ReportInput {
         }
     }
 
+    /// The same with the runs that a page shows: of too many variants those with the highest mean PSNR, and a warning that
+    /// says so.
+    #[must_use]
+    pub fn shown(&self) -> Cow<'_, Self> {
+        let mut means: IndexMap<(&str, &str), Vec<f64>> = IndexMap::new();
+        let key = |run: &'_ Run| (run.record.variant.clone(), run.record.preset.clone());
+        for Run { record, .. } in &self.runs {
+            let values = means.entry((&record.variant, &record.preset)).or_default();
+            values.extend(Quantity::PSNR.value(record));
+        }
+        let count = means.len();
+        if count <= MOST_VARIANTS {
+            return Cow::Borrowed(self);
+        }
+        let mean = |values: &Vec<f64>| match values.len() {
+            0 => f64::NEG_INFINITY,
+            count => values.iter().sum::<f64>() / count as f64,
+        };
+        means.sort_by(|_, a, _, b| mean(b).total_cmp(&mean(a)));
+        let best: HashSet<(String, String)> =
+            means.keys().take(MOST_VARIANTS).map(|(variant, preset)| ((*variant).into(), (*preset).into())).collect();
+        let mut shown =
+            Self { runs: self.runs.iter().filter(|run| best.contains(&key(run))).cloned().collect(), ..self.clone() };
+        shown.warnings.push(format!(
+            "Shown are the {MOST_VARIANTS} variants with the highest PSNR, of {count}: the others are in results.json."
+        ));
+        Cow::Owned(shown)
+    }
+
     /// The claims with what the runs say of them.
     #[must_use]
     pub fn tested_claims(&self) -> Vec<TestedClaim> {
@@ -76,7 +117,8 @@ pub struct ReportFiles {
 /// # Errors
 /// [`ReportError::Io`] when a file cannot be written, [`ReportError::Chart`].
 pub fn write_report(input: &ReportInput, root: &Path) -> Result<ReportFiles, ReportError> {
-    let contents = Contents::gather(input, root)?;
+    let input = input.shown();
+    let contents = Contents::gather(&input, root)?;
     contents.write_plots(root)?;
     let (html, markdown) = (root.join("report.html"), root.join("report.md"));
     write_atomically(&markdown, markdown::page(&contents).as_bytes())?;
@@ -120,8 +162,23 @@ impl<'a> Contents<'a> {
         let several = names.len() > 1;
         let measured = |quantity: &Quantity| records.iter().any(|record| quantity.value(record).is_some());
         let tables = Quantity::all().into_iter().filter(|quantity| several && measured(quantity));
-        let scenes: Result<Vec<Scene>, ReportError> =
-            names.into_iter().map(|name| scene(input, &records, root, name, &mut missing)).collect();
+        let pictured = pictured(&records);
+        if pictured.len() < groups(&records).len() {
+            missing.push(format!("pictures and curves of all but the {MOST_PICTURED} variants with the highest PSNR"));
+        }
+        // A view has a truth, and a render, its depth and its error for each variant.
+        let of_a_view = 3 * pictured.len() + 1;
+        let views = (MOST_PICTURES / (of_a_view * names.len().max(1))).clamp(1, input.views.max(1)).min(input.views);
+        let mut left = MOST_PICTURES / of_a_view;
+        let mut scenes = Vec::new();
+        for name in names {
+            let views = views.min(left);
+            if views < input.views {
+                missing.push(format!("{name}: pictures of {} of {} test views", input.views - views, input.views));
+            }
+            left -= views;
+            scenes.push(scene(input, &pictured, root, name, views, &mut missing)?);
+        }
         Ok(Self {
             input,
             protocol: protocol_lines(&records),
@@ -134,7 +191,7 @@ impl<'a> Contents<'a> {
             claims: input.tested_claims(),
             figures: comparison_figures(&records)?.into_iter().chain(input.figures.iter().cloned()).collect(),
             tables: tables.map(|quantity| scene_table(&records, quantity)).collect(),
-            scenes: scenes?,
+            scenes,
             notes: notes(&input.runs),
             missing,
         })
@@ -159,19 +216,37 @@ pub(crate) fn plot_path(figure: &Figure) -> String {
     format!("plots/{}.svg", figure.name.chars().map(safe).collect::<String>())
 }
 
+/// A variant and preset with its label.
+type Labelled<'a> = ((&'a str, &'a str), String);
+
+/// The variants whose pictures and curves are shown: all, or those with the highest PSNR, in their order.
+fn pictured(records: &[Record]) -> Vec<Labelled<'_>> {
+    let scenes = distinct(records, |record| record.scene.clone());
+    let groups = groups(records);
+    let psnr = |group: &Group| group.cell(Quantity::PSNR, &scenes).summary.map_or(f64::NEG_INFINITY, |psnr| psnr.mean);
+    let mut ranked: Vec<(f64, usize)> = groups.iter().map(psnr).zip(0..).collect();
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let best: HashSet<usize> = ranked.into_iter().take(MOST_PICTURED).map(|(_, index)| index).collect();
+    let chosen = groups.into_iter().enumerate().filter(|(index, _)| best.contains(index));
+    chosen.map(|(_, group)| (group.key, group.label)).collect()
+}
+
 /// Pictures and curves of a scene, of the lowest seed of each variant.
 fn scene<'a>(
     input: &'a ReportInput,
-    records: &[Record],
+    variants: &[Labelled],
     root: &Path,
     name: String,
+    views: usize,
     missing: &mut Vec<String>,
 ) -> Result<Scene<'a>, ReportError> {
     let (mut labels, mut runs) = (Vec::new(), Vec::new());
-    for group in groups(records) {
-        let is_member = |run: &&Run| run.record.scene == name && group.records.contains(&&run.record);
-        if let Some(run) = input.runs.iter().filter(is_member).min_by_key(|run| run.record.seed) {
-            labels.push(group.label);
+    for ((variant, preset), label) in variants {
+        let of_variant = |Run { record, .. }: &&Run| {
+            (&record.scene, record.variant.as_str(), record.preset.as_str()) == (&name, variant, preset)
+        };
+        if let Some(run) = input.runs.iter().filter(of_variant).min_by_key(|run| run.record.seed) {
+            labels.push(label.clone());
             runs.push(run);
         }
     }
@@ -191,13 +266,16 @@ fn scene<'a>(
         }
     }
     let figures = curve_figures(&name, &curves)?;
-    let gallery = Gallery::collect(root, runs, input.views, missing);
+    let gallery = Gallery::collect(root, runs, views, missing);
     Ok(Scene { name, labels, gallery, figures })
 }
 
 fn warnings(input: &ReportInput) -> Vec<String> {
-    let collapsed = input.runs.iter().filter(|run| run.record.collapsed);
-    let collapsed = collapsed.map(|run| format!("{} collapsed: its field went empty", run.label()));
+    let collapsed: Vec<String> = input.runs.iter().filter(|run| run.record.collapsed).map(Run::label).collect();
+    let collapsed = match collapsed.len() {
+        count if count > MOST_NAMED => vec![format!("{count} runs collapsed: their fields went empty")],
+        _ => collapsed.into_iter().map(|run| format!("{run} collapsed: its field went empty")).collect(),
+    };
     let mut presets: BTreeMap<&Path, Vec<&str>> = BTreeMap::new();
     for run in &input.runs {
         presets.entry(&run.directory).or_default().push(&run.record.preset);
@@ -210,15 +288,16 @@ fn warnings(input: &ReportInput) -> Vec<String> {
 
 /// Distinct notes in order of appearance, each with the runs that bear it.
 fn notes(runs: &[Run]) -> Vec<(String, String)> {
-    let mut notes: Vec<(&String, Vec<String>)> = Vec::new();
+    let mut notes: IndexMap<&String, Vec<&Run>> = IndexMap::new();
     for run in runs {
         for note in &run.record.notes {
-            match notes.iter_mut().find(|(known, _)| *known == note) {
-                Some((_, bearers)) => bearers.push(run.label()),
-                None => notes.push((note, vec![run.label()])),
-            }
+            notes.entry(note).or_default().push(run);
         }
     }
-    let bearers = |of: Vec<String>| if of.len() == runs.len() { "all runs".to_owned() } else { of.join(", ") };
+    let bearers = |of: Vec<&Run>| match of.len() {
+        count if count == runs.len() => "all runs".to_owned(),
+        count if count > MOST_NAMED => format!("{count} runs"),
+        _ => of.into_iter().map(Run::label).collect::<Vec<_>>().join(", "),
+    };
     notes.into_iter().map(|(note, of)| (note.clone(), bearers(of))).collect()
 }

@@ -60,12 +60,7 @@ pub fn write_records(path: &Path, records: &[Record]) -> Result<(), ReportError>
 /// [`ReportError::Name`] when a name cannot be a folder's; the errors of [`read_records`] and [`write_records`];
 /// [`ReportError::Contended`].
 pub fn save_record(directory: &Path, record: &Record) -> Result<Vec<Record>, ReportError> {
-    check_names(directory, record)?;
-    let own = directory
-        .join(run_directory(&record.scene, &record.variant, record.seed))
-        .join(format!("record-{}.json", record.preset));
-    write_records(&own, std::slice::from_ref(record))?;
-
+    save_own_record(directory, record)?;
     let list = directory.join(LIST);
     for _ in 0..ATTEMPTS {
         let listed = if list.exists() { Some(read_records(&list)?) } else { None };
@@ -76,6 +71,19 @@ pub fn save_record(directory: &Path, record: &Record) -> Result<Vec<Record>, Rep
         write_records(&list, &merged)?;
     }
     Err(ReportError::Contended { path: list })
+}
+
+/// Writes the file of a run below `directory`, without adding it to `results.json`: for runs whose list is made once all
+/// have ended.
+///
+/// # Errors
+/// [`ReportError::Name`] when a name cannot be a folder's; the errors of [`write_records`].
+pub fn save_own_record(directory: &Path, record: &Record) -> Result<(), ReportError> {
+    check_names(directory, record)?;
+    let own = directory
+        .join(run_directory(&record.scene, &record.variant, record.seed))
+        .join(format!("record-{}.json", record.preset));
+    write_records(&own, std::slice::from_ref(record))
 }
 
 /// `listed` with each of `stored` in the place of its key, or at the end.

@@ -1,6 +1,7 @@
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Result, bail};
+use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Experiment, Finished, Resume, RunEvent, RunPlan, Session, total_progress};
 use infonerf_report::{Quantity, Record, ReportInput, overview_table, protocol_lines, save_record, write_report};
 use infonerf_train::{Phase, Trainer};
@@ -8,6 +9,8 @@ use serde_json::json;
 
 use super::INTERRUPTED;
 use super::collect::save_command;
+use super::launch::{Mode, print};
+use super::sweep::{FAILED, merge_one};
 use crate::args::ExpArgs;
 use crate::interrupt;
 use crate::output::{Output, Told};
@@ -16,6 +19,33 @@ use crate::terminal::{emphasis, open_device};
 
 pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     let experiment = Experiment::plan(&args.experiment, &args.selection.selection(args.budget))?;
+    let device = args.selection.device.device.built_in()?;
+    let mode = args.launch.mode(device, &args.selection.weights)?;
+    if matches!(mode, Mode::Local(_)) {
+        args.launch.refuse_limits()?;
+        return here(args, &experiment);
+    }
+    if args.profile {
+        bail!("--profile: expected --launch local");
+    }
+    let sweep = Sweep::of(experiment);
+    let merge = || {
+        let merged = merge_one(&sweep, &args.out, device)?;
+        merged.outcome.iter().for_each(|outcome| print_claims(&outcome.input));
+        Ok(if merged.missing.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+    };
+    match mode {
+        Mode::Print(runner) => print(&[(&sweep, sweep.prepare(&args.out, device)?)], &runner),
+        Mode::Submit(scheduler, runner) => {
+            let prepared = sweep.prepare(&args.out, device)?;
+            args.launch.submit(&[(&sweep, prepared)], &*scheduler, &runner, merge)
+        }
+        Mode::Local(_) | Mode::Merge => merge(),
+    }
+}
+
+/// Runs an experiment in this process.
+fn here(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
     let resume = if args.resume { Resume::Always } else { Resume::Never };
     let device = open_device(args.selection.device.device)?;
     let networks = args.selection.weights.networks(&device)?;
@@ -27,7 +57,7 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     };
     interrupt::install()?;
     if output == Output::Text {
-        announce(&experiment, &session);
+        announce(experiment, &session);
     }
     let folder = session.experiment_folder(&experiment.about.name);
     let mut records: Vec<Record> = Vec::new();

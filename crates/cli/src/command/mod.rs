@@ -6,11 +6,13 @@ mod demo;
 mod documentation;
 mod eval;
 mod exp;
+pub(crate) mod launch;
 mod pretrain;
 mod render;
 pub(crate) mod reproduce;
 mod scene;
 pub(crate) mod sweep;
+pub(crate) mod tensorboard;
 mod weights;
 
 use std::process::ExitCode;
@@ -31,6 +33,7 @@ pub(crate) fn run(command: Command) -> Result<ExitCode> {
         Command::Sweep(args) => sweep::run(&args),
         Command::SweepItem(args) => sweep::run_item(&args),
         Command::Reproduce(args) => reproduce::run(&args),
+        Command::Tensorboard(args) => tensorboard::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Weights(args) => weights::run(&args),

@@ -1,16 +1,20 @@
 //! `infonerf reproduce`: every synthetic table and figure of the paper, and whether what it says holds here.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
+use infonerf_experiment::DeviceName;
+use infonerf_experiment::launch::Workers;
 use infonerf_experiment::reproduce::{EXPERIMENTS, sweeps, write};
-use infonerf_experiment::sweep::Execution;
+use infonerf_experiment::sweep::{Execution, Prepared, Sweep};
+use infonerf_report::ReportInput;
 
 use super::INTERRUPTED;
 use super::exp::print_claims;
-use super::sweep::{FAILED, Limits, announce, execute};
+use super::launch::{LaunchArgs, Mode, print};
+use super::sweep::{FAILED, announce, execute, merge_one};
 use crate::args::SelectionArgs;
 use crate::interrupt;
 use crate::terminal::open_device;
@@ -33,7 +37,7 @@ pub(crate) struct ReproduceArgs {
     #[command(flatten)]
     selection: SelectionArgs,
     #[command(flatten)]
-    limits: Limits,
+    launch: LaunchArgs,
     /// Folder for results, which go into its folder `reproduce`.
     #[arg(long, value_name = "DIR", default_value = "runs")]
     out: PathBuf,
@@ -41,17 +45,32 @@ pub(crate) struct ReproduceArgs {
 
 pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
     let sweeps = sweeps(&args.only, &args.selection.selection(None))?;
-    let device = open_device(args.selection.device.device)?;
-    args.selection.weights.networks(&device)?;
+    let device = args.selection.device.device.built_in()?;
     let out = args.out.join("reproduce");
-    let prepared = sweeps.iter().map(|sweep| sweep.prepare(&out, device.name.name())).collect::<Result<Vec<_>>>()?;
+    let prepare = || -> Result<Vec<(&Sweep, Prepared)>> {
+        sweeps.iter().map(|sweep| Ok((sweep, sweep.prepare(&out, device)?))).collect()
+    };
+    let merge = || merge(&sweeps, &out, device);
+    match args.launch.mode(device, &args.selection.weights)? {
+        Mode::Merge => merge(),
+        Mode::Print(runner) => print(&prepare()?, &runner),
+        Mode::Submit(scheduler, runner) => args.launch.submit(&prepare()?, &*scheduler, &runner, merge),
+        Mode::Local(workers) => {
+            let device = open_device(device)?;
+            args.selection.weights.networks(&device)?;
+            local(&prepare()?, &out, &workers)
+        }
+    }
+}
+
+/// Runs everything on this machine.
+fn local(sweeps: &[(&Sweep, Prepared)], out: &Path, workers: &Workers) -> Result<ExitCode> {
     interrupt::install()?;
-    let workers = args.limits.workers(device.name, &args.selection.weights)?;
     let (mut inputs, mut all_failed) = (Vec::new(), 0);
-    for (sweep, prepared) in sweeps.iter().zip(&prepared) {
+    for (sweep, prepared) in sweeps {
         println!("\n{}", sweep.about.title);
         announce(sweep, prepared);
-        match execute(sweep, prepared, &workers)? {
+        match execute(sweep, prepared, workers)? {
             Execution::Stopped => {
                 println!("stopped and saved; the same command goes on");
                 return Ok(ExitCode::from(INTERRUPTED));
@@ -62,11 +81,28 @@ pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
             }
         }
     }
+    finish(inputs, all_failed, out)
+}
+
+/// Makes every table of what is finished.
+fn merge(sweeps: &[Sweep], out: &Path, device: DeviceName) -> Result<ExitCode> {
+    let (mut inputs, mut missing) = (Vec::new(), 0);
+    for sweep in sweeps {
+        println!("\n{}", sweep.about.title);
+        let merged = merge_one(sweep, out, device)?;
+        missing += merged.missing.len();
+        inputs.extend(merged.outcome.map(|outcome| outcome.input));
+    }
+    finish(inputs, missing, out)
+}
+
+/// Writes the report of all, and tells what the paper's statements come to.
+fn finish(inputs: Vec<ReportInput>, failed: usize, out: &Path) -> Result<ExitCode> {
     println!();
     inputs.iter().for_each(print_claims);
-    println!("\nreport: {}", write(inputs, &out)?.display());
-    if all_failed > 0 {
-        eprintln!("{all_failed} runs failed; the same command tries them again");
+    println!("\nreport: {}", write(inputs, out)?.display());
+    if failed > 0 {
+        eprintln!("{failed} runs failed; the same command tries them again");
         return Ok(ExitCode::from(FAILED));
     }
     Ok(ExitCode::SUCCESS)

@@ -1,21 +1,22 @@
 //! `infonerf sweep` and `infonerf sweep-item`.
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::{Result, bail};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
+use infonerf_experiment::launch::{Ended, PEAK_MEMORY, STOPPED, Workers};
 use infonerf_experiment::sweep::{
-    Ended, Execution, Outcome, PEAK_MEMORY, Prepared, STOPPED, Sweep, SweepEvent, SweepOptions, Workers,
-    run_item as run_manifest_item,
+    Execution, Merged, Outcome, Prepared, State, Sweep, SweepEvent, SweepOptions, run_item as run_manifest_item,
 };
 use infonerf_experiment::{DeviceName, Finished, RunEvent};
 
 use super::INTERRUPTED;
 use super::exp::summary;
+use super::launch::{LaunchArgs, Mode, print};
 use crate::args::{DeviceArgs, SelectionArgs, WeightsArgs, parse_duration};
 use crate::interrupt;
 use crate::progress::Progress;
@@ -23,6 +24,8 @@ use crate::terminal::{emphasis, open_device};
 
 /// Exit code when an item failed.
 pub(super) const FAILED: u8 = 1;
+/// Of runs that are not finished, so many are named.
+const MOST_NAMED: usize = 8;
 
 pub(crate) const SWEEP_EXAMPLES: &str = "\
 Examples:
@@ -32,8 +35,9 @@ Examples:
       every combination with five seeds, two runs at a time
   infonerf sweep loss-ablation --variant both --random 20 --range loss.entropy.weight=log:1e-5:1e-1 --halving 3
       twenty random weights; the two thirds that fit the training images worst are stopped early, twice
-The same command again goes on where it was interrupted. On a cluster, give each job of an array its number:
-  infonerf sweep-item runs/sweep-synthetic-4view/manifest.jsonl $SLURM_ARRAY_TASK_ID";
+  infonerf sweep synthetic-4view --grid loss.entropy.weight=0,1e-3 --seed 0..4 --launch slurm --timeout 30m --watch
+      each run as a task of a Slurm array; a run that 30 minutes do not suffice for saves, and goes on the next time
+The same command again goes on where it was interrupted.";
 
 #[derive(Debug, Args)]
 pub(crate) struct SweepArgs {
@@ -53,7 +57,7 @@ pub(crate) struct SweepArgs {
     random_seed: Option<u64>,
     /// Stop hopeless settings early (successive halving): at 1/N² and 1/N of each run, for instance, only the 1/N of
     /// the settings go on that fit the training images best. Test views have no part in it.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=16), conflicts_with = "manifest_only")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=16))]
     halving: Option<u32>,
     #[command(flatten)]
     selection: SelectionArgs,
@@ -61,38 +65,10 @@ pub(crate) struct SweepArgs {
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     budget: Option<Duration>,
     #[command(flatten)]
-    limits: Limits,
-    /// Write the manifest and stop: its items are run by `infonerf sweep-item`.
-    #[arg(long)]
-    manifest_only: bool,
+    launch: LaunchArgs,
     /// Folder for results.
     #[arg(long, value_name = "DIR", default_value = "runs")]
     out: PathBuf,
-}
-
-/// How much of the machine runs may take.
-#[derive(Clone, Debug, Args)]
-pub(crate) struct Limits {
-    /// Runs at a time, at most: no more than there are cores, nor than fit into the free memory.
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=256))]
-    jobs: u32,
-    /// Give up on a run that takes longer than this, such as 10m, and go on with the others.
-    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
-    timeout: Option<Duration>,
-}
-
-impl Limits {
-    pub(super) fn workers(&self, device: DeviceName, weights: &WeightsArgs) -> Result<Workers> {
-        let absolute = |path: &PathBuf| std::path::absolute(path).with_context(|| path.display().to_string());
-        Ok(Workers {
-            program: std::env::current_exe().context("the program's own file")?,
-            device,
-            weights: weights.weights.as_ref().map(absolute).transpose()?,
-            jobs: self.jobs as usize,
-            timeout: self.timeout,
-            stop: interrupt::asked,
-        })
-    }
 }
 
 #[derive(Debug, Args)]
@@ -131,17 +107,31 @@ pub(crate) fn run(args: &SweepArgs) -> Result<ExitCode> {
         selection: args.selection.selection(args.budget),
     };
     let sweep = Sweep::plan(&args.experiment, &options)?;
-    let device = open_device(args.selection.device.device)?;
-    // Broken weights are told of before the runs begin.
-    args.selection.weights.networks(&device)?;
-    let prepared = sweep.prepare(&args.out, device.name.name())?;
-    announce(&sweep, &prepared);
-    if args.manifest_only {
-        println!("manifest: {} (items 0 to {})", prepared.manifest().display(), sweep.len() - 1);
-        return Ok(ExitCode::SUCCESS);
+    let device = args.selection.device.device.built_in()?;
+    let merge = || merge(&sweep, &args.out, device);
+    match args.launch.mode(device, &args.selection.weights)? {
+        Mode::Merge => merge(),
+        Mode::Submit(..) | Mode::Print(_) if args.halving.is_some() => {
+            bail!("--halving: it is decided on the way which runs go on: expected --launch local")
+        }
+        Mode::Print(runner) => print(&[(&sweep, sweep.prepare(&args.out, device)?)], &runner),
+        Mode::Submit(scheduler, runner) => {
+            let prepared = sweep.prepare(&args.out, device)?;
+            args.launch.submit(&[(&sweep, prepared)], &*scheduler, &runner, merge)
+        }
+        Mode::Local(workers) => local(&sweep, args, &workers),
     }
+}
+
+/// Runs a sweep on this machine.
+fn local(sweep: &Sweep, args: &SweepArgs, workers: &Workers) -> Result<ExitCode> {
+    // A missing device and broken weights are told of before the runs begin.
+    let device = open_device(workers.runner.device)?;
+    args.selection.weights.networks(&device)?;
+    let prepared = sweep.prepare(&args.out, device.name)?;
+    announce(sweep, &prepared);
     interrupt::install()?;
-    match execute(&sweep, &prepared, &args.limits.workers(device.name, &args.selection.weights)?)? {
+    match execute(sweep, &prepared, workers)? {
         Execution::Stopped => {
             println!("stopped and saved; the same command goes on");
             Ok(ExitCode::from(INTERRUPTED))
@@ -154,12 +144,36 @@ pub(crate) fn run(args: &SweepArgs) -> Result<ExitCode> {
     }
 }
 
+/// Makes the table of what is finished.
+fn merge(sweep: &Sweep, out: &Path, device: DeviceName) -> Result<ExitCode> {
+    let merged = merge_one(sweep, out, device)?;
+    Ok(if merged.missing.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
+}
+
+/// Merges a sweep, prints its table, and names runs that are not finished.
+pub(super) fn merge_one(sweep: &Sweep, out: &Path, device: DeviceName) -> Result<Merged> {
+    let merged = sweep.merge(out, device)?;
+    if let Some(outcome) = &merged.outcome {
+        print_outcome(outcome);
+    }
+    let (missing, name) = (merged.missing.len(), &sweep.about.name);
+    if missing > 0 {
+        let few = merged.missing.iter().take(MOST_NAMED).cloned().collect::<Vec<_>>().join(", ");
+        let more = if missing > MOST_NAMED { ", ..." } else { "" };
+        eprintln!("{name}: {missing} of {} runs are not finished: {few}{more}", sweep.len());
+    }
+    Ok(merged)
+}
+
 /// Says what there is to do.
 pub(super) fn announce(sweep: &Sweep, prepared: &Prepared) {
-    let (name, total, kept) = (&sweep.about.name, sweep.len(), prepared.kept);
-    println!("{name}: {total} runs, {kept} of them finished before and kept");
-    if prepared.stale > 0 {
-        println!("{} finished before with other data, program, device or first weights: run again", prepared.stale);
+    let State { kept, stale, .. } = prepared.state();
+    println!("{}: {} runs, {kept} of them finished before and kept", sweep.about.name, sweep.len());
+    if *stale > 0 {
+        println!("{stale} finished before with other data, program, device or first weights: run again");
+    }
+    if let Some(warning) = &prepared.warning {
+        eprintln!("warning: {warning}");
     }
     for notice in &sweep.notices {
         println!("{notice}");
@@ -188,11 +202,15 @@ pub(super) fn execute(sweep: &Sweep, prepared: &Prepared, workers: &Workers) -> 
         SweepEvent::Dropped { variant, reason } => println!("{variant} is stopped: {reason}"),
     })?;
     if let Execution::Ended { outcome: Some(outcome), .. } = &execution {
-        let Outcome { table, report, results, .. } = outcome.as_ref();
-        println!("\n{}", table.to_text(emphasis()));
-        println!("report: {}\nnumbers: {}", report.display(), results.display());
+        print_outcome(outcome);
     }
     Ok(execution)
+}
+
+fn print_outcome(outcome: &Outcome) {
+    let Outcome { table, report, results, .. } = outcome;
+    println!("\n{}", table.to_text(emphasis()));
+    println!("report: {}\nnumbers: {}", report.display(), results.display());
 }
 
 pub(crate) fn run_item(args: &SweepItemArgs) -> Result<ExitCode> {

@@ -36,6 +36,7 @@ pub struct Workplace(tempfile::TempDir);
 pub struct Invocation {
     folder: PathBuf,
     args: Vec<OsString>,
+    variables: Vec<(String, OsString)>,
 }
 
 impl Workplace {
@@ -49,7 +50,7 @@ impl Workplace {
 
     /// `infonerf ARGS`, in this folder.
     pub fn run(&self, args: &[&str]) -> Invocation {
-        Invocation { folder: self.0.path().to_owned(), args: Vec::new() }.args(args)
+        Invocation { folder: self.0.path().to_owned(), args: Vec::new(), variables: Vec::new() }.args(args)
     }
 
     /// The same with settings under which everything is quick; what `args` set wins.
@@ -72,6 +73,12 @@ impl Invocation {
         self
     }
 
+    /// With an environment variable.
+    pub fn env(mut self, name: &str, value: impl Into<OsString>) -> Self {
+        self.variables.push((name.to_owned(), value.into()));
+        self
+    }
+
     pub fn inside(mut self, part: &str) -> Self {
         self.folder.push(part);
         self
@@ -82,7 +89,7 @@ impl Invocation {
         command.env_remove("RUST_LOG").env_remove("RUST_BACKTRACE");
         // Not the weights that whoever runs the tests may have.
         command.env_remove("INFONERF_WEIGHTS").env("XDG_CACHE_HOME", self.folder.join("cache"));
-        command.current_dir(self.folder).args(self.args);
+        command.envs(self.variables).current_dir(self.folder).args(self.args);
         command
     }
 

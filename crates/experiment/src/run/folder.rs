@@ -31,9 +31,9 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Keeps a second process out of a run's folder for as long as the file lives. Also returns a warning where the file system
-/// knows no locks.
-pub(crate) fn lock(folder: &Path) -> Result<(fs::File, Option<String>)> {
+/// Keeps a second process out of the folder of a run or a sweep, which `what` names, for as long as the file lives. Also
+/// returns a warning where the file system knows no locks.
+pub(crate) fn lock(folder: &Path, what: &str) -> Result<(fs::File, Option<String>)> {
     let path = folder.join("lock");
     let file = fs::File::create(&path).with_context(|| path.display().to_string())?;
     // The lock of a process that was just killed may outlive it by a moment.
@@ -42,7 +42,9 @@ pub(crate) fn lock(folder: &Path) -> Result<(fs::File, Option<String>)> {
         match file.try_lock() {
             Ok(()) => return Ok((file, None)),
             Err(fs::TryLockError::WouldBlock) if Instant::now() < patience => sleep(Duration::from_millis(20)),
-            Err(fs::TryLockError::WouldBlock) => bail!("{}: another process is at work on this run", folder.display()),
+            Err(fs::TryLockError::WouldBlock) => {
+                bail!("{}: another process is at work on this {what}", folder.display())
+            }
             Err(fs::TryLockError::Error(error)) => return without_lock(file, &error, folder),
         }
     }
@@ -67,11 +69,11 @@ mod tests {
     #[test]
     fn a_second_process_is_kept_out() {
         let folder = tempfile::tempdir().unwrap();
-        let first = lock(folder.path()).unwrap();
+        let first = lock(folder.path(), "run").unwrap();
         assert!(first.1.is_none());
-        assert!(lock(folder.path()).unwrap_err().to_string().contains("another process"));
+        assert!(lock(folder.path(), "run").unwrap_err().to_string().contains("another process"));
         drop(first);
-        lock(folder.path()).unwrap();
+        lock(folder.path(), "run").unwrap();
     }
 
     #[test]

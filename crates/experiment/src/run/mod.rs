@@ -43,7 +43,7 @@ impl Session {
     pub fn run(&self, plan: &RunPlan, watch: &mut Watch<'_>) -> Result<Finished> {
         let folder = self.experiment_folder(&plan.experiment).join(plan.directory());
         fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-        let (_lock, warning) = lock(&folder)?;
+        let (_lock, warning) = lock(&folder, "run")?;
         if let Some(warning) = warning {
             watch(RunEvent::Warning(warning));
         }

@@ -43,10 +43,10 @@ fn variants(sweep: &Sweep) -> Vec<String> {
     variants
 }
 
-/// The mean of `variant` with the values of `choice`.
-fn mean(sweep: &Sweep, means: &Means, variant: &str, choice: &[usize]) -> Option<f64> {
-    let item = sweep.items.iter().find(|item| item.variant == variant && item.setting.choice == choice)?;
-    means.get(&item.plan.variant).copied()
+/// Means of `variant` by the values of each choice.
+fn by_choice<'a>(sweep: &'a Sweep, means: &Means, variant: &str) -> HashMap<&'a [usize], f64> {
+    let own = sweep.items.iter().filter(|item| item.variant == variant);
+    own.filter_map(|item| Some((&item.setting.choice[..], *means.get(&item.plan.variant)?))).collect()
 }
 
 /// Every draw of one range, whatever the others are.
@@ -79,7 +79,8 @@ fn line(sweep: &Sweep, grid: &Grid, means: &Means) -> Result<Figure> {
     // Zero has no place on a logarithmic axis and is shown a decade before the least.
     let place = |value: f64| if log && value == 0.0 { 0.1 * least } else { value };
     let series = variants(sweep).into_iter().map(|name| {
-        let point = |(i, value): (usize, &f64)| Some((place(*value), mean(sweep, means, &name, &[i])?));
+        let means = by_choice(sweep, means, &name);
+        let point = |(i, value): (usize, &f64)| Some((place(*value), *means.get(&[i][..])?));
         let mut points: Vec<(f64, f64)> = values.iter().enumerate().filter_map(point).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         Series { name, points }
@@ -94,9 +95,9 @@ fn line(sweep: &Sweep, grid: &Grid, means: &Means) -> Result<Figure> {
 }
 
 fn bars(sweep: &Sweep, grid: &Grid, variant: &str, means: &Means) -> Result<Figure> {
-    let bar = |(i, label): (usize, &String)| {
-        Some(Bar { label: label.clone(), value: mean(sweep, means, variant, &[i])?, spread: None })
-    };
+    let means = by_choice(sweep, means, variant);
+    let bar =
+        |(i, label): (usize, &String)| Some(Bar { label: label.clone(), value: *means.get(&[i][..])?, spread: None });
     let bars: Vec<Bar> = grid.values.iter().enumerate().filter_map(bar).collect();
     let title = format!("{variant}: {} by {}", Quantity::PSNR.heading(), grid.key);
     let svg = bar_chart(&Frame::new(&title, &grid.key.to_string(), "PSNR (dB)"), &bars)?;
@@ -104,7 +105,8 @@ fn bars(sweep: &Sweep, grid: &Grid, variant: &str, means: &Means) -> Result<Figu
 }
 
 fn map(sweep: &Sweep, rows: &Grid, columns: &Grid, variant: &str, means: &Means) -> Result<Figure> {
-    let cell = |row, column| mean(sweep, means, variant, &[row, column]);
+    let means = by_choice(sweep, means, variant);
+    let cell = |row, column| means.get(&[row, column][..]).copied();
     let line = |row| (0..columns.values.len()).map(|column| cell(row, column)).collect();
     let values: Vec<Vec<Option<f64>>> = (0..rows.values.len()).map(line).collect();
     let title = format!("{variant}: {}", Quantity::PSNR.heading());

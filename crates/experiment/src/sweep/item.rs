@@ -4,16 +4,13 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use infonerf_metrics::Networks;
-use infonerf_report::save_record;
+use infonerf_report::save_own_record;
 
 use super::manifest;
 use crate::{Finished, OpenDevice, Resume, Session, Watch};
 
-/// Says how much memory an item's process took, in MiB, at the start of a line.
-pub const PEAK_MEMORY: &str = "peak memory (MiB): ";
-
 /// Runs item `index` of the manifest at `path`, up to the share `until` of it; a finished one is kept. Results go into the
-/// manifest's folder.
+/// manifest's folder: a file of its own, which no other process writes. The list of all is made when they are merged.
 ///
 /// # Errors
 /// As [`Session::run`], and if there is no such item.
@@ -34,7 +31,7 @@ pub fn run_item(
     let session = Session::new(device, out, Resume::Unchanged).until(until).with_networks(networks);
     let finished = session.run(&plan, watch)?;
     if let Finished::Record(record, _) = &finished {
-        save_record(folder, record)?;
+        save_own_record(folder, record)?;
     }
     Ok(finished)
 }

@@ -1,10 +1,9 @@
 //! An experiment for every combination of some values.
 //!
 //! ```text
-//! grids, random draws ─► plan (items) ─► manifest.jsonl ─► workers (a process per item) ─► records ─► table, figures, report
+//! grids, random draws ─► plan (items) ─► manifest.jsonl ─► launcher (a process per item) ─► records ─► table, figures, report
 //! ```
 
-mod capacity;
 mod figures;
 mod grid;
 mod halving;
@@ -15,38 +14,26 @@ mod options;
 mod outcome;
 mod plan;
 mod random;
+#[cfg(test)]
+mod scale;
 mod setting;
-mod workers;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use infonerf_report::read_records;
 
-use crate::{Identity, RunPlan};
+use crate::launch::{Batch, Ended, Queue, Workers, refuse_under_way};
+use crate::run::lock;
+use crate::{DeviceName, Identity, RunPlan};
 use halving::{Dropped, drop_worst, rungs};
-pub use item::{PEAK_MEMORY, run_item};
-pub use options::{SweepOptions, Workers};
+pub use item::run_item;
+pub use options::SweepOptions;
 pub use outcome::Outcome;
 use plan::Item;
 pub use plan::Sweep;
-use workers::Queue;
-
-/// Exit code of an item's process that was told to stop, and saved.
-pub const STOPPED: i32 = 130;
-
-/// How an item's process ended.
-#[derive(Clone, Debug)]
-pub enum Ended {
-    /// With a record, or as far as it was asked to; what it said.
-    Finished(String),
-    /// Saved, when told to stop.
-    Stopped,
-    /// Without a record; why.
-    Failed(String),
-}
 
 /// What happens in a sweep, for whoever watches it.
 #[derive(Debug)]
@@ -78,8 +65,17 @@ pub enum SweepEvent<'a> {
     },
 }
 
-/// A sweep's folder, its manifest written, and which of its items are to do.
+/// A sweep's folder, its manifest written, and which of its items are to do. No other process prepares the same sweep for
+/// as long as this lives.
 pub struct Prepared {
+    state: State,
+    /// What the user should know.
+    pub warning: Option<String>,
+    _lock: fs::File,
+}
+
+/// Which items of a sweep are finished.
+pub struct State {
     folder: PathBuf,
     missing: Vec<usize>,
     /// Bytes that the largest of the finished runs took.
@@ -91,10 +87,23 @@ pub struct Prepared {
 }
 
 impl Prepared {
+    /// Which items are finished.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
     /// The manifest: one line per item.
     pub fn manifest(&self) -> PathBuf {
-        self.folder.join(manifest::NAME)
+        self.state.folder.join(manifest::NAME)
     }
+}
+
+/// What was merged.
+pub struct Merged {
+    /// The runs that are not finished.
+    pub missing: Vec<String>,
+    /// What was written; none without any record.
+    pub outcome: Option<Box<Outcome>>,
 }
 
 /// What came of a sweep.
@@ -114,14 +123,50 @@ impl Sweep {
     /// Writes the manifest below `out` and finds what is to do on `device`.
     ///
     /// # Errors
-    /// If a manifest of another version, or a run of another config, is in the way.
-    pub fn prepare(&self, out: &Path, device: &str) -> Result<Prepared> {
+    /// If another process or a launch is at work on it, or a manifest of another version or a run of another config is in
+    /// the way.
+    pub fn prepare(&self, out: &Path, device: DeviceName) -> Result<Prepared> {
         let folder = out.join(&self.about.name);
         let path = folder.join(manifest::NAME);
+        fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        let (lock, warning) = lock(&folder, "sweep")?;
         manifest::refuse_another_version(&path)?;
-        let prepared = self.missing(folder, device)?;
+        refuse_under_way(&folder)?;
+        let state = self.state(out, device)?;
         manifest::write(&path, &self.items)?;
-        Ok(prepared)
+        Ok(Prepared { state, warning, _lock: lock })
+    }
+
+    /// The items that are to do, for a launcher.
+    ///
+    /// # Errors
+    /// If the current folder is not known.
+    pub fn batch(&self, prepared: &Prepared) -> Result<Batch> {
+        let State { folder, missing, .. } = &prepared.state;
+        let folder = std::path::absolute(folder).with_context(|| folder.display().to_string())?;
+        let record = |item: &usize| {
+            let plan = &self.items[*item].plan;
+            plan.record_path(&folder.join(plan.directory()))
+        };
+        Ok(Batch {
+            name: self.about.name.clone(),
+            manifest: folder.join(manifest::NAME),
+            items: missing.clone(),
+            records: missing.iter().map(record).collect(),
+            folder,
+        })
+    }
+
+    /// Writes tables and the report of what is finished below `out`, whatever made it, without running anything.
+    ///
+    /// # Errors
+    /// If a run of another config is in the way, or a file cannot be read or written.
+    pub fn merge(&self, out: &Path, device: DeviceName) -> Result<Merged> {
+        let state = self.state(out, device)?;
+        let left_out: HashSet<usize> = state.missing.iter().copied().collect();
+        let missing = state.missing.iter().map(|item| self.items[*item].plan.label()).collect();
+        let outcome = outcome::write(self, &state.folder, &left_out, Vec::new())?;
+        Ok(Merged { missing, outcome: outcome.map(Box::new) })
     }
 
     /// Runs what is missing, and writes tables and the report.
@@ -134,8 +179,8 @@ impl Sweep {
         workers: &Workers,
         watch: &mut dyn FnMut(SweepEvent<'_>),
     ) -> Result<Execution> {
-        let folder = &prepared.folder;
-        let manifest = prepared.manifest();
+        let (folder, manifest) = (&prepared.state.folder, prepared.manifest());
+        let State { missing, peak, .. } = &prepared.state;
         let mut queue = Queue { manifest: &manifest, workers, until: None };
         let (mut items, mut dropped) = ((0..self.items.len()).collect::<Vec<usize>>(), Vec::new());
         if let Some(keep) = self.halving {
@@ -145,7 +190,7 @@ impl Sweep {
                 queue.until = Some(share);
                 let label = format!("to {:.1} %", 100.0 * share);
                 let todo = items.iter().copied().filter(behind).collect();
-                let Some(_) = self.run_items(&queue, todo, prepared.peak, label, watch) else {
+                let Some(_) = self.run_items(&queue, todo, *peak, label, watch) else {
                     return Ok(Execution::Stopped);
                 };
                 let worst = drop_worst(self, folder, &mut items, keep, share);
@@ -156,37 +201,39 @@ impl Sweep {
             }
             queue.until = None;
         }
-        items.retain(|item| prepared.missing.contains(item));
-        let Some(failed) = self.run_items(&queue, items, prepared.peak, String::new(), watch) else {
+        let todo: HashSet<usize> = missing.iter().copied().collect();
+        items.retain(|item| todo.contains(item));
+        let Some(failed) = self.run_items(&queue, items, *peak, String::new(), watch) else {
             return Ok(Execution::Stopped);
         };
         let stopped = |Dropped { variant, reason }: Dropped| format!("{variant} was stopped early: {reason}.");
-        let outcome = outcome::write(self, folder, dropped.into_iter().map(stopped).collect())?;
-        Ok(Execution::Ended { failed, outcome: outcome.map(Box::new) })
+        let outcome = outcome::write(self, folder, &failed, dropped.into_iter().map(stopped).collect())?;
+        Ok(Execution::Ended { failed: failed.len(), outcome: outcome.map(Box::new) })
     }
 
-    /// The items that are not finished.
-    fn missing(&self, folder: PathBuf, device: &str) -> Result<Prepared> {
-        let mut prepared = Prepared { folder, missing: Vec::new(), peak: None, kept: 0, stale: 0 };
+    /// Which items are finished on `device`, below `out`.
+    fn state(&self, out: &Path, device: DeviceName) -> Result<State> {
+        let mut state =
+            State { folder: out.join(&self.about.name), missing: Vec::new(), peak: None, kept: 0, stale: 0 };
         for (index, Item { plan, .. }) in self.items.iter().enumerate() {
-            let run = prepared.folder.join(plan.directory());
+            let run = state.folder.join(plan.directory());
             refuse_another_config(plan, &run)?;
             let record = plan.record_path(&run);
             if !record.exists() {
-                prepared.missing.push(index);
-            } else if Identity::read(&run) == Some(Identity::of(plan, device)?) {
-                prepared.kept += 1;
+                state.missing.push(index);
+            } else if Identity::read(&run) == Some(Identity::of(plan, device.name())?) {
+                state.kept += 1;
                 let peaks = read_records(&record)?.into_iter().filter_map(|record| record.peak_rss_bytes);
-                prepared.peak = prepared.peak.max(peaks.max());
+                state.peak = state.peak.max(peaks.max());
             } else {
-                prepared.stale += 1;
-                prepared.missing.push(index);
+                state.stale += 1;
+                state.missing.push(index);
             }
         }
-        Ok(prepared)
+        Ok(state)
     }
 
-    /// Runs items and tells how many failed; nothing if they were told to stop.
+    /// Runs items and tells which failed; nothing if they were told to stop.
     fn run_items(
         &self,
         queue: &Queue<'_>,
@@ -194,14 +241,14 @@ impl Sweep {
         peak: Option<u64>,
         label: String,
         watch: &mut dyn FnMut(SweepEvent<'_>),
-    ) -> Option<usize> {
+    ) -> Option<HashSet<usize>> {
         watch(SweepEvent::Started { count: items.len(), label });
-        let (mut failed, mut stopped) = (0, 0);
+        let (mut failed, mut stopped) = (HashSet::new(), 0);
         queue.run(items, peak, |index, ended| {
             match &ended {
                 Ended::Finished(_) => {}
                 Ended::Stopped => stopped += 1,
-                Ended::Failed(_) => failed += 1,
+                Ended::Failed(_) => drop(failed.insert(index)),
             }
             let label = self.items.get(index).map_or_else(String::new, |item| item.plan.label());
             watch(SweepEvent::Item { index, label, ended: &ended });

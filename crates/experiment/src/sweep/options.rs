@@ -1,7 +1,4 @@
-use std::path::PathBuf;
-use std::time::Duration;
-
-use crate::{DeviceName, Selection};
+use crate::Selection;
 
 /// What a sweep varies.
 #[derive(Clone, Debug, Default)]
@@ -19,21 +16,4 @@ pub struct SweepOptions {
     pub halving: Option<u32>,
     /// Which runs of the experiment.
     pub selection: Selection,
-}
-
-/// How items are run.
-#[derive(Clone, Debug)]
-pub struct Workers {
-    /// The program of which `PROGRAM sweep-item MANIFEST ITEM` runs an item.
-    pub program: PathBuf,
-    /// Where to compute.
-    pub device: DeviceName,
-    /// A file or folder of weights of learned metrics, beside the places where they are looked for.
-    pub weights: Option<PathBuf>,
-    /// Runs at a time, at most: no more than there are cores, nor than fit into the free memory.
-    pub jobs: usize,
-    /// Time after which a run is given up.
-    pub timeout: Option<Duration>,
-    /// Whether no more runs are to be started.
-    pub stop: fn() -> bool,
 }

@@ -1,5 +1,7 @@
 //! What is made of the records: `results.json`, tables and the report.
 
+use std::borrow::Cow;
+use std::collections::HashSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +16,7 @@ use crate::RunPlan;
 
 /// What a sweep has written.
 pub struct Outcome {
-    /// Every run, in the order of the sweep.
+    /// The variants that the report shows, in the order of the sweep: the files hold all.
     pub table: Table,
     /// What the report is made of.
     pub input: ReportInput,
@@ -24,9 +26,14 @@ pub struct Outcome {
     pub results: PathBuf,
 }
 
-/// Writes what is finished, in the order of the sweep; nothing where nothing is finished.
-pub(super) fn write(sweep: &Sweep, folder: &Path, warnings: Vec<String>) -> Result<Option<Outcome>> {
-    let records = records(sweep, folder)?;
+/// Writes what is finished, in the order of the sweep, without the items of `left_out`; nothing where nothing is finished.
+pub(super) fn write(
+    sweep: &Sweep,
+    folder: &Path,
+    left_out: &HashSet<usize>,
+    warnings: Vec<String>,
+) -> Result<Option<Outcome>> {
+    let records = records(sweep, folder, left_out)?;
     if records.is_empty() {
         return Ok(None);
     }
@@ -44,13 +51,20 @@ pub(super) fn write(sweep: &Sweep, folder: &Path, warnings: Vec<String>) -> Resu
     input.figures.extend(figures);
     input.warnings.extend(warnings);
     let files = write_report(&input, folder)?;
+    let table = match input.shown() {
+        Cow::Borrowed(_) => table,
+        Cow::Owned(shown) => {
+            let records: Vec<Record> = shown.runs.into_iter().map(|run| run.record).collect();
+            overview_table(&records, &Quantity::all())
+        }
+    };
     Ok(Some(Outcome { table, input, report: files.html, results: folder.join("results.json") }))
 }
 
 /// The records of the items that are finished.
-fn records(sweep: &Sweep, folder: &Path) -> Result<Vec<Record>> {
+fn records(sweep: &Sweep, folder: &Path, left_out: &HashSet<usize>) -> Result<Vec<Record>> {
     let mut records = Vec::new();
-    for item in &sweep.items {
+    for (_, item) in sweep.items.iter().enumerate().filter(|(index, _)| !left_out.contains(index)) {
         let path = item.plan.record_path(&folder.join(item.plan.directory()));
         if path.exists() {
             records.extend(read_records(&path)?);
@@ -63,7 +77,7 @@ fn records(sweep: &Sweep, folder: &Path) -> Result<Vec<Record>> {
 fn list(folder: &Path, records: &[Record]) -> Result<()> {
     let path = folder.join("results.json");
     let listed = if path.exists() { read_records(&path)? } else { Vec::new() };
-    let own: Vec<RunKey> = records.iter().map(RunKey::from).collect();
+    let own: HashSet<RunKey> = records.iter().map(RunKey::from).collect();
     let others = listed.into_iter().filter(|record| !own.contains(&record.into()));
     let all: Vec<Record> = others.chain(records.iter().cloned()).collect();
     Ok(write_records(&path, &all)?)

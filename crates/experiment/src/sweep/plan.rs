@@ -6,7 +6,8 @@ use anyhow::{Context, Result, bail};
 
 use super::options::SweepOptions;
 use super::setting::{MOST, Setting, Space};
-use crate::{About, Experiment, RunPlan, Selection};
+use crate::plan::Outline;
+use crate::{About, Experiment, RunPlan};
 
 /// A sweep, ready to run.
 #[derive(Clone, Debug)]
@@ -48,27 +49,24 @@ impl Sweep {
     /// One line that names the option and what was expected.
     pub fn plan(experiment: &str, options: &SweepOptions) -> Result<Self> {
         let space = Space::parse(options)?;
+        let outline = Outline::read(experiment, &options.selection)?;
+        let name = format!("sweep-{}", outline.about.name);
         let mut items = Vec::new();
-        let mut about = None;
         for (order, setting) in space.settings()?.into_iter().enumerate() {
             let assignments = space.assignments(&setting)?;
-            let set = options.selection.set.iter().chain(&assignments).cloned().collect();
-            let selection = Selection { set, ..options.selection.clone() };
-            let planned =
-                Experiment::plan(experiment, &selection).with_context(|| format!("with {}", assignments.join(" ")))?;
-            let name = format!("sweep-{}", planned.about.name);
-            let seeds = seeds(&planned.runs);
-            for (index, plan) in planned.runs.into_iter().enumerate() {
+            let runs = outline.runs(&assignments).with_context(|| format!("with {}", assignments.join(" ")))?;
+            for (index, plan) in runs.into_iter().enumerate() {
                 let variant = plan.variant.clone();
                 let plan = RunPlan { experiment: name.clone(), variant: safe_name(&variant, &assignments), ..plan };
-                items.push(((index / seeds, order, index % seeds), Item { plan, variant, setting: setting.clone() }));
+                let place = (index / outline.seeds(), order, index % outline.seeds());
+                items.push((place, Item { plan, variant, setting: setting.clone() }));
             }
             if items.len() > MOST {
                 bail!("--grid: expected at most {MOST} runs");
             }
-            // The paper has no figures for settings of ours.
-            about.get_or_insert(About { name, paper: None, claims: Vec::new(), plot: None, ..planned.about });
         }
+        // The paper has no figures for settings of ours.
+        let about = About { name, paper: None, claims: Vec::new(), plot: None, ..outline.about };
         items.sort_by_key(|(place, _)| *place);
         let mut items: Vec<Item> = items.into_iter().map(|(_, item)| item).collect();
         let mut notices = leave_out_repetitions(&space, &mut items)?;
@@ -76,7 +74,6 @@ impl Sweep {
         if repeated > 0 {
             notices.push(format!("{repeated} of the random settings repeat earlier ones and are left out"));
         }
-        let about = about.context("--grid: expected at least one value")?;
         Ok(Self { about, space, halving: options.halving, items, notices })
     }
 
@@ -89,12 +86,6 @@ impl Sweep {
     pub fn is_empty(&self) -> bool {
         self.items.is_empty()
     }
-}
-
-/// How many runs in a row differ in their seed only.
-fn seeds(runs: &[RunPlan]) -> usize {
-    let same = |plan: &&RunPlan| plan.scene == runs[0].scene && plan.variant == runs[0].variant;
-    runs.iter().take_while(same).count().max(1)
 }
 
 /// A variant's name with its values, such as `infonerf_loss.entropy.weight_1e-3`, of letters, digits and `._-`.

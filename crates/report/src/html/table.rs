@@ -32,17 +32,24 @@ fn heading(text: &str) -> String {
     format!("<th scope=\"col\">{text}</th>")
 }
 
+/// Runs that are listed, at most.
+const MOST_RUNS: usize = 1000;
+
 /// Every run with every quantity that any run has.
 pub(super) fn runs(contents: &Contents) -> String {
     let runs = &contents.input.runs;
     let measured = |quantity: &Quantity| runs.iter().any(|run| quantity.value(&run.record).is_some());
     let quantities: Vec<Quantity> = Quantity::all().into_iter().filter(measured).collect();
     let headings: String = quantities.iter().map(|quantity| heading(&quantity.heading())).collect();
-    let rows: String = runs.iter().map(|run| row(run, &quantities)).collect();
+    let rows: String = runs.iter().take(MOST_RUNS).map(|run| row(run, &quantities)).collect();
+    let more = match runs.len().saturating_sub(MOST_RUNS) {
+        0 => String::new(),
+        more => format!("<p class=\"muted\">{more} more are in results.json.</p>\n"),
+    };
     format!(
         "<section id=\"runs\">\n<h2>Runs</h2>\n<div class=\"scroll\"><table class=\"runs\">\n<thead><tr>\
          <th scope=\"col\">Scene</th><th scope=\"col\">Variant</th><th scope=\"col\">Seed</th>\
-         <th scope=\"col\">Steps</th>{headings}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table></div>\n</section>\n"
+         <th scope=\"col\">Steps</th>{headings}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table></div>\n{more}</section>\n"
     )
 }
 

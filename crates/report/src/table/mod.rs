@@ -5,6 +5,10 @@ mod latex;
 mod markdown;
 mod plain;
 
+use std::collections::BTreeSet;
+use std::hash::Hash;
+
+use indexmap::{IndexMap, IndexSet};
 use infonerf_metrics::Summary;
 
 use crate::{Quantity, Record, protocol_lines};
@@ -101,49 +105,47 @@ pub fn overview_table(records: &[Record], quantities: &[Quantity]) -> Table {
 /// The records of one row.
 pub(crate) struct Group<'a> {
     pub(crate) label: String,
-    pub(crate) records: Vec<&'a Record>,
+    /// Variant and preset.
+    pub(crate) key: (&'a str, &'a str),
+    /// By scene and seed; of several with the same, the first.
+    records: IndexMap<(&'a str, u64), &'a Record>,
 }
 
 /// Records by variant and preset, in order of appearance; the preset is part of the label where there are several.
 pub(crate) fn groups(records: &[Record]) -> Vec<Group<'_>> {
-    let key = |record: &Record| (record.variant.clone(), record.preset.clone());
     let presets = distinct(records, |record| record.preset.clone()).len();
-    let group = |(variant, preset): (String, String)| Group {
-        records: records.iter().filter(|record| record.variant == variant && record.preset == preset).collect(),
-        label: if presets > 1 { format!("{variant} ({preset})") } else { variant },
-    };
-    distinct(records, key).into_iter().map(group).collect()
+    let mut groups: IndexMap<(&str, &str), Group> = IndexMap::new();
+    for record in records {
+        let key = (record.variant.as_str(), record.preset.as_str());
+        let group = groups.entry(key).or_insert_with(|| {
+            let (variant, preset) = key;
+            let label = if presets > 1 { format!("{variant} ({preset})") } else { variant.to_owned() };
+            Group { label, key, records: IndexMap::new() }
+        });
+        group.records.entry((&record.scene, record.seed)).or_insert(record);
+    }
+    groups.into_values().collect()
 }
 
 /// The distinct values of `key`, in order of appearance.
-pub(crate) fn distinct<T: PartialEq>(records: &[Record], key: impl Fn(&Record) -> T) -> Vec<T> {
-    let mut values = Vec::new();
-    for value in records.iter().map(key) {
-        if !values.contains(&value) {
-            values.push(value);
-        }
-    }
-    values
+pub(crate) fn distinct<T: Hash + Eq>(records: &[Record], key: impl Fn(&Record) -> T) -> Vec<T> {
+    records.iter().map(key).collect::<IndexSet<T>>().into_iter().collect()
 }
 
 impl Group<'_> {
     /// Summary over seeds of the mean over `scenes`, each of which a seed needs.
     pub(crate) fn cell(&self, quantity: Quantity, scenes: &[String]) -> Cell {
-        let mut seeds: Vec<u64> = self.records.iter().map(|record| record.seed).collect();
-        seeds.sort_unstable();
-        seeds.dedup();
-        let in_cell = || self.records.iter().filter(|record| scenes.contains(&record.scene));
+        let seeds: BTreeSet<u64> = self.records.keys().map(|(_, seed)| *seed).collect();
         let mean = |seed: u64| {
-            let value = |scene: &String| {
-                in_cell().find(|r| r.seed == seed && r.scene == *scene).and_then(|record| quantity.value(record))
-            };
+            let value = |scene: &String| quantity.value(self.records.get(&(scene.as_str(), seed))?);
             let values: Option<Vec<f64>> = scenes.iter().map(value).collect();
             Summary::of(values?).map(|summary| summary.mean)
         };
+        let in_cell = self.records.iter().filter(|((scene, _), _)| scenes.iter().any(|wanted| wanted == scene));
         Cell {
             summary: Summary::of(seeds.into_iter().filter_map(mean)),
             best: false,
-            collapsed: in_cell().any(|record| record.collapsed),
+            collapsed: in_cell.map(|(_, record)| record).any(|record| record.collapsed),
         }
     }
 }

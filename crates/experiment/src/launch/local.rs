@@ -6,17 +6,43 @@ use std::sync::Mutex;
 use std::sync::mpsc;
 use std::thread;
 
+use super::Runner;
 use super::capacity::{cores, fitting, free_memory};
-use super::item::PEAK_MEMORY;
-use super::options::Workers;
-use super::{Ended, STOPPED};
+
+/// Says how much memory an item's process took, in MiB, at the start of a line.
+pub const PEAK_MEMORY: &str = "peak memory (MiB): ";
+
+/// Exit code of an item's process that was told to stop, and saved.
+pub const STOPPED: i32 = 130;
+
+/// How an item's process ended.
+#[derive(Clone, Debug)]
+pub enum Ended {
+    /// With a record, or as far as it was asked to; what it said.
+    Finished(String),
+    /// Saved, when told to stop.
+    Stopped,
+    /// Without a record; why.
+    Failed(String),
+}
+
+/// How items are run on this machine.
+#[derive(Clone, Debug)]
+pub struct Workers {
+    /// The program that runs them.
+    pub runner: Runner,
+    /// Runs at a time, at most: no more than there are cores, nor than fit into the free memory.
+    pub jobs: usize,
+    /// Whether no more runs are to be started.
+    pub stop: fn() -> bool,
+}
 
 /// Items of one manifest.
-pub(super) struct Queue<'a> {
-    pub(super) manifest: &'a Path,
-    pub(super) workers: &'a Workers,
+pub(crate) struct Queue<'a> {
+    pub(crate) manifest: &'a Path,
+    pub(crate) workers: &'a Workers,
     /// Share of each run after which it is stopped, to go on later.
-    pub(super) until: Option<f64>,
+    pub(crate) until: Option<f64>,
 }
 
 impl Queue<'_> {
@@ -24,7 +50,7 @@ impl Queue<'_> {
     ///
     /// The first of them runs alone, if more than one may run at a time and `peak` is not known: it shows how much
     /// memory a run takes.
-    pub(super) fn run(&self, items: Vec<usize>, peak: Option<u64>, mut report: impl FnMut(usize, Ended)) {
+    pub(crate) fn run(&self, items: Vec<usize>, peak: Option<u64>, mut report: impl FnMut(usize, Ended)) {
         let jobs = (self.workers.jobs).min(items.len());
         let mut peak = peak;
         let mut items = items.into_iter();
@@ -58,8 +84,7 @@ impl Queue<'_> {
 
     /// Runs an item beside `jobs - 1` others, and tells how it ended and how many bytes of memory it took.
     fn run_one(&self, item: usize, jobs: usize) -> (Ended, Option<u64>) {
-        let output = self.command(item, jobs).and_then(|mut command| {
-            let mut child = command.spawn()?;
+        let output = self.command(item, jobs).spawn().and_then(|mut child| {
             // Held open until the item ends: if this process dies, the item's sees its input end.
             let input = child.stdin.take();
             let output = child.wait_with_output();
@@ -72,24 +97,18 @@ impl Queue<'_> {
         }
     }
 
-    fn command(&self, item: usize, jobs: usize) -> std::io::Result<Command> {
-        let mut command = Command::new(&self.workers.program);
-        command.arg("sweep-item").arg("--tied").arg(self.manifest).arg(item.to_string());
-        command.arg("--device").arg(self.workers.device.name());
-        if let Some(weights) = &self.workers.weights {
-            command.arg("--weights").arg(weights);
-        }
+    fn command(&self, item: usize, jobs: usize) -> Command {
+        let words = self.workers.runner.command(self.manifest);
+        let mut command = Command::new(&words[0]);
+        command.args(&words[1..]).arg(item.to_string()).arg("--tied");
         if let Some(share) = self.until {
             command.arg("--until").arg(share.to_string());
-        }
-        if let Some(timeout) = self.workers.timeout {
-            command.arg("--timeout").arg(format!("{}s", timeout.as_secs_f64()));
         }
         if jobs > 1 {
             command.env("RAYON_NUM_THREADS", (cores() / jobs).max(1).to_string());
         }
         command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        Ok(command)
+        command
     }
 }
 

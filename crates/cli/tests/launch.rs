@@ -1,0 +1,253 @@
+//! Sweeps as jobs of schedulers that only pretend: what they are given, and what becomes of it.
+
+#![cfg(unix)]
+
+mod common;
+
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use common::{Invocation, Workplace, records, text, without_times};
+use serde_json::Value;
+
+/// Four values, two seeds, one scene.
+const SWEEP: [&str; 14] = [
+    "sweep",
+    "synthetic-4view",
+    "--scene",
+    "knot",
+    "--variant",
+    "infonerf",
+    "--grid",
+    "loss.entropy.weight=0,1e-3",
+    "--grid",
+    "loss.kl.weight=0,1e-4",
+    "--seed",
+    "0..1",
+    "--set",
+    "eval.information_rays=0",
+];
+
+/// A folder whose schedulers are those of `tests/schedulers`.
+struct Cluster(Workplace);
+
+impl Cluster {
+    fn new() -> Self {
+        let place = Workplace::new();
+        fs::create_dir(place.path("jobs")).unwrap();
+        Self(place)
+    }
+
+    /// `ARGS --out OUT`, with the schedulers on the PATH.
+    fn run(&self, args: &[&str], out: &str) -> Invocation {
+        let fakes = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/schedulers");
+        let paths = std::iter::once(fakes).chain(std::env::split_paths(&std::env::var_os("PATH").unwrap()));
+        let invocation = self.0.tiny(args).args(&["--out", out]);
+        invocation.env("PATH", std::env::join_paths(paths).unwrap()).env("JOBS", self.0.path("jobs"))
+    }
+
+    fn sweep(&self, out: &str) -> Invocation {
+        self.run(&SWEEP, out)
+    }
+
+    fn slurm(&self) -> Invocation {
+        self.sweep("runs").args(&["--launch", "slurm"])
+    }
+
+    /// The script of a job that Slurm was given.
+    fn script(&self, id: u32) -> String {
+        fs::read_to_string(self.0.path("jobs").join(format!("{id}.sh"))).unwrap_or_default()
+    }
+
+    /// Runs the script of a job as the task of an array.
+    fn task(&self, id: u32, task: u32) -> Output {
+        let mut shell = Command::new("sh");
+        shell.arg(self.0.path("jobs").join(format!("{id}.sh"))).env("SLURM_ARRAY_TASK_ID", task.to_string());
+        shell.env("SLURM_CPUS_ON_NODE", "1").env("XDG_CACHE_HOME", self.0.path("cache"));
+        shell.env_remove("INFONERF_WEIGHTS").current_dir(self.0.path("")).output().unwrap()
+    }
+
+    fn folder(&self, out: &str) -> PathBuf {
+        self.0.path(out).join("sweep-synthetic-4view")
+    }
+
+    fn numbers(&self, out: &str) -> Vec<Value> {
+        without_times(&records(&self.folder(out)))
+    }
+}
+
+#[test]
+fn array_jobs_give_the_local_table() {
+    let cluster = Cluster::new();
+    cluster.sweep("local").succeeds();
+    let asked = ["--partition", "gpu", "--memory", "2G", "--cpus", "4", "--jobs", "3", "--timeout", "10m"];
+    let asked = cluster.slurm().args(&asked).args(&["--submit-option=--account=vision"]).env("MAX_ARRAY_SIZE", "6");
+    let said = text(&asked.succeeds().stdout);
+    assert!(said.contains("8 runs submitted as slurm 100, 101, 102"), "{said}");
+    let (first, second, merge) = (cluster.script(100), cluster.script(101), cluster.script(102));
+    let logs = cluster.folder("runs").join("launch");
+    for line in [
+        "#SBATCH --job-name=\"sweep-synthetic-4view\"",
+        &format!("#SBATCH --output=\"{}/%A_%a.log\"", logs.display()),
+        "#SBATCH --partition=\"gpu\"",
+        "#SBATCH --mem=\"2048M\"",
+        "#SBATCH --cpus-per-task=\"4\"",
+        "#SBATCH --time=\"11\"",
+        "#SBATCH --array=\"0-5%3\"",
+        "#SBATCH --requeue",
+        "#SBATCH --signal=\"B:TERM@60\"",
+    ] {
+        assert!(first.lines().any(|found| found == line), "expected {line}\n{first}");
+    }
+    assert!(first.starts_with("# --parsable --account=vision ") && !first.contains("--dependency"), "{first}");
+    assert!(first.contains("exec ") && first.contains("\"$((0 + SLURM_ARRAY_TASK_ID))\""), "{first}");
+    assert!(second.contains("--array=\"0-1%3\"") && second.contains("\"$((6 + SLURM_ARRAY_TASK_ID))\""), "{second}");
+    // Three at a time in all, not in each array.
+    assert!(second.contains("#SBATCH --dependency=\"afterany:100\""), "{second}");
+    assert!(merge.contains("#SBATCH --dependency=\"afterany:100:101\"") && merge.contains(" --merge"), "{merge}");
+
+    // Item 3 is lost on the way.
+    for (job, tasks) in [(100, &[5, 4, 2, 1, 0][..]), (101, &[1, 0])] {
+        for &task in tasks {
+            let output = cluster.task(job, task);
+            assert!(output.status.success(), "{}", text(&output.stderr));
+        }
+    }
+    let merged = cluster.task(102, 0);
+    assert_eq!(merged.status.code(), Some(1));
+    assert!(text(&merged.stderr).contains("1 of 8 runs are not finished: knot/infonerf_"), "{}", text(&merged.stderr));
+    assert_eq!(cluster.numbers("runs").len(), 7);
+
+    // The same command submits it alone.
+    let said = text(&cluster.slurm().succeeds().stdout);
+    assert!(said.contains("8 runs, 7 of them finished before") && said.contains("1 runs submitted"), "{said}");
+    assert!(cluster.script(103).contains("--array=\"3\"\n"), "{}", cluster.script(103));
+    assert!(cluster.task(103, 3).status.success());
+    assert!(cluster.task(104, 0).status.success());
+    assert_eq!(cluster.numbers("local"), cluster.numbers("runs"));
+    let table = |out| fs::read_to_string(cluster.folder(out).join("plots/sweep-psnr-infonerf.svg")).unwrap();
+    assert_eq!(table("local"), table("runs"));
+    // There is nothing left to submit.
+    let said = text(&cluster.slurm().succeeds().stdout);
+    assert!(said.contains("8 of them finished before") && !said.contains("submitted"), "{said}");
+}
+
+#[test]
+fn a_launch_that_is_refused_loses_nothing() {
+    let cluster = Cluster::new();
+    // Without Slurm: the PATH is that of an empty folder.
+    cluster.slurm().env("PATH", cluster.0.path("jobs")).fails_with(&["scontrol: not found", "Slurm"]);
+    cluster
+        .slurm()
+        .args(&["--partition", "nowhere"])
+        .fails_with(&["items 0 to 7 were not submitted", "invalid partition specified: nowhere"]);
+    // A full queue: what it took stays, and is known.
+    let full = cluster.slurm().env("MAX_ARRAY_SIZE", "6").env("MOST_JOBS", "1");
+    full.fails_with(&["items 6 to 7 were not submitted", "as 100", "submit limit"]);
+    let full = cluster.slurm().env("MAX_ARRAY_SIZE", "6").env("LIVE", "100");
+    full.fails_with(&["launch is under way: 1 of its tasks wait and 1 run", "scancel 100"]);
+    // Nothing else may change the manifest under running jobs either.
+    cluster.sweep("runs").env("LIVE", "100").fails_with(&["launch is under way"]);
+    let other = cluster.sweep("runs").args(&["--launch", "print"]).env("LIVE", "100");
+    other.fails_with(&["launch is under way"]);
+    cluster.sweep("runs").env("PATH", cluster.0.path("jobs")).fails_with(&["jobs.json", "squeue: not found"]);
+    // When they have ended, the rest is submitted.
+    assert!(cluster.task(100, 0).status.success());
+    let said = text(&cluster.slurm().succeeds().stdout);
+    assert!(said.contains("1 of them finished before") && said.contains("7 runs submitted"), "{said}");
+    assert!(cluster.script(101).contains("--array=\"1-7\"\n"), "{}", cluster.script(101));
+    // Merging is possible at any time.
+    let merge = cluster.slurm().args(&["--merge"]).env("LIVE", "101").into_command().output().unwrap();
+    assert_eq!((merge.status.code(), cluster.numbers("runs").len()), (Some(1), 1));
+
+    let manifest = cluster.folder("runs").join("manifest.jsonl");
+    let whole = fs::read_to_string(&manifest).unwrap();
+    fs::write(&manifest, whole.replace("\"version\":1", "\"version\":2")).unwrap();
+    cluster.slurm().fails_with(&["manifest.jsonl", "version"]);
+    fs::write(&manifest, whole).unwrap();
+    fs::write(cluster.folder("runs").join("launch/jobs.json"), "{}").unwrap();
+    cluster.slurm().fails_with(&["jobs.json", "launcher"]);
+}
+
+#[test]
+fn options_that_do_not_go_together() {
+    let cluster = Cluster::new();
+    let sweep = |args: &[&str]| cluster.sweep("runs").args(args);
+    sweep(&["--partition", "gpu"]).fails_with(&["--partition", "--launch slurm"]);
+    sweep(&["--memory", "1G"]).fails_with(&["--memory", "--launch slurm or hyperqueue"]);
+    sweep(&["--launch", "print", "--cpus", "2"]).fails_with(&["--cpus", "--launch print"]);
+    sweep(&["--launch", "hyperqueue", "--partition", "gpu"]).fails_with(&["--partition", "--launch hyperqueue"]);
+    sweep(&["--launch", "hyperqueue", "--jobs", "2"]).fails_with(&["--jobs", "--launch slurm"]);
+    sweep(&["--watch"]).fails_with(&["--watch", "--launch slurm"]);
+    sweep(&["--launch", "slurm", "--halving", "2"]).fails_with(&["--halving", "--launch local"]);
+    sweep(&["--launch", "cloud"]).assert_refused(&["--launch", "hyperqueue"]);
+    sweep(&["--memory", "8GB"]).assert_refused(&["--memory", "8GB"]);
+    assert!(!cluster.0.path("runs").exists(), "nothing is written before the options are checked");
+}
+
+#[test]
+fn printed_commands_run_anywhere() {
+    let cluster = Cluster::new();
+    let output = cluster.sweep("a b").args(&["--launch", "print", "--timeout", "5m"]).succeeds();
+    let commands = text(&output.stdout);
+    assert_eq!(commands.lines().count(), 8);
+    for command in commands.lines().rev() {
+        assert!(command.contains("--timeout 300s"), "{command}");
+        let mut shell = Command::new("sh");
+        shell.env_remove("INFONERF_WEIGHTS").env("XDG_CACHE_HOME", cluster.0.path("cache"));
+        let run = shell.args(["-c", command]).current_dir("/").output().unwrap();
+        assert!(run.status.success(), "{}", text(&run.stderr));
+    }
+    cluster.sweep("a b").args(&["--merge"]).succeeds();
+    cluster.sweep("local").succeeds();
+    assert_eq!(cluster.numbers("local"), cluster.numbers("a b"));
+}
+
+#[test]
+fn hyperqueue_runs_a_task_array_and_watching_it_ends_with_the_table() {
+    let cluster = Cluster::new();
+    let asked = ["--launch", "hyperqueue", "--memory", "2G", "--cpus", "1", "--timeout", "10m", "--watch"];
+    let said = text(&cluster.sweep("runs").args(&asked).args(&["--submit-option=--priority=3"]).succeeds().stdout);
+    assert!(said.contains("8 runs submitted as hyperqueue 5") && said.contains("report: "), "{said}");
+    let script = cluster.script(5);
+    for line in [
+        "#HQ --name=\"sweep-synthetic-4view\"",
+        "#HQ --stderr=\"none\"",
+        "#HQ --resource=\"mem=2048\"",
+        "#HQ --cpus=\"1\"",
+        "#HQ --time-request=\"600s\"",
+    ] {
+        assert!(script.lines().any(|found| found == line), "expected {line}\n{script}");
+    }
+    assert!(script.contains("/launch/%{JOB_ID}_%{TASK_ID}.log\"\n"), "{script}");
+    let options = script.lines().rposition(|line| line.starts_with("#HQ")).unwrap();
+    assert!(script.lines().skip(options + 1).all(|line| !line.starts_with('#')), "options come first: {script}");
+    cluster.sweep("local").succeeds();
+    assert_eq!(cluster.numbers("local"), cluster.numbers("runs"));
+    cluster.sweep("runs").env("LIVE", "5").fails_with(&["2 of its tasks wait and 1 run", "hq job cancel 5"]);
+}
+
+#[test]
+fn reproduce_is_launched_as_one() {
+    let cluster = Cluster::new();
+    let args = ["reproduce", "--only", "information", "--only", "views", "--scene", "knot", "--seed", "0"];
+    let tiny = ["scene.size=16", "field.layers=1", "field.width=8", "field.density=softplus", "render.samples=8"];
+    let run = |more: &[&str]| {
+        let settings: Vec<&str> = tiny.iter().flat_map(|setting| ["--set", setting]).collect();
+        let place = &cluster.0;
+        let base = place.run(&args).args(&settings).args(&["--set", "train.iterations=3", "--set", "train.rays=16"]);
+        let fakes: OsString = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/schedulers").into();
+        let path = [fakes, ":".into(), std::env::var_os("PATH").unwrap()].into_iter().collect::<OsString>();
+        base.args(&["--set", "eval.test=first-1"]).args(more).env("PATH", path).env("JOBS", place.path("jobs"))
+    };
+    let said = text(&run(&["--launch", "slurm"]).succeeds().stdout);
+    let jobs = fs::read_dir(cluster.0.path("jobs")).unwrap().count();
+    assert_eq!(jobs, 3, "two arrays and one job that merges: {said}");
+    assert!(cluster.script(102).contains("afterany:100:101"), "{}", cluster.script(102));
+    assert!(cluster.task(101, 0).status.success());
+    assert_eq!(cluster.task(102, 0).status.code(), Some(1), "most runs are not finished");
+    let report = fs::read_to_string(cluster.0.path("runs/reproduce/report.md")).unwrap();
+    assert!(report.contains("What the paper says"), "{report}");
+}

@@ -1,0 +1,153 @@
+//! Training curves for TensorBoard: every scalar of a `metrics.jsonl` as an event file.
+//!
+//! A file is a sequence of records, each `length (u64), masked CRC of length, data, masked CRC of data`, little-endian
+//! ([TFRecord](https://www.tensorflow.org/tutorials/load_data/tfrecord#tfrecords_format_details)). The data is an `Event` in
+//! the encoding of Protocol Buffers ([event.proto](https://github.com/tensorflow/tensorboard/blob/master/tensorboard/compat/proto/event.proto)),
+//! of which scalars need five fields.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    time::{Duration, SystemTime, UNIX_EPOCH},
+};
+
+use serde_json::Value;
+
+use crate::{ReportError, write_atomically};
+
+/// What runs log to.
+const LOG: &str = "metrics.jsonl";
+/// Name of the event file beside it: TensorBoard looks for `tfevents`.
+const EVENTS: &str = "events.out.tfevents.infonerf";
+
+/// Writes an event file beside each `metrics.jsonl` in `folder` or below, in the place of the last one, and returns them.
+/// Point TensorBoard's `--logdir` at `folder`.
+///
+/// Lines that are not JSON are left out: the last one of a run that was killed.
+///
+/// # Errors
+/// If there is no `metrics.jsonl`, or a file cannot be read or written.
+pub fn write_tensorboard(folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
+    let mut logs = Vec::new();
+    find(folder, &mut logs)?;
+    if logs.is_empty() {
+        let source = std::io::Error::new(std::io::ErrorKind::NotFound, format!("no {LOG} in it or below"));
+        return Err(ReportError::io("read", folder)(source));
+    }
+    let write = |log: PathBuf| {
+        let text = fs::read(&log).map_err(ReportError::io("read", &log))?;
+        let written = fs::metadata(&log).and_then(|log| log.modified()).map_err(ReportError::io("read", &log))?;
+        let events = log.with_file_name(EVENTS);
+        write_atomically(&events, &tensorboard_events(&String::from_utf8_lossy(&text), written))?;
+        Ok(events)
+    };
+    logs.into_iter().map(write).collect()
+}
+
+/// Every `metrics.jsonl` in `folder` and below, sorted.
+fn find(folder: &Path, logs: &mut Vec<PathBuf>) -> Result<(), ReportError> {
+    let entries = fs::read_dir(folder).map_err(ReportError::io("list", folder))?;
+    let paths: Result<Vec<PathBuf>, _> = entries.map(|entry| entry.map(|entry| entry.path())).collect();
+    let mut paths = paths.map_err(ReportError::io("list", folder))?;
+    paths.sort();
+    for path in paths {
+        if path.is_dir() {
+            find(&path, logs)?;
+        } else if path.file_name().is_some_and(|name| name == LOG) {
+            logs.push(path);
+        }
+    }
+    Ok(())
+}
+
+/// The event file of a `metrics.jsonl` whose last line was written at `end`.
+///
+/// Each line becomes an event at its step. Each of its numbers becomes a scalar, called `train/KEY` in training steps and
+/// `EVENT/KEY` in others; what is nested is called `train/losses/rgb`. An event's time is `end` less the seconds of
+/// training that the run still had before it, so that TensorBoard's axis of relative time shows seconds of training.
+#[must_use]
+pub fn tensorboard_events(text: &str, end: SystemTime) -> Vec<u8> {
+    let lines: Vec<Value> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    let seconds = |line: &Value| line.get("seconds").and_then(Value::as_f64);
+    let last = lines.iter().rev().find_map(seconds).unwrap_or(0.0);
+    let start = end.duration_since(UNIX_EPOCH).unwrap_or(Duration::ZERO).as_secs_f64() - last;
+    let mut file = Vec::new();
+    let mut time = start;
+    let mut version = double(1, start);
+    version.extend(bytes(3, b"brain.Event:2"));
+    push(&mut file, &version);
+    for line in &lines {
+        let (Some(name), Some(step)) =
+            (line.get("event").and_then(Value::as_str), line.get("step").and_then(Value::as_u64))
+        else {
+            continue;
+        };
+        time = seconds(line).map_or(time, |seconds| start + seconds);
+        let mut summary = Vec::new();
+        scalars(line, if name == "step" { "train" } else { name }, &mut summary);
+        let mut event = double(1, time);
+        event.extend(tag(2, 0));
+        event.extend(varint(step));
+        event.extend(bytes(5, &summary));
+        push(&mut file, &event);
+    }
+    file
+}
+
+/// Adds a `Summary.Value` for each number in `value`, which is called `name`.
+fn scalars(value: &Value, name: &str, summary: &mut Vec<u8>) {
+    match value {
+        Value::Object(fields) => {
+            for (key, value) in fields.iter().filter(|(key, _)| *key != "step") {
+                scalars(value, &format!("{name}/{key}"), summary);
+            }
+        }
+        Value::Number(number) => {
+            let mut scalar = bytes(1, name.as_bytes());
+            scalar.extend(tag(2, 5));
+            scalar.extend((number.as_f64().unwrap_or(f64::NAN) as f32).to_le_bytes());
+            summary.extend(bytes(1, &scalar));
+        }
+        _ => {}
+    }
+}
+
+/// Adds a record.
+fn push(file: &mut Vec<u8>, data: &[u8]) {
+    let length = (data.len() as u64).to_le_bytes();
+    for part in [&length[..], data] {
+        file.extend(part);
+        file.extend(masked_crc(part).to_le_bytes());
+    }
+}
+
+/// CRC-32C, rotated and shifted: a CRC over data that holds CRCs would be weak.
+fn masked_crc(data: &[u8]) -> u32 {
+    crc32c::crc32c(data).rotate_right(15).wrapping_add(0xa282_ead8)
+}
+
+/// The head of a field: its number and the kind of its value.
+fn tag(field: u64, kind: u64) -> Vec<u8> {
+    varint(field << 3 | kind)
+}
+
+/// Seven bits a byte, the lowest first.
+fn varint(mut value: u64) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    while value >= 0x80 {
+        bytes.push(value as u8 | 0x80);
+        value >>= 7;
+    }
+    bytes.push(value as u8);
+    bytes
+}
+
+/// A field of eight bytes.
+fn double(field: u64, value: f64) -> Vec<u8> {
+    [tag(field, 1), value.to_le_bytes().to_vec()].concat()
+}
+
+/// A field of text or of a message.
+fn bytes(field: u64, value: &[u8]) -> Vec<u8> {
+    [tag(field, 2), varint(value.len() as u64), value.to_vec()].concat()
+}

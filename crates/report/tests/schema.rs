@@ -1,0 +1,92 @@
+//! The JSON schema of `results.json` says what records hold, and what reading them needs.
+
+use std::fs;
+
+use infonerf_metrics::METRICS;
+use infonerf_report::{RESULTS_SCHEMA, Record, read_records};
+use serde_json::{Map, Value};
+
+/// A record in which everything has a value.
+fn full() -> Record {
+    Record {
+        preset: "fast".into(),
+        train_views: vec![26],
+        image_size: [200, 200],
+        metrics: METRICS.iter().map(|metric| (metric.key().to_owned(), Some(0.5))).collect(),
+        ray_entropy_bits: Some(1.5),
+        information_gain: Some(0.5),
+        peak_rss_bytes: Some(1 << 30),
+        train_seconds: 0.5,
+        render_seconds_per_image: 0.5,
+        notes: vec!["note".into()],
+        ..Record::default()
+    }
+}
+
+fn object(value: &Value) -> &Map<String, Value> {
+    value.as_object().unwrap()
+}
+
+fn keys(value: &Value) -> Vec<&String> {
+    object(value).keys().collect()
+}
+
+/// Whether `value` is of the type, or one of the types, that `property` allows.
+fn allows(property: &Value, value: &Value) -> bool {
+    let types = match &property["type"] {
+        Value::Array(types) => types.clone(),
+        one => vec![one.clone()],
+    };
+    types.iter().any(|kind| match kind.as_str().unwrap() {
+        "string" => value.is_string(),
+        "integer" => value.is_u64(),
+        "number" => value.is_number(),
+        "boolean" => value.is_boolean(),
+        "null" => value.is_null(),
+        "array" => value.as_array().is_some_and(|list| list.iter().all(|item| allows(&property["items"], item))),
+        "object" => {
+            keys(value) == keys(&property["properties"])
+                && object(value).iter().all(|(key, value)| allows(&property["properties"][key], value))
+        }
+        other => panic!("type {other}"),
+    })
+}
+
+#[test]
+fn every_key_is_described_and_of_the_type_that_it_has() {
+    let schema: Value = serde_json::from_str(RESULTS_SCHEMA).unwrap();
+    assert_eq!(schema["type"], "array");
+    let properties = &schema["items"]["properties"];
+    let record = serde_json::to_value(full()).unwrap();
+    let (mut described, mut written) = (keys(properties), keys(&record));
+    described.sort();
+    written.sort();
+    assert_eq!(described, written, "results.schema.json and the record");
+    for (key, value) in object(&record) {
+        assert!(allows(&properties[key], value), "{key}: {value}");
+        assert!(properties[key]["description"].as_str().is_some_and(|text| text.ends_with('.')), "{key}");
+    }
+    for (key, value) in object(&serde_json::to_value(Record::default()).unwrap()) {
+        assert!(allows(&properties[key], value), "{key}: {value}");
+    }
+    for metric in METRICS {
+        let text = properties[metric.key()]["description"].as_str().unwrap().to_lowercase();
+        assert_eq!(text, format!("{}.", metric.definition).to_lowercase(), "{}", metric.key());
+    }
+}
+
+#[test]
+fn what_is_required_is_what_reading_needs() {
+    let schema: Value = serde_json::from_str(RESULTS_SCHEMA).unwrap();
+    let required: Vec<&str> =
+        schema["items"]["required"].as_array().unwrap().iter().map(|key| key.as_str().unwrap()).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("results.json");
+    let record = serde_json::to_value(full()).unwrap();
+    for key in keys(&record) {
+        let mut without = record.clone();
+        without.as_object_mut().unwrap().remove(key);
+        fs::write(&path, serde_json::to_vec(&[without]).unwrap()).unwrap();
+        assert_eq!(read_records(&path).is_err(), required.contains(&key.as_str()), "{key}");
+    }
+}
