@@ -3,6 +3,7 @@
 pub(crate) mod bench;
 mod eval;
 mod exp;
+mod export;
 mod pretrain;
 mod render;
 pub(crate) mod reproduce;
@@ -31,6 +32,7 @@ pub(crate) fn run(command: Command) -> Result<ExitCode> {
         Command::Eval(args) => eval::run(&args),
         Command::Weights(args) => weights::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Scene(command) => scene::run(&command),
         Command::List => {
             for (name, title) in infonerf_experiment::list()? {
