@@ -48,6 +48,7 @@ mod obj;
 mod ply;
 mod shading;
 mod splat;
+mod splatter;
 mod surface;
 mod volume;
 
@@ -60,5 +61,6 @@ pub use npz::npz;
 pub use obj::obj;
 pub use ply::{ply_mesh, ply_points};
 pub use splat::{Gaussian, gaussians, ply_splats};
+pub use splatter::splat_picture;
 pub use surface::Surface;
 pub use volume::Volume;

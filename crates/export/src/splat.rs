@@ -1,7 +1,5 @@
 //! Gaussian splats (3D Gaussian Splatting, Kerbl et al. 2023).
 
-use std::f32::consts::PI;
-
 use glam::{Mat3, Quat, Vec3};
 
 use crate::ply::header;
@@ -27,7 +25,7 @@ pub struct Gaussian {
     /// Opacity at its centre.
     pub opacity: f32,
     /// Spherical harmonics of red, green and blue, degrees 0 and 1, in the order and with the signs of 3DGS: along the unit
-    /// direction (x, y, z) from the eye `½ + √(1/4π) sh₀ + √(3/4π) (−y sh₁ + z sh₂ − x sh₃)`.
+    /// direction (x, y, z) from the eye `½ + √(1/4π) sh₀ + √(3/4π) (−y sh₁ + z sh₂ − x sh₃)`, see [`Gaussian::color`].
     pub sh: [[f32; 4]; 3],
 }
 
@@ -45,12 +43,28 @@ pub fn gaussians(surface: &Surface, volume: &dyn Volume) -> Vec<Gaussian> {
     surface.positions.iter().zip(&surface.normals).zip(&colors).map(place).collect()
 }
 
+/// Y₀ = √(1/4π), and the factor √(3/4π) of the harmonics of degree 1.
+const DEGREE_0: f32 = 0.282_094_8;
+const DEGREE_1: f32 = 0.488_602_5;
+
+impl Gaussian {
+    /// Its colour along the unit `direction` from the eye, display-encoded RGB, at least 0.
+    pub fn color(&self, direction: Vec3) -> Vec3 {
+        let shown = self.sh.map(|[constant, y, z, x]| {
+            let slope = -direction.y * y + direction.z * z - direction.x * x;
+            0.5 + DEGREE_0 * constant + DEGREE_1 * slope
+        });
+        Vec3::from_array(shown).max(Vec3::ZERO)
+    }
+}
+
 /// The coefficients of a linear colour.
 fn harmonics(color: &LinearColor) -> [[f32; 4]; 3] {
-    let (c0, c1) = ((0.25 / PI).sqrt(), (0.75 / PI).sqrt());
     // Rows: what x, y and z of the direction add to one channel.
     let Mat3 { x_axis: red, y_axis: green, z_axis: blue } = color.slope.transpose();
-    let channel = |mean: f32, slope: Vec3| [(mean - 0.5) / c0, -slope.y / c1, slope.z / c1, -slope.x / c1];
+    let channel = |mean: f32, slope: Vec3| {
+        [(mean - 0.5) / DEGREE_0, -slope.y / DEGREE_1, slope.z / DEGREE_1, -slope.x / DEGREE_1]
+    };
     [channel(color.mean.x, red), channel(color.mean.y, green), channel(color.mean.z, blue)]
 }
 
@@ -104,10 +118,8 @@ mod tests {
         for ((splat, normal), end) in splats.iter().zip(&surface.normals).zip(&ends) {
             assert!((splat.rotation * Vec3::Z - *normal).length() < 1e-5);
             assert!(splat.scale.z < splat.scale.x && splat.scale.x == splat.scale.y);
-            // Evaluated by the formula of the format.
             let d = -*normal;
-            let shown =
-                splat.sh.map(|[c, y, z, x]| 0.5 + 0.282_094_8 * c + 0.488_602_5 * (-d.y * y + d.z * z - d.x * x));
+            let shown = splat.color(d).to_array();
             let expected = ball.color(&[*end], &[d])[0];
             for (shown, expected) in shown.iter().zip(expected) {
                 assert!((shown - expected).abs() < 1e-3, "{shown} for {expected}");

@@ -3,13 +3,14 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use glam::Vec3;
 use infonerf_experiment::{RunPlan, Trained};
 use infonerf_export::{
-    Chamfer, Grid, Mesh, Surface, Volume, chamfer, gaussians, glb, npz, obj, ply_mesh, ply_points, ply_splats,
+    Chamfer, Gaussian, Grid, Mesh, Surface, Volume, chamfer, gaussians, glb, npz, obj, ply_mesh, ply_points,
+    ply_splats, splat_picture,
 };
+use infonerf_metrics::{Picture, psnr};
 use infonerf_report::write_atomically;
-use infonerf_scene::{SceneSource, procedural, transforms};
+use infonerf_scene::{Scene, SceneSource, procedural, transforms};
 
 use crate::args::{ExportArgs, FormatName};
 use crate::terminal::open_device;
@@ -18,6 +19,8 @@ use crate::terminal::open_device;
 /// distances of a fraction of a voxel.
 const FOUND_POINTS: usize = 400_000;
 const TRUTH_SIZE: u32 = 96;
+/// Test views on which splats are measured at most.
+const TEST_VIEWS: usize = 8;
 
 pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
     let plan = RunPlan::of_run(&args.run)?;
@@ -33,7 +36,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
             }
             let volume = trained.volume();
             let grid = Grid::sample(&volume, args.resolution as usize)?;
-            write(format, &grid, &volume, trained.scene().up)?
+            write(format, &grid, &volume, trained.scene())?
         }
     };
     write_atomically(&out, &bytes)?;
@@ -103,8 +106,8 @@ fn cameras(plan: &RunPlan) -> Result<Exported> {
     Ok(Exported { bytes, summary, surface: None })
 }
 
-/// What `grid`, sampled from `volume`, is in a format; `up` is the scene's.
-fn write(format: FormatName, grid: &Grid, volume: &dyn Volume, up: Vec3) -> Result<Exported> {
+/// What `grid`, sampled from `volume`, is in a format.
+fn write(format: FormatName, grid: &Grid, volume: &dyn Volume, scene: &Scene) -> Result<Exported> {
     if format == FormatName::Npz {
         let [x, y, z] = grid.size.to_array();
         let summary = format!("density and colour of {x}x{y}x{z} voxels");
@@ -113,13 +116,13 @@ fn write(format: FormatName, grid: &Grid, volume: &dyn Volume, up: Vec3) -> Resu
     let surface = Surface::extract(grid)?;
     if format == FormatName::Splat {
         let splats = gaussians(&surface, volume);
-        let summary = format!("{} gaussians of degree 1", splats.len());
+        let summary = format!("{} gaussians of degree 1{}", splats.len(), fidelity(&splats, scene)?);
         return Ok(Exported { bytes: ply_splats(&splats), summary, surface: Some(surface) });
     }
     let mesh = Mesh::new(surface, volume);
     let bytes = match format {
         FormatName::Obj => obj(&mesh).into_bytes(),
-        FormatName::Glb => glb(&mesh, up)?,
+        FormatName::Glb => glb(&mesh, scene.up)?,
         FormatName::Points => ply_points(&mesh),
         _ => ply_mesh(&mesh),
     };
@@ -133,6 +136,23 @@ fn write(format: FormatName, grid: &Grid, volume: &dyn Volume, up: Vec3) -> Resu
         dropped => format!(" ({dropped} small components left out)"),
     };
     Ok(Exported { bytes, summary: summary + &left_out, surface: Some(surface) })
+}
+
+/// The mean PSNR of pictures of `splats` on test views of `scene`, as a part of a sentence; nothing without test views or
+/// behind a lens, which splats are not rendered through.
+fn fidelity(splats: &[Gaussian], scene: &Scene) -> Result<String> {
+    let views: Vec<_> = scene.test.iter().filter(|view| view.camera.lens.is_perspective()).take(TEST_VIEWS).collect();
+    let mut sum = 0.0;
+    for view in &views {
+        let [width, height] = [view.image.width, view.image.height].map(|side| side as usize);
+        let shown = splat_picture(splats, &view.camera, scene.background);
+        let truth = Picture::new(view.image.rgb.clone(), width, height)?;
+        sum += psnr(&Picture::new(shown, width, height)?.rounded(), &truth)?;
+    }
+    Ok(match views.len() {
+        0 => String::new(),
+        count => format!(", {:.2} dB PSNR on {count} test views as splats", sum / count as f64),
+    })
 }
 
 /// How far `surface` is from that of the built-in scene `name`.
