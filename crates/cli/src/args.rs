@@ -422,19 +422,19 @@ pub(crate) enum VideoName {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FormatName {
-    /// Mesh with normals and vertex colours: MeshLab, Blender, CloudCompare, Open3D, trimesh.
+    /// Mesh with normals and vertex colours, read by MeshLab, Blender, CloudCompare, Open3D, trimesh.
     Ply,
-    /// The same as text: MeshLab, Blender and nearly everything else.
+    /// The same mesh as text, read by MeshLab, Blender, trimesh.
     Obj,
-    /// The same as binary glTF: browsers, Blender, Windows 3D Viewer, game engines.
+    /// The same mesh as binary glTF, read by browsers (three.js), Blender, game engines, trimesh.
     Glb,
-    /// Gaussian splats of spherical harmonics of degree 1: SuperSplat, Brush and other viewers of 3DGS.
+    /// Gaussians on the surface, spherical harmonics of degree 1, read by SuperSplat, Brush and other viewers of 3DGS.
     Splat,
-    /// Point cloud on the surface with normals and colours: MeshLab, CloudCompare, Open3D, plyfile.
+    /// Points on the surface with normals and colours, read by MeshLab, CloudCompare, Open3D, plyfile.
     Points,
-    /// Density and colour of every voxel: NumPy.
+    /// Density and colour of every voxel, read by NumPy.
     Npz,
-    /// Training and test cameras as transforms.json: nerfstudio, instant-ngp, Brush.
+    /// Training and test cameras as transforms.json, read by nerfstudio, instant-ngp, Brush beside the images.
     Cameras,
 }
 

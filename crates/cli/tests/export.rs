@@ -39,7 +39,7 @@ fn every_format_says_what_it_is() {
         let said = export(&place, format, &[]);
         let written = fs::read(place.path(RUN).join("export").join(file)).unwrap();
         assert!(written.starts_with(start), "{format}");
-        assert!(said.contains(file) && said.contains(part) && said.contains("read by: "), "{said}");
+        assert!(said.contains(file) && said.contains(part) && said.contains("read by "), "{said}");
         let has_surface = !["npz", "cameras"].contains(&format);
         assert_eq!(said.contains("chamfer distance to the exact surface"), has_surface, "{said}");
         // The same bytes each time.

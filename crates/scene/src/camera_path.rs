@@ -1,17 +1,16 @@
 //! Camera paths as files.
 
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 use crate::loaders::{JsonFile, Node, read_flat_pose};
-use crate::{Keyframe, SceneError, interpolate};
+use crate::{Keyframe, SceneError, interpolate_keyframes};
 
 /// The most keyframes or frames of a path.
 const MOST: usize = 10_000;
 /// Frames per second, and seconds, of a path whose file names none.
 const DEFAULT_FPS: f64 = 20.0;
 const DEFAULT_SECONDS: f64 = 4.0;
-/// The largest side of a picture, pixels.
-const LARGEST_SIDE: f64 = 8192.0;
 
 /// The path of a camera, read from JSON.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +31,7 @@ impl CameraPath {
     /// Reads a path in one of two forms, told apart by their list of cameras:
     ///
     /// - `camera_path`, as nerfstudio writes it (`camera_path.json`): every entry is a frame;
-    /// - `keyframes`: entries are interpolated ([`interpolate`]); the path takes `seconds` (4), and returns to its first
+    /// - `keyframes`: entries are interpolated ([`interpolate_keyframes`]); the path takes `seconds` (4), and returns to its first
     ///   keyframe if `is_cycle` is true.
     ///
     /// An entry has `camera_to_world`, 16 numbers row by row in the scene's own coordinates with OpenGL's axes, and
@@ -48,7 +47,7 @@ impl CameraPath {
 
     /// `n` frames along the path.
     pub fn interpolated(&self, n: usize) -> Vec<Keyframe> {
-        interpolate(&self.keyframes, self.closed, n)
+        interpolate_keyframes(&self.keyframes, self.closed, n)
     }
 
     fn of(root: &Node<'_>) -> Result<Self, SceneError> {
@@ -73,16 +72,16 @@ impl CameraPath {
             let without = if keyframes[i].fov_y.is_some() { 0 } else { i };
             items[without].get("fov", "a field of view, as other cameras of the path have one")?;
         }
-        let fps = number_of(root, "fps", "frames per second, above 0 and at most 1000", 1000.0)?.unwrap_or(DEFAULT_FPS);
-        let seconds = number_of(root, "seconds", "a time above 0 and at most 10000", 1e4)?.unwrap_or(DEFAULT_SECONDS);
+        let fps = number_of(root, "fps", "0.001 to 1000 frames per second", 1e-3..=1e3)?.unwrap_or(DEFAULT_FPS);
+        let seconds = number_of(root, "seconds", "0.001 to 10000 seconds", 1e-3..=1e4)?.unwrap_or(DEFAULT_SECONDS);
         let frames = if complete { keyframes.len() } else { ((fps * seconds).round() as usize).clamp(1, MOST) };
-        let side = |key| number_of(root, key, "a side of 1 to 8192 pixels", LARGEST_SIDE);
+        let side = |key| number_of(root, key, "a side of 1 to 8192 pixels", 1.0..=8192.0);
         let size = side("render_width")?.zip(side("render_height")?);
+        let size = size.map(|(width, height)| (width as u32, height as u32));
         let closed = match root.find("is_cycle") {
             Some(node) if !complete => node.flag("true or false")?,
             _ => false,
         };
-        let size = size.map(|(width, height)| (width.max(1.0) as u32, height.max(1.0) as u32));
         Ok(Self { keyframes, closed, fps, frames, size })
     }
 }
@@ -104,11 +103,16 @@ fn keyframe(node: &Node<'_>) -> Result<Keyframe, SceneError> {
     Ok(Keyframe { pose, fov_y })
 }
 
-/// The number of a field that may be absent, above 0 and at most `most`.
-fn number_of(root: &Node<'_>, key: &str, expected: &str, most: f64) -> Result<Option<f64>, SceneError> {
+/// The number of a field that may be absent.
+fn number_of(
+    root: &Node<'_>,
+    key: &str,
+    expected: &str,
+    range: RangeInclusive<f64>,
+) -> Result<Option<f64>, SceneError> {
     let Some(node) = root.find(key) else { return Ok(None) };
-    let value = node.positive(expected)?;
-    if value <= most { Ok(Some(value)) } else { Err(node.error(expected)) }
+    let value = node.number(expected)?;
+    if range.contains(&value) { Ok(Some(value)) } else { Err(node.error(expected)) }
 }
 
 #[cfg(test)]

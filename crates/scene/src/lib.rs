@@ -57,8 +57,8 @@ pub use lens::{Lens, LensModel};
 pub use loaders::fuzzing;
 pub use photographs::from_images;
 pub use poses::{
-    Keyframe, ViewRegion, figure_eight, interpolate, interpolate_views, near_pose, near_pose_about, orbit, spiral,
-    unseen_pose,
+    Keyframe, ViewRegion, figure_eight, interpolate_keyframes, interpolate_views, near_pose, near_pose_about, orbit,
+    spiral, unseen_pose,
 };
 pub use ray::Ray;
 pub use scene::{Scene, SceneRequest, SceneSource, View, load};

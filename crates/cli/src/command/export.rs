@@ -3,9 +3,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use infonerf_experiment::{RunPlan, Trained};
+use clap::ValueEnum;
+use glam::Vec3;
+use infonerf_experiment::{RunPlan, Trained, TrainedVolume};
 use infonerf_export::{
-    Chamfer, Gaussian, Grid, Mesh, Surface, Volume, chamfer, gaussians, glb, npz, obj, ply_mesh, ply_points,
+    Chamfer, ExportError, Gaussian, Grid, Mesh, Surface, chamfer, gaussians, glb, npz, obj, ply_mesh, ply_points,
     ply_splats, splat_picture,
 };
 use infonerf_metrics::{Picture, psnr};
@@ -24,34 +26,35 @@ const TEST_VIEWS: usize = 8;
 
 pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
     let plan = RunPlan::of_run(&args.run)?;
+    let source = plan.source.clone();
     let out = args.out.clone().unwrap_or_else(|| args.run.join("export").join(default_name(args.format)));
     prepare(&out)?;
-    let source = plan.source.clone();
     let Exported { bytes, summary, surface } = match args.format {
+        FormatName::Ply => Sampled::read(plan, args)?.mesh(|mesh, _| Ok(ply_mesh(mesh)))?,
+        FormatName::Obj => Sampled::read(plan, args)?.mesh(|mesh, _| Ok(obj(mesh).into_bytes()))?,
+        FormatName::Glb => Sampled::read(plan, args)?.mesh(glb)?,
+        FormatName::Splat => Sampled::read(plan, args)?.splats()?,
+        FormatName::Points => Sampled::read(plan, args)?.points()?,
+        FormatName::Npz => Sampled::read(plan, args)?.voxels()?,
         FormatName::Cameras => cameras(&plan)?,
-        format => {
-            let trained = Trained::read(plan, &args.run, &open_device(args.device.device)?)?;
-            for warning in &trained.warnings {
-                eprintln!("warning: {warning}");
-            }
-            let volume = trained.volume();
-            let grid = Grid::sample(&volume, args.resolution as usize)?;
-            write(format, &grid, &volume, trained.scene())?
-        }
     };
     write_atomically(&out, &bytes)?;
     println!("{}: {summary}, {:.1} MB", out.display(), bytes.len() as f64 / 1e6);
     if let (Some(surface), SceneSource::Procedural(name)) = (surface, &source)
-        && let Some(Chamfer { accuracy, completeness }) = distance(&surface, name)?
+        && let Some(distance) = distance(&surface, name)?
     {
         println!(
-            "chamfer distance to the exact surface that the training cameras see: {:.4} (accuracy {accuracy:.4}, \
-             completeness {completeness:.4}); a voxel is {:.4}",
-            Chamfer { accuracy, completeness }.mean(),
+            "chamfer distance to the exact surface that the training cameras see: {:.4} (accuracy {:.4}, completeness \
+             {:.4}); a voxel is {:.4}",
+            distance.mean(),
+            distance.accuracy,
+            distance.completeness,
             surface.voxel
         );
     }
-    println!("read by: {}", readers(args.format));
+    if let Some(help) = args.format.to_possible_value().and_then(|value| value.get_help().map(ToString::to_string)) {
+        println!("{help}");
+    }
     Ok(ExitCode::SUCCESS)
 }
 
@@ -77,18 +80,6 @@ fn default_name(format: FormatName) -> &'static str {
     }
 }
 
-fn readers(format: FormatName) -> &'static str {
-    match format {
-        FormatName::Ply => "MeshLab, Blender, CloudCompare, Open3D, trimesh",
-        FormatName::Obj => "MeshLab, Blender, trimesh",
-        FormatName::Glb => "browsers (three.js, model-viewer), Blender, Windows 3D Viewer, trimesh",
-        FormatName::Splat => "SuperSplat, Brush, the viewers of 3D Gaussian Splatting",
-        FormatName::Points => "MeshLab, CloudCompare, Open3D, plyfile",
-        FormatName::Npz => "numpy.load",
-        FormatName::Cameras => "nerfstudio, instant-ngp, Brush, beside the images that it names",
-    }
-}
-
 /// Makes the folder of the file: what cannot be written is found out before the work.
 fn prepare(out: &Path) -> Result<()> {
     if out.is_dir() {
@@ -106,36 +97,53 @@ fn cameras(plan: &RunPlan) -> Result<Exported> {
     Ok(Exported { bytes, summary, surface: None })
 }
 
-/// What `grid`, sampled from `volume`, is in a format.
-fn write(format: FormatName, grid: &Grid, volume: &dyn Volume, scene: &Scene) -> Result<Exported> {
-    if format == FormatName::Npz {
-        let [x, y, z] = grid.size.to_array();
+/// The fields of a run and their densities.
+struct Sampled {
+    trained: Trained,
+    volume: TrainedVolume,
+    grid: Grid,
+}
+
+impl Sampled {
+    fn read(plan: RunPlan, args: &ExportArgs) -> Result<Self> {
+        let trained = Trained::read(plan, &args.run, &open_device(args.device.device)?)?;
+        for warning in &trained.warnings {
+            eprintln!("warning: {warning}");
+        }
+        let volume = trained.volume();
+        let grid = Grid::sample(&volume, args.resolution as usize)?;
+        Ok(Self { trained, volume, grid })
+    }
+
+    /// A mesh, which `encode` makes a file of, given the scene's up direction.
+    fn mesh(&self, encode: fn(&Mesh, Vec3) -> Result<Vec<u8>, ExportError>) -> Result<Exported> {
+        let mesh = Mesh::new(Surface::extract(&self.grid)?, &self.volume);
+        let bytes = encode(&mesh, self.trained.scene().up)?;
+        let Mesh { surface, .. } = mesh;
+        let (vertices, triangles) = (surface.positions.len(), surface.triangles.len());
+        let dropped = surface.dropped;
+        let summary = format!("{vertices} vertices, {triangles} triangles ({dropped} small components left out)");
+        Ok(Exported { bytes, summary, surface: Some(surface) })
+    }
+
+    fn points(&self) -> Result<Exported> {
+        let mesh = Mesh::new(Surface::extract(&self.grid)?, &self.volume);
+        let summary = format!("{} points", mesh.colors.len());
+        Ok(Exported { bytes: ply_points(&mesh), summary, surface: Some(mesh.surface) })
+    }
+
+    fn splats(&self) -> Result<Exported> {
+        let surface = Surface::extract(&self.grid)?;
+        let splats = gaussians(&surface, &self.volume);
+        let summary = format!("{} gaussians{}", splats.len(), fidelity(&splats, self.trained.scene())?);
+        Ok(Exported { bytes: ply_splats(&splats), summary, surface: Some(surface) })
+    }
+
+    fn voxels(&self) -> Result<Exported> {
+        let [x, y, z] = self.grid.size.to_array();
         let summary = format!("density and colour of {x}x{y}x{z} voxels");
-        return Ok(Exported { bytes: npz(grid, volume)?, summary, surface: None });
+        Ok(Exported { bytes: npz(&self.grid, &self.volume)?, summary, surface: None })
     }
-    let surface = Surface::extract(grid)?;
-    if format == FormatName::Splat {
-        let splats = gaussians(&surface, volume);
-        let summary = format!("{} gaussians of degree 1{}", splats.len(), fidelity(&splats, scene)?);
-        return Ok(Exported { bytes: ply_splats(&splats), summary, surface: Some(surface) });
-    }
-    let mesh = Mesh::new(surface, volume);
-    let bytes = match format {
-        FormatName::Obj => obj(&mesh).into_bytes(),
-        FormatName::Glb => glb(&mesh, scene.up)?,
-        FormatName::Points => ply_points(&mesh),
-        _ => ply_mesh(&mesh),
-    };
-    let surface = mesh.surface;
-    let summary = match format {
-        FormatName::Points => format!("{} points", surface.positions.len()),
-        _ => format!("{} vertices, {} triangles", surface.positions.len(), surface.triangles.len()),
-    };
-    let left_out = match surface.dropped {
-        0 => String::new(),
-        dropped => format!(" ({dropped} small components left out)"),
-    };
-    Ok(Exported { bytes, summary: summary + &left_out, surface: Some(surface) })
 }
 
 /// The mean PSNR of pictures of `splats` on test views of `scene`, as a part of a sentence; nothing without test views or
@@ -151,7 +159,7 @@ fn fidelity(splats: &[Gaussian], scene: &Scene) -> Result<String> {
     }
     Ok(match views.len() {
         0 => String::new(),
-        count => format!(", {:.2} dB PSNR on {count} test views as splats", sum / count as f64),
+        count => format!(", which show {count} test views with {:.2} dB PSNR", sum / count as f64),
     })
 }
 

@@ -11,7 +11,7 @@ pub(crate) use cap::angle;
 pub(crate) use centre::{cone, scene_focus, up_direction, view_directions};
 pub(crate) use orbit::FORWARD_FACING;
 pub use orbit::{figure_eight, orbit};
-pub use path::{Keyframe, interpolate, interpolate_views};
+pub use path::{Keyframe, interpolate_keyframes, interpolate_views};
 pub use spiral::spiral;
 pub use unseen::{ViewRegion, unseen_pose};
 

@@ -34,8 +34,8 @@ pub fn orbit(cameras: &[Camera], n: usize) -> Vec<DMat4> {
     (0..n).map(|i| region.pose(level.direction(turn(i), level.elevation), radius)).collect()
 }
 
-/// `n` camera-to-world poses, evenly spaced along a figure eight that lies on its side: as far to the left and right as up
-/// and down together, all at the mean distance.
+/// `n` camera-to-world poses, evenly spaced along a figure eight that lies on its side, twice as wide as high, all at the
+/// mean distance.
 ///
 /// With the angle θ along it, cameras that face one way swing about their mean direction by `(a sin θ, ½ a sin 2θ)`, a
 /// being 0.7 of their greatest angle to it. Around an object azimuth and elevation swing by as much about the first camera's

@@ -19,7 +19,7 @@ pub struct Keyframe {
 /// Positions follow a Catmull-Rom spline, rotations are interpolated spherically (slerp), and fields of view linearly
 /// between neighbours. A closed path returns to its first keyframe and stops one frame short of it, so that it can be
 /// repeated; an open one starts and ends exactly on the first and the last keyframe. Empty without keyframes.
-pub fn interpolate(keyframes: &[Keyframe], closed: bool, n: usize) -> Vec<Keyframe> {
+pub fn interpolate_keyframes(keyframes: &[Keyframe], closed: bool, n: usize) -> Vec<Keyframe> {
     let positions: Vec<DVec3> = keyframes.iter().map(|k| k.pose.w_axis.truncate()).collect();
     let rotations: Vec<DQuat> = keyframes.iter().map(|k| rotation(&k.pose)).collect();
     places(keyframes.len(), closed, n)
@@ -35,7 +35,7 @@ pub fn interpolate(keyframes: &[Keyframe], closed: bool, n: usize) -> Vec<Keyfra
 /// `n` camera-to-world poses along a closed path through the poses of `cameras`, each of which it visits once, going to the
 /// nearest one left.
 ///
-/// Cameras that face one way are interpolated as by [`interpolate`]. Around an object straight lines between cameras
+/// Cameras that face one way are interpolated as by [`interpolate_keyframes`]. Around an object straight lines between cameras
 /// would lead through it: there the distance from the centre is interpolated on its own, and so is each camera's rotation
 /// relative to looking at the centre, which stays in the picture.
 pub fn interpolate_views(cameras: &[Camera], n: usize) -> Vec<DMat4> {
@@ -43,7 +43,7 @@ pub fn interpolate_views(cameras: &[Camera], n: usize) -> Vec<DMat4> {
     let region = ViewRegion::new(cameras);
     let keyframes: Vec<Keyframe> = tour.iter().map(|&pose| Keyframe { pose, fov_y: None }).collect();
     if region.faces_forward() || !region.looks_inward() {
-        return interpolate(&keyframes, true, n).into_iter().map(|frame| frame.pose).collect();
+        return interpolate_keyframes(&keyframes, true, n).into_iter().map(|frame| frame.pose).collect();
     }
     let offsets: Vec<DVec3> = tour.iter().map(|pose| pose.w_axis.truncate() - region.centre()).collect();
     let facing = |offset: DVec3| region.pose(offset.normalize_or(region.up()), offset.length());
@@ -133,9 +133,9 @@ mod tests {
     fn keyframes_are_met_exactly() {
         let keyframes = keyframes();
         // Three frames for each of the four segments, and the last keyframe.
-        let open = interpolate(&keyframes, false, 13);
+        let open = interpolate_keyframes(&keyframes, false, 13);
         // Three frames for each of the five segments.
-        let closed = interpolate(&keyframes, true, 15);
+        let closed = interpolate_keyframes(&keyframes, true, 15);
         assert_eq!((open.len(), closed.len()), (13, 15));
         for (i, keyframe) in keyframes.iter().enumerate() {
             for path in [&open, &closed] {
@@ -143,26 +143,26 @@ mod tests {
                 assert!((path[3 * i].fov_y.unwrap() - keyframe.fov_y.unwrap()).abs() < 1e-12);
             }
         }
-        let as_given = interpolate(&keyframes, false, keyframes.len());
+        let as_given = interpolate_keyframes(&keyframes, false, keyframes.len());
         as_given.iter().zip(&keyframes).for_each(|(frame, keyframe)| assert_same(&frame.pose, &keyframe.pose));
     }
 
     #[test]
     fn one_keyframe_or_none() {
-        assert!(interpolate(&[], true, 4).is_empty());
+        assert!(interpolate_keyframes(&[], true, 4).is_empty());
         let one = keyframes()[..1].to_vec();
         for closed in [false, true] {
-            let still = interpolate(&one, closed, 3);
+            let still = interpolate_keyframes(&one, closed, 3);
             assert_eq!(still.len(), 3);
             still.iter().for_each(|frame| assert_same(&frame.pose, &one[0].pose));
         }
-        assert_same(&interpolate(&keyframes(), false, 1)[0].pose, &one[0].pose);
+        assert_same(&interpolate_keyframes(&keyframes(), false, 1)[0].pose, &one[0].pose);
     }
 
     #[test]
     fn evenly_spaced_keyframes_on_a_line_give_a_straight_even_path() {
         let at = |x: f64| Keyframe { pose: DMat4::from_translation(DVec3::X * x), fov_y: None };
-        let path = interpolate(&[at(0.0), at(1.0), at(2.0), at(3.0)], false, 31);
+        let path = interpolate_keyframes(&[at(0.0), at(1.0), at(2.0), at(3.0)], false, 31);
         // End points are repeated, so the ends are slower.
         for (i, frame) in path.iter().enumerate().filter(|(i, _)| (10..=20).contains(i)) {
             assert!((frame.pose.w_axis.x - 0.1 * i as f64).abs() < 1e-12 && frame.pose.w_axis.y == 0.0);
@@ -202,7 +202,7 @@ mod tests {
         /// Every frame is a rotation and a position, and neighbours are near each other.
         #[test]
         fn paths_are_rigid_and_continuous(n in 60usize..200, closed: bool) {
-            let path = interpolate(&keyframes(), closed, n);
+            let path = interpolate_keyframes(&keyframes(), closed, n);
             for frame in &path {
                 let r = DMat3::from_mat4(frame.pose);
                 prop_assert!((r * r.transpose()).abs_diff_eq(DMat3::IDENTITY, 1e-9));

@@ -1,7 +1,7 @@
 //! Frames as an animated GIF, and as a film by an installed `ffmpeg`.
 
 use std::fs::File;
-use std::io::{BufWriter, ErrorKind};
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -20,7 +20,7 @@ const EVEN: &str = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
 /// An animated GIF, written frame by frame.
 pub(super) struct Animation {
     path: PathBuf,
-    encoder: GifEncoder<BufWriter<File>>,
+    encoder: GifEncoder<File>,
     delay: Delay,
 }
 
@@ -28,7 +28,7 @@ impl Animation {
     /// An animation of `fps` frames per second that repeats for ever.
     pub(super) fn new(path: &Path, fps: f64) -> Result<Self> {
         let file = File::create(path).with_context(|| path.display().to_string())?;
-        let mut encoder = GifEncoder::new_with_speed(BufWriter::new(file), 10);
+        let mut encoder = GifEncoder::new_with_speed(file, 10);
         encoder.set_repeat(Repeat::Infinite)?;
         let delay = Delay::from_saturating_duration(Duration::from_secs_f64(1.0 / fps));
         Ok(Self { path: path.to_owned(), encoder, delay })
