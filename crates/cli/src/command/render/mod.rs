@@ -35,7 +35,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let cameras = route.cameras(scene, args.frames, args.size);
     let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
     let out = args.out.clone().unwrap_or_else(|| args.run.join("render"));
-    clear(&out, &route.name())?;
+    clear(&out, route.name())?;
     std::fs::create_dir_all(&out).with_context(|| out.display().to_string())?;
     let mut animation = Animation::new(&out.join(format!("{}.gif", route.name())), route.fps())?;
     let models = trained.models();
@@ -51,7 +51,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let seconds = start.elapsed().as_secs_f64();
     println!("{} frames of {width}x{height} in {seconds:.1} s: {}", cameras.len(), animation.path().display());
     if let Some(film) = film {
-        println!("{}", film.write(&out, &route.name(), route.fps())?.display());
+        println!("{}", film.write(&out, route.name(), route.fps())?.display());
     }
     Ok(ExitCode::SUCCESS)
 }

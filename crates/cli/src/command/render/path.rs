@@ -1,6 +1,7 @@
 //! From the name or file of a path to the cameras along it.
 
 use anyhow::Result;
+use glam::DMat4;
 use infonerf_scene::{
     Camera, CameraPath, Keyframe, Scene, figure_eight, interpolate_views, orbit, resized_dimensions, spiral,
 };
@@ -12,56 +13,65 @@ const FRAMES: u32 = 60;
 const FPS: f64 = 20.0;
 
 /// Where the camera goes.
-pub(super) struct Route {
-    name: PathName,
-    /// What the file says, if it is one.
-    file: Option<CameraPath>,
+pub(super) enum Route {
+    /// Poses that follow from the training cameras and the scene, as many as are asked for.
+    BuiltIn { name: &'static str, poses: fn(&[Camera], &Scene, usize) -> Vec<DMat4> },
+    /// What a file says.
+    File { name: String, path: CameraPath },
 }
 
 impl Route {
     /// Reads the file, if it is one.
     pub(super) fn read(name: &PathName) -> Result<Self> {
-        let file = match name {
-            PathName::File(path) => Some(CameraPath::read(path)?),
-            _ => None,
-        };
-        Ok(Self { name: name.clone(), file })
+        Ok(match name {
+            PathName::Orbit => Self::BuiltIn { name: "orbit", poses: |cameras, _, n| orbit(cameras, n) },
+            PathName::Spiral => Self::BuiltIn {
+                name: "spiral",
+                poses: |cameras, scene, n| spiral(cameras, (scene.near.into(), scene.far.into()), n),
+            },
+            PathName::FigureEight => {
+                Self::BuiltIn { name: "figure-eight", poses: |cameras, _, n| figure_eight(cameras, n) }
+            }
+            PathName::Interpolate => {
+                Self::BuiltIn { name: "interpolate", poses: |cameras, _, n| interpolate_views(cameras, n) }
+            }
+            PathName::File(file) => Self::File {
+                name: file.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+                path: CameraPath::read(file)?,
+            },
+        })
     }
 
     /// What animations of it are called.
-    pub(super) fn name(&self) -> String {
-        match &self.name {
-            PathName::Orbit => "orbit".into(),
-            PathName::Spiral => "spiral".into(),
-            PathName::FigureEight => "figure-eight".into(),
-            PathName::Interpolate => "interpolate".into(),
-            PathName::File(path) => path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+    pub(super) fn name(&self) -> &str {
+        match self {
+            Self::BuiltIn { name, .. } => name,
+            Self::File { name, .. } => name,
         }
     }
 
     /// Frames per second.
     pub(super) fn fps(&self) -> f64 {
-        self.file.as_ref().map_or(FPS, |path| path.fps)
+        match self {
+            Self::BuiltIn { .. } => FPS,
+            Self::File { path, .. } => path.fps,
+        }
     }
 
-    /// The cameras along it: of `scene`'s first training camera, unless the file has a field of view or a size; `size` is
+    /// The cameras along it: like `scene`'s first training camera, unless the file has a field of view or a size; `size` is
     /// the longest side of their pictures.
     pub(super) fn cameras(&self, scene: &Scene, frames: Option<u32>, size: Option<u32>) -> Vec<Camera> {
         let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
-        let like = &training[0];
-        let n = frames.unwrap_or(FRAMES) as usize;
-        let poses = match (&self.name, &self.file) {
-            (_, Some(path)) => {
-                let frames = path.interpolated(frames.map_or(path.frames, |frames| frames as usize));
-                return frames.into_iter().map(|frame| camera(like, path.size, size, frame)).collect();
+        let (frames, of_file): (Vec<Keyframe>, _) = match self {
+            Self::BuiltIn { poses, .. } => {
+                let poses = poses(&training, scene, frames.unwrap_or(FRAMES) as usize);
+                (poses.into_iter().map(|pose| Keyframe { pose, fov_y: None }).collect(), None)
             }
-            (PathName::Spiral, _) => spiral(&training, (scene.near.into(), scene.far.into()), n),
-            (PathName::FigureEight, _) => figure_eight(&training, n),
-            (PathName::Interpolate, _) => interpolate_views(&training, n),
-            (PathName::Orbit | PathName::File(_), _) => orbit(&training, n),
+            Self::File { path, .. } => {
+                (path.interpolated(frames.map_or(path.frames, |frames| frames as usize)), path.size)
+            }
         };
-        let frames = poses.into_iter().map(|pose| Keyframe { pose, fov_y: None });
-        frames.map(|frame| camera(like, None, size, frame)).collect()
+        frames.into_iter().map(|frame| camera(&training[0], of_file, size, frame)).collect()
     }
 }
 
