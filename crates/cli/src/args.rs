@@ -54,8 +54,12 @@ pub(crate) enum Command {
     /// List the published weights that metrics, losses and encoders need; fetch or import them.
     #[command(after_help = WEIGHTS_EXAMPLES)]
     Weights(WeightsListArgs),
-    /// Render new views of a finished run: an orbit as PNG frames and an animation.
+    /// Render new views of a finished run along a camera path: PNG frames, an animation, and a film.
+    #[command(after_help = RENDER_EXAMPLES)]
     Render(RenderArgs),
+    /// Write a finished run as something that other programs read: a mesh, points, gaussian splats, a grid, its cameras.
+    #[command(after_help = EXPORT_EXAMPLES)]
+    Export(ExportArgs),
     /// List or export scenes.
     #[command(subcommand)]
     Scene(SceneCommand),
@@ -114,6 +118,25 @@ Examples:
       how two runs stand smaller images than those that they were trained on
   infonerf eval --renders their/renders --truth their/test --out compared
       any PNG or JPEG pictures of the same names: a table, compared/comparison.json and a page with sliders";
+
+const RENDER_EXAMPLES: &str = "\
+Examples:
+  infonerf render runs/synthetic-4view/castle/infonerf/seed0
+      once around the scene: PNG frames with depth, and orbit.gif
+  infonerf render runs/llff-3view/fern/nerf/seed0 --path spiral --video mp4
+      LLFF's spiral, also as a film (needs `ffmpeg` on PATH)
+  infonerf render runs/synthetic-4view/castle/infonerf/seed0 --path camera_path.json
+      the frames of nerfstudio's camera_path.json, in the scene's own coordinates
+
+A path of your own is JSON: {\"keyframes\": [{\"camera_to_world\": [16 numbers, row by row], \"fov\": 50}, ...],
+\"seconds\": 4, \"fps\": 20, \"is_cycle\": true, \"render_width\": 800, \"render_height\": 600}; all but the poses may be left out.";
+
+const EXPORT_EXAMPLES: &str = "\
+Examples:
+  infonerf export runs/synthetic-4view/castle/infonerf/seed0 --format glb
+      a mesh with vertex colours: runs/.../seed0/export/mesh.glb
+  infonerf export runs/synthetic-4view/castle/infonerf/seed0 --format splat --resolution 384 --out castle.ply
+      gaussians on the surface, for viewers of 3D Gaussian Splatting";
 
 const WEIGHTS_EXAMPLES: &str = "\
 Examples:
@@ -334,17 +357,37 @@ pub(crate) enum WeightsCommand {
 pub(crate) struct RenderArgs {
     /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0.
     pub(crate) run: PathBuf,
-    /// Where the camera goes.
-    #[arg(long, value_enum, default_value_t = PathName::Orbit)]
+    /// Where the camera goes: orbit, spiral, figure-eight, interpolate (through the training views) or a JSON file.
+    #[arg(long, value_name = "PATH", default_value = "orbit")]
     pub(crate) path: PathName,
-    /// Number of frames.
-    #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    pub(crate) frames: u32,
-    /// Longest side of a frame in pixels; by default as trained.
+    /// Number of frames; by default 60, or as many as the file says.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub(crate) frames: Option<u32>,
+    /// Longest side of a frame in pixels; by default as trained, or as the file says.
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8192))]
     pub(crate) size: Option<u32>,
+    /// Also write a film, with an installed `ffmpeg`.
+    #[arg(long, value_enum)]
+    pub(crate) video: Option<VideoName>,
     /// Folder for the frames; by default RUN/render.
     #[arg(long, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) device: DeviceArgs,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct ExportArgs {
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0.
+    pub(crate) run: PathBuf,
+    /// What to write.
+    #[arg(long, value_enum)]
+    pub(crate) format: FormatName,
+    /// Voxels along the longest side of the scene's box, 2 to 512; the surface is where a voxel is half opaque.
+    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(2..=512))]
+    pub(crate) resolution: u32,
+    /// The file; by default one in RUN/export.
+    #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) device: DeviceArgs,
@@ -410,10 +453,53 @@ impl PresetName {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+/// Where the camera goes.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum PathName {
-    /// Once around the scene.
     Orbit,
+    Spiral,
+    FigureEight,
+    Interpolate,
+    File(PathBuf),
+}
+
+impl From<&str> for PathName {
+    /// What is no name of a path is a file.
+    fn from(text: &str) -> Self {
+        match text {
+            "orbit" => Self::Orbit,
+            "spiral" => Self::Spiral,
+            "figure-eight" => Self::FigureEight,
+            "interpolate" => Self::Interpolate,
+            file => Self::File(file.into()),
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum VideoName {
+    /// H.264, which everything plays.
+    Mp4,
+    /// VP9, free of patents.
+    Webm,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FormatName {
+    /// Mesh with normals and vertex colours, read by MeshLab, Blender, CloudCompare, Open3D, trimesh.
+    Ply,
+    /// The same mesh as text, read by MeshLab, Blender, trimesh.
+    Obj,
+    /// The same mesh as binary glTF, read by browsers (three.js), Blender, game engines, trimesh.
+    Glb,
+    /// Gaussians on the surface, spherical harmonics of degree 1, read by SuperSplat, Brush and other viewers of 3DGS.
+    Splat,
+    /// Points on the surface with normals and colours, read by MeshLab, CloudCompare, Open3D, plyfile.
+    Points,
+    /// Density and colour of every voxel, read by NumPy.
+    Npz,
+    /// Training and test cameras as transforms.json, read by nerfstudio, instant-ngp, Brush beside the images.
+    Cameras,
 }
 
 /// `90s`, `5m`, `1h`, `1500ms`, or seconds without a unit.

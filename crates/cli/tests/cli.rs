@@ -402,7 +402,7 @@ fn the_presets_of_the_paper_run() {
 fn help_can_be_learned_from() {
     let place = Workplace::new();
     let help = text(&place.run(&["--help"]).succeeds().stdout);
-    for command in ["exp", "eval", "render", "scene", "list"] {
+    for command in ["exp", "eval", "render", "export", "scene", "list"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command}: {help}");
     }
     let help = text(&place.run(&["exp", "--help"]).succeeds().stdout);

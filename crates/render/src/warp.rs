@@ -139,6 +139,19 @@ impl Warp {
         }
     }
 
+    /// ds/dt, how much the coordinate grows per scene unit at distance `t`: a density σ per unit of the coordinate is `σ ds/dt`
+    /// per scene unit.
+    pub fn rate(&self, t: f32) -> f32 {
+        match self {
+            Self::Identity => 1.0,
+            Self::Ndc { near, .. } => REACH * near / t.max(*near).powi(2),
+            Self::Contraction { radius, .. } => {
+                let u = t / radius;
+                if u <= 2.0 { 1.0 / radius } else { 4.0 / (u * u * radius) }
+            }
+        }
+    }
+
     /// The distance at coordinate `s`: the inverse of [`Self::coordinate`].
     pub fn distance(&self, s: f32) -> f32 {
         match self {
@@ -236,6 +249,8 @@ mod tests {
                 let s = warp.coordinate(t);
                 prop_assert!(warp.coordinate(t * further) > s);
                 prop_assert!((warp.distance(s) / t - 1.0).abs() < 1e-3, "{warp:?} {t}: {}", warp.distance(s));
+                let slope = (warp.coordinate(1.01 * t) - s) / (0.01 * t);
+                prop_assert!((slope / warp.rate(1.005 * t) - 1.0).abs() < 0.02, "{warp:?} {t}: {slope}");
             }
         }
     }

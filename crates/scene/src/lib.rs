@@ -28,6 +28,7 @@
 
 mod bounds;
 mod camera;
+mod camera_path;
 pub mod colmap;
 mod error;
 mod export;
@@ -42,9 +43,11 @@ mod ray;
 mod scene;
 pub mod select;
 mod space;
+mod transforms;
 
 pub use bounds::Aabb;
 pub use camera::Camera;
+pub use camera_path::CameraPath;
 pub use error::SceneError;
 pub use export::export;
 pub use image::{Image, Rgba8, RgbaImage, resized_dimensions, round_to_u8};
@@ -53,8 +56,12 @@ pub use lens::{Lens, LensModel};
 #[doc(hidden)]
 pub use loaders::fuzzing;
 pub use photographs::from_images;
-pub use poses::{ViewRegion, near_pose, near_pose_about, orbit, unseen_pose};
+pub use poses::{
+    Keyframe, ViewRegion, figure_eight, interpolate_keyframes, interpolate_views, near_pose, near_pose_about, orbit,
+    spiral, unseen_pose,
+};
 pub use ray::Ray;
 pub use scene::{PixelCount, Scene, SceneRequest, SceneSource, View, count_pixels, load};
 pub use select::{TestProtocol, ViewSelection};
 pub use space::{Backdrop, Format, Layout, Range};
+pub use transforms::transforms;

@@ -6,6 +6,7 @@ mod demo;
 mod documentation;
 mod eval;
 mod exp;
+mod export;
 pub(crate) mod launch;
 mod pretrain;
 mod render;
@@ -38,6 +39,7 @@ pub(crate) fn run(command: Command) -> Result<ExitCode> {
         Command::Eval(args) => eval::run(&args),
         Command::Weights(args) => weights::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Scene(command) => scene::run(&command),
         Command::List => {
             for (name, title) in infonerf_experiment::list()? {

@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 
 /// Folders that a run leaves.
-const FOLDERS: [&str; 8] =
-    ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render"];
+const FOLDERS: [&str; 9] =
+    ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render", "export"];
 
 /// Removes what an earlier run left.
 pub(crate) fn clear(folder: &Path) -> Result<()> {

@@ -7,6 +7,7 @@ mod memory;
 mod pictures;
 mod train;
 mod trained;
+mod volume;
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -21,6 +22,7 @@ pub(crate) use memory::PeakMemory;
 pub use pictures::save_png;
 pub(crate) use train::{Ended, load_checkpoint, train};
 pub use trained::{Trained, total_progress};
+pub use volume::TrainedVolume;
 
 use crate::{Identity, Resume, RunEvent, RunPlan, Session, Watch};
 

@@ -24,9 +24,10 @@ pub(crate) use assemble::scene_name;
 pub(crate) use blender::named_selections;
 pub(crate) use depth::write_depth;
 pub(crate) use extent::grid;
+pub(crate) use json::{JsonFile, Node};
 pub(crate) use llff::{list_images, spread_selections};
 
-pub(crate) use pose::FARTHEST;
+pub(crate) use pose::{FARTHEST, read_flat_pose};
 
 use std::fs;
 use std::path::Path;

@@ -10,6 +10,7 @@ use crate::SceneError;
 const TOLERANCE: f64 = 1e-3;
 /// The farthest from the origin that anything may lie, scene units: beyond it `f32` has no digits left for a scene.
 pub(crate) const FARTHEST: f64 = 1e9;
+const EXPECTED_FLAT: &str = "16 numbers, the rows of a 4×4 rigid camera-to-world matrix";
 const EXPECTED: &str = "a 4×4 rigid camera-to-world matrix (rotation and translation)";
 
 /// Reads a 4×4 matrix given as rows and checks that it is a rigid transform.
@@ -26,7 +27,18 @@ pub(super) fn read_pose(node: &Node<'_>) -> Result<DMat4, SceneError> {
     for (value, row) in values.iter_mut().zip(&rows) {
         *value = row.numbers("4 finite numbers, a row of a 4×4 matrix")?;
     }
-    let pose = DMat4::from_cols_array_2d(&values).transpose();
+    rigid(node, DMat4::from_cols_array_2d(&values).transpose())
+}
+
+/// Reads a 4×4 matrix given as 16 numbers, row by row, and checks that it is a rigid transform.
+///
+/// # Errors
+/// As [`read_pose`].
+pub(crate) fn read_flat_pose(node: &Node<'_>) -> Result<DMat4, SceneError> {
+    rigid(node, DMat4::from_cols_array(&node.numbers(EXPECTED_FLAT)?).transpose())
+}
+
+fn rigid(node: &Node<'_>, pose: DMat4) -> Result<DMat4, SceneError> {
     match fault(&pose) {
         Some(found) => Err(node.fault(EXPECTED, found)),
         None => Ok(pose),

@@ -3,12 +3,16 @@
 mod cap;
 mod centre;
 mod orbit;
+mod path;
+mod spiral;
 mod unseen;
 
 pub(crate) use cap::angle;
 pub(crate) use centre::{cone, scene_focus, up_direction, view_directions};
 pub(crate) use orbit::FORWARD_FACING;
-pub use orbit::orbit;
+pub use orbit::{figure_eight, orbit};
+pub use path::{Keyframe, interpolate_keyframes, interpolate_views};
+pub use spiral::spiral;
 pub use unseen::{ViewRegion, unseen_pose};
 
 use glam::{DMat3, DMat4, DVec3};

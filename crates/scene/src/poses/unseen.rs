@@ -5,6 +5,7 @@ use rand::Rng;
 
 use super::cap::{Cap, angle};
 use super::centre::{Focus, scene_focus, up_direction};
+use super::orbit::FORWARD_FACING;
 use crate::Camera;
 use crate::camera::look_along;
 
@@ -76,6 +77,16 @@ impl ViewRegion {
     /// directions from the centre.
     pub fn cap(&self) -> (DVec3, f64) {
         (self.cap.axis, self.cap.half_angle)
+    }
+
+    /// Whether the cameras look towards the centre, as around an object, and not away from it, as in a room.
+    pub fn looks_inward(&self) -> bool {
+        self.focus.inward
+    }
+
+    /// Whether there are several cameras that all face one way, as in a forward-facing capture.
+    pub(crate) fn faces_forward(&self) -> bool {
+        self.directions.len() > 1 && self.cap.half_angle < FORWARD_FACING
     }
 
     /// The least and greatest distance of a camera from the centre.

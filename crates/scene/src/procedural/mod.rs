@@ -122,6 +122,24 @@ pub fn object_mask(name: &str, camera: &Camera) -> Result<Vec<bool>, SceneError>
     Ok(render::mask(&model(name)?, camera))
 }
 
+/// Points of the exact surface of the scene `name`, scene units: where the rays through the pixels' centres of all its
+/// training cameras end, at `size`² pixels ([`Rendering::depth`]).
+///
+/// What no training camera sees (the underside, the inside) has no points.
+///
+/// # Errors
+/// There is no scene `name`.
+pub fn surface_points(name: &str, size: u32) -> Result<Vec<Vec3>, SceneError> {
+    let model = model(name)?;
+    let of_camera = |camera: &Camera| -> Vec<Vec3> {
+        let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)));
+        let distances = render::depth(&model, camera);
+        let hits = pixels.zip(distances).filter(|(_, distance)| distance.is_finite());
+        hits.map(|((x, y), distance)| camera.ray(x, y).at(distance)).collect()
+    };
+    Ok(cameras::layout(name, size).train.iter().flat_map(of_camera).collect())
+}
+
 /// The training and the test cameras of the scene `name` for `size`² images.
 ///
 /// The training cameras of castle, crane, knot, orrery and `random-<seed>` are [`train_cameras`], whose seed was

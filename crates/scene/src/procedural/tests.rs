@@ -98,6 +98,26 @@ fn coverage_and_depth_agree() {
 }
 
 #[test]
+fn surface_points_are_what_the_training_cameras_see() {
+    let points = surface_points("castle", 16).unwrap();
+    let depths = train_cameras(16).into_iter().map(|camera| render("castle", &camera).unwrap().depth);
+    let seen: Vec<f32> = depths.flatten().filter(|depth| depth.is_finite()).collect();
+    assert_eq!(points.len(), seen.len());
+    assert!(points.iter().all(|&p| BOUNDS.contains(p)));
+    // From the side of each point that faces away from the rest of the scene the same surface is met.
+    let model = model("castle").unwrap();
+    let met = points.iter().filter(|p| {
+        let p = p.as_dvec3();
+        let outward = p.normalize();
+        let line = model.line(p + 4.0 * outward, -outward);
+        let (t, _) = through::front(&model, &line).expect("the ray ends at the surface at the latest");
+        t * model.scale() <= 4.0 + 1e-3
+    });
+    assert_eq!(met.count(), points.len());
+    assert!(surface_points("tree", 16).is_err());
+}
+
+#[test]
 fn random_scenes_follow_from_their_seed_and_fit_every_camera() {
     assert_eq!(scene("random-7", 16), scene("random-7", 16));
     assert_ne!(scene("random-7", 16).train[0].image, scene("random-8", 16).train[0].image);

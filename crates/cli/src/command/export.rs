@@ -1,0 +1,170 @@
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
+use glam::Vec3;
+use infonerf_experiment::{RunPlan, Trained, TrainedVolume};
+use infonerf_export::{
+    Chamfer, ExportError, Gaussian, Grid, Mesh, Surface, chamfer, gaussians, glb, npz, obj, ply_mesh, ply_points,
+    ply_splats, splat_picture,
+};
+use infonerf_metrics::{Picture, psnr};
+use infonerf_report::write_atomically;
+use infonerf_scene::{Scene, SceneSource, procedural, transforms};
+
+use crate::args::{ExportArgs, FormatName};
+use crate::terminal::open_device;
+
+/// Points on the exported surface, and pixels along a side of the cameras that find points of the exact one: enough for
+/// distances of a fraction of a voxel.
+const FOUND_POINTS: usize = 400_000;
+const TRUTH_SIZE: u32 = 96;
+/// Test views on which splats are measured at most.
+const TEST_VIEWS: usize = 8;
+
+pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
+    let plan = RunPlan::of_run(&args.run)?;
+    let source = plan.source.clone();
+    let out = args.out.clone().unwrap_or_else(|| args.run.join("export").join(default_name(args.format)));
+    prepare(&out)?;
+    let Exported { bytes, summary, surface } = match args.format {
+        FormatName::Ply => Sampled::read(plan, args)?.mesh(|mesh, _| Ok(ply_mesh(mesh)))?,
+        FormatName::Obj => Sampled::read(plan, args)?.mesh(|mesh, _| Ok(obj(mesh).into_bytes()))?,
+        FormatName::Glb => Sampled::read(plan, args)?.mesh(glb)?,
+        FormatName::Splat => Sampled::read(plan, args)?.splats()?,
+        FormatName::Points => Sampled::read(plan, args)?.points()?,
+        FormatName::Npz => Sampled::read(plan, args)?.voxels()?,
+        FormatName::Cameras => cameras(&plan)?,
+    };
+    write_atomically(&out, &bytes)?;
+    println!("{}: {summary}, {:.1} MB", out.display(), bytes.len() as f64 / 1e6);
+    if let (Some(surface), SceneSource::Procedural(name)) = (surface, &source)
+        && let Some(distance) = distance(&surface, name)?
+    {
+        println!(
+            "chamfer distance to the exact surface that the training cameras see: {:.4} (accuracy {:.4}, completeness \
+             {:.4}); a voxel is {:.4}",
+            distance.mean(),
+            distance.accuracy,
+            distance.completeness,
+            surface.voxel
+        );
+    }
+    if let Some(help) = args.format.to_possible_value().and_then(|value| value.get_help().map(ToString::to_string)) {
+        println!("{help}");
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A file before it is written.
+struct Exported {
+    bytes: Vec<u8>,
+    /// What is in it.
+    summary: String,
+    /// The surface that it was made from, if it was.
+    surface: Option<Surface>,
+}
+
+/// What an export is called in a run's folder.
+fn default_name(format: FormatName) -> &'static str {
+    match format {
+        FormatName::Ply => "mesh.ply",
+        FormatName::Obj => "mesh.obj",
+        FormatName::Glb => "mesh.glb",
+        FormatName::Splat => "splat.ply",
+        FormatName::Points => "points.ply",
+        FormatName::Npz => "grid.npz",
+        FormatName::Cameras => "transforms.json",
+    }
+}
+
+/// Makes the folder of the file: what cannot be written is found out before the work.
+fn prepare(out: &Path) -> Result<()> {
+    if out.is_dir() {
+        bail!("{}: expected a file to write, found a folder", out.display());
+    }
+    let folder =
+        out.parent().filter(|folder| !folder.as_os_str().is_empty()).map_or(PathBuf::from("."), Path::to_owned);
+    fs::create_dir_all(&folder).with_context(|| folder.display().to_string())
+}
+
+fn cameras(plan: &RunPlan) -> Result<Exported> {
+    let scene = plan.load()?;
+    let summary = format!("{} training and {} test cameras", scene.train.len(), scene.test.len());
+    let bytes = format!("{:#}\n", transforms(&scene)).into_bytes();
+    Ok(Exported { bytes, summary, surface: None })
+}
+
+/// The fields of a run and their densities.
+struct Sampled {
+    trained: Trained,
+    volume: TrainedVolume,
+    grid: Grid,
+}
+
+impl Sampled {
+    fn read(plan: RunPlan, args: &ExportArgs) -> Result<Self> {
+        let trained = Trained::read(plan, &args.run, &open_device(args.device.device)?)?;
+        for warning in &trained.warnings {
+            eprintln!("warning: {warning}");
+        }
+        let volume = trained.volume();
+        let grid = Grid::sample(&volume, args.resolution as usize)?;
+        Ok(Self { trained, volume, grid })
+    }
+
+    /// A mesh, which `encode` makes a file of, given the scene's up direction.
+    fn mesh(&self, encode: fn(&Mesh, Vec3) -> Result<Vec<u8>, ExportError>) -> Result<Exported> {
+        let mesh = Mesh::new(Surface::extract(&self.grid)?, &self.volume);
+        let bytes = encode(&mesh, self.trained.scene().up)?;
+        let Mesh { surface, .. } = mesh;
+        let (vertices, triangles) = (surface.positions.len(), surface.triangles.len());
+        let dropped = surface.dropped;
+        let summary = format!("{vertices} vertices, {triangles} triangles ({dropped} small components left out)");
+        Ok(Exported { bytes, summary, surface: Some(surface) })
+    }
+
+    fn points(&self) -> Result<Exported> {
+        let mesh = Mesh::new(Surface::extract(&self.grid)?, &self.volume);
+        let summary = format!("{} points", mesh.colors.len());
+        Ok(Exported { bytes: ply_points(&mesh), summary, surface: Some(mesh.surface) })
+    }
+
+    fn splats(&self) -> Result<Exported> {
+        let surface = Surface::extract(&self.grid)?;
+        let splats = gaussians(&surface, &self.volume);
+        let summary = format!("{} gaussians{}", splats.len(), fidelity(&splats, self.trained.scene())?);
+        Ok(Exported { bytes: ply_splats(&splats), summary, surface: Some(surface) })
+    }
+
+    fn voxels(&self) -> Result<Exported> {
+        let [x, y, z] = self.grid.size.to_array();
+        let summary = format!("density and colour of {x}x{y}x{z} voxels");
+        Ok(Exported { bytes: npz(&self.grid, &self.volume)?, summary, surface: None })
+    }
+}
+
+/// The mean PSNR of pictures of `splats` on test views of `scene`, as a part of a sentence; nothing without test views or
+/// behind a lens, which splats are not rendered through.
+fn fidelity(splats: &[Gaussian], scene: &Scene) -> Result<String> {
+    let views: Vec<_> = scene.test.iter().filter(|view| view.camera.lens.is_perspective()).take(TEST_VIEWS).collect();
+    let mut sum = 0.0;
+    for view in &views {
+        let [width, height] = [view.image.width, view.image.height].map(|side| side as usize);
+        let shown = splat_picture(splats, &view.camera, scene.background);
+        let truth = Picture::new(view.image.rgb.clone(), width, height)?;
+        sum += psnr(&Picture::new(shown, width, height)?.rounded(), &truth)?;
+    }
+    Ok(match views.len() {
+        0 => String::new(),
+        count => format!(", which show {count} test views with {:.2} dB PSNR", sum / count as f64),
+    })
+}
+
+/// How far `surface` is from that of the built-in scene `name`.
+fn distance(surface: &Surface, name: &str) -> Result<Option<Chamfer>> {
+    let truth = procedural::surface_points(name, TRUTH_SIZE)?;
+    Ok(chamfer(&surface.sample(FOUND_POINTS), &truth))
+}

@@ -1,0 +1,74 @@
+//! New views of a run along a camera path.
+
+mod animation;
+mod path;
+
+use std::path::Path;
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::{Context, Result};
+use infonerf_experiment::{RunPlan, Trained, save_png};
+use infonerf_metrics::to_rgb8;
+use infonerf_render::render_image;
+use infonerf_report::depth_image;
+
+use crate::args::RenderArgs;
+use crate::terminal::open_device;
+use animation::{Animation, Film};
+use path::Route;
+
+/// What animations and films are called after, beside the names of files.
+const PATHS: [&str; 4] = ["orbit", "spiral", "figure-eight", "interpolate"];
+/// Extensions of animations and films.
+const EXTENSIONS: [&str; 3] = ["gif", "mp4", "webm"];
+
+pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
+    // What can be wrong with the arguments is said before anything is loaded.
+    let film = args.video.map(Film::new).transpose()?;
+    let route = Route::read(&args.path)?;
+    let trained = Trained::read(RunPlan::of_run(&args.run)?, &args.run, &open_device(args.device.device)?)?;
+    for warning in &trained.warnings {
+        eprintln!("warning: {warning}");
+    }
+    let scene = trained.scene();
+    let cameras = route.cameras(scene, args.frames, args.size);
+    let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
+    let out = args.out.clone().unwrap_or_else(|| args.run.join("render"));
+    clear(&out, route.name())?;
+    std::fs::create_dir_all(&out).with_context(|| out.display().to_string())?;
+    let mut animation = Animation::new(&out.join(format!("{}.gif", route.name())), route.fps())?;
+    let models = trained.models();
+    let start = Instant::now();
+    for (index, camera) in cameras.iter().enumerate() {
+        let image = render_image(trained.renderer(), &models, camera);
+        let picture = to_rgb8(&image.rgb, image.width, image.height)?;
+        save_png(&picture, &out.join(format!("{index:04}.png")))?;
+        let depth = depth_image(&image.depth, &image.acc, image.width, image.height, scene.near, scene.far)?;
+        save_png(&depth, &out.join(format!("depth/{index:04}.png")))?;
+        animation.add(&picture)?;
+    }
+    let seconds = start.elapsed().as_secs_f64();
+    println!("{} frames of {width}x{height} in {seconds:.1} s: {}", cameras.len(), animation.path().display());
+    if let Some(film) = film {
+        println!("{}", film.write(&out, route.name(), route.fps())?.display());
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Removes the frames and the animations of an earlier render, which would stand among the new ones; nothing else.
+fn clear(out: &Path, name: &str) -> Result<()> {
+    let is_frame = |stem: &str| stem.len() >= 4 && stem.bytes().all(|b| b.is_ascii_digit());
+    let is_ours = |file: &str| match file.rsplit_once('.') {
+        Some((stem, "png")) => is_frame(stem),
+        Some((stem, extension)) => EXTENSIONS.contains(&extension) && (PATHS.contains(&stem) || stem == name),
+        None => false,
+    };
+    for folder in [out.to_owned(), out.join("depth")] {
+        let Ok(entries) = std::fs::read_dir(&folder) else { continue };
+        for entry in entries.flatten().filter(|entry| is_ours(&entry.file_name().to_string_lossy())) {
+            std::fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;
+        }
+    }
+    Ok(())
+}

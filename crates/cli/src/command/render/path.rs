@@ -1,0 +1,113 @@
+//! From the name or file of a path to the cameras along it.
+
+use anyhow::Result;
+use glam::DMat4;
+use infonerf_scene::{
+    Camera, CameraPath, Keyframe, Scene, figure_eight, interpolate_views, orbit, resized_dimensions, spiral,
+};
+
+use crate::args::PathName;
+
+/// Frames of a path that is built in, and how many of them are shown per second.
+const FRAMES: u32 = 60;
+const FPS: f64 = 20.0;
+
+/// Where the camera goes.
+pub(super) enum Route {
+    /// Poses that follow from the training cameras and the scene, as many as are asked for.
+    BuiltIn { name: &'static str, poses: fn(&[Camera], &Scene, usize) -> Vec<DMat4> },
+    /// What a file says.
+    File { name: String, path: CameraPath },
+}
+
+impl Route {
+    /// Reads the file, if it is one.
+    pub(super) fn read(name: &PathName) -> Result<Self> {
+        Ok(match name {
+            PathName::Orbit => Self::BuiltIn { name: "orbit", poses: |cameras, _, n| orbit(cameras, n) },
+            PathName::Spiral => Self::BuiltIn {
+                name: "spiral",
+                poses: |cameras, scene, n| spiral(cameras, (scene.near.into(), scene.far.into()), n),
+            },
+            PathName::FigureEight => {
+                Self::BuiltIn { name: "figure-eight", poses: |cameras, _, n| figure_eight(cameras, n) }
+            }
+            PathName::Interpolate => {
+                Self::BuiltIn { name: "interpolate", poses: |cameras, _, n| interpolate_views(cameras, n) }
+            }
+            PathName::File(file) => Self::File {
+                name: file.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+                path: CameraPath::read(file)?,
+            },
+        })
+    }
+
+    /// What animations of it are called.
+    pub(super) fn name(&self) -> &str {
+        match self {
+            Self::BuiltIn { name, .. } => name,
+            Self::File { name, .. } => name,
+        }
+    }
+
+    /// Frames per second.
+    pub(super) fn fps(&self) -> f64 {
+        match self {
+            Self::BuiltIn { .. } => FPS,
+            Self::File { path, .. } => path.fps,
+        }
+    }
+
+    /// The cameras along it: like `scene`'s first training camera, unless the file has a field of view or a size; `size` is
+    /// the longest side of their pictures.
+    pub(super) fn cameras(&self, scene: &Scene, frames: Option<u32>, size: Option<u32>) -> Vec<Camera> {
+        let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let (frames, of_file): (Vec<Keyframe>, _) = match self {
+            Self::BuiltIn { poses, .. } => {
+                let poses = poses(&training, scene, frames.unwrap_or(FRAMES) as usize);
+                (poses.into_iter().map(|pose| Keyframe { pose, fov_y: None }).collect(), None)
+            }
+            Self::File { path, .. } => {
+                (path.interpolated(frames.map_or(path.frames, |frames| frames as usize)), path.size)
+            }
+        };
+        frames.into_iter().map(|frame| camera(&training[0], of_file, size, frame)).collect()
+    }
+}
+
+/// The camera of a frame: with the intrinsics and lens of `like`, or, where the file has a field of view or a size, a
+/// pinhole with square pixels and the vertical field of view of the file or of `like`.
+fn camera(like: &Camera, of_file: Option<(u32, u32)>, longest: Option<u32>, frame: Keyframe) -> Camera {
+    let (width, height) = of_file.unwrap_or((like.width, like.height));
+    let (width, height) = longest.map_or((width, height), |longest| resized_dimensions(width, height, longest));
+    if of_file.is_none() && frame.fov_y.is_none() {
+        return like.resized(width, height).with_pose(frame.pose);
+    }
+    let slope = frame.fov_y.map_or(0.5 * f64::from(like.height) / like.fy, |fov_y| (0.5 * fov_y).tan());
+    let focal = 0.5 * f64::from(height) / slope;
+    let centre = [0.5 * f64::from(width), 0.5 * f64::from(height)];
+    Camera::pinhole((width, height), [focal, focal], centre, frame.pose)
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_scene::procedural::train_cameras;
+
+    use super::*;
+
+    #[test]
+    fn fields_of_view_are_vertical() {
+        let like = &train_cameras(40)[0];
+        let frame = |fov_y| Keyframe { pose: like.to_world, fov_y };
+        assert_eq!(camera(like, None, None, frame(None)), *like);
+        let small = camera(like, None, Some(20), frame(None));
+        assert_eq!((small.width, small.height, small.fx), (20, 20, 0.5 * like.fx));
+        let wide = camera(like, Some((90, 60)), None, frame(Some(std::f64::consts::FRAC_PI_2)));
+        assert_eq!((wide.width, wide.height, wide.cx), (90, 60, 45.0));
+        assert!((wide.fx - 30.0).abs() < 1e-9 && wide.fx == wide.fy);
+        // Another shape keeps the height of what is seen.
+        let cropped = camera(like, Some((30, 60)), None, frame(None));
+        assert!((cropped.fy - 1.5 * like.fy).abs() < 1e-9 && cropped.fx == cropped.fy);
+        assert_eq!(camera(like, Some((90, 60)), Some(45), frame(None)).height, 30);
+    }
+}

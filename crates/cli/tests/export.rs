@@ -1,0 +1,189 @@
+//! `infonerf export`, and `infonerf render` along camera paths, as a user runs them.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{Workplace, text};
+use infonerf_scene::procedural::train_cameras;
+use serde_json::{Value, json};
+
+const RUN: &str = "runs/synthetic-4view/knot/nerf/seed0";
+
+/// A run whose field is dense everywhere: its surface is that of the scene's box.
+fn with_run() -> Workplace {
+    let place = Workplace::new();
+    let exp = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--set", "field.density_bias=5.0"];
+    place.tiny(&exp).succeeds();
+    place
+}
+
+fn export(place: &Workplace, format: &str, args: &[&str]) -> String {
+    let output = place.run(&["export", RUN, "--format", format, "--resolution", "16"]).args(args).succeeds();
+    text(&output.stdout)
+}
+
+#[test]
+fn every_format_says_what_it_is() {
+    let place = with_run();
+    for (format, file, start, part) in [
+        ("ply", "mesh.ply", &b"ply\nformat binary_little_endian"[..], "triangles"),
+        ("obj", "mesh.obj", b"# infonerf\nv ", "triangles"),
+        ("glb", "mesh.glb", b"glTF\x02\0\0\0", "triangles"),
+        ("splat", "splat.ply", b"ply\n", "gaussians"),
+        ("points", "points.ply", b"ply\n", "points"),
+        ("npz", "grid.npz", b"PK\x03\x04", "16x16x16 voxels"),
+        ("cameras", "transforms.json", b"{", "4 training and 2 test cameras"),
+    ] {
+        let said = export(&place, format, &[]);
+        let written = fs::read(place.path(RUN).join("export").join(file)).unwrap();
+        assert!(written.starts_with(start), "{format}");
+        assert!(said.contains(file) && said.contains(part) && said.contains("read by "), "{said}");
+        let has_surface = !["npz", "cameras"].contains(&format);
+        assert_eq!(said.contains("chamfer distance to the exact surface"), has_surface, "{said}");
+        // The same bytes each time.
+        export(&place, format, &["--out", "again"]);
+        assert_eq!(fs::read(place.path("again")).unwrap(), written, "{format}");
+    }
+}
+
+/// The numbers of vertices and gaussians are those of the same surface, and the box is found.
+#[test]
+fn a_field_that_fills_its_box_is_a_box() {
+    let place = with_run();
+    let count = |format: &str| -> usize {
+        let said = export(&place, format, &["--out", "out"]);
+        said.split_once("out: ").unwrap().1.split_once(' ').unwrap().0.parse().unwrap()
+    };
+    let (vertices, gaussians, points) = (count("ply"), count("splat"), count("points"));
+    assert_eq!((vertices, points), (gaussians, gaussians));
+    // A vertex for each cell of the surface of 17 x 17 x 17 cells between the centres of voxels.
+    assert_eq!(vertices, 17 * 17 * 17 - 15 * 15 * 15);
+}
+
+#[test]
+fn exports_that_cannot_be_made() {
+    let place = with_run();
+    let export = |args: &[&str]| place.run(&["export", RUN, "--format", "ply", "--resolution", "16"]).args(args);
+    place.run(&["export", "nowhere", "--format", "ply"]).fails_with(&["nowhere", "config.toml"]);
+    place.run(&["export", RUN]).assert_refused(&["--format"]);
+    place.run(&["export", RUN, "--format", "stl"]).assert_refused(&["stl", "glb"]);
+    for resolution in ["0", "513", "-1", "many"] {
+        place.run(&["export", RUN, "--format", "ply", "--resolution", resolution]).assert_refused(&["--resolution"]);
+    }
+    fs::write(place.path("file"), "").unwrap();
+    export(&["--out", "file/below.ply"]).fails_with(&["file"]);
+    export(&["--out", "runs"]).fails_with(&["runs", "expected a file"]);
+    export(&["--out", "/proc/nowhere/mesh.ply"]).fails_with(&["/proc/nowhere"]);
+    export(&["--device", "vulkan"]).fails_with(&["not built in"]);
+    // Nothing is half opaque in 0.005 scene units of a field that has only begun.
+    let begun = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--out", "begun"];
+    place.tiny(&begun).succeeds();
+    let run = "begun/synthetic-4view/knot/nerf/seed0";
+    place.run(&["export", run, "--format", "ply"]).fails_with(&["no surface", "lower resolution"]);
+    fs::remove_dir_all(place.path(run).join("checkpoint")).unwrap();
+    fs::remove_dir_all(place.path(run).join("checkpoint.previous")).unwrap();
+    place.run(&["export", run, "--format", "ply"]).fails_with(&["expected a checkpoint"]);
+}
+
+fn entry(index: usize) -> Value {
+    json!({"camera_to_world": train_cameras(8)[index].to_world.transpose().to_cols_array(), "fov": 40.0})
+}
+
+fn frames(folder: &Path) -> usize {
+    let names = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned());
+    names.filter(|name| name.ends_with(".png")).count()
+}
+
+#[test]
+fn cameras_follow_every_path() {
+    let place = with_run();
+    for path in ["orbit", "spiral", "figure-eight", "interpolate"] {
+        let said = text(&place.run(&["render", RUN, "--path", path, "--frames", "3"]).succeeds().stdout);
+        let animation = format!("{path}.gif");
+        assert!(said.contains("3 frames of 24x24") && said.contains(&animation), "{said}");
+        let folder = place.path(RUN).join("render");
+        assert_eq!(frames(&folder), 3);
+        // Those of the path before are gone.
+        let animations = fs::read_dir(&folder)
+            .unwrap()
+            .filter(|entry| entry.as_ref().unwrap().file_name().to_string_lossy().ends_with(".gif"));
+        assert_eq!(animations.count(), 1);
+    }
+
+    let nerfstudio = json!({"camera_path": [entry(0), entry(1)], "render_width": 30, "render_height": 20, "fps": 10});
+    fs::write(place.path("camera_path.json"), nerfstudio.to_string()).unwrap();
+    let said = text(&place.run(&["render", RUN, "--path", "camera_path.json", "--out", "a"]).succeeds().stdout);
+    assert!(said.contains("2 frames of 30x20") && said.contains("camera_path.gif"), "{said}");
+    let keyframes = json!({"keyframes": [entry(0), entry(1)], "seconds": 0.5, "fps": 10, "is_cycle": true});
+    fs::write(place.path("mine.json"), keyframes.to_string()).unwrap();
+    for (args, count) in [(&[][..], 5), (&["--frames", "4"], 4)] {
+        place.run(&["render", RUN, "--path", "mine.json", "--size", "12", "--out", "b"]).args(args).succeeds();
+        assert_eq!(frames(&place.path("b")), count);
+    }
+    // The first frame is the first keyframe in both.
+    let first = |folder: &str| image::open(place.path(folder).join("0000.png")).unwrap().to_rgb8();
+    place.run(&["render", RUN, "--path", "camera_path.json", "--size", "12", "--out", "c"]).succeeds();
+    assert_eq!((first("b").dimensions(), first("c").dimensions()), ((12, 12), (12, 8)));
+}
+
+#[test]
+fn paths_that_cannot_be_followed() {
+    let place = with_run();
+    let render = |path: &str| place.run(&["render", RUN, "--path", path]);
+    render("nowhere.json").fails_with(&["nowhere.json", "not found"]);
+    for (value, part) in [
+        (json!({"camera_path": []}), "`camera_path`: expected a list of 1 to 10000 cameras"),
+        (json!({"frames": []}), "`keyframes`: expected a list"),
+        (json!({"camera_path": [{"fov": 50}]}), "camera_to_world"),
+    ] {
+        fs::write(place.path("path.json"), value.to_string()).unwrap();
+        render("path.json").fails_with(&["path.json", part]);
+    }
+    fs::write(place.path("path.json"), "{").unwrap();
+    render("path.json").fails_with(&["path.json", "JSON"]);
+    place.run(&["render", RUN, "--video", "avi"]).assert_refused(&["--video"]);
+    place.run(&["render", "nowhere", "--path", "spiral"]).fails_with(&["nowhere", "config.toml"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn films_are_made_by_an_installed_ffmpeg() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let place = with_run();
+    let render = |args: &[&str]| {
+        let mut command =
+            place.run(&["render", RUN, "--frames", "2", "--size", "9", "--out", "film"]).args(args).into_command();
+        command.env("PATH", place.path("programs"));
+        command.output().unwrap()
+    };
+    fs::create_dir_all(place.path("programs")).unwrap();
+    let output = render(&["--video", "mp4"]);
+    let said = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.starts_with("error: --video mp4: expected `ffmpeg`") && said.lines().count() == 1, "{said}");
+    assert!(!place.path("film").exists(), "nothing is rendered in vain");
+
+    // Stands in for ffmpeg: notes its arguments and writes the file that is named last.
+    let program = place.path("programs/ffmpeg");
+    let script = |body: &str| {
+        fs::write(&program, format!("#!/bin/sh\n[ \"$1\" = -version ] && exit 0\n{body}\n")).unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    };
+    script("for last; do :; done; echo \"$@\" > \"$last\"");
+    for (kind, codec) in [("mp4", "libx264"), ("webm", "libvpx-vp9")] {
+        let output = render(&["--video", kind]);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let file = format!("film/orbit.{kind}");
+        assert!(text(&output.stdout).contains(&file));
+        let arguments = fs::read_to_string(place.path(&file)).unwrap();
+        assert!(arguments.contains("-framerate 20 -i %04d.png") && arguments.contains(codec), "{arguments}");
+    }
+    script("echo first >&2; echo 'no such codec' >&2; exit 1");
+    let output = render(&["--video", "webm"]);
+    let said = text(&output.stderr);
+    assert_eq!((output.status.code(), said.lines().count()), (Some(2), 1), "{said}");
+    assert!(said.contains("orbit.webm: ffmpeg: no such codec"), "{said}");
+}

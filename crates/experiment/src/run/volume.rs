@@ -1,0 +1,139 @@
+//! The fields of a run as something that can be exported.
+
+use glam::Vec3;
+use infonerf_export::Volume;
+use infonerf_field::{Extent, Field, Points, Sampled};
+use infonerf_ops::{Segments, to_host};
+use infonerf_render::{TrainedModel, Warp};
+use infonerf_scene::Aabb;
+use infonerf_schedule::Moment;
+
+use super::Trained;
+
+/// Points at which a field is asked at a time: bounds the memory.
+const CHUNK: usize = 1 << 15;
+/// What a field's colour counts for at least among others, where none of them has any opacity.
+const LEAST_WEIGHT: f32 = 1e-6;
+
+/// What the fields of a run answer together at points of the world. What pictures skip as empty is empty here too.
+///
+/// Several fields let through of a step of length h what they let through in the mean, `exp(−σh) = mean exp(−σᵢh)`, and
+/// show the mean of their colours with weights `1 − exp(−σᵢh)`: there is a surface where most of them have one.
+pub struct TrainedVolume {
+    models: Vec<TrainedModel>,
+    warp: Warp,
+    bounds: Aabb,
+    cameras: Vec<Vec3>,
+    /// Length h of a renderer's step, in the coordinate of the warp.
+    step: f32,
+}
+
+impl Trained {
+    /// The fields, to be exported within the scene's box.
+    pub fn volume(&self) -> TrainedVolume {
+        let renderer = self.renderer();
+        TrainedVolume {
+            models: self.models(),
+            warp: renderer.warp().clone(),
+            bounds: self.scene().bounds,
+            cameras: self.scene().train.iter().map(|view| view.camera.position()).collect(),
+            step: renderer.step_length(Moment::END),
+        }
+    }
+}
+
+impl Volume for TrainedVolume {
+    fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
+    fn density(&self, points: &[Vec3]) -> Vec<f32> {
+        let warped: Vec<Vec3> = points.iter().map(|&p| self.warp.point(p)).collect();
+        let of_models: Vec<Vec<f32>> = self.models.iter().map(|model| self.densities(model, &warped)).collect();
+        let of_point = |(index, &p): (usize, &Vec3)| {
+            mean_density(of_models.iter().map(|densities| densities[index]), self.step) * self.rate(p)
+        };
+        points.iter().enumerate().map(of_point).collect()
+    }
+
+    fn color(&self, points: &[Vec3], directions: &[Vec3]) -> Vec<[f32; 3]> {
+        let warped: Vec<Vec3> = points.iter().map(|&p| self.warp.point(p)).collect();
+        let (mut sums, mut weights) = (vec![Vec3::ZERO; points.len()], vec![0.0; points.len()]);
+        for model in &self.models {
+            let mut start = 0;
+            for (points, directions) in warped.chunks(CHUNK).zip(directions.chunks(CHUNK)) {
+                let Sampled { sigma, color } = self.ask(model, points, directions, true);
+                let color = to_host(color.expect("colour was asked for"));
+                for (i, (sigma, color)) in to_host(sigma).into_iter().zip(color.chunks_exact(3)).enumerate() {
+                    let weight = LEAST_WEIGHT - (-sigma * self.step).exp_m1();
+                    sums[start + i] += weight * Vec3::from_slice(color);
+                    weights[start + i] += weight;
+                }
+                start += points.len();
+            }
+        }
+        let mean = |(sum, weight): (Vec3, f32)| (sum / weight).clamp(Vec3::ZERO, Vec3::ONE).to_array();
+        sums.into_iter().zip(weights).map(mean).collect()
+    }
+}
+
+impl TrainedVolume {
+    /// Densities of one field in the coordinate of the warp; 0 where its occupancy grid knows of nothing.
+    fn densities(&self, model: &TrainedModel, warped: &[Vec3]) -> Vec<f32> {
+        let is_open = |p: Vec3| model.occupancy.as_ref().is_none_or(|grid| grid.is_occupied(p));
+        let open: Vec<usize> = (0..warped.len()).filter(|&index| is_open(warped[index])).collect();
+        let mut densities = vec![0.0; warped.len()];
+        for asked in open.chunks(CHUNK) {
+            let points: Vec<Vec3> = asked.iter().map(|&index| warped[index]).collect();
+            let sigma = self.ask(model, &points, &vec![Vec3::Z; points.len()], false).sigma;
+            for (&index, sigma) in asked.iter().zip(to_host(sigma)) {
+                densities[index] = sigma;
+            }
+        }
+        densities
+    }
+
+    /// Asks a field at points on no ray, each of which stands for the space of a step.
+    fn ask(&self, model: &TrainedModel, points: &[Vec3], directions: &[Vec3], color: bool) -> Sampled {
+        let numbers = |vectors: &[Vec3]| -> Vec<f32> { vectors.iter().flat_map(|v| v.to_array()).collect() };
+        let points = Points {
+            positions: &numbers(points),
+            directions: &numbers(directions),
+            segments: &Segments::uniform(points.len(), 1),
+            extent: Extent::Ball { variance: self.step * self.step / 12.0 },
+        };
+        model.model.fine.evaluate(points, color, Moment::END)
+    }
+
+    /// How much the coordinate in which densities are measured grows per scene unit at `p`, for the nearest training
+    /// camera.
+    fn rate(&self, p: Vec3) -> f32 {
+        let nearest = self.cameras.iter().map(|camera| camera.distance(p)).fold(f32::INFINITY, f32::min);
+        self.warp.rate(nearest)
+    }
+}
+
+/// The density σ with `exp(−σh) = mean exp(−σᵢh)`: that of the least dense plus what the others add.
+fn mean_density(densities: impl ExactSizeIterator<Item = f32> + Clone, step: f32) -> f32 {
+    let count = densities.len() as f32;
+    let least = densities.clone().fold(f32::INFINITY, f32::min);
+    let passes = densities.map(|density| (-(density - least) * step).exp()).sum::<f32>() / count;
+    least - passes.ln() / step
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_mean_density_lets_through_the_mean() {
+        for densities in [[0.0, 0.0], [3.0, 3.0], [0.0, 1e6], [40.0, 2.5], [1e6, 1.0001e6]] {
+            let step = 0.02;
+            let passes = densities.map(|density| f64::from(-density * step).exp()).iter().sum::<f64>() / 2.0;
+            let found = mean_density(densities.into_iter(), step);
+            assert!(found >= densities[0].min(densities[1]) && found.is_finite());
+            assert!((f64::from(-found * step).exp() - passes).abs() < 1e-6, "{densities:?}: {found}");
+        }
+        assert_eq!(mean_density([7.0].into_iter(), 0.1), 7.0);
+    }
+}

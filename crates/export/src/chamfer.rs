@@ -1,0 +1,73 @@
+use glam::Vec3;
+use kd_tree::KdTree;
+use rayon::prelude::*;
+
+/// How far two sets of points are from each other, scene units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Chamfer {
+    /// Mean distance of the points found from the nearest of the truth: accuracy.
+    pub accuracy: f64,
+    /// Mean distance of the points of the truth from the nearest found: completeness.
+    pub completeness: f64,
+}
+
+impl Chamfer {
+    /// The chamfer distance as DTU's protocol has it: the mean of accuracy and completeness (distances, not their
+    /// squares).
+    pub fn mean(&self) -> f64 {
+        0.5 * (self.accuracy + self.completeness)
+    }
+}
+
+/// The chamfer distance of `found` and `truth`; none if either is empty.
+pub fn chamfer(found: &[Vec3], truth: &[Vec3]) -> Option<Chamfer> {
+    Some(Chamfer { accuracy: mean_distance(found, truth)?, completeness: mean_distance(truth, found)? })
+}
+
+/// The mean distance from each of `points` to the nearest of `targets`.
+fn mean_distance(points: &[Vec3], targets: &[Vec3]) -> Option<f64> {
+    let targets = targets.iter().map(|p| p.to_array()).collect();
+    let tree: KdTree<[f32; 3]> = KdTree::build_by_ordered_float(targets);
+    let nearest = |p: &Vec3| tree.nearest(&p.to_array()).map(|found| f64::from(found.squared_distance).sqrt());
+    let distances: Option<Vec<f64>> = points.par_iter().map(nearest).collect();
+    let distances = distances.filter(|distances| !distances.is_empty())?;
+    Some(distances.iter().sum::<f64>() / distances.len() as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn both_ways_are_means_of_distances() {
+        let found = [Vec3::ZERO, Vec3::X * 3.0];
+        let truth = [Vec3::Y, Vec3::X * 3.0, Vec3::X * 7.0];
+        let distance = chamfer(&found, &truth).unwrap();
+        assert_eq!(distance, Chamfer { accuracy: 0.5, completeness: (1.0 + 0.0 + 4.0) / 3.0 });
+        assert!((distance.mean() - (0.5 + 5.0 / 3.0) / 2.0).abs() < 1e-12);
+        assert_eq!((chamfer(&[], &truth), chamfer(&found, &[])), (None, None));
+    }
+
+    proptest! {
+        /// Equal sets are at distance 0, whatever the order, and the result is that of looking at every pair.
+        #[test]
+        fn distances_are_those_of_every_pair(
+            points in prop::collection::vec(prop::array::uniform3(-2.0f32..2.0), 1..40),
+            others in prop::collection::vec(prop::array::uniform3(-2.0f32..2.0), 1..40),
+        ) {
+            let (a, b): (Vec<Vec3>, Vec<Vec3>) =
+                (points.into_iter().map(Vec3::from).collect(), others.into_iter().map(Vec3::from).collect());
+            let reversed: Vec<Vec3> = a.iter().rev().copied().collect();
+            prop_assert_eq!(chamfer(&a, &reversed).unwrap(), Chamfer { accuracy: 0.0, completeness: 0.0 });
+            let brute = |from: &[Vec3], to: &[Vec3]| {
+                let nearest = |p: &Vec3| to.iter().map(|q| f64::from(p.distance(*q))).fold(f64::MAX, f64::min);
+                from.iter().map(nearest).sum::<f64>() / from.len() as f64
+            };
+            let found = chamfer(&a, &b).unwrap();
+            prop_assert!((found.accuracy - brute(&a, &b)).abs() < 1e-6);
+            prop_assert!((found.completeness - brute(&b, &a)).abs() < 1e-6);
+        }
+    }
+}

@@ -1,0 +1,74 @@
+//! Connected components of a surface.
+
+use glam::Vec3;
+use petgraph::unionfind::UnionFind;
+
+/// Components of less than this share of the largest one's area are small.
+const SMALL: f32 = 1e-3;
+
+/// The surface without its small components and without vertices that no triangle uses, and how many components were left
+/// out.
+pub(crate) fn without_small(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> (Vec<Vec3>, Vec<[u32; 3]>, usize) {
+    let mut components = UnionFind::<u32>::new(positions.len());
+    for [a, b, c] in &triangles {
+        components.union(*a, *b);
+        components.union(*b, *c);
+    }
+    let labels = components.into_labeling();
+    let mut areas = vec![0f32; positions.len()];
+    for triangle in &triangles {
+        let [a, b, c] = triangle.map(|vertex| positions[vertex as usize]);
+        areas[labels[triangle[0] as usize] as usize] += 0.5 * (b - a).cross(c - a).length();
+    }
+    let largest = areas.iter().copied().fold(0.0, f32::max);
+    let is_kept = |vertex: u32| areas[labels[vertex as usize] as usize] >= SMALL * largest;
+    let dropped = areas.iter().filter(|&&area| area > 0.0 && area < SMALL * largest).count();
+
+    let mut places = vec![u32::MAX; positions.len()];
+    let mut kept = Vec::with_capacity(positions.len());
+    let mut place = |vertex: u32| {
+        let place = &mut places[vertex as usize];
+        if *place == u32::MAX {
+            *place = kept.len() as u32;
+            kept.push(positions[vertex as usize]);
+        }
+        *place
+    };
+    let triangles = triangles
+        .into_iter()
+        .filter(|triangle| is_kept(triangle[0]))
+        .map(|triangle| triangle.map(&mut place))
+        .collect();
+    (kept, triangles, dropped)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A triangle of legs `size` at `x`.
+    fn triangle(x: f32, size: f32) -> [Vec3; 3] {
+        [Vec3::X * x, Vec3::X * x + Vec3::Y * size, Vec3::X * x + Vec3::Z * size]
+    }
+
+    #[test]
+    fn small_components_and_unused_vertices_go() {
+        // A square of two triangles, a speck, a vertex of nothing, and a triangle that is large enough.
+        let mut positions = triangle(0.0, 1.0).to_vec();
+        positions.push(Vec3::new(0.0, 1.0, 1.0));
+        positions.extend(triangle(5.0, 0.03));
+        positions.push(Vec3::splat(9.0));
+        positions.extend(triangle(7.0, 0.1));
+        let triangles = vec![[0, 1, 2], [4, 5, 6], [2, 1, 3], [8, 9, 10]];
+        let (kept, triangles, dropped) = without_small(positions, triangles);
+        assert_eq!((kept.len(), dropped), (7, 1));
+        assert_eq!(triangles, [[0, 1, 2], [2, 1, 3], [4, 5, 6]]);
+        assert_eq!(kept[4..], triangle(7.0, 0.1));
+        assert!(kept.iter().all(|p| p.x != 5.0 && p.x != 9.0));
+    }
+
+    #[test]
+    fn nothing_has_no_components() {
+        assert_eq!(without_small(Vec::new(), Vec::new()), (Vec::new(), Vec::new(), 0));
+    }
+}

@@ -1,0 +1,134 @@
+//! glTF 2.0 in its binary container.
+
+use glam::{Quat, Vec3};
+use serde_json::{Value, json};
+
+use crate::encode::{linear, push};
+use crate::{ExportError, Mesh};
+
+/// Numbers that the specification gives to types of components and to uses of buffers.
+const UNSIGNED_SHORT: u32 = 5123;
+const UNSIGNED_INT: u32 = 5125;
+const FLOAT: u32 = 5126;
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+
+/// A mesh as `.glb`. `up` is the world's up direction, which the file's node turns to glTF's +y; vertices keep
+/// the scene's coordinates.
+///
+/// Colours are stored linear, as glTF wants them, and the material is unlit (`KHR_materials_unlit`), as the light is in the
+/// colours already.
+///
+/// # Errors
+/// If the mesh is larger than the format allows, 4 GB.
+pub fn glb(mesh: &Mesh, up: Vec3) -> Result<Vec<u8>, ExportError> {
+    let surface = &mesh.surface;
+    let mut buffer = Buffer::default();
+    let vectors = |vectors: &[Vec3]| {
+        let mut bytes = Vec::with_capacity(12 * vectors.len());
+        vectors.iter().for_each(|&v| push(&mut bytes, v));
+        bytes
+    };
+    let count = surface.positions.len();
+    let position = buffer.add(
+        &vectors(&surface.positions),
+        ARRAY_BUFFER,
+        json!({
+            "count": count, "type": "VEC3", "componentType": FLOAT,
+            "min": corner(&surface.positions, Vec3::min), "max": corner(&surface.positions, Vec3::max),
+        }),
+    );
+    let normal = buffer.add(
+        &vectors(&surface.normals),
+        ARRAY_BUFFER,
+        json!({
+            "count": count, "type": "VEC3", "componentType": FLOAT,
+        }),
+    );
+    let color = buffer.add(
+        &colors(&mesh.colors),
+        ARRAY_BUFFER,
+        json!({
+            "count": count, "type": "VEC4", "componentType": UNSIGNED_SHORT, "normalized": true,
+        }),
+    );
+    let corners = surface.triangles.iter().flatten();
+    let indices = buffer.add(
+        &corners.flat_map(|vertex| vertex.to_le_bytes()).collect::<Vec<_>>(),
+        ELEMENT_ARRAY_BUFFER,
+        json!({
+            "count": 3 * surface.triangles.len(), "type": "SCALAR", "componentType": UNSIGNED_INT,
+        }),
+    );
+    let turn = Quat::from_rotation_arc(up.normalize_or(Vec3::Y), Vec3::Y);
+    let document = json!({
+        "asset": {"version": "2.0", "generator": "infonerf"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "rotation": turn.to_array()}],
+        "meshes": [{"primitives": [{
+            "attributes": {"POSITION": position, "NORMAL": normal, "COLOR_0": color},
+            "indices": indices,
+            "material": 0,
+        }]}],
+        "materials": [{"doubleSided": true, "extensions": {"KHR_materials_unlit": {}}}],
+        "extensionsUsed": ["KHR_materials_unlit"],
+        "buffers": [{"byteLength": buffer.bytes.len()}],
+        "bufferViews": buffer.views,
+        "accessors": buffer.accessors,
+    });
+    container(document.to_string().into_bytes(), buffer.bytes)
+}
+
+/// Linear colours in 16 bits, with an alpha of 1 so that each takes 8 bytes, as alignment wants.
+fn colors(colors: &[[f32; 3]]) -> Vec<u8> {
+    let of_color = |color: &[f32; 3]| {
+        let [r, g, b] = color.map(|channel| (linear(channel) * f32::from(u16::MAX)).round() as u16);
+        [r, g, b, u16::MAX]
+    };
+    colors.iter().flat_map(of_color).flat_map(u16::to_le_bytes).collect()
+}
+
+/// The corner of the box around `points` that `pick` chooses.
+fn corner(points: &[Vec3], pick: fn(Vec3, Vec3) -> Vec3) -> [f32; 3] {
+    points.iter().copied().reduce(pick).unwrap_or(Vec3::ZERO).to_array()
+}
+
+/// The one buffer of a document, and what describes its parts.
+#[derive(Default)]
+struct Buffer {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+impl Buffer {
+    /// Appends `bytes` with their accessor, and gives its index.
+    fn add(&mut self, bytes: &[u8], target: u32, mut accessor: Value) -> usize {
+        let view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len(), "target": target});
+        accessor["bufferView"] = json!(self.views.len());
+        self.bytes.extend(bytes);
+        self.views.push(view);
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+}
+
+/// Header, document and buffer, each padded to whole words.
+fn container(mut document: Vec<u8>, mut buffer: Vec<u8>) -> Result<Vec<u8>, ExportError> {
+    document.resize(document.len().next_multiple_of(4), b' ');
+    buffer.resize(buffer.len().next_multiple_of(4), 0);
+    let length = 12 + 8 + document.len() + 8 + buffer.len();
+    let length = u32::try_from(length)
+        .map_err(|_| ExportError::Encoding { format: "glb", cause: "expected at most 4 GB".into() })?;
+    let mut file = Vec::with_capacity(length as usize);
+    file.extend(b"glTF");
+    file.extend(2u32.to_le_bytes());
+    file.extend(length.to_le_bytes());
+    for (kind, chunk) in [(b"JSON", document), (b"BIN\0", buffer)] {
+        file.extend((chunk.len() as u32).to_le_bytes());
+        file.extend(kind);
+        file.extend(chunk);
+    }
+    Ok(file)
+}

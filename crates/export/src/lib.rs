@@ -1,0 +1,66 @@
+//! Radiance fields as meshes, point clouds, gaussian splats and grids that other programs read.
+//!
+//! ```text
+//! Volume ─► Grid (densities) ─► Surface (triangles) ─► Mesh (with colours) ─► ply, obj, glb, points
+//!                     └─► npz                     └─► Gaussian ─► splat
+//! ```
+//!
+//! A field is anything that implements [`Volume`]: density and colour at points of the world. Writers are pure functions
+//! from what is written to the bytes of the file.
+//!
+//! ```
+//! use glam::Vec3;
+//! use infonerf_export::{Grid, Mesh, Surface, Volume, ply_mesh};
+//! use infonerf_scene::Aabb;
+//!
+//! /// A red ball of radius 1.
+//! struct Ball;
+//!
+//! impl Volume for Ball {
+//!     fn bounds(&self) -> Aabb {
+//!         Aabb::cube(Vec3::ZERO, 1.5)
+//!     }
+//!
+//!     fn density(&self, points: &[Vec3]) -> Vec<f32> {
+//!         points.iter().map(|p| if p.length() < 1.0 { 100.0 } else { 0.0 }).collect()
+//!     }
+//!
+//!     fn color(&self, points: &[Vec3], _directions: &[Vec3]) -> Vec<[f32; 3]> {
+//!         vec![[1.0, 0.0, 0.0]; points.len()]
+//!     }
+//! }
+//!
+//! let grid = Grid::sample(&Ball, 64)?;
+//! let mesh = Mesh::new(Surface::extract(&grid)?, &Ball);
+//! std::fs::write(std::env::temp_dir().join("ball.ply"), ply_mesh(&mesh)).unwrap();
+//! # Ok::<(), infonerf_export::ExportError>(())
+//! ```
+
+mod chamfer;
+mod components;
+mod encode;
+mod error;
+mod glb;
+mod grid;
+mod mesh;
+mod npz;
+mod obj;
+mod ply;
+mod shading;
+mod splat;
+mod splatter;
+mod surface;
+mod volume;
+
+pub use chamfer::{Chamfer, chamfer};
+pub use error::ExportError;
+pub use glb::glb;
+pub use grid::{Grid, RESOLUTIONS};
+pub use mesh::Mesh;
+pub use npz::npz;
+pub use obj::obj;
+pub use ply::{ply_mesh, ply_points};
+pub use splat::{Gaussian, gaussians, ply_splats};
+pub use splatter::splat_picture;
+pub use surface::Surface;
+pub use volume::Volume;

@@ -1,0 +1,54 @@
+//! PLY (Turk 1994), binary and little-endian.
+
+use std::fmt::Write;
+
+use crate::Mesh;
+use crate::encode::{bytes, push};
+
+const POSITION: [&str; 6] = ["float x", "float y", "float z", "float nx", "float ny", "float nz"];
+const COLOR: [&str; 3] = ["uchar red", "uchar green", "uchar blue"];
+
+/// A mesh: vertices with positions, normals and colours, and triangles.
+pub fn ply_mesh(mesh: &Mesh) -> Vec<u8> {
+    let vertex: Vec<&str> = POSITION.into_iter().chain(COLOR).collect();
+    let triangles = &mesh.surface.triangles;
+    let face = ["list uchar int vertex_indices"];
+    let mut file = header(&[("vertex", mesh.colors.len(), &vertex), ("face", triangles.len(), &face)]);
+    push_vertices(&mut file, mesh);
+    for triangle in triangles {
+        file.push(3);
+        triangle.iter().for_each(|&vertex| file.extend((vertex as i32).to_le_bytes()));
+    }
+    file
+}
+
+/// A point cloud: the vertices of a mesh, with normals and colours.
+pub fn ply_points(mesh: &Mesh) -> Vec<u8> {
+    let vertex: Vec<&str> = POSITION.into_iter().chain(COLOR).collect();
+    let mut file = header(&[("vertex", mesh.colors.len(), &vertex)]);
+    push_vertices(&mut file, mesh);
+    file
+}
+
+/// The header of a file with the given elements: name, count, and properties with their types.
+pub(crate) fn header(elements: &[(&str, usize, &[&str])]) -> Vec<u8> {
+    let mut text = "ply\nformat binary_little_endian 1.0\ncomment infonerf\n".to_owned();
+    for (name, count, properties) in elements {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "element {name} {count}");
+        for property in *properties {
+            let _ = writeln!(text, "property {property}");
+        }
+    }
+    text.push_str("end_header\n");
+    text.into_bytes()
+}
+
+fn push_vertices(file: &mut Vec<u8>, mesh: &Mesh) {
+    let surface = &mesh.surface;
+    for ((&position, &normal), &color) in surface.positions.iter().zip(&surface.normals).zip(&mesh.colors) {
+        push(file, position);
+        push(file, normal);
+        file.extend(bytes(color));
+    }
+}

@@ -1,0 +1,148 @@
+//! Which colour a surface has.
+
+use glam::{DMat4, DVec4, Mat3, Vec3};
+
+use crate::{Surface, Volume};
+
+/// Where along the normal the density is looked at, in voxels: from before the surface to behind it.
+const BEFORE: f32 = 1.0;
+const STEP: f32 = 0.5;
+const STEPS: usize = 9;
+/// Vertices that are shaded at a time: bounds the memory.
+const CHUNK: usize = 1 << 14;
+
+/// Where a ray against the normal of each vertex ends: Σ w x / Σ w over nine samples from one voxel before the surface to
+/// three behind, half a voxel apart, with the weights w of volume rendering. The colour there is the one that pictures show,
+/// while that of the first dense voxel is often still the fog's. The vertex itself where there is no density at all.
+pub(crate) fn endpoints(surface: &Surface, volume: &dyn Volume) -> Vec<Vec3> {
+    let step = STEP * surface.voxel;
+    let depth = |i: usize| i as f32 * step - BEFORE * surface.voxel;
+    let vertices: Vec<(Vec3, Vec3)> = surface.positions.iter().copied().zip(surface.normals.iter().copied()).collect();
+    let of_chunk = |vertices: &[(Vec3, Vec3)]| -> Vec<Vec3> {
+        let along = |&(p, normal): &(Vec3, Vec3)| (0..STEPS).map(move |i| p - depth(i) * normal);
+        let densities = volume.density(&vertices.iter().flat_map(along).collect::<Vec<_>>());
+        let end = |(&(p, normal), densities): (&(Vec3, Vec3), &[f32])| {
+            let (mut passes, mut weights, mut sum) = (1.0, 0.0, 0.0);
+            for (i, density) in densities.iter().enumerate() {
+                let weight = passes * -(-density * step).exp_m1();
+                passes -= weight;
+                weights += weight;
+                sum += weight * depth(i);
+            }
+            if weights > 0.0 { p - sum / weights * normal } else { p }
+        };
+        vertices.iter().zip(densities.chunks_exact(STEPS)).map(end).collect()
+    };
+    vertices.chunks(CHUNK).flat_map(of_chunk).collect()
+}
+
+/// The colour of each vertex as seen along its normal from outside, at `endpoints`.
+pub(crate) fn head_on(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<[f32; 3]> {
+    let against: Vec<Vec3> = surface.normals.iter().map(|&normal| -normal).collect();
+    let chunks = endpoints.chunks(CHUNK).zip(against.chunks(CHUNK));
+    chunks.flat_map(|(points, directions)| volume.color(points, directions)).collect()
+}
+
+/// A colour that is linear in the unit direction of view d: `mean + slope · d`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LinearColor {
+    /// RGB.
+    pub mean: Vec3,
+    /// What x, y and z of the direction add to it, a column each.
+    pub slope: Mat3,
+}
+
+/// Directions in which a colour is looked at, as angles to the normal in degrees and how many there are around it.
+const RINGS: [(f32, usize); 3] = [(0.0, 1), (30.0, 6), (60.0, 6)];
+
+/// The colour of each vertex as a function of the direction, by least squares over 13 directions that see its front.
+pub(crate) fn linear(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<LinearColor> {
+    let local: Vec<Vec3> = RINGS.iter().flat_map(|&(tilt, count)| ring(tilt.to_radians(), count)).collect();
+    let weights = regression(&local);
+    let count = local.len();
+    let of_chunk = |(points, normals): (&[Vec3], &[Vec3])| -> Vec<LinearColor> {
+        let frames: Vec<Mat3> = normals.iter().map(|&normal| frame(normal)).collect();
+        let asked: Vec<Vec3> = points.iter().flat_map(|&p| std::iter::repeat_n(p, count)).collect();
+        let directions: Vec<Vec3> = frames.iter().flat_map(|frame| local.iter().map(move |&d| *frame * d)).collect();
+        let colors = volume.color(&asked, &directions);
+        let fit = |(frame, colors): (&Mat3, &[[f32; 3]])| {
+            // Coefficients of red, green and blue: constant, and along the frame's axes.
+            let mut sums = [DVec4::ZERO; 3];
+            for (weight, color) in weights.iter().zip(colors) {
+                for (sum, channel) in sums.iter_mut().zip(color) {
+                    *sum += *weight * f64::from(*channel);
+                }
+            }
+            let slopes = sums.map(|sum| *frame * sum.truncate().as_vec3());
+            LinearColor {
+                mean: Vec3::from_array(sums.map(|sum| sum.w as f32)),
+                slope: Mat3::from_cols(slopes[0], slopes[1], slopes[2]).transpose(),
+            }
+        };
+        frames.iter().zip(colors.chunks_exact(count)).map(fit).collect()
+    };
+    endpoints.chunks(CHUNK).zip(surface.normals.chunks(CHUNK)).flat_map(of_chunk).collect()
+}
+
+/// Axes with z along `normal`.
+pub(crate) fn frame(normal: Vec3) -> Mat3 {
+    let (x, y) = normal.any_orthonormal_pair();
+    Mat3::from_cols(x, y, normal)
+}
+
+/// Directions of view that meet the xy plane from above at `tilt` from its normal.
+fn ring(tilt: f32, count: usize) -> impl Iterator<Item = Vec3> {
+    let (sin, cos) = tilt.sin_cos();
+    (0..count).map(move |i| {
+        let angle = std::f32::consts::TAU * i as f32 / count as f32;
+        Vec3::new(sin * angle.cos(), sin * angle.sin(), -cos)
+    })
+}
+
+/// What each direction's value adds to the coefficients of x, y, z and 1 in the least-squares fit of a linear function:
+/// the columns of `(AᵀA)⁻¹Aᵀ`.
+fn regression(directions: &[Vec3]) -> Vec<DVec4> {
+    let rows: Vec<DVec4> = directions.iter().map(|d| d.as_dvec3().extend(1.0)).collect();
+    let outer = |v: DVec4| DMat4::from_cols(v * v.x, v * v.y, v * v.z, v * v.w);
+    let inverse = rows.iter().map(|&row| outer(row)).sum::<DMat4>().inverse();
+    rows.into_iter().map(|row| inverse * row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Grid;
+    use crate::volume::testing::Ball;
+
+    #[test]
+    fn endpoints_lie_where_light_is_stopped() {
+        let ball = Ball { radius: 1.0, sharpness: 300.0 };
+        let surface = Surface::extract(&Grid::sample(&ball, 32).unwrap()).unwrap();
+        for (end, p) in endpoints(&surface, &ball).iter().zip(&surface.positions) {
+            assert!(end.length() < 1.0 + 0.5 * surface.voxel && end.length() > 1.0 - surface.voxel, "{end} for {p}");
+        }
+    }
+
+    #[test]
+    fn a_linear_colour_is_found_exactly() {
+        let ball = Ball { radius: 1.0, sharpness: 100.0 };
+        let surface = Surface::extract(&Grid::sample(&ball, 24).unwrap()).unwrap();
+        let points = surface.positions.clone();
+        for (color, p) in linear(&surface, &points, &ball).iter().zip(&points) {
+            let expected = 0.5 + 0.3 * *p;
+            assert!((color.mean - expected).length() < 1e-4, "{} for {expected}", color.mean);
+            let slope = Mat3::from_cols(Vec3::ZERO, Vec3::X * 0.1, Vec3::ZERO);
+            assert!(color.slope.abs_diff_eq(slope, 1e-4), "{}", color.slope);
+        }
+    }
+
+    #[test]
+    fn head_on_is_against_the_normal() {
+        let ball = Ball { radius: 1.0, sharpness: 100.0 };
+        let surface = Surface::extract(&Grid::sample(&ball, 24).unwrap()).unwrap();
+        let colors = head_on(&surface, &surface.positions, &ball);
+        for ((color, p), normal) in colors.iter().zip(&surface.positions).zip(&surface.normals) {
+            assert!((color[0] - (0.5 + 0.3 * p.x - 0.1 * normal.y)).abs() < 1e-5);
+        }
+    }
+}

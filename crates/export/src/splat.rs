@@ -1,0 +1,129 @@
+//! Gaussian splats (3D Gaussian Splatting, Kerbl et al. 2023).
+
+use glam::{Mat3, Quat, Vec3};
+
+use crate::ply::header;
+use crate::shading::{LinearColor, endpoints, frame, linear};
+use crate::{Surface, Volume};
+
+/// Standard deviations of a gaussian in voxels: in the surface, where neighbours are about a voxel apart and have to leave no
+/// holes, and across it.
+const WIDTH: f32 = 0.7;
+const THICKNESS: f32 = 0.2;
+/// What a gaussian stops at its centre; renderers allow no more.
+const OPACITY: f32 = 0.99;
+
+/// A flat gaussian with a colour that is linear in the direction of view.
+#[derive(Clone, Copy, Debug)]
+pub struct Gaussian {
+    /// Its centre, scene units.
+    pub position: Vec3,
+    /// Standard deviations along its own axes, scene units.
+    pub scale: Vec3,
+    /// Its axes; the third is the surface's normal.
+    pub rotation: Quat,
+    /// Opacity at its centre.
+    pub opacity: f32,
+    /// Spherical harmonics of red, green and blue, degrees 0 and 1, in the order and with the signs of 3DGS: along the unit
+    /// direction (x, y, z) from the eye `½ + √(1/4π) sh₀ + √(3/4π) (−y sh₁ + z sh₂ − x sh₃)`, see [`Gaussian::color`].
+    pub sh: [[f32; 4]; 3],
+}
+
+/// A gaussian at each vertex of `surface`, tangent to it, with the colours of `volume`.
+pub fn gaussians(surface: &Surface, volume: &dyn Volume) -> Vec<Gaussian> {
+    let colors = linear(surface, &endpoints(surface, volume), volume);
+    let scale = surface.voxel * Vec3::new(WIDTH, WIDTH, THICKNESS);
+    let place = |((&position, &normal), color): ((&Vec3, &Vec3), &LinearColor)| Gaussian {
+        position,
+        scale,
+        rotation: Quat::from_mat3(&frame(normal)).normalize(),
+        opacity: OPACITY,
+        sh: harmonics(color),
+    };
+    surface.positions.iter().zip(&surface.normals).zip(&colors).map(place).collect()
+}
+
+/// Y₀ = √(1/4π), and the factor √(3/4π) of the harmonics of degree 1.
+const DEGREE_0: f32 = 0.282_094_8;
+const DEGREE_1: f32 = 0.488_602_5;
+
+impl Gaussian {
+    /// Its colour along the unit `direction` from the eye, display-encoded RGB, at least 0.
+    pub fn color(&self, direction: Vec3) -> Vec3 {
+        let shown = self.sh.map(|[constant, y, z, x]| {
+            let slope = -direction.y * y + direction.z * z - direction.x * x;
+            0.5 + DEGREE_0 * constant + DEGREE_1 * slope
+        });
+        Vec3::from_array(shown).max(Vec3::ZERO)
+    }
+}
+
+/// The coefficients of a linear colour.
+fn harmonics(color: &LinearColor) -> [[f32; 4]; 3] {
+    // Rows: what x, y and z of the direction add to one channel.
+    let Mat3 { x_axis: red, y_axis: green, z_axis: blue } = color.slope.transpose();
+    let channel = |mean: f32, slope: Vec3| {
+        [(mean - 0.5) / DEGREE_0, -slope.y / DEGREE_1, slope.z / DEGREE_1, -slope.x / DEGREE_1]
+    };
+    [channel(color.mean.x, red), channel(color.mean.y, green), channel(color.mean.z, blue)]
+}
+
+/// Gaussians as the PLY that 3DGS writes and its viewers read: positions, normals, `f_dc`, `f_rest` (channel by channel),
+/// the logit of the opacity, the logarithm of the scales, and rotations as (w, x, y, z).
+pub fn ply_splats(gaussians: &[Gaussian]) -> Vec<u8> {
+    let numbered = |name: &'static str, count: usize| (0..count).map(move |i| format!("float {name}_{i}"));
+    let names: Vec<String> = ["x", "y", "z", "nx", "ny", "nz"]
+        .into_iter()
+        .map(|name| format!("float {name}"))
+        .chain(numbered("f_dc", 3))
+        .chain(numbered("f_rest", 9))
+        .chain(["float opacity".to_owned()])
+        .chain(numbered("scale", 3))
+        .chain(numbered("rot", 4))
+        .collect();
+    let properties: Vec<&str> = names.iter().map(String::as_str).collect();
+    let mut file = header(&[("vertex", gaussians.len(), &properties)]);
+    for gaussian in gaussians {
+        let Gaussian { position, scale, rotation, opacity, sh } = gaussian;
+        let constant = sh.iter().map(|channel| channel[0]);
+        let linear = sh.iter().flat_map(|channel| channel[1..].iter().copied());
+        let [x, y, z, w] = rotation.to_array();
+        let values = position
+            .to_array()
+            .into_iter()
+            .chain((*rotation * Vec3::Z).to_array())
+            .chain(constant)
+            .chain(linear)
+            .chain([(opacity / (1.0 - opacity)).ln()])
+            .chain(scale.to_array().map(f32::ln))
+            .chain([w, x, y, z]);
+        values.for_each(|value| file.extend(value.to_le_bytes()));
+    }
+    file
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Grid;
+    use crate::volume::testing::Ball;
+
+    #[test]
+    fn gaussians_are_tangent_and_show_the_volumes_colour() {
+        let ball = Ball { radius: 1.0, sharpness: 100.0 };
+        let surface = Surface::extract(&Grid::sample(&ball, 24).unwrap()).unwrap();
+        let splats = gaussians(&surface, &ball);
+        assert_eq!(splats.len(), surface.positions.len());
+        let ends = endpoints(&surface, &ball);
+        for ((splat, normal), end) in splats.iter().zip(&surface.normals).zip(&ends) {
+            assert!((splat.rotation * Vec3::Z - *normal).length() < 1e-5);
+            assert!(splat.scale.z < splat.scale.x && splat.scale.x == splat.scale.y);
+            let d = -*normal;
+            let shown = splat.color(d).to_array();
+            let expected = ball.color(&[*end], &[d])[0];
+            for (shown, expected) in shown.iter().zip(expected) {
+                assert!((shown - expected).abs() < 1e-3, "{shown} for {expected}");
+            }
+        }
+    }
+}

@@ -1,0 +1,196 @@
+//! From densities to triangles.
+
+use fast_surface_nets::ndshape::{RuntimeShape, Shape};
+use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
+use glam::Vec3;
+
+use crate::components::without_small;
+use crate::{ExportError, Grid};
+
+/// A closed surface of triangles, counter-clockwise seen from outside.
+#[derive(Clone, Debug, Default)]
+pub struct Surface {
+    /// Vertices, scene units.
+    pub positions: Vec<Vec3>,
+    /// Outward unit normal of each vertex: the mean of its triangles' by area.
+    pub normals: Vec<Vec3>,
+    /// Vertices of each triangle.
+    pub triangles: Vec<[u32; 3]>,
+    /// Edge of the voxels that it was made from, scene units.
+    pub voxel: f32,
+    /// How many components were left out for being small.
+    pub dropped: usize,
+}
+
+impl Surface {
+    /// The surface on which a voxel of `grid` is half opaque: σ = ln 2 / voxel ([`Grid::level`]), by naive surface nets (Gibson
+    /// 1998) on the opacity, which is bounded and so places the surface between voxels better than the density does.
+    ///
+    /// The grid's border closes it. Cavities that no way leads to from outside are filled, as nobody can look into them, and
+    /// components of less than a thousandth of the largest's area are left out.
+    ///
+    /// # Errors
+    /// If no voxel is half opaque.
+    pub fn extract(grid: &Grid) -> Result<Self, ExportError> {
+        let shape = RuntimeShape::<u32, 3>::new((grid.size + 2).to_array());
+        let mut values = padded(grid, &shape);
+        if values.iter().all(|&value| value >= 0.0) {
+            return Err(ExportError::NoSurface {
+                resolution: grid.size.max_element() as usize,
+                level: grid.level(),
+                densest: grid.density.iter().copied().fold(0.0, f32::max),
+            });
+        }
+        fill_cavities(&mut values, grid);
+        let mut net = SurfaceNetsBuffer::default();
+        surface_nets(&values, &shape, [0; 3], (grid.size + 1).to_array(), &mut net);
+        let place = |p: &[f32; 3]| grid.origin + grid.voxel * (Vec3::from_array(*p) - 1.0);
+        let positions = net.positions.iter().map(place).collect();
+        let triangles = net.indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();
+        let (positions, triangles, dropped) = without_small(positions, triangles);
+        let normals = normals(&positions, &triangles);
+        Ok(Self { positions, normals, triangles, voxel: grid.voxel, dropped })
+    }
+}
+
+/// ½ − opacity of every voxel, negative inside, with a border of empty voxels.
+fn padded(grid: &Grid, shape: &RuntimeShape<u32, 3>) -> Vec<f32> {
+    const EMPTY: f32 = 0.5;
+    let mut values = vec![EMPTY; shape.usize()];
+    let row = grid.size.x as usize;
+    for (index, row_start) in (0..grid.len()).step_by(row).enumerate() {
+        let (y, z) = (index as u32 % grid.size.y, index as u32 / grid.size.y);
+        let start = shape.linearize([1, y + 1, z + 1]) as usize;
+        for (x, value) in values[start..start + row].iter_mut().enumerate() {
+            *value = EMPTY - grid.opacity(row_start + x);
+        }
+    }
+    values
+}
+
+/// Makes every voxel solid that cannot be reached from the border through empty ones, from face to face.
+fn fill_cavities(values: &mut [f32], grid: &Grid) {
+    const SOLID: f32 = -0.5;
+    let size = (grid.size + 2).to_array().map(|n| n as usize);
+    let strides = [1, size[0], size[0] * size[1]];
+    let mut outside = vec![false; values.len()];
+    outside[0] = true;
+    let mut next = vec![0];
+    while let Some(cell) = next.pop() {
+        for axis in 0..3 {
+            let at = cell / strides[axis] % size[axis];
+            let before = (at > 0).then(|| cell - strides[axis]);
+            let after = (at + 1 < size[axis]).then(|| cell + strides[axis]);
+            for neighbour in [before, after].into_iter().flatten() {
+                if !outside[neighbour] && values[neighbour] >= 0.0 {
+                    outside[neighbour] = true;
+                    next.push(neighbour);
+                }
+            }
+        }
+    }
+    for (value, outside) in values.iter_mut().zip(outside) {
+        if !outside && *value >= 0.0 {
+            *value = SOLID;
+        }
+    }
+}
+
+/// The mean normal of each vertex' triangles, by area.
+fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
+    let mut normals = vec![Vec3::ZERO; positions.len()];
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|vertex| positions[vertex as usize]);
+        let twice_area = (b - a).cross(c - a);
+        for &vertex in triangle {
+            normals[vertex as usize] += twice_area;
+        }
+    }
+    normals.into_iter().map(|normal| normal.normalize_or(Vec3::Z)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashMap;
+
+    use glam::UVec3;
+
+    use super::*;
+    use crate::volume::testing::Ball;
+
+    fn grid(size: u32, density: impl Fn(UVec3) -> f32) -> Grid {
+        let cell = |index: u32| UVec3::new(index % size, index / size % size, index / (size * size));
+        Grid {
+            origin: Vec3::ZERO,
+            voxel: 1.0,
+            size: UVec3::splat(size),
+            density: (0..size.pow(3)).map(|index| density(cell(index))).collect(),
+        }
+    }
+
+    /// Every edge is shared by two triangles that pass it in opposite directions (or by two such pairs, where voxels
+    /// touch at an edge).
+    fn assert_closed(surface: &Surface) {
+        let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
+        for &[a, b, c] in &surface.triangles {
+            for (from, to) in [(a, b), (b, c), (c, a)] {
+                *edges.entry((from.min(to), from.max(to))).or_default() += if from < to { 1 } else { -1 };
+            }
+        }
+        assert!(edges.values().all(|&sum| sum == 0));
+    }
+
+    #[test]
+    fn a_ball_is_met_within_half_a_voxel() {
+        for (resolution, sharpness) in [(24, 10.0), (48, 40.0), (64, 200.0)] {
+            let ball = Ball { radius: 1.0, sharpness };
+            let grid = Grid::sample(&ball, resolution).unwrap();
+            let surface = Surface::extract(&grid).unwrap();
+            let radius = ball.radius_at(grid.level());
+            for (p, normal) in surface.positions.iter().zip(&surface.normals) {
+                assert!((p.length() - radius).abs() < 0.5 * grid.voxel, "{p}, expected radius {radius}");
+                assert!(normal.dot(p.normalize()) > 0.9, "{normal} at {p}");
+            }
+            assert_closed(&surface);
+            assert_eq!(surface.dropped, 0);
+            // All of the sphere: 4πr² to a few per cent.
+            let area: f32 = surface
+                .triangles
+                .iter()
+                .map(|t| t.map(|v| surface.positions[v as usize]))
+                .map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length())
+                .sum();
+            let exact = 4.0 * std::f32::consts::PI * radius * radius;
+            assert!((area / exact - 1.0).abs() < 0.04, "{area} for {exact}");
+        }
+    }
+
+    #[test]
+    fn matter_at_the_border_is_closed() {
+        let surface = Surface::extract(&grid(4, |_| 5.0)).unwrap();
+        assert_closed(&surface);
+        let (low, high) =
+            surface.positions.iter().fold((Vec3::MAX, Vec3::MIN), |(low, high), &p| (low.min(p), high.max(p)));
+        assert!(low.max_element() < 0.0 && low.min_element() > -1.0, "{low}");
+        assert!(high.min_element() > 3.0 && high.max_element() < 4.0, "{high}");
+    }
+
+    #[test]
+    fn cavities_are_filled_and_bays_are_not() {
+        let shell = |cell: UVec3| if (cell.min_element() >= 1) && cell.max_element() <= 7 { 5.0 } else { 0.0 };
+        let within = |cell: UVec3| (cell.as_ivec3() - 4).abs().max_element() <= 1;
+        let hollow = |cell: UVec3| if within(cell) { 0.0 } else { shell(cell) };
+        let solid = Surface::extract(&grid(9, shell)).unwrap();
+        let filled = Surface::extract(&grid(9, hollow)).unwrap();
+        assert_eq!((solid.positions.len(), solid.triangles.len()), (filled.positions.len(), filled.triangles.len()));
+        let bay =
+            Surface::extract(&grid(9, |cell| if cell.x == 4 && cell.y == 4 { 0.0 } else { shell(cell) })).unwrap();
+        assert!(bay.triangles.len() > solid.triangles.len());
+    }
+
+    #[test]
+    fn nothing_dense_enough_is_an_error() {
+        let text = Surface::extract(&grid(3, |_| 0.25)).unwrap_err().to_string();
+        assert!(text.contains("density 0.693") && text.contains("0.250") && !text.contains('\n'), "{text}");
+    }
+}

@@ -1,0 +1,59 @@
+use glam::Vec3;
+use infonerf_scene::Aabb;
+
+/// A radiance field that can be asked at points of the world, many at a time.
+pub trait Volume: Sync {
+    /// The box that holds what is exported, scene units.
+    fn bounds(&self) -> Aabb;
+
+    /// Density σ ≥ 0 at each of `points`, 1/scene unit.
+    fn density(&self, points: &[Vec3]) -> Vec<f32>;
+
+    /// Display-encoded colour in [0, 1]³ at each of `points`, as seen along the unit direction of the same index, which
+    /// leads from the eye to the point.
+    fn color(&self, points: &[Vec3], directions: &[Vec3]) -> Vec<[f32; 3]>;
+}
+
+#[cfg(test)]
+pub(crate) mod testing {
+    //! A field whose surface is known.
+
+    use glam::Vec3;
+    use infonerf_scene::Aabb;
+
+    use super::Volume;
+
+    /// A ball about the origin whose density rises smoothly through the surface:
+    /// `σ = sharpness · softplus(sharpness · (radius − |p|))`. Red, green and blue follow x, y and z, and red the direction
+    /// too.
+    pub struct Ball {
+        pub radius: f32,
+        pub sharpness: f32,
+    }
+
+    impl Ball {
+        /// The distance from the origin at which the density is `level`.
+        pub fn radius_at(&self, level: f32) -> f32 {
+            self.radius - (level / self.sharpness).exp_m1().ln() / self.sharpness
+        }
+    }
+
+    impl Volume for Ball {
+        fn bounds(&self) -> Aabb {
+            Aabb::cube(Vec3::ZERO, 1.5)
+        }
+
+        fn density(&self, points: &[Vec3]) -> Vec<f32> {
+            let x = |p: &Vec3| self.sharpness * (self.radius - p.length());
+            points.iter().map(|p| self.sharpness * (x(p).max(0.0) + (-x(p).abs()).exp().ln_1p())).collect()
+        }
+
+        fn color(&self, points: &[Vec3], directions: &[Vec3]) -> Vec<[f32; 3]> {
+            let color = |(p, d): (&Vec3, &Vec3)| {
+                let base = 0.5 + 0.3 * *p / self.radius;
+                (base + Vec3::X * (0.1 * d.y)).clamp(Vec3::ZERO, Vec3::ONE).to_array()
+            };
+            points.iter().zip(directions).map(color).collect()
+        }
+    }
+}
