@@ -10,8 +10,10 @@ use infonerf_metrics::Networks;
 use infonerf_train::Preset;
 
 use crate::command::bench::{BENCH_EXAMPLES, BenchArgs};
+use crate::command::export::{EXPORT_EXAMPLES, ExportArgs};
 use crate::command::reproduce::{REPRODUCE_EXAMPLES, ReproduceArgs};
 use crate::command::sweep::{SWEEP_EXAMPLES, SweepArgs, SweepItemArgs};
+use crate::command::view::{VIEW_EXAMPLES, ViewArgs};
 
 /// Learn a 3D scene from a handful of photographs, and measure how well.
 #[derive(Debug, Parser)]
@@ -48,6 +50,12 @@ pub(crate) enum Command {
     Weights(WeightsListArgs),
     /// Render new views of a finished run: an orbit as PNG frames and an animation.
     Render(RenderArgs),
+    /// Write a run's scene for other programs: a web page that shows it.
+    #[command(after_help = EXPORT_EXAMPLES)]
+    Export(ExportArgs),
+    /// Show runs in a browser on this machine, also while they train: scene, curves, test views beside their truth.
+    #[command(after_help = VIEW_EXAMPLES)]
+    View(ViewArgs),
     /// List or export scenes.
     #[command(subcommand)]
     Scene(SceneCommand),

@@ -60,6 +60,6 @@ pub use published::{Published, PublishedRow};
 pub use quantity::Quantity;
 pub use record::{Record, TestViews};
 pub use report::{ReportFiles, ReportInput, write_report};
-pub use run::{Run, RunKey, run_directory};
+pub use run::{Run, RunKey, VIEWER_PAGE, run_directory};
 pub use store::{read_records, save_record, write_records};
 pub use table::{Cell, Column, Emphasis, Row, Table, overview_table, scene_table};

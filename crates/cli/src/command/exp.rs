@@ -1,8 +1,12 @@
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::Result;
-use infonerf_experiment::{Experiment, Finished, Resume, RunPlan, Session, total_progress};
-use infonerf_report::{Quantity, Record, ReportInput, overview_table, protocol_lines, save_record, write_report};
+use infonerf_experiment::{Experiment, Finished, Resume, RunPlan, Session, Trained, total_progress};
+use infonerf_report::{
+    Quantity, Record, ReportInput, VIEWER_PAGE, overview_table, protocol_lines, save_record, write_atomically,
+    write_report,
+};
 use infonerf_train::{Phase, Trainer};
 
 use super::INTERRUPTED;
@@ -30,6 +34,9 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
                 if args.profile {
                     print_profile(&trainers);
                 }
+                if infonerf_view::holds(&plan.config.field) {
+                    write_viewer(plan, trainers, &folder)?;
+                }
                 records = save_record(&folder, &record)?;
             }
             Finished::Kept(record) => {
@@ -50,6 +57,16 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     let files = write_report(&input, &folder)?;
     println!("\nreport: {}\nnumbers: {}", files.html.display(), folder.join("results.json").display());
     Ok(ExitCode::SUCCESS)
+}
+
+/// Leaves the page that shows a run's scene beside the run, for the report to open.
+fn write_viewer(plan: &RunPlan, trainers: Vec<Trainer>, experiment: &Path) -> Result<()> {
+    let run = Trained { plan: plan.clone(), trainers, warnings: Vec::new() };
+    match infonerf_view::page(&run) {
+        Ok(page) => write_atomically(&experiment.join(plan.directory()).join(VIEWER_PAGE), page.as_bytes())?,
+        Err(error) => eprintln!("warning: {}: no page in 3D: {error:#}", plan.label()),
+    }
+    Ok(())
 }
 
 fn same(plan: &RunPlan, record: &Record) -> bool {

@@ -3,11 +3,13 @@
 pub(crate) mod bench;
 mod eval;
 mod exp;
+pub(crate) mod export;
 mod pretrain;
 mod render;
 pub(crate) mod reproduce;
 mod scene;
 pub(crate) mod sweep;
+pub(crate) mod view;
 mod weights;
 
 use std::process::ExitCode;
@@ -31,6 +33,8 @@ pub(crate) fn run(command: Command) -> Result<ExitCode> {
         Command::Eval(args) => eval::run(&args),
         Command::Weights(args) => weights::run(&args),
         Command::Render(args) => render::run(&args),
+        Command::Export(args) => export::run(&args),
+        Command::View(args) => view::run(&args),
         Command::Scene(command) => scene::run(&command),
         Command::List => {
             for (name, title) in infonerf_experiment::list()? {
