@@ -14,6 +14,7 @@ const place = (scene) => JSON.stringify([scene.centre, scene.up, scene.radius]);
 async function showField(run, stamp) {
   const keep = shown.scene;
   [shown.run, shown.stamp] = [run, stamp];
+  root.querySelector('h1').textContent = run;
   try {
     stage ??= new Stage(root);
     const scene = await ask('field', { run });
@@ -59,7 +60,8 @@ function listRuns(runs) {
   const listed = JSON.stringify([runs, shown.run]);
   if (listed === shown.listed) return;
   shown.listed = listed;
-  document.querySelector('.runs').replaceChildren(...runs.map(({ run, name, state, stamp }) => {
+  const none = Object.assign(document.createElement('small'), { textContent: 'None yet.' });
+  document.querySelector('.runs').replaceChildren(...(runs.length > 0 ? [] : [none]), ...runs.map(({ run, name, state, stamp }) => {
     const button = document.createElement('button'), small = document.createElement('small');
     button.type = 'button';
     button.textContent = name;
@@ -86,8 +88,7 @@ async function follow() {
     listRuns(runs);
     if (!current && runs.length > 0 && shown.run === null) return choose(runs[0].run, runs[0].stamp);
     if (current && current.stamp !== shown.stamp) showField(current.run, current.stamp);
-    if (current && current.state !== shown.state) showProgress(current.run).catch(() => {});
-    if (current && current.state === 'training') showProgress(current.run).catch(() => {});
+    if (current && (current.state !== shown.state || current.state === 'training')) showProgress(current.run).catch(() => {});
     shown.state = current?.state;
   } catch {
     // The server is gone, or busy: it is asked again.

@@ -17,6 +17,7 @@ class Stage {
     this.find('.note').textContent = scene.note;
     this.find('.poster')?.remove();
     this.find('.message').hidden = true;
+    this.canvas.hidden = false;
     for (const selector of ['.tools', '.help', '.strip']) this.find(selector).hidden = false;
     showPhotographs(this.root, scene, (index) => this.viewer.goTo(index));
   }
@@ -96,6 +97,7 @@ function showFallback(root, error, scene) {
   const message = root.querySelector('.message');
   message.textContent = error instanceof CannotDraw ? error.message : `The scene cannot be drawn: ${error.message}`;
   message.hidden = false;
+  root.querySelector('canvas').hidden = true;
   if (!scene) return;
   root.querySelector('h1').textContent = scene.title;
   root.querySelector('.note').textContent = scene.note;

@@ -62,8 +62,8 @@ impl Decoded {
         for (l, size) in self.package["levels"].as_array().unwrap().iter().enumerate() {
             let size = size.as_u64().unwrap() as usize;
             let planes = self.part(&format!("planes{l}"));
-            for p in 0..3 {
-                let [(i, a), (j, b), (c, t)] = PLANES[p].map(|axis| texel(u[axis], size));
+            for (p, axes) in PLANES.into_iter().enumerate() {
+                let [(i, a), (j, b), (c, t)] = axes.map(|axis| texel(u[axis], size));
                 for g in 0..groups {
                     let row = (3 * l + p) * groups + g;
                     for k in 0..4 {
@@ -98,8 +98,8 @@ impl Decoded {
                 let mut sum = biases.next().unwrap().to_vec();
                 for column in x.chunks_exact(4) {
                     let matrix = matrices.next().unwrap();
-                    for row in 0..4 {
-                        sum[row] += (0..4).map(|i| matrix[4 * i + row] * column[i]).sum::<f32>();
+                    for (row, sum) in sum.iter_mut().enumerate() {
+                        *sum += (0..4).map(|i| matrix[4 * i + row] * column[i]).sum::<f32>();
                     }
                 }
                 y.extend(sum.iter().map(|s| if index + 1 < widths.len() { s.max(0.0) } else { *s }));

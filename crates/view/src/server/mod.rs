@@ -10,7 +10,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use infonerf_experiment::OpenDevice;
 use oxhttp::ListeningServer;
 use oxhttp::model::{Body, Request};
@@ -38,9 +38,12 @@ impl Server {
     /// # Errors
     /// If there is no such folder, or the address cannot be listened on.
     pub fn start(root: &Path, address: SocketAddr, device: OpenDevice) -> Result<Self> {
-        let root = root.canonicalize().with_context(|| root.display().to_string())?;
+        let folder = root.canonicalize().with_context(|| root.display().to_string())?;
+        if !folder.is_dir() {
+            bail!("{}: expected the folder of a run, or one that holds runs", root.display());
+        }
         let address = free(address).with_context(|| format!("{address}: cannot be listened on"))?;
-        let answers = Arc::new(Answers::new(root, device, address.ip().is_loopback()));
+        let answers = Arc::new(Answers::new(folder, device, address.ip().is_loopback()));
         let listening = oxhttp::Server::new(move |request: &mut Request<Body>| answers.to(request))
             .bind(address)
             .with_global_timeout(PATIENCE)
