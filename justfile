@@ -53,6 +53,10 @@ bench-gpu DEVICE *ARGS: (test-gpu DEVICE)
     {{ program }} bench step --device {{ DEVICE }} --preset released
     {{ program }} bench pareto --device {{ DEVICE }} {{ ARGS }}
 
+# Exported pages and the live viewer in headless Chromium: needs it (Debian: apt-get install chromium), on the PATH or named by CHROMIUM
+test-view:
+    cargo test --release --workspace --test browser -- --ignored --test-threads 1 --nocapture
+
 # Agreement with the CPU on a GPU, or on a software device such as lavapipe: operations, gradients, training, one run, hard inputs
 test-wgpu: (test-gpu "wgpu")
 

@@ -14,6 +14,7 @@ use crate::command::launch::LaunchArgs;
 use crate::command::reproduce::{REPRODUCE_EXAMPLES, ReproduceArgs};
 use crate::command::sweep::{SWEEP_EXAMPLES, SweepArgs, SweepItemArgs};
 use crate::command::tensorboard::{TENSORBOARD_EXAMPLES, TensorboardArgs};
+use crate::command::view::{VIEW_EXAMPLES, ViewArgs};
 
 /// Learn a 3D scene from a handful of photographs, and measure how well.
 #[derive(Debug, Parser)]
@@ -57,9 +58,12 @@ pub(crate) enum Command {
     /// Render new views of a finished run along a camera path: PNG frames, an animation, and a film.
     #[command(after_help = RENDER_EXAMPLES)]
     Render(RenderArgs),
-    /// Write a finished run as something that other programs read: a mesh, points, gaussian splats, a grid, its cameras.
+    /// Write a finished run as something that other programs read: a mesh, points, gaussian splats, a grid, its cameras, a web page.
     #[command(after_help = EXPORT_EXAMPLES)]
     Export(ExportArgs),
+    /// Show runs in a browser on this machine, also while they train: scene, curves, test views beside their truth.
+    #[command(after_help = VIEW_EXAMPLES)]
+    View(ViewArgs),
     /// List or export scenes.
     #[command(subcommand)]
     Scene(SceneCommand),
@@ -136,7 +140,9 @@ Examples:
   infonerf export runs/synthetic-4view/castle/infonerf/seed0 --format glb
       a mesh with vertex colours: runs/.../seed0/export/mesh.glb
   infonerf export runs/synthetic-4view/castle/infonerf/seed0 --format splat --resolution 384 --out castle.ply
-      gaussians on the surface, for viewers of 3D Gaussian Splatting";
+      gaussians on the surface, for viewers of 3D Gaussian Splatting
+  infonerf export runs/synthetic-4view/castle/infonerf/seed0 --format html
+      one page that draws the scene in any browser with WebGL2; needs nothing else";
 
 const WEIGHTS_EXAMPLES: &str = "\
 Examples:
@@ -500,6 +506,8 @@ pub(crate) enum FormatName {
     Npz,
     /// Training and test cameras as transforms.json, read by nerfstudio, instant-ngp, Brush beside the images.
     Cameras,
+    /// A page that draws the field as it is: orbit, depth, normals, training cameras; read by browsers with WebGL2.
+    Html,
 }
 
 /// `90s`, `5m`, `1h`, `1500ms`, or seconds without a unit.

@@ -185,6 +185,8 @@ fn arguments() {
     exp(&["--seed", "one"]).assert_refused(&["--seed", "one"]);
     exp(&["--colour"]).assert_refused(&["--colour"]);
     place.run(&["render", "run", "--frames", "0"]).assert_refused(&["--frames"]);
+    place.run(&["export", "run", "--format", "film"]).assert_refused(&["--format", "film", "html"]);
+    place.run(&["view", "run", "--host", "everywhere"]).assert_refused(&["--host", "everywhere"]);
     place.run(&["improve"]).assert_refused(&["improve"]);
 }
 
@@ -242,6 +244,8 @@ fn folders_that_are_no_run() {
     for command in ["eval", "render"] {
         place.run(&[command, "nowhere"]).fails_with(&["nowhere", "config.toml"]);
     }
+    place.run(&["export", "nowhere", "--format", "html"]).fails_with(&["nowhere", "config.toml"]);
+    place.run(&["view", "nowhere"]).fails_with(&["nowhere"]);
     place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf"]).succeeds();
     let run = "runs/synthetic-4view/knot/nerf/seed0";
     place.run(&["eval", run, "--test", "some"]).fails_with(&["--test", "some"]);
@@ -251,6 +255,8 @@ fn folders_that_are_no_run() {
     place.run(&["eval", run, "--device", "vulkan"]).fails_with(&["not built in"]);
     fs::write(place.path("file"), "").unwrap();
     place.run(&["render", run, "--frames", "1", "--out", "file"]).fails_with(&["file"]);
+    place.run(&["export", run, "--format", "html", "--out", "file/below"]).fails_with(&["file/below"]);
+    place.run(&["view", "file"]).fails_with(&["file", "folder"]);
 
     let model = place.path(run).join("checkpoint/model.bpk");
     let whole = fs::read(&model).unwrap();

@@ -94,6 +94,7 @@ fn an_experiment_leaves_everything_behind() {
         let config: toml::Table = fs::read_to_string(run.join("config.toml")).unwrap().parse().unwrap();
         assert_eq!(config["config"]["train"]["iterations"].as_integer(), Some(3));
         assert_eq!(events(&run).len(), 3);
+        assert!(fs::read_to_string(run.join("viewer.html")).unwrap().contains(&format!("knot/{variant}/seed0")));
         for kind in ["test", "depth"] {
             assert_eq!(files(&run.join(kind)), BTreeSet::from(["000.png".to_owned(), "001.png".to_owned()]));
             let picture = image::open(run.join(kind).join("000.png")).unwrap();
@@ -104,6 +105,7 @@ fn an_experiment_leaves_everything_behind() {
     assert!(report.contains("infonerf") && report.contains("PSNR"), "{report}");
     let html = fs::read_to_string(experiment.join("report.html")).unwrap();
     assert!(html.contains("data:image/png;base64,") && html.contains("<svg"));
+    assert!(html.contains("src=\"knot/infonerf%2B/seed0/viewer.html\""));
     for outside in ["src=\"http", "href=\"http", "<script src", "@import"] {
         assert!(!html.contains(outside), "the report needs {outside}");
     }
@@ -273,6 +275,10 @@ fn evaluating_and_rendering_a_run() {
     assert_eq!((frame.width(), frame.height()), (12, 12));
     let animation = fs::read(place.path("orbit/orbit.gif")).unwrap();
     assert!(animation.starts_with(b"GIF89a"));
+
+    let said = text(&place.run(&["export", run, "--format", "html", "--out", "crane.html"]).succeeds().stdout);
+    assert!(said.contains("MB: crane.html"), "{said}");
+    assert!(fs::read_to_string(place.path("crane.html")).unwrap().contains("<title>crane/infonerf/seed0</title>"));
 }
 
 #[test]
@@ -402,7 +408,7 @@ fn the_presets_of_the_paper_run() {
 fn help_can_be_learned_from() {
     let place = Workplace::new();
     let help = text(&place.run(&["--help"]).succeeds().stdout);
-    for command in ["exp", "eval", "render", "export", "scene", "list"] {
+    for command in ["exp", "eval", "render", "export", "view", "scene", "list"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command}: {help}");
     }
     let help = text(&place.run(&["exp", "--help"]).succeeds().stdout);

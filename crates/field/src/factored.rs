@@ -129,6 +129,33 @@ impl FactoredField {
         }
     }
 
+    /// Planes and lines, `[layout.table_len()]`: see [`Self::layout`].
+    pub fn tables(&self) -> Tensor<1> {
+        self.tables.val()
+    }
+
+    /// The MLP, `[layout.weight_len()]`: see [`Self::layout`].
+    pub fn weights(&self) -> Tensor<1> {
+        self.weights.val()
+    }
+
+    /// Where the parameters lie in [`Self::tables`] and [`Self::weights`], and what becomes of them.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Corners of the box that the tables lie over.
+    pub fn bounds(&self) -> [[f32; 3]; 2] {
+        self.bounds
+    }
+
+    /// The weights of the frequencies and of the levels at a moment of the run: 0 for what has not faded in yet.
+    pub fn detail(&self, at: Moment) -> (Vec<f32>, Vec<f32>) {
+        let detail = self.config.detail.at(at);
+        let levels = part_weights(self.layout.levels.len(), 1.0, detail);
+        (part_weights(self.config.frequencies, 2.0, detail), levels)
+    }
+
     /// Positions in [0, 1]³ over the box. Beyond the box the border goes on.
     fn normalised(&self, positions: &[f32]) -> Arc<[f32]> {
         let [low, high] = self.bounds;
@@ -146,13 +173,13 @@ impl FactoredField {
 impl Field for FactoredField {
     fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
         let samples = points.len();
-        let detail = self.config.detail.at(at);
+        let (frequency_weights, level_weights) = self.detail(at);
         let wants_directions = color && self.config.view_dependent;
         let query = Query {
             positions: self.normalised(points.positions),
             directions: if wants_directions { points.sample_directions().into() } else { Arc::new([]) },
-            frequency_weights: part_weights(self.config.frequencies, 2.0, detail),
-            level_weights: part_weights(self.layout.levels.len(), 1.0, detail),
+            frequency_weights,
+            level_weights,
             color,
         };
         let out = factored_field(self.tables.val(), self.weights.val(), &self.layout, query);

@@ -160,6 +160,16 @@ impl OccupancyGrid {
         self.cell(p).is_none_or(|cell| self.occupied[cell])
     }
 
+    /// Cells along each axis.
+    pub fn resolution(&self) -> usize {
+        self.config.resolution
+    }
+
+    /// The box that is divided into cells.
+    pub fn bounds(&self) -> Aabb {
+        self.bounds
+    }
+
     /// A box that holds every occupied cell: outside it, but inside the grid's bounds, there is nothing.
     pub fn tight_bounds(&self) -> Aabb {
         self.tight
@@ -205,7 +215,7 @@ impl OccupancyGrid {
         self.occupied.iter().filter(|&&occupied| occupied).count() as f64 / self.occupied.len() as f64
     }
 
-    /// What a checkpoint has to keep: density and occupancy of each cell.
+    /// What a checkpoint has to keep: density and occupancy of each cell, x fastest.
     pub fn state(&self) -> (&[f32], &[bool]) {
         (&self.density, &self.occupied)
     }

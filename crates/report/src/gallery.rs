@@ -9,7 +9,7 @@ use std::{
 
 use image::{ImageFormat, imageops::FilterType};
 
-use crate::Run;
+use crate::{Run, run::VIEWER_PAGE};
 
 /// Pictures wider or higher than this are scaled down before they go into the page.
 const LARGEST_SIDE: u32 = 512;
@@ -19,6 +19,8 @@ pub(crate) struct Gallery<'a> {
     /// The runs shown, one a variant.
     pub(crate) runs: Vec<&'a Run>,
     pub(crate) views: Vec<View>,
+    /// The page of each run that shows its scene in 3D, relative to the report, where there is one.
+    pub(crate) viewers: Vec<Option<String>>,
 }
 
 /// One test view: the truth, and what each run made of it.
@@ -85,7 +87,12 @@ impl<'a> Gallery<'a> {
             let shots = shots.collect();
             views.push(View { name, truth, shots });
         }
-        Self { runs, views }
+        let viewer = |run: &&Run| {
+            let path = run.directory.join(VIEWER_PAGE);
+            root.join(&path).is_file().then(|| slashed(&path))
+        };
+        let viewers = runs.iter().map(viewer).collect();
+        Self { runs, views, viewers }
     }
 }
 

@@ -66,7 +66,7 @@ pub use quantity::Quantity;
 pub use record::{Record, TestViews};
 pub use report::{ReportFiles, ReportInput, write_report};
 pub use results::{Results, results_document};
-pub use run::{Run, RunKey, run_directory};
+pub use run::{Run, RunKey, VIEWER_PAGE, run_directory};
 pub use schema::RESULTS_SCHEMA;
 pub use store::{read_records, save_own_record, save_record, write_records};
 pub use table::{Cell, Column, Emphasis, Row, Table, overview_table, scene_table};

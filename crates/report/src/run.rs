@@ -29,6 +29,9 @@ impl From<&Record> for RunKey {
     }
 }
 
+/// The page in a run's folder that shows its scene in 3D, if the run left one: reports open it in place.
+pub const VIEWER_PAGE: &str = "viewer.html";
+
 /// A run in a report: its record, and where its pictures and events lie.
 ///
 /// The folder holds `test/NNN.png` (renders), `truth/NNN.png`, `depth/NNN.png`, `error/NNN.png` and `metrics.jsonl`,

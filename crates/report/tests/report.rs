@@ -9,6 +9,7 @@ use image::{Rgb, RgbImage};
 use infonerf_metrics::{METRICS, Summary, Values};
 use infonerf_report::{
     Claim, Comparison, Figure, Published, PublishedRow, Quantity, Record, Relation, ReportInput, Side, TestViews,
+    VIEWER_PAGE,
     chart::{Axis, Frame, Series, heat_map, power_law_chart, scatter_chart},
     depth_image, error_image, read_records, run_directory, save_record, write_report,
 };
@@ -179,6 +180,19 @@ fn the_page_holds_everything_and_links_nothing() {
     }
     let expected = "knot/nerf/seed0/metrics.jsonl: 1 lines were not understood";
     assert!(files.missing.iter().any(|line| line == expected), "{:?}", files.missing);
+}
+
+#[test]
+fn a_page_in_3d_is_opened_in_place() {
+    let root = tempfile::tempdir().unwrap();
+    let records = example(root.path());
+    fs::write(folder(root.path(), &records[0]).join(VIEWER_PAGE), "<!doctype html>").unwrap();
+    let files = write_report(&ReportInput::new("synthetic-4view", "Report", records), root.path()).unwrap();
+    let html = fs::read_to_string(&files.html).unwrap();
+    let pages: Vec<&str> = html.split("<iframe loading=\"lazy\"").skip(1).collect();
+    assert_eq!(pages.len(), 1, "of the runs shown only one has a page");
+    let path = pages[0].split_once("src=\"").unwrap().1.split('"').next().unwrap();
+    assert!(root.path().join(path).is_file(), "{path}");
 }
 
 #[test]

@@ -1,9 +1,13 @@
+use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use infonerf_experiment::sweep::Sweep;
-use infonerf_experiment::{Experiment, Finished, Resume, RunEvent, RunPlan, Session, total_progress};
-use infonerf_report::{Quantity, Record, ReportInput, overview_table, protocol_lines, save_record, write_report};
+use infonerf_experiment::{Experiment, Finished, Resume, RunEvent, RunPlan, Session, Trained, total_progress};
+use infonerf_report::{
+    Quantity, Record, ReportInput, VIEWER_PAGE, overview_table, protocol_lines, save_record, write_atomically,
+    write_report,
+};
 use infonerf_train::{Phase, Trainer};
 use serde_json::json;
 
@@ -70,6 +74,9 @@ fn here(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
                 if args.profile && output == Output::Text {
                     print_profile(&trainers);
                 }
+                if infonerf_view::holds(&plan.config.field) {
+                    write_viewer(plan, trainers, &folder)?;
+                }
                 records = save_record(&folder, &record)?;
             }
             Finished::Kept(record) => {
@@ -117,6 +124,16 @@ fn watched(session: &Session, plan: &RunPlan, label: &str, output: Output) -> Re
         }
         interrupt::control()
     })
+}
+
+/// Leaves the page that shows a run's scene beside the run, for the report to open.
+fn write_viewer(plan: &RunPlan, trainers: Vec<Trainer>, experiment: &Path) -> Result<()> {
+    let run = Trained { plan: plan.clone(), trainers, warnings: Vec::new() };
+    match infonerf_view::page(&run) {
+        Ok(page) => write_atomically(&experiment.join(plan.directory()).join(VIEWER_PAGE), page.as_bytes())?,
+        Err(error) => eprintln!("warning: {}: no page in 3D: {error:#}", plan.label()),
+    }
+    Ok(())
 }
 
 fn same(plan: &RunPlan, record: &Record) -> bool {

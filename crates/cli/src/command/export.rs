@@ -11,7 +11,7 @@ use infonerf_export::{
     ply_splats, splat_picture,
 };
 use infonerf_metrics::{Picture, psnr};
-use infonerf_report::write_atomically;
+use infonerf_report::{VIEWER_PAGE, write_atomically};
 use infonerf_scene::{Scene, SceneSource, procedural, transforms};
 
 use crate::args::{ExportArgs, FormatName};
@@ -27,7 +27,7 @@ const TEST_VIEWS: usize = 8;
 pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
     let plan = RunPlan::of_run(&args.run)?;
     let source = plan.source.clone();
-    let out = args.out.clone().unwrap_or_else(|| args.run.join("export").join(default_name(args.format)));
+    let out = args.out.clone().unwrap_or_else(|| args.run.join(default_name(args.format)));
     prepare(&out)?;
     let Exported { bytes, summary, surface } = match args.format {
         FormatName::Ply => Sampled::read(plan, args)?.mesh(|mesh, _| Ok(ply_mesh(mesh)))?,
@@ -37,6 +37,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
         FormatName::Points => Sampled::read(plan, args)?.points()?,
         FormatName::Npz => Sampled::read(plan, args)?.voxels()?,
         FormatName::Cameras => cameras(&plan)?,
+        FormatName::Html => page(plan, args)?,
     };
     write_atomically(&out, &bytes)?;
     println!("{}: {summary}, {:.1} MB", out.display(), bytes.len() as f64 / 1e6);
@@ -70,13 +71,14 @@ struct Exported {
 /// What an export is called in a run's folder.
 fn default_name(format: FormatName) -> &'static str {
     match format {
-        FormatName::Ply => "mesh.ply",
-        FormatName::Obj => "mesh.obj",
-        FormatName::Glb => "mesh.glb",
-        FormatName::Splat => "splat.ply",
-        FormatName::Points => "points.ply",
-        FormatName::Npz => "grid.npz",
-        FormatName::Cameras => "transforms.json",
+        FormatName::Ply => "export/mesh.ply",
+        FormatName::Obj => "export/mesh.obj",
+        FormatName::Glb => "export/mesh.glb",
+        FormatName::Splat => "export/splat.ply",
+        FormatName::Points => "export/points.ply",
+        FormatName::Npz => "export/grid.npz",
+        FormatName::Cameras => "export/transforms.json",
+        FormatName::Html => VIEWER_PAGE,
     }
 }
 
@@ -97,6 +99,21 @@ fn cameras(plan: &RunPlan) -> Result<Exported> {
     Ok(Exported { bytes, summary, surface: None })
 }
 
+fn page(plan: RunPlan, args: &ExportArgs) -> Result<Exported> {
+    let trained = read(plan, args)?;
+    let page = infonerf_view::page(&trained).with_context(|| args.run.join("config.toml").display().to_string())?;
+    Ok(Exported { bytes: page.into_bytes(), summary: "a page that draws the scene".to_owned(), surface: None })
+}
+
+/// The fields of a run.
+fn read(plan: RunPlan, args: &ExportArgs) -> Result<Trained> {
+    let trained = Trained::read(plan, &args.run, &open_device(args.device.device)?)?;
+    for warning in &trained.warnings {
+        eprintln!("warning: {warning}");
+    }
+    Ok(trained)
+}
+
 /// The fields of a run and their densities.
 struct Sampled {
     trained: Trained,
@@ -106,10 +123,7 @@ struct Sampled {
 
 impl Sampled {
     fn read(plan: RunPlan, args: &ExportArgs) -> Result<Self> {
-        let trained = Trained::read(plan, &args.run, &open_device(args.device.device)?)?;
-        for warning in &trained.warnings {
-            eprintln!("warning: {warning}");
-        }
+        let trained = read(plan, args)?;
         let volume = trained.volume();
         let grid = Grid::sample(&volume, args.resolution as usize)?;
         Ok(Self { trained, volume, grid })

@@ -14,6 +14,7 @@ pub(crate) mod reproduce;
 mod scene;
 pub(crate) mod sweep;
 pub(crate) mod tensorboard;
+pub(crate) mod view;
 mod weights;
 
 use std::process::ExitCode;
@@ -40,6 +41,7 @@ pub(crate) fn run(command: Command) -> Result<ExitCode> {
         Command::Weights(args) => weights::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Export(args) => export::run(&args),
+        Command::View(args) => view::run(&args),
         Command::Scene(command) => scene::run(&command),
         Command::List => {
             for (name, title) in infonerf_experiment::list()? {

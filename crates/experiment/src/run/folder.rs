@@ -7,6 +7,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use infonerf_report::VIEWER_PAGE;
 
 /// Folders that a run leaves.
 const FOLDERS: [&str; 9] =
@@ -22,7 +23,7 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
     }
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
         let name = entry.file_name().to_string_lossy().into_owned();
-        if name.starts_with("record-") || name == "metrics.jsonl" {
+        if name.starts_with("record-") || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str()) {
             fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;
         } else if name.starts_with("member") && entry.path().is_dir() {
             fs::remove_dir_all(entry.path()).with_context(|| entry.path().display().to_string())?;

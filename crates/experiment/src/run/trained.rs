@@ -26,6 +26,14 @@ impl Trained {
     /// If it has no checkpoint, or its scene cannot be read.
     pub fn read(plan: RunPlan, folder: &Path, device: &OpenDevice) -> Result<Self> {
         let scene = Arc::new(plan.load()?);
+        Self::on_scene(plan, scene, folder, device)
+    }
+
+    /// The same with the plan's scene already loaded, as where checkpoints are read again while a run goes on.
+    ///
+    /// # Errors
+    /// If it has no checkpoint.
+    pub fn on_scene(plan: RunPlan, scene: Arc<Scene>, folder: &Path, device: &OpenDevice) -> Result<Self> {
         let plan = RunPlan { config: plan.config.without_weight_files(), ..plan };
         let (mut trainers, mut warnings) = (Vec::new(), Vec::new());
         for member in 0..plan.members() {

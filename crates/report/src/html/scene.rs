@@ -7,7 +7,7 @@ use crate::{
     colormap::{to_bytes, turbo, viridis},
     gallery::{KINDS, Kind, Picture, Shots, View},
     report::Scene,
-    text::escape_html,
+    text::{escape_html, escape_url},
 };
 
 /// Id of the section of the scene at `index`.
@@ -22,11 +22,25 @@ pub(super) fn section((index, scene): (usize, &Scene)) -> String {
         [first, more @ ..] => grid(first) + &legend(scene) + &folded(more, grid),
     };
     format!(
-        "<section id=\"{}\">\n<h2>{}</h2>\n{gallery}{}</section>\n",
+        "<section id=\"{}\">\n<h2>{}</h2>\n{gallery}{}{}</section>\n",
         anchor(index),
         escape_html(&scene.name),
+        viewers(scene),
         super::figures(&scene.figures),
     )
+}
+
+/// The runs' pages in 3D, each behind a line: a browser loads a page once its line is opened.
+fn viewers(scene: &Scene) -> String {
+    let viewer = |(label, path): (&String, &Option<String>)| {
+        let (label, path) = (escape_html(label), path.as_ref()?);
+        Some(format!(
+            "<details class=\"viewer\"><summary>In 3D: {label}</summary>\n\
+             <iframe loading=\"lazy\" title=\"{label} in 3D\" src=\"{}\"></iframe>\n</details>\n",
+            escape_url(path)
+        ))
+    };
+    scene.labels.iter().zip(&scene.gallery.viewers).filter_map(viewer).collect()
 }
 
 /// One view with what its colours mean, for a page of several experiments; nothing without pictures.

@@ -1,0 +1,49 @@
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Result;
+use clap::Args;
+use infonerf_view::Server;
+
+use crate::args::DeviceArgs;
+use crate::terminal::open_device;
+
+pub(crate) const VIEW_EXAMPLES: &str = "\
+Examples:
+  infonerf view runs
+      all runs below a folder, at http://127.0.0.1:7007/; those that train are followed
+  infonerf view runs/synthetic-4view/castle/infonerf/seed0 --open
+      one run, in the browser
+  ssh -L 7007:127.0.0.1:7007 HOST infonerf view runs
+      runs of another machine, at the same address on this one";
+
+#[derive(Debug, Args)]
+pub(crate) struct ViewArgs {
+    /// Folder of a run, or one that holds runs.
+    dir: PathBuf,
+    /// Port to listen on; 0 for any that is free.
+    #[arg(long, default_value_t = 7007)]
+    port: u16,
+    /// Address to listen on. With another one than this machine's own, everybody who reaches it can look at the runs.
+    #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
+    host: IpAddr,
+    /// Open the page in the browser.
+    #[arg(long)]
+    open: bool,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+pub(crate) fn run(args: &ViewArgs) -> Result<ExitCode> {
+    let device = open_device(args.device.device)?;
+    let server = Server::start(&args.dir, SocketAddr::new(args.host, args.port), device)?;
+    println!("{} shows {} (Ctrl-C ends)", server.url(), args.dir.display());
+    if args.open
+        && let Err(error) = open::that(server.url())
+    {
+        eprintln!("warning: --open: no browser could be started: {error}");
+    }
+    server.wait()?;
+    Ok(ExitCode::SUCCESS)
+}

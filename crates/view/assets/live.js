@@ -1,0 +1,103 @@
+const root = document.querySelector('.stage'), panel = document.querySelector('.panel');
+const shown = { run: null, stamp: null, scene: null, listed: '' };
+let stage = null;
+
+async function ask(path, query = {}) {
+  const answer = await fetch(`${path}?${new URLSearchParams(query)}`);
+  if (!answer.ok) throw new Error(await answer.text());
+  return answer.json();
+}
+
+/** What the camera depends on: scenes that agree in it are looked at from the same place. */
+const place = (scene) => JSON.stringify([scene.centre, scene.up, scene.radius]);
+
+async function showField(run, stamp) {
+  const keep = shown.scene;
+  [shown.run, shown.stamp] = [run, stamp];
+  root.querySelector('h1').textContent = run;
+  try {
+    stage ??= new Stage(root);
+    const scene = await ask('field', { run });
+    if (shown.run !== run) return;
+    await stage.load(scene, keep !== null && place(keep) === place(scene));
+    shown.scene = scene;
+  } catch (error) {
+    if (shown.run === run) showFallback(root, error, null);
+  }
+}
+
+/** A curve between its least and greatest number, the logarithm of it if asked for. */
+function curve(name, points, index, logarithmic, unit) {
+  const values = points.filter((point) => point[index] !== null && (!logarithmic || point[index] > 0));
+  const of = (point) => (logarithmic ? Math.log(point[index]) : point[index]);
+  const low = Math.min(...values.map(of)), high = Math.max(...values.map(of)), last = values.at(-1);
+  const x = (point) => (100 * point[0]) / (last[0] || 1), y = (point) => 97 - (94 * (of(point) - low)) / (high - low || 1);
+  panel.querySelector(`svg.${name} polyline`).setAttribute('points', values.map((point) => `${x(point)},${y(point)}`).join(' '));
+  const title = panel.querySelector(`h2.${name}`);
+  title.dataset.title ??= title.textContent;
+  title.textContent = last ? `${title.dataset.title}: ${last[index].toPrecision(4)}${unit} at step ${last[0]}` : title.dataset.title;
+}
+
+async function showProgress(run) {
+  const { points, views } = await ask('progress', { run });
+  if (shown.run !== run) return;
+  curve('loss', points, 1, true, '');
+  curve('psnr', points, 2, false, ' dB');
+  const select = panel.querySelector('select'), before = select.value;
+  panel.querySelector('.views').hidden = views.length === 0;
+  select.replaceChildren(...views.map((name) => new Option(`view ${name}`, name, false, name === before)));
+  showView(run);
+}
+
+function showView(run) {
+  const name = panel.querySelector('select').value;
+  if (!name) return;
+  for (const [selector, kind] of [['.render', 'test'], ['.truth', 'truth']])
+    panel.querySelector(selector).src = `picture?${new URLSearchParams({ run, kind, name })}`;
+}
+
+function listRuns(runs) {
+  const listed = JSON.stringify([runs, shown.run]);
+  if (listed === shown.listed) return;
+  shown.listed = listed;
+  const none = Object.assign(document.createElement('small'), { textContent: 'None yet.' });
+  document.querySelector('.runs').replaceChildren(...(runs.length > 0 ? [] : [none]), ...runs.map(({ run, name, state, stamp }) => {
+    const button = document.createElement('button'), small = document.createElement('small');
+    button.type = 'button';
+    button.textContent = name;
+    button.setAttribute('aria-current', run === shown.run);
+    small.textContent = state;
+    button.append(small);
+    button.addEventListener('click', () => choose(run, stamp));
+    return button;
+  }));
+}
+
+function choose(run, stamp) {
+  showField(run, stamp);
+  showProgress(run).catch(() => {});
+  follow();
+}
+
+/** Asks what is new every two seconds while somebody looks. */
+async function follow() {
+  if (document.hidden) return;
+  try {
+    const runs = await ask('runs');
+    const current = runs.find(({ run }) => run === shown.run);
+    listRuns(runs);
+    if (!current && runs.length > 0 && shown.run === null) return choose(runs[0].run, runs[0].stamp);
+    if (current && current.stamp !== shown.stamp) showField(current.run, current.stamp);
+    if (current && (current.state !== shown.state || current.state === 'training')) showProgress(current.run).catch(() => {});
+    shown.state = current?.state;
+  } catch {
+    // The server is gone, or busy: it is asked again.
+  }
+}
+
+panel.querySelector('select').addEventListener('change', () => showView(shown.run));
+panel.querySelector('input').addEventListener('input', (event) =>
+  panel.querySelector('.compare').style.setProperty('--at', `${event.target.value}%`));
+setInterval(follow, 2000);
+document.addEventListener('visibilitychange', follow);
+follow();

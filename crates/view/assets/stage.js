@@ -1,0 +1,106 @@
+/** The canvas with everything about it: controls, photographs, and what is shown where a browser cannot draw. */
+class Stage {
+  constructor(root) {
+    this.root = root;
+    this.canvas = this.find('canvas');
+    this.viewer = new Viewer(this.canvas);
+    this.listen();
+  }
+
+  find(selector) {
+    return this.root.querySelector(selector);
+  }
+
+  async load(scene, keepCamera) {
+    await this.viewer.load(scene, keepCamera);
+    this.find('h1').textContent = scene.title;
+    this.find('.note').textContent = scene.note;
+    this.find('.poster')?.remove();
+    this.find('.message').hidden = true;
+    this.canvas.hidden = false;
+    for (const selector of ['.tools', '.help', '.strip']) this.find(selector).hidden = false;
+    showPhotographs(this.root, scene, (index) => this.viewer.goTo(index));
+  }
+
+  listen() {
+    const { viewer, canvas } = this, pointers = new Map();
+    this.find('.modes').replaceChildren(...MODES.map((name, i) => {
+      const label = document.createElement('label'), input = document.createElement('input');
+      Object.assign(input, { type: 'radio', name: 'mode', value: name, checked: i === 0 });
+      input.addEventListener('change', () => viewer.setMode(name));
+      label.append(input, ` ${name}`);
+      return label;
+    }));
+    this.find('.frusta').addEventListener('change', (event) => {
+      viewer.overlay.on = event.target.checked;
+      viewer.changed();
+    });
+    this.find('.reset').addEventListener('click', () => viewer.goTo(0));
+    canvas.addEventListener('contextmenu', (event) => event.preventDefault());
+    canvas.addEventListener('pointerdown', (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      pointers.set(event.pointerId, event);
+    });
+    for (const name of ['pointerup', 'pointercancel']) canvas.addEventListener(name, (event) => pointers.delete(event.pointerId));
+    canvas.addEventListener('pointermove', (event) => {
+      const last = pointers.get(event.pointerId);
+      if (!last || !viewer.scene) return;
+      const others = [...pointers.values()].filter((other) => other.pointerId !== event.pointerId);
+      const [x, y] = [event.clientX - last.clientX, event.clientY - last.clientY];
+      const size = [canvas.clientWidth, canvas.clientHeight];
+      if (others.length > 0) {
+        const span = (pointer) => Math.hypot(pointer.clientX - others[0].clientX, pointer.clientY - others[0].clientY);
+        viewer.camera.pan(x / 2, y / 2, ...size);
+        viewer.camera.zoom(span(last) / Math.max(1, span(event)));
+      } else if (event.buttons & 2 || event.buttons & 4 || event.shiftKey) {
+        viewer.camera.pan(x, y, ...size);
+      } else {
+        const angle = Math.PI / Math.min(...size);
+        viewer.camera.orbit(x * angle, y * angle);
+      }
+      pointers.set(event.pointerId, event);
+      viewer.changed();
+    });
+    canvas.addEventListener('wheel', (event) => {
+      event.preventDefault();
+      if (!viewer.scene) return;
+      viewer.camera.zoom(Math.exp(Math.max(-100, Math.min(100, event.deltaY)) * 0.002));
+      viewer.changed();
+    }, { passive: false });
+    canvas.addEventListener('keydown', (event) => {
+      const step = 0.1, keys = {
+        ArrowLeft: () => viewer.camera.orbit(-step, 0), ArrowRight: () => viewer.camera.orbit(step, 0),
+        ArrowUp: () => viewer.camera.orbit(0, -step), ArrowDown: () => viewer.camera.orbit(0, step),
+        '+': () => viewer.camera.zoom(0.9), '-': () => viewer.camera.zoom(1.1),
+      };
+      if (!keys[event.key] || !viewer.scene) return;
+      event.preventDefault();
+      keys[event.key]();
+      viewer.changed();
+    });
+  }
+}
+
+function showPhotographs(root, scene, chosen) {
+  root.querySelector('.strip').replaceChildren(...scene.cameras.map((camera, index) => {
+    const button = document.createElement('button'), image = document.createElement('img');
+    Object.assign(image, { src: camera.photograph, alt: `photograph ${camera.name}` });
+    Object.assign(button, { type: 'button', title: camera.name });
+    button.append(image);
+    button.addEventListener('click', () => chosen(index));
+    return button;
+  }));
+}
+
+/** Says why there is nothing to turn, and shows the pictures instead. */
+function showFallback(root, error, scene) {
+  const message = root.querySelector('.message');
+  message.textContent = error instanceof CannotDraw ? error.message : `The scene cannot be drawn: ${error.message}`;
+  message.hidden = false;
+  root.querySelector('canvas').hidden = true;
+  if (!scene) return;
+  root.querySelector('h1').textContent = scene.title;
+  root.querySelector('.note').textContent = scene.note;
+  root.querySelector('.strip').hidden = false;
+  showPhotographs(root, scene, () => {});
+}

@@ -1,0 +1,57 @@
+//! The scene in a browser.
+//!
+//! ```text
+//! run ─► field ─► 8-bit tables, MLP, occupancy grid ─► shader ─► one page, or a server on this machine
+//! ```
+//!
+//! A factored field ([`infonerf_ops::factored`]) is so small that a browser can evaluate it as it is: planes and lines go
+//! into textures of 8 bits with a scale and an offset per channel, the MLP into a block of uniforms, and one WebGL2
+//! fragment shader marches along rays as [`infonerf_render::render_image`] does, under the same [`Warp`]. Beside the
+//! tables' rounding (half of 1/255 of each channel's range), what differs is that nothing is taken to be hidden by the
+//! densities that the occupancy grid remembers (`render.hidden_depth`); samples behind the transmittance at which pictures
+//! stop are left out in both.
+//!
+//! - [`page`]: a run's field as one HTML file that needs nothing else.
+//! - [`Server`]: the same for all runs in a folder, with curves and test views, following runs while they train.
+//!
+//! ```no_run
+//! use infonerf_experiment::{DeviceName, RunPlan, Trained, open};
+//!
+//! let folder = std::path::Path::new("runs/synthetic-4view/crane/infonerf+/seed0");
+//! let run = Trained::read(RunPlan::of_run(folder)?, folder, &open(DeviceName::Auto)?)?;
+//! std::fs::write("crane.html", infonerf_view::page(&run)?)?;
+//! # Ok::<(), anyhow::Error>(())
+//! ```
+//!
+//! [`Warp`]: infonerf_render::Warp
+
+#[cfg(test)]
+mod decode;
+mod network;
+mod package;
+mod page;
+mod photographs;
+mod server;
+mod shader;
+mod tables;
+
+pub use server::Server;
+
+use anyhow::Result;
+use infonerf_experiment::Trained;
+use infonerf_field::FieldConfig;
+
+/// Whether a page can hold fields of this kind.
+pub fn holds(field: &FieldConfig) -> bool {
+    matches!(field, FieldConfig::Factored(_))
+}
+
+/// The run's field as a page, whole in itself: orbit, pan and zoom, depth and normals, and the training cameras with their
+/// photographs. Of several fields it is the first, and the page says so.
+///
+/// # Errors
+/// If the run's field is not one that a page can hold.
+pub fn page(run: &Trained) -> Result<String> {
+    let trained = run.trainers[0].trained();
+    Ok(page::of_package(&package::of_run(run, &trained)?, &package::poster(run, &trained)?))
+}

@@ -1,0 +1,61 @@
+//! Pages: HTML with style, script and data inside.
+
+use serde_json::Value;
+
+const PAGE: &str = include_str!("../assets/page.html");
+const LIVE: &str = include_str!("../assets/live.html");
+const STAGE: &str = include_str!("../assets/stage.html");
+const STYLE: &str = include_str!("../assets/style.css");
+const VIEWER: &str = concat!(
+    include_str!("../assets/camera.js"),
+    include_str!("../assets/viewer.js"),
+    include_str!("../assets/overlay.js"),
+    include_str!("../assets/stage.js")
+);
+const LIVE_SCRIPT: &str = include_str!("../assets/live.js");
+
+/// A page of one field, whole in itself. `poster` is a picture for browsers that cannot draw the field.
+pub(crate) fn of_package(package: &Value, poster: &str) -> String {
+    let title = package["title"].as_str().unwrap_or_default();
+    // Within a script only a closing tag would end it.
+    let data = package.to_string().replace("</", "<\\/");
+    let poster = format!("<img class=\"poster\" alt=\"A view of the scene\" src=\"{poster}\">");
+    let stage = STAGE.replace("{{poster}}", &poster);
+    PAGE.replace("{{style}}", STYLE)
+        .replace("{{script}}", VIEWER)
+        .replace("{{stage}}", &stage)
+        .replace("{{title}}", &escaped(title))
+        .replace("{{data}}", &data)
+}
+
+/// The page of the server, which asks for everything else.
+pub(crate) fn live() -> String {
+    let stage = STAGE.replace("  {{poster}}\n", "");
+    LIVE.replace("{{style}}", STYLE)
+        .replace("{{script}}", &format!("{VIEWER}{LIVE_SCRIPT}"))
+        .replace("{{stage}}", &stage)
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn pages_are_whole_and_need_nothing_else() {
+        let package = json!({ "title": "<b>", "note": "</script>" });
+        for page in [of_package(&package, "data:image/jpeg;base64,AAAA"), live()] {
+            assert!(!page.contains("{{") && !page.contains("http"), "{page}");
+            let loaded = page.split("src=\"").skip(1).filter(|rest| !rest.starts_with("data:"));
+            assert_eq!(loaded.count(), 0);
+        }
+        let page = of_package(&package, "data:,");
+        assert!(page.contains("<title>&lt;b&gt;</title>") && page.contains("<\\/script>"));
+        assert_eq!(page.matches("</script>").count(), 2);
+    }
+}

@@ -1,0 +1,57 @@
+//! Planes and lines as 8-bit textures.
+
+/// A table `[texels, channels]` as textures of four channels with 8 bits each; a last texture is filled up with zeros.
+///
+/// A channel's number is `low + range · byte/255`, off by at most half of `range/255`.
+pub(crate) struct Quantised {
+    /// `[texels, 4]` each.
+    pub(crate) textures: Vec<Vec<u8>>,
+    /// The least number of each channel.
+    pub(crate) low: Vec<f32>,
+    /// The greatest number of each channel less the least, or 1 where they are the same.
+    pub(crate) range: Vec<f32>,
+}
+
+/// Textures that `channels` need.
+pub(crate) fn groups(channels: usize) -> usize {
+    channels.div_ceil(4)
+}
+
+/// Quantises `table`, `[texels, channels]` row-major.
+pub(crate) fn quantise(table: &[f32], channels: usize) -> Quantised {
+    let of_channel = |k: usize| table.iter().skip(k).step_by(channels).copied();
+    let low: Vec<f32> = (0..channels).map(|k| of_channel(k).fold(f32::INFINITY, f32::min)).collect();
+    let high = (0..channels).map(|k| of_channel(k).fold(f32::NEG_INFINITY, f32::max));
+    let range: Vec<f32> = high.zip(&low).map(|(high, low)| if high > *low { high - low } else { 1.0 }).collect();
+    let byte = |value: f32, k: usize| ((value - low[k]) / range[k] * 255.0).round() as u8;
+    let texture = |group: usize| {
+        let texel = |row: &[f32]| [0, 1, 2, 3].map(|k| row.get(4 * group + k).map_or(0, |&v| byte(v, 4 * group + k)));
+        table.chunks_exact(channels).flat_map(texel).collect()
+    };
+    Quantised { textures: (0..groups(channels)).map(texture).collect(), low, range }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_come_back_within_half_a_step() {
+        // Channels of very different ranges, one of them constant, and a texture that is not full.
+        let channels = 6;
+        let value = |texel: usize, k: usize| match k {
+            0 => 3.0,
+            k => (texel as f32 * 0.37 + k as f32).sin() * 10f32.powi(k as i32 - 3),
+        };
+        let table: Vec<f32> = (0..100).flat_map(|texel| (0..channels).map(move |k| value(texel, k))).collect();
+        let quantised = quantise(&table, channels);
+        assert_eq!(quantised.textures.iter().map(Vec::len).collect::<Vec<_>>(), [400, 400]);
+        for (index, number) in table.iter().enumerate() {
+            let (texel, k) = (index / channels, index % channels);
+            let byte = quantised.textures[k / 4][4 * texel + k % 4];
+            let back = quantised.low[k] + quantised.range[k] * f32::from(byte) / 255.0;
+            assert!((back - number).abs() <= 0.501 / 255.0 * quantised.range[k], "{k}: {back} for {number}");
+        }
+        assert!((quantised.range[2] / 0.2 - 1.0).abs() < 0.01);
+    }
+}

@@ -1,0 +1,99 @@
+//! Pages in headless Chromium. `just test-view` runs them; `cargo test` alone leaves them out, as they need a browser.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use base64::prelude::{BASE64_STANDARD, Engine};
+use common::{device, plan, read, train};
+use infonerf_experiment::Resume;
+use infonerf_render::render_image;
+use infonerf_view::{Server, page};
+
+const SIZE: u32 = 64;
+
+/// The document of a page as it is once its scripts have run.
+fn document(address: &str) -> String {
+    let chosen = std::env::var("CHROMIUM").ok();
+    let known = ["chromium", "chromium-browser", "google-chrome"];
+    let profile = tempfile::tempdir().unwrap();
+    for name in chosen.iter().map(String::as_str).chain(known) {
+        let output = Command::new(name)
+            .args(["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"])
+            .args(["--window-size=300,200", "--virtual-time-budget=20000", "--dump-dom"])
+            .arg(format!("--user-data-dir={}", profile.path().display()))
+            .arg(address)
+            .output();
+        if let Ok(output) = output {
+            return String::from_utf8_lossy(&output.stdout).into_owned();
+        }
+    }
+    panic!("no Chromium found: install it (Debian: apt-get install chromium) or set CHROMIUM to its path");
+}
+
+/// The value of an attribute in a document.
+fn attribute<'a>(document: &'a str, name: &str) -> Option<&'a str> {
+    document.split_once(&format!("{name}=\""))?.1.split_once('"').map(|(value, _)| value)
+}
+
+/// What a page draws of a camera, `[SIZE², 3]` bytes.
+fn pixels(page: &Path, query: &str) -> Vec<u8> {
+    let document = document(&format!("file://{}#{query}&size={SIZE}", page.display()));
+    let words = || document.split_once("class=\"message\"").map(|(_, rest)| rest.chars().take(300).collect::<String>());
+    let pixels = attribute(&document, "data-pixels").unwrap_or_else(|| panic!("no pixels: {:?}", words()));
+    let rgba = BASE64_STANDARD.decode(pixels).unwrap();
+    rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect()
+}
+
+fn psnr(a: &[u8], b: &[u8]) -> f64 {
+    assert_eq!(a.len(), b.len());
+    let squares = a.iter().zip(b).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2));
+    -10.0 * (squares.sum::<f64>() / a.len() as f64 / 255f64.powi(2)).log10()
+}
+
+#[test]
+#[ignore = "needs a browser: just test-view"]
+fn the_page_draws_what_the_program_renders() {
+    let out = tempfile::tempdir().unwrap();
+    let set = ["train.iterations=100", "scene.size=64", "eval.test=first-1"];
+    let folder = train(out.path(), &plan("infonerf+", &set), Resume::Never, None);
+    let run = read(&folder);
+    let file = folder.join("page.html");
+    fs::write(&file, page(&run).unwrap()).unwrap();
+    let length = fs::metadata(&file).unwrap().len();
+    assert!(length <= 1_000_000, "{length} bytes");
+    let models = run.models();
+    for view in [0, 2] {
+        let camera = run.scene().train[view].camera.resized(SIZE, SIZE);
+        let image = render_image(run.renderer(), &models, &camera);
+        let rendered = infonerf_metrics::to_rgb8(&image.rgb, SIZE, SIZE).unwrap();
+        let drawn = pixels(&file, &format!("camera={view}"));
+        let colour = psnr(&drawn, &rendered);
+        println!("camera {view}: {colour:.1} dB, page of {length} bytes");
+        assert!(colour > 35.0, "camera {view}: {colour} dB");
+        // Depth as the report shows it.
+        let (near, far) = (run.scene().near, run.scene().far);
+        let depth = infonerf_report::depth_image(&image.depth, &image.acc, SIZE, SIZE, near, far).unwrap();
+        let of_depth = psnr(&pixels(&file, &format!("camera={view}&mode=depth")), &depth);
+        println!("camera {view}: depth {of_depth:.1} dB");
+        assert!(of_depth > 25.0, "camera {view}: depth {of_depth} dB");
+        assert!(pixels(&file, &format!("camera={view}&mode=normals")) != drawn);
+    }
+}
+
+#[test]
+#[ignore = "needs a browser: just test-view"]
+fn the_live_page_shows_a_run() {
+    let out = tempfile::tempdir().unwrap();
+    train(out.path(), &plan("infonerf", common::TINY), Resume::Never, None);
+    let server = Server::start(out.path(), "127.0.0.1:0".parse().unwrap(), device()).unwrap();
+    let url = server.url();
+    std::thread::spawn(move || server.wait());
+    let document = document(&url);
+    for part in ["synthetic-4view/crane/infonerf/seed0", "<h1>crane/infonerf/seed0</h1>", "4 steps", "at step 4"] {
+        assert!(document.contains(part), "{part}: {document}");
+    }
+    assert_eq!(document.matches("alt=\"photograph ").count(), 4);
+}

@@ -1,0 +1,55 @@
+//! A small run that the tests look at.
+
+#![allow(dead_code, reason = "each test binary uses its own part")]
+
+use std::path::{Path, PathBuf};
+
+use infonerf_experiment::{
+    Control, DeviceName, Experiment, Finished, OpenDevice, Resume, RunEvent, RunPlan, Selection, Session, Trained, open,
+};
+
+/// A run of a few steps, with a field of small tables.
+pub const TINY: &[&str] = &[
+    "train.iterations=4",
+    "train.checkpoint_every=2",
+    "train.rays=64",
+    "train.unseen_rays=16",
+    "train.target_samples=1000",
+    "scene.size=24",
+    "eval.test=first-2",
+    "eval.information_rays=32",
+    "field.resolutions=[8,16]",
+    "render.occupancy.resolution=8",
+    "render.occupancy.warmup=1",
+    "render.occupancy.every=1",
+];
+
+pub fn device() -> OpenDevice {
+    open(DeviceName::Flex).unwrap()
+}
+
+pub fn plan(variant: &str, set: &[&str]) -> RunPlan {
+    let selection = Selection {
+        scenes: vec!["crane".into()],
+        variants: vec![variant.into()],
+        set: set.iter().map(|&setting| setting.to_owned()).collect(),
+        ..Selection::default()
+    };
+    Experiment::plan("synthetic-4view", &selection).unwrap().runs.remove(0)
+}
+
+/// Trains and evaluates below `out`; the run's folder. `stop` ends training at that step.
+pub fn train(out: &Path, plan: &RunPlan, resume: Resume, stop: Option<usize>) -> PathBuf {
+    let session = Session::new(device(), out, resume);
+    let mut watch = |event: RunEvent<'_>| match event {
+        RunEvent::Training { trainer, .. } if Some(trainer.progress().step) == stop => Control::Stop,
+        _ => Control::Continue,
+    };
+    let finished = session.run(plan, &mut watch).unwrap();
+    assert_eq!(stop.is_some(), matches!(finished, Finished::Stopped));
+    session.experiment_folder(&plan.experiment).join(plan.directory())
+}
+
+pub fn read(folder: &Path) -> Trained {
+    Trained::read(RunPlan::of_run(folder).unwrap(), folder, &device()).unwrap()
+}

@@ -1,0 +1,188 @@
+//! The server: what it answers, and that nothing asked of it does harm.
+
+mod common;
+
+use std::fs;
+use std::io::{Read, Write};
+use std::net::{SocketAddr, TcpStream};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use common::{TINY, device, plan, train};
+use infonerf_experiment::Resume;
+use infonerf_view::Server;
+use serde_json::Value;
+
+/// Serves `root` from a thread that ends with the test.
+fn serve(root: &Path) -> SocketAddr {
+    let server = Server::start(root, "127.0.0.1:0".parse().unwrap(), device()).unwrap();
+    let address = server.url().trim_start_matches("http://").trim_end_matches('/').parse().unwrap();
+    std::thread::spawn(move || server.wait());
+    address
+}
+
+fn connect(address: SocketAddr) -> TcpStream {
+    let stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    stream
+}
+
+/// Status and body of the answer to a request.
+fn ask(address: SocketAddr, request: &str) -> (u16, Vec<u8>) {
+    let mut stream = connect(address);
+    stream.write_all(request.as_bytes()).unwrap();
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).unwrap();
+    let end = answer.windows(4).position(|four| four == b"\r\n\r\n").expect("a header");
+    let head = String::from_utf8_lossy(&answer[..end]).into_owned();
+    (head[9..12].parse().unwrap(), answer[end + 4..].to_vec())
+}
+
+fn get(address: SocketAddr, path: &str) -> (u16, Vec<u8>) {
+    ask(address, &format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n"))
+}
+
+fn json(address: SocketAddr, path: &str) -> Value {
+    let (status, body) = get(address, path);
+    assert_eq!(status, 200, "{path}: {}", String::from_utf8_lossy(&body));
+    serde_json::from_slice(&body).unwrap()
+}
+
+#[test]
+fn a_run_is_followed_while_it_trains() {
+    let out = tempfile::tempdir().unwrap();
+    let plan = plan("infonerf", TINY);
+    train(out.path(), &plan, Resume::Never, Some(2));
+    let address = serve(out.path());
+    let (status, page) = get(address, "/");
+    assert!(status == 200 && page.starts_with(b"<!doctype html>"));
+    let run = "synthetic-4view%2Fcrane%2Finfonerf%2Fseed0";
+    let before = json(address, "/runs");
+    assert_eq!(before[0]["run"], "synthetic-4view/crane/infonerf/seed0");
+    assert_eq!(before[0]["state"], "training");
+    let field = json(address, &format!("/field?run={run}"));
+    assert_eq!(field["note"], "2 steps");
+    assert_eq!(field["cameras"].as_array().unwrap().len(), 4);
+    assert_eq!(json(address, &format!("/progress?run={run}"))["points"].as_array().unwrap().len(), 2);
+
+    train(out.path(), &plan, Resume::Always, None);
+    let after = json(address, "/runs");
+    assert_eq!(after[0]["state"], "finished");
+    assert_ne!(after[0]["stamp"], before[0]["stamp"]);
+    assert_eq!(json(address, &format!("/field?run={run}"))["note"], "4 steps");
+    let progress = json(address, &format!("/progress?run={run}"));
+    assert_eq!(progress["points"].as_array().unwrap().len(), 4);
+    assert_eq!(progress["views"], serde_json::json!(["000", "001"]));
+    let (status, picture) = get(address, &format!("/picture?run={run}&kind=truth&name=001"));
+    assert!(status == 200 && picture.starts_with(b"\x89PNG"));
+}
+
+#[test]
+fn a_field_that_a_page_cannot_hold_is_an_answer() {
+    let out = tempfile::tempdir().unwrap();
+    let nerf = "field={kind=\"nerf\",layers=1,width=8,skip=0,position_frequencies=2,direction_frequencies=1,\
+                density=\"softplus\",detail=1.0}";
+    let others = TINY.iter().filter(|setting| !setting.starts_with("field."));
+    let set: Vec<&str> = others.copied().chain([nerf, "loss.tv.weight=0"]).collect();
+    let folder = train(out.path(), &plan("nerf", &set), Resume::Never, None);
+    let (status, said) = get(serve(&folder), "/field?run=.");
+    let said = String::from_utf8(said).unwrap();
+    assert!(status == 409 && said.contains("field.kind: expected \"factored\""), "{status}: {said}");
+}
+
+/// A folder that looks like a run, with a secret beside it.
+fn stand_in() -> (tempfile::TempDir, SocketAddr) {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("runs/a");
+    fs::create_dir_all(run.join("test")).unwrap();
+    fs::write(run.join("config.toml"), "").unwrap();
+    fs::write(run.join("test/000.png"), "picture").unwrap();
+    fs::write(folder.path().join("config.toml"), "secret").unwrap();
+    fs::create_dir(folder.path().join("test")).unwrap();
+    fs::write(folder.path().join("test/000.png"), "secret").unwrap();
+    let address = serve(&folder.path().join("runs"));
+    (folder, address)
+}
+
+#[test]
+fn nothing_outside_the_folder_is_served() {
+    let (folder, address) = stand_in();
+    assert_eq!(get(address, "/picture?run=a&kind=test&name=000"), (200, b"picture".to_vec()));
+    #[cfg(unix)]
+    std::os::unix::fs::symlink(folder.path().join("test/000.png"), folder.path().join("runs/a/test/001.png")).unwrap();
+    let outside = folder.path().display();
+    for path in [
+        "/config.toml",
+        "/../config.toml",
+        "/..%2fconfig.toml",
+        "//etc/passwd",
+        "/picture?run=..&kind=test&name=000",
+        "/picture?run=a/../..&kind=test&name=000",
+        "/picture?run=%2e%2e&kind=test&name=000",
+        "/picture?run=a&kind=../../test&name=000",
+        "/picture?run=a&kind=test&name=../../../test/000",
+        "/picture?run=a&kind=test&name=001",
+        &format!("/picture?run={outside}&kind=test&name=000"),
+        "/field?run=..",
+        "/progress?run=..",
+    ] {
+        let (status, said) = get(address, path);
+        assert!((400..500).contains(&status), "{path}: {status}");
+        assert!(!String::from_utf8_lossy(&said).contains("secret"), "{path}");
+    }
+}
+
+#[test]
+fn other_names_and_methods_are_refused() {
+    let (_folder, address) = stand_in();
+    for (request, expected) in [
+        ("GET /runs HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", 200),
+        ("GET /runs HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n", 403),
+        ("GET http://evil.example/runs HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", 403),
+        ("POST /runs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 0\r\nConnection: close\r\n\r\n", 405),
+        ("nonsense\r\n\r\n", 400),
+    ] {
+        assert_eq!(ask(address, request).0, expected, "{request}");
+    }
+}
+
+#[test]
+fn a_header_of_ten_megabytes_does_no_harm() {
+    let (_folder, address) = stand_in();
+    let mut stream = connect(address);
+    stream.write_all(format!("GET /runs HTTP/1.1\r\nHost: {address}\r\n").as_bytes()).unwrap();
+    let line = format!("X: {}\r\n", "x".repeat(1 << 10));
+    // The server hangs up before it has read all of it.
+    let sent = (0..10_000).take_while(|_| stream.write_all(line.as_bytes()).is_ok()).count();
+    assert!(sent < 10_000, "all of it was read");
+    assert_eq!(get(address, "/runs").0, 200);
+}
+
+#[test]
+fn a_thousand_connections_and_closed_pages_do_no_harm() {
+    let (_folder, address) = stand_in();
+    // In waves, as client and server share one process's limit of open files.
+    for _ in 0..4 {
+        let mut wave: Vec<TcpStream> = (0..250).map(|_| connect(address)).collect();
+        for stream in wave.iter_mut().take(100) {
+            // Asks, and is gone before there is an answer.
+            stream.write_all(format!("GET / HTTP/1.1\r\nHost: {address}\r\n\r\n").as_bytes()).unwrap();
+        }
+    }
+    assert_eq!(get(address, "/runs").0, 200);
+    // While others say nothing, those that ask are answered within their patience.
+    let silent: Vec<TcpStream> = (0..300).map(|_| connect(address)).collect();
+    let start = Instant::now();
+    assert_eq!(get(address, "/runs").0, 200);
+    assert!(start.elapsed() < Duration::from_secs(12), "{:?}", start.elapsed());
+    drop(silent);
+}
+
+#[test]
+fn an_address_in_use_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap();
+    let error = Server::start(folder.path(), address, device()).err().expect("an error");
+    assert!(error.to_string().starts_with(&address.to_string()), "{error}");
+}
