@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::factored::{FactoredConfig, FactoredField};
 use crate::mip::{MipConfig, MipNerf};
 use crate::nerf::{NerfConfig, NerfMlp};
+use crate::neural_volumes::{NeuralVolumes, NeuralVolumesConfig};
 use crate::pixel::{PixelNerf, PixelNerfConfig};
 use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, Sources};
 
@@ -79,12 +80,16 @@ macro_rules! fields {
                 match self { $(Self::$name(field) => field.device(),)* }
             }
 
-            fn conditioned(&self, sources: &Sources) -> Self {
-                match self { $(Self::$name(field) => Self::$name(field.conditioned(sources)),)* }
+            fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {
+                match self { $(Self::$name(field) => Self::$name(field.conditioned(sources, seed)),)* }
             }
 
             fn total_variation(&self) -> Option<Tensor<1>> {
                 match self { $(Self::$name(field) => field.total_variation(),)* }
+            }
+
+            fn latent_divergence(&self) -> Option<Tensor<1>> {
+                match self { $(Self::$name(field) => field.latent_divergence(),)* }
             }
         }
     };
@@ -99,6 +104,8 @@ fields! {
     Factored(FactoredConfig => FactoredField),
     /// An MLP over features of photographs.
     PixelNerf(PixelNerfConfig => PixelNerf),
+    /// Voxels decoded from a latent code, and a warp of them.
+    NeuralVolumes(NeuralVolumesConfig => NeuralVolumes),
 }
 
 impl RadianceField {
