@@ -1,4 +1,4 @@
-//! Every body of compositing, ray entropy and ray divergence against the oracle in `f64`: values and gradients, random rays and
+//! Every body of compositing (also additive), ray entropy and ray divergence against the oracle in `f64`: values and gradients, random rays and
 //! extreme ones. The oracle itself against finite differences and against values from arbitrary-precision arithmetic.
 
 mod common;
