@@ -220,7 +220,7 @@ fn check(device: &Device) {
         segments: &segments,
         extent: Extent::Ball { variance: 0.0 },
     };
-    let sampled = field.conditioned(&sources).evaluate(points, true, Moment::END);
+    let sampled = field.conditioned(&sources, None).evaluate(points, true, Moment::END);
     let color = sampled.color.unwrap();
     let gradients = (color.clone().sum() + sampled.sigma.clone().sum()).backward();
     compare(to_host(color), &floats(fixture, "rgb"), "colour");

@@ -32,6 +32,8 @@ built_in! {
     "baseline",
     "views",
     "information",
+    "baselines",
+    "baselines-paper",
     "small-nerf",
     "dietnerf",
     "pixelnerf-pretrain",

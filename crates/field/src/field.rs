@@ -21,15 +21,24 @@ pub trait Field: Module + ModuleDisplay + Sync + 'static {
 
     /// The field as it answers when it looks at `sources`, the photographs that it is conditioned on.
     ///
-    /// What a field computes once for all queries of a step or picture (an image encoder's features) is computed here;
-    /// gradients flow back through it. It is stale once the parameters change. Most fields look at no photographs, and
-    /// this is a copy.
-    fn conditioned(&self, _sources: &Sources) -> Self {
+    /// What a field computes once for all queries of a step or picture (an image encoder's features, a decoded volume) is
+    /// computed here; gradients flow back through it. It is stale once the parameters change. Most fields have nothing to
+    /// compute ahead, and this is a copy.
+    ///
+    /// In a training step, `seed` decides what the field draws at random (a latent code); without it the field is as
+    /// pictures show it.
+    fn conditioned(&self, _sources: &Sources, _seed: Option<u64>) -> Self {
         self.clone()
     }
 
-    /// Total variation of the field's tables, a scalar; none for a field without tables.
+    /// Total variation of the field's tables, a scalar, of a [conditioned](Self::conditioned) field; none for a field without
+    /// tables.
     fn total_variation(&self) -> Option<Tensor<1>> {
+        None
+    }
+
+    /// Divergence of the field's latent code from a standard normal distribution, a scalar; none for a field without one.
+    fn latent_divergence(&self) -> Option<Tensor<1>> {
         None
     }
 }

@@ -4,10 +4,16 @@ use burn::module::Param;
 use burn::nn::{Linear, LinearConfig};
 use burn::tensor::{Device, TensorData};
 use rand::Rng;
+use rand_distr::StandardNormal;
 
 /// Numbers uniform in [−bound, bound].
 pub(crate) fn uniform(rng: &mut impl Rng, count: usize, bound: f32) -> Vec<f32> {
     (0..count).map(|_| rng.random_range(-1.0f32..=1.0) * bound).collect()
+}
+
+/// Numbers of the standard normal distribution.
+pub(crate) fn normal(rng: &mut impl Rng, count: usize) -> Vec<f32> {
+    (0..count).map(|_| rng.sample(StandardNormal)).collect()
 }
 
 /// How a dense layer's weights are drawn.
@@ -26,20 +32,28 @@ impl Init {
             Self::FanIn => ((1.0 / fan_in as f32).sqrt(), (1.0 / fan_in as f32).sqrt()),
             Self::Glorot => ((6.0 / (fan_in + fan_out) as f32).sqrt(), 0.0),
         };
-        let mut layer = LinearConfig::new(fan_in, fan_out).init(device);
         let weight = uniform(rng, fan_in * fan_out, bound);
-        let bias = uniform(rng, fan_out, bias_bound);
-        layer.weight = Param::from_data(TensorData::new(weight, [fan_in, fan_out]), device);
-        layer.bias = Some(Param::from_data(TensorData::new(bias, [fan_out]), device));
-        layer
+        dense(weight, uniform(rng, fan_out, bias_bound), device)
     }
+}
+
+/// The dense layer of `weight`, `[fan_in, fan_out]` row-major, and `bias`.
+fn dense(weight: Vec<f32>, bias: Vec<f32>, device: &Device) -> Linear {
+    let (fan_in, fan_out) = (weight.len() / bias.len(), bias.len());
+    let mut layer = LinearConfig::new(fan_in, fan_out).init(device);
+    layer.weight = Param::from_data(TensorData::new(weight, [fan_in, fan_out]), device);
+    layer.bias = Some(Param::from_data(TensorData::new(bias, [fan_out]), device));
+    layer
+}
+
+/// A dense layer before an activation of this `gain` (Glorot & Bengio 2010): weights uniform in ±gain·√(6/(fan_in +
+/// fan_out)), biases 0.
+pub(crate) fn glorot_linear(rng: &mut impl Rng, fan_in: usize, fan_out: usize, gain: f32, device: &Device) -> Linear {
+    let weight = uniform(rng, fan_in * fan_out, gain * (6.0 / (fan_in + fan_out) as f32).sqrt());
+    dense(weight, vec![0.0; fan_out], device)
 }
 
 /// A dense layer for ReLU networks (He et al. 2015): weights uniform in ±gain·√(6/fan_in), biases 0.
 pub(crate) fn he_linear(rng: &mut impl Rng, fan_in: usize, fan_out: usize, gain: f32, device: &Device) -> Linear {
-    let mut layer = LinearConfig::new(fan_in, fan_out).init(device);
-    let weight = uniform(rng, fan_in * fan_out, gain * (6.0 / fan_in as f32).sqrt());
-    layer.weight = Param::from_data(TensorData::new(weight, [fan_in, fan_out]), device);
-    layer.bias = Some(Param::from_data(TensorData::new(vec![0f32; fan_out], [fan_out]), device));
-    layer
+    dense(uniform(rng, fan_in * fan_out, gain * (6.0 / fan_in as f32).sqrt()), vec![0.0; fan_out], device)
 }

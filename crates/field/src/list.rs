@@ -12,6 +12,7 @@ use crate::factored::{FactoredConfig, FactoredField};
 use crate::hash::{HashConfig, HashGrid};
 use crate::mip::{MipConfig, MipNerf};
 use crate::nerf::{NerfConfig, NerfMlp};
+use crate::neural_volumes::{NeuralVolumes, NeuralVolumesConfig};
 use crate::pixel::{PixelNerf, PixelNerfConfig};
 use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, Sources};
 
@@ -80,12 +81,16 @@ macro_rules! fields {
                 match self { $(Self::$name(field) => field.device(),)* }
             }
 
-            fn conditioned(&self, sources: &Sources) -> Self {
-                match self { $(Self::$name(field) => Self::$name(field.conditioned(sources)),)* }
+            fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {
+                match self { $(Self::$name(field) => Self::$name(field.conditioned(sources, seed)),)* }
             }
 
             fn total_variation(&self) -> Option<Tensor<1>> {
                 match self { $(Self::$name(field) => field.total_variation(),)* }
+            }
+
+            fn latent_divergence(&self) -> Option<Tensor<1>> {
+                match self { $(Self::$name(field) => field.latent_divergence(),)* }
             }
         }
     };
@@ -102,6 +107,8 @@ fields! {
     Hash(HashConfig => HashGrid),
     /// An MLP over features of photographs.
     PixelNerf(PixelNerfConfig => PixelNerf),
+    /// Voxels decoded from a latent code, and a warp of them.
+    NeuralVolumes(NeuralVolumesConfig => NeuralVolumes),
 }
 
 impl RadianceField {

@@ -62,6 +62,7 @@ pub enum Extent<'a> {
 pub struct Sampled {
     /// Volume density σ ≥ 0 in 1/scene unit, `[M]`.
     pub sigma: Tensor<1>,
-    /// Colour in [0, 1]³ (mip-NeRF: up to 0.001 beyond), `[M, 3]`; none if it was not asked for.
+    /// Colour in [0, 1]³ (mip-NeRF: up to 0.001 beyond; Neural Volumes: not bounded above), `[M, 3]`; none if it was not asked
+    /// for.
     pub color: Option<Tensor<2>>,
 }

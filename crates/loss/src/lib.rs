@@ -37,9 +37,11 @@ pub use term::{LossError, Term, TermSetup, TermSpec};
 pub use terms::distortion::DistortionConfig;
 pub use terms::entropy::{EntropyConfig, HitMask, HitRule, masked_entropy};
 pub use terms::kl::{Direction, KlConfig};
+pub use terms::latent::LatentConfig;
 pub use terms::mask::MaskConfig;
 pub use terms::occlusion::OcclusionConfig;
 pub use terms::opacity::OpacityConfig;
+pub use terms::opacity_prior::OpacityPriorConfig;
 pub use terms::photometric::{Norm, PhotometricConfig, photometric_loss};
 pub use terms::semantic::{SemanticConfig, semantic_loss};
 pub use terms::silhouette::SilhouetteConfig;
@@ -91,6 +93,7 @@ pub(crate) mod testing {
             neighbours: NeighbourBundles::default(),
             picture: None,
             total_variation: None,
+            latent_divergence: None,
         }
     }
 }

@@ -6,9 +6,11 @@ use crate::TermSpec;
 use crate::terms::distortion::DistortionConfig;
 use crate::terms::entropy::EntropyConfig;
 use crate::terms::kl::KlConfig;
+use crate::terms::latent::LatentConfig;
 use crate::terms::mask::MaskConfig;
 use crate::terms::occlusion::OcclusionConfig;
 use crate::terms::opacity::OpacityConfig;
+use crate::terms::opacity_prior::OpacityPriorConfig;
 use crate::terms::photometric::PhotometricConfig;
 use crate::terms::semantic::SemanticConfig;
 use crate::terms::silhouette::SilhouetteConfig;
@@ -53,12 +55,16 @@ terms! {
     occlusion: OcclusionConfig,
     /// Penalty on opacity.
     opacity: OpacityConfig,
+    /// Neural Volumes' prior for opacities of 0 and 1.
+    opacity_prior: OpacityPriorConfig,
     /// What a known background colour says about opacity.
     silhouette: SilhouetteConfig,
     /// Supervision of opacity by the alpha channel.
     mask: MaskConfig,
     /// Total variation of a field's tables.
     tv: TvConfig,
+    /// Divergence of a field's latent code (Neural Volumes).
+    latent: LatentConfig,
 }
 
 impl LossConfig {

@@ -22,6 +22,8 @@ pub enum Need {
     },
     /// The total variation of the field's tables.
     TotalVariation,
+    /// The divergence of the field's latent code from a standard normal distribution.
+    LatentDivergence,
 }
 
 impl Need {
@@ -143,6 +145,8 @@ pub struct Renders {
     pub picture: Option<Picture>,
     /// Total variation of the field's tables, if asked for and there are any.
     pub total_variation: Option<Tensor<1>>,
+    /// Divergence of the field's latent code, if asked for and there is one.
+    pub latent_divergence: Option<Tensor<1>>,
 }
 
 impl Renders {

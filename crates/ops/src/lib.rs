@@ -35,6 +35,7 @@
 //! ```
 
 pub mod adam;
+pub mod additive;
 pub mod bilinear;
 pub mod composite;
 #[cfg(feature = "cube")]
@@ -60,7 +61,9 @@ pub mod reference;
 mod segments;
 #[cfg(feature = "flex")]
 mod simd;
+pub mod trilinear;
 
+pub use additive::additive_depth;
 pub use bilinear::bilinear;
 pub use composite::{Composite, composite};
 pub use distortion::{Intervals, ray_distortion};
@@ -72,6 +75,7 @@ pub use frustum::frustum_gaussian;
 pub use integrated::integrated_encode;
 pub use mlp::radiance_mlp;
 pub use segments::Segments;
+pub use trilinear::trilinear;
 
 /// Whether tensors on `device` are served by the host kernels.
 pub fn has_host_kernels(device: &burn::tensor::Device) -> bool {

@@ -43,6 +43,32 @@ pub fn weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
     (0..tau.len()).map(|i| behind(i) + u[i] * trans[tau.len()]).collect()
 }
 
+/// Weights of the additive march of Neural Volumes: wᵢ = min(Aᵢ + τᵢ, 1) − Aᵢ with Aᵢ = Σ_{j<i} wⱼ.
+pub fn additive_weights(tau: &[f64]) -> Vec<f64> {
+    let mut opacity = 0f64;
+    let mut weight = |tau: &f64| {
+        let before = opacity;
+        opacity = (before + tau).min(1.0);
+        opacity - before
+    };
+    tau.iter().map(&mut weight).collect()
+}
+
+/// ∂(Σ uᵢ wᵢ)/∂τ of the additive march for fixed u: a sample takes from the one that fills the ray what it gets itself.
+pub fn additive_weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
+    let mut sum = 0.0;
+    let fills = tau.iter().position(|tau| {
+        sum += tau;
+        sum >= 1.0
+    });
+    let slope = |i: usize| match fills {
+        Some(last) if i >= last => 0.0,
+        Some(last) => u[i] - u[last],
+        None => u[i],
+    };
+    (0..tau.len()).map(slope).collect()
+}
+
 /// p = α/Σα, or `None` where Σα is below [`MIN_ALPHA_SUM`].
 pub fn ray_density(tau: &[f64]) -> Option<Vec<f64>> {
     let sum = alpha_sum(tau);

@@ -1,4 +1,4 @@
-//! Every body of compositing, ray entropy and ray divergence against the oracle in `f64`: values and gradients, random rays and
+//! Every body of compositing (also additive), ray entropy and ray divergence against the oracle in `f64`: values and gradients, random rays and
 //! extreme ones. The oracle itself against finite differences and against values from arbitrary-precision arithmetic.
 
 mod common;
@@ -211,6 +211,29 @@ fn check_distortion(body: Body, rays: &Rays, draws: &mut Draws) {
     }
 }
 
+/// Compositing of additive depths against the additive march itself.
+fn check_additive(body: Body, rays: &Rays, draws: &mut Draws) {
+    let Rays { segments, tau } = rays;
+    let device = body.device().autodiff();
+    let mut weights = |count: usize| -> Vec<f32> { (0..count).map(|_| draws.signed()).collect() };
+    let (values, upstream) = (weights(tau.len()), weights(segments.rays()));
+    let t = vector(tau, &device).require_grad();
+    let out = body.composite(body.additive_depth(t.clone(), segments), matrix(&values, 1, &device), segments);
+    let (got, acc) = (floats(out.values.clone().detach()), floats(out.acc.detach()));
+    let grads = (out.values.squeeze_dim::<1>(1) * vector(&upstream, &device)).sum().backward();
+    let dtau = floats(t.grad(&grads).unwrap());
+    for (ray, range) in segments.ranges().enumerate() {
+        let row = wide(&tau[range.clone()]);
+        let what = |name: &str| format!("{body:?}, ray {row:?}, additive {name}");
+        let (w, u) = (reference::additive_weights(&row), wide(&values[range.clone()]));
+        close(got[ray], w.iter().zip(&u).map(|(w, u)| w * u).sum(), UNIT, &|| what("value"));
+        close(acc[ray], w.iter().sum(), UNIT, &|| what("acc"));
+        let scaled: Vec<f64> = u.iter().map(|u| u * f64::from(upstream[ray])).collect();
+        let want = reference::additive_weights_vjp(&row, &scaled);
+        check_gradient(&dtau[range], &want, 0.0, |_| false, &|| what("gradient"));
+    }
+}
+
 #[test]
 fn random_rays() {
     for body in Body::ALL {
@@ -218,6 +241,7 @@ fn random_rays() {
         for _ in 0..3 {
             let rays = Rays::random(&mut draws, 61);
             check_composite(body, &rays, &mut draws);
+            check_additive(body, &rays, &mut draws);
             check_entropy(body, &rays, &mut draws);
             check_distortion(body, &rays, &mut draws);
         }
@@ -228,6 +252,7 @@ fn random_rays() {
 fn extreme_rays() {
     for body in Body::ALL {
         check_composite(body, &Rays::extreme(), &mut Draws(2));
+        check_additive(body, &Rays::extreme(), &mut Draws(2));
         check_entropy(body, &Rays::extreme(), &mut Draws(2));
         check_distortion(body, &Rays::extreme(), &mut Draws(2));
     }
@@ -239,6 +264,7 @@ fn a_huge_last_interval_leaves_the_samples_before_it_alone() {
     let rays = Rays::from_rows(&[vec![0.5, 0.25, 1e10], vec![0.5, 1e10, 0.25], vec![3.0, 5e9]]);
     for body in Body::ALL {
         check_composite(body, &rays, &mut Draws(3));
+        check_additive(body, &rays, &mut Draws(3));
         check_entropy(body, &rays, &mut Draws(3));
         check_distortion(body, &rays, &mut Draws(3));
     }
@@ -257,6 +283,7 @@ fn no_rays_and_rays_without_samples() {
             let entropies = DISTRIBUTIONS.map(|of| body.entropy(empty(), &segments, of, 0.0).bits);
             let divergence = body.divergence(empty(), empty(), &segments, 1e-10);
             let distortion = body.distortion(empty(), &Intervals::default(), &segments);
+            assert_eq!(body.additive_depth(empty(), &segments).dims(), [0], "{body:?}");
             for column in entropies.into_iter().chain([out.acc, divergence, distortion]) {
                 assert_eq!(floats(column), vec![0.0; rays], "{body:?}");
             }
@@ -322,6 +349,8 @@ fn the_oracle_against_finite_differences() {
         let (tau, near, u) = (ray(n), ray(n), ray(n));
         let integral = |tau: &[f64]| reference::weights(tau).iter().zip(&u).map(|(w, u)| w * u).sum();
         agree(&reference::weights_vjp(&tau, &u), &differences(&tau, integral), "weights");
+        let additive = |tau: &[f64]| reference::additive_weights(tau).iter().zip(&u).map(|(w, u)| w * u).sum();
+        agree(&reference::additive_weights_vjp(&tau, &u), &differences(&tau, additive), "additive weights");
         let (middle, length): (Vec<f64>, Vec<f64>) = (0..n).map(|i| (i as f64 * 0.1, 0.1 + u[i])).unzip();
         let want = differences(&tau, |tau| reference::distortion(tau, &middle, &length));
         agree(&reference::distortion_gradient(&tau, &middle, &length), &want, "distortion");

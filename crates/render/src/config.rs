@@ -17,6 +17,8 @@ pub struct RenderConfig {
     pub placement: Placement,
     /// How long a ray's last interval is.
     pub last_interval: LastInterval,
+    /// How samples make up a ray.
+    pub compositing: Compositing,
     /// Whether samples are jittered within their intervals in training.
     pub jitter: bool,
     /// Whether space is taken as it is, or brought into a box: `auto`, `box`, `ndc`, `contraction`.
@@ -54,6 +56,16 @@ pub enum LastInterval {
     Finite,
     /// 1e10, as in the released code: any density there gives α ≈ 1.
     Infinite,
+}
+
+/// How the optical depths τ = σδ of a ray's samples become weights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Compositing {
+    /// wᵢ = Tᵢ (1 − e^−τᵢ): each sample absorbs a share of what reaches it (NeRF).
+    Exponential,
+    /// wᵢ = min(Aᵢ + τᵢ, 1) − Aᵢ with Aᵢ = Σ_{j<i} wⱼ: each sample adds its depth until the ray is full (Neural Volumes).
+    Additive,
 }
 
 /// An occupancy grid that remembers where there is something (Instant-NGP, Sec. E; nerfacc).

@@ -76,7 +76,7 @@ mod sampler;
 mod samples;
 mod warp;
 
-pub use config::{ConfigError, LastInterval, OccupancyConfig, Placement, RenderConfig};
+pub use config::{Compositing, ConfigError, LastInterval, OccupancyConfig, Placement, RenderConfig};
 pub use image::{RenderedImage, render_image};
 pub use model::{Model, TrainedModel};
 pub use noise::{Noise, Stream};

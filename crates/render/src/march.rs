@@ -9,7 +9,7 @@ use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
-use crate::{Counts, OccupancyGrid, Renderer};
+use crate::{Compositing, Counts, OccupancyGrid, Renderer};
 
 /// One ray on its way.
 #[derive(Clone, Debug, Default)]
@@ -35,7 +35,7 @@ pub(crate) fn march<F: Field>(
 ) -> (Vec<Marched>, Counts) {
     let sampler = renderer.sampler();
     let (longest, step) = (sampler.longest(), sampler.step_length(Moment::END));
-    let least = sampler.config().early_stop_transmittance;
+    let (least, compositing) = (sampler.config().early_stop_transmittance, sampler.config().compositing);
     let mut counts = Counts { total: (rays.len() as f32 * longest / step) as u64, evaluated: 0 };
     let mut marched: Vec<Marched> = rays
         .par_iter()
@@ -76,7 +76,7 @@ pub(crate) fn march<F: Field>(
             .collect();
         in_turn.into_par_iter().for_each(|(index, ray)| {
             let range = segments.range(index);
-            ray.advance(&sigma[range.clone()], &color[3 * range.start..3 * range.end]);
+            ray.advance(compositing, &sigma[range.clone()], &color[3 * range.start..3 * range.end]);
         });
         active.retain(|&ray| {
             let ray = &marched[ray];
@@ -93,16 +93,19 @@ pub(crate) fn march<F: Field>(
 }
 
 impl Marched {
-    fn advance(&mut self, sigma: &[f32], color: &[f32]) {
+    fn advance(&mut self, compositing: Compositing, sigma: &[f32], color: &[f32]) {
         let steps = &self.steps[self.next..self.next + sigma.len()];
         for ((&(t, delta), sigma), color) in steps.iter().zip(sigma).zip(color.chunks_exact(3)) {
             let tau = sigma * delta;
-            let w = self.trans * numeric::alpha(tau);
+            let (w, trans) = match compositing {
+                Compositing::Exponential => (self.trans * numeric::alpha(tau), self.trans * (-tau).exp()),
+                Compositing::Additive => (tau.min(self.trans), (self.trans - tau).max(0.0)),
+            };
             for (sum, c) in self.rgb.iter_mut().zip(color) {
                 *sum += w * c;
             }
             self.depth += w * t;
-            self.trans *= (-tau).exp();
+            self.trans = trans;
         }
         self.next += sigma.len();
     }

@@ -14,10 +14,10 @@ pub struct Model<F: Module> {
 
 impl<F: Field> Model<F> {
     /// The model as it answers when its fields look at `sources`: see [`Field::conditioned`].
-    pub fn conditioned(&self, sources: &Sources) -> Self {
+    pub fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {
         Self {
-            coarse: self.coarse.as_ref().map(|field| field.conditioned(sources)),
-            fine: self.fine.conditioned(sources),
+            coarse: self.coarse.as_ref().map(|field| field.conditioned(sources, seed)),
+            fine: self.fine.conditioned(sources, seed),
         }
     }
 }

@@ -46,6 +46,8 @@ pub enum Stream {
     FineSamples,
     /// A colour behind everything.
     Background,
+    /// What a field itself draws, such as a latent code.
+    Latent,
 }
 
 /// A stream of reproducible random numbers: number `i` of item `n` is a pure function of (seed, step, streams, n, i).
@@ -114,7 +116,7 @@ mod tests {
     /// Every stream, every stream within a stream, and two deep: no two are the same, also between steps and seeds.
     #[test]
     fn no_two_uses_share_a_stream() {
-        assert_eq!(ALL.len() as u64, Stream::FineSamples as u64 + 1, "every variant is listed");
+        assert_eq!(ALL.len() as u64, Stream::Latent as u64 + 1, "every variant is listed");
         let mut seen = HashSet::new();
         for (seed, step) in [(0, 0), (0, 1), (1, 0)] {
             for root in ALL {
@@ -131,7 +133,7 @@ mod tests {
         }
     }
 
-    const ALL: [Stream; 20] = [
+    const ALL: [Stream; 22] = [
         Stream::Restart,
         Stream::EnsembleMember,
         Stream::TrainingScene,
@@ -152,5 +154,7 @@ mod tests {
         Stream::Acceptance,
         Stream::Samples,
         Stream::FineSamples,
+        Stream::Background,
+        Stream::Latent,
     ];
 }

@@ -15,7 +15,9 @@ pub struct RenderRequest {
 pub struct RenderOutput {
     /// Where it was evaluated.
     pub samples: Samples,
-    /// Optical depth τ = σδ of each sample, `[M]`.
+    /// Optical depth τ of each sample, `[M]`: σδ, or under additive compositing what [`additive_depth`] makes of it.
+    ///
+    /// [`additive_depth`]: infonerf_ops::additive_depth()
     pub tau: Tensor<1>,
     /// Colour on the background, `[R, 3]`; none if it was not asked for.
     pub color: Option<Tensor<2>>,

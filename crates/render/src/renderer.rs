@@ -1,11 +1,13 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_field::Field;
-use infonerf_ops::{Composite, composite::composite};
+use infonerf_ops::{Composite, additive_depth, composite::composite};
 use infonerf_scene::{Backdrop, Ray, Scene};
 use infonerf_schedule::Moment;
 
 use crate::sampler::Sampler;
-use crate::{Model, Noise, OccupancyGrid, Passes, RenderConfig, RenderOutput, RenderRequest, Samples, Stream, Warp};
+use crate::{
+    Compositing, Model, Noise, OccupancyGrid, Passes, RenderConfig, RenderOutput, RenderRequest, Samples, Stream, Warp,
+};
 
 /// Renders bundles of rays of one scene.
 #[derive(Clone, Debug)]
@@ -115,6 +117,10 @@ impl Renderer {
         }
         let sampled = field.evaluate(samples.points(), request.color, at);
         let tau = sampled.sigma * lengths(&samples.delta, &device);
+        let tau = match self.sampler.config().compositing {
+            Compositing::Exponential => tau,
+            Compositing::Additive => additive_depth(tau, &samples.segments),
+        };
         let t = Tensor::<2>::from_data(TensorData::new(samples.t.clone(), [count, 1]), &device);
         let values = match sampled.color {
             Some(color) => Tensor::cat(vec![color, t], 1),

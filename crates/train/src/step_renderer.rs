@@ -56,6 +56,10 @@ impl<F: Field> StepRenderer<'_, F> {
             neighbours,
             picture: size.map(|size| self.picture(size)),
             total_variation: needs.contains(&Need::TotalVariation).then(|| self.model.fine.total_variation()).flatten(),
+            latent_divergence: needs
+                .contains(&Need::LatentDivergence)
+                .then(|| self.model.fine.latent_divergence())
+                .flatten(),
         }
     }
 

@@ -162,7 +162,7 @@ impl Field for PixelNerf {
         self.mlp.device()
     }
 
-    fn conditioned(&self, sources: &Sources) -> Self {
+    fn conditioned(&self, sources: &Sources, _seed: Option<u64>) -> Self {
         // A linear layer and bilinear reading commute: weighting texels, of which there are fewer than samples, is cheaper.
         let injected = self.mlp.inject(self.encoder.features(&sources.views, &self.device()));
         Self { seen: Some(Seen { injected, sources: sources.clone() }), ..self.clone() }

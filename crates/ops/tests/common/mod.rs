@@ -4,7 +4,8 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::{
-    Composite, Intervals, RayDistribution, RayEntropy, Segments, composite, distortion, divergence, entropy, to_host,
+    Composite, Intervals, RayDistribution, RayEntropy, Segments, additive, composite, distortion, divergence, entropy,
+    to_host,
 };
 
 /// One implementation on one backend.
@@ -30,6 +31,13 @@ impl Body {
         match self {
             Self::Kernel => composite(tau, values, segments),
             _ => composite::plain(tau, values, segments),
+        }
+    }
+
+    pub fn additive_depth(self, tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
+        match self {
+            Self::Kernel => additive::additive_depth(tau, segments),
+            _ => additive::plain(tau, segments),
         }
     }
 

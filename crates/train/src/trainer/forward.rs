@@ -56,7 +56,8 @@ impl<F: Field> Trainer<F> {
         let scene = &self.scenes[pixels.scene];
         let terms = scene.objective.due(at);
         let sources = scene.photographs.draw(&self.config.train, pixels.seen.pixels.view(), noise);
-        let model = self.profile.time(Phase::Seen, || self.model.conditioned(&sources));
+        let latent = Noise::new(self.seed, at.step as u64, Stream::Latent).bits();
+        let model = self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)));
 
         let config = &self.config.render.occupancy;
         let mut renderer = StepRenderer {

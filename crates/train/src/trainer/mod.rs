@@ -189,7 +189,7 @@ impl<F: Field> Trainer<F> {
     /// The model without gradients, to render with: the mean over the end of the run, once there is one.
     pub fn model(&self) -> Model<F> {
         let model = self.weight_average.mean().cloned().unwrap_or_else(|| self.model.valid());
-        model.conditioned(self.scenes[0].photographs.all())
+        model.conditioned(self.scenes[0].photographs.all(), None)
     }
 
     /// The renderer of the scene.

@@ -117,7 +117,7 @@ impl<F: Field> Trainer<F> {
         let Some(grid) = self.occupancy.as_mut().filter(|grid| grid.is_due(at.step)) else { return };
         let scene = &self.scenes[0];
         let noise = Noise::new(self.seed, at.step as u64, Stream::Occupancy);
-        let field = self.model.fine.valid().conditioned(scene.photographs.all());
+        let field = self.model.fine.valid().conditioned(scene.photographs.all(), None);
         let length = scene.renderer.step_length(at);
         let extent = Extent::Ball { variance: grid.cell_variance() };
         self.profile.time(Phase::Occupancy, || {

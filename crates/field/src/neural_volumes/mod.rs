@@ -1,0 +1,201 @@
+//! Neural Volumes (Lombardi et al. 2019): voxels that a network decodes from a latent code, and a warp of them.
+
+mod latent;
+mod template;
+mod warp;
+
+use std::fmt;
+
+use burn::module::Module;
+use burn::tensor::activation::softplus;
+use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
+use infonerf_schedule::Moment;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::check::check;
+use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, Sources};
+use latent::Latent;
+use template::Template;
+use warp::Warp;
+
+/// Slope of the leaky ReLUs below 0.
+const SLOPE: f64 = 0.2;
+/// √(2/(1 + slope²)): the gain that keeps the variance through one.
+const LEAKY_GAIN: f32 = 1.386_750_5;
+/// Colours are softplus(100 + 25x)/255: mid-grey before training.
+const COLOR: (f32, f32, f32) = (100.0, 25.0, 255.0);
+
+/// Sizes of [`NeuralVolumes`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NeuralVolumesConfig {
+    /// Numbers of the latent code (released code: 256).
+    pub latent: usize,
+    /// Voxels of the template along each axis, a power of two (paper: 128).
+    pub resolution: usize,
+    /// Channels of the first transposed convolution, halved with every second further one (released code: 512).
+    pub width: usize,
+    /// Affine maps that the warp mixes (paper: 16).
+    pub maps: usize,
+    /// Voxels of the warp along each axis (paper: 32).
+    pub warp_resolution: usize,
+}
+
+impl fmt::Display for NeuralVolumesConfig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { latent, resolution, width, maps, .. } = self;
+        write!(f, "{resolution}³ voxels, decoded from {latent} numbers at width {width}, warped by {maps} affine maps")
+    }
+}
+
+impl FieldSpec for NeuralVolumesConfig {
+    type Field = NeuralVolumes;
+
+    fn validate(&self) -> Result<(), ConfigError> {
+        check("latent", "1 to 4096", self.latent, (1..=4096).contains(&self.latent))?;
+        let resolution = self.resolution;
+        let good = (4..=256).contains(&resolution) && resolution.is_power_of_two();
+        check("resolution", "a power of two from 4 to 256", resolution, good)?;
+        let width = self.width;
+        check(
+            "width",
+            "a multiple of 8 from 8 to 2048",
+            width,
+            (8..=2048).contains(&width) && width.is_multiple_of(8),
+        )?;
+        check("maps", "1 to 64", self.maps, (1..=64).contains(&self.maps))?;
+        let warp = self.warp_resolution;
+        check("warp_resolution", "2 to 64", warp, (2..=64).contains(&warp))
+    }
+
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralVolumes, ConfigError> {
+        let &FieldSetup { bounds: [low, high], seed, device } = setup;
+        let rng = &mut ChaCha8Rng::seed_from_u64(seed);
+        Ok(NeuralVolumes {
+            latent: Latent::new(self.latent, rng, device),
+            template: Template::new(self.latent, self.resolution, self.width, rng, device),
+            warp: Warp::new(self.latent, self.maps, self.warp_resolution, rng, device),
+            decoded: None,
+            resolution: self.resolution,
+            middle: [0, 1, 2].map(|axis| 0.5 * (low[axis] + high[axis])),
+            half_side: (0..3).map(|axis| 0.5 * (high[axis] - low[axis])).fold(0.0, f32::max),
+        })
+    }
+
+    fn footprint(&self) -> Footprint {
+        let channels = template::channels(self.resolution, self.width);
+        let convolutions: usize = channels.windows(2).map(|pair| 64 * pair[0] * pair[1]).sum();
+        let weights = 64 * self.maps * self.warp_resolution.pow(3);
+        let parameters = (self.latent * channels[0] + convolutions + weights) as u64;
+        // Where the warp and the template are read, what is found there, and the gradients of each.
+        Footprint { parameters, per_sample: 20 }
+    }
+}
+
+/// Latent code → template of coloured voxels, and a warp field → density and colour.
+///
+/// The volume is the cube [−1, 1]³ of the longest side of the scene's box about its middle. A point of it is moved by the
+/// warp to where the template is read; outside of the cube there is nothing. Density is the template's opacity per unit of
+/// the cube, in scene units; it is meant for `render.compositing = "additive"`.
+#[derive(Module, Debug)]
+pub struct NeuralVolumes {
+    latent: Latent,
+    template: Template,
+    warp: Warp,
+    /// What the code decodes to; none before the field is [conditioned](Field::conditioned).
+    decoded: Option<Decoded>,
+    #[module(skip)]
+    resolution: usize,
+    #[module(skip)]
+    middle: [f32; 3],
+    #[module(skip)]
+    half_side: f32,
+}
+
+/// A decoded code.
+#[derive(Module, Debug)]
+struct Decoded {
+    /// Colour and opacity per unit of the cube of each voxel, `[resolution³, 4]`.
+    voxels: Tensor<2>,
+    /// Where in the cube the template is read for each voxel of the warp's grid, `[warp_resolution³, 3]`.
+    warp: Tensor<2>,
+}
+
+impl NeuralVolumes {
+    fn decoded(&self) -> &Decoded {
+        self.decoded.as_ref().expect("Neural Volumes are conditioned before they are evaluated")
+    }
+
+    /// `position`s in the cube [−1, 1]³, `[M, 3]` row-major.
+    fn in_cube(&self, positions: &[f32]) -> Vec<f32> {
+        let scaled = |(index, p): (usize, &f32)| (p - self.middle[index % 3]) / self.half_side;
+        positions.iter().enumerate().map(scaled).collect()
+    }
+
+    /// Whether each of the points `[M, 3]` is in the open cube: 1 or 0, `[M, 1]`.
+    fn inside(&self, points: &[f32], device: &Device) -> Tensor<2> {
+        let inside = |p: &[f32]| if p.iter().all(|p| p.abs() < 1.0) { 1f32 } else { 0.0 };
+        let inside: Vec<f32> = points.chunks_exact(3).map(inside).collect();
+        let count = inside.len();
+        Tensor::from_data(TensorData::new(inside, [count, 1]), device)
+    }
+}
+
+impl Field for NeuralVolumes {
+    /// # Panics
+    /// If the field was not [conditioned](Field::conditioned).
+    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
+        let (device, samples) = (self.device(), points.len());
+        let Decoded { voxels, warp } = self.decoded();
+        let cube = self.in_cube(points.positions);
+        let inside = self.inside(&cube, &device);
+        let cube = Tensor::<2>::from_data(TensorData::new(cube, [samples, 3]), &device);
+        let warped = trilinear(warp.clone(), in_voxels(cube, self.warp.grid()), self.warp.grid());
+        let template = Voxels { grids: 1, size: [self.resolution; 3], beyond: Beyond::Zero };
+        let voxels = if color { voxels.clone() } else { voxels.clone().narrow(1, 3, 1) };
+        let read = trilinear(voxels, in_voxels(warped, template), template) * inside;
+        let opacity = read.clone().narrow(1, if color { 3 } else { 0 }, 1).reshape([samples]);
+        Sampled { sigma: opacity / self.half_side, color: color.then(|| read.narrow(1, 0, 3)) }
+    }
+
+    fn device(&self) -> Device {
+        self.latent.device()
+    }
+
+    fn conditioned(&self, _sources: &Sources, seed: Option<u64>) -> Self {
+        let code = self.latent.code(seed);
+        let raw = self.template.voxels(code.clone());
+        let (bias, scale, white) = COLOR;
+        let color = softplus(raw.clone().narrow(1, 0, 3) * scale + bias, 1.0) / white;
+        let opacity = softplus(raw.narrow(1, 3, 1), 1.0);
+        let decoded = Decoded { voxels: Tensor::cat(vec![color, opacity], 1), warp: self.warp.field(code) };
+        Self { decoded: Some(decoded), ..self.clone() }
+    }
+
+    /// The mean over the template's voxels of √(1e-5 + |∇ ln(1e-5 + α)|²), where α is a voxel's opacity per unit of the cube,
+    /// and ∇ takes differences to the next voxel along each axis.
+    fn total_variation(&self) -> Option<Tensor<1>> {
+        const LEAST: f32 = 1e-5;
+        let n = self.resolution;
+        let logarithm = (self.decoded().voxels.clone().narrow(1, 3, 1) + LEAST).log().reshape([n, n, n]);
+        let here = logarithm.clone().slice([0..n - 1, 0..n - 1, 0..n - 1]);
+        let towards = |axis: usize| {
+            let from = |a: usize| usize::from(a == axis)..n - usize::from(a != axis);
+            logarithm.clone().slice([from(0), from(1), from(2)]) - here.clone()
+        };
+        let squares = (0..3).map(|axis| towards(axis).square()).fold(here.zeros_like(), |sum, square| sum + square);
+        Some((squares + LEAST).sqrt().mean())
+    }
+
+    fn latent_divergence(&self) -> Option<Tensor<1>> {
+        Some(self.latent.divergence())
+    }
+}
+
+/// From the cube [−1, 1]³ to the voxels of a grid whose outermost centres are on the cube's faces.
+fn in_voxels(points: Tensor<2>, grid: Voxels) -> Tensor<2> {
+    (points + 1.0) * (0.5 * (grid.size[0] - 1) as f32)
+}

@@ -1,0 +1,74 @@
+use burn::module::{Module, Param};
+use burn::nn::Linear;
+use burn::nn::conv::{ConvTranspose3d, ConvTranspose3dConfig};
+use burn::tensor::activation::leaky_relu;
+use burn::tensor::{Device, Tensor, TensorData};
+use rand::Rng;
+
+use super::{LEAKY_GAIN, SLOPE};
+use crate::init::{glorot_linear, uniform};
+
+/// Kernel of the transposed convolutions, whose stride is 2 and whose padding is 1: each doubles the resolution.
+const KERNEL: usize = 4;
+/// Red, green, blue and density.
+const CHANNELS: usize = 4;
+
+/// From a code to the voxels of a cube: a dense layer to one voxel, then transposed convolutions that double the
+/// resolution, with leaky ReLUs between.
+#[derive(Module, Debug)]
+pub(super) struct Template {
+    dense: Linear,
+    layers: Vec<ConvTranspose3d>,
+}
+
+/// Channels of the dense layer and of each transposed convolution but the last: 2w, then w, w, w/2, w/2, w/4 …
+pub(super) fn channels(resolution: usize, width: usize) -> Vec<usize> {
+    let layers = resolution.ilog2() as usize;
+    std::iter::once(2 * width).chain((0..layers - 1).map(|layer| width >> (layer / 2))).collect()
+}
+
+impl Template {
+    /// A template of `resolution`³ voxels, a power of two, for codes of `latent` numbers.
+    pub(super) fn new(latent: usize, resolution: usize, width: usize, rng: &mut impl Rng, device: &Device) -> Self {
+        let channels = channels(resolution, width);
+        let dense = glorot_linear(rng, latent, channels[0], LEAKY_GAIN, device);
+        let layer = |index: usize| match channels.get(index + 1) {
+            Some(&outputs) => transposed_convolution(rng, [channels[index], outputs], LEAKY_GAIN, device),
+            None => transposed_convolution(rng, [channels[index], CHANNELS], 1.0, device),
+        };
+        Self { dense, layers: (0..channels.len()).map(layer).collect() }
+    }
+
+    /// The voxels of a code `[1, latent]`, before activation: `[resolution³, 4]`, x fastest and z slowest.
+    pub(super) fn voxels(&self, code: Tensor<2>) -> Tensor<2> {
+        let dense = leaky_relu(self.dense.forward(code), SLOPE);
+        let [_, width] = dense.dims();
+        let mut x = dense.reshape([1, width, 1, 1, 1]);
+        for (index, layer) in self.layers.iter().enumerate() {
+            x = layer.forward(x);
+            if index + 1 < self.layers.len() {
+                x = leaky_relu(x, SLOPE);
+            }
+        }
+        let [_, channels, depth, height, width] = x.dims();
+        x.reshape([channels, depth * height * width]).swap_dims(0, 1)
+    }
+}
+
+/// A transposed convolution that doubles the resolution. Before training each voxel becomes 2³ equal ones, overlapping with
+/// its neighbours': weights are uniform in ±gain·√(6/(8 (inputs + outputs))), the same within each 2³ block of the kernel.
+fn transposed_convolution(rng: &mut impl Rng, channels: [usize; 2], gain: f32, device: &Device) -> ConvTranspose3d {
+    let mut layer =
+        ConvTranspose3dConfig::new(channels, [KERNEL; 3]).with_stride([2; 3]).with_padding([1; 3]).init(device);
+    let [inputs, outputs] = channels;
+    let blocks = uniform(rng, inputs * outputs * 8, gain * (6.0 / (8 * (inputs + outputs)) as f32).sqrt());
+    let of_kernel = |block: &[f32]| {
+        let along = |i: usize| i / 2;
+        (0..KERNEL.pow(3)).map(|i| block[along(i / 16) * 4 + along(i / 4 % 4) * 2 + along(i % 4)]).collect::<Vec<f32>>()
+    };
+    let weight: Vec<f32> = blocks.chunks_exact(8).flat_map(of_kernel).collect();
+    let shape = [inputs, outputs, KERNEL, KERNEL, KERNEL];
+    layer.weight = Param::from_data(TensorData::new(weight, shape), device);
+    layer.bias = Some(Param::from_data(TensorData::new(vec![0f32; outputs], [outputs]), device));
+    layer
+}

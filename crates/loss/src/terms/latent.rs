@@ -1,0 +1,38 @@
+use burn::tensor::Tensor;
+use infonerf_schedule::Schedule;
+use serde::{Deserialize, Serialize};
+
+use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
+
+/// Divergence of a field's latent code from a standard normal distribution (Neural Volumes, Lombardi et al. 2019): the mean
+/// over the code's numbers of `KL(N(μ, σ²) ‖ N(0, 1)) = ½(μ² + σ² − 1) − ln σ`, in nats; 0 for a field without a latent code.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LatentConfig {
+    /// Its weight.
+    pub weight: Schedule,
+}
+
+impl TermSpec for LatentConfig {
+    fn weight(&self) -> &Schedule {
+        &self.weight
+    }
+
+    fn weight_mut(&mut self) -> &mut Schedule {
+        &mut self.weight
+    }
+
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+        Ok(Box::new(self.clone()))
+    }
+}
+
+impl Term for LatentConfig {
+    fn needs(&self) -> Vec<Need> {
+        vec![Need::LatentDivergence]
+    }
+
+    fn value(&self, renders: &Renders) -> Tensor<1> {
+        renders.latent_divergence.clone().unwrap_or_else(|| renders.zero())
+    }
+}

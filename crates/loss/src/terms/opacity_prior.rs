@@ -1,0 +1,69 @@
+use burn::tensor::Tensor;
+use infonerf_schedule::Schedule;
+use serde::{Deserialize, Serialize};
+
+use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
+
+/// How far an opacity may be from 0 and 1 before the logarithms below lose their hold.
+const MARGIN: f64 = 0.1;
+
+/// A prior for rays that see either nothing or something opaque (Neural Volumes, Lombardi et al. 2019): the mean over the rays
+/// that it is taken over of `ln(0.1 + A) + ln(1.1 − A) − ln 0.1 − ln 1.1`, where A is a ray's opacity Σ w. It is 0 at A = 0
+/// and A = 1, and largest between.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OpacityPriorConfig {
+    /// Its weight.
+    pub weight: Schedule,
+    /// Which rays it is taken over.
+    pub rays: RaySet,
+}
+
+impl TermSpec for OpacityPriorConfig {
+    fn weight(&self) -> &Schedule {
+        &self.weight
+    }
+
+    fn weight_mut(&mut self) -> &mut Schedule {
+        &mut self.weight
+    }
+
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+        Ok(Box::new(self.clone()))
+    }
+}
+
+impl Term for OpacityPriorConfig {
+    fn needs(&self) -> Vec<Need> {
+        Need::of(self.rays)
+    }
+
+    fn value(&self, renders: &Renders) -> Tensor<1> {
+        let at_ends = MARGIN.ln() + (1.0 + MARGIN).ln();
+        let (mut sum, mut rays) = (renders.zero(), 0);
+        for bundle in renders.bundles(self.rays) {
+            let acc = bundle.output().acc.clone();
+            let logarithms = (acc.clone() + MARGIN).log() + (acc.neg() + (1.0 + MARGIN)).log();
+            sum = sum + (logarithms - at_ends).sum();
+            rays += bundle.rays();
+        }
+        sum / rays.max(1) as f32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    #[test]
+    fn nothing_and_opaque_are_free_and_half_costs_most() {
+        let config = OpacityPriorConfig { weight: 1.0.into(), rays: RaySet::Seen };
+        let value = |tau: f32| config.value(&testing::renders(&[&[tau]])).into_scalar::<f32>();
+        approx::assert_abs_diff_eq!(value(0.0), 0.0, epsilon = 1e-6);
+        approx::assert_abs_diff_eq!(value(f32::INFINITY), 0.0, epsilon = 1e-6);
+        // ln(0.6² / 0.11).
+        approx::assert_abs_diff_eq!(value(std::f32::consts::LN_2), 1.185_624, epsilon = 1e-5);
+        assert!(value(0.3) < value(std::f32::consts::LN_2) && value(3.0) < value(std::f32::consts::LN_2));
+    }
+}
