@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use infonerf_experiment::{
     Control, DeviceName, Experiment, Finished, OpenDevice, Resume, RunEvent, RunPlan, Selection, Session, Trained, open,
 };
+use infonerf_report::save_record;
 
 /// A run of a few steps, with a field of small tables.
 pub const TINY: &[&str] = &[
@@ -45,9 +46,13 @@ pub fn train(out: &Path, plan: &RunPlan, resume: Resume, stop: Option<usize>) ->
         RunEvent::Training { trainer, .. } if Some(trainer.progress().step) == stop => Control::Stop,
         _ => Control::Continue,
     };
-    let finished = session.run(plan, &mut watch).unwrap();
-    assert_eq!(stop.is_some(), matches!(finished, Finished::Stopped));
-    session.experiment_folder(&plan.experiment).join(plan.directory())
+    let folder = session.experiment_folder(&plan.experiment);
+    match session.run(plan, &mut watch).unwrap() {
+        Finished::Record(record, _) => drop(save_record(&folder, &record).unwrap()),
+        Finished::Stopped => assert!(stop.is_some()),
+        Finished::Kept(_) => panic!("the run was finished before"),
+    }
+    folder.join(plan.directory())
 }
 
 pub fn read(folder: &Path) -> Trained {
