@@ -154,7 +154,7 @@ fn agrees_with_pytorch_on_every_device() {
 #[test]
 fn a_seed_draws_the_code() {
     let fixture = &fixture();
-    let field = field(fixture, &Device::flex());
+    let field = field(fixture, &Device::flex().autodiff());
     let positions = numbers(&fixture["positions"]);
     let segments = Segments::uniform(1, positions.len() / 3);
     let extent = Extent::Ball { variance: 0.0 };
@@ -184,11 +184,11 @@ fn learns_its_training_views() {
         "loss.opacity_prior.weight=0.01",
         "loss.tv.weight=0.01",
         "loss.latent.weight=0.001",
-        "train.iterations=150",
+        "train.iterations=400",
         "train.rays=256",
         "train.target_samples=0",
         "train.downscale=1.0",
-        "train.lr=2e-3",
+        "train.lr=4e-3",
     ] {
         config::assign(&mut table, setting).unwrap();
     }
