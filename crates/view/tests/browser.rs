@@ -71,13 +71,13 @@ fn the_page_draws_what_the_program_renders() {
         let rendered = infonerf_metrics::to_rgb8(&image.rgb, SIZE, SIZE).unwrap();
         let drawn = pixels(&file, &format!("camera={view}"));
         let colour = psnr(&drawn, &rendered);
-        println!("camera {view}: {colour:.1} dB, page of {length} bytes");
+        eprintln!("camera {view}: {colour:.1} dB, page of {length} bytes");
         assert!(colour > 35.0, "camera {view}: {colour} dB");
         // Depth as the report shows it.
         let (near, far) = (run.scene().near, run.scene().far);
         let depth = infonerf_report::depth_image(&image.depth, &image.acc, SIZE, SIZE, near, far).unwrap();
         let of_depth = psnr(&pixels(&file, &format!("camera={view}&mode=depth")), &depth);
-        println!("camera {view}: depth {of_depth:.1} dB");
+        eprintln!("camera {view}: depth {of_depth:.1} dB");
         assert!(of_depth > 25.0, "camera {view}: depth {of_depth} dB");
         assert!(pixels(&file, &format!("camera={view}&mode=normals")) != drawn);
     }

@@ -19,8 +19,8 @@ use crate::terminal::open_device;
 
 /// Points on the exported surface, and pixels along a side of the cameras that find points of the exact one: enough for
 /// distances of a fraction of a voxel.
-const FOUND_POINTS: usize = 400_000;
-const TRUTH_SIZE: u32 = 96;
+const FOUND_POINTS: usize = 100_000;
+const TRUTH_SIZE: u32 = 48;
 /// Test views on which splats are measured at most.
 const TEST_VIEWS: usize = 8;
 
@@ -89,7 +89,7 @@ fn prepare(out: &Path) -> Result<()> {
     }
     let folder =
         out.parent().filter(|folder| !folder.as_os_str().is_empty()).map_or(PathBuf::from("."), Path::to_owned);
-    fs::create_dir_all(&folder).with_context(|| folder.display().to_string())
+    fs::create_dir_all(&folder).with_context(|| out.display().to_string())
 }
 
 fn cameras(plan: &RunPlan) -> Result<Exported> {

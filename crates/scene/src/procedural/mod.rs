@@ -24,6 +24,7 @@ pub use cameras::{TEST_VIEWS, TRAIN_VIEWS, test_cameras, train_cameras};
 pub(crate) use cameras::field_of_view;
 
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::select::pool;
 use crate::{
@@ -137,7 +138,8 @@ pub fn surface_points(name: &str, size: u32) -> Result<Vec<Vec3>, SceneError> {
         let hits = pixels.zip(distances).filter(|(_, distance)| distance.is_finite());
         hits.map(|((x, y), distance)| camera.ray(x, y).at(distance)).collect()
     };
-    Ok(cameras::layout(name, size).train.iter().flat_map(of_camera).collect())
+    let points: Vec<Vec<Vec3>> = cameras::layout(name, size).train.par_iter().map(of_camera).collect();
+    Ok(points.concat())
 }
 
 /// The training and the test cameras of the scene `name` for `size`² images.

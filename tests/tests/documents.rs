@@ -1,0 +1,51 @@
+//! The documents: links lead somewhere, experiments that they name exist, and the README stays short.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Most bytes of README.md.
+const README_BYTES: usize = 8 << 10;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Every Markdown document of the repository, with its path from the root.
+fn documents() -> Vec<(PathBuf, String)> {
+    let folders = [root(), root().join("docs")];
+    let files = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()));
+    let markdown = files.filter(|path| path.extension().is_some_and(|extension| extension == "md"));
+    let documents: Vec<_> = markdown.map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect();
+    assert!(documents.len() >= 8, "{}", documents.len());
+    documents
+}
+
+#[test]
+fn links_resolve() {
+    for (path, text) in documents() {
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(link, _)| link) {
+            let file = link.split('#').next().unwrap_or_default();
+            if link.contains("://") || file.is_empty() {
+                continue;
+            }
+            assert!(path.parent().unwrap().join(file).exists(), "{}: {link}", path.display());
+        }
+    }
+}
+
+#[test]
+fn named_experiments_exist() {
+    let known: Vec<&str> = infonerf_experiment::list().unwrap().into_iter().map(|(name, _)| name).collect();
+    for (path, text) in documents() {
+        for rest in text.split("infonerf exp ").skip(1) {
+            let name: String = rest.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '-').collect();
+            assert!(name.is_empty() || known.contains(&name.as_str()), "{}: {name}", path.display());
+        }
+    }
+}
+
+#[test]
+fn the_readme_is_short() {
+    let length = fs::metadata(root().join("README.md")).unwrap().len() as usize;
+    assert!(length <= README_BYTES, "{length}");
+}
