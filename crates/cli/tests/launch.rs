@@ -46,7 +46,7 @@ impl Cluster {
         let path = std::env::var_os("PATH").unwrap();
         let paths = std::iter::once(fakes).chain(std::env::split_paths(&path));
         let invocation = self.0.tiny(args).args(&["--out", out]);
-        invocation.env("PATH", std::env::join_paths(paths).unwrap()).env("JOBS", self.0.path("jobs"))
+        invocation.env("PATH", path).env("JOBS", self.0.path("jobs"))
     }
 
     fn sweep(&self, out: &str) -> Invocation {

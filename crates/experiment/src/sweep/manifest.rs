@@ -6,6 +6,7 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use infonerf_scene::SceneSource;
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -35,8 +36,7 @@ struct Line {
 
 /// Writes the manifest beside its place and renames it.
 pub(super) fn write(path: &Path, items: &[Item]) -> Result<()> {
-    let mut text = String::new();
-    for (item, Item { plan, .. }) in items.iter().enumerate() {
+    let line = |(item, Item { plan, .. }): (usize, &Item)| -> Result<String> {
         let source = match &plan.source {
             SceneSource::Procedural(name) => format!("built-in scene {name}"),
             SceneSource::Folder { path } => {
@@ -53,9 +53,10 @@ pub(super) fn write(path: &Path, items: &[Item]) -> Result<()> {
             seed: plan.seed,
             config: plan.to_toml()?,
         };
-        text.push_str(&serde_json::to_string(&line)?);
-        text.push('\n');
-    }
+        Ok(serde_json::to_string(&line)? + "\n")
+    };
+    let lines: Result<Vec<String>> = items.par_iter().enumerate().map(line).collect();
+    let text = lines?.concat();
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     }

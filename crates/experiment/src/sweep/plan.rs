@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use anyhow::{Context, Result, bail};
+use rayon::prelude::*;
 
 use super::options::SweepOptions;
 use super::setting::{MOST, Setting, Space};
@@ -51,20 +52,28 @@ impl Sweep {
         let space = Space::parse(options)?;
         let outline = Outline::read(experiment, &options.selection)?;
         let name = format!("sweep-{}", outline.about.name);
-        let mut items = Vec::new();
-        for (order, setting) in space.settings()?.into_iter().enumerate() {
+        let runs_of = |(order, setting): (usize, Setting)| -> Result<Vec<_>> {
             let assignments = space.assignments(&setting)?;
             let runs = outline.runs(&assignments).with_context(|| format!("with {}", assignments.join(" ")))?;
-            for (index, plan) in runs.into_iter().enumerate() {
+            let item = |(index, plan): (usize, RunPlan)| {
                 let variant = plan.variant.clone();
                 let plan = RunPlan { experiment: name.clone(), variant: safe_name(&variant, &assignments), ..plan };
                 let place = (index / outline.seeds(), order, index % outline.seeds());
-                items.push((place, Item { plan, variant, setting: setting.clone() }));
-            }
-            if items.len() > MOST {
-                bail!("--grid: expected at most {MOST} runs");
-            }
+                (place, Item { plan, variant, setting: setting.clone() })
+            };
+            Ok(runs.into_iter().enumerate().map(item).collect())
+        };
+        // The first setting tells how many runs there are, and most faults, before all are made.
+        let settings = space.settings()?;
+        let of_one = match settings.first() {
+            Some(first) => runs_of((0, first.clone()))?.len(),
+            None => 0,
+        };
+        if of_one.saturating_mul(settings.len()) > MOST {
+            bail!("--grid: expected at most {MOST} runs");
         }
+        let items: Vec<Result<Vec<_>>> = settings.into_par_iter().enumerate().map(runs_of).collect();
+        let mut items: Vec<_> = items.into_iter().collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
         // The paper has no figures for settings of ours.
         let about = About { name, paper: None, claims: Vec::new(), plot: None, ..outline.about };
         items.sort_by_key(|(place, _)| *place);
@@ -110,13 +119,15 @@ fn checksum(text: &str) -> u32 {
 /// Refuses values that mean the same, and leaves out a variant that the values make into another.
 fn leave_out_repetitions(space: &Space, items: &mut Vec<Item>) -> Result<Vec<String>> {
     let Some(first) = items.first().map(|item| item.plan.clone()) else { return Ok(Vec::new()) };
+    let first = items.par_iter().filter(|item| item.plan.scene == first.scene && item.plan.seed == first.seed);
+    let texts: Vec<Result<(String, String)>> =
+        first.map(|item| Ok((item.variant.clone(), toml::to_string(&item.plan.config)?))).collect();
     let mut variants: Vec<(String, Vec<String>)> = Vec::new();
-    for item in items.iter().filter(|item| item.plan.scene == first.scene && item.plan.seed == first.seed) {
-        if variants.last().is_none_or(|(variant, _)| *variant != item.variant) {
-            variants.push((item.variant.clone(), Vec::new()));
-        }
-        if let Some((_, configs)) = variants.last_mut() {
-            configs.push(toml::to_string(&item.plan.config)?);
+    for text in texts {
+        let (variant, config) = text?;
+        match variants.last_mut().filter(|(last, _)| *last == variant) {
+            Some((_, configs)) => configs.push(config),
+            None => variants.push((variant, vec![config])),
         }
     }
     let mut notices = Vec::new();
