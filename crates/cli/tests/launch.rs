@@ -43,8 +43,8 @@ impl Cluster {
     /// `ARGS --out OUT`, with the schedulers on the PATH.
     fn run(&self, args: &[&str], out: &str) -> Invocation {
         let fakes = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/schedulers");
-        let path = std::env::var_os("PATH").unwrap();
-        let paths = std::iter::once(fakes).chain(std::env::split_paths(&path));
+        let path: OsString =
+            [fakes.into_os_string(), ":".into(), std::env::var_os("PATH").unwrap()].into_iter().collect();
         let invocation = self.0.tiny(args).args(&["--out", out]);
         invocation.env("PATH", path).env("JOBS", self.0.path("jobs"))
     }
@@ -223,9 +223,8 @@ fn hyperqueue_runs_a_task_array_and_watching_it_ends_with_the_table() {
         assert!(script.lines().any(|found| found == line), "expected {line}\n{script}");
     }
     assert!(script.contains("/launch/%{JOB_ID}_%{TASK_ID}.log\"\n"), "{script}");
-    let lines: Vec<&str> = script.lines().collect();
-    let options = lines.iter().rposition(|line| line.starts_with("#HQ")).unwrap();
-    assert!(lines[options + 1..].iter().all(|line| !line.starts_with('#')), "options come first: {script}");
+    let mut body = script.lines().skip(1).skip_while(|line| line.starts_with("#HQ"));
+    assert!(body.all(|line| !line.starts_with('#')), "options come first: {script}");
     cluster.sweep("local").succeeds();
     assert_eq!(cluster.numbers("local"), cluster.numbers("runs"));
     cluster.sweep("runs").env("LIVE", "5").fails_with(&["2 of its tasks wait and 1 run", "hq job cancel 5"]);
