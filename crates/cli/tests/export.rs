@@ -70,7 +70,8 @@ fn exports_that_cannot_be_made() {
     place.run(&["export", RUN]).assert_refused(&["--format"]);
     place.run(&["export", RUN, "--format", "stl"]).assert_refused(&["stl", "glb"]);
     for resolution in ["0", "513", "-1", "many"] {
-        place.run(&["export", RUN, "--format", "ply", "--resolution", resolution]).assert_refused(&["--resolution"]);
+        let resolution = format!("--resolution={resolution}");
+        place.run(&["export", RUN, "--format", "ply", &resolution]).assert_refused(&["--resolution"]);
     }
     fs::write(place.path("file"), "").unwrap();
     export(&["--out", "file/below.ply"]).fails_with(&["file"]);

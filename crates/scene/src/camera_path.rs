@@ -175,7 +175,7 @@ mod tests {
             ("/camera_path", json!(3), "`camera_path`: expected a list"),
             ("/camera_path/1", json!({}), "`camera_path[1].camera_to_world`"),
             ("/camera_path/1/camera_to_world", json!([1, 2]), "`camera_path[1].camera_to_world`: expected 16 numbers"),
-            ("/camera_path/1/camera_to_world/0", json!(5), "scale or shear"),
+            ("/camera_path/1/camera_to_world/0", json!(5), "expected a 4×4 rigid camera-to-world matrix"),
             ("/camera_path/1/fov", json!(180), "`camera_path[1].fov`: expected a vertical field of view"),
             ("/camera_path/1/fov", Value::Null, "`camera_path[1].fov`: expected a field of view, as other"),
             ("/camera_path/0/fov", Value::Null, "`camera_path[0].fov`: expected a field of view, as other"),

@@ -184,7 +184,8 @@ mod tests {
             assert!((position.length() - 4.0311).abs() < 1e-3, "{position}");
             assert!((-pose.z_axis.truncate()).dot(-position.normalize()) > 1.0 - 1e-6);
         }
-        assert_eq!(interpolate_views(&cameras[..1], 2), vec![cameras[0].to_world; 2]);
+        let alone = interpolate_views(&cameras[..1], 2);
+        assert!(alone.len() == 2 && alone.iter().all(|pose| pose.abs_diff_eq(cameras[0].to_world, 1e-9)));
         assert!(interpolate_views(&[], 5).is_empty());
     }
 

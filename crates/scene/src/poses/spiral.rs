@@ -91,7 +91,8 @@ mod tests {
         let depth = 1.0 / (0.25 / (0.9 * near) + 0.75 / (5.0 * far));
         for pose in &path {
             let (position, forward) = (pose.w_axis.truncate(), -pose.z_axis.truncate());
-            assert!(position.x.abs() <= 1.0 + 1e-9 && position.y.abs() <= 0.5 + 1e-9 && position.z.abs() < 1e-9);
+            let within = DVec3::new(1.0, 0.5, 0.0) + 1e-9;
+            assert!(position.abs().cmple(within).all(), "{position}");
             let target = DVec3::NEG_Z * depth;
             assert!(forward.dot((target - position).normalize()) > 1.0 - 1e-9);
         }

@@ -32,6 +32,7 @@ const TRIES: usize = 64;
 pub struct ViewRegion {
     focus: Focus,
     up: DVec3,
+    several: bool,
     directions: Vec<DVec3>,
     cap: Cap,
     radii: (f64, f64),
@@ -60,7 +61,7 @@ impl ViewRegion {
             .unwrap_or((1.0, 1.0));
         let lowest = directions.iter().map(|d| d.dot(up)).fold(f64::INFINITY, f64::min);
         let cap = Cap::enclosing(&directions, up);
-        Self { focus, up, directions, cap, radii, lowest }
+        Self { focus, up, several: cameras.len() > 1, directions, cap, radii, lowest }
     }
 
     /// The point nearest to all optical axes.
@@ -86,7 +87,7 @@ impl ViewRegion {
 
     /// Whether there are several cameras that all face one way, as in a forward-facing capture.
     pub(crate) fn faces_forward(&self) -> bool {
-        self.directions.len() > 1 && self.cap.half_angle < FORWARD_FACING
+        self.several && self.cap.half_angle < FORWARD_FACING
     }
 
     /// The least and greatest distance of a camera from the centre.
