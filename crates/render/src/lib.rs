@@ -11,7 +11,8 @@
 //! use burn::tensor::{Device, Tensor};
 //! use infonerf_field::{Field, Points, Sampled};
 //! use infonerf_render::{
-//!     LastInterval, Model, OccupancyConfig, Placement, RenderConfig, Renderer, Space, TrainedModel, render_image,
+//!     Compositing, LastInterval, Model, OccupancyConfig, Placement, RenderConfig, Renderer, Space, TrainedModel,
+//!     render_image,
 //! };
 //! use infonerf_scene::{Scene, SceneRequest, SceneSource, TestProtocol, load};
 //! use infonerf_schedule::Moment;
@@ -36,6 +37,7 @@
 //! let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..SceneRequest::default() };
 //! let scene: Scene = load(&SceneSource::Procedural("knot".into()), &request).unwrap();
 //! let config = RenderConfig {
+//!     compositing: Compositing::Exponential,
 //!     samples: 16.0.into(),
 //!     fine_samples: 0,
 //!     placement: Placement::Mid,
