@@ -9,26 +9,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use common::{Invocation, Workplace, records, text, without_times};
+use common::{Invocation, SWEEP, Workplace, records, text, without_times};
 use serde_json::Value;
-
-/// Four values, two seeds, one scene.
-const SWEEP: [&str; 14] = [
-    "sweep",
-    "synthetic-4view",
-    "--scene",
-    "knot",
-    "--variant",
-    "infonerf",
-    "--grid",
-    "loss.entropy.weight=0,1e-3",
-    "--grid",
-    "loss.kl.weight=0,1e-4",
-    "--seed",
-    "0..1",
-    "--set",
-    "eval.information_rays=0",
-];
 
 /// A folder whose schedulers are those of `tests/schedulers`.
 struct Cluster(Workplace);

@@ -8,26 +8,9 @@ use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::{Duration, Instant, SystemTime};
 
-use common::{Invocation, Workplace, records, text, without_times};
+use common::{Invocation, SWEEP, Workplace, records, text, without_times};
 use serde_json::Value;
 
-/// Four values, two seeds, one scene.
-const SWEEP: [&str; 14] = [
-    "sweep",
-    "synthetic-4view",
-    "--scene",
-    "knot",
-    "--variant",
-    "infonerf",
-    "--grid",
-    "loss.entropy.weight=0,1e-3",
-    "--grid",
-    "loss.kl.weight=0,1e-4",
-    "--seed",
-    "0..1",
-    "--set",
-    "eval.information_rays=0",
-];
 const RUNS: usize = 8;
 const FOLDER: &str = "sweep-synthetic-4view";
 

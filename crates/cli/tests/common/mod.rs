@@ -29,6 +29,24 @@ const TINY: [&str; 16] = [
     "render.occupancy.every=1",
 ];
 
+/// A sweep of four values, two seeds, one scene.
+pub const SWEEP: [&str; 14] = [
+    "sweep",
+    "synthetic-4view",
+    "--scene",
+    "knot",
+    "--variant",
+    "infonerf",
+    "--grid",
+    "loss.entropy.weight=0,1e-3",
+    "--grid",
+    "loss.kl.weight=0,1e-4",
+    "--seed",
+    "0..1",
+    "--set",
+    "eval.information_rays=0",
+];
+
 /// A folder that goes away after the test.
 pub struct Workplace(tempfile::TempDir);
 

@@ -32,6 +32,7 @@ const TRIES: usize = 64;
 pub struct ViewRegion {
     focus: Focus,
     up: DVec3,
+    /// Whether there is more than one camera.
     several: bool,
     directions: Vec<DVec3>,
     cap: Cap,
