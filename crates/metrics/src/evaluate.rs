@@ -61,14 +61,9 @@ impl<'a> Evaluator<'a> {
     pub fn add(&mut self, pair: Pair<'_>) -> Result<&Values, MetricError> {
         let view = View::new(pair, self.protocol)?;
         let mut values = Values::new();
-        for metric in self.metrics {
-            let value = match metric.measure {
-                Measure::View(measure) => measure(&view),
-                Measure::Distance(network, measure) => {
-                    self.networks.distance(network).and_then(|network| measure(&view, network))
-                }
-                Measure::Set(..) => continue,
-            };
+        let mut measured = MeasuredView { view: &view, networks: self.networks, values: BTreeMap::new() };
+        for metric in self.metrics.iter().filter(|metric| !matches!(metric.measure, Measure::Set(..))) {
+            let value = measured.value(metric);
             if let Err(reason) = &value {
                 self.reasons.entry(metric.key()).or_insert_with(|| reason.clone());
             }
@@ -92,7 +87,7 @@ impl<'a> Evaluator<'a> {
         let mut notes: IndexMap<String, Vec<String>> = IndexMap::new();
         for metric in self.metrics {
             let (value, note) = match metric.measure {
-                Measure::View(_) | Measure::Distance(..) => self.mean(metric.key()),
+                Measure::View(_) | Measure::Distance(..) | Measure::Values(..) => self.mean(metric.key()),
                 Measure::Set(network, measure) => {
                     let features = self.features[network].as_ref().map_err(MetricError::clone);
                     match features.and_then(|[renders, truths]| measure(renders, truths)) {
@@ -123,6 +118,38 @@ impl<'a> Evaluator<'a> {
             (None, None) => Some("no views".to_owned()),
         };
         (mean, note)
+    }
+}
+
+/// A view and what has been measured of it, each once.
+struct MeasuredView<'a> {
+    view: &'a View<'a>,
+    networks: &'a Networks,
+    values: BTreeMap<&'static str, Result<f64, MetricError>>,
+}
+
+impl MeasuredView<'_> {
+    /// The view's value of `metric`.
+    ///
+    /// # Panics
+    /// For a metric of sets, which views have no value of.
+    fn value(&mut self, metric: &Metric) -> Result<f64, MetricError> {
+        if let Some(known) = self.values.get(metric.key()) {
+            return known.clone();
+        }
+        let value = match metric.measure {
+            Measure::View(measure) => measure(self.view),
+            Measure::Distance(network, measure) => {
+                self.networks.distance(network).and_then(|network| measure(self.view, network))
+            }
+            Measure::Values(metrics, measure) => {
+                let values: Result<Vec<f64>, MetricError> = metrics.iter().map(|metric| self.value(metric)).collect();
+                values.map(|values| measure(&values))
+            }
+            Measure::Set(..) => unreachable!("{} is of a set", metric.key()),
+        };
+        self.values.insert(metric.key(), value.clone());
+        value
     }
 }
 

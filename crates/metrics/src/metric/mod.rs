@@ -63,6 +63,8 @@ pub enum Measure {
     View(fn(&View<'_>) -> Result<f64, MetricError>),
     /// One view, and the distance of that name among [`crate::Networks`].
     Distance(&'static str, fn(&View<'_>, &dyn PictureDistance) -> Result<f64, MetricError>),
+    /// The values that these metrics have for the view.
+    Values(&'static [&'static Metric], fn(&[f64]) -> f64),
     /// What the feature extractor of that name makes of all renders and of all truths.
     Set(&'static str, fn(&Features, &Features) -> Result<f64, MetricError>),
 }
@@ -76,9 +78,10 @@ impl Metric {
 
     /// Name of the network that it needs.
     #[must_use]
-    pub const fn network(&self) -> Option<&'static str> {
+    pub fn network(&self) -> Option<&'static str> {
         match self.measure {
             Measure::View(_) => None,
+            Measure::Values(metrics, _) => metrics.iter().find_map(|metric| metric.network()),
             Measure::Distance(network, _) | Measure::Set(network, _) => Some(network),
         }
     }
