@@ -3,6 +3,7 @@
 //! A new one is a file with a [`Metric`] constant, its `mod` line here, and its line in [`METRICS`]: records, tables,
 //! `eval` and notes follow from the list.
 
+mod average;
 mod depth_error;
 mod fid;
 mod gmsd;
@@ -14,6 +15,7 @@ mod sharpness;
 mod silhouette_iou;
 mod ssim;
 
+pub use average::average;
 pub use depth_error::depth_error;
 pub use fid::{INCEPTION_NETWORK, frechet_distance};
 pub use gmsd::gmsd;
@@ -32,6 +34,7 @@ pub const METRICS: &[&Metric] = &[
     &SSIM,
     &LPIPS_ALEX,
     &LPIPS_VGG,
+    &average::AVERAGE,
     &ms_ssim::MS_SSIM,
     &gmsd::GMSD,
     &sharpness::SHARPNESS,
