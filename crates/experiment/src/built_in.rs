@@ -16,6 +16,7 @@ built_in! {
     "llff-2view",
     "llff-3view",
     "dtu-3view",
+    "capture",
     "zju-4view",
     "synthetic-4view-losses",
     "synthetic-4view-mlp",

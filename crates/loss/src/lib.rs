@@ -45,6 +45,7 @@ pub use terms::opacity_prior::OpacityPriorConfig;
 pub use terms::photometric::{Norm, PhotometricConfig, photometric_loss};
 pub use terms::semantic::{SemanticConfig, semantic_loss};
 pub use terms::silhouette::SilhouetteConfig;
+pub use terms::stereo::StereoConfig;
 pub use terms::tv::TvConfig;
 
 #[cfg(test)]
@@ -85,6 +86,7 @@ pub(crate) mod testing {
             rgb: Tensor::zeros([rays, 3], &device),
             rgba: vec![[0.0, 0.0, 0.0, 1.0]; rays],
             coverage: vec![1.0; rays],
+            places: vec![(0, 0.5, 0.5); rays],
             background: [1.0; 3],
         };
         Renders {

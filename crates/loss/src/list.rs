@@ -14,6 +14,7 @@ use crate::terms::opacity_prior::OpacityPriorConfig;
 use crate::terms::photometric::PhotometricConfig;
 use crate::terms::semantic::SemanticConfig;
 use crate::terms::silhouette::SilhouetteConfig;
+use crate::terms::stereo::StereoConfig;
 use crate::terms::tv::TvConfig;
 
 /// Makes [`LossConfig`] of a list of terms: the name of each, which is its table in config files, and its config.
@@ -53,6 +54,8 @@ terms! {
     distortion: DistortionConfig,
     /// Penalty on density just before the cameras.
     occlusion: OcclusionConfig,
+    /// Depth of the training images from stereo.
+    stereo: StereoConfig,
     /// Penalty on opacity.
     opacity: OpacityConfig,
     /// Neural Volumes' prior for opacities of 0 and 1.

@@ -74,6 +74,8 @@ pub struct Target {
     pub rgba: Vec<[f32; 4]>,
     /// Share of the 3 × 3 pixels about each that do not show the background: 1 within an object, less at its edge.
     pub coverage: Vec<f32>,
+    /// View and position of each pixel, in pixels of the view's camera.
+    pub places: Vec<(usize, f32, f32)>,
     /// The scene's background.
     pub background: [f32; 3],
 }

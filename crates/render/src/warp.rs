@@ -1,7 +1,7 @@
 //! Space as a field sees it: captures without an end are brought into a box.
 
 use glam::{Mat4, Vec2, Vec3};
-use infonerf_scene::{Aabb, Camera, Layout, Scene};
+use infonerf_scene::{Aabb, Camera, Layout, Range, Scene};
 use serde::{Deserialize, Serialize};
 
 /// Which [`Warp`] a scene is seen through.
@@ -46,7 +46,8 @@ pub enum Warp {
     Contraction {
         /// What the cameras look at.
         centre: Vec3,
-        /// Distance of the farthest camera from the centre; within it nothing is changed.
+        /// Distance of the farthest camera from the centre, or the radius of the sphere in which the content is known to lie;
+        /// within it nothing is changed.
         radius: f32,
     },
 }
@@ -69,7 +70,10 @@ impl Warp {
                 ),
                 near: scene.near.max(1e-6 * scene.far),
             },
-            (Space::Contraction | Space::Ndc, _) => Self::Contraction { centre: scene.centre, radius: scene.radius },
+            (Space::Contraction | Space::Ndc, _) => match scene.range {
+                Range::Sphere { centre, radius } => Self::Contraction { centre, radius },
+                _ => Self::Contraction { centre: scene.centre, radius: scene.radius },
+            },
             (Space::Box | Space::Auto, _) => Self::Identity,
         }
     }

@@ -11,4 +11,5 @@ pub(crate) mod opacity_prior;
 pub(crate) mod photometric;
 pub(crate) mod semantic;
 pub(crate) mod silhouette;
+pub(crate) mod stereo;
 pub(crate) mod tv;

@@ -1,0 +1,49 @@
+//! Which views a view is compared with.
+
+use glam::Vec3;
+use infonerf_scene::{Camera, Scene};
+
+/// The angle between two lines of sight that shows depth best: less shows little, more shows different sides (MVSNet,
+/// Yao et al. 2018, Sec. 4.1).
+const BEST_ANGLE_DEG: f32 = 5.0;
+/// Beyond this angle windows look too different.
+const LARGEST_ANGLE_DEG: f32 = 45.0;
+
+/// At most `count` of the cameras beside `view`, the best first.
+pub(crate) fn of(scene: &Scene, cameras: &[Camera], view: usize, count: usize) -> Vec<usize> {
+    let camera = &cameras[view];
+    let Some(point) = middle(scene, camera) else { return Vec::new() };
+    let sight = |camera: &Camera| (point - camera.position()).normalize_or_zero();
+    let mut scored: Vec<(f32, usize)> = (0..cameras.len())
+        .filter(|&other| other != view && cameras[other].project(point).is_some())
+        .map(|other| (sight(camera).angle_between(sight(&cameras[other])).to_degrees(), other))
+        .filter(|(angle, _)| *angle <= LARGEST_ANGLE_DEG)
+        .map(|(angle, other)| (score(angle), other))
+        .collect();
+    scored.sort_by(|a, b| b.0.total_cmp(&a.0));
+    scored.truncate(count);
+    scored.into_iter().map(|(_, other)| other).collect()
+}
+
+/// What `camera` looks at: the point of its middle ray at the mean disparity.
+fn middle(scene: &Scene, camera: &Camera) -> Option<Vec3> {
+    let ray = camera.ray(camera.width as f32 / 2.0, camera.height as f32 / 2.0);
+    let (near, far) = scene.interval(&ray)?;
+    Some(ray.at(2.0 / (1.0 / near.max(1e-3 * far) + 1.0 / far)))
+}
+
+fn score(angle: f32) -> f32 {
+    let spread = if angle < BEST_ANGLE_DEG { 1.0 } else { 10.0 };
+    (-0.5 * ((angle - BEST_ANGLE_DEG) / spread).powi(2)).exp()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_moderate_angle_is_best() {
+        let scores = [0.0, 3.0, 5.0, 15.0, 40.0].map(score);
+        assert!(scores[0] < scores[1] && scores[1] < scores[2] && scores[2] > scores[3] && scores[3] > scores[4]);
+    }
+}

@@ -1,0 +1,121 @@
+//! Semi-global matching (Hirschmüller 2008).
+
+use rayon::prelude::*;
+
+use crate::grey::Grey;
+
+/// What a step to the next plane costs between neighbouring pixels.
+const SMALL_STEP: f32 = 0.02;
+/// What a larger one costs where the picture is even; it costs less across an edge.
+const LARGE_STEP: f32 = 0.25;
+/// The difference in grey that halves [`LARGE_STEP`].
+const EDGE: f32 = 0.05;
+
+/// The eight directions that costs are gathered along.
+const DIRECTIONS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)];
+
+/// The best plane of each pixel, refined between planes by a parabola through its cost and its neighbours'.
+///
+/// Along each direction r, `L(p, d) = C(p, d) + min(L(q, d), L(q, d ± 1) + P₁, min L(q) + P₂) − min L(q)` with q = p − r
+/// (Eq. 13); the plane with the least ΣL wins.
+pub(crate) fn labels(costs: &[f32], planes: usize, guide: &Grey) -> Vec<f32> {
+    let add = |mut sum: Vec<f32>, costs: Vec<f32>| {
+        sum.iter_mut().zip(&costs).for_each(|(sum, cost)| *sum += cost);
+        sum
+    };
+    let gathered = DIRECTIONS.par_iter().map(|&direction| gathered(costs, planes, guide, direction));
+    let total = gathered.reduce_with(add).unwrap_or_default();
+    total.chunks_exact(planes).map(refined_minimum).collect()
+}
+
+/// The costs along one direction.
+fn gathered(costs: &[f32], planes: usize, guide: &Grey, (dx, dy): (isize, isize)) -> Vec<f32> {
+    let (width, height) = (guide.width, guide.height);
+    let mut total = vec![0.0; costs.len()];
+    for j in 0..height {
+        let y = if dy < 0 { height - 1 - j } else { j };
+        for i in 0..width {
+            let x = if dx < 0 { width - 1 - i } else { i };
+            let pixel = y * width + x;
+            let cost = &costs[pixel * planes..][..planes];
+            let (fx, fy) = (x.wrapping_add_signed(-dx), y.wrapping_add_signed(-dy));
+            if fx >= width || fy >= height {
+                total[pixel * planes..][..planes].copy_from_slice(cost);
+                continue;
+            }
+            let before = fy * width + fx;
+            let large = LARGE_STEP / (1.0 + (guide.values[pixel] - guide.values[before]).abs() / EDGE);
+            let (first, second) = total.split_at_mut(pixel.max(before) * planes);
+            let (from, to) = if before < pixel {
+                (&first[before * planes..][..planes], &mut second[..planes])
+            } else {
+                (&second[..planes], &mut first[pixel * planes..][..planes])
+            };
+            step(cost, from, to, large.max(SMALL_STEP));
+        }
+    }
+    total
+}
+
+/// One pixel's costs from those of the pixel before it.
+fn step(cost: &[f32], from: &[f32], to: &mut [f32], large: f32) {
+    let least = from.iter().copied().fold(f32::INFINITY, f32::min);
+    let stay = |d: usize| from[d].min(least + large);
+    let last = cost.len() - 1;
+    to[0] = cost[0] + stay(0).min(from[1.min(last)] + SMALL_STEP) - least;
+    to[last] = cost[last] + stay(last).min(from[last.saturating_sub(1)] + SMALL_STEP) - least;
+    for (((to, cost), before), window) in to[1..].iter_mut().zip(&cost[1..]).zip(&from[1..]).zip(from.windows(3)) {
+        let move_one = window[0].min(window[2]) + SMALL_STEP;
+        *to = cost + before.min(least + large).min(move_one) - least;
+    }
+}
+
+/// Where the least of `costs` is, between whole numbers.
+fn refined_minimum(costs: &[f32]) -> f32 {
+    let best = (0..costs.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
+    if best == 0 || best + 1 == costs.len() {
+        return best as f32;
+    }
+    let (below, least, above) = (costs[best - 1], costs[best], costs[best + 1]);
+    let curvature = below - 2.0 * least + above;
+    let shift = if curvature > 0.0 { 0.5 * (below - above) / curvature } else { 0.0 };
+    best as f32 + shift.clamp(-0.5, 0.5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_ambiguous_pixel_takes_its_neighbours_plane() {
+        let guide = Grey { width: 5, height: 3, values: vec![0.5; 15] };
+        let mut costs = vec![1.0; 15 * 6];
+        for pixel in 0..15 {
+            costs[pixel * 6 + 2] = 0.1;
+        }
+        // One pixel prefers another plane by a little.
+        costs[7 * 6 + 5] = 0.05;
+        let found = labels(&costs, 6, &guide);
+        assert!(found.iter().all(|label| (label - 2.0).abs() < 1e-3), "{found:?}");
+    }
+
+    #[test]
+    fn an_edge_of_the_picture_may_be_one_of_depth() {
+        let values = (0..8).map(|x| if x < 4 { 0.1 } else { 0.9 }).collect();
+        let guide = Grey { width: 8, height: 1, values };
+        let mut costs = vec![0.6; 8 * 9];
+        for x in 0..8 {
+            costs[x * 9 + if x < 4 { 1 } else { 7 }] = 0.1;
+        }
+        let found = labels(&costs, 9, &guide);
+        assert!(found[..4].iter().all(|label| (label - 1.0).abs() < 0.5), "{found:?}");
+        assert!(found[4..].iter().all(|label| (label - 7.0).abs() < 0.5), "{found:?}");
+    }
+
+    #[test]
+    fn minima_are_refined() {
+        let parabola = |x: f32| (0..7).map(|d| (d as f32 - x).powi(2)).collect::<Vec<_>>();
+        approx::assert_abs_diff_eq!(refined_minimum(&parabola(3.3)), 3.3, epsilon = 1e-4);
+        assert_eq!(refined_minimum(&parabola(-1.0)), 0.0);
+    }
+}

@@ -1,0 +1,151 @@
+use glam::{Mat4, Vec2, Vec3};
+use infonerf_scene::{Camera, Ray, Scene};
+use rayon::prelude::*;
+
+use crate::correlation::Windows;
+use crate::grey::Grey;
+use crate::map::DepthMap;
+
+/// Fewest planes that are tried.
+const FEWEST_PLANES: usize = 16;
+
+/// The cost of a plane that no other view shows.
+const UNSEEN_COST: f32 = 0.5;
+
+/// The candidate depths of each pixel of a view: the same number on each ray, evenly spaced in disparity between the ends of
+/// what the ray can show.
+pub(crate) struct Sweep {
+    width: usize,
+    height: usize,
+    planes: usize,
+    /// Ray, disparity of its first plane (the farthest), and the step to the next, for each pixel; none where it shows nothing.
+    rays: Vec<Option<(Ray, f32, f32)>>,
+}
+
+impl Sweep {
+    pub(crate) fn new(scene: &Scene, cameras: &[Camera], view: usize, others: &[usize], most: usize) -> Self {
+        let camera = &cameras[view];
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let place = |i: usize| ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+        let ends: Vec<_> = (0..width * height)
+            .map(|i| {
+                let (x, y) = place(i);
+                let ray = camera.ray(x, y);
+                let (near, far) = scene.interval(&ray)?;
+                Some((ray, 1.0 / far, 1.0 / near.max(1e-3 * far)))
+            })
+            .collect();
+        // One plane for each pixel that a point moves in another view, on its way from far to near.
+        let moves = |ray: &Ray, far: f32, near: f32, other: &Camera| {
+            let reach = other.width.max(other.height) as f32;
+            let within = |p: &Vec2| p.abs().max_element() < 2.0 * reach;
+            let [a, b] = [far, near].map(|disparity| other.project(ray.at(1.0 / disparity)).filter(within));
+            a.zip(b).map_or(0.0, |(a, b)| a.distance(b))
+        };
+        let stride = (width * height / 64).max(1);
+        let longest = ends
+            .iter()
+            .step_by(stride)
+            .flatten()
+            .flat_map(|(ray, far, near)| others.iter().map(move |&other| moves(ray, *far, *near, &cameras[other])))
+            .fold(0.0, f32::max);
+        let planes = (longest.ceil() as usize + 1).clamp(FEWEST_PLANES, most.max(FEWEST_PLANES));
+        let step = |(ray, far, near): (Ray, f32, f32)| (ray, far, (near - far) / (planes - 1) as f32);
+        Self { width, height, planes, rays: ends.into_iter().map(|ends| ends.map(step)).collect() }
+    }
+
+    pub(crate) fn planes(&self) -> usize {
+        self.planes
+    }
+
+    /// How badly each plane explains each pixel, `[pixels × planes]`, 0 to 1: `(1 − NCC)/2`, mean over the better half of the
+    /// views, since others may not see the surface.
+    pub(crate) fn costs(&self, picture: &Grey, others: &[(&Grey, &Camera)], half: usize) -> Vec<f32> {
+        let windows = Windows::new(picture, half);
+        let projections: Vec<Projection> = others.iter().map(|(_, camera)| Projection::new(camera)).collect();
+        let of_plane = |plane: usize| {
+            let correlation = |(projection, (image, _)): (&Projection<'_>, &(&Grey, &Camera))| {
+                windows.correlation(&self.warped(plane, image, projection))
+            };
+            let correlations: Vec<Vec<f32>> = projections.iter().zip(others).map(correlation).collect();
+            let mut found = Vec::with_capacity(others.len());
+            let cost = |i: usize| {
+                found.clear();
+                found.extend(correlations.iter().map(|values| values[i]).filter(|value| !value.is_nan()));
+                if found.is_empty() {
+                    return UNSEEN_COST;
+                }
+                found.sort_by(|a, b| b.total_cmp(a));
+                let best = &found[..found.len().div_ceil(2)];
+                0.5 * (1.0 - best.iter().sum::<f32>() / best.len() as f32).clamp(0.0, 2.0)
+            };
+            (0..self.rays.len()).map(cost).collect::<Vec<f32>>()
+        };
+        let planes: Vec<Vec<f32>> = (0..self.planes).into_par_iter().map(of_plane).collect();
+        (0..self.rays.len()).flat_map(|i| planes.iter().map(move |plane| plane[i])).collect()
+    }
+
+    /// What `image` shows where the pixels' rays meet a plane; NaN where that is outside of it.
+    fn warped(&self, plane: usize, image: &Grey, camera: &Projection<'_>) -> Vec<f32> {
+        let value = |ray: &Option<(Ray, f32, f32)>| {
+            let (ray, far, step) = ray.as_ref()?;
+            let place = camera.place(ray.at(1.0 / (far + plane as f32 * step)))?;
+            Some(image.sample(place.x, place.y))
+        };
+        self.rays.iter().map(|ray| value(ray).unwrap_or(f32::NAN)).collect()
+    }
+
+    /// The depth map of labels, which are planes and fractions between them.
+    pub(crate) fn depths(&self, labels: &[f32]) -> DepthMap {
+        let disparity = |(ray, label): (&Option<(Ray, f32, f32)>, &f32)| {
+            ray.as_ref().map_or(f32::NAN, |(_, far, step)| far + label * step)
+        };
+        let step = |ray: &Option<(Ray, f32, f32)>| ray.as_ref().map_or(f32::NAN, |(_, _, step)| *step);
+        DepthMap {
+            width: self.width,
+            height: self.height,
+            disparity: self.rays.iter().zip(labels).map(disparity).collect(),
+            step: self.rays.iter().map(step).collect(),
+        }
+    }
+}
+
+/// [`Camera::project`] of many points.
+struct Projection<'a> {
+    camera: &'a Camera,
+    to_camera: Mat4,
+}
+
+impl<'a> Projection<'a> {
+    fn new(camera: &'a Camera) -> Self {
+        Self { camera, to_camera: camera.to_world.inverse().as_mat4() }
+    }
+
+    fn place(&self, p: Vec3) -> Option<Vec2> {
+        let camera = self.camera;
+        if !camera.lens.is_perspective() {
+            return camera.project(p);
+        }
+        let p = self.to_camera.transform_point3(p);
+        let place = Vec2::new(camera.fx as f32 * p.x, -camera.fy as f32 * p.y) / -p.z;
+        (p.z < 0.0).then_some(place + Vec2::new(camera.cx as f32, camera.cy as f32))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn projections_are_those_of_the_camera() {
+        let pose =
+            glam::DMat4::from_rotation_translation(glam::DQuat::from_rotation_y(0.7), glam::DVec3::new(1.0, 2.0, 3.0));
+        let camera = Camera::from_fov(40, 30, 1.0, pose);
+        let projection = Projection::new(&camera);
+        for p in [Vec3::new(-1.0, 1.5, -2.0), Vec3::new(-4.0, 2.5, 0.0), Vec3::new(3.0, 1.0, 6.0)] {
+            let (found, want) = (projection.place(p), camera.project(p));
+            assert_eq!(found.is_some(), want.is_some());
+            assert!(found.zip(want).is_none_or(|(found, want)| found.distance(want) < 1e-3), "{found:?} {want:?}");
+        }
+    }
+}
