@@ -1,0 +1,48 @@
+//! Depth maps against the exact depth of a procedural scene.
+
+use infonerf_scene::{Scene, SceneRequest, SceneSource, ViewSelection, load};
+use infonerf_stereo::{DepthMap, Settings, depth_maps};
+
+fn room(train: ViewSelection) -> Scene {
+    let request = SceneRequest { train, image_size: Some(128), ..SceneRequest::default() };
+    load(&SceneSource::Procedural("room".into()), &request).unwrap()
+}
+
+/// How far the map's disparities are from the exact ones, in steps between planes, sorted.
+fn errors(scene: &Scene, view: usize, map: &DepthMap) -> Vec<f32> {
+    let exact = scene.train[view].depth.as_ref().unwrap();
+    let error = |i: usize| (map.disparity[i] - 1.0 / exact[i]).abs() / map.step[i];
+    let mut errors: Vec<f32> = (0..exact.len()).filter(|&i| map.disparity[i].is_finite()).map(error).collect();
+    errors.sort_by(f32::total_cmp);
+    errors
+}
+
+#[test]
+fn matched_pixels_are_where_they_are() {
+    let scene = room(ViewSelection::Named("regnerf-3".into()));
+    for (view, map) in depth_maps(&scene, &Settings::default()).iter().enumerate() {
+        let errors = errors(&scene, view, map);
+        let share = |part: f32| errors[(part * errors.len() as f32) as usize];
+        assert!(errors.len() * 3 > map.disparity.len(), "{} of {}", errors.len(), map.disparity.len());
+        assert!(share(0.5) < 0.5, "median {}", share(0.5));
+        assert!(share(0.8) < 2.0, "four fifths within {}", share(0.8));
+    }
+}
+
+/// A map of a smaller image answers for positions in the larger one.
+#[test]
+fn maps_are_asked_in_pixels_of_the_view() {
+    let scene = room(ViewSelection::Named("regnerf-3".into()));
+    let map = &depth_maps(&scene, &Settings { size: 64, ..Settings::default() })[0];
+    assert_eq!(map.width.max(map.height), 64);
+    let camera = &scene.train[0].camera;
+    let i = map.disparity.iter().position(|disparity| disparity.is_finite()).unwrap();
+    let (column, row) = ((i % map.width) as f32, (i / map.width) as f32);
+    assert_eq!(map.at(camera, 2.0 * column + 0.5, 2.0 * row + 1.5), Some((map.disparity[i], map.step[i])));
+}
+
+#[test]
+fn a_view_without_another_has_no_depth() {
+    let scene = room(ViewSelection::Ids(vec![0]));
+    assert_eq!(depth_maps(&scene, &Settings::default())[0].matched(), 0);
+}
