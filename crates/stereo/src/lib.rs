@@ -26,7 +26,7 @@ mod neighbours;
 mod semi_global;
 mod sweep;
 
-use infonerf_scene::{Camera, Scene};
+use infonerf_scene::{Camera, Ray, Scene};
 
 use crate::grey::Grey;
 use crate::sweep::Sweep;
@@ -54,8 +54,23 @@ impl Default for Settings {
     }
 }
 
+/// How much smaller the images are among which the depths that occur are found first.
+const REDUCTION: u32 = 3;
+/// Fewer matches than this share of all pixels say nothing about which depths occur.
+const FEWEST_MATCHES: f32 = 0.01;
+
 /// The depth of each training view of `scene`, in their order; nothing is matched in a view that no other one is close to.
+///
+/// What the scene says of near and far is often far too wide. A first search in small images finds which disparities occur,
+/// and the second spends its planes on those.
 pub fn depth_maps(scene: &Scene, settings: &Settings) -> Vec<DepthMap> {
+    let small = Settings { size: (settings.size / REDUCTION).max(1), ..settings.clone() };
+    let occurring = disparities(&search(scene, &small, Disparities::ALL)).unwrap_or(Disparities::ALL);
+    search(scene, settings, occurring)
+}
+
+/// One search among planes within `disparities`.
+fn search(scene: &Scene, settings: &Settings, disparities: Disparities) -> Vec<DepthMap> {
     let images: Vec<Grey> = scene.train.iter().map(|view| Grey::of(&view.image, settings.size)).collect();
     let cameras: Vec<Camera> = scene
         .train
@@ -63,16 +78,62 @@ pub fn depth_maps(scene: &Scene, settings: &Settings) -> Vec<DepthMap> {
         .zip(&images)
         .map(|(view, image)| view.camera.resized(image.width as u32, image.height as u32))
         .collect();
-    let pairs: Vec<Vec<usize>> =
-        (0..cameras.len()).map(|view| neighbours::of(scene, &cameras, view, settings.neighbours)).collect();
-    let maps: Vec<DepthMap> = (0..cameras.len())
-        .map(|view| {
-            let sweep = Sweep::new(scene, &cameras, view, &pairs[view], settings.planes);
-            let others: Vec<_> = pairs[view].iter().map(|&other| (&images[other], &cameras[other])).collect();
-            let costs = sweep.costs(&images[view], &others, settings.window);
-            let labels = semi_global::labels(&costs, sweep.planes(), &images[view]);
-            sweep.depths(&labels)
-        })
+    let neighbours: Vec<Vec<usize>> = (0..cameras.len())
+        .map(|view| neighbours::of(scene, &cameras, view, settings.neighbours, disparities))
         .collect();
-    agreement::agreed(&maps, &cameras, &pairs, settings.tolerance)
+    let map = |view: usize| {
+        let others: Vec<_> = neighbours[view].iter().map(|&other| (&images[other], &cameras[other])).collect();
+        let sweep = Sweep::new(scene, &cameras[view], &others, settings.planes, disparities);
+        let costs = sweep.costs(&images[view], &others, settings.window);
+        sweep.depths(&semi_global::labels(&costs, sweep.planes(), &images[view]))
+    };
+    let maps: Vec<DepthMap> = (0..cameras.len()).map(map).collect();
+    agreement::agreed(&maps, &cameras, &neighbours, settings.tolerance)
+}
+
+/// A range of disparities.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Disparities {
+    least: f32,
+    greatest: f32,
+}
+
+impl Disparities {
+    const ALL: Self = Self { least: 0.0, greatest: f32::INFINITY };
+
+    /// The least and the greatest of them along `ray`, where content of `scene` may lie.
+    fn along(&self, scene: &Scene, ray: &Ray) -> Option<(f32, f32)> {
+        let (near, far) = scene.interval(ray)?;
+        let (least, greatest) = ((1.0 / far).max(self.least), (1.0 / near.max(1e-3 * far)).min(self.greatest));
+        (least < greatest).then_some((least, greatest))
+    }
+}
+
+/// The range of all but a hundredth of the matched disparities at either end, a quarter wider; none for too few matches.
+fn disparities(maps: &[DepthMap]) -> Option<Disparities> {
+    let mut found: Vec<f32> = maps.iter().flat_map(|map| &map.disparity).copied().filter(|d| d.is_finite()).collect();
+    let pixels: usize = maps.iter().map(|map| map.disparity.len()).sum();
+    if found.is_empty() || (found.len() as f32) < FEWEST_MATCHES * pixels as f32 {
+        return None;
+    }
+    found.sort_by(f32::total_cmp);
+    let margin = found.len() / 100;
+    Some(Disparities { least: 0.8 * found[margin], greatest: 1.25 * found[found.len() - 1 - margin] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_range_of_disparities_passes_over_stray_matches() {
+        let mut disparity = vec![f32::NAN; 600];
+        (0..400).for_each(|i| disparity[i] = 1.0 + i as f32 / 400.0);
+        disparity[399] = 100.0;
+        let map = DepthMap { width: 600, height: 1, step: vec![0.1; 600], disparity };
+        let found = disparities(std::slice::from_ref(&map)).unwrap();
+        assert!((0.8..0.82).contains(&found.least) && (2.45..2.51).contains(&found.greatest), "{found:?}");
+        let nothing = DepthMap { disparity: vec![f32::NAN; 600], ..map };
+        assert_eq!(disparities(&[nothing]), None);
+    }
 }

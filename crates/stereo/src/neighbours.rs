@@ -1,7 +1,9 @@
 //! Which views a view is compared with.
 
 use glam::Vec3;
-use infonerf_scene::{Camera, Scene};
+use infonerf_scene::{Camera, Layout, Scene};
+
+use crate::Disparities;
 
 /// The angle between two lines of sight that shows depth best: less shows little, more shows different sides (MVSNet,
 /// Yao et al. 2018, Sec. 4.1).
@@ -10,9 +12,9 @@ const BEST_ANGLE_DEG: f32 = 5.0;
 const LARGEST_ANGLE_DEG: f32 = 45.0;
 
 /// At most `count` of the cameras beside `view`, the best first.
-pub(crate) fn of(scene: &Scene, cameras: &[Camera], view: usize, count: usize) -> Vec<usize> {
+pub(crate) fn of(scene: &Scene, cameras: &[Camera], view: usize, count: usize, within: Disparities) -> Vec<usize> {
     let camera = &cameras[view];
-    let Some(point) = middle(scene, camera) else { return Vec::new() };
+    let Some(point) = middle(scene, camera, within) else { return Vec::new() };
     let sight = |camera: &Camera| (point - camera.position()).normalize_or_zero();
     let mut scored: Vec<(f32, usize)> = (0..cameras.len())
         .filter(|&other| other != view && cameras[other].project(point).is_some())
@@ -25,11 +27,16 @@ pub(crate) fn of(scene: &Scene, cameras: &[Camera], view: usize, count: usize) -
     scored.into_iter().map(|(_, other)| other).collect()
 }
 
-/// What `camera` looks at: the point of its middle ray at the mean disparity.
-fn middle(scene: &Scene, camera: &Camera) -> Option<Vec3> {
+/// What `camera` looks at: the point of its middle ray that is as far away as what all cameras look at or, where they do not
+/// look at one thing, at the geometric mean of the disparities that come into question.
+fn middle(scene: &Scene, camera: &Camera, within: Disparities) -> Option<Vec3> {
     let ray = camera.ray(camera.width as f32 / 2.0, camera.height as f32 / 2.0);
-    let (near, far) = scene.interval(&ray)?;
-    Some(ray.at(2.0 / (1.0 / near.max(1e-3 * far) + 1.0 / far)))
+    let (far, near) = within.along(scene, &ray)?;
+    let distance = match scene.layout {
+        Layout::Object => scene.centre.distance(ray.origin).clamp(1.0 / near, 1.0 / far),
+        Layout::Forward | Layout::Inside => 1.0 / (near * far).sqrt(),
+    };
+    Some(ray.at(distance))
 }
 
 fn score(angle: f32) -> f32 {

@@ -2,6 +2,7 @@ use glam::{Mat4, Vec2, Vec3};
 use infonerf_scene::{Camera, Ray, Scene};
 use rayon::prelude::*;
 
+use crate::Disparities;
 use crate::correlation::Windows;
 use crate::grey::Grey;
 use crate::map::DepthMap;
@@ -23,33 +24,31 @@ pub(crate) struct Sweep {
 }
 
 impl Sweep {
-    pub(crate) fn new(scene: &Scene, cameras: &[Camera], view: usize, others: &[usize], most: usize) -> Self {
-        let camera = &cameras[view];
+    pub(crate) fn new(
+        scene: &Scene,
+        camera: &Camera,
+        others: &[(&Grey, &Camera)],
+        most: usize,
+        within: Disparities,
+    ) -> Self {
         let (width, height) = (camera.width as usize, camera.height as usize);
-        let place = |i: usize| ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
-        let ends: Vec<_> = (0..width * height)
-            .map(|i| {
-                let (x, y) = place(i);
-                let ray = camera.ray(x, y);
-                let (near, far) = scene.interval(&ray)?;
-                Some((ray, 1.0 / far, 1.0 / near.max(1e-3 * far)))
-            })
-            .collect();
-        // One plane for each pixel that a point moves in another view, on its way from far to near.
-        let moves = |ray: &Ray, far: f32, near: f32, other: &Camera| {
-            let reach = other.width.max(other.height) as f32;
-            let within = |p: &Vec2| p.abs().max_element() < 2.0 * reach;
-            let [a, b] = [far, near].map(|disparity| other.project(ray.at(1.0 / disparity)).filter(within));
+        let ends = |i: usize| {
+            let ray = camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+            let (far, near) = within.along(scene, &ray)?;
+            Some((ray, far, near))
+        };
+        let ends: Vec<_> = (0..width * height).map(ends).collect();
+        // As many planes as a point moves pixels in another view, by how far the first of the most steps takes it there: the
+        // nearest points may lie outside of that view, or behind it.
+        let most = most.max(FEWEST_PLANES);
+        let moves = |&(ray, far, near): &(Ray, f32, f32), other: &Camera| {
+            let step = (near - far) / (most - 1) as f32;
+            let [a, b] = [far, far + step].map(|disparity| other.project(ray.at(1.0 / disparity)));
             a.zip(b).map_or(0.0, |(a, b)| a.distance(b))
         };
-        let stride = (width * height / 64).max(1);
-        let longest = ends
-            .iter()
-            .step_by(stride)
-            .flatten()
-            .flat_map(|(ray, far, near)| others.iter().map(move |&other| moves(ray, *far, *near, &cameras[other])))
-            .fold(0.0, f32::max);
-        let planes = (longest.ceil() as usize + 1).clamp(FEWEST_PLANES, most.max(FEWEST_PLANES));
+        let some = ends.iter().step_by((width * height / 64).max(1)).flatten();
+        let longest = some.flat_map(|ends| others.iter().map(move |(_, other)| moves(ends, other))).fold(0.0, f32::max);
+        let planes = (longest.min(1.0) * most as f32).ceil().max(FEWEST_PLANES as f32) as usize;
         let step = |(ray, far, near): (Ray, f32, f32)| (ray, far, (near - far) / (planes - 1) as f32);
         Self { width, height, planes, rays: ends.into_iter().map(|ends| ends.map(step)).collect() }
     }

@@ -1,6 +1,6 @@
 //! Depth maps against the exact depth of a procedural scene.
 
-use infonerf_scene::{Scene, SceneRequest, SceneSource, ViewSelection, load};
+use infonerf_scene::{Range, Scene, SceneRequest, SceneSource, ViewSelection, load};
 use infonerf_stereo::{DepthMap, Settings, depth_maps};
 
 fn room(train: ViewSelection) -> Scene {
@@ -26,6 +26,20 @@ fn matched_pixels_are_where_they_are() {
         assert!(errors.len() * 3 > map.disparity.len(), "{} of {}", errors.len(), map.disparity.len());
         assert!(share(0.5) < 0.5, "median {}", share(0.5));
         assert!(share(0.8) < 2.0, "four fifths within {}", share(0.8));
+    }
+}
+
+/// Captures often come without near and far, and what is assumed for them is wide.
+#[test]
+fn near_and_far_may_be_far_off() {
+    let mut scene = room(ViewSelection::Named("regnerf-3".into()));
+    let narrow = depth_maps(&scene, &Settings::default());
+    scene.range = Range::Distance { near: scene.near / 20.0, far: 10.0 * scene.far };
+    for (view, map) in depth_maps(&scene, &Settings::default()).iter().enumerate() {
+        let errors = errors(&scene, view, map);
+        assert!(errors[errors.len() / 2] < 0.5, "median {}", errors[errors.len() / 2]);
+        assert!(map.matched() * 2 > narrow[view].matched(), "{} and {}", map.matched(), narrow[view].matched());
+        assert!(map.step[0] < 3.0 * narrow[view].step[0], "{} and {}", map.step[0], narrow[view].step[0]);
     }
 }
 

@@ -10,6 +10,11 @@ use serde::{Deserialize, Serialize};
 use crate::term::in_range;
 use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
 
+/// Scenes with more training views are learned without.
+const MOST_VIEWS: usize = 24;
+/// Pairs of views that are compared, if all views are to have one.
+const PAIRS: usize = 24;
+
 /// Rays end where plane-sweep stereo of the training images has found a surface (as DS-NeRF, Deng et al. 2022, has them end
 /// at points of structure from motion): the negative log-likelihood of its disparity `1/d` under the distribution of a ray's
 /// end, mean over the rays of training images,
@@ -47,7 +52,11 @@ impl TermSpec for StereoConfig {
     }
 
     fn left_out(&self, scene: &Scene) -> Option<&'static str> {
-        (scene.train.len() < 2).then_some("left out: one view has no depth")
+        match scene.train.len() {
+            0..2 => Some("left out: one view has no depth"),
+            2..=MOST_VIEWS => None,
+            _ => Some("left out: so many views show depth by themselves"),
+        }
     }
 
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
@@ -72,7 +81,10 @@ struct Stereo {
 impl Stereo {
     /// Disparity of the surface that a pixel of a view shows and the step between planes, if there was a match.
     fn depth(&self, (view, x, y): (usize, f32, f32)) -> Option<(f32, f32)> {
-        let maps = self.maps.get_or_init(|| depth_maps(&self.scene, &Settings::default()));
+        let maps = self.maps.get_or_init(|| {
+            let neighbours = (PAIRS / self.scene.train.len()).clamp(1, 4);
+            depth_maps(&self.scene, &Settings { neighbours, ..Settings::default() })
+        });
         maps[view].at(&self.scene.train[view].camera, x, y)
     }
 }
