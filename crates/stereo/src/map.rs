@@ -24,8 +24,30 @@ impl DepthMap {
         disparity.is_finite().then_some((disparity, self.step[at]))
     }
 
+    /// The disparity that all but a hundredth of the matched pixels are below: the nearest surface of the view. `None` if there
+    /// are none.
+    pub fn nearest(&self) -> Option<f32> {
+        let mut found: Vec<f32> = self.disparity.iter().copied().filter(|disparity| disparity.is_finite()).collect();
+        found.sort_by(f32::total_cmp);
+        found.get(found.len().saturating_sub(1 + found.len() / 100)).copied()
+    }
+
     /// Number of pixels that have a depth.
     pub fn matched(&self) -> usize {
         self.disparity.iter().filter(|disparity| disparity.is_finite()).count()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_nearest_surface_is_not_a_stray_match() {
+        let mut disparity: Vec<f32> = (0..200).map(|i| 1.0 + i as f32 / 200.0).collect();
+        (disparity[0], disparity[199]) = (f32::NAN, 50.0);
+        let map = DepthMap { width: 200, height: 1, step: vec![0.1; 200], disparity };
+        assert!(map.nearest().is_some_and(|nearest| (1.9..2.0).contains(&nearest)), "{:?}", map.nearest());
+        assert_eq!(DepthMap { disparity: vec![f32::NAN; 200], ..map }.nearest(), None);
     }
 }

@@ -1,3 +1,4 @@
+use std::ops::Range;
 use std::sync::OnceLock;
 
 use burn::tensor::{Tensor, TensorData};
@@ -16,13 +17,16 @@ const MOST_VIEWS: usize = 24;
 const PAIRS: usize = 24;
 
 /// Rays end where plane-sweep stereo of the training images has found a surface (as DS-NeRF, Deng et al. 2022, has them end
-/// at points of structure from motion): the negative log-likelihood of its disparity `1/d` under the distribution of a ray's
-/// end, mean over the rays of training images,
+/// at points of structure from motion): the robust negative log-likelihood of what was found, mean over the rays of training
+/// images,
 ///
-/// `−log(π + (1 − π) Σᵢ wᵢ exp(−(1/tᵢ − 1/d)² / 2(width·step)²))`, divided by `−log π`
+/// `−log(π + (1 − π) P)`, divided by `−log π`
 ///
-/// with `step` between the planes of the search. A share π of its depths is taken to be wrong, so that one that colour speaks
-/// against lets go. A ray without a depth counts as 0.
+/// - with a match at distance d, `P = Σᵢ wᵢ exp(−(1/tᵢ − 1/d)² / 2(width·step)²)`, with `step` between the planes of the search;
+/// - without one, `P` is the probability that the ray passes the nearest surface that was matched in its view. In even parts of
+///   a picture nothing else speaks against matter just before its camera.
+///
+/// A share π of the depths is taken to be wrong, so that one that colour speaks against lets go.
 ///
 /// Few photographs of a deep scene are explained by many wrong shapes, and gradients of colour alone do not find the way out
 /// of one: a search over all depths does.
@@ -64,7 +68,7 @@ impl TermSpec for StereoConfig {
             width: self.width,
             outliers: self.outliers,
             scene: setup.scene.clone(),
-            maps: OnceLock::new(),
+            found: OnceLock::new(),
         }))
     }
 }
@@ -74,18 +78,51 @@ struct Stereo {
     width: f32,
     outliers: f32,
     scene: Scene,
-    /// Made in the first step, so that the search counts as training time.
-    maps: OnceLock<Vec<DepthMap>>,
+    /// The nearest disparity of each view, and its depth map. Made in the first step, so that the search counts as training
+    /// time.
+    found: OnceLock<Vec<(Option<f32>, DepthMap)>>,
+}
+
+/// What is known of where a ray ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum End {
+    /// At this disparity, with this standard deviation.
+    At(f32, f32),
+    /// Not before this disparity.
+    Beyond(f32),
+    /// Nothing.
+    Unknown,
+}
+
+impl End {
+    /// The probability of this end is `offset + Σᵢ wᵢ vᵢ`: v of a sample at distance `t`.
+    fn value(self, t: f32) -> f32 {
+        let disparity = 1.0 / t.max(f32::MIN_POSITIVE);
+        match self {
+            Self::At(surface, width) => (-0.5 * ((disparity - surface) / width).powi(2)).exp(),
+            Self::Beyond(nearest) if disparity > nearest => -1.0,
+            Self::Beyond(_) | Self::Unknown => 0.0,
+        }
+    }
+
+    fn offset(self) -> f32 {
+        if matches!(self, Self::At(..)) { 0.0 } else { 1.0 }
+    }
 }
 
 impl Stereo {
-    /// Disparity of the surface that a pixel of a view shows and the step between planes, if there was a match.
-    fn depth(&self, (view, x, y): (usize, f32, f32)) -> Option<(f32, f32)> {
-        let maps = self.maps.get_or_init(|| {
+    fn end(&self, (view, x, y): (usize, f32, f32)) -> End {
+        let found = self.found.get_or_init(|| {
             let neighbours = (PAIRS / self.scene.train.len()).clamp(1, 4);
-            depth_maps(&self.scene, &Settings { neighbours, ..Settings::default() })
+            let maps = depth_maps(&self.scene, &Settings { neighbours, ..Settings::default() });
+            maps.into_iter().map(|map| (map.nearest(), map)).collect()
         });
-        maps[view].at(&self.scene.train[view].camera, x, y)
+        let (nearest, map) = &found[view];
+        match (map.at(&self.scene.train[view].camera, x, y), nearest) {
+            (Some((disparity, step)), _) => End::At(disparity, self.width * step),
+            (None, Some(nearest)) => End::Beyond(*nearest),
+            (None, None) => End::Unknown,
+        }
     }
 }
 
@@ -98,22 +135,17 @@ impl Term for Stereo {
         let output = renders.seen.output();
         let target = renders.seen.target.as_ref().expect("training images have pixels");
         let device = output.tau.device();
-        let (samples, segments) = (&output.samples, output.segments());
-        let depths: Vec<_> = target.places.iter().map(|&place| self.depth(place)).collect();
-        let mut near_surface = vec![0.0; segments.samples()];
-        for (range, depth) in segments.ranges().zip(&depths) {
-            let Some((disparity, step)) = depth else { continue };
-            for i in range {
-                let off = (1.0 / samples.t[i].max(f32::MIN_POSITIVE) - disparity) / (self.width * step);
-                near_surface[i] = (-0.5 * off * off).exp();
-            }
-        }
-        let known: Vec<f32> = depths.iter().map(|depth| f32::from(u8::from(depth.is_some()))).collect();
-        let near_surface = Tensor::<2>::from_data(TensorData::new(near_surface, [segments.samples(), 1]), &device);
-        let known = Tensor::<1>::from_data(TensorData::new(known, [depths.len()]), &device);
-        let likelihood = composite(output.tau.clone(), near_surface, segments).values.squeeze_dim(1);
-        let robust = likelihood * (1.0 - self.outliers) + self.outliers;
-        (robust.log() * known).mean() / self.outliers.ln()
+        let segments = output.segments();
+        let ends: Vec<End> = target.places.iter().map(|&place| self.end(place)).collect();
+        let of_ray =
+            |(range, end): (Range<usize>, &End)| output.samples.t[range].iter().map(|&t| end.value(t)).collect();
+        let values: Vec<Vec<f32>> = segments.ranges().zip(&ends).map(of_ray).collect();
+        let values = Tensor::<2>::from_data(TensorData::new(values.concat(), [segments.samples(), 1]), &device);
+        let offsets = ends.iter().map(|end| end.offset()).collect();
+        let offsets = Tensor::<1>::from_data(TensorData::new(offsets, [ends.len()]), &device);
+        let probability = composite(output.tau.clone(), values, segments).values.squeeze_dim(1) + offsets;
+        let robust = probability.clamp_min(0.0) * (1.0 - self.outliers) + self.outliers;
+        robust.log().mean() / self.outliers.ln()
     }
 }
 
@@ -128,12 +160,12 @@ mod tests {
         DepthMap { width: 1, height: 1, disparity: vec![disparity], step: vec![0.1] }
     }
 
-    fn term(disparity: f32) -> Stereo {
+    fn term(disparity: f32, nearest: Option<f32>) -> Stereo {
         let camera = Camera::from_fov(8, 8, 1.0, glam::DMat4::IDENTITY);
         let image = Image::filled(8, 8, [0.5; 3]);
         let view = View { id: 0, name: String::new(), camera, image: image.into(), depth: None, mask: None };
         let scene = Scene { train: vec![view], ..Scene::default() };
-        Stereo { width: 1.0, outliers: 0.01, scene, maps: vec![map(disparity)].into() }
+        Stereo { width: 1.0, outliers: 0.01, scene, found: vec![(nearest, map(disparity))].into() }
     }
 
     /// Samples of the test's rays are at 0.5, 1.5, …
@@ -141,16 +173,21 @@ mod tests {
     fn a_ray_that_ends_at_the_surface_costs_nothing() {
         let term =
             |disparity| Stereo { width: 1.0, outliers: 0.01, cameras: vec![camera()], maps: vec![map(disparity)] };
-        let value = |disparity: f32, tau: &[f32]| {
+        let value = |disparity: f32, nearest: Option<f32>, tau: &[f32]| {
             let mut renders = testing::renders(&[tau]);
             renders.seen.target.as_mut().unwrap().places = vec![(0, 4.0, 4.0)];
-            term(disparity).value(&renders).into_scalar::<f32>()
+            term(disparity, nearest).value(&renders).into_scalar::<f32>()
         };
-        approx::assert_abs_diff_eq!(value(1.0 / 1.5, &[0.0, f32::INFINITY]), 0.0, epsilon = 1e-5);
+        let at = |tau: &[f32]| value(1.0 / 1.5, None, tau);
+        approx::assert_abs_diff_eq!(at(&[0.0, f32::INFINITY]), 0.0, epsilon = 1e-5);
         // All of the weight is far from the surface, and then half of it.
-        approx::assert_abs_diff_eq!(value(1.0 / 1.5, &[f32::INFINITY, 0.0]), 1.0, epsilon = 1e-5);
+        approx::assert_abs_diff_eq!(at(&[f32::INFINITY, 0.0]), 1.0, epsilon = 1e-5);
         let half = (0.01f32 + 0.99 * 0.5).ln() / 0.01f32.ln();
-        approx::assert_abs_diff_eq!(value(1.0 / 1.5, &[0.0, std::f32::consts::LN_2]), half, epsilon = 1e-5);
-        assert_eq!(value(f32::NAN, &[1.0, 1.0]), 0.0);
+        approx::assert_abs_diff_eq!(at(&[0.0, std::f32::consts::LN_2]), half, epsilon = 1e-5);
+        // Without a match what is nearer than anything in the view costs, and what is not does not.
+        let beyond = |tau: &[f32]| value(f32::NAN, Some(1.0), tau);
+        approx::assert_abs_diff_eq!(beyond(&[std::f32::consts::LN_2, 0.0]), half, epsilon = 1e-5);
+        approx::assert_abs_diff_eq!(beyond(&[0.0, 1.0]), 0.0, epsilon = 1e-5);
+        approx::assert_abs_diff_eq!(value(f32::NAN, None, &[1.0, 1.0]), 0.0, epsilon = 1e-5);
     }
 }
