@@ -204,7 +204,7 @@ mod tests {
             bounded: false,
             near: 1.0,
             far: 100.0,
-            range: infonerf_scene::Range::Depth { near: 1.0, far: 100.0 },
+            range: Range::Depth { near: 1.0, far: 100.0 },
             ..Scene::default()
         }
     }
@@ -216,6 +216,8 @@ mod tests {
         let around = Scene { layout: Layout::Object, ..forward() };
         assert!(matches!(Warp::of(&around, Space::Auto), Warp::Contraction { .. }));
         assert!(Warp::of(&around, Space::Box).is_identity());
+        let sphere = Scene { range: Range::Sphere { centre: Vec3::X, radius: 0.5 }, ..around };
+        assert_eq!(Warp::of(&sphere, Space::Auto), Warp::Contraction { centre: Vec3::X, radius: 0.5 });
     }
 
     #[test]

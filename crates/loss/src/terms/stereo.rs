@@ -171,8 +171,6 @@ mod tests {
     /// Samples of the test's rays are at 0.5, 1.5, …
     #[test]
     fn a_ray_that_ends_at_the_surface_costs_nothing() {
-        let term =
-            |disparity| Stereo { width: 1.0, outliers: 0.01, cameras: vec![camera()], maps: vec![map(disparity)] };
         let value = |disparity: f32, nearest: Option<f32>, tau: &[f32]| {
             let mut renders = testing::renders(&[tau]);
             renders.seen.target.as_mut().unwrap().places = vec![(0, 4.0, 4.0)];
