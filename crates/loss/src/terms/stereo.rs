@@ -12,7 +12,7 @@ use crate::term::in_range;
 use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
 
 /// Scenes with more training views are learned without.
-const MOST_VIEWS: usize = 24;
+const MOST_VIEWS: usize = 100;
 /// Pairs of views that are compared, if all views are to have one.
 const PAIRS: usize = 24;
 
