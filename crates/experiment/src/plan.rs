@@ -1,13 +1,15 @@
 //! Which runs an experiment has, and how each differs from a preset.
 
-use std::collections::BTreeSet;
+use std::collections::btree_map::Entry;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use infonerf_report::{Claim, Record, ReportInput};
-use infonerf_scene::SceneSource;
+use infonerf_scene::{Backdrop, SceneSource};
 use infonerf_train::{Config, Preset, config};
 use toml::{Table, Value};
+use tracing::info;
 
 use crate::file::Layers;
 use crate::plot::Plot;
@@ -27,7 +29,7 @@ pub struct Selection {
     pub variants: Vec<String>,
     /// Seeds.
     pub seeds: Vec<u64>,
-    /// What the config starts from.
+    /// What the config starts from; without it what the experiment says, else what suits each scene.
     pub preset: Option<Preset>,
     /// `dotted.key=value`, each changing a key of every config.
     pub set: Vec<String>,
@@ -76,9 +78,8 @@ pub(crate) struct Outline {
     pub(crate) about: About,
     /// As it was asked for.
     experiment: String,
-    preset: Preset,
     budget: Option<f64>,
-    scenes: Vec<(String, SceneSource)>,
+    scenes: Vec<ChosenScene>,
     seeds: Vec<u64>,
     variants: Variants,
 }
@@ -88,16 +89,17 @@ impl Outline {
         let layers = Layers::read(experiment)?;
         let name = layers.result_name();
         check_name("experiment", &name)?;
-        let preset = selection.preset.or_else(|| layers.last(|file| file.preset)).unwrap_or(Preset::Fast);
+        let preset = selection.preset.or_else(|| layers.last(|file| file.preset));
         let data = selection.data.clone().or_else(|| layers.last(|file| file.data.clone()));
         let budget = selection.budget.or_else(|| layers.last(|file| file.budget_seconds));
-        let scenes = find_scenes(data.as_deref(), chosen_scenes(&layers, selection))?;
-        let variants = Variants::of(&layers, preset, selection)?;
+        let found = find_scenes(data.as_deref(), chosen_scenes(&layers, selection))?;
+        let scenes: Vec<ChosenScene> = found.into_iter().map(|scene| ChosenScene::new(scene, preset)).collect();
         let seeds = chosen_seeds(&layers, selection);
-        check_distinct("--scene", scenes.iter().map(|(scene, _)| scene.clone()))?;
+        check_distinct("--scene", scenes.iter().map(|scene| scene.name.clone()))?;
         check_distinct("--seed", seeds.iter().map(u64::to_string))?;
         let about = About::of(&layers, data);
-        Ok(Self { about, experiment: experiment.to_owned(), preset, budget, scenes, seeds, variants })
+        let variants = Variants::of(layers, selection)?;
+        Ok(Self { about, experiment: experiment.to_owned(), budget, scenes, seeds, variants })
     }
 
     /// How many runs in a row differ in their seed only.
@@ -107,25 +109,54 @@ impl Outline {
 
     /// Its runs, by scene, variant and seed, with `set` after what the selection sets.
     pub(crate) fn runs(&self, set: &[String]) -> Result<Vec<RunPlan>> {
-        let config = |variant: &String| self.variants.config(variant, set).with_context(|| self.experiment.clone());
-        let configs = self.variants.names.iter().map(config).collect::<Result<Vec<Config>>>()?;
+        let config = |preset: Preset, variant: &String| {
+            let config = self.variants.config(preset, variant, set);
+            config.with_context(|| self.experiment.clone())
+        };
+        let mut configs = BTreeMap::new();
         let mut runs = Vec::new();
-        for (scene, source) in &self.scenes {
-            for (variant, config) in self.variants.names.iter().zip(&configs) {
+        for ChosenScene { name, source, preset } in &self.scenes {
+            for variant in &self.variants.names {
+                let config = match configs.entry((preset.name(), variant)) {
+                    Entry::Occupied(known) => known.into_mut(),
+                    Entry::Vacant(new) => new.insert(config(*preset, variant)?),
+                };
                 runs.extend(self.seeds.iter().map(|&seed| RunPlan {
                     experiment: self.about.name.clone(),
-                    scene: scene.clone(),
+                    scene: name.clone(),
                     source: source.clone(),
                     data: self.about.data.clone(),
                     variant: variant.clone(),
                     seed,
-                    preset: self.preset,
+                    preset: *preset,
                     budget: self.budget,
                     config: config.clone(),
                 }));
             }
         }
         Ok(runs)
+    }
+}
+
+/// A scene, and what its configs start from.
+struct ChosenScene {
+    name: String,
+    source: SceneSource,
+    preset: Preset,
+}
+
+impl ChosenScene {
+    /// Without a preset, `capture` where the scene is photographs that show no uniform background, and `fast` elsewhere. A
+    /// scene that cannot be read is loading's to refuse.
+    fn new((name, source): (String, SceneSource), preset: Option<Preset>) -> Self {
+        let preset = preset.unwrap_or_else(|| match source.backdrop() {
+            Ok(Some(Backdrop::Unknown)) => {
+                info!("{name}: photographs without a uniform background: preset capture (--preset for another)");
+                Preset::Capture
+            }
+            _ => Preset::Fast,
+        });
+        Self { name, source, preset }
     }
 }
 
@@ -151,13 +182,13 @@ fn chosen_seeds(layers: &Layers, selection: &Selection) -> Vec<u64> {
 /// The variants that are asked for, with all that their configs are made of.
 struct Variants {
     names: Vec<String>,
-    base: Table,
+    layers: Layers,
     tables: Table,
     set: Vec<String>,
 }
 
 impl Variants {
-    fn of(layers: &Layers, preset: Preset, selection: &Selection) -> Result<Self> {
+    fn of(layers: Layers, selection: &Selection) -> Result<Self> {
         let (known, tables) = layers.variants();
         if known.is_empty() {
             bail!("{}: variants: expected at least one table", layers.name);
@@ -168,11 +199,11 @@ impl Variants {
         let names = if selection.variants.is_empty() { known } else { selection.variants.clone() };
         check_distinct("--variant", names.iter().cloned())?;
         names.iter().try_for_each(|name| check_name("variant", name))?;
-        Ok(Self { names, base: layers.config(preset), tables, set: selection.set.clone() })
+        Ok(Self { names, layers, tables, set: selection.set.clone() })
     }
 
-    fn config(&self, variant: &str, set: &[String]) -> Result<Config> {
-        let mut table = self.base.clone();
+    fn config(&self, preset: Preset, variant: &str, set: &[String]) -> Result<Config> {
+        let mut table = self.layers.config(preset);
         match self.tables.get(variant) {
             Some(Value::Table(over)) => config::merge(&mut table, over.clone()),
             _ => bail!("variants.{variant}: expected a table"),
@@ -251,6 +282,22 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn photographs_have_a_preset_of_their_own() {
+        let presets = |experiment: &str, preset: Option<Preset>| {
+            let scenes = vec!["castle".into(), "room".into()];
+            let plan = Experiment::plan(experiment, &Selection { scenes, preset, ..Selection::default() }).unwrap();
+            let of = |scene: &str| plan.runs.iter().find(|run| run.scene == scene).unwrap();
+            let stereo = |run: &RunPlan| run.scene == "room" && !run.config.loss.stereo.weight.is_zero();
+            assert_eq!(plan.runs.iter().any(stereo), of("room").preset == Preset::Capture);
+            (of("castle").preset, of("room").preset)
+        };
+        assert_eq!(presets("views", None), (Preset::Fast, Preset::Fast));
+        assert_eq!(presets("recipe", Some(Preset::Fast)), (Preset::Fast, Preset::Fast));
+        assert_eq!(presets("recipe", None), (Preset::Fast, Preset::Capture));
+        assert_eq!(presets("capture", None), (Preset::Capture, Preset::Capture));
     }
 
     #[test]

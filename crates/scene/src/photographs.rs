@@ -22,7 +22,8 @@ const FEWEST: usize = 2;
 /// `dir/sparse`, where [`crate::load`] finds them. `progress` is given the name of each step and each line that the
 /// program prints.
 ///
-/// The settings are for few images: one lens for all, affine-invariant features, guided exhaustive matching, and a mapper
+/// The settings are for few images: one lens for all with one coefficient of distortion (a few photographs do not tell more,
+/// and the mapper then finds absurd ones, with most photographs left without a pose), affine-invariant features, guided exhaustive matching, and a mapper
 /// that starts from pairs with little parallax.
 ///
 /// # Errors
@@ -78,7 +79,7 @@ fn steps(images: &Path, database: &Path, sparse: &Path) -> Vec<(&'static str, Ve
                     "--ImageReader.single_camera",
                     "1",
                     "--ImageReader.camera_model",
-                    "OPENCV",
+                    "SIMPLE_RADIAL",
                     "--SiftExtraction.use_gpu",
                     "0",
                     "--SiftExtraction.estimate_affine_shape",

@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use infonerf_render::TrainedModel;
 use infonerf_report::{Record, TestViews};
-use infonerf_scene::Scene;
+use infonerf_scene::{Scene, TestProtocol};
 use infonerf_train::{Evaluation, Information, InformationQuery, Trainer, config::Unseen, information};
 
 use super::pictures::write_pictures;
@@ -97,6 +97,11 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     }
     if plan.config.train.unseen == Unseen::Dataset && !plan.config.loss.entropy.weight.is_zero() {
         notes.push("unseen poses are those of all training images of the data set, chosen or not".into());
+    }
+    if plan.config.eval.test.test() == TestProtocol::Training {
+        notes.push(
+            "tested on the training views: figures say how well these are fitted, and nothing of new views".into(),
+        );
     }
     for (name, spec) in plan.config.loss.active() {
         notes.extend(spec.left_out(scene).map(|reason| format!("loss.{name} is {reason}")));

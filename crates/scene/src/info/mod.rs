@@ -14,7 +14,11 @@ use glam::Vec3;
 use serde::Serialize;
 
 use crate::image::{dimensions, has_alpha};
-use crate::{Aabb, Backdrop, Camera, Format, Image, Layout, Range, Scene, SceneError, SceneRequest, loaders};
+use crate::loaders::Frame;
+use crate::{
+    Aabb, Backdrop, Camera, Format, Image, Layout, Range, Scene, SceneError, SceneRequest, SceneSource, loaders,
+    procedural,
+};
 
 /// What was found in a scene's folder.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -73,15 +77,7 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
     let parts = loaders::parts(path, &SceneRequest::default())?;
     let first = parts.train.iter().chain(&parts.test).find(|frame| frame.image.is_file());
     let size = first.map(|frame| dimensions(&frame.image)).transpose()?;
-    let backdrop = match first {
-        Some(frame) if frame.is_matted() || has_alpha(&frame.image)? => Some(Backdrop::Colour),
-        Some(frame) => {
-            let white = SceneRequest::default().background;
-            let shown = Image::read(&frame.image, white)?.has_border(white);
-            Some(if shown { Backdrop::Colour } else { Backdrop::Unknown })
-        }
-        None => None,
-    };
+    let backdrop = first.map(shown_backdrop).transpose()?;
     let camera = parts.train.first().or(parts.test.first()).map(|frame| match size {
         Some((width, height)) => frame.camera(width, height),
         None => frame.nominal_camera(),
@@ -116,6 +112,27 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
         protocols,
         warnings: parts.warnings,
     })
+}
+
+/// What is behind the content, as one image shows it.
+fn shown_backdrop(frame: &Frame) -> Result<Backdrop, SceneError> {
+    let white = SceneRequest::default().background;
+    let shown = frame.is_matted() || has_alpha(&frame.image)? || Image::read(&frame.image, white)?.has_border(white);
+    Ok(if shown { Backdrop::Colour } else { Backdrop::Unknown })
+}
+
+impl SceneSource {
+    /// What is behind the content, as the first image shows it, if it is there. No other image is read.
+    ///
+    /// # Errors
+    /// Those of [`crate::load`] that concern the poses, or that image.
+    pub fn backdrop(&self) -> Result<Option<Backdrop>, SceneError> {
+        match self {
+            Self::Procedural(name) if procedural::CAPTURES.contains(&name.as_str()) => Ok(Some(Backdrop::Unknown)),
+            Self::Procedural(_) => Ok(Some(Backdrop::Colour)),
+            Self::Folder { path } => Ok(info(path)?.backdrop),
+        }
+    }
 }
 
 /// The scene in the folder `path` without any view: its space and all training cameras, for [`info_page`].

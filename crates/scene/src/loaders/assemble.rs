@@ -11,7 +11,7 @@ use super::mask::{MaskRole, lens_mask, read_mask};
 use super::space::Space;
 use crate::image::{dimensions, has_alpha, read_rgba, resized_dimensions, resized_mask};
 use crate::select::pool::{self, Named};
-use crate::{Backdrop, Camera, Format, Layout, PixelCount, Scene, SceneError, SceneRequest, View};
+use crate::{Backdrop, Camera, Format, Layout, PixelCount, Scene, SceneError, SceneRequest, TestProtocol, View};
 
 /// The most that the chosen images may take in memory together, in bytes: 3.75 GiB.
 const MOST_BYTES: u64 = 15 << 28;
@@ -72,18 +72,24 @@ struct Chosen<'f> {
 }
 
 /// Chooses views. The size is that of the first. A view that is in both pools and chosen for training is left out of the
-/// test.
+/// test, unless training views are what is to be tested.
 fn choose<'f>(parts: &'f Parts<'_>, request: &SceneRequest) -> Result<Chosen<'f>, SceneError> {
     // Selection looks at poses alone, so that any size will do before one is known.
     let poses: Vec<Camera> = parts.train.iter().map(|f| f.camera(1, 1)).collect();
     let ids = |frames: &[Frame]| frames.iter().map(|f| f.id).collect::<Vec<_>>();
     let train = pool::train(&request.train, &poses, &ids(&parts.train), &parts.selections)?;
-    let test = pool::test(&request.test, &ids(&parts.test), parts.split.as_deref(), &parts.protocols)?;
     let train = pick(&parts.train, &train);
-    let mut test = pick(&parts.test, &test);
-    test.retain(|t| train.iter().all(|f| f.image != t.image));
+    let test = if request.test == TestProtocol::Training {
+        train.clone()
+    } else {
+        let test = pool::test(&request.test, &ids(&parts.test), parts.split.as_deref(), &parts.protocols)?;
+        let mut test = pick(&parts.test, &test);
+        test.retain(|t| train.iter().all(|f| f.image != t.image));
+        test
+    };
     if test.is_empty() {
-        return Err(SceneError::request("test", "at least one view that is not trained on", "none"));
+        let expected = "at least one view that is not trained on (or `training`, to look at those that are)";
+        return Err(SceneError::request("test", expected, "none"));
     }
     let Some(first) = train.first() else {
         return Err(SceneError::request("train", "at least one view", "none"));

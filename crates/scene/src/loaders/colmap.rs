@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::assemble::Parts;
 use super::extent::{capture_space, hold_out};
 use super::frames::{Frame, numbered, present, without_extension};
-use super::llff::FOLDERS;
+use super::llff::{FOLDERS, list_images};
 use super::optics::Intrinsics;
 use crate::colmap::Reconstruction;
 use crate::image::dimensions;
@@ -41,10 +41,20 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
     let (frames, warning) = present(frames);
     let points: Vec<Vec3> = read.points.values().map(|p| p.as_vec3()).collect();
     let space = capture_space(&cameras, points, read.distances());
-    let (train, test) = hold_out(frames);
+    let (train, test) = hold_out(frames, &request.test);
     let mut parts = Parts::new(dir, Format::Colmap, numbered(train), numbered(test), space);
     parts.warnings.extend(warning);
+    parts.warnings.extend(without_pose(&folder, &names));
     Ok(parts)
+}
+
+/// A warning about the photographs in `folder` of which COLMAP has found no pose, where `names` have one.
+fn without_pose(folder: &Path, names: &[&str]) -> Option<String> {
+    let all = list_images(folder).ok()?;
+    let file_name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    let lost: Vec<String> = all.iter().filter_map(file_name).filter(|name| !names.contains(&name.as_str())).collect();
+    let (first, last) = (lost.first()?, lost.last()?);
+    Some(format!("{} of {} photographs have no pose, {first} to {last}", lost.len(), all.len()))
 }
 
 /// The frame of an image whose camera is known.
@@ -93,7 +103,7 @@ mod tests {
     use super::super::testing::*;
     use crate::colmap::testing::{write_binary, write_text};
     use crate::colmap::{ColmapImage, Reconstruction};
-    use crate::{Backdrop, Camera, Format, Layout, Lens, SceneRequest};
+    use crate::{Backdrop, Camera, Format, Layout, Lens, SceneRequest, TestProtocol};
 
     /// A ball's points and nine views of `knot` through the lens of a FULL_OPENCV camera; image 8's file is not there.
     fn folder(dir: &Path, text: bool) -> Vec<Camera> {
@@ -163,6 +173,23 @@ mod tests {
         let scene = load(guard.path(), &SceneRequest { image_size: Some(10), ..request() }).unwrap();
         assert_same_view(&scene.train[0], &cameras[1].resized(10, 8));
         assert!(!scene.train[0].camera.lens.is_perspective());
+    }
+
+    #[test]
+    fn photographs_without_a_pose_are_counted() {
+        let guard = tempfile::tempdir().unwrap();
+        folder(guard.path(), false);
+        fs::write(guard.path().join("images/lost.png"), []).unwrap();
+        let warnings = super::parts(guard.path(), &request()).unwrap().warnings;
+        assert!(warnings[1].contains("1 of 1 photographs have no pose, lost.png to lost.png"), "{warnings:?}");
+    }
+
+    #[test]
+    fn nothing_is_held_out_where_training_views_are_tested() {
+        let guard = tempfile::tempdir().unwrap();
+        folder(guard.path(), false);
+        let scene = load(guard.path(), &SceneRequest { test: TestProtocol::Training, ..request() }).unwrap();
+        assert_eq!((scene.train.len(), &scene.test), (8, &scene.train));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::space::{Space, camera_layout};
 use crate::poses::{ViewRegion, up_direction};
-use crate::{Aabb, Camera, Layout, Range};
+use crate::{Aabb, Camera, Layout, Range, TestProtocol};
 
 /// Every this many views one is held out for test, starting with the first.
 const HOLD_OUT: usize = 8;
@@ -15,10 +15,10 @@ const MOST_POINTS: usize = 20_000;
 /// Fewer visible points than this say nothing of near and far.
 const FEWEST_POINTS: usize = 32;
 
-/// Splits views into a training and a test pool: views 0, 8, 16, … are for test. A single view
-/// stays in both pools' place of training.
-pub(super) fn hold_out<T>(views: Vec<T>) -> (Vec<T>, Vec<T>) {
-    let alone = views.len() == 1;
+/// Splits views into a training and a test pool: views 0, 8, 16, … are for test, unless a single view is all there is, or
+/// `protocol` tests training views.
+pub(super) fn hold_out<T>(views: Vec<T>, protocol: &TestProtocol) -> (Vec<T>, Vec<T>) {
+    let alone = views.len() == 1 || *protocol == TestProtocol::Training;
     let (test, train): (Vec<_>, Vec<_>) = views.into_iter().enumerate().partition(|(i, _)| !alone && i % HOLD_OUT == 0);
     let strip = |pool: Vec<(usize, T)>| pool.into_iter().map(|(_, view)| view).collect();
     (strip(train), strip(test))
@@ -159,10 +159,11 @@ mod tests {
 
     #[test]
     fn every_eighth_is_held_out() {
-        let (train, test) = hold_out((0..20).collect());
+        let (train, test) = hold_out((0..20).collect(), &TestProtocol::All);
         assert_eq!(test, [0, 8, 16]);
         assert_eq!(train.len(), 17);
-        assert_eq!(hold_out(vec![7]), (vec![7], vec![]));
+        assert_eq!(hold_out(vec![7], &TestProtocol::All), (vec![7], vec![]));
+        assert_eq!(hold_out(vec![7, 8], &TestProtocol::Training), (vec![7, 8], vec![]));
     }
 
     #[test]

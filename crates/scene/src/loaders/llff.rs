@@ -75,7 +75,7 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
     let cameras: Vec<Camera> = frames.iter().map(|f| f.camera(width, height)).collect();
     let space =
         space(&cameras, range).ok_or_else(|| SceneError::malformed(&dir.join(MARKER), EXPECTED, "no finite bounds"))?;
-    let (train, test) = hold_out(frames);
+    let (train, test) = hold_out(frames, &request.test);
     let (train, test) = (numbered(train), numbered(test));
     let selections = spread_selections(train.len());
     let mut parts = Parts::new(dir, Format::Llff, train, test, space);

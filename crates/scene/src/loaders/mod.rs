@@ -24,6 +24,7 @@ pub(crate) use assemble::scene_name;
 pub(crate) use blender::named_selections;
 pub(crate) use depth::write_depth;
 pub(crate) use extent::grid;
+pub(crate) use frames::Frame;
 pub(crate) use json::{JsonFile, Node};
 pub(crate) use llff::{list_images, spread_selections};
 

@@ -18,7 +18,7 @@ pub(super) const MARKER: &str = "transforms.json";
 /// those fields every 8th frame, starting with the first, is held out for test. Frames without their image are left out,
 /// with one warning. Poses keep their scale. `near`, `far` and `aabb` are taken from the file where it has them, else
 /// from `aabb_scale` and from where the cameras are, see [`capture_space`].
-pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, SceneError> {
+pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
     let path = dir.join(MARKER);
     let transforms = read_transforms(&path)?;
     let all: HashSet<String> = transforms.frames.iter().map(|f| f.name.clone()).collect();
@@ -41,7 +41,7 @@ pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, Sc
             named(&path, "train_filenames", &frames, &all, train)?,
             named(&path, "test_filenames", &frames, &all, test)?,
         ),
-        None => hold_out(frames),
+        None => hold_out(frames, &request.test),
     };
     let mut parts = Parts::new(dir, Format::Transforms, numbered(train), numbered(test), space);
     parts.warnings.extend(warning);

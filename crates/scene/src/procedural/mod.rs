@@ -28,7 +28,8 @@ use rayon::prelude::*;
 
 use crate::select::pool;
 use crate::{
-    Aabb, Backdrop, Camera, PixelCount, Range, Rgba8, RgbaImage, Scene, SceneError, SceneRequest, View, loaders,
+    Aabb, Backdrop, Camera, PixelCount, Range, Rgba8, RgbaImage, Scene, SceneError, SceneRequest, TestProtocol, View,
+    loaders,
 };
 use cameras::Layout;
 use model::Model;
@@ -176,7 +177,11 @@ fn choose(name: &str, cameras: &Layout, request: &SceneRequest) -> Result<(Vec<u
         loaders::named_selections(train)
     };
     let train = pool::train(&request.train, train, &ids(train.len()), &named)?;
-    Ok((train, pool::test(&request.test, &ids(test.len()), None, &Vec::new())?))
+    let test = match request.test {
+        TestProtocol::Training => train.clone(),
+        _ => pool::test(&request.test, &ids(test.len()), None, &Vec::new())?,
+    };
+    Ok((train, test))
 }
 
 /// How many pixels [`load`] would render.
@@ -208,10 +213,15 @@ pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneErr
     let views = |split: &str, ids: &[usize], cameras: &[Camera]| -> Vec<View> {
         ids.iter().filter_map(|&id| cameras.get(id).map(|c| view(split, id, c))).collect()
     };
+    let learned = views("train", &train_ids, &train);
+    let tested = match request.test {
+        TestProtocol::Training => learned.clone(),
+        _ => views("test", &test_ids, &test),
+    };
     Ok(Scene {
         name: name.into(),
-        train: views("train", &train_ids, &train),
-        test: views("test", &test_ids, &test),
+        train: learned,
+        test: tested,
         background: request.background,
         near,
         far,

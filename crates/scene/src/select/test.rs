@@ -5,8 +5,8 @@ use crate::SceneError;
 
 /// Which of a scene's test views to evaluate on.
 ///
-/// As text ([`std::fmt::Display`], [`std::str::FromStr`]): `all`, `split`, `every-8`, `first-3`, `26,86,2`, or the name
-/// of a published protocol.
+/// As text ([`std::fmt::Display`], [`std::str::FromStr`]): `all`, `split`, `every-8`, `first-3`, `26,86,2`, `training`, or
+/// the name of a published protocol.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TestProtocol {
@@ -23,6 +23,9 @@ pub enum TestProtocol {
     Split,
     /// A published protocol by its name, such as `pixelnerf` for DTU.
     Published(String),
+    /// The chosen training views, which says how well they are fitted and nothing of new views. Captures hold no view out: for
+    /// the few photographs that somebody has, which are all to be learned from.
+    Training,
 }
 
 impl TestProtocol {
@@ -30,7 +33,8 @@ impl TestProtocol {
     /// published protocol.
     ///
     /// # Errors
-    /// There are no test views; `Every(0)` or `First(0)`; an id is out of range or given twice; a published protocol.
+    /// There are no test views; `Every(0)` or `First(0)`; an id is out of range or given twice; a published protocol;
+    /// `Training`, which does not choose among test views.
     pub fn select(&self, n: usize) -> Result<Vec<usize>, SceneError> {
         let error = |expected: &str, found: &str| SceneError::request("test", expected, found);
         match self {
@@ -42,6 +46,7 @@ impl TestProtocol {
             Self::First(count) => Ok((0..n.min(*count)).collect()),
             Self::Ids(ids) => check_ids("test", ids, n).map(|()| ids.clone()),
             Self::Published(name) => Err(error("a protocol that this scene knows", name)),
+            Self::Training => Err(error("a protocol of test views", "training")),
         }
     }
 }
@@ -66,6 +71,7 @@ mod tests {
             TestProtocol::Ids(vec![1, 1]),
             TestProtocol::Ids(vec![]),
             TestProtocol::Published("x".into()),
+            TestProtocol::Training,
         ] {
             assert!(bad.select(3).unwrap_err().to_string().contains("`test`"));
         }

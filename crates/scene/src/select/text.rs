@@ -18,6 +18,7 @@ impl fmt::Display for TestProtocol {
             Self::First(count) => write!(f, "first-{count}"),
             Self::Ids(ids) => f.write_str(&list(ids)),
             Self::Published(name) => f.write_str(name),
+            Self::Training => f.write_str("training"),
         }
     }
 }
@@ -26,12 +27,13 @@ impl FromStr for TestProtocol {
     type Err = SceneError;
 
     fn from_str(text: &str) -> Result<Self, SceneError> {
-        let expected = "`all`, `split`, `every-8`, `first-3`, view ids `0,8,16`, `regnerf`, `pixelnerf`, `infonerf` or `neural-body`";
+        let expected = "`all`, `split`, `every-8`, `first-3`, view ids `0,8,16`, `training`, `regnerf`, `pixelnerf`, `infonerf` or `neural-body`";
         let error = || SceneError::request("test", expected, format!("`{text}`"));
         let positive = |n: &str| n.parse::<usize>().ok().filter(|n| *n > 0).ok_or_else(error);
         match text {
             "all" => return Ok(Self::All),
             "split" => return Ok(Self::Split),
+            "training" => return Ok(Self::Training),
             _ => {}
         }
         if let Some(step) = text.strip_prefix("every-") {
@@ -118,7 +120,7 @@ mod tests {
 
     #[test]
     fn texts_round_trip() {
-        for text in ["all", "split", "every-8", "first-3", "26,86,2,55", "7", "pixelnerf"] {
+        for text in ["all", "split", "every-8", "first-3", "26,86,2,55", "7", "training", "pixelnerf"] {
             assert_eq!(text.parse::<TestProtocol>().unwrap().to_string(), text);
         }
         let selections =
