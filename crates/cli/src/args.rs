@@ -170,6 +170,10 @@ pub(crate) struct ExpArgs {
     pub(crate) resume: bool,
     #[command(flatten)]
     pub(crate) launch: LaunchArgs,
+    /// Show the runs in a browser while they train, at http://127.0.0.1:7007/ or another port (0: any that is free), with pause
+    /// and stop.
+    #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "7007")]
+    pub(crate) view: Option<u16>,
     /// Print where time went and what skipping saved.
     #[arg(long)]
     pub(crate) profile: bool,

@@ -5,6 +5,7 @@
 mod args;
 mod command;
 mod interrupt;
+mod live;
 mod output;
 mod progress;
 mod terminal;

@@ -36,6 +36,7 @@ built_in! {
     "baselines",
     "baselines-paper",
     "small-nerf",
+    "released-small",
     "dietnerf",
     "pixelnerf-pretrain",
     "pixelnerf-pretrain-paper",

@@ -68,10 +68,12 @@ pub enum RunEvent<'a> {
 }
 
 /// What whoever watches a run wants.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Control {
     /// Go on.
     Continue,
+    /// Save a checkpoint, if training, and go on: for others who look at the run's folder.
+    Save,
     /// Save and stop.
     Stop,
 }

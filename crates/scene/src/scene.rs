@@ -150,7 +150,7 @@ pub struct SceneRequest {
     pub train: ViewSelection,
     /// Which test views.
     pub test: TestProtocol,
-    /// The longest side of the images in pixels, reached with a box filter; `None` for the size they
+    /// The longest side of the images in pixels, reached with a box filter, which enlarges none; `None` for the size they
     /// have (for procedural scenes, [`procedural::DEFAULT_SIZE`]).
     pub image_size: Option<u32>,
     /// Colour behind transparent pixels, display-encoded RGB in `[0, 1]`.

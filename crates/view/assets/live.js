@@ -73,6 +73,23 @@ function listRuns(runs) {
   }));
 }
 
+/** Pause and stop, where training goes on beside the server. */
+function showTraining(training) {
+  const box = document.querySelector('.training');
+  box.hidden = training === null;
+  if (training === null) return;
+  const pause = box.querySelector('.pause');
+  pause.textContent = training.paused ? 'Go on' : 'Pause';
+  pause.dataset.wish = training.paused ? 'resume' : 'pause';
+  for (const button of box.querySelectorAll('button')) button.disabled = training.stopped;
+  box.querySelector('small').textContent = training.stopped ? 'Stopped and saved; --resume goes on.' : training.paused ? 'Paused.' : '';
+}
+
+async function wish(what) {
+  const answer = await fetch(what, { method: 'POST', headers: { 'x-infonerf': 'page' } });
+  if (answer.ok) showTraining(await answer.json());
+}
+
 function choose(run, stamp) {
   showField(run, stamp);
   showProgress(run).catch(() => {});
@@ -83,7 +100,8 @@ function choose(run, stamp) {
 async function follow() {
   if (document.hidden) return;
   try {
-    const runs = await ask('runs');
+    const [runs, training] = await Promise.all([ask('runs'), ask('training')]);
+    showTraining(training);
     const current = runs.find(({ run }) => run === shown.run);
     listRuns(runs);
     if (!current && runs.length > 0 && shown.run === null) return choose(runs[0].run, runs[0].stamp);
@@ -98,6 +116,8 @@ async function follow() {
 panel.querySelector('select').addEventListener('change', () => showView(shown.run));
 panel.querySelector('input').addEventListener('input', (event) =>
   panel.querySelector('.compare').style.setProperty('--at', `${event.target.value}%`));
+for (const button of document.querySelectorAll('.training button'))
+  button.addEventListener('click', () => wish(button.dataset.wish ?? 'stop').catch(() => {}));
 setInterval(follow, 2000);
 document.addEventListener('visibilitychange', follow);
 follow();

@@ -12,7 +12,8 @@
 //! stop are left out in both.
 //!
 //! - [`page`]: a run's field as one HTML file that needs nothing else.
-//! - [`Server`]: the same for all runs in a folder, with curves and test views, following runs while they train.
+//! - [`Server`]: the same for all runs in a folder, with curves and test views, following runs while they train, and pausing or
+//!   stopping them where they heed its [`Steering`].
 //!
 //! ```no_run
 //! use infonerf_experiment::{DeviceName, RunPlan, Trained, open};
@@ -35,7 +36,7 @@ mod server;
 mod shader;
 mod tables;
 
-pub use server::Server;
+pub use server::{Server, Steering};
 
 use anyhow::Result;
 use infonerf_experiment::Trained;

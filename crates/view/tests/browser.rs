@@ -89,7 +89,7 @@ fn the_page_draws_what_the_program_renders() {
 fn the_live_page_shows_a_run() {
     let out = tempfile::tempdir().unwrap();
     train(out.path(), &plan("infonerf", common::TINY), Resume::Never, None);
-    let server = Server::start(out.path(), "127.0.0.1:0".parse().unwrap(), device()).unwrap();
+    let server = Server::start(out.path(), "127.0.0.1:0".parse().unwrap(), device(), None).unwrap();
     let url = server.url();
     std::thread::spawn(move || server.wait());
     let document = document(&url, 20_000);

@@ -10,12 +10,16 @@ use std::time::{Duration, Instant};
 
 use common::{TINY, device, plan, train};
 use infonerf_experiment::Resume;
-use infonerf_view::Server;
+use infonerf_view::{Server, Steering};
 use serde_json::Value;
 
 /// Serves `root` from a thread that ends with the test.
 fn serve(root: &Path) -> SocketAddr {
-    let server = Server::start(root, "127.0.0.1:0".parse().unwrap(), device()).unwrap();
+    serve_beside(root, None)
+}
+
+fn serve_beside(root: &Path, training: Option<Steering>) -> SocketAddr {
+    let server = Server::start(root, "127.0.0.1:0".parse().unwrap(), device(), training).unwrap();
     let address = server.url().trim_start_matches("http://").trim_end_matches('/').parse().unwrap();
     std::thread::spawn(move || server.wait());
     address
@@ -46,6 +50,34 @@ fn json(address: SocketAddr, path: &str) -> Value {
     let (status, body) = get(address, path);
     assert_eq!(status, 200, "{path}: {}", String::from_utf8_lossy(&body));
     serde_json::from_slice(&body).unwrap()
+}
+
+#[test]
+fn training_is_paused_and_stopped_by_the_servers_own_page_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let training = Steering::default();
+    let address = serve_beside(folder.path(), Some(training.clone()));
+    let post = |path: &str, header: &str| {
+        ask(
+            address,
+            &format!(
+                "POST {path} HTTP/1.1\r\nHost: {address}\r\n{header}Content-Length: 0\r\nConnection: close\r\n\r\n"
+            ),
+        )
+    };
+    assert!(!training.is_watched(Duration::from_secs(60)));
+    assert_eq!(json(address, "/training"), serde_json::json!({ "paused": false, "stopped": false }));
+    assert!(training.is_watched(Duration::from_secs(60)));
+    assert_eq!(post("/pause", "").0, 403);
+    assert_eq!(get(address, "/pause").0, 405);
+    assert!(!training.is_paused());
+    assert_eq!(post("/pause", "X-Infonerf: page\r\n").0, 200);
+    assert!(training.is_paused());
+    post("/resume", "X-Infonerf: page\r\n");
+    post("/stop", "X-Infonerf: page\r\n");
+    assert!(!training.is_paused() && training.is_stopped());
+    let alone = serve(folder.path());
+    assert_eq!(json(alone, "/training"), Value::Null);
 }
 
 #[test]
@@ -183,6 +215,6 @@ fn an_address_in_use_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap();
-    let error = Server::start(folder.path(), address, device()).err().expect("an error");
+    let error = Server::start(folder.path(), address, device(), None).err().expect("an error");
     assert!(error.to_string().starts_with(&address.to_string()), "{error}");
 }

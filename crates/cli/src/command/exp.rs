@@ -3,7 +3,7 @@ use std::process::ExitCode;
 
 use anyhow::{Result, bail};
 use infonerf_experiment::sweep::Sweep;
-use infonerf_experiment::{Experiment, Finished, Resume, RunEvent, RunPlan, Session, Trained, total_progress};
+use infonerf_experiment::{Control, Experiment, Finished, Resume, RunEvent, RunPlan, Session, Trained, total_progress};
 use infonerf_report::{
     Quantity, Record, ReportInput, VIEWER_PAGE, overview_table, protocol_lines, save_record, write_atomically,
     write_report,
@@ -17,6 +17,7 @@ use super::launch::{Mode, print};
 use super::sweep::{FAILED, merge_one};
 use crate::args::ExpArgs;
 use crate::interrupt;
+use crate::live::Live;
 use crate::output::{Output, Told};
 use crate::progress::Progress;
 use crate::terminal::{emphasis, open_device};
@@ -29,8 +30,8 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
         args.launch.refuse_limits()?;
         return here(args, &experiment);
     }
-    if args.profile {
-        bail!("--profile: expected --launch local");
+    if args.profile || args.view.is_some() {
+        bail!("{}: expected --launch local", if args.profile { "--profile" } else { "--view" });
     }
     let sweep = Sweep::of(experiment);
     let merge = || {
@@ -59,15 +60,21 @@ fn here(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
         (_, true) => Output::Json,
         _ => Output::Text,
     };
+    let folder = session.experiment_folder(&experiment.about.name);
+    let live = args.view.map(|port| Live::start(&folder, port, session.device.clone())).transpose()?;
     interrupt::install()?;
     if output == Output::Text {
         announce(experiment, &session);
     }
-    let folder = session.experiment_folder(&experiment.about.name);
+    if let Some(live) = &live {
+        output.say(format_args!("live at {}", live.url()));
+        output.tell(&json!({ "event": "live", "url": live.url() }));
+    }
+    let control = || live.as_ref().map_or_else(interrupt::control, Live::control);
     let mut records: Vec<Record> = Vec::new();
     for (index, plan) in experiment.runs.iter().enumerate() {
         let label = format!("[{}/{}] {}", index + 1, experiment.runs.len(), plan.label());
-        match watched(&session, plan, &label, output)? {
+        match watched(&session, plan, &label, output, &control)? {
             Finished::Record(record, trainers) => {
                 output.say(format_args!("{label}: {}", summary(&record)));
                 output.tell(&json!({ "event": "record", "run": label, "record": &record }));
@@ -109,10 +116,19 @@ fn here(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
 }
 
 /// Runs `plan`, and shows its events.
-fn watched(session: &Session, plan: &RunPlan, label: &str, output: Output) -> Result<Finished> {
+fn watched(
+    session: &Session,
+    plan: &RunPlan,
+    label: &str,
+    output: Output,
+    control: &dyn Fn() -> Control,
+) -> Result<Finished> {
     if output == Output::Text {
         let mut progress = Progress::new(label)?;
-        return session.run(plan, &mut |event| progress.watch(event));
+        return session.run(plan, &mut |event| {
+            progress.watch(event);
+            control()
+        });
     }
     let mut told = Told::new(label);
     session.run(plan, &mut |event| {
@@ -122,7 +138,7 @@ fn watched(session: &Session, plan: &RunPlan, label: &str, output: Output) -> Re
         if let Some(event) = told.event(&event) {
             output.tell(&event);
         }
-        interrupt::control()
+        control()
     })
 }
 

@@ -37,7 +37,7 @@ pub(crate) struct ViewArgs {
 
 pub(crate) fn run(args: &ViewArgs) -> Result<ExitCode> {
     let device = open_device(args.device.device)?;
-    let server = Server::start(&args.dir, SocketAddr::new(args.host, args.port), device)?;
+    let server = Server::start(&args.dir, SocketAddr::new(args.host, args.port), device, None)?;
     println!("{} shows {} (Ctrl-C ends)", server.url(), args.dir.display());
     if args.open
         && let Err(error) = open::that(server.url())

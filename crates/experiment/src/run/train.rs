@@ -47,15 +47,14 @@ pub(crate) fn train(
         let mut control = Control::Continue;
         for event in &events {
             log.write(event)?;
-            if watch(RunEvent::Training { event, trainer }) == Control::Stop {
-                control = Control::Stop;
-            }
+            control = control.max(watch(RunEvent::Training { event, trainer }));
         }
         match outcome {
             Ok(Outcome::Running) if control == Control::Stop => break Ended::Stopped,
             Ok(Outcome::Running) if reached(trainer) => break Ended::Until,
             Ok(Outcome::Running) => {
-                if checkpoint_every > 0 && trainer.progress().step.is_multiple_of(checkpoint_every) {
+                let due = checkpoint_every > 0 && trainer.progress().step.is_multiple_of(checkpoint_every);
+                if due || control == Control::Save {
                     log.flush()?;
                     trainer.checkpoint()?.save(folder)?;
                 }

@@ -96,7 +96,7 @@ fn choose<'f>(parts: &'f Parts<'_>, request: &SceneRequest) -> Result<Chosen<'f>
     };
     let native = dimensions(&first.image)?;
     let size = match request.image_size {
-        Some(longest) => resized_dimensions(native.0, native.1, longest),
+        Some(longest) => resized_dimensions(native.0, native.1, longest.min(native.0.max(native.1))),
         None => native,
     };
     Ok(Chosen { alpha: has_alpha(&first.image)?, train, test, native, size })

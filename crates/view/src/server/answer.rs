@@ -13,10 +13,14 @@ use serde_json::{Value, json};
 use super::fields::Fields;
 use super::routes::Route;
 use super::runs::{first_field, list, resolve};
+use super::steering::Steering;
 use crate::page;
 
 /// Points of a curve at most.
 const MOST_POINTS: usize = 400;
+/// A request that changes something has this header. Pages of other sites cannot send it: a browser asks first whether they
+/// may, and is not told so.
+const OWN_PAGE: &str = "x-infonerf";
 /// What the page may load and run: itself, and what this server answers.
 const POLICY: &str = "default-src 'none'; connect-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
@@ -26,12 +30,14 @@ pub(super) struct Answers {
     fields: Fields,
     /// Whether only this machine is answered.
     local: bool,
+    /// Of the training beside the server.
+    steering: Option<Steering>,
 }
 
 impl Answers {
     /// Answers about the runs below `root`, a canonical path.
-    pub(super) fn new(root: PathBuf, device: OpenDevice, local: bool) -> Self {
-        Self { root, fields: Fields::new(device), local }
+    pub(super) fn new(root: PathBuf, device: OpenDevice, local: bool, steering: Option<Steering>) -> Self {
+        Self { root, fields: Fields::new(device), local, steering }
     }
 
     /// The answer to a request.
@@ -40,12 +46,25 @@ impl Answers {
         if self.local && !uri.host().is_some_and(is_local) {
             return text(StatusCode::FORBIDDEN, "expected a request to this machine by its own name");
         }
-        if request.method() != Method::GET {
-            return text(StatusCode::METHOD_NOT_ALLOWED, "expected GET");
-        }
         let nothing = || text(StatusCode::NOT_FOUND, "nothing of this name");
-        match Route::of(uri.path(), uri.query().unwrap_or_default()) {
+        let route = Route::of(uri.path(), uri.query().unwrap_or_default());
+        let method = if matches!(route, Some(Route::Wish(_))) { Method::POST } else { Method::GET };
+        if *request.method() != method {
+            return text(StatusCode::METHOD_NOT_ALLOWED, &format!("expected {method}"));
+        }
+        match route {
             None => nothing(),
+            Some(Route::Wish(wish)) => match &self.steering {
+                Some(_) if !request.headers().contains_key(OWN_PAGE) => {
+                    text(StatusCode::FORBIDDEN, "expected a request of this server's own page")
+                }
+                Some(steering) => {
+                    steering.wish(wish);
+                    json_answer(&steering.state())
+                }
+                None => nothing(),
+            },
+            Some(Route::Training) => json_answer(&self.steering.as_ref().map_or(Value::Null, Steering::state)),
             Some(Route::Page) => answer(StatusCode::OK, "text/html; charset=utf-8", page::live()),
             Some(Route::Runs) => json_answer(&list(&self.root)),
             Some(Route::Field { run }) => self.in_run(&run, |folder| match self.fields.package(folder) {

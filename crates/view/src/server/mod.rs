@@ -4,6 +4,7 @@ mod answer;
 mod fields;
 mod routes;
 mod runs;
+mod steering;
 
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
@@ -16,6 +17,7 @@ use oxhttp::ListeningServer;
 use oxhttp::model::{Body, Request};
 
 use answer::Answers;
+pub use steering::Steering;
 
 /// Connections that are open at a time, each with a thread of its own; others wait.
 const MOST_CONNECTIONS: usize = 256;
@@ -24,7 +26,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 
 /// Serves a page that lists the runs below a folder and shows each: its field, curves, and test views beside their truth.
 ///
-/// Nothing is written. Only GET is answered, and only files of runs below the folder are read; a header may have 8 kB. While
+/// Nothing is written, and only files of runs below the folder are read; a header may have 8 kB. Only GET is answered, and beside
+/// training POST of what its page wants, which pages of other sites cannot send (it needs a header of its own). While
 /// the server listens on a loopback address alone, requests that name another host are refused, so that no page of another
 /// site can read along under a name of its own (DNS rebinding).
 pub struct Server {
@@ -33,17 +36,18 @@ pub struct Server {
 }
 
 impl Server {
-    /// Serves the run, or the runs below the folder, `root` on `address`. Port 0 is any that is free.
+    /// Serves the run, or the runs below the folder, `root` on `address`. Port 0 is any that is free. With `steering`, the page
+    /// can pause and stop the training that heeds it.
     ///
     /// # Errors
     /// If there is no such folder, or the address cannot be listened on.
-    pub fn start(root: &Path, address: SocketAddr, device: OpenDevice) -> Result<Self> {
+    pub fn start(root: &Path, address: SocketAddr, device: OpenDevice, steering: Option<Steering>) -> Result<Self> {
         let folder = root.canonicalize().with_context(|| root.display().to_string())?;
         if !folder.is_dir() {
             bail!("{}: expected the folder of a run, or one that holds runs", root.display());
         }
         let address = free(address).with_context(|| format!("{address}: cannot be listened on"))?;
-        let answers = Arc::new(Answers::new(folder, device, address.ip().is_loopback()));
+        let answers = Arc::new(Answers::new(folder, device, address.ip().is_loopback(), steering));
         let listening = oxhttp::Server::new(move |request: &mut Request<Body>| answers.to(request))
             .bind(address)
             .with_global_timeout(PATIENCE)

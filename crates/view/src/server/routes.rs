@@ -1,5 +1,7 @@
 //! What is asked for.
 
+use super::steering::Wish;
+
 /// Folders of pictures that a run leaves.
 const PICTURES: [&str; 4] = ["test", "truth", "depth", "error"];
 
@@ -10,6 +12,10 @@ pub(super) enum Route {
     Page,
     /// The runs that there are.
     Runs,
+    /// Whether training goes on beside the server, and whether it is paused.
+    Training,
+    /// To pause it, go on, or stop it.
+    Wish(Wish),
     /// A run's field as it is now.
     Field { run: String },
     /// A run's loss and PSNR by step, and the names of its test views.
@@ -28,6 +34,10 @@ impl Route {
         Some(match path {
             "/" => Self::Page,
             "/runs" => Self::Runs,
+            "/training" => Self::Training,
+            "/pause" => Self::Wish(Wish::Pause),
+            "/resume" => Self::Wish(Wish::Resume),
+            "/stop" => Self::Wish(Wish::Stop),
             "/field" => Self::Field { run: value("run")? },
             "/progress" => Self::Progress { run: value("run")? },
             "/picture" => {

@@ -1,0 +1,56 @@
+//! The live page beside training.
+
+use std::cell::Cell;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result};
+use infonerf_experiment::{Control, OpenDevice};
+use infonerf_view::{Server, Steering};
+
+use crate::interrupt;
+
+/// How often a page that is open gets a newer field.
+const REFRESH: Duration = Duration::from_secs(3);
+/// How long after its last request a page counts as open.
+const OPEN: Duration = Duration::from_secs(6);
+/// How often a pause is looked at.
+const PAUSE: Duration = Duration::from_millis(50);
+
+/// A server of the runs that train in this process.
+pub(crate) struct Live {
+    server: Server,
+    steering: Steering,
+    saved: Cell<Instant>,
+}
+
+impl Live {
+    /// Serves the runs below `folder`, which is made if need be, on `port` of this machine alone.
+    pub(crate) fn start(folder: &Path, port: u16, device: OpenDevice) -> Result<Self> {
+        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+        let steering = Steering::default();
+        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+        let server = Server::start(folder, address, device, Some(steering.clone())).context("--view")?;
+        Ok(Self { server, steering, saved: Cell::new(Instant::now()) })
+    }
+
+    pub(crate) fn url(&self) -> String {
+        self.server.url()
+    }
+
+    /// What the page wants, or Ctrl-C. Does not return while training is paused.
+    pub(crate) fn control(&self) -> Control {
+        while self.steering.is_paused() && !self.steering.is_stopped() && !interrupt::asked() {
+            std::thread::sleep(PAUSE);
+        }
+        if self.steering.is_stopped() || interrupt::asked() {
+            return Control::Stop;
+        }
+        if self.saved.get().elapsed() < REFRESH || !self.steering.is_watched(OPEN) {
+            return Control::Continue;
+        }
+        self.saved.set(Instant::now());
+        Control::Save
+    }
+}

@@ -1,0 +1,59 @@
+//! Pause and stop.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+/// What the page of a [`Server`](super::Server) wants of the training beside it. Clones are one and the same.
+#[derive(Clone, Debug, Default)]
+pub struct Steering(Arc<Shared>);
+
+#[derive(Debug, Default)]
+struct Shared {
+    paused: AtomicBool,
+    stopped: AtomicBool,
+    /// When a page last asked for the state of training.
+    asked: Mutex<Option<Instant>>,
+}
+
+/// What can be wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Wish {
+    Pause,
+    Resume,
+    Stop,
+}
+
+impl Steering {
+    /// Whether training should wait.
+    pub fn is_paused(&self) -> bool {
+        self.0.paused.load(Ordering::Relaxed)
+    }
+
+    /// Whether training should save and end.
+    pub fn is_stopped(&self) -> bool {
+        self.0.stopped.load(Ordering::Relaxed)
+    }
+
+    /// Whether a page has been open within the last while.
+    pub fn is_watched(&self, within: Duration) -> bool {
+        let asked = *self.0.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        asked.is_some_and(|asked| asked.elapsed() <= within)
+    }
+
+    pub(super) fn wish(&self, wish: Wish) {
+        match wish {
+            Wish::Pause => self.0.paused.store(true, Ordering::Relaxed),
+            Wish::Resume => self.0.paused.store(false, Ordering::Relaxed),
+            Wish::Stop => self.0.stopped.store(true, Ordering::Relaxed),
+        }
+    }
+
+    /// Where training stands, as a page asks for it.
+    pub(super) fn state(&self) -> Value {
+        *self.0.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
+        json!({ "paused": self.is_paused(), "stopped": self.is_stopped() })
+    }
+}
