@@ -20,6 +20,7 @@ pub const TINY: &[&str] = &[
     "eval.test=first-2",
     "eval.information_rays=32",
     "field.resolutions=[8,16]",
+    "field.view_dependent=true",
     "render.occupancy.resolution=8",
     "render.occupancy.warmup=1",
     "render.occupancy.every=1",
