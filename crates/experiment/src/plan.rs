@@ -294,7 +294,7 @@ mod tests {
             assert_eq!(plan.runs.iter().any(stereo), of("room").preset == Preset::Capture);
             (of("castle").preset, of("room").preset)
         };
-        assert_eq!(presets("views", None), (Preset::Fast, Preset::Fast));
+        assert_eq!(presets("views", None), (Preset::Released, Preset::Released));
         assert_eq!(presets("recipe", Some(Preset::Fast)), (Preset::Fast, Preset::Fast));
         assert_eq!(presets("recipe", None), (Preset::Fast, Preset::Capture));
         assert_eq!(presets("capture", None), (Preset::Capture, Preset::Capture));
