@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
 use infonerf_experiment::{Control, OpenDevice};
-use infonerf_view::{Server, Steering};
+use infonerf_view::{Server, TrainingControl};
 
 use crate::interrupt;
 
@@ -21,7 +21,7 @@ const PAUSE: Duration = Duration::from_millis(50);
 /// A server of the runs that train in this process.
 pub(crate) struct Live {
     server: Server,
-    steering: Steering,
+    control: TrainingControl,
     saved: Cell<Instant>,
 }
 
@@ -29,10 +29,10 @@ impl Live {
     /// Serves the runs below `folder`, which is made if need be, on `port` of this machine alone.
     pub(crate) fn start(folder: &Path, port: u16, device: OpenDevice) -> Result<Self> {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-        let steering = Steering::default();
+        let control = TrainingControl::default();
         let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-        let server = Server::start(folder, address, device, Some(steering.clone())).context("--view")?;
-        Ok(Self { server, steering, saved: Cell::new(Instant::now()) })
+        let server = Server::start(folder, address, device, Some(control.clone())).context("--view")?;
+        Ok(Self { server, control, saved: Cell::new(Instant::now()) })
     }
 
     pub(crate) fn url(&self) -> String {
@@ -41,13 +41,13 @@ impl Live {
 
     /// What the page wants, or Ctrl-C. Does not return while training is paused.
     pub(crate) fn control(&self) -> Control {
-        while self.steering.is_paused() && !self.steering.is_stopped() && !interrupt::asked() {
+        while self.control.is_paused() && !self.control.is_stopped() && !interrupt::asked() {
             std::thread::sleep(PAUSE);
         }
-        if self.steering.is_stopped() || interrupt::asked() {
+        if self.control.is_stopped() || interrupt::asked() {
             return Control::Stop;
         }
-        if self.saved.get().elapsed() < REFRESH || !self.steering.is_watched(OPEN) {
+        if self.saved.get().elapsed() < REFRESH || !self.control.is_watched(OPEN) {
             return Control::Continue;
         }
         self.saved.set(Instant::now());

@@ -80,13 +80,13 @@ function showTraining(training) {
   if (training === null) return;
   const pause = box.querySelector('.pause');
   pause.textContent = training.paused ? 'Go on' : 'Pause';
-  pause.dataset.wish = training.paused ? 'resume' : 'pause';
+  pause.dataset.command = training.paused ? 'resume' : 'pause';
   for (const button of box.querySelectorAll('button')) button.disabled = training.stopped;
   box.querySelector('small').textContent = training.stopped ? 'Stopped and saved; --resume goes on.' : training.paused ? 'Paused.' : '';
 }
 
-async function wish(what) {
-  const answer = await fetch(what, { method: 'POST', headers: { 'x-infonerf': 'page' } });
+async function command(name) {
+  const answer = await fetch(name, { method: 'POST', headers: { 'x-infonerf': 'page' } });
   if (answer.ok) showTraining(await answer.json());
 }
 
@@ -117,7 +117,7 @@ panel.querySelector('select').addEventListener('change', () => showView(shown.ru
 panel.querySelector('input').addEventListener('input', (event) =>
   panel.querySelector('.compare').style.setProperty('--at', `${event.target.value}%`));
 for (const button of document.querySelectorAll('.training button'))
-  button.addEventListener('click', () => wish(button.dataset.wish ?? 'stop').catch(() => {}));
+  button.addEventListener('click', () => command(button.dataset.command ?? 'stop').catch(() => {}));
 setInterval(follow, 2000);
 document.addEventListener('visibilitychange', follow);
 follow();

@@ -13,7 +13,7 @@
 //!
 //! - [`page`]: a run's field as one HTML file that needs nothing else.
 //! - [`Server`]: the same for all runs in a folder, with curves and test views, following runs while they train, and pausing or
-//!   stopping them where they heed its [`Steering`].
+//!   stopping them where they heed its [`TrainingControl`].
 //!
 //! ```no_run
 //! use infonerf_experiment::{DeviceName, RunPlan, Trained, open};
@@ -36,7 +36,7 @@ mod server;
 mod shader;
 mod tables;
 
-pub use server::{Server, Steering};
+pub use server::{Server, TrainingControl};
 
 use anyhow::Result;
 use infonerf_experiment::Trained;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use common::{TINY, device, plan, train};
 use infonerf_experiment::Resume;
-use infonerf_view::{Server, Steering};
+use infonerf_view::{Server, TrainingControl};
 use serde_json::Value;
 
 /// Serves `root` from a thread that ends with the test.
@@ -18,7 +18,7 @@ fn serve(root: &Path) -> SocketAddr {
     serve_beside(root, None)
 }
 
-fn serve_beside(root: &Path, training: Option<Steering>) -> SocketAddr {
+fn serve_beside(root: &Path, training: Option<TrainingControl>) -> SocketAddr {
     let server = Server::start(root, "127.0.0.1:0".parse().unwrap(), device(), training).unwrap();
     let address = server.url().trim_start_matches("http://").trim_end_matches('/').parse().unwrap();
     std::thread::spawn(move || server.wait());
@@ -55,7 +55,7 @@ fn json(address: SocketAddr, path: &str) -> Value {
 #[test]
 fn training_is_paused_and_stopped_by_the_servers_own_page_alone() {
     let folder = tempfile::tempdir().unwrap();
-    let training = Steering::default();
+    let training = TrainingControl::default();
     let address = serve_beside(folder.path(), Some(training.clone()));
     let post = |path: &str, header: &str| {
         ask(

@@ -10,10 +10,10 @@ use infonerf_report::Events;
 use oxhttp::model::{Body, Method, Request, Response, StatusCode};
 use serde_json::{Value, json};
 
+use super::control::TrainingControl;
 use super::fields::Fields;
 use super::routes::Route;
 use super::runs::{first_field, list, resolve};
-use super::steering::Steering;
 use crate::page;
 
 /// Points of a curve at most.
@@ -31,13 +31,13 @@ pub(super) struct Answers {
     /// Whether only this machine is answered.
     local: bool,
     /// Of the training beside the server.
-    steering: Option<Steering>,
+    control: Option<TrainingControl>,
 }
 
 impl Answers {
     /// Answers about the runs below `root`, a canonical path.
-    pub(super) fn new(root: PathBuf, device: OpenDevice, local: bool, steering: Option<Steering>) -> Self {
-        Self { root, fields: Fields::new(device), local, steering }
+    pub(super) fn new(root: PathBuf, device: OpenDevice, local: bool, control: Option<TrainingControl>) -> Self {
+        Self { root, fields: Fields::new(device), local, control }
     }
 
     /// The answer to a request.
@@ -48,23 +48,23 @@ impl Answers {
         }
         let nothing = || text(StatusCode::NOT_FOUND, "nothing of this name");
         let route = Route::of(uri.path(), uri.query().unwrap_or_default());
-        let method = if matches!(route, Some(Route::Wish(_))) { Method::POST } else { Method::GET };
+        let method = if matches!(route, Some(Route::Command(_))) { Method::POST } else { Method::GET };
         if *request.method() != method {
             return text(StatusCode::METHOD_NOT_ALLOWED, &format!("expected {method}"));
         }
         match route {
             None => nothing(),
-            Some(Route::Wish(wish)) => match &self.steering {
+            Some(Route::Command(command)) => match &self.control {
                 Some(_) if !request.headers().contains_key(OWN_PAGE) => {
                     text(StatusCode::FORBIDDEN, "expected a request of this server's own page")
                 }
-                Some(steering) => {
-                    steering.wish(wish);
-                    json_answer(&steering.state())
+                Some(control) => {
+                    control.apply(command);
+                    json_answer(&control.state())
                 }
                 None => nothing(),
             },
-            Some(Route::Training) => json_answer(&self.steering.as_ref().map_or(Value::Null, Steering::state)),
+            Some(Route::Training) => json_answer(&self.control.as_ref().map_or(Value::Null, TrainingControl::state)),
             Some(Route::Page) => answer(StatusCode::OK, "text/html; charset=utf-8", page::live()),
             Some(Route::Runs) => json_answer(&list(&self.root)),
             Some(Route::Field { run }) => self.in_run(&run, |folder| match self.fields.package(folder) {

@@ -1,10 +1,10 @@
 //! The live viewer: a small server whose page shows runs, also while they train.
 
 mod answer;
+mod control;
 mod fields;
 mod routes;
 mod runs;
-mod steering;
 
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
@@ -17,7 +17,7 @@ use oxhttp::ListeningServer;
 use oxhttp::model::{Body, Request};
 
 use answer::Answers;
-pub use steering::Steering;
+pub use control::TrainingControl;
 
 /// Connections that are open at a time, each with a thread of its own; others wait.
 const MOST_CONNECTIONS: usize = 256;
@@ -36,18 +36,23 @@ pub struct Server {
 }
 
 impl Server {
-    /// Serves the run, or the runs below the folder, `root` on `address`. Port 0 is any that is free. With `steering`, the page
+    /// Serves the run, or the runs below the folder, `root` on `address`. Port 0 is any that is free. With `control`, the page
     /// can pause and stop the training that heeds it.
     ///
     /// # Errors
     /// If there is no such folder, or the address cannot be listened on.
-    pub fn start(root: &Path, address: SocketAddr, device: OpenDevice, steering: Option<Steering>) -> Result<Self> {
+    pub fn start(
+        root: &Path,
+        address: SocketAddr,
+        device: OpenDevice,
+        control: Option<TrainingControl>,
+    ) -> Result<Self> {
         let folder = root.canonicalize().with_context(|| root.display().to_string())?;
         if !folder.is_dir() {
             bail!("{}: expected the folder of a run, or one that holds runs", root.display());
         }
         let address = free(address).with_context(|| format!("{address}: cannot be listened on"))?;
-        let answers = Arc::new(Answers::new(folder, device, address.ip().is_loopback(), steering));
+        let answers = Arc::new(Answers::new(folder, device, address.ip().is_loopback(), control));
         let listening = oxhttp::Server::new(move |request: &mut Request<Body>| answers.to(request))
             .bind(address)
             .with_global_timeout(PATIENCE)

@@ -1,6 +1,6 @@
 //! What is asked for.
 
-use super::steering::Wish;
+use super::control::Command;
 
 /// Folders of pictures that a run leaves.
 const PICTURES: [&str; 4] = ["test", "truth", "depth", "error"];
@@ -15,7 +15,7 @@ pub(super) enum Route {
     /// Whether training goes on beside the server, and whether it is paused.
     Training,
     /// To pause it, go on, or stop it.
-    Wish(Wish),
+    Command(Command),
     /// A run's field as it is now.
     Field { run: String },
     /// A run's loss and PSNR by step, and the names of its test views.
@@ -35,9 +35,9 @@ impl Route {
             "/" => Self::Page,
             "/runs" => Self::Runs,
             "/training" => Self::Training,
-            "/pause" => Self::Wish(Wish::Pause),
-            "/resume" => Self::Wish(Wish::Resume),
-            "/stop" => Self::Wish(Wish::Stop),
+            "/pause" => Self::Command(Command::Pause),
+            "/resume" => Self::Command(Command::Resume),
+            "/stop" => Self::Command(Command::Stop),
             "/field" => Self::Field { run: value("run")? },
             "/progress" => Self::Progress { run: value("run")? },
             "/picture" => {

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 /// What the page of a [`Server`](super::Server) wants of the training beside it. Clones are one and the same.
 #[derive(Clone, Debug, Default)]
-pub struct Steering(Arc<Shared>);
+pub struct TrainingControl(Arc<Shared>);
 
 #[derive(Debug, Default)]
 struct Shared {
@@ -20,13 +20,13 @@ struct Shared {
 
 /// What can be wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Wish {
+pub(super) enum Command {
     Pause,
     Resume,
     Stop,
 }
 
-impl Steering {
+impl TrainingControl {
     /// Whether training should wait.
     pub fn is_paused(&self) -> bool {
         self.0.paused.load(Ordering::Relaxed)
@@ -43,11 +43,11 @@ impl Steering {
         asked.is_some_and(|asked| asked.elapsed() <= within)
     }
 
-    pub(super) fn wish(&self, wish: Wish) {
-        match wish {
-            Wish::Pause => self.0.paused.store(true, Ordering::Relaxed),
-            Wish::Resume => self.0.paused.store(false, Ordering::Relaxed),
-            Wish::Stop => self.0.stopped.store(true, Ordering::Relaxed),
+    pub(super) fn apply(&self, command: Command) {
+        match command {
+            Command::Pause => self.0.paused.store(true, Ordering::Relaxed),
+            Command::Resume => self.0.paused.store(false, Ordering::Relaxed),
+            Command::Stop => self.0.stopped.store(true, Ordering::Relaxed),
         }
     }
 
