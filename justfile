@@ -13,7 +13,7 @@ default:
 exp NAME *ARGS:
     cargo run --release -- exp "$@"
 
-# Every synthetic table of the paper into one report, and whether what it says holds: just reproduce --jobs 2
+# Every table of the paper at a small scale into one report, and whether what it says holds: just reproduce --jobs 2
 reproduce *ARGS:
     cargo run --release -- reproduce "$@"
 

@@ -12,7 +12,7 @@ fn root() -> PathBuf {
 
 /// Every Markdown document of the repository, with its path from the root.
 fn documents() -> Vec<(PathBuf, String)> {
-    let folders = [root(), root().join("docs")];
+    let folders = [root(), root().join("docs"), root().join("experiments")];
     let files = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()));
     let markdown = files.filter(|path| path.extension().is_some_and(|extension| extension == "md"));
     let documents: Vec<_> = markdown.map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect();
@@ -41,6 +41,16 @@ fn named_experiments_exist() {
             let name: String = rest.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '-').collect();
             assert!(name.is_empty() || known.contains(&name.as_str()), "{}: {name}", path.display());
         }
+    }
+}
+
+#[test]
+fn every_experiment_is_described() {
+    let text = fs::read_to_string(root().join("experiments/README.md")).unwrap();
+    for (name, _) in infonerf_experiment::list().unwrap() {
+        let stem = name.strip_suffix("-paper").unwrap_or(name);
+        let family = stem.rsplit_once('-').map_or(stem, |(family, _)| family);
+        assert!(text.contains(&format!("`{stem}`")) || text.contains(&format!("`{family}`")), "{name}");
     }
 }
 

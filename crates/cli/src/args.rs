@@ -40,7 +40,7 @@ pub(crate) enum Command {
     Sweep(SweepArgs),
     /// Run one line of a sweep's manifest, as the jobs of --launch do.
     SweepItem(SweepItemArgs),
-    /// Run every synthetic table and figure of the paper into one report, and tell whether what it says holds here.
+    /// Run every table and figure of the paper at a small scale into one report, and tell whether what it says holds here.
     #[command(after_help = REPRODUCE_EXAMPLES)]
     Reproduce(ReproduceArgs),
     /// Write the training curves of runs as event files for TensorBoard.

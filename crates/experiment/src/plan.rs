@@ -9,7 +9,6 @@ use infonerf_report::{Claim, Record, ReportInput};
 use infonerf_scene::{Backdrop, SceneSource};
 use infonerf_train::{Config, Preset, config};
 use toml::{Table, Value};
-use tracing::info;
 
 use crate::file::Layers;
 use crate::plot::Plot;
@@ -150,10 +149,7 @@ impl ChosenScene {
     /// scene that cannot be read is loading's to refuse.
     fn new((name, source): (String, SceneSource), preset: Option<Preset>) -> Self {
         let preset = preset.unwrap_or_else(|| match source.backdrop() {
-            Ok(Some(Backdrop::Unknown)) => {
-                info!("{name}: photographs without a uniform background: preset capture (--preset for another)");
-                Preset::Capture
-            }
+            Ok(Some(Backdrop::Unknown)) => Preset::Capture,
             _ => Preset::Fast,
         });
         Self { name, source, preset }

@@ -65,7 +65,8 @@ pub struct Scene {
     pub test: Vec<View>,
     /// Where it came from.
     pub format: Format,
-    /// What transparent pixels were composited on, display-encoded RGB in `[0, 1]`.
+    /// The colour of a ray that meets nothing, display-encoded RGB in `[0, 1]`: what transparent pixels were composited on,
+    /// or, of photographs without a known backdrop, the mean colour of the training views.
     pub background: [f32; 3],
     /// Whether `background` is what lies behind the content.
     pub backdrop: Backdrop,
@@ -182,10 +183,25 @@ impl Default for SceneRequest {
 /// no views, ids out of range or given twice.
 pub fn load(source: &SceneSource, request: &SceneRequest) -> Result<Scene, SceneError> {
     check(request)?;
-    match source {
-        SceneSource::Procedural(name) => procedural::load(name, request),
-        SceneSource::Folder { path } => loaders::load(path, request),
+    let mut scene = match source {
+        SceneSource::Procedural(name) => procedural::load(name, request)?,
+        SceneSource::Folder { path } => loaders::load(path, request)?,
+    };
+    if scene.backdrop == Backdrop::Unknown {
+        scene.background = mean_color(&scene.train);
     }
+    Ok(scene)
+}
+
+/// The mean colour of all pixels of `views`, which is nearest to them all in squared error; white where there are none.
+fn mean_color(views: &[View]) -> [f32; 3] {
+    let mut sum = [0.0f64; 3];
+    let mut count = 0usize;
+    for pixel in views.iter().flat_map(|view| &view.image.rgb) {
+        count += 1;
+        sum.iter_mut().zip(pixel).for_each(|(sum, value)| *sum += f64::from(*value));
+    }
+    if count == 0 { [1.0; 3] } else { sum.map(|sum| (sum / count as f64) as f32) }
 }
 
 /// How many pixels the chosen views of a scene have, which decides how much memory it takes.
@@ -241,6 +257,21 @@ fn check(request: &SceneRequest) -> Result<(), SceneError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// What no photograph shows is best guessed by their mean.
+    #[test]
+    fn an_unknown_backdrop_is_the_mean_of_the_photographs() {
+        let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..Default::default() };
+        let scene = load(&SceneSource::Procedural("room".into()), &request).unwrap();
+        assert_eq!(scene.backdrop, Backdrop::Unknown);
+        let pixels: Vec<[f32; 3]> = scene.train.iter().flat_map(|view| view.image.rgb.clone()).collect();
+        for channel in 0..3 {
+            let error = |guess: f32| pixels.iter().map(|pixel| (pixel[channel] - guess).powi(2)).sum::<f32>();
+            let mean = scene.background[channel];
+            assert!(error(mean) < error(mean + 0.01) && error(mean) < error(mean - 0.01));
+        }
+        assert_eq!(load(&SceneSource::Procedural("knot".into()), &request).unwrap().background, [1.0; 3]);
+    }
 
     #[test]
     fn pixels_are_counted_before_they_are_loaded() {

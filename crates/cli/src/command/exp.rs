@@ -1,3 +1,4 @@
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -163,6 +164,16 @@ fn announce(experiment: &Experiment, session: &Session) {
     match &about.data {
         Some(data) => println!("scenes from {}", data.display()),
         None => println!("no --data given: using the built-in procedural scenes"),
+    }
+    let mut scenes: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for plan in &experiment.runs {
+        let listed = scenes.entry(plan.preset.name()).or_default();
+        if !listed.contains(&plan.scene.as_str()) {
+            listed.push(&plan.scene);
+        }
+    }
+    for (preset, scenes) in scenes {
+        println!("preset {preset}: {}", scenes.join(", "));
     }
 }
 

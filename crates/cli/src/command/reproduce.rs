@@ -1,4 +1,4 @@
-//! `infonerf reproduce`: every synthetic table and figure of the paper, and whether what it says holds here.
+//! `infonerf reproduce`: every table and figure of the paper at a small scale, and whether what it says holds here.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -22,11 +22,13 @@ use crate::terminal::open_device;
 pub(crate) const REPRODUCE_EXAMPLES: &str = "\
 Examples:
   infonerf reproduce
-      on the built-in scenes; needs no data
+      on the built-in scenes and captures; needs no data
   infonerf reproduce --jobs 2
       two runs at a time, with the same numbers
   infonerf reproduce --data nerf_synthetic --scene lego --only baseline --set scene.size=100
       the table of narrow and wide baselines on real Blender data
+  infonerf reproduce --data nerf_llff_data --only llff-2view
+      the captures alone, on real ones
 The same command again goes on where it was interrupted.";
 
 #[derive(Debug, Args)]

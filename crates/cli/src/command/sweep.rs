@@ -6,11 +6,12 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::{Result, bail};
-use clap::Args;
+use clap::{Args, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_experiment::launch::{Ended, PEAK_MEMORY, STOPPED, Workers};
 use infonerf_experiment::sweep::{
-    Execution, Merged, Outcome, Prepared, State, Sweep, SweepEvent, SweepOptions, run_item as run_manifest_item,
+    Execution, Merged, Outcome, PAPER_SPACE, Prepared, State, Sweep, SweepEvent, SweepOptions,
+    run_item as run_manifest_item,
 };
 use infonerf_experiment::{DeviceName, Finished, RunEvent};
 
@@ -33,6 +34,8 @@ Examples:
       one run for each weight and scene
   infonerf sweep synthetic-4view --grid loss.entropy.weight=0,1e-3 --grid loss.kl.weight=0,1e-5 --seed 0..4 --jobs 2
       every combination with five seeds, two runs at a time
+  infonerf sweep paper-regime --variant infonerf --space paper --seed 0..4
+      λ1 × λ2 as a heat map, and whether the best pair is better than its neighbours
   infonerf sweep loss-ablation --variant both --random 20 --range loss.entropy.weight=log:1e-5:1e-1 --halving 3
       twenty random weights; the two thirds that fit the training images worst are stopped early, twice
   infonerf sweep synthetic-4view --grid loss.entropy.weight=0,1e-3 --seed 0..4 --launch slurm --timeout 30m --watch
@@ -44,8 +47,11 @@ pub(crate) struct SweepArgs {
     /// A built-in experiment (see `infonerf list`) or a TOML file.
     experiment: String,
     /// A key of the config and the values that it takes; again for every combination with another key's.
-    #[arg(long = "grid", value_name = "KEY=V1,V2,...", required_unless_present = "random")]
+    #[arg(long = "grid", value_name = "KEY=V1,V2,...", required_unless_present_any = ["random", "space"])]
     grids: Vec<String>,
+    /// Ready grids: `paper` has four values of each of λ1 and λ2.
+    #[arg(long, value_name = "NAME")]
+    space: Option<ReadySpace>,
     /// Random settings of the keys of --range: always the same ones, and more of them for a larger N.
     #[arg(long, value_name = "N", requires = "ranges", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     random: Option<u32>,
@@ -69,6 +75,21 @@ pub(crate) struct SweepArgs {
     /// Folder for results.
     #[arg(long, value_name = "DIR", default_value = "runs")]
     out: PathBuf,
+}
+
+/// Grids under a name.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ReadySpace {
+    /// The paper's two weights.
+    Paper,
+}
+
+impl ReadySpace {
+    fn grids(self) -> Vec<String> {
+        match self {
+            Self::Paper => PAPER_SPACE.map(str::to_owned).to_vec(),
+        }
+    }
 }
 
 #[derive(Debug, Args)]
@@ -99,7 +120,7 @@ fn parse_share(text: &str) -> Result<f64, String> {
 
 pub(crate) fn run(args: &SweepArgs) -> Result<ExitCode> {
     let options = SweepOptions {
-        grids: args.grids.clone(),
+        grids: [args.space.map(ReadySpace::grids).unwrap_or_default(), args.grids.clone()].concat(),
         random: args.random.unwrap_or(0),
         ranges: args.ranges.clone(),
         random_seed: args.random_seed.unwrap_or(0),

@@ -33,7 +33,7 @@ pub(super) fn figures(sweep: &Sweep, records: &[Record]) -> Result<Vec<Figure>> 
 }
 
 /// The experiment's variants, in the order of the sweep.
-fn variants(sweep: &Sweep) -> Vec<String> {
+pub(super) fn variants(sweep: &Sweep) -> Vec<String> {
     let mut variants: Vec<String> = Vec::new();
     for Item { variant, .. } in &sweep.items {
         if !variants.contains(variant) {

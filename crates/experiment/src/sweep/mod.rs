@@ -4,6 +4,7 @@
 //! grids, random draws ─► plan (items) ─► manifest.jsonl ─► launcher (a process per item) ─► records ─► table, figures, report
 //! ```
 
+mod best;
 mod figures;
 mod grid;
 mod halving;
@@ -30,7 +31,7 @@ use crate::run::lock;
 use crate::{DeviceName, Identity, RunPlan};
 use halving::{Dropped, drop_worst, rungs};
 pub use item::run_item;
-pub use options::SweepOptions;
+pub use options::{PAPER_SPACE, SweepOptions};
 pub use outcome::Outcome;
 use plan::Item;
 pub use plan::Sweep;

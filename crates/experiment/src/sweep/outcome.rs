@@ -10,6 +10,7 @@ use infonerf_report::{
     Quantity, Record, ReportInput, RunKey, Table, overview_table, read_records, write_records, write_report,
 };
 
+use super::best;
 use super::figures::figures;
 use super::plan::Sweep;
 use crate::RunPlan;
@@ -46,9 +47,11 @@ pub(super) fn write(
         fs::write(&path, text).with_context(|| path.display().to_string())?;
     }
     let figures = figures(sweep, &records)?;
-    let runs: Vec<&RunPlan> = sweep.items.iter().map(|item| &item.plan).collect();
+    let claims = best::claims(sweep, &records);
+    let runs: Vec<&RunPlan> = sweep.runs().collect();
     let mut input = sweep.about.report_input(records, &runs)?;
     input.figures.extend(figures);
+    input.claims.extend(claims);
     input.warnings.extend(warnings);
     let files = write_report(&input, folder)?;
     let table = match input.shown() {

@@ -86,6 +86,11 @@ impl Sweep {
         Ok(Self { about, space, halving: options.halving, items, notices })
     }
 
+    /// Its runs, in the order of the tables.
+    pub fn runs(&self) -> impl Iterator<Item = &RunPlan> {
+        self.items.iter().map(|item| &item.plan)
+    }
+
     /// Number of runs.
     pub fn len(&self) -> usize {
         self.items.len()
