@@ -103,7 +103,7 @@ fn a_requeued_item_goes_on_and_the_table_is_the_local_one() {
 fn items_that_fail_take_too_long_or_are_cancelled() {
     let place = Workplace::new();
     // The scene has 100 views.
-    let file = "base = 'synthetic-4view'\n[variants.cancelled.train]\niterations = 3000\n\
+    let file = "base = 'synthetic-4view'\n[variants.cancelled.train]\niterations = 1500\n\
                 [variants.bad.scene]\nviews = { kind = 'ids', ids = [1000] }\n\
                 [variants.slow.train]\niterations = 1_000_000_000\n[variants.good.train]\niterations = 20\n";
     fs::write(place.path("mine.toml"), file).unwrap();
