@@ -3,6 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use infonerf_experiment::{Experiment, Selection};
+
 /// Most bytes of README.md.
 const README_BYTES: usize = 8 << 10;
 
@@ -56,6 +58,20 @@ fn every_experiment_is_described() {
         let family = stem.rsplit_once('-').map_or(stem, |(family, _)| family);
         assert!(text.contains(&format!("`{stem}`")) || text.contains(&format!("`{family}`")), "{name}");
     }
+}
+
+/// The experiment that experiments/README.md shows can be planned as it stands.
+#[test]
+fn the_example_of_an_experiment_is_valid() {
+    let text = fs::read_to_string(root().join("experiments/README.md")).unwrap();
+    let (_, rest) = text.split_once("```toml\n").unwrap();
+    let (example, _) = rest.split_once("```").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("mine.toml");
+    fs::write(&file, example).unwrap();
+    let planned = Experiment::plan(file.to_str().unwrap(), &Selection::default()).unwrap();
+    // Three variants of synthetic-4view and one of its own, two scenes, two seeds.
+    assert_eq!(planned.runs.len(), 16);
 }
 
 #[test]

@@ -28,7 +28,7 @@ Examples:
   infonerf reproduce --data nerf_synthetic --scene lego --only baseline --set scene.size=100
       the table of narrow and wide baselines on real Blender data
   infonerf reproduce --data nerf_llff_data --only llff-2view
-      the captures alone, on real ones
+      captures alone on real ones: otherwise --data and --scene are of the synthetic experiments, and captures built in
 The same command again goes on where it was interrupted.";
 
 #[derive(Debug, Args)]

@@ -1,43 +1,57 @@
 //! Whether the best setting of a grid is better than those beside it, or a peak of noise.
 
-use infonerf_report::{Claim, Comparison, Quantity, Record, Relation, Side, overview_table};
+use std::collections::HashMap;
 
-use super::figures::variants;
+use infonerf_report::{Claim, Comparison, Quantity, Record, Relation, Side};
+
+use super::figures::{Means, means, variants};
+use super::grid::Grid;
 use super::plan::Sweep;
 
-/// For each variant a claim: the setting with the highest mean PSNR is better than each of its neighbours, which differ by
-/// one step of one grid. Like every [`Claim`] it is tested on differences within a scene and seed. The setting was chosen
-/// on the very runs that test it, so its lead is overestimated, and the statement says so.
+/// For each variant a claim: the setting with the highest mean PSNR is better than each of its neighbours, whose value of
+/// one key is the next lower or higher one. Like every [`Claim`] it is tested on differences within a scene and seed. The
+/// setting was chosen on the very runs that test it, so its lead is overestimated, and the statement says so.
 ///
-/// Nothing for random settings, which have no neighbours.
+/// Nothing where values have no order: random settings, and grids of other things than numbers.
 pub(super) fn claims(sweep: &Sweep, records: &[Record]) -> Vec<Claim> {
-    if !sweep.space.ranges.is_empty() {
+    let Some(ranks) = sweep.space.grids.iter().map(ranks).collect::<Option<Vec<_>>>() else { return Vec::new() };
+    if ranks.is_empty() || !sweep.space.ranges.is_empty() {
         return Vec::new();
     }
-    variants(sweep).iter().filter_map(|variant| claim(sweep, variant, records)).collect()
+    let means = means(records);
+    variants(sweep).iter().filter_map(|variant| claim(sweep, variant, &ranks, &means)).collect()
 }
 
-fn claim(sweep: &Sweep, variant: &str, records: &[Record]) -> Option<Claim> {
-    let table = overview_table(records, &[Quantity::PSNR]);
-    let mean = |label: &str| table.rows.iter().find(|row| row.label == label)?.cells.first()?.summary.map(|s| s.mean);
-    let mut settings: Vec<(&[usize], &str, f64)> = Vec::new();
-    for item in sweep.items.iter().filter(|item| item.variant == variant) {
-        if !settings.iter().any(|(choice, ..)| *choice == item.setting.choice) {
-            let label = item.plan.variant.as_str();
-            settings.extend(mean(label).map(|psnr| (&item.setting.choice[..], label, psnr)));
-        }
-    }
-    let (best, label, _) = *settings.iter().max_by(|a, b| a.2.total_cmp(&b.2))?;
-    let steps = |choice: &[usize]| best.iter().zip(choice).map(|(a, b)| a.abs_diff(*b)).sum::<usize>();
-    let beside = settings.iter().filter(|(choice, ..)| steps(choice) == 1);
-    let comparisons: Vec<Comparison> = beside
-        .map(|(_, other, _)| Comparison {
-            left: Side::Variant(label.to_owned()),
-            is: Relation::Better,
-            right: Side::Variant((*other).to_owned()),
+/// Of each value, how many are smaller; none unless all are numbers.
+fn ranks(grid: &Grid) -> Option<Vec<usize>> {
+    let numbers = (0..grid.values.len()).map(|index| grid.number(index)).collect::<Option<Vec<f64>>>()?;
+    Some(numbers.iter().map(|number| numbers.iter().filter(|other| *other < number).count()).collect())
+}
+
+fn claim(sweep: &Sweep, variant: &str, ranks: &[Vec<usize>], means: &Means) -> Option<Claim> {
+    // The name and mean of each choice of values.
+    let own = sweep.items.iter().filter(|item| item.variant == variant);
+    let settings: HashMap<&[usize], (&str, f64)> = own
+        .filter_map(|item| {
+            let name = item.plan.variant.as_str();
+            Some((&item.setting.choice[..], (name, *means.get(name)?)))
         })
         .collect();
-    let values: Vec<String> = sweep.space.grids.iter().zip(best).map(|(grid, &index)| grid.assignment(index)).collect();
+    let (best, (name, _)) = settings.iter().max_by(|a, b| a.1.1.total_cmp(&b.1.1).then_with(|| b.0.cmp(a.0)))?;
+    let steps = |choice: &[usize]| -> usize {
+        let places = ranks.iter().zip(best.iter().zip(choice));
+        places.map(|(ranks, (&a, &b))| ranks[a].abs_diff(ranks[b])).sum()
+    };
+    let mut beside: Vec<_> = settings.iter().filter(|(choice, _)| steps(choice) == 1).collect();
+    beside.sort_by_key(|(choice, _)| **choice);
+    let comparison = |(_, (other, _)): &(&&[usize], &(&str, f64))| Comparison {
+        left: Side::Variant((*name).to_owned()),
+        is: Relation::Better,
+        right: Side::Variant((*other).to_owned()),
+    };
+    let comparisons: Vec<Comparison> = beside.iter().map(comparison).collect();
+    let values: Vec<String> =
+        sweep.space.grids.iter().zip(*best).map(|(grid, &index)| grid.assignment(index)).collect();
     let statement = format!(
         "{variant}: the best setting, {}, is better than those beside it (chosen on these very runs, which flatters it)",
         values.join(" ")
@@ -61,13 +75,13 @@ mod tests {
             variants: vec!["infonerf".into()],
             ..Selection::default()
         };
-        let grids = ["loss.entropy.weight=0,1e-4,1e-3,1e-2", "loss.kl.weight=0,1e-5"].map(str::to_owned).to_vec();
+        let grids = ["loss.entropy.weight=1e-3,0,1e-2,1e-4", "loss.kl.weight=0,1e-5"].map(str::to_owned).to_vec();
         let sweep =
             Sweep::plan("synthetic-4view", &SweepOptions { grids, selection, ..SweepOptions::default() }).unwrap();
         let psnr = |scene: &str, choice: &[usize]| {
             // The second best is better than the best on one scene.
-            let noise = if choice[0] == 3 && scene == "knot" { 0.2 } else { 0.0 };
-            [14.0, 16.0, 20.0, 19.9][choice[0]] - 0.5 * choice[1] as f64 + noise
+            let noise = if choice[0] == 2 && scene == "knot" { 0.2 } else { 0.0 };
+            [20.0, 14.0, 19.9, 16.0][choice[0]] - 0.5 * choice[1] as f64 + noise
         };
         let record = |item: &Item| Record {
             scene: item.plan.scene.clone(),
@@ -79,7 +93,7 @@ mod tests {
         let claims = claims(&sweep, &records);
         assert_eq!(claims.len(), 1);
         assert!(claims[0].statement.contains("loss.entropy.weight=1e-3 loss.kl.weight=0,"), "{}", claims[0].statement);
-        // One step down and up of λ₁, one up of λ₂.
+        // λ₁ one lower and one higher, in whatever order they were written, and λ₂ one higher.
         assert_eq!(claims[0].comparisons.len(), 3);
         let tested = claims[0].test(&records, None);
         let count = |verdict| tested.findings.iter().filter(|finding| finding.verdict == verdict).count();

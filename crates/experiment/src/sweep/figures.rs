@@ -14,13 +14,18 @@ use super::random::Scale;
 const WIDE: f64 = 30.0;
 
 /// Mean PSNR over scenes and seeds, by the name of a variant with its values.
-type Means = HashMap<String, f64>;
+pub(super) type Means = HashMap<String, f64>;
+
+/// The mean of each variant with its values that has a PSNR.
+pub(super) fn means(records: &[Record]) -> Means {
+    let table = overview_table(records, &[Quantity::PSNR]);
+    let mean = |row: &infonerf_report::Row| Some((row.label.clone(), row.cells.first()?.summary?.mean));
+    table.rows.iter().filter_map(mean).collect()
+}
 
 /// Nothing for three grids or more: those are read from the table.
 pub(super) fn figures(sweep: &Sweep, records: &[Record]) -> Result<Vec<Figure>> {
-    let table = overview_table(records, &[Quantity::PSNR]);
-    let mean = |row: &infonerf_report::Row| Some((row.label.clone(), row.cells.first()?.summary?.mean));
-    let means: Means = table.rows.iter().filter_map(mean).collect();
+    let means = means(records);
     if !sweep.space.ranges.is_empty() {
         return (0..sweep.space.ranges.len()).map(|range| points(sweep, range, &means)).collect();
     }
