@@ -213,6 +213,24 @@ fn hyperqueue_runs_a_task_array_and_watching_it_ends_with_the_table() {
 }
 
 #[test]
+fn an_experiment_is_launched_and_gives_what_it_gives_here() {
+    let cluster = Cluster::new();
+    let args = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--variant", "infonerf", "--seed", "0"];
+    let run = |out: &str, more: &[&str]| text(&cluster.run(&args, out).args(more).succeeds().stdout);
+    run("here", &[]);
+    let said = run("there", &["--launch", "slurm"]);
+    assert!(said.contains("2 runs submitted as slurm 100, 101"), "{said}");
+    assert!(cluster.script(101).contains("#SBATCH --dependency=\"afterany:100\""), "{}", cluster.script(101));
+    for (job, task) in [(100, 1), (100, 0), (101, 0)] {
+        let output = cluster.task(job, task);
+        assert!(output.status.success(), "{}", text(&output.stderr));
+    }
+    let numbers = |out| without_times(&records(&cluster.0.path(out).join("synthetic-4view")));
+    assert_eq!(numbers("here").len(), 2);
+    assert_eq!(numbers("here"), numbers("there"));
+}
+
+#[test]
 fn reproduce_is_launched_as_one() {
     let cluster = Cluster::new();
     let args = ["reproduce", "--only", "information", "--only", "views", "--scene", "knot", "--seed", "0"];

@@ -30,8 +30,10 @@ pub struct FactoredConfig {
     pub layers: usize,
     /// Width of the MLP.
     pub width: usize,
-    /// Whether colour depends on the view direction, linearly within its sigmoid.
-    pub view_dependent: bool,
+    /// v in c = sigmoid(a + v·B d), the colour in direction d, where the MLP gives a and the 3 × 3 slopes B: 0 to 1, 0 for
+    /// colour without a direction. It is the rate at which slopes are learnt, for Adam's steps do not depend on it: the
+    /// smaller it is, the more of what is seen has to be explained by shape.
+    pub view_dependence: f32,
     /// s in σ = s·softplus(x + b), relative to the longest side of the scene's box: the same scene in other units learns
     /// alike.
     pub density_scale: f32,
@@ -58,6 +60,7 @@ impl FieldSpec for FactoredConfig {
         check("frequencies", "0 to 16", self.frequencies, self.frequencies <= 16)?;
         check("layers", "0 to 8", self.layers, self.layers <= 8)?;
         check("width", "1 to 256", self.width, (1..=256).contains(&self.width))?;
+        check("view_dependence", "0 to 1", self.view_dependence, (0.0..=1.0).contains(&self.view_dependence))?;
         let scale = self.density_scale;
         check("density_scale", "above 0, at most 1e6", scale, scale > 0.0 && scale <= 1e6)?;
         check("density_bias", "-50 to 50", self.density_bias, (-50.0..=50.0).contains(&self.density_bias))?;
@@ -99,7 +102,7 @@ impl FactoredField {
         let longest = (0..3).map(|axis| bounds[1][axis] - bounds[0][axis]).fold(0.0, f32::max);
         let density = (config.density_scale / longest, config.density_bias);
         let mlp = (config.layers, config.width);
-        let layout = Layout::new(config.frequencies, &levels, mlp, config.view_dependent, density);
+        let layout = Layout::new(config.frequencies, &levels, mlp, config.view_dependence > 0.0, density);
         let mut tables = Vec::with_capacity(layout.table_len());
         for level in &layout.levels {
             tables.extend(uniform(&mut rng, 3 * level.plane_len(), 0.1));
@@ -144,6 +147,11 @@ impl FactoredField {
         &self.layout
     }
 
+    /// By how much directions are multiplied before they meet the slopes: [`FactoredConfig::view_dependence`].
+    pub fn view_dependence(&self) -> f32 {
+        self.config.view_dependence
+    }
+
     /// Corners of the box that the tables lie over.
     pub fn bounds(&self) -> [[f32; 3]; 2] {
         self.bounds
@@ -174,10 +182,11 @@ impl Field for FactoredField {
     fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
         let samples = points.len();
         let (frequency_weights, level_weights) = self.detail(at);
-        let wants_directions = color && self.config.view_dependent;
+        let v = self.config.view_dependence;
+        let directions = if color && v > 0.0 { points.sample_directions() } else { Vec::new() };
         let query = Query {
             positions: self.normalised(points.positions),
-            directions: if wants_directions { points.sample_directions().into() } else { Arc::new([]) },
+            directions: directions.into_iter().map(|d| v * d).collect(),
             frequency_weights,
             level_weights,
             color,

@@ -146,14 +146,14 @@ fn package(config: &RenderConfig, trained: &TrainedModel) -> anyhow::Result<Valu
 #[test]
 fn what_the_shader_reads_is_the_field() {
     for set in [
-        &["field.resolutions=[4,16]", "field.view_dependent=true"][..],
-        &["field.resolutions=[8]", "field.channels=2", "field.view_dependent=false", "field.width=10"],
+        &["field.resolutions=[4,16]", "field.view_dependence=1"][..],
+        &["field.resolutions=[8]", "field.channels=2", "field.view_dependence=0", "field.width=10"],
         &[
             "field.resolutions=[5,7,9]",
             "field.channels=8",
             "field.layers=1",
             "field.detail=0.5",
-            "field.view_dependent=true",
+            "field.view_dependence=0.4",
         ],
         &["field.resolutions=[8]", "field.layers=0", "field.frequencies=0", "field.channels=16"],
     ] {

@@ -4,8 +4,8 @@ use infonerf_ops::factored::{Layer, Layout};
 
 use crate::tables::groups;
 
-/// Which input of a layer a place of the shader's input vector holds, and by how much its weights are multiplied.
-pub(crate) type Input = Option<(usize, f32)>;
+/// Which input or output of a layer a place of the shader's vector holds, and by how much its weights are multiplied.
+pub(crate) type Place = Option<(usize, f32)>;
 
 /// Weights in the order of a uniform block.
 pub(crate) struct Network {
@@ -21,32 +21,33 @@ impl Network {
     /// Packs `weights`; `inputs` says what the shader hands to the first layer, in vectors of four.
     ///
     /// The last layer's first vector is density and colour; where colour depends on the direction, one follows for each of
-    /// red, green and blue, with three slopes and a zero.
-    pub(crate) fn pack(weights: &[f32], layout: &Layout, inputs: &[Input]) -> Self {
+    /// red, green and blue, with three slopes, multiplied by `view_dependence`, and a zero.
+    pub(crate) fn pack(weights: &[f32], layout: &Layout, view_dependence: f32, inputs: &[Place]) -> Self {
         let mut packed = Self { matrices: Vec::new(), biases: Vec::new(), layers: Vec::new() };
         let mut inputs = inputs.to_vec();
         for (index, layer) in layout.layers.iter().enumerate() {
             let outputs = if index + 1 == layout.layers.len() {
-                last_outputs(layout.view_dependent)
+                last_outputs(layout.view_dependent, view_dependence)
             } else {
-                (0..4 * groups(layer.outputs)).map(|o| (o < layer.outputs).then_some(o)).collect()
+                (0..4 * groups(layer.outputs)).map(|o| (o < layer.outputs).then_some((o, 1.0))).collect()
             };
             packed.push(weights, layer, &inputs, &outputs);
-            inputs = outputs.iter().map(|output| output.map(|o| (o, 1.0))).collect();
+            inputs = outputs;
         }
         packed
     }
 
-    fn push(&mut self, weights: &[f32], layer: &Layer, inputs: &[Input], outputs: &[Option<usize>]) {
-        let weight = |output: Option<usize>, input: Input| match (output, input) {
-            (Some(o), Some((i, factor))) => factor * weights[layer.weight + o * layer.inputs + i],
+    fn push(&mut self, weights: &[f32], layer: &Layer, inputs: &[Place], outputs: &[Place]) {
+        let weight = |output: Place, input: Place| match (output, input) {
+            (Some((o, to)), Some((i, from))) => to * from * weights[layer.weight + o * layer.inputs + i],
             _ => 0.0,
         };
+        let bias = |output: Place| output.map_or(0.0, |(o, to)| to * weights[layer.bias() + o]);
         for rows in outputs.chunks_exact(4) {
             for &input in inputs {
                 self.matrices.extend(rows.iter().map(|&output| weight(output, input)));
             }
-            self.biases.extend(rows.iter().map(|output| output.map_or(0.0, |o| weights[layer.bias() + o])));
+            self.biases.extend(rows.iter().map(|&output| bias(output)));
         }
         self.layers.push((inputs.len() / 4, outputs.len() / 4));
     }
@@ -57,8 +58,9 @@ impl Network {
     }
 }
 
-fn last_outputs(view_dependent: bool) -> Vec<Option<usize>> {
+fn last_outputs(view_dependent: bool, view_dependence: f32) -> Vec<Place> {
     let slopes = if view_dependent { 0..3 } else { 0..0 };
     let slopes = slopes.flat_map(|c| [Some(4 + 3 * c), Some(5 + 3 * c), Some(6 + 3 * c), None]);
-    (0..4).map(Some).chain(slopes).collect()
+    let slopes = slopes.map(|output| output.map(|o| (o, view_dependence)));
+    (0..4).map(|o| Some((o, 1.0))).chain(slopes).collect()
 }

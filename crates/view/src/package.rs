@@ -13,7 +13,7 @@ use infonerf_scene::{Range, Scene};
 use infonerf_schedule::Moment;
 use serde_json::{Value, json};
 
-use crate::network::{Input, Network};
+use crate::network::{Network, Place};
 use crate::photographs::{cameras, jpeg_url};
 use crate::shader::{Subject, cells, clips, shader};
 use crate::tables::{groups, quantise};
@@ -60,7 +60,7 @@ pub(crate) fn of_field(subjects: &Subjects<'_>) -> Result<Value> {
         bail!("field.kind: expected \"factored\", the kind of field that a page can hold");
     };
     let parts = Parts::of(field);
-    let network = Network::pack(&to_host(field.weights()), field.layout(), &parts.inputs);
+    let network = Network::pack(&to_host(field.weights()), field.layout(), field.view_dependence(), &parts.inputs);
     if network.bytes() > LARGEST_NETWORK {
         bail!(
             "field.width: expected an MLP of at most {LARGEST_NETWORK} bytes for a page, found {} bytes",
@@ -131,7 +131,7 @@ struct Parts {
     /// For each plane's texture low/range of the plane, and of its line.
     offsets: Vec<f32>,
     /// The MLP's input as the shader makes it: its factors undo the quantisation and fade levels.
-    inputs: Vec<Input>,
+    inputs: Vec<Place>,
 }
 
 impl Parts {

@@ -38,6 +38,7 @@ const OLD_KEYS: &[(&str, &str)] = &[
         "render.samples_start",
         "the schedule render.samples, such as { from = 173, to = 346, end = 0.5, curve = \"exponential\" }",
     ),
+    ("field.view_dependent", "field.view_dependence, 0 for false and 1 for true"),
     ("field.octaves", "field.frequencies"),
     ("field.position_octaves", "field.position_frequencies"),
     ("field.direction_octaves", "field.direction_frequencies"),
