@@ -155,7 +155,7 @@ fn frusta_and_their_encoding_agree_with_jax() {
 fn check(device: &Device) {
     let fixture = &fixture();
     let mut rule = Rule { fixture, visited: 0 };
-    let setup = FieldSetup { bounds: [[-HALF_EDGE; 3], [HALF_EDGE; 3]], seed: 0, device };
+    let setup = FieldSetup { bounds: [[-HALF_EDGE; 3], [HALF_EDGE; 3]], seed: 0, device, body: None };
     let field = config().field.build(&setup).unwrap().map(&mut rule);
     assert_eq!(rule.visited, 2 * LAYERS);
     // One network for both passes.

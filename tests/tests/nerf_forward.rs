@@ -121,7 +121,7 @@ fn config(last_interval: &str) -> Config {
 const HALF_EDGE: f32 = 6.0;
 
 fn network(fixture: &Value, net: usize, device: &Device) -> RadianceField {
-    let setup = FieldSetup { bounds: [[-HALF_EDGE; 3], [HALF_EDGE; 3]], seed: 0, device };
+    let setup = FieldSetup { bounds: [[-HALF_EDGE; 3], [HALF_EDGE; 3]], seed: 0, device, body: None };
     let mut rule = Rule { fixture, net, visited: 0 };
     let field = config("finite").field.build(&setup).unwrap().map(&mut rule);
     assert_eq!(rule.visited, 2 * LAYERS);

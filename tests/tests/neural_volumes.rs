@@ -62,7 +62,7 @@ fn field(fixture: &Value, device: &Device) -> RadianceField {
         let corner = numbers(&fixture["box"][index]);
         [corner[0], corner[1], corner[2]]
     };
-    let setup = FieldSetup { bounds: [corner(0), corner(1)], seed: 0, device };
+    let setup = FieldSetup { bounds: [corner(0), corner(1)], seed: 0, device, body: None };
     let field = FieldConfig::NeuralVolumes(sizes(fixture)).build(&setup).unwrap();
     let mut rule = Rule { next: 0 };
     let field = field.map(&mut rule);

@@ -108,7 +108,7 @@ impl Weights {
 
 /// A network of the fixture: 0 is the coarse one, 1 the fine one.
 fn network(fixture: &Value, config: &Config, net: usize, device: &Device) -> RadianceField {
-    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device };
+    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None };
     let mut rule = FirstWeights { fixture, next: net * TENSORS, fan_in: 0 };
     let field = config.field.build(&setup).unwrap().map(&mut rule);
     assert_eq!(rule.next, (net + 1) * TENSORS);

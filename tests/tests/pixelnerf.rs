@@ -139,7 +139,7 @@ impl ModuleMapper for Rule {
 
 /// PixelNeRF knows no box: it works in the cameras' frames.
 fn setup(device: &Device) -> FieldSetup<'_> {
-    FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device }
+    FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None }
 }
 
 fn field(weights: &Path, device: &Device) -> RadianceField {

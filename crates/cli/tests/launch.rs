@@ -215,7 +215,8 @@ fn hyperqueue_runs_a_task_array_and_watching_it_ends_with_the_table() {
 #[test]
 fn an_experiment_is_launched_and_gives_what_it_gives_here() {
     let cluster = Cluster::new();
-    let args = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--variant", "infonerf", "--seed", "0"];
+    let args =
+        ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--variant", "infonerf", "--seed", "0"];
     let run = |out: &str, more: &[&str]| text(&cluster.run(&args, out).args(more).succeeds().stdout);
     run("here", &[]);
     let said = run("there", &["--launch", "slurm"]);

@@ -96,7 +96,7 @@ pub struct FactoredField {
 
 impl FactoredField {
     fn new(config: &FactoredConfig, setup: &FieldSetup<'_>) -> Self {
-        let &FieldSetup { bounds, seed, device } = setup;
+        let &FieldSetup { bounds, seed, device, .. } = setup;
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let levels: Vec<(usize, usize)> = config.resolutions.iter().map(|&r| (r, config.channels)).collect();
         let longest = (0..3).map(|axis| bounds[1][axis] - bounds[0][axis]).fold(0.0, f32::max);

@@ -52,6 +52,19 @@ pub struct FieldSetup<'a> {
     pub seed: u64,
     /// Where the parameters live.
     pub device: &'a Device,
+    /// The body in the scene, if it is known.
+    pub body: Option<Body<'a>>,
+}
+
+/// Vertices on a body, and the frame that it is posed in.
+#[derive(Clone, Copy, Debug)]
+pub struct Body<'a> {
+    /// In the world, scene units.
+    pub vertices: &'a [[f32; 3]],
+    /// Axes of the body's frame in the world.
+    pub axes: [[f32; 3]; 3],
+    /// Origin of the body's frame in the world.
+    pub origin: [f32; 3],
 }
 
 /// What a config file says of a field. `Display` names it with its sizes: `MLP of 8 layers of 256`.

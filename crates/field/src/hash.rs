@@ -258,7 +258,7 @@ mod tests {
     }
 
     fn field(device: &Device) -> HashGrid {
-        config().build(&FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device }).unwrap()
+        config().build(&FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None }).unwrap()
     }
 
     #[test]

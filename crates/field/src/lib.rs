@@ -18,7 +18,7 @@
 //!      density = 'softplus'\ndetail = 1.0",
 //! )
 //! .unwrap();
-//! let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device: &Device::flex() };
+//! let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device: &Device::flex(), body: None };
 //! let field = RadianceField::new(&config, &setup)?;
 //! let rays = Segments::from_counts([2]);
 //! let points = Points {
@@ -45,6 +45,7 @@ mod list;
 mod mip;
 mod mlp;
 mod nerf;
+mod neural_body;
 mod neural_volumes;
 mod pixel;
 mod points;
@@ -53,11 +54,12 @@ mod sources;
 pub use activation::DensityActivation;
 pub use check::ConfigError;
 pub use factored::{FactoredConfig, FactoredField};
-pub use field::{Field, FieldSetup, FieldSpec, Footprint};
+pub use field::{Body, Field, FieldSetup, FieldSpec, Footprint};
 pub use hash::{HashConfig, HashGrid};
 pub use list::{FieldConfig, RadianceField};
 pub use mip::{MipConfig, MipNerf};
 pub use nerf::{NerfConfig, NerfMlp};
+pub use neural_body::{NeuralBody, NeuralBodyConfig};
 pub use neural_volumes::{NeuralVolumes, NeuralVolumesConfig};
 pub use pixel::{EncoderConfig, PixelNerf, PixelNerfConfig};
 pub use points::{Extent, Points, Sampled};

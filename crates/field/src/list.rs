@@ -12,6 +12,7 @@ use crate::factored::{FactoredConfig, FactoredField};
 use crate::hash::{HashConfig, HashGrid};
 use crate::mip::{MipConfig, MipNerf};
 use crate::nerf::{NerfConfig, NerfMlp};
+use crate::neural_body::{NeuralBody, NeuralBodyConfig};
 use crate::neural_volumes::{NeuralVolumes, NeuralVolumesConfig};
 use crate::pixel::{PixelNerf, PixelNerfConfig};
 use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, Sources};
@@ -109,6 +110,8 @@ fields! {
     PixelNerf(PixelNerfConfig => PixelNerf),
     /// Voxels decoded from a latent code, and a warp of them.
     NeuralVolumes(NeuralVolumesConfig => NeuralVolumes),
+    /// Codes on a body's vertices, spread by sparse convolutions.
+    NeuralBody(NeuralBodyConfig => NeuralBody),
 }
 
 impl RadianceField {

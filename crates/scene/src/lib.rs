@@ -26,6 +26,7 @@
 //! # Ok::<(), infonerf_scene::SceneError>(())
 //! ```
 
+mod body;
 mod bounds;
 mod camera;
 mod camera_path;
@@ -45,6 +46,7 @@ pub mod select;
 mod space;
 mod transforms;
 
+pub use body::Body;
 pub use bounds::Aabb;
 pub use camera::Camera;
 pub use camera_path::CameraPath;

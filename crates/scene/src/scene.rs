@@ -6,7 +6,7 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use crate::{
-    Aabb, Backdrop, Camera, Format, Image, Layout, Range, Ray, SceneError, TestProtocol, ViewSelection, loaders,
+    Aabb, Backdrop, Body, Camera, Format, Image, Layout, Range, Ray, SceneError, TestProtocol, ViewSelection, loaders,
     procedural, resized_dimensions,
 };
 
@@ -90,6 +90,8 @@ pub struct Scene {
     pub radius: f32,
     /// Points on surfaces, where the format has them.
     pub points: Vec<Vec3>,
+    /// The body that the scene is of, where the format has one.
+    pub body: Option<Body>,
     /// The cameras of every training view there is, chosen or not, at the scene's image size. Only
     /// their poses: no image of an unchosen view is read.
     pub all_train_cameras: Vec<Camera>,
@@ -117,6 +119,7 @@ impl Default for Scene {
             centre: Vec3::ZERO,
             radius: 4.0,
             points: Vec::new(),
+            body: None,
             all_train_cameras: Vec::new(),
             warnings: Vec::new(),
         }

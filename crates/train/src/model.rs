@@ -6,10 +6,10 @@ use std::sync::Arc;
 use burn::module::ParamGroup;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
-use infonerf_field::{Field, FieldSetup, FieldSpec, RadianceField};
+use infonerf_field::{Body, Field, FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::adam::Adam;
 use infonerf_render::Model;
-use infonerf_scene::Aabb;
+use infonerf_scene::{self as scene, Aabb};
 
 use crate::{Checkpoint, Config, TrainError};
 
@@ -29,12 +29,18 @@ impl<F> fmt::Debug for FieldBuilder<F> {
 }
 
 impl FieldBuilder<RadianceField> {
-    /// Fields as `config` describes them, for a scene within `bounds`.
-    pub(crate) fn configured(config: &Config, bounds: Aabb) -> Self {
+    /// Fields as `config` describes them, for a scene within `bounds` that may be of a `body`.
+    pub(crate) fn configured(config: &Config, bounds: Aabb, body: Option<scene::Body>) -> Self {
         let bounds = [bounds.min.to_array(), bounds.max.to_array()];
         let (config, shares_passes) = (config.field.clone(), config.field.shares_passes());
+        let vertices: Vec<[f32; 3]> = body.iter().flat_map(|body| &body.vertices).map(|v| v.to_array()).collect();
         let build = move |seed: u64, device: &Device| {
-            RadianceField::new(&config, &FieldSetup { bounds, seed, device })
+            let body = body.as_ref().map(|body| Body {
+                vertices: &vertices,
+                axes: body.axes.to_cols_array_2d(),
+                origin: body.origin.to_array(),
+            });
+            RadianceField::new(&config, &FieldSetup { bounds, seed, device, body })
                 .map_err(|error| TrainError::Config(error.to_string()))
         };
         Self { build: Arc::new(build), shares_passes }

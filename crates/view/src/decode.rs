@@ -132,7 +132,7 @@ fn config(set: &[&str]) -> Config {
 
 fn model(field: &FieldConfig) -> TrainedModel {
     let device = open(DeviceName::Flex).unwrap().device;
-    let setup = FieldSetup { bounds: [[-1.5; 3], [1.5, 1.0, 1.5]], seed: 3, device: &device };
+    let setup = FieldSetup { bounds: [[-1.5; 3], [1.5, 1.0, 1.5]], seed: 3, device: &device, body: None };
     let fine = RadianceField::new(field, &setup).unwrap();
     TrainedModel { model: Model { coarse: None, fine }, occupancy: None }
 }

@@ -72,7 +72,7 @@ impl FieldSpec for NeuralVolumesConfig {
     }
 
     fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralVolumes, ConfigError> {
-        let &FieldSetup { bounds: [low, high], seed, device } = setup;
+        let &FieldSetup { bounds: [low, high], seed, device, .. } = setup;
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
         Ok(NeuralVolumes {
             latent: Latent::new(self.latent, rng, device),

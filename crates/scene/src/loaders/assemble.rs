@@ -157,6 +157,7 @@ pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene
         centre: space.centre,
         radius: space.radius,
         points: space.points,
+        body: space.body,
         all_train_cameras: parts.train.iter().map(|f| f.camera(native.0, native.1).resized(size.0, size.1)).collect(),
         warnings,
     })

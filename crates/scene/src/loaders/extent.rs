@@ -77,6 +77,7 @@ pub(super) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
         centre,
         radius,
         points,
+        body: None,
     }
 }
 

@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use crate::poses::{FORWARD_FACING, cone, scene_focus, up_direction};
-use crate::{Aabb, Camera, Layout, Range};
+use crate::{Aabb, Body, Camera, Layout, Range};
 
 /// Cameras look at an object if the cosine of the angle between their axes and the way to the object is at least this in
 /// the mean.
@@ -32,6 +32,8 @@ pub(crate) struct Space {
     pub radius: f32,
     /// Points on surfaces.
     pub points: Vec<Vec3>,
+    /// The body that it is of.
+    pub body: Option<Body>,
 }
 
 impl Space {
@@ -49,6 +51,7 @@ impl Space {
             centre,
             radius: farthest(cameras, centre),
             points: Vec::new(),
+            body: None,
         }
     }
 

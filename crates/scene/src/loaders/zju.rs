@@ -15,7 +15,7 @@ use super::space::Space;
 use super::{npy, pose, read_file};
 use crate::colmap::opengl;
 use crate::image::dimensions;
-use crate::{Aabb, Camera, Format, Layout, Lens, SceneError, SceneRequest};
+use crate::{Aabb, Body, Camera, Format, Layout, Lens, SceneError, SceneRequest};
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "annots.npy";
@@ -32,6 +32,8 @@ const TRAIN: [usize; 4] = [0, 6, 12, 18];
 const MILLIMETRES: f64 = 1000.0;
 /// Metres around the body that the box holds.
 const MARGIN: f32 = 0.05;
+/// Folders of the body's poses, the first that is there.
+const POSES: [&str; 2] = ["new_params", "params"];
 /// Points along each side of the grid that the masks are carved from.
 const CARVED: usize = 48;
 
@@ -84,12 +86,18 @@ fn mask_path(folder: &Path, image: &str) -> PathBuf {
 fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<Space, SceneError> {
     let cameras: Vec<Camera> = frames.iter().map(Frame::nominal_camera).collect();
     let vertices = VERTICES.iter().map(|v| dir.join(v)).find(|v| v.is_dir());
-    let bounds = match vertices {
+    let body = match vertices {
         Some(folder) => {
             // Some films count from 1.
             let first = if folder.join("0.npy").is_file() { 0 } else { 1 };
-            body(&folder.join(format!("{}.npy", frame + first)))?
+            let file = format!("{}.npy", frame + first);
+            let pose = POSES.iter().map(|folder| dir.join(folder).join(&file)).find(|path| path.is_file());
+            Some(body(&folder.join(&file), pose.as_deref())?)
         }
+        None => None,
+    };
+    let bounds = match body.as_ref().and_then(|body| Aabb::containing(body.vertices.iter().copied())) {
+        Some(Aabb { min, max }) => Aabb { min: min - MARGIN, max: max + MARGIN },
         None => carve(frames, &cameras, train)?,
     };
     let corner = 0.5 * bounds.size().length();
@@ -98,21 +106,39 @@ fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<
     let near = (nearest - corner).max(0.02 * farthest);
     let mut space = Space::known(&cameras, (near, farthest + corner), bounds);
     space.layout = Layout::Object;
+    space.points = body.iter().flat_map(|body| body.vertices.iter().copied()).collect();
+    space.body = body;
     Ok(space)
 }
 
-/// The box of a body's vertices, [n, 3] in metres.
-fn body(path: &Path) -> Result<Aabb, SceneError> {
-    let expected = "vertices of shape [n, 3]";
+/// A body's vertices, [n, 3] in metres, and its `pose`: a dictionary with the rotation `Rh` (an axis times an angle) and the
+/// translation `Th` of its frame in the world. Without one its frame is the world's.
+fn body(path: &Path, pose: Option<&Path>) -> Result<Body, SceneError> {
+    let expected = "finite vertices of shape [n, 3]";
     let array = npy::read(path, expected)?;
     if array.shape.len() != 2 || array.shape[1] != 3 {
         return Err(SceneError::malformed(path, expected, format!("shape {:?}", array.shape)));
     }
-    let points = array.values.chunks_exact(3).map(|p| DVec3::new(p[0], p[1], p[2]).as_vec3());
-    match Aabb::containing(points.filter(|p| p.is_finite())) {
-        Some(Aabb { min, max }) => Ok(Aabb { min: min - MARGIN, max: max + MARGIN }),
-        None => Err(SceneError::malformed(path, expected, "no finite vertex")),
+    let vertices: Vec<Vec3> = array.values.chunks_exact(3).map(|p| DVec3::new(p[0], p[1], p[2]).as_vec3()).collect();
+    if vertices.is_empty() || !vertices.iter().all(|vertex| vertex.is_finite()) {
+        return Err(SceneError::malformed(path, expected, "none, or one that is not finite"));
     }
+    let Some(pose) = pose else { return Ok(Body::unposed(vertices)) };
+    let expected = "a pickled dictionary with `Rh` and `Th`";
+    let pickle = pickled(pose, &read_file(pose, expected, LARGEST)?, expected)?;
+    let vector = |key: &str| {
+        let numbers = pickle.get(pickle.root(), key).and_then(|value| pickle.numbers(value));
+        match numbers.as_deref() {
+            Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.abs() <= 1e6) => Ok(DVec3::new(x, y, z)),
+            _ => Err(SceneError::field(pose, key, "three finite numbers", "something else")),
+        }
+    };
+    let (rotation, origin) = (vector("Rh")?, vector("Th")?.as_vec3());
+    let axes = match rotation.try_normalize() {
+        Some(axis) => DMat3::from_axis_angle(axis, rotation.length()),
+        None => DMat3::IDENTITY,
+    };
+    Ok(Body { vertices, axes: axes.as_mat3(), origin })
 }
 
 /// The box of the points that all masks of the training cameras see a person at.
@@ -159,16 +185,8 @@ pub(super) struct Annotations {
 }
 
 /// Reads the bytes of the file at `path`.
-pub(super) fn annotations(path: &Path, mut bytes: &[u8], frame: usize) -> Result<Annotations, SceneError> {
-    let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, EXPECTED, reason);
-    let mut header = Vec::new();
-    let mut start: Cursor<Vec<u8>> = npy::header(&mut bytes).map_err(|e| fault(&e))?;
-    start.read_to_end(&mut header).map_err(|e| fault(&e))?;
-    let text = String::from_utf8_lossy(&header);
-    if !text.contains("NUMPY") || !text.replace(' ', "").contains("'descr':'|O'") {
-        return Err(fault(&"an array of something else than objects"));
-    }
-    let pickle = pickle::read(bytes).map_err(|e| fault(&e))?;
+pub(super) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Annotations, SceneError> {
+    let pickle = pickled(path, bytes, EXPECTED)?;
     let field =
         |name: &str, expected: &str, found: &dyn std::fmt::Display| SceneError::field(path, name, expected, found);
     let get = |value: &Value, key: &str, place: &str| -> Result<Value, SceneError> {
@@ -206,6 +224,19 @@ pub(super) fn annotations(path: &Path, mut bytes: &[u8], frame: usize) -> Result
         return Err(field("cams", "one camera for each image", &found));
     }
     Ok(Annotations { cameras, images, frames: ims.len() })
+}
+
+/// The object in a `.npy` file of objects.
+fn pickled(path: &Path, mut bytes: &[u8], expected: &str) -> Result<Pickle, SceneError> {
+    let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
+    let mut header = Vec::new();
+    let mut start: Cursor<Vec<u8>> = npy::header(&mut bytes).map_err(|e| fault(&e))?;
+    start.read_to_end(&mut header).map_err(|e| fault(&e))?;
+    let text = String::from_utf8_lossy(&header);
+    if !text.contains("NUMPY") || !text.replace(' ', "").contains("'descr':'|O'") {
+        return Err(fault(&"an array of something else than objects"));
+    }
+    pickle::read(bytes).map_err(|e| fault(&e))
 }
 
 /// Camera `index` from K, D (k₁ k₂ p₁ p₂ k₃, then k₄ k₅ k₆), R (world to camera) and T (millimetres).
@@ -331,6 +362,23 @@ mod tests {
         npy::write(&body, &[2, 3], &[-1.0, -1.0, 0.0, 1.0, 0.5, 1.5]).unwrap();
         let scene = load(guard.path(), &second()).unwrap();
         assert!((scene.bounds.max - Vec3::new(1.05, 0.55, 1.55)).length() < 1e-6);
+        let vertices = vec![Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 0.5, 1.5)];
+        assert_eq!(scene.body, Some(Body::unposed(vertices)));
+        // And how it is posed: a quarter turn about z.
+        fs::create_dir(guard.path().join("new_params")).unwrap();
+        let pose = guard.path().join("new_params/2.npy");
+        let of = |turn: f64| {
+            dict(&[("Rh", numbers(&[1, 3], &[0.0, 0.0, turn])), ("Th", numbers(&[1, 3], &[0.1, 0.2, 0.3]))])
+        };
+        write(&pose, &object(of(std::f64::consts::FRAC_PI_2)));
+        let posed = load(guard.path(), &second()).unwrap().body.unwrap();
+        assert!((posed.axes * Vec3::X - Vec3::Y).length() < 1e-6, "{:?}", posed.axes);
+        assert_eq!(posed.origin, Vec3::new(0.1, 0.2, 0.3));
+        write(&pose, &object(of(f64::NAN)));
+        assert!(message(guard.path(), &second()).contains("`Rh`: expected three finite numbers"));
+        fs::remove_file(&pose).unwrap();
+        npy::write(&body, &[1, 3], &[0.0, f32::NAN, 0.0]).unwrap();
+        assert!(message(guard.path(), &second()).contains("finite vertices of shape [n, 3]"));
     }
 
     #[test]

@@ -28,8 +28,8 @@ use rayon::prelude::*;
 
 use crate::select::pool;
 use crate::{
-    Aabb, Backdrop, Camera, PixelCount, Range, Rgba8, RgbaImage, Scene, SceneError, SceneRequest, TestProtocol, View,
-    loaders,
+    Aabb, Backdrop, Body, Camera, PixelCount, Range, Rgba8, RgbaImage, Scene, SceneError, SceneRequest, TestProtocol,
+    View, loaders,
 };
 use cameras::Layout;
 use model::Model;
@@ -143,6 +143,15 @@ pub fn surface_points(name: &str, size: u32) -> Result<Vec<Vec3>, SceneError> {
     Ok(points.concat())
 }
 
+/// The body of the scene `figure`: points of its exact surface, as many as SMPL has vertices.
+fn figure_body() -> Result<Body, SceneError> {
+    const VERTICES: usize = 6890;
+    let points = surface_points("figure", 64)?;
+    let step = points.len() as f64 / VERTICES as f64;
+    let chosen = (0..VERTICES).filter_map(|i| points.get((i as f64 * step) as usize).copied());
+    Ok(Body::unposed(chosen.collect()))
+}
+
 /// The training and the test cameras of the scene `name` for `size`² images.
 ///
 /// The training cameras of castle, crane, knot, orrery and `random-<seed>` are [`train_cameras`], whose seed was
@@ -232,6 +241,7 @@ pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneErr
         centre,
         radius: train.iter().map(|camera| camera.position().distance(centre)).fold(0.0, f32::max),
         all_train_cameras: train,
+        body: (name == "figure").then(figure_body).transpose()?,
         ..Scene::default()
     })
 }

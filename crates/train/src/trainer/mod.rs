@@ -66,7 +66,7 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self, TrainError> {
         let scene = scene.into();
-        let builder = FieldBuilder::configured(config, field_bounds(config, &scene));
+        let builder = FieldBuilder::configured(config, field_bounds(config, &scene), scene.body.clone());
         Self::with_builder(config, vec![scene], seed, budget, device, builder)
     }
 
@@ -86,7 +86,7 @@ impl Trainer {
         let cause = "0: the errors of pixels are those of one scene";
         several("train.error_sampling.threshold", cause, !config.train.error_sampling.is_on())?;
         let first = scenes.first().ok_or_else(|| TrainError::config("scenes", "expected at least one"))?;
-        let builder = FieldBuilder::configured(config, field_bounds(config, first));
+        let builder = FieldBuilder::configured(config, field_bounds(config, first), first.body.clone());
         Self::with_builder(config, scenes, seed, None, device, builder)
     }
 }

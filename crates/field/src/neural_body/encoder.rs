@@ -1,0 +1,207 @@
+use burn::module::{Module, Param};
+use burn::tensor::activation::relu;
+use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
+use rand::Rng;
+
+use super::sites::{REACH, Sites};
+use crate::init::uniform;
+
+/// ε of the batch normalisation.
+const EPSILON: f32 = 1e-3;
+/// Submanifold convolutions on the vertices' own sites, and after each halving.
+const LAYERS: [usize; 5] = [2, 2, 3, 3, 3];
+
+/// Features at sites → features at sites: 3³ kernels over the sites that there are, batch normalisation over the sites,
+/// ReLU.
+///
+/// It equals a dense convolution of a volume that is 0 elsewhere, read at the output's sites: *submanifold* where those are
+/// the input's own (Graham et al. 2018). There is one body, so that the statistics of a batch are those of all there is,
+/// and pictures use them as well.
+#[derive(Module, Debug)]
+struct SparseConvolution {
+    /// `[27·inputs, outputs]`, the kernel's x fastest, z slowest.
+    weight: Param<Tensor<2>>,
+    scale: Param<Tensor<1>>,
+    shift: Param<Tensor<1>>,
+}
+
+impl SparseConvolution {
+    fn new([inputs, outputs]: [usize; 2], rng: &mut impl Rng, device: &Device) -> Self {
+        let fan_in = REACH * inputs;
+        let weight = uniform(rng, fan_in * outputs, (1.0 / fan_in as f32).sqrt());
+        let vector = |value: f32| Param::from_data(TensorData::new(vec![value; outputs], [outputs]), device);
+        let weight = Param::from_data(TensorData::new(weight, [fan_in, outputs]), device);
+        Self { weight, scale: vector(1.0), shift: vector(0.0) }
+    }
+
+    /// From `[sites, inputs]` to `[neighbours/27, outputs]`.
+    fn forward(&self, features: Tensor<2>, neighbours: Tensor<1, Int>) -> Tensor<2> {
+        let out = convolve(features, self.weight.val(), neighbours);
+        let centred = out.clone() - out.mean_dim(0);
+        let deviation = (centred.clone().square().mean_dim(0) + EPSILON).sqrt();
+        relu(centred / deviation * self.scale.val().unsqueeze() + self.shift.val().unsqueeze())
+    }
+}
+
+/// What the rows of `weight`, `[27·inputs, outputs]`, make of each site's neighbours.
+fn convolve(features: Tensor<2>, weight: Tensor<2>, neighbours: Tensor<1, Int>) -> Tensor<2> {
+    let sites = neighbours.dims()[0] / REACH;
+    let [inputs, _] = weight.dims();
+    or_zero(features).select(0, neighbours).reshape([sites, inputs]).matmul(weight)
+}
+
+/// With a row of zeros behind the last, which is what an empty cell holds.
+fn or_zero(features: Tensor<2>) -> Tensor<2> {
+    let zero = Tensor::zeros([1, features.dims()[1]], &features.device());
+    Tensor::cat(vec![features, zero], 0)
+}
+
+/// Which sites the encoder's layers work on, from the vertices' to those of the coarsest level.
+#[derive(Clone, Debug)]
+pub(super) struct Plan {
+    /// The site of each vertex.
+    vertices: Vec<i32>,
+    /// One over how many vertices share a vertex's site.
+    shares: Vec<f32>,
+    stages: Vec<Stage>,
+}
+
+#[derive(Clone, Debug)]
+struct Stage {
+    sites: Sites,
+    /// From the stage before; empty for the first.
+    down: Vec<i32>,
+    /// Among themselves.
+    same: Vec<i32>,
+}
+
+impl Plan {
+    /// The plan for vertices in these cells of a grid.
+    pub(super) fn new(size: [usize; 3], cells: &[[usize; 3]]) -> Self {
+        let first = Sites::new(size, cells.iter().copied());
+        let vertices: Vec<i32> = cells.iter().map(|&cell| first.row(cell)).collect();
+        let mut counts = vec![0f32; first.len()];
+        vertices.iter().for_each(|&row| counts[row as usize] += 1.0);
+        let shares = vertices.iter().map(|&row| 1.0 / counts[row as usize]).collect();
+        let mut stages = vec![Stage { same: first.neighbours(&first, 1), sites: first, down: Vec::new() }];
+        for _ in 1..LAYERS.len() {
+            let before = &stages[stages.len() - 1].sites;
+            let sites = before.halved();
+            let (down, same) = (before.neighbours(&sites, 2), sites.neighbours(&sites, 1));
+            stages.push(Stage { sites, down, same });
+        }
+        Self { vertices, shares, stages }
+    }
+
+    /// Cells of each level, coarsest last.
+    pub(super) fn sizes(&self) -> impl Iterator<Item = [usize; 3]> {
+        self.stages[1..].iter().map(|stage| stage.sites.size)
+    }
+}
+
+/// Codes of vertices → volumes of features at strides 2, 4, 8 and 16 (Neural Body, Table 5).
+#[derive(Module, Debug)]
+pub(super) struct Encoder {
+    down: Vec<SparseConvolution>,
+    same: Vec<Vec<SparseConvolution>>,
+}
+
+/// Channels of the four levels: w, 2w, 4w and 4w.
+pub(super) fn channels(width: usize) -> [usize; 4] {
+    [width, 2 * width, 4 * width, 4 * width]
+}
+
+impl Encoder {
+    /// An encoder of codes of `code` numbers, whose first level has `width` channels.
+    pub(super) fn new(code: usize, width: usize, rng: &mut impl Rng, device: &Device) -> Self {
+        let widths: Vec<usize> = std::iter::once(code).chain(channels(width)).collect();
+        let mut layers = |stage: usize| {
+            let down = (stage > 0).then(|| SparseConvolution::new([widths[stage - 1], widths[stage]], rng, device));
+            let same = (0..LAYERS[stage]).map(|_| SparseConvolution::new([widths[stage]; 2], rng, device)).collect();
+            (down, same)
+        };
+        let (down, same): (Vec<_>, Vec<_>) = (0..LAYERS.len()).map(&mut layers).unzip();
+        Self { down: down.into_iter().flatten().collect(), same }
+    }
+
+    /// The volumes of `codes`, `[vertices, code]`: of each level `[cells, channels]`, x fastest, 0 where there is no site.
+    pub(super) fn volumes(&self, codes: Tensor<2>, plan: &Plan) -> Vec<Tensor<2>> {
+        let device = codes.device();
+        let int =
+            |values: &[i32]| Tensor::<1, Int>::from_data(TensorData::new(values.to_vec(), [values.len()]), &device);
+        let shares = Tensor::<2>::from_data(TensorData::new(plan.shares.clone(), [plan.shares.len(), 1]), &device);
+        // The mean of the codes of the vertices at each site.
+        let mut features = Tensor::zeros([plan.stages[0].sites.len(), codes.dims()[1]], &device).select_assign(
+            0,
+            int(&plan.vertices),
+            codes * shares,
+            IndexingUpdateOp::Add,
+        );
+        let mut volumes = Vec::new();
+        for (index, stage) in plan.stages.iter().enumerate() {
+            if index > 0 {
+                features = self.down[index - 1].forward(features, int(&stage.down));
+            }
+            let same = int(&stage.same);
+            for layer in &self.same[index] {
+                features = layer.forward(features, same.clone());
+            }
+            if index > 0 {
+                volumes.push(or_zero(features.clone()).select(0, int(stage.sites.rows())));
+            }
+        }
+        volumes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_ops::to_host;
+
+    use super::*;
+
+    /// Whole numbers, so that every sum is exact in whatever order.
+    #[test]
+    fn sparse_convolutions_are_masked_dense_ones() {
+        const SIZE: [usize; 3] = [5, 4, 6];
+        const CHANNELS: [usize; 2] = [2, 3];
+        let device = &Device::flex();
+        let cells: Vec<[usize; 3]> = (0..17).map(|i| [i * 7 % 5, i * 3 % 4, i * 5 % 6]).collect();
+        let sites = Sites::new(SIZE, cells);
+        let whole = |n: usize| ((n * 2_654_435_761) >> 7) as f32 % 7.0 - 3.0;
+        let features: Vec<f32> = (0..sites.len() * CHANNELS[0]).map(whole).collect();
+        let weight: Vec<f32> = (0..REACH * CHANNELS[0] * CHANNELS[1]).map(|n| whole(n + 1000)).collect();
+        let dense = |cell: [i64; 3], channel: usize| {
+            let inside = (0..3).all(|axis| (0..SIZE[axis] as i64).contains(&cell[axis]));
+            let row = if inside { sites.row(cell.map(|c| c as usize)) as usize } else { sites.len() };
+            if row < sites.len() { features[row * CHANNELS[0] + channel] } else { 0.0 }
+        };
+        for (stride, out) in [(1, sites.clone()), (2, sites.halved())] {
+            let mut expected = vec![0f32; out.len() * CHANNELS[1]];
+            for number in 0..out.size.iter().product() {
+                let row = out.rows()[number] as usize;
+                if row == out.len() {
+                    continue;
+                }
+                let [x, y, _] = out.size;
+                let cell = [number % x, number / x % y, number / x / y];
+                for k in 0..REACH {
+                    let offset = [k % 3, k / 3 % 3, k / 9];
+                    let place = [0, 1, 2].map(|axis| (stride * cell[axis] + offset[axis]) as i64 - 1);
+                    for (input, output) in (0..CHANNELS[0]).flat_map(|i| (0..CHANNELS[1]).map(move |o| (i, o))) {
+                        let w = weight[(k * CHANNELS[0] + input) * CHANNELS[1] + output];
+                        expected[row * CHANNELS[1] + output] += w * dense(place, input);
+                    }
+                }
+            }
+            let neighbours = sites.neighbours(&out, stride);
+            let count = neighbours.len();
+            let got = convolve(
+                Tensor::from_data(TensorData::new(features.clone(), [sites.len(), CHANNELS[0]]), device),
+                Tensor::from_data(TensorData::new(weight.clone(), [REACH * CHANNELS[0], CHANNELS[1]]), device),
+                Tensor::from_data(TensorData::new(neighbours, [count]), device),
+            );
+            assert_eq!(to_host(got), expected, "stride {stride}");
+        }
+    }
+}

@@ -1,0 +1,251 @@
+//! Neural Body (Peng et al. 2021): codes on the vertices of a body, spread by sparse convolutions.
+
+mod encoder;
+mod sites;
+
+use std::fmt;
+use std::sync::Arc;
+
+use burn::module::{Module, Param};
+use burn::nn::Linear;
+use burn::tensor::activation::{relu, sigmoid};
+use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_ops::frequency::{encoded_width, frequency_encode};
+use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
+use infonerf_schedule::Moment;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde::{Deserialize, Serialize};
+
+use crate::check::check;
+use crate::init::{Init, normal};
+use crate::{Body, ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, Sources};
+use encoder::{Encoder, Plan, channels};
+
+/// Space around the vertices that the voxels hold, scene units (metres).
+const MARGIN: f32 = 0.05;
+/// Most voxels along an axis.
+const LARGEST: usize = 1024;
+/// Hidden layers from a point's features to its density.
+const TRUNK: usize = 3;
+
+/// Sizes of [`NeuralBody`].
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NeuralBodyConfig {
+    /// Edge of a voxel, scene units (paper: 5 mm).
+    pub voxel: f32,
+    /// Numbers of each vertex's code (paper: 16).
+    pub code: usize,
+    /// Channels of the first level; the others have two and four times as many (paper: 32).
+    pub channels: usize,
+    /// Width of the MLP, whose last layer has half of it (paper: 256).
+    pub width: usize,
+    /// Numbers of the frame's appearance code (paper: 128).
+    pub appearance: usize,
+    /// Frequencies of the position's encoding (paper: 10).
+    pub position_frequencies: usize,
+    /// Frequencies of the direction's encoding (paper: 4).
+    pub direction_frequencies: usize,
+}
+
+impl fmt::Display for NeuralBodyConfig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { voxel, code, channels, width, .. } = self;
+        write!(f, "codes of {code} on vertices, voxels of {voxel}, {channels} channels, an MLP of width {width}")
+    }
+}
+
+impl FieldSpec for NeuralBodyConfig {
+    type Field = NeuralBody;
+
+    fn validate(&self) -> Result<(), ConfigError> {
+        check("voxel", "above 0, at most 1", self.voxel, self.voxel > 0.0 && self.voxel <= 1.0)?;
+        check("code", "1 to 256", self.code, (1..=256).contains(&self.code))?;
+        check("channels", "1 to 256", self.channels, (1..=256).contains(&self.channels))?;
+        let width = self.width;
+        let good = (2..=4096).contains(&width) && width.is_multiple_of(2);
+        check("width", "an even number from 2 to 4096", width, good)?;
+        check("appearance", "1 to 4096", self.appearance, (1..=4096).contains(&self.appearance))?;
+        let frequencies = [self.position_frequencies, self.direction_frequencies];
+        check("position_frequencies", "0 to 20", frequencies[0], frequencies[0] <= 20)?;
+        check("direction_frequencies", "0 to 20", frequencies[1], frequencies[1] <= 20)
+    }
+
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralBody, ConfigError> {
+        let Some(body) = setup.body else {
+            return Err(ConfigError {
+                field: "kind",
+                expected: "a scene with a body's vertices, such as ZJU-MoCap's `new_vertices/0.npy`, for `neuralbody`",
+                found: "none".into(),
+            });
+        };
+        let grid = Grid::around(&body, self.voxel)?;
+        let cells: Vec<[usize; 3]> = body.vertices.iter().map(|&vertex| grid.cell(vertex)).collect();
+        let rng = &mut ChaCha8Rng::seed_from_u64(setup.seed);
+        let device = setup.device;
+        let parameter = |values: Vec<f32>, rows| Param::from_data(TensorData::new(values, [rows, self.code]), device);
+        let features = channels(self.channels).iter().sum();
+        let trunk = |layer: usize| if layer == 0 { features } else { self.width };
+        let seen =
+            self.width + encoded_width(3, self.direction_frequencies) + encoded_width(3, self.position_frequencies);
+        Ok(NeuralBody {
+            codes: parameter(normal(rng, cells.len() * self.code), cells.len()),
+            appearance: Param::from_data(TensorData::new(normal(rng, self.appearance), [1, self.appearance]), device),
+            encoder: Encoder::new(self.code, self.channels, rng, device),
+            trunk: (0..TRUNK).map(|layer| Init::FanIn.linear(rng, trunk(layer), self.width, device)).collect(),
+            sigma: Init::FanIn.linear(rng, self.width, 1, device),
+            feature: Init::FanIn.linear(rng, self.width, self.width, device),
+            framed: Init::FanIn.linear(rng, self.width + self.appearance, self.width, device),
+            view: Init::FanIn.linear(rng, seen, self.width / 2, device),
+            rgb: Init::FanIn.linear(rng, self.width / 2, 3, device),
+            volumes: None,
+            plan: Arc::new(Plan::new(grid.size, &cells)),
+            grid,
+            frequencies: [self.position_frequencies, self.direction_frequencies],
+        })
+    }
+
+    fn footprint(&self) -> Footprint {
+        let levels = channels(self.channels);
+        let convolutions: usize = levels.iter().map(|c| 4 * 27 * c * c).sum();
+        let features: usize = levels.iter().sum();
+        let mlp = (features + 5 * self.width + self.appearance) * self.width;
+        let per_sample = 2 * features + 6 * self.width + self.appearance;
+        Footprint { parameters: (convolutions + mlp) as u64, per_sample: per_sample as u64 }
+    }
+}
+
+/// Where voxels lie about a body.
+#[derive(Clone, Debug)]
+struct Grid {
+    /// Axes of the body's frame in the world, and its origin.
+    axes: [[f32; 3]; 3],
+    origin: [f32; 3],
+    /// The grid's first corner in the body's frame.
+    low: [f32; 3],
+    voxel: f32,
+    /// Voxels along each axis, a multiple of 32.
+    size: [usize; 3],
+}
+
+impl Grid {
+    /// A grid that holds the vertices with a margin.
+    fn around(body: &Body<'_>, voxel: f32) -> Result<Self, ConfigError> {
+        let &Body { vertices, axes, origin } = body;
+        let mut grid = Self { axes, origin, low: [0.0; 3], voxel, size: [0; 3] };
+        let framed: Vec<[f32; 3]> = vertices.iter().map(|&vertex| grid.framed(vertex)).collect();
+        let along =
+            |axis: usize, pick: fn(f32, f32) -> f32, start: f32| framed.iter().map(|p| p[axis]).fold(start, pick);
+        for axis in 0..3 {
+            grid.low[axis] = along(axis, f32::min, f32::INFINITY) - MARGIN;
+            let high = along(axis, f32::max, f32::NEG_INFINITY) + MARGIN;
+            let cells = ((high - grid.low[axis]) / voxel).ceil();
+            let good = cells >= 1.0 && cells <= LARGEST as f32 - 1.0;
+            check("voxel", "voxels of which a body's box has at most 1023 along each axis", voxel, good)?;
+            grid.size[axis] = (cells as usize | 31) + 1;
+        }
+        Ok(grid)
+    }
+
+    /// A point of the world in the body's frame: Rᵀ(x − origin).
+    fn framed(&self, point: [f32; 3]) -> [f32; 3] {
+        self.axes.map(|axis| (0..3).map(|i| axis[i] * (point[i] - self.origin[i])).sum())
+    }
+
+    /// The same in voxels from the first corner.
+    fn in_voxels(&self, point: [f32; 3]) -> [f32; 3] {
+        let framed = self.framed(point);
+        [0, 1, 2].map(|axis| (framed[axis] - self.low[axis]) / self.voxel)
+    }
+
+    /// The voxel that a vertex is nearest to.
+    fn cell(&self, vertex: [f32; 3]) -> [usize; 3] {
+        self.in_voxels(vertex).map(|x| x.round() as usize)
+    }
+
+    /// Where in a level of `size` points are read, `[M, 3]` row-major: the released code stretches every level over the grid
+    /// so that the middles of their outermost cells coincide with the grid's faces.
+    fn places(&self, positions: &[f32], size: [usize; 3]) -> Vec<f32> {
+        let scale = [0, 1, 2].map(|axis| (size[axis] - 1) as f32 / self.size[axis] as f32);
+        let place = |p: &[f32]| {
+            let voxels = self.in_voxels([p[0], p[1], p[2]]);
+            [0, 1, 2].map(|axis| scale[axis] * voxels[axis])
+        };
+        positions.chunks_exact(3).flat_map(place).collect()
+    }
+}
+
+/// Codes of a body's vertices → sparse convolutions → features of a point from four levels → MLP → density and colour.
+///
+/// The codes are of one frame, as is the scene: what the released code shares between the frames of a film (codes,
+/// convolutions) and learns of each (an appearance code) are learned here of the one. Vertices that share a voxel are
+/// averaged, where the released code keeps one of them.
+#[derive(Module, Debug)]
+pub struct NeuralBody {
+    codes: Param<Tensor<2>>,
+    appearance: Param<Tensor<2>>,
+    encoder: Encoder,
+    trunk: Vec<Linear>,
+    sigma: Linear,
+    feature: Linear,
+    framed: Linear,
+    view: Linear,
+    rgb: Linear,
+    /// What the codes are spread to, of each level `[cells, channels]`; none before the field is
+    /// [conditioned](Field::conditioned).
+    volumes: Option<Vec<Tensor<2>>>,
+    #[module(skip)]
+    plan: Arc<Plan>,
+    #[module(skip)]
+    grid: Grid,
+    /// Of position and direction.
+    #[module(skip)]
+    frequencies: [usize; 2],
+}
+
+impl NeuralBody {
+    /// Features of points `[M, 3]` from all levels side by side, `[M, channels]`; 0 far from the body.
+    fn features(&self, positions: &[f32]) -> Tensor<2> {
+        let volumes = self.volumes.as_ref().expect("Neural Body is conditioned before it is evaluated");
+        let device = self.device();
+        let read = |(volume, size): (&Tensor<2>, [usize; 3])| {
+            let places = TensorData::new(self.grid.places(positions, size), [positions.len() / 3, 3]);
+            let voxels = Voxels { grids: 1, size, beyond: Beyond::Zero };
+            trilinear(volume.clone(), Tensor::from_data(places, &device), voxels)
+        };
+        Tensor::cat(volumes.iter().zip(self.plan.sizes()).map(read).collect(), 1)
+    }
+
+    fn color(&self, trunk: Tensor<2>, points: Points<'_>) -> Tensor<2> {
+        let (device, [samples, _]) = (self.device(), trunk.dims());
+        let appearance = self.appearance.val();
+        let appearance = appearance.clone().expand([samples, appearance.dims()[1]]);
+        let framed = self.framed.forward(Tensor::cat(vec![self.feature.forward(trunk), appearance], 1));
+        let [of_position, of_direction] = self.frequencies;
+        let direction = frequency_encode(&points.sample_directions(), 3, of_direction, &[], &device);
+        let position = frequency_encode(points.positions, 3, of_position, &[], &device);
+        let view = self.view.forward(Tensor::cat(vec![framed, direction, position], 1));
+        sigmoid(self.rgb.forward(relu(view)))
+    }
+}
+
+impl Field for NeuralBody {
+    /// # Panics
+    /// If the field was not [conditioned](Field::conditioned).
+    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
+        let features = self.features(points.positions);
+        let trunk = self.trunk.iter().fold(features, |x, layer| relu(layer.forward(x)));
+        let sigma = relu(self.sigma.forward(trunk.clone())).squeeze_dim(1);
+        Sampled { sigma, color: color.then(|| self.color(trunk, points)) }
+    }
+
+    fn device(&self) -> Device {
+        self.codes.val().device()
+    }
+
+    fn conditioned(&self, _sources: &Sources, _seed: Option<u64>) -> Self {
+        let volumes = self.encoder.volumes(self.codes.val(), &self.plan);
+        Self { volumes: Some(volumes), ..self.clone() }
+    }
+}

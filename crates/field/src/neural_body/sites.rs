@@ -1,0 +1,96 @@
+/// Neighbours of a site in each convolution, itself among them.
+pub(super) const REACH: usize = 27;
+
+/// The occupied cells of a grid, in the order of their numbers; x runs fastest, z slowest.
+#[derive(Clone, Debug)]
+pub(super) struct Sites {
+    /// Cells along x, y and z.
+    pub(super) size: [usize; 3],
+    cells: Vec<[usize; 3]>,
+    /// For each cell of the grid its place in `cells`, or how many there are if it is empty.
+    rows: Vec<i32>,
+}
+
+impl Sites {
+    /// The sites `cells` of a grid; a cell counts once.
+    pub(super) fn new(size: [usize; 3], cells: impl IntoIterator<Item = [usize; 3]>) -> Self {
+        let mut occupied = vec![false; size.iter().product()];
+        for cell in cells {
+            occupied[number(size, cell)] = true;
+        }
+        let cell = |n: usize| [n % size[0], n / size[0] % size[1], n / size[0] / size[1]];
+        let cells: Vec<[usize; 3]> = (0..occupied.len()).filter(|&n| occupied[n]).map(cell).collect();
+        let mut next = 0..;
+        let mut row = |occupied: bool| if occupied { next.next() } else { None }.unwrap_or(cells.len() as i32);
+        let rows = occupied.into_iter().map(&mut row).collect();
+        Self { size, cells, rows }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    /// Which of the sites is at each cell of the grid; [`Self::len`] where none is.
+    pub(super) fn rows(&self) -> &[i32] {
+        &self.rows
+    }
+
+    /// The place of an occupied `cell` among the sites.
+    pub(super) fn row(&self, cell: [usize; 3]) -> i32 {
+        self.rows[number(self.size, cell)]
+    }
+
+    /// The sites of a convolution of stride 2 and padding 1: the cells that reach a site.
+    pub(super) fn halved(&self) -> Self {
+        let size = self.size.map(|n| n.div_ceil(2));
+        // Cell o reaches 2o − 1, 2o and 2o + 1.
+        let along = |axis: usize, i: usize| (i / 2..=i.div_ceil(2)).filter(move |&o| o < size[axis]);
+        let reaching = self.cells.iter().flat_map(move |&[x, y, z]| {
+            along(0, x).flat_map(move |x| along(1, y).flat_map(move |y| along(2, z).map(move |z| [x, y, z])))
+        });
+        Self::new(size, reaching)
+    }
+
+    /// Which of these sites each site of `out` reaches with a kernel of 3³ about the cell `stride` times its own, x fastest:
+    /// `[out.len(), 27]`, [`Self::len`] where there is none.
+    pub(super) fn neighbours(&self, out: &Self, stride: usize) -> Vec<i32> {
+        let empty = self.len() as i32;
+        let at = |cell: [usize; 3], k: usize| {
+            let offset = [k % 3, k / 3 % 3, k / 9];
+            let place = [0, 1, 2].map(|axis| (stride * cell[axis] + offset[axis]).wrapping_sub(1));
+            let inside = (0..3).all(|axis| place[axis] < self.size[axis]);
+            if inside { self.row(place) } else { empty }
+        };
+        out.cells.iter().flat_map(|&cell| (0..REACH).map(move |k| at(cell, k))).collect()
+    }
+}
+
+fn number(size: [usize; 3], [x, y, z]: [usize; 3]) -> usize {
+    (z * size[1] + y) * size[0] + x
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halved_sites_are_those_that_reach_one() {
+        let sites = Sites::new([4, 1, 1], [[0, 0, 0], [3, 0, 0], [0, 0, 0]]);
+        assert_eq!((sites.len(), sites.rows()), (2, &[0, 2, 2, 1][..]));
+        let halved = sites.halved();
+        // Cell 0 reaches −1, 0 and 1; cell 1 reaches 1, 2 and 3.
+        assert_eq!((halved.size, halved.cells.as_slice()), ([2, 1, 1], &[[0, 0, 0], [1, 0, 0]][..]));
+        let one = Sites::new([4, 1, 1], [[3, 0, 0]]).halved();
+        assert_eq!(one.cells, [[1, 0, 0]]);
+    }
+
+    #[test]
+    fn neighbours_are_those_of_a_dense_convolution() {
+        let sites = Sites::new([4, 1, 1], [[0, 0, 0], [3, 0, 0]]);
+        let out = sites.halved();
+        let neighbours = sites.neighbours(&out, 2);
+        let middle = |row: usize| &neighbours[REACH * row + 12..REACH * row + 15];
+        assert_eq!((middle(0), middle(1)), (&[2, 0, 2][..], &[2, 2, 1][..]));
+        assert!(neighbours.iter().enumerate().all(|(i, &row)| row == 2 || (12..15).contains(&(i % REACH))));
+    }
+}

@@ -1,0 +1,169 @@
+//! Neural Body against PyTorch: masked dense convolutions, the look-up of four levels, the MLP, and gradients back to codes,
+//! vectors and matrices.
+//!
+//! `fixtures/neural_body.py` made the expected values; its head states the rule that gives every weight.
+
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::{Device, Gradients, Tensor, TensorData};
+use infonerf_field::{
+    Body, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralBodyConfig, Points, RadianceField, Sources,
+};
+use infonerf_ops::{Segments, to_host};
+use infonerf_schedule::Moment;
+use infonerf_tests::hashed;
+use serde_json::Value;
+
+const TOLERANCE: f64 = 1e-4;
+
+fn fixture() -> Value {
+    serde_json::from_str(include_str!("../fixtures/neural_body.json")).unwrap()
+}
+
+fn numbers(value: &Value) -> Vec<f32> {
+    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
+}
+
+fn triples(value: &Value) -> Vec<[f32; 3]> {
+    value.as_array().unwrap().iter().map(|row| numbers(row).try_into().unwrap()).collect()
+}
+
+fn config(fixture: &Value) -> NeuralBodyConfig {
+    let number = |key: &str| fixture[key].as_u64().unwrap() as usize;
+    NeuralBodyConfig {
+        voxel: fixture["voxel"].as_f64().unwrap() as f32,
+        code: number("code"),
+        channels: number("channels"),
+        width: number("width"),
+        appearance: number("appearance"),
+        position_frequencies: number("position_frequencies"),
+        direction_frequencies: number("direction_frequencies"),
+    }
+}
+
+/// Overwrites the parameters, in the order of the module, by the fixture's rule.
+struct Rule {
+    next: usize,
+}
+
+impl ModuleMapper for Rule {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let (l, shape) = (self.next, param.val().dims());
+        self.next += 1;
+        let value = |u: f64| match (D, l) {
+            (1, _) => 0.4 + 0.1 * u,
+            (_, 0 | 1) => u,
+            _ => (6.0 / shape[0] as f64).sqrt() * u,
+        };
+        let values: Vec<f32> = (0..shape.iter().product()).map(|n| value(hashed(l, n)) as f32).collect();
+        param.map(|old| Tensor::from_data(TensorData::new(values, shape), &old.device()).require_grad())
+    }
+}
+
+/// What the fixture holds of each parameter's gradient, in the order of the module.
+struct Found<'a> {
+    gradients: &'a Gradients,
+    found: Vec<Vec<f32>>,
+}
+
+impl ModuleVisitor for Found<'_> {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        let l = self.found.len();
+        let gradient = to_host(param.val().grad(self.gradients).expect("every parameter has a gradient"));
+        self.found.push(if D == 2 && l > 1 {
+            let terms = gradient.iter().enumerate().map(|(n, g)| f64::from(*g) * hashed(l + 1000, n));
+            vec![terms.sum::<f64>() as f32]
+        } else {
+            gradient
+        });
+    }
+}
+
+fn compare(got: &[f32], want: &[f32], scale: f64, what: &str) {
+    assert_eq!(got.len(), want.len(), "{what}");
+    for (index, (got, want)) in got.iter().zip(want).enumerate() {
+        let error = (f64::from(*got) - f64::from(*want)).abs();
+        assert!(error <= TOLERANCE * scale, "{what}, {index}: {got} against {want}");
+    }
+}
+
+fn largest(values: &[f32]) -> f64 {
+    values.iter().map(|x| f64::from(x.abs())).fold(0.0, f64::max)
+}
+
+fn check(device: &Device) {
+    let fixture = &fixture();
+    let device = &device.clone().autodiff();
+    let (vertices, axes) = (triples(&fixture["vertices"]), triples(&fixture["axes"]));
+    let origin = numbers(&fixture["origin"]).try_into().unwrap();
+    let body = Some(Body { vertices: &vertices, axes: axes.try_into().unwrap(), origin });
+    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body };
+    let field = FieldConfig::NeuralBody(config(fixture)).build(&setup).unwrap();
+    let mut rule = Rule { next: 0 };
+    let original = field.map(&mut rule);
+    // Codes and appearance, 17 convolutions of three tensors, and eight dense layers.
+    assert_eq!(rule.next, 2 + 17 * 3 + 8 * 2);
+    let field = original.conditioned(&Sources { views: [].into(), middle: [0.0; 3] }, None);
+    let (positions, directions) = (numbers(&fixture["points"]), numbers(&fixture["directions"]));
+    let segments = Segments::from_counts(vec![1; positions.len() / 3]);
+    let extent = Extent::Ball { variance: 0.0 };
+    let points = Points { positions: &positions, directions: &directions, segments: &segments, extent };
+    let (sigma, rgb) = (numbers(&fixture["sigma"]), numbers(&fixture["rgb"]));
+    compare(&to_host(field.evaluate(points, false, Moment::END).sigma), &sigma, largest(&sigma), "density alone");
+    let sampled = field.evaluate(points, true, Moment::END);
+    let color = sampled.color.unwrap();
+    compare(&to_host(sampled.sigma.clone()), &sigma, largest(&sigma), "density");
+    compare(&to_host(color.clone()), &rgb, largest(&rgb), "colour");
+
+    let loss = (color - 0.3).square().mean() + sampled.sigma.square().mean() * 0.01;
+    let gradients = loss.backward();
+    let mut found = Found { gradients: &gradients, found: Vec::new() };
+    original.visit(&mut found);
+    let expected: Vec<Vec<f32>> = fixture["gradients"].as_array().unwrap().iter().map(numbers).collect();
+    assert_eq!(found.found.len(), expected.len());
+    let scale = expected.iter().map(|want| largest(want)).fold(0.0, f64::max);
+    for (index, (got, want)) in found.found.iter().zip(&expected).enumerate() {
+        compare(got, want, scale, &format!("gradient of parameter {index}"));
+    }
+}
+
+#[test]
+fn agrees_with_pytorch_on_every_device() {
+    for device in infonerf_tests::devices() {
+        check(&device);
+    }
+}
+
+#[test]
+fn without_a_body_it_says_which_file_it_wants() {
+    let device = &Device::flex();
+    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None };
+    let message = RadianceField::new(&FieldConfig::NeuralBody(config(&fixture())), &setup).unwrap_err().to_string();
+    assert!(message.contains("new_vertices/0.npy"), "{message}");
+}
+
+/// SMPL's 6,890 vertices, at the published voxel.
+#[test]
+fn a_body_of_full_size_fits() {
+    let device = &Device::flex();
+    let vertices: Vec<[f32; 3]> =
+        (0..6890).map(|n| [0, 1, 2].map(|axis| hashed(axis, n) as f32 * [0.4, 0.2, 0.9][axis])).collect();
+    let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let body = Some(Body { vertices: &vertices, axes, origin: [0.0; 3] });
+    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body };
+    let sizes = NeuralBodyConfig { voxel: 0.005, ..config(&fixture()) };
+    let field = RadianceField::new(&FieldConfig::NeuralBody(sizes.clone()), &setup).unwrap();
+    let segments = Segments::from_counts([1, 1]);
+    let far = [5.0, 0.0, 0.0];
+    let points = Points {
+        positions: &[vertices[0], far].concat(),
+        directions: &[[0.0, 0.0, 1.0]; 2].concat(),
+        segments: &segments,
+        extent: Extent::Ball { variance: 0.0 },
+    };
+    let field = field.conditioned(&Sources { views: [].into(), middle: [0.0; 3] }, None);
+    let sampled = field.evaluate(points, true, Moment::END);
+    assert!(to_host(sampled.color.unwrap()).iter().all(|c| c.is_finite()));
+    let tiny = NeuralBodyConfig { voxel: 0.001, ..sizes };
+    let message = RadianceField::new(&FieldConfig::NeuralBody(tiny), &setup).unwrap_err().to_string();
+    assert!(message.contains("at most 1023 along each axis"), "{message}");
+}
