@@ -3,6 +3,8 @@
 //!
 //! `fixtures/neural_body.py` made the expected values; its head states the rule that gives every weight.
 
+use std::path::PathBuf;
+
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use infonerf_field::{
@@ -14,6 +16,8 @@ use infonerf_tests::hashed;
 use serde_json::Value;
 
 const TOLERANCE: f64 = 1e-4;
+/// Gradients below this, of which the largest is 0.15, are compared beside it: they are sums of terms that cancel.
+const LEAST: f64 = 1e-3;
 
 fn fixture() -> Value {
     serde_json::from_str(include_str!("../fixtures/neural_body.json")).unwrap()
@@ -30,6 +34,7 @@ fn triples(value: &Value) -> Vec<[f32; 3]> {
 fn config(fixture: &Value) -> NeuralBodyConfig {
     let number = |key: &str| fixture[key].as_u64().unwrap() as usize;
     NeuralBodyConfig {
+        vertices: PathBuf::new(),
         voxel: fixture["voxel"].as_f64().unwrap() as f32,
         code: number("code"),
         channels: number("channels"),
@@ -120,9 +125,8 @@ fn check(device: &Device) {
     original.visit(&mut found);
     let expected: Vec<Vec<f32>> = fixture["gradients"].as_array().unwrap().iter().map(numbers).collect();
     assert_eq!(found.found.len(), expected.len());
-    let scale = expected.iter().map(|want| largest(want)).fold(0.0, f64::max);
     for (index, (got, want)) in found.found.iter().zip(&expected).enumerate() {
-        compare(got, want, scale, &format!("gradient of parameter {index}"));
+        compare(got, want, largest(want).max(LEAST), &format!("gradient of parameter {index}"));
     }
 }
 
@@ -147,8 +151,7 @@ fn a_body_of_full_size_fits() {
     let device = &Device::flex();
     let vertices: Vec<[f32; 3]> =
         (0..6890).map(|n| [0, 1, 2].map(|axis| hashed(axis, n) as f32 * [0.4, 0.2, 0.9][axis])).collect();
-    let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-    let body = Some(Body { vertices: &vertices, axes, origin: [0.0; 3] });
+    let body = Some(Body { vertices: &vertices, ..Body::default() });
     let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body };
     let sizes = NeuralBodyConfig { voxel: 0.005, ..config(&fixture()) };
     let field = RadianceField::new(&FieldConfig::NeuralBody(sizes.clone()), &setup).unwrap();
@@ -166,4 +169,9 @@ fn a_body_of_full_size_fits() {
     let tiny = NeuralBodyConfig { voxel: 0.001, ..sizes };
     let message = RadianceField::new(&FieldConfig::NeuralBody(tiny), &setup).unwrap_err().to_string();
     assert!(message.contains("at most 1023 along each axis"), "{message}");
+    let stray = [vertices.as_slice(), &[[4.9; 3]]].concat();
+    let setup = FieldSetup { body: Some(Body { vertices: &stray, ..Body::default() }), ..setup };
+    let sizes = NeuralBodyConfig { voxel: 0.006, ..config(&fixture()) };
+    let message = RadianceField::new(&FieldConfig::NeuralBody(sizes), &setup).unwrap_err().to_string();
+    assert!(message.contains("is a vertex far from the others?"), "{message}");
 }

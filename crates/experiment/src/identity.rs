@@ -11,7 +11,7 @@ use infonerf_scene::SceneSource;
 use serde::{Deserialize, Serialize};
 
 use crate::RunPlan;
-use crate::run_plan::weight_paths;
+use crate::run_plan::file_paths;
 
 /// File name in a run's folder.
 const NAME: &str = "identity.json";
@@ -28,8 +28,8 @@ pub struct Identity {
     program: String,
     /// The device that computes.
     device: String,
-    /// Files of weights that the run begins with; empty without any.
-    first_weights: String,
+    /// Files that the run begins with, of weights and others; empty without any.
+    first_files: String,
 }
 
 impl Identity {
@@ -38,16 +38,25 @@ impl Identity {
     /// # Errors
     /// If a file cannot be read.
     pub fn of(plan: &RunPlan, device: &str) -> Result<Self> {
-        let data = match &plan.source {
-            SceneSource::Procedural(name) => name.clone(),
-            SceneSource::Folder { path } => folder_checksum(path)?,
-        };
+        Self::of_scenes(plan, [&plan.source], device)
+    }
+
+    /// The same of a run over several scenes, from `sources`.
+    pub(crate) fn of_scenes<'a>(
+        plan: &RunPlan,
+        sources: impl IntoIterator<Item = &'a SceneSource>,
+        device: &str,
+    ) -> Result<Self> {
+        let data = sources.into_iter().map(|source| match source {
+            SceneSource::Procedural(name) => Ok(name.clone()),
+            SceneSource::Folder { path } => folder_checksum(path),
+        });
         Ok(Self {
             config: checksum(plan.to_toml()?.as_bytes()),
-            data,
+            data: data.collect::<Result<Vec<_>>>()?.join(" "),
             program: program_checksum()?,
             device: device.to_owned(),
-            first_weights: weights_checksum(plan)?,
+            first_files: files_checksum(plan)?,
         })
     }
 
@@ -68,7 +77,7 @@ impl Identity {
             ("the scene's files", &self.data, &then.data),
             ("the program", &self.program, &then.program),
             ("the device", &self.device, &then.device),
-            ("the first weights", &self.first_weights, &then.first_weights),
+            ("the files that it begins with", &self.first_files, &then.first_files),
         ];
         parts.into_iter().filter(|(_, now, then)| now != then).map(|(what, ..)| what).collect()
     }
@@ -141,13 +150,13 @@ fn program_checksum() -> Result<String> {
     Ok(KNOWN.get_or_init(|| short(hasher.finalize())).clone())
 }
 
-fn weights_checksum(plan: &RunPlan) -> Result<String> {
+fn files_checksum(plan: &RunPlan) -> Result<String> {
     let mut config = plan.config.clone();
     let semantic = !config.loss.semantic.weight.is_zero();
     let unused = config.loss.semantic.weights.clone();
     let mut hasher = blake3::Hasher::new();
     let mut any = false;
-    for path in weight_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
+    for path in file_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
         if !semantic && *path == unused {
             continue;
         }

@@ -39,7 +39,8 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     let config = plan.to_toml_with(experiment.runs.iter().map(|plan| plan.scene.clone()).collect())?;
     let path = folder.join("config.toml");
     let begun = fs::read_to_string(&path).ok();
-    let identity = Identity::of(plan, session.device.name.name())?;
+    let identity =
+        Identity::of_scenes(plan, experiment.runs.iter().map(|plan| &plan.source), session.device.name.name())?;
     if session.resume == Resume::Never || begun.is_none() {
         clear(&folder)?;
     } else if begun.as_ref() != Some(&config) || Identity::read(&folder).as_ref() != Some(&identity) {

@@ -2,30 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use infonerf_report::{Collection, ReportInput, write_collection};
 
 use crate::sweep::Sweep;
 use crate::{Experiment, Selection};
 
-/// What is reproduced, in the order of the report.
-pub const EXPERIMENTS: [&str; 11] = [
-    "synthetic-4view",
-    "paper-regime",
-    "loss-ablation",
-    "unseen-rays",
-    "baseline",
-    "views",
-    "information",
-    "integration",
-    "llff-2view",
-    "dtu-3view",
-    "zju-4view",
-];
-
 /// How an experiment becomes one chapter of many: what it runs where nothing else is selected. What is empty is as the
-/// experiment has it, as are experiments without a line in [`CHAPTERS`].
-struct Chapter {
+/// experiment has it.
+struct Scale {
     experiment: &'static str,
     /// Of photographs, whose formats are not those of the synthetic scenes.
     captures: bool,
@@ -35,7 +20,7 @@ struct Chapter {
     set: &'static [&'static str],
 }
 
-impl Chapter {
+impl Scale {
     const fn whole(experiment: &'static str) -> Self {
         Self { experiment, captures: false, scenes: &[], variants: &[], seeds: &[], set: &[] }
     }
@@ -56,65 +41,72 @@ impl Chapter {
     }
 }
 
-const CHAPTERS: [Chapter; 10] = [
-    Chapter { variants: &["nerf", "infonerf"], seeds: &[0], ..Chapter::regime("paper-regime") },
-    Chapter::regime("loss-ablation"),
-    Chapter::regime("unseen-rays"),
-    Chapter::regime("baseline"),
-    Chapter {
+/// What is reproduced, in the order of the report.
+const SCALES: [Scale; 11] = [
+    Scale::whole("synthetic-4view"),
+    Scale { variants: &["nerf", "infonerf"], seeds: &[0], ..Scale::regime("paper-regime") },
+    Scale::regime("loss-ablation"),
+    Scale::regime("unseen-rays"),
+    Scale::regime("baseline"),
+    Scale {
         variants: &["nerf-2", "infonerf-2", "nerf-4", "infonerf-4", "nerf-8", "infonerf-8", "nerf-100", "infonerf-100"],
-        ..Chapter::regime("views")
+        ..Scale::regime("views")
     },
-    Chapter::regime("information"),
-    Chapter {
+    Scale::regime("information"),
+    Scale {
         scenes: &["crane", "knot"],
         variants: &["nerf", "infonerf", "mipnerf", "infomipnerf"],
         seeds: &[0],
-        ..Chapter::whole("integration")
+        ..Scale::whole("integration")
     },
-    Chapter::capture("llff-2view"),
-    Chapter::capture("dtu-3view"),
-    Chapter { captures: true, set: &["train.iterations=300"], ..Chapter::whole("zju-4view") },
+    Scale::capture("llff-2view"),
+    Scale::capture("dtu-3view"),
+    Scale { captures: true, set: &["train.iterations=300"], ..Scale::whole("zju-4view") },
 ];
 
-fn chapter(experiment: &str) -> Option<&'static Chapter> {
-    CHAPTERS.iter().find(|chapter| chapter.experiment == experiment)
-}
-
-fn is_of_captures(experiment: &str) -> bool {
-    chapter(experiment).is_some_and(|chapter| chapter.captures)
-}
+/// The experiments, in the order of the report.
+pub const EXPERIMENTS: [&str; SCALES.len()] = {
+    let mut names = [""; SCALES.len()];
+    let mut index = 0;
+    while index < names.len() {
+        names[index] = SCALES[index].experiment;
+        index += 1;
+    }
+    names
+};
 
 /// The sweeps of the experiments called `names`, or of all where that is empty.
 ///
-/// What `selection` says goes before a chapter's own scale. Its data and scenes are those of the synthetic experiments:
+/// What `selection` says goes before an experiment's own scale. Its data and scenes are those of the synthetic experiments:
 /// captures take part in them only where `names` has captures alone, and are the built-in ones otherwise.
 ///
 /// # Errors
-/// As [`Experiment::plan`].
+/// If a name is not one of [`EXPERIMENTS`], and as [`Experiment::plan`].
 pub fn sweeps(names: &[String], selection: &Selection) -> Result<Vec<Sweep>> {
-    let wanted = EXPERIMENTS.into_iter().filter(|&name| names.is_empty() || names.iter().any(|only| only == name));
-    let captures_alone = !names.is_empty() && names.iter().all(|name| is_of_captures(name));
-    let sweep = |name: &str| {
+    if let Some(unknown) = names.iter().find(|name| !EXPERIMENTS.contains(&name.as_str())) {
+        bail!("{unknown}: expected one of {}", EXPERIMENTS.join(", "));
+    }
+    let named = |scale: &&Scale| names.iter().any(|name| name == scale.experiment);
+    let captures_alone = !names.is_empty() && SCALES.iter().filter(named).all(|scale| scale.captures);
+    let sweep = |scale: &Scale| {
         let mut selection = selection.clone();
-        if is_of_captures(name) && !captures_alone {
+        if scale.captures && !captures_alone {
             (selection.data, selection.scenes) = (None, Vec::new());
         }
-        Ok(Sweep::of(Experiment::plan(name, &scaled(name, selection))?))
+        Ok(Sweep::of(Experiment::plan(scale.experiment, &scaled(scale, selection))?))
     };
-    wanted.map(sweep).collect()
+    SCALES.iter().filter(|scale| names.is_empty() || named(scale)).map(sweep).collect()
 }
 
-/// `selection` with what it leaves open as the chapter has it.
-fn scaled(experiment: &str, selection: Selection) -> Selection {
-    let Some(chapter) = chapter(experiment) else { return selection };
+/// `selection` with what it leaves open as `scale` has it.
+fn scaled(scale: &Scale, selection: Selection) -> Selection {
     let owned = |list: &[&str]| list.iter().map(|&text| text.to_owned()).collect::<Vec<String>>();
     let or = |given: Vec<String>, own: &[&str]| if given.is_empty() { owned(own) } else { given };
     Selection {
-        scenes: if selection.data.is_some() { selection.scenes } else { or(selection.scenes, chapter.scenes) },
-        variants: or(selection.variants, chapter.variants),
-        seeds: if selection.seeds.is_empty() { chapter.seeds.to_vec() } else { selection.seeds },
-        set: [owned(chapter.set), selection.set].concat(),
+        scenes: if selection.data.is_some() { selection.scenes } else { or(selection.scenes, scale.scenes) },
+        variants: or(selection.variants, scale.variants),
+        seeds: if selection.seeds.is_empty() { scale.seeds.to_vec() } else { selection.seeds },
+        set: [owned(scale.set), selection.set].concat(),
         ..selection
     }
 }
@@ -129,9 +121,10 @@ pub fn write(inputs: Vec<ReportInput>, out: &Path) -> Result<PathBuf> {
         title: "InfoNeRF's tables and figures, at a small scale".into(),
         introduction: vec![
             "The paper's tables and figures at a scale that suits a small machine, its own figures beside ours. The first \
-             is of this program's fast field, those up to the integration are of the paper's regime on small networks \
-             and in runs two thirds as long as the experiments' own, and the captures are built-in twins of LLFF, DTU and ZJU-MoCap unless their data was given. Footnotes name every difference of \
-             protocol: the absolute figures are not comparable, the order of the variants is."
+             is of this program's fast field. Those before the integration are of the paper's regime on small networks, \
+             in runs two thirds as long as the experiments' own. The captures are built-in twins of LLFF, DTU and \
+             ZJU-MoCap unless their data was given. Footnotes name every difference of protocol: the absolute figures \
+             are not comparable, the order of the variants is."
                 .into(),
         ],
         chapters: inputs.into_iter().map(chapter).collect(),
@@ -165,7 +158,7 @@ mod tests {
         let all = sweeps(&[], &Selection::default()).unwrap();
         let names: Vec<&str> = all.iter().map(|sweep| sweep.about.name.as_str()).collect();
         assert_eq!(names, EXPERIMENTS);
-        assert!(CHAPTERS.iter().all(|chapter| EXPERIMENTS.contains(&chapter.experiment)));
+        assert!(sweeps(&["nothing".into()], &Selection::default()).is_err());
         // Of a small capture every run is small.
         let capture = &all[8];
         assert!(capture.runs().all(|plan| plan.config.scene.size == 160 && plan.config.train.iterations == 300));

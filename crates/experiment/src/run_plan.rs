@@ -138,7 +138,7 @@ impl RunPlan {
     /// The same of a run over several scenes.
     pub(crate) fn to_toml_with(&self, scenes: Vec<String>) -> Result<String> {
         let mut config = self.config.clone();
-        for path in weight_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
+        for path in file_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
             *path = absolute(path);
         }
         let complete = Complete {
@@ -195,11 +195,11 @@ impl RunPlan {
     }
 }
 
-/// The paths of all files of weights that a config names; those that it does not use are empty.
-pub(crate) fn weight_paths(config: &mut Config) -> Vec<&mut PathBuf> {
+/// The paths of all files that a config names, but for the scene's; those that it does not use are empty.
+pub(crate) fn file_paths(config: &mut Config) -> Vec<&mut PathBuf> {
     let of_terms = config.loss.specs_mut().filter_map(|(_, term)| term.weights_file());
-    let of_field = config.field.weights_file();
-    std::iter::once(&mut config.train.init).chain(of_terms.chain(of_field).map(|(_, path)| path)).collect()
+    let of_terms = of_terms.map(|(_, path)| path);
+    std::iter::once(&mut config.train.init).chain(of_terms).chain(config.field.files()).collect()
 }
 
 fn absolute(path: &Path) -> PathBuf {

@@ -14,6 +14,9 @@ pub trait Field: Module + ModuleDisplay + Sync + 'static {
     /// Density σ(x), and colour c(x, d) if `color`, differentiable in the parameters.
     ///
     /// `at` is the moment of the run, for fields that anneal detail; [`Moment::END`] gives the whole field.
+    ///
+    /// # Panics
+    /// May do so if the field computes something ahead and was not [conditioned](Self::conditioned).
     fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled;
 
     /// The device that holds the parameters.
@@ -67,6 +70,13 @@ pub struct Body<'a> {
     pub origin: [f32; 3],
 }
 
+impl Default for Body<'_> {
+    /// No vertices, in the world's own frame.
+    fn default() -> Self {
+        Self { vertices: &[], axes: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], origin: [0.0; 3] }
+    }
+}
+
 /// What a config file says of a field. `Display` names it with its sizes: `MLP of 8 layers of 256`.
 pub trait FieldSpec: fmt::Display {
     /// The field that it describes.
@@ -81,7 +91,7 @@ pub trait FieldSpec: fmt::Display {
     /// The field with its first weights.
     ///
     /// # Errors
-    /// If a file of weights is named that cannot be used.
+    /// If a file is named that cannot be used, or the field needs what `setup` does not have.
     fn build(&self, setup: &FieldSetup<'_>) -> Result<Self::Field, ConfigError>;
 
     /// How much memory the field takes.
@@ -102,10 +112,20 @@ pub trait FieldSpec: fmt::Display {
         false
     }
 
+    /// Whether the field hangs on a body's vertices, and so is asked for points of the world as they are.
+    fn needs_body(&self) -> bool {
+        false
+    }
+
     /// The file that the first weights are read from, if the field can read one: its key within `[field]`, and its path,
     /// which is empty for random weights.
     fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
         None
+    }
+
+    /// Every file that the field begins with, of weights and others; empty paths are not used.
+    fn files(&mut self) -> Vec<&mut PathBuf> {
+        self.weights_file().into_iter().map(|(_, path)| path).collect()
     }
 }
 

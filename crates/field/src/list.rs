@@ -68,8 +68,16 @@ macro_rules! fields {
                 match self { $(Self::$name(config) => config.sees_photographs(),)* }
             }
 
+            fn needs_body(&self) -> bool {
+                match self { $(Self::$name(config) => config.needs_body(),)* }
+            }
+
             fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
                 match self { $(Self::$name(config) => config.weights_file(),)* }
+            }
+
+            fn files(&mut self) -> Vec<&mut PathBuf> {
+                match self { $(Self::$name(config) => config.files(),)* }
             }
         }
 

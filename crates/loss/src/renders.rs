@@ -171,6 +171,25 @@ impl Renders {
         seen.into_iter().chain(unseen)
     }
 
+    /// The mean over the rays of `outputs` of what `of` gives for each of them, `[R]`; 0 without any.
+    pub fn mean<'a>(
+        &self,
+        outputs: impl Iterator<Item = &'a RenderOutput>,
+        of: impl Fn(&RenderOutput) -> Tensor<1>,
+    ) -> Tensor<1> {
+        let (mut sum, mut rays) = (self.zero(), 0);
+        for output in outputs {
+            sum = sum + of(output).sum();
+            rays += output.segments().rays();
+        }
+        sum / rays.max(1) as f32
+    }
+
+    /// What is rendered along `rays`.
+    pub fn outputs(&self, rays: RaySet) -> impl Iterator<Item = &RenderOutput> {
+        self.bundles(rays).map(Bundle::output)
+    }
+
     /// A scalar 0 on the device of the renders.
     pub fn zero(&self) -> Tensor<1> {
         Tensor::zeros([1], &self.seen.output().acc.device())

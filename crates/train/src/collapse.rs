@@ -18,6 +18,11 @@ impl EmptySteps {
     pub(crate) fn add(&mut self, acc: f32, foreground: f32) -> bool {
         let empty = acc < EMPTY * foreground && foreground > EMPTY;
         self.0 = if empty { self.0 + 1 } else { 0 };
+        self.are_collapse()
+    }
+
+    /// Whether the field has collapsed.
+    pub(crate) fn are_collapse(&self) -> bool {
         self.0 >= STEPS
     }
 }

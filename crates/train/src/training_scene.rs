@@ -48,6 +48,11 @@ impl TrainingScene {
             refuse("render.placement", "\"mid\" or \"left\" (or render.space = \"box\")", placement)?;
             let photographs = config.field.sees_photographs();
             refuse("field.kind", "a field that looks at no photographs (or render.space = \"box\")", photographs)?;
+            refuse(
+                "field.kind",
+                "a field that hangs on no body (or render.space = \"box\")",
+                config.field.needs_body(),
+            )?;
             refuse("render.occupancy.carve", "false (or render.space = \"box\")", config.render.occupancy.carve)?;
         }
         let objective = Objective::new(&config.loss, &TermSetup { scene: &scene, device })

@@ -1,7 +1,7 @@
 //! `metrics.jsonl`: the events of a field's training.
 
 use std::fs::{File, OpenOptions};
-use std::io::{BufWriter, Write};
+use std::io::{BufWriter, ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -17,14 +17,13 @@ impl Log {
     /// Logs to `metrics.jsonl` in `folder`, going on after `progress`; a run that has not begun starts a new log.
     pub(super) fn open(folder: &Path, progress: &Progress) -> Result<Self> {
         let path = folder.join("metrics.jsonl");
-        let text = std::fs::read_to_string(&path).unwrap_or_default();
-        let open = || -> std::io::Result<_> {
-            let mut file = OpenOptions::new().create(true).write(true).truncate(true).open(&path)?;
-            file.write_all(events_until(&text, progress).as_bytes())?;
-            Ok(file)
+        let text = match std::fs::read_to_string(&path) {
+            Err(error) if error.kind() == ErrorKind::NotFound => String::new(),
+            read => read.with_context(|| path.display().to_string())?,
         };
-        let file = BufWriter::new(open().with_context(|| path.display().to_string())?);
-        Ok(Self { file, path })
+        infonerf_report::write_atomically(&path, events_until(&text, progress).as_bytes())?;
+        let file = OpenOptions::new().append(true).open(&path).with_context(|| path.display().to_string())?;
+        Ok(Self { file: BufWriter::new(file), path })
     }
 
     pub(super) fn write(&mut self, event: &Event) -> Result<()> {

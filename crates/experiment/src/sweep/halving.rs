@@ -4,8 +4,10 @@
 //! drawn at random, and its PSNR is taken before it learns from them. Test views have no part in it. The judgement is
 //! read from what the runs logged, so that a sweep that is interrupted and goes on judges alike.
 
+use std::collections::HashSet;
 use std::path::Path;
 
+use indexmap::IndexMap;
 use infonerf_report::{Events, Step};
 
 use super::plan::{Item, Sweep};
@@ -33,17 +35,13 @@ pub(super) struct Dropped {
 /// A setting is a variant's name with its values, its score the mean over its scenes and seeds. One without any score,
 /// because its runs failed, stays, so that it is tried again and told.
 pub(super) fn drop_worst(sweep: &Sweep, folder: &Path, items: &mut Vec<usize>, keep: u32, share: f64) -> Vec<Dropped> {
-    let mut settings: Vec<(String, Vec<f64>)> = Vec::new();
+    let mut settings: IndexMap<&str, Vec<f64>> = IndexMap::new();
     for Item { plan, .. } in items.iter().filter_map(|&item| sweep.items.get(item)) {
-        let score = score(folder, plan, share);
-        match settings.iter_mut().find(|(variant, _)| *variant == plan.variant) {
-            Some((_, scores)) => scores.extend(score),
-            None => settings.push((plan.variant.clone(), score.into_iter().collect())),
-        }
+        settings.entry(&plan.variant).or_default().extend(score(folder, plan, share));
     }
     let mean = |scores: &[f64]| scores.iter().sum::<f64>() / scores.len() as f64;
     let scored = settings.into_iter().filter(|(_, scores)| !scores.is_empty());
-    let mut ranked: Vec<(String, f64)> = scored.map(|(variant, scores)| (variant, mean(&scores))).collect();
+    let mut ranked: Vec<(&str, f64)> = scored.map(|(variant, scores)| (variant, mean(&scores))).collect();
     // Stable: settings that are equally good stay in their order.
     ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
     let kept = ranked.len().div_ceil(keep as usize);
@@ -54,10 +52,10 @@ pub(super) fn drop_worst(sweep: &Sweep, folder: &Path, items: &mut Vec<usize>, k
             "training PSNR {score:.2} dB after {percent:.1} % of the run; those that went on had {last:.2} dB or more"
         )
     };
-    let dropped: Vec<Dropped> =
-        ranked.drain(kept..).map(|(variant, score)| Dropped { variant, reason: reason(score) }).collect();
-    items.retain(|&item| dropped.iter().all(|one| one.variant != sweep.items[item].plan.variant));
-    dropped
+    let worst = ranked.split_off(kept);
+    let gone: HashSet<&str> = worst.iter().map(|&(variant, _)| variant).collect();
+    items.retain(|&item| !gone.contains(sweep.items[item].plan.variant.as_str()));
+    worst.into_iter().map(|(variant, score)| Dropped { variant: variant.to_owned(), reason: reason(score) }).collect()
 }
 
 /// Mean PSNR of training rays over the last steps before `share` of the run, over all of its fields, from what they

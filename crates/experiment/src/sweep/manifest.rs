@@ -34,7 +34,7 @@ struct Line {
     config: String,
 }
 
-/// Writes the manifest beside its place and renames it.
+/// Writes the manifest, whole or not at all.
 pub(super) fn write(path: &Path, items: &[Item]) -> Result<()> {
     let line = |(item, Item { plan, .. }): (usize, &Item)| -> Result<String> {
         let source = match &plan.source {
@@ -60,13 +60,7 @@ pub(super) fn write(path: &Path, items: &[Item]) -> Result<()> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     }
-    let beside = path.with_file_name(format!(".{NAME}.{}.tmp", std::process::id()));
-    let written = fs::write(&beside, text).and_then(|()| fs::rename(&beside, path));
-    if written.is_err() {
-        // The error that is told is that of writing.
-        drop(fs::remove_file(&beside));
-    }
-    written.with_context(|| path.display().to_string())
+    Ok(infonerf_report::write_atomically(path, text.as_bytes())?)
 }
 
 /// Reads item `index`, and refuses a manifest of another version.

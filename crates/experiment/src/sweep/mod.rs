@@ -16,7 +16,7 @@ mod outcome;
 mod plan;
 mod random;
 #[cfg(test)]
-mod scale;
+mod scale_test;
 mod setting;
 
 use std::collections::{BTreeSet, HashSet};

@@ -38,7 +38,7 @@ pub(super) fn write(
     if records.is_empty() {
         return Ok(None);
     }
-    list(folder, &records)?;
+    write_results(folder, &records)?;
     let table = overview_table(&records, &Quantity::all());
     for (name, text) in
         [("table.md", table.to_markdown()), ("table.csv", table.to_csv()), ("table.tex", table.to_latex())]
@@ -77,7 +77,7 @@ fn records(sweep: &Sweep, folder: &Path, left_out: &HashSet<usize>) -> Result<Ve
 }
 
 /// Writes `results.json` with `records` last and in their order, however many processes made them.
-fn list(folder: &Path, records: &[Record]) -> Result<()> {
+fn write_results(folder: &Path, records: &[Record]) -> Result<()> {
     let path = folder.join("results.json");
     let listed = if path.exists() { read_records(&path)? } else { Vec::new() };
     let own: HashSet<RunKey> = records.iter().map(RunKey::from).collect();

@@ -43,7 +43,7 @@ impl Space {
         let rounds = self.draws.len().max(1);
         let count = self.grids.iter().try_fold(rounds, |count, grid| count.checked_mul(grid.values.len()));
         if count.is_none_or(|count| count > MOST) {
-            bail!("--grid: expected at most {MOST} runs");
+            bail!("--grid: expected at most {MOST} settings");
         }
         let mut choices = vec![Vec::new()];
         for grid in &self.grids {

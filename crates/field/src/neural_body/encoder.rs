@@ -111,10 +111,22 @@ pub(super) fn channels(width: usize) -> [usize; 4] {
     [width, 2 * width, 4 * width, 4 * width]
 }
 
+/// Widths of the five stages: that of the codes, and of the levels.
+fn widths(code: usize, width: usize) -> Vec<usize> {
+    std::iter::once(code).chain(channels(width)).collect()
+}
+
+/// Numbers in the kernels.
+pub(super) fn parameters(code: usize, width: usize) -> usize {
+    let widths = widths(code, width);
+    let into = |stage: usize| LAYERS[stage] * widths[stage] + if stage > 0 { widths[stage - 1] } else { 0 };
+    (0..LAYERS.len()).map(|stage| REACH * widths[stage] * into(stage)).sum()
+}
+
 impl Encoder {
     /// An encoder of codes of `code` numbers, whose first level has `width` channels.
     pub(super) fn new(code: usize, width: usize, rng: &mut impl Rng, device: &Device) -> Self {
-        let widths: Vec<usize> = std::iter::once(code).chain(channels(width)).collect();
+        let widths = widths(code, width);
         let mut layers = |stage: usize| {
             let down = (stage > 0).then(|| SparseConvolution::new([widths[stage - 1], widths[stage]], rng, device));
             let same = (0..LAYERS[stage]).map(|_| SparseConvolution::new([widths[stage]; 2], rng, device)).collect();

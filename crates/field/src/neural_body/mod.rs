@@ -2,8 +2,10 @@
 
 mod encoder;
 mod sites;
+mod vertices;
 
 use std::fmt;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use burn::module::{Module, Param};
@@ -24,8 +26,9 @@ use encoder::{Encoder, Plan, channels};
 
 /// Space around the vertices that the voxels hold, scene units (metres).
 const MARGIN: f32 = 0.05;
-/// Most voxels along an axis.
+/// Most voxels along an axis, and in all: at the published voxel, a box of 3 m × 1.5 m × 1.5 m.
 const LARGEST: usize = 1024;
+const MOST: usize = 1 << 26;
 /// Hidden layers from a point's features to its density.
 const TRUNK: usize = 3;
 
@@ -33,6 +36,9 @@ const TRUNK: usize = 3;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NeuralBodyConfig {
+    /// A PLY or OBJ file with the body's vertices in the scene's world; empty for those that the scene comes with, as
+    /// ZJU-MoCap's do.
+    pub vertices: PathBuf,
     /// Edge of a voxel, scene units (paper: 5 mm).
     pub voxel: f32,
     /// Numbers of each vertex's code (paper: 16).
@@ -73,12 +79,16 @@ impl FieldSpec for NeuralBodyConfig {
     }
 
     fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralBody, ConfigError> {
-        let Some(body) = setup.body else {
-            return Err(ConfigError {
-                field: "kind",
-                expected: "a scene with a body's vertices, such as ZJU-MoCap's `new_vertices/0.npy`, for `neuralbody`",
-                found: "none".into(),
-            });
+        let read;
+        let body = if self.vertices.as_os_str().is_empty() {
+            setup.body.ok_or_else(|| ConfigError {
+                field: "vertices",
+                expected: "a PLY or OBJ file, or a scene that comes with a body's, as ZJU-MoCap's `new_vertices/0.npy`",
+                found: "neither".into(),
+            })?
+        } else {
+            read = vertices::read(&self.vertices)?;
+            Body { vertices: &read, ..Body::default() }
         };
         let grid = Grid::around(&body, self.voxel)?;
         let cells: Vec<[usize; 3]> = body.vertices.iter().map(|&vertex| grid.cell(vertex)).collect();
@@ -107,12 +117,19 @@ impl FieldSpec for NeuralBodyConfig {
     }
 
     fn footprint(&self) -> Footprint {
-        let levels = channels(self.channels);
-        let convolutions: usize = levels.iter().map(|c| 4 * 27 * c * c).sum();
-        let features: usize = levels.iter().sum();
+        let features: usize = channels(self.channels).iter().sum();
+        let convolutions = encoder::parameters(self.code, self.channels);
         let mlp = (features + 5 * self.width + self.appearance) * self.width;
         let per_sample = 2 * features + 6 * self.width + self.appearance;
         Footprint { parameters: (convolutions + mlp) as u64, per_sample: per_sample as u64 }
+    }
+
+    fn needs_body(&self) -> bool {
+        true
+    }
+
+    fn files(&mut self) -> Vec<&mut PathBuf> {
+        vec![&mut self.vertices]
     }
 }
 
@@ -145,6 +162,13 @@ impl Grid {
             check("voxel", "voxels of which a body's box has at most 1023 along each axis", voxel, good)?;
             grid.size[axis] = (cells as usize | 31) + 1;
         }
+        let cells = grid.size.iter().product::<usize>();
+        check(
+            "voxel",
+            "voxels of which a body's box has at most 2^26 (is a vertex far from the others?)",
+            voxel,
+            cells <= MOST,
+        )?;
         Ok(grid)
     }
 
@@ -164,15 +188,10 @@ impl Grid {
         self.in_voxels(vertex).map(|x| x.round() as usize)
     }
 
-    /// Where in a level of `size` points are read, `[M, 3]` row-major: the released code stretches every level over the grid
-    /// so that the middles of their outermost cells coincide with the grid's faces.
-    fn places(&self, positions: &[f32], size: [usize; 3]) -> Vec<f32> {
-        let scale = [0, 1, 2].map(|axis| (size[axis] - 1) as f32 / self.size[axis] as f32);
-        let place = |p: &[f32]| {
-            let voxels = self.in_voxels([p[0], p[1], p[2]]);
-            [0, 1, 2].map(|axis| scale[axis] * voxels[axis])
-        };
-        positions.chunks_exact(3).flat_map(place).collect()
+    /// Cells of a level of `size` per voxel of the grid: the released code stretches every level over the grid so that the
+    /// middles of its outermost cells coincide with the grid's faces.
+    fn stretch(&self, size: [usize; 3]) -> [f32; 3] {
+        [0, 1, 2].map(|axis| (size[axis] - 1) as f32 / self.size[axis] as f32)
     }
 }
 
@@ -205,14 +224,18 @@ pub struct NeuralBody {
 }
 
 impl NeuralBody {
-    /// Features of points `[M, 3]` from all levels side by side, `[M, channels]`; 0 far from the body.
+    /// Features of points `[M, 3]` from all levels side by side, `[M, channels]`. Far from the body they are 0, which the MLP
+    /// need not take for empty space.
     fn features(&self, positions: &[f32]) -> Tensor<2> {
         let volumes = self.volumes.as_ref().expect("Neural Body is conditioned before it is evaluated");
         let device = self.device();
+        let places: Vec<f32> =
+            positions.chunks_exact(3).flat_map(|p| self.grid.in_voxels([p[0], p[1], p[2]])).collect();
+        let places = Tensor::<2>::from_data(TensorData::new(places, [positions.len() / 3, 3]), &device);
         let read = |(volume, size): (&Tensor<2>, [usize; 3])| {
-            let places = TensorData::new(self.grid.places(positions, size), [positions.len() / 3, 3]);
+            let stretch = Tensor::<2>::from_floats([self.grid.stretch(size)], &device);
             let voxels = Voxels { grids: 1, size, beyond: Beyond::Zero };
-            trilinear(volume.clone(), Tensor::from_data(places, &device), voxels)
+            trilinear(volume.clone(), places.clone() * stretch, voxels)
         };
         Tensor::cat(volumes.iter().zip(self.plan.sizes()).map(read).collect(), 1)
     }

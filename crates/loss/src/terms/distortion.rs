@@ -62,13 +62,9 @@ impl Term for Distortion {
     }
 
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let (mut sum, mut rays) = (renders.zero(), 0);
-        for output in renders.bundles(self.rays).map(|bundle| bundle.output()) {
-            let intervals = self.intervals(&output.samples);
-            sum = sum + ray_distortion(output.tau.clone(), &intervals, output.segments()).sum();
-            rays += output.segments().rays();
-        }
-        sum / rays.max(1) as f32
+        renders.mean(renders.outputs(self.rays), |output| {
+            ray_distortion(output.tau.clone(), &self.intervals(&output.samples), output.segments())
+        })
     }
 }
 

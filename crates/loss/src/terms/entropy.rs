@@ -73,14 +73,10 @@ impl Term for EntropyConfig {
     }
 
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let outputs = renders.bundles(self.rays).map(|bundle| bundle.output());
         let neighbours = renders.neighbours(self.rays).filter(|_| self.neighbours);
-        let (mut sum, mut rays) = (renders.zero(), 0);
-        for output in outputs.chain(neighbours) {
-            sum = sum + masked_entropy(output, self.distribution, self.mask, self.epsilon).sum();
-            rays += output.segments().rays();
-        }
-        sum / rays.max(1) as f32
+        renders.mean(renders.outputs(self.rays).chain(neighbours), |output| {
+            masked_entropy(output, self.distribution, self.mask, self.epsilon)
+        })
     }
 }
 

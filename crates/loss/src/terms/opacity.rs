@@ -41,12 +41,7 @@ impl Term for OpacityConfig {
     }
 
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let (mut sum, mut rays) = (renders.zero(), 0);
-        for bundle in renders.bundles(self.rays) {
-            sum = sum + bundle.output().acc.clone().sum();
-            rays += bundle.rays();
-        }
-        sum / rays.max(1) as f32
+        renders.mean(renders.outputs(self.rays), |output| output.acc.clone())
     }
 }
 

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
-/// How far an opacity may be from 0 and 1 before the logarithms below lose their hold.
+/// Added to A and to 1 − A within the logarithms, which bounds them.
 const MARGIN: f64 = 0.1;
 
 /// A prior for rays that see either nothing or something opaque (Neural Volumes, Lombardi et al. 2019): the mean over the rays
@@ -40,14 +40,10 @@ impl Term for OpacityPriorConfig {
 
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let at_ends = MARGIN.ln() + (1.0 + MARGIN).ln();
-        let (mut sum, mut rays) = (renders.zero(), 0);
-        for bundle in renders.bundles(self.rays) {
-            let acc = bundle.output().acc.clone();
-            let logarithms = (acc.clone() + MARGIN).log() + (acc.neg() + (1.0 + MARGIN)).log();
-            sum = sum + (logarithms - at_ends).sum();
-            rays += bundle.rays();
-        }
-        sum / rays.max(1) as f32
+        renders.mean(renders.outputs(self.rays), |output| {
+            let acc = output.acc.clone();
+            (acc.clone() + MARGIN).log() + (acc.neg() + (1.0 + MARGIN)).log() - at_ends
+        })
     }
 }
 

@@ -24,16 +24,14 @@ const EXPECTED: &str = "a pickled dictionary with `cams` and `ims`";
 const LARGEST: u64 = 64 << 20;
 /// Folders of masks, the first that is there.
 const MASKS: [&str; 2] = ["mask_cihp", "mask"];
-/// Folders of the body's vertices, the first that is there.
-const VERTICES: [&str; 2] = ["new_vertices", "vertices"];
+/// Folders of the body's vertices and of the pose that was fitted with them, the first that is there.
+const BODIES: [[&str; 2]; 2] = [["new_vertices", "new_params"], ["vertices", "params"]];
 /// The published training cameras.
 const TRAIN: [usize; 4] = [0, 6, 12, 18];
 /// Translations are in millimetres.
 const MILLIMETRES: f64 = 1000.0;
 /// Metres around the body that the box holds.
 const MARGIN: f32 = 0.05;
-/// Folders of the body's poses, the first that is there.
-const POSES: [&str; 2] = ["new_params", "params"];
 /// Points along each side of the grid that the masks are carved from.
 const CARVED: usize = 48;
 
@@ -85,14 +83,14 @@ fn mask_path(folder: &Path, image: &str) -> PathBuf {
 /// Where the body is.
 fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<Space, SceneError> {
     let cameras: Vec<Camera> = frames.iter().map(Frame::nominal_camera).collect();
-    let vertices = VERTICES.iter().map(|v| dir.join(v)).find(|v| v.is_dir());
-    let body = match vertices {
-        Some(folder) => {
+    let folders = BODIES.map(|folders| folders.map(|folder| dir.join(folder)));
+    let body = match folders.into_iter().find(|[vertices, _]| vertices.is_dir()) {
+        Some([folder, poses]) => {
             // Some films count from 1.
             let first = if folder.join("0.npy").is_file() { 0 } else { 1 };
             let file = format!("{}.npy", frame + first);
-            let pose = POSES.iter().map(|folder| dir.join(folder).join(&file)).find(|path| path.is_file());
-            Some(body(&folder.join(&file), pose.as_deref())?)
+            let pose = poses.join(&file);
+            Some(body(&folder.join(&file), pose.is_file().then_some(pose.as_path()))?)
         }
         None => None,
     };
@@ -130,7 +128,8 @@ fn body(path: &Path, pose: Option<&Path>) -> Result<Body, SceneError> {
         let numbers = pickle.get(pickle.root(), key).and_then(|value| pickle.numbers(value));
         match numbers.as_deref() {
             Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.abs() <= 1e6) => Ok(DVec3::new(x, y, z)),
-            _ => Err(SceneError::field(pose, key, "three finite numbers", "something else")),
+            Some(found) => Err(SceneError::field(pose, key, "three numbers of at most 1e6", format!("{found:?}"))),
+            None => Err(SceneError::field(pose, key, "three numbers of at most 1e6", "none")),
         }
     };
     let (rotation, origin) = (vector("Rh")?, vector("Th")?.as_vec3());
@@ -375,7 +374,7 @@ mod tests {
         assert!((posed.axes * Vec3::X - Vec3::Y).length() < 1e-6, "{:?}", posed.axes);
         assert_eq!(posed.origin, Vec3::new(0.1, 0.2, 0.3));
         write(&pose, &object(of(f64::NAN)));
-        assert!(message(guard.path(), &second()).contains("`Rh`: expected three finite numbers"));
+        assert!(message(guard.path(), &second()).contains("`Rh`: expected three numbers of at most 1e6"));
         fs::remove_file(&pose).unwrap();
         npy::write(&body, &[1, 3], &[0.0, f32::NAN, 0.0]).unwrap();
         assert!(message(guard.path(), &second()).contains("finite vertices of shape [n, 3]"));

@@ -56,8 +56,8 @@ impl Trainer {
     /// `budget` is the time in seconds after which to stop, if the clock and not `train.iterations` decides.
     ///
     /// # Errors
-    /// If a number in `config` is out of range, a file of weights that it names cannot be used, or the run would not fit
-    /// into memory.
+    /// If a number in `config` is out of range, a file that it names cannot be used, the field needs what the scene does not
+    /// have, or the run would not fit into memory.
     pub fn new(
         config: &Config,
         scene: impl Into<Arc<Scene>>,

@@ -42,6 +42,9 @@ impl<F: Field> Trainer<F> {
         pixels: impl FnOnce(&mut Self, Moment) -> StepPixels,
         report: &mut impl FnMut(Event),
     ) -> Result<Outcome, TrainError> {
+        if self.progress.empty_steps.are_collapse() {
+            return Ok(Outcome::Collapsed);
+        }
         if self.is_over() {
             return Ok(Outcome::Finished);
         }
@@ -91,7 +94,9 @@ impl<F: Field> Trainer<F> {
             report(Event::Plateau { step });
         }
         if self.progress.empty_steps.add(numbers.acc, numbers.foreground) {
-            let restarted = self.progress.restarts < self.config.train.restarts;
+            // With the weights of another run there are no other ones to start over with.
+            let others = self.config.train.init.as_os_str().is_empty();
+            let restarted = others && self.progress.restarts < self.config.train.restarts;
             report(Event::Collapse { step, restarted });
             if !restarted {
                 return Ok(Outcome::Collapsed);

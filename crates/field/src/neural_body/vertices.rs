@@ -1,0 +1,88 @@
+use std::error::Error;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use ply_rs_bw::parser::Parser;
+use ply_rs_bw::ply::{DefaultElement, Property};
+
+use crate::ConfigError;
+
+/// The vertices of a PLY or OBJ file.
+///
+/// # Errors
+/// If it cannot be read, or has none, or one that is not finite.
+pub(super) fn read(path: &Path) -> Result<Vec<[f32; 3]>, ConfigError> {
+    let fault = |cause: String| ConfigError {
+        field: "vertices",
+        expected: "a PLY or OBJ file with finite vertices",
+        found: format!("{}: {cause}", path.display()),
+    };
+    let vertices = match path.extension().and_then(|extension| extension.to_str()) {
+        Some("ply") => of_ply(path),
+        Some("obj") => of_obj(path),
+        _ => return Err(fault("neither .ply nor .obj".into())),
+    };
+    let vertices = vertices.map_err(|error| fault(error.to_string()))?;
+    if vertices.is_empty() || !vertices.as_flattened().iter().all(|x| x.is_finite()) {
+        return Err(fault("none, or one that is not finite".into()));
+    }
+    Ok(vertices)
+}
+
+fn of_obj(path: &Path) -> Result<Vec<[f32; 3]>, Box<dyn Error>> {
+    let (models, _) = tobj::load_obj(path, &tobj::LoadOptions::default())?;
+    let positions = models.iter().flat_map(|model| model.mesh.positions.chunks_exact(3));
+    Ok(positions.map(|p| [p[0], p[1], p[2]]).collect())
+}
+
+fn of_ply(path: &Path) -> Result<Vec<[f32; 3]>, Box<dyn Error>> {
+    let ply = Parser::<DefaultElement>::new().read_ply(&mut BufReader::new(File::open(path)?))?;
+    let along = |vertex: &DefaultElement, axis: &str| match vertex.get(axis) {
+        Some(&Property::Float(x)) => Ok(x),
+        Some(&Property::Double(x)) => Ok(x as f32),
+        _ => Err(format!("a vertex without a float or double `{axis}`")),
+    };
+    let vertices = ply.payload.get("vertex").map_or(&[][..], Vec::as_slice);
+    let vertex = |v| Ok([along(v, "x")?, along(v, "y")?, along(v, "z")?]);
+    Ok(vertices.iter().map(vertex).collect::<Result<_, String>>()?)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn ply_and_obj_say_the_same() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            fs::write(&path, text).unwrap();
+            path
+        };
+        let ply = |third: &str| {
+            format!(
+                "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty double y\nproperty float z\n\
+                 end_header\n0 0 0\n1 0 0.5\n0 1 {third}\n"
+            )
+        };
+        let expected = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.5], [0.0, 1.0, -2.0]];
+        assert_eq!(read(&file("body.ply", &ply("-2"))).unwrap(), expected);
+        assert_eq!(read(&file("body.obj", "v 0 0 0\nv 1 0 0.5\nv 0 1 -2\nf 1 2 3\n")).unwrap(), expected);
+        for (path, cause) in [
+            (file("nan.ply", &ply("nan")), "not finite"),
+            (file("cut.ply", &ply("-2")[..60]), "cut.ply"),
+            (file("empty.obj", "# nothing\n"), "none"),
+            (file("body.stl", ""), "neither .ply nor .obj"),
+            (folder.path().join("absent.ply"), "absent.ply"),
+        ] {
+            let message = read(&path).unwrap_err().to_string();
+            assert!(
+                message.starts_with("field.vertices: expected a PLY or OBJ file") && message.contains(cause),
+                "{message}"
+            );
+        }
+    }
+}
