@@ -160,7 +160,7 @@ pub(crate) struct ExpArgs {
     #[command(flatten)]
     pub(crate) selection: SelectionArgs,
     /// Training time for each run, such as 60s or 5m; the schedule follows the clock.
-    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    #[arg(long, value_name = "TIME", value_parser = parse_duration, allow_hyphen_values = true)]
     pub(crate) budget: Option<Duration>,
     /// Folder for results.
     #[arg(long, value_name = "DIR", default_value = "runs")]

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
+use infonerf_field::FieldSpec;
 use infonerf_report::{Claim, Record, ReportInput};
 use infonerf_scene::{Backdrop, SceneSource};
 use infonerf_train::{Config, Preset, config};
@@ -120,6 +121,7 @@ impl Outline {
                     Entry::Occupied(known) => known.into_mut(),
                     Entry::Vacant(new) => new.insert(config(*preset, variant)?),
                 };
+                check_body(config, source).with_context(|| format!("{}: {name}/{variant}", self.experiment))?;
                 runs.extend(self.seeds.iter().map(|&seed| RunPlan {
                     experiment: self.about.name.clone(),
                     scene: name.clone(),
@@ -135,6 +137,19 @@ impl Outline {
         }
         Ok(runs)
     }
+}
+
+/// Refuses a field that hangs on a body where neither the scene nor a file has one.
+fn check_body(config: &Config, source: &SceneSource) -> Result<()> {
+    let mut field = config.field.clone();
+    let is_named = field.files().iter().any(|path| !path.as_os_str().is_empty());
+    if field.needs_body() && !is_named && !source.has_body() {
+        bail!(
+            "field.vertices: expected a PLY or OBJ file, or a scene that comes with a body's vertices (ZJU-MoCap with \
+             `new_vertices`, or the built-in figure), found neither"
+        );
+    }
+    Ok(())
 }
 
 /// A scene, and what its configs start from.

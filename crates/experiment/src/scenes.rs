@@ -68,5 +68,8 @@ fn subfolders(data: &Path) -> Result<Vec<String>> {
     if names.is_empty() {
         bail!("{}: expected a folder of scenes: it has none", data.display());
     }
-    Ok(names)
+    // Runs and pictures may lie beside scenes. Where none is a scene, loading says what one needs.
+    let is_scene = |name: &&String| SceneSource::Folder { path: data.join(name) }.is_scene();
+    let scenes: Vec<String> = names.iter().filter(is_scene).cloned().collect();
+    Ok(if scenes.is_empty() { names } else { scenes })
 }

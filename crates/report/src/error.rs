@@ -6,14 +6,14 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum ReportError {
     /// The file system refused.
-    #[error("{}: cannot {action}: {source}", path.display())]
+    #[error("{}: cannot {action}: {reason}", path.display())]
     Io {
         /// What was attempted, as a verb: `read`, `write`, `list`, `create`.
         action: &'static str,
         /// The file or folder.
         path: PathBuf,
         /// The reason given.
-        source: io::Error,
+        reason: io::Error,
     },
     /// The file is not JSON, or not a list of records.
     #[error("{}: not a list of records: {reason}", path.display())]
@@ -67,6 +67,6 @@ impl ReportError {
     /// Attaches the attempted `action` and its `path` to an error of the file system.
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(io::Error) -> Self {
         let path = path.into();
-        move |source| Self::Io { action, path, source }
+        move |reason| Self::Io { action, path, reason }
     }
 }

@@ -17,12 +17,12 @@ pub enum SceneError {
         expected: String,
     },
     /// The operating system refused to read or write.
-    #[error("{}: {}", .path.display(), one_line(.source))]
+    #[error("{}: {}", .path.display(), one_line(.reason))]
     Io {
         /// The file concerned.
         path: PathBuf,
         /// The system's own reason.
-        source: std::io::Error,
+        reason: std::io::Error,
     },
     /// A file that is not what its name says: broken JSON, a truncated PNG, a malformed array.
     #[error("{}: expected {expected}: {reason}", .path.display())]
@@ -79,8 +79,8 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    pub(crate) fn io(path: &Path, source: std::io::Error) -> Self {
-        Self::Io { path: path.into(), source }
+    pub(crate) fn io(path: &Path, reason: std::io::Error) -> Self {
+        Self::Io { path: path.into(), reason }
     }
 
     pub(crate) fn malformed(path: &Path, expected: impl Into<String>, reason: impl std::fmt::Display) -> Self {

@@ -222,7 +222,9 @@ fn not_finite<F: Field>(model: &Model<F>) -> Option<f32> {
 }
 
 fn load<F: Field>(model: Model<F>, bytes: &[u8]) -> Result<Model<F>, TrainError> {
-    let fault = |error: burn::store::RecordError| TrainError::Config(format!("checkpoint: {error}"));
+    let fault = |error: burn::store::RecordError| {
+        TrainError::Config(format!("checkpoint: expected the weights of the field that the config describes: {error}"))
+    };
     let record = ModuleRecord::from_bytes(Bytes::from_bytes_vec(bytes.to_vec())).map_err(fault)?;
     model.try_load_record(record).map_err(fault)
 }

@@ -2,12 +2,12 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
 
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Control, Experiment, Finished, Resume, RunEvent, RunPlan, Session, Trained, total_progress};
 use infonerf_report::{
-    Quantity, Record, ReportInput, VIEWER_PAGE, overview_table, protocol_lines, save_record, write_atomically,
-    write_report,
+    Quantity, Record, ReportInput, VIEWER_PAGE, overview_table, protocol_lines, read_records, save_record,
+    write_atomically, write_report,
 };
 use infonerf_train::{Phase, Trainer};
 use serde_json::json;
@@ -62,6 +62,7 @@ fn here(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
         _ => Output::Text,
     };
     let folder = session.experiment_folder(&experiment.about.name);
+    refuse_unreadable(&folder.join("results.json"))?;
     let live = args.view.map(|port| Live::start(&folder, port, session.device.clone())).transpose()?;
     interrupt::install()?;
     if output == Output::Text {
@@ -114,6 +115,14 @@ fn here(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
     output.say(format_args!("\nreport: {}\nnumbers: {}", report.display(), numbers.display()));
     output.tell(&json!({ "event": "finished", "report": report, "numbers": numbers }));
     Ok(ExitCode::SUCCESS)
+}
+
+/// Refuses results that records could not be added to, before anything is trained.
+fn refuse_unreadable(results: &Path) -> Result<()> {
+    if results.exists() {
+        read_records(results).context("records are added to this file: move it away")?;
+    }
+    Ok(())
 }
 
 /// Runs `plan`, and shows its events.

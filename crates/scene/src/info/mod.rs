@@ -122,6 +122,22 @@ fn shown_backdrop(frame: &Frame) -> Result<Backdrop, SceneError> {
 }
 
 impl SceneSource {
+    /// Whether it is in a known format, or built in.
+    pub fn is_scene(&self) -> bool {
+        match self {
+            Self::Procedural(name) => procedural::check_name(name).is_ok(),
+            Self::Folder { path } => loaders::is_scene(path),
+        }
+    }
+
+    /// Whether the scene comes with the vertices of a body, as far as its files' names say.
+    pub fn has_body(&self) -> bool {
+        match self {
+            Self::Procedural(name) => procedural::has_body(name),
+            Self::Folder { path } => loaders::has_body(path),
+        }
+    }
+
     /// What is behind the content, as the first image shows it, if it is there. No other image is read.
     ///
     /// # Errors

@@ -54,6 +54,16 @@ const FORMATS: [Known; 6] = [
     Known { marker: colmap::MARKER, found: |dir| crate::colmap::find(dir).is_some(), parts: colmap::parts },
 ];
 
+/// Whether the folder `dir` is in a known format.
+pub(crate) fn is_scene(dir: &Path) -> bool {
+    FORMATS.iter().any(|format| (format.found)(dir))
+}
+
+/// Whether the folder `dir` comes with a body.
+pub(crate) fn has_body(dir: &Path) -> bool {
+    zju::has_body(dir)
+}
+
 /// Loads the folder `dir` with the loader of the format whose file it holds.
 pub(crate) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
     assemble(parts(dir, request)?, request)

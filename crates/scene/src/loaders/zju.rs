@@ -75,6 +75,17 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
     Ok(parts)
 }
 
+/// The folders of the body's vertices and poses, if it has any.
+fn body_folders(dir: &Path) -> Option<[PathBuf; 2]> {
+    let folders = BODIES.map(|folders| folders.map(|folder| dir.join(folder)));
+    folders.into_iter().find(|[vertices, _]| vertices.is_dir())
+}
+
+/// Whether the folder `dir` is in this format and has a body.
+pub(super) fn has_body(dir: &Path) -> bool {
+    dir.join(MARKER).is_file() && body_folders(dir).is_some()
+}
+
 /// The mask of an image: a PNG under the image's path.
 fn mask_path(folder: &Path, image: &str) -> PathBuf {
     folder.join(image).with_extension("png")
@@ -83,8 +94,7 @@ fn mask_path(folder: &Path, image: &str) -> PathBuf {
 /// Where the body is.
 fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<Space, SceneError> {
     let cameras: Vec<Camera> = frames.iter().map(Frame::nominal_camera).collect();
-    let folders = BODIES.map(|folders| folders.map(|folder| dir.join(folder)));
-    let body = match folders.into_iter().find(|[vertices, _]| vertices.is_dir()) {
+    let body = match body_folders(dir) {
         Some([folder, poses]) => {
             // Some films count from 1.
             let first = if folder.join("0.npy").is_file() { 0 } else { 1 };

@@ -143,6 +143,11 @@ pub fn surface_points(name: &str, size: u32) -> Result<Vec<Vec3>, SceneError> {
     Ok(points.concat())
 }
 
+/// Whether the scene `name` is of a body.
+pub(crate) fn has_body(name: &str) -> bool {
+    name == "figure"
+}
+
 /// The body of the scene `figure`: points of its exact surface, as many as SMPL has vertices.
 fn figure_body() -> Result<Body, SceneError> {
     const VERTICES: usize = 6890;
@@ -241,7 +246,7 @@ pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneErr
         centre,
         radius: train.iter().map(|camera| camera.position().distance(centre)).fold(0.0, f32::max),
         all_train_cameras: train,
-        body: (name == "figure").then(figure_body).transpose()?,
+        body: has_body(name).then(figure_body).transpose()?,
         ..Scene::default()
     })
 }
