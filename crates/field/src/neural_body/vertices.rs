@@ -23,7 +23,8 @@ pub(super) fn read(path: &Path) -> Result<Vec<[f32; 3]>, ConfigError> {
         Some("obj") => of_obj(path),
         _ => return Err(fault("neither .ply nor .obj".into())),
     };
-    let vertices = vertices.map_err(|error| fault(error.to_string()))?;
+    let one_line = |error: Box<dyn Error>| error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+    let vertices = vertices.map_err(|error| fault(one_line(error)))?;
     if vertices.is_empty() || !vertices.as_flattened().iter().all(|x| x.is_finite()) {
         return Err(fault("none, or one that is not finite".into()));
     }
@@ -72,17 +73,16 @@ mod tests {
         assert_eq!(read(&file("body.ply", &ply("-2"))).unwrap(), expected);
         assert_eq!(read(&file("body.obj", "v 0 0 0\nv 1 0 0.5\nv 0 1 -2\nf 1 2 3\n")).unwrap(), expected);
         for (path, cause) in [
-            (file("nan.ply", &ply("nan")), "not finite"),
+            (file("nan.obj", "v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n"), "not finite"),
+            (file("word.ply", &ply("two")), "word.ply"),
             (file("cut.ply", &ply("-2")[..60]), "cut.ply"),
             (file("empty.obj", "# nothing\n"), "none"),
             (file("body.stl", ""), "neither .ply nor .obj"),
             (folder.path().join("absent.ply"), "absent.ply"),
         ] {
             let message = read(&path).unwrap_err().to_string();
-            assert!(
-                message.starts_with("field.vertices: expected a PLY or OBJ file") && message.contains(cause),
-                "{message}"
-            );
+            assert!(message.starts_with("field.vertices: expected a PLY or OBJ file"), "{message}");
+            assert!(message.contains(cause) && message.lines().count() == 1, "{message}");
         }
     }
 }

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use infonerf_experiment::{RunPlan, Trained, save_png};
 use infonerf_metrics::to_rgb8;
 use infonerf_render::render_image;
@@ -35,6 +35,9 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let cameras = route.cameras(scene, args.frames, args.size);
     let (width, height) = cameras.first().map_or((0, 0), |camera| (camera.width, camera.height));
     let out = args.out.clone().unwrap_or_else(|| args.run.join("render"));
+    if out.exists() && !out.is_dir() {
+        bail!("{}: expected a folder for pictures, found a file", out.display());
+    }
     clear(&out, route.name())?;
     std::fs::create_dir_all(&out).with_context(|| out.display().to_string())?;
     let mut animation = Animation::new(&out.join(format!("{}.gif", route.name())), route.fps())?;
