@@ -141,9 +141,10 @@ impl Outline {
 
 /// Refuses a field that hangs on a body where neither the scene nor a file has one.
 fn check_body(config: &Config, source: &SceneSource) -> Result<()> {
-    let mut field = config.field.clone();
-    let is_named = field.files().iter().any(|path| !path.as_os_str().is_empty());
-    if field.needs_body() && !is_named && !source.has_body() {
+    if !config.field.needs_body() || source.has_body() {
+        return Ok(());
+    }
+    if config.field.clone().files().iter().all(|path| path.as_os_str().is_empty()) {
         bail!(
             "field.vertices: expected a PLY or OBJ file, or a scene that comes with a body's vertices (ZJU-MoCap with \
              `new_vertices`, or the built-in figure), found neither"
