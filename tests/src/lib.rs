@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use burn::tensor::Device;
+use burn::module::{Module, ModuleMapper, Param};
+use burn::tensor::{Device, Tensor, TensorData};
 use safetensors::{Dtype, tensor::TensorView};
+use serde_json::Value;
 
 /// Every device that the tests were built for: the CPU's, and with a GPU's feature that GPU or what plays one.
 #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
@@ -29,13 +31,62 @@ pub fn gpu() -> Device {
     gpu
 }
 
-/// Number `n` of tensor `l`, in [−1, 1): 24 bits of SplitMix64's finaliser, as `fixtures/pixelnerf.py` has it.
+/// Number `n` of tensor `l`, in [−1, 1): 24 bits of SplitMix64's finaliser, as `fixtures/hashed.py` has it.
 pub fn hashed(l: usize, n: usize) -> f64 {
     let mut z = (((l as u64) << 40) + n as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     z ^= z >> 31;
     (z >> 40) as f64 / (1u64 << 23) as f64 - 1.0
+}
+
+/// `module` with parameters that follow from a rule, and how many there are: number `n` of parameter `l`, in the module's
+/// order, is `rule(l, shape, hashed(l, n))`.
+pub fn overwritten<M: Module>(module: M, rule: impl Fn(usize, &[usize], f64) -> f64) -> (M, usize) {
+    struct Overwrite<R> {
+        rule: R,
+        next: usize,
+    }
+
+    impl<R: Fn(usize, &[usize], f64) -> f64> ModuleMapper for Overwrite<R> {
+        fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+            let (l, shape) = (self.next, param.val().dims());
+            self.next += 1;
+            let value = |n| (self.rule)(l, &shape, hashed(l, n)) as f32;
+            let values: Vec<f32> = (0..shape.iter().product()).map(value).collect();
+            param.map(|old| Tensor::from_data(TensorData::new(values, shape), &old.device()).require_grad())
+        }
+    }
+
+    let mut overwrite = Overwrite { rule, next: 0 };
+    let module = module.map(&mut overwrite);
+    (module, overwrite.next)
+}
+
+/// The numbers of a list in a fixture.
+///
+/// # Panics
+/// If it is something else.
+pub fn numbers(value: &Value) -> Vec<f32> {
+    let number = |x: &Value| x.as_f64().expect("a number") as f32;
+    value.as_array().expect("a list").iter().map(number).collect()
+}
+
+/// The largest magnitude.
+pub fn largest(values: &[f32]) -> f64 {
+    values.iter().map(|x| f64::from(x.abs())).fold(0.0, f64::max)
+}
+
+/// Checks that no number is further than `tolerance` from what it should be.
+///
+/// # Panics
+/// If one is, or there are more or fewer.
+pub fn compare(got: &[f32], want: &[f32], tolerance: f64, what: &str) {
+    assert_eq!(got.len(), want.len(), "{what}");
+    for (index, (got, want)) in got.iter().zip(want).enumerate() {
+        let error = (f64::from(*got) - f64::from(*want)).abs();
+        assert!(error <= tolerance, "{what}, {index}: {got} against {want}");
+    }
 }
 
 /// Colours in [0, 1] of picture `k`, row-major.

@@ -5,14 +5,14 @@
 
 use std::path::PathBuf;
 
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{Device, Gradients, Tensor, TensorData};
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::tensor::{Device, Gradients, Tensor};
 use infonerf_field::{
     Body, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralBodyConfig, Points, RadianceField, Sources,
 };
 use infonerf_ops::{Segments, to_host};
 use infonerf_schedule::Moment;
-use infonerf_tests::hashed;
+use infonerf_tests::{compare, hashed, largest, numbers, overwritten};
 use serde_json::Value;
 
 const TOLERANCE: f64 = 1e-4;
@@ -21,10 +21,6 @@ const LEAST: f64 = 1e-3;
 
 fn fixture() -> Value {
     serde_json::from_str(include_str!("../fixtures/neural_body.json")).unwrap()
-}
-
-fn numbers(value: &Value) -> Vec<f32> {
-    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
 }
 
 fn triples(value: &Value) -> Vec<[f32; 3]> {
@@ -45,22 +41,12 @@ fn config(fixture: &Value) -> NeuralBodyConfig {
     }
 }
 
-/// Overwrites the parameters, in the order of the module, by the fixture's rule.
-struct Rule {
-    next: usize,
-}
-
-impl ModuleMapper for Rule {
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let (l, shape) = (self.next, param.val().dims());
-        self.next += 1;
-        let value = |u: f64| match (D, l) {
-            (1, _) => 0.4 + 0.1 * u,
-            (_, 0 | 1) => u,
-            _ => (6.0 / shape[0] as f64).sqrt() * u,
-        };
-        let values: Vec<f32> = (0..shape.iter().product()).map(|n| value(hashed(l, n)) as f32).collect();
-        param.map(|old| Tensor::from_data(TensorData::new(values, shape), &old.device()).require_grad())
+/// The fixture's rule.
+fn rule(l: usize, shape: &[usize], u: f64) -> f64 {
+    match (shape, l) {
+        ([_], _) => 0.4 + 0.1 * u,
+        (_, 0 | 1) => u,
+        _ => (6.0 / shape[0] as f64).sqrt() * u,
     }
 }
 
@@ -83,16 +69,9 @@ impl ModuleVisitor for Found<'_> {
     }
 }
 
-fn compare(got: &[f32], want: &[f32], scale: f64, what: &str) {
-    assert_eq!(got.len(), want.len(), "{what}");
-    for (index, (got, want)) in got.iter().zip(want).enumerate() {
-        let error = (f64::from(*got) - f64::from(*want)).abs();
-        assert!(error <= TOLERANCE * scale, "{what}, {index}: {got} against {want}");
-    }
-}
-
-fn largest(values: &[f32]) -> f64 {
-    values.iter().map(|x| f64::from(x.abs())).fold(0.0, f64::max)
+/// Compares with errors beside the largest of the expected values.
+fn close(got: &[f32], want: &[f32], what: &str) {
+    compare(got, want, TOLERANCE * largest(want), what);
 }
 
 fn check(device: &Device) {
@@ -103,21 +82,20 @@ fn check(device: &Device) {
     let body = Some(Body { vertices: &vertices, axes: axes.try_into().unwrap(), origin });
     let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body };
     let field = FieldConfig::NeuralBody(config(fixture)).build(&setup).unwrap();
-    let mut rule = Rule { next: 0 };
-    let original = field.map(&mut rule);
+    let (original, parameters) = overwritten(field, rule);
     // Codes and appearance, 17 convolutions of three tensors, and eight dense layers.
-    assert_eq!(rule.next, 2 + 17 * 3 + 8 * 2);
+    assert_eq!(parameters, 2 + 17 * 3 + 8 * 2);
     let field = original.conditioned(&Sources { views: [].into(), middle: [0.0; 3] }, None);
     let (positions, directions) = (numbers(&fixture["points"]), numbers(&fixture["directions"]));
     let segments = Segments::from_counts(vec![1; positions.len() / 3]);
     let extent = Extent::Ball { variance: 0.0 };
     let points = Points { positions: &positions, directions: &directions, segments: &segments, extent };
     let (sigma, rgb) = (numbers(&fixture["sigma"]), numbers(&fixture["rgb"]));
-    compare(&to_host(field.evaluate(points, false, Moment::END).sigma), &sigma, largest(&sigma), "density alone");
+    close(&to_host(field.evaluate(points, false, Moment::END).sigma), &sigma, "density alone");
     let sampled = field.evaluate(points, true, Moment::END);
     let color = sampled.color.unwrap();
-    compare(&to_host(sampled.sigma.clone()), &sigma, largest(&sigma), "density");
-    compare(&to_host(color.clone()), &rgb, largest(&rgb), "colour");
+    close(&to_host(sampled.sigma.clone()), &sigma, "density");
+    close(&to_host(color.clone()), &rgb, "colour");
 
     let loss = (color - 0.3).square().mean() + sampled.sigma.square().mean() * 0.01;
     let gradients = loss.backward();
@@ -126,7 +104,7 @@ fn check(device: &Device) {
     let expected: Vec<Vec<f32>> = fixture["gradients"].as_array().unwrap().iter().map(numbers).collect();
     assert_eq!(found.found.len(), expected.len());
     for (index, (got, want)) in found.found.iter().zip(&expected).enumerate() {
-        compare(got, want, largest(want).max(LEAST), &format!("gradient of parameter {index}"));
+        compare(got, want, TOLERANCE * largest(want).max(LEAST), &format!("gradient of parameter {index}"));
     }
 }
 

@@ -3,15 +3,15 @@
 //!
 //! `fixtures/neural_volumes.py` made the expected values; its head states the rule that gives every weight.
 
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{Device, Gradients, Tensor, TensorData};
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::tensor::{Device, Gradients, Tensor};
 use infonerf_field::{
     Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralVolumesConfig, Points, RadianceField, Sources,
 };
 use infonerf_ops::{Segments, additive_depth, composite, to_host};
 use infonerf_scene::{SceneRequest, SceneSource, TestProtocol, load};
 use infonerf_schedule::Moment;
-use infonerf_tests::hashed;
+use infonerf_tests::{compare, largest, numbers, overwritten};
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer, config};
 use serde_json::Value;
 
@@ -19,10 +19,6 @@ const TOLERANCE: f64 = 1e-4;
 
 fn fixture() -> Value {
     serde_json::from_str(include_str!("../fixtures/neural_volumes.json")).unwrap()
-}
-
-fn numbers(value: &Value) -> Vec<f32> {
-    value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
 }
 
 fn sizes(fixture: &Value) -> NeuralVolumesConfig {
@@ -36,24 +32,14 @@ fn sizes(fixture: &Value) -> NeuralVolumesConfig {
     }
 }
 
-/// Overwrites the parameters, in the order of the module, by the fixture's rule.
-struct Rule {
-    next: usize,
-}
-
-impl ModuleMapper for Rule {
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let (l, shape) = (self.next, param.val().dims());
-        self.next += 1;
-        let value = |u: f64| match (D, l) {
-            (_, 0) => u,
-            (_, 1) => -1.0 + 0.1 * u,
-            (1, _) => 0.1 * u,
-            (2, _) => (30.0 / shape[0] as f64).sqrt() * u,
-            _ => (12.0 / (8 * shape[0]) as f64).sqrt() * u,
-        };
-        let values: Vec<f32> = (0..shape.iter().product()).map(|n| value(hashed(l, n)) as f32).collect();
-        param.map(|old| Tensor::from_data(TensorData::new(values, shape), &old.device()).require_grad())
+/// The fixture's rule.
+fn rule(l: usize, shape: &[usize], u: f64) -> f64 {
+    match (shape, l) {
+        (_, 0) => u,
+        (_, 1) => -1.0 + 0.1 * u,
+        ([_], _) => 0.1 * u,
+        ([_, _], _) => (30.0 / shape[0] as f64).sqrt() * u,
+        _ => (12.0 / (8 * shape[0]) as f64).sqrt() * u,
     }
 }
 
@@ -64,10 +50,9 @@ fn field(fixture: &Value, device: &Device) -> RadianceField {
     };
     let setup = FieldSetup { bounds: [corner(0), corner(1)], seed: 0, device, body: None };
     let field = FieldConfig::NeuralVolumes(sizes(fixture)).build(&setup).unwrap();
-    let mut rule = Rule { next: 0 };
-    let field = field.map(&mut rule);
+    let (field, parameters) = overwritten(field, rule);
     // The code, a dense layer, three transposed convolutions, and four branches of two dense layers.
-    assert_eq!(rule.next, 2 + 2 + 2 * 3 + 2 * 8);
+    assert_eq!(parameters, 2 + 2 + 2 * 3 + 2 * 8);
     field
 }
 
@@ -76,13 +61,8 @@ fn no_photographs() -> Sources {
 }
 
 /// Compares with errors beside the largest of the expected values.
-fn compare(got: &[f32], want: &[f32], what: &str) {
-    assert_eq!(got.len(), want.len(), "{what}");
-    let scale = want.iter().map(|x| f64::from(x.abs())).fold(0.0, f64::max);
-    for (index, (got, want)) in got.iter().zip(want).enumerate() {
-        let error = (f64::from(*got) - f64::from(*want)).abs();
-        assert!(error <= TOLERANCE * scale, "{what}, {index}: {got} against {want}");
-    }
+fn close(got: &[f32], want: &[f32], what: &str) {
+    compare(got, want, TOLERANCE * largest(want), what);
 }
 
 /// Gradients of the rank-1 parameters, in the order of the module.
@@ -116,21 +96,21 @@ fn check(device: &Device) {
     let sampled = field.evaluate(points, true, Moment::END);
     let alone = field.evaluate(points, false, Moment::END);
     assert!(alone.color.is_none());
-    compare(&to_host(alone.sigma), &numbers(&fixture["sigma"]), "density alone");
+    close(&to_host(alone.sigma), &numbers(&fixture["sigma"]), "density alone");
 
     let color = sampled.color.unwrap();
-    compare(&to_host(sampled.sigma.clone()), &numbers(&fixture["sigma"]), "density");
-    compare(&to_host(color.clone()), &numbers(&fixture["rgb"]), "colour");
+    close(&to_host(sampled.sigma.clone()), &numbers(&fixture["sigma"]), "density");
+    close(&to_host(color.clone()), &numbers(&fixture["rgb"]), "colour");
     let tau = sampled.sigma * Tensor::from_floats(deltas.as_slice(), device);
     let rays = composite(additive_depth(tau, &segments), color, &segments);
-    compare(&to_host(rays.values.clone()), &numbers(&fixture["rays"]), "rays");
-    compare(&to_host(rays.acc.clone()), &numbers(&fixture["opacities"]), "opacities");
+    close(&to_host(rays.values.clone()), &numbers(&fixture["rays"]), "rays");
+    close(&to_host(rays.acc.clone()), &numbers(&fixture["opacities"]), "opacities");
     let variation = field.total_variation().unwrap();
-    compare(&to_host(variation.clone()), &numbers(&fixture["variation"]), "total variation");
+    close(&to_host(variation.clone()), &numbers(&fixture["variation"]), "total variation");
     let divergence = field.latent_divergence().unwrap();
-    compare(&to_host(divergence.clone()), &numbers(&fixture["divergence"]), "divergence");
+    close(&to_host(divergence.clone()), &numbers(&fixture["divergence"]), "divergence");
     let prior = ((rays.acc.clone() + 0.1).log() + (rays.acc.neg() + 1.1).log() - 0.11f32.ln()).mean();
-    compare(&to_host(prior.clone()), &numbers(&fixture["prior"]), "opacity prior");
+    close(&to_host(prior.clone()), &numbers(&fixture["prior"]), "opacity prior");
 
     let loss = (rays.values - 0.3).square().mean() + variation * 0.01 + divergence * 0.001 + prior * 0.01;
     let gradients = loss.backward();
@@ -139,7 +119,7 @@ fn check(device: &Device) {
     let expected = fixture["gradients"].as_array().unwrap();
     assert_eq!(vectors.found.len(), expected.len());
     for (index, (got, want)) in vectors.found.iter().zip(expected).enumerate() {
-        compare(got, &numbers(want), &format!("gradient of vector {index}"));
+        close(got, &numbers(want), &format!("gradient of vector {index}"));
     }
 }
 
