@@ -57,6 +57,10 @@ bench-gpu DEVICE *ARGS: (test-gpu DEVICE)
 test-view:
     cargo test --release --workspace --test browser -- --ignored --test-threads 1 --nocapture
 
+# For a GPU machine without network or compiler: programs and a script that measures, in one archive of at most 60 MiB
+gpu-bundle *FEATURES:
+    scripts/gpu-bundle "$@"
+
 # Agreement with the CPU on a GPU, or on a software device such as lavapipe: operations, gradients, training, one run, hard inputs
 test-wgpu: (test-gpu "wgpu")
 

@@ -1,4 +1,4 @@
-//! Benchmarks: how fast, what speed costs, and how exact under stress.
+//! Benchmarks: how fast, what speed costs, how exact under stress, and whether devices agree.
 //!
 //! Each benchmark is one file with one function that measures, says what it found, and writes `results.json` and charts.
 //! [`run`] runs one by name.
@@ -27,6 +27,7 @@
 //! # Ok::<(), anyhow::Error>(())
 //! ```
 
+mod agreement;
 mod context;
 mod ops;
 mod options;
@@ -59,6 +60,7 @@ pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> Result<bool> {
         Benchmark::Scale => scale::run(&bench, options, say).map(|()| true),
         Benchmark::Render => render::run(&bench, options, say).map(|()| true),
         Benchmark::Ops => ops::run(&bench, options, say).map(|()| true),
+        Benchmark::Agreement => agreement::run(&bench, options, say),
         Benchmark::Stress => stress::run(&bench, options, say),
         Benchmark::StressTraining => training::run(&bench, options, say),
     }?;

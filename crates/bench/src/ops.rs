@@ -8,7 +8,7 @@ use burn::optim::{AdamConfig, Optimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::adam::Adam;
 use infonerf_ops::factored::{self, Layout, Query};
-use infonerf_ops::mlp::{self, ColorBranch, Dense, RadianceMlp};
+use infonerf_ops::mlp::{self, ColorBranch, Dense, Precision, RadianceMlp};
 use infonerf_ops::{
     RayDistribution, Segments, composite::composite, composite::plain as plain_composite, divergence, entropy,
     frequency::encoded_width, frequency_encode, has_host_kernels, to_host,
@@ -167,6 +167,7 @@ impl Input {
                 frequencies: FREQUENCIES[1],
                 segments: Segments::uniform(MLP_RAYS, MLP_SAMPLES),
             }),
+            precision: Precision::F32,
         };
         let centred = |values: Vec<f32>| values.into_iter().map(|x| x - 0.5).collect::<Vec<f32>>();
         let tensor = |values: Vec<f32>| {

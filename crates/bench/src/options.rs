@@ -49,6 +49,8 @@ pub enum Benchmark {
     Render,
     /// Fused operations against plain tensors.
     Ops,
+    /// A device against flex: operations, gradients and training steps; fails if a bound is broken.
+    Agreement,
     /// Errors of every operation and loss on extreme inputs, against f64; fails if a bound is broken.
     Stress,
     /// Tiny runs with settings and scenes that make training diverge or collapse; fails if a number is not finite.
@@ -65,6 +67,7 @@ impl fmt::Display for Benchmark {
             Self::Scale => "scale",
             Self::Render => "render",
             Self::Ops => "ops",
+            Self::Agreement => "agreement",
             Self::Stress => "stress",
             Self::StressTraining => "stress-training",
         })

@@ -393,9 +393,10 @@ pub(crate) struct ExportArgs {
     /// What to write.
     #[arg(long, value_enum)]
     pub(crate) format: FormatName,
-    /// Voxels along the longest side of the scene's box, 2 to 512; the surface is where a voxel is half opaque.
-    #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(2..=512))]
-    pub(crate) resolution: u32,
+    /// Voxels along the longest side of the scene's box, 2 to 512, by default 256; the surface is where a voxel is half
+    /// opaque. A page has fewer if the field is slow, or fills so much that they would be too many.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(2..=512))]
+    pub(crate) resolution: Option<u32>,
     /// The file; by default one in RUN/export.
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
@@ -510,7 +511,8 @@ pub(crate) enum FormatName {
     Npz,
     /// Training and test cameras as transforms.json, read by nerfstudio, instant-ngp, Brush beside the images.
     Cameras,
-    /// A page that draws the field as it is: orbit, depth, normals, training cameras; read by browsers with WebGL2.
+    /// A page that draws the field: orbit, depth, normals, training cameras; read by browsers with WebGL2. A factored field
+    /// is drawn as it is, any other is baked to voxels.
     Html,
 }
 

@@ -257,6 +257,8 @@ fn folders_that_are_no_run() {
     place.run(&["render", run, "--frames", "1", "--out", "file"]).fails_with(&["file"]);
     place.run(&["export", run, "--format", "html", "--out", "file/below"]).fails_with(&["file/below"]);
     place.run(&["view", "file"]).fails_with(&["file", "folder"]);
+    fs::create_dir(place.path("empty")).unwrap();
+    place.run(&["eval", run, "--weights", "empty"]).fails_with(&["--weights empty", "infonerf weights"]);
 
     let model = place.path(run).join("checkpoint/model.bpk");
     let whole = fs::read(&model).unwrap();

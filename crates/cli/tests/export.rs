@@ -48,6 +48,27 @@ fn every_format_says_what_it_is() {
     }
 }
 
+/// NeRF's MLP, which a page cannot evaluate: its densities and colours are there as voxels.
+#[test]
+fn a_page_of_the_papers_field_is_baked() {
+    let place = Workplace::new();
+    let mlp = "field={kind=\"nerf\",layers=2,width=16,skip=9,position_frequencies=4,direction_frequencies=2,\
+               density=\"softplus\",detail=1.0}";
+    let small = ["scene.size=24", "train.iterations=2", "train.rays=16", "train.unseen_rays=16", "render.samples=8"];
+    let rest = ["render.fine_samples=8", "eval.test=first-1", "eval.information_rays=16", mlp];
+    let set = small.iter().chain(&rest).flat_map(|setting| ["--set", setting]);
+    let exp = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--preset", "paper"];
+    place.run(&exp).args(&set.collect::<Vec<_>>()).succeeds();
+    assert!(!place.path(RUN).join("viewer.html").exists(), "only what takes no time is left by `exp`");
+    let said = text(&place.run(&["export", RUN, "--format", "html", "--resolution", "24"]).succeeds().stdout);
+    assert!(said.contains("viewer.html") && said.contains("read by browsers"), "{said}");
+    let page = fs::read_to_string(place.path(RUN).join("viewer.html")).unwrap();
+    assert!(page.contains("baked to 24 voxels along its box") && page.contains("uniform sampler3D opacities"));
+    let again = ["export", RUN, "--format", "html", "--resolution", "24", "--out", "again"];
+    place.run(&again).succeeds();
+    assert_eq!(fs::read_to_string(place.path("again")).unwrap(), page);
+}
+
 /// The numbers of vertices and gaussians are those of the same surface, and the box is found.
 #[test]
 fn a_field_that_fills_its_box_is_a_box() {

@@ -31,6 +31,13 @@ fn an_experiment_on_the_gpu_ends_with_a_report() {
     assert!(place.path("runs/synthetic-4view/report.html").exists());
 }
 
+#[test]
+fn the_gpu_agrees_with_the_cpu() {
+    let place = Workplace::new();
+    let output = place.run(&["bench", "agreement", "--device", DEVICE]).succeeds();
+    assert!(text(&output.stdout).contains("agree with flex"), "{}", text(&output.stdout));
+}
+
 /// No driver is one line, and not a panic.
 #[test]
 #[cfg(not(feature = "cuda"))]

@@ -31,6 +31,21 @@ fn every_operation_holds_its_bounds() {
 }
 
 #[test]
+fn the_older_backend_agrees_with_flex() {
+    let place = Workplace::new();
+    let said = text(&place.run(&["bench", "agreement", "--device", "ndarray"]).succeeds().stdout);
+    let rows = &results(&place, "agreement")["rows"];
+    let rows = rows.as_array().unwrap();
+    for what in ["compositing", "factored field", "NeRF, a step", "mip-NeRF, 20 steps", "PixelNeRF, 20 steps"] {
+        assert!(rows.iter().any(|row| row["what"] == what && row["numbers"].as_u64() > Some(0)), "{what}: {said}");
+    }
+    assert!(rows.iter().all(|row| row["holds"] == true), "{said}");
+    // Two bodies of each operation, so not the same to the last digit.
+    assert!(rows.iter().any(|row| row["error"].as_f64() > Some(0.0)), "{said}");
+    place.run(&["bench", "agreement", "--device", "flex"]).fails_with(&["--device flex", "another device"]);
+}
+
+#[test]
 fn every_setting_trains() {
     let place = Workplace::new();
     place.run(&["bench", "stress-training", "--seeds", "1", "--steps", "3"]).succeeds();

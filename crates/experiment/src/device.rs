@@ -4,7 +4,7 @@ use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use burn::tensor::Device;
 use infonerf_metrics::{METRICS, Networks};
 use infonerf_pretrained::Store;
@@ -19,7 +19,7 @@ pub enum DeviceName {
     Flex,
     /// CPU: Burn's older backend, plain tensors.
     Ndarray,
-    /// Any GPU through WGSL.
+    /// Any GPU: through WGSL, or through SPIR-V where `vulkan` is built in as well.
     Wgpu,
     /// GPUs with Vulkan, through SPIR-V.
     Vulkan,
@@ -140,8 +140,12 @@ pub fn open(name: DeviceName) -> Result<OpenDevice> {
 /// environment variable `INFONERF_WEIGHTS`, or the user's cache.
 ///
 /// # Errors
-/// If weights are there and cannot be read.
+/// If weights are there and cannot be read, or `weights` is a folder without any.
 pub fn networks(weights: Option<&Path>, device: &OpenDevice) -> Result<Networks> {
+    if let Some(folder) = weights.filter(|path| path.is_dir()) {
+        let found = Store::in_folder(folder).status().iter().any(|known| known.path.is_some());
+        ensure!(found, "--weights {}: expected a file that `infonerf weights` lists, found none", folder.display());
+    }
     Ok(Store::new(weights)?.networks(METRICS, &device.device)?)
 }
 

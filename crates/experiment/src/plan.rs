@@ -98,7 +98,8 @@ impl Outline {
         check_distinct("--scene", scenes.iter().map(|scene| scene.name.clone()))?;
         check_distinct("--seed", seeds.iter().map(u64::to_string))?;
         let about = About::of(&layers, data);
-        let variants = Variants::of(layers, selection)?;
+        let presets = scenes.iter().map(|scene| scene.preset);
+        let variants = Variants::of(layers, selection, presets, experiment)?;
         Ok(Self { about, experiment: experiment.to_owned(), budget, scenes, seeds, variants })
     }
 
@@ -191,17 +192,21 @@ fn chosen_seeds(layers: &Layers, selection: &Selection) -> Vec<u64> {
     }
 }
 
-/// The variants that are asked for, with all that their configs are made of.
+/// The variants that are asked for.
 struct Variants {
     names: Vec<String>,
-    layers: Layers,
-    tables: Table,
-    set: Vec<String>,
+    /// What their configs are made of, by preset and variant: preset, files, variant and what the selection sets.
+    tables: BTreeMap<(&'static str, String), Table>,
 }
 
 impl Variants {
-    fn of(layers: Layers, selection: &Selection) -> Result<Self> {
-        let (known, tables) = layers.variants();
+    fn of(
+        layers: Layers,
+        selection: &Selection,
+        presets: impl Iterator<Item = Preset>,
+        experiment: &str,
+    ) -> Result<Self> {
+        let (known, over) = layers.variants();
         if known.is_empty() {
             bail!("{}: variants: expected at least one table", layers.name);
         }
@@ -211,20 +216,36 @@ impl Variants {
         let names = if selection.variants.is_empty() { known } else { selection.variants.clone() };
         check_distinct("--variant", names.iter().cloned())?;
         names.iter().try_for_each(|name| check_name("variant", name))?;
-        Ok(Self { names, layers, tables, set: selection.set.clone() })
+        let mut tables = BTreeMap::new();
+        for preset in presets {
+            for name in &names {
+                if let Entry::Vacant(new) = tables.entry((preset.name(), name.clone())) {
+                    let mut table = layers.config(preset);
+                    match over.get(name) {
+                        Some(Value::Table(over)) => config::merge(&mut table, over.clone()),
+                        _ => bail!("{experiment}: variants.{name}: expected a table"),
+                    }
+                    assign(&mut table, &selection.set).with_context(|| experiment.to_owned())?;
+                    new.insert(table);
+                }
+            }
+        }
+        Ok(Self { names, tables })
     }
 
     fn config(&self, preset: Preset, variant: &str, set: &[String]) -> Result<Config> {
-        let mut table = self.layers.config(preset);
-        match self.tables.get(variant) {
-            Some(Value::Table(over)) => config::merge(&mut table, over.clone()),
-            _ => bail!("variants.{variant}: expected a table"),
-        }
-        for assignment in self.set.iter().chain(set) {
-            config::assign(&mut table, assignment).with_context(|| format!("--set {assignment}"))?;
-        }
+        let table = self.tables.get(&(preset.name(), variant.to_owned()));
+        let mut table = table.expect("there is a table for each preset and variant").clone();
+        assign(&mut table, set)?;
         Config::from_table(table).with_context(|| format!("variant {variant}"))
     }
+}
+
+fn assign(table: &mut Table, set: &[String]) -> Result<()> {
+    for assignment in set {
+        config::assign(table, assignment).with_context(|| format!("--set {assignment}"))?;
+    }
+    Ok(())
 }
 
 fn check_distinct(what: &str, items: impl Iterator<Item = String>) -> Result<()> {
@@ -293,6 +314,37 @@ mod tests {
                     assert_eq!(RunPlan::from_toml(&text).unwrap().to_toml().unwrap(), text, "{name}");
                 }
             }
+        }
+    }
+
+    /// Keys, with their tables, in which the configs of two variants of an experiment differ.
+    fn differences(experiment: &str, variants: [&str; 2]) -> Vec<String> {
+        let selection = Selection { variants: variants.map(str::to_owned).into(), ..Selection::default() };
+        let plan = Experiment::plan(experiment, &selection).unwrap();
+        let [one, other] = variants.map(|variant| {
+            let run = plan.runs.iter().find(|run| run.variant == variant).unwrap();
+            let tables = Table::try_from(&run.config).unwrap();
+            let keys = |(name, table): (String, Value)| match table {
+                Value::Table(table) => {
+                    table.into_iter().map(|(key, value)| (format!("{name}.{key}"), value)).collect::<Vec<_>>()
+                }
+                other => panic!("{name}: {other}"),
+            };
+            tables.into_iter().flat_map(keys).collect::<BTreeMap<String, Value>>()
+        });
+        let keys: BTreeSet<&String> = one.keys().chain(other.keys()).collect();
+        keys.into_iter().filter(|key| one.get(*key) != other.get(*key)).cloned().collect()
+    }
+
+    /// Other methods differ from NeRF in what makes them, and in nothing else.
+    #[test]
+    fn baselines_are_what_they_are_called() {
+        for experiment in ["baselines", "baselines-paper"] {
+            let simplified = ["field.position_frequencies", "render.fine_samples", "render.samples", "train.lr"];
+            assert_eq!(differences(experiment, ["nerf", "simplified-nerf"]), simplified, "{experiment}");
+        }
+        for experiment in ["dietnerf", "baselines-paper"] {
+            assert_eq!(differences(experiment, ["nerf", "dietnerf"]), ["loss.semantic"], "{experiment}");
         }
     }
 

@@ -25,9 +25,9 @@ impl Scale {
         Self { experiment, captures: false, scenes: &[], variants: &[], seeds: &[], set: &[] }
     }
 
-    /// Of the paper's regime, two thirds as long as the experiment alone.
+    /// Of the paper's regime, about half as long as the experiment alone.
     const fn regime(experiment: &'static str) -> Self {
-        Self { set: &["train.iterations=1000", "train.precrop_steps=200"], ..Self::whole(experiment) }
+        Self { set: &["train.iterations=800", "train.precrop_steps=160"], ..Self::whole(experiment) }
     }
 
     /// A forward-facing or inward-looking capture, small.
@@ -122,7 +122,7 @@ pub fn write(inputs: Vec<ReportInput>, out: &Path) -> Result<PathBuf> {
         introduction: vec![
             "The paper's tables and figures at a scale that suits a small machine, its own figures beside ours. The first \
              is of this program's fast field. Those before the integration are of the paper's regime on small networks, \
-             in runs two thirds as long as the experiments' own. The captures are built-in twins of LLFF, DTU and \
+             in runs about half as long as the experiments' own. The captures are built-in twins of LLFF, DTU and \
              ZJU-MoCap unless their data was given. Footnotes name every difference of protocol: the absolute figures \
              are not comparable, the order of the variants is."
                 .into(),

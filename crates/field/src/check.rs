@@ -1,5 +1,7 @@
 //! Checks of sizes that several fields have.
 
+use burn::tensor::{Device, FloatDType};
+use infonerf_ops::mlp::Precision;
 use infonerf_schedule::Schedule;
 use thiserror::Error;
 
@@ -31,6 +33,12 @@ pub(crate) fn check_mlp(layers: usize, width: usize, direction_frequencies: usiz
     check("layers", "1 to 64", layers, (1..=64).contains(&layers))?;
     check("width", "an even number from 2 to 4096", width, (2..=4096).contains(&width) && width.is_multiple_of(2))?;
     check("direction_frequencies", "0 to 20", direction_frequencies, direction_frequencies <= 20)
+}
+
+/// Whether the device has numbers of this precision.
+pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(), ConfigError> {
+    let good = precision == Precision::F32 || device.supports_dtype(FloatDType::BF16);
+    check("precision", "\"f32\", as this device has no bf16", "bf16", good)
 }
 
 /// A share of the detail that is there.

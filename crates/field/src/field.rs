@@ -40,7 +40,8 @@ pub trait Field: Module + ModuleDisplay + Sync + 'static {
         None
     }
 
-    /// Divergence of the field's latent code from a standard normal distribution, a scalar; none for a field without one.
+    /// Divergence of the latent code of a [conditioned](Self::conditioned) field from a standard normal distribution, a scalar;
+    /// none for a field without one.
     fn latent_divergence(&self) -> Option<Tensor<1>> {
         None
     }
@@ -107,9 +108,15 @@ pub trait FieldSpec: fmt::Display {
         false
     }
 
-    /// Whether the field looks at the photographs of the scene, and so can learn from many scenes.
+    /// Whether the field looks at whatever photographs it is shown, and so can learn from many scenes.
     fn sees_photographs(&self) -> bool {
         false
+    }
+
+    /// The key within `[field]`, and how many, of a field that looks at the first of the training views and at the same ones in
+    /// every step.
+    fn first_photographs(&self) -> Option<(&'static str, usize)> {
+        None
     }
 
     /// Whether the field hangs on a body's vertices, and so is asked for points of the world as they are.

@@ -5,6 +5,7 @@ use std::fmt;
 use burn::module::{Module, Param};
 use burn::tensor::activation::{sigmoid, softplus};
 use burn::tensor::{Device, Int, Tensor, TensorData};
+use infonerf_ops::mlp::Precision;
 use infonerf_schedule::{Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -108,6 +109,7 @@ impl FieldSpec for HashConfig {
             width: self.width,
             skip: self.layers,
             direction_frequencies: self.direction_frequencies,
+            precision: Precision::F32,
         };
         let [low, high] = setup.bounds;
         let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f32::max);

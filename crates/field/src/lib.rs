@@ -60,7 +60,7 @@ pub use list::{FieldConfig, RadianceField};
 pub use mip::{MipConfig, MipNerf};
 pub use nerf::{NerfConfig, NerfMlp};
 pub use neural_body::{NeuralBody, NeuralBodyConfig};
-pub use neural_volumes::{NeuralVolumes, NeuralVolumesConfig};
+pub use neural_volumes::{CodeEncoderConfig, NeuralVolumes, NeuralVolumesConfig};
 pub use pixel::{EncoderConfig, PixelNerf, PixelNerfConfig};
 pub use points::{Extent, Points, Sampled};
 pub use sources::{SourceView, Sources};

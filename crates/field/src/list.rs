@@ -68,6 +68,10 @@ macro_rules! fields {
                 match self { $(Self::$name(config) => config.sees_photographs(),)* }
             }
 
+            fn first_photographs(&self) -> Option<(&'static str, usize)> {
+                match self { $(Self::$name(config) => config.first_photographs(),)* }
+            }
+
             fn needs_body(&self) -> bool {
                 match self { $(Self::$name(config) => config.needs_body(),)* }
             }

@@ -6,12 +6,13 @@ use burn::module::Module;
 use burn::tensor::{Device, activation::sigmoid};
 use infonerf_ops::frustum_gaussian;
 use infonerf_ops::integrated::{integrated_encode, integrated_width};
+use infonerf_ops::mlp::Precision;
 use infonerf_schedule::{Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_detail, check_mlp, dense_footprint};
+use crate::check::{check, check_detail, check_mlp, check_precision, dense_footprint};
 use crate::detail::frequency_window;
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
@@ -33,6 +34,9 @@ pub struct MipConfig {
     pub direction_frequencies: usize,
     /// Share of the position's frequencies that is there, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
     pub detail: Schedule,
+    /// Of the network's matrix products.
+    #[serde(default)]
+    pub precision: Precision,
 }
 
 impl fmt::Display for MipConfig {
@@ -52,12 +56,14 @@ impl FieldSpec for MipConfig {
     }
 
     fn build(&self, setup: &FieldSetup<'_>) -> Result<MipNerf, ConfigError> {
+        check_precision(self.precision, setup.device)?;
         let size = MlpSize {
             inputs: integrated_width(self.position_frequencies),
             layers: self.layers,
             width: self.width,
             skip: self.skip,
             direction_frequencies: self.direction_frequencies,
+            precision: self.precision,
         };
         let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
         Ok(MipNerf { mlp: Mlp::new(size, Init::Glorot, &mut rng, setup.device), config: self.clone() })

@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::frequency::encoded_width;
-use infonerf_ops::mlp::{ColorBranch, Dense, RadianceMlp, radiance_mlp};
+use infonerf_ops::mlp::{ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
 use rand::Rng;
 
 use crate::{Points, init::Init};
@@ -22,6 +22,8 @@ pub(crate) struct MlpSize {
     pub(crate) skip: usize,
     /// Frequencies of the direction's encoding.
     pub(crate) direction_frequencies: usize,
+    /// Of the matrix products.
+    pub(crate) precision: Precision,
 }
 
 /// Encoded position → trunk of ReLU layers with one skip → density; trunk features and encoded direction → colour.
@@ -36,11 +38,13 @@ pub(crate) struct Mlp {
     skip: usize,
     #[module(skip)]
     direction_frequencies: usize,
+    #[module(skip)]
+    precision: Precision,
 }
 
 impl Mlp {
     pub(crate) fn new(size: MlpSize, init: Init, rng: &mut impl Rng, device: &Device) -> Self {
-        let MlpSize { inputs, layers, width, skip, direction_frequencies } = size;
+        let MlpSize { inputs, layers, width, skip, direction_frequencies, precision } = size;
         let trunk = (0..layers)
             .map(|layer| {
                 let fan_in = match layer {
@@ -59,6 +63,7 @@ impl Mlp {
             rgb: init.linear(rng, width / 2, 3, device),
             skip,
             direction_frequencies,
+            precision,
         }
     }
 
@@ -81,6 +86,7 @@ impl Mlp {
                 frequencies: self.direction_frequencies,
                 segments: points.segments.clone(),
             }),
+            precision: self.precision,
         };
         let raw = radiance_mlp(encoded, &network);
         let sigma = raw.clone().narrow(1, 0, 1).squeeze_dim(1);

@@ -5,12 +5,13 @@ use std::fmt;
 use burn::module::Module;
 use burn::tensor::{Device, activation::sigmoid};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
+use infonerf_ops::mlp::Precision;
 use infonerf_schedule::{Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_detail, check_mlp, dense_footprint};
+use crate::check::{check, check_detail, check_mlp, check_precision, dense_footprint};
 use crate::detail::frequency_window;
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
@@ -34,6 +35,9 @@ pub struct NerfConfig {
     pub density: DensityActivation,
     /// Share of the position's frequencies that is there, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
     pub detail: Schedule,
+    /// Of the network's matrix products.
+    #[serde(default)]
+    pub precision: Precision,
 }
 
 impl fmt::Display for NerfConfig {
@@ -53,12 +57,14 @@ impl FieldSpec for NerfConfig {
     }
 
     fn build(&self, setup: &FieldSetup<'_>) -> Result<NerfMlp, ConfigError> {
+        check_precision(self.precision, setup.device)?;
         let size = MlpSize {
             inputs: encoded_width(3, self.position_frequencies),
             layers: self.layers,
             width: self.width,
             skip: self.skip,
             direction_frequencies: self.direction_frequencies,
+            precision: self.precision,
         };
         let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
         Ok(NerfMlp { mlp: Mlp::new(size, Init::FanIn, &mut rng, setup.device), config: self.clone() })

@@ -81,6 +81,7 @@ pub(crate) mod testing {
             color: Some(composite.values),
             depth: Tensor::zeros([rays], &device),
             acc: composite.acc,
+            background: [0.0; 3],
         };
         let target = Target {
             rgb: Tensor::zeros([rays, 3], &device),

@@ -7,7 +7,7 @@ mod common;
 
 use burn::tensor::{Device, Tensor};
 use common::{Draws, matrix, vector};
-use infonerf_ops::mlp::{self, ColorBranch, Dense, RadianceMlp, radiance_mlp};
+use infonerf_ops::mlp::{self, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
 use infonerf_ops::{Segments, to_host};
 
 /// Largest difference between two bodies in single precision, relative to the largest number of the result.
@@ -57,7 +57,7 @@ impl Case {
         let directions = self.directions.as_slice().into();
         let (frequencies, segments) = (self.frequencies, self.segments.clone());
         let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, frequencies, segments });
-        RadianceMlp { trunk: layers, skip: self.skip, sigma, color }
+        RadianceMlp { trunk: layers, skip: self.skip, sigma, color, precision: Precision::F32 }
     }
 
     /// Value, gradient of ⟨u, value⟩ with respect to x, and with respect to all weights that have one.
@@ -162,6 +162,25 @@ fn bodies_agree_in_value_and_gradient() {
                 let what = format!("{what}, {} samples, skip {}, {device:?}", case.segments.samples(), case.skip);
                 assert_close(host, plain, &what);
             }
+        }
+    }
+}
+
+/// Eight bits of a factor, times a few layers; and other numbers than in single precision.
+#[test]
+fn products_in_bf16_are_near() {
+    const NEAR: f32 = 0.05;
+    let norm = |values: &mut dyn Iterator<Item = f32>| values.map(|x| x * x).sum::<f32>().sqrt();
+    for case in cases() {
+        let exact = case.run(&Device::flex(), radiance_mlp);
+        let rounded = case.run(&Device::flex(), |encoded, network| {
+            radiance_mlp(encoded, &RadianceMlp { precision: Precision::Bf16, ..network.clone() })
+        });
+        for ((exact, rounded), what) in exact.iter().zip(&rounded).zip(["value", "x", "weights"]) {
+            let size = norm(&mut exact.iter().copied());
+            let apart = norm(&mut exact.iter().zip(rounded).map(|(a, b)| a - b));
+            assert!(apart <= NEAR * size, "{what}: {apart} of {size}");
+            assert_ne!(exact, rounded, "{what}");
         }
     }
 }

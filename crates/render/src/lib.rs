@@ -59,7 +59,7 @@
 //!     },
 //! };
 //! let fog = Fog { density: Tensor::from_floats([100.0], &Device::flex()) };
-//! let trained = TrainedModel { model: Model { coarse: None, fine: fog }, occupancy: None };
+//! let trained = TrainedModel { model: Model { coarse: None, fine: fog, exposure: None }, occupancy: None };
 //! let picture = render_image(&Renderer::new(&config, &scene), &[trained], &scene.test[0].camera);
 //! assert_eq!((picture.width, picture.rgb[0]), (8, [0.0, 0.0, 1.0]));
 //! ```
@@ -67,6 +67,7 @@
 mod config;
 mod distances;
 mod ensemble;
+mod exposure;
 mod image;
 mod march;
 mod model;
@@ -79,6 +80,7 @@ mod samples;
 mod warp;
 
 pub use config::{Compositing, ConfigError, LastInterval, OccupancyConfig, Placement, RenderConfig};
+pub use exposure::Exposure;
 pub use image::{RenderedImage, render_image};
 pub use model::{Model, TrainedModel};
 pub use noise::{Noise, Stream};

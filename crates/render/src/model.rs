@@ -1,7 +1,7 @@
 use burn::module::Module;
 use infonerf_field::{Field, RadianceField, Sources};
 
-use crate::OccupancyGrid;
+use crate::{Exposure, OccupancyGrid};
 
 /// What is trained: one field, or a coarse one that tells a fine one where to look.
 #[derive(Module, Debug)]
@@ -10,6 +10,8 @@ pub struct Model<F: Module> {
     pub coarse: Option<F>,
     /// The field that is rendered.
     pub fine: F,
+    /// Gain and bias of each training view; none where all photographs are taken to have one exposure.
+    pub exposure: Option<Exposure>,
 }
 
 impl<F: Field> Model<F> {
@@ -18,6 +20,7 @@ impl<F: Field> Model<F> {
         Self {
             coarse: self.coarse.as_ref().map(|field| field.conditioned(sources, seed)),
             fine: self.fine.conditioned(sources, seed),
+            exposure: self.exposure.clone(),
         }
     }
 }

@@ -1,7 +1,7 @@
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::Segments;
 
-use crate::Samples;
+use crate::{Exposure, Samples};
 
 /// What a render has to return beside opacity and distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,6 +25,8 @@ pub struct RenderOutput {
     pub depth: Tensor<1>,
     /// Opacity Σ w, `[R]`.
     pub acc: Tensor<1>,
+    /// The colour behind everything.
+    pub background: [f32; 3],
 }
 
 impl RenderOutput {
@@ -33,17 +35,24 @@ impl RenderOutput {
         &self.samples.segments
     }
 
+    /// The same as the training views show it that `views` names, one for each ray.
+    fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
+        let color = self.color.map(|color| exposure.apply(color, self.acc.clone(), self.background, views));
+        Self { color, ..self }
+    }
+
     /// A bundle of which every sample was skipped.
     pub(crate) fn empty(samples: Samples, request: RenderRequest, background: [f32; 3], device: &Device) -> Self {
         let rays = samples.segments.rays();
         let zeros = Tensor::<1>::zeros([rays], device);
-        let background = Tensor::<1>::from_floats(background, device).unsqueeze::<2>();
+        let behind = Tensor::<1>::from_floats(background, device).unsqueeze::<2>();
         Self {
             samples,
             tau: Tensor::empty([0], device),
-            color: request.color.then(|| background.repeat_dim(0, rays)),
+            color: request.color.then(|| behind.repeat_dim(0, rays)),
             depth: zeros.clone(),
             acc: zeros,
+            background,
         }
     }
 }
@@ -58,6 +67,14 @@ pub struct Passes {
 }
 
 impl Passes {
+    /// Both passes as the training views show them that `views` names, one for each ray.
+    pub fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
+        Self {
+            coarse: self.coarse.map(|coarse| coarse.exposed(exposure, views)),
+            fine: self.fine.exposed(exposure, views),
+        }
+    }
+
     /// Samples before and after skipping, of both passes.
     pub fn counts(&self) -> Counts {
         let mut counts = Counts::from(&self.fine.samples);

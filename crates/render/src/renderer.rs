@@ -133,7 +133,7 @@ impl Renderer {
             values.clone().narrow(1, 0, 3) + behind.unsqueeze_dim::<2>(1).mul(background)
         });
         let depth = values.narrow(1, if request.color { 3 } else { 0 }, 1).reshape([rays]);
-        RenderOutput { samples, tau, color, depth, acc }
+        RenderOutput { samples, tau, color, depth, acc, background }
     }
 }
 

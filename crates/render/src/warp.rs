@@ -112,6 +112,22 @@ impl Warp {
         }
     }
 
+    /// A point of the world that [`Self::point`] brings to `q`: its inverse, with what lies beyond the horizon brought there.
+    pub fn world(&self, q: Vec3) -> Vec3 {
+        match self {
+            Self::Identity => q,
+            Self::Ndc { to_camera, scale, near } => {
+                let z = 2.0 * near / (1.0 - q.z).max(2.0 / HORIZON);
+                to_camera.inverse().transform_point3(Vec3::new(q.x * z / scale.x, q.y * z / scale.y, -z))
+            }
+            Self::Contraction { centre, radius } => {
+                let length = q.length();
+                let x = if length <= 1.0 { q } else { q / (length * (2.0 - length).max(1.0 / HORIZON)) };
+                *centre + *radius * x
+            }
+        }
+    }
+
     /// The box in which [`Self::point`] puts what the training cameras of `scene` can see.
     pub fn bounds(&self, scene: &Scene) -> Aabb {
         match self {
@@ -246,7 +262,26 @@ mod tests {
         assert!(warp.point(Vec3::splat(1e9)).length() <= 2.0);
     }
 
+    #[test]
+    fn points_beyond_the_horizon_are_brought_there() {
+        for warp in [Warp::of(&forward(), Space::Auto), Warp::Contraction { centre: Vec3::X, radius: 2.0 }] {
+            for q in [Vec3::splat(1.5), Vec3::new(0.1, 0.2, 3.0)] {
+                assert!(warp.world(q).is_finite(), "{warp:?} {q}");
+            }
+        }
+    }
+
     proptest! {
+        /// A point comes back from where it is brought.
+        #[test]
+        fn the_world_is_found_again(x in -1.0f32..1.0, y in -1.0f32..1.0, z in 1.1f32..30.0) {
+            let p = Vec3::new(x * z, y * z, -z);
+            for warp in [Warp::of(&forward(), Space::Ndc), Warp::Contraction { centre: Vec3::X, radius: 3.0 }, Warp::Identity] {
+                let found = warp.world(warp.point(p));
+                prop_assert!(found.distance(p) < 2e-3 * p.length(), "{warp:?} {p}: {found}");
+            }
+        }
+
         /// The coordinate rises with the distance, and each gives the other back.
         #[test]
         fn coordinates_and_distances_agree(t in 1.0f32..1000.0, further in 1.01f32..2.0) {

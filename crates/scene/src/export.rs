@@ -6,7 +6,7 @@ use std::path::Path;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::{Aabb, Camera, SceneError, loaders, procedural};
+use crate::{Aabb, Body, Camera, SceneError, loaders, procedural};
 
 /// The file that marks a folder as written here. It holds the scene's name.
 const MARK: &str = ".infonerf-export";
@@ -15,6 +15,8 @@ const MARK: &str = ".infonerf-export";
 /// `transforms_{train,test}.json`, `{train,test}/r_<id>.png` (straight RGBA, 8 bits) and, beside the
 /// test images, `r_<id>_depth.npy` (f32, exact distance along each pixel's unit ray, +∞ where it
 /// hits nothing).
+///
+/// Of a scene with a body, `vertices.ply` has its vertices, for `field.vertices`.
 ///
 /// Loading the folder at its own size gives the views of the procedural scene bit for bit. `dir` is
 /// made if need be; files of the same names in one that this wrote before are overwritten.
@@ -30,6 +32,9 @@ pub fn export(name: &str, size: u32, dir: &Path) -> Result<(), SceneError> {
     claim(dir, name)?;
     let (train, test) = procedural::cameras(name, size)?;
     let extent = procedural::extent(name)?;
+    if let Some(body) = procedural::body(name)? {
+        write_vertices(&dir.join("vertices.ply"), &body)?;
+    }
     write_split(name, dir, "train", &train, extent, false)?;
     write_split(name, dir, "test", &test, extent, true)
 }
@@ -73,6 +78,14 @@ fn write_split(
     let path = dir.join(format!("transforms_{split}.json"));
     let text = format!("{transforms:#}\n");
     fs::write(&path, text).map_err(|e| SceneError::io(&path, e))
+}
+
+/// Writes the vertices of a body as PLY, in text that reads back bit for bit.
+fn write_vertices(path: &Path, body: &Body) -> Result<(), SceneError> {
+    let properties = ["x", "y", "z"].map(|axis| format!("property float {axis}\n")).concat();
+    let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n{properties}end_header\n", body.vertices.len());
+    text.extend(body.vertices.iter().map(|v| format!("{} {} {}\n", v.x, v.y, v.z)));
+    fs::write(path, text).map_err(|e| SceneError::io(path, e))
 }
 
 /// Writes one image, and its depth if wanted, and gives its frame.
@@ -124,6 +137,18 @@ mod tests {
         assert_eq!(loaded.all_train_cameras, direct.all_train_cameras);
         assert_eq!((loaded.near, loaded.far), (direct.near, direct.far));
         assert_eq!((loaded.bounds, loaded.name), (direct.bounds, direct.name));
+    }
+
+    #[test]
+    fn a_body_goes_along() {
+        let guard = tempfile::tempdir().unwrap();
+        export("figure", 8, guard.path()).unwrap();
+        let text = fs::read_to_string(guard.path().join("vertices.ply")).unwrap();
+        let lines = text.lines().skip_while(|line| *line != "end_header").skip(1);
+        let numbers: Vec<f32> = lines.flat_map(|line| line.split(' ').map(|x| x.parse().unwrap())).collect();
+        let body = procedural::body("figure").unwrap().unwrap();
+        assert_eq!(numbers, body.vertices.iter().flat_map(|v| v.to_array()).collect::<Vec<f32>>());
+        assert!(text.contains(&format!("element vertex {}\n", body.vertices.len())));
     }
 
     #[test]

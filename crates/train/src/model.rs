@@ -8,7 +8,7 @@ use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use infonerf_field::{Body, Field, FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::adam::Adam;
-use infonerf_render::Model;
+use infonerf_render::{Exposure, Model};
 use infonerf_scene::{self as scene, Aabb};
 
 use crate::{Checkpoint, Config, TrainError};
@@ -53,11 +53,19 @@ impl<F: Field> FieldBuilder<F> {
         Self { build: Arc::new(move |seed, device| Ok(build(seed, device))), shares_passes: false }
     }
 
-    /// A model with weights drawn from `seed`, or those of the run that `train.init` names.
-    pub(crate) fn model(&self, config: &Config, seed: u64, device: &Device) -> Result<Model<F>, TrainError> {
+    /// A model for `views` training views with weights drawn from `seed`, or those of the run that `train.init` names.
+    pub(crate) fn model(
+        &self,
+        config: &Config,
+        views: usize,
+        seed: u64,
+        device: &Device,
+    ) -> Result<Model<F>, TrainError> {
         let own_coarse = config.render.is_hierarchical() && !self.shares_passes;
         let coarse = if own_coarse { Some((self.build)(seed.wrapping_add(1 << 32), device)?) } else { None };
-        begun(config, Model { coarse, fine: (self.build)(seed, device)? })
+        let model = begun(config, Model { coarse, fine: (self.build)(seed, device)?, exposure: None })?;
+        let exposure = config.train.exposure_compensation.then(|| Exposure::new(views, device));
+        Ok(Model { exposure, ..model })
     }
 }
 

@@ -25,6 +25,11 @@ impl Pixels {
         self.at[0].0
     }
 
+    /// The view that each pixel is of.
+    pub(crate) fn views(&self) -> Vec<usize> {
+        self.at.iter().map(|&(view, ..)| view).collect()
+    }
+
     pub(crate) fn rays(&self) -> Vec<Ray> {
         self.at.iter().map(|&(camera, x, y)| self.cameras[camera].ray(x, y).widened(self.width)).collect()
     }

@@ -38,6 +38,10 @@ impl<F: Field> StepRenderer<'_, F> {
         let color = needs.contains(&Need::SeenColor);
         let samples = self.noise(Stream::SeenRays).child(Stream::Samples);
         let passes = self.passes(Phase::Seen, &seen.pixels.rays(), color, samples);
+        let passes = match &self.model.exposure {
+            Some(exposure) => passes.exposed(exposure, &seen.pixels.views()),
+            None => passes,
+        };
         let target = self.target(seen);
         let seen_bundle = Bundle { passes, target: Some(target) };
         let unseen = pixels.unseen.as_ref().filter(|_| needs.contains(&Need::Unseen));

@@ -6,6 +6,7 @@ use infonerf_loss::{Objective, TermSetup};
 use infonerf_render::{Placement, Renderer, Space, Warp};
 use infonerf_scene::{Scene, ViewRegion};
 
+use crate::config::check_enough_views;
 use crate::photographs::Photographs;
 use crate::pixels::UnseenViews;
 use crate::training_images::TrainingImages;
@@ -32,6 +33,9 @@ impl TrainingScene {
         {
             let cause = format!("expected training images with an alpha channel: {} has none", view.name);
             return Err(TrainError::config("render.occupancy.carve", cause));
+        }
+        if let Some((key, images)) = config.field.first_photographs() {
+            check_enough_views(key, images, scene.train.len())?;
         }
         if config.render.space == Space::Ndc && !Warp::has_ndc(&scene) {
             let cause = format!("expected another space than \"ndc\": the cameras of {} face all ways", scene.name);
@@ -78,6 +82,28 @@ mod tests {
 
     use super::*;
     use crate::Preset;
+
+    /// Also where the config alone does not say how many views there will be.
+    #[test]
+    fn more_photographs_than_there_are_cannot_be_looked_at() {
+        let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
+        let scene = load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let fault = |images: usize| {
+            let mut table = Preset::Fast.table();
+            let encoder = format!("encoder={{images={images},size=[16,16],width=1}}");
+            let field = "kind='neuralvolumes',latent=4,resolution=4,width=8,maps=1,warp_resolution=2";
+            for setting in ["scene.views={kind='all'}", &format!("field={{{field},{encoder}}}")] {
+                crate::config::assign(&mut table, setting).unwrap();
+            }
+            let config = Config::from_table(table).unwrap();
+            TrainingScene::new(&config, Arc::new(scene.clone()), &Device::flex()).err().map(|error| error.to_string())
+        };
+        let views = scene.train.len();
+        assert_eq!(fault(views), None);
+        let message = fault(views + 1).unwrap();
+        let expected = format!("field.encoder.images: expected at most {views}, as many as there are training views");
+        assert!(message.starts_with(&expected), "{message}");
+    }
 
     #[test]
     fn cameras_that_face_all_ways_have_no_device_coordinates() {

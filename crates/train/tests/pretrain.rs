@@ -120,6 +120,7 @@ fn a_config_of_one_scene_cannot_learn_from_many() {
         (config(&[]), "field.kind: expected `pixelnerf`"),
         (pixel_config(&[]), "render.occupancy.enabled: "),
         (lesson_config(&["train.error_sampling.threshold=0.1"]), "train.error_sampling.threshold: "),
+        (lesson_config(&["train.exposure_compensation=true"]), "train.exposure_compensation: "),
     ] {
         let message = fault(&config, scenes());
         assert!(message.starts_with(key), "{message}");

@@ -1,5 +1,5 @@
 const root = document.querySelector('.stage'), panel = document.querySelector('.panel');
-const shown = { run: null, stamp: null, scene: null, listed: '' };
+const shown = { run: null, version: null, scene: null, listed: '' };
 let stage = null;
 
 async function ask(path, query = {}) {
@@ -11,9 +11,12 @@ async function ask(path, query = {}) {
 /** What the camera depends on: scenes that agree in it are looked at from the same place. */
 const place = (scene) => JSON.stringify([scene.centre, scene.up, scene.radius]);
 
-async function showField(run, stamp) {
+/** Which state of a run is looked at: a field that is baked is so more finely once it is finished. */
+const version = ({ stamp, state }) => `${stamp} ${state === 'finished'}`;
+
+async function showField(run, version) {
   const keep = shown.scene;
-  [shown.run, shown.stamp] = [run, stamp];
+  [shown.run, shown.version] = [run, version];
   root.querySelector('h1').textContent = run;
   try {
     stage ??= new Stage(root);
@@ -61,14 +64,15 @@ function listRuns(runs) {
   if (listed === shown.listed) return;
   shown.listed = listed;
   const none = Object.assign(document.createElement('small'), { textContent: 'None yet.' });
-  document.querySelector('.runs').replaceChildren(...(runs.length > 0 ? [] : [none]), ...runs.map(({ run, name, state, stamp }) => {
+  document.querySelector('.runs').replaceChildren(...(runs.length > 0 ? [] : [none]), ...runs.map((listed) => {
+    const { run, name, state } = listed;
     const button = document.createElement('button'), small = document.createElement('small');
     button.type = 'button';
     button.textContent = name;
     button.setAttribute('aria-current', run === shown.run);
     small.textContent = state;
     button.append(small);
-    button.addEventListener('click', () => choose(run, stamp));
+    button.addEventListener('click', () => choose(run, version(listed)));
     return button;
   }));
 }
@@ -90,8 +94,8 @@ async function command(name) {
   if (answer.ok) showTraining(await answer.json());
 }
 
-function choose(run, stamp) {
-  showField(run, stamp);
+function choose(run, version) {
+  showField(run, version);
   showProgress(run).catch(() => {});
   follow();
 }
@@ -104,8 +108,8 @@ async function follow() {
     showTraining(training);
     const current = runs.find(({ run }) => run === shown.run);
     listRuns(runs);
-    if (!current && runs.length > 0 && shown.run === null) return choose(runs[0].run, runs[0].stamp);
-    if (current && current.stamp !== shown.stamp) showField(current.run, current.stamp);
+    if (!current && runs.length > 0 && shown.run === null) return choose(runs[0].run, version(runs[0]));
+    if (current && version(current) !== shown.version) showField(current.run, version(current));
     if (current && (current.state !== shown.state || current.state === 'training')) showProgress(current.run).catch(() => {});
     shown.state = current?.state;
   } catch {

@@ -24,25 +24,25 @@ async function inflate(text) {
 }
 
 /**
- * For each of n³ cells the distance to the nearest occupied one in steps to any of the 26 neighbours, 255 at most: two
+ * For each cell of a grid the distance to the nearest occupied one in steps to any of the 26 neighbours, 255 at most: two
  * sweeps over a grid with a border, which counts as occupied unless nothing lies beyond it.
  */
-function emptyRoom(bits, n, closed) {
-  const w = n + 2, distance = new Uint8Array(w * w * w).fill(closed ? 255 : 0);
-  for (let z = 0, cell = 0; z < n; z++)
-    for (let y = 0; y < n; y++)
-      for (let x = 0; x < n; x++, cell++)
-        distance[x + 1 + w * (y + 1 + w * (z + 1))] = (bits[cell >> 3] >> (cell & 7)) & 1 ? 0 : 255;
+function emptyRoom(bits, [nx, ny, nz], closed) {
+  const wx = nx + 2, wy = ny + 2, distance = new Uint8Array(wx * wy * (nz + 2)).fill(closed ? 255 : 0);
+  const place = (x, y, z) => x + 1 + wx * (y + 1 + wy * (z + 1));
+  for (let z = 0, cell = 0; z < nz; z++)
+    for (let y = 0; y < ny; y++)
+      for (let x = 0; x < nx; x++, cell++) distance[place(x, y, z)] = (bits[cell >> 3] >> (cell & 7)) & 1 ? 0 : 255;
   const before = [];
   for (const dz of [-1, 0, 1]) for (const dy of [-1, 0, 1]) for (const dx of [-1, 0, 1]) {
-    const step = dx + w * (dy + w * dz);
+    const step = dx + wx * (dy + wy * dz);
     if (step < 0) before.push(step);
   }
   const sweep = (sign) => {
-    for (let z = 0; z < n; z++)
-      for (let y = 0; y < n; y++)
-        for (let x = 0; x < n; x++) {
-          const at = sign > 0 ? 1 + x + w * (1 + y + w * (1 + z)) : n - x + w * (n - y + w * (n - z));
+    for (let z = 0; z < nz; z++)
+      for (let y = 0; y < ny; y++)
+        for (let x = 0; x < nx; x++) {
+          const at = sign > 0 ? place(x, y, z) : place(nx - 1 - x, ny - 1 - y, nz - 1 - z);
           let least = distance[at];
           for (let k = 0; k < 13 && least > 0; k++) least = Math.min(least, distance[at + sign * before[k]] + 1);
           distance[at] = least;
@@ -50,12 +50,9 @@ function emptyRoom(bits, n, closed) {
   };
   sweep(1);
   sweep(-1);
-  const inner = new Uint8Array(n * n * n);
-  for (let z = 0; z < n; z++)
-    for (let y = 0; y < n; y++) {
-      const from = 1 + w * (y + 1 + w * (z + 1));
-      inner.set(distance.subarray(from, from + n), n * (y + n * z));
-    }
+  const inner = new Uint8Array(nx * ny * nz);
+  for (let z = 0; z < nz; z++)
+    for (let y = 0; y < ny; y++) inner.set(distance.subarray(place(0, y, z), place(nx, y, z)), nx * (y + ny * z));
   return inner;
 }
 
@@ -76,6 +73,7 @@ class Viewer {
     this.show = this.program(FILL, SHOW);
     this.overlay = new Overlay(this);
     this.textures = [];
+    this.buffers = [];
     new ResizeObserver(() => this.changed()).observe(canvas);
     canvas.addEventListener('webglcontextlost', (event) => event.preventDefault());
     canvas.addEventListener('webglcontextrestored', () => location.reload());
@@ -132,15 +130,13 @@ class Viewer {
   async load(scene, keepCamera = false) {
     const { gl } = this, bytes = await inflate(scene.data);
     const part = (name) => bytes.slice(scene.parts[name][0], scene.parts[name][0] + scene.parts[name][1]);
-    const network = part('network');
-    if (network.length > gl.getParameter(gl.MAX_UNIFORM_BLOCK_SIZE))
-      throw new CannotDraw(`This graphics card has no room for the field's MLP of ${network.length} bytes.`);
-    const field = this.scene?.shader === scene.shader ? this.field : this.program(FILL, scene.shader);
+    const field = this.shader === scene.shader ? this.field : this.program(FILL, scene.shader);
     if (field !== this.field && this.field) gl.deleteProgram(this.field);
-    this.field = field;
+    [this.field, this.shader] = [field, scene.shader];
     gl.useProgram(field);
     for (const texture of this.textures) gl.deleteTexture(texture);
-    this.textures = [];
+    for (const buffer of this.buffers) gl.deleteBuffer(buffer);
+    [this.textures, this.buffers] = [[], []];
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     const texture = (name, kind, filter, upload) => {
       gl.activeTexture(gl.TEXTURE0 + this.textures.length);
@@ -152,24 +148,10 @@ class Viewer {
       made.kind = kind;
       this.textures.push(made);
     };
-    const { levels, layers, lineWidth, grid } = scene, byte = gl.UNSIGNED_BYTE;
-    levels.forEach((size, i) => texture(`planes${i}`, gl.TEXTURE_2D_ARRAY, gl.LINEAR, () =>
-      gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGBA8, size, size, layers, 0, gl.RGBA, byte, part(`planes${i}`))));
-    texture('lines', gl.TEXTURE_2D, gl.LINEAR, () =>
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, lineWidth, levels.length * layers, 0, gl.RGBA, byte, part('lines')));
     texture('grid', gl.TEXTURE_3D, gl.NEAREST, () =>
-      gl.texImage3D(gl.TEXTURE_3D, 0, gl.R8UI, grid, grid, grid, 0, gl.RED_INTEGER, byte,
-        emptyRoom(part('occupied'), grid, scene.closed)));
-    [['Network', network], ['Offsets', part('offsets')]].forEach(([name, data], i) => {
-      const buffer = gl.createBuffer();
-      gl.bindBuffer(gl.UNIFORM_BUFFER, buffer);
-      gl.bufferData(gl.UNIFORM_BUFFER, data, gl.STATIC_DRAW);
-      gl.bindBufferBase(gl.UNIFORM_BUFFER, i, buffer);
-      gl.uniformBlockBinding(field, gl.getUniformBlockIndex(field, name), i);
-      this.buffers ??= [];
-      if (this.buffers[i]) gl.deleteBuffer(this.buffers[i]);
-      this.buffers[i] = buffer;
-    });
+      gl.texImage3D(gl.TEXTURE_3D, 0, gl.R8UI, ...scene.grid, 0, gl.RED_INTEGER, gl.UNSIGNED_BYTE,
+        emptyRoom(part('occupied'), scene.grid, scene.closed)));
+    (scene.atlas ? loadBricks : loadTables)(this, scene, part, texture);
     const state = keepCamera && this.camera ? this.camera.state() : null;
     this.scene = scene;
     this.camera = new Camera(scene);

@@ -18,20 +18,20 @@ use crate::package::{Subjects, of_field};
 const PLANES: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
 
 /// A package's arrays.
-struct Decoded {
-    package: Value,
+pub(crate) struct Decoded {
+    pub(crate) package: Value,
     bytes: Vec<u8>,
 }
 
 impl Decoded {
-    fn new(package: Value) -> Self {
+    pub(crate) fn new(package: Value) -> Self {
         let deflated = BASE64_STANDARD.decode(package["data"].as_str().unwrap()).unwrap();
         let mut bytes = Vec::new();
         ZlibDecoder::new(deflated.as_slice()).read_to_end(&mut bytes).unwrap();
         Self { package, bytes }
     }
 
-    fn part(&self, name: &str) -> &[u8] {
+    pub(crate) fn part(&self, name: &str) -> &[u8] {
         let [from, length] = [0, 1].map(|i| self.package["parts"][name][i].as_u64().unwrap() as usize);
         &self.bytes[from..from + length]
     }
@@ -41,10 +41,20 @@ impl Decoded {
     }
 
     /// `#define NAME value` or `const float NAME = value;` of the shader.
-    fn constant(&self, name: &str) -> f32 {
+    pub(crate) fn constant(&self, name: &str) -> f32 {
+        self.line(name).trim_end_matches(';').rsplit(' ').next().unwrap().parse().unwrap()
+    }
+
+    /// `const vec3 NAME = vec3(…);` of the shader, or another vector.
+    pub(crate) fn vector(&self, name: &str) -> Vec<f32> {
+        let (_, numbers) = self.line(name).trim_end_matches(");").split_once('(').unwrap();
+        numbers.split(", ").map(|number| number.parse().unwrap()).collect()
+    }
+
+    /// The line of the shader that first names `name`.
+    fn line(&self, name: &str) -> &str {
         let shader = self.package["shader"].as_str().unwrap();
-        let line = shader.lines().find(|line| line.split([' ', '=']).any(|word| word == name)).unwrap();
-        line.trim_end_matches(';').rsplit(' ').next().unwrap().parse().unwrap()
+        shader.lines().find(|line| line.split([' ', '=']).any(|word| word == name)).unwrap()
     }
 
     /// The MLP's input at `u` ∈ [0, 1]³.
@@ -124,23 +134,24 @@ fn texel(u: f32, size: usize) -> (usize, f32) {
     (v as usize, v.fract())
 }
 
-fn config(set: &[&str]) -> Config {
+pub(crate) fn config(set: &[&str]) -> Config {
     let mut table = Preset::Fast.table();
     set.iter().for_each(|setting| assign(&mut table, setting).unwrap());
     Config::from_table(table).unwrap()
 }
 
-fn model(field: &FieldConfig) -> TrainedModel {
+pub(crate) fn model(field: &FieldConfig) -> TrainedModel {
     let device = open(DeviceName::Flex).unwrap().device;
     let setup = FieldSetup { bounds: [[-1.5; 3], [1.5, 1.0, 1.5]], seed: 3, device: &device, body: None };
     let fine = RadianceField::new(field, &setup).unwrap();
-    TrainedModel { model: Model { coarse: None, fine }, occupancy: None }
+    TrainedModel { model: Model { coarse: None, fine, exposure: None }, occupancy: None }
 }
 
-fn package(config: &RenderConfig, trained: &TrainedModel) -> anyhow::Result<Value> {
+/// The package in a scene without views; what is baked has `voxels` along its box at most.
+pub(crate) fn package(config: &RenderConfig, trained: &TrainedModel, voxels: usize) -> Value {
     let scene = Scene::default();
     let renderer = Renderer::new(config, &scene);
-    of_field(&Subjects { scene: &scene, renderer: &renderer, config, trained })
+    of_field(&Subjects { scene: &scene, renderer: &renderer, config, trained }, voxels).unwrap()
 }
 
 #[test]
@@ -159,7 +170,7 @@ fn what_the_shader_reads_is_the_field() {
     ] {
         let config = config(set);
         let trained = model(&config.field);
-        let decoded = Decoded::new(package(&config.render, &trained).unwrap());
+        let decoded = Decoded::new(package(&config.render, &trained, 32));
         assert!(!decoded.package["shader"].as_str().unwrap().contains("{{"));
         let mut random = (0..).map(|i: u32| (i as f32 * 0.618_034).fract());
         let mut draw = || random.next().unwrap();
@@ -193,8 +204,8 @@ fn occupancy_is_a_bit_per_cell() {
     let occupied: Vec<bool> = (0..216).map(|cell| cell % 7 == 0).collect();
     grid.restore(vec![1.0; 216], occupied.clone()).unwrap();
     trained.occupancy = Some(grid);
-    let decoded = Decoded::new(package(&config.render, &trained).unwrap());
-    assert_eq!(decoded.constant("GRID"), 6.0);
+    let decoded = Decoded::new(package(&config.render, &trained, 32));
+    assert_eq!((decoded.vector("GRID"), &decoded.package["grid"]), (vec![6.0; 3], &serde_json::json!([6, 6, 6])));
     let bits = decoded.part("occupied");
     assert_eq!(bits.len(), 27);
     for (cell, occupied) in occupied.iter().enumerate() {
@@ -203,8 +214,8 @@ fn occupancy_is_a_bit_per_cell() {
 }
 
 #[test]
-fn a_network_that_is_too_large_is_named() {
+fn a_network_that_is_too_large_is_baked() {
     let config = config(&["field.resolutions=[4]", "field.width=256"]);
-    let error = package(&config.render, &model(&config.field)).unwrap_err().to_string();
-    assert!(error.starts_with("field.width: expected an MLP of at most 65536 bytes"), "{error}");
+    let package = package(&config.render, &model(&config.field), 16);
+    assert_eq!((&package["voxels"], package["parts"].get("network")), (&serde_json::json!(16), None));
 }

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! run ─► field ─► 8-bit tables, MLP, occupancy grid ─► shader ─► one page, or a server on this machine
+//!           └──► baked: bricks of 8-bit voxels ──────────┘
 //! ```
 //!
 //! A factored field ([`infonerf_ops::factored`]) is so small that a browser can evaluate it as it is: planes and lines go
@@ -10,6 +11,9 @@
 //! tables' rounding (half of 1/255 of each channel's range), what differs is that nothing is taken to be hidden by the
 //! densities that the occupancy grid remembers (`render.hidden_depth`); samples behind the transmittance at which pictures
 //! stop are left out in both.
+//!
+//! Any other field is *baked*: density and colour, in spherical harmonics of degree 1, on a sparse grid of voxels, through
+//! which the same shader marches. The page says so, and how many voxels there are.
 //!
 //! - [`page`]: a run's field as one HTML file that needs nothing else.
 //! - [`Server`]: the same for all runs in a folder, with curves and test views, following runs while they train, and pausing or
@@ -20,14 +24,17 @@
 //!
 //! let folder = std::path::Path::new("runs/synthetic-4view/crane/infonerf+/seed0");
 //! let run = Trained::read(RunPlan::of_run(folder)?, folder, &open(DeviceName::Auto)?)?;
-//! std::fs::write("crane.html", infonerf_view::page(&run)?)?;
+//! std::fs::write("crane.html", infonerf_view::page(&run, None)?)?;
 //! # Ok::<(), anyhow::Error>(())
 //! ```
 //!
 //! [`Warp`]: infonerf_render::Warp
 
+mod baked;
+mod blob;
 #[cfg(test)]
 mod decode;
+mod factored;
 mod network;
 mod package;
 mod page;
@@ -42,17 +49,21 @@ use anyhow::Result;
 use infonerf_experiment::Trained;
 use infonerf_field::FieldConfig;
 
-/// Whether a page can hold fields of this kind.
+/// Whether a page holds fields of this kind as they are. Others are baked, which takes seconds to minutes; so is a factored
+/// field whose MLP has no room among a shader's uniforms.
 pub fn holds(field: &FieldConfig) -> bool {
     matches!(field, FieldConfig::Factored(_))
 }
 
 /// The run's field as a page, whole in itself: orbit, pan and zoom, depth and normals, and the training cameras with their
-/// photographs. Of several fields it is the first, and the page says so.
+/// photographs. Of several fields it is the first, and the page says so. A field that is baked has `voxels` along the longest
+/// side of its box at most; without a number 256, or 128 if the field is slow, and fewer where so much is filled that they would be
+/// too many.
 ///
 /// # Errors
-/// If the run's field is not one that a page can hold.
-pub fn page(run: &Trained) -> Result<String> {
+/// If a photograph cannot be encoded.
+pub fn page(run: &Trained, voxels: Option<usize>) -> Result<String> {
     let trained = run.trainers[0].trained();
-    Ok(page::of_package(&package::of_run(run, &trained)?, &package::poster(run, &trained)?))
+    let voxels = voxels.unwrap_or_else(|| baked::resolution(&run.plan.config.field));
+    Ok(page::of_package(&package::of_run(run, &trained, voxels)?, &package::poster(run, &trained)?))
 }

@@ -8,6 +8,8 @@ const STAGE: &str = include_str!("../assets/stage.html");
 const STYLE: &str = include_str!("../assets/style.css");
 const VIEWER: &str = concat!(
     include_str!("../assets/camera.js"),
+    include_str!("../assets/tables.js"),
+    include_str!("../assets/bricks.js"),
     include_str!("../assets/viewer.js"),
     include_str!("../assets/overlay.js"),
     include_str!("../assets/stage.js")

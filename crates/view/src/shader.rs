@@ -1,103 +1,87 @@
-//! The fragment shader of a field.
+//! The fragment shader that marches through a field, whatever the field is.
 
 use std::fmt::Write;
 
-use glam::{Mat4, Vec3};
-use infonerf_ops::factored::Layout;
-use infonerf_render::{OccupancyGrid, RenderConfig, Renderer, Warp};
+use glam::{Mat4, Vec3, Vec4};
+use infonerf_render::{Compositing, LastInterval, RenderConfig, Warp};
 use infonerf_report::turbo;
-use infonerf_scene::{Range, Scene};
-use infonerf_schedule::Moment;
-
-use crate::network::Network;
-use crate::tables::groups;
+use infonerf_scene::{Aabb, Range, Scene};
 
 const TEMPLATE: &str = include_str!("../assets/field.frag");
 /// Colours of the depth map that the shader interpolates between.
 const COLOURS: usize = 33;
 
-/// What the shader of a field depends on beside its parameters.
-pub(crate) struct Subject<'a> {
-    pub(crate) layout: &'a Layout,
-    pub(crate) network: &'a Network,
-    /// Corners of the box that the tables and the occupancy grid lie over.
-    pub(crate) bounds: [[f32; 3]; 2],
-    /// Cells of the occupancy grid along each axis.
-    pub(crate) grid: usize,
-    pub(crate) config: &'a RenderConfig,
-    pub(crate) renderer: &'a Renderer,
+/// What the march depends on beside the field.
+pub(crate) struct March<'a> {
     pub(crate) scene: &'a Scene,
+    pub(crate) config: &'a RenderConfig,
+    pub(crate) warp: &'a Warp,
+    /// The box that rays are cut to, where space is taken as it is.
+    pub(crate) clip: Option<Aabb>,
+    /// Where the cells begin that are known to be empty or not, and how large they are, in what the warp makes of the world.
+    pub(crate) low: Vec3,
+    pub(crate) cell: Vec3,
+    /// Cells along each axis.
+    pub(crate) cells: [usize; 3],
+    /// Length of a step in the coordinate of the warp.
+    pub(crate) step: f32,
+    /// Transmittance at which a ray ends.
+    pub(crate) stop: f32,
+    /// Distance between details of the field, in what the warp makes of the world.
+    pub(crate) detail: f32,
 }
 
-/// GLSL ES 3.00.
-pub(crate) fn shader(subject: &Subject<'_>) -> String {
-    let samplers = (0..subject.layout.levels.len()).map(|l| format!("uniform sampler2DArray planes{l};\n"));
-    TEMPLATE
-        .replace("{{constants}}\n", &constants(subject))
-        .replace("{{samplers}}\n", &samplers.collect::<String>())
-        .replace("{{features}}\n", &features(subject.layout))
-        .replace("{{layers}}\n", &layers(&subject.network.layers))
-        .replace("{{space}}\n", &space(subject.renderer.warp()))
-}
+impl March<'_> {
+    /// GLSL ES 3.00 around `field`, which has `float look(vec3 p)`, `float density()` and `vec3 emitted(vec3 direction)`.
+    pub(crate) fn shader(&self, field: &str) -> String {
+        TEMPLATE
+            .replace("{{constants}}\n", &self.constants())
+            .replace("{{field}}\n", field)
+            .replace("{{space}}\n", &space(self.warp))
+    }
 
-/// Cells along each axis of what skips empty space; one that is never empty without a grid.
-pub(crate) fn cells(occupancy: Option<&OccupancyGrid>) -> usize {
-    occupancy.map_or(1, OccupancyGrid::resolution)
+    fn constants(&self) -> String {
+        let clip = self.clip.unwrap_or(Aabb { min: Vec3::ZERO, max: Vec3::ZERO });
+        let integers = [
+            ("CLIPS", usize::from(self.clip.is_some())),
+            ("STRAIGHT", usize::from(self.warp.is_identity())),
+            ("ADDITIVE", usize::from(self.config.compositing == Compositing::Additive)),
+            ("ENDLESS", usize::from(self.config.last_interval == LastInterval::Infinite)),
+            ("TURBO_LAST", COLOURS - 1),
+        ];
+        let vectors = [("LOW", self.low), ("CELL", self.cell), ("CLIP_LOW", clip.min), ("CLIP_HIGH", clip.max)];
+        let mut text = String::new();
+        for (name, value) in integers {
+            let _ = writeln!(text, "#define {name} {value}");
+        }
+        for (name, value) in [("STEP", self.step), ("STOP", self.stop)] {
+            let _ = writeln!(text, "const float {name} = {value:?};");
+        }
+        for (name, value) in vectors {
+            let _ = writeln!(text, "const vec3 {name} = {};", vector(value));
+        }
+        let _ = writeln!(text, "const ivec3 GRID = {};", integers3(self.cells));
+        let _ = writeln!(text, "#define NORMAL_STEP(t) {}", self.normal_step());
+        text += &range(&self.scene.range);
+        let colours = (0..COLOURS).map(|i| vector(turbo(i as f32 / (COLOURS - 1) as f32).into()));
+        let colours = colours.collect::<Vec<_>>().join(", ");
+        let _ = writeln!(text, "const vec3 TURBO[{COLOURS}] = vec3[{COLOURS}]({colours});");
+        text
+    }
+
+    /// How far from a point at distance t normals are looked for, scene units.
+    fn normal_step(&self) -> String {
+        match self.warp {
+            Warp::Identity => format!("{:?}", self.detail),
+            Warp::Contraction { radius, .. } => format!("{:?}", radius * self.detail),
+            Warp::Ndc { .. } => "(0.005 * (t))".to_owned(),
+        }
+    }
 }
 
 /// Whether rays end at the box.
 pub(crate) fn clips(config: &RenderConfig, warp: &Warp) -> bool {
     config.clip_to_bounds && warp.is_identity()
-}
-
-fn constants(subject: &Subject<'_>) -> String {
-    let Subject { layout, network, bounds: [low, high], config, renderer, scene, .. } = subject;
-    let (low, high) = (Vec3::from_array(*low), Vec3::from_array(*high));
-    let warp = renderer.warp();
-    let finest = layout.levels.iter().map(|level| level.resolution).max().unwrap_or(1);
-    let channels = layout.levels.first().map_or(4, |level| level.channels);
-    let rows = 3 * layout.levels.len() * groups(channels);
-    let (inputs, outputs) = (network.layers[0].0, network.layers[network.layers.len() - 1].1);
-    let step = match warp {
-        Warp::Identity => format!("{:?}", (high - low).max_element() / finest as f32),
-        Warp::Contraction { radius, .. } => format!("{:?}", 4.0 * radius / finest as f32),
-        Warp::Ndc { .. } => "(0.005 * (t))".to_owned(),
-    };
-    let integers = [
-        ("GROUPS", groups(channels)),
-        ("FREQUENCIES", layout.frequencies),
-        ("INPUTS", inputs),
-        ("OUTPUTS", outputs),
-        ("MATRICES", network.matrices.len() / 16),
-        ("BIASES", network.biases.len() / 4),
-        ("OFFSETS", 2 * rows),
-        ("LINE_WIDTH", finest),
-        ("LINE_ROWS", rows),
-        ("GRID", subject.grid),
-        ("CLIPS", usize::from(clips(config, warp))),
-        ("STRAIGHT", usize::from(warp.is_identity())),
-        ("TURBO_LAST", COLOURS - 1),
-    ];
-    let floats = [
-        ("DENSITY_SCALE", layout.density_scale),
-        ("DENSITY_BIAS", layout.density_bias),
-        ("STEP", renderer.step_length(Moment::END)),
-        ("STOP", config.early_stop_transmittance),
-    ];
-    let mut text = String::new();
-    for (name, value) in integers {
-        let _ = writeln!(text, "#define {name} {value}");
-    }
-    for (name, value) in floats {
-        let _ = writeln!(text, "const float {name} = {value:?};");
-    }
-    let _ = writeln!(text, "#define NORMAL_STEP(t) {step}");
-    let _ = writeln!(text, "const vec3 LOW = {};\nconst vec3 SIZE = {};", vector(low), vector(high - low));
-    text += &range(&scene.range);
-    let colours = (0..COLOURS).map(|i| vector(turbo(i as f32 / (COLOURS - 1) as f32).into()));
-    let colours = colours.collect::<Vec<_>>().join(", ");
-    let _ = writeln!(text, "const vec3 TURBO[{COLOURS}] = vec3[{COLOURS}]({colours});");
-    text
 }
 
 /// Where along a ray content lies; its ends, which move with the camera, are uniforms.
@@ -110,37 +94,6 @@ fn range(range: &Range) -> String {
             vector(*centre)
         ),
     }
-}
-
-fn features(layout: &Layout) -> String {
-    let level = |(l, level): (usize, &infonerf_ops::factored::Level)| {
-        let before = if l == 0 { String::new() } else { format!(" + {l} * 3 * GROUPS") };
-        format!("            x[k{before}] = product(planes{l}, {l}, {:?}, p, g, u);\n", level.resolution as f32)
-    };
-    layout.levels.iter().enumerate().map(level).collect()
-}
-
-fn layers(layers: &[(usize, usize)]) -> String {
-    let (mut matrix, mut bias) = (0, 0);
-    let mut text = String::new();
-    for (index, &(inputs, outputs)) in layers.iter().enumerate() {
-        let from = if index == 0 { "x".to_owned() } else { format!("h{index}") };
-        let last = index + 1 == layers.len();
-        let to = if last { "y".to_owned() } else { format!("h{}", index + 1) };
-        if !last {
-            let _ = writeln!(text, "    vec4 {to}[{outputs}];");
-        }
-        let result = if last { "sum" } else { "max(sum, 0.0)" };
-        let _ = writeln!(
-            text,
-            "    for (int o = 0; o < {outputs}; o++) {{\n        vec4 sum = biases[{bias} + o];\n        \
-             for (int i = 0; i < {inputs}; i++) sum += matrices[{matrix} + o * {inputs} + i] * {from}[i];\n        \
-             {to}[o] = {result};\n    }}"
-        );
-        matrix += inputs * outputs;
-        bias += outputs;
-    }
-    text
 }
 
 /// [`Warp`]'s `point`, `coordinate` and `distance`.
@@ -176,8 +129,16 @@ fn space(warp: &Warp) -> String {
     }
 }
 
-fn vector(v: Vec3) -> String {
+pub(crate) fn vector(v: Vec3) -> String {
     format!("vec3({:?}, {:?}, {:?})", v.x, v.y, v.z)
+}
+
+pub(crate) fn vector4(v: Vec4) -> String {
+    format!("vec4({:?}, {:?}, {:?}, {:?})", v.x, v.y, v.z, v.w)
+}
+
+pub(crate) fn integers3([x, y, z]: [usize; 3]) -> String {
+    format!("ivec3({x}, {y}, {z})")
 }
 
 fn matrix(m: &Mat4) -> String {

@@ -5,9 +5,10 @@ mod common;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
+use std::time::Instant;
 
 use base64::prelude::{BASE64_STANDARD, Engine};
-use common::{device, plan, read, train};
+use common::{device, plan, plan_of, read, train};
 use infonerf_experiment::Resume;
 use infonerf_render::render_image;
 use infonerf_view::{Server, page};
@@ -62,7 +63,7 @@ fn the_page_draws_what_the_program_renders() {
     let folder = train(out.path(), &plan("infonerf+", &set), Resume::Never, None);
     let run = read(&folder);
     let file = folder.join("page.html");
-    fs::write(&file, page(&run).unwrap()).unwrap();
+    fs::write(&file, page(&run, None).unwrap()).unwrap();
     let length = fs::metadata(&file).unwrap().len();
     let models = run.models();
     for view in [0, 2] {
@@ -82,6 +83,38 @@ fn the_page_draws_what_the_program_renders() {
         assert!(pixels(&file, &format!("camera={view}&mode=normals")) != drawn);
     }
     assert!(length <= 1_000_000, "{length} bytes");
+}
+
+/// NeRF's MLP, mip-NeRF's and Neural Volumes, none of which the page can evaluate.
+#[test]
+#[ignore = "needs a browser: just test-view"]
+fn the_page_draws_what_is_baked() {
+    for (experiment, variant) in
+        [("integration", "infonerf"), ("integration", "mipnerf"), ("baselines", "neural-volumes")]
+    {
+        let out = tempfile::tempdir().unwrap();
+        let set = ["train.iterations=300", "eval.test=first-1"];
+        let folder = train(out.path(), &plan_of(experiment, variant, &set), Resume::Never, None);
+        let run = read(&folder);
+        let file = folder.join("page.html");
+        let start = Instant::now();
+        fs::write(&file, page(&run, None).unwrap()).unwrap();
+        let (seconds, length) = (start.elapsed().as_secs_f64(), fs::metadata(&file).unwrap().len());
+        let models = run.models();
+        for view in [0, 2] {
+            let camera = run.scene().train[view].camera.resized(SIZE, SIZE);
+            let image = render_image(run.renderer(), &models, &camera);
+            let rendered = infonerf_metrics::to_rgb8(&image.rgb, SIZE, SIZE).unwrap();
+            let drawn = pixels(&file, &format!("camera={view}"));
+            let colour = psnr(&drawn, &rendered);
+            eprintln!("{variant}, camera {view}: {colour:.1} dB, page of {length} bytes in {seconds:.1} s");
+            assert!(colour > 30.0, "{variant}, camera {view}: {colour} dB");
+            for mode in ["depth", "normals"] {
+                assert!(pixels(&file, &format!("camera={view}&mode={mode}")) != drawn, "{variant}: {mode}");
+            }
+        }
+        assert!(length <= 12_000_000, "{variant}: {length} bytes");
+    }
 }
 
 #[test]

@@ -41,6 +41,17 @@ impl Errors {
         }
     }
 
+    /// Values that should be `want`, whose error is relative to the largest of them: some are differences of large numbers.
+    pub(super) fn values(&mut self, got: &[f32], want: &[f64]) {
+        self.numbers += got.len() as u64;
+        self.non_finite += got.iter().filter(|got| !got.is_finite()).count() as u64;
+        let largest = want.iter().map(|want| want.abs()).fold(0.0, f64::max);
+        if largest > FLOOR {
+            let finite = got.iter().zip(want).filter(|(got, _)| got.is_finite());
+            self.value = finite.map(|(got, want)| (f64::from(*got) - want).abs() / largest).fold(self.value, f64::max);
+        }
+    }
+
     pub(super) fn merge(&mut self, other: &Self) {
         self.numbers += other.numbers;
         self.non_finite += other.non_finite;

@@ -18,6 +18,8 @@ Examples:
       time, samples and quality with each way of skipping switched off
   infonerf bench step --preset released --set scene.size=100 --steps 3 --warmup 1
       where the time of a step goes
+  infonerf bench agreement --device cuda
+      whether a GPU computes what the CPU does
   infonerf bench stress
       errors of every operation against f64 over a million extreme rays per device";
 
@@ -69,6 +71,8 @@ enum BenchName {
     Render,
     /// Fused operations against plain tensors.
     Ops,
+    /// A device against flex: operations, gradients and training steps; fails if a bound is broken.
+    Agreement,
     /// Errors of every operation and loss on extreme inputs, against f64; fails if a bound is broken.
     Stress,
     /// Tiny runs with settings and scenes that make training diverge or collapse; fails if a number is not finite.
@@ -84,6 +88,7 @@ impl BenchName {
             Self::Scale => Benchmark::Scale,
             Self::Render => Benchmark::Render,
             Self::Ops => Benchmark::Ops,
+            Self::Agreement => Benchmark::Agreement,
             Self::Stress => Benchmark::Stress,
             Self::StressTraining => Benchmark::StressTraining,
         }

@@ -21,6 +21,8 @@ use crate::terminal::open_device;
 /// distances of a fraction of a voxel.
 const FOUND_POINTS: usize = 100_000;
 const TRUTH_SIZE: u32 = 48;
+/// Voxels along the longest side of the scene's box, where the command line does not say how many.
+const RESOLUTION: usize = 256;
 /// Test views on which splats are measured at most.
 const TEST_VIEWS: usize = 8;
 
@@ -101,7 +103,8 @@ fn cameras(plan: &RunPlan) -> Result<Exported> {
 
 fn page(plan: RunPlan, args: &ExportArgs) -> Result<Exported> {
     let trained = read(plan, args)?;
-    let page = infonerf_view::page(&trained).with_context(|| args.run.join("config.toml").display().to_string())?;
+    let voxels = args.resolution.map(|voxels| voxels as usize);
+    let page = infonerf_view::page(&trained, voxels).with_context(|| args.run.display().to_string())?;
     Ok(Exported { bytes: page.into_bytes(), summary: "a page that draws the scene".to_owned(), surface: None })
 }
 
@@ -125,7 +128,7 @@ impl Sampled {
     fn read(plan: RunPlan, args: &ExportArgs) -> Result<Self> {
         let trained = read(plan, args)?;
         let volume = trained.volume();
-        let grid = Grid::sample(&volume, args.resolution as usize)?;
+        let grid = Grid::sample(&volume, args.resolution.map_or(RESOLUTION, |voxels| voxels as usize))?;
         Ok(Self { trained, volume, grid })
     }
 

@@ -60,19 +60,25 @@ pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
         Mode::Local(workers) => {
             let device = open_device(device)?;
             args.selection.weights.networks(&device)?;
-            local(&prepare()?, &out, &workers)
+            local(prepare()?, &out, &workers, device.name)
         }
     }
 }
 
 /// Runs everything on this machine.
-fn local(sweeps: &[(&Sweep, Prepared)], out: &Path, workers: &Workers) -> Result<ExitCode> {
+fn local(sweeps: Vec<(&Sweep, Prepared)>, out: &Path, workers: &Workers, device: DeviceName) -> Result<ExitCode> {
     interrupt::install()?;
     let (mut inputs, mut all_failed) = (Vec::new(), 0);
-    for (sweep, prepared) in sweeps {
+    let mut done: Vec<&Sweep> = Vec::new();
+    for (sweep, mut prepared) in sweeps {
         println!("\n{}", sweep.about.title);
-        announce(sweep, prepared);
-        match execute(sweep, prepared, workers)? {
+        announce(sweep, &prepared);
+        let adopted = sweep.adopt(&mut prepared, &done, out, device)?;
+        if adopted > 0 {
+            println!("{adopted} runs are those of experiments above, under other names");
+        }
+        done.push(sweep);
+        match execute(sweep, &prepared, workers)? {
             Execution::Stopped => {
                 println!("stopped and saved; the same command goes on");
                 return Ok(ExitCode::from(INTERRUPTED));

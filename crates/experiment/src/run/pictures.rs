@@ -28,10 +28,14 @@ pub(super) fn write_pictures(folder: &Path, scene: &Scene, view: &View, result: 
 /// Writes a PNG, with its folder.
 ///
 /// # Errors
-/// If it cannot be written.
+/// If it cannot be written; no part of it is left.
 pub fn save_png(picture: &image::RgbImage, path: &Path) -> Result<()> {
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
     }
-    picture.save(path).with_context(|| path.display().to_string())
+    let saved = picture.save(path);
+    if saved.is_err() {
+        let _ = fs::remove_file(path);
+    }
+    saved.with_context(|| path.display().to_string())
 }

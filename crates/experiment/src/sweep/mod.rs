@@ -4,6 +4,7 @@
 //! grids, random draws ─► plan (items) ─► manifest.jsonl ─► launcher (a process per item) ─► records ─► table, figures, report
 //! ```
 
+mod adopt;
 mod best;
 mod figures;
 mod grid;

@@ -126,7 +126,7 @@ fn leave_out_repetitions(space: &Space, items: &mut Vec<Item>) -> Result<Vec<Str
     let Some(first) = items.first().map(|item| item.plan.clone()) else { return Ok(Vec::new()) };
     let first = items.par_iter().filter(|item| item.plan.scene == first.scene && item.plan.seed == first.seed);
     let texts: Vec<Result<(String, String)>> =
-        first.map(|item| Ok((item.variant.clone(), toml::to_string(&item.plan.config)?))).collect();
+        first.map(|item| Ok((item.variant.clone(), serde_json::to_string(&item.plan.config)?))).collect();
     let mut variants: Vec<(String, Vec<String>)> = Vec::new();
     for text in texts {
         let (variant, config) = text?;

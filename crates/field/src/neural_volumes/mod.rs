@@ -1,8 +1,12 @@
 //! Neural Volumes (Lombardi et al. 2019): voxels that a network decodes from a latent code, and a warp of them.
 
+mod code;
+mod encoder;
 mod latent;
 mod template;
 mod warp;
+
+pub use encoder::CodeEncoderConfig;
 
 use std::fmt;
 
@@ -17,6 +21,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::check;
 use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, Sources};
+use code::Code;
+use encoder::Encoder;
 use latent::Latent;
 use template::Template;
 use warp::Warp;
@@ -25,7 +31,7 @@ use warp::Warp;
 const SLOPE: f64 = 0.2;
 /// √(2/(1 + slope²)): the gain that keeps the variance through one.
 const LEAKY_GAIN: f32 = 1.386_750_5;
-/// Colours are softplus(100 + 25x)/255: mid-grey before training.
+/// Mean, deviation and white of colours: they are softplus(100 + 25x)/255, mid-grey before training.
 const COLOR: (f32, f32, f32) = (100.0, 25.0, 255.0);
 
 /// Sizes of [`NeuralVolumes`].
@@ -42,12 +48,23 @@ pub struct NeuralVolumesConfig {
     pub maps: usize,
     /// Voxels of the warp along each axis (paper: 32).
     pub warp_resolution: usize,
+    /// What makes the code of photographs; without it the code is learned as it is, which comes to the same for a scene of one
+    /// frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub encoder: Option<CodeEncoderConfig>,
 }
 
 impl fmt::Display for NeuralVolumesConfig {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { latent, resolution, width, maps, .. } = self;
-        write!(f, "{resolution}³ voxels, decoded from {latent} numbers at width {width}, warped by {maps} affine maps")
+        write!(
+            f,
+            "{resolution}³ voxels, decoded from {latent} numbers at width {width}, warped by {maps} affine maps"
+        )?;
+        match &self.encoder {
+            Some(encoder) => write!(f, ", encoded from {} photographs", encoder.images),
+            None => Ok(()),
+        }
     }
 }
 
@@ -68,14 +85,18 @@ impl FieldSpec for NeuralVolumesConfig {
         )?;
         check("maps", "1 to 64", self.maps, (1..=64).contains(&self.maps))?;
         let warp = self.warp_resolution;
-        check("warp_resolution", "2 to 64", warp, (2..=64).contains(&warp))
+        check("warp_resolution", "2 to 64", warp, (2..=64).contains(&warp))?;
+        self.encoder.as_ref().map_or(Ok(()), CodeEncoderConfig::validate)
     }
 
     fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralVolumes, ConfigError> {
         let &FieldSetup { bounds: [low, high], seed, device, .. } = setup;
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
         Ok(NeuralVolumes {
-            latent: Latent::new(self.latent, rng, device),
+            codes: match &self.encoder {
+                Some(encoder) => Codes::Encoded(Encoder::new(encoder, self.latent, rng, device)),
+                None => Codes::Learned(Latent::new(self.latent, rng, device)),
+            },
             template: Template::new(self.latent, self.resolution, self.width, rng, device),
             warp: Warp::new(self.latent, self.maps, self.warp_resolution, rng, device),
             decoded: None,
@@ -89,20 +110,25 @@ impl FieldSpec for NeuralVolumesConfig {
         let channels = template::channels(self.resolution, self.width);
         let convolutions: usize = channels.windows(2).map(|pair| 64 * pair[0] * pair[1]).sum();
         let weights = 64 * self.maps * self.warp_resolution.pow(3);
-        let parameters = (self.latent * channels[0] + convolutions + weights) as u64;
+        let encoder = self.encoder.as_ref().map_or(0, |encoder| encoder.parameters(self.latent));
+        let parameters = (encoder + self.latent * channels[0] + convolutions + weights) as u64;
         // Where the warp and the template are read, what is found there, and the gradients of each.
         Footprint { parameters, per_sample: 20 }
     }
+
+    fn first_photographs(&self) -> Option<(&'static str, usize)> {
+        self.encoder.as_ref().map(|encoder| ("encoder.images", encoder.images))
+    }
 }
 
-/// Latent code → template of coloured voxels, and a warp field → density and colour.
+/// Photographs, if there is an encoder → latent code → template of coloured voxels, and a warp field → density and colour.
 ///
 /// The volume is the cube [−1, 1]³ of the longest side of the scene's box about its middle. A point of it is moved by the
 /// warp to where the template is read; outside of the cube there is nothing. Density is the template's opacity per unit of
 /// the cube, in scene units; it is meant for `render.compositing = "additive"`.
 #[derive(Module, Debug)]
 pub struct NeuralVolumes {
-    latent: Latent,
+    codes: Codes,
     template: Template,
     warp: Warp,
     /// What the code decodes to; none before the field is [conditioned](Field::conditioned).
@@ -115,6 +141,25 @@ pub struct NeuralVolumes {
     half_side: f32,
 }
 
+/// Where the code comes from.
+#[derive(Module, Debug)]
+#[allow(clippy::large_enum_variant, reason = "a field holds one of them")]
+enum Codes {
+    /// Of the first training views.
+    Encoded(Encoder),
+    /// A parameter.
+    Learned(Latent),
+}
+
+impl Codes {
+    fn of(&self, sources: &Sources) -> Code {
+        match self {
+            Self::Encoded(encoder) => encoder.code(&sources.views),
+            Self::Learned(latent) => latent.code(),
+        }
+    }
+}
+
 /// A decoded code.
 #[derive(Module, Debug)]
 struct Decoded {
@@ -122,6 +167,8 @@ struct Decoded {
     voxels: Tensor<2>,
     /// Where in the cube the template is read for each voxel of the warp's grid, `[warp_resolution³, 3]`.
     warp: Tensor<2>,
+    /// The distribution that the code was drawn from.
+    code: Code,
 }
 
 impl NeuralVolumes {
@@ -149,7 +196,7 @@ impl Field for NeuralVolumes {
     /// If the field was not [conditioned](Field::conditioned).
     fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
         let (device, samples) = (self.device(), points.len());
-        let Decoded { voxels, warp } = self.decoded();
+        let Decoded { voxels, warp, .. } = self.decoded();
         let cube = self.in_cube(points.positions);
         let inside = self.inside(&cube, &device);
         let cube = Tensor::<2>::from_data(TensorData::new(cube, [samples, 3]), &device);
@@ -162,16 +209,19 @@ impl Field for NeuralVolumes {
     }
 
     fn device(&self) -> Device {
-        self.latent.device()
+        self.template.device()
     }
 
-    fn conditioned(&self, _sources: &Sources, seed: Option<u64>) -> Self {
-        let code = self.latent.code(seed);
-        let raw = self.template.voxels(code.clone());
+    /// # Panics
+    /// If there are fewer photographs than its encoder looks at.
+    fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {
+        let code = self.codes.of(sources);
+        let drawn = code.draw(seed);
+        let raw = self.template.voxels(drawn.clone());
         let (bias, scale, white) = COLOR;
         let color = softplus(raw.clone().narrow(1, 0, 3) * scale + bias, 1.0) / white;
         let opacity = softplus(raw.narrow(1, 3, 1), 1.0);
-        let decoded = Decoded { voxels: Tensor::cat(vec![color, opacity], 1), warp: self.warp.field(code) };
+        let decoded = Decoded { voxels: Tensor::cat(vec![color, opacity], 1), warp: self.warp.field(drawn), code };
         Self { decoded: Some(decoded), ..self.clone() }
     }
 
@@ -191,7 +241,7 @@ impl Field for NeuralVolumes {
     }
 
     fn latent_divergence(&self) -> Option<Tensor<1>> {
-        Some(self.latent.divergence())
+        Some(self.decoded().code.divergence())
     }
 }
 

@@ -39,6 +39,10 @@ impl Template {
         Self { dense, layers: (0..channels.len()).map(layer).collect() }
     }
 
+    pub(super) fn device(&self) -> Device {
+        self.dense.weight.val().device()
+    }
+
     /// The voxels of a code `[1, latent]`, before activation: `[resolution³, 4]`, x fastest and z slowest.
     pub(super) fn voxels(&self, code: Tensor<2>) -> Tensor<2> {
         let dense = leaky_relu(self.dense.forward(code), SLOPE);

@@ -10,8 +10,21 @@ pub use plain::plain;
 use std::sync::Arc;
 
 use burn::tensor::Tensor;
+use serde::{Deserialize, Serialize};
 
 use crate::Segments;
+
+/// How exact a network's matrix products are. Weights, sums of products and everything else are single precision.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Precision {
+    /// Single precision.
+    #[default]
+    F32,
+    /// Factors and results rounded to bfloat16, which has 8 bits and the exponents of single precision, so that gradients
+    /// need no scaling: the products that the tensor cores of GPUs are fast at.
+    Bf16,
+}
 
 /// A layer y = xW + b.
 #[derive(Clone, Debug)]
@@ -33,6 +46,8 @@ pub struct RadianceMlp {
     pub sigma: Dense,
     /// The way to colour, if colour is wanted.
     pub color: Option<ColorBranch>,
+    /// Of the matrix products.
+    pub precision: Precision,
 }
 
 /// Trunk → features; features and encoded direction → a ReLU layer → colour.
@@ -56,10 +71,10 @@ pub struct ColorBranch {
 /// where `network` has no colour. Differentiable in every weight and in `encoded`.
 ///
 /// # Panics
-/// If the layers do not fit on top of each other.
+/// If the layers do not fit on top of each other, or the device does not have numbers of that precision.
 pub fn radiance_mlp(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
     #[cfg(feature = "flex")]
-    if crate::has_host_kernels(&encoded.device()) {
+    if network.precision == Precision::F32 && crate::has_host_kernels(&encoded.device()) {
         let (kernel, weights) = host::MlpKernel::new(encoded.dims(), network);
         return crate::kernel::apply2(kernel, encoded, weights);
     }

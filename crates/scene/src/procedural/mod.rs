@@ -148,6 +148,11 @@ pub(crate) fn has_body(name: &str) -> bool {
     name == "figure"
 }
 
+/// The body of the scene `name`, if it has one.
+pub(crate) fn body(name: &str) -> Result<Option<Body>, SceneError> {
+    has_body(name).then(figure_body).transpose()
+}
+
 /// The body of the scene `figure`: points of its exact surface, as many as SMPL has vertices.
 fn figure_body() -> Result<Body, SceneError> {
     const VERTICES: usize = 6890;
@@ -246,7 +251,7 @@ pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneErr
         centre,
         radius: train.iter().map(|camera| camera.position().distance(centre)).fold(0.0, f32::max),
         all_train_cameras: train,
-        body: has_body(name).then(figure_body).transpose()?,
+        body: body(name)?,
         ..Scene::default()
     })
 }

@@ -112,6 +112,7 @@ impl Config {
             let cause = format!("expected \"interval\" with a {}: its samples are pieces of cones", self.field);
             return Err(TrainError::config("render.placement", cause));
         }
+        self.check_photographs()?;
         let skips = self.render.occupancy.enabled || self.render.clip_to_bounds;
         if skips && self.train.neighbours.sampling == NeighbourSampling::Own && self.needs_neighbours() {
             let cause = "expected \"partner\" with render.occupancy.enabled or render.clip_to_bounds: rays and their \
@@ -121,10 +122,34 @@ impl Config {
         Ok(())
     }
 
+    /// Whether a field that looks at the first of the training views is shown them in every step.
+    fn check_photographs(&self) -> Result<(), TrainError> {
+        let Some((key, images)) = self.field.first_photographs() else { return Ok(()) };
+        let refuse = |key: &str, cause: String, good: bool| {
+            if good { Ok(()) } else { Err(TrainError::config(key, format!("{cause} with {}", self.field))) }
+        };
+        refuse("train.sources", format!("expected 0, found {},", self.train.sources), self.train.sources == 0)?;
+        let held_out = self.train.batch == Batch::HeldOut;
+        refuse("train.batch", "expected \"pixels\" or \"image\"".into(), !held_out)?;
+        match self.scene.views.count() {
+            Some(views) => check_enough_views(key, images, views),
+            None => Ok(()),
+        }
+    }
+
     fn needs_neighbours(&self) -> bool {
         let entropy = !self.loss.entropy.weight.is_zero() && self.loss.entropy.neighbours;
         !self.loss.kl.weight.is_zero() || entropy
     }
+}
+
+/// Refuses a field that looks at more training views, `images` by the key within `[field]`, than there are.
+pub(crate) fn check_enough_views(key: &str, images: usize, views: usize) -> Result<(), TrainError> {
+    if images <= views {
+        return Ok(());
+    }
+    let cause = format!("expected at most {views}, as many as there are training views, found {images}");
+    Err(TrainError::config(format!("field.{key}"), cause))
 }
 
 #[cfg(test)]
@@ -140,6 +165,36 @@ mod tests {
 
     const MIP: &str =
         "field={kind=\"mip\",layers=2,width=8,skip=0,position_frequencies=4,direction_frequencies=2,detail=1.0}";
+
+    const ENCODED: &str = "field={kind='neuralvolumes',latent=4,resolution=4,width=8,maps=1,warp_resolution=2,\
+                           encoder={images=3,size=[16,16],width=1}}";
+
+    /// What an encoder of photographs needs of the rest of the config.
+    #[test]
+    fn an_encoder_sees_its_photographs_in_every_step() {
+        let with = |assignment: &str| {
+            let mut table = Preset::Paper.table();
+            for assignment in [ENCODED, assignment] {
+                assign(&mut table, assignment).unwrap();
+            }
+            Config::from_table(table).map(|_| ()).map_err(|error| error.to_string())
+        };
+        for fine in ["train.batch=image", "scene.views.count=3", "scene.views={kind='all'}"] {
+            assert_eq!(with(fine), Ok(()));
+        }
+        for (assignment, parts) in [
+            ("scene.views.count=2", ["field.encoder.images: expected at most 2", "found 3"]),
+            ("scene.views={kind='ids',ids=[1]}", ["field.encoder.images: expected at most 1", "found 3"]),
+            ("train.sources=2", ["train.sources: expected 0", "4³ voxels"]),
+            ("train.batch=held-out", ["train.batch: expected", "4³ voxels"]),
+            ("field.encoder.size=[16,20]", ["field.encoder.size: expected two multiples of 16", "[16, 20]"]),
+            ("field.encoder.images=0", ["field.encoder.images: expected 1 to 16", "found 0"]),
+        ] {
+            let message = with(assignment).unwrap_err();
+            assert!(parts.iter().all(|part| message.contains(part)), "{assignment}: {message}");
+            assert_eq!(message.lines().count(), 1, "{message}");
+        }
+    }
 
     #[test]
     fn a_fault_names_its_key() {

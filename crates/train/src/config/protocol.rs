@@ -86,6 +86,17 @@ pub enum Views {
 }
 
 impl Views {
+    /// How many they are, where that does not depend on the scene.
+    pub(super) fn count(&self) -> Option<usize> {
+        match self {
+            Self::Seed { count } | Self::Farthest { count } | Self::Narrow { count, .. } | Self::Wide { count } => {
+                Some(*count)
+            }
+            Self::Ids { ids } => Some(ids.len()),
+            Self::Published { .. } | Self::All => None,
+        }
+    }
+
     /// For the loader, with the run's seed.
     pub fn select(&self, seed: u64) -> ViewSelection {
         match self.clone() {

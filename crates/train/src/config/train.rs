@@ -32,7 +32,8 @@ pub struct TrainConfig {
     /// If above 0: a field that looks at photographs sees at most so many of them in a step, a random number of random
     /// ones; 0 shows it all.
     pub sources: usize,
-    /// Folder of a run whose weights to begin with, such as `infonerf pretrain` leaves; empty for random ones.
+    /// Folder of a run whose weights to begin with, such as `infonerf pretrain` leaves; empty for random ones. Not
+    /// of a run with `exposure_compensation`, whose gains are of its own views.
     pub init: PathBuf,
     /// Steps in which pixels come from the central half of the images only (released code: 500).
     pub precrop_steps: usize,
@@ -40,6 +41,9 @@ pub struct TrainConfig {
     pub unseen: Unseen,
     /// The neighbours of rays.
     pub neighbours: NeighbourConfig,
+    /// Whether each training view has a gain and a bias of its own for each channel, which are learned
+    /// ([`infonerf_render::Exposure`]). Pictures of other cameras have none.
+    pub exposure_compensation: bool,
     /// Adam's learning rate.
     pub lr: Schedule,
     /// Factor on the learning rate of a field's tables.

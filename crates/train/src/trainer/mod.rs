@@ -85,6 +85,8 @@ impl Trainer {
         several("render.occupancy.enabled", cause, !config.render.occupancy.enabled)?;
         let cause = "0: the errors of pixels are those of one scene";
         several("train.error_sampling.threshold", cause, !config.train.error_sampling.is_on())?;
+        let cause = "false: gains and biases are those of one scene's views";
+        several("train.exposure_compensation", cause, !config.train.exposure_compensation)?;
         let first = scenes.first().ok_or_else(|| TrainError::config("scenes", "expected at least one"))?;
         let builder = FieldBuilder::configured(config, field_bounds(config, first), first.body.clone());
         Self::with_builder(config, scenes, seed, None, device, builder)
@@ -124,7 +126,7 @@ impl<F: Field> Trainer<F> {
         let scenes: Vec<TrainingScene> =
             scenes.into_iter().map(|scene| TrainingScene::new(config, scene, &device)).collect::<Result<_, _>>()?;
         Ok(Self {
-            model: builder.model(config, seed, &device)?,
+            model: builder.model(config, scenes[0].scene.train.len(), seed, &device)?,
             optimiser: optimiser(config),
             occupancy: occupancy_grid(config, &scenes[0].scene),
             config: config.clone(),

@@ -109,7 +109,7 @@ impl<F: Field> Trainer<F> {
     fn restart(&mut self) -> Result<(), TrainError> {
         let restarts = self.progress.restarts + 1;
         let seed = Noise::new(self.seed, restarts as u64, Stream::Restart).bits();
-        self.model = self.builder.model(&self.config, seed, &self.device)?;
+        self.model = self.builder.model(&self.config, self.scene().train.len(), seed, &self.device)?;
         self.weight_average = WeightAverage::default();
         self.optimiser = optimiser(&self.config);
         self.occupancy = occupancy_grid(&self.config, &self.scenes[0].scene);

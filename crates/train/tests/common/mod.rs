@@ -24,14 +24,15 @@ const PAPER: [&str; 12] = [
     "train.lr={from=5e-4,to=5e-5,curve=\"exponential\"}",
 ];
 
-/// The quick field, likewise.
-const FAST: [&str; 10] = [
+/// The quick field, likewise, with a gain and bias of each view.
+const FAST: [&str; 11] = [
     "field.resolutions=[4,8,16]",
     "field.channels=2",
     "field.width=16",
     "field.layers=1",
     "render.samples={from=12,to=24,end=0.5,curve=\"exponential\"}",
     "train.error_sampling={threshold=0.2,keep=0.25}",
+    "train.exposure_compensation=true",
     "render.occupancy.resolution=8",
     "render.occupancy.warmup=2",
     "render.occupancy.every=3",
@@ -61,6 +62,18 @@ const PIXEL: [&str; 11] = [
     "train.sources=2",
 ];
 
+/// The field that encodes photographs into a latent code, which it draws in training.
+const ENCODED: [&str; 8] = [
+    "field={kind=\"neuralvolumes\",latent=8,resolution=8,width=8,maps=2,warp_resolution=4,encoder={images=1,size=[16,32],width=2}}",
+    "render.samples=12",
+    "render.fine_samples=0",
+    "render.placement=mid",
+    "render.compositing=additive",
+    "loss.opacity_prior.weight=0.01",
+    "loss.tv.weight=0.01",
+    "loss.latent.weight=1e-3",
+];
+
 const ALL: [&str; 5] = [
     "train.iterations=12",
     "train.rays=24",
@@ -88,9 +101,10 @@ pub fn pixel_config(settings: &[&str]) -> Config {
 }
 
 /// The same of every kind of field.
-pub fn configs() -> [Config; 4] {
+pub fn configs() -> [Config; 5] {
     let fast = configured(Preset::Fast, &[&ALL, &FAST, &["train.target_samples=400"]]);
-    [config(&[]), config(&MIP), fast, pixel_config(&[])]
+    let encoded = configured(Preset::Paper, &[&ALL, &ENCODED]);
+    [config(&[]), config(&MIP), fast, pixel_config(&[]), encoded]
 }
 
 pub fn scene() -> Arc<Scene> {

@@ -8,8 +8,8 @@ use anyhow::Result;
 use infonerf_experiment::{OpenDevice, RunPlan, Trained};
 use infonerf_scene::Scene;
 
-use super::runs::stamp;
-use crate::package;
+use super::runs::{is_finished, stamp};
+use crate::{baked, package};
 
 /// Packages that are kept.
 const KEPT: usize = 16;
@@ -25,6 +25,7 @@ struct Made {
     run: PathBuf,
     config: String,
     stamp: u64,
+    finished: bool,
     scene: Arc<Scene>,
     package: Arc<str>,
 }
@@ -34,16 +35,18 @@ impl Fields {
         Self { device, made: Mutex::default() }
     }
 
-    /// The package of a run's first field, as its newest checkpoint has it.
+    /// The package of a run's first field, as its newest checkpoint has it. One that is baked has fewer voxels until the run
+    /// is finished.
     ///
     /// # Errors
-    /// If the run has no checkpoint, its scene cannot be read, or its field is not one that a page can hold.
+    /// If the run has no checkpoint, or its scene cannot be read.
     pub(super) fn package(&self, run: &Path) -> Result<Arc<str>> {
         let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
-        let (stamp, config) = (stamp(run), fs::read_to_string(run.join("config.toml"))?);
+        let (stamp, finished) = (stamp(run), is_finished(run));
+        let config = fs::read_to_string(run.join("config.toml"))?;
         let before = made.iter().position(|made| made.run == run && made.config == config);
         let before = before.map(|index| made.remove(index));
-        if let Some(same) = before.as_ref().filter(|made| made.stamp == stamp) {
+        if let Some(same) = before.as_ref().filter(|made| (made.stamp, made.finished) == (stamp, finished)) {
             let package = same.package.clone();
             made.extend(before);
             return Ok(package);
@@ -54,11 +57,13 @@ impl Fields {
             None => Arc::new(plan.load()?),
         };
         let trained = Trained::on_scene(plan, scene.clone(), run, &self.device)?;
-        let package: Arc<str> = package::of_run(&trained, &trained.trainers[0].trained())?.to_string().into();
+        let field = &trained.plan.config.field;
+        let voxels = if finished { baked::resolution(field) } else { baked::live_resolution(field) };
+        let package: Arc<str> = package::of_run(&trained, &trained.trainers[0].trained(), voxels)?.to_string().into();
         if made.len() == KEPT {
             made.remove(0);
         }
-        made.push(Made { run: run.to_owned(), config, stamp, scene, package: package.clone() });
+        made.push(Made { run: run.to_owned(), config, stamp, finished, scene, package: package.clone() });
         Ok(package)
     }
 }

@@ -73,11 +73,15 @@ fn describe(root: &Path, run: &Path) -> Value {
     json!({ "run": path, "name": name, "state": state(run), "stamp": stamp(run) })
 }
 
+/// Whether a run has its record.
+pub(super) fn is_finished(run: &Path) -> bool {
+    let mut names = fs::read_dir(run).into_iter().flatten().flatten().map(|entry| entry.file_name());
+    names.any(|name| name.to_string_lossy().starts_with("record-"))
+}
+
 fn state(run: &Path) -> &'static str {
-    let names = fs::read_dir(run).into_iter().flatten().flatten().map(|entry| entry.file_name());
-    let mut records = names.filter(|name| name.to_string_lossy().starts_with("record-"));
     let recent = |path: &Path| written(path).and_then(|time| time.elapsed().ok()).is_some_and(|age| age < LIVELY);
-    if records.next().is_some() {
+    if is_finished(run) {
         "finished"
     } else if recent(&first_field(run).join("metrics.jsonl")) {
         "training"

@@ -31,13 +31,17 @@ pub fn device() -> OpenDevice {
 }
 
 pub fn plan(variant: &str, set: &[&str]) -> RunPlan {
+    plan_of("synthetic-4view", variant, set)
+}
+
+pub fn plan_of(experiment: &str, variant: &str, set: &[&str]) -> RunPlan {
     let selection = Selection {
         scenes: vec!["crane".into()],
         variants: vec![variant.into()],
         set: set.iter().map(|&setting| setting.to_owned()).collect(),
         ..Selection::default()
     };
-    Experiment::plan("synthetic-4view", &selection).unwrap().runs.remove(0)
+    Experiment::plan(experiment, &selection).unwrap().runs.remove(0)
 }
 
 /// Trains and evaluates below `out`; the run's folder. `stop` ends training at that step.

@@ -1,0 +1,155 @@
+//! The operations of infonerf-ops, to be asked on several devices.
+
+use std::sync::Arc;
+
+use burn::tensor::{Device, Tensor, TensorData};
+use fastrand::Rng;
+use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
+use infonerf_ops::{
+    RayDistribution, Segments, composite, frequency_encode, integrated_encode, ray_divergence, ray_entropy, to_host,
+};
+
+/// Largest error of a value or gradient, over the largest of its array.
+const OPERATION: f64 = 1e-4;
+/// The same of sines and cosines of phases up to 3·2¹⁶.
+const ENCODING: f64 = 1e-6;
+const SEED: u64 = 11;
+
+/// An operation on inputs of its own.
+pub(super) struct Operation {
+    pub(super) name: String,
+    /// Largest error that is allowed, over the largest number of an array.
+    pub(super) bound: f64,
+    pub(super) answer: Answer,
+}
+
+/// What a device makes of an operation: its values, then the gradient of Σ uᵢ outᵢ, for some u, with respect to each input.
+type Answer = Box<dyn Fn(&Device) -> Vec<Vec<f32>>>;
+
+/// All of them.
+pub(super) fn all() -> Vec<Operation> {
+    let rng = &mut Rng::with_seed(SEED);
+    let mut operations = along_rays(rng);
+    operations.extend(factored(rng));
+    operations.extend(encodings(rng));
+    operations
+}
+
+/// Compositing, entropies and divergence, on rays of all lengths, some of them empty, with optical depths from almost
+/// nothing to opaque.
+fn along_rays(rng: &mut Rng) -> Vec<Operation> {
+    const RAYS: usize = 300;
+    let segments = Segments::from_counts((0..RAYS).map(|_| rng.usize(0..40)));
+    let mut depths =
+        || -> Vec<f32> { numbers(rng, segments.samples(), -14.0, 3.0).into_iter().map(f32::exp).collect() };
+    let (tau, near) = (depths(), depths());
+    let values = numbers(rng, 4 * tau.len(), 0.0, 1.0);
+    let mut operations = Vec::new();
+    {
+        let (segments, tau) = (segments.clone(), tau.clone());
+        operations.push(operation("compositing", move |device| {
+            let (tau, values) = (leaf(&tau, device), leaf(&values, device));
+            let out = composite(tau.clone(), values.clone().reshape([-1, 4]), &segments);
+            pulled(Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1)], 1), &[&tau, &values])
+        }));
+    }
+    for of in [RayDistribution::Alpha, RayDistribution::AlphaBackground, RayDistribution::Termination] {
+        for epsilon in [0.0, 1e-10] {
+            let (segments, tau) = (segments.clone(), tau.clone());
+            operations.push(operation(&format!("entropy of {of:?}, epsilon {epsilon:e}"), move |device| {
+                let tau = leaf(&tau, device);
+                let out = ray_entropy(tau.clone(), &segments, of, epsilon);
+                pulled(Tensor::cat(vec![out.bits, out.alpha_sum], 0), &[&tau])
+            }));
+        }
+    }
+    operations.push(operation("divergence", move |device| {
+        let (tau, near) = (leaf(&tau, device), leaf(&near, device));
+        pulled(ray_divergence(tau.clone(), near.clone(), &segments, 1e-10), &[&tau, &near])
+    }));
+    operations
+}
+
+/// A factored field, and the variation of its planes.
+fn factored(rng: &mut Rng) -> Vec<Operation> {
+    const SAMPLES: usize = 700;
+    let layout = Arc::new(Layout::new(3, &[(8, 4), (16, 4)], (2, 32), true, (10.0, -5.0)));
+    let tables = numbers(rng, layout.table_len(), -0.5, 0.5);
+    let weights = numbers(rng, layout.weight_len(), -0.4, 0.4);
+    let positions = numbers(rng, 3 * SAMPLES, 0.0, 1.0);
+    let directions = numbers(rng, 3 * SAMPLES, -0.5, 0.5);
+    let mut operations = Vec::new();
+    for color in [true, false] {
+        let (layout, tables, weights) = (layout.clone(), tables.clone(), weights.clone());
+        let query = Query {
+            positions: positions.clone().into(),
+            directions: directions.clone().into(),
+            frequency_weights: vec![1.0, 1.0, 0.5],
+            level_weights: vec![1.0, 0.5],
+            color,
+        };
+        let name = if color { "factored field" } else { "factored field, density alone" };
+        operations.push(operation(name, move |device| {
+            let (tables, weights) = (leaf(&tables, device), leaf(&weights, device));
+            pulled(factored_field(tables.clone(), weights.clone(), &layout, query.clone()), &[&tables, &weights])
+        }));
+    }
+    operations.push(operation("plane variation", move |device| {
+        let tables = leaf(&tables, device);
+        pulled(plane_variation(tables.clone(), &layout), &[&tables])
+    }));
+    operations
+}
+
+/// Encodings; of the many points more than one dimension of a GPU's grid has groups of threads.
+fn encodings(rng: &mut Rng) -> Vec<Operation> {
+    const MANY: usize = 1_500_000;
+    const SHOWN: usize = 1000;
+    const WINDOW: [f32; 4] = [1.0, 1.0, 0.5, 0.0];
+    let points = numbers(rng, 3 * 500, -3.0, 3.0);
+    let variances: Vec<f32> = numbers(rng, points.len(), -25.0, 0.0).into_iter().map(f32::exp).collect();
+    let many = numbers(rng, 3 * MANY, -1.0, 1.0);
+    let encoding = |name: String, answer: Answer| Operation { name, bound: ENCODING, answer };
+    let mut operations = Vec::new();
+    for frequencies in [0, 1, 17] {
+        let (plain, faded, variances) = (points.clone(), points.clone(), variances.clone());
+        operations.push(encoding(
+            format!("frequency encoding, {frequencies} octaves"),
+            Box::new(move |device| vec![to_host(frequency_encode(&plain, 3, frequencies, &WINDOW, device))]),
+        ));
+        operations.push(encoding(
+            format!("integrated encoding, {frequencies} octaves"),
+            Box::new(move |device| vec![to_host(integrated_encode(&faded, &variances, frequencies, &WINDOW, device))]),
+        ));
+    }
+    operations.push(encoding(
+        "frequency encoding of 1.5 million points".into(),
+        Box::new(move |device| {
+            vec![to_host(frequency_encode(&many, 3, 1, &[], device).narrow(0, MANY - SHOWN, SHOWN))]
+        }),
+    ));
+    operations
+}
+
+fn operation(name: &str, answer: impl Fn(&Device) -> Vec<Vec<f32>> + 'static) -> Operation {
+    Operation { name: name.into(), bound: OPERATION, answer: Box::new(answer) }
+}
+
+/// `count` numbers in [`low`, `high`).
+fn numbers(rng: &mut Rng, count: usize, low: f32, high: f32) -> Vec<f32> {
+    (0..count).map(|_| low + (high - low) * rng.f32()).collect()
+}
+
+fn leaf(values: &[f32], device: &Device) -> Tensor<1> {
+    Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), &device.clone().autodiff()).require_grad()
+}
+
+/// The output, and the gradient of Σ uᵢ outᵢ with respect to each input, u in [−1, 1).
+fn pulled<const D: usize>(out: Tensor<D>, inputs: &[&Tensor<1>]) -> Vec<Vec<f32>> {
+    let out = out.flatten::<1>(0, D - 1);
+    let count = out.dims()[0];
+    let pull = TensorData::new(numbers(&mut Rng::with_seed(SEED), count, -1.0, 1.0), [count]);
+    let grads = (out.clone() * Tensor::from_data(pull, &out.device())).sum().backward();
+    let gradient = |input: &&Tensor<1>| input.grad(&grads).map(to_host).unwrap_or_default();
+    std::iter::once(to_host(out.detach())).chain(inputs.iter().map(gradient)).collect()
+}

@@ -1,0 +1,150 @@
+//! Whole training steps of every kind of field, to be taken on several devices.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use anyhow::{Context, Result};
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::tensor::{Device, Tensor};
+use infonerf_experiment::RunPlan;
+use infonerf_ops::to_host;
+use infonerf_train::{Config, Event, Outcome, Preset, Trainer, config, evaluate_view};
+
+/// Steps that are compared.
+pub(super) const STEPS: usize = 20;
+
+/// Under which a run takes a second.
+const TINY: [&str; 10] = [
+    "scene.size=16",
+    "eval.test=first-1",
+    "eval.information_rays=0",
+    "train.rays=24",
+    "train.unseen_rays=12",
+    "loss.kl.weight=1e-3",
+    "render.occupancy.enabled=true",
+    "render.occupancy.resolution=8",
+    "render.occupancy.warmup=2",
+    "render.occupancy.every=3",
+];
+
+/// A kind of field, small, with as many loss terms as it bears.
+pub(super) struct Kind {
+    pub(super) name: &'static str,
+    preset: Preset,
+    settings: &'static [&'static str],
+}
+
+/// All that train on their own.
+pub(super) const KINDS: [Kind; 4] = [
+    Kind {
+        name: "NeRF",
+        preset: Preset::Paper,
+        settings: &[
+            "field={kind=\"nerf\",layers=3,width=16,skip=1,position_frequencies=4,direction_frequencies=2,density=\"softplus\",detail=1.0}",
+            "render.samples=10",
+            "render.fine_samples=6",
+            "loss.kl.rays=all",
+        ],
+    },
+    Kind {
+        name: "mip-NeRF",
+        preset: Preset::Paper,
+        settings: &[
+            "field={kind=\"mip\",layers=3,width=16,skip=1,position_frequencies=6,direction_frequencies=2,detail=1.0}",
+            "render.samples=10",
+            "render.fine_samples=6",
+            "render.placement=interval",
+            "render.clip_to_bounds=true",
+        ],
+    },
+    Kind {
+        name: "factored field",
+        preset: Preset::Fast,
+        settings: &[
+            "field.resolutions=[4,8,16]",
+            "field.channels=2",
+            "field.width=16",
+            "field.layers=1",
+            "render.samples=12",
+            "train.target_samples=400",
+            "loss.entropy.weight=1e-3",
+        ],
+    },
+    Kind {
+        name: "PixelNeRF",
+        preset: Preset::Paper,
+        settings: &[
+            "field={kind=\"pixelnerf\",encoder={width=4,blocks=[1,1],weights=\"\"},blocks=3,pool_after=2,width=8,frequencies=2,lowest_frequency=1.5,density=\"softplus\"}",
+            "render.samples=8",
+            "render.fine_samples=4",
+            "train.batch=held-out",
+            "train.sources=2",
+        ],
+    },
+];
+
+/// A few steps of a run.
+pub(super) struct Course {
+    /// The losses of each step, by term, with their sum as `total`.
+    pub(super) losses: Vec<BTreeMap<String, f32>>,
+    /// The first test view afterwards, three numbers a pixel.
+    pub(super) picture: Vec<f32>,
+}
+
+impl Kind {
+    /// A trainer of this field on the plan's scene, `extra` settings on top.
+    fn trainer(&self, plan: &RunPlan, extra: &[&str], device: &Device) -> Result<Trainer> {
+        let mut table = self.preset.table();
+        for setting in TINY.iter().chain(self.settings).chain(extra) {
+            config::assign(&mut table, setting)?;
+        }
+        let config = Config::from_table(table).context(self.name)?;
+        let plan = RunPlan { config, ..plan.clone() };
+        Ok(plan.trainer(Arc::new(plan.load()?), 0, device)?)
+    }
+
+    /// Gradients of the whole loss with respect to each parameter.
+    ///
+    /// With ε = 1 Adam's first step is the rate times g/(1 + |g|), a number that shows g.
+    pub(super) fn gradients(&self, plan: &RunPlan, device: &Device) -> Result<Vec<Vec<f32>>> {
+        let settings =
+            ["train.iterations=12", "train.lr=100.0", "train.adam_epsilon=1.0", "train.weight_averaging=0.0"];
+        let mut trainer = self.trainer(plan, &settings, device)?;
+        let before = weights(&trainer);
+        let rate = 100.0;
+        trainer.step(&mut |_| ())?;
+        let moved = |(before, after): (&Vec<f32>, Vec<f32>)| {
+            before.iter().zip(after).map(|(before, after)| (after - before) / rate).collect()
+        };
+        Ok(before.iter().zip(weights(&trainer)).map(moved).collect())
+    }
+
+    /// The first [`STEPS`] steps.
+    pub(super) fn course(&self, plan: &RunPlan, device: &Device) -> Result<Course> {
+        let mut trainer = self.trainer(plan, &[&format!("train.iterations={STEPS}")], device)?;
+        let mut steps = Vec::new();
+        let mut report = |event| {
+            if let Event::Step { loss, losses, .. } = event {
+                steps.push(losses.into_iter().chain([("total".to_owned(), loss)]).collect());
+            }
+        };
+        while trainer.step(&mut report)? == Outcome::Running {}
+        let view = trainer.scene().test.first().context("expected a test view")?;
+        let view = evaluate_view(trainer.renderer(), &[trainer.trained()], view)?;
+        Ok(Course { losses: steps, picture: view.image.rgb.into_iter().flatten().collect() })
+    }
+}
+
+fn weights(trainer: &Trainer) -> Vec<Vec<f32>> {
+    struct Weights(Vec<Vec<f32>>);
+
+    impl ModuleVisitor for Weights {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            self.0.push(to_host(param.val()));
+        }
+    }
+
+    let mut weights = Weights(Vec::new());
+    trainer.model().visit(&mut weights);
+    weights.0
+}

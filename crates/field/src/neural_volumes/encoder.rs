@@ -1,0 +1,194 @@
+//! The encoder of Neural Volumes: from photographs of a frame to its latent code.
+
+use burn::module::{Module, Param};
+use burn::nn::conv::{Conv2d, Conv2dConfig};
+use burn::nn::{Linear, PaddingConfig2d};
+use burn::tensor::activation::leaky_relu;
+use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_ops::bilinear::{Taps, bilinear};
+use rand::Rng;
+use serde::{Deserialize, Serialize};
+
+use super::code::Code;
+use super::{COLOR, LEAKY_GAIN, SLOPE};
+use crate::check::check;
+use crate::init::{glorot_linear, uniform};
+use crate::{ConfigError, SourceView};
+
+/// Kernel of the convolutions, whose stride is 2 and whose padding is 1: each halves the resolution.
+const KERNEL: usize = 4;
+/// Most convolutions of a tower.
+const CONVOLUTIONS: usize = 7;
+/// Factors on the raw mean and on the raw ln σ.
+const SCALES: (f32, f32) = (0.1, 0.01);
+
+/// The encoder of [`NeuralVolumes`](crate::NeuralVolumes).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CodeEncoderConfig {
+    /// Photographs that it looks at, the first of the training views (released code: 3).
+    pub images: usize,
+    /// Rows and columns that they are resized to, multiples of 16 (released code: 512 and 384).
+    pub size: [usize; 2],
+    /// Channels of the first two convolutions, doubled with every second further one to four times as many (released code:
+    /// 64). The dense layer behind them is eight times as wide.
+    pub width: usize,
+}
+
+impl CodeEncoderConfig {
+    pub(super) fn validate(&self) -> Result<(), ConfigError> {
+        let &Self { images, size, width } = self;
+        check("encoder.images", "1 to 16", images, (1..=16).contains(&images))?;
+        let good = |side: &usize| (16..=1024).contains(side) && side.is_multiple_of(16);
+        check("encoder.size", "two multiples of 16 from 16 to 1024", format!("{size:?}"), size.iter().all(good))?;
+        check("encoder.width", "1 to 256", width, (1..=256).contains(&width))
+    }
+
+    /// Channels of each convolution: w, w, 2w, 2w, then 4w, as long as rows and columns can be halved.
+    fn channels(&self) -> Vec<usize> {
+        let halvings = self.size.map(usize::trailing_zeros);
+        let layers = CONVOLUTIONS.min(halvings[0].min(halvings[1]) as usize);
+        (0..layers).map(|layer| self.width << (layer / 2).min(2)).collect()
+    }
+
+    /// Numbers that all towers together make of the photographs.
+    fn features(&self) -> usize {
+        let channels = self.channels();
+        let cells: usize = self.size.iter().map(|side| side >> channels.len()).product();
+        self.images * cells * channels.last().copied().unwrap_or(0)
+    }
+
+    fn hidden(&self) -> usize {
+        8 * self.width
+    }
+
+    /// Weights, without biases, of an encoder of codes of `latent` numbers.
+    pub(super) fn parameters(&self, latent: usize) -> usize {
+        let channels = self.channels();
+        let inputs = std::iter::once(3).chain(channels.iter().copied());
+        let tower: usize = inputs.zip(&channels).map(|(inputs, outputs)| KERNEL * KERNEL * inputs * outputs).sum();
+        self.images * tower + self.hidden() * (self.features() + 2 * latent)
+    }
+}
+
+/// A tower of convolutions for each photograph, then dense layers to the mean and deviation of a code, with leaky ReLUs
+/// between (Neural Volumes, Lombardi et al. 2019, Sec. 4.1; sizes of the released code).
+#[derive(Module, Debug)]
+pub(super) struct Encoder {
+    towers: Vec<Tower>,
+    hidden: Linear,
+    mean: Linear,
+    log_deviation: Linear,
+    #[module(skip)]
+    size: [usize; 2],
+}
+
+/// Convolutions that halve the resolution. Each photograph has weights of its own.
+#[derive(Module, Debug)]
+struct Tower {
+    layers: Vec<Conv2d>,
+}
+
+impl Tower {
+    fn new(channels: &[usize], rng: &mut impl Rng, device: &Device) -> Self {
+        let inputs = std::iter::once(3).chain(channels.iter().copied());
+        Self {
+            layers: inputs
+                .zip(channels)
+                .map(|(inputs, &outputs)| convolution(rng, [inputs, outputs], device))
+                .collect(),
+        }
+    }
+
+    /// Of a picture `[1, 3, rows, columns]` its features, `[1, F]`.
+    fn features(&self, picture: Tensor<4>) -> Tensor<2> {
+        let convolved = self.layers.iter().fold(picture, |x, layer| leaky_relu(layer.forward(x), SLOPE));
+        convolved.flatten(1, 3)
+    }
+}
+
+impl Encoder {
+    /// An encoder of codes of `latent` numbers.
+    pub(super) fn new(config: &CodeEncoderConfig, latent: usize, rng: &mut impl Rng, device: &Device) -> Self {
+        let channels = config.channels();
+        let (features, hidden) = (config.features(), config.hidden());
+        Self {
+            towers: (0..config.images).map(|_| Tower::new(&channels, rng, device)).collect(),
+            hidden: glorot_linear(rng, features, hidden, LEAKY_GAIN, device),
+            mean: glorot_linear(rng, hidden, latent, 1.0, device),
+            log_deviation: glorot_linear(rng, hidden, latent, 1.0, device),
+            size: config.size,
+        }
+    }
+
+    /// The code of the frame that the first of `views` show.
+    ///
+    /// # Panics
+    /// If there are fewer than it looks at.
+    pub(super) fn code(&self, views: &[SourceView]) -> Code {
+        let device = self.hidden.weight.val().device();
+        let seen = self.towers.iter().zip(views);
+        let features = seen.map(|(tower, view)| tower.features(picture(view, self.size, &device))).collect();
+        let hidden = leaky_relu(self.hidden.forward(Tensor::cat(features, 1)), SLOPE);
+        Code {
+            mean: self.mean.forward(hidden.clone()).squeeze_dim::<1>(0) * SCALES.0,
+            log_deviation: self.log_deviation.forward(hidden).squeeze_dim::<1>(0) * SCALES.1,
+        }
+    }
+}
+
+/// A photograph as the network takes it, `[1, 3, rows, columns]`: stretched to that size, corners on corners, and with
+/// colours (255x − 100)/25.
+fn picture(view: &SourceView, [rows, columns]: [usize; 2], device: &Device) -> Tensor<4> {
+    let (mean, deviation, white) = COLOR;
+    let normalised: Vec<f32> = view.rgb.iter().flatten().map(|x| (white * x - mean) / deviation).collect();
+    let pixels = Tensor::<2>::from_data(TensorData::new(normalised, [view.rgb.len(), 3]), device);
+    let resized = bilinear(pixels, &Taps::resize(1, (view.height, view.width), (rows, columns)));
+    resized.reshape([1, rows, columns, 3]).permute([0, 3, 1, 2])
+}
+
+/// A convolution that halves the resolution; weights uniform in ±gain·√(6/(16 (inputs + outputs))), biases 0.
+fn convolution(rng: &mut impl Rng, channels: [usize; 2], device: &Device) -> Conv2d {
+    let mut layer = Conv2dConfig::new(channels, [KERNEL; 2])
+        .with_stride([2; 2])
+        .with_padding(PaddingConfig2d::Explicit(1, 1, 1, 1))
+        .init(device);
+    let [inputs, outputs] = channels;
+    let area = KERNEL * KERNEL;
+    let bound = LEAKY_GAIN * (6.0 / (area * (inputs + outputs)) as f32).sqrt();
+    let weight = uniform(rng, area * inputs * outputs, bound);
+    layer.weight = Param::from_data(TensorData::new(weight, [outputs, inputs, KERNEL, KERNEL]), device);
+    layer.bias = Some(Param::from_data(TensorData::new(vec![0f32; outputs], [outputs]), device));
+    layer
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// At the published size: seven convolutions to 4 × 3 cells of 256 channels, from each of three photographs.
+    #[test]
+    fn the_published_sizes() {
+        let config = CodeEncoderConfig { images: 3, size: [512, 384], width: 64 };
+        assert_eq!(config.validate(), Ok(()));
+        assert_eq!(config.channels(), [64, 64, 128, 128, 256, 256, 256]);
+        assert_eq!((config.features(), config.hidden()), (3 * 256 * 4 * 3, 512));
+        let pairs = 3 * 64 + 64 * 64 + 64 * 128 + 128 * 128 + 128 * 256 + 2 * 256 * 256;
+        assert_eq!(config.parameters(256), 3 * 16 * pairs + 512 * (9216 + 512));
+    }
+
+    /// No side is halved further than the other.
+    #[test]
+    fn other_sizes() {
+        let config = CodeEncoderConfig { images: 2, size: [16, 1024], width: 4 };
+        assert_eq!(config.channels(), [4, 4, 8, 8]);
+        assert_eq!(config.features(), 2 * 64 * 8);
+        for (config, key) in [
+            (CodeEncoderConfig { images: 0, ..config.clone() }, "encoder.images"),
+            (CodeEncoderConfig { size: [16, 100], ..config.clone() }, "encoder.size"),
+            (CodeEncoderConfig { width: 0, ..config }, "encoder.width"),
+        ] {
+            assert_eq!(config.validate().unwrap_err().field, key);
+        }
+    }
+}

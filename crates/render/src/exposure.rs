@@ -1,0 +1,40 @@
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Int, Tensor, TensorData};
+
+/// A gain and a bias of each training view and channel: exposure and white balance, where they differ between photographs of
+/// one scene.
+///
+/// A training view shows `gain · C + bias + (1 − A) · background`, where C is the colour that a ray gathers and A its opacity,
+/// as in the released code of Neural Volumes (Lombardi et al. 2019). Before training, gains are 1 and biases 0. No other camera
+/// has any: pictures show the field's own colours. The released code has colours on a scale of 255, on which its biases are
+/// learned 255 times more slowly.
+#[derive(Module, Debug)]
+pub struct Exposure {
+    /// `[V, 3]`.
+    gain: Param<Tensor<2>>,
+    /// `[V, 3]`, colours in [0, 1].
+    bias: Param<Tensor<2>>,
+}
+
+impl Exposure {
+    /// Gain 1 and bias 0 for each of `views` training views.
+    pub fn new(views: usize, device: &Device) -> Self {
+        let parameter = |value: f32| Param::from_data(TensorData::new(vec![value; 3 * views], [views, 3]), device);
+        Self { gain: parameter(1.0), bias: parameter(0.0) }
+    }
+
+    /// What training views show of rays whose colour on `background` is `color`, `[R, 3]`, and whose opacity is `acc`, `[R]`.
+    /// `views` says for each ray which view it is of.
+    ///
+    /// # Panics
+    /// If there are not as many `views` as rays.
+    pub fn apply(&self, color: Tensor<2>, acc: Tensor<1>, background: [f32; 3], views: &[usize]) -> Tensor<2> {
+        let device = color.device();
+        let views: Vec<i32> = views.iter().map(|&view| view as i32).collect();
+        let views = Tensor::<1, Int>::from_data(TensorData::new(views, [color.dims()[0]]), &device);
+        let [gain, bias] = [&self.gain, &self.bias].map(|values| values.val().select(0, views.clone()));
+        let background = Tensor::<1>::from_floats(background, &device).unsqueeze::<2>();
+        let behind = (acc.neg() + 1.0).unsqueeze_dim::<2>(1) * background;
+        (color - behind.clone()) * gain + bias + behind
+    }
+}

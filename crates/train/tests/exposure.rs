@@ -1,0 +1,69 @@
+//! Photographs of changing exposure.
+
+mod common;
+
+use std::sync::Arc;
+
+use burn::tensor::{Device, Tensor};
+use common::{configs, scene_of, steps};
+use infonerf_ops::to_host;
+use infonerf_scene::Scene;
+use infonerf_train::{Event, Trainer};
+
+/// What is left of the light in the first photograph.
+const DARKER: f32 = 0.5;
+const STEPS: usize = 600;
+
+/// Many views, which see the same surfaces. The first photograph's exposure is less; what is behind the scene stays as it is.
+fn scene_of_changing_exposure() -> Scene {
+    let mut scene = scene_of("knot", 16).as_ref().clone();
+    let background = scene.background;
+    let image = Arc::make_mut(&mut scene.train[0].image);
+    for (color, alpha) in image.rgb.iter_mut().zip(image.alpha.as_ref().expect("a built-in scene has alpha")) {
+        for (value, behind) in color.iter_mut().zip(background) {
+            let behind = (1.0 - alpha) * behind;
+            *value = DARKER * (*value - behind) + behind;
+        }
+    }
+    scene
+}
+
+/// Training loss over the last steps, and what each view shows of grey.
+fn trained(compensated: bool) -> (f32, Option<Vec<f32>>) {
+    let [_, _, mut config, ..] = configs();
+    config.train.exposure_compensation = compensated;
+    config.train.iterations = STEPS;
+    config.train.rays = 128;
+    config.train.target_samples = 0;
+    config.train.lr = 1e-2.into();
+    config.train.grid_lr_multiplier = 2.0;
+    let device = Device::flex();
+    let mut trainer = Trainer::new(&config, scene_of_changing_exposure(), 0, None, &device).unwrap();
+    let losses: Vec<f32> = steps(&mut trainer, STEPS)
+        .iter()
+        .map(|event| match event {
+            Event::Step { losses, .. } => losses["rgb"],
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    let last = &losses[STEPS - 50..];
+    let shown = trainer.model().exposure.map(|exposure| {
+        let views: Vec<usize> = (0..trainer.scene().train.len()).collect();
+        let (grey, opaque) = (Tensor::full([views.len(), 3], 0.5, &device), Tensor::ones([views.len()], &device));
+        let shown = to_host(exposure.apply(grey, opaque, [0.0; 3], &views));
+        shown.chunks_exact(3).map(|rgb| rgb.iter().sum::<f32>() / 3.0).collect()
+    });
+    (last.iter().sum::<f32>() / last.len() as f32, shown)
+}
+
+/// A photograph that is darker than the others is found to be, and no longer contradicts them.
+#[test]
+fn a_darker_photograph_is_compensated_for() {
+    let (plain, none) = trained(false);
+    assert_eq!(none, None);
+    let (compensated, shown) = trained(true);
+    let shown = shown.unwrap();
+    let others = shown[1..].iter().sum::<f32>() / (shown.len() - 1) as f32;
+    assert!((shown[0] / others - DARKER).abs() < 0.15, "{shown:?}");
+    assert!(compensated < 0.8 * plain, "{compensated} with, {plain} without");
+}

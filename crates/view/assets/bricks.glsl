@@ -1,0 +1,42 @@
+// A field baked into bricks of voxels: see infonerf_view's `baked`.
+{{constants}}
+// The number of each cell's brick, from 1; 0 where there is none.
+uniform usampler3D bricks;
+// The root of a voxel's opacity.
+uniform sampler3D opacities;
+// Of each colour the constant, and how it changes with x, y and z of the direction.
+uniform sampler3D reds;
+uniform sampler3D greens;
+uniform sampler3D blues;
+
+// Of the point last looked at: what is stored of its opacity, and where in the textures it lies.
+float root;
+vec3 place;
+
+// Looks at a point, where density grows with the number that this gives.
+float look(vec3 p) {
+    root = 0.0;
+    vec3 voxel = (p - LOW) / VOXEL;
+    ivec3 cell = ivec3(floor(voxel / float(BRICK)));
+    if (any(lessThan(cell, ivec3(0))) || any(greaterThanEqual(cell, GRID))) return 0.0;
+    int brick = int(texelFetch(bricks, cell, 0).r) - 1;
+    if (brick < 0) return 0.0;
+    ivec3 at = ivec3(brick % ATLAS.x, (brick / ATLAS.x) % ATLAS.y, brick / (ATLAS.x * ATLAS.y));
+    vec3 texel = vec3(at * (BRICK + 1)) + voxel - vec3(cell * BRICK) + 0.5;
+    place = texel / vec3(ATLAS * (BRICK + 1));
+    root = textureLod(opacities, place, 0.0).r;
+    return root;
+}
+
+float density() {
+    return -log(1.0 - MOST_OPACITY * root * root) / VOXEL;
+}
+
+vec3 emitted(vec3 direction) {
+    vec4 terms = vec4(1.0, direction);
+    vec3 color = vec3(
+        dot(RED_LOW + RED_RANGE * textureLod(reds, place, 0.0), terms),
+        dot(GREEN_LOW + GREEN_RANGE * textureLod(greens, place, 0.0), terms),
+        dot(BLUE_LOW + BLUE_RANGE * textureLod(blues, place, 0.0), terms));
+    return clamp(color, 0.0, MOST_COLOR);
+}

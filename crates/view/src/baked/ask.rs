@@ -1,0 +1,135 @@
+//! Questions to a field at points on no ray of a picture.
+
+use glam::Vec3;
+use infonerf_field::{Extent, Field, Points, Sampled};
+use infonerf_ops::{Segments, to_host};
+use infonerf_render::{TrainedModel, Warp};
+use infonerf_scene::Scene;
+use infonerf_schedule::Moment;
+
+use crate::package::Subjects;
+
+/// Points at which a field is asked at a time: bounds the memory.
+const CHUNK: usize = 1 << 15;
+/// Places that a field is looked at from.
+const EYES: usize = 6;
+/// The nearest that a training camera is taken to be, in radii of the scene.
+const NEAREST: f32 = 1e-3;
+
+/// A field that is asked in the space of its warp.
+pub(super) struct Ask<'a> {
+    trained: &'a TrainedModel,
+    warp: &'a Warp,
+    /// Whether there is nothing beyond the box that the occupancy grid is of.
+    closed: bool,
+    /// Where one looks from.
+    pub(super) eyes: Vec<Vec3>,
+    cameras: Vec<Vec3>,
+    /// Edge of what a pixel covers at distance 1; the mean of the training cameras.
+    pixel: f32,
+    nearest: f32,
+}
+
+impl<'a> Ask<'a> {
+    pub(super) fn new(subjects: &Subjects<'a>) -> Self {
+        let scene = subjects.scene;
+        // A cone's radius is 2/√12 of the pixel.
+        let pixel = |view: &infonerf_scene::View| {
+            let camera = &view.camera;
+            3f32.sqrt() * camera.ray(0.5 * camera.width as f32, 0.5 * camera.height as f32).radius
+        };
+        Self {
+            trained: subjects.trained,
+            warp: subjects.renderer.warp(),
+            closed: subjects.config.clip_to_bounds || !subjects.renderer.warp().is_identity(),
+            eyes: eyes(scene),
+            cameras: scene.train.iter().map(|view| view.camera.position()).collect(),
+            pixel: scene.train.iter().map(pixel).sum::<f32>() / scene.train.len().max(1) as f32,
+            nearest: NEAREST * scene.radius,
+        }
+    }
+
+    /// Densities, in the coordinate of the warp, at points each of which stands for a voxel; 0 where the occupancy grid knows
+    /// of nothing, as pictures have it.
+    pub(super) fn densities(&self, points: &[Vec3], voxel: f32) -> Vec<f32> {
+        let open: Vec<usize> = (0..points.len()).filter(|&index| self.is_open(points[index])).collect();
+        let mut densities = vec![0.0; points.len()];
+        for asked in open.chunks(CHUNK) {
+            let positions: Vec<Vec3> = asked.iter().map(|&index| points[index]).collect();
+            let answer = self.evaluate(&positions, &vec![Vec3::Z; asked.len()], voxel, false);
+            for (&index, sigma) in asked.iter().zip(to_host(answer.sigma)) {
+                // Not what is no number.
+                densities[index] = sigma.max(0.0);
+            }
+        }
+        densities
+    }
+
+    /// Whether the occupancy grid knows of something at `p`; on the faces of a closed box and beyond what it knows just within.
+    fn is_open(&self, p: Vec3) -> bool {
+        const WITHIN: f32 = 1.0 - 1e-5;
+        let Some(grid) = &self.trained.occupancy else { return true };
+        let (centre, half) = (grid.bounds().centre(), 0.5 * WITHIN * grid.bounds().size());
+        grid.is_occupied(if self.closed { centre + (p - centre).clamp(-half, half) } else { p })
+    }
+
+    /// The colour of each point as each of the eyes sees it, `[points, eyes]`, with the direction from there.
+    pub(super) fn colors(&self, points: &[Vec3], voxel: f32) -> Vec<(Vec3, Vec3)> {
+        let count = self.eyes.len();
+        let of_chunk = |points: &[Vec3]| -> Vec<(Vec3, Vec3)> {
+            let places: Vec<Vec3> = points.iter().flat_map(|&p| std::iter::repeat_n(p, count)).collect();
+            let direction = |&p: &Vec3| {
+                let place = self.warp.world(p);
+                self.eyes.iter().map(move |&eye| (place - eye).normalize_or(Vec3::Z))
+            };
+            let directions: Vec<Vec3> = points.iter().flat_map(direction).collect();
+            let color = self.evaluate(&places, &directions, voxel, true).color.expect("colour was asked for");
+            directions.into_iter().zip(to_host(color).chunks_exact(3).map(Vec3::from_slice)).collect()
+        };
+        points.chunks((CHUNK / count).max(1)).flat_map(of_chunk).collect()
+    }
+
+    /// The field at points that stand for cubes: as large as what a pixel of the nearest training camera covers there, or as a
+    /// voxel if that is larger. Only fields of volumes take notice, and these are not warped.
+    fn evaluate(&self, points: &[Vec3], directions: &[Vec3], voxel: f32, color: bool) -> Sampled {
+        let numbers = |vectors: &[Vec3]| -> Vec<f32> { vectors.iter().flat_map(|v| v.to_array()).collect() };
+        let distance = |p: &Vec3| {
+            let nearest = self.cameras.iter().map(|camera| camera.distance(*p)).reduce(f32::min);
+            nearest.unwrap_or(1.0).max(self.nearest)
+        };
+        let t: Vec<f32> = points.iter().map(distance).collect();
+        let edges: Vec<f32> = t.iter().map(|t| (self.pixel * t).max(voxel)).collect();
+        // A cone whose variance across is that along: edge²/12.
+        let radii: Vec<f32> = t.iter().zip(&edges).map(|(t, edge)| edge / (3f32.sqrt() * t)).collect();
+        let points = Points {
+            positions: &numbers(points),
+            directions: &numbers(directions),
+            segments: &Segments::uniform(points.len(), 1),
+            extent: Extent::Cones { t: &t, delta: &edges, radii: &radii },
+        };
+        self.trained.model.fine.evaluate(points, color, Moment::END)
+    }
+}
+
+/// Some places that one looks from, far apart: cameras of which each is as far as possible from those before it, the first
+/// training camera being the first. Without cameras, six around the scene.
+fn eyes(scene: &Scene) -> Vec<Vec3> {
+    let views = scene.train.iter().chain(&scene.test).map(|view| view.camera.position());
+    let places: Vec<Vec3> = views.chain(scene.all_train_cameras.iter().map(|camera| camera.position())).collect();
+    let Some(&first) = places.first() else {
+        return [Vec3::X, Vec3::Y, Vec3::Z]
+            .into_iter()
+            .flat_map(|axis| [axis, -axis])
+            .map(|axis| scene.centre + scene.radius * axis)
+            .collect();
+    };
+    let mut eyes = vec![first];
+    while eyes.len() < EYES {
+        let apart = |place: &Vec3| eyes.iter().map(|eye| eye.distance(*place)).fold(f32::INFINITY, f32::min);
+        match places.iter().max_by(|a, b| apart(a).total_cmp(&apart(b))) {
+            Some(&farthest) if apart(&farthest) > 0.0 => eyes.push(farthest),
+            _ => break,
+        }
+    }
+    eyes
+}

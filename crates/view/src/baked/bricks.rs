@@ -1,0 +1,116 @@
+//! Bricks in which there is something, and their densities.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::ask::Ask;
+use super::density::byte;
+use super::domain::Domain;
+use super::lattice::{CELLS, Lattice, POINTS, VOLUME};
+
+/// Bricks at most: what a graphics card easily holds (13 bytes a point make 46 MB), and what a page can be sent with.
+pub(super) const MOST: usize = 4900;
+/// Voxels between points at which it is found out where there is something. Between them something smaller is missed whose
+/// density has no slopes.
+const COARSE: usize = 4;
+/// No fewer voxels are tried along the longest side, however many bricks there are; then these are few.
+const LEAST_RESOLUTION: usize = 16;
+
+/// The cells of a lattice in which a field is not empty.
+pub(super) struct Bricks {
+    pub(super) lattice: Lattice,
+    /// Ascending. The brick of each has a number, its place here.
+    pub(super) cells: Vec<usize>,
+    /// Of each brick the [`byte`] of each point.
+    pub(super) roots: Vec<u8>,
+    /// The number of each cell's brick, if it has one.
+    numbers: Vec<Option<u32>>,
+}
+
+impl Bricks {
+    /// At `resolution` voxels along the domain's side, or as many as lead to [`MOST`] bricks; and how many that are.
+    pub(super) fn find(ask: &Ask<'_>, domain: &Domain, mut resolution: usize) -> (usize, Self) {
+        loop {
+            let lattice = Lattice::over(&domain.bounds, domain.side / resolution as f32);
+            let cells = candidates(ask, domain, &lattice);
+            if cells.len() <= MOST || resolution <= LEAST_RESOLUTION {
+                return (resolution, Self::of(ask, domain, lattice, &cells));
+            }
+            // A volume has so many bricks less; a surface may need another round.
+            let fewer = resolution as f32 * (MOST as f32 / cells.len() as f32).cbrt();
+            resolution = (fewer as usize).min(resolution * 15 / 16).max(LEAST_RESOLUTION);
+        }
+    }
+
+    /// Those of `candidates` in which there is something at any point.
+    fn of(ask: &Ask<'_>, domain: &Domain, lattice: Lattice, candidates: &[usize]) -> Self {
+        let mut points: Vec<usize> = candidates.par_iter().flat_map_iter(|&cell| lattice.points(cell)).collect();
+        points.par_sort_unstable();
+        points.dedup();
+        let asked: Vec<usize> =
+            points.into_par_iter().filter(|&point| domain.holds(lattice.position(point), lattice.voxel)).collect();
+        let positions: Vec<Vec3> = asked.par_iter().map(|&point| lattice.position(point)).collect();
+        let densities = ask.densities(&positions, lattice.voxel);
+        let least = domain.least_density();
+        let root = |point: usize| {
+            let density = asked.binary_search(&point).map_or(0.0, |index| densities[index]);
+            if density < least { 0 } else { byte(density, lattice.voxel) }
+        };
+        let of_cell = |&cell: &usize| {
+            let roots: Vec<u8> = lattice.points(cell).map(root).collect();
+            roots.iter().any(|&root| root > 0).then_some((cell, roots))
+        };
+        let found: Vec<(usize, Vec<u8>)> = candidates.par_iter().filter_map(of_cell).collect();
+        let mut numbers = vec![None; lattice.cell_count()];
+        for (number, (cell, _)) in (0..).zip(&found) {
+            numbers[*cell] = Some(number);
+        }
+        let (cells, roots): (Vec<usize>, Vec<Vec<u8>>) = found.into_iter().unzip();
+        Self { lattice, cells, roots: roots.concat(), numbers }
+    }
+
+    /// The byte of the point that is `offset` from the first of a cell's brick, 0 where there is no brick.
+    pub(super) fn root(&self, cell: usize, offset: [isize; 3]) -> u8 {
+        let (mut place, mut local) = (self.lattice.cell(cell), [0; 3]);
+        for axis in 0..3 {
+            let at = (place[axis] * CELLS) as isize + offset[axis];
+            let Ok(at) = usize::try_from(at) else { return 0 };
+            // The last point is that of the last cell alone.
+            place[axis] = (at / CELLS).min(self.lattice.cells[axis] - 1);
+            local[axis] = at - place[axis] * CELLS;
+        }
+        let inside = local.iter().all(|&c| c < POINTS);
+        let number = self.lattice.cell_at(place).filter(|_| inside).and_then(|cell| self.numbers[cell]);
+        let [x, y, z] = local;
+        number.map_or(0, |number| self.brick(number as usize)[x + POINTS * (y + POINTS * z)])
+    }
+
+    /// The bytes of a brick.
+    pub(super) fn brick(&self, number: usize) -> &[u8] {
+        &self.roots[number * VOLUME..][..VOLUME]
+    }
+}
+
+/// Cells in which a field is not empty at one point of a coarse lattice at least.
+fn candidates(ask: &Ask<'_>, domain: &Domain, lattice: &Lattice) -> Vec<usize> {
+    const PER_CELL: usize = CELLS / COARSE;
+    const ALONG: usize = PER_CELL + 1;
+    let spacing = COARSE as f32 * lattice.voxel;
+    let [nx, ny, nz] = lattice.cells.map(|n| n * PER_CELL + 1);
+    let mut dense = vec![false; nx * ny * nz];
+    for (z, layer) in dense.chunks_mut(nx * ny).enumerate() {
+        let position =
+            |index: usize| lattice.low + spacing * Vec3::new((index % nx) as f32, (index / nx) as f32, z as f32);
+        let asked: Vec<usize> = (0..layer.len()).filter(|&index| domain.holds(position(index), spacing)).collect();
+        let positions: Vec<Vec3> = asked.iter().map(|&index| position(index)).collect();
+        for (index, density) in asked.into_iter().zip(ask.densities(&positions, spacing)) {
+            layer[index] = density >= domain.least_density();
+        }
+    }
+    let is_dense = |&cell: &usize| {
+        let first = lattice.cell(cell).map(|c| c * PER_CELL);
+        let at = |[x, y, z]: [usize; 3]| dense[first[0] + x + nx * (first[1] + y + ny * (first[2] + z))];
+        (0..ALONG.pow(3)).map(|index| [index % ALONG, index / ALONG % ALONG, index / (ALONG * ALONG)]).any(at)
+    };
+    (0..lattice.cell_count()).into_par_iter().filter(is_dense).collect()
+}

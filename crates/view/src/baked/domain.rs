@@ -1,0 +1,101 @@
+//! Where a field is looked at.
+
+use glam::Vec3;
+use infonerf_render::{RenderConfig, Warp};
+use infonerf_scene::{Aabb, Scene};
+
+use crate::shader::clips;
+
+/// How far from the middle of a scene's box a field is looked at where rays are not cut to it, in halves of its longest side.
+const FARTHEST: f32 = 3.0;
+/// A density that stops less than this share of the light across the whole box is taken for none.
+const LEAST_SHARE: f32 = 0.02;
+
+/// The part of the space that a field is asked in, in which there can be something.
+#[derive(Debug)]
+pub(super) struct Domain {
+    /// A box around it.
+    pub(super) bounds: Aabb,
+    /// A ball around it.
+    centre: Vec3,
+    radius: f32,
+    /// The longest side of the box that the field is made for, along which voxels are counted.
+    pub(super) side: f32,
+}
+
+impl Domain {
+    /// Where rays are cut to the scene's box, that; else also what beyond it the training cameras see between near and far, on
+    /// all sides, within three times the box. Of warped space the box or the ball that it is brought into.
+    pub(super) fn of(scene: &Scene, config: &RenderConfig, warp: &Warp) -> Self {
+        let bounds = warp.bounds(scene);
+        let (centre, side) = (bounds.centre(), bounds.size().max_element());
+        let corner = 0.5 * bounds.size().length();
+        let box_alone = Self { bounds, centre, radius: corner, side };
+        match warp {
+            Warp::Contraction { .. } => Self { radius: 0.5 * side, ..box_alone },
+            Warp::Identity if !clips(config, warp) => {
+                let radius = reach(scene, centre).min(0.5 * FARTHEST * side).max(corner);
+                Self { bounds: Aabb::cube(centre, radius), radius, ..box_alone }
+            }
+            Warp::Identity | Warp::Ndc { .. } => box_alone,
+        }
+    }
+
+    /// Whether `p` is in it, or at most `margin` away.
+    pub(super) fn holds(&self, p: Vec3, margin: f32) -> bool {
+        let margins = Vec3::splat(margin);
+        let bounds = Aabb { min: self.bounds.min - margins, max: self.bounds.max + margins };
+        bounds.contains(p) && self.centre.distance(p) <= self.radius + margin
+    }
+
+    /// The density below which there is taken to be nothing.
+    pub(super) fn least_density(&self) -> f32 {
+        LEAST_SHARE / self.side
+    }
+}
+
+/// The greatest distance from `centre` of what training cameras see between near and far: the ends of their outermost rays.
+fn reach(scene: &Scene, centre: Vec3) -> f32 {
+    let cameras = scene.all_train_cameras.iter().chain(scene.train.iter().map(|view| &view.camera));
+    let ends = cameras.flat_map(|camera| {
+        let (width, height) = (camera.width as f32, camera.height as f32);
+        let pixels = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height), (0.5 * width, 0.5 * height)];
+        let rays = pixels.map(|(x, y)| camera.ray(x, y));
+        rays.into_iter().filter_map(|ray| scene.interval(&ray).map(|(near, far)| [ray.at(near), ray.at(far)]))
+    });
+    ends.flatten().map(|end| end.distance(centre)).fold(0.0, f32::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_render::Space;
+    use infonerf_scene::{Camera, Range};
+    use infonerf_train::{Config, Preset};
+
+    use super::*;
+
+    fn scene() -> Scene {
+        let at = |x| glam::DMat4::from_translation(glam::DVec3::new(x, 0.0, 4.0));
+        let all_train_cameras = vec![Camera::from_fov(8, 8, 0.5, at(0.0)), Camera::from_fov(8, 8, 0.5, at(0.5))];
+        Scene { all_train_cameras, range: Range::Distance { near: 2.0, far: 6.0 }, ..Scene::default() }
+    }
+
+    #[test]
+    fn it_is_what_rays_can_meet() {
+        let scene = scene();
+        let mut config = Config::from_table(Preset::Fast.table()).unwrap().render;
+        let cut = Domain::of(&scene, &config, &Warp::Identity);
+        assert_eq!((cut.bounds, cut.side), (scene.bounds, 3.0));
+        assert!(cut.holds(Vec3::splat(1.5), 0.0) && !cut.holds(Vec3::X * 1.6, 0.05) && cut.holds(Vec3::X * 1.6, 0.2));
+        config.clip_to_bounds = false;
+        // As far as the far ends of rays at the corners of pictures.
+        let whole = Domain::of(&scene, &config, &Warp::Identity);
+        assert!(whole.radius > 2.6 && whole.radius < 3.2 && whole.side == 3.0, "{whole:?}");
+        assert!(whole.holds(Vec3::Z * 2.5, 0.0) && !whole.holds(Vec3::splat(2.0), 0.0));
+        let far = Scene { range: Range::Distance { near: 2.0, far: 1000.0 }, ..scene.clone() };
+        assert_eq!(Domain::of(&far, &config, &Warp::Identity).radius, 4.5);
+        let warp = Warp::of(&scene, Space::Contraction);
+        let ball = Domain::of(&scene, &config, &warp);
+        assert!(ball.holds(Vec3::X * 1.99, 0.0) && !ball.holds(Vec3::splat(1.5), 0.0), "{ball:?}");
+    }
+}

@@ -1,0 +1,96 @@
+//! Points that a field is asked at.
+
+use glam::Vec3;
+use infonerf_scene::Aabb;
+
+/// Voxels along a brick.
+pub(super) const CELLS: usize = 8;
+/// Points along a brick: the corners of its voxels.
+pub(super) const POINTS: usize = CELLS + 1;
+/// Points of a brick.
+pub(super) const VOLUME: usize = POINTS * POINTS * POINTS;
+
+/// The corners of cubic voxels that fill a box, in cells of a brick's size. Points and cells are numbered, x fastest.
+#[derive(Clone, Debug)]
+pub(super) struct Lattice {
+    /// The first point.
+    pub(super) low: Vec3,
+    /// Edge of a voxel.
+    pub(super) voxel: f32,
+    /// Cells along each axis.
+    pub(super) cells: [usize; 3],
+}
+
+impl Lattice {
+    /// From the first corner of the box to its last one or beyond.
+    pub(super) fn over(bounds: &Aabb, voxel: f32) -> Self {
+        // A side that is a whole number of cells has that many, whatever the rounding.
+        let cells = (bounds.size() / (voxel * CELLS as f32) - 1e-3).ceil().max(Vec3::ONE);
+        Self { low: bounds.min, voxel, cells: cells.to_array().map(|n| n as usize) }
+    }
+
+    pub(super) fn cell_count(&self) -> usize {
+        self.cells.iter().product()
+    }
+
+    /// Where a cell begins, in cells.
+    pub(super) fn cell(&self, cell: usize) -> [usize; 3] {
+        let [nx, ny, _] = self.cells;
+        [cell % nx, cell / nx % ny, cell / (nx * ny)]
+    }
+
+    /// The number of the cell at a place, if there is one.
+    pub(super) fn cell_at(&self, place: [usize; 3]) -> Option<usize> {
+        let [nx, ny, _] = self.cells;
+        let inside = place.iter().zip(self.cells).all(|(place, count)| *place < count);
+        inside.then(|| place[0] + nx * (place[1] + ny * place[2]))
+    }
+
+    /// Points along each axis.
+    fn sides(&self) -> [usize; 3] {
+        self.cells.map(|n| n * CELLS + 1)
+    }
+
+    /// The points of a cell's brick, [`VOLUME`] of them.
+    pub(super) fn points(&self, cell: usize) -> impl Iterator<Item = usize> + use<> {
+        let first = self.cell(cell).map(|c| c * CELLS);
+        let [nx, ny, _] = self.sides();
+        (0..VOLUME).map(move |index| {
+            let [x, y, z] = within(index);
+            first[0] + x + nx * (first[1] + y + ny * (first[2] + z))
+        })
+    }
+
+    /// Where a point is.
+    pub(super) fn position(&self, point: usize) -> Vec3 {
+        let [nx, ny, _] = self.sides();
+        let place = [point % nx, point / nx % ny, point / (nx * ny)];
+        self.low + self.voxel * Vec3::from_array(place.map(|c| c as f32))
+    }
+}
+
+/// Where the `index`th point of a brick is in it.
+pub(super) fn within(index: usize) -> [usize; 3] {
+    [index % POINTS, index / POINTS % POINTS, index / (POINTS * POINTS)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bricks_share_their_outermost_points() {
+        let bounds = Aabb { min: Vec3::new(-1.0, 0.0, 2.0), max: Vec3::new(1.0, 1.0, 2.3) };
+        let lattice = Lattice::over(&bounds, 2.0 / 32.0);
+        assert_eq!((lattice.cells, lattice.cell_count()), ([4, 2, 1], 8));
+        let points: Vec<Vec<usize>> = (0..8).map(|cell| lattice.points(cell).collect()).collect();
+        assert_eq!(lattice.position(points[0][0]), bounds.min);
+        assert!(lattice.position(points[5][0]).distance(Vec3::new(-0.5, 0.5, 2.0)) < 1e-6);
+        assert_eq!(points[0][CELLS], points[1][0]);
+        assert_eq!(points[0][VOLUME - 1], points[5][POINTS * POINTS * CELLS]);
+        assert_eq!(
+            (lattice.cell(6), lattice.cell_at([2, 1, 0]), lattice.cell_at([0, 2, 0])),
+            ([2, 1, 0], Some(6), None)
+        );
+    }
+}

@@ -1,0 +1,167 @@
+//! Any field as bricks of voxels: what a browser cannot evaluate it reads.
+//!
+//! ```text
+//! field ─► densities, coarse ─► bricks in which there is something ─► densities ─► colours where they are seen ─► bytes
+//! ```
+//!
+//! - **Where** ([`domain`], [`lattice`]). Cubic voxels over the box that the field lies in, in the space that it is asked in. A brick is 8³ voxels with the 9³ points at their corners, so that a graphics card interpolates
+//!   within it alone; bricks side by side share their outermost points.
+//! - **Density** ([`density`]): √(opacity of a voxel) in 8 bits.
+//! - **Colour** ([`colors`]): `a + b·d` along the direction d, spherical harmonics of degree 1: four numbers of 8 bits for each of
+//!   red, green and blue, fitted to what the field answers along directions from which the cameras look.
+//! - **A field of volumes** (mip-NeRF) is asked about what a pixel of the nearest training camera covers there, or a voxel
+//!   where that is larger.
+//! - **The march** takes half a voxel at a time, so pictures differ from the program's also by their sampling: the program's
+//!   own samples may be farther apart.
+
+mod ask;
+mod bricks;
+mod colors;
+#[cfg(test)]
+mod decode;
+mod density;
+mod domain;
+mod lattice;
+mod seen;
+
+use std::fmt::Write;
+
+use anyhow::Result;
+use glam::{Vec3, Vec4};
+use infonerf_field::{FieldConfig, FieldSpec};
+use serde_json::{Value, json};
+
+use crate::blob::{Blob, bits};
+use crate::package::Subjects;
+use crate::shader::{March, integers3, vector4};
+use ask::Ask;
+use bricks::Bricks;
+use colors::{Colors, MOST_COLOR};
+use domain::Domain;
+use lattice::{CELLS, POINTS};
+
+const FIELD: &str = include_str!("../../assets/bricks.glsl");
+const CHANNELS: [&str; 3] = ["red", "green", "blue"];
+/// Voxels along the longest side of a field's box; of a field that is slow; and of one that is still in training, at most.
+const RESOLUTION: usize = 256;
+const SLOW_RESOLUTION: usize = 128;
+const LIVE_RESOLUTION: usize = 96;
+/// A field that takes more numbers for a sample than this is slow: an MLP of four layers of 256 is not, one of eight is.
+const SLOW: u64 = 1024;
+/// A ray ends at this transmittance at the latest: less does not show in 8 bits.
+const STOP: f32 = 1e-3;
+
+/// Voxels along the longest side of a field's box, where nobody says how many.
+pub(crate) fn resolution(field: &FieldConfig) -> usize {
+    if field.footprint().per_sample > SLOW { SLOW_RESOLUTION } else { RESOLUTION }
+}
+
+/// The same while the field is in training, and asked for again and again.
+pub(crate) fn live_resolution(field: &FieldConfig) -> usize {
+    (resolution(field) / 2).min(LIVE_RESOLUTION)
+}
+
+/// The shader and the arrays of a field of any kind, at `resolution` or as fine as the most bricks allow.
+pub(crate) fn package(subjects: &Subjects<'_>, resolution: usize) -> Result<Value> {
+    let Subjects { scene, renderer, config, .. } = subjects;
+    let warp = renderer.warp();
+    let domain = Domain::of(scene, config, warp);
+    let ask = Ask::new(subjects);
+    let (resolution, bricks) = Bricks::find(&ask, &domain, resolution);
+    let lattice = &bricks.lattice;
+    let colors = Colors::of(&ask, lattice, &seen::points(&bricks));
+    let march = March {
+        scene,
+        config,
+        warp,
+        clip: warp.is_identity().then_some(domain.bounds),
+        low: lattice.low,
+        cell: Vec3::splat(lattice.voxel * CELLS as f32),
+        cells: lattice.cells,
+        step: 0.5 * lattice.voxel,
+        stop: config.early_stop_transmittance.max(STOP),
+        // Over less than two voxels a slope is that of the bytes.
+        detail: 2.0 * lattice.voxel,
+    };
+    let atlas = atlas(bricks.cells.len());
+    let mut occupied = vec![false; lattice.cell_count()];
+    bricks.cells.iter().for_each(|&cell| occupied[cell] = true);
+    let mut blob = Blob::default();
+    blob.add("occupied", &bits(&occupied));
+    blob.add("opacities", &differences(&bricks.roots));
+    for (channel, name) in CHANNELS.iter().enumerate() {
+        blob.add(&format!("{name}s"), &differences(&colors.planes(channel, &bricks)));
+    }
+    Ok(json!({
+        "shader": march.shader(&FIELD.replace("{{constants}}\n", &constants(lattice.voxel, atlas, &colors))),
+        "voxels": resolution,
+        "grid": lattice.cells,
+        "atlas": atlas,
+        "closed": true,
+        "parts": blob.parts,
+        "data": blob.deflated()?,
+    }))
+}
+
+/// How many bricks lie side by side in the textures along x, y and z: about a cube.
+fn atlas(bricks: usize) -> [usize; 3] {
+    let side = (1..).find(|side: &usize| side.pow(3) >= bricks).unwrap_or(1);
+    [side, side, bricks.div_ceil(side * side).max(1)]
+}
+
+fn constants(voxel: f32, atlas: [usize; 3], colors: &Colors) -> String {
+    let mut text = format!("#define BRICK {CELLS}\nconst ivec3 ATLAS = {};\n", integers3(atlas));
+    for (name, value) in [("VOXEL", voxel), ("MOST_OPACITY", density::MOST_OPACITY), ("MOST_COLOR", MOST_COLOR)] {
+        let _ = writeln!(text, "const float {name} = {value:?};");
+    }
+    for (name, channel) in CHANNELS.iter().zip(&colors.channels) {
+        for (kind, numbers) in [("LOW", &channel.low), ("RANGE", &channel.range)] {
+            let name = name.to_uppercase();
+            let _ = writeln!(text, "const vec4 {name}_{kind} = {};", vector4(Vec4::from_slice(numbers)));
+        }
+    }
+    text
+}
+
+/// Each byte less the one before it in its row of [`POINTS`], modulo 256: of smooth numbers these are small, and deflate well.
+fn differences(bytes: &[u8]) -> Vec<u8> {
+    let of_row = |row: &[u8]| -> Vec<u8> {
+        let before = std::iter::once(0).chain(row.iter().copied());
+        row.iter().zip(before).map(|(byte, before)| byte.wrapping_sub(before)).collect()
+    };
+    bytes.chunks(POINTS).flat_map(of_row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_train::{Config, Preset};
+
+    use super::*;
+
+    #[test]
+    fn slow_fields_are_baked_coarsely() {
+        let mut field = Config::from_table(Preset::Paper.table()).unwrap().field;
+        assert_eq!((resolution(&field), live_resolution(&field)), (128, 64));
+        let FieldConfig::Nerf(nerf) = &mut field else { panic!("the paper's field is NeRF's") };
+        (nerf.layers, nerf.width) = (4, 64);
+        assert_eq!((resolution(&field), live_resolution(&field)), (256, 96));
+    }
+
+    #[test]
+    fn the_textures_have_room_for_all_bricks() {
+        assert_eq!(atlas(0), [1, 1, 1]);
+        for bricks in [1, 2, 8, 9, 100, bricks::MOST] {
+            let sides = atlas(bricks);
+            assert!(sides.iter().product::<usize>() >= bricks);
+            assert!(sides.iter().all(|side| side * POINTS <= 256), "WebGL2 promises no more: {sides:?}");
+        }
+    }
+
+    #[test]
+    fn differences_start_anew_in_each_row() {
+        let mut bytes = vec![5; 2 * POINTS];
+        (bytes[1], bytes[POINTS]) = (3, 7);
+        let stored = differences(&bytes);
+        assert_eq!((&stored[..4], &stored[POINTS..POINTS + 3]), (&[5, 254, 2, 0][..], &[7, 254, 0][..]));
+    }
+}

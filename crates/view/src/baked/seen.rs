@@ -1,0 +1,70 @@
+//! Points whose colours are seen.
+
+use rayon::prelude::*;
+
+use super::bricks::Bricks;
+use super::density::NEARLY_OPAQUE;
+use super::lattice::{POINTS, VOLUME, within};
+
+/// Points around one that have to be nearly opaque for it to be hidden: light passes at least this many voxels, and less than
+/// 1 % of it is left.
+const COVER: usize = 2;
+/// Points along a brick with those around it.
+const WIDE: usize = POINTS + 2 * COVER;
+
+/// The points, ascending, whose colour shows: those of a voxel with any density, unless they are hidden in what is nearly
+/// opaque.
+pub(super) fn points(bricks: &Bricks) -> Vec<usize> {
+    let of_brick = |(number, &cell): (usize, &usize)| -> Vec<usize> {
+        let shown = shown(bricks, number, cell);
+        bricks.lattice.points(cell).zip(shown).filter(|(_, shown)| *shown).map(|(point, _)| point).collect()
+    };
+    let mut points: Vec<usize> = bricks.cells.par_iter().enumerate().flat_map_iter(of_brick).collect();
+    points.par_sort_unstable();
+    points.dedup();
+    points
+}
+
+/// For each point of a brick whether its colour shows in it.
+fn shown(bricks: &Bricks, number: usize, cell: usize) -> Vec<bool> {
+    let filled = bricks.brick(number).iter().map(|&root| root > 0).collect();
+    let near = spread(filled, POINTS, 1);
+    let offset =
+        |index: usize| [index % WIDE, index / WIDE % WIDE, index / (WIDE * WIDE)].map(|c| c as isize - COVER as isize);
+    let open = (0..WIDE.pow(3)).map(|index| bricks.root(cell, offset(index)) < NEARLY_OPAQUE).collect();
+    let uncovered = spread(open, WIDE, COVER);
+    let is_open = |index: usize| {
+        let [x, y, z] = within(index).map(|c| c + COVER);
+        uncovered[x + WIDE * (y + WIDE * z)]
+    };
+    (0..VOLUME).map(|index| near[index] && is_open(index)).collect()
+}
+
+/// Flags of a cube of `side`³: whether any is set that is at most `reach` away along each axis.
+fn spread(mut flags: Vec<bool>, side: usize, reach: usize) -> Vec<bool> {
+    for stride in [1, side, side * side] {
+        let any = |index: usize| {
+            let c = index / stride % side;
+            let (first, last) = (c.saturating_sub(reach), (c + reach).min(side - 1));
+            (first..=last).any(|other| flags[index + other * stride - c * stride])
+        };
+        flags = (0..flags.len()).map(any).collect();
+    }
+    flags
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn flags_spread_along_all_axes() {
+        let mut flags = vec![false; 125];
+        flags[2 + 5 * (2 + 5 * 2)] = true;
+        let found = spread(flags, 5, 1);
+        for (index, flag) in found.iter().enumerate() {
+            let near = [index % 5, index / 5 % 5, index / 25].iter().all(|c| (1..=3).contains(c));
+            assert_eq!(*flag, near, "{index}");
+        }
+    }
+}

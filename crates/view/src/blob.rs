@@ -1,0 +1,41 @@
+//! Arrays of a package.
+
+use std::io::Write;
+
+use anyhow::Result;
+use base64::prelude::{BASE64_STANDARD, Engine};
+use flate2::{Compression, write::ZlibEncoder};
+use serde_json::{Value, json};
+
+/// Arrays one after another.
+#[derive(Default)]
+pub(crate) struct Blob {
+    bytes: Vec<u8>,
+    /// Where each array begins, and how many bytes it has.
+    pub(crate) parts: serde_json::Map<String, Value>,
+}
+
+impl Blob {
+    pub(crate) fn add(&mut self, name: &str, bytes: &[u8]) {
+        self.parts.insert(name.to_owned(), json!([self.bytes.len(), bytes.len()]));
+        self.bytes.extend(bytes);
+    }
+
+    /// Deflated (zlib), as base64. Trying harder than by default saves 2 % of a baked grid, and takes eight times as long.
+    pub(crate) fn deflated(&self) -> Result<String> {
+        let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+        encoder.write_all(&self.bytes)?;
+        Ok(BASE64_STANDARD.encode(encoder.finish()?))
+    }
+}
+
+/// Numbers as a graphics card reads them.
+pub(crate) fn floats<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> Vec<u8> {
+    numbers.into_iter().flat_map(|number| number.to_le_bytes()).collect()
+}
+
+/// One bit for each flag, the first in the lowest bit.
+pub(crate) fn bits(flags: &[bool]) -> Vec<u8> {
+    let byte = |flags: &[bool]| flags.iter().rev().fold(0, |byte, &flag| byte << 1 | u8::from(flag));
+    flags.chunks(8).map(byte).collect()
+}

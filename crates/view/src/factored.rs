@@ -1,0 +1,201 @@
+//! A factored field as a package holds it: its tables as 8-bit textures, its MLP as matrices.
+
+use std::fmt::Write;
+
+use anyhow::Result;
+use glam::Vec3;
+use infonerf_field::FactoredField;
+use infonerf_ops::factored::{Layout, Level};
+use infonerf_ops::to_host;
+use infonerf_render::OccupancyGrid;
+use infonerf_schedule::Moment;
+use serde_json::{Value, json};
+
+use crate::blob::{Blob, bits, floats};
+use crate::network::{Network, Place};
+use crate::package::Subjects;
+use crate::shader::{March, clips, vector};
+use crate::tables::{groups, quantise};
+
+const FIELD: &str = include_str!("../assets/tables.glsl");
+/// Bytes of uniforms that graphics cards have room for at least in practice; WebGL2 promises a quarter of it.
+const LARGEST_NETWORK: usize = 1 << 16;
+
+/// The shader and the arrays of a factored field; none if its MLP is larger than a graphics card's uniforms.
+pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<Option<Value>> {
+    let Subjects { scene, renderer, config, trained } = subjects;
+    let (layout, parts) = (field.layout(), Parts::of(field));
+    let network = Network::pack(&to_host(field.weights()), layout, field.view_dependence(), &parts.inputs);
+    if network.bytes() > LARGEST_NETWORK {
+        return Ok(None);
+    }
+    let grid = trained.occupancy.as_ref();
+    let [low, high] = field.bounds().map(Vec3::from_array);
+    // Without a grid there is one cell, which is never empty.
+    let cells = grid.map_or(1, OccupancyGrid::resolution);
+    let clips = clips(config, renderer.warp());
+    let march = March {
+        scene,
+        config,
+        warp: renderer.warp(),
+        clip: clips.then_some(scene.bounds),
+        low,
+        cell: (high - low) / cells as f32,
+        cells: [cells; 3],
+        step: renderer.step_length(Moment::END),
+        stop: config.early_stop_transmittance,
+        detail: (high - low).max_element() / finest(layout) as f32,
+    };
+    let mut blob = Blob::default();
+    for (level, planes) in parts.planes.iter().enumerate() {
+        blob.add(&format!("planes{level}"), planes);
+    }
+    blob.add("lines", &parts.lines);
+    blob.add("occupied", &grid.map_or(vec![1], |grid| bits(grid.state().1)));
+    blob.add("network", &floats(network.matrices.iter().chain(&network.biases)));
+    blob.add("offsets", &floats(&parts.offsets));
+    Ok(Some(json!({
+        "shader": march.shader(&shader(layout, &network, high - low)),
+        "levels": layout.levels.iter().map(|level| level.resolution).collect::<Vec<_>>(),
+        "layers": 3 * parts.groups,
+        "lineWidth": parts.line_width,
+        "grid": [cells, cells, cells],
+        "closed": clips,
+        "parts": blob.parts,
+        "data": blob.deflated()?,
+    })))
+}
+
+/// Texels along the finest level.
+fn finest(layout: &Layout) -> usize {
+    layout.levels.iter().map(|level| level.resolution).max().unwrap_or(1)
+}
+
+/// The part of the shader that is about the field, which lies over a box of `size`.
+fn shader(layout: &Layout, network: &Network, size: Vec3) -> String {
+    let samplers = (0..layout.levels.len()).map(|l| format!("uniform sampler2DArray planes{l};\n"));
+    FIELD
+        .replace("{{constants}}\n", &constants(layout, network, size))
+        .replace("{{samplers}}\n", &samplers.collect::<String>())
+        .replace("{{features}}\n", &features(layout))
+        .replace("{{layers}}\n", &layers(&network.layers))
+}
+
+fn constants(layout: &Layout, network: &Network, size: Vec3) -> String {
+    let channels = layout.levels.first().map_or(4, |level| level.channels);
+    let rows = 3 * layout.levels.len() * groups(channels);
+    let integers = [
+        ("GROUPS", groups(channels)),
+        ("FREQUENCIES", layout.frequencies),
+        ("INPUTS", network.layers[0].0),
+        ("OUTPUTS", network.layers[network.layers.len() - 1].1),
+        ("MATRICES", network.matrices.len() / 16),
+        ("BIASES", network.biases.len() / 4),
+        ("OFFSETS", 2 * rows),
+        ("LINE_WIDTH", finest(layout)),
+        ("LINE_ROWS", rows),
+    ];
+    let mut text = String::new();
+    for (name, value) in integers {
+        let _ = writeln!(text, "#define {name} {value}");
+    }
+    for (name, value) in [("DENSITY_SCALE", layout.density_scale), ("DENSITY_BIAS", layout.density_bias)] {
+        let _ = writeln!(text, "const float {name} = {value:?};");
+    }
+    let _ = writeln!(text, "const vec3 SIZE = {};", vector(size));
+    text
+}
+
+fn features(layout: &Layout) -> String {
+    let level = |(l, level): (usize, &Level)| {
+        let before = if l == 0 { String::new() } else { format!(" + {l} * 3 * GROUPS") };
+        format!("            x[k{before}] = product(planes{l}, {l}, {:?}, p, g, u);\n", level.resolution as f32)
+    };
+    layout.levels.iter().enumerate().map(level).collect()
+}
+
+fn layers(layers: &[(usize, usize)]) -> String {
+    let (mut matrix, mut bias) = (0, 0);
+    let mut text = String::new();
+    for (index, &(inputs, outputs)) in layers.iter().enumerate() {
+        let from = if index == 0 { "x".to_owned() } else { format!("h{index}") };
+        let last = index + 1 == layers.len();
+        let to = if last { "y".to_owned() } else { format!("h{}", index + 1) };
+        if !last {
+            let _ = writeln!(text, "    vec4 {to}[{outputs}];");
+        }
+        let result = if last { "sum" } else { "max(sum, 0.0)" };
+        let _ = writeln!(
+            text,
+            "    for (int o = 0; o < {outputs}; o++) {{\n        vec4 sum = biases[{bias} + o];\n        \
+             for (int i = 0; i < {inputs}; i++) sum += matrices[{matrix} + o * {inputs} + i] * {from}[i];\n        \
+             {to}[o] = {result};\n    }}"
+        );
+        matrix += inputs * outputs;
+        bias += outputs;
+    }
+    text
+}
+
+/// A field's tables as textures.
+struct Parts {
+    /// Textures of each plane.
+    groups: usize,
+    /// Per level an array of RGBA textures, `[3 · groups, res, res, 4]`.
+    planes: Vec<Vec<u8>>,
+    /// One RGBA texture for the lines of all levels, `[levels · 3 · groups, line_width, 4]`.
+    lines: Vec<u8>,
+    line_width: usize,
+    /// For each plane's texture low/range of the plane, and of its line.
+    offsets: Vec<f32>,
+    /// The MLP's input as the shader makes it: its factors undo the quantisation and fade levels.
+    inputs: Vec<Place>,
+}
+
+impl Parts {
+    fn of(field: &FactoredField) -> Self {
+        let (layout, tables) = (field.layout(), to_host(field.tables()));
+        let (frequency_weights, level_weights) = field.detail(Moment::END);
+        let line_width = finest(layout);
+        let channels = layout.levels.first().map_or(4, |level| level.channels);
+        let mut parts = Self {
+            groups: groups(channels),
+            planes: Vec::new(),
+            lines: Vec::new(),
+            line_width,
+            offsets: Vec::new(),
+            inputs: vec![Some((0, 1.0)), Some((1, 1.0)), Some((2, 1.0)), None],
+        };
+        for (frequency, &weight) in frequency_weights.iter().enumerate() {
+            let first = 3 + 6 * frequency;
+            let of = |input: usize| Some((input, weight));
+            parts.inputs.extend([of(first), of(first + 2), of(first + 4), None]);
+            parts.inputs.extend([of(first + 1), of(first + 3), of(first + 5), None]);
+        }
+        for (level, &weight) in layout.levels.iter().zip(&level_weights) {
+            let mut textures = Vec::new();
+            for p in 0..3 {
+                let plane = quantise(&tables[level.plane(p)..][..level.plane_len()], level.channels);
+                let line = quantise(&tables[level.line(p)..][..level.line_len()], level.channels);
+                textures.extend(plane.textures.concat());
+                for texture in &line.textures {
+                    parts.lines.extend(texture);
+                    parts.lines.resize(parts.lines.len() + 4 * (line_width - level.resolution), 0);
+                }
+                for group in 0..parts.groups {
+                    let of_group = |number: &dyn Fn(usize) -> f32| {
+                        [0, 1, 2, 3].map(|k| 4 * group + k).map(|k| if k < level.channels { number(k) } else { 0.0 })
+                    };
+                    parts.offsets.extend(of_group(&|k| plane.low[k] / plane.range[k]));
+                    parts.offsets.extend(of_group(&|k| line.low[k] / line.range[k]));
+                    parts.inputs.extend([0, 1, 2, 3].map(|k| 4 * group + k).map(|k| {
+                        let input = level.feature + p * level.channels + k;
+                        (k < level.channels).then(|| (input, weight * plane.range[k] * line.range[k]))
+                    }));
+                }
+            }
+            parts.planes.push(textures);
+        }
+        parts
+    }
+}

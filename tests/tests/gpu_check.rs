@@ -1,0 +1,69 @@
+//! `scripts/gpu-check`, with a stand-in for the program: whatever fails, everything is written down.
+#![cfg(unix)]
+
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use serde_json::Value;
+
+/// Has no CUDA; its stress rows fail; its comparison with the CPU leaves results; the others leave none.
+const PROGRAM: &str = r#"#!/usr/bin/env bash
+all="$*"
+while (($#)); do
+    case "$1" in
+        --device) device="$2" ;;
+        --out) out="$2" ;;
+    esac
+    shift
+done
+[[ "$device" == cuda ]] && { echo "error: --device cuda: no such device" >&2; exit 2; }
+echo "$device: A \"GPU\"" >&2
+case "$all" in
+    *"bench agreement"*) mkdir -p "$out/agreement" && echo '{"rows": 3}' >"$out/agreement/results.json" ;;
+    *"bench stress"*) exit 1 ;;
+esac
+"#;
+
+fn script() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("scripts/gpu-check")
+}
+
+#[test]
+fn every_step_is_written_down() {
+    let folder = tempfile::tempdir().unwrap();
+    let bundle = folder.path().join("a bundle");
+    fs::create_dir_all(bundle.join("bin")).unwrap();
+    fs::copy(script(), bundle.join("gpu-check")).unwrap();
+    let program = bundle.join("bin/infonerf-cuda-vulkan");
+    fs::write(&program, PROGRAM).unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let out = folder.path().join("what came");
+
+    let mut command = Command::new(bundle.join("gpu-check"));
+    let output = command.args(["--small", "--minutes", "5", "--out"]).arg(&out).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "a step failed: {output:?}");
+    let json: Value = serde_json::from_str(&fs::read_to_string(out.join("gpu.json")).unwrap()).unwrap();
+    assert_eq!((&json["device"], &json["adapter"]), (&"vulkan".into(), &"A GPU".into()));
+    let steps = json["steps"].as_array().unwrap();
+    let step = |name: &str| steps.iter().find(|step| step["name"] == name).unwrap_or_else(|| panic!("{name}"));
+    assert_eq!(step("agreement with the CPU")["results"]["rows"], 3);
+    assert_eq!(step("stress")["status"], 1);
+    assert_eq!((&step("frames")["status"], &step("frames")["results"]), (&0.into(), &Value::Null));
+    assert_eq!(step("a released run")["status"], 0);
+    let report = fs::read_to_string(out.join("report.md")).unwrap();
+    assert!(steps.iter().all(|step| report.contains(&format!("## {}\n", step["name"].as_str().unwrap()))), "{report}");
+}
+
+#[test]
+fn what_is_wrong_is_said() {
+    let refused = |args: &[&str], part: &str| {
+        let output = Command::new(script()).args(args).output().unwrap();
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && stderr.contains(part), "{args:?}: {stderr}");
+    };
+    refused(&["--minutes", "x"], "--minutes x");
+    refused(&["--device"], "--device: expected a value");
+    refused(&["--fast"], "--fast: expected");
+}
