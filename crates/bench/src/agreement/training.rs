@@ -100,7 +100,7 @@ impl Kind {
         }
         let config = Config::from_table(table).context(self.name)?;
         let plan = RunPlan { config, ..plan.clone() };
-        Ok(plan.trainer(Arc::new(plan.load()?), 0, device)?)
+        plan.trainer(Arc::new(plan.load()?), 0, device)
     }
 
     /// Gradients of the whole loss with respect to each parameter.
