@@ -166,20 +166,22 @@ fn bodies_agree_in_value_and_gradient() {
     }
 }
 
-/// Eight bits of a factor, times a few layers; and other numbers than in single precision.
+/// Eight bits of a factor, times a few layers, and in gradients ReLUs that change their minds; and other numbers than in
+/// single precision.
 #[test]
 fn products_in_bf16_are_near() {
-    const NEAR: f32 = 0.05;
+    const NEAR: [f32; 3] = [0.05, 0.15, 0.15];
     let norm = |values: &mut dyn Iterator<Item = f32>| values.map(|x| x * x).sum::<f32>().sqrt();
     for case in cases() {
         let exact = case.run(&Device::flex(), radiance_mlp);
         let rounded = case.run(&Device::flex(), |encoded, network| {
             radiance_mlp(encoded, &RadianceMlp { precision: Precision::Bf16, ..network.clone() })
         });
-        for ((exact, rounded), what) in exact.iter().zip(&rounded).zip(["value", "x", "weights"]) {
+        let parts = exact.iter().zip(&rounded).zip(["value", "x", "weights"]);
+        for (((exact, rounded), what), near) in parts.zip(NEAR) {
             let size = norm(&mut exact.iter().copied());
             let apart = norm(&mut exact.iter().zip(rounded).map(|(a, b)| a - b));
-            assert!(apart <= NEAR * size, "{what}: {apart} of {size}");
+            assert!(apart <= near * size, "{what}: {apart} of {size}");
             assert_ne!(exact, rounded, "{what}");
         }
     }
