@@ -9,8 +9,8 @@ use std::time::Instant;
 
 use base64::prelude::{BASE64_STANDARD, Engine};
 use common::{device, plan, plan_of, read, train};
-use infonerf_experiment::Resume;
-use infonerf_render::render_image;
+use infonerf_experiment::{Resume, Trained};
+use infonerf_render::{RenderedImage, render_image};
 use infonerf_view::{Server, page};
 
 const SIZE: u32 = 64;
@@ -55,6 +55,16 @@ fn psnr(a: &[u8], b: &[u8]) -> f64 {
     -10.0 * (squares.sum::<f64>() / a.len() as f64 / 255f64.powi(2)).log10()
 }
 
+/// A training view as the page draws it and as the program renders it, and how far apart they are, in dB.
+fn drawn_and_rendered(page: &Path, run: &Trained, view: usize) -> (Vec<u8>, RenderedImage, f64) {
+    let camera = run.scene().train[view].camera.resized(SIZE, SIZE);
+    let image = render_image(run.renderer(), &run.models(), &camera);
+    let rendered = infonerf_metrics::to_rgb8(&image.rgb, SIZE, SIZE).unwrap();
+    let drawn = pixels(page, &format!("camera={view}"));
+    let apart = psnr(&drawn, &rendered);
+    (drawn, image, apart)
+}
+
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn the_page_draws_what_the_program_renders() {
@@ -65,13 +75,8 @@ fn the_page_draws_what_the_program_renders() {
     let file = folder.join("page.html");
     fs::write(&file, page(&run, None).unwrap()).unwrap();
     let length = fs::metadata(&file).unwrap().len();
-    let models = run.models();
     for view in [0, 2] {
-        let camera = run.scene().train[view].camera.resized(SIZE, SIZE);
-        let image = render_image(run.renderer(), &models, &camera);
-        let rendered = infonerf_metrics::to_rgb8(&image.rgb, SIZE, SIZE).unwrap();
-        let drawn = pixels(&file, &format!("camera={view}"));
-        let colour = psnr(&drawn, &rendered);
+        let (drawn, image, colour) = drawn_and_rendered(&file, &run, view);
         eprintln!("camera {view}: {colour:.1} dB, page of {length} bytes");
         assert!(colour > 35.0, "camera {view}: {colour} dB");
         // Depth as the report shows it.
@@ -100,13 +105,8 @@ fn the_page_draws_what_is_baked() {
         let start = Instant::now();
         fs::write(&file, page(&run, None).unwrap()).unwrap();
         let (seconds, length) = (start.elapsed().as_secs_f64(), fs::metadata(&file).unwrap().len());
-        let models = run.models();
         for view in [0, 2] {
-            let camera = run.scene().train[view].camera.resized(SIZE, SIZE);
-            let image = render_image(run.renderer(), &models, &camera);
-            let rendered = infonerf_metrics::to_rgb8(&image.rgb, SIZE, SIZE).unwrap();
-            let drawn = pixels(&file, &format!("camera={view}"));
-            let colour = psnr(&drawn, &rendered);
+            let (drawn, _, colour) = drawn_and_rendered(&file, &run, view);
             eprintln!("{variant}, camera {view}: {colour:.1} dB, page of {length} bytes in {seconds:.1} s");
             assert!(colour > 30.0, "{variant}, camera {view}: {colour} dB");
             for mode in ["depth", "normals"] {

@@ -112,11 +112,11 @@ fn worse(a: f64, b: f64) -> f64 {
     if a.is_nan() || a > b { a } else { b }
 }
 
-/// max |got − want| / max |want|; none where the arrays differ in length.
+/// max |got − want| / max |want|; none where the arrays differ in length or are empty.
 fn largest_difference(got: &[f32], want: &[f32]) -> Option<f64> {
     let largest = want.iter().map(|want| want.abs()).fold(f32::MIN_POSITIVE, f32::max);
     let apart = got.iter().zip(want).map(|(got, want)| f64::from(got - want).abs());
-    (got.len() == want.len()).then(|| apart.fold(0.0, worse) / f64::from(largest))
+    (got.len() == want.len() && !want.is_empty()).then(|| apart.fold(0.0, worse) / f64::from(largest))
 }
 
 /// mean |got − want|; none where the arrays differ in length.
@@ -166,6 +166,7 @@ mod tests {
     fn differences_are_relative_to_the_largest_and_nan_is_seen() {
         assert_eq!(largest_difference(&[1.0, 3.0], &[2.0, 4.0]), Some(0.25));
         assert_eq!(largest_difference(&[1.0], &[1.0, 2.0]), None);
+        assert_eq!(largest_difference(&[], &[]), None);
         let nan = largest_difference(&[f32::NAN, 1.0, 2.0], &[1.0, 1.0, 2.0]);
         assert!(!Row::new("nan", String::new(), 3, nan, 1.0).holds);
         assert_eq!(worst(&[vec![1.0], vec![2.0]], &[vec![1.0], vec![4.0]]), Some(0.5));

@@ -117,10 +117,15 @@ fn encodings(rng: &mut Rng) -> Vec<Operation> {
             format!("frequency encoding, {frequencies} octaves"),
             Box::new(move |device| vec![to_host(frequency_encode(&plain, 3, frequencies, &WINDOW, device))]),
         ));
-        operations.push(encoding(
-            format!("integrated encoding, {frequencies} octaves"),
-            Box::new(move |device| vec![to_host(integrated_encode(&faded, &variances, frequencies, &WINDOW, device))]),
-        ));
+        // Without frequencies it is empty.
+        if frequencies > 0 {
+            operations.push(encoding(
+                format!("integrated encoding, {frequencies} octaves"),
+                Box::new(move |device| {
+                    vec![to_host(integrated_encode(&faded, &variances, frequencies, &WINDOW, device))]
+                }),
+            ));
+        }
     }
     operations.push(encoding(
         "frequency encoding of 1.5 million points".into(),

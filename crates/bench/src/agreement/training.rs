@@ -107,14 +107,14 @@ impl Kind {
     ///
     /// With ε = 1 Adam's first step is the rate times g/(1 + |g|), a number that shows g.
     pub(super) fn gradients(&self, plan: &RunPlan, device: &Device) -> Result<Vec<Vec<f32>>> {
-        let settings =
-            ["train.iterations=12", "train.lr=100.0", "train.adam_epsilon=1.0", "train.weight_averaging=0.0"];
+        const RATE: f32 = 100.0;
+        let lr = format!("train.lr={RATE:?}");
+        let settings = ["train.iterations=12", &lr, "train.adam_epsilon=1.0", "train.weight_averaging=0.0"];
         let mut trainer = self.trainer(plan, &settings, device)?;
         let before = weights(&trainer);
-        let rate = 100.0;
         trainer.step(&mut |_| ())?;
         let moved = |(before, after): (&Vec<f32>, Vec<f32>)| {
-            before.iter().zip(after).map(|(before, after)| (after - before) / rate).collect()
+            before.iter().zip(after).map(|(before, after)| (after - before) / RATE).collect()
         };
         Ok(before.iter().zip(weights(&trainer)).map(moved).collect())
     }

@@ -114,7 +114,7 @@ impl<'a> Ask<'a> {
 /// Some places that one looks from, far apart: cameras of which each is as far as possible from those before it, the first
 /// training camera being the first. Without cameras, six around the scene.
 fn eyes(scene: &Scene) -> Vec<Vec3> {
-    let views = scene.train.iter().chain(&scene.test).map(|view| view.camera.position());
+    let views = scene.train.iter().map(|view| view.camera.position());
     let places: Vec<Vec3> = views.chain(scene.all_train_cameras.iter().map(|camera| camera.position())).collect();
     let Some(&first) = places.first() else {
         return [Vec3::X, Vec3::Y, Vec3::Z]
