@@ -27,7 +27,7 @@ impl Scale {
 
     /// Of the paper's regime, about half as long as the experiment alone.
     const fn regime(experiment: &'static str) -> Self {
-        Self { set: &["train.iterations=800", "train.precrop_steps=160"], ..Self::whole(experiment) }
+        Self { set: &["train.iterations=720", "train.precrop_steps=144"], ..Self::whole(experiment) }
     }
 
     /// A forward-facing or inward-looking capture, small.
