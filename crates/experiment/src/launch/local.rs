@@ -48,15 +48,15 @@ pub(crate) struct Queue<'a> {
 impl Queue<'_> {
     /// Runs `items` in their order and reports each when it ends. Starts no more of them once they are to stop.
     ///
-    /// The first of them runs alone, if more than one may run at a time and `peak` is not known: it shows how much
-    /// memory a run takes.
+    /// The first of them runs alone, with all cores, if more than one may run at a time and `peak` is not known: it shows
+    /// how much memory a run takes.
     pub(crate) fn run(&self, items: Vec<usize>, peak: Option<u64>, mut report: impl FnMut(usize, Ended)) {
         let jobs = (self.workers.jobs).min(items.len());
         let mut peak = peak;
         let mut items = items.into_iter();
         while jobs > 1 && peak.is_none() && free_memory().is_some() && !(self.workers.stop)() {
             let Some(item) = items.next() else { return };
-            let (ended, taken) = self.run_one(item, jobs);
+            let (ended, taken) = self.run_one(item, 1);
             peak = taken;
             report(item, ended);
         }
