@@ -18,6 +18,8 @@ const USUAL_VARIANT: &str = "infonerf";
 pub(super) struct Bench {
     pub(super) plans: Vec<RunPlan>,
     pub(super) device: Device,
+    /// Fields that are trained at a time.
+    pub(super) side_by_side: usize,
     pub(super) networks: Networks,
     pub(super) folder: PathBuf,
     pub(super) about: About,
@@ -80,7 +82,8 @@ impl Bench {
             Benchmark::Pareto | Benchmark::Skip => networks(options.weights.as_deref(), &device)?,
             _ => Networks::none(),
         };
-        Ok(Self { plans, networks, device: device.device, folder: options.out.join(name), about })
+        let side_by_side = device.name.fields_side_by_side();
+        Ok(Self { plans, networks, side_by_side, device: device.device, folder: options.out.join(name), about })
     }
 }
 

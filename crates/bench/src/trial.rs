@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use infonerf_experiment::{RunPlan, total_progress};
 use infonerf_metrics::{METRICS, Values};
 use infonerf_render::TrainedModel;
-use infonerf_train::{Config, Evaluation, Outcome, Trainer, config};
+use infonerf_train::{Config, Evaluation, Outcome, Trainer, config, step_side_by_side};
 use serde::Serialize;
 
 use super::context::Bench;
@@ -36,12 +36,12 @@ impl Bench {
     /// Trains `plan` to its end and evaluates it on its test views.
     pub(super) fn trial(&self, plan: &RunPlan) -> Result<Trial> {
         let scene = Arc::new(plan.load()?);
-        let mut trainers = Vec::new();
+        let fields = 0..plan.members();
+        let mut trainers: Vec<Trainer> =
+            fields.map(|index| plan.trainer(scene.clone(), index, &self.device)).collect::<Result<_>>()?;
         let mut collapsed = false;
-        for index in 0..plan.members() {
-            let mut trainer = plan.trainer(scene.clone(), index, &self.device)?;
-            collapsed |= train(&mut trainer).with_context(|| plan.label())? == Outcome::Collapsed;
-            trainers.push(trainer);
+        for trainers in trainers.chunks_mut(self.side_by_side) {
+            collapsed |= train_all(trainers).with_context(|| plan.label())?;
         }
         let members: Vec<TrainedModel> = trainers.iter().map(Trainer::trained).collect();
         let protocol = plan.config.eval.metric_protocol();
@@ -76,6 +76,24 @@ impl Trial {
     pub(super) fn psnr(&self) -> f64 {
         self.metric("psnr").unwrap_or(f64::NAN)
     }
+}
+
+/// Takes all steps of fields side by side, and tells whether one of them went empty.
+fn train_all(trainers: &mut [Trainer]) -> Result<bool> {
+    let mut collapsed = false;
+    let mut active: Vec<&mut Trainer> = trainers.iter_mut().collect();
+    while !active.is_empty() {
+        let mut outcomes = step_side_by_side(&mut active).into_iter();
+        let mut next = Vec::with_capacity(active.len());
+        for trainer in active {
+            match outcomes.next().map(|(_, outcome)| outcome).transpose()? {
+                Some(Outcome::Running) => next.push(trainer),
+                outcome => collapsed |= outcome == Some(Outcome::Collapsed),
+            }
+        }
+        active = next;
+    }
+    Ok(collapsed)
 }
 
 /// Takes all steps.

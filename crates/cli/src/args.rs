@@ -397,6 +397,12 @@ pub(crate) struct ExportArgs {
     /// opaque. A page has fewer if the field is slow, or fills so much that they would be too many.
     #[arg(long, value_parser = clap::value_parser!(u32).range(2..=512))]
     pub(crate) resolution: Option<u32>,
+    /// What the surface is taken from.
+    #[arg(long, value_enum, default_value = "density")]
+    pub(crate) from: SurfaceName,
+    /// Collapse edges until a mesh has at most this many triangles.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..))]
+    pub(crate) triangles: Option<u32>,
     /// The file; by default one in RUN/export.
     #[arg(long, value_name = "FILE")]
     pub(crate) out: Option<PathBuf>,
@@ -493,6 +499,15 @@ pub(crate) enum VideoName {
     Mp4,
     /// VP9, free of patents.
     Webm,
+}
+
+/// What a surface is taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SurfaceName {
+    /// The field's density: the surface is where a voxel is half opaque.
+    Density,
+    /// Depth as rendered from the training cameras and between them, fused: fog that pictures look through leaves nothing.
+    Depth,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

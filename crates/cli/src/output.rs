@@ -52,8 +52,8 @@ impl<'a> Told<'a> {
         let run = self.label;
         Some(match event {
             RunEvent::Loading => json!({ "event": "loading", "run": run }),
-            RunEvent::Started { member, members } => {
-                json!({ "event": "started", "run": run, "field": member, "fields": members })
+            RunEvent::Started { fields, of } => {
+                json!({ "event": "started", "run": run, "field": fields.start, "beside": fields.len(), "fields": of })
             }
             RunEvent::Training { event: Event::Step { step, seconds, loss, psnr, .. }, trainer } => {
                 let now = Instant::now();

@@ -15,6 +15,8 @@ const REFRESH: Duration = Duration::from_millis(100);
 pub(crate) struct Progress {
     bar: ProgressBar,
     label: String,
+    /// Fields that are trained at a time.
+    beside: usize,
     shown: Option<Instant>,
 }
 
@@ -23,20 +25,21 @@ impl Progress {
     pub(crate) fn new(label: &str) -> anyhow::Result<Self> {
         let bar = ProgressBar::hidden();
         bar.set_style(ProgressStyle::with_template("{prefix} {wide_bar} {msg} {elapsed}")?);
-        Ok(Self { bar, label: label.to_owned(), shown: None })
+        Ok(Self { bar, label: label.to_owned(), beside: 1, shown: None })
     }
 
     /// Shows `event`, and answers what the user wants.
     pub(crate) fn watch(&mut self, event: RunEvent<'_>) -> Control {
         match event {
             RunEvent::Loading => {}
-            RunEvent::Started { member, members } => {
-                let label = if members > 1 {
-                    format!("{} field {} of {members}", self.label, member + 1)
-                } else {
-                    self.label.clone()
+            RunEvent::Started { fields, of } => {
+                let which = match fields.len() {
+                    _ if of == 1 => String::new(),
+                    1 => format!(" field {} of {of}", fields.end),
+                    _ => format!(" fields {} to {} of {of}", fields.start + 1, fields.end),
                 };
-                self.begin(label, 1000);
+                self.beside = fields.len();
+                self.begin(format!("{}{which}", self.label), 1000);
             }
             RunEvent::Training { event, trainer } => self.training(event, trainer),
             RunEvent::Ended => self.bar.finish_and_clear(),
@@ -72,7 +75,7 @@ impl Progress {
                 if self.shown.is_none_or(|shown| now.duration_since(shown) > REFRESH) {
                     self.shown = Some(now);
                     let done = trainer.done();
-                    let left = if done > 0.0 { seconds * (1.0 - done) / done } else { f64::NAN };
+                    let left = if done > 0.0 { self.beside as f64 * seconds * (1.0 - done) / done } else { f64::NAN };
                     self.bar.set_position((done * 1000.0) as u64);
                     self.bar.set_message(format!(
                         "step {step}  loss {loss:.4}  psnr {psnr:.1}  {:.0}k rays/s  {left:.0}s left",

@@ -157,10 +157,11 @@ const LONG: [&str; 16] = [
 ];
 const LONG_RUN: &str = "synthetic-4view/knot/infonerf/seed0";
 
-fn start(place: &Workplace, out: &str) -> Child {
-    let mut command = place.tiny(&LONG).args(&["--out", out]).into_command();
+/// Starts a run in the folder `out`, and waits until there is a checkpoint in `field` of it.
+fn start(place: &Workplace, args: &[&str], out: &str, field: &str) -> Child {
+    let mut command = place.tiny(args).args(&["--out", out]).into_command();
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let sign = place.path(out).join(LONG_RUN).join("checkpoint/manifest.json");
+    let sign = place.path(out).join(LONG_RUN).join(field).join("checkpoint/manifest.json");
     let patience = Instant::now();
     while !sign.exists() {
         assert!(patience.elapsed() < Duration::from_secs(60), "no checkpoint in a minute");
@@ -182,7 +183,7 @@ fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
     let unbroken = records(&place.path("unbroken/synthetic-4view"));
 
     // Ctrl-C, twice in the life of a run.
-    let child = start(&place, "stopped");
+    let child = start(&place, &LONG, "stopped", "");
     interrupt(&child);
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
@@ -190,7 +191,7 @@ fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
     assert!(!place.path("stopped/synthetic-4view/results.json").exists(), "the run had ended before it was stopped");
 
     // No time to say goodbye: the last checkpoint counts.
-    let mut child = start(&place, "killed");
+    let mut child = start(&place, &LONG, "killed", "");
     child.kill().unwrap();
     child.wait().unwrap();
     assert!(!place.path("killed/synthetic-4view/results.json").exists(), "the run had ended before it was killed");
@@ -218,6 +219,26 @@ fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
     other.fails_with(&["config.toml", "--resume", "lr"]);
 }
 
+/// Three fields, more than some machines train side by side; stopped in the middle.
+#[cfg(unix)]
+#[test]
+fn an_ensemble_goes_on_to_the_same_numbers() {
+    let place = Workplace::new();
+    let ensemble = [&LONG[..], &["--set", "train.iterations=300", "--set", "train.ensemble.size=3"]].concat();
+    place.tiny(&ensemble).args(&["--out", "unbroken"]).succeeds();
+    let unbroken = without_times(&records(&place.path("unbroken/synthetic-4view")));
+    assert_eq!(unbroken[0]["iterations"], 900);
+    let child = start(&place, &ensemble, "stopped", "member0");
+    interrupt(&child);
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
+    place.tiny(&ensemble).args(&["--out", "stopped", "--resume"]).succeeds();
+    assert_eq!(without_times(&records(&place.path("stopped/synthetic-4view"))), unbroken);
+    for field in ["member0", "member1", "member2"] {
+        let log = |out: &str| events(&place.path(out).join(LONG_RUN).join(field));
+        assert_eq!(log("unbroken"), log("stopped"), "{field}");
+    }
+}
+
 /// The checkpoint before the newest one serves where the newest one is damaged.
 #[cfg(unix)]
 #[test]
@@ -225,7 +246,7 @@ fn a_damaged_checkpoint_is_told_of_and_the_one_before_is_used() {
     let place = Workplace::new();
     place.tiny(&LONG).args(&["--out", "unbroken"]).succeeds();
     let run = place.path("stopped").join(LONG_RUN);
-    let child = start(&place, "stopped");
+    let child = start(&place, &LONG, "stopped", "");
     while !run.join("checkpoint.previous/manifest.json").exists() {
         std::thread::sleep(Duration::from_millis(3));
     }
@@ -313,9 +334,8 @@ fn an_experiment_file_changes_another() {
     let place = Workplace::new();
     let file = "base = \"synthetic-4view\"\ntitle = \"mine\"\nscenes = [\"castle\"]\nseeds = [3]\n\n[config.train]\nlr = 2e-3\n\n[variants.half.loss]\nentropy.weight = 5e-4\n";
     fs::write(place.path("mine.toml"), file).unwrap();
-    let endless = ["--set", "train.iterations=1000000"];
     let exp = ["exp", "mine.toml", "--variant", "half", "--device", "ndarray", "--budget", "300ms"];
-    place.tiny_without("train.iterations", &exp).args(&endless).succeeds();
+    place.tiny(&exp).args(&["--set", "train.iterations=1000000"]).succeeds();
     let record = &records(&place.path("runs/mine"))[0];
     assert_eq!(
         (&record["variant"], &record["seed"], &record["device"]),

@@ -83,6 +83,50 @@ fn a_field_that_fills_its_box_is_a_box() {
     assert_eq!(vertices, 17 * 17 * 17 - 15 * 15 * 15);
 }
 
+/// The number before " triangles" in what was said.
+fn triangles(said: &str) -> usize {
+    said.split_once(" triangles").unwrap().0.rsplit(' ').next().unwrap().parse().unwrap()
+}
+
+#[test]
+fn a_mesh_has_as_many_triangles_as_are_asked_for() {
+    let place = with_run();
+    let whole = triangles(&export(&place, "ply", &[]));
+    assert!(whole > 2000, "{whole}");
+    for (format, most) in [("ply", 500), ("obj", 100), ("glb", 100)] {
+        let said = export(&place, format, &["--triangles", &most.to_string()]);
+        let found = triangles(&said);
+        assert!((most / 2..=most).contains(&found), "{format}: {found} of {most}");
+    }
+    assert_eq!(triangles(&export(&place, "ply", &["--triangles", "1000000"])), whole);
+}
+
+/// A box that is dense everywhere is seen from its outside, and what nobody sees within it is solid.
+#[test]
+fn a_mesh_is_fused_from_depth() {
+    let place = with_run();
+    let fused = export(&place, "ply", &["--from", "depth", "--out", "fused.ply"]);
+    let exact = export(&place, "ply", &["--out", "exact.ply"]);
+    let box_of = |file: &str| {
+        let bytes = fs::read(place.path(file)).unwrap();
+        let ply = ply_rs_bw::parser::Parser::<ply_rs_bw::ply::DefaultElement>::new().read_ply(&mut &bytes[..]).unwrap();
+        let coordinate = |vertex: &ply_rs_bw::ply::DefaultElement, axis: &str| match vertex[axis] {
+            ply_rs_bw::ply::Property::Float(value) => value,
+            ref other => panic!("{other:?}"),
+        };
+        ["x", "y", "z"].map(|axis| {
+            let values = || ply.payload["vertex"].iter().map(|vertex| coordinate(vertex, axis));
+            (values().fold(f32::MAX, f32::min), values().fold(f32::MIN, f32::max))
+        })
+    };
+    assert!(triangles(&fused) > 1000, "{fused}");
+    for ((low, high), (exact_low, exact_high)) in box_of("fused.ply").into_iter().zip(box_of("exact.ply")) {
+        let voxel = (exact_high - exact_low) / 15.0;
+        assert!((low - exact_low).abs() < 1.5 * voxel && (high - exact_high).abs() < 1.5 * voxel);
+    }
+    assert!(exact.contains("triangles"));
+}
+
 #[test]
 fn exports_that_cannot_be_made() {
     let place = with_run();
@@ -93,6 +137,12 @@ fn exports_that_cannot_be_made() {
     for resolution in ["0", "513", "-1", "many"] {
         let resolution = format!("--resolution={resolution}");
         place.run(&["export", RUN, "--format", "ply", &resolution]).assert_refused(&["--resolution"]);
+    }
+    export(&["--triangles", "3"]).assert_refused(&["--triangles"]);
+    for (format, flag, value) in
+        [("points", "--triangles", "9"), ("html", "--from", "depth"), ("npz", "--from", "depth")]
+    {
+        place.run(&["export", RUN, "--format", format, flag, value]).fails_with(&[flag, "expected a"]);
     }
     fs::write(place.path("file"), "").unwrap();
     export(&["--out", "file/below.ply"]).fails_with(&["file"]);

@@ -45,6 +45,14 @@ impl DeviceName {
     /// All of them.
     pub const ALL: [Self; 6] = [Self::Auto, Self::Flex, Self::Ndarray, Self::Wgpu, Self::Vulkan, Self::Cuda];
 
+    /// How many fields are trained at a time: one on each core of a CPU, one on a GPU.
+    pub fn fields_side_by_side(self) -> usize {
+        match self {
+            Self::Flex | Self::Ndarray => rayon::current_num_threads(),
+            Self::Auto | Self::Wgpu | Self::Vulkan | Self::Cuda => 1,
+        }
+    }
+
     /// As written on the command line.
     pub fn name(self) -> &'static str {
         match self {

@@ -8,7 +8,7 @@ use anyhow::{Context, Result, bail};
 use infonerf_scene::Scene;
 use infonerf_train::{Progress, Trainer};
 
-use crate::run::{clear, load_checkpoint, lock, train};
+use crate::run::{Training, clear, load_checkpoint, lock, train};
 use crate::{Experiment, Identity, Resume, RunEvent, RunPlan, Session, Watch};
 
 /// What came of pre-training.
@@ -54,9 +54,12 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     if let Some(checkpoint) = load_checkpoint(&folder, watch)? {
         trainer.resume(&checkpoint)?;
     }
-    watch(RunEvent::Started { member: 0, members: 1 });
-    let ended = train(&mut trainer, &folder, plan.config.train.checkpoint_every, session.until, watch)?;
+    watch(RunEvent::Started { fields: 0..1, of: 1 });
+    let mut training = [Training::new(trainer, folder.clone())?];
+    train(&mut training, plan.config.train.checkpoint_every, session.until, watch)?;
     watch(RunEvent::Ended);
+    let [field] = training;
+    let (trainer, ended) = field.into_parts();
     let finished = matches!(ended, crate::run::Ended::Over(_));
     Ok(Pretrained { folder, progress: trainer.progress().clone(), finished })
 }

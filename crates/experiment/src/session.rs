@@ -1,3 +1,4 @@
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
@@ -40,12 +41,12 @@ pub enum Resume {
 pub enum RunEvent<'a> {
     /// The scene is read.
     Loading,
-    /// A field is trained, or goes on.
+    /// Fields are trained, or go on, side by side.
     Started {
-        /// Which field, from 0.
-        member: usize,
+        /// Which fields, from 0.
+        fields: Range<usize>,
         /// Of how many.
-        members: usize,
+        of: usize,
     },
     /// Something happened in training.
     Training {
@@ -54,7 +55,7 @@ pub enum RunEvent<'a> {
         /// The field as it is now.
         trainer: &'a Trainer,
     },
-    /// A field is trained, or was stopped.
+    /// The fields that were started are trained, or were stopped.
     Ended,
     /// A test view is rendered.
     Evaluating {

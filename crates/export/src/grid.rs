@@ -43,7 +43,7 @@ impl Grid {
     }
 
     /// The voxels of a box, without densities.
-    fn empty(bounds: Aabb, resolution: usize) -> Result<Self, ExportError> {
+    pub(crate) fn empty(bounds: Aabb, resolution: usize) -> Result<Self, ExportError> {
         if !RESOLUTIONS.contains(&resolution) {
             return Err(ExportError::Resolution { found: resolution });
         }

@@ -1,8 +1,8 @@
 //! Radiance fields as meshes, point clouds, gaussian splats and grids that other programs read.
 //!
 //! ```text
-//! Volume ─► Grid (densities) ─► Surface (triangles) ─► Mesh (with colours) ─► ply, obj, glb, points
-//!                     └─► npz                     └─► Gaussian ─► splat
+//! Volume, or depth maps ─► Grid (densities) ─► Surface (triangles) ─► Mesh (with colours) ─► ply, obj, glb, points
+//!                                └─► npz                     └─► Gaussian ─► splat
 //! ```
 //!
 //! A field is anything that implements [`Volume`]: density and colour at points of the world. Writers are pure functions
@@ -40,6 +40,7 @@ mod chamfer;
 mod components;
 mod encode;
 mod error;
+mod fusion;
 mod glb;
 mod grid;
 mod mesh;
@@ -47,6 +48,7 @@ mod npz;
 mod obj;
 mod ply;
 mod shading;
+mod simplify;
 mod splat;
 mod splatter;
 mod surface;
@@ -54,6 +56,7 @@ mod volume;
 
 pub use chamfer::{Chamfer, chamfer};
 pub use error::ExportError;
+pub use fusion::DepthMap;
 pub use glb::glb;
 pub use grid::{Grid, RESOLUTIONS};
 pub use mesh::Mesh;

@@ -97,7 +97,7 @@ fn fill_cavities(values: &mut [f32], grid: &Grid) {
 }
 
 /// The mean normal of each vertex' triangles, by area.
-fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
+pub(crate) fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     let mut normals = vec![Vec3::ZERO; positions.len()];
     for triangle in triangles {
         let [a, b, c] = triangle.map(|vertex| positions[vertex as usize]);
@@ -110,11 +110,31 @@ fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod testing {
+    //! What is asked of every surface.
+
     use std::collections::HashMap;
 
+    use super::Surface;
+
+    /// Every edge is shared by two triangles that pass it in opposite directions (or by two such pairs, where voxels
+    /// touch at an edge).
+    pub(crate) fn assert_closed(surface: &Surface) {
+        let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
+        for &[a, b, c] in &surface.triangles {
+            for (from, to) in [(a, b), (b, c), (c, a)] {
+                *edges.entry((from.min(to), from.max(to))).or_default() += if from < to { 1 } else { -1 };
+            }
+        }
+        assert!(edges.values().all(|&sum| sum == 0));
+    }
+}
+
+#[cfg(test)]
+mod tests {
     use glam::UVec3;
 
+    use super::testing::assert_closed;
     use super::*;
     use crate::volume::testing::Ball;
 
@@ -126,18 +146,6 @@ mod tests {
             size: UVec3::splat(size),
             density: (0..size.pow(3)).map(|index| density(cell(index))).collect(),
         }
-    }
-
-    /// Every edge is shared by two triangles that pass it in opposite directions (or by two such pairs, where voxels
-    /// touch at an edge).
-    fn assert_closed(surface: &Surface) {
-        let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
-        for &[a, b, c] in &surface.triangles {
-            for (from, to) in [(a, b), (b, c), (c, a)] {
-                *edges.entry((from.min(to), from.max(to))).or_default() += if from < to { 1 } else { -1 };
-            }
-        }
-        assert!(edges.values().all(|&sum| sum == 0));
     }
 
     #[test]

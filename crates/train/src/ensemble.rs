@@ -3,9 +3,14 @@
 //! Four photographs leave much of a scene open, and each field fills it in another way. What they agree on stays in the
 //! mean of their pictures, what one of them made up fades (deep ensembles, Lakshminarayanan et al. 2017).
 
+use std::time::Instant;
+
+use infonerf_field::Field;
 use infonerf_render::{Noise, Stream};
+use rayon::prelude::*;
 
 use crate::config::{EnsembleConfig, LARGEST_ENSEMBLE, TrainConfig};
+use crate::{Event, Outcome, TrainError, Trainer};
 
 impl EnsembleConfig {
     /// How many fields a run trains: `size`, or with a budget of `budget` seconds as many as have `seconds_per_member`
@@ -24,6 +29,30 @@ impl TrainConfig {
         let weight_averaging = if members > 1 { 0.0 } else { self.weight_averaging };
         Self { weight_averaging, ..self.clone() }
     }
+}
+
+/// A step of one field: what happened, and what came of it.
+pub type Stepped = (Vec<Event>, Result<Outcome, TrainError>);
+
+/// Takes a step of each of `trainers`, side by side: threads that wait for nobody do more than threads that share each
+/// operation of one field. Each step counts as its share of the time that all took together, so that the times of all fields
+/// add up to that of the run. No field's numbers depend on the others.
+pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<Stepped> {
+    let step = |trainer: &mut &mut Trainer<F>| {
+        let mut events = Vec::new();
+        let outcome = trainer.step(&mut |event| events.push(event));
+        (events, outcome)
+    };
+    if let [only] = trainers {
+        return vec![step(only)];
+    }
+    let start = Instant::now();
+    let stepped = trainers.par_iter_mut().map(step).collect();
+    let share = start.elapsed().as_secs_f64() / trainers.len() as f64;
+    for trainer in trainers {
+        trainer.count_last_step_as(share);
+    }
+    stepped
 }
 
 /// The seed of a run's `index`th field: the run's own for the first.

@@ -31,7 +31,7 @@ pub use checkpoint::Checkpoint;
 pub use collapse::EmptySteps;
 pub use config::{Config, Preset};
 pub use early_stopping::EarlyStopping;
-pub use ensemble::member_seed;
+pub use ensemble::{Stepped, member_seed, step_side_by_side};
 pub use error::TrainError;
 pub use evaluate::{Evaluated, Evaluation, TestView, evaluate_view};
 pub use event::Event;

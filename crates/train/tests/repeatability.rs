@@ -3,13 +3,15 @@
 mod common;
 
 use std::collections::BTreeMap;
+use std::time::Instant;
 
 use burn::tensor::Device;
-use common::{config, configs, devices, scene, steps, trainer};
+use common::{config, configs, devices, scene, steps, timeless, trainer};
 use infonerf_render::TrainedModel;
 use infonerf_schedule::Moment;
 use infonerf_train::{
     Checkpoint, Config, Event, InformationQuery, Outcome, TestView, Trainer, evaluate_view, information,
+    step_side_by_side,
 };
 
 const STEPS: usize = 12;
@@ -70,6 +72,30 @@ fn threads_change_nothing() {
         let single = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let many = rayon::ThreadPoolBuilder::new().num_threads(5).build().unwrap();
         assert_eq!(single.install(run), many.install(run));
+    }
+}
+
+/// Fields that are trained side by side have the numbers of each alone, and the times of all add up to what passed.
+#[test]
+fn fields_side_by_side_are_those_alone() {
+    for (config, device) in cases() {
+        let seeds = 0..3;
+        let alone: Vec<Vec<Event>> =
+            seeds.clone().map(|seed| steps(&mut trainer(&config, seed, &device), STEPS)).collect();
+        let mut trainers: Vec<Trainer> = seeds.map(|seed| trainer(&config, seed, &device)).collect();
+        let mut together = vec![Vec::new(); trainers.len()];
+        let start = Instant::now();
+        for _ in 0..STEPS {
+            let stepped = step_side_by_side(&mut trainers.iter_mut().collect::<Vec<_>>());
+            for (seen, (events, outcome)) in together.iter_mut().zip(stepped) {
+                outcome.unwrap();
+                seen.extend(events.into_iter().map(timeless));
+            }
+        }
+        let passed = start.elapsed().as_secs_f64();
+        assert_eq!(together, alone);
+        let counted: f64 = trainers.iter().map(|trainer| trainer.progress().seconds).sum();
+        assert!(counted > 0.0 && counted <= passed, "{counted} of {passed} s");
     }
 }
 

@@ -9,6 +9,7 @@ use std::time::Instant;
 
 use base64::prelude::{BASE64_STANDARD, Engine};
 use common::{device, plan, plan_of, read, train};
+use glam::DVec3;
 use infonerf_experiment::{Resume, Trained};
 use infonerf_render::{RenderedImage, render_image};
 use infonerf_view::{Server, page};
@@ -16,7 +17,7 @@ use infonerf_view::{Server, page};
 const SIZE: u32 = 64;
 
 /// The document of a page as it is after `budget_ms` of the browser's own time, which passes faster where nothing is due.
-fn document(address: &str, budget_ms: u32) -> String {
+fn document(address: &str, budget_ms: u32, flags: &[&str]) -> String {
     let chosen = std::env::var("CHROMIUM").ok();
     let known = ["chromium", "chromium-browser", "google-chrome"];
     let profile = tempfile::tempdir().unwrap();
@@ -24,6 +25,7 @@ fn document(address: &str, budget_ms: u32) -> String {
         let output = Command::new(name)
             .args(["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"])
             .args(["--window-size=300,200", "--dump-dom"])
+            .args(flags)
             .arg(format!("--virtual-time-budget={budget_ms}"))
             .arg(format!("--user-data-dir={}", profile.path().display()))
             .arg(address)
@@ -42,7 +44,7 @@ fn attribute<'a>(document: &'a str, name: &str) -> Option<&'a str> {
 
 /// What a page draws of a camera, `[SIZE², 3]` bytes.
 fn pixels(page: &Path, query: &str) -> Vec<u8> {
-    let document = document(&format!("file://{}#{query}&size={SIZE}", page.display()), 600_000);
+    let document = document(&format!("file://{}#{query}&size={SIZE}", page.display()), 600_000, &[]);
     let words = || document.split_once("class=\"message\"").map(|(_, rest)| rest.chars().take(300).collect::<String>());
     let pixels = attribute(&document, "data-pixels").unwrap_or_else(|| panic!("no pixels: {:?}", words()));
     let rgba = BASE64_STANDARD.decode(pixels).unwrap();
@@ -117,6 +119,92 @@ fn the_page_draws_what_is_baked() {
     }
 }
 
+/// Moves, turns and presses everything that a page has, and leaves where its camera was after each in the document.
+const CONTROLS: &str = "
+    const { canvas, viewer } = stage, seen = {};
+    canvas.setPointerCapture = () => {};
+    const note = (name) => {
+      const { eye, target } = viewer.camera.state();
+      seen[name] = { eye, target, mode: viewer.mode, frusta: viewer.overlay.on };
+    };
+    const pointer = (type, pointerId, x, y, buttons = 1) =>
+      canvas.dispatchEvent(new PointerEvent(type, { pointerId, clientX: x, clientY: y, buttons }));
+    const drag = (buttons) => {
+      pointer('pointerdown', 1, 100, 100, buttons);
+      pointer('pointermove', 1, 130, 110, buttons);
+      pointer('pointerup', 1, 130, 110, 0);
+    };
+    const key = (key) => canvas.dispatchEvent(new KeyboardEvent('keydown', { key }));
+    note('start');
+    drag(1); note('turned');
+    stage.find('.reset').click(); note('reset');
+    drag(2); note('moved');
+    pointer('pointermove', 1, 10, 10, 0); note('let go');
+    canvas.dispatchEvent(new WheelEvent('wheel', { deltaY: -100 })); note('scrolled');
+    stage.find('.reset').click();
+    pointer('pointerdown', 1, 100, 100); pointer('pointerdown', 2, 140, 100); pointer('pointermove', 2, 180, 100);
+    pointer('pointerup', 1, 100, 100); pointer('pointerup', 2, 180, 100); note('pinched');
+    stage.find('.reset').click();
+    key('ArrowRight'); note('right'); key('+'); note('plus'); key('x'); note('another key');
+    stage.root.querySelectorAll('.strip button')[2].click(); note('third photograph');
+    stage.root.querySelectorAll('.modes input')[1].click(); note('depth');
+    stage.find('.frusta').click(); note('frusta');
+    root.dataset.controls = JSON.stringify(seen);
+";
+
+#[test]
+#[ignore = "needs a browser: just test-view"]
+fn controls_move_the_camera() {
+    let out = tempfile::tempdir().unwrap();
+    let run = read(&train(out.path(), &plan("infonerf", common::TINY), Resume::Never, None));
+    let file = out.path().join("page.html");
+    let before = "stage.viewer.stop();";
+    let text = page(&run, None).unwrap();
+    assert_eq!(text.matches(before).count(), 1);
+    fs::write(&file, text.replace(before, &format!("{before}{CONTROLS}"))).unwrap();
+    let document = document(&format!("file://{}#camera=0&size=8", file.display()), 60_000, &[]);
+    let controls = attribute(&document, "data-controls").unwrap().replace("&quot;", "\"");
+    let seen: serde_json::Value = serde_json::from_str(&controls).unwrap();
+    let place = |name: &str, what: &str| {
+        let number = |i: usize| seen[name][what][i].as_f64().unwrap_or_else(|| panic!("{name}: {seen}"));
+        DVec3::new(number(0), number(1), number(2))
+    };
+    let (eye, target) = (|name| place(name, "eye"), |name| place(name, "target"));
+    let distance = |name| eye(name).distance(target(name));
+    let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-6;
+    let whole = distance("start");
+
+    assert!(near(distance("turned"), whole) && target("turned").distance(target("start")) < 1e-6 * whole);
+    assert!(eye("turned").distance(eye("start")) > 0.1 * whole);
+    assert_eq!(eye("reset"), eye("start"));
+    // Moved: eye and target alike. What is let go of stays.
+    let by = eye("moved") - eye("start");
+    assert!(by.length() > 0.01 * whole && (target("moved") - target("start")).distance(by) < 1e-6 * whole);
+    assert_eq!(seen["let go"], seen["moved"]);
+    assert!(near(distance("scrolled"), whole * (-0.2f64).exp()), "{}", distance("scrolled") / whole);
+    assert!(near(distance("pinched"), 0.5 * whole), "{}", distance("pinched") / whole);
+    assert!(near(distance("right"), whole) && eye("right").distance(eye("start")) > 0.05 * whole);
+    assert!(near(distance("plus"), 0.9 * whole));
+    assert_eq!(seen["another key"], seen["plus"]);
+    let third = run.scene().train[2].camera.position().as_dvec3();
+    assert!(eye("third photograph").distance(third) < 1e-4 * whole, "{third}");
+    assert_eq!((&seen["third photograph"]["mode"], &seen["depth"]["mode"]), (&0.into(), &1.into()));
+    assert_eq!((&seen["depth"]["frusta"], &seen["frusta"]["frusta"]), (&false.into(), &true.into()));
+}
+
+#[test]
+#[ignore = "needs a browser: just test-view"]
+fn a_browser_that_cannot_draw_says_so_and_shows_the_pictures() {
+    let out = tempfile::tempdir().unwrap();
+    let run = read(&train(out.path(), &plan("infonerf", common::TINY), Resume::Never, None));
+    let file = out.path().join("page.html");
+    fs::write(&file, page(&run, None).unwrap()).unwrap();
+    let document = document(&format!("file://{}", file.display()), 10_000, &["--disable-3d-apis"]);
+    let message = document.split_once("<p class=\"message\"").unwrap().1.split_once("</p>").unwrap().0;
+    assert!(message.starts_with('>') && message.contains("WebGL"), "{message}");
+    assert_eq!(document.matches("alt=\"photograph ").count(), 4);
+}
+
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn the_live_page_shows_a_run() {
@@ -125,7 +213,7 @@ fn the_live_page_shows_a_run() {
     let server = Server::start(out.path(), "127.0.0.1:0".parse().unwrap(), device(), None).unwrap();
     let url = server.url();
     std::thread::spawn(move || server.wait());
-    let document = document(&url, 20_000);
+    let document = document(&url, 20_000, &[]);
     for part in ["synthetic-4view/crane/infonerf/seed0", "<h1>crane/infonerf/seed0</h1>", "4 steps", "at step 4"] {
         assert!(document.contains(part), "{part}: {document}");
     }

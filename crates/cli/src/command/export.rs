@@ -7,14 +7,15 @@ use clap::ValueEnum;
 use glam::Vec3;
 use infonerf_experiment::{RunPlan, Trained, TrainedVolume};
 use infonerf_export::{
-    Chamfer, ExportError, Gaussian, Grid, Mesh, Surface, chamfer, gaussians, glb, npz, obj, ply_mesh, ply_points,
-    ply_splats, splat_picture,
+    Chamfer, DepthMap, ExportError, Gaussian, Grid, Mesh, Surface, Volume, chamfer, gaussians, glb, npz, obj, ply_mesh,
+    ply_points, ply_splats, splat_picture,
 };
 use infonerf_metrics::{Picture, psnr};
+use infonerf_render::render_image;
 use infonerf_report::{VIEWER_PAGE, write_atomically};
-use infonerf_scene::{Scene, SceneSource, procedural, transforms};
+use infonerf_scene::{Camera, Scene, SceneSource, interpolate_views, procedural, resized_dimensions, transforms};
 
-use crate::args::{ExportArgs, FormatName};
+use crate::args::{ExportArgs, FormatName, SurfaceName};
 use crate::terminal::open_device;
 
 /// Points on the exported surface, and pixels along a side of the cameras that find points of the exact one: enough for
@@ -25,8 +26,11 @@ const TRUTH_SIZE: u32 = 48;
 const RESOLUTION: usize = 256;
 /// Test views on which splats are measured at most.
 const TEST_VIEWS: usize = 8;
+/// Cameras between the training cameras from which depth is rendered.
+const DEPTH_VIEWS: usize = 60;
 
 pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
+    args.check()?;
     let plan = RunPlan::of_run(&args.run)?;
     let source = plan.source.clone();
     let out = args.out.clone().unwrap_or_else(|| args.run.join(default_name(args.format)));
@@ -68,6 +72,20 @@ struct Exported {
     summary: String,
     /// The surface that it was made from, if it was.
     surface: Option<Surface>,
+}
+
+impl ExportArgs {
+    /// Refuses what the format has no use for.
+    fn check(&self) -> Result<()> {
+        use FormatName::{Cameras, Glb, Html, Npz, Obj, Ply};
+        if self.triangles.is_some() && !matches!(self.format, Ply | Obj | Glb) {
+            bail!("--triangles: expected a mesh (ply, obj or glb)");
+        }
+        if self.from == SurfaceName::Depth && matches!(self.format, Npz | Cameras | Html) {
+            bail!("--from depth: expected a format with a surface (ply, obj, glb, splat or points)");
+        }
+        Ok(())
+    }
 }
 
 /// What an export is called in a run's folder.
@@ -117,24 +135,51 @@ fn read(plan: RunPlan, args: &ExportArgs) -> Result<Trained> {
     Ok(trained)
 }
 
+/// Depth as the training cameras see it, and cameras on a path through them; no finer than the voxels.
+fn depth_maps(trained: &Trained, resolution: usize) -> Vec<DepthMap> {
+    let models = trained.models();
+    let training: Vec<Camera> = trained.scene().train.iter().map(|view| view.camera.clone()).collect();
+    let between = interpolate_views(&training, DEPTH_VIEWS);
+    let poses = training.iter().map(|camera| camera.to_world).chain(between);
+    let of_pose = |pose| {
+        let like = &training[0];
+        let longest = like.width.max(like.height).min(resolution as u32);
+        let (width, height) = resized_dimensions(like.width, like.height, longest);
+        let camera = like.resized(width, height).with_pose(pose);
+        let depth = render_image(trained.renderer(), &models, &camera).depth;
+        DepthMap { camera, depth }
+    };
+    poses.map(of_pose).collect()
+}
+
 /// The fields of a run and their densities.
 struct Sampled {
     trained: Trained,
     volume: TrainedVolume,
     grid: Grid,
+    /// Triangles of a mesh, at most.
+    triangles: Option<usize>,
 }
 
 impl Sampled {
     fn read(plan: RunPlan, args: &ExportArgs) -> Result<Self> {
         let trained = read(plan, args)?;
         let volume = trained.volume();
-        let grid = Grid::sample(&volume, args.resolution.map_or(RESOLUTION, |voxels| voxels as usize))?;
-        Ok(Self { trained, volume, grid })
+        let resolution = args.resolution.map_or(RESOLUTION, |voxels| voxels as usize);
+        let grid = match args.from {
+            SurfaceName::Density => Grid::sample(&volume, resolution)?,
+            SurfaceName::Depth => Grid::fuse(volume.bounds(), resolution, &depth_maps(&trained, resolution))?,
+        };
+        Ok(Self { trained, volume, grid, triangles: args.triangles.map(|triangles| triangles as usize) })
     }
 
     /// A mesh, which `encode` makes a file of, given the scene's up direction.
     fn mesh(&self, encode: fn(&Mesh, Vec3) -> Result<Vec<u8>, ExportError>) -> Result<Exported> {
-        let mesh = Mesh::new(Surface::extract(&self.grid)?, &self.volume);
+        let mut surface = Surface::extract(&self.grid)?;
+        if let Some(triangles) = self.triangles {
+            surface = surface.simplified(triangles);
+        }
+        let mesh = Mesh::new(surface, &self.volume);
         let bytes = encode(&mesh, self.trained.scene().up)?;
         let Mesh { surface, .. } = mesh;
         let (vertices, triangles) = (surface.positions.len(), surface.triangles.len());

@@ -20,7 +20,7 @@ use toml::{Table, Value};
 pub(crate) use folder::{clear, lock};
 pub(crate) use memory::PeakMemory;
 pub use pictures::save_png;
-pub(crate) use train::{Ended, load_checkpoint, train};
+pub(crate) use train::{Ended, Training, load_checkpoint, train};
 pub use trained::{Trained, total_progress};
 pub use volume::TrainedVolume;
 
@@ -71,23 +71,32 @@ impl Session {
         }
         let mut trainers = Vec::new();
         let (mut collapsed, mut stopped) = (false, false);
-        for member in 0..plan.members() {
-            let folder = plan.member_folder(&folder, member);
-            fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-            let mut trainer = plan.trainer(scene.clone(), member, &self.device.device)?;
-            if let Some(checkpoint) = load_checkpoint(&folder, watch)? {
-                trainer.resume(&checkpoint)?;
+        let (members, beside) = (plan.members(), self.device.name.fields_side_by_side());
+        for first in (0..members).step_by(beside) {
+            let fields = first..members.min(first + beside);
+            let mut training = Vec::new();
+            for member in fields.clone() {
+                let folder = plan.member_folder(&folder, member);
+                fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+                let mut trainer = plan.trainer(scene.clone(), member, &self.device.device)?;
+                if let Some(checkpoint) = load_checkpoint(&folder, watch)? {
+                    trainer.resume(&checkpoint)?;
+                }
+                training.push(Training::new(trainer, folder)?);
             }
-            watch(RunEvent::Started { member, members: plan.members() });
-            let ended = train(&mut trainer, &folder, plan.config.train.checkpoint_every, self.until, watch)?;
+            watch(RunEvent::Started { fields, of: members });
+            train(&mut training, plan.config.train.checkpoint_every, self.until, watch)?;
             watch(RunEvent::Ended);
-            match ended {
-                Ended::Over(outcome) => collapsed |= outcome == Outcome::Collapsed,
-                // Every member gets as far.
-                Ended::Until => stopped = true,
-                Ended::Stopped => return Ok(Finished::Stopped),
+            for field in training {
+                let (trainer, ended) = field.into_parts();
+                match ended {
+                    Ended::Over(outcome) => collapsed |= outcome == Outcome::Collapsed,
+                    // Every field gets as far.
+                    Ended::Until => stopped = true,
+                    Ended::Stopped => return Ok(Finished::Stopped),
+                }
+                trainers.push(trainer);
             }
-            trainers.push(trainer);
         }
         if stopped {
             return Ok(Finished::Stopped);

@@ -1,9 +1,9 @@
-//! Training of one field to its end, with checkpoints and a log.
+//! Training of fields to their end, with checkpoints and logs.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use infonerf_train::{Checkpoint, Event, Outcome, Trainer};
+use infonerf_train::{Checkpoint, Outcome, Stepped, Trainer, step_side_by_side};
 
 use super::log::Log;
 use crate::{Control, RunEvent, Watch};
@@ -28,45 +28,107 @@ pub(crate) fn load_checkpoint(folder: &Path, watch: &mut Watch<'_>) -> Result<Op
     Ok(checkpoint)
 }
 
-/// Trains until the end, the share `until` of the run, or until `watch` stops it, and saves in every case.
+/// A field that is trained in a folder.
+pub(crate) struct Training {
+    trainer: Trainer,
+    folder: PathBuf,
+    log: Log,
+    ended: Option<Ended>,
+}
+
+impl Training {
+    /// Goes on with `trainer` and with the log in `folder`.
+    pub(crate) fn new(trainer: Trainer, folder: PathBuf) -> Result<Self> {
+        let log = Log::open(&folder, trainer.progress())?;
+        Ok(Self { trainer, folder, log, ended: None })
+    }
+
+    /// The field, and how its training ended: stopped, if nothing else ended it.
+    pub(crate) fn into_parts(self) -> (Trainer, Ended) {
+        (self.trainer, self.ended.unwrap_or(Ended::Stopped))
+    }
+
+    fn save(&mut self) -> Result<()> {
+        self.log.flush()?;
+        Ok(self.trainer.checkpoint()?.save(&self.folder)?)
+    }
+
+    fn end(&mut self, ended: Ended) -> Result<()> {
+        self.ended = Some(ended);
+        self.save()
+    }
+
+    /// Logs a step and tells `watch`, whose answer is returned; ends or saves the field where that is due.
+    fn follow(
+        &mut self,
+        (events, outcome): Stepped,
+        checkpoint_every: usize,
+        until: Option<f64>,
+        watch: &mut Watch<'_>,
+    ) -> Result<Control> {
+        let mut control = Control::Continue;
+        for event in &events {
+            self.log.write(event)?;
+            control = control.max(watch(RunEvent::Training { event, trainer: &self.trainer }));
+        }
+        let outcome = match outcome {
+            Ok(outcome) => outcome,
+            Err(error) => {
+                self.log.flush()?;
+                return Err(error).with_context(|| self.folder.display().to_string());
+            }
+        };
+        let step = self.trainer.progress().step;
+        if outcome != Outcome::Running {
+            self.end(Ended::Over(outcome))?;
+        } else if control < Control::Stop && self.has_reached(until) {
+            self.end(Ended::Until)?;
+        } else if control == Control::Save || (checkpoint_every > 0 && step.is_multiple_of(checkpoint_every)) {
+            self.save()?;
+        }
+        Ok(control)
+    }
+
+    fn has_reached(&self, until: Option<f64>) -> bool {
+        until.is_some_and(|share| self.trainer.done() >= share)
+    }
+}
+
+/// Trains `fields` side by side until the end, the share `until` of the run, or until `watch` stops them. They are saved in
+/// every case, but for one that meets a number that is not finite: that keeps its last checkpoint, and ends all.
 pub(crate) fn train(
-    trainer: &mut Trainer,
-    folder: &Path,
+    fields: &mut [Training],
     checkpoint_every: usize,
     until: Option<f64>,
     watch: &mut Watch<'_>,
-) -> Result<Ended> {
-    let mut log = Log::open(folder, trainer.progress())?;
-    let reached = |trainer: &Trainer| until.is_some_and(|share| trainer.done() >= share);
-    if reached(trainer) && trainer.done() < 1.0 {
-        return Ok(Ended::Until);
+) -> Result<()> {
+    for field in fields.iter_mut().filter(|field| field.has_reached(until) && field.trainer.done() < 1.0) {
+        field.ended = Some(Ended::Until);
     }
-    let ended = loop {
-        let mut events: Vec<Event> = Vec::new();
-        let outcome = trainer.step(&mut |event| events.push(event));
-        let mut control = Control::Continue;
-        for event in &events {
-            log.write(event)?;
-            control = control.max(watch(RunEvent::Training { event, trainer }));
+    loop {
+        let mut active: Vec<&mut Training> = fields.iter_mut().filter(|field| field.ended.is_none()).collect();
+        if active.is_empty() {
+            return Ok(());
         }
-        match outcome {
-            Ok(Outcome::Running) if control == Control::Stop => break Ended::Stopped,
-            Ok(Outcome::Running) if reached(trainer) => break Ended::Until,
-            Ok(Outcome::Running) => {
-                let due = checkpoint_every > 0 && trainer.progress().step.is_multiple_of(checkpoint_every);
-                if due || control == Control::Save {
-                    log.flush()?;
-                    trainer.checkpoint()?.save(folder)?;
+        let mut trainers: Vec<&mut Trainer> = active.iter_mut().map(|field| &mut field.trainer).collect();
+        let stepped = step_side_by_side(&mut trainers);
+        let (mut stop, mut failed) = (false, None);
+        for (field, stepped) in active.iter_mut().zip(stepped) {
+            match field.follow(stepped, checkpoint_every, until, watch) {
+                Ok(control) => stop |= control == Control::Stop,
+                Err(error) => {
+                    field.ended = Some(Ended::Stopped);
+                    failed = failed.or(Some(error));
                 }
             }
-            Ok(outcome) => break Ended::Over(outcome),
-            Err(error) => {
-                log.flush()?;
-                return Err(error).with_context(|| folder.display().to_string());
+        }
+        if stop || failed.is_some() {
+            for field in active.into_iter().filter(|field| field.ended.is_none()) {
+                field.end(Ended::Stopped)?;
             }
         }
-    };
-    log.flush()?;
-    trainer.checkpoint()?.save(folder)?;
-    Ok(ended)
+        if let Some(error) = failed {
+            return Err(error);
+        }
+    }
 }

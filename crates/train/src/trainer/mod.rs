@@ -36,6 +36,8 @@ pub struct Trainer<F: Field = RadianceField> {
     occupancy: Option<OccupancyGrid>,
     pixel_errors: PixelErrors,
     progress: Progress,
+    /// Seconds that the last step was counted as.
+    last_step: f64,
     profile: Profile,
 }
 
@@ -138,6 +140,7 @@ impl<F: Field> Trainer<F> {
             weight_average: WeightAverage::default(),
             pixel_errors: PixelErrors::default(),
             progress: Progress::default(),
+            last_step: 0.0,
             profile: Profile::default(),
         })
     }
@@ -176,6 +179,12 @@ impl<F: Field> Trainer<F> {
     /// How far the run is.
     pub fn progress(&self) -> &Progress {
         &self.progress
+    }
+
+    /// Counts the last step as `seconds` of training, for a field whose steps overlap those of others.
+    pub(crate) fn count_last_step_as(&mut self, seconds: f64) {
+        self.progress.seconds += seconds - self.last_step;
+        self.last_step = seconds;
     }
 
     /// Where the time went.

@@ -65,6 +65,7 @@ impl<F: Field> Trainer<F> {
         }
         let spent = start.elapsed().as_secs_f64();
         self.progress.seconds += spent;
+        self.last_step = spent;
         report(Event::Step {
             step: self.progress.step,
             seconds: self.progress.seconds,

@@ -143,7 +143,7 @@ pub fn steps(trainer: &mut Trainer, count: usize) -> Vec<Event> {
     events
 }
 
-fn timeless(event: Event) -> Event {
+pub fn timeless(event: Event) -> Event {
     match event {
         Event::Step { step, loss, losses, psnr, lr, acc, evaluated, .. } => {
             Event::Step { step, seconds: 0.0, loss, losses, psnr, lr, rays_per_second: 0.0, acc, evaluated }
