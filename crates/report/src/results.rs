@@ -1,7 +1,9 @@
 //! The results of several experiments as one Markdown document, so that no figure in it is typed by hand.
 
+use indexmap::IndexSet;
+
 use crate::{
-    Quantity, Record, ReportInput, markdown, overview_table, protocol_lines, scene_table, text::escape_markdown,
+    Quantity, Record, ReportInput, Table, markdown, overview_table, protocol_lines, scene_table, text::escape_markdown,
 };
 
 /// An experiment in a document of results.
@@ -13,7 +15,8 @@ pub struct Results {
     pub command: Option<String>,
 }
 
-/// A section for each experiment: its command and protocol, the means over scenes, each scene's PSNR, and its claims.
+/// A section for each experiment: its command and protocol, what its records note, the means over scenes, each scene's
+/// PSNR, and its claims.
 #[must_use]
 pub fn results_document(title: &str, experiments: &[Results]) -> String {
     let mut blocks = vec![format!("# {}", escape_markdown(title))];
@@ -23,9 +26,15 @@ pub fn results_document(title: &str, experiments: &[Results]) -> String {
         blocks.push(format!("## {}", escape_markdown(&input.title)));
         blocks.extend(command.as_ref().map(|command| format!("```sh\n{command}\n```")));
         blocks.push(protocol_lines(&records).iter().map(|line| escape_markdown(line)).collect::<Vec<_>>().join("  \n"));
-        blocks.push(overview_table(&records, &Quantity::all()).to_markdown());
+        let notes: IndexSet<&String> = records.iter().flat_map(|record| &record.notes).collect();
+        if !notes.is_empty() {
+            blocks.push(notes.iter().map(|note| format!("- {}", escape_markdown(note))).collect::<Vec<_>>().join("\n"));
+        }
+        // The protocol stands above all tables.
+        let markdown = |table: Table| Table { protocol: Vec::new(), ..table }.to_markdown();
+        blocks.push(markdown(overview_table(&records, &Quantity::all())));
         if records.iter().any(|record| record.scene != records[0].scene) {
-            blocks.push(scene_table(&records, Quantity::PSNR).to_markdown());
+            blocks.push(markdown(scene_table(&records, Quantity::PSNR)));
         }
         let claims = input.tested_claims();
         if !claims.is_empty() {
@@ -45,6 +54,7 @@ mod tests {
             scene: scene.into(),
             variant: variant.into(),
             metrics: [("psnr".to_owned(), Some(psnr))].into_iter().collect(),
+            notes: vec!["procedural scene".into()],
             ..Record::default()
         };
         let records = vec![run("lego", "nerf", 15.0), run("lego", "infonerf", 19.0), run("mic", "nerf", 14.0)];
@@ -53,6 +63,10 @@ mod tests {
         let document = results_document("Results", &[Results { input, command }]);
         for part in ["# Results", "## Four views", "infonerf exp synthetic-4view", "**19.00**", "| mic |", "seed 0"] {
             assert!(document.contains(part), "{part}: {document}");
+        }
+        // Once for all runs and tables.
+        for part in ["- procedural scene", "seed 0"] {
+            assert_eq!(document.matches(part).count(), 1, "{part}: {document}");
         }
     }
 }

@@ -12,6 +12,7 @@ use infonerf_experiment::sweep::{Execution, Prepared, Sweep};
 use infonerf_report::ReportInput;
 
 use super::INTERRUPTED;
+use super::collect::save_command;
 use super::exp::print_claims;
 use super::launch::{LaunchArgs, Mode, print};
 use super::sweep::{FAILED, announce, execute, merge_one};
@@ -78,6 +79,7 @@ fn local(sweeps: Vec<(&Sweep, Prepared)>, out: &Path, workers: &Workers, device:
             println!("{adopted} runs are those of experiments above, under other names");
         }
         done.push(sweep);
+        save_command(&out.join(&sweep.about.name))?;
         match execute(sweep, &prepared, workers)? {
             Execution::Stopped => {
                 println!("stopped and saved; the same command goes on");

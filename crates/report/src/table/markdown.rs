@@ -6,10 +6,10 @@ impl Table {
     #[must_use]
     pub fn to_markdown(&self) -> String {
         let mut lines = vec![format!("**{}**", escape_markdown(&self.title)), String::new()];
-        for line in &self.protocol {
-            lines.extend([format!("> {}  ", escape_markdown(line))]);
+        lines.extend(self.protocol.iter().map(|line| format!("> {}  ", escape_markdown(line))));
+        if !self.protocol.is_empty() {
+            lines.push(String::new());
         }
-        lines.push(String::new());
 
         let headings = self.columns.iter().map(|column| escape_markdown(&column.heading));
         lines.push(row("variant".to_owned(), headings));
