@@ -36,7 +36,7 @@ pub struct Trainer<F: Field = RadianceField> {
     occupancy: Option<OccupancyGrid>,
     pixel_errors: PixelErrors,
     progress: Progress,
-    /// Seconds that the last step was counted as.
+    /// Seconds that the last step was counted as; 0 if there was nothing to do.
     last_step: f64,
     profile: Profile,
 }
@@ -181,10 +181,13 @@ impl<F: Field> Trainer<F> {
         &self.progress
     }
 
-    /// Counts the last step as `seconds` of training, for a field whose steps overlap those of others.
+    /// Counts the last step as `seconds` of training, for a field whose steps overlap those of others. A step that was not
+    /// taken counts nothing.
     pub(crate) fn count_last_step_as(&mut self, seconds: f64) {
-        self.progress.seconds += seconds - self.last_step;
-        self.last_step = seconds;
+        if self.last_step > 0.0 {
+            self.progress.seconds += seconds - self.last_step;
+            self.last_step = seconds;
+        }
     }
 
     /// Where the time went.

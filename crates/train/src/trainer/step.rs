@@ -42,6 +42,7 @@ impl<F: Field> Trainer<F> {
         pixels: impl FnOnce(&mut Self, Moment) -> StepPixels,
         report: &mut impl FnMut(Event),
     ) -> Result<Outcome, TrainError> {
+        self.last_step = 0.0;
         if self.progress.empty_steps.are_collapse() {
             return Ok(Outcome::Collapsed);
         }
