@@ -435,16 +435,31 @@ pub(crate) enum SceneCommand {
         /// The folder that holds the photographs.
         dir: PathBuf,
     },
-    /// Write a built-in scene as a folder in Blender's format, with exact depth.
+    /// Write a built-in scene as a folder in the format of a published data set.
     Export {
         /// Name of the scene.
         name: String,
         /// Folder to write.
         dir: PathBuf,
+        /// The format.
+        #[arg(long, value_enum, default_value = "blender")]
+        format: SceneFormatName,
         /// Side of the images in pixels.
         #[arg(long, default_value_t = infonerf_scene::procedural::DEFAULT_SIZE)]
         size: u32,
     },
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SceneFormatName {
+    /// Training and test images with coverage, and exact depth, as NeRF's synthetic scenes.
+    Blender,
+    /// Forty photographs, poses and depth bounds, as the captures of LLFF; suits `room`.
+    Llff,
+    /// Forty-nine photographs, projection matrices and masks, as DTU in IDR's and NeuS's copies; suits `table`.
+    Dtu,
+    /// A frame of 23 cameras that distort, masks and a body, as ZJU-MoCap; suits `figure`.
+    Zju,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]

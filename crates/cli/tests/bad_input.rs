@@ -176,6 +176,7 @@ fn arguments() {
     place.run(&["exp", "."]).fails_with(&["."]);
     place.run(&["scene", "export", "lego", "data"]).fails_with(&["lego", "knot"]);
     place.run(&["scene", "export", "knot", "data", "--size", "0"]).fails_with(&["size"]);
+    place.run(&["scene", "export", "room", "data", "--format", "film"]).assert_refused(&["--format", "film", "llff"]);
 
     exp(&["--budget", "soon"]).assert_refused(&["--budget", "soon"]);
     exp(&["--budget", "-5s"]).assert_refused(&[]);

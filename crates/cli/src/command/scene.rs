@@ -4,11 +4,11 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use infonerf_report::write_atomically;
 use infonerf_scene::{
-    SceneRequest, SceneSource, TestProtocol, ViewSelection, check, export, from_images, info, info_page, load, outline,
-    procedural,
+    Format, SceneRequest, SceneSource, TestProtocol, ViewSelection, check, export, from_images, info, info_page, load,
+    outline, procedural,
 };
 
-use crate::args::SceneCommand;
+use crate::args::{SceneCommand, SceneFormatName};
 
 /// Longest side of the images that are looked at for blur, in pixels: enough to tell, little to read.
 const CHECKED_SIZE: u32 = 512;
@@ -22,14 +22,21 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
             from_images(dir, |line| println!("{line}"))?;
             show(dir, false, None)?;
         }
-        SceneCommand::Export { name, dir, size } => {
-            export(name, *size, dir)?;
-            let (train, test) = procedural::cameras(name, *size)?;
-            let (train, test) = (train.len(), test.len());
-            println!("{name}: {train} training and {test} test views of {size}x{size} in {}", dir.display());
+        SceneCommand::Export { name, dir, format, size } => {
+            export(name, *size, format_of(*format), dir)?;
+            show(dir, false, None)?;
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn format_of(format: SceneFormatName) -> Format {
+    match format {
+        SceneFormatName::Blender => Format::Blender,
+        SceneFormatName::Llff => Format::Llff,
+        SceneFormatName::Dtu => Format::Dtu,
+        SceneFormatName::Zju => Format::Zju,
+    }
 }
 
 fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {

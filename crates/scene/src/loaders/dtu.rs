@@ -199,10 +199,12 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
-    use glam::{DMat3, DMat4, DVec3, Vec3};
+    use glam::{DMat4, DVec3, Vec3};
     use zip::CompressionMethod;
 
-    use super::super::{npz::testing::Written, npz::testing::write as write_npz, testing::*};
+    use super::super::testing::*;
+    use crate::export::npz::{self, Named};
+    use crate::export::projection;
     use crate::{Backdrop, Camera, Format, Layout, SceneRequest, TestProtocol, ViewSelection};
 
     /// Scale and translation of the unit sphere in the toy's world.
@@ -213,22 +215,14 @@ mod tests {
         m.transpose().to_cols_array().to_vec()
     }
 
-    /// The matrix that takes a world point to a pixel of `camera`, in a world that is larger and elsewhere.
+    /// The camera's projection in a world that is larger and elsewhere.
     fn world_mat(camera: &Camera) -> DMat4 {
-        let flip = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
-        let rotation = flip * DMat3::from_mat4(camera.to_world).transpose();
-        let k = DMat3::from_cols(
-            DVec3::X * camera.fx,
-            DVec3::Y * camera.fy,
-            DVec3::new(camera.cx - 0.5, camera.cy - 0.5, 1.0),
-        );
-        let centre = camera.to_world.w_axis.truncate() * SCALE + SHIFT;
-        let m = k * rotation;
-        let t = -(m * centre);
-        DMat4::from_cols(m.x_axis.extend(0.0), m.y_axis.extend(0.0), m.z_axis.extend(0.0), t.extend(1.0))
+        let mut moved = camera.to_world;
+        moved.w_axis = (camera.position_f64() * SCALE + SHIFT).extend(1.0);
+        projection(&camera.with_pose(moved))
     }
 
-    fn arrays(cameras: &[Camera]) -> Vec<Written> {
+    fn arrays(cameras: &[Camera]) -> Vec<Named> {
         let scale = DMat4::from_translation(SHIFT) * DMat4::from_scale(DVec3::splat(SCALE));
         let of = |(i, camera): (usize, &Camera)| {
             [
@@ -250,7 +244,7 @@ mod tests {
     fn folder(dir: &Path, n: usize, masks: bool) -> Vec<Camera> {
         let cameras = cameras(n);
         fs::create_dir_all(dir.join("image")).unwrap();
-        write_npz(&dir.join("cameras_sphere.npz"), &arrays(&cameras), CompressionMethod::Deflated);
+        npz::write(&dir.join("cameras_sphere.npz"), &arrays(&cameras), CompressionMethod::Deflated).unwrap();
         for (i, camera) in cameras.iter().enumerate() {
             write_view(&dir.join(format!("image/{i:06}.png")), camera);
             if masks {
@@ -321,12 +315,12 @@ mod tests {
 
     #[test]
     fn faults() {
-        let bad = |change: &dyn Fn(&mut Vec<Written>)| {
+        let bad = |change: &dyn Fn(&mut Vec<Named>)| {
             let guard = tempfile::tempdir().unwrap();
             let cameras = folder(guard.path(), 3, false);
             let mut arrays = arrays(&cameras);
             change(&mut arrays);
-            write_npz(&guard.path().join("cameras_sphere.npz"), &arrays, CompressionMethod::Stored);
+            npz::write(&guard.path().join("cameras_sphere.npz"), &arrays, CompressionMethod::Stored).unwrap();
             message(guard.path(), &request())
         };
         assert!(

@@ -369,7 +369,7 @@ mod tests {
         let guard = folder(&rows());
         npy::write(&guard.path().join("poses_bounds.npy"), &[9, 15], &[0.0; 135]).unwrap();
         assert!(message(guard.path(), &request()).contains("[N, 17] of poses and depth bounds: shape [9, 15]"));
-        npy::write(&guard.path().join("poses_bounds.npy"), &[0, 17], &[]).unwrap();
+        npy::write::<f64>(&guard.path().join("poses_bounds.npy"), &[0, 17], &[]).unwrap();
         assert!(message(guard.path(), &request()).contains("no views"));
     }
 

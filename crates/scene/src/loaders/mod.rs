@@ -27,6 +27,7 @@ pub(crate) use extent::grid;
 pub(crate) use frames::Frame;
 pub(crate) use json::{JsonFile, Node};
 pub(crate) use llff::{list_images, spread_selections};
+pub(crate) use npy::write as write_npy;
 
 pub(crate) use pose::{FARTHEST, read_flat_pose};
 

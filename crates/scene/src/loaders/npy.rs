@@ -4,7 +4,7 @@ use std::fs::{self, File};
 use std::io::{self, BufReader, BufWriter, Cursor, Read, Write};
 use std::path::Path;
 
-use npyz::{Deserialize, NpyFile, Order, TypeChar, WriterBuilder};
+use npyz::{AutoSerialize, Deserialize, NpyFile, Order, TypeChar, WriterBuilder};
 
 use crate::SceneError;
 
@@ -96,12 +96,12 @@ fn collect<T: Deserialize + Into<f64>>(npy: NpyFile<impl Read>) -> io::Result<Ve
     values.map(|v| v.map(Into::into)).collect()
 }
 
-/// Writes a C-ordered `f32` array.
-pub(super) fn write(path: &Path, shape: &[u64], values: &[f32]) -> Result<(), SceneError> {
+/// Writes an array in C's order.
+pub(crate) fn write<T: AutoSerialize + Copy>(path: &Path, shape: &[u64], values: &[T]) -> Result<(), SceneError> {
     let io = |e| SceneError::io(path, e);
     let mut file = BufWriter::new(File::create(path).map_err(io)?);
     let mut writer =
-        npyz::WriteOptions::<f32>::new().default_dtype().shape(shape).writer(&mut file).begin_nd().map_err(io)?;
+        npyz::WriteOptions::<T>::new().default_dtype().shape(shape).writer(&mut file).begin_nd().map_err(io)?;
     writer.extend(values.iter().copied()).map_err(io)?;
     writer.finish().map_err(io)?;
     file.flush().map_err(io)

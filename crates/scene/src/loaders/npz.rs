@@ -57,42 +57,9 @@ pub(super) fn decode(
 }
 
 #[cfg(test)]
-pub(super) mod testing {
-    //! Archives written to disk.
-
-    use std::io::Write;
-    use std::path::Path;
-
-    use zip::write::SimpleFileOptions;
-    use zip::{CompressionMethod, ZipWriter};
-
-    /// An array's name, shape and values.
-    pub type Written = (String, Vec<u64>, Vec<f64>);
-
-    pub fn write(path: &Path, arrays: &[Written], method: CompressionMethod) {
-        let mut archive = ZipWriter::new(std::fs::File::create(path).unwrap());
-        for (name, shape, values) in arrays {
-            let options = SimpleFileOptions::default().compression_method(method);
-            archive.start_file(format!("{name}.npy"), options).unwrap();
-            let shape: Vec<String> = shape.iter().map(|n| format!("{n},")).collect();
-            let mut header = format!("{{'descr': '<f8', 'fortran_order': False, 'shape': ({}), }}", shape.join(" "));
-            while !(header.len() + 11).is_multiple_of(64) {
-                header.push(' ');
-            }
-            header.push('\n');
-            archive.write_all(b"\x93NUMPY\x01\x00").unwrap();
-            archive.write_all(&(header.len() as u16).to_le_bytes()).unwrap();
-            archive.write_all(header.as_bytes()).unwrap();
-            let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
-            archive.write_all(&bytes).unwrap();
-        }
-        archive.finish().unwrap();
-    }
-}
-
-#[cfg(test)]
 mod tests {
     use super::*;
+    use crate::export;
     use zip::CompressionMethod;
 
     #[test]
@@ -101,7 +68,7 @@ mod tests {
         let path = dir.path().join("a.npz");
         let arrays = vec![("a".to_owned(), vec![2, 2], vec![1.0, 2.0, 3.0, 4.0]), ("b".to_owned(), vec![1], vec![7.0])];
         for method in [CompressionMethod::Stored, CompressionMethod::Deflated] {
-            testing::write(&path, &arrays, method);
+            export::npz::write(&path, &arrays, method).unwrap();
             let read = read(&path, "arrays", |name| name == "a").unwrap();
             assert_eq!(read.len(), 1);
             assert_eq!((&read["a"].shape[..], &read["a"].values[..]), (&[2, 2][..], &[1.0, 2.0, 3.0, 4.0][..]));

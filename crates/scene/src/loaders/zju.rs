@@ -289,45 +289,22 @@ mod tests {
     use std::fs;
     use std::path::Path;
 
-    use super::super::pickle::testing::{dict, list, numbers, object, text};
     use super::super::testing::*;
     use super::*;
+    use crate::export::pickle::{dict, npy as npy_of, numbers, object, text};
+    use crate::export::{annotations, lens};
     use crate::{Backdrop, Rgba8, TestProtocol};
 
     fn write(path: &Path, pickle: &[u8]) {
-        let mut header = "{'descr': '|O', 'fortran_order': False, 'shape': (), }".to_owned();
-        while !(header.len() + 11).is_multiple_of(64) {
-            header.push(' ');
-        }
-        let length = (header.len() as u16 + 1).to_le_bytes();
-        fs::write(path, [b"\x93NUMPY\x01\x00", &length[..], header.as_bytes(), b"\n", pickle].concat()).unwrap();
-    }
-
-    fn annots(cameras: &[Camera]) -> Vec<u8> {
-        let of = |sides: &[usize], values: &dyn Fn(&Camera) -> Vec<f64>| {
-            list(&cameras.iter().map(|c| numbers(sides, &values(c))).collect::<Vec<_>>())
-        };
-        let rotation = |c: &Camera| DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)) * c.rotation().transpose();
-        let cams = dict(&[
-            ("K", of(&[3, 3], &|c| vec![c.fx, 0.0, c.cx - 0.5, 0.0, c.fy, c.cy - 0.5, 0.0, 0.0, 1.0])),
-            ("D", of(&[5, 1], &|_| vec![-0.1, 0.05, 1e-3, -2e-3, 0.01])),
-            ("R", of(&[3, 3], &|c| rotation(c).transpose().to_cols_array().to_vec())),
-            ("T", of(&[3, 1], &|c| (-(rotation(c) * c.position_f64()) * MILLIMETRES).to_array().to_vec())),
-        ]);
-        let frame = |f: usize| {
-            let names: Vec<_> = (0..cameras.len()).map(|i| text(&format!("Camera_B{i}/{f:06}.png"))).collect();
-            dict(&[("ims", list(&names))])
-        };
-        object(dict(&[("cams", cams), ("ims", list(&[frame(0), frame(1)]))]))
+        fs::write(path, npy_of(pickle)).unwrap();
     }
 
     fn folder(dir: &Path) -> Vec<Camera> {
-        let lens = Lens::rational([-0.1, 0.05, 0.01, 0.0, 0.0, 0.0], [1e-3, -2e-3]);
         let cameras: Vec<Camera> = crate::procedural::train_cameras(8)[..8]
             .iter()
-            .map(|c| Camera::pinhole((20, 20), [27.0, 27.5], [10.25, 9.75], c.to_world).with_lens(lens))
+            .map(|c| Camera::pinhole((20, 20), [27.0, 27.5], [10.25, 9.75], c.to_world).with_lens(lens()))
             .collect();
-        write(&dir.join(MARKER), &annots(&cameras));
+        write(&dir.join(MARKER), &annotations(&cameras, 2));
         for (i, camera) in cameras.iter().enumerate() {
             fs::create_dir_all(dir.join(format!("Camera_B{i}"))).unwrap();
             fs::create_dir_all(dir.join(format!("mask_cihp/Camera_B{i}"))).unwrap();
@@ -398,7 +375,7 @@ mod tests {
         let path = dir.join(MARKER);
         let beyond = SceneRequest { frame: Some(2), ..second() };
         assert!(message(dir, &beyond).contains("`frame`: expected a frame from 0 to 1, found 2"));
-        let whole = annots(&cameras);
+        let whole = annotations(&cameras, 2);
         let replaced = |from: &[u8], to: &[u8]| {
             let at = whole.windows(from.len()).position(|w| w == from).unwrap();
             [&whole[..at], to, &whole[at + from.len()..]].concat()
@@ -413,7 +390,7 @@ mod tests {
         assert!(with(&replaced(&text("cams"), &text("cam"))).contains("field `cams`"));
         assert!(with(&replaced(&27f64.to_le_bytes(), &0f64.to_le_bytes())).contains("`cams.K[0]`: expected positive"));
         assert!(with(&object(b"N".to_vec())).contains("field `ims`"));
-        let few = annots(&cameras[..2]);
+        let few = annotations(&cameras[..2], 2);
         write(&path, &few);
         fs::remove_file(dir.join("mask_cihp/Camera_B0/000001.png")).unwrap();
         assert!(message(dir, &second()).contains("mask_cihp/Camera_B0/000001.png: not found"));

@@ -21,6 +21,8 @@ pub(super) const RADIUS: f64 = 4.031_128_874;
 const FOV_X: f64 = 0.691_111_2;
 /// That of the cameras in `room`.
 const ROOM_FOV_X: f64 = 0.95;
+/// Cameras of a capture, training and test.
+const CAPTURED: usize = 40;
 /// Seed of the training poses: of the first 20,000 the one with which the five published four-view
 /// sets (see [`crate::ViewSelection::Seed`]) are spread most, no two views of a set being less than
 /// 46° apart. With a typical seed some set has two views of one side and so in effect three.
@@ -82,8 +84,8 @@ pub(super) fn layout(name: &str, size: u32) -> Layout {
         Layout { train, test, near, far, bounds }
     };
     match name {
-        "room" => capture(room(seed, size), 0.4, 8.0, [-2.1, -1.1, -0.1], [2.1, 4.6, 2.9]),
-        "table" => capture(table(seed, size), 1.2, 9.0, [-4.3, -3.1, -1.2], [4.3, 2.7, 3.6]),
+        "room" => capture(divided(room(seed, size, CAPTURED)), 0.4, 8.0, [-2.1, -1.1, -0.1], [2.1, 4.6, 2.9]),
+        "table" => capture(divided(table(seed, size, CAPTURED)), 1.2, 9.0, [-4.3, -3.1, -1.2], [4.3, 2.7, 3.6]),
         "figure" => capture(ring(size), NEAR, FAR, [-1.3; 3], [1.3; 3]),
         _ => {
             let first = ["castle", "crane", "knot", "orrery"].contains(&name) || name.starts_with("random-");
@@ -91,6 +93,18 @@ pub(super) fn layout(name: &str, size: u32) -> Layout {
             Layout { train, test: test_cameras(size), near: NEAR, far: FAR, bounds: BOUNDS }
         }
     }
+}
+
+/// `count` cameras of the scene `name`, which exists, for `size`² images, as one would take photographs: those of a
+/// capture go on as long as one likes, of others there are the training views and no more.
+pub(crate) fn photographs(name: &str, size: u32, count: usize) -> Vec<Camera> {
+    let mut cameras = match name {
+        "room" => room(seed(name), size, count),
+        "table" => table(seed(name), size, count),
+        _ => layout(name, size).train,
+    };
+    cameras.truncate(count);
+    cameras
 }
 
 /// Horizontal field of view of the cameras of the scene `name`, radians.
@@ -110,31 +124,31 @@ fn divided(cameras: Vec<Camera>) -> (Vec<Camera>, Vec<Camera>) {
     (plain(train), plain(test))
 }
 
-/// Forty hand-held cameras at one end of a room that look at the other.
-fn room(seed: u64, size: u32) -> (Vec<Camera>, Vec<Camera>) {
+/// `count` hand-held cameras at one end of a room that look at the other.
+fn room(seed: u64, size: u32, count: usize) -> Vec<Camera> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut within = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
-    let cameras = (0..40).map(|_| {
+    let camera = |_| {
         let at = DVec3::new(within(0.8), -0.4 + within(0.3), 1.35 + within(0.4));
         let towards = DVec3::new(within(0.35), 3.6, 0.95 + within(0.15));
         Camera::from_fov(size, size, ROOM_FOV_X, look_along(at, towards - at, DVec3::new(within(0.02), 0.0, 1.0)))
-    });
-    divided(cameras.collect())
+    };
+    (0..count).map(camera).collect()
 }
 
-/// Forty hand-held cameras in an arc of 130° before a table.
-fn table(seed: u64, size: u32) -> (Vec<Camera>, Vec<Camera>) {
+/// `count` hand-held cameras in an arc of 130° before a table.
+fn table(seed: u64, size: u32, count: usize) -> Vec<Camera> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut within = |half: f64| half * (2.0 * rng.random::<f64>() - 1.0);
-    let cameras = (0..40).map(|_| {
+    let camera = |_| {
         let azimuth = (-90.0 + within(65.0)).to_radians();
         let elevation = (32.0 + within(16.0)).to_radians();
         let direction = DVec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
         let target = DVec3::new(within(0.1), within(0.1), -0.2 + within(0.1));
         let at = target + direction * (3.4 + within(0.25));
         Camera::from_fov(size, size, FOV_X, look_along(at, target - at, DVec3::new(within(0.02), 0.0, 1.0)))
-    });
-    divided(cameras.collect())
+    };
+    (0..count).map(camera).collect()
 }
 
 /// Twenty-three cameras in a ring about an upright figure, the test views half-way between them and higher.

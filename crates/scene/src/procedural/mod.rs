@@ -21,7 +21,7 @@ mod through;
 
 pub use cameras::{TEST_VIEWS, TRAIN_VIEWS, test_cameras, train_cameras};
 
-pub(crate) use cameras::field_of_view;
+pub(crate) use cameras::{field_of_view, photographs};
 
 use glam::Vec3;
 use rayon::prelude::*;
