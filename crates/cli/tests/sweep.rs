@@ -94,6 +94,19 @@ fn two_at_a_time_give_the_same_numbers() {
     assert_eq!(table(&folder(&place, "one")), table(&folder(&place, "two")));
 }
 
+#[test]
+fn an_experiment_runs_two_at_a_time() {
+    let place = Workplace::new();
+    let chosen = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--variant", "infonerf"];
+    let run = |out: &str| place.tiny(&chosen).args(&["--out", out]);
+    run("one").succeeds();
+    let said = text(&run("two").args(&["--jobs", "2"]).succeeds().stdout);
+    assert!(said.contains("InfoNeRF improves on NeRF"), "its claims are told: {said}");
+    let list = |out| without_times(&records(&place.path(out).join("synthetic-4view")));
+    assert_eq!(list("one"), list("two"));
+    run("two").args(&["--jobs", "2", "--json"]).fails_with(&["--json", "--jobs"]);
+}
+
 /// Four by four weights of the paper's losses.
 const WEIGHTS: [&str; 8] = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "infonerf", "--space", "paper"];
 

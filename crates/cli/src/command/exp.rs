@@ -15,7 +15,7 @@ use serde_json::json;
 use super::INTERRUPTED;
 use super::collect::save_command;
 use super::launch::{Mode, print};
-use super::sweep::{FAILED, merge_one};
+use super::sweep::{FAILED, local as local_runs, merge_one};
 use crate::args::ExpArgs;
 use crate::interrupt;
 use crate::live::Live;
@@ -27,12 +27,17 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     let experiment = Experiment::plan(&args.experiment, &args.selection.selection(args.budget))?;
     let device = args.selection.device.device.built_in()?;
     let mode = args.launch.mode(device, &args.selection.weights)?;
-    if matches!(mode, Mode::Local(_)) {
-        args.launch.refuse_limits()?;
+    let local = matches!(mode, Mode::Local(_));
+    if local && args.launch.limit().is_none() {
         return here(args, &experiment);
     }
-    if args.profile || args.view.is_some() {
-        bail!("{}: expected --launch local", if args.profile { "--profile" } else { "--view" });
+    let own =
+        [("--profile", args.profile), ("--view", args.view.is_some()), ("--quiet", args.quiet), ("--json", args.json)];
+    if let Some((option, _)) = own.into_iter().find(|(_, given)| *given) {
+        match args.launch.limit().filter(|_| local) {
+            Some(limit) => bail!("{option}: expected no {limit}, with which each run is a process of its own"),
+            None => bail!("{option}: expected --launch local"),
+        }
     }
     let sweep = Sweep::of(experiment);
     let merge = || {
@@ -46,7 +51,12 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
             let prepared = sweep.prepare(&args.out, device)?;
             args.launch.submit(&[(&sweep, prepared)], &*scheduler, &runner, merge)
         }
-        Mode::Local(_) | Mode::Merge => merge(),
+        Mode::Local(workers) => {
+            let (code, outcome) = local_runs(&sweep, &args.selection.weights, &args.out, &workers)?;
+            outcome.iter().for_each(|outcome| print_claims(&outcome.input));
+            Ok(code)
+        }
+        Mode::Merge => merge(),
     }
 }
 

@@ -25,8 +25,8 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// Where runs happen, and how much of it they may take.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct LaunchArgs {
-    /// Runs at a time, at most [default: 1 locally, where no more run than there are cores, nor than fit into the free
-    /// memory; as many as the scheduler starts elsewhere]
+    /// Runs at a time, at most, each in a process of its own [default: 1 locally, where no more run than there are cores,
+    /// nor than fit into the free memory; as many as the scheduler starts elsewhere]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     jobs: Option<u32>,
     /// Give up on a run that takes longer than this, such as 10m, and go on with the others; what was saved is kept.
@@ -101,15 +101,10 @@ impl LaunchArgs {
         }
     }
 
-    /// Refuses limits where runs are not processes of their own.
-    pub(super) fn refuse_limits(&self) -> Result<()> {
+    /// The first option given that only runs in processes of their own can obey.
+    pub(super) fn limit(&self) -> Option<&'static str> {
         let given = [("--jobs", self.jobs.is_some()), ("--timeout", self.timeout.is_some())];
-        match given.into_iter().find(|(_, given)| *given) {
-            Some((option, _)) => {
-                bail!("{option}: expected --launch slurm, hyperqueue or print: here runs follow each other")
-            }
-            None => Ok(()),
-        }
+        given.into_iter().find_map(|(option, given)| given.then_some(option))
     }
 
     /// Submits what is not finished of `sweeps`, and merges: a job does, or `merge` once the jobs have ended.

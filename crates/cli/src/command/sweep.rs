@@ -140,27 +140,32 @@ pub(crate) fn run(args: &SweepArgs) -> Result<ExitCode> {
             let prepared = sweep.prepare(&args.out, device)?;
             args.launch.submit(&[(&sweep, prepared)], &*scheduler, &runner, merge)
         }
-        Mode::Local(workers) => local(&sweep, args, &workers),
+        Mode::Local(workers) => Ok(local(&sweep, &args.selection.weights, &args.out, &workers)?.0),
     }
 }
 
-/// Runs a sweep on this machine.
-fn local(sweep: &Sweep, args: &SweepArgs, workers: &Workers) -> Result<ExitCode> {
+/// Runs a sweep on this machine, each run in a process of its own.
+pub(super) fn local(
+    sweep: &Sweep,
+    weights: &WeightsArgs,
+    out: &Path,
+    workers: &Workers,
+) -> Result<(ExitCode, Option<Box<Outcome>>)> {
     // A missing device and broken weights are told of before the runs begin.
     let device = open_device(workers.runner.device)?;
-    args.selection.weights.networks(&device)?;
-    let prepared = sweep.prepare(&args.out, device.name)?;
+    weights.networks(&device)?;
+    let prepared = sweep.prepare(out, device.name)?;
     announce(sweep, &prepared);
     interrupt::install()?;
     match execute(sweep, &prepared, workers)? {
         Execution::Stopped => {
             println!("stopped and saved; the same command goes on");
-            Ok(ExitCode::from(INTERRUPTED))
+            Ok((ExitCode::from(INTERRUPTED), None))
         }
-        Execution::Ended { failed: 0, .. } => Ok(ExitCode::SUCCESS),
-        Execution::Ended { failed, .. } => {
+        Execution::Ended { failed: 0, outcome, .. } => Ok((ExitCode::SUCCESS, outcome)),
+        Execution::Ended { failed, outcome, .. } => {
             eprintln!("{failed} of {} runs failed; the same command tries them again", sweep.len());
-            Ok(ExitCode::from(FAILED))
+            Ok((ExitCode::from(FAILED), outcome))
         }
     }
 }

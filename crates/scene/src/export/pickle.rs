@@ -21,8 +21,7 @@ pub(crate) fn dict(items: &[(&str, Vec<u8>)]) -> Vec<u8> {
 
 fn dtype(code: &str, order: &str) -> Vec<u8> {
     let call = [b"cnumpy\ndtype\n".to_vec(), text(code), b"K\x00K\x01\x87R".to_vec()].concat();
-    let state =
-        [b"(K\x03".to_vec(), text(order), b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb".to_vec()].concat();
+    let state = [b"(K\x03".to_vec(), text(order), b"NNNJ\xff\xff\xff\xffJ\xff\xff\xff\xffK\x00tb".to_vec()].concat();
     [call, state].concat()
 }
 
