@@ -165,7 +165,7 @@ pub(crate) struct ExpArgs {
     /// Folder for results.
     #[arg(long, value_name = "DIR", default_value = "runs")]
     pub(crate) out: PathBuf,
-    /// Go on with runs that were interrupted; finished ones are kept, as jobs of --launch always do.
+    /// Go on with runs that were interrupted; finished ones are kept, as --jobs and --launch always do.
     #[arg(long)]
     pub(crate) resume: bool,
     #[command(flatten)]
