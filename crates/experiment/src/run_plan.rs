@@ -100,13 +100,14 @@ impl RunPlan {
         infonerf_scene::load(&self.source, &self.request()).with_context(|| self.source_name())
     }
 
-    /// Refuses a run that would not fit into memory, before anything is loaded.
+    /// Refuses a run that would not fit into memory with so many of its fields being trained side by side, before anything
+    /// is loaded.
     ///
     /// # Errors
     /// One line that names the largest part, or what is wrong with the scene.
-    pub fn check_memory(&self) -> Result<()> {
+    pub fn check_memory(&self, side_by_side: usize) -> Result<()> {
         let pixels = infonerf_scene::count_pixels(&self.source, &self.request()).with_context(|| self.source_name())?;
-        Ok(MemoryPlan::new(&self.config, pixels).check_available()?)
+        Ok(MemoryPlan::new(&self.config, pixels, side_by_side).check_available()?)
     }
 
     fn request(&self) -> SceneRequest {

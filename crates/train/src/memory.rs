@@ -22,18 +22,25 @@ pub struct MemoryPlan {
 }
 
 impl MemoryPlan {
-    /// The plan of `config` on a scene with so many pixels.
-    pub fn new(config: &Config, pixels: PixelCount) -> Self {
-        let fields = if config.render.is_hierarchical() && !config.field.shares_passes() { 2 } else { 1 };
+    /// The plan of `config` on a scene with so many pixels, so many fields being trained side by side.
+    pub fn new(config: &Config, pixels: PixelCount, side_by_side: usize) -> Self {
+        let side_by_side = side_by_side as u64;
+        let networks = if config.render.is_hierarchical() && !config.field.shares_passes() { 2 } else { 1 };
         let Footprint { parameters, per_sample } = config.field.footprint();
         let images = pixels.train.saturating_mul(TRAIN_PIXEL).saturating_add(pixels.test.saturating_mul(TEST_PIXEL));
         let occupancy = if config.render.occupancy.enabled { cube(config.render.occupancy.resolution) * 6 } else { 0 };
         Self {
             parts: [
-                ("field (its parameters, their gradients and Adam's moments)", fields * parameters * COPIES * FLOAT),
-                ("train.rays and render.samples (the activations of a step)", samples(config) * per_sample * FLOAT),
+                (
+                    "field (its parameters, their gradients and Adam's moments)",
+                    side_by_side * networks * parameters * COPIES * FLOAT,
+                ),
+                (
+                    "train.rays and render.samples (the activations of a step)",
+                    side_by_side * samples(config) * per_sample * FLOAT,
+                ),
                 ("scene.size (the images)", images.saturating_mul(FLOAT)),
-                ("render.occupancy.resolution (the grid)", occupancy),
+                ("render.occupancy.resolution (the grid)", side_by_side * occupancy),
             ],
         }
     }
@@ -99,18 +106,26 @@ mod tests {
     use crate::{Preset, config};
 
     fn plan(settings: &[&str]) -> MemoryPlan {
+        plan_of(settings, 1)
+    }
+
+    fn plan_of(settings: &[&str], side_by_side: usize) -> MemoryPlan {
         let pixels = PixelCount { train: 4 * 64, test: 64 };
         let mut table = Preset::Fast.table();
         settings.iter().for_each(|setting| config::assign(&mut table, setting).unwrap());
-        MemoryPlan::new(&Config::from_table(table).unwrap(), pixels)
+        MemoryPlan::new(&Config::from_table(table).unwrap(), pixels, side_by_side)
     }
 
     #[test]
     fn sizes_by_hand() {
-        let plan = plan(&["field.resolutions=[64]", "field.channels=2", "train.target_samples=1000"]);
+        let settings = ["field.resolutions=[64]", "field.channels=2", "train.target_samples=1000"];
         let tables = 3 * 2 * (64 * 64 + 64) * 5 * 4;
-        assert_eq!(plan.total(), tables + 1000 * 12 * 4 + 64 * (4 * 11 + 4) * 4 + 64 * 64 * 64 * 6);
+        let field = tables + 1000 * 12 * 4 + 64 * 64 * 64 * 6;
+        let images = 64 * (4 * 11 + 4) * 4;
+        let plan = plan(&settings);
+        assert_eq!(plan.total(), field + images);
         assert!(plan.check(plan.total()).is_ok());
+        assert_eq!(plan_of(&settings, 2).total(), 2 * field + images);
     }
 
     #[test]

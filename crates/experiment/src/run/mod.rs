@@ -60,7 +60,8 @@ impl Session {
         } else {
             clear(&folder)?;
         }
-        plan.check_memory()?;
+        let (members, beside) = (plan.members(), self.device.name.fields_side_by_side());
+        plan.check_memory(members.min(beside))?;
         infonerf_report::write_atomically(&folder.join("config.toml"), plan.to_toml()?.as_bytes())?;
         identity.write(&folder)?;
         let memory = PeakMemory::start();
@@ -71,7 +72,6 @@ impl Session {
         }
         let mut trainers = Vec::new();
         let (mut collapsed, mut stopped) = (false, false);
-        let (members, beside) = (plan.members(), self.device.name.fields_side_by_side());
         for first in (0..members).step_by(beside) {
             let fields = first..members.min(first + beside);
             let mut training = Vec::new();

@@ -15,6 +15,8 @@ use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
 const MOST_VIEWS: usize = 100;
 /// Pairs of views that are compared, if all views are to have one.
 const PAIRS: usize = 24;
+/// Views whose images are compared at full size. More are made smaller, as depths are found in them together.
+const FULL_SIZE_VIEWS: usize = 12;
 
 /// Rays end where plane-sweep stereo of the training images has found a surface (as DS-NeRF, Deng et al. 2022, has them end
 /// at points of structure from motion): the robust negative log-likelihood of what was found, mean over the rays of training
@@ -110,11 +112,19 @@ impl End {
     }
 }
 
+/// The settings of the search in so many views. Its work is that of their pixels and planes, and planes are as many as a
+/// point moves pixels: sides that shrink with the cube root of the views keep it what it is.
+fn search(views: usize) -> Settings {
+    let settings = Settings::default();
+    let scale = (FULL_SIZE_VIEWS as f32 / views as f32).cbrt().min(1.0);
+    let size = (settings.size as f32 * scale).round() as u32;
+    Settings { neighbours: (PAIRS / views).clamp(1, settings.neighbours), size, ..settings }
+}
+
 impl Stereo {
     fn end(&self, (view, x, y): (usize, f32, f32)) -> End {
         let found = self.found.get_or_init(|| {
-            let neighbours = (PAIRS / self.scene.train.len()).clamp(1, 4);
-            let maps = depth_maps(&self.scene, &Settings { neighbours, ..Settings::default() });
+            let maps = depth_maps(&self.scene, &search(self.scene.train.len()));
             maps.into_iter().map(|map| (map.nearest(), map)).collect()
         });
         let (nearest, map) = &found[view];
@@ -166,6 +176,12 @@ mod tests {
         let view = View { id: 0, name: String::new(), camera, image: image.into(), depth: None, mask: None };
         let scene = Scene { train: vec![view], ..Scene::default() };
         Stereo { width: 1.0, outliers: 0.01, scene, found: vec![(nearest, map(disparity))].into() }
+    }
+
+    #[test]
+    fn many_views_are_searched_at_a_smaller_size() {
+        let found = [2, 12, 24, 96].map(|views| (search(views).size, search(views).neighbours));
+        assert_eq!(found, [(252, 4), (252, 2), (200, 1), (126, 1)]);
     }
 
     /// Samples of the test's rays are at 0.5, 1.5, …

@@ -83,7 +83,7 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
         None => frame.nominal_camera(),
     });
     let kinds: BTreeSet<String> =
-        parts.train.iter().chain(&parts.test).map(|f| format!("{:?} {}", f.intrinsics, f.lens)).collect();
+        parts.train.iter().chain(&parts.test).map(|f| format!("{} {}", f.intrinsics, f.lens)).collect();
     let counts = |named: &[(String, Vec<usize>)]| named.iter().map(|(name, ids)| (name.clone(), ids.len())).collect();
     let mut protocols: Vec<(String, usize)> = counts(&parts.protocols);
     protocols.insert(0, ("split".into(), parts.split.as_ref().map_or(parts.test.len(), Vec::len)));

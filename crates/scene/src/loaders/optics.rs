@@ -1,5 +1,7 @@
 //! Intrinsics and lens as `transforms*.json` files give them, and other formats after them.
 
+use std::fmt::{self, Display, Formatter};
+
 use glam::DMat4;
 
 use super::json::{Node, PIXELS};
@@ -21,6 +23,19 @@ pub(crate) enum Intrinsics {
     /// Focal lengths and principal point in pixels, and the image size that they hold for where it
     /// is stated.
     Pixels { focal: [f64; 2], centre: Option<[f64; 2]>, size: Option<(u32, u32)> },
+}
+
+/// To a hundredth of a pixel: files round, and so does the decomposition of a projection.
+impl Display for Intrinsics {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Fov(angle) => write!(f, "{:.3}°", angle.to_degrees()),
+            Self::Pixels { focal: [fx, fy], centre, size } => {
+                let centre = centre.map(|centre| centre.map(|c| (100.0 * c).round()));
+                write!(f, "{fx:.2} {fy:.2} {centre:?} {size:?}")
+            }
+        }
+    }
 }
 
 impl Intrinsics {

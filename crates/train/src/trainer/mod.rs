@@ -122,7 +122,7 @@ impl<F: Field> Trainer<F> {
     ) -> Result<Self, TrainError> {
         config.validate()?;
         if let Some(scene) = scenes.first() {
-            MemoryPlan::new(config, scene.pixels()).check_available()?;
+            MemoryPlan::new(config, scene.pixels(), 1).check_available()?;
         }
         let device = device.clone().autodiff();
         let scenes: Vec<TrainingScene> =
