@@ -6,7 +6,6 @@ mod page;
 pub use check::{Concern, Warning, check};
 pub use page::info_page;
 
-use std::collections::BTreeSet;
 use std::fmt;
 use std::path::Path;
 
@@ -82,8 +81,12 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
         Some((width, height)) => frame.camera(width, height),
         None => frame.nominal_camera(),
     });
-    let kinds: BTreeSet<String> =
-        parts.train.iter().chain(&parts.test).map(|f| format!("{} {}", f.intrinsics, f.lens)).collect();
+    let mut kinds: Vec<&Frame> = Vec::new();
+    for frame in parts.train.iter().chain(&parts.test) {
+        if !kinds.iter().any(|kind| kind.lens == frame.lens && kind.intrinsics.is_like(&frame.intrinsics)) {
+            kinds.push(frame);
+        }
+    }
     let counts = |named: &[(String, Vec<usize>)]| named.iter().map(|(name, ids)| (name.clone(), ids.len())).collect();
     let mut protocols: Vec<(String, usize)> = counts(&parts.protocols);
     protocols.insert(0, ("split".into(), parts.split.as_ref().map_or(parts.test.len(), Vec::len)));

@@ -1,7 +1,5 @@
 //! Intrinsics and lens as `transforms*.json` files give them, and other formats after them.
 
-use std::fmt::{self, Display, Formatter};
-
 use glam::DMat4;
 
 use super::json::{Node, PIXELS};
@@ -15,6 +13,11 @@ const LARGEST: f64 = 1e6;
 const MODELS: &str = "one of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, \
                       SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE";
 
+/// Focal lengths and principal points this close, in pixels, are one camera's.
+const SAME_PIXELS: f64 = 0.1;
+/// And fields of view, in radians.
+const SAME_ANGLE: f64 = 1e-4;
+
 /// Intrinsics before the image size is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Intrinsics {
@@ -23,19 +26,6 @@ pub(crate) enum Intrinsics {
     /// Focal lengths and principal point in pixels, and the image size that they hold for where it
     /// is stated.
     Pixels { focal: [f64; 2], centre: Option<[f64; 2]>, size: Option<(u32, u32)> },
-}
-
-/// To a hundredth of a pixel: files round, and so does the decomposition of a projection.
-impl Display for Intrinsics {
-    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Fov(angle) => write!(f, "{:.3}°", angle.to_degrees()),
-            Self::Pixels { focal: [fx, fy], centre, size } => {
-                let centre = centre.map(|centre| centre.map(|c| (100.0 * c).round()));
-                write!(f, "{fx:.2} {fy:.2} {centre:?} {size:?}")
-            }
-        }
-    }
 }
 
 impl Intrinsics {
@@ -47,6 +37,26 @@ impl Intrinsics {
                 let centre = centre.unwrap_or([f64::from(width) / 2.0, f64::from(height) / 2.0]);
                 Camera::pinhole((width, height), focal, centre, pose)
             }
+        }
+    }
+
+    /// Whether both are those of one camera: files round, and so does the decomposition of a projection.
+    pub fn is_like(&self, other: &Self) -> bool {
+        let near = |a: f64, b: f64, tolerance: f64| (a - b).abs() <= tolerance;
+        let near_pixels = |a: [f64; 2], b: [f64; 2]| (0..2).all(|axis| near(a[axis], b[axis], SAME_PIXELS));
+        match (*self, *other) {
+            (Self::Fov(a), Self::Fov(b)) => near(a, b, SAME_ANGLE),
+            (
+                Self::Pixels { focal, centre, size },
+                Self::Pixels { focal: other_focal, centre: other_centre, size: other_size },
+            ) => {
+                let centres = match (centre, other_centre) {
+                    (Some(a), Some(b)) => near_pixels(a, b),
+                    (a, b) => a == b,
+                };
+                near_pixels(focal, other_focal) && centres && size == other_size
+            }
+            _ => false,
         }
     }
 
@@ -152,4 +162,24 @@ fn read_side(node: &Node<'_>) -> Result<u32, SceneError> {
         return Err(node.error(expected));
     }
     Ok(side as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounding_makes_no_other_camera() {
+        let pixels = |fx: f64, cx: Option<f64>| Intrinsics::Pixels {
+            focal: [fx, fx],
+            centre: cx.map(|cx| [cx, 300.0]),
+            size: Some((800, 600)),
+        };
+        let camera = pixels(1446.134, Some(411.6));
+        assert!(camera.is_like(&pixels(1446.136, Some(411.65))));
+        assert!(!camera.is_like(&pixels(1447.0, Some(411.6))) && !camera.is_like(&pixels(1446.134, Some(412.6))));
+        assert!(!camera.is_like(&pixels(1446.134, None)) && pixels(1.0, None).is_like(&pixels(1.0, None)));
+        assert!(Intrinsics::Fov(0.6911112).is_like(&Intrinsics::Fov(0.6911113)));
+        assert!(!Intrinsics::Fov(0.69).is_like(&Intrinsics::Fov(0.70)) && !Intrinsics::Fov(0.69).is_like(&camera));
+    }
 }
