@@ -5,11 +5,23 @@ use serde::{Deserialize, Serialize};
 use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
 
 /// Total variation of a field's tables (planes, grids), as the field defines its mean; 0 for a field without tables.
+///
+/// A prior's logarithm is added to a sum over all observed pixels, L_RGB is a mean over them: beside it, the weight of the
+/// same prior is inversely proportional to the number of training views.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TvConfig {
     /// Its weight. Falling over the run it lets detail come back.
     pub weight: Schedule,
+    /// Training views that the weight is meant for: it is multiplied by `views` and divided by their number. With 0 it is the
+    /// same for any number.
+    pub views: u32,
+}
+
+/// Total variation times a factor that follows from the scene.
+#[derive(Debug)]
+struct Tv {
+    factor: f64,
 }
 
 impl TermSpec for TvConfig {
@@ -21,17 +33,38 @@ impl TermSpec for TvConfig {
         &mut self.weight
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
-        Ok(Box::new(self.clone()))
+    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+        Ok(Box::new(Tv { factor: factor(self.views, setup.scene.train.len()) }))
     }
 }
 
-impl Term for TvConfig {
+impl Term for Tv {
     fn needs(&self) -> Vec<Need> {
         vec![Need::TotalVariation]
     }
 
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        renders.total_variation.clone().unwrap_or_else(|| renders.zero())
+        renders.total_variation.clone().map_or_else(|| renders.zero(), |variation| variation * self.factor)
+    }
+}
+
+/// `meant` / `trained`; 1 if the weight is meant for any number.
+fn factor(meant: u32, trained: usize) -> f64 {
+    if meant == 0 { 1.0 } else { f64::from(meant) / trained.max(1) as f64 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing;
+
+    #[test]
+    fn twice_as_many_views_halve_it() {
+        assert_eq!([factor(4, 2), factor(4, 4), factor(4, 8), factor(0, 8)], [2.0, 1.0, 0.5, 1.0]);
+        let mut renders = testing::renders(&[&[0.5]]);
+        let term = Tv { factor: factor(4, 8) };
+        assert_eq!(term.value(&renders).into_scalar::<f32>(), 0.0);
+        renders.total_variation = Some(renders.zero() + 3.0);
+        assert_eq!(term.value(&renders).into_scalar::<f32>(), 1.5);
     }
 }
