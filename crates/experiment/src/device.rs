@@ -141,7 +141,23 @@ pub fn open(name: DeviceName) -> Result<OpenDevice> {
         name => bail!("--device {name}: not built in"),
     };
     let adapter = if name.is_cpu() { None } else { Some(adapter(&device, name)?) };
+    if let Some(adapter) = &adapter {
+        check_spirv(name, adapter, cfg!(feature = "vulkan"))?;
+    }
     Ok(OpenDevice { device, name, adapter })
+}
+
+/// Refuses what would end in a crash of the driver: CubeCL 0.11.3 declares shared memory wrongly on devices without
+/// `VK_KHR_workgroup_memory_explicit_layout` (`lower_shared_implicit` of cubecl-spirv), of which Mesa's lavapipe is the one
+/// that we know. With `vulkan` built in, `wgpu` compiles to SPIR-V as well.
+fn check_spirv(name: DeviceName, adapter: &str, spirv: bool) -> Result<()> {
+    let affected = spirv && matches!(name, DeviceName::Wgpu | DeviceName::Vulkan) && adapter.contains("llvmpipe");
+    ensure!(
+        !affected,
+        "--device {name}: {adapter} lacks VK_KHR_workgroup_memory_explicit_layout, without which CubeCL's SPIR-V is invalid; \
+         expected another device, or a program built with `--features wgpu` alone"
+    );
+    Ok(())
 }
 
 /// The networks of learned metrics whose weights are at hand: in `weights` (a file or a folder), the folder of the
@@ -175,5 +191,21 @@ fn adapter(device: &Device, name: DeviceName) -> Result<String> {
     match identity {
         Ok(Some(identity)) => Ok(identity.name),
         _ => bail!("--device {name}: no such device on this machine; expected a GPU and its driver, or --device flex"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spirv_is_refused_on_lavapipe_alone() {
+        let lavapipe = "llvmpipe (LLVM 15.0.6, 256 bits)";
+        for name in [DeviceName::Wgpu, DeviceName::Vulkan] {
+            let error = check_spirv(name, lavapipe, true).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("--device {name}: llvmpipe")), "{error}");
+        }
+        assert!(check_spirv(DeviceName::Wgpu, lavapipe, false).is_ok(), "through WGSL");
+        assert!(check_spirv(DeviceName::Vulkan, "NVIDIA H100 PCIe", true).is_ok());
     }
 }
