@@ -14,6 +14,7 @@
 //!     selection: Selection::default(),
 //!     device: DeviceName::Auto,
 //!     budgets: Vec::new(),
+//!     sizes: Vec::new(),
 //!     steps: None,
 //!     warmup: None,
 //!     from: None,

@@ -18,6 +18,8 @@ pub struct Options {
     pub device: DeviceName,
     /// Pareto: training times, each a run of its own.
     pub budgets: Vec<Duration>,
+    /// Render: longest sides of the images, pixels.
+    pub sizes: Vec<u32>,
     /// Steps of each run, or to measure after a warm-up; repeats of an operation.
     pub steps: Option<u32>,
     /// Steps before measuring begins.

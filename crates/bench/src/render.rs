@@ -15,8 +15,6 @@ use super::output::{TextTable, median};
 use super::trial::{train, with_settings};
 use infonerf_experiment::RunPlan;
 
-/// Longest sides of the images, pixels.
-const SIZES: [u32; 4] = [100, 200, 400, 800];
 /// Steps of training before rendering.
 const STEPS: u32 = 300;
 /// Frames of each size; the median counts.
@@ -49,7 +47,7 @@ pub(super) fn run(bench: &Bench, options: &Options, say: &mut dyn FnMut(&str)) -
     let mut series = Vec::new();
     for plan in &bench.plans {
         let trainer = trained(bench, plan, steps)?;
-        let own = frames(&trainer, plan, &SIZES)?;
+        let own = frames(&trainer, plan, &options.sizes)?;
         let points = own.iter().map(|row| (f64::from(row.width.max(row.height)), row.seconds_per_frame)).collect();
         series.push(Series { name: plan.label(), points });
         rows.extend(own);

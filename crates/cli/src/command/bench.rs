@@ -36,6 +36,9 @@ pub(crate) struct BenchArgs {
     /// pareto: training times, each a run of its own.
     #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = parse_duration, default_value = "5s,10s,20s,40s,60s")]
     budgets: Vec<Duration>,
+    /// render: longest sides of the images, pixels.
+    #[arg(long, value_name = "SIZES", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=8192), default_value = "100,200,400,800")]
+    sizes: Vec<u32>,
     /// Steps: of each run (skip: as configured; render: 300; stress-training: 80), or to measure after a warm-up (step: 50;
     /// scale: 8; ops: 7 repeats).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
@@ -102,6 +105,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
         selection: args.selection.selection(None),
         device: args.selection.device.device,
         budgets: args.budgets.clone(),
+        sizes: args.sizes.clone(),
         steps: args.steps,
         warmup: args.warmup,
         from: args.from.clone(),
