@@ -26,8 +26,6 @@ pub struct RenderedImage {
 
 /// Rays that march at a time: bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
-/// Rays rendered at a time where all of a ray's samples are evaluated at once.
-const WHOLE_RAY_CHUNK: usize = 4096;
 
 /// Renders the picture that `camera` sees: of several members their mean.
 ///
@@ -61,7 +59,7 @@ fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: 
         }
         return image;
     }
-    for rays in rays.chunks(WHOLE_RAY_CHUNK) {
+    for rays in rays.chunks(renderer.rays_at_once()) {
         let passes = renderer.render(model, rays, RenderRequest { color: true }, None, occupancy, Moment::END);
         image.append(&passes.fine);
         image.counts += passes.counts();

@@ -17,6 +17,9 @@ pub struct Renderer {
     backdrop: Backdrop,
 }
 
+/// Bounds the memory of pictures: the outputs of 256 neurons take 64 MiB, half of what WebGPU lets a buffer hold at least.
+const SAMPLES_AT_ONCE: usize = 1 << 16;
+
 impl Renderer {
     /// A renderer for `scene`'s bounds and background.
     pub fn new(config: &RenderConfig, scene: &Scene) -> Self {
@@ -26,6 +29,11 @@ impl Renderer {
     /// Length of the interval that a sample stands for, on average: what occupancy is judged by.
     pub fn step_length(&self, at: Moment) -> f32 {
         self.sampler.step_length(at)
+    }
+
+    /// How many rays to render at a time where no gradient is wanted: those of [`SAMPLES_AT_ONCE`] samples.
+    pub fn rays_at_once(&self) -> usize {
+        (SAMPLES_AT_ONCE / self.sampler.most(Moment::END).max(1)).max(1)
     }
 
     pub(crate) fn sampler(&self) -> &Sampler {

@@ -53,6 +53,11 @@ impl Sampler {
         self.longest() / (coarse + c.fine_samples as f32)
     }
 
+    /// Samples of the longest ray.
+    pub(crate) fn most(&self, at: Moment) -> usize {
+        (self.longest() / self.step_length(at)).round() as usize
+    }
+
     /// Length of the longest ray, in coordinates.
     pub(crate) fn longest(&self) -> f32 {
         self.longest
@@ -67,8 +72,7 @@ impl Sampler {
         occupancy: Option<&OccupancyGrid>,
         at: Moment,
     ) -> Samples {
-        let step = self.step_length(at);
-        let most = (self.longest() / step).round() as usize;
+        let (step, most) = (self.step_length(at), self.most(at));
         Samples::pack(rays, &self.warp, |index| {
             let shift = noise.map_or(0.5, |noise| noise.uniform(index, 0));
             (self.steps(&rays[index], step, shift, occupancy), most)

@@ -50,15 +50,15 @@ pub fn information<F: Field>(
     scene: &Scene,
     query: InformationQuery<'_>,
 ) -> Option<Information> {
-    const CHUNK: usize = 1024;
     let InformationQuery { entropy, kl, rays: count, .. } = query;
     if count == 0 || scene.test.is_empty() {
         return None;
     }
     let (mut entropy_sum, mut gain_sum) = (0.0, 0.0);
     let sum = |values: Vec<f32>| values.into_iter().map(f64::from).sum::<f64>();
-    for start in (0..count).step_by(CHUNK) {
-        let pairs = (start..(start + CHUNK).min(count)).map(|i| pair(scene, &query, i));
+    let chunk = renderer.rays_at_once();
+    for start in (0..count).step_by(chunk) {
+        let pairs = (start..(start + chunk).min(count)).map(|i| pair(scene, &query, i));
         let (rays, near): (Vec<Ray>, Vec<Ray>) = pairs.unzip();
         let request = RenderRequest { color: false };
         let occupancy = trained.occupancy.as_ref();
