@@ -31,7 +31,7 @@ impl Renderer {
         self.sampler.step_length(at)
     }
 
-    /// How many rays to render at a time where no gradient is wanted: those of [`SAMPLES_AT_ONCE`] samples.
+    /// How many rays to render at a time where no gradient is wanted: those of 65,536 samples.
     pub fn rays_at_once(&self) -> usize {
         (SAMPLES_AT_ONCE / self.sampler.most(Moment::END).max(1)).max(1)
     }
