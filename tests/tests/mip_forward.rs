@@ -8,7 +8,7 @@ use glam::Vec3;
 use infonerf_field::{FieldSetup, FieldSpec};
 use infonerf_ops::{RayDistribution, frustum_gaussian, integrated_encode, ray_entropy, to_host};
 use infonerf_render::{Model, RenderOutput, RenderRequest, Renderer};
-use infonerf_scene::{Aabb, Range, Ray, Scene};
+use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
 use infonerf_train::{Config, Preset, config};
 use serde_json::Value;
@@ -105,10 +105,13 @@ fn renderer(fixture: &Value) -> Renderer {
     let (near, far) = (float(&fixture["near"]), float(&fixture["far"]));
     let scene = Scene {
         name: "fixture".into(),
-        near,
-        far,
-        range: Range::Distance { near, far },
-        bounds: Aabb::cube(Vec3::ZERO, HALF_EDGE),
+        space: Space {
+            near,
+            far,
+            range: Range::Distance { near, far },
+            bounds: Aabb::cube(Vec3::ZERO, HALF_EDGE),
+            ..Default::default()
+        },
         ..Scene::default()
     };
     let render = config().render;

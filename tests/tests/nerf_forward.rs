@@ -8,7 +8,7 @@ use glam::Vec3;
 use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::{RayDistribution, ray_divergence, ray_entropy, to_host};
 use infonerf_render::{Model, RenderOutput, RenderRequest, Renderer};
-use infonerf_scene::{Aabb, Range, Ray, Scene};
+use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
 use infonerf_train::{Config, Preset, config};
 use serde_json::{Value, json};
@@ -132,10 +132,13 @@ fn renderer(fixture: &Value, last_interval: &str) -> Renderer {
     let (near, far) = (fixture["near"].as_f64().unwrap() as f32, fixture["far"].as_f64().unwrap() as f32);
     let scene = Scene {
         name: "fixture".into(),
-        near,
-        far,
-        range: Range::Distance { near, far },
-        bounds: Aabb::cube(Vec3::ZERO, HALF_EDGE),
+        space: Space {
+            near,
+            far,
+            range: Range::Distance { near, far },
+            bounds: Aabb::cube(Vec3::ZERO, HALF_EDGE),
+            ..Default::default()
+        },
         ..Scene::default()
     };
     let render = config(last_interval).render;

@@ -10,7 +10,7 @@ use glam::{DMat3, DMat4, DVec3, Vec3};
 use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::to_host;
 use infonerf_render::Stream;
-use infonerf_scene::{Aabb, Camera, Image, Range, Scene, View};
+use infonerf_scene::{Aabb, Camera, Image, Range, Scene, Space, View};
 use infonerf_tests::hashed;
 use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepPixels, Trainer, config};
 use safetensors::SafeTensors;
@@ -164,10 +164,13 @@ fn scene(fixture: &Value) -> Scene {
     Scene {
         name: "fixture".into(),
         train: fixture["images"].as_array().unwrap().iter().zip(&cameras).enumerate().map(view).collect(),
-        near,
-        far,
-        range: Range::Distance { near, far },
-        bounds: Aabb::cube(Vec3::ZERO, 1.0),
+        space: Space {
+            near,
+            far,
+            range: Range::Distance { near, far },
+            bounds: Aabb::cube(Vec3::ZERO, 1.0),
+            ..Default::default()
+        },
         all_train_cameras: cameras,
         ..Scene::default()
     }

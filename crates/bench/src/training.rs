@@ -253,9 +253,10 @@ fn scale(scene: &mut Scene, factor: f32) {
             (position.x * f64::from(factor), position.y * f64::from(factor), position.z * f64::from(factor));
     }
     scene.train.iter_mut().chain(&mut scene.test).for_each(|view| view.depth = None);
-    (scene.near, scene.far) = (scene.near * factor, scene.far * factor);
-    scene.range = Range::Distance { near: scene.near, far: scene.far };
-    (scene.bounds.min, scene.bounds.max) = (scene.bounds.min * factor, scene.bounds.max * factor);
+    let space = &mut scene.space;
+    (space.near, space.far) = (space.near * factor, space.far * factor);
+    space.range = Range::Distance { near: space.near, far: space.far };
+    (space.bounds.min, space.bounds.max) = (space.bounds.min * factor, space.bounds.max * factor);
 }
 
 fn table(rows: &[Row]) -> TextTable {

@@ -2,7 +2,7 @@
 
 use infonerf_ops::composite::weights;
 use infonerf_ops::to_host;
-use infonerf_scene::{Aabb, Range, Ray, Scene};
+use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
 
 use crate::distances::{blurred, importance, intervals, resample, stratified};
@@ -28,12 +28,13 @@ pub(crate) struct Sampler {
 impl Sampler {
     pub(crate) fn new(config: &RenderConfig, scene: &Scene) -> Self {
         let warp = Warp::of(scene, config.space);
+        let Space { near, far, range, bounds, .. } = scene.space;
         let longest = if config.clip_to_bounds && warp.is_identity() {
-            scene.bounds.size().length()
+            bounds.size().length()
         } else {
-            warp.coordinate(warp.horizon().unwrap_or(scene.far)) - warp.coordinate(scene.near)
+            warp.coordinate(warp.horizon().unwrap_or(far)) - warp.coordinate(near)
         };
-        Self { config: config.clone(), range: scene.range, near: scene.near, longest, bounds: scene.bounds, warp }
+        Self { config: config.clone(), range, near, longest, bounds, warp }
     }
 
     pub(crate) fn warp(&self) -> &Warp {

@@ -55,8 +55,8 @@ pub enum Warp {
 impl Warp {
     /// The warp of `scene`. Cameras without NDC ([`Self::has_ndc`]) have their scene contracted.
     pub fn of(scene: &Scene, space: Space) -> Self {
-        let space = match (space, scene.layout) {
-            (Space::Auto, _) if scene.bounded => Space::Box,
+        let space = match (space, scene.space.layout) {
+            (Space::Auto, _) if scene.space.bounded => Space::Box,
             (Space::Auto, Layout::Forward) => Space::Ndc,
             (Space::Auto, Layout::Object | Layout::Inside) => Space::Contraction,
             (chosen, _) => chosen,
@@ -68,11 +68,11 @@ impl Warp {
                     2.0 * camera.fx as f32 / camera.width as f32,
                     2.0 * camera.fy as f32 / camera.height as f32,
                 ),
-                near: scene.near.max(1e-6 * scene.far),
+                near: scene.space.near.max(1e-6 * scene.space.far),
             },
-            (Space::Contraction | Space::Ndc, _) => match scene.range {
+            (Space::Contraction | Space::Ndc, _) => match scene.space.range {
                 Range::Sphere { centre, radius } => Self::Contraction { centre, radius },
-                _ => Self::Contraction { centre: scene.centre, radius: scene.radius },
+                _ => Self::Contraction { centre: scene.space.centre, radius: scene.space.radius },
             },
             (Space::Box | Space::Auto, _) => Self::Identity,
         }
@@ -131,7 +131,7 @@ impl Warp {
     /// The box in which [`Self::point`] puts what the training cameras of `scene` can see.
     pub fn bounds(&self, scene: &Scene) -> Aabb {
         match self {
-            Self::Identity => scene.bounds,
+            Self::Identity => scene.space.bounds,
             Self::Contraction { .. } => Aabb::cube(Vec3::ZERO, 2.0),
             Self::Ndc { .. } => {
                 let corners = cameras(scene).flat_map(|camera| {
@@ -210,17 +210,22 @@ mod tests {
     use glam::{DMat4, DVec3};
     use proptest::prelude::*;
 
+    use infonerf_scene as scene;
+
     use super::*;
 
     fn forward() -> Scene {
         let camera = |x| Camera::from_fov(40, 30, 1.0, DMat4::from_translation(DVec3::new(x, 0.0, 0.0)));
         Scene {
             all_train_cameras: vec![camera(-0.1), camera(0.1)],
-            layout: Layout::Forward,
-            bounded: false,
-            near: 1.0,
-            far: 100.0,
-            range: Range::Depth { near: 1.0, far: 100.0 },
+            space: scene::Space {
+                layout: Layout::Forward,
+                bounded: false,
+                near: 1.0,
+                far: 100.0,
+                range: Range::Depth { near: 1.0, far: 100.0 },
+                ..Default::default()
+            },
             ..Scene::default()
         }
     }
@@ -229,11 +234,12 @@ mod tests {
     fn the_scene_says_which() {
         assert!(Warp::of(&Scene::default(), Space::Auto).is_identity());
         assert!(matches!(Warp::of(&forward(), Space::Auto), Warp::Ndc { .. }));
-        let around = Scene { layout: Layout::Object, ..forward() };
+        let mut around = forward();
+        around.space.layout = Layout::Object;
         assert!(matches!(Warp::of(&around, Space::Auto), Warp::Contraction { .. }));
         assert!(Warp::of(&around, Space::Box).is_identity());
-        let sphere = Scene { range: Range::Sphere { centre: Vec3::X, radius: 0.5 }, ..around };
-        assert_eq!(Warp::of(&sphere, Space::Auto), Warp::Contraction { centre: Vec3::X, radius: 0.5 });
+        around.space.range = Range::Sphere { centre: Vec3::X, radius: 0.5 };
+        assert_eq!(Warp::of(&around, Space::Auto), Warp::Contraction { centre: Vec3::X, radius: 0.5 });
     }
 
     #[test]

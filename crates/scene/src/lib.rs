@@ -33,13 +33,16 @@ mod camera_path;
 pub mod colmap;
 mod error;
 mod export;
+mod format;
 mod image;
 mod info;
+mod layout;
 mod lens;
 mod loaders;
 mod photographs;
 pub mod poses;
 pub mod procedural;
+mod range;
 mod ray;
 mod scene;
 pub mod select;
@@ -52,8 +55,10 @@ pub use camera::Camera;
 pub use camera_path::CameraPath;
 pub use error::SceneError;
 pub use export::export;
+pub use format::{Backdrop, Format};
 pub use image::{Image, Rgba8, RgbaImage, resized_dimensions, round_to_u8};
 pub use info::{Concern, Info, Warning, check, info, info_page, outline};
+pub use layout::Layout;
 pub use lens::{Lens, LensModel};
 #[doc(hidden)]
 pub use loaders::fuzzing;
@@ -62,8 +67,9 @@ pub use poses::{
     Keyframe, ViewRegion, figure_eight, interpolate_keyframes, interpolate_views, near_pose, near_pose_about, orbit,
     spiral, unseen_pose,
 };
+pub use range::Range;
 pub use ray::Ray;
 pub use scene::{PixelCount, Scene, SceneRequest, SceneSource, View, count_pixels, load};
 pub use select::{TestProtocol, ViewSelection};
-pub use space::{Backdrop, Format, Layout, Range};
+pub use space::Space;
 pub use transforms::transforms;

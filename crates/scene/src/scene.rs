@@ -3,11 +3,9 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use glam::Vec3;
-
 use crate::{
-    Aabb, Backdrop, Body, Camera, Format, Image, Layout, Range, Ray, SceneError, TestProtocol, ViewSelection, loaders,
-    procedural, resized_dimensions,
+    Backdrop, Camera, Format, Image, Ray, SceneError, Space, TestProtocol, ViewSelection, loaders, procedural,
+    resized_dimensions,
 };
 
 /// The longest image side that can be asked for, in pixels.
@@ -70,28 +68,8 @@ pub struct Scene {
     pub background: [f32; 3],
     /// Whether `background` is what lies behind the content.
     pub backdrop: Backdrop,
-    /// Distance along any ray before which there is nothing, scene units, ≥ 0.
-    pub near: f32,
-    /// Distance along any ray beyond which there is nothing, scene units, > `near`.
-    pub far: f32,
-    /// Where along each ray the content lies; within `near` and `far`.
-    pub range: Range,
-    /// A box that holds what is to be reconstructed.
-    pub bounds: Aabb,
-    /// Whether all content lies in `bounds`, so that nothing or the background is beyond.
-    pub bounded: bool,
-    /// How the cameras stand to the content.
-    pub layout: Layout,
-    /// The unit direction that is up, as the cameras were held.
-    pub up: Vec3,
-    /// The point that the cameras look at, or stand about where they look outward.
-    pub centre: Vec3,
-    /// The greatest distance of a camera from `centre`, scene units, > 0.
-    pub radius: f32,
-    /// Points on surfaces, where the format has them.
-    pub points: Vec<Vec3>,
-    /// The body that the scene is of, where the format has one.
-    pub body: Option<Body>,
+    /// Where the content lies, and how the cameras stand to it.
+    pub space: Space,
     /// The cameras of every training view there is, chosen or not, at the scene's image size. Only
     /// their poses: no image of an unchosen view is read.
     pub all_train_cameras: Vec<Camera>,
@@ -109,17 +87,7 @@ impl Default for Scene {
             format: Format::default(),
             background: [1.0; 3],
             backdrop: Backdrop::default(),
-            near: 2.0,
-            far: 6.0,
-            range: Range::default(),
-            bounds: Aabb::cube(Vec3::ZERO, 1.5),
-            bounded: true,
-            layout: Layout::default(),
-            up: Vec3::Z,
-            centre: Vec3::ZERO,
-            radius: 4.0,
-            points: Vec::new(),
-            body: None,
+            space: Space::default(),
             all_train_cameras: Vec::new(),
             warnings: Vec::new(),
         }
@@ -129,7 +97,7 @@ impl Default for Scene {
 impl Scene {
     /// The distances `(near, far)` between which content lies along `ray`, `0 ≤ near < far`; `None` where none does.
     pub fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
-        self.range.along(ray)
+        self.space.range.along(ray)
     }
 }
 

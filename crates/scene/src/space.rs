@@ -1,157 +1,86 @@
-//! What kind of space a scene is, and where along a ray its content lies.
-
-use std::fmt;
+//! Where the content of a scene lies, and how the cameras stand to it.
 
 use glam::Vec3;
-use serde::Serialize;
 
-use crate::Ray;
+use crate::poses::up_direction;
+use crate::{Aabb, Body, Camera, Layout, Range};
 
-/// Where a scene came from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Format {
-    /// Made by the program.
-    #[default]
-    Procedural,
-    /// NeRF's synthetic scenes: `transforms_train.json`.
-    Blender,
-    /// nerfstudio and instant-ngp: `transforms.json`.
-    Transforms,
-    /// Forward-facing captures: `poses_bounds.npy`.
-    Llff,
-    /// A reconstruction of COLMAP.
-    Colmap,
-    /// DTU as IDR, NeuS or pixelNeRF keep it.
-    Dtu,
-    /// ZJU-MoCap: `annots.npy`.
-    Zju,
+/// Where the content of a scene lies, and how its cameras stand to it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Space {
+    /// Distance along any ray before which there is nothing, scene units, ≥ 0.
+    pub near: f32,
+    /// Distance along any ray beyond which there is nothing, scene units, > `near`.
+    pub far: f32,
+    /// Where along each ray the content lies; within `near` and `far`.
+    pub range: Range,
+    /// A box that holds what is to be reconstructed.
+    pub bounds: Aabb,
+    /// Whether all content lies in `bounds`, so that nothing or the background is beyond.
+    pub bounded: bool,
+    /// How the cameras stand to the content.
+    pub layout: Layout,
+    /// The unit direction that is up, as the cameras were held.
+    pub up: Vec3,
+    /// The point that the cameras look at, or stand about where they look outward.
+    pub centre: Vec3,
+    /// The greatest distance of a camera from `centre`, scene units, > 0.
+    pub radius: f32,
+    /// Points on surfaces, where the format has them.
+    pub points: Vec<Vec3>,
+    /// The body that the scene is of, where the format has one.
+    pub body: Option<Body>,
 }
 
-impl fmt::Display for Format {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Procedural => "procedural",
-            Self::Blender => "Blender",
-            Self::Transforms => "transforms.json",
-            Self::Llff => "LLFF",
-            Self::Colmap => "COLMAP",
-            Self::Dtu => "DTU",
-            Self::Zju => "ZJU-MoCap",
-        })
-    }
-}
-
-/// What is behind the scene's content in its images.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Backdrop {
-    /// One known colour, the scene's `background`, which transparent pixels were composited on.
-    #[default]
-    Colour,
-    /// Whatever the camera saw.
-    Unknown,
-}
-
-impl fmt::Display for Backdrop {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Colour => "a known colour",
-            Self::Unknown => "unknown",
-        })
-    }
-}
-
-/// How the cameras stand to what they see.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Layout {
-    /// They look at an object from around it.
-    #[default]
-    Object,
-    /// They stand side by side and look one way.
-    Forward,
-    /// They look outward, as in a room.
-    Inside,
-}
-
-impl fmt::Display for Layout {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Object => "around an object",
-            Self::Forward => "forward facing",
-            Self::Inside => "looking outward",
-        })
-    }
-}
-
-/// Where along a ray a scene's content lies.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case", tag = "kind")]
-pub enum Range {
-    /// Between two distances along the ray.
-    Distance {
-        /// The first, scene units, ≥ 0.
-        near: f32,
-        /// The second, > `near`.
-        far: f32,
-    },
-    /// Between two depths along the camera's viewing axis, as LLFF gives them.
-    Depth {
-        /// The first, scene units, ≥ 0.
-        near: f32,
-        /// The second, > `near`.
-        far: f32,
-    },
-    /// Within `radius` of the point of the ray that is nearest to `centre`, as IDR and NeuS sample it.
-    Sphere {
-        /// The sphere's centre.
-        centre: Vec3,
-        /// Its radius, scene units.
-        radius: f32,
-    },
-}
-
-impl Default for Range {
+impl Default for Space {
     /// That of NeRF's synthetic scenes.
     fn default() -> Self {
-        Self::Distance { near: 2.0, far: 6.0 }
+        Self {
+            near: 2.0,
+            far: 6.0,
+            range: Range::default(),
+            bounds: Aabb::cube(Vec3::ZERO, 1.5),
+            bounded: true,
+            layout: Layout::default(),
+            up: Vec3::Z,
+            centre: Vec3::ZERO,
+            radius: 4.0,
+            points: Vec::new(),
+            body: None,
+        }
     }
 }
 
-impl Range {
-    /// The distances `(near, far)` along `ray`, `0 ≤ near < far`, or `None` where no content lies in front of it.
-    pub fn along(&self, ray: &Ray) -> Option<(f32, f32)> {
-        let (near, far) = match *self {
-            Self::Distance { near, far } => (near, far),
-            Self::Depth { near, far } if ray.cosine > 1e-3 => (near / ray.cosine, far / ray.cosine),
-            Self::Depth { .. } => return None,
-            Self::Sphere { centre, radius } => {
-                let middle = (centre - ray.origin).dot(ray.direction);
-                (middle - radius, middle + radius)
-            }
-        };
-        let near = near.max(0.0);
-        (far.is_finite() && near < far).then_some((near, far))
+impl Space {
+    /// The space of cameras about content with known near and far distance and bounds.
+    pub fn known(cameras: &[Camera], (near, far): (f32, f32), bounds: Aabb) -> Self {
+        Self {
+            near,
+            far,
+            range: Range::Distance { near, far },
+            bounds,
+            layout: Layout::of(cameras),
+            up: up_direction(cameras).as_vec3(),
+            ..Self::default()
+        }
+        .centred(bounds.centre(), cameras)
     }
-}
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+    /// The same with `centre`, and the radius of `cameras` about it, at least a thousandth.
+    pub fn centred(mut self, centre: Vec3, cameras: &[Camera]) -> Self {
+        self.centre = centre;
+        self.radius = cameras.iter().map(|c| c.position().distance(centre)).fold(1e-3, f32::max);
+        self
+    }
 
-    #[test]
-    fn ranges_along_rays() {
-        let ahead = Ray::new(Vec3::new(0.0, 0.0, 3.0), Vec3::NEG_Z);
-        let slanted = Ray { cosine: 0.5, ..ahead };
-        assert_eq!(Range::Distance { near: 1.0, far: 4.0 }.along(&slanted), Some((1.0, 4.0)));
-        let depth = Range::Depth { near: 1.0, far: 4.0 };
-        assert_eq!((depth.along(&ahead), depth.along(&slanted)), (Some((1.0, 4.0)), Some((2.0, 8.0))));
-        assert_eq!(depth.along(&Ray { cosine: -0.1, ..ahead }), None);
-        let sphere = Range::Sphere { centre: Vec3::ZERO, radius: 1.0 };
-        assert_eq!(sphere.along(&ahead), Some((2.0, 4.0)));
-        let within = Ray::new(Vec3::ZERO, Vec3::X);
-        assert_eq!(sphere.along(&within), Some((0.0, 1.0)));
-        assert_eq!(sphere.along(&Ray::new(Vec3::X * 3.0, Vec3::X)), None);
+    /// The same with the near and far distances and the bounds of the file, where it has them.
+    pub fn with(mut self, range: Option<(f32, f32)>, bounds: Option<Aabb>) -> Self {
+        if let Some((near, far)) = range {
+            (self.near, self.far, self.range) = (near, far, Range::Distance { near, far });
+        }
+        if let Some(bounds) = bounds {
+            self.bounds = bounds;
+        }
+        self
     }
 }

@@ -13,9 +13,9 @@ pub fn transforms(scene: &Scene) -> Value {
     let names = |views: &[View]| -> Vec<String> { views.iter().map(|view| view.name.clone()).collect() };
     let frames: Vec<Value> = scene.train.iter().chain(&scene.test).map(frame).collect();
     json!({
-        "near": scene.near,
-        "far": scene.far,
-        "aabb": [scene.bounds.min.to_array(), scene.bounds.max.to_array()],
+        "near": scene.space.near,
+        "far": scene.space.far,
+        "aabb": [scene.space.bounds.min.to_array(), scene.space.bounds.max.to_array()],
         "train_filenames": names(&scene.train),
         "test_filenames": names(&scene.test),
         "frames": frames,
@@ -92,7 +92,10 @@ mod tests {
         write_json(&dir.path().join("transforms.json"), &transforms(&scene));
         let read = load(dir.path(), &request()).unwrap();
         assert_eq!((read.train.len(), read.test.len()), (3, 1));
-        assert_eq!((read.near, read.far, read.bounds), (scene.near, scene.far, scene.bounds));
+        assert_eq!(
+            (read.space.near, read.space.far, read.space.bounds),
+            (scene.space.near, scene.space.far, scene.space.bounds)
+        );
         for (found, expected) in read.train.iter().chain(&read.test).zip(&views) {
             assert_eq!(found.name, expected.name);
             assert_same_rays(&found.camera, &expected.camera);

@@ -32,8 +32,8 @@ pub(crate) fn of(scene: &Scene, cameras: &[Camera], view: usize, count: usize, w
 fn middle(scene: &Scene, camera: &Camera, within: Disparities) -> Option<Vec3> {
     let ray = camera.ray(camera.width as f32 / 2.0, camera.height as f32 / 2.0);
     let (far, near) = within.along(scene, &ray)?;
-    let distance = match scene.layout {
-        Layout::Object => scene.centre.distance(ray.origin).clamp(1.0 / near, 1.0 / far),
+    let distance = match scene.space.layout {
+        Layout::Object => scene.space.centre.distance(ray.origin).clamp(1.0 / near, 1.0 / far),
         Layout::Forward | Layout::Inside => 1.0 / (near * far).sqrt(),
     };
     Some(ray.at(distance))

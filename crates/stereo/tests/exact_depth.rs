@@ -34,7 +34,7 @@ fn matched_pixels_are_where_they_are() {
 fn near_and_far_may_be_far_off() {
     let mut scene = room(ViewSelection::Named("regnerf-3".into()));
     let narrow = depth_maps(&scene, &Settings::default());
-    scene.range = Range::Distance { near: scene.near / 20.0, far: 10.0 * scene.far };
+    scene.space.range = Range::Distance { near: scene.space.near / 20.0, far: 10.0 * scene.space.far };
     for (view, map) in depth_maps(&scene, &Settings::default()).iter().enumerate() {
         let errors = errors(&scene, view, map);
         assert!(errors[errors.len() / 2] < 0.5, "median {}", errors[errors.len() / 2]);

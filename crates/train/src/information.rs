@@ -77,7 +77,7 @@ fn pair(scene: &Scene, query: &InformationQuery<'_>, i: usize) -> (Ray, Ray) {
     let noise = Noise::new(query.seed, 0, Stream::InformationRays);
     let camera = &scene.test[noise.below(i, 0, scene.test.len())].camera;
     let mut rng = generator(Noise::new(query.seed, i as u64, Stream::InformationNeighbours));
-    let near = near_pose_about(&camera.to_world, scene.centre.as_dvec3(), &mut rng, query.max_angle_deg);
+    let near = near_pose_about(&camera.to_world, scene.space.centre.as_dvec3(), &mut rng, query.max_angle_deg);
     let x = noise.uniform(i, 1) * camera.width as f32;
     let y = noise.uniform(i, 2) * camera.height as f32;
     (camera.ray(x, y), camera.with_pose(near).ray(x, y))

@@ -13,7 +13,7 @@ pub(crate) struct Photographs(Sources);
 
 impl Photographs {
     pub(crate) fn new(scene: &Scene) -> Self {
-        let middle = scene.bounds.min.midpoint(scene.bounds.max).to_array();
+        let middle = scene.space.bounds.min.midpoint(scene.space.bounds.max).to_array();
         Self(Sources { views: scene.train.iter().map(source).collect(), middle })
     }
 

@@ -38,7 +38,7 @@ pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<
         scene,
         config,
         warp: renderer.warp(),
-        clip: clips.then_some(scene.bounds),
+        clip: clips.then_some(scene.space.bounds),
         low,
         cell: (high - low) / cells as f32,
         cells: [cells; 3],

@@ -61,17 +61,17 @@ pub(crate) fn of_field(subjects: &Subjects<'_>, resolution: usize) -> Result<Val
         Some(package) => package,
         None => baked::package(subjects, resolution)?,
     };
-    let (near, far) = match scene.range {
+    let (near, far) = match scene.space.range {
         Range::Distance { near, far } | Range::Depth { near, far } => (near, far),
-        Range::Sphere { .. } => (scene.near, scene.far),
+        Range::Sphere { .. } => (scene.space.near, scene.space.far),
     };
     package["background"] = json!(scene.background);
     package["near"] = json!(near);
     package["far"] = json!(far);
-    package["up"] = json!(scene.up.to_array());
-    package["centre"] = json!(scene.centre.to_array());
-    package["radius"] = json!(scene.radius);
-    package["inside"] = json!(scene.layout == Layout::Inside);
+    package["up"] = json!(scene.space.up.to_array());
+    package["centre"] = json!(scene.space.centre.to_array());
+    package["radius"] = json!(scene.space.radius);
+    package["inside"] = json!(scene.space.layout == Layout::Inside);
     Ok(package)
 }
 

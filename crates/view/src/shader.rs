@@ -62,7 +62,7 @@ impl March<'_> {
         }
         let _ = writeln!(text, "const ivec3 GRID = {};", integers3(self.cells));
         let _ = writeln!(text, "#define NORMAL_STEP(t) {}", self.normal_step());
-        text += &range(&self.scene.range);
+        text += &range(&self.scene.space.range);
         let colours = (0..COLOURS).map(|i| vector(turbo(i as f32 / (COLOURS - 1) as f32).into()));
         let colours = colours.collect::<Vec<_>>().join(", ");
         let _ = writeln!(text, "const vec3 TURBO[{COLOURS}] = vec3[{COLOURS}]({colours});");

@@ -82,7 +82,7 @@ fn the_page_draws_what_the_program_renders() {
         eprintln!("camera {view}: {colour:.1} dB, page of {length} bytes");
         assert!(colour > 35.0, "camera {view}: {colour} dB");
         // Depth as the report shows it.
-        let (near, far) = (run.scene().near, run.scene().far);
+        let (near, far) = (run.scene().space.near, run.scene().space.far);
         let depth = infonerf_report::depth_image(&image.depth, &image.acc, SIZE, SIZE, near, far).unwrap();
         let of_depth = psnr(&pixels(&file, &format!("camera={view}&mode=depth")), &depth);
         eprintln!("camera {view}: depth {of_depth:.1} dB");

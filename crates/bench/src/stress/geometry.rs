@@ -6,7 +6,7 @@ use fastrand::Rng;
 use infonerf_experiment::RunPlan;
 use infonerf_ops::{reference, to_host};
 use infonerf_render::RenderRequest;
-use infonerf_scene::{Aabb, Ray};
+use infonerf_scene::{Aabb, Range, Ray, Space};
 use infonerf_schedule::Moment;
 use infonerf_train::Trainer;
 
@@ -116,9 +116,9 @@ pub(super) fn rendered(
     let plan =
         with_settings(plan, &["scene.size=8", "train.downscale=1", "field.resolutions=[4,8]", "render.samples=48"])?;
     let mut scene = plan.load()?;
-    (scene.near, scene.far) = (0.0, 1e5 * scale);
-    scene.range = infonerf_scene::Range::Distance { near: scene.near, far: scene.far };
-    scene.bounds = Aabb::cube([0.0; 3].into(), scale);
+    let (near, far) = (0.0, 1e5 * scale);
+    let (range, bounds) = (Range::Distance { near, far }, Aabb::cube([0.0; 3].into(), scale));
+    scene.space = Space { near, far, range, bounds, ..scene.space };
     let trainer = Trainer::new(&plan.config, scene, plan.seed, None, device)?;
     let rays = rays(draw, scale, count, rng);
     let request = RenderRequest { color: true };

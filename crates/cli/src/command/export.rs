@@ -180,7 +180,7 @@ impl Sampled {
             surface = surface.simplified(triangles);
         }
         let mesh = Mesh::new(surface, &self.volume);
-        let bytes = encode(&mesh, self.trained.scene().up)?;
+        let bytes = encode(&mesh, self.trained.scene().space.up)?;
         let Mesh { surface, .. } = mesh;
         let (vertices, triangles) = (surface.positions.len(), surface.triangles.len());
         let dropped = surface.dropped;

@@ -16,7 +16,7 @@ pub(super) fn write_pictures(folder: &Path, scene: &Scene, view: &View, result: 
     let pictures = [
         ("test", to_rgb8(&image.rgb, width, height)?),
         ("truth", to_rgb8(&view.image.rgb, width, height)?),
-        ("depth", depth_image(&image.depth, &image.acc, width, height, scene.near, scene.far)?),
+        ("depth", depth_image(&image.depth, &image.acc, width, height, scene.space.near, scene.space.far)?),
         ("error", error_image(&image.rgb, &view.image.rgb, width, height)?),
     ];
     for (kind, picture) in pictures {

@@ -35,7 +35,7 @@ impl Trained {
         TrainedVolume {
             models: self.models(),
             warp: renderer.warp().clone(),
-            bounds: self.scene().bounds,
+            bounds: self.scene().space.bounds,
             cameras: self.scene().train.iter().map(|view| view.camera.position()).collect(),
             step: renderer.step_length(Moment::END),
         }

@@ -30,11 +30,11 @@ impl TermSpec for DistortionConfig {
     }
 
     fn left_out(&self, scene: &Scene) -> Option<&'static str> {
-        (!scene.bounded).then_some("left out: the scene has no end, so that shares of its depth say nothing")
+        (!scene.space.bounded).then_some("left out: the scene has no end, so that shares of its depth say nothing")
     }
 
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
-        Ok(Box::new(Distortion { rays: self.rays, near: setup.scene.near, far: setup.scene.far }))
+        Ok(Box::new(Distortion { rays: self.rays, near: setup.scene.space.near, far: setup.scene.space.far }))
     }
 }
 

@@ -26,8 +26,8 @@ pub struct OcclusionConfig {
 impl OcclusionConfig {
     /// The distance up to which density is penalised.
     fn reach(&self, scene: &Scene) -> f32 {
-        let (near, far) = (scene.near, scene.far);
-        if scene.bounded {
+        let (near, far) = (scene.space.near, scene.space.far);
+        if scene.space.bounded {
             near + self.share * (far - near)
         } else {
             let near = near.max(1e-6 * far);
@@ -83,6 +83,8 @@ impl Term for Occlusion {
 
 #[cfg(test)]
 mod tests {
+    use infonerf_scene::Space;
+
     use super::*;
     use crate::testing;
 
@@ -97,10 +99,11 @@ mod tests {
     #[test]
     fn the_reach_is_a_share_of_distance_or_disparity() {
         let config = OcclusionConfig { weight: 1.0.into(), share: 0.25, rays: RaySet::Seen };
-        let scene = Scene { near: 2.0, far: 6.0, ..Scene::default() };
+        let scene = Scene::default();
         approx::assert_relative_eq!(config.reach(&scene), 3.0);
         // Disparities from 1 to 0.2, of which 0.8 is a quarter of the way.
-        let scene = Scene { near: 1.0, far: 5.0, bounded: false, ..Scene::default() };
+        let scene =
+            Scene { space: Space { near: 1.0, far: 5.0, bounded: false, ..Space::default() }, ..Scene::default() };
         approx::assert_relative_eq!(config.reach(&scene), 1.25);
         assert!(OcclusionConfig { share: 1.5, ..config }.validate().is_err());
     }

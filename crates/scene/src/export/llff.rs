@@ -58,7 +58,7 @@ mod tests {
         export("room", 12, Format::Llff, guard.path()).unwrap();
         let chosen = SceneRequest { train: "regnerf-3".parse().unwrap(), test: TestProtocol::Split, ..request() };
         let scene = load(guard.path(), &chosen).unwrap();
-        assert_eq!((scene.format, scene.layout), (Format::Llff, Layout::Forward));
+        assert_eq!((scene.format, scene.space.layout), (Format::Llff, Layout::Forward));
         assert_eq!((scene.train.len(), scene.test.len()), (3, 5));
         let cameras = procedural::photographs("room", 12, VIEWS);
         // The third of 35 training views: 39 of all.
@@ -77,7 +77,7 @@ mod tests {
         let scale = view.camera.position().distance(a.position()) / cameras[39].position().distance(p.position());
         assert!((b.position().distance(a.position()) / q.position().distance(p.position()) / scale - 1.0).abs() < 1e-4);
         // Bounds are those of what is seen.
-        let (near, far) = (scene.near / 0.9 / scale, scene.far / scale);
+        let (near, far) = (scene.space.near / 0.9 / scale, scene.space.far / scale);
         assert!((0.4..3.0).contains(&near) && (3.0..9.0).contains(&far), "{near} {far}");
     }
 }

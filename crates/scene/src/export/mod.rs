@@ -137,8 +137,8 @@ mod tests {
             assert_eq!((&a.image, &a.camera, &a.name), (&b.image, &b.camera, &b.name));
         }
         assert_eq!(loaded.all_train_cameras, direct.all_train_cameras);
-        assert_eq!((loaded.near, loaded.far), (direct.near, direct.far));
-        assert_eq!((loaded.bounds, loaded.name), (direct.bounds, direct.name));
+        assert_eq!((loaded.space.near, loaded.space.far), (direct.space.near, direct.space.far));
+        assert_eq!((loaded.space.bounds, loaded.name), (direct.space.bounds, direct.name));
     }
 
     #[test]

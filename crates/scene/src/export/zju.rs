@@ -96,7 +96,7 @@ mod tests {
         let chosen = SceneRequest { train: "infonerf-4".parse().unwrap(), test: TestProtocol::Split, ..request() };
         let scene = load(guard.path(), &chosen).unwrap();
         assert_eq!((scene.format, scene.train.len(), scene.test.len()), (Format::Zju, 4, 19));
-        assert_eq!(scene.body, procedural::body("figure").unwrap());
+        assert_eq!(scene.space.body, procedural::body("figure").unwrap());
         let cameras = procedural::photographs("figure", 16, VIEWS);
         for view in scene.train.iter().chain(&scene.test) {
             let camera = cameras[view.id].with_lens(lens());

@@ -77,7 +77,7 @@ pub fn check(scene: &Scene) -> Vec<Warning> {
 }
 
 fn off_the_box(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
-    let (centre, diagonal) = (scene.bounds.centre(), scene.bounds.size().length());
+    let (centre, diagonal) = (scene.space.bounds.centre(), scene.space.bounds.size().length());
     let far = cameras.iter().filter(|c| c.position().distance(centre) > FAR_OFF * diagonal).count();
     (far > 0).then(|| {
         format!(
@@ -88,7 +88,7 @@ fn off_the_box(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
 }
 
 fn blind(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
-    let sees = |camera: &Camera| grid(camera).any(|ray| scene.bounds.intersect(&ray).is_some());
+    let sees = |camera: &Camera| grid(camera).any(|ray| scene.space.bounds.intersect(&ray).is_some());
     let blind = cameras.iter().filter(|camera| !sees(camera)).count();
     (blind > 0).then(|| {
         format!("{blind} of {} cameras do not see the box: are the axes of the poses OpenGL's?", cameras.len())
@@ -99,7 +99,7 @@ fn tilted(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
     if cameras.len() < 2 {
         return None;
     }
-    let up = scene.up.as_dvec3();
+    let up = scene.space.up.as_dvec3();
     let agreement = cameras.iter().map(|c| c.to_world.y_axis.truncate().dot(up)).sum::<f64>() / cameras.len() as f64;
     let steep = cameras.iter().map(|c| c.forward_f64().dot(up).abs()).sum::<f64>() / cameras.len() as f64;
     // Cameras that look straight down or up say little of it.
@@ -113,12 +113,12 @@ fn baseline(scene: &Scene) -> Option<String> {
     if scene.train.len() < 2 {
         return None;
     }
-    let outward = scene.layout == Layout::Inside;
+    let outward = scene.space.layout == Layout::Inside;
     let direction = |view: &View| {
         if outward {
             view.camera.forward_f64()
         } else {
-            (view.camera.position() - scene.centre).as_dvec3().normalize_or_zero()
+            (view.camera.position() - scene.space.centre).as_dvec3().normalize_or_zero()
         }
     };
     let directions: Vec<_> = scene.train.iter().map(direction).collect();
@@ -199,10 +199,10 @@ fn spread(image: &Image) -> f32 {
 
 /// Points that the cameras have in their image, but not between near and far.
 fn beyond(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
-    let step = scene.points.len().div_ceil(2000).max(1);
+    let step = scene.space.points.len().div_ceil(2000).max(1);
     let (mut seen, mut outside) = (0u32, 0u32);
     for camera in cameras {
-        for &point in scene.points.iter().step_by(step) {
+        for &point in scene.space.points.iter().step_by(step) {
             let Some(pixel) = camera.project(point) else { continue };
             if pixel.x < 0.0 || pixel.y < 0.0 || pixel.x > camera.width as f32 || pixel.y > camera.height as f32 {
                 continue;
@@ -250,12 +250,13 @@ mod tests {
             concerns(&scene)
         };
         assert_eq!(changed(&|s| s.warnings.push("x".into())), [Concern::Data]);
-        assert!(changed(&|s| s.bounds = Aabb::cube(Vec3::ZERO, 0.01)).contains(&Concern::Cameras));
-        assert_eq!(changed(&|s| s.bounds = Aabb::cube(Vec3::X * 50.0, 1.0)), [Concern::Cameras]);
-        assert_eq!(changed(&|s| s.up = Vec3::X), [Concern::Up]);
-        assert_eq!(changed(&|s| s.points = vec![Vec3::ZERO; 4]), []);
+        assert!(changed(&|s| s.space.bounds = Aabb::cube(Vec3::ZERO, 0.01)).contains(&Concern::Cameras));
+        assert_eq!(changed(&|s| s.space.bounds = Aabb::cube(Vec3::X * 50.0, 1.0)), [Concern::Cameras]);
+        assert_eq!(changed(&|s| s.space.up = Vec3::X), [Concern::Up]);
+        assert_eq!(changed(&|s| s.space.points = vec![Vec3::ZERO; 4]), []);
         assert_eq!(
-            changed(&|s| (s.points, s.range) = (vec![Vec3::ZERO; 4], crate::Range::Distance { near: 1.0, far: 2.0 })),
+            changed(&|s| (s.space.points, s.space.range) =
+                (vec![Vec3::ZERO; 4], crate::Range::Distance { near: 1.0, far: 2.0 })),
             [Concern::Range]
         );
         assert_eq!(changed(&|s| s.train[1].image = Arc::new(Image::filled(24, 24, [0.5; 3]))), [Concern::Images]);

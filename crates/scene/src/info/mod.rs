@@ -160,20 +160,10 @@ impl SceneSource {
 /// Those of [`crate::load`] that concern the poses.
 pub fn outline(path: &Path) -> Result<Scene, SceneError> {
     let parts = loaders::parts(path, &SceneRequest::default())?;
-    let space = parts.space;
     Ok(Scene {
         name: loaders::scene_name(path),
         format: parts.format,
-        near: space.near,
-        far: space.far,
-        range: space.range,
-        bounds: space.bounds,
-        bounded: space.bounded,
-        layout: space.layout,
-        up: space.up,
-        centre: space.centre,
-        radius: space.radius,
-        points: space.points,
+        space: parts.space,
         all_train_cameras: parts.train.iter().map(|frame| frame.nominal_camera()).collect(),
         warnings: parts.warnings,
         ..Scene::default()

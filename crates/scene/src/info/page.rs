@@ -16,21 +16,21 @@ pub fn info_page(scene: &Scene) -> String {
     let train = scene.train.iter().map(|v| drawn(&v.camera, &v.name, "train"));
     let test = scene.test.iter().map(|v| drawn(&v.camera, &v.name, "test"));
     let cameras: Vec<Value> = others.chain(test).chain(train).collect();
-    let step = scene.points.len().div_ceil(MOST_POINTS).max(1);
-    let points: Vec<_> = scene.points.iter().step_by(step).map(|p| p.to_array()).collect();
+    let step = scene.space.points.len().div_ceil(MOST_POINTS).max(1);
+    let points: Vec<_> = scene.space.points.iter().step_by(step).map(|p| p.to_array()).collect();
     let data = json!({
         "cameras": cameras,
         "points": points,
-        "box": [scene.bounds.min.to_array(), scene.bounds.max.to_array()],
-        "centre": scene.centre.to_array(),
-        "radius": scene.radius,
-        "up": scene.up.to_array(),
-        "near": scene.near,
-        "far": scene.far,
+        "box": [scene.space.bounds.min.to_array(), scene.space.bounds.max.to_array()],
+        "centre": scene.space.centre.to_array(),
+        "radius": scene.space.radius,
+        "up": scene.space.up.to_array(),
+        "near": scene.space.near,
+        "far": scene.space.far,
     });
     let words = format!(
         "{}: {}, cameras {}, near {:.3}, far {:.3}",
-        scene.name, scene.format, scene.layout, scene.near, scene.far
+        scene.name, scene.format, scene.space.layout, scene.space.near, scene.space.far
     );
     let warnings =
         scene.warnings.iter().map(|w| format!("<p class=\"warning\">{}</p>", escaped(w))).collect::<String>();
@@ -53,6 +53,7 @@ fn escaped(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Space;
     use crate::procedural::train_cameras;
     use glam::Vec3;
 
@@ -61,7 +62,7 @@ mod tests {
         let scene = Scene {
             name: "<b>".into(),
             all_train_cameras: train_cameras(8),
-            points: vec![Vec3::X; 20_000],
+            space: Space { points: vec![Vec3::X; 20_000], ..Space::default() },
             warnings: vec!["a < b".into()],
             ..Scene::default()
         };

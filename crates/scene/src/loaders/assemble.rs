@@ -8,10 +8,9 @@ use rayon::prelude::*;
 use super::depth::read_depth;
 use super::frames::Frame;
 use super::mask::{MaskRole, lens_mask, read_mask};
-use super::space::Space;
 use crate::image::{dimensions, has_alpha, read_rgba, resized_dimensions, resized_mask};
 use crate::select::pool::{self, Named};
-use crate::{Backdrop, Camera, Format, Layout, PixelCount, Scene, SceneError, SceneRequest, TestProtocol, View};
+use crate::{Backdrop, Camera, Format, Layout, PixelCount, Scene, SceneError, SceneRequest, Space, TestProtocol, View};
 
 /// The most that the chosen images may take in memory together, in bytes: 3.75 GiB.
 const MOST_BYTES: u64 = 15 << 28;
@@ -129,7 +128,6 @@ pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene
         Ok(views)
     };
     let (train, test) = (read(&train)?, read(&test)?);
-    let space = parts.space;
     let mut warnings = parts.warnings;
     let bent = train.iter().chain(&test).filter(|v| lens_mask(&v.camera).is_some()).count();
     if bent > 0 {
@@ -140,6 +138,8 @@ pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene
     } else {
         Backdrop::Unknown
     };
+    let mut space = parts.space;
+    space.bounded |= backdrop == Backdrop::Colour && space.layout == Layout::Object;
     Ok(Scene {
         name: scene_name(parts.dir),
         train,
@@ -147,17 +147,7 @@ pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene
         format: parts.format,
         background,
         backdrop,
-        near: space.near,
-        far: space.far,
-        range: space.range,
-        bounds: space.bounds,
-        bounded: space.bounded || (backdrop == Backdrop::Colour && space.layout == Layout::Object),
-        layout: space.layout,
-        up: space.up,
-        centre: space.centre,
-        radius: space.radius,
-        points: space.points,
-        body: space.body,
+        space,
         all_train_cameras: parts.train.iter().map(|f| f.camera(native.0, native.1).resized(size.0, size.1)).collect(),
         warnings,
     })

@@ -7,9 +7,8 @@ use glam::Vec3;
 use super::assemble::Parts;
 use super::extent::capture_space;
 use super::frames::{Frame, read_transforms};
-use super::space::{Space, camera_layout};
 use crate::poses::ViewRegion;
-use crate::{Aabb, Camera, Format, Layout, SceneError, SceneRequest, ViewSelection};
+use crate::{Aabb, Camera, Format, Layout, SceneError, SceneRequest, Space, ViewSelection};
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "transforms_train.json";
@@ -40,8 +39,8 @@ pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, Sc
     };
     let mut space = space.with(train.range, train.bounds);
     if train.bounds.is_some() && space.layout == Layout::Object {
-        space.centre = space.bounds.centre();
-        space.radius = super::space::farthest(&cameras, space.centre);
+        let centre = space.bounds.centre();
+        space = space.centred(centre, &cameras);
     }
     let mut parts = Parts::new(dir, Format::Blender, train.frames, test.frames, space);
     parts.warnings.extend(warning);
@@ -66,7 +65,7 @@ fn space(cameras: &[Camera]) -> (Space, Option<String>) {
     if usual {
         return (Space::known(cameras, RANGE, Aabb::cube(Vec3::ZERO, HALF_EDGE)), None);
     }
-    let space = match camera_layout(cameras) {
+    let space = match Layout::of(cameras) {
         Layout::Object => object_space(cameras),
         _ => capture_space(cameras, Vec::new(), Vec::new()),
     };
@@ -120,11 +119,14 @@ mod tests {
         let scene = load(&dir, &request()).unwrap();
         assert_eq!(scene.name, "toy");
         assert_eq!((scene.train.len(), scene.test.len()), (3, 2));
-        assert_eq!((scene.near, scene.far), (2.0, 6.0));
+        assert_eq!((scene.space.near, scene.space.far), (2.0, 6.0));
         assert_eq!(scene.train[1].name, "train/r_1");
         assert_eq!(*scene.train[1].image, image(8, 1).to_f32().composite([1.0; 3]));
-        assert_eq!((scene.format, scene.backdrop, scene.layout), (Format::Blender, Backdrop::Colour, Layout::Object));
-        assert!(scene.bounded && scene.warnings.is_empty(), "{:?}", scene.warnings);
+        assert_eq!(
+            (scene.format, scene.backdrop, scene.space.layout),
+            (Format::Blender, Backdrop::Colour, Layout::Object)
+        );
+        assert!(scene.space.bounded && scene.warnings.is_empty(), "{:?}", scene.warnings);
         let camera = &scene.train[1].camera;
         assert_eq!(camera.to_world, crate::procedural::train_cameras(8)[1].to_world);
         assert!((camera.fx - 4.0 / (0.6911112f64 / 2.0).tan()).abs() < 1e-12);
@@ -181,8 +183,8 @@ mod tests {
         edit(&json, "/far", Some(json!(9)));
         edit(&json, "/aabb", Some(json!([[-1, -2, -3], [1, 2, 3]])));
         let scene = load(&dir, &request()).unwrap();
-        assert_eq!((scene.near, scene.far), (0.5, 9.0));
-        assert_eq!(scene.bounds.max, Vec3::new(1.0, 2.0, 3.0));
+        assert_eq!((scene.space.near, scene.space.far), (0.5, 9.0));
+        assert_eq!(scene.space.bounds.max, Vec3::new(1.0, 2.0, 3.0));
         edit(&json, "/far", Some(json!(0.5)));
         assert!(message(&dir, &request()).contains("field `far`: expected a distance beyond"));
         edit(&json, "/far", None);
@@ -204,14 +206,14 @@ mod tests {
             }
         }
         let scene = load(&dir, &request()).unwrap();
-        assert!((scene.centre - Vec3::X * 100.0).length() < 0.1, "{}", scene.centre);
-        assert!((scene.bounds.size() - Vec3::splat(30.4)).length() < 1.0, "{:?}", scene.bounds);
-        assert!((8.0..20.0).contains(&scene.near) && (60.0..70.0).contains(&scene.far));
+        assert!((scene.space.centre - Vec3::X * 100.0).length() < 0.1, "{}", scene.space.centre);
+        assert!((scene.space.bounds.size() - Vec3::splat(30.4)).length() < 1.0, "{:?}", scene.space.bounds);
+        assert!((8.0..20.0).contains(&scene.space.near) && (60.0..70.0).contains(&scene.space.far));
         assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("derived from the cameras"));
         let json = dir.join("transforms_train.json");
         edit(&json, "/near", Some(json!(0.5)));
         edit(&json, "/far", Some(json!(9)));
-        assert_eq!(load(&dir, &request()).unwrap().far, 9.0);
+        assert_eq!(load(&dir, &request()).unwrap().space.far, 9.0);
     }
 
     #[test]

@@ -155,10 +155,10 @@ mod tests {
             }
             assert_eq!(scene.warnings.len(), 1);
             assert!(scene.warnings[0].contains("1 of 9 frames have no image"), "{:?}", scene.warnings);
-            assert_eq!((scene.layout, scene.backdrop), (Layout::Object, Backdrop::Colour));
-            assert_eq!(scene.points.len(), 200);
-            assert!((2.0..3.1).contains(&scene.near) && (4.9..6.5).contains(&scene.far), "{scene:?}");
-            assert!((scene.bounds.max.x - 1.2).abs() < 0.05);
+            assert_eq!((scene.space.layout, scene.backdrop), (Layout::Object, Backdrop::Colour));
+            assert_eq!(scene.space.points.len(), 200);
+            assert!((2.0..3.1).contains(&scene.space.near) && (4.9..6.5).contains(&scene.space.far), "{scene:?}");
+            assert!((scene.space.bounds.max.x - 1.2).abs() < 0.05);
         }
     }
 

@@ -12,11 +12,10 @@ use super::frames::Frame;
 use super::llff::list_images;
 use super::mask::MaskRole;
 use super::npy::Array;
-use super::space::Space;
 use super::{npz, pose};
 use crate::colmap::opengl;
 use crate::image::dimensions;
-use crate::{Aabb, Camera, Format, Layout, Range, SceneError, SceneRequest};
+use crate::{Aabb, Camera, Format, Layout, Range, SceneError, SceneRequest, Space};
 
 /// The files that mark this format.
 pub(super) const MARKER: &str = "cameras_sphere.npz, cameras.npz";
@@ -269,11 +268,11 @@ mod tests {
             let mask = view.mask.as_deref().unwrap();
             assert!(!mask[95] && mask[96]);
         }
-        assert_eq!((scene.format, scene.layout, scene.bounded), (Format::Dtu, Layout::Object, true));
+        assert_eq!((scene.format, scene.space.layout, scene.space.bounded), (Format::Dtu, Layout::Object, true));
         let ray = scene.train[0].camera.ray(8.25, 5.75);
         let (near, far) = scene.interval(&ray).unwrap();
         assert!((near - 3.0311).abs() < 1e-3 && (far - 5.0311).abs() < 1e-3);
-        assert_eq!(scene.bounds.max, Vec3::ONE);
+        assert_eq!(scene.space.bounds.max, Vec3::ONE);
         assert!(scene.warnings[0].contains("9 views instead of DTU's 49"));
         // Nothing that is trained on is tested on.
         let all = load(guard.path(), &SceneRequest { train: ViewSelection::Ids(vec![4, 2]), ..request() }).unwrap();
@@ -309,7 +308,7 @@ mod tests {
         fs::rename(dir.join("cameras_sphere.npz"), dir.join("cameras.npz")).unwrap();
         let scene = load(&dir, &request()).unwrap();
         assert_same_view(&scene.train[0], &cameras[1]);
-        assert_eq!((scene.near, scene.far), (0.1, 5.0));
+        assert_eq!((scene.space.near, scene.space.far), (0.1, 5.0));
         assert_eq!(scene.backdrop, Backdrop::Colour, "knot has an alpha channel");
     }
 

@@ -2,9 +2,8 @@
 
 use glam::Vec3;
 
-use super::space::{Space, camera_layout};
 use crate::poses::{ViewRegion, up_direction};
-use crate::{Aabb, Camera, Layout, Range, TestProtocol};
+use crate::{Aabb, Camera, Layout, Range, Space, TestProtocol};
 
 /// Every this many views one is held out for test, starting with the first.
 const HOLD_OUT: usize = 8;
@@ -83,7 +82,7 @@ pub(super) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
 
 /// How the cameras stand, where points may show that the content lies beyond them.
 fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> Layout {
-    let layout = camera_layout(cameras);
+    let layout = Layout::of(cameras);
     if layout != Layout::Object || points.len() < FEWEST_POINTS {
         return layout;
     }

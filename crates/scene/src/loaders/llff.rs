@@ -11,10 +11,9 @@ use super::frames::{Frame, known_extension, numbered};
 use super::json::PIXELS;
 use super::npy::Array;
 use super::optics::Intrinsics;
-use super::space::Space;
 use super::{npy, pose};
 use crate::image::dimensions;
-use crate::{Camera, Format, Layout, Lens, Range, SceneError, SceneRequest};
+use crate::{Camera, Format, Layout, Lens, Range, SceneError, SceneRequest, Space};
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "poses_bounds.npy";
@@ -98,8 +97,7 @@ fn space(cameras: &[Camera], (near, far): (f32, f32)) -> Option<Space> {
         let n = cameras.len().max(1) as f32;
         let mean = cameras.iter().map(Camera::position).sum::<glam::Vec3>() / n;
         let ahead = cameras.iter().map(Camera::forward).sum::<glam::Vec3>().normalize_or(glam::Vec3::NEG_Z);
-        space.centre = mean + middle * ahead;
-        space.radius = super::space::farthest(cameras, space.centre);
+        space = space.centred(mean + middle * ahead, cameras);
     }
     Some(space)
 }
@@ -319,18 +317,18 @@ mod tests {
         assert!((camera.position() - Vec3::X * (1.0 - 4.0) * scale).length() < 1e-6);
         assert!((camera.forward() - Vec3::NEG_Z).length() < 1e-6);
         assert!((camera.to_world.y_axis.truncate() - DVec3::Y).length() < 1e-9);
-        assert!((scene.near - 0.9 * 2.0 * scale).abs() < 1e-6);
+        assert!((scene.space.near - 0.9 * 2.0 * scale).abs() < 1e-6);
         // Far is a depth: along the ray through a corner it is farther away.
         let corner = camera.ray(0.0, 0.0);
         let (near, far) = scene.interval(&corner).unwrap();
         let slant = (1.0 + 2.0 * 0.4f32 * 0.4).sqrt();
-        assert!((near - scene.near * slant).abs() < 1e-5 && (far - 10.0 * scale * slant).abs() < 1e-4);
+        assert!((near - scene.space.near * slant).abs() < 1e-5 && (far - 10.0 * scale * slant).abs() < 1e-4);
         assert!((scene.interval(&camera.ray(8.0, 8.0)).unwrap().1 - 10.0 * scale).abs() < 1e-4);
-        assert!((scene.far - far).abs() < 1e-4, "no ray goes farther");
-        assert!((scene.bounds.min.z + 10.0 * scale).abs() < 1e-4, "bounds reach the farthest depth");
-        assert!(scene.bounds.contains(corner.at(0.999 * far)));
-        assert_eq!((scene.format, scene.layout, scene.bounded), (Format::Llff, Layout::Forward, false));
-        assert_eq!(scene.up, Vec3::Y);
+        assert!((scene.space.far - far).abs() < 1e-4, "no ray goes farther");
+        assert!((scene.space.bounds.min.z + 10.0 * scale).abs() < 1e-4, "bounds reach the farthest depth");
+        assert!(scene.space.bounds.contains(corner.at(0.999 * far)));
+        assert_eq!((scene.format, scene.space.layout, scene.space.bounded), (Format::Llff, Layout::Forward, false));
+        assert_eq!(scene.space.up, Vec3::Y);
         assert_eq!((camera.width, camera.fx), (16, 20.0));
     }
 
@@ -422,7 +420,7 @@ mod tests {
         for camera in &scene.all_train_cameras {
             assert!(camera.forward().dot(Vec3::NEG_Z) > 0.9 && camera.position().length() < 1.0);
         }
-        assert!((scene.near - 1.2).abs() < 1e-3 && scene.far > 2.0 && scene.far < 20.0);
-        assert!(scene.bounds.contains(Vec3::new(0.0, 0.0, -2.0)));
+        assert!((scene.space.near - 1.2).abs() < 1e-3 && scene.space.far > 2.0 && scene.space.far < 20.0);
+        assert!(scene.space.bounds.contains(Vec3::new(0.0, 0.0, -2.0)));
     }
 }

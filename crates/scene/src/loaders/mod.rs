@@ -17,7 +17,6 @@ mod npz;
 mod optics;
 mod pickle;
 mod pose;
-mod space;
 mod zju;
 
 pub(crate) use assemble::scene_name;

@@ -105,11 +105,11 @@ mod tests {
         let centre = camera.project(camera.position() + camera.forward()).unwrap();
         assert!((centre - Vec2::new(4.5, 3.5)).length() < 1e-4);
         // The scene lies about the point that all cameras look at.
-        assert!(scene.bounds.centre().length() < 1e-3 && scene.near < 3.0 && scene.far > 5.0);
+        assert!(scene.space.bounds.centre().length() < 1e-3 && scene.space.near < 3.0 && scene.space.far > 5.0);
 
         edit(&json, "/near", Some(json!(1.0)));
         edit(&json, "/far", Some(json!(2.0)));
-        assert_eq!(load(&dir, &request()).unwrap().far, 2.0);
+        assert_eq!(load(&dir, &request()).unwrap().space.far, 2.0);
     }
 
     #[test]
@@ -201,7 +201,7 @@ mod tests {
             }
             assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
             assert!(scene.warnings[0].starts_with("1 of 6 frames have no image, the first "));
-            assert!((scene.bounds.size().x - 4.0 / 0.33).abs() < 1e-4, "instant-ngp's box");
+            assert!((scene.space.bounds.size().x - 4.0 / 0.33).abs() < 1e-4, "instant-ngp's box");
         }
     }
 

@@ -11,11 +11,10 @@ use super::extent::capture_space;
 use super::frames::Frame;
 use super::mask::{MaskRole, read_mask};
 use super::pickle::{self, Pickle, Value};
-use super::space::Space;
 use super::{npy, pose, read_file};
 use crate::colmap::opengl;
 use crate::image::dimensions;
-use crate::{Aabb, Body, Camera, Format, Layout, Lens, SceneError, SceneRequest};
+use crate::{Aabb, Body, Camera, Format, Layout, Lens, SceneError, SceneRequest, Space};
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "annots.npy";
@@ -340,16 +339,16 @@ mod tests {
             }
         }
         assert_eq!((scene.format, scene.background, scene.backdrop), (Format::Zju, [0.0; 3], Backdrop::Colour));
-        assert!(scene.bounded && scene.bounds.size().max_element() < 4.0, "{:?}", scene.bounds);
-        assert!(scene.bounds.contains(Vec3::ZERO) && scene.near > 1.0 && scene.far < 8.0);
+        assert!(scene.space.bounded && scene.space.bounds.size().max_element() < 4.0, "{:?}", scene.space.bounds);
+        assert!(scene.space.bounds.contains(Vec3::ZERO) && scene.space.near > 1.0 && scene.space.far < 8.0);
         // A body gives the box.
         fs::create_dir(guard.path().join("new_vertices")).unwrap();
         let body = guard.path().join("new_vertices/2.npy");
         npy::write(&body, &[2, 3], &[-1.0, -1.0, 0.0, 1.0, 0.5, 1.5]).unwrap();
         let scene = load(guard.path(), &second()).unwrap();
-        assert!((scene.bounds.max - Vec3::new(1.05, 0.55, 1.55)).length() < 1e-6);
+        assert!((scene.space.bounds.max - Vec3::new(1.05, 0.55, 1.55)).length() < 1e-6);
         let vertices = vec![Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 0.5, 1.5)];
-        assert_eq!(scene.body, Some(Body::unposed(vertices)));
+        assert_eq!(scene.space.body, Some(Body::unposed(vertices)));
         // And how it is posed: a quarter turn about z.
         fs::create_dir(guard.path().join("new_params")).unwrap();
         let pose = guard.path().join("new_params/2.npy");
@@ -357,7 +356,7 @@ mod tests {
             dict(&[("Rh", numbers(&[1, 3], &[0.0, 0.0, turn])), ("Th", numbers(&[1, 3], &[0.1, 0.2, 0.3]))])
         };
         write(&pose, &object(of(std::f64::consts::FRAC_PI_2)));
-        let posed = load(guard.path(), &second()).unwrap().body.unwrap();
+        let posed = load(guard.path(), &second()).unwrap().space.body.unwrap();
         assert!((posed.axes * Vec3::X - Vec3::Y).length() < 1e-6, "{:?}", posed.axes);
         assert_eq!(posed.origin, Vec3::new(0.1, 0.2, 0.3));
         write(&pose, &object(of(f64::NAN)));

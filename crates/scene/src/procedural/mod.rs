@@ -28,8 +28,8 @@ use rayon::prelude::*;
 
 use crate::select::pool;
 use crate::{
-    Aabb, Backdrop, Body, Camera, PixelCount, Range, Rgba8, RgbaImage, Scene, SceneError, SceneRequest, TestProtocol,
-    View, loaders,
+    Aabb, Backdrop, Body, Camera, PixelCount, Range, Rgba8, RgbaImage, Scene, SceneError, SceneRequest, Space,
+    TestProtocol, View, loaders,
 };
 use cameras::Layout;
 use model::Model;
@@ -242,16 +242,18 @@ pub(crate) fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneErr
         train: learned,
         test: tested,
         background: request.background,
-        near,
-        far,
-        range: Range::Distance { near, far },
-        bounds,
         backdrop: if is_capture { Backdrop::Unknown } else { Backdrop::Colour },
-        layout: if name == "room" { crate::Layout::Forward } else { crate::Layout::Object },
-        centre,
-        radius: train.iter().map(|camera| camera.position().distance(centre)).fold(0.0, f32::max),
+        space: Space {
+            near,
+            far,
+            range: Range::Distance { near, far },
+            bounds,
+            layout: if name == "room" { crate::Layout::Forward } else { crate::Layout::Object },
+            body: body(name)?,
+            ..Space::default()
+        }
+        .centred(centre, &train),
         all_train_cameras: train,
-        body: body(name)?,
         ..Scene::default()
     })
 }

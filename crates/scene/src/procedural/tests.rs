@@ -47,7 +47,7 @@ fn objects_lie_in_the_bounds_and_between_near_and_far() {
         let (lo, hi) = model(name).unwrap().bounds();
         assert!(bounds.contains(lo.as_vec3()) && bounds.contains(hi.as_vec3()), "{name} {lo} {hi}");
         let scene = scene(name, 40);
-        assert_eq!((scene.near, scene.far, scene.bounds), (near, far, bounds));
+        assert_eq!((scene.space.near, scene.space.far, scene.space.bounds), (near, far, bounds));
         if !CAPTURES.contains(&name) {
             assert_eq!((near, far, bounds), (NEAR, FAR, BOUNDS));
         }

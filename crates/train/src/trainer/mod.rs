@@ -68,7 +68,7 @@ impl Trainer {
         device: &Device,
     ) -> Result<Self, TrainError> {
         let scene = scene.into();
-        let builder = FieldBuilder::configured(config, field_bounds(config, &scene), scene.body.clone());
+        let builder = FieldBuilder::configured(config, field_bounds(config, &scene), scene.space.body.clone());
         Self::with_builder(config, vec![scene], seed, budget, device, builder)
     }
 
@@ -90,7 +90,7 @@ impl Trainer {
         let cause = "false: gains and biases are those of one scene's views";
         several("train.exposure_compensation", cause, !config.train.exposure_compensation)?;
         let first = scenes.first().ok_or_else(|| TrainError::config("scenes", "expected at least one"))?;
-        let builder = FieldBuilder::configured(config, field_bounds(config, first), first.body.clone());
+        let builder = FieldBuilder::configured(config, field_bounds(config, first), first.space.body.clone());
         Self::with_builder(config, scenes, seed, None, device, builder)
     }
 }

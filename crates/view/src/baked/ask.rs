@@ -45,7 +45,7 @@ impl<'a> Ask<'a> {
             eyes: eyes(scene),
             cameras: scene.train.iter().map(|view| view.camera.position()).collect(),
             pixel: scene.train.iter().map(pixel).sum::<f32>() / scene.train.len().max(1) as f32,
-            nearest: NEAREST * scene.radius,
+            nearest: NEAREST * scene.space.radius,
         }
     }
 
@@ -120,7 +120,7 @@ fn eyes(scene: &Scene) -> Vec<Vec3> {
         return [Vec3::X, Vec3::Y, Vec3::Z]
             .into_iter()
             .flat_map(|axis| [axis, -axis])
-            .map(|axis| scene.centre + scene.radius * axis)
+            .map(|axis| scene.space.centre + scene.space.radius * axis)
             .collect();
     };
     let mut eyes = vec![first];

@@ -77,7 +77,7 @@ mod tests {
     fn scene() -> Scene {
         let at = |x| glam::DMat4::from_translation(glam::DVec3::new(x, 0.0, 4.0));
         let all_train_cameras = vec![Camera::from_fov(8, 8, 0.5, at(0.0)), Camera::from_fov(8, 8, 0.5, at(0.5))];
-        Scene { all_train_cameras, range: Range::Distance { near: 2.0, far: 6.0 }, ..Scene::default() }
+        Scene { all_train_cameras, ..Scene::default() }
     }
 
     #[test]
@@ -85,14 +85,15 @@ mod tests {
         let scene = scene();
         let mut config = Config::from_table(Preset::Fast.table()).unwrap().render;
         let cut = Domain::of(&scene, &config, &Warp::Identity);
-        assert_eq!((cut.bounds, cut.side), (scene.bounds, 3.0));
+        assert_eq!((cut.bounds, cut.side), (scene.space.bounds, 3.0));
         assert!(cut.holds(Vec3::splat(1.5), 0.0) && !cut.holds(Vec3::X * 1.6, 0.05) && cut.holds(Vec3::X * 1.6, 0.2));
         config.clip_to_bounds = false;
         // As far as the far ends of rays at the corners of pictures.
         let whole = Domain::of(&scene, &config, &Warp::Identity);
         assert!(whole.radius > 2.6 && whole.radius < 3.2 && whole.side == 3.0, "{whole:?}");
         assert!(whole.holds(Vec3::Z * 2.5, 0.0) && !whole.holds(Vec3::splat(2.0), 0.0));
-        let far = Scene { range: Range::Distance { near: 2.0, far: 1000.0 }, ..scene.clone() };
+        let mut far = scene.clone();
+        far.space.range = Range::Distance { near: 2.0, far: 1000.0 };
         assert_eq!(Domain::of(&far, &config, &Warp::Identity).radius, 4.5);
         let warp = Warp::of(&scene, Space::Contraction);
         let ball = Domain::of(&scene, &config, &warp);

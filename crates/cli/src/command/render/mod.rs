@@ -47,7 +47,8 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
         let image = render_image(trained.renderer(), &models, camera);
         let picture = to_rgb8(&image.rgb, image.width, image.height)?;
         save_png(&picture, &out.join(format!("{index:04}.png")))?;
-        let depth = depth_image(&image.depth, &image.acc, image.width, image.height, scene.near, scene.far)?;
+        let depth =
+            depth_image(&image.depth, &image.acc, image.width, image.height, scene.space.near, scene.space.far)?;
         save_png(&depth, &out.join(format!("depth/{index:04}.png")))?;
         animation.add(&picture)?;
     }

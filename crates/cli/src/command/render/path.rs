@@ -27,7 +27,7 @@ impl Route {
             PathName::Orbit => Self::BuiltIn { name: "orbit", poses: |cameras, _, n| orbit(cameras, n) },
             PathName::Spiral => Self::BuiltIn {
                 name: "spiral",
-                poses: |cameras, scene, n| spiral(cameras, (scene.near.into(), scene.far.into()), n),
+                poses: |cameras, scene, n| spiral(cameras, (scene.space.near.into(), scene.space.far.into()), n),
             },
             PathName::FigureEight => {
                 Self::BuiltIn { name: "figure-eight", poses: |cameras, _, n| figure_eight(cameras, n) }

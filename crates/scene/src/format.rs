@@ -1,0 +1,60 @@
+//! Where a scene came from, and what is behind its content.
+
+use std::fmt;
+
+use serde::Serialize;
+
+/// Where a scene came from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Format {
+    /// Made by the program.
+    #[default]
+    Procedural,
+    /// NeRF's synthetic scenes: `transforms_train.json`.
+    Blender,
+    /// nerfstudio and instant-ngp: `transforms.json`.
+    Transforms,
+    /// Forward-facing captures: `poses_bounds.npy`.
+    Llff,
+    /// A reconstruction of COLMAP.
+    Colmap,
+    /// DTU as IDR, NeuS or pixelNeRF keep it.
+    Dtu,
+    /// ZJU-MoCap: `annots.npy`.
+    Zju,
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Procedural => "procedural",
+            Self::Blender => "Blender",
+            Self::Transforms => "transforms.json",
+            Self::Llff => "LLFF",
+            Self::Colmap => "COLMAP",
+            Self::Dtu => "DTU",
+            Self::Zju => "ZJU-MoCap",
+        })
+    }
+}
+
+/// What is behind the scene's content in its images.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Backdrop {
+    /// One known colour, the scene's `background`, which transparent pixels were composited on.
+    #[default]
+    Colour,
+    /// Whatever the camera saw.
+    Unknown,
+}
+
+impl fmt::Display for Backdrop {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Colour => "a known colour",
+            Self::Unknown => "unknown",
+        })
+    }
+}

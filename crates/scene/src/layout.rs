@@ -1,0 +1,77 @@
+//! How cameras stand to what they see.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::Camera;
+use crate::poses::{FORWARD_FACING, cone, scene_focus};
+
+/// Cameras look at an object if the cosine of the angle between their axes and the way to the object is at least this in
+/// the mean.
+const INWARD: f64 = 0.5;
+
+/// How the cameras stand to what they see.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Layout {
+    /// They look at an object from around it.
+    #[default]
+    Object,
+    /// They stand side by side and look one way.
+    Forward,
+    /// They look outward, as in a room.
+    Inside,
+}
+
+impl fmt::Display for Layout {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Object => "around an object",
+            Self::Forward => "forward facing",
+            Self::Inside => "looking outward",
+        })
+    }
+}
+
+impl Layout {
+    /// How `cameras` stand, from their poses alone. A single camera faces forward.
+    pub fn of(cameras: &[Camera]) -> Self {
+        if cameras.is_empty() {
+            return Self::Object;
+        }
+        if cone(cameras) < FORWARD_FACING {
+            return Self::Forward;
+        }
+        let centre = scene_focus(cameras).centre;
+        let towards: f64 =
+            cameras.iter().map(|c| c.forward_f64().dot((centre - c.position_f64()).normalize_or_zero())).sum();
+        if towards >= INWARD * cameras.len() as f64 { Self::Object } else { Self::Inside }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::look_along;
+    use glam::DVec3;
+
+    #[test]
+    fn layouts() {
+        let ring = |outward: f64| -> Vec<Camera> {
+            (0..6)
+                .map(|i| {
+                    let d = DVec3::new(f64::from(i).cos(), f64::from(i).sin(), 0.2).normalize();
+                    Camera::from_fov(8, 8, 0.8, look_along(3.0 * d, outward * d, DVec3::Z))
+                })
+                .collect()
+        };
+        assert_eq!(Layout::of(&ring(-1.0)), Layout::Object);
+        assert_eq!(Layout::of(&ring(1.0)), Layout::Inside);
+        let row: Vec<_> = (0..4)
+            .map(|i| Camera::from_fov(8, 8, 0.8, look_along(DVec3::X * f64::from(i), DVec3::Y, DVec3::Z)))
+            .collect();
+        assert_eq!(Layout::of(&row), Layout::Forward);
+        assert_eq!(Layout::of(&row[..1]), Layout::Forward);
+    }
+}
