@@ -4,24 +4,29 @@
 
 mod args;
 mod command;
+mod command_line;
+mod exit;
 mod interrupt;
+mod launch;
 mod live;
 mod output;
 mod progress;
+mod selection;
+mod summary;
 mod terminal;
+mod units;
 
 use std::process::ExitCode;
 
 use clap::Parser;
 
-/// Exit code for anything that the user can put right.
-const USER_ERROR: u8 = 2;
+use exit::USER_ERROR;
 
 fn main() -> ExitCode {
     let args = args::Args::parse();
     let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
     tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
-    match command::run(args.command) {
+    match args.run() {
         Ok(code) => code,
         Err(error) => {
             eprintln!("error: {}", one_line(&error));

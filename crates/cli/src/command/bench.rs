@@ -8,9 +8,10 @@ use anyhow::Result;
 use clap::{Args, ValueEnum};
 use infonerf_bench::{Benchmark, Options};
 
-use crate::args::{SelectionArgs, parse_duration};
+use crate::selection::SelectionArgs;
+use crate::units::parse_time;
 
-pub(crate) const BENCH_EXAMPLES: &str = "\
+const BENCH_EXAMPLES: &str = "\
 Examples:
   infonerf bench pareto --budgets 5s,10s,20s,40s,60s
       NeRF and InfoNeRF on a built-in scene: quality against training time
@@ -23,7 +24,9 @@ Examples:
   infonerf bench stress
       errors of every operation against f64 over a million extreme rays per device";
 
+/// Measure speed: time against error, what skipping saves, where a step's time goes, how cost grows.
 #[derive(Debug, Args)]
+#[command(after_help = BENCH_EXAMPLES)]
 pub(crate) struct BenchArgs {
     /// What to measure.
     #[arg(value_enum)]
@@ -34,7 +37,7 @@ pub(crate) struct BenchArgs {
     #[command(flatten)]
     selection: SelectionArgs,
     /// pareto: training times, each a run of its own.
-    #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = parse_duration, default_value = "5s,10s,20s,40s,60s")]
+    #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = parse_time, default_value = "5s,10s,20s,40s,60s")]
     budgets: Vec<Duration>,
     /// render: longest sides of the images, pixels.
     #[arg(long, value_name = "SIZES", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=8192), default_value = "100,200,400,800")]
@@ -111,7 +114,7 @@ pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
         from: args.from.clone(),
         seeds: args.seeds,
         rays: args.rays,
-        weights: args.selection.weights.weights.clone(),
+        weights: args.selection.networks.weights.clone(),
         out: args.out.clone(),
     };
     let holds = infonerf_bench::run(&options, &mut |text| println!("{text}"))?;

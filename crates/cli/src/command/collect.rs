@@ -1,16 +1,28 @@
-//! Results of several experiments as one document.
+//! `infonerf collect`: results of several experiments as one document.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
+use clap::Args;
 use infonerf_experiment::{About, RunPlan};
 use infonerf_report::{Results, read_records, results_document, run_directory, write_atomically};
 
-use crate::args::CollectArgs;
+use crate::command_line;
 
-/// The file in an experiment's folder that holds its command line.
-const COMMAND: &str = "command.txt";
+/// Write the results of several experiments as one Markdown document.
+#[derive(Debug, Args)]
+pub(crate) struct CollectArgs {
+    /// Folder of an experiment, such as runs/synthetic-4view.
+    #[arg(required = true, value_name = "DIR")]
+    folders: Vec<PathBuf>,
+    /// Heading of the document.
+    #[arg(long, default_value = "Results")]
+    title: String,
+    /// File to write.
+    #[arg(long, value_name = "FILE", default_value = "results.md")]
+    out: PathBuf,
+}
 
 pub(crate) fn run(args: &CollectArgs) -> Result<ExitCode> {
     let experiments = args.folders.iter().map(|folder| read(folder)).collect::<Result<Vec<_>>>()?;
@@ -35,20 +47,5 @@ fn read(folder: &Path) -> Result<Results> {
     let mut about = About::read(&experiment)?;
     about.data.clone_from(&plans[0].data);
     let input = about.report_input(records, &plans.iter().collect::<Vec<_>>())?;
-    Ok(Results { input, command: std::fs::read_to_string(folder.join(COMMAND)).ok() })
-}
-
-/// Leaves the command line of this process in an experiment's folder, without where results go.
-pub(super) fn save_command(folder: &Path) -> Result<()> {
-    let mut words = vec!["infonerf".to_owned()];
-    let mut args = std::env::args().skip(1);
-    while let Some(word) = args.next() {
-        match word.as_str() {
-            "--out" => drop(args.next()),
-            word if word.starts_with("--out=") => {}
-            word => words.push(word.to_owned()),
-        }
-    }
-    let line = shlex::try_join(words.iter().map(String::as_str)).context("the command line")?;
-    Ok(write_atomically(&folder.join(COMMAND), line.as_bytes())?)
+    Ok(Results { input, command: command_line::read(folder) })
 }

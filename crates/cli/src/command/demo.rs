@@ -1,8 +1,10 @@
-//! One scene in one minute, for a first look.
+//! `infonerf demo`: one scene in one minute, for a first look.
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
+use clap::Args;
 use image::{RgbImage, imageops};
 use infonerf_experiment::{Experiment, Finished, Resume, RunEvent, Selection, Session};
 use infonerf_metrics::to_rgb8;
@@ -11,12 +13,33 @@ use infonerf_report::{save_record, write_report};
 use infonerf_scene::View;
 use infonerf_train::Trainer;
 
-use super::INTERRUPTED;
-use super::exp::summary;
-use crate::args::DemoArgs;
+use crate::exit::INTERRUPTED;
 use crate::interrupt;
 use crate::progress::Progress;
+use crate::selection::DeviceArgs;
+use crate::summary::summary;
 use crate::terminal::{is_terminal, open_device, show};
+
+const DEMO_EXAMPLES: &str = "\
+Examples:
+  infonerf demo
+      the crane, from four views
+  infonerf demo --scene castle --device wgpu
+      another scene, on a GPU";
+
+/// Learn a built-in scene from four views in a minute, and watch it appear.
+#[derive(Clone, Debug, Args)]
+#[command(after_help = DEMO_EXAMPLES)]
+pub(crate) struct DemoArgs {
+    /// A built-in scene (see `infonerf scene list`).
+    #[arg(long, default_value = "crane")]
+    scene: String,
+    #[command(flatten)]
+    device: DeviceArgs,
+    /// Folder for results.
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    out: PathBuf,
+}
 
 /// Shares of the run at which a picture is shown.
 const PREVIEWS: [f64; 3] = [0.05, 0.2, 0.5];

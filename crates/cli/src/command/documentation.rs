@@ -1,28 +1,41 @@
-//! What shells and `man` are told of the command line.
+//! `infonerf completions` and `infonerf man`: what shells and `man` are told of the command line.
 
 use std::io::Write;
-use std::path::Path;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
-use clap::CommandFactory;
+use clap::{Args, Command};
 use clap_complete::Shell;
 
-use crate::args::Args;
+/// Print the completions of a shell: `infonerf completions bash > /etc/bash_completion.d/infonerf`.
+#[derive(Debug, Args)]
+pub(crate) struct CompletionsArgs {
+    /// Which shell.
+    shell: Shell,
+}
 
-/// Prints the completions of `shell`.
-pub(super) fn completions(shell: Shell) -> Result<ExitCode> {
+/// Write the manual pages, one for each command.
+#[derive(Debug, Args)]
+pub(crate) struct ManArgs {
+    /// Folder for them, such as /usr/local/share/man/man1.
+    #[arg(long, value_name = "DIR", default_value = "man")]
+    out: PathBuf,
+}
+
+/// Prints the completions of a shell for `command`.
+pub(crate) fn completions(args: &CompletionsArgs, command: &mut Command) -> Result<ExitCode> {
     let mut script = Vec::new();
-    clap_complete::generate(shell, &mut Args::command(), "infonerf", &mut script);
+    clap_complete::generate(args.shell, command, "infonerf", &mut script);
     std::io::stdout().write_all(&script).context("standard output")?;
     Ok(ExitCode::SUCCESS)
 }
 
-/// Writes `infonerf.1` and a page for each subcommand into `out`.
-pub(super) fn man(out: &Path) -> Result<ExitCode> {
-    let named = || out.display().to_string();
-    std::fs::create_dir_all(out).with_context(named)?;
-    clap_mangen::generate_to(Args::command(), out).with_context(named)?;
-    println!("manual pages: {}", out.display());
+/// Writes `infonerf.1` and a page for each subcommand of `command`.
+pub(crate) fn man(args: &ManArgs, command: Command) -> Result<ExitCode> {
+    let named = || args.out.display().to_string();
+    std::fs::create_dir_all(&args.out).with_context(named)?;
+    clap_mangen::generate_to(command, &args.out).with_context(named)?;
+    println!("manual pages: {}", args.out.display());
     Ok(ExitCode::SUCCESS)
 }

@@ -1,70 +1,101 @@
+//! `infonerf exp`.
+
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use clap::Args;
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Control, Experiment, Finished, Resume, RunEvent, RunPlan, Session, Trained, total_progress};
 use infonerf_report::{
-    Quantity, Record, ReportInput, VIEWER_PAGE, overview_table, protocol_lines, read_records, save_record,
-    write_atomically, write_report,
+    Quantity, Record, VIEWER_PAGE, overview_table, protocol_lines, read_records, save_record, write_atomically,
+    write_report,
 };
 use infonerf_train::{Phase, Trainer};
 use serde_json::json;
 
-use super::INTERRUPTED;
-use super::collect::save_command;
-use super::launch::{Mode, print};
-use super::sweep::{FAILED, local as local_runs, merge_one};
-use crate::args::ExpArgs;
-use crate::interrupt;
+use crate::exit::INTERRUPTED;
+use crate::launch::{LaunchArgs, drive};
 use crate::live::Live;
 use crate::output::{Output, Told};
 use crate::progress::Progress;
+use crate::selection::SelectionArgs;
+use crate::summary::{print_claims, summary};
 use crate::terminal::{emphasis, open_device};
+use crate::units::parse_time;
+use crate::{command_line, interrupt};
+
+const EXP_EXAMPLES: &str = "\
+Examples:
+  infonerf exp synthetic-4view
+      NeRF and InfoNeRF on the built-in scenes, four views each; needs no data
+  infonerf exp synthetic-4view --data nerf_synthetic --scene lego --set scene.size=400
+      the same on real Blender data: reads nerf_synthetic/lego/transforms_train.json
+  infonerf exp synthetic-4view --data nerf_synthetic --scene lego --variant infonerf --budget 60s
+      one variant, one minute
+  infonerf exp runs/synthetic-4view/lego/infonerf/seed0/config.toml
+      a run again, with the same numbers";
+
+/// Run an experiment: train every variant on every scene, evaluate on test views, write a report.
+#[derive(Clone, Debug, Args)]
+#[command(after_help = EXP_EXAMPLES)]
+pub(crate) struct ExpArgs {
+    /// A built-in experiment (see `infonerf list`) or a TOML file, such as the config.toml of a run.
+    experiment: String,
+    #[command(flatten)]
+    selection: SelectionArgs,
+    /// Training time for each run, such as 60s or 5m; the schedule follows the clock.
+    #[arg(long, value_name = "TIME", value_parser = parse_time, allow_hyphen_values = true)]
+    budget: Option<Duration>,
+    /// Folder for results.
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    out: PathBuf,
+    /// Go on with runs that were interrupted; finished ones are kept, as --jobs and --launch always do.
+    #[arg(long)]
+    resume: bool,
+    #[command(flatten)]
+    launch: LaunchArgs,
+    /// Show the runs in a browser while they train, at http://127.0.0.1:7007/ or another port (0: any that is free), with pause
+    /// and stop.
+    #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "7007")]
+    view: Option<u16>,
+    /// Print where time went and what skipping saved.
+    #[arg(long)]
+    profile: bool,
+    /// Print nothing but warnings and errors.
+    #[arg(long, conflicts_with = "json")]
+    quiet: bool,
+    /// Print events as JSON, one per line, for other programs.
+    #[arg(long)]
+    json: bool,
+}
 
 pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     let experiment = Experiment::plan(&args.experiment, &args.selection.selection(args.budget))?;
-    let device = args.selection.device.device.built_in()?;
-    let mode = args.launch.mode(device, &args.selection.weights)?;
-    let local = matches!(mode, Mode::Local(_));
-    if local && args.launch.limit().is_none() {
-        return here(args, &experiment);
+    if args.launch.in_process()? {
+        return in_process(args, &experiment);
     }
     let own =
         [("--profile", args.profile), ("--view", args.view.is_some()), ("--quiet", args.quiet), ("--json", args.json)];
     if let Some((option, _)) = own.into_iter().find(|(_, given)| *given) {
-        match args.launch.limit().filter(|_| local) {
+        match args.launch.limit() {
             Some(limit) => bail!("{option}: expected no {limit}, with which each run is a process of its own"),
             None => bail!("{option}: expected --launch local"),
         }
     }
-    let sweep = Sweep::of(experiment);
-    let merge = || {
-        let merged = merge_one(&sweep, &args.out, device)?;
-        merged.outcome.iter().for_each(|outcome| print_claims(&outcome.input));
-        Ok(if merged.missing.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(FAILED) })
-    };
-    match mode {
-        Mode::Print(runner) => print(&[(&sweep, sweep.prepare(&args.out, device)?)], &runner),
-        Mode::Submit(scheduler, runner) => {
-            let prepared = sweep.prepare(&args.out, device)?;
-            args.launch.submit(&[(&sweep, prepared)], &*scheduler, &runner, merge)
-        }
-        Mode::Local(workers) => {
-            let (code, outcome) = local_runs(&sweep, &args.selection.weights, &args.out, &workers)?;
-            outcome.iter().for_each(|outcome| print_claims(&outcome.input));
-            Ok(code)
-        }
-        Mode::Merge => merge(),
-    }
+    drive(&[Sweep::of(experiment)], &args.selection, &args.launch, &args.out, |outcomes| {
+        outcomes.iter().for_each(|outcome| print_claims(&outcome.input));
+        Ok(())
+    })
 }
 
 /// Runs an experiment in this process.
-fn here(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
+fn in_process(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
     let resume = if args.resume { Resume::Always } else { Resume::Never };
     let device = open_device(args.selection.device.device)?;
-    let networks = args.selection.weights.networks(&device)?;
+    let networks = args.selection.networks.open(&device)?;
     let session = Session::new(device, &args.out, resume).with_networks(networks);
     let output = match (args.quiet, args.json) {
         (true, _) => Output::Quiet,
@@ -120,7 +151,7 @@ fn here(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
         print_claims(&input);
     }
     let files = write_report(&input, &folder)?;
-    save_command(&folder)?;
+    command_line::save(&folder)?;
     let (report, numbers) = (files.html, folder.join("results.json"));
     output.say(format_args!("\nreport: {}\nnumbers: {}", report.display(), numbers.display()));
     output.tell(&json!({ "event": "finished", "report": report, "numbers": numbers }));
@@ -196,37 +227,12 @@ fn announce(experiment: &Experiment, session: &Session) {
     }
 }
 
-/// The most telling numbers of a run on one line.
-pub(super) fn summary(record: &Record) -> String {
-    let shown = |quantity: Quantity| quantity.value(record).map_or_else(|| "-".into(), |value| quantity.format(value));
-    format!(
-        "PSNR {} dB, SSIM {}, {} steps in {:.1} s{}",
-        shown(Quantity::PSNR),
-        shown(Quantity::SSIM),
-        record.iterations,
-        record.train_seconds,
-        if record.collapsed { ", COLLAPSED" } else { "" }
-    )
-}
-
 fn print_table(records: &[Record]) {
     println!();
     for line in protocol_lines(records) {
         println!("{line}");
     }
     println!("\n{}", overview_table(records, &Quantity::all()).to_text(emphasis()));
-}
-
-/// What became of the statements on the order of variants, if the experiment has some.
-pub(super) fn print_claims(input: &ReportInput) {
-    for claim in input.tested_claims() {
-        println!("{:13} {}", claim.verdict.to_string(), claim.statement);
-        for finding in &claim.findings {
-            let there = finding.in_paper();
-            let there = if there.is_empty() { there } else { format!(" (paper {there})") };
-            println!("{:13}   {}: {}{there}", "", finding.formula, finding.found());
-        }
-    }
 }
 
 fn print_profile(trainers: &[Trainer]) {

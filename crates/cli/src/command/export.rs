@@ -1,9 +1,11 @@
+//! `infonerf export`.
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
-use clap::ValueEnum;
+use clap::{Args, ValueEnum};
 use glam::Vec3;
 use infonerf_experiment::{RunPlan, Trained, TrainedVolume};
 use infonerf_export::{
@@ -15,8 +17,73 @@ use infonerf_render::render_image;
 use infonerf_report::{VIEWER_PAGE, write_atomically};
 use infonerf_scene::{Camera, Scene, SceneSource, interpolate_views, procedural, resized_dimensions, transforms};
 
-use crate::args::{ExportArgs, FormatName, SurfaceName};
+use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
+
+const EXPORT_EXAMPLES: &str = "\
+Examples:
+  infonerf export runs/synthetic-4view/castle/infonerf/seed0 --format glb
+      a mesh with vertex colours: runs/.../seed0/export/mesh.glb
+  infonerf export runs/synthetic-4view/castle/infonerf/seed0 --format splat --resolution 384 --out castle.ply
+      gaussians on the surface, for viewers of 3D Gaussian Splatting
+  infonerf export runs/synthetic-4view/castle/infonerf/seed0 --format html
+      one page that draws the scene in any browser with WebGL2; needs nothing else";
+
+/// Write a finished run as something that other programs read: a mesh, points, gaussian splats, a grid, its cameras, a web page.
+#[derive(Debug, Args)]
+#[command(after_help = EXPORT_EXAMPLES)]
+pub(crate) struct ExportArgs {
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0.
+    run: PathBuf,
+    /// What to write.
+    #[arg(long, value_enum)]
+    format: FormatName,
+    /// Voxels along the longest side of the scene's box, 2 to 512, by default 256; the surface is where a voxel is half
+    /// opaque. A page has fewer if the field is slow, or fills so much that they would be too many.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(2..=512))]
+    resolution: Option<u32>,
+    /// What the surface is taken from.
+    #[arg(long, value_enum, default_value = "density")]
+    from: SurfaceName,
+    /// Collapse edges until a mesh has at most this many triangles.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..))]
+    triangles: Option<u32>,
+    /// The file; by default one in RUN/export.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
+
+/// What a surface is taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum SurfaceName {
+    /// The field's density: the surface is where a voxel is half opaque.
+    Density,
+    /// Depth as rendered from the training cameras and between them, fused: fog that pictures look through leaves nothing.
+    Depth,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum FormatName {
+    /// Mesh with normals and vertex colours, read by MeshLab, Blender, CloudCompare, Open3D, trimesh.
+    Ply,
+    /// The same mesh as text, read by MeshLab, Blender, trimesh.
+    Obj,
+    /// The same mesh as binary glTF, read by browsers (three.js), Blender, game engines, trimesh.
+    Glb,
+    /// Gaussians on the surface, spherical harmonics of degree 1, read by SuperSplat, Brush and other viewers of 3DGS.
+    Splat,
+    /// Points on the surface with normals and colours, read by MeshLab, CloudCompare, Open3D, plyfile.
+    Points,
+    /// Density and colour of every voxel, read by NumPy.
+    Npz,
+    /// Training and test cameras as transforms.json, read by nerfstudio, instant-ngp, Brush beside the images.
+    Cameras,
+    /// A page that draws the field: orbit, depth, normals, training cameras; read by browsers with WebGL2. A factored field
+    /// is drawn as it is, any other is baked to voxels.
+    Html,
+}
 
 /// Points on the exported surface, and pixels along a side of the cameras that find points of the exact one: enough for
 /// distances of a fraction of a voxel.

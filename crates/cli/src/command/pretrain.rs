@@ -1,15 +1,44 @@
+//! `infonerf pretrain`.
+
 use std::collections::VecDeque;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
+use clap::Args;
 use infonerf_experiment::{Experiment, Resume, RunEvent, Session, pretrain};
 use infonerf_train::Event;
 
-use super::INTERRUPTED;
-use crate::args::PretrainArgs;
+use crate::exit::INTERRUPTED;
 use crate::interrupt;
 use crate::progress::Progress;
+use crate::selection::SelectionArgs;
 use crate::terminal::open_device;
+
+const PRETRAIN_EXAMPLES: &str = "\
+Examples:
+  infonerf pretrain pixelnerf-pretrain
+      PixelNeRF on procedural scenes drawn at random; leaves runs/pixelnerf-pretrain
+  infonerf pretrain pixelnerf-pretrain --data nerf_synthetic
+      the same on all scenes in a folder
+  infonerf exp integration-pixelnerf --set train.init=runs/pixelnerf-pretrain
+      fine-tune what came of it on a few views of another scene";
+
+/// Train one model on all scenes of an experiment, for other runs to begin with (`train.init`).
+#[derive(Clone, Debug, Args)]
+#[command(after_help = PRETRAIN_EXAMPLES)]
+pub(crate) struct PretrainArgs {
+    /// A built-in experiment (see `infonerf list`) or a TOML file: one variant, one seed, the scenes to learn from.
+    experiment: String,
+    #[command(flatten)]
+    selection: SelectionArgs,
+    /// Folder for results: weights go to a folder of the experiment's name in it.
+    #[arg(long, value_name = "DIR", default_value = "runs")]
+    out: PathBuf,
+    /// Go on if interrupted.
+    #[arg(long)]
+    resume: bool,
+}
 
 /// Steps over which the last PSNR is averaged.
 const LAST: usize = 100;

@@ -7,12 +7,14 @@ use anyhow::Result;
 use clap::Args;
 use infonerf_report::write_tensorboard;
 
-pub(crate) const TENSORBOARD_EXAMPLES: &str = "\
+const TENSORBOARD_EXAMPLES: &str = "\
 Examples:
   infonerf tensorboard runs/synthetic-4view && tensorboard --logdir runs/synthetic-4view
       every loss, PSNR and rate of every run of an experiment";
 
+/// Write the training curves of runs as event files for TensorBoard.
 #[derive(Debug, Args)]
+#[command(after_help = TENSORBOARD_EXAMPLES)]
 pub(crate) struct TensorboardArgs {
     /// Folder of a run, or one that holds runs.
     folder: PathBuf,

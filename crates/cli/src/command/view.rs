@@ -6,10 +6,10 @@ use anyhow::Result;
 use clap::Args;
 use infonerf_view::Server;
 
-use crate::args::DeviceArgs;
+use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
 
-pub(crate) const VIEW_EXAMPLES: &str = "\
+const VIEW_EXAMPLES: &str = "\
 Examples:
   infonerf view runs
       all runs below a folder, at http://127.0.0.1:7007/; those that train are followed
@@ -18,7 +18,9 @@ Examples:
   ssh -L 7007:127.0.0.1:7007 HOST infonerf view runs
       runs of another machine, at the same address on this one";
 
+/// Show runs in a browser on this machine, also while they train: scene, curves, test views beside their truth.
 #[derive(Debug, Args)]
+#[command(after_help = VIEW_EXAMPLES)]
 pub(crate) struct ViewArgs {
     /// Folder of a run, or one that holds runs.
     dir: PathBuf,

@@ -1,14 +1,51 @@
-use std::path::Path;
+//! `infonerf weights`.
+
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Result;
+use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_pretrained::{Progress, Status, Store};
 
-use crate::args::{WeightsCommand, WeightsListArgs};
+use crate::selection::NetworkArgs;
 
-pub(crate) fn run(args: &WeightsListArgs) -> Result<ExitCode> {
-    let store = Store::new(args.weights.weights.as_deref())?;
+const WEIGHTS_EXAMPLES: &str = "\
+Examples:
+  infonerf weights
+      what there is, what needs it, and whether it is here
+  infonerf weights fetch lpips-vgg
+      download it, check its SHA-256, and keep it in the user's cache
+  infonerf weights import vgg16-397923af.pth
+      take a file that is here already: PyTorch's or safetensors";
+
+/// List the published weights that metrics, losses and encoders need; fetch or import them.
+#[derive(Debug, Args)]
+#[command(after_help = WEIGHTS_EXAMPLES)]
+pub(crate) struct WeightsArgs {
+    #[command(subcommand)]
+    command: Option<WeightsCommand>,
+    #[command(flatten)]
+    networks: NetworkArgs,
+}
+
+#[derive(Debug, Subcommand)]
+enum WeightsCommand {
+    /// Download weights, check their sum, and keep what is needed; goes on where a download was cut off.
+    Fetch {
+        /// Names, as `infonerf weights` lists them.
+        #[arg(required = true, value_name = "NAME")]
+        names: Vec<String>,
+    },
+    /// Take a file of weights that is here: safetensors, or what PyTorch saves.
+    Import {
+        /// The file.
+        file: PathBuf,
+    },
+}
+
+pub(crate) fn run(args: &WeightsArgs) -> Result<ExitCode> {
+    let store = Store::new(args.networks.weights.as_deref())?;
     match &args.command {
         None => list(&store),
         Some(WeightsCommand::Fetch { names }) => fetch(&store, names)?,

@@ -16,8 +16,8 @@ pub struct Sweep {
     /// What its experiment is.
     pub about: About,
     pub(super) space: Space,
-    /// Of how many settings one goes on at each rung.
-    pub(super) halving: Option<u32>,
+    /// Of how many settings one continues at each rung of successive halving.
+    pub halving: Option<u32>,
     /// In the order of the tables: by scene, variant, values, seed.
     pub(super) items: Vec<Item>,
     /// What the user should know before it runs.

@@ -3,11 +3,44 @@
 mod pictures;
 mod runs;
 
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Result;
+use clap::Args;
 
-use crate::args::EvalArgs;
+use crate::selection::{DeviceArgs, NetworkArgs};
+use pictures::PicturesArgs;
+
+const EVAL_EXAMPLES: &str = "\
+Examples:
+  infonerf eval runs/synthetic-4view/castle/infonerf/seed0 --test all
+      on all 200 test views
+  infonerf eval runs/scales/castle/nerf/seed0 runs/scales/castle/mipnerf/seed0 --scale 1/2,1/4,1/8
+      how two runs stand smaller images than those that they were trained on
+  infonerf eval --renders their/renders --truth their/test --out compared
+      any PNG or JPEG pictures of the same names: a table, compared/comparison.json and a page with sliders";
+
+/// Evaluate finished runs again, at other image sizes too, or pictures that something else rendered.
+#[derive(Debug, Args)]
+#[command(after_help = EVAL_EXAMPLES)]
+pub(crate) struct EvalArgs {
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0; more of them are compared.
+    #[arg(required_unless_present = "renders", conflicts_with = "renders", value_name = "RUN")]
+    runs: Vec<PathBuf>,
+    #[command(flatten)]
+    pictures: PicturesArgs,
+    /// Test views: all, split, every-8, first-3, 0,8,16 or a published protocol; by default as the run says.
+    #[arg(long, value_name = "PROTOCOL")]
+    test: Option<String>,
+    /// Also render at smaller sizes, such as 1/2,1/4,1/8, against the test views averaged over areas; one table.
+    #[arg(long = "scale", value_name = "1/N", value_delimiter = ',', value_parser = runs::parse_scale)]
+    scales: Vec<u32>,
+    #[command(flatten)]
+    device: DeviceArgs,
+    #[command(flatten)]
+    networks: NetworkArgs,
+}
 
 pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
     match &args.pictures.folders() {

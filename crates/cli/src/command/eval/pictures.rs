@@ -1,15 +1,53 @@
-use std::path::Path;
+//! Pictures of other programs.
+
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
+use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_metrics::{Folders, METRICS, Protocol, compare_folders, select};
 use infonerf_report::PictureComparison;
 
-use crate::args::EvalArgs;
+use super::EvalArgs;
 use crate::terminal::open_device;
 
-pub(crate) fn run(args: &EvalArgs, renders: &Path, truth: &Path) -> Result<ExitCode> {
+/// Pictures that something else rendered.
+#[derive(Debug, Args)]
+#[command(next_help_heading = "Pictures of other programs")]
+pub(super) struct PicturesArgs {
+    /// Folder of rendered pictures, PNG or JPEG.
+    #[arg(long, value_name = "DIR", requires = "truth", conflicts_with_all = ["test", "scales"])]
+    renders: Option<PathBuf>,
+    /// Folder of photographs, called as the renders but for the extension.
+    #[arg(long, value_name = "DIR", requires = "renders")]
+    truth: Option<PathBuf>,
+    /// Folder of masks for the masked metrics, black where pixels do not count.
+    #[arg(long, value_name = "DIR", requires = "renders")]
+    masks: Option<PathBuf>,
+    /// How pictures are measured: infonerf, regnerf or neural-body; see docs/protocol.md.
+    #[arg(long, value_name = "NAME", requires = "renders", default_value = "infonerf")]
+    protocol: String,
+    /// A metric by its key, such as lpips_vgg, which then has to have a value; again for more. By default all that can be
+    /// measured.
+    #[arg(long = "metric", value_name = "KEY", requires = "renders")]
+    metrics: Vec<String>,
+    /// Leave photographs without a render out; otherwise they are an error.
+    #[arg(long, requires = "renders")]
+    partial: bool,
+    /// Folder for comparison.json and comparison.html.
+    #[arg(long, value_name = "DIR", requires = "renders")]
+    out: Option<PathBuf>,
+}
+
+impl PicturesArgs {
+    /// Renders and truth, if they are given.
+    pub(super) fn folders(&self) -> Option<(PathBuf, PathBuf)> {
+        self.renders.clone().zip(self.truth.clone())
+    }
+}
+
+pub(super) fn run(args: &EvalArgs, renders: &Path, truth: &Path) -> Result<ExitCode> {
     let protocol = Protocol::named(&args.pictures.protocol).with_context(|| {
         let known = Protocol::NAMED.map(|(name, _)| name).join(", ");
         format!("--protocol {}: expected one of {known}", args.pictures.protocol)
@@ -17,7 +55,7 @@ pub(crate) fn run(args: &EvalArgs, renders: &Path, truth: &Path) -> Result<ExitC
     // What was asked for by name has to have a value; without names, all that can be measured is.
     let required = select(args.pictures.metrics.iter().map(String::as_str))?;
     let metrics = if required.is_empty() { METRICS } else { required.as_slice() };
-    let networks = args.weights.networks(&open_device(args.device.device)?)?;
+    let networks = args.networks.open(&open_device(args.device.device)?)?;
     let folders = Folders { renders, truth, masks: args.pictures.masks.as_deref(), partial: args.pictures.partial };
     let bar = ProgressBar::new(0);
     bar.set_style(ProgressStyle::with_template("{wide_bar} {pos}/{len} {elapsed}")?);

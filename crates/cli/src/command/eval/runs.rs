@@ -1,3 +1,5 @@
+//! Finished runs.
+
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
@@ -7,12 +9,20 @@ use infonerf_render::TrainedModel;
 use infonerf_scene::View;
 use infonerf_train::{Evaluated, Evaluation, TestView};
 
-use crate::args::EvalArgs;
+use super::EvalArgs;
 use crate::terminal::open_device;
 
-pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {
+/// `1/8` gives 8.
+pub(super) fn parse_scale(text: &str) -> Result<u32, String> {
+    let factor = text.trim().strip_prefix("1/").and_then(|factor| factor.parse().ok());
+    factor
+        .filter(|factor| (2..=64).contains(factor))
+        .ok_or_else(|| format!("expected a scale from 1/2 to 1/64, found `{text}`"))
+}
+
+pub(super) fn run(args: &EvalArgs) -> Result<ExitCode> {
     let device = open_device(args.device.device)?;
-    let networks = args.weights.networks(&device)?;
+    let networks = args.networks.open(&device)?;
     let mut table = Vec::new();
     for folder in &args.runs {
         let mut plan = RunPlan::of_run(folder)?;
@@ -102,5 +112,18 @@ fn print_scales(factors: &[u32], table: &[(String, Vec<f64>)]) {
         let (full, smaller) = psnr.split_first().map_or((f64::NAN, &[][..]), |(full, smaller)| (*full, smaller));
         let cells: String = smaller.iter().map(|psnr| format!("{psnr:8.2} ({:+.2})", psnr - full)).collect();
         println!("{label:wide$}  {full:6.2}{cells}");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scales_are_from_a_half_to_a_64th() {
+        assert_eq!(parse_scale("1/8"), Ok(8));
+        for text in ["", "8", "1/1", "1/0", "1/65", "2/4", "1/-2", "1/1.5"] {
+            assert!(parse_scale(text).is_err(), "{text}");
+        }
     }
 }

@@ -7,10 +7,17 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
+use clap::ValueEnum;
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, Frame, RgbImage, buffer::ConvertBuffer};
 
-use crate::args::VideoName;
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum VideoName {
+    /// H.264, which everything plays.
+    Mp4,
+    /// VP9, free of patents.
+    Webm,
+}
 
 /// The program, as it is looked for in the folders of PATH.
 const PROGRAM: &str = "ffmpeg";

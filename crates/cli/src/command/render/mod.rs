@@ -1,22 +1,60 @@
-//! New views of a run along a camera path.
+//! `infonerf render`: new views of a run along a camera path.
 
 mod animation;
 mod path;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail};
+use clap::Args;
 use infonerf_experiment::{RunPlan, Trained, save_png};
 use infonerf_metrics::to_rgb8;
 use infonerf_render::render_image;
 use infonerf_report::depth_image;
 
-use crate::args::RenderArgs;
+use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
-use animation::{Animation, Film};
-use path::Route;
+use animation::{Animation, Film, VideoName};
+use path::{PathName, Route};
+
+const RENDER_EXAMPLES: &str = "\
+Examples:
+  infonerf render runs/synthetic-4view/castle/infonerf/seed0
+      once around the scene: PNG frames with depth, and orbit.gif
+  infonerf render runs/llff-3view/fern/nerf/seed0 --path spiral --video mp4
+      LLFF's spiral, also as a film (needs `ffmpeg` on PATH)
+  infonerf render runs/synthetic-4view/castle/infonerf/seed0 --path camera_path.json
+      the frames of nerfstudio's camera_path.json, in the scene's own coordinates
+
+A path of your own is JSON: {\"keyframes\": [{\"camera_to_world\": [16 numbers, row by row], \"fov\": 50}, ...],
+\"seconds\": 4, \"fps\": 20, \"is_cycle\": true, \"render_width\": 800, \"render_height\": 600}; all but the poses may be left out.";
+
+/// Render new views of a finished run along a camera path: PNG frames, an animation, and a film.
+#[derive(Debug, Args)]
+#[command(after_help = RENDER_EXAMPLES)]
+pub(crate) struct RenderArgs {
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0.
+    run: PathBuf,
+    /// Where the camera goes: orbit, spiral, figure-eight, interpolate (through the training views) or a JSON file.
+    #[arg(long, value_name = "PATH", default_value = "orbit")]
+    path: PathName,
+    /// Number of frames; by default 60, or as many as the file says.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    frames: Option<u32>,
+    /// Longest side of a frame in pixels; by default as trained, or as the file says.
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8192))]
+    size: Option<u32>,
+    /// Also write a film, with an installed `ffmpeg`.
+    #[arg(long, value_enum)]
+    video: Option<VideoName>,
+    /// Folder for the frames; by default RUN/render.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    device: DeviceArgs,
+}
 
 /// What animations and films are called after, beside the names of files.
 const PATHS: [&str; 4] = ["orbit", "spiral", "figure-eight", "interpolate"];

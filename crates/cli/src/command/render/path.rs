@@ -1,12 +1,35 @@
 //! From the name or file of a path to the cameras along it.
 
+use std::path::PathBuf;
+
 use anyhow::Result;
 use glam::DMat4;
 use infonerf_scene::{
     Camera, CameraPath, Keyframe, Scene, figure_eight, interpolate_views, orbit, resized_dimensions, spiral,
 };
 
-use crate::args::PathName;
+/// Where the camera goes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum PathName {
+    Orbit,
+    Spiral,
+    FigureEight,
+    Interpolate,
+    File(PathBuf),
+}
+
+impl From<&str> for PathName {
+    /// What is no name of a path is a file.
+    fn from(text: &str) -> Self {
+        match text {
+            "orbit" => Self::Orbit,
+            "spiral" => Self::Spiral,
+            "figure-eight" => Self::FigureEight,
+            "interpolate" => Self::Interpolate,
+            file => Self::File(file.into()),
+        }
+    }
+}
 
 /// Frames of a path that is built in, and how many of them are shown per second.
 const FRAMES: u32 = 60;

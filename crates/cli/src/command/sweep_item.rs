@@ -1,0 +1,88 @@
+//! `infonerf sweep-item`.
+
+use std::io;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::Result;
+use clap::Args;
+use infonerf_experiment::launch::{PEAK_MEMORY, STOPPED};
+use infonerf_experiment::sweep::run_item;
+use infonerf_experiment::{Finished, RunEvent};
+
+use crate::exit::FAILED;
+use crate::interrupt;
+use crate::progress::Progress;
+use crate::selection::{DeviceArgs, NetworkArgs};
+use crate::summary::summary;
+use crate::terminal::open_device;
+use crate::units::parse_time;
+
+/// Run one line of a sweep's manifest, as the jobs of --launch do.
+#[derive(Debug, Args)]
+pub(crate) struct SweepItemArgs {
+    /// The manifest.jsonl of a sweep; results go into its folder.
+    manifest: PathBuf,
+    /// Which of its items, from 0.
+    item: usize,
+    #[command(flatten)]
+    device: DeviceArgs,
+    #[command(flatten)]
+    networks: NetworkArgs,
+    /// Stop after this share of the run, such as 0.25, saved to go on later.
+    #[arg(long, value_name = "SHARE", value_parser = parse_share)]
+    until: Option<f64>,
+    /// Give up after this time, such as 10m; what was saved stays.
+    #[arg(long, value_name = "TIME", value_parser = parse_time)]
+    timeout: Option<Duration>,
+    /// End when standard input is closed, as it is when the parent process ends.
+    #[arg(long, hide = true)]
+    tied: bool,
+}
+
+fn parse_share(text: &str) -> Result<f64, String> {
+    let share = text.parse::<f64>().ok().filter(|share| *share > 0.0 && *share < 1.0);
+    share.ok_or_else(|| format!("expected a number above 0 and below 1, found `{text}`"))
+}
+
+pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
+    let device = open_device(args.device.device)?;
+    let networks = args.networks.open(&device)?;
+    interrupt::install()?;
+    if args.tied {
+        std::thread::spawn(end_with_input);
+    }
+    if let Some(timeout) = args.timeout {
+        std::thread::spawn(move || end_after(timeout));
+    }
+    let mut progress = Progress::new("")?;
+    let watch = &mut |event: RunEvent<'_>| progress.watch(event);
+    let finished = run_item(&args.manifest, args.item, device, networks, args.until, watch)?;
+    match finished {
+        Finished::Record(record, _) => {
+            if let Some(bytes) = record.peak_rss_bytes {
+                println!("{PEAK_MEMORY}{}", bytes >> 20);
+            }
+            println!("{}", summary(&record));
+        }
+        Finished::Kept(_) => println!("finished before, kept"),
+        Finished::Stopped if interrupt::asked() => return Ok(ExitCode::from(STOPPED as u8)),
+        Finished::Stopped => println!("stopped and saved, to go on later"),
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Ends the process when its time is up: what is on disk is complete at any time.
+fn end_after(timeout: Duration) {
+    std::thread::sleep(timeout);
+    eprintln!("error: timed out after {} s; what was saved is kept", timeout.as_secs_f64());
+    std::process::exit(i32::from(FAILED));
+}
+
+/// Ends the process when nobody is left to talk to it: what is on disk is complete at any time.
+fn end_with_input() {
+    if io::copy(&mut io::stdin(), &mut io::sink()).is_ok() {
+        std::process::exit(STOPPED);
+    }
+}

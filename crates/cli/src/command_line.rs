@@ -1,0 +1,37 @@
+//! The command line of this process, for other processes to run again.
+
+use std::ffi::OsString;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use infonerf_report::write_atomically;
+
+/// The file in an experiment's folder that holds its command line.
+const FILE: &str = "command.txt";
+
+/// Saves the command line in an experiment's folder, without `--out`.
+pub(crate) fn save(folder: &Path) -> Result<()> {
+    let mut words = vec!["infonerf".to_owned()];
+    let mut args = std::env::args().skip(1);
+    while let Some(word) = args.next() {
+        match word.as_str() {
+            "--out" => drop(args.next()),
+            word if word.starts_with("--out=") => {}
+            word => words.push(word.to_owned()),
+        }
+    }
+    let line = shlex::try_join(words.iter().map(String::as_str)).context("the command line")?;
+    Ok(write_atomically(&folder.join(FILE), line.as_bytes())?)
+}
+
+/// The command line in an experiment's folder, if there is one.
+pub(crate) fn read(folder: &Path) -> Option<String> {
+    std::fs::read_to_string(folder.join(FILE)).ok()
+}
+
+/// The command line with `--merge`.
+pub(crate) fn merging() -> Result<Vec<OsString>> {
+    let program = std::env::current_exe().context("the program's own file")?;
+    let given = std::env::args_os().skip(1);
+    Ok(std::iter::once(program.into_os_string()).chain(given).chain(["--merge".into()]).collect())
+}

@@ -1,0 +1,45 @@
+//! Times and sizes on the command line.
+
+use std::time::Duration;
+
+use parse_size::Config;
+
+/// A time above 0 with its unit, such as `90s`, `1500ms` or `1h 30m`.
+pub(crate) fn parse_time(text: &str) -> Result<Duration, String> {
+    let time = humantime::parse_duration(text).ok().filter(|time| !time.is_zero());
+    time.ok_or_else(|| "expected a time above 0 with its unit, such as 60s or 5m".to_owned())
+}
+
+/// A size such as `8G`, in mebibytes, which is also the unit of a number alone.
+pub(crate) fn parse_mebibytes(text: &str) -> Result<u64, String> {
+    let parser = Config::new().with_binary().with_default_factor(1 << 20);
+    let size = parser.parse_size(text).ok().map(|bytes| bytes >> 20).filter(|size| *size > 0);
+    size.ok_or_else(|| "expected a size of at least 1M, such as 8G or 500M".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_have_a_unit_and_are_above_0() {
+        for (text, seconds) in [("60s", 60.0), ("5m", 300.0), ("1500ms", 1.5), ("0.5h", 1800.0), ("1h 30m", 5400.0)] {
+            assert_eq!(parse_time(text).map(|time| time.as_secs_f64()), Ok(seconds), "{text}");
+        }
+        for text in ["", "7", "s", "0s", "-1s", "nan", "5 parsecs", "1e400s", "99999999999999999999h"] {
+            assert!(parse_time(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn sizes_are_binary() {
+        for (text, mebibytes) in
+            [("8G", 8192), ("8GiB", 8192), ("500M", 500), ("1T", 1 << 20), ("1.5G", 1536), ("64", 64)]
+        {
+            assert_eq!(parse_mebibytes(text), Ok(mebibytes), "{text}");
+        }
+        for text in ["", "G", "0", "0G", "-1G", "8X", "1K", "many", "99999999999999999999G", "é"] {
+            assert!(parse_mebibytes(text).is_err(), "{text}");
+        }
+    }
+}
