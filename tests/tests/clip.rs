@@ -8,7 +8,8 @@ use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_loss::semantic_loss;
 use infonerf_ops::to_host;
 use infonerf_pretrained::{ClipConfig, ClipVision};
-use infonerf_scene::{SceneRequest, SceneSource, TestProtocol, load};
+use infonerf_procedural::load;
+use infonerf_scene::{SceneRequest, TestProtocol};
 use infonerf_tests::{hashed, picture, write_weights};
 use infonerf_train::{Config, Event, Preset, Trainer, config};
 use serde_json::Value;
@@ -148,7 +149,7 @@ fn a_run_trains_with_it() {
             config::assign(&mut table, setting).unwrap();
         }
         let config = Config::from_table(table).unwrap();
-        let scene = load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let scene = load("knot", &request).unwrap();
         let mut trainer = Trainer::new(&config, scene, 0, None, &Device::flex()).unwrap();
         let mut losses = Vec::new();
         for _ in 0..3 {

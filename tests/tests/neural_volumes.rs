@@ -10,8 +10,9 @@ use infonerf_field::{
     SourceView, Sources,
 };
 use infonerf_ops::{Segments, additive_depth, composite, to_host};
+use infonerf_procedural::load;
 use infonerf_render::Exposure;
-use infonerf_scene::{SceneRequest, SceneSource, TestProtocol, load};
+use infonerf_scene::{SceneRequest, TestProtocol};
 use infonerf_schedule::Moment;
 use infonerf_tests::{compare, largest, numbers, overwritten, picture};
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer, config};
@@ -293,7 +294,7 @@ fn trained(settings: &[&str]) -> f32 {
     }
     let config = Config::from_table(table).unwrap();
     let request = SceneRequest { image_size: Some(32), test: TestProtocol::First(1), ..SceneRequest::default() };
-    let scene = load(&SceneSource::Procedural("crane".into()), &request).unwrap();
+    let scene = load("crane", &request).unwrap();
     let mut trainer = Trainer::new(&config, scene, 0, None, &Device::flex()).unwrap();
     let mut steps = Vec::new();
     let mut report = |event| {

@@ -16,7 +16,8 @@ use infonerf_experiment::save_png;
 use infonerf_field::{Field, Points, Sampled};
 use infonerf_metrics::to_rgb8;
 use infonerf_ops::frequency_encode;
-use infonerf_scene::{SceneRequest, SceneSource, load};
+use infonerf_procedural::load;
+use infonerf_scene::SceneRequest;
 use infonerf_schedule::Moment;
 use infonerf_train::{Config, Outcome, Preset, Trainer, evaluate_view};
 
@@ -62,7 +63,7 @@ fn main() -> anyhow::Result<()> {
     }
     let config = Config::from_table(settings)?;
     let request = SceneRequest { image_size: Some(100), ..SceneRequest::default() };
-    let scene = load(&SceneSource::Procedural("castle".into()), &request)?;
+    let scene = load("castle", &request)?;
     let device = Device::flex();
     let mut trainer = Trainer::with_field(&config, scene, 0, None, &device, |seed, device| {
         device.seed(seed);

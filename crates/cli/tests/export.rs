@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 use common::{Workplace, text};
-use infonerf_scene::procedural::train_cameras;
+use infonerf_procedural::train_cameras;
 use serde_json::{Value, json};
 
 const RUN: &str = "runs/synthetic-4view/knot/nerf/seed0";

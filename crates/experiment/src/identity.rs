@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
 
 use anyhow::{Context, Result};
-use infonerf_scene::SceneSource;
+use infonerf_dataset::SceneSource;
 use serde::{Deserialize, Serialize};
 
 use crate::RunPlan;

@@ -5,9 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
+use infonerf_dataset::SceneSource;
 use infonerf_field::FieldSpec;
 use infonerf_report::{Claim, Record, ReportInput};
-use infonerf_scene::{Backdrop, SceneSource};
+use infonerf_scene::Backdrop;
 use infonerf_train::{Config, Preset, config};
 use toml::{Table, Value};
 

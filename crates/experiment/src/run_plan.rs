@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use burn::tensor::Device;
+use infonerf_dataset::SceneSource;
 use infonerf_field::FieldSpec;
 use infonerf_report::run_directory;
-use infonerf_scene::{Scene, SceneRequest, SceneSource};
+use infonerf_scene::{Scene, SceneRequest};
 use infonerf_train::{Config, MemoryPlan, Preset, Trainer, member_seed};
 use serde::{Deserialize, Serialize};
 use toml::Table;
@@ -95,9 +96,9 @@ impl RunPlan {
     /// Loads the scene.
     ///
     /// # Errors
-    /// As [`infonerf_scene::load`].
+    /// As [`infonerf_dataset::load`].
     pub fn load(&self) -> Result<Scene> {
-        infonerf_scene::load(&self.source, &self.request()).with_context(|| self.source_name())
+        infonerf_dataset::load(&self.source, &self.request()).with_context(|| self.source_name())
     }
 
     /// Refuses a run that would not fit into memory with so many of its fields being trained side by side, before anything
@@ -106,7 +107,8 @@ impl RunPlan {
     /// # Errors
     /// One line that names the largest part, or what is wrong with the scene.
     pub fn check_memory(&self, side_by_side: usize) -> Result<()> {
-        let pixels = infonerf_scene::count_pixels(&self.source, &self.request()).with_context(|| self.source_name())?;
+        let pixels =
+            infonerf_dataset::count_pixels(&self.source, &self.request()).with_context(|| self.source_name())?;
         Ok(MemoryPlan::new(&self.config, pixels, side_by_side).check_available()?)
     }
 

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
+use infonerf_dataset::SceneSource;
+use infonerf_procedural as procedural;
 use infonerf_report::folder_name_fault;
-use infonerf_scene::{SceneSource, procedural};
 
 use crate::seeds::parse_seeds;
 

@@ -70,7 +70,7 @@ impl Grid {
 #[cfg(test)]
 mod tests {
     use glam::Vec3;
-    use infonerf_scene::procedural::train_cameras;
+    use infonerf_procedural::train_cameras;
 
     use super::*;
     use crate::Surface;

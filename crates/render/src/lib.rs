@@ -14,7 +14,8 @@
 //!     Compositing, LastInterval, Model, OccupancyConfig, Placement, RenderConfig, Renderer, Space, TrainedModel,
 //!     render_image,
 //! };
-//! use infonerf_scene::{Scene, SceneRequest, SceneSource, TestProtocol, load};
+//! use infonerf_procedural::load;
+//! use infonerf_scene::{Scene, SceneRequest, TestProtocol};
 //! use infonerf_schedule::Moment;
 //!
 //! #[derive(Module, Debug)]
@@ -35,7 +36,7 @@
 //! }
 //!
 //! let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..SceneRequest::default() };
-//! let scene: Scene = load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+//! let scene: Scene = load("knot", &request).unwrap();
 //! let config = RenderConfig {
 //!     compositing: Compositing::Exponential,
 //!     samples: 16.0.into(),

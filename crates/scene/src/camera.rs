@@ -135,22 +135,25 @@ impl Camera {
         Self { to_world, ..self.clone() }
     }
 
-    pub(crate) fn rotation(&self) -> DMat3 {
+    /// The camera's axes in the world, as columns: right, up and back.
+    pub fn rotation(&self) -> DMat3 {
         DMat3::from_mat4(self.to_world)
     }
 
-    pub(crate) fn position_f64(&self) -> DVec3 {
+    /// [`Camera::position`] in `f64`.
+    pub fn position_f64(&self) -> DVec3 {
         self.to_world.w_axis.truncate()
     }
 
-    pub(crate) fn forward_f64(&self) -> DVec3 {
+    /// [`Camera::forward`] in `f64`.
+    pub fn forward_f64(&self) -> DVec3 {
         -self.to_world.z_axis.truncate()
     }
 }
 
 /// The camera-to-world pose at `position` that looks along `forward`, its y axis as near to `up` as
 /// can be. Any `up` will do: one parallel to `forward` is replaced by a coordinate axis.
-pub(crate) fn look_along(position: DVec3, forward: DVec3, up: DVec3) -> DMat4 {
+pub fn look_along(position: DVec3, forward: DVec3, up: DVec3) -> DMat4 {
     let back = -forward.normalize_or(DVec3::NEG_Z);
     let right = [up, DVec3::Z, DVec3::Y, DVec3::X]
         .iter()

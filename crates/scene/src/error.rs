@@ -79,15 +79,18 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    pub(crate) fn io(path: &Path, reason: std::io::Error) -> Self {
+    /// A [`SceneError::Io`].
+    pub fn io(path: &Path, reason: std::io::Error) -> Self {
         Self::Io { path: path.into(), reason }
     }
 
-    pub(crate) fn malformed(path: &Path, expected: impl Into<String>, reason: impl std::fmt::Display) -> Self {
+    /// A [`SceneError::Malformed`], with its reason in one line.
+    pub fn malformed(path: &Path, expected: impl Into<String>, reason: impl std::fmt::Display) -> Self {
         Self::Malformed { path: path.into(), expected: expected.into(), reason: one_line(&reason) }
     }
 
-    pub(crate) fn field(
+    /// A [`SceneError::Field`], with what was found in one line.
+    pub fn field(
         path: &Path,
         field: impl Into<String>,
         expected: impl Into<String>,
@@ -96,7 +99,8 @@ impl SceneError {
         Self::Field { path: path.into(), field: field.into(), expected: expected.into(), found: one_line(&found) }
     }
 
-    pub(crate) fn request(field: &'static str, expected: impl Into<String>, found: impl std::fmt::Display) -> Self {
+    /// A [`SceneError::Request`], with what was found in one line.
+    pub fn request(field: &'static str, expected: impl Into<String>, found: impl std::fmt::Display) -> Self {
         Self::Request { field, expected: expected.into(), found: one_line(&found) }
     }
 }

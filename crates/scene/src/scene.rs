@@ -1,15 +1,8 @@
-//! Scenes: what a loader gives and what it is asked for.
+//! Scenes: photographs with their cameras, and the space between them.
 
-use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::{
-    Backdrop, Camera, Format, Image, Ray, SceneError, Space, TestProtocol, ViewSelection, loaders, procedural,
-    resized_dimensions,
-};
-
-/// The longest image side that can be asked for, in pixels.
-const LARGEST_SIZE: u32 = 16_384;
+use crate::{Backdrop, Camera, Format, Image, Ray, Space, resized_dimensions};
 
 /// One photograph with its camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -99,72 +92,24 @@ impl Scene {
     pub fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
         self.space.range.along(ray)
     }
-}
 
-/// Where a scene comes from.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum SceneSource {
-    /// A built-in scene, one of [`procedural::NAMES`] or `random-<seed>`.
-    Procedural(String),
-    /// A folder in one of the known formats, told apart by its files, in this order:
-    /// `transforms_train.json` (Blender), `transforms.json` (nerfstudio, instant-ngp), `poses_bounds.npy` (LLFF),
-    /// `cameras_sphere.npz` or `cameras.npz` (DTU), `annots.npy` (ZJU-MoCap), a reconstruction of COLMAP.
-    Folder {
-        /// The folder that holds that file.
-        path: PathBuf,
-    },
-}
+    /// How many pixels its views have.
+    pub fn pixels(&self) -> PixelCount {
+        let of = |views: &[View]| views.iter().map(|view| view.image.rgb.len() as u64).sum();
+        PixelCount { train: of(&self.train), test: of(&self.test) }
+    }
 
-/// What to load of a scene.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SceneRequest {
-    /// Which training views.
-    pub train: ViewSelection,
-    /// Which test views.
-    pub test: TestProtocol,
-    /// The longest side of the images in pixels, reached with a box filter, which enlarges none; `None` for the size they
-    /// have (for procedural scenes, [`procedural::DEFAULT_SIZE`]).
-    pub image_size: Option<u32>,
-    /// Colour behind transparent pixels, display-encoded RGB in `[0, 1]`.
-    pub background: [f32; 3],
-    /// Which frame of a film (ZJU-MoCap); `None` for the first.
-    pub frame: Option<usize>,
-}
-
-impl Default for SceneRequest {
-    /// Four views of seed 0, every 8th test view, native size, white.
-    fn default() -> Self {
-        Self {
-            train: ViewSelection::Seed { seed: 0, count: 4 },
-            test: TestProtocol::Every(8),
-            image_size: None,
-            background: [1.0; 3],
-            frame: None,
+    /// The scene with the mean colour of its training views as background if what lies behind its content is unknown:
+    /// the one colour that is nearest to all of their pixels in squared error.
+    pub fn with_guessed_background(mut self) -> Self {
+        if self.backdrop == Backdrop::Unknown {
+            self.background = mean_color(&self.train);
         }
+        self
     }
 }
 
-/// Loads the views that `request` asks for, and no other image, from `source`.
-///
-/// Images are decoded or rendered in parallel; the result does not depend on the number of threads.
-///
-/// # Errors
-/// Every fault of the data or of the request, as a [`SceneError`] of one line: a missing folder,
-/// file or field, a broken image, a pose that is not a rigid transform, images of different sizes,
-/// no views, ids out of range or given twice.
-pub fn load(source: &SceneSource, request: &SceneRequest) -> Result<Scene, SceneError> {
-    check(request)?;
-    let mut scene = match source {
-        SceneSource::Procedural(name) => procedural::load(name, request)?,
-        SceneSource::Folder { path } => loaders::load(path, request)?,
-    };
-    if scene.backdrop == Backdrop::Unknown {
-        scene.background = mean_color(&scene.train);
-    }
-    Ok(scene)
-}
-
-/// The mean colour of all pixels of `views`, which is nearest to them all in squared error; white where there are none.
+/// The mean colour of all pixels of `views`; white where there are none.
 fn mean_color(views: &[View]) -> [f32; 3] {
     let mut sum = [0.0f64; 3];
     let mut count = 0usize;
@@ -185,81 +130,16 @@ pub struct PixelCount {
 }
 
 impl PixelCount {
-    pub(crate) fn new((width, height): (u32, u32), train: usize, test: usize) -> Self {
+    /// Of `train` and `test` views of one size.
+    pub fn new((width, height): (u32, u32), train: usize, test: usize) -> Self {
         let each = u64::from(width) * u64::from(height);
         Self { train: each.saturating_mul(train as u64), test: each.saturating_mul(test as u64) }
     }
 }
 
-impl Scene {
-    /// How many pixels its views have.
-    pub fn pixels(&self) -> PixelCount {
-        let of = |views: &[View]| views.iter().map(|view| view.image.rgb.len() as u64).sum();
-        PixelCount { train: of(&self.train), test: of(&self.test) }
-    }
-}
-
-/// How many pixels [`load`] would hold, from the headers of image files: nothing is decoded or rendered.
-///
-/// # Errors
-/// As [`load`], faults within images apart.
-pub fn count_pixels(source: &SceneSource, request: &SceneRequest) -> Result<PixelCount, SceneError> {
-    check(request)?;
-    match source {
-        SceneSource::Procedural(name) => procedural::count_pixels(name, request),
-        SceneSource::Folder { path } => loaders::count_pixels(path, request),
-    }
-}
-
-fn check(request: &SceneRequest) -> Result<(), SceneError> {
-    if let Some(size) = request.image_size
-        && (size == 0 || size > LARGEST_SIZE)
-    {
-        let expected = format!("a size from 1 to {LARGEST_SIZE} pixels");
-        return Err(SceneError::request("image_size", expected, size));
-    }
-    if !request.background.iter().all(|v| (0.0..=1.0).contains(v)) {
-        let found = format!("{:?}", request.background);
-        return Err(SceneError::request("background", "three numbers from 0 to 1", found));
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// What no photograph shows is best guessed by their mean.
-    #[test]
-    fn an_unknown_backdrop_is_the_mean_of_the_photographs() {
-        let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..Default::default() };
-        let scene = load(&SceneSource::Procedural("room".into()), &request).unwrap();
-        assert_eq!(scene.backdrop, Backdrop::Unknown);
-        let pixels: Vec<[f32; 3]> = scene.train.iter().flat_map(|view| view.image.rgb.clone()).collect();
-        for channel in 0..3 {
-            let error = |guess: f32| pixels.iter().map(|pixel| (pixel[channel] - guess).powi(2)).sum::<f32>();
-            let mean = scene.background[channel];
-            assert!(error(mean) < error(mean + 0.01) && error(mean) < error(mean - 0.01));
-        }
-        assert_eq!(load(&SceneSource::Procedural("knot".into()), &request).unwrap().background, [1.0; 3]);
-    }
-
-    #[test]
-    fn pixels_are_counted_before_they_are_loaded() {
-        let guard = tempfile::tempdir().unwrap();
-        let dir = guard.path().join("toy");
-        loaders::testing::blender(&dir, 5, 3);
-        let sources = [SceneSource::Procedural("knot".into()), SceneSource::Folder { path: dir }];
-        for source in sources {
-            for image_size in [Some(6), None] {
-                let train = ViewSelection::Ids(vec![1, 3]);
-                let request = SceneRequest { train, test: TestProtocol::First(3), image_size, ..Default::default() };
-                let counted = count_pixels(&source, &request).unwrap();
-                assert_eq!(counted, load(&source, &request).unwrap().pixels(), "{source:?}");
-                assert_eq!(2 * counted.test, 3 * counted.train);
-            }
-        }
-    }
 
     #[test]
     fn a_reduced_view_sees_the_same() {
@@ -279,18 +159,5 @@ mod tests {
         assert_eq!(half.mask.unwrap()[..], [true, false], "a pixel counts if half of it does");
         assert_eq!((half.camera, half.depth), (Camera::from_fov(2, 1, 1.0, pose), None));
         assert_eq!(view.reduced(100).image.rgb.len(), 1, "never less than a pixel");
-    }
-
-    #[test]
-    fn bad_requests() {
-        let source = SceneSource::Procedural("knot".into());
-        for size in [0, 1 << 20] {
-            let request = SceneRequest { image_size: Some(size), ..Default::default() };
-            assert!(load(&source, &request).unwrap_err().to_string().contains("image_size"));
-        }
-        for bad in [f32::NAN, -0.1, 1.1] {
-            let request = SceneRequest { background: [0.5, bad, 0.5], ..Default::default() };
-            assert!(load(&source, &request).unwrap_err().to_string().contains("background"));
-        }
     }
 }

@@ -5,12 +5,13 @@
 //! not agree on is dropped. Only the photographs and their cameras are used.
 //!
 //! ```
-//! use infonerf_scene::{SceneRequest, SceneSource, ViewSelection, load};
+//! use infonerf_procedural::load;
+//! use infonerf_scene::{SceneRequest, ViewSelection};
 //! use infonerf_stereo::{Settings, depth_maps};
 //!
 //! let train = ViewSelection::Seed { seed: 0, count: 3 };
 //! let request = SceneRequest { train, image_size: Some(48), ..SceneRequest::default() };
-//! let scene = load(&SceneSource::Procedural("room".into()), &request)?;
+//! let scene = load("room", &request)?;
 //! let maps = depth_maps(&scene, &Settings::default());
 //! assert_eq!(maps.len(), 3);
 //! let agreed: usize = maps.iter().map(|map| map.matched()).sum();

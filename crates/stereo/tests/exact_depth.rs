@@ -1,11 +1,12 @@
 //! Depth maps against the exact depth of a procedural scene.
 
-use infonerf_scene::{Range, Scene, SceneRequest, SceneSource, ViewSelection, load};
+use infonerf_procedural::load;
+use infonerf_scene::{Range, Scene, SceneRequest, ViewSelection};
 use infonerf_stereo::{DepthMap, Settings, depth_maps};
 
 fn room(train: ViewSelection) -> Scene {
     let request = SceneRequest { train, image_size: Some(128), ..SceneRequest::default() };
-    load(&SceneSource::Procedural("room".into()), &request).unwrap()
+    load("room", &request).unwrap()
 }
 
 /// How far the map's disparities are from the exact ones, in steps between planes, sorted.

@@ -57,7 +57,8 @@ fn source(view: &View) -> SourceView {
 
 #[cfg(test)]
 mod tests {
-    use infonerf_scene::{SceneRequest, SceneSource, TestProtocol, ViewSelection, load};
+    use infonerf_procedural::load;
+    use infonerf_scene::{SceneRequest, TestProtocol, ViewSelection};
 
     use super::*;
     use crate::{Config, Preset};
@@ -70,7 +71,7 @@ mod tests {
             background: [1.0; 3],
             ..SceneRequest::default()
         };
-        Photographs::new(&load(&SceneSource::Procedural("knot".into()), &request).unwrap())
+        Photographs::new(&load("knot", &request).unwrap())
     }
 
     fn drawn(photographs: &Photographs, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
@@ -106,7 +107,7 @@ mod tests {
     #[test]
     fn cameras_agree_with_the_scenes() {
         let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
-        let scene = load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let scene = load("knot", &request).unwrap();
         let source = source(&scene.train[0]);
         let point = [0.3f32, -0.2, 0.1];
         let [x, y, z] = source.to_camera.map(|r| r[0] * point[0] + r[1] * point[1] + r[2] * point[2] + r[3]);

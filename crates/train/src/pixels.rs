@@ -107,7 +107,7 @@ pub(crate) fn generator(noise: Noise) -> ChaCha8Rng {
 
 #[cfg(test)]
 mod tests {
-    use infonerf_scene::{SceneRequest, SceneSource, ViewSelection};
+    use infonerf_scene::{SceneRequest, ViewSelection};
 
     use super::*;
     use crate::{Config, Preset};
@@ -118,7 +118,7 @@ mod tests {
             image_size: Some(16),
             ..SceneRequest::default()
         };
-        infonerf_scene::load(&SceneSource::Procedural("knot".into()), &request).unwrap()
+        infonerf_procedural::load("knot", &request).unwrap()
     }
 
     /// Neighbours of a capture far from the origin are neighbours of it, and not somewhere else.

@@ -208,7 +208,7 @@ fn coverage(rgba: &[[f32; 4]], width: u32, background: [f32; 3]) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
-    use infonerf_scene::{SceneRequest, SceneSource, ViewRegion, ViewSelection};
+    use infonerf_scene::{SceneRequest, ViewRegion, ViewSelection};
 
     use super::*;
     use crate::pixels::{UnseenViews, turn};
@@ -232,7 +232,7 @@ mod tests {
             image_size: Some(16),
             ..SceneRequest::default()
         };
-        let scene = infonerf_scene::load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let scene = infonerf_procedural::load("knot", &request).unwrap();
         let mut table = Preset::Paper.table();
         crate::config::assign(&mut table, "train.downscale={steps=[[0.0,4],[0.25,2],[0.5,50],[0.75,1]]}").unwrap();
         let config = Config::from_table(table).unwrap().train;

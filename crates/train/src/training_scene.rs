@@ -78,7 +78,8 @@ impl TrainingScene {
 
 #[cfg(test)]
 mod tests {
-    use infonerf_scene::{SceneRequest, SceneSource, load};
+    use infonerf_procedural::load;
+    use infonerf_scene::SceneRequest;
 
     use super::*;
     use crate::Preset;
@@ -87,7 +88,7 @@ mod tests {
     #[test]
     fn more_photographs_than_there_are_cannot_be_looked_at() {
         let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
-        let scene = load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let scene = load("knot", &request).unwrap();
         let fault = |images: usize| {
             let mut table = Preset::Fast.table();
             let encoder = format!("encoder={{images={images},size=[16,16],width=1}}");
@@ -108,7 +109,7 @@ mod tests {
     #[test]
     fn cameras_that_face_all_ways_have_no_device_coordinates() {
         let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
-        let mut scene = load(&SceneSource::Procedural("knot".into()), &request).unwrap();
+        let mut scene = load("knot", &request).unwrap();
         let mut config = Config::from_table(Preset::Fast.table()).unwrap();
         config.render.space = Space::Ndc;
         let views = scene.train.clone();

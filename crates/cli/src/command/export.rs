@@ -7,15 +7,17 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
 use glam::Vec3;
+use infonerf_dataset::{SceneSource, transforms};
 use infonerf_experiment::{RunPlan, Trained, TrainedVolume};
 use infonerf_export::{
     Chamfer, DepthMap, ExportError, Gaussian, Grid, Mesh, Surface, Volume, chamfer, gaussians, glb, npz, obj, ply_mesh,
     ply_points, ply_splats, splat_picture,
 };
 use infonerf_metrics::{Picture, psnr};
+use infonerf_procedural as procedural;
 use infonerf_render::render_image;
 use infonerf_report::{VIEWER_PAGE, write_atomically};
-use infonerf_scene::{Camera, Scene, SceneSource, interpolate_views, procedural, resized_dimensions, transforms};
+use infonerf_scene::{Camera, Scene, interpolate_views, resized_dimensions};
 
 use crate::selection::DeviceArgs;
 use crate::terminal::open_device;

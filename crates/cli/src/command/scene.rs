@@ -5,11 +5,10 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::{Subcommand, ValueEnum};
+use infonerf_dataset::{SceneSource, check, export, from_images, info, info_page, load, outline};
+use infonerf_procedural as procedural;
 use infonerf_report::write_atomically;
-use infonerf_scene::{
-    Format, SceneRequest, SceneSource, TestProtocol, ViewSelection, check, export, from_images, info, info_page, load,
-    outline, procedural,
-};
+use infonerf_scene::{Format, SceneRequest, TestProtocol, ViewSelection};
 
 /// List or export scenes.
 #[derive(Debug, Subcommand)]
@@ -47,7 +46,7 @@ pub(crate) enum SceneCommand {
         #[arg(long, value_enum, default_value = "blender")]
         format: SceneFormatName,
         /// Side of the images in pixels.
-        #[arg(long, default_value_t = infonerf_scene::procedural::DEFAULT_SIZE)]
+        #[arg(long, default_value_t = infonerf_procedural::DEFAULT_SIZE)]
         size: u32,
     },
 }

@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use anyhow::{Context, Result, bail};
-use infonerf_scene::SceneSource;
+use infonerf_dataset::SceneSource;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

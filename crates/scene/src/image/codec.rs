@@ -15,20 +15,29 @@ const MOST_PIXELS: u64 = 1 << 26;
 const EXPECTED: &str = "a complete PNG or JPEG image";
 
 /// The `(width, height)` that the header of an image file states.
-pub(crate) fn dimensions(path: &Path) -> Result<(u32, u32), SceneError> {
+///
+/// # Errors
+/// The file is missing, unreadable, not an image, or larger than this crate reads.
+pub fn dimensions(path: &Path) -> Result<(u32, u32), SceneError> {
     let size = open(path)?.into_dimensions().map_err(|e| decode_error(path, e))?;
     check_side(path, size)?;
     Ok(size)
 }
 
 /// Whether an image file says that it has an alpha channel.
-pub(crate) fn has_alpha(path: &Path) -> Result<bool, SceneError> {
+///
+/// # Errors
+/// The file is missing, unreadable, not an image, or larger than this crate reads.
+pub fn has_alpha(path: &Path) -> Result<bool, SceneError> {
     let decoder = open(path)?.into_decoder().map_err(|e| decode_error(path, e))?;
     Ok(decoder.color_type().has_alpha())
 }
 
 /// Decodes a PNG or JPEG, 8 or 16 bits a channel, grey or colour, with or without alpha.
-pub(crate) fn read_rgba(path: &Path) -> Result<RgbaImage, SceneError> {
+///
+/// # Errors
+/// The file is missing, unreadable, not an image, or larger than this crate reads.
+pub fn read_rgba(path: &Path) -> Result<RgbaImage, SceneError> {
     let size = dimensions(path)?;
     decode(path, open(path)?, size)
 }
@@ -54,8 +63,11 @@ fn decode(
     Ok(RgbaImage { width, height, pixels, has_alpha })
 }
 
-/// The same of bytes in memory; `path` is what errors name.
-pub(crate) fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> {
+/// [`read_rgba`] of bytes in memory; `path` is what errors name.
+///
+/// # Errors
+/// The bytes are not an image, or larger than this crate reads.
+pub fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> {
     let reader = || {
         let guessed = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
         guessed.map_err(|source| SceneError::io(path, source))

@@ -4,7 +4,7 @@ mod codec;
 mod resize;
 mod rgba;
 
-pub(crate) use codec::{decode_bytes, dimensions, has_alpha, read_rgba};
+pub use codec::{decode_bytes, dimensions, has_alpha, read_rgba};
 pub use resize::resized_dimensions;
 pub use rgba::{Rgba8, RgbaImage};
 
@@ -63,7 +63,7 @@ impl Image {
     }
 
     /// Whether at least 95 % of the border is within 2 % of `colour`.
-    pub(crate) fn has_border(&self, colour: [f32; 3]) -> bool {
+    pub fn has_border(&self, colour: [f32; 3]) -> bool {
         let (w, h) = (self.width, self.height);
         let border = (0..w).flat_map(|x| [(x, 0), (x, h - 1)]).chain((0..h).flat_map(|y| [(0, y), (w - 1, y)]));
         let like = |p: [f32; 3]| p.iter().zip(colour).all(|(a, b)| (a - b).abs() <= 0.02);
@@ -92,7 +92,7 @@ impl Image {
 }
 
 /// A mask at another size: a pixel counts if at least half of the area that it covers does.
-pub(crate) fn resized_mask(mask: &[bool], from: (u32, u32), to: (u32, u32)) -> Vec<bool> {
+pub fn resized_mask(mask: &[bool], from: (u32, u32), to: (u32, u32)) -> Vec<bool> {
     if from == to {
         return mask.to_vec();
     }

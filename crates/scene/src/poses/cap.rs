@@ -55,7 +55,7 @@ impl Cap {
 }
 
 /// The angle between two unit vectors, accurate near 0 and π.
-pub(crate) fn angle(a: DVec3, b: DVec3) -> f64 {
+pub fn angle(a: DVec3, b: DVec3) -> f64 {
     2.0 * (a - b).length().atan2((a + b).length())
 }
 

@@ -89,7 +89,7 @@ pub(crate) fn cone(cameras: &[Camera]) -> f64 {
 /// Inverse iteration on `Σ xᵢxᵢᵀ` from the mean y axis; where the x axes leave a choice (one camera,
 /// parallel x axes) the mean y axis decides. It also does where all look one way with rolls of their own: the x axes
 /// then lie in the image plane, and what is at right angles to them is the viewing axis.
-pub(crate) fn up_direction(cameras: &[Camera]) -> DVec3 {
+pub fn up_direction(cameras: &[Camera]) -> DVec3 {
     let n = cameras.len() as f64;
     let mean_up: DVec3 = cameras.iter().map(|c| c.to_world.y_axis.truncate()).sum();
     let agreed = mean_up.length() > AGREED * n;
@@ -117,7 +117,7 @@ fn outer(v: DVec3) -> DMat3 {
 mod tests {
     use super::*;
     use crate::camera::look_along;
-    use crate::procedural::train_cameras;
+    use crate::testing::train_cameras;
 
     fn camera(position: DVec3, forward: DVec3) -> Camera {
         Camera::from_fov(8, 8, 0.7, look_along(position, forward, DVec3::Z))

@@ -7,8 +7,9 @@ mod path;
 mod spiral;
 mod unseen;
 
-pub(crate) use cap::angle;
-pub(crate) use centre::{cone, scene_focus, up_direction, view_directions};
+pub use cap::angle;
+pub use centre::up_direction;
+pub(crate) use centre::{cone, scene_focus, view_directions};
 pub(crate) use orbit::FORWARD_FACING;
 pub use orbit::{figure_eight, orbit};
 pub use path::{Keyframe, interpolate_keyframes, interpolate_views};

@@ -95,7 +95,7 @@ impl Level {
 mod tests {
     use super::*;
     use crate::camera::look_along;
-    use crate::procedural::train_cameras;
+    use crate::testing::train_cameras;
 
     #[test]
     fn object_orbit_is_level_and_closed() {

@@ -118,7 +118,7 @@ mod tests {
 
     use super::*;
     use crate::camera::look_along;
-    use crate::procedural::train_cameras;
+    use crate::testing::train_cameras;
 
     fn keyframes() -> Vec<Keyframe> {
         let poses = train_cameras(8).into_iter().take(5).map(|camera| camera.to_world);

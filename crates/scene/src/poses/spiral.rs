@@ -68,7 +68,7 @@ fn percentile(values: impl Iterator<Item = f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::procedural::train_cameras;
+    use crate::testing::train_cameras;
 
     #[test]
     fn percentiles_are_those_of_numpy() {

@@ -150,7 +150,7 @@ fn slerp(a: DVec3, b: DVec3, s: f64) -> DVec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::procedural::train_cameras;
+    use crate::testing::train_cameras;
     use glam::DMat3;
     use proptest::prelude::*;
     use rand::SeedableRng;

@@ -1,7 +1,8 @@
 //! Choosing the few training views, and those to evaluate on.
 
 mod mt19937;
-pub(crate) mod pool;
+pub mod pool;
+pub mod published;
 mod spread;
 mod test;
 mod text;
@@ -142,7 +143,7 @@ fn error(expected: impl Into<String>, found: impl std::fmt::Display) -> SceneErr
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::procedural::train_cameras;
+    use crate::testing::train_cameras;
 
     fn cameras() -> Vec<Camera> {
         train_cameras(8)

@@ -4,10 +4,13 @@ use super::{TestProtocol, ViewSelection};
 use crate::{Camera, SceneError};
 
 /// Views by their ids under a name.
-pub(crate) type Named = Vec<(String, Vec<usize>)>;
+pub type Named = Vec<(String, Vec<usize>)>;
 
 /// The positions in a pool of the views that `selection` chooses, where `ids` are the pool's ids.
-pub(crate) fn train(
+///
+/// # Errors
+/// As [`ViewSelection::select`], or there is no selection of that name.
+pub fn train(
     selection: &ViewSelection,
     cameras: &[Camera],
     ids: &[usize],
@@ -21,7 +24,10 @@ pub(crate) fn train(
 }
 
 /// The positions in a pool of the views that `protocol` chooses, of which `split` are the format's own test views.
-pub(crate) fn test(
+///
+/// # Errors
+/// As [`TestProtocol::select`], or there is no set of that name.
+pub fn test(
     protocol: &TestProtocol,
     ids: &[usize],
     split: Option<&[usize]>,
@@ -65,7 +71,7 @@ fn positions(field: &'static str, wanted: &[usize], ids: &[usize]) -> Result<Vec
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::procedural::train_cameras;
+    use crate::testing::train_cameras;
 
     #[test]
     fn ids_need_not_be_positions() {

@@ -81,7 +81,7 @@ pub(super) fn narrow(cameras: &[Camera], count: usize, angle: f64, rng: &mut imp
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::procedural::train_cameras;
+    use crate::testing::train_cameras;
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use infonerf_scene::{Scene, SceneRequest, SceneSource, TestProtocol, ViewSelection};
+use infonerf_scene::{Scene, SceneRequest, TestProtocol, ViewSelection};
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer, config};
 
 /// The field of the paper, everything on: coarse and fine network, occupancy grid, jitter, all loss terms, unseen rays.
@@ -120,7 +120,7 @@ pub fn scene_of(name: &str, count: usize) -> Arc<Scene> {
         background: [1.0; 3],
         ..SceneRequest::default()
     };
-    infonerf_scene::load(&SceneSource::Procedural(name.into()), &request).unwrap().into()
+    infonerf_procedural::load(name, &request).unwrap().into()
 }
 
 #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]

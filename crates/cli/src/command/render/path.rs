@@ -4,9 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use glam::DMat4;
-use infonerf_scene::{
-    Camera, CameraPath, Keyframe, Scene, figure_eight, interpolate_views, orbit, resized_dimensions, spiral,
-};
+use infonerf_dataset::CameraPath;
+use infonerf_scene::{Camera, Keyframe, Scene, figure_eight, interpolate_views, orbit, resized_dimensions, spiral};
 
 /// Where the camera goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -114,7 +113,7 @@ fn camera(like: &Camera, of_file: Option<(u32, u32)>, longest: Option<u32>, fram
 
 #[cfg(test)]
 mod tests {
-    use infonerf_scene::procedural::train_cameras;
+    use infonerf_procedural::train_cameras;
 
     use super::*;
 

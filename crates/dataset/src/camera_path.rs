@@ -1,0 +1,198 @@
+//! Camera paths as files.
+
+use std::ops::RangeInclusive;
+use std::path::Path;
+
+use infonerf_scene::{Keyframe, SceneError, interpolate_keyframes};
+
+use crate::loaders::{JsonFile, Node, read_flat_pose};
+
+/// The most keyframes or frames of a path.
+const MOST: usize = 10_000;
+/// Frames per second, and seconds, of a path whose file names none.
+const DEFAULT_FPS: f64 = 20.0;
+const DEFAULT_SECONDS: f64 = 4.0;
+
+/// The path of a camera, read from JSON.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraPath {
+    /// Where it passes; never empty.
+    pub keyframes: Vec<Keyframe>,
+    /// Whether it returns to its first keyframe.
+    pub closed: bool,
+    /// Frames per second.
+    pub fps: f64,
+    /// How many frames the file asks for.
+    pub frames: usize,
+    /// Width and height of the pictures in pixels, if the file says.
+    pub size: Option<(u32, u32)>,
+}
+
+impl CameraPath {
+    /// Reads a path in one of two forms, told apart by their list of cameras:
+    ///
+    /// - `camera_path`, as nerfstudio writes it (`camera_path.json`): every entry is a frame;
+    /// - `keyframes`: entries are interpolated ([`interpolate_keyframes`]); the path takes `seconds` (4), and returns to its first
+    ///   keyframe if `is_cycle` is true.
+    ///
+    /// An entry has `camera_to_world`, 16 numbers row by row in the scene's own coordinates with OpenGL's axes, and
+    /// may have `fov`, vertical and in degrees, which then all must have. Beside the list there may be `fps` (20),
+    /// `render_width` and `render_height`. Other fields are left alone.
+    ///
+    /// # Errors
+    /// The file cannot be read, has neither list or an empty one, a pose is not rigid, a number is out of range, or the
+    /// cameras are not perspective.
+    pub fn read(path: &Path) -> Result<Self, SceneError> {
+        Self::of(&JsonFile::read(path)?.root())
+    }
+
+    /// `n` frames along the path.
+    pub fn interpolated(&self, n: usize) -> Vec<Keyframe> {
+        interpolate_keyframes(&self.keyframes, self.closed, n)
+    }
+
+    fn of(root: &Node<'_>) -> Result<Self, SceneError> {
+        if let Some(kind) = root.find("camera_type") {
+            let expected = "\"perspective\"";
+            if kind.text(expected)? != "perspective" {
+                return Err(kind.error(expected));
+            }
+        }
+        let expected = "a list of 1 to 10000 cameras";
+        let (list, complete) = match root.find("camera_path") {
+            Some(list) => (list, true),
+            None => (root.get("keyframes", &format!("{expected} (or in `camera_path`)"))?, false),
+        };
+        let items = list.items(expected)?;
+        if !(1..=MOST).contains(&items.len()) {
+            return Err(list.error(expected));
+        }
+        let keyframes = items.iter().map(keyframe).collect::<Result<Vec<_>, _>>()?;
+        let differs = |keyframe: &Keyframe| keyframe.fov_y.is_some() != keyframes[0].fov_y.is_some();
+        if let Some(i) = keyframes.iter().position(differs) {
+            let without = if keyframes[i].fov_y.is_some() { 0 } else { i };
+            items[without].get("fov", "a field of view, as other cameras of the path have one")?;
+        }
+        let fps = number_of(root, "fps", "0.001 to 1000 frames per second", 1e-3..=1e3)?.unwrap_or(DEFAULT_FPS);
+        let seconds = number_of(root, "seconds", "0.001 to 10000 seconds", 1e-3..=1e4)?.unwrap_or(DEFAULT_SECONDS);
+        let frames = if complete { keyframes.len() } else { ((fps * seconds).round() as usize).clamp(1, MOST) };
+        let side = |key| number_of(root, key, "a side of 1 to 8192 pixels", 1.0..=8192.0);
+        let size = side("render_width")?.zip(side("render_height")?);
+        let size = size.map(|(width, height)| (width as u32, height as u32));
+        let closed = match root.find("is_cycle") {
+            Some(node) if !complete => node.flag("true or false")?,
+            _ => false,
+        };
+        Ok(Self { keyframes, closed, fps, frames, size })
+    }
+}
+
+fn keyframe(node: &Node<'_>) -> Result<Keyframe, SceneError> {
+    let pose = read_flat_pose(&node.get("camera_to_world", "a camera's pose")?)?;
+    let expected = "a vertical field of view between 0 and 180 degrees";
+    let fov = node.find("fov").map(|node| (node.number(expected), node));
+    let fov_y = match fov {
+        Some((fov, node)) => {
+            let fov = fov?;
+            if fov <= 0.0 || fov >= 180.0 {
+                return Err(node.error(expected));
+            }
+            Some(fov.to_radians())
+        }
+        None => None,
+    };
+    Ok(Keyframe { pose, fov_y })
+}
+
+/// The number of a field that may be absent.
+fn number_of(
+    root: &Node<'_>,
+    key: &str,
+    expected: &str,
+    range: RangeInclusive<f64>,
+) -> Result<Option<f64>, SceneError> {
+    let Some(node) = root.find(key) else { return Ok(None) };
+    let value = node.number(expected)?;
+    if range.contains(&value) { Ok(Some(value)) } else { Err(node.error(expected)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use serde_json::{Value, json};
+
+    use super::*;
+    use infonerf_procedural::train_cameras;
+
+    fn flat(index: usize) -> Value {
+        json!(train_cameras(8)[index].to_world.transpose().to_cols_array())
+    }
+
+    fn read(value: &Value) -> Result<CameraPath, SceneError> {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("path.json");
+        fs::write(&path, value.to_string()).unwrap();
+        CameraPath::read(&path)
+    }
+
+    fn entry(index: usize) -> Value {
+        json!({"camera_to_world": flat(index), "fov": 50.0, "aspect": 1.5})
+    }
+
+    #[test]
+    fn nerfstudio_frames_are_taken_as_they_are() {
+        let path = read(&json!({
+            "keyframes": [{"matrix": "[1,0,0,0]", "fov": 50}], "camera_type": "perspective", "render_height": 60,
+            "render_width": 90, "fps": 24, "seconds": 4, "is_cycle": true, "smoothness_value": 0.5,
+            "camera_path": [entry(0), entry(1), entry(2)],
+        }))
+        .unwrap();
+        assert_eq!((path.frames, path.fps, path.size, path.closed), (3, 24.0, Some((90, 60)), false));
+        for (i, frame) in path.interpolated(path.frames).iter().enumerate() {
+            assert!(frame.pose.abs_diff_eq(train_cameras(8)[i].to_world, 1e-12));
+            assert!((frame.fov_y.unwrap().to_degrees() - 50.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn keyframes_are_interpolated() {
+        let bare = |i| json!({"camera_to_world": flat(i)});
+        let path =
+            read(&json!({"keyframes": [bare(0), bare(1)], "seconds": 2.0, "fps": 10, "is_cycle": true})).unwrap();
+        assert_eq!((path.frames, path.closed, path.size, path.keyframes[0].fov_y), (20, true, None, None));
+        let frames = path.interpolated(20);
+        assert!(frames[10].pose.abs_diff_eq(train_cameras(8)[1].to_world, 1e-9));
+        let path = read(&json!({"keyframes": [bare(0)]})).unwrap();
+        assert_eq!((path.frames, path.fps, path.closed), (80, 20.0, false));
+    }
+
+    #[test]
+    fn faults_name_the_field() {
+        let whole = json!({"fps": 24, "render_width": 8, "camera_path": [entry(0), entry(1)]});
+        let cases = [
+            ("/camera_path", json!([]), "`camera_path`: expected a list of 1 to 10000 cameras"),
+            ("/camera_path", Value::Null, "`keyframes`: expected a list of 1 to 10000 cameras (or in `camera_path`)"),
+            ("/camera_path", json!(3), "`camera_path`: expected a list"),
+            ("/camera_path/1", json!({}), "`camera_path[1].camera_to_world`"),
+            ("/camera_path/1/camera_to_world", json!([1, 2]), "`camera_path[1].camera_to_world`: expected 16 numbers"),
+            ("/camera_path/1/camera_to_world/0", json!(5), "expected a 4×4 rigid camera-to-world matrix"),
+            ("/camera_path/1/fov", json!(180), "`camera_path[1].fov`: expected a vertical field of view"),
+            ("/camera_path/1/fov", Value::Null, "`camera_path[1].fov`: expected a field of view, as other"),
+            ("/camera_path/0/fov", Value::Null, "`camera_path[0].fov`: expected a field of view, as other"),
+            ("/fps", json!(0), "`fps`"),
+            ("/fps", json!(1e6), "`fps`"),
+            ("/render_width", json!(1e9), "`render_width`: expected a side"),
+        ];
+        for (pointer, value, expected) in cases {
+            let mut changed = whole.clone();
+            *changed.pointer_mut(pointer).unwrap() = value;
+            let text = read(&changed).unwrap_err().to_string();
+            assert!(text.contains(expected) && !text.contains('\n'), "{pointer}: {text}");
+        }
+        let mut fisheye = whole;
+        fisheye["camera_type"] = json!("fisheye");
+        assert!(read(&fisheye).unwrap_err().to_string().contains("`camera_type`: expected \"perspective\""));
+        assert!(CameraPath::read(Path::new("no/path.json")).unwrap_err().to_string().contains("no/path.json"));
+    }
+}

@@ -1,0 +1,358 @@
+//! Reconstructions of COLMAP: cameras with their lenses, poses, points and where each image sees them.
+
+pub(crate) mod binary;
+mod camera;
+pub(crate) mod text;
+
+pub use camera::{ColmapCamera, MODELS};
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
+use infonerf_scene::{Camera, SceneError};
+
+/// Where a scene's folder may keep its reconstruction; the last is the folder itself.
+const PLACES: [&str; 5] = ["sparse/0", "sparse", "colmap/sparse/0", "0", ""];
+/// A quaternion may be this far from unit length; text files round.
+const TOLERANCE: f64 = 1e-2;
+
+/// One registered image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColmapImage {
+    /// COLMAP's number of it.
+    pub id: u32,
+    /// Its path below the folder of images.
+    pub name: String,
+    /// The number of its camera.
+    pub camera: u32,
+    /// Camera-to-world, OpenGL.
+    pub pose: DMat4,
+    /// Pixel positions, as [`Camera::project_f64`] gives them, and the number of the point seen there.
+    pub observations: Vec<(DVec2, u64)>,
+}
+
+/// A sparse reconstruction.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reconstruction {
+    /// Cameras by their number.
+    pub cameras: BTreeMap<u32, ColmapCamera>,
+    /// Registered images, sorted by name.
+    pub images: Vec<ColmapImage>,
+    /// Points by their number, world coordinates.
+    pub points: BTreeMap<u64, DVec3>,
+}
+
+impl Reconstruction {
+    /// Reads the reconstruction in `dir`, or in `sparse/0`, `sparse` or `colmap/sparse/0` below it: `cameras.bin`,
+    /// `images.bin` and `points3D.bin`, or the same as `.txt`.
+    ///
+    /// # Errors
+    /// There is none, a file is missing or broken, a camera's model is unknown or its numbers are no lens, a quaternion is
+    /// not of unit length, or an image's camera is not there.
+    pub fn read(dir: &Path) -> Result<Self, SceneError> {
+        let Some(place) = find(dir) else {
+            let expected = "a reconstruction of COLMAP (cameras.bin or cameras.txt, there or in sparse/0)".into();
+            return Err(SceneError::NotFound { path: dir.into(), expected });
+        };
+        let mut read = if place.join("cameras.bin").is_file() { binary::read(&place)? } else { text::read(&place)? };
+        read.images.sort_by(|a, b| a.name.cmp(&b.name));
+        Ok(read)
+    }
+
+    /// The camera of an image, or `None` where its number is unknown.
+    pub fn camera(&self, image: &ColmapImage) -> Option<Camera> {
+        self.cameras.get(&image.camera).map(|camera| camera.at(image.pose))
+    }
+
+    /// The mean distance, in pixels, between where points were seen and where they fall; an observation that falls
+    /// nowhere counts as the image's diagonal. `None` where nothing was seen.
+    pub fn reprojection_error(&self) -> Option<f64> {
+        let (mut sum, mut count) = (0.0, 0usize);
+        for image in &self.images {
+            let Some(camera) = self.camera(image) else { continue };
+            let lost = f64::from(camera.width).hypot(f64::from(camera.height));
+            for (pixel, point) in &image.observations {
+                let Some(&point) = self.points.get(point) else { continue };
+                sum += camera.project_f64(point).map_or(lost, |p| p.distance(*pixel).min(lost));
+                count += 1;
+            }
+        }
+        (count > 0).then(|| sum / count as f64)
+    }
+
+    /// The distances from cameras to the points that they were found to see.
+    pub(crate) fn distances(&self) -> Vec<f32> {
+        let of = |image: &ColmapImage| {
+            let position = image.pose.w_axis.truncate();
+            let points = image.observations.iter().filter_map(|(_, point)| self.points.get(point));
+            points.map(|p| p.distance(position) as f32).collect::<Vec<_>>()
+        };
+        self.images.iter().flat_map(of).collect()
+    }
+}
+
+/// The folder below `dir` that holds a reconstruction.
+pub(crate) fn find(dir: &Path) -> Option<PathBuf> {
+    let holds = |place: &PathBuf| place.join("cameras.bin").is_file() || place.join("cameras.txt").is_file();
+    PLACES.iter().map(|place| dir.join(place)).find(holds)
+}
+
+/// Camera-to-world in OpenGL's axes from COLMAP's world-to-camera quaternion (w, x, y, z) and translation.
+fn pose(path: &Path, place: &str, [w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Result<DMat4, SceneError> {
+    let fault = |expected: &str, found: String| SceneError::field(path, place, expected, found);
+    let rotation = DQuat::from_xyzw(x, y, z, w);
+    let length = rotation.length();
+    if length.is_nan() || (length - 1.0).abs() > TOLERANCE {
+        return Err(fault("a quaternion of length 1", format!("length {length}")));
+    }
+    let turned = DMat3::from_quat(rotation.normalize()).transpose();
+    let position = -(turned * DVec3::from(translation));
+    if !position.is_finite() || position.abs().max_element() > crate::loaders::FARTHEST {
+        return Err(fault("a position within 1e9 of the origin", format!("{position}")));
+    }
+    Ok(opengl(turned, position))
+}
+
+/// The pose at `position` of a camera whose x, y (down) and z (forward) axes are the columns of `axes`.
+pub(crate) fn opengl(axes: DMat3, position: DVec3) -> DMat4 {
+    DMat4::from_cols(
+        axes.x_axis.extend(0.0),
+        (-axes.y_axis).extend(0.0),
+        (-axes.z_axis).extend(0.0),
+        position.extend(1.0),
+    )
+}
+
+/// Every image must have a camera.
+fn check(path: &Path, read: Reconstruction) -> Result<Reconstruction, SceneError> {
+    for image in &read.images {
+        if !read.cameras.contains_key(&image.camera) {
+            let field = format!("image {}", image.id);
+            return Err(SceneError::field(path, field, "the number of a camera", image.camera));
+        }
+    }
+    if read.images.is_empty() {
+        return Err(SceneError::malformed(path, "at least one registered image", "it has none"));
+    }
+    Ok(read)
+}
+
+#[cfg(test)]
+pub(crate) mod testing {
+    //! Reconstructions written to disk.
+
+    use std::fs;
+
+    use super::*;
+
+    fn quaternion(pose: &DMat4) -> ([f64; 4], [f64; 3]) {
+        let axes = DMat3::from_cols(pose.x_axis.truncate(), -pose.y_axis.truncate(), -pose.z_axis.truncate());
+        let turned = axes.transpose();
+        let q = DQuat::from_mat3(&turned).normalize();
+        let t = -(turned * pose.w_axis.truncate());
+        ([q.w, q.x, q.y, q.z], t.to_array())
+    }
+
+    pub fn write_binary(dir: &Path, all: &Reconstruction) {
+        fs::create_dir_all(dir).unwrap();
+        let mut out = (all.cameras.len() as u64).to_le_bytes().to_vec();
+        for (id, camera) in &all.cameras {
+            out.extend(id.to_le_bytes());
+            out.extend((camera.model as i32).to_le_bytes());
+            out.extend(u64::from(camera.width).to_le_bytes());
+            out.extend(u64::from(camera.height).to_le_bytes());
+            out.extend(camera.parameters.iter().flat_map(|p| p.to_le_bytes()));
+        }
+        fs::write(dir.join("cameras.bin"), out).unwrap();
+        let mut out = (all.images.len() as u64).to_le_bytes().to_vec();
+        for image in &all.images {
+            let (q, t) = quaternion(&image.pose);
+            out.extend(image.id.to_le_bytes());
+            out.extend(q.iter().chain(&t).flat_map(|v| v.to_le_bytes()));
+            out.extend(image.camera.to_le_bytes());
+            out.extend(image.name.bytes().chain([0]));
+            out.extend((image.observations.len() as u64).to_le_bytes());
+            for (p, id) in &image.observations {
+                out.extend([p.x, p.y].iter().flat_map(|v| v.to_le_bytes()));
+                out.extend(id.to_le_bytes());
+            }
+        }
+        fs::write(dir.join("images.bin"), out).unwrap();
+        let mut out = (all.points.len() as u64).to_le_bytes().to_vec();
+        for (id, p) in &all.points {
+            out.extend(id.to_le_bytes());
+            out.extend(p.to_array().iter().flat_map(|v| v.to_le_bytes()));
+            out.extend([1, 2, 3]);
+            out.extend(0.5f64.to_le_bytes());
+            out.extend(1u64.to_le_bytes());
+            out.extend([0; 8]);
+        }
+        fs::write(dir.join("points3D.bin"), out).unwrap();
+    }
+
+    pub fn write_text(dir: &Path, all: &Reconstruction) {
+        fs::create_dir_all(dir).unwrap();
+        let join = |v: &[f64]| v.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
+        let mut out = "# Camera list\n".to_owned();
+        for (id, c) in &all.cameras {
+            let name = MODELS[c.model].0;
+            out += &format!("{id} {name} {} {} {}\n", c.width, c.height, join(&c.parameters));
+        }
+        fs::write(dir.join("cameras.txt"), out).unwrap();
+        let mut out = "# Image list\n".to_owned();
+        for image in &all.images {
+            let (q, t) = quaternion(&image.pose);
+            out += &format!("{} {} {} {} {}\n", image.id, join(&q), join(&t), image.camera, image.name);
+            let seen = image.observations.iter().map(|(p, id)| format!("{} {} {id}", p.x, p.y));
+            out += &(seen.chain(["3.5 4.5 -1".to_owned()]).collect::<Vec<_>>().join(" ") + "\n");
+        }
+        fs::write(dir.join("images.txt"), out).unwrap();
+        let mut out = "# Points\n".to_owned();
+        for (id, p) in &all.points {
+            out += &format!("{id} {} 1 2 3 0.5 1 0\n", join(&p.to_array()));
+        }
+        fs::write(dir.join("points3D.txt"), out).unwrap();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::testing::*;
+    use super::*;
+    use infonerf_procedural::train_cameras;
+    use std::fs;
+
+    /// Points on a ball, seen by cameras of every model.
+    pub(super) fn toy() -> Reconstruction {
+        let parameters: [&[f64]; 10] = [
+            &[50.0, 16.0, 12.0],
+            &[50.0, 51.0, 16.5, 12.0],
+            &[50.0, 16.0, 12.0, -0.1],
+            &[50.0, 16.0, 12.0, -0.1, 0.02],
+            &[50.0, 51.0, 16.0, 12.0, -0.1, 0.02, 1e-3, -2e-3],
+            &[50.0, 51.0, 16.0, 12.0, 0.1, 0.02, -0.01, 1e-3],
+            &[50.0, 51.0, 16.0, 12.0, 0.3, 0.1, 1e-3, 2e-3, 0.01, 0.2, 0.1, 0.01],
+            &[],
+            &[50.0, 16.0, 12.0, 0.1],
+            &[50.0, 16.0, 12.0, 0.1, -0.01],
+        ];
+        let path = Path::new("toy");
+        let cameras: BTreeMap<u32, ColmapCamera> = (0..10)
+            .filter(|&model| model != 7)
+            .map(|model| {
+                (
+                    model as u32 + 1,
+                    ColmapCamera::new(path, "camera", model, (32, 24), parameters[model].to_vec()).unwrap(),
+                )
+            })
+            .collect();
+        let points: BTreeMap<u64, DVec3> = (0..60)
+            .map(|i| {
+                let a = i as f64;
+                (i * 3, DVec3::new((a * 0.7).sin(), (a * 1.3).cos(), (a * 0.4).sin()))
+            })
+            .collect();
+        let images = cameras
+            .iter()
+            .zip(train_cameras(8))
+            .map(|((&id, camera), from)| {
+                let full = camera.at(from.to_world);
+                let see = |(&n, &p): (&u64, &DVec3)| full.project_f64(p).map(|pixel| (pixel, n));
+                let observations = points.iter().filter_map(see).collect();
+                ColmapImage {
+                    id: id + 10,
+                    name: format!("a{id:02}.png"),
+                    camera: id,
+                    pose: from.to_world,
+                    observations,
+                }
+            })
+            .collect();
+        Reconstruction { cameras, images, points }
+    }
+
+    #[test]
+    fn binary_and_text_round_trip() {
+        let guard = tempfile::tempdir().unwrap();
+        let all = toy();
+        write_binary(&guard.path().join("sparse/0"), &all);
+        write_text(&guard.path().join("text"), &all);
+        for dir in [guard.path().to_owned(), guard.path().join("text")] {
+            let read = Reconstruction::read(&dir).unwrap();
+            assert_eq!((&read.cameras, &read.points), (&all.cameras, &all.points));
+            assert!(read.reprojection_error().unwrap() < 1e-9);
+            for (a, b) in read.images.iter().zip(&all.images) {
+                assert!(a.pose.abs_diff_eq(b.pose, 1e-12) && a.name == b.name);
+                assert_eq!(a.observations, b.observations);
+            }
+        }
+    }
+
+    fn fault(file: &str, change: impl Fn(&mut Vec<u8>), text: bool) -> String {
+        let guard = tempfile::tempdir().unwrap();
+        if text {
+            write_text(guard.path(), &toy())
+        } else {
+            write_binary(guard.path(), &toy())
+        }
+        let path = guard.path().join(file);
+        let mut bytes = fs::read(&path).unwrap();
+        change(&mut bytes);
+        fs::write(&path, bytes).unwrap();
+        let error = Reconstruction::read(guard.path()).unwrap_err().to_string();
+        assert!(error.contains(file) && !error.contains('\n'), "{error}");
+        error
+    }
+
+    #[test]
+    fn faults_of_binary_files() {
+        for file in ["cameras.bin", "images.bin", "points3D.bin"] {
+            assert!(fault(file, |b| b.truncate(b.len() / 2), false).contains("ends early"));
+            assert!(fault(file, |b| b.truncate(3), false).contains("ends early"));
+            assert!(fault(file, |b| b[..8].fill(255), false).contains("ends early"));
+            assert!(fault(file, |b| b.push(0), false).contains("more bytes"));
+        }
+        assert!(fault("cameras.bin", |b| b[12] = 77, false).contains("expected a known lens model"));
+        assert!(fault("cameras.bin", |b| b[12] = 7, false).contains("expected a known lens model"));
+        assert!(fault("cameras.bin", |b| b[16..24].fill(0), false).contains("an image side"));
+        assert!(fault("images.bin", |b| b[12..20].fill(0), false).contains("quaternion of length 1"));
+        assert!(fault("images.bin", |b| b[12..20].fill(255), false).contains("quaternion"));
+        assert!(fault("images.bin", |b| b[68] = 99, false).contains("the number of a camera"));
+    }
+
+    #[test]
+    fn faults_of_text_files() {
+        let replace = |from: &'static str, to: &'static str| {
+            move |b: &mut Vec<u8>| *b = String::from_utf8(b.clone()).unwrap().replacen(from, to, 1).into_bytes()
+        };
+        assert!(fault("cameras.txt", replace("PINHOLE 32", "MAGIC 32"), true).contains("line 2"));
+        assert!(fault("cameras.txt", replace(" 50 16", " 50 x"), true).contains("line 2"));
+        assert!(fault("cameras.txt", replace(" 50 16", " -50 16"), true).contains("positive focal length"));
+        assert!(fault("cameras.txt", replace(" 50 16 12", " 50 16"), true).contains("3 numbers"));
+        assert!(fault("images.txt", replace("11 ", "11 9"), true).contains("quaternion of length 1"));
+        assert!(fault("images.txt", replace(" 3.5 4.5 -1", " 3.5 4.5"), true).contains("line 3"));
+        assert!(fault("points3D.txt", replace(" 1 2 3", " "), true).contains("line 2"));
+        let guard = tempfile::tempdir().unwrap();
+        let text = Reconstruction::read(guard.path()).unwrap_err().to_string();
+        assert!(text.contains("expected a reconstruction of COLMAP"), "{text}");
+        write_binary(guard.path(), &toy());
+        fs::remove_file(guard.path().join("images.bin")).unwrap();
+        assert!(Reconstruction::read(guard.path()).unwrap_err().to_string().contains("images.bin: not found"));
+    }
+
+    #[test]
+    #[ignore = "needs …/shared/data"]
+    fn the_room_reprojects() {
+        let dir = crate::loaders::testing::shared_data("colmap_room");
+        let read = Reconstruction::read(&dir).unwrap();
+        assert_eq!((read.images.len(), read.points.len()), (41, 8772));
+        let error = read.reprojection_error().unwrap();
+        eprintln!("mean re-projection error: {error} pixels");
+        assert!(error < 1.5, "{error}");
+        let guard = tempfile::tempdir().unwrap();
+        write_text(guard.path(), &read);
+        let text = Reconstruction::read(guard.path()).unwrap().reprojection_error().unwrap();
+        assert!((text - error).abs() < 1e-6, "{text} {error}");
+    }
+}

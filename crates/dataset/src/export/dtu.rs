@@ -1,0 +1,95 @@
+//! Scans in the format of IDR and NeuS: projection matrices, images, masks.
+
+use std::path::Path;
+
+use glam::{DMat3, DMat4, DVec3, Vec3};
+use infonerf_procedural as procedural;
+use infonerf_scene::{Aabb, Camera, SceneError};
+use zip::CompressionMethod;
+
+use super::{Photograph, intrinsics, make, npz, opencv, photographs, write_mask};
+
+/// Views of a whole scan, which the published protocols need.
+const VIEWS: usize = 49;
+
+/// Writes `image/<NNNNNN>.png`, `mask/<NNN>.png` and `cameras_sphere.npz`: `world_mat_<i>` is `K [R | t]`, and
+/// `scale_mat_<i>` takes the unit sphere to the one about the subject.
+pub(super) fn write(name: &str, size: u32, dir: &Path) -> Result<(), SceneError> {
+    let photographs = photographs(name, procedural::photographs(name, size, VIEWS))?;
+    for folder in ["image", "mask"] {
+        make(&dir.join(folder))?;
+    }
+    let mut seen = Vec::new();
+    for (i, photograph) in photographs.iter().enumerate() {
+        let mask = procedural::object_mask(name, &photograph.camera)?;
+        seen.extend(points(photograph, &mask));
+        photograph.image.write_png(&dir.join(format!("image/{i:06}.png")))?;
+        write_mask(&dir.join(format!("mask/{i:03}.png")), photograph, &mask)?;
+    }
+    let (centre, radius) = sphere(&seen);
+    let scale = DMat4::from_translation(centre) * DMat4::from_scale(DVec3::splat(radius));
+    let of = |(i, photograph): (usize, &Photograph)| {
+        let matrices = [("world", projection(&photograph.camera)), ("scale", scale)];
+        matrices.map(|(kind, m)| (format!("{kind}_mat_{i}"), vec![4, 4], m.transpose().to_cols_array().to_vec()))
+    };
+    let arrays: Vec<npz::Named> = photographs.iter().enumerate().flat_map(of).collect();
+    npz::write(&dir.join("cameras_sphere.npz"), &arrays, CompressionMethod::Deflated)
+}
+
+/// `K [R | t]` and a last row of (0, 0, 0, 1): takes a world point to a pixel, whose centres are whole numbers.
+pub(crate) fn projection(camera: &Camera) -> DMat4 {
+    let (rotation, centre) = opencv(camera);
+    let m: DMat3 = intrinsics(camera) * rotation;
+    let t = -(m * centre);
+    DMat4::from_cols(m.x_axis.extend(0.0), m.y_axis.extend(0.0), m.z_axis.extend(0.0), t.extend(1.0))
+}
+
+/// Where the rays through the subject's pixels end.
+fn points(photograph: &Photograph, mask: &[bool]) -> Vec<Vec3> {
+    let width = photograph.camera.width as usize;
+    let subject = (0..mask.len()).filter(|&i| mask[i] && photograph.depth[i].is_finite());
+    let ray = |i: usize| photograph.camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+    subject.map(|i| ray(i).at(photograph.depth[i])).collect()
+}
+
+/// A sphere that holds `points`, with a twentieth to spare: about the centre of their box.
+fn sphere(points: &[Vec3]) -> (DVec3, f64) {
+    let centre = Aabb::containing(points.iter().copied()).map_or(Vec3::ZERO, |bounds| bounds.centre());
+    let farthest = points.iter().map(|p| p.distance(centre)).fold(1e-3, f32::max);
+    (centre.as_dvec3(), 1.05 * f64::from(farthest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::export;
+    use crate::loaders::testing::{load, request};
+    use infonerf_scene::{Format, SceneRequest, TestProtocol};
+
+    #[test]
+    fn a_table_reads_back() {
+        let guard = tempfile::tempdir().unwrap();
+        export("table", 16, Format::Dtu, guard.path()).unwrap();
+        let chosen = SceneRequest { train: "regnerf-3".parse().unwrap(), test: TestProtocol::Split, ..request() };
+        let scene = load(guard.path(), &chosen).unwrap();
+        assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [25, 22, 28]);
+        assert_eq!((scene.format, scene.test.len(), scene.warnings.len()), (Format::Dtu, 25, 0));
+        let cameras = procedural::photographs("table", 16, VIEWS);
+        for view in scene.train.iter().chain(&scene.test) {
+            let camera = &cameras[view.id];
+            assert_eq!(view.mask.as_deref().unwrap(), procedural::object_mask("table", camera).unwrap());
+            // What the masks show lies in the unit sphere, where it is.
+            let shown = procedural::render("table", camera).unwrap();
+            for (i, mask) in view.mask.as_deref().unwrap().iter().enumerate() {
+                let (x, y) = ((i % 16) as f32 + 0.5, (i / 16) as f32 + 0.5);
+                let (a, b) = (view.camera.ray(x, y), camera.ray(x, y));
+                assert!((a.direction - b.direction).length() < 1e-5);
+                let scale = camera.position().distance(cameras[0].position())
+                    / view.camera.position().distance(scene.all_train_cameras[0].position());
+                if *mask && view.id != 0 && scale.is_finite() {
+                    assert!(a.at(shown.depth[i] / scale).length() < 1.0 + 1e-3);
+                }
+            }
+        }
+    }
+}

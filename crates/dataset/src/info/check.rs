@@ -1,0 +1,271 @@
+//! Doubts about a scene that a look at its numbers raises.
+
+use std::fmt;
+
+use infonerf_scene::poses::angle;
+use infonerf_scene::{Camera, Image, Layout, Scene, View};
+use serde::Serialize;
+
+use crate::loaders::grid;
+
+/// Cameras farther from the box than this many times its diagonal are far off.
+const FAR_OFF: f32 = 20.0;
+/// The up direction is doubtful where the cameras' own agree with it less than this in the mean.
+const UPRIGHT: f64 = 0.5;
+/// Views closer than this, in degrees, show hardly any depth.
+const NARROW_DEG: f64 = 2.0;
+/// A view farther than this from the nearest other, in degrees, shares hardly anything with it.
+const LONELY_DEG: f64 = 120.0;
+/// An image is blurred whose detail is below this share of the median's.
+const BLURRED: f32 = 0.2;
+/// An image shows nothing whose values vary less than this.
+const BLANK: f32 = 0.004;
+/// A mask that leaves in less than this share of the pixels.
+const SMALL_MASK: f32 = 0.005;
+/// More points than this share outside near and far are a doubt.
+const OUTSIDE: f32 = 0.2;
+
+/// What a warning is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Concern {
+    /// Something that the loader found.
+    Data,
+    /// Where the cameras are, or what they see of the box.
+    Cameras,
+    /// The up direction.
+    Up,
+    /// How far apart the training views are.
+    Baseline,
+    /// What the images show.
+    Images,
+    /// Near and far.
+    Range,
+}
+
+/// One doubt.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Warning {
+    /// What it is about.
+    pub concern: Concern,
+    /// One line.
+    pub text: String,
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.text)
+    }
+}
+
+/// What should be looked at before training on `scene`.
+pub fn check(scene: &Scene) -> Vec<Warning> {
+    let data = scene.warnings.iter().map(|text| (Concern::Data, text.clone()));
+    let cameras: Vec<&Camera> = if scene.all_train_cameras.is_empty() {
+        scene.train.iter().map(|v| &v.camera).collect()
+    } else {
+        scene.all_train_cameras.iter().collect()
+    };
+    data.chain(off_the_box(scene, &cameras).map(|t| (Concern::Cameras, t)))
+        .chain(blind(scene, &cameras).map(|t| (Concern::Cameras, t)))
+        .chain(tilted(scene, &cameras).map(|t| (Concern::Up, t)))
+        .chain(baseline(scene).map(|t| (Concern::Baseline, t)))
+        .chain(images(scene).into_iter().map(|t| (Concern::Images, t)))
+        .chain(beyond(scene, &cameras).map(|t| (Concern::Range, t)))
+        .map(|(concern, text)| Warning { concern, text })
+        .collect()
+}
+
+fn off_the_box(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
+    let (centre, diagonal) = (scene.space.bounds.centre(), scene.space.bounds.size().length());
+    let far = cameras.iter().filter(|c| c.position().distance(centre) > FAR_OFF * diagonal).count();
+    (far > 0).then(|| {
+        format!(
+            "{far} of {} cameras are more than {FAR_OFF} box diagonals away from the box: are scale and box right?",
+            cameras.len()
+        )
+    })
+}
+
+fn blind(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
+    let sees = |camera: &Camera| grid(camera).any(|ray| scene.space.bounds.intersect(&ray).is_some());
+    let blind = cameras.iter().filter(|camera| !sees(camera)).count();
+    (blind > 0).then(|| {
+        format!("{blind} of {} cameras do not see the box: are the axes of the poses OpenGL's?", cameras.len())
+    })
+}
+
+fn tilted(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
+    if cameras.len() < 2 {
+        return None;
+    }
+    let up = scene.space.up.as_dvec3();
+    let agreement = cameras.iter().map(|c| c.to_world.y_axis.truncate().dot(up)).sum::<f64>() / cameras.len() as f64;
+    let steep = cameras.iter().map(|c| c.forward_f64().dot(up).abs()).sum::<f64>() / cameras.len() as f64;
+    // Cameras that look straight down or up say little of it.
+    (agreement < UPRIGHT && steep < 0.7).then(|| {
+        format!("the up direction ({:.2}, {:.2}, {:.2}) is doubtful: the cameras were not held level", up.x, up.y, up.z)
+    })
+}
+
+/// The angles between training views, at the scene's centre.
+fn baseline(scene: &Scene) -> Option<String> {
+    if scene.train.len() < 2 {
+        return None;
+    }
+    let outward = scene.space.layout == Layout::Inside;
+    let direction = |view: &View| {
+        if outward {
+            view.camera.forward_f64()
+        } else {
+            (view.camera.position() - scene.space.centre).as_dvec3().normalize_or_zero()
+        }
+    };
+    let directions: Vec<_> = scene.train.iter().map(direction).collect();
+    let pairs = directions.iter().enumerate().flat_map(|(i, a)| directions[..i].iter().map(move |b| angle(*a, *b)));
+    let widest = pairs.fold(0.0, f64::max).to_degrees();
+    if widest < NARROW_DEG && !outward {
+        return Some(format!("the training views are within {widest:.1}° of each other: they show hardly any depth"));
+    }
+    let nearest = |i: usize| {
+        let others = directions.iter().enumerate().filter(|(j, _)| *j != i);
+        others.map(|(_, d)| angle(directions[i], *d)).fold(f64::INFINITY, f64::min).to_degrees()
+    };
+    let lonely = (0..directions.len()).filter(|&i| nearest(i) > LONELY_DEG).count();
+    (lonely > 0).then(|| {
+        let total = directions.len();
+        format!(
+            "{lonely} of {total} training views are more than {LONELY_DEG}° from any other: what they share is little"
+        )
+    })
+}
+
+fn images(scene: &Scene) -> Vec<String> {
+    let mut found = Vec::new();
+    let measured: Vec<(&View, f32, f32)> =
+        scene.train.iter().map(|v| (v, detail(&v.image), spread(&v.image))).collect();
+    let mut details: Vec<f32> = measured.iter().map(|m| m.1).collect();
+    details.sort_by(f32::total_cmp);
+    let median = details.get(details.len() / 2).copied().unwrap_or(0.0);
+    for (view, detail, spread) in measured {
+        if spread < BLANK {
+            found.push(format!("{} shows nothing: all its pixels are alike", view.name));
+        } else if detail < BLURRED * median {
+            found.push(format!(
+                "{} is blurred: it has {:.0} % of the others' detail",
+                view.name,
+                100.0 * detail / median
+            ));
+        }
+        if let Some(mask) = &view.mask {
+            let share = mask.iter().filter(|&&m| m).count() as f32 / mask.len().max(1) as f32;
+            if share < SMALL_MASK {
+                found.push(format!("the mask of {} leaves in {:.2} % of its pixels", view.name, 100.0 * share));
+            }
+        }
+    }
+    found
+}
+
+fn grey(image: &Image) -> Vec<f32> {
+    image.rgb.iter().map(|p| p.iter().sum::<f32>() / 3.0).collect()
+}
+
+/// The mean square of the discrete Laplacian.
+fn detail(image: &Image) -> f32 {
+    let (w, h) = (image.width as usize, image.height as usize);
+    let grey = grey(image);
+    if w < 3 || h < 3 {
+        return 0.0;
+    }
+    let at = |x: usize, y: usize| grey[y * w + x];
+    let mut sum = 0.0f64;
+    for y in 1..h - 1 {
+        for x in 1..w - 1 {
+            let laplacian = 4.0 * at(x, y) - at(x - 1, y) - at(x + 1, y) - at(x, y - 1) - at(x, y + 1);
+            sum += f64::from(laplacian).powi(2);
+        }
+    }
+    (sum / ((w - 2) * (h - 2)) as f64) as f32
+}
+
+/// The standard deviation of the grey values.
+fn spread(image: &Image) -> f32 {
+    let grey = grey(image);
+    let n = grey.len().max(1) as f32;
+    let mean = grey.iter().sum::<f32>() / n;
+    (grey.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / n).sqrt()
+}
+
+/// Points that the cameras have in their image, but not between near and far.
+fn beyond(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
+    let step = scene.space.points.len().div_ceil(2000).max(1);
+    let (mut seen, mut outside) = (0u32, 0u32);
+    for camera in cameras {
+        for &point in scene.space.points.iter().step_by(step) {
+            let Some(pixel) = camera.project(point) else { continue };
+            if pixel.x < 0.0 || pixel.y < 0.0 || pixel.x > camera.width as f32 || pixel.y > camera.height as f32 {
+                continue;
+            }
+            seen += 1;
+            let t = point.distance(camera.position());
+            let within = scene.interval(&camera.ray(pixel.x, pixel.y)).is_some_and(|(a, b)| a <= t && t <= b);
+            outside += u32::from(!within);
+        }
+    }
+    let share = outside as f32 / seen.max(1) as f32;
+    (share > OUTSIDE).then(|| format!("{:.0} % of the points in view lie outside near and far", 100.0 * share))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::{SceneSource, load};
+    use glam::Vec3;
+    use infonerf_scene::{Aabb, SceneRequest, TestProtocol, ViewSelection};
+
+    fn scene() -> Scene {
+        let request = SceneRequest {
+            train: ViewSelection::Seed { seed: 0, count: 5 },
+            test: TestProtocol::First(1),
+            image_size: Some(24),
+            ..Default::default()
+        };
+        load(&SceneSource::Procedural("knot".into()), &request).unwrap()
+    }
+
+    fn concerns(scene: &Scene) -> Vec<Concern> {
+        check(scene).into_iter().map(|w| w.concern).collect()
+    }
+
+    #[test]
+    fn each_fault_is_found_and_a_sound_scene_has_none() {
+        let sound = scene();
+        assert_eq!(check(&sound), []);
+
+        let changed = |change: &dyn Fn(&mut Scene)| {
+            let mut scene = sound.clone();
+            change(&mut scene);
+            concerns(&scene)
+        };
+        assert_eq!(changed(&|s| s.warnings.push("x".into())), [Concern::Data]);
+        assert!(changed(&|s| s.space.bounds = Aabb::cube(Vec3::ZERO, 0.01)).contains(&Concern::Cameras));
+        assert_eq!(changed(&|s| s.space.bounds = Aabb::cube(Vec3::X * 50.0, 1.0)), [Concern::Cameras]);
+        assert_eq!(changed(&|s| s.space.up = Vec3::X), [Concern::Up]);
+        assert_eq!(changed(&|s| s.space.points = vec![Vec3::ZERO; 4]), []);
+        assert_eq!(
+            changed(&|s| (s.space.points, s.space.range) =
+                (vec![Vec3::ZERO; 4], infonerf_scene::Range::Distance { near: 1.0, far: 2.0 })),
+            [Concern::Range]
+        );
+        assert_eq!(changed(&|s| s.train[1].image = Arc::new(Image::filled(24, 24, [0.5; 3]))), [Concern::Images]);
+        assert_eq!(changed(&|s| s.train[1].image = Arc::new(s.train[1].image.resized(3, 3).resized(24, 24))).len(), 1);
+        let alike = changed(&|s| {
+            let camera = s.train[0].camera.clone();
+            s.train.iter_mut().for_each(|v| v.camera = camera.clone());
+        });
+        assert_eq!(alike, [Concern::Baseline]);
+    }
+}

@@ -1,0 +1,248 @@
+//! What a person wants to know of a scene before training on it.
+
+mod check;
+mod page;
+
+pub use check::{Concern, Warning, check};
+pub use page::info_page;
+
+use std::fmt;
+use std::path::Path;
+
+use glam::Vec3;
+use infonerf_procedural as procedural;
+use infonerf_scene::image::{dimensions, has_alpha};
+use infonerf_scene::{Aabb, Backdrop, Camera, Format, Image, Layout, Range, Scene, SceneError, SceneRequest};
+use serde::Serialize;
+
+use crate::loaders::Frame;
+use crate::{SceneSource, loaders};
+
+/// What was found in a scene's folder.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Info {
+    /// The folder's name.
+    pub name: String,
+    /// Its format.
+    pub format: Format,
+    /// Views to train on, all there are.
+    pub train_views: usize,
+    /// Views to test on, all there are; some formats let a view be either.
+    pub test_views: usize,
+    /// Different sets of intrinsics.
+    pub cameras: usize,
+    /// The lens of the first camera, as text.
+    pub lens: String,
+    /// Horizontal field of view of the first camera, degrees, its lens included.
+    pub field_of_view_deg: f32,
+    /// Width and height of the first image, if it is there.
+    pub image_size: Option<[u32; 2]>,
+    /// How the cameras stand.
+    pub layout: Layout,
+    /// What is behind the content, as the first image shows it, if it is there.
+    pub backdrop: Option<Backdrop>,
+    /// Whether all content lies in the bounds.
+    pub bounded: bool,
+    /// The least distance of content from a camera, scene units.
+    pub near: f32,
+    /// The greatest.
+    pub far: f32,
+    /// How content lies along a ray.
+    pub range: Range,
+    /// The box of what is to be reconstructed.
+    pub bounds: Aabb,
+    /// What the cameras look at, or stand about.
+    pub centre: Vec3,
+    /// The greatest distance of a camera from the centre, scene units.
+    pub radius: f32,
+    /// The direction that is up.
+    pub up: Vec3,
+    /// How many points on surfaces are known.
+    pub points: usize,
+    /// Names for training views and how many views each chooses.
+    pub selections: Vec<(String, usize)>,
+    /// Names for test views and how many views each chooses; `split` is the format's own.
+    pub protocols: Vec<(String, usize)>,
+    /// What a person should know, one line each.
+    pub warnings: Vec<String>,
+}
+
+/// Looks at the scene in the folder `path`. One image is read at most, and none need be there.
+///
+/// # Errors
+/// Those of [`crate::load`] that concern the poses.
+pub fn info(path: &Path) -> Result<Info, SceneError> {
+    let parts = loaders::parts(path, &SceneRequest::default())?;
+    let first = parts.train.iter().chain(&parts.test).find(|frame| frame.image.is_file());
+    let size = first.map(|frame| dimensions(&frame.image)).transpose()?;
+    let backdrop = first.map(shown_backdrop).transpose()?;
+    let camera = parts.train.first().or(parts.test.first()).map(|frame| match size {
+        Some((width, height)) => frame.camera(width, height),
+        None => frame.nominal_camera(),
+    });
+    let mut kinds: Vec<&Frame> = Vec::new();
+    for frame in parts.train.iter().chain(&parts.test) {
+        if !kinds.iter().any(|kind| kind.lens == frame.lens && kind.intrinsics.is_like(&frame.intrinsics)) {
+            kinds.push(frame);
+        }
+    }
+    let counts = |named: &[(String, Vec<usize>)]| named.iter().map(|(name, ids)| (name.clone(), ids.len())).collect();
+    let mut protocols: Vec<(String, usize)> = counts(&parts.protocols);
+    protocols.insert(0, ("split".into(), parts.split.as_ref().map_or(parts.test.len(), Vec::len)));
+    let space = parts.space;
+    Ok(Info {
+        name: loaders::scene_name(path),
+        format: parts.format,
+        train_views: parts.train.len(),
+        test_views: parts.test.len(),
+        cameras: kinds.len(),
+        lens: camera.as_ref().map_or_else(String::new, |c| c.lens.to_string()),
+        field_of_view_deg: camera.as_ref().map_or(0.0, field_of_view),
+        image_size: size.map(|(width, height)| [width, height]),
+        layout: space.layout,
+        backdrop,
+        bounded: space.bounded || (backdrop == Some(Backdrop::Colour) && space.layout == Layout::Object),
+        near: space.near,
+        far: space.far,
+        range: space.range,
+        bounds: space.bounds,
+        centre: space.centre,
+        radius: space.radius,
+        up: space.up,
+        points: space.points.len(),
+        selections: counts(&parts.selections),
+        protocols,
+        warnings: parts.warnings,
+    })
+}
+
+/// What is behind the content, as one image shows it.
+fn shown_backdrop(frame: &Frame) -> Result<Backdrop, SceneError> {
+    let white = SceneRequest::default().background;
+    let shown = frame.is_matted() || has_alpha(&frame.image)? || Image::read(&frame.image, white)?.has_border(white);
+    Ok(if shown { Backdrop::Colour } else { Backdrop::Unknown })
+}
+
+impl SceneSource {
+    /// Whether it is in a known format, or built in.
+    pub fn is_scene(&self) -> bool {
+        match self {
+            Self::Procedural(name) => procedural::check_name(name).is_ok(),
+            Self::Folder { path } => loaders::is_scene(path),
+        }
+    }
+
+    /// Whether the scene comes with the vertices of a body, as far as its files' names say.
+    pub fn has_body(&self) -> bool {
+        match self {
+            Self::Procedural(name) => procedural::has_body(name),
+            Self::Folder { path } => loaders::has_body(path),
+        }
+    }
+
+    /// What is behind the content, as the first image shows it, if it is there. No other image is read.
+    ///
+    /// # Errors
+    /// Those of [`crate::load`] that concern the poses, or that image.
+    pub fn backdrop(&self) -> Result<Option<Backdrop>, SceneError> {
+        match self {
+            Self::Procedural(name) if procedural::CAPTURES.contains(&name.as_str()) => Ok(Some(Backdrop::Unknown)),
+            Self::Procedural(_) => Ok(Some(Backdrop::Colour)),
+            Self::Folder { path } => Ok(info(path)?.backdrop),
+        }
+    }
+}
+
+/// The scene in the folder `path` without any view: its space and all training cameras, for [`info_page`].
+///
+/// # Errors
+/// Those of [`crate::load`] that concern the poses.
+pub fn outline(path: &Path) -> Result<Scene, SceneError> {
+    let parts = loaders::parts(path, &SceneRequest::default())?;
+    Ok(Scene {
+        name: loaders::scene_name(path),
+        format: parts.format,
+        space: parts.space,
+        all_train_cameras: parts.train.iter().map(|frame| frame.nominal_camera()).collect(),
+        warnings: parts.warnings,
+        ..Scene::default()
+    })
+}
+
+/// The angle between the rays at the middle of the left and the right border, degrees.
+fn field_of_view(camera: &Camera) -> f32 {
+    let (w, h) = (f64::from(camera.width), f64::from(camera.height));
+    let middle = camera.forward_f64();
+    let angle = |x: f64| camera.ray_f64(x, 0.5 * h).1.angle_between(middle);
+    (angle(0.0) + angle(w)).to_degrees() as f32
+}
+
+impl fmt::Display for Info {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let list = |named: &[(String, usize)]| {
+            let each: Vec<String> = named.iter().map(|(name, count)| format!("{name} ({count})")).collect();
+            if each.is_empty() { "none".to_owned() } else { each.join(", ") }
+        };
+        let vector = |v: Vec3| format!("({:.3}, {:.3}, {:.3})", v.x, v.y, v.z);
+        writeln!(f, "{}: {}, cameras {}", self.name, self.format, self.layout)?;
+        writeln!(f, "views       {} to train on, {} to test on", self.train_views, self.test_views)?;
+        let size = self.image_size.map_or_else(|| "no image is there".into(), |[w, h]| format!("{w} × {h} pixels"));
+        writeln!(f, "images      {size}")?;
+        writeln!(f, "cameras     {} different, {:.1}° wide, {}", self.cameras, self.field_of_view_deg, self.lens)?;
+        let range = match self.range {
+            Range::Distance { .. } => "distances along the ray".to_owned(),
+            Range::Depth { near, far } => format!("depths {near:.3} to {far:.3} along the viewing axis"),
+            Range::Sphere { centre, radius } => format!("a sphere of {radius:.3} about {}", vector(centre)),
+        };
+        writeln!(f, "near, far   {:.3} to {:.3}: {range}", self.near, self.far)?;
+        let bounded = if self.bounded { "nothing beyond" } else { "with more beyond" };
+        writeln!(f, "box         {} to {}, {bounded}", vector(self.bounds.min), vector(self.bounds.max))?;
+        writeln!(f, "centre      {}, cameras within {:.3}", vector(self.centre), self.radius)?;
+        writeln!(f, "up          {}", vector(self.up))?;
+        writeln!(f, "points      {}", self.points)?;
+        let backdrop = self.backdrop.map_or_else(|| "no image to tell".into(), |b| b.to_string());
+        writeln!(f, "background  {backdrop}")?;
+        writeln!(f, "selections  {}", list(&self.selections))?;
+        write!(f, "tests       {}", list(&self.protocols))?;
+        self.warnings.iter().try_for_each(|warning| write!(f, "\nwarning     {warning}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::loaders::testing::blender;
+
+    #[test]
+    fn a_folder_is_described() {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path().join("toy");
+        blender(&dir, 5, 2);
+        let found = info(&dir).unwrap();
+        assert_eq!((found.name.as_str(), found.format), ("toy", Format::Blender));
+        assert_eq!((found.train_views, found.test_views, found.cameras), (5, 2, 1));
+        assert_eq!((found.image_size, found.backdrop), (Some([8, 8]), Some(Backdrop::Colour)));
+        assert!((found.field_of_view_deg - 39.597).abs() < 0.01 && found.bounded);
+        assert_eq!(found.protocols, [("split".to_owned(), 2)]);
+        let text = found.to_string();
+        assert!(text.contains("toy: Blender, cameras around an object") && text.contains("5 to train on"), "{text}");
+        let json = serde_json::to_value(&found).unwrap();
+        assert_eq!((&json["format"], &json["layout"]), (&"blender".into(), &"object".into()));
+        // Images need not be there.
+        std::fs::remove_dir_all(dir.join("train")).unwrap();
+        std::fs::remove_dir_all(dir.join("test")).unwrap();
+        assert_eq!(info(&dir).unwrap().image_size, None);
+        assert_eq!(outline(&dir).unwrap().all_train_cameras.len(), 5);
+        assert!(info(&guard.path().join("none")).is_err());
+    }
+
+    #[test]
+    #[ignore = "needs …/shared/data"]
+    fn the_shared_scenes() {
+        for name in ["nerf_synthetic/lego", "nerf_llff_data/fern", "dtu/scan24", "colmap_room"] {
+            let dir = loaders::testing::shared_data(name);
+            eprintln!("{}\n", info(&dir).unwrap());
+            assert!(info_page(&outline(&dir).unwrap()).contains("<canvas"));
+        }
+    }
+}

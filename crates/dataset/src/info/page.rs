@@ -1,0 +1,74 @@
+//! A page that shows where a scene's cameras are.
+
+use infonerf_scene::{Camera, Scene};
+use serde_json::{Value, json};
+
+/// The most points that a page holds.
+const MOST_POINTS: usize = 8000;
+const PAGE: &str = include_str!("page.html");
+
+/// A web page, whole in itself, that draws the scene's cameras with their frusta, its points and its box in 3D. The mouse
+/// turns, the wheel zooms, and a click on a camera names it.
+pub fn info_page(scene: &Scene) -> String {
+    let chosen = |camera: &Camera| scene.train.iter().any(|v| v.camera.to_world == camera.to_world);
+    let others = scene.all_train_cameras.iter().filter(|c| !chosen(c)).map(|c| drawn(c, "", "other"));
+    let train = scene.train.iter().map(|v| drawn(&v.camera, &v.name, "train"));
+    let test = scene.test.iter().map(|v| drawn(&v.camera, &v.name, "test"));
+    let cameras: Vec<Value> = others.chain(test).chain(train).collect();
+    let step = scene.space.points.len().div_ceil(MOST_POINTS).max(1);
+    let points: Vec<_> = scene.space.points.iter().step_by(step).map(|p| p.to_array()).collect();
+    let data = json!({
+        "cameras": cameras,
+        "points": points,
+        "box": [scene.space.bounds.min.to_array(), scene.space.bounds.max.to_array()],
+        "centre": scene.space.centre.to_array(),
+        "radius": scene.space.radius,
+        "up": scene.space.up.to_array(),
+        "near": scene.space.near,
+        "far": scene.space.far,
+    });
+    let words = format!(
+        "{}: {}, cameras {}, near {:.3}, far {:.3}",
+        scene.name, scene.format, scene.space.layout, scene.space.near, scene.space.far
+    );
+    let warnings =
+        scene.warnings.iter().map(|w| format!("<p class=\"warning\">{}</p>", escaped(w))).collect::<String>();
+    // Within a script only a closing tag would end it.
+    let data = data.to_string().replace("</", "<\\/");
+    PAGE.replace("{{title}}", &escaped(&words)).replace("{{warnings}}", &warnings).replace("{{data}}", &data)
+}
+
+/// A camera's position and the unit directions of its corners.
+fn drawn(camera: &Camera, name: &str, kind: &str) -> Value {
+    let (w, h) = (camera.width as f32, camera.height as f32);
+    let corners = [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)].map(|(x, y)| camera.ray(x, y).direction.to_array());
+    json!({"name": name, "kind": kind, "at": camera.position().to_array(), "corners": corners})
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use infonerf_procedural::train_cameras;
+    use infonerf_scene::Space;
+
+    #[test]
+    fn a_page_holds_the_scene_and_needs_nothing_else() {
+        let scene = Scene {
+            name: "<b>".into(),
+            all_train_cameras: train_cameras(8),
+            space: Space { points: vec![Vec3::X; 20_000], ..Space::default() },
+            warnings: vec!["a < b".into()],
+            ..Scene::default()
+        };
+        let page = info_page(&scene);
+        assert!(page.contains("&lt;b&gt;: procedural") && page.contains("a &lt; b") && !page.contains("{{"));
+        assert!(!page.contains("http") && !page.contains("src="));
+        assert_eq!(page.matches("\"corners\"").count(), 100);
+        assert!(page.len() < 400_000, "{}", page.len());
+    }
+}

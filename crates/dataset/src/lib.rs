@@ -1,0 +1,35 @@
+//! Scenes from folders of posed photographs, in the formats that papers publish theirs in.
+//!
+//! A [`SceneSource`] (a folder, or the name of a built-in scene) and a [`SceneRequest`](infonerf_scene::SceneRequest)
+//! (which views, at which size, on which background) give a [`Scene`](infonerf_scene::Scene) through [`load`]. [`info`]
+//! and [`check()`] look at a folder before training, [`export()`] writes built-in scenes in the same formats, and
+//! [`from_images`] poses photographs with an installed COLMAP.
+//!
+//! ```
+//! use infonerf_dataset::{SceneSource, load};
+//! use infonerf_scene::{SceneRequest, TestProtocol, ViewSelection};
+//!
+//! let train = ViewSelection::Seed { seed: 0, count: 4 };
+//! let request = SceneRequest { train, test: TestProtocol::First(1), image_size: Some(16), ..Default::default() };
+//! let scene = load(&SceneSource::Procedural("knot".into()), &request)?;
+//! assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [26, 86, 2, 55]);
+//! # Ok::<(), infonerf_scene::SceneError>(())
+//! ```
+
+mod camera_path;
+pub mod colmap;
+mod export;
+mod info;
+mod loaders;
+mod photographs;
+mod source;
+mod transforms;
+
+pub use camera_path::CameraPath;
+pub use export::export;
+pub use info::{Concern, Info, Warning, check, info, info_page, outline};
+#[doc(hidden)]
+pub use loaders::fuzzing;
+pub use photographs::from_images;
+pub use source::{SceneSource, count_pixels, load};
+pub use transforms::transforms;

@@ -1,0 +1,364 @@
+//! Scans of DTU as IDR, NeuS and pixelNeRF keep them: `image`, `mask` and projection matrices.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DMat4, DVec3, Vec3};
+use infonerf_scene::image::dimensions;
+use infonerf_scene::{Aabb, Camera, Format, Layout, Range, SceneError, SceneRequest, Space};
+
+use super::assemble::Parts;
+use super::colmap::frame;
+use super::extent::capture_space;
+use super::frames::Frame;
+use super::llff::list_images;
+use super::mask::MaskRole;
+use super::npy::Array;
+use super::{npz, pose};
+use crate::colmap::opengl;
+
+/// The files that mark this format.
+pub(super) const MARKER: &str = "cameras_sphere.npz, cameras.npz";
+const FILES: [&str; 2] = ["cameras_sphere.npz", "cameras.npz"];
+/// The lists beside the scans in pixelNeRF's copy.
+const LISTS: [&str; 2] = ["new_train.lst", "new_val.lst"];
+pub(super) const EXPECTED: &str = "4×4 matrices world_mat_0, scale_mat_0 and so on";
+
+/// Views of a whole scan.
+const VIEWS: usize = 49;
+/// RegNeRF's training views, in the order in which they are taken.
+const REGNERF: [usize; 9] = [25, 22, 28, 40, 44, 48, 0, 8, 13];
+/// The training views of pixelNeRF, and of the paper.
+const PIXELNERF: [usize; 3] = [22, 25, 28];
+/// Views that no protocol tests: the exposure is wrong.
+const LEFT_OUT: [usize; 15] = [3, 4, 5, 6, 7, 16, 17, 18, 19, 20, 21, 36, 37, 38, 39];
+/// Between these pixelNeRF samples its copy.
+const PIXELNERF_RANGE: (f32, f32) = (0.1, 5.0);
+/// Skew up to this share of the focal length is rounding.
+const SKEW: f64 = 1e-3;
+
+/// The file with the cameras of the scan in `dir`.
+pub(super) fn cameras_file(dir: &Path) -> Option<PathBuf> {
+    FILES.iter().map(|file| dir.join(file)).find(|file| file.is_file())
+}
+
+/// What the folder of a scan says.
+///
+/// Image `i` in the order of the names has the projection `world_mat_i`, and `scale_mat_i` takes the unit sphere, in which
+/// the object lies, to the world. Views keep these numbers. Of a whole scan the 25 views that RegNeRF tests are the test
+/// split and the others the training pool; of another, every 8th is held out.
+///
+/// In pixelNeRF's copy (`new_train.lst` beside the scans) there is no sphere: near and far are 0.1 and 5.
+pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, SceneError> {
+    let path = cameras_file(dir).unwrap_or_else(|| dir.join(FILES[0]));
+    let wanted = |name: &str| name.starts_with("world_mat_") || name.starts_with("scale_mat_");
+    let matrices = npz::read(&path, EXPECTED, |name| wanted(name) && !name.contains("inv"))?;
+    let images = list_images(&dir.join("image"))?;
+    let masks = if dir.join("mask").is_dir() { list_images(&dir.join("mask"))? } else { Vec::new() };
+    let Some(first) = images.first() else {
+        return Err(SceneError::NotFound { path: dir.join("image"), expected: "PNG or JPEG images".into() });
+    };
+    if !masks.is_empty() && masks.len() != images.len() {
+        let expected = format!("{} masks, one for each image", images.len());
+        return Err(SceneError::malformed(&dir.join("mask"), expected, format!("it has {}", masks.len())));
+    }
+    let size = dimensions(first)?;
+    let mut frames = Vec::new();
+    for (id, image) in images.iter().enumerate() {
+        let camera = camera(&path, &matrices, id, size)?;
+        let name = image.strip_prefix(dir).unwrap_or(image).to_string_lossy().into_owned();
+        let mask = masks.get(id).map(|mask| (mask.clone(), MaskRole::Counts));
+        frames.push(Frame { id, mask, ..frame(&name, image.clone(), &camera) });
+    }
+    let cameras: Vec<Camera> = frames.iter().map(Frame::nominal_camera).collect();
+    let pixelnerf = dir.parent().is_some_and(|root| LISTS.iter().any(|list| root.join(list).is_file()));
+    let space = if pixelnerf {
+        capture_space(&cameras, Vec::new(), Vec::new()).with(Some(PIXELNERF_RANGE), None)
+    } else {
+        sphere(&cameras)
+    };
+    let whole = frames.len() >= VIEWS;
+    let tested = |i: &usize| {
+        if whole { *i < VIEWS && !LEFT_OUT.contains(i) && !REGNERF.contains(i) } else { i.is_multiple_of(8) }
+    };
+    let split: Vec<usize> = (0..frames.len()).filter(|i| tested(i) && frames.len() > 1).collect();
+    let train = frames.iter().filter(|f| !split.contains(&f.id)).cloned().collect();
+    let mut parts = Parts::new(dir, Format::Dtu, train, frames, space);
+    if whole {
+        parts.selections = [1, 3, 6, 9].map(|n| (format!("regnerf-{n}"), REGNERF[..n].to_vec())).to_vec();
+        parts.selections.extend(["pixelnerf-3", "infonerf-3"].map(|name| (name.into(), PIXELNERF.to_vec())));
+        let others: Vec<usize> = (0..VIEWS).filter(|i| !LEFT_OUT.contains(i) && !PIXELNERF.contains(i)).collect();
+        parts.protocols = vec![("regnerf".into(), split.clone())];
+        parts.protocols.extend(["pixelnerf", "infonerf"].map(|name| (name.into(), others.clone())));
+    } else {
+        let text = format!("{} views instead of DTU's {VIEWS}: every 8th is held out", parts.test.len());
+        parts.warnings.push(text);
+    }
+    parts.split = Some(split);
+    Ok(parts)
+}
+
+/// The unit sphere about the origin, seen by `cameras`.
+fn sphere(cameras: &[Camera]) -> Space {
+    let distances = cameras.iter().map(|c| c.position().length());
+    let (nearest, farthest) = distances.fold((f32::INFINITY, 0f32), |(a, b), d| (a.min(d), b.max(d)));
+    let near = (nearest - 1.0).max(0.0);
+    let mut space = Space::known(cameras, (near, farthest + 1.0), Aabb::cube(Vec3::ZERO, 1.0));
+    space.range = Range::Sphere { centre: Vec3::ZERO, radius: 1.0 };
+    // The table and what is behind it lie outside.
+    space.bounded = false;
+    space.layout = Layout::Object;
+    space
+}
+
+/// Camera `index`: `world_mat` is `K [R | t]`, and the centre goes through the inverse of `scale_mat`.
+pub(super) fn camera(
+    path: &Path,
+    matrices: &BTreeMap<String, Array<f64>>,
+    index: usize,
+    size: (u32, u32),
+) -> Result<Camera, SceneError> {
+    let world = matrix(path, matrices, &format!("world_mat_{index}"))?;
+    let scale = matrix(path, matrices, &format!("scale_mat_{index}"))?;
+    let fault =
+        |name: &str, expected: &str, found: String| SceneError::field(path, format!("{name}_{index}"), expected, found);
+    let projection = decompose(&world).map_err(|found| fault("world_mat", "a projection K [R | t]", found))?;
+    let diagonal = DVec3::new(scale.x_axis.x, scale.y_axis.y, scale.z_axis.z);
+    let off = DMat3::from_mat4(scale) - DMat3::from_diagonal(diagonal);
+    let usable = diagonal.min_element() > 1e-9 && off.abs_diff_eq(DMat3::ZERO, 1e-4 * diagonal.max_element());
+    if !usable {
+        return Err(fault("scale_mat", "positive scales and a translation", format!("{:?}", scale.to_cols_array_2d())));
+    }
+    let centre = (projection.centre - scale.w_axis.truncate()) / diagonal;
+    let pose = opengl(projection.rotation.transpose(), centre);
+    if let Some(found) = pose::fault(&pose) {
+        return Err(fault("world_mat", "a projection K [R | t]", found));
+    }
+    // The matrices are for pixels whose centres are whole numbers.
+    let [cx, cy] = projection.centre_pixel;
+    Ok(Camera::pinhole(size, projection.focal, [cx + 0.5, cy + 0.5], pose))
+}
+
+fn matrix(path: &Path, matrices: &BTreeMap<String, Array<f64>>, name: &str) -> Result<DMat4, SceneError> {
+    let expected = "a finite 4×4 matrix";
+    let Some(array) = matrices.get(name) else {
+        return Err(SceneError::field(path, name, expected, "nothing"));
+    };
+    let values: Option<[f64; 16]> = array.values.as_slice().try_into().ok();
+    match values {
+        Some(values) if array.shape == [4, 4] && values.iter().all(|v| v.is_finite()) => {
+            Ok(DMat4::from_cols_array(&values).transpose())
+        }
+        Some(_) if array.shape == [4, 4] => Err(SceneError::field(path, name, expected, "a value that is not finite")),
+        _ => Err(SceneError::field(path, name, expected, format!("shape {:?}", array.shape))),
+    }
+}
+
+/// A projection matrix taken apart.
+struct Projection {
+    focal: [f64; 2],
+    centre_pixel: [f64; 2],
+    /// World to camera; x right, y down, z forward.
+    rotation: DMat3,
+    /// The optical centre in the world.
+    centre: DVec3,
+}
+
+/// `K [R | t]` up to scale: the rows of `K R`, made orthogonal from the last up.
+fn decompose(matrix: &DMat4) -> Result<Projection, String> {
+    let rows = DMat3::from_mat4(*matrix).transpose();
+    let sign = if rows.determinant() < 0.0 { -1.0 } else { 1.0 };
+    let (m1, m2, m3) = (sign * rows.x_axis, sign * rows.y_axis, sign * rows.z_axis);
+    let scale = m3.length();
+    let Some(r3) = m3.try_normalize() else { return Err("a last row of zeros".into()) };
+    let across = m2 - m2.dot(r3) * r3;
+    let Some(r2) = across.try_normalize() else { return Err("rows that are multiples of each other".into()) };
+    let along = m1 - m1.dot(r3) * r3;
+    let skew = along.dot(r2) / scale;
+    let Some(r1) = (along - along.dot(r2) * r2).try_normalize() else {
+        return Err("rows that are multiples of each other".into());
+    };
+    let focal = [(along - along.dot(r2) * r2).length() / scale, across.length() / scale];
+    if !focal.iter().all(|f| super::json::PIXELS.contains(f)) {
+        return Err(format!("focal lengths {focal:?}"));
+    }
+    if skew.abs() > SKEW * focal[0] {
+        return Err(format!("a skew of {skew} pixels"));
+    }
+    let centre = -(DMat3::from_mat4(*matrix).inverse() * matrix.w_axis.truncate());
+    if !centre.is_finite() {
+        return Err("a singular matrix".into());
+    }
+    let rotation = DMat3::from_cols(r1, r2, r3).transpose();
+    Ok(Projection { focal, centre_pixel: [m1.dot(r3) / scale, m2.dot(r3) / scale], rotation, centre })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use glam::{DMat4, DVec3, Vec3};
+    use zip::CompressionMethod;
+
+    use super::super::testing::*;
+    use crate::export::npz::{self, Named};
+    use crate::export::projection;
+    use infonerf_scene::{Backdrop, Camera, Format, Layout, SceneRequest, TestProtocol, ViewSelection};
+
+    /// Scale and translation of the unit sphere in the toy's world.
+    const SCALE: f64 = 250.0;
+    const SHIFT: DVec3 = DVec3::new(10.0, -20.0, 600.0);
+
+    fn rows(m: DMat4) -> Vec<f64> {
+        m.transpose().to_cols_array().to_vec()
+    }
+
+    /// The camera's projection in a world that is larger and elsewhere.
+    fn world_mat(camera: &Camera) -> DMat4 {
+        let mut moved = camera.to_world;
+        moved.w_axis = (camera.position_f64() * SCALE + SHIFT).extend(1.0);
+        projection(&camera.with_pose(moved))
+    }
+
+    fn arrays(cameras: &[Camera]) -> Vec<Named> {
+        let scale = DMat4::from_translation(SHIFT) * DMat4::from_scale(DVec3::splat(SCALE));
+        let of = |(i, camera): (usize, &Camera)| {
+            [
+                (format!("world_mat_{i}"), vec![4, 4], rows(world_mat(camera))),
+                (format!("scale_mat_{i}"), vec![4, 4], rows(scale)),
+                (format!("world_mat_inv_{i}"), vec![1], vec![0.0]),
+            ]
+        };
+        cameras.iter().enumerate().flat_map(of).collect()
+    }
+
+    fn cameras(n: usize) -> Vec<Camera> {
+        infonerf_procedural::train_cameras(8)[..n]
+            .iter()
+            .map(|c| Camera::pinhole((16, 12), [22.0, 21.0], [8.25, 5.75], c.to_world))
+            .collect()
+    }
+
+    fn folder(dir: &Path, n: usize, masks: bool) -> Vec<Camera> {
+        let cameras = cameras(n);
+        fs::create_dir_all(dir.join("image")).unwrap();
+        npz::write(&dir.join("cameras_sphere.npz"), &arrays(&cameras), CompressionMethod::Deflated).unwrap();
+        for (i, camera) in cameras.iter().enumerate() {
+            write_view(&dir.join(format!("image/{i:06}.png")), camera);
+            if masks {
+                fs::create_dir_all(dir.join("mask")).unwrap();
+                let pixels = (0..192).map(|p| if p < 96 { [0, 0, 0, 255] } else { [255; 4] }).collect();
+                let mask = infonerf_scene::Rgba8 { width: 16, height: 12, pixels };
+                mask.write_png(&dir.join(format!("mask/{i:03}.png"))).unwrap();
+            }
+        }
+        cameras
+    }
+
+    #[test]
+    fn a_procedural_scene_round_trips() {
+        let guard = tempfile::tempdir().unwrap();
+        let cameras = folder(guard.path(), 9, true);
+        let scene = load(guard.path(), &SceneRequest { test: TestProtocol::Split, ..request() }).unwrap();
+        assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 6, 7]);
+        assert_eq!(scene.test.iter().map(|v| v.id).collect::<Vec<_>>(), [0, 8]);
+        for view in scene.train.iter().chain(&scene.test) {
+            assert_same_view(view, &cameras[view.id]);
+            let mask = view.mask.as_deref().unwrap();
+            assert!(!mask[95] && mask[96]);
+        }
+        assert_eq!((scene.format, scene.space.layout, scene.space.bounded), (Format::Dtu, Layout::Object, true));
+        let ray = scene.train[0].camera.ray(8.25, 5.75);
+        let (near, far) = scene.interval(&ray).unwrap();
+        assert!((near - 3.0311).abs() < 1e-3 && (far - 5.0311).abs() < 1e-3);
+        assert_eq!(scene.space.bounds.max, Vec3::ONE);
+        assert!(scene.warnings[0].contains("9 views instead of DTU's 49"));
+        // Nothing that is trained on is tested on.
+        let all = load(guard.path(), &SceneRequest { train: ViewSelection::Ids(vec![4, 2]), ..request() }).unwrap();
+        assert_eq!(all.train.iter().map(|v| v.id).collect::<Vec<_>>(), [4, 2]);
+        assert_eq!(all.test.iter().map(|v| v.id).collect::<Vec<_>>(), [0, 1, 3, 5, 6, 7, 8]);
+    }
+
+    #[test]
+    fn published_views_of_a_whole_scan() {
+        let guard = tempfile::tempdir().unwrap();
+        folder(guard.path(), 49, false);
+        let ask = |train: &str, test: &str| {
+            let chosen = SceneRequest { train: train.parse().unwrap(), test: test.parse().unwrap(), ..request() };
+            let scene = load(guard.path(), &chosen).unwrap();
+            (scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), scene.test.iter().map(|v| v.id).collect::<Vec<_>>())
+        };
+        let (train, test) = ask("regnerf-3", "split");
+        assert_eq!((train, test.len()), (vec![25, 22, 28], 25));
+        assert_eq!(test[..5], [1, 2, 9, 10, 11]);
+        assert_eq!(ask("regnerf-9", "regnerf").1, test);
+        let (train, others) = ask("infonerf-3", "pixelnerf");
+        assert_eq!((train, others.len()), (vec![22, 25, 28], 31));
+        let leak = SceneRequest { train: ViewSelection::Ids(vec![1]), ..request() };
+        assert!(message(guard.path(), &leak).contains("found 1"), "a test view is not trained on");
+    }
+
+    #[test]
+    fn pixelnerfs_copy_has_its_own_range() {
+        let guard = tempfile::tempdir().unwrap();
+        fs::write(guard.path().join("new_val.lst"), "scan8\n").unwrap();
+        let dir = guard.path().join("scan8");
+        let cameras = folder(&dir, 3, false);
+        fs::rename(dir.join("cameras_sphere.npz"), dir.join("cameras.npz")).unwrap();
+        let scene = load(&dir, &request()).unwrap();
+        assert_same_view(&scene.train[0], &cameras[1]);
+        assert_eq!((scene.space.near, scene.space.far), (0.1, 5.0));
+        assert_eq!(scene.backdrop, Backdrop::Colour, "knot has an alpha channel");
+    }
+
+    #[test]
+    fn faults() {
+        let bad = |change: &dyn Fn(&mut Vec<Named>)| {
+            let guard = tempfile::tempdir().unwrap();
+            let cameras = folder(guard.path(), 3, false);
+            let mut arrays = arrays(&cameras);
+            change(&mut arrays);
+            npz::write(&guard.path().join("cameras_sphere.npz"), &arrays, CompressionMethod::Stored).unwrap();
+            message(guard.path(), &request())
+        };
+        assert!(
+            bad(&|a| drop(a.remove(3))).contains("field `world_mat_1`: expected a finite 4×4 matrix, found nothing")
+        );
+        assert!(bad(&|a| a[3].2[5] = f64::NAN).contains("not finite"));
+        assert!(bad(&|a| a[3].2[..12].fill(0.0)).contains("a last row of zeros"));
+        assert!(bad(&|a| a[3].1 = vec![16]).contains("shape [16]"));
+        assert!(bad(&|a| a[4].2[0] = 0.0).contains("scale_mat_1"));
+        let guard = tempfile::tempdir().unwrap();
+        folder(guard.path(), 3, true);
+        fs::remove_file(guard.path().join("mask/001.png")).unwrap();
+        assert!(message(guard.path(), &request()).contains("expected 3 masks, one for each image: it has 2"));
+        fs::remove_dir_all(guard.path().join("image")).unwrap();
+        assert!(message(guard.path(), &request()).contains("image"));
+        fs::write(guard.path().join("cameras_sphere.npz"), "PK").unwrap();
+        assert!(message(guard.path(), &request()).contains("cameras_sphere.npz: expected 4×4 matrices"));
+    }
+
+    #[test]
+    #[ignore = "needs …/shared/data"]
+    fn scan24_of_dtu() {
+        let dir = shared_data("dtu/scan24");
+        let chosen = SceneRequest {
+            train: "regnerf-3".parse().unwrap(),
+            test: TestProtocol::Split,
+            image_size: Some(100),
+            ..Default::default()
+        };
+        let scene = load(&dir, &chosen).unwrap();
+        assert_eq!((scene.train.len(), scene.test.len(), scene.backdrop), (3, 25, Backdrop::Unknown));
+        // The object's mask holds the middle of the sphere in every view, and its image has the object in it.
+        for view in scene.train.iter().chain(&scene.test) {
+            let mask = view.mask.as_deref().unwrap();
+            let share = mask.iter().filter(|&&m| m).count() as f32 / mask.len() as f32;
+            assert!((0.05..0.9).contains(&share), "{} {share}", view.name);
+            assert!((1.5..5.0).contains(&view.camera.position().length()), "{}", view.camera.position());
+            let p = view.camera.project(Vec3::ZERO).unwrap();
+            assert!((10.0..90.0).contains(&p.x) && (10.0..65.0).contains(&p.y), "{p}");
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! JSON files whose every field knows where it is, so that an error can say so.
+
+use std::fs;
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+use infonerf_scene::SceneError;
+use serde_json::Value;
+
+/// The largest file that is read, in bytes.
+const LARGEST: u64 = 256 << 20;
+
+/// Focal lengths and image sides that are taken for meant, in pixels.
+pub(super) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
+
+/// A parsed JSON file.
+pub(crate) struct JsonFile {
+    path: PathBuf,
+    root: Value,
+}
+
+impl JsonFile {
+    /// Reads and parses a file, refusing one of more than [`LARGEST`] bytes unread.
+    pub fn read(path: &Path) -> Result<Self, SceneError> {
+        if !path.is_file() {
+            let expected = "a JSON file with camera poses".into();
+            return Err(SceneError::NotFound { path: path.into(), expected });
+        }
+        let size = fs::metadata(path).map_err(|e| SceneError::io(path, e))?.len();
+        if size > LARGEST {
+            let what = "the size of the JSON file in bytes";
+            return Err(SceneError::TooLarge { path: path.into(), what, size, limit: LARGEST });
+        }
+        Self::parse(path, &fs::read(path).map_err(|e| SceneError::io(path, e))?)
+    }
+
+    /// Parses what the file at `path` holds. A byte-order mark, as Windows editors write it, is skipped.
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, SceneError> {
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+        let root =
+            serde_json::from_slice(bytes).map_err(|e| SceneError::malformed(path, "JSON with finite numbers", e))?;
+        Ok(Self { path: path.into(), root })
+    }
+
+    /// The outermost value.
+    pub fn root(&self) -> Node<'_> {
+        Node { file: &self.path, field: String::new(), value: &self.root }
+    }
+}
+
+/// A value in a [`JsonFile`], with its place.
+#[derive(Clone)]
+pub(crate) struct Node<'a> {
+    file: &'a Path,
+    field: String,
+    value: &'a Value,
+}
+
+impl<'a> Node<'a> {
+    /// The field `key` of an object, which must be there.
+    pub fn get(&self, key: &str, expected: &str) -> Result<Self, SceneError> {
+        match self.find(key) {
+            Some(node) => Ok(node),
+            None => Err(SceneError::field(self.file, self.join(key), expected, "nothing")),
+        }
+    }
+
+    /// The field `key`, if this is an object that has it and it is not null.
+    pub fn find(&self, key: &str) -> Option<Self> {
+        let value = self.value.get(key).filter(|v| !v.is_null())?;
+        Some(Node { file: self.file, field: self.join(key), value })
+    }
+
+    /// The elements of an array.
+    pub fn items(&self, expected: &str) -> Result<Vec<Self>, SceneError> {
+        let items = self.value.as_array().ok_or_else(|| self.error(expected))?;
+        let node = |(i, value)| Node { file: self.file, field: format!("{}[{i}]", self.field), value };
+        Ok(items.iter().enumerate().map(node).collect())
+    }
+
+    /// A finite number.
+    pub fn number(&self, expected: &str) -> Result<f64, SceneError> {
+        self.value.as_f64().filter(|v| v.is_finite()).ok_or_else(|| self.error(expected))
+    }
+
+    /// A finite number greater than 0.
+    pub fn positive(&self, expected: &str) -> Result<f64, SceneError> {
+        self.number(expected)?.gt(&0.0).then(|| self.value.as_f64()).flatten().ok_or_else(|| self.error(expected))
+    }
+
+    /// A focal length or image side in pixels, which rays can be computed with.
+    pub fn pixels(&self, expected: &str) -> Result<f64, SceneError> {
+        let value = self.number(expected)?;
+        if PIXELS.contains(&value) { Ok(value) } else { Err(self.error(expected)) }
+    }
+
+    /// An array of `N` finite numbers.
+    pub fn numbers<const N: usize>(&self, expected: &str) -> Result<[f64; N], SceneError> {
+        let items = self.items(expected)?;
+        if items.len() != N {
+            return Err(self.fault(expected, format!("{} values", items.len())));
+        }
+        let mut numbers = [0.0; N];
+        for (number, item) in numbers.iter_mut().zip(&items) {
+            *number = item.number(expected)?;
+        }
+        Ok(numbers)
+    }
+
+    /// `true` or `false`.
+    pub fn flag(&self, expected: &str) -> Result<bool, SceneError> {
+        self.value.as_bool().ok_or_else(|| self.error(expected))
+    }
+
+    /// A string that is not empty.
+    pub fn text(&self, expected: &str) -> Result<&'a str, SceneError> {
+        self.value.as_str().filter(|s| !s.is_empty()).ok_or_else(|| self.error(expected))
+    }
+
+    /// An error that this value is not what was expected.
+    pub fn error(&self, expected: impl Into<String>) -> SceneError {
+        self.fault(expected, short(self.value))
+    }
+
+    /// An error that this value is not what was expected, with a description of what it is.
+    pub fn fault(&self, expected: impl Into<String>, found: impl std::fmt::Display) -> SceneError {
+        SceneError::field(self.file, self.field.clone(), expected, found)
+    }
+
+    fn join(&self, key: &str) -> String {
+        if self.field.is_empty() { key.into() } else { format!("{}.{key}", self.field) }
+    }
+}
+
+/// A value as a reader would name it, short enough for a line.
+fn short(value: &Value) -> String {
+    match value {
+        Value::Array(items) => format!("an array of {}", items.len()),
+        Value::Object(_) => "an object".into(),
+        Value::String(s) => format!("\"{}\"", s.chars().take(60).collect::<String>()),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_name_file_and_place() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.json");
+        fs::write(&path, r#"{"a": [{"b": "x"}]}"#).unwrap();
+        let file = JsonFile::read(&path).unwrap();
+        let items = file.root().get("a", "a list").unwrap().items("a list").unwrap();
+        let b = items[0].get("b", "a number").unwrap();
+        let text = b.number("a number").unwrap_err().to_string();
+        assert!(text.ends_with("a.json: field `a[0].b`: expected a number, found \"x\""), "{text}");
+        let text = items[0].get("c", "a flag").err().unwrap().to_string();
+        assert!(text.ends_with("field `a[0].c`: expected a flag, found nothing"), "{text}");
+    }
+
+    #[test]
+    fn broken_json_says_where() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.json");
+        for text in ["", "{", "{\"a\": NaN}", "{\"a\": 1e999}"] {
+            fs::write(&path, text).unwrap();
+            let text = JsonFile::read(&path).err().unwrap().to_string();
+            assert!(text.contains("a.json: expected JSON") && text.contains("line"), "{text}");
+        }
+    }
+
+    #[test]
+    fn huge_files_are_refused_unread() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.json");
+        // Sparse: takes no space on disk.
+        fs::File::create(&path).unwrap().set_len(LARGEST + 1).unwrap();
+        assert!(matches!(JsonFile::read(&path), Err(SceneError::TooLarge { .. })));
+    }
+}

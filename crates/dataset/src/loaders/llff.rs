@@ -1,0 +1,387 @@
+//! Forward-facing captures in LLFF's format: `poses_bounds.npy` and folders of images.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use glam::{DMat4, DVec3, DVec4};
+use infonerf_scene::image::dimensions;
+use infonerf_scene::select::published;
+use infonerf_scene::{Camera, Format, Layout, Lens, Range, SceneError, SceneRequest, Space};
+
+use super::assemble::Parts;
+use super::extent::{frusta_bounds, grid, hold_out};
+use super::frames::{Frame, known_extension, numbered};
+use super::json::PIXELS;
+use super::npy::Array;
+use super::optics::Intrinsics;
+use super::{npy, pose};
+
+/// The file that marks this format.
+pub(super) const MARKER: &str = "poses_bounds.npy";
+
+/// Numbers a view takes in the file: a 3×5 matrix and two depths.
+const COLUMNS: usize = 17;
+pub(super) const EXPECTED: &str = "an array [N, 17] of poses and depth bounds";
+/// The nearest depth of all becomes `1 / NEAREST` after scaling.
+const NEAREST: f64 = 0.75;
+/// Nothing is expected nearer than this share of the nearest depth.
+const MARGIN: f32 = 0.9;
+/// Folders that may hold the images, the largest first.
+pub(super) const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
+
+/// What a folder in LLFF's format says.
+///
+/// Each row of `poses_bounds.npy` is a 3×5 matrix, row-major, and the depths of the nearest and
+/// farthest point seen. The matrix's columns are the camera's down, right and backward axes, its
+/// position, and (height, width, focal length in pixels) of the full-size images. Poses are
+/// converted to OpenGL, scaled so that the nearest depth becomes 4/3, and recentred on their mean
+/// pose. Views 0, 8, 16, … are held out for test. Near and far are depths along the viewing axis.
+///
+/// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as
+/// large as the request (without one: the largest there is), sorted by name.
+pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
+    let rows = read_rows(&dir.join(MARKER))?;
+    let images = find_images(dir, request.image_size)?;
+    if images.len() != rows.len() {
+        let folder = images.first().and_then(|p| p.parent()).unwrap_or(dir);
+        let reason = format!("it has {}", images.len());
+        let expected = format!("{} images, one for each pose", rows.len());
+        return Err(SceneError::malformed(folder, expected, reason));
+    }
+    let (width, height) = match images.first() {
+        Some(first) => dimensions(first)?,
+        None => (1, 1),
+    };
+    let (poses, range) = placed(&dir.join(MARKER), &rows)?;
+    let frames: Vec<Frame> = rows
+        .iter()
+        .zip(poses)
+        .zip(&images)
+        .map(|((row, pose), image)| Frame {
+            id: 0,
+            name: name(dir, image),
+            image: image.clone(),
+            depth: None,
+            mask: None,
+            pose,
+            lens: Lens::PERSPECTIVE,
+            intrinsics: Intrinsics::Pixels {
+                focal: [row.focal * f64::from(width) / row.width, row.focal * f64::from(height) / row.height],
+                centre: None,
+                size: Some((width, height)),
+            },
+        })
+        .collect();
+    let cameras: Vec<Camera> = frames.iter().map(|f| f.camera(width, height)).collect();
+    let space =
+        space(&cameras, range).ok_or_else(|| SceneError::malformed(&dir.join(MARKER), EXPECTED, "no finite bounds"))?;
+    let (train, test) = hold_out(frames, &request.test);
+    let (train, test) = (numbered(train), numbered(test));
+    let selections = published::forward_facing(train.len());
+    let mut parts = Parts::new(dir, Format::Llff, train, test, space);
+    parts.selections = selections.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
+    parts.protocols = vec![("regnerf".into(), (0..parts.test.len()).collect())];
+    Ok(parts)
+}
+
+/// The space in front of cameras that see content between two depths.
+fn space(cameras: &[Camera], (near, far): (f32, f32)) -> Option<Space> {
+    let range = Range::Depth { near, far };
+    let bounds = frusta_bounds(cameras, range)?;
+    let farthest = cameras.iter().flat_map(grid).filter_map(|ray| range.along(&ray)).map(|r| r.1).fold(far, f32::max);
+    let mut space = Space::known(cameras, (near, farthest), bounds);
+    space.range = range;
+    space.bounded = false;
+    if space.layout == Layout::Forward {
+        // Half-way in inverse depth.
+        let middle = 2.0 / (1.0 / near + 1.0 / far);
+        let n = cameras.len().max(1) as f32;
+        let mean = cameras.iter().map(Camera::position).sum::<glam::Vec3>() / n;
+        let ahead = cameras.iter().map(Camera::forward).sum::<glam::Vec3>().normalize_or(glam::Vec3::NEG_Z);
+        space = space.centred(mean + middle * ahead, cameras);
+    }
+    Some(space)
+}
+
+/// One row of the file, with its pose in OpenGL's convention.
+pub(super) struct Row {
+    pose: DMat4,
+    height: f64,
+    width: f64,
+    focal: f64,
+    near: f64,
+    far: f64,
+}
+
+fn read_rows(path: &Path) -> Result<Vec<Row>, SceneError> {
+    rows(path, npy::read(path, EXPECTED)?)
+}
+
+/// The rows of the array in the file at `path`.
+pub(super) fn rows(path: &Path, array: Array<f64>) -> Result<Vec<Row>, SceneError> {
+    if array.shape.len() != 2 || array.shape.get(1) != Some(&(COLUMNS as u64)) {
+        return Err(SceneError::malformed(path, EXPECTED, format!("shape {:?}", array.shape)));
+    }
+    if array.values.is_empty() {
+        return Err(SceneError::malformed(path, EXPECTED, "it has no views"));
+    }
+    array.values.chunks_exact(COLUMNS).enumerate().map(|(i, row)| read_row(path, i, row)).collect()
+}
+
+fn read_row(path: &Path, index: usize, row: &[f64]) -> Result<Row, SceneError> {
+    let fault = |columns: &str, expected: &str, found: String| {
+        SceneError::field(path, format!("[{index}, {columns}]"), expected, found)
+    };
+    let &[
+        d0,
+        r0,
+        b0,
+        x,
+        height, //
+        d1,
+        r1,
+        b1,
+        y,
+        width, //
+        d2,
+        r2,
+        b2,
+        z,
+        focal, //
+        near,
+        far,
+    ] = row
+    else {
+        return Err(fault("0..17", "17 values", row.len().to_string()));
+    };
+    let axis = |a: f64, b: f64, c: f64| DVec4::new(a, b, c, 0.0);
+    let pose = DMat4::from_cols(axis(r0, r1, r2), -axis(d0, d1, d2), axis(b0, b1, b2), DVec4::new(x, y, z, 1.0));
+    if let Some(found) = pose::fault(&pose) {
+        return Err(fault("0..15", "a 3×5 matrix with a rigid pose", found));
+    }
+    let size = [height, width, focal];
+    if !size.iter().all(|side| PIXELS.contains(side)) {
+        return Err(fault("4, 9, 14", "positive height, width and focal length", format!("{size:?}")));
+    }
+    if !(near.is_finite() && far.is_finite() && 0.0 < near && near < far) {
+        return Err(fault("15..17", "depths 0 < near < far", format!("{near} and {far}")));
+    }
+    Ok(Row { pose, height, width, focal, near, far })
+}
+
+/// Poses scaled and recentred, with near and far.
+///
+/// # Errors
+/// The depths are so small, or so different, that the scene would not fit.
+pub(super) fn placed(path: &Path, rows: &[Row]) -> Result<(Vec<DMat4>, (f32, f32)), SceneError> {
+    let nearest = rows.iter().map(|r| r.near).fold(f64::INFINITY, f64::min);
+    let farthest = rows.iter().map(|r| r.far).fold(0.0, f64::max);
+    let scale = 1.0 / (NEAREST * nearest);
+    let poses: Vec<DMat4> = recentre(rows.iter().map(|r| scaled(r.pose, scale)).collect());
+    let far = farthest * scale;
+    if let Some(found) = poses.iter().find_map(pose::fault) {
+        return Err(SceneError::malformed(path, EXPECTED, format!("scaled to its nearest depth {nearest:e}, {found}")));
+    }
+    if far > pose::FARTHEST {
+        return Err(SceneError::malformed(path, EXPECTED, format!("depths from {nearest:e} to {farthest:e}")));
+    }
+    Ok((poses, (MARGIN * (nearest * scale) as f32, far as f32)))
+}
+
+fn scaled(mut pose: DMat4, scale: f64) -> DMat4 {
+    pose.w_axis = (pose.w_axis.truncate() * scale).extend(1.0);
+    pose
+}
+
+/// Moves the mean pose (mean position, mean backward axis, mean up axis made perpendicular) to the
+/// identity. Poses without a mean direction are left as they are.
+fn recentre(poses: Vec<DMat4>) -> Vec<DMat4> {
+    let n = poses.len().max(1) as f64;
+    let sum = |column: usize| poses.iter().map(|p| p.col(column).truncate()).sum::<DVec3>();
+    let z = sum(2).normalize_or_zero();
+    let x = sum(1).cross(z).normalize_or_zero();
+    if x == DVec3::ZERO {
+        return poses;
+    }
+    let mean = DMat4::from_cols(x.extend(0.0), z.cross(x).extend(0.0), z.extend(0.0), (sum(3) / n).extend(1.0));
+    let inverse = mean.inverse();
+    poses.into_iter().map(|p| inverse * p).collect()
+}
+
+/// The images of the folder that suits a request for longest side `size`, sorted by name.
+fn find_images(dir: &Path, size: Option<u32>) -> Result<Vec<PathBuf>, SceneError> {
+    let mut best: Option<Vec<PathBuf>> = None;
+    for folder in FOLDERS.map(|f| dir.join(f)) {
+        if !folder.is_dir() {
+            continue;
+        }
+        let images = list_images(&folder)?;
+        let Some(first) = images.first() else {
+            continue;
+        };
+        if best.is_some() {
+            let (width, height) = dimensions(first)?;
+            if size.is_none_or(|size| width.max(height) < size) {
+                break;
+            }
+        }
+        best = Some(images);
+    }
+    best.ok_or_else(|| SceneError::NotFound {
+        path: dir.into(),
+        expected: format!("PNG or JPEG images in one of the folders {}", FOLDERS.join(", ")),
+    })
+}
+
+pub(crate) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
+    let io = |e| SceneError::io(folder, e);
+    let mut images = Vec::new();
+    for entry in fs::read_dir(folder).map_err(io)? {
+        let path = entry.map_err(io)?.path();
+        if known_extension(&path) && path.is_file() {
+            images.push(path);
+        }
+    }
+    images.sort();
+    Ok(images)
+}
+
+/// The image's path below `dir`, without extension.
+fn name(dir: &Path, image: &Path) -> String {
+    image.strip_prefix(dir).unwrap_or(image).with_extension("").to_string_lossy().into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use glam::{DVec3, Vec3};
+
+    use super::super::{npy, testing::*};
+    use infonerf_scene::{Format, Layout, SceneRequest, TestProtocol};
+
+    /// Row of a camera at `x` that looks along −z with y up, for full-size images of 16×16.
+    fn row(x: f32) -> [f32; 17] {
+        let m = [0.0, 1.0, 0.0, x, 16.0, -1.0, 0.0, 0.0, 0.0, 16.0, 0.0, 0.0, 1.0, 0.0, 20.0];
+        let mut row = [0.0; 17];
+        row[..15].copy_from_slice(&m);
+        (row[15], row[16]) = (2.0, 10.0);
+        row
+    }
+
+    fn write(dir: &Path, rows: &[[f32; 17]]) {
+        npy::write(&dir.join("poses_bounds.npy"), &[rows.len() as u64, 17], rows.as_flattened()).unwrap();
+    }
+
+    fn folder(rows: &[[f32; 17]]) -> tempfile::TempDir {
+        let guard = tempfile::tempdir().unwrap();
+        write(guard.path(), rows);
+        for (name, size) in [("images", 16), ("images_2", 8)] {
+            fs::create_dir(guard.path().join(name)).unwrap();
+            for i in 0..rows.len() {
+                let path = guard.path().join(format!("{name}/image{i:03}.png"));
+                image(size, i as u8).write_png(&path).unwrap();
+            }
+        }
+        guard
+    }
+
+    fn rows() -> Vec<[f32; 17]> {
+        (0..9).map(|i| row(i as f32)).collect()
+    }
+
+    #[test]
+    fn converts_scales_and_recentres() {
+        let guard = folder(&rows());
+        let scene = load(guard.path(), &request()).unwrap();
+        assert_eq!((scene.train.len(), scene.test.len()), (7, 2));
+        // Depth 2 becomes 4/3; the mean position, x = 4, becomes the origin.
+        let scale = 1.0 / 1.5;
+        let camera = &scene.train[0].camera;
+        assert!((camera.position() - Vec3::X * (1.0 - 4.0) * scale).length() < 1e-6);
+        assert!((camera.forward() - Vec3::NEG_Z).length() < 1e-6);
+        assert!((camera.to_world.y_axis.truncate() - DVec3::Y).length() < 1e-9);
+        assert!((scene.space.near - 0.9 * 2.0 * scale).abs() < 1e-6);
+        // Far is a depth: along the ray through a corner it is farther away.
+        let corner = camera.ray(0.0, 0.0);
+        let (near, far) = scene.interval(&corner).unwrap();
+        let slant = (1.0 + 2.0 * 0.4f32 * 0.4).sqrt();
+        assert!((near - scene.space.near * slant).abs() < 1e-5 && (far - 10.0 * scale * slant).abs() < 1e-4);
+        assert!((scene.interval(&camera.ray(8.0, 8.0)).unwrap().1 - 10.0 * scale).abs() < 1e-4);
+        assert!((scene.space.far - far).abs() < 1e-4, "no ray goes farther");
+        assert!((scene.space.bounds.min.z + 10.0 * scale).abs() < 1e-4, "bounds reach the farthest depth");
+        assert!(scene.space.bounds.contains(corner.at(0.999 * far)));
+        assert_eq!((scene.format, scene.space.layout, scene.space.bounded), (Format::Llff, Layout::Forward, false));
+        assert_eq!(scene.space.up, Vec3::Y);
+        assert_eq!((camera.width, camera.fx), (16, 20.0));
+    }
+
+    #[test]
+    fn takes_the_folder_that_suits_the_size() {
+        let guard = folder(&rows());
+        let small = SceneRequest { image_size: Some(8), ..request() };
+        let scene = load(guard.path(), &small).unwrap();
+        assert_eq!(scene.train[0].name, "images_2/image001");
+        assert_eq!((scene.train[0].camera.width, scene.train[0].camera.fx), (8, 10.0));
+        let between = SceneRequest { image_size: Some(9), ..request() };
+        assert_eq!(load(guard.path(), &between).unwrap().train[0].name, "images/image001");
+    }
+
+    #[test]
+    fn faults() {
+        let guard = folder(&rows());
+        fs::remove_file(guard.path().join("images/image003.png")).unwrap();
+        assert!(message(guard.path(), &request()).contains("expected 9 images, one for each pose"));
+
+        let guard = tempfile::tempdir().unwrap();
+        write(guard.path(), &rows());
+        assert!(message(guard.path(), &request()).contains("images, images_2"));
+
+        let bad = |column: usize, value: f32| {
+            let mut rows = rows();
+            rows[5][column] = value;
+            let guard = folder(&rows);
+            message(guard.path(), &request())
+        };
+        assert!(bad(1, 0.0).contains("field `[5, 0..15]`: expected a 3×5 matrix"));
+        assert!(bad(3, f32::NAN).contains("not finite"));
+        assert!(bad(14, 0.0).contains("field `[5, 4, 9, 14]`"));
+        assert!(bad(15, 20.0).contains("expected depths 0 < near < far, found 20 and 10"));
+
+        let guard = folder(&rows());
+        npy::write(&guard.path().join("poses_bounds.npy"), &[9, 15], &[0.0; 135]).unwrap();
+        assert!(message(guard.path(), &request()).contains("[N, 17] of poses and depth bounds: shape [9, 15]"));
+        npy::write::<f64>(&guard.path().join("poses_bounds.npy"), &[0, 17], &[]).unwrap();
+        assert!(message(guard.path(), &request()).contains("no views"));
+    }
+
+    /// The published views of the eight scenes, whose numbers count the held-out views as well.
+    #[test]
+    fn named_views_and_the_formats_own_split() {
+        let guard = folder(&rows());
+        let chosen = SceneRequest { train: "regnerf-3".parse().unwrap(), test: TestProtocol::Split, ..request() };
+        let scene = load(guard.path(), &chosen).unwrap();
+        let names: Vec<_> = scene.train.iter().map(|v| v.name.as_str()).collect();
+        assert_eq!(names, ["images/image001", "images/image004", "images/image007"]);
+        assert_eq!(scene.test.len(), 2);
+        let many = SceneRequest { train: "regnerf-9".parse().unwrap(), ..request() };
+        assert!(message(guard.path(), &many).contains("one of regnerf-2, regnerf-3, regnerf-6"));
+    }
+
+    #[test]
+    #[ignore = "needs …/shared/data"]
+    fn fern_of_the_llff_captures() {
+        let dir = shared_data("nerf_llff_data/fern");
+        let scene = load(&dir, &SceneRequest { image_size: Some(126), ..request() }).unwrap();
+        assert_eq!((scene.train.len(), scene.test.len()), (17, 3));
+        let view = &scene.train[0];
+        assert_eq!((view.image.width, view.image.height), (126, 95));
+        // All look the same way, from near the origin, at something in front of them.
+        for camera in &scene.all_train_cameras {
+            assert!(camera.forward().dot(Vec3::NEG_Z) > 0.9 && camera.position().length() < 1.0);
+        }
+        assert!((scene.space.near - 1.2).abs() < 1e-3 && scene.space.far > 2.0 && scene.space.far < 20.0);
+        assert!(scene.space.bounds.contains(Vec3::new(0.0, 0.0, -2.0)));
+    }
+}

@@ -1,0 +1,257 @@
+//! The format of nerfstudio and instant-ngp: one `transforms.json` with intrinsics, shared or per frame.
+
+use std::collections::HashSet;
+use std::path::Path;
+
+use infonerf_scene::image::dimensions;
+use infonerf_scene::{Camera, Format, SceneError, SceneRequest};
+
+use super::assemble::Parts;
+use super::extent::{capture_space, hold_out};
+use super::frames::{Frame, Split, numbered, present, read_transforms};
+
+/// The file that marks this format.
+pub(super) const MARKER: &str = "transforms.json";
+
+/// What a folder in nerfstudio's or instant-ngp's format says.
+///
+/// Frames named in the fields `train_filenames` and `test_filenames` are the two pools; without
+/// those fields every 8th frame, starting with the first, is held out for test. Frames without their image are left out,
+/// with one warning. Poses keep their scale. `near`, `far` and `aabb` are taken from the file where it has them, else
+/// from `aabb_scale` and from where the cameras are, see [`capture_space`].
+pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
+    let path = dir.join(MARKER);
+    let transforms = read_transforms(&path)?;
+    let all: HashSet<String> = transforms.frames.iter().map(|f| f.name.clone()).collect();
+    let (frames, warning) = present(transforms.frames);
+    // One image tells the size of all that do not state theirs.
+    let size = frames.iter().find(|f| f.image.is_file()).map(|f| dimensions(&f.image)).transpose()?;
+    let cameras: Vec<Camera> = frames
+        .iter()
+        .map(|f| match (f.stated_size(), size) {
+            (None, Some((width, height))) => f.camera(width, height),
+            _ => f.nominal_camera(),
+        })
+        .collect();
+    let mut space = capture_space(&cameras, Vec::new(), Vec::new()).with(transforms.range, transforms.bounds);
+    if let (Some(cube), None) = (transforms.cube, transforms.bounds) {
+        space.bounds = cube;
+    }
+    let (train, test) = match &transforms.split {
+        Some(Split { train, test }) => (
+            named(&path, "train_filenames", &frames, &all, train)?,
+            named(&path, "test_filenames", &frames, &all, test)?,
+        ),
+        None => hold_out(frames, &request.test),
+    };
+    let mut parts = Parts::new(dir, Format::Transforms, numbered(train), numbered(test), space);
+    parts.warnings.extend(warning);
+    Ok(parts)
+}
+
+/// The frames with the given names, in the order of the file. Every name must be in `all`, if of a frame without image.
+fn named(
+    path: &Path,
+    field: &str,
+    frames: &[Frame],
+    all: &HashSet<String>,
+    names: &[String],
+) -> Result<Vec<Frame>, SceneError> {
+    if let Some(unknown) = names.iter().find(|n| !all.contains(*n)) {
+        let found = format!("\"{unknown}\"");
+        return Err(SceneError::field(path, field, "the file_path of a frame", found));
+    }
+    let wanted: HashSet<&str> = names.iter().map(String::as_str).collect();
+    Ok(frames.iter().filter(|f| wanted.contains(f.name.as_str())).cloned().collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::PathBuf;
+
+    use glam::Vec2;
+    use serde_json::{Value, json};
+
+    use super::super::testing::*;
+    use infonerf_scene::{Camera, Lens, SceneRequest};
+
+    /// Ten 8×8 views with shared intrinsics.
+    fn folder() -> (tempfile::TempDir, PathBuf, PathBuf) {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path().join("capture");
+        fs::create_dir_all(dir.join("images")).unwrap();
+        let frames: Vec<Value> = (0..10)
+            .map(|i| {
+                image(8, i as u8).write_png(&dir.join(format!("images/f_{i}.png"))).unwrap();
+                json!({"file_path": format!("images/f_{i}.png"), "transform_matrix": pose(i)})
+            })
+            .collect();
+        let value = json!({"w": 8, "h": 8, "fl_x": 10.0, "fl_y": 11.0, "cx": 4.5, "cy": 3.5,
+            "k1": 0.0, "frames": frames});
+        let json = dir.join("transforms.json");
+        write_json(&json, &value);
+        (guard, dir, json)
+    }
+
+    #[test]
+    fn shared_intrinsics_and_hold_out() {
+        let (_guard, dir, json) = folder();
+        let scene = load(&dir, &request()).unwrap();
+        assert_eq!((scene.train.len(), scene.test.len()), (8, 2));
+        assert_eq!(scene.test[1].name, "images/f_8");
+        assert_eq!(scene.train[0].name, "images/f_1");
+        let camera = &scene.train[0].camera;
+        assert_eq!((camera.fx, camera.fy, camera.cx, camera.cy), (10.0, 11.0, 4.5, 3.5));
+        let centre = camera.project(camera.position() + camera.forward()).unwrap();
+        assert!((centre - Vec2::new(4.5, 3.5)).length() < 1e-4);
+        // The scene lies about the point that all cameras look at.
+        assert!(scene.space.bounds.centre().length() < 1e-3 && scene.space.near < 3.0 && scene.space.far > 5.0);
+
+        edit(&json, "/near", Some(json!(1.0)));
+        edit(&json, "/far", Some(json!(2.0)));
+        assert_eq!(load(&dir, &request()).unwrap().space.far, 2.0);
+    }
+
+    #[test]
+    fn frames_override_intrinsics_and_images_are_resized_with_them() {
+        let (_guard, dir, json) = folder();
+        edit(&json, "/frames/1/fl_x", Some(json!(20.0)));
+        let small = SceneRequest { image_size: Some(4), ..request() };
+        let scene = load(&dir, &small).unwrap();
+        assert_eq!(scene.train[0].camera.fx, 10.0);
+        assert_eq!(scene.train[1].camera.fx, 5.0);
+        assert_eq!(scene.train[1].camera.cx, 2.25);
+    }
+
+    #[test]
+    fn named_splits() {
+        let (_guard, dir, json) = folder();
+        edit(&json, "/train_filenames", Some(json!(["images/f_3.png", "./images/f_0.png"])));
+        edit(&json, "/test_filenames", Some(json!(["images/f_9.png"])));
+        let scene = load(&dir, &request()).unwrap();
+        let names: Vec<_> = scene.train.iter().map(|v| v.name.as_str()).collect();
+        assert_eq!(names, ["images/f_0", "images/f_3"]);
+        assert_eq!(scene.test.len(), 1);
+        edit(&json, "/test_filenames", Some(json!(["images/f_99.png"])));
+        let text = message(&dir, &request());
+        assert!(text.contains("`test_filenames`: expected the file_path of a frame"), "{text}");
+    }
+
+    /// Views of `knot` through the lens whose fields are given, one of them without its image.
+    fn through(lens: Lens, fields: &Value) -> (tempfile::TempDir, Vec<Camera>) {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path();
+        fs::create_dir_all(dir.join("images")).unwrap();
+        let cameras: Vec<Camera> = (0..6)
+            .map(|i| {
+                let f = 20.0 + i as f64;
+                let pose = infonerf_procedural::train_cameras(8)[i].to_world;
+                Camera::pinhole((18, 14), [f, f + 0.5], [8.75, 7.5], pose).with_lens(lens)
+            })
+            .collect();
+        let frames: Vec<Value> = cameras
+            .iter()
+            .enumerate()
+            .map(|(i, camera)| {
+                if i != 3 {
+                    write_view(&dir.join(format!("images/f_{i}.png")), camera);
+                }
+                let mut frame = fields.clone();
+                // A frame's own focal lengths; instant-ngp leaves extensions out.
+                frame["fl_x"] = json!(camera.fx);
+                frame["fl_y"] = json!(camera.fy);
+                frame["file_path"] = json!(format!("./images/f_{i}"));
+                frame["transform_matrix"] = pose(i);
+                frame
+            })
+            .collect();
+        let applied = json!([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0]]);
+        let value = json!({"w": 18, "h": 14, "cx": 8.75, "cy": 7.5, "aabb_scale": 4, "applied_transform": applied,
+            "frames": frames});
+        write_json(&dir.join("transforms.json"), &value);
+        (guard, cameras)
+    }
+
+    #[test]
+    fn every_lens_round_trips() {
+        let k = [0.05, -0.02, 0.01, 0.003];
+        let p = [1e-3, -2e-3];
+        let full = [0.2, 0.1, 0.01, 0.1, 0.05, 0.002];
+        let lenses = [
+            (Lens::PERSPECTIVE, json!({"camera_model": "PINHOLE"})),
+            (Lens::radial_tangential([k[0], 0.0, 0.0, 0.0], [0.0; 2]), json!({"k1": k[0]})),
+            (
+                Lens::radial_tangential(k, p),
+                json!({"camera_model": "OPENCV", "k1": k[0], "k2": k[1], "k3": k[2], "k4": k[3], "p1": p[0], "p2": p[1]}),
+            ),
+            (
+                Lens::rational(full, p),
+                json!({"camera_model": "FULL_OPENCV", "k1": full[0], "k2": full[1], "k3": full[2], "k4": full[3],
+                    "k5": full[4], "k6": full[5], "p1": p[0], "p2": p[1]}),
+            ),
+            (Lens::fisheye([0.0; 4]), json!({"camera_model": "OPENCV_FISHEYE"})),
+            (Lens::fisheye(k), json!({"is_fisheye": true, "k1": k[0], "k2": k[1], "k3": k[2], "k4": k[3], "p1": 0.0})),
+        ];
+        for (lens, fields) in lenses {
+            let (guard, cameras) = through(lens, &fields);
+            let scene = load(guard.path(), &request()).unwrap();
+            assert_eq!((scene.train.len(), scene.test.len()), (4, 1));
+            for (view, i) in scene.train.iter().zip([1, 2, 4, 5]) {
+                assert_same_view(view, &cameras[i]);
+            }
+            assert_eq!(scene.warnings.len(), 1, "{:?}", scene.warnings);
+            assert!(scene.warnings[0].starts_with("1 of 6 frames have no image, the first "));
+            assert!((scene.space.bounds.size().x - 4.0 / 0.33).abs() < 1e-4, "instant-ngp's box");
+        }
+    }
+
+    #[test]
+    fn masks_say_which_pixels_count() {
+        let (_guard, dir, json) = folder();
+        for i in 0..10 {
+            let pixels = (0..64).map(|j| if j < 8 * i { [0, 0, 0, 255] } else { [255; 4] }).collect();
+            let mask = infonerf_scene::Rgba8 { width: 8, height: 8, pixels };
+            mask.write_png(&dir.join(format!("images/m_{i}.png"))).unwrap();
+            let place = format!("/frames/{i}/mask_path");
+            edit(&json, &place, Some(json!(format!("images/m_{i}.png"))));
+        }
+        let chosen = SceneRequest { train: infonerf_scene::ViewSelection::Ids(vec![0, 1]), ..request() };
+        let only = SceneRequest { test: infonerf_scene::TestProtocol::First(1), ..chosen };
+        let scene = load(&dir, &only).unwrap();
+        let mask = scene.train[1].mask.as_deref().unwrap();
+        assert!(!mask[15] && mask[16] && mask.len() == 64);
+        // The photograph is left as it is.
+        assert_eq!(*scene.train[1].image, image(8, 2).to_f32().composite([1.0; 3]));
+        let empty = infonerf_scene::Rgba8 { width: 8, height: 8, pixels: vec![[0, 0, 0, 255]; 64] };
+        empty.write_png(&dir.join("images/m_1.png")).unwrap();
+        assert!(message(&dir, &only).contains("m_1.png: expected a mask with at least one pixel"));
+        fs::remove_file(dir.join("images/m_1.png")).unwrap();
+        assert!(message(&dir, &only).contains("m_1.png: not found"));
+    }
+
+    #[test]
+    fn faults_name_the_field() {
+        let cases = [
+            ("/k1", Some(json!("x")), "`k1`: expected a distortion coefficient"),
+            ("/camera_model", Some(json!("EQUIRECTANGULAR")), "`camera_model`: expected one of SIMPLE_PINHOLE"),
+            ("/camera_model", Some(json!(3)), "`camera_model`: expected one of SIMPLE_PINHOLE"),
+            ("/is_fisheye", Some(json!(1)), "`is_fisheye`: expected true or false"),
+            ("/applied_transform", Some(json!([[1, 0, 0, 0]])), "`applied_transform`: expected a 3×4 matrix"),
+            ("/aabb_scale", Some(json!(3)), "`aabb_scale`: expected a power of two"),
+            ("/frames/2/mask_path", Some(json!("m.png")), "`frames[0].mask_path`: expected the path of a mask"),
+            ("/fl_x", Some(json!(0)), "`fl_x`: expected a positive focal length"),
+            ("/fl_x", None, "`camera_angle_x`"),
+            ("/w", Some(json!(7.5)), "`w`: expected an image side in whole pixels"),
+            ("/w", Some(json!(9)), "f_1.png: expected an image of 9×8 pixels"),
+            ("/frames/4/transform_matrix/1/1", Some(json!("x")), "`frames[4].transform_matrix[1][1]`"),
+            ("/frames/2/p2", Some(json!(1e9)), "`frames[2].p2`"),
+        ];
+        for (pointer, value, expected) in cases {
+            let (_guard, dir, json) = folder();
+            edit(&json, pointer, value);
+            let text = message(&dir, &request());
+            assert!(text.contains(expected), "{text}");
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! `.npz` archives of arrays.
+
+use std::collections::BTreeMap;
+use std::io::{Cursor, Read};
+use std::path::Path;
+
+use infonerf_scene::SceneError;
+use zip::ZipArchive;
+
+use super::npy::{self, Array};
+use super::read_file;
+
+/// The largest archive that is read, in bytes, and the most that its arrays may take unpacked.
+const LARGEST: u64 = 256 << 20;
+/// The most arrays.
+const MOST: usize = 10_000;
+
+/// Reads the arrays of an archive whose name `wanted` accepts, by their names.
+pub(super) fn read(
+    path: &Path,
+    expected: &str,
+    wanted: impl Fn(&str) -> bool,
+) -> Result<BTreeMap<String, Array<f64>>, SceneError> {
+    decode(path, &read_file(path, expected, LARGEST)?, expected, wanted)
+}
+
+/// The same of bytes in memory; `path` is what errors name.
+pub(super) fn decode(
+    path: &Path,
+    bytes: &[u8],
+    expected: &str,
+    wanted: impl Fn(&str) -> bool,
+) -> Result<BTreeMap<String, Array<f64>>, SceneError> {
+    let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(|e| fault(&e))?;
+    if archive.len() > MOST {
+        return Err(fault(&format!("{} arrays, more than {MOST}", archive.len())));
+    }
+    let mut arrays = BTreeMap::new();
+    let mut left = LARGEST;
+    for index in 0..archive.len() {
+        let mut file = archive.by_index(index).map_err(|e| fault(&e))?;
+        let file_name = file.name().map_err(|e| fault(&e))?.into_owned();
+        let name = file_name.strip_suffix(".npy").unwrap_or(&file_name).to_owned();
+        if !wanted(&name) {
+            continue;
+        }
+        // What the archive says of the size may be wrong: it is read up to what is left and a byte more.
+        let mut unpacked = Vec::new();
+        (&mut file).take(left + 1).read_to_end(&mut unpacked).map_err(|e| fault(&format!("{name}: {e}")))?;
+        let size = unpacked.len() as u64;
+        left = left.checked_sub(size).ok_or_else(|| fault(&format!("more than {LARGEST} bytes unpacked")))?;
+        let inner = path.join(format!("{name}.npy"));
+        arrays.insert(name, npy::decode(&inner, &unpacked[..], size, expected)?);
+    }
+    Ok(arrays)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::export;
+    use zip::CompressionMethod;
+
+    #[test]
+    fn archives_stored_and_deflated() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.npz");
+        let arrays = vec![("a".to_owned(), vec![2, 2], vec![1.0, 2.0, 3.0, 4.0]), ("b".to_owned(), vec![1], vec![7.0])];
+        for method in [CompressionMethod::Stored, CompressionMethod::Deflated] {
+            export::npz::write(&path, &arrays, method).unwrap();
+            let read = read(&path, "arrays", |name| name == "a").unwrap();
+            assert_eq!(read.len(), 1);
+            assert_eq!((&read["a"].shape[..], &read["a"].values[..]), (&[2, 2][..], &[1.0, 2.0, 3.0, 4.0][..]));
+        }
+        let whole = std::fs::read(&path).unwrap();
+        for keep in [0, 30, whole.len() / 2] {
+            let text = decode(&path, &whole[..keep], "arrays", |_| true).err().unwrap().to_string();
+            assert!(text.contains("a.npz: expected arrays"), "{text}");
+        }
+    }
+}

@@ -1,0 +1,401 @@
+//! ZJU-MoCap: a person in 23 cameras, `annots.npy` with calibration and the images of each frame.
+
+use std::io::{Cursor, Read};
+use std::path::{Path, PathBuf};
+
+use glam::{DMat3, DVec3, Vec3};
+use infonerf_scene::image::dimensions;
+use infonerf_scene::{Aabb, Body, Camera, Format, Layout, Lens, SceneError, SceneRequest, Space};
+
+use super::assemble::Parts;
+use super::colmap::frame;
+use super::extent::capture_space;
+use super::frames::Frame;
+use super::mask::{MaskRole, read_mask};
+use super::pickle::{self, Pickle, Value};
+use super::{npy, pose, read_file};
+use crate::colmap::opengl;
+
+/// The file that marks this format.
+pub(super) const MARKER: &str = "annots.npy";
+const EXPECTED: &str = "a pickled dictionary with `cams` and `ims`";
+/// The largest file that is read, in bytes.
+const LARGEST: u64 = 64 << 20;
+/// Folders of masks, the first that is there.
+const MASKS: [&str; 2] = ["mask_cihp", "mask"];
+/// Folders of the body's vertices and of the pose that was fitted with them, the first that is there.
+const BODIES: [[&str; 2]; 2] = [["new_vertices", "new_params"], ["vertices", "params"]];
+/// The published training cameras.
+const TRAIN: [usize; 4] = [0, 6, 12, 18];
+/// Translations are in millimetres.
+const MILLIMETRES: f64 = 1000.0;
+/// Metres around the body that the box holds.
+const MARGIN: f32 = 0.05;
+/// Points along each side of the grid that the masks are carved from.
+const CARVED: usize = 48;
+
+/// What one frame of a film says: `request.frame`, the first if none is asked for.
+///
+/// Images stay as they are, their distortion in the lens; outside the person's mask they are black, and that is the
+/// scene's background. The box is the body's vertices with 5 cm around, or what the published training cameras' masks
+/// leave of the space before them. Views are numbered like the cameras; those not among 0, 6, 12, 18 are the test split.
+pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
+    let path = dir.join(MARKER);
+    let bytes = read_file(&path, EXPECTED, LARGEST)?;
+    let Annotations { cameras, images, frames: count } = annotations(&path, &bytes, request.frame.unwrap_or(0))?;
+    let size = images.first().map(|first| dimensions(&dir.join(first))).transpose()?.unwrap_or((1, 1));
+    let Some(folder) = MASKS.iter().map(|m| dir.join(m)).find(|m| m.is_dir()) else {
+        return Err(SceneError::NotFound {
+            path: dir.join(MASKS[0]),
+            expected: "the folder of the person's masks".into(),
+        });
+    };
+    let frames: Vec<Frame> = images
+        .iter()
+        .zip(&cameras)
+        .enumerate()
+        .map(|(id, (name, camera))| {
+            let camera = Camera { width: size.0, height: size.1, ..camera.clone() };
+            let mask = Some((mask_path(&folder, name), MaskRole::Matte));
+            Frame { id, mask, ..frame(name, dir.join(name), &camera) }
+        })
+        .collect();
+    let ids: Vec<usize> = TRAIN.iter().copied().filter(|&i| i < frames.len()).collect();
+    let space = space(dir, &frames, &ids, request.frame.unwrap_or(0))?;
+    let others: Vec<usize> = (0..frames.len()).filter(|i| !TRAIN.contains(i)).collect();
+    let mut parts = Parts::new(dir, Format::Zju, frames.clone(), frames, space);
+    parts.background = Some([0.0; 3]);
+    parts.selections = vec![("infonerf-4".into(), ids)];
+    parts.protocols = ["infonerf", "neural-body"].map(|name| (name.to_owned(), others.clone())).to_vec();
+    parts.split = Some(others);
+    if count > 1 && request.frame.is_none() {
+        parts.warnings.push(format!("a film of {count} frames: the first is loaded"));
+    }
+    Ok(parts)
+}
+
+/// The folders of the body's vertices and poses, if it has any.
+fn body_folders(dir: &Path) -> Option<[PathBuf; 2]> {
+    let folders = BODIES.map(|folders| folders.map(|folder| dir.join(folder)));
+    folders.into_iter().find(|[vertices, _]| vertices.is_dir())
+}
+
+/// Whether the folder `dir` is in this format and has a body.
+pub(super) fn has_body(dir: &Path) -> bool {
+    dir.join(MARKER).is_file() && body_folders(dir).is_some()
+}
+
+/// The mask of an image: a PNG under the image's path.
+fn mask_path(folder: &Path, image: &str) -> PathBuf {
+    folder.join(image).with_extension("png")
+}
+
+/// Where the body is.
+fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<Space, SceneError> {
+    let cameras: Vec<Camera> = frames.iter().map(Frame::nominal_camera).collect();
+    let body = match body_folders(dir) {
+        Some([folder, poses]) => {
+            // Some films count from 1.
+            let first = if folder.join("0.npy").is_file() { 0 } else { 1 };
+            let file = format!("{}.npy", frame + first);
+            let pose = poses.join(&file);
+            Some(body(&folder.join(&file), pose.is_file().then_some(pose.as_path()))?)
+        }
+        None => None,
+    };
+    let bounds = match body.as_ref().and_then(|body| Aabb::containing(body.vertices.iter().copied())) {
+        Some(Aabb { min, max }) => Aabb { min: min - MARGIN, max: max + MARGIN },
+        None => carve(frames, &cameras, train)?,
+    };
+    let corner = 0.5 * bounds.size().length();
+    let distances = cameras.iter().map(|c| c.position().distance(bounds.centre()));
+    let (nearest, farthest) = distances.fold((f32::INFINITY, 0f32), |(a, b), d| (a.min(d), b.max(d)));
+    let near = (nearest - corner).max(0.02 * farthest);
+    let mut space = Space::known(&cameras, (near, farthest + corner), bounds);
+    space.layout = Layout::Object;
+    space.points = body.iter().flat_map(|body| body.vertices.iter().copied()).collect();
+    space.body = body;
+    Ok(space)
+}
+
+/// A body's vertices, [n, 3] in metres, and its `pose`: a dictionary with the rotation `Rh` (an axis times an angle) and the
+/// translation `Th` of its frame in the world. Without one its frame is the world's.
+fn body(path: &Path, pose: Option<&Path>) -> Result<Body, SceneError> {
+    let expected = "finite vertices of shape [n, 3]";
+    let array = npy::read(path, expected)?;
+    if array.shape.len() != 2 || array.shape[1] != 3 {
+        return Err(SceneError::malformed(path, expected, format!("shape {:?}", array.shape)));
+    }
+    let vertices: Vec<Vec3> = array.values.chunks_exact(3).map(|p| DVec3::new(p[0], p[1], p[2]).as_vec3()).collect();
+    if vertices.is_empty() || !vertices.iter().all(|vertex| vertex.is_finite()) {
+        return Err(SceneError::malformed(path, expected, "none, or one that is not finite"));
+    }
+    let Some(pose) = pose else { return Ok(Body::unposed(vertices)) };
+    let expected = "a pickled dictionary with `Rh` and `Th`";
+    let pickle = pickled(pose, &read_file(pose, expected, LARGEST)?, expected)?;
+    let vector = |key: &str| {
+        let numbers = pickle.get(pickle.root(), key).and_then(|value| pickle.numbers(value));
+        match numbers.as_deref() {
+            Some(&[x, y, z]) if [x, y, z].iter().all(|v| v.abs() <= 1e6) => Ok(DVec3::new(x, y, z)),
+            Some(found) => Err(SceneError::field(pose, key, "three numbers of at most 1e6", format!("{found:?}"))),
+            None => Err(SceneError::field(pose, key, "three numbers of at most 1e6", "none")),
+        }
+    };
+    let (rotation, origin) = (vector("Rh")?, vector("Th")?.as_vec3());
+    let axes = match rotation.try_normalize() {
+        Some(axis) => DMat3::from_axis_angle(axis, rotation.length()),
+        None => DMat3::IDENTITY,
+    };
+    Ok(Body { vertices, axes: axes.as_mat3(), origin })
+}
+
+/// The box of the points that all masks of the training cameras see a person at.
+fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, SceneError> {
+    let about = capture_space(cameras, Vec::new(), Vec::new());
+    let mut masks = Vec::new();
+    for (frame, camera) in train.iter().filter_map(|&i| frames.get(i).zip(cameras.get(i))) {
+        if let Some((path, _)) = &frame.mask {
+            masks.push((camera, read_mask(path, (camera.width, camera.height))?));
+        }
+    }
+    let seen = |p: Vec3| {
+        masks.iter().all(|(camera, mask)| {
+            camera.project(p).is_some_and(|pixel| {
+                let inside = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < camera.width as f32;
+                inside && mask.get(pixel.y as usize * camera.width as usize + pixel.x as usize) == Some(&true)
+            })
+        })
+    };
+    // Twice: over all that the cameras surround, then over what that left.
+    let mut bounds = Aabb::cube(about.centre, about.radius);
+    for _ in 0..2 {
+        let step = bounds.size() / CARVED as f32;
+        let centre = |i: usize| {
+            let cell = Vec3::new((i % CARVED) as f32, (i / CARVED % CARVED) as f32, (i / CARVED / CARVED) as f32);
+            bounds.min + (cell + 0.5) * step
+        };
+        match Aabb::containing((0..CARVED.pow(3)).map(centre).filter(|&p| seen(p))) {
+            Some(Aabb { min, max }) => bounds = Aabb { min: min - step, max: max + step },
+            None => return Ok(about.bounds),
+        }
+    }
+    Ok(Aabb { min: bounds.min - MARGIN, max: bounds.max + MARGIN })
+}
+
+/// What `annots.npy` says of one frame.
+pub(super) struct Annotations {
+    /// The cameras, for images of a size that it does not say.
+    pub cameras: Vec<Camera>,
+    /// The images of the frame, one a camera.
+    pub images: Vec<String>,
+    /// How many frames there are.
+    pub frames: usize,
+}
+
+/// Reads the bytes of the file at `path`.
+pub(super) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Annotations, SceneError> {
+    let pickle = pickled(path, bytes, EXPECTED)?;
+    let field =
+        |name: &str, expected: &str, found: &dyn std::fmt::Display| SceneError::field(path, name, expected, found);
+    let get = |value: &Value, key: &str, place: &str| -> Result<Value, SceneError> {
+        pickle.get(value, key).cloned().ok_or_else(|| field(place, "an entry of a dictionary", &"nothing"))
+    };
+    let items = |value: &Value, place: &str| -> Result<Vec<Value>, SceneError> {
+        let items = pickle.items(value).filter(|items| !items.is_empty());
+        items.map(<[Value]>::to_vec).ok_or_else(|| field(place, "a list", &"something else, or nothing in it"))
+    };
+    let ims = items(&get(pickle.root(), "ims", "ims")?, "ims")?;
+    let Some(chosen) = ims.get(frame) else {
+        let expected = format!("a frame from 0 to {}", ims.len() - 1);
+        return Err(SceneError::request("frame", expected, frame));
+    };
+    let place = format!("ims[{frame}].ims");
+    let images = items(&get(chosen, "ims", &place)?, &place)?;
+    let name = |value: &Value| pickle.text(value).filter(|t| !t.is_empty()).map(|t| t.replace('\\', "/"));
+    let images: Vec<String> = images
+        .iter()
+        .map(name)
+        .collect::<Option<_>>()
+        .ok_or_else(|| field(&place, "paths of images", &"something else"))?;
+    let cams = get(pickle.root(), "cams", "cams")?;
+    let lists = ["K", "D", "R", "T"].map(|key| {
+        let place = format!("cams.{key}");
+        items(&get(&cams, key, &place)?, &place)
+    });
+    let [k, d, r, t] = lists;
+    let (k, d, r, t) = (k?, d?, r?, t?);
+    let cameras = k.iter().zip(&d).zip(&r).zip(&t).enumerate();
+    let cameras = cameras.map(|(i, (((k, d), r), t))| camera(path, &pickle, i, [k, d, r, t]));
+    let cameras = cameras.take(images.len()).collect::<Result<Vec<_>, _>>()?;
+    if cameras.len() < images.len() {
+        let found = format!("{} cameras for {} images", cameras.len(), images.len());
+        return Err(field("cams", "one camera for each image", &found));
+    }
+    Ok(Annotations { cameras, images, frames: ims.len() })
+}
+
+/// The object in a `.npy` file of objects.
+fn pickled(path: &Path, mut bytes: &[u8], expected: &str) -> Result<Pickle, SceneError> {
+    let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
+    let mut header = Vec::new();
+    let mut start: Cursor<Vec<u8>> = npy::header(&mut bytes).map_err(|e| fault(&e))?;
+    start.read_to_end(&mut header).map_err(|e| fault(&e))?;
+    let text = String::from_utf8_lossy(&header);
+    if !text.contains("NUMPY") || !text.replace(' ', "").contains("'descr':'|O'") {
+        return Err(fault(&"an array of something else than objects"));
+    }
+    pickle::read(bytes).map_err(|e| fault(&e))
+}
+
+/// Camera `index` from K, D (k₁ k₂ p₁ p₂ k₃, then k₄ k₅ k₆), R (world to camera) and T (millimetres).
+fn camera(path: &Path, pickle: &Pickle, index: usize, [k, d, r, t]: [&Value; 4]) -> Result<Camera, SceneError> {
+    let fault = |key: &str, expected: &str, found: &dyn std::fmt::Display| {
+        SceneError::field(path, format!("cams.{key}[{index}]"), expected, found)
+    };
+    let numbers = |value: &Value, key: &str, expected: &str, fits: &dyn Fn(usize) -> bool| {
+        let numbers = pickle.numbers(value).ok_or_else(|| fault(key, expected, &"something else"))?;
+        if !fits(numbers.len()) {
+            return Err(fault(key, expected, &format!("{} numbers", numbers.len())));
+        }
+        if !numbers.iter().all(|v| v.abs() <= 1e9) {
+            return Err(fault(key, expected, &"a value that is not finite"));
+        }
+        Ok(numbers)
+    };
+    let k = numbers(k, "K", "a 3×3 matrix", &|n| n == 9)?;
+    let d = numbers(d, "D", "4 to 8 distortion coefficients", &|n| (4..=8).contains(&n))?;
+    let r = numbers(r, "R", "a 3×3 rotation", &|n| n == 9)?;
+    let t = numbers(t, "T", "3 coordinates", &|n| n == 3)?;
+    let (fx, fy) = (k[0], k[4]);
+    if ![fx, fy].iter().all(|f| super::json::PIXELS.contains(f)) {
+        return Err(fault("K", "positive focal lengths", &format!("{fx} and {fy}")));
+    }
+    let rows = |i: usize| DVec3::new(r[i], r[i + 1], r[i + 2]);
+    // Its rows are the camera's axes: the transpose of what goes from world to camera.
+    let axes = DMat3::from_cols(rows(0), rows(3), rows(6));
+    let pose = opengl(axes, -(axes * DVec3::new(t[0], t[1], t[2])) / MILLIMETRES);
+    if let Some(found) = pose::fault(&pose) {
+        return Err(fault("R", "a 3×3 rotation", &found));
+    }
+    let c = |i: usize| d.get(i).copied().unwrap_or(0.0);
+    let lens = Lens::rational([c(0), c(1), c(4), c(5), c(6), c(7)], [c(2), c(3)]);
+    // Pixels whose centres are whole numbers.
+    Ok(Camera::pinhole((1, 1), [fx, fy], [k[2] + 0.5, k[5] + 0.5], pose).with_lens(lens))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use super::super::testing::*;
+    use super::*;
+    use crate::export::pickle::{dict, npy as npy_of, numbers, object, text};
+    use crate::export::{annotations, lens};
+    use infonerf_scene::{Backdrop, Rgba8, TestProtocol};
+
+    fn write(path: &Path, pickle: &[u8]) {
+        fs::write(path, npy_of(pickle)).unwrap();
+    }
+
+    fn folder(dir: &Path) -> Vec<Camera> {
+        let cameras: Vec<Camera> = infonerf_procedural::train_cameras(8)[..8]
+            .iter()
+            .map(|c| Camera::pinhole((20, 20), [27.0, 27.5], [10.25, 9.75], c.to_world).with_lens(lens()))
+            .collect();
+        write(&dir.join(MARKER), &annotations(&cameras, 2));
+        for (i, camera) in cameras.iter().enumerate() {
+            fs::create_dir_all(dir.join(format!("Camera_B{i}"))).unwrap();
+            fs::create_dir_all(dir.join(format!("mask_cihp/Camera_B{i}"))).unwrap();
+            let mut shown = infonerf_procedural::render("knot", camera).unwrap().rgba;
+            let person = |p: &[u8; 4]| if p[3] > 127 { [1, 1, 1, 255] } else { [0, 0, 0, 255] };
+            let mask = Rgba8 { pixels: shown.pixels.iter().map(person).collect(), ..shown.clone() };
+            mask.write_png(&dir.join(format!("mask_cihp/Camera_B{i}/000001.png"))).unwrap();
+            shown.pixels.iter_mut().for_each(|p| p[3] = 255);
+            shown.write_png(&dir.join(format!("Camera_B{i}/000001.png"))).unwrap();
+        }
+        cameras
+    }
+
+    fn second() -> SceneRequest {
+        SceneRequest { train: "infonerf-4".parse().unwrap(), test: TestProtocol::Split, frame: Some(1), ..request() }
+    }
+
+    #[test]
+    fn a_procedural_scene_round_trips() {
+        let guard = tempfile::tempdir().unwrap();
+        let cameras = folder(guard.path());
+        let scene = load(guard.path(), &second()).unwrap();
+        assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [0, 6]);
+        assert_eq!(scene.test.iter().map(|v| v.id).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 7]);
+        for view in scene.train.iter().chain(&scene.test) {
+            assert_same_rays(&view.camera, &cameras[view.id]);
+            let shown = infonerf_procedural::render("knot", &cameras[view.id]).unwrap().rgba;
+            let mask = view.mask.as_deref().unwrap();
+            for (i, pixel) in shown.pixels.iter().enumerate() {
+                assert_eq!(mask[i], pixel[3] > 127);
+                let expected = if mask[i] { [0, 1, 2].map(|c| f32::from(pixel[c]) / 255.0) } else { [0.0; 3] };
+                assert_eq!(view.image.rgb[i], expected);
+            }
+        }
+        assert_eq!((scene.format, scene.background, scene.backdrop), (Format::Zju, [0.0; 3], Backdrop::Colour));
+        assert!(scene.space.bounded && scene.space.bounds.size().max_element() < 4.0, "{:?}", scene.space.bounds);
+        assert!(scene.space.bounds.contains(Vec3::ZERO) && scene.space.near > 1.0 && scene.space.far < 8.0);
+        // A body gives the box.
+        fs::create_dir(guard.path().join("new_vertices")).unwrap();
+        let body = guard.path().join("new_vertices/2.npy");
+        npy::write(&body, &[2, 3], &[-1.0, -1.0, 0.0, 1.0, 0.5, 1.5]).unwrap();
+        let scene = load(guard.path(), &second()).unwrap();
+        assert!((scene.space.bounds.max - Vec3::new(1.05, 0.55, 1.55)).length() < 1e-6);
+        let vertices = vec![Vec3::new(-1.0, -1.0, 0.0), Vec3::new(1.0, 0.5, 1.5)];
+        assert_eq!(scene.space.body, Some(Body::unposed(vertices)));
+        // And how it is posed: a quarter turn about z.
+        fs::create_dir(guard.path().join("new_params")).unwrap();
+        let pose = guard.path().join("new_params/2.npy");
+        let of = |turn: f64| {
+            dict(&[("Rh", numbers(&[1, 3], &[0.0, 0.0, turn])), ("Th", numbers(&[1, 3], &[0.1, 0.2, 0.3]))])
+        };
+        write(&pose, &object(of(std::f64::consts::FRAC_PI_2)));
+        let posed = load(guard.path(), &second()).unwrap().space.body.unwrap();
+        assert!((posed.axes * Vec3::X - Vec3::Y).length() < 1e-6, "{:?}", posed.axes);
+        assert_eq!(posed.origin, Vec3::new(0.1, 0.2, 0.3));
+        write(&pose, &object(of(f64::NAN)));
+        assert!(message(guard.path(), &second()).contains("`Rh`: expected three numbers of at most 1e6"));
+        fs::remove_file(&pose).unwrap();
+        npy::write(&body, &[1, 3], &[0.0, f32::NAN, 0.0]).unwrap();
+        assert!(message(guard.path(), &second()).contains("finite vertices of shape [n, 3]"));
+    }
+
+    #[test]
+    fn faults() {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path();
+        let cameras = folder(dir);
+        let path = dir.join(MARKER);
+        let beyond = SceneRequest { frame: Some(2), ..second() };
+        assert!(message(dir, &beyond).contains("`frame`: expected a frame from 0 to 1, found 2"));
+        let whole = annotations(&cameras, 2);
+        let replaced = |from: &[u8], to: &[u8]| {
+            let at = whole.windows(from.len()).position(|w| w == from).unwrap();
+            [&whole[..at], to, &whole[at + from.len()..]].concat()
+        };
+        let with = |pickle: &[u8]| {
+            write(&path, pickle);
+            message(dir, &second())
+        };
+        assert!(with(b"cos\nsystem\n(S'true'\ntR.").contains("asks for the code `os.system`; nothing of it was run"));
+        assert!(with(&whole[..whole.len() / 2]).contains("it ends early"));
+        assert!(with(&replaced(&text("K"), &text("Q"))).contains("field `cams.K`"));
+        assert!(with(&replaced(&text("cams"), &text("cam"))).contains("field `cams`"));
+        assert!(with(&replaced(&27f64.to_le_bytes(), &0f64.to_le_bytes())).contains("`cams.K[0]`: expected positive"));
+        assert!(with(&object(b"N".to_vec())).contains("field `ims`"));
+        let few = annotations(&cameras[..2], 2);
+        write(&path, &few);
+        fs::remove_file(dir.join("mask_cihp/Camera_B0/000001.png")).unwrap();
+        assert!(message(dir, &second()).contains("mask_cihp/Camera_B0/000001.png: not found"));
+        fs::remove_dir_all(dir.join("mask_cihp")).unwrap();
+        assert!(message(dir, &second()).contains("mask_cihp: not found"));
+        npy::write(&path, &[1], &[1.0]).unwrap();
+        assert!(message(dir, &second()).contains("something else than objects"));
+    }
+}

@@ -1,0 +1,89 @@
+//! Where a scene comes from, and loading it.
+
+use std::path::PathBuf;
+
+use infonerf_procedural as procedural;
+use infonerf_scene::{PixelCount, Scene, SceneError, SceneRequest};
+
+use crate::loaders;
+
+/// Where a scene comes from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SceneSource {
+    /// A built-in scene, one of [`infonerf_procedural::NAMES`] or `random-<seed>`.
+    Procedural(String),
+    /// A folder in one of the known formats, told apart by its files, in this order:
+    /// `transforms_train.json` (Blender), `transforms.json` (nerfstudio, instant-ngp), `poses_bounds.npy` (LLFF),
+    /// `cameras_sphere.npz` or `cameras.npz` (DTU), `annots.npy` (ZJU-MoCap), a reconstruction of COLMAP.
+    Folder {
+        /// The folder that holds that file.
+        path: PathBuf,
+    },
+}
+
+/// Loads the views that `request` asks for, and no other image, from `source`.
+///
+/// Images are decoded or rendered in parallel; the result does not depend on the number of threads.
+///
+/// # Errors
+/// Every fault of the data or of the request, as a [`SceneError`] of one line: a missing folder,
+/// file or field, a broken image, a pose that is not a rigid transform, images of different sizes,
+/// no views, ids out of range or given twice.
+pub fn load(source: &SceneSource, request: &SceneRequest) -> Result<Scene, SceneError> {
+    match source {
+        SceneSource::Procedural(name) => procedural::load(name, request),
+        SceneSource::Folder { path } => loaders::load(path, request),
+    }
+}
+
+/// How many pixels [`load`] would hold, from the headers of image files: nothing is decoded or rendered.
+///
+/// # Errors
+/// As [`load`], faults within images apart.
+pub fn count_pixels(source: &SceneSource, request: &SceneRequest) -> Result<PixelCount, SceneError> {
+    match source {
+        SceneSource::Procedural(name) => procedural::count_pixels(name, request),
+        SceneSource::Folder { path } => loaders::count_pixels(path, request),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_scene::{Backdrop, TestProtocol, ViewSelection};
+
+    use super::*;
+
+    /// What no photograph shows is best guessed by their mean.
+    #[test]
+    fn an_unknown_backdrop_is_the_mean_of_the_photographs() {
+        let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..Default::default() };
+        let scene = load(&SceneSource::Procedural("room".into()), &request).unwrap();
+        assert_eq!(scene.backdrop, Backdrop::Unknown);
+        let pixels: Vec<[f32; 3]> = scene.train.iter().flat_map(|view| view.image.rgb.clone()).collect();
+        for channel in 0..3 {
+            let error = |guess: f32| pixels.iter().map(|pixel| (pixel[channel] - guess).powi(2)).sum::<f32>();
+            let mean = scene.background[channel];
+            assert!(error(mean) < error(mean + 0.01) && error(mean) < error(mean - 0.01));
+        }
+        assert_eq!(load(&SceneSource::Procedural("knot".into()), &request).unwrap().background, [1.0; 3]);
+    }
+
+    #[test]
+    fn pixels_are_counted_before_they_are_loaded() {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path().join("toy");
+        loaders::testing::blender(&dir, 5, 3);
+        let sources = [SceneSource::Procedural("knot".into()), SceneSource::Folder { path: dir }];
+        for source in sources {
+            for image_size in [Some(6), None] {
+                let train = ViewSelection::Ids(vec![1, 3]);
+                let request = SceneRequest { train, test: TestProtocol::First(3), image_size, ..Default::default() };
+                let counted = count_pixels(&source, &request).unwrap();
+                assert_eq!(counted, load(&source, &request).unwrap().pixels(), "{source:?}");
+                assert_eq!(2 * counted.test, 3 * counted.train);
+                let nothing = SceneRequest { image_size: Some(0), ..request };
+                assert!(load(&source, &nothing).unwrap_err().to_string().contains("image_size"));
+            }
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! The cameras of a scene in nerfstudio's format.
+
+use infonerf_scene::{LensModel, Scene, View};
+use serde_json::{Value, json};
+
+/// What `transforms.json` of nerfstudio and instant-ngp says of the training and test views of `scene`: a frame for
+/// each with its own size, focal lengths, principal point and lens, the pose as OpenGL's camera-to-world matrix, and the
+/// path of its image without extension; which are for training and which for test; near, far and the box.
+///
+/// The images themselves are not part of it.
+pub fn transforms(scene: &Scene) -> Value {
+    let names = |views: &[View]| -> Vec<String> { views.iter().map(|view| view.name.clone()).collect() };
+    let frames: Vec<Value> = scene.train.iter().chain(&scene.test).map(frame).collect();
+    json!({
+        "near": scene.space.near,
+        "far": scene.space.far,
+        "aabb": [scene.space.bounds.min.to_array(), scene.space.bounds.max.to_array()],
+        "train_filenames": names(&scene.train),
+        "test_filenames": names(&scene.test),
+        "frames": frames,
+    })
+}
+
+fn frame(view: &View) -> Value {
+    let camera = &view.camera;
+    let mut frame = json!({
+        "file_path": view.name,
+        "transform_matrix": camera.to_world.transpose().to_cols_array_2d(),
+        "w": camera.width,
+        "h": camera.height,
+        "fl_x": camera.fx,
+        "fl_y": camera.fy,
+        "cx": camera.cx,
+        "cy": camera.cy,
+    });
+    let (model, coefficients) = match camera.lens.model() {
+        LensModel::Perspective => ("PINHOLE", Vec::new()),
+        LensModel::RadialTangential { k, q, p } if q == [0.0; 3] => {
+            ("OPENCV", vec![("k1", k[0]), ("k2", k[1]), ("k3", k[2]), ("k4", k[3]), ("p1", p[0]), ("p2", p[1])])
+        }
+        // In OpenCV's full model k₄ to k₆ are those of the denominator.
+        LensModel::RadialTangential { k, q, p } => {
+            let numerator = [("k1", k[0]), ("k2", k[1]), ("k3", k[2])];
+            let rest = [("k4", q[0]), ("k5", q[1]), ("k6", q[2]), ("p1", p[0]), ("p2", p[1])];
+            ("FULL_OPENCV", numerator.into_iter().chain(rest).collect())
+        }
+        LensModel::Fisheye { k } => ("OPENCV_FISHEYE", vec![("k1", k[0]), ("k2", k[1]), ("k3", k[2]), ("k4", k[3])]),
+    };
+    frame["camera_model"] = json!(model);
+    for (key, value) in coefficients {
+        frame[key] = json!(value);
+    }
+    frame
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+    use crate::loaders::testing::{assert_same_rays, load, request, write_json, write_view};
+    use infonerf_procedural::train_cameras;
+    use infonerf_scene::{Camera, Image, Lens};
+
+    /// Written, and read by the loader of the format.
+    #[test]
+    fn cameras_of_every_lens_load_back() {
+        let (k, p) = ([0.05, -0.02, 0.01, 0.003], [1e-3, -2e-3]);
+        let lenses = [
+            Lens::PERSPECTIVE,
+            Lens::radial_tangential(k, p),
+            Lens::rational([0.2, 0.1, 0.01, 0.1, 0.05, 0.002], p),
+            Lens::fisheye(k),
+        ];
+        let dir = tempfile::tempdir().unwrap();
+        fs::create_dir_all(dir.path().join("images")).unwrap();
+        let views: Vec<View> = lenses
+            .into_iter()
+            .enumerate()
+            .map(|(id, lens)| {
+                let focal = 20.0 + id as f64;
+                let pose = train_cameras(8)[id].to_world;
+                let camera = Camera::pinhole((18, 14), [focal, focal + 0.5], [8.75, 7.5], pose).with_lens(lens);
+                let name = format!("images/f_{id}");
+                write_view(&dir.path().join(format!("{name}.png")), &camera);
+                let image = Image::filled(18, 14, [0.0; 3]).into();
+                View { id, name, camera, image, depth: None, mask: None }
+            })
+            .collect();
+        let scene = Scene { train: views[..3].to_vec(), test: views[3..].to_vec(), ..Scene::default() };
+        write_json(&dir.path().join("transforms.json"), &transforms(&scene));
+        let read = load(dir.path(), &request()).unwrap();
+        assert_eq!((read.train.len(), read.test.len()), (3, 1));
+        assert_eq!(
+            (read.space.near, read.space.far, read.space.bounds),
+            (scene.space.near, scene.space.far, scene.space.bounds)
+        );
+        for (found, expected) in read.train.iter().chain(&read.test).zip(&views) {
+            assert_eq!(found.name, expected.name);
+            assert_same_rays(&found.camera, &expected.camera);
+        }
+    }
+}

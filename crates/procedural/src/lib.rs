@@ -1,0 +1,320 @@
+//! Scenes of our own, ray-traced on demand with exact depth and coverage.
+//!
+//! Each of [`YARDSTICK`] is an object in about `[−1.2, 1.2]³` on a transparent background, seen by 100 training and
+//! 200 test cameras as in NeRF's synthetic scenes: textured and glossy surfaces with highlights and
+//! mirror images that move with the view, thin rods, holes, parts that hide each other, and shadows.
+//! Glass and water can be looked through: they hide a share of what is behind them, pass the rest straight on
+//! (nothing refracts) and cast no shadow. Those of [`CAPTURES`] have surroundings instead of a background.
+//! Only the views asked for are rendered. Pixels are *defined* as 8-bit straight RGBA, so that
+//! exporting a scene writes exactly what training sees.
+//!
+//! ```
+//! use infonerf_scene::{SceneRequest, TestProtocol, ViewSelection};
+//!
+//! let train = ViewSelection::Seed { seed: 0, count: 4 };
+//! let request = SceneRequest { train, test: TestProtocol::First(1), image_size: Some(16), ..Default::default() };
+//! let scene = infonerf_procedural::load("knot", &request)?;
+//! assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [26, 86, 2, 55]);
+//! # Ok::<(), infonerf_scene::SceneError>(())
+//! ```
+
+mod bvh;
+mod cameras;
+mod convex;
+mod model;
+mod render;
+mod scenes;
+mod shade;
+mod shape;
+mod texture;
+mod through;
+
+pub use cameras::{TEST_VIEWS, TRAIN_VIEWS, field_of_view, photographs, test_cameras, train_cameras};
+
+use glam::Vec3;
+use infonerf_scene::select::{pool, published};
+use infonerf_scene::{
+    Aabb, Backdrop, Body, Camera, PixelCount, Range, Rgba8, RgbaImage, Scene, SceneError, SceneRequest, Space,
+    TestProtocol, View,
+};
+use rayon::prelude::*;
+
+use cameras::Layout;
+use model::Model;
+
+/// The names of the procedural scenes that were built by hand: the four first ones, then the rest of [`YARDSTICK`],
+/// [`CAPTURES`], and `figure`, a person seen by a ring of 23 cameras. Beside them there is `random-<seed>` for every
+/// `u64`.
+pub const NAMES: [&str; 15] = [
+    "castle",
+    "crane",
+    "knot",
+    "orrery",
+    "aquarium",
+    "birdcage",
+    "bookshelf",
+    "chessman",
+    "facade",
+    "kettle",
+    "piano",
+    "porcelain",
+    "room",
+    "table",
+    "figure",
+];
+/// What an experiment runs on where no scene is named.
+pub const CLASSICS: [&str; 4] = ["castle", "crane", "knot", "orrery"];
+/// What a method is measured on, in alphabetical order. What is hard about them: something translucent (aquarium), thin
+/// rods and wire (birdcage, crane), parts that hide each other (bookshelf, castle), small in the picture (chessman),
+/// filling and overflowing it (facade), polished metal (kettle, orrery), varnish that mirrors (knot), dark
+/// matter (piano), white matter before white (porcelain).
+pub const YARDSTICK: [&str; 12] = [
+    "aquarium",
+    "birdcage",
+    "bookshelf",
+    "castle",
+    "chessman",
+    "crane",
+    "facade",
+    "kettle",
+    "knot",
+    "orrery",
+    "piano",
+    "porcelain",
+];
+/// The half of [`YARDSTICK`] that choices may be made on: the first, third, fifth, … in alphabetical order. The rule was
+/// written down before anything was trained on the scenes that are not castle, crane, knot and orrery; those four
+/// had been looked at by earlier work, wherever they fall.
+pub const TUNING: [&str; 6] = ["aquarium", "bookshelf", "chessman", "facade", "knot", "piano"];
+/// The half of [`YARDSTICK`] that choices are judged by, and which chooses nothing: the second, fourth, sixth, … in
+/// alphabetical order, by the rule of [`TUNING`].
+pub const JUDGING: [&str; 6] = ["birdcage", "castle", "crane", "kettle", "orrery", "porcelain"];
+/// Scenes like photographs: no coverage, no background, something in every pixel. `room` is seen from within by
+/// hand-held cameras that look one way; on `table` there is a still life before a wall, seen from an arc. Which pixels
+/// show the subject says [`object_mask`].
+pub const CAPTURES: [&str; 2] = ["room", "table"];
+/// Image side in pixels where none is asked for.
+pub const DEFAULT_SIZE: u32 = 200;
+/// Nothing lies nearer to a camera than this, scene units; [`CAPTURES`] have their own.
+pub const NEAR: f32 = 2.0;
+/// Nothing lies farther from a camera than this, scene units; [`CAPTURES`] have their own.
+pub const FAR: f32 = 6.0;
+/// A box that holds every procedural scene but [`CAPTURES`].
+pub const BOUNDS: Aabb = Aabb { min: Vec3::splat(-1.3), max: Vec3::splat(1.3) };
+
+/// What a procedural scene shows to one camera.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rendering {
+    /// Colours and coverage, anti-aliased.
+    pub rgba: Rgba8,
+    /// Exact distance along the unit ray through each pixel's centre, row-major, scene units;
+    /// `f32::INFINITY` where nothing is hit. Where things can be looked through, the distance at which half of what
+    /// lies behind is hidden.
+    pub depth: Vec<f32>,
+}
+
+/// Renders the scene `name` for one camera, which may be anywhere outside the object.
+///
+/// # Errors
+/// There is no scene `name`.
+pub fn render(name: &str, camera: &Camera) -> Result<Rendering, SceneError> {
+    let model = model(name)?;
+    Ok(Rendering { rgba: render::render(&model, camera), depth: render::depth(&model, camera) })
+}
+
+/// Which pixels of `camera` show the subject at their centres, row-major, and not background or surroundings: in
+/// `room` the furniture without walls, floor and what hangs on them, on `table` the still life, elsewhere all there is.
+/// Where things can be looked through, what counts is that which [`Rendering::depth`] measures to.
+///
+/// # Errors
+/// There is no scene `name`.
+pub fn object_mask(name: &str, camera: &Camera) -> Result<Vec<bool>, SceneError> {
+    Ok(render::mask(&model(name)?, camera))
+}
+
+/// Points of the exact surface of the scene `name`, scene units: where the rays through the pixels' centres of all its
+/// training cameras end, at `size`² pixels ([`Rendering::depth`]).
+///
+/// What no training camera sees (the underside, the inside) has no points.
+///
+/// # Errors
+/// There is no scene `name`.
+pub fn surface_points(name: &str, size: u32) -> Result<Vec<Vec3>, SceneError> {
+    let model = model(name)?;
+    let of_camera = |camera: &Camera| -> Vec<Vec3> {
+        let pixels = (0..camera.height).flat_map(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)));
+        let distances = render::depth(&model, camera);
+        let hits = pixels.zip(distances).filter(|(_, distance)| distance.is_finite());
+        hits.map(|((x, y), distance)| camera.ray(x, y).at(distance)).collect()
+    };
+    let points: Vec<Vec<Vec3>> = cameras::layout(name, size).train.par_iter().map(of_camera).collect();
+    Ok(points.concat())
+}
+
+/// Whether the scene `name` is of a body.
+pub fn has_body(name: &str) -> bool {
+    name == "figure"
+}
+
+/// The body of the scene `name`, if it has one.
+///
+/// # Errors
+/// There is no scene `name`.
+pub fn body(name: &str) -> Result<Option<Body>, SceneError> {
+    has_body(name).then(figure_body).transpose()
+}
+
+/// The body of the scene `figure`: points of its exact surface, as many as SMPL has vertices.
+fn figure_body() -> Result<Body, SceneError> {
+    const VERTICES: usize = 6890;
+    let points = surface_points("figure", 64)?;
+    let step = points.len() as f64 / VERTICES as f64;
+    let chosen = (0..VERTICES).filter_map(|i| points.get((i as f64 * step) as usize).copied());
+    Ok(Body::unposed(chosen.collect()))
+}
+
+/// The training and the test cameras of the scene `name` for `size`² images.
+///
+/// The training cameras of castle, crane, knot, orrery and `random-<seed>` are [`train_cameras`], whose seed was
+/// chosen. Those of all other scenes are drawn by the same law from the FNV-1a hash (64 bits) of the scene's name.
+///
+/// # Errors
+/// There is no scene `name`.
+pub fn cameras(name: &str, size: u32) -> Result<(Vec<Camera>, Vec<Camera>), SceneError> {
+    check_name(name)?;
+    let layout = cameras::layout(name, size);
+    Ok((layout.train, layout.test))
+}
+
+/// The least and the greatest distance from any camera of the scene `name` at which there is anything, and a box that
+/// holds it.
+///
+/// # Errors
+/// There is no scene `name`.
+pub fn extent(name: &str) -> Result<(f32, f32, Aabb), SceneError> {
+    check_name(name)?;
+    let layout = cameras::layout(name, DEFAULT_SIZE);
+    Ok((layout.near, layout.far, layout.bounds))
+}
+
+/// The ids of the training and of the test views that `request` chooses.
+fn choose(name: &str, cameras: &Layout, request: &SceneRequest) -> Result<(Vec<usize>, Vec<usize>), SceneError> {
+    request.check()?;
+    let Layout { train, test, .. } = cameras;
+    let ids = |n: usize| (0..n).collect::<Vec<_>>();
+    let named =
+        if CAPTURES.contains(&name) { published::forward_facing(train.len()) } else { published::synthetic(train) };
+    let train = pool::train(&request.train, train, &ids(train.len()), &named)?;
+    let test = match request.test {
+        TestProtocol::Training => train.clone(),
+        _ => pool::test(&request.test, &ids(test.len()), None, &Vec::new())?,
+    };
+    Ok((train, test))
+}
+
+/// How many pixels [`load`] would render.
+///
+/// # Errors
+/// As [`load`].
+pub fn count_pixels(name: &str, request: &SceneRequest) -> Result<PixelCount, SceneError> {
+    check_name(name)?;
+    let size = request.image_size.unwrap_or(DEFAULT_SIZE);
+    let (train, test) = choose(name, &cameras::layout(name, size), request)?;
+    Ok(PixelCount::new((size, size), train.len(), test.len()))
+}
+
+/// Renders the views of the scene `name` that `request` asks for, and no other.
+///
+/// # Errors
+/// There is no scene `name`, or it cannot satisfy the request.
+pub fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
+    let model = model(name)?;
+    let size = request.image_size.unwrap_or(DEFAULT_SIZE);
+    let cameras = cameras::layout(name, size);
+    let (train_ids, test_ids) = choose(name, &cameras, request)?;
+    let Layout { train, test, near, far, bounds } = cameras;
+    let is_capture = CAPTURES.contains(&name);
+    let centre = if is_capture { bounds.centre() } else { Vec3::ZERO };
+    let pixels = |camera: &Camera| RgbaImage { has_alpha: !is_capture, ..render::render(&model, camera).to_f32() };
+    let view = |split: &str, id: usize, camera: &Camera| View {
+        id,
+        name: format!("{split}/r_{id}"),
+        image: pixels(camera).composite(request.background).into(),
+        depth: Some(render::depth(&model, camera).into()),
+        mask: None,
+        camera: camera.clone(),
+    };
+    let views = |split: &str, ids: &[usize], cameras: &[Camera]| -> Vec<View> {
+        ids.iter().filter_map(|&id| cameras.get(id).map(|c| view(split, id, c))).collect()
+    };
+    let learned = views("train", &train_ids, &train);
+    let tested = match request.test {
+        TestProtocol::Training => learned.clone(),
+        _ => views("test", &test_ids, &test),
+    };
+    Ok(Scene {
+        name: name.into(),
+        train: learned,
+        test: tested,
+        background: request.background,
+        backdrop: if is_capture { Backdrop::Unknown } else { Backdrop::Colour },
+        space: Space {
+            near,
+            far,
+            range: Range::Distance { near, far },
+            bounds,
+            layout: if name == "room" { infonerf_scene::Layout::Forward } else { infonerf_scene::Layout::Object },
+            body: body(name)?,
+            ..Space::default()
+        }
+        .centred(centre, &train),
+        all_train_cameras: train,
+        ..Scene::default()
+    }
+    .with_guessed_background())
+}
+
+/// Fails unless there is a scene `name`: one of [`NAMES`], or `random-<seed>`.
+///
+/// # Errors
+/// There is none.
+pub fn check_name(name: &str) -> Result<(), SceneError> {
+    model(name).map(drop)
+}
+
+/// The seed in `random-<seed>`, written in the one way that `u64` is printed.
+fn random_seed(name: &str) -> Option<u64> {
+    let text = name.strip_prefix("random-")?;
+    text.parse().ok().filter(|seed: &u64| seed.to_string() == text)
+}
+
+fn model(name: &str) -> Result<Model, SceneError> {
+    // Scale and rise: chosen so that no camera's image is cropped, which a test holds them to.
+    match name {
+        "castle" => Ok(scenes::castle().build(0.87, 0.18)),
+        "crane" => Ok(scenes::crane().build(0.81, 0.15)),
+        "knot" => Ok(scenes::knot().build(0.90, 0.17)),
+        "orrery" => Ok(scenes::orrery().build(0.94, 0.08)),
+        "aquarium" => Ok(scenes::aquarium().build(0.9, 0.12)),
+        "birdcage" => Ok(scenes::birdcage().build(1.0, 0.0)),
+        "bookshelf" => Ok(scenes::bookshelf().build(0.88, -0.10)),
+        "chessman" => Ok(scenes::chessman().build(1.0, 0.0)),
+        "facade" => Ok(scenes::facade().build(1.0, 0.0)),
+        "figure" => Ok(scenes::figure().build(1.0, 0.0)),
+        "kettle" => Ok(scenes::kettle().build(1.0, 0.10)),
+        "piano" => Ok(scenes::piano().build(0.92, 0.12)),
+        "porcelain" => Ok(scenes::porcelain().build(0.92, 0.08)),
+        "room" => Ok(scenes::room().build(1.0, 0.0)),
+        "table" => Ok(scenes::table().build(1.0, 0.0)),
+        _ => match random_seed(name) {
+            Some(seed) => Ok(scenes::random(seed).build(1.0, 0.05)),
+            None => {
+                let known = format!("{}, random-<seed>", NAMES.join(", "));
+                Err(SceneError::UnknownScene { name: name.into(), known })
+            }
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests;

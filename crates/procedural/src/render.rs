@@ -1,0 +1,72 @@
+//! From a model and a camera to pixels, coverage and depth.
+
+use glam::DVec3;
+use infonerf_scene::{Camera, Rgba8};
+use rayon::prelude::*;
+
+use super::convex::Line;
+use super::model::Model;
+use super::shade::{LIGHT_SAMPLES, encode};
+use super::through::{front, light};
+
+/// Samples a pixel along each side.
+const GRID: usize = 2;
+
+/// Renders straight-alpha RGBA of 8 bits a channel.
+///
+/// A pixel takes `GRID × GRID` rays on a regular grid. Coverage is the mean share of what is behind that
+/// the rays find hidden (1 by any opaque surface), the colour the display-encoded mean light by coverage. Rows are independent, so
+/// the result does not depend on the number of threads.
+pub(super) fn render(model: &Model, camera: &Camera) -> Rgba8 {
+    let pixels = rows(camera, |x, y| pixel(model, camera, x, y));
+    Rgba8 { width: camera.width, height: camera.height, pixels }
+}
+
+/// Exact distance along the unit ray through each pixel's centre to where half of what is behind is hidden: the
+/// first surface, unless that can be looked through. `f32::INFINITY` where nothing hides so much.
+pub(super) fn depth(model: &Model, camera: &Camera) -> Vec<f32> {
+    rows(camera, |x, y| {
+        let line = ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5);
+        front(model, &line).map_or(f32::INFINITY, |(t, _)| (t * model.scale()) as f32)
+    })
+}
+
+/// Whether what [`depth`] measures to is the subject and not its surroundings.
+pub(super) fn mask(model: &Model, camera: &Camera) -> Vec<bool> {
+    rows(camera, |x, y| {
+        let line = ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5);
+        front(model, &line).is_some_and(|(_, subject)| subject)
+    })
+}
+
+fn rows<T: Send>(camera: &Camera, pixel: impl Fn(u32, u32) -> T + Sync) -> Vec<T> {
+    let pixel = &pixel;
+    (0..camera.height).into_par_iter().flat_map_iter(|y| (0..camera.width).map(move |x| pixel(x, y))).collect()
+}
+
+fn ray(model: &Model, camera: &Camera, x: f64, y: f64) -> Line {
+    let (origin, direction) = camera.ray_f64(x, y);
+    model.line(origin, direction)
+}
+
+fn pixel(model: &Model, camera: &Camera, x: u32, y: u32) -> [u8; 4] {
+    let mut sum = DVec3::ZERO;
+    let mut cover = 0.0;
+    for sample in 0..GRID * GRID {
+        let offset = |k: usize| (k as f64 + 0.5) / GRID as f64;
+        let (dx, dy) = (offset(sample % GRID), offset(sample / GRID));
+        let line = ray(model, camera, f64::from(x) + dx, f64::from(y) + dy);
+        let (colour, hidden) = light(model, &line, sample % LIGHT_SAMPLES);
+        sum += colour;
+        cover += hidden;
+    }
+    if cover <= 0.0 {
+        return [0; 4];
+    }
+    let [r, g, b] = encode(sum / cover).map(byte);
+    [r, g, b, byte(cover / (GRID * GRID) as f64)]
+}
+
+fn byte(v: f64) -> u8 {
+    (v * 255.0 + 0.5) as u8
+}

@@ -1,0 +1,138 @@
+//! A tower crane: lattices of thin rods over a brick base.
+
+use glam::DVec3;
+
+use super::{rgb, v};
+use crate::convex::{Convex, Frame};
+use crate::model::{Builder, Material};
+use crate::texture::Texture;
+
+/// Radius of the main members and of the braces.
+const MEMBER: f64 = 0.020;
+const BRACE: f64 = 0.012;
+
+pub(crate) fn crane() -> Builder {
+    let mut scene = Builder::default();
+    base(&mut scene);
+    let yellow = Material::glossy(Texture::Plain(rgb(242, 178, 28)));
+    mast(&mut scene, yellow);
+    jib(&mut scene, yellow);
+    cabin(&mut scene);
+    load(&mut scene);
+    scene
+}
+
+/// A brick block with a vaulted passage each way, crates and barrels around it.
+fn base(scene: &mut Builder) {
+    let brick = Texture::Bricks {
+        brick: rgb(176, 74, 52),
+        mortar: rgb(214, 206, 190),
+        width: 0.16,
+        height: 0.075,
+        round: false,
+    };
+    let centre = v(-0.25, 0.0, -0.93);
+    let mut cuts = Vec::new();
+    for axis in [DVec3::X, DVec3::Y] {
+        let across = DVec3::ONE - axis - DVec3::Z;
+        let size = axis * 2.0 + across * 0.36 + DVec3::Z * 0.24;
+        cuts.push(Convex::block(centre - DVec3::Z * 0.13, size));
+        let crown = centre - DVec3::Z * 0.01;
+        cuts.push(Convex::rod(crown - axis, crown + axis, 0.18));
+    }
+    scene.carved(Convex::block(centre, v(0.8, 0.8, 0.5)), cuts, Material::matt(brick));
+    let slab = Texture::Checker { a: rgb(120, 124, 128), b: rgb(176, 178, 180), per_unit: v(5.0, 5.0, 0.1) };
+    scene.solid(Convex::block(v(0.05, 0.0, -1.14), v(2.1, 1.3, 0.08)), Material::matt(slab));
+
+    let plank = Texture::Stripes { a: rgb(150, 96, 48), b: rgb(108, 64, 30), direction: v(0.0, 0.0, 14.0) };
+    scene.solid(Convex::block(v(0.62, -0.35, -0.96), v(0.28, 0.28, 0.28)).turned(20.0), Material::matt(plank));
+    scene.solid(Convex::block(v(0.62, -0.33, -0.73), v(0.18, 0.18, 0.18)).turned(50.0), Material::matt(plank));
+    for (place, colour) in [(v(0.75, 0.30, -1.10), rgb(30, 96, 170)), (v(0.45, 0.42, -1.10), rgb(40, 140, 80))] {
+        let hoops = Texture::Stripes { a: colour, b: rgb(226, 226, 226), direction: v(0.0, 0.0, 7.0) };
+        scene.solid(Convex::cylinder(place, 0.115, 0.30), Material::glossy(hoops));
+    }
+}
+
+fn strut(scene: &mut Builder, a: DVec3, b: DVec3, radius: f64, material: Material) {
+    scene.solid(Convex::rod(a, b, radius), material);
+}
+
+/// A square lattice mast on the block.
+fn mast(scene: &mut Builder, paint: Material) {
+    let (low, high, half, bays) = (-0.68, 0.62, 0.13, 6);
+    let corner = |k: usize, z: f64| {
+        let (x, y) = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)][k % 4];
+        v(-0.25 + half * x, half * y, z)
+    };
+    for k in 0..4 {
+        strut(scene, corner(k, low), corner(k, high), MEMBER, paint);
+    }
+    let step = (high - low) / f64::from(bays);
+    for bay in 0..bays {
+        let (z, top) = (low + step * f64::from(bay), low + step * f64::from(bay + 1));
+        for k in 0..4 {
+            let (from, to) = if bay % 2 == 0 { (k, k + 1) } else { (k + 1, k) };
+            strut(scene, corner(from, z), corner(to, top), BRACE, paint);
+            strut(scene, corner(k, top), corner(k + 1, top), BRACE, paint);
+        }
+    }
+}
+
+/// A triangular lattice jib with its counterweight, stayed from a peak.
+fn jib(scene: &mut Builder, paint: Material) {
+    let (back, tip, z) = (-1.02, 1.12, 0.66);
+    let lower = |x: f64, side: f64| v(x, side * 0.10, z);
+    let upper = |x: f64| v(x, 0.0, z + 0.17);
+    for side in [-1.0, 1.0] {
+        strut(scene, lower(back, side), lower(tip, side), MEMBER, paint);
+    }
+    strut(scene, upper(-0.3), upper(tip - 0.08), MEMBER, paint);
+    let bays = 9;
+    let step = (tip - 0.08 + 0.2) / f64::from(bays);
+    for bay in 0..bays {
+        let x = -0.2 + step * f64::from(bay);
+        let middle = (x + 0.5 * step).min(tip - 0.08);
+        for side in [-1.0, 1.0] {
+            strut(scene, lower(x, side), upper(middle), BRACE, paint);
+            strut(scene, upper(middle), lower(x + step, side), BRACE, paint);
+        }
+        strut(scene, lower(x, -1.0), lower(x, 1.0), BRACE, paint);
+    }
+    let steel = Material::metal(rgb(170, 176, 184));
+    let peak = v(-0.25, 0.0, 1.13);
+    for side in [-1.0, 1.0] {
+        strut(scene, v(-0.25, side * 0.10, z), peak, MEMBER, paint);
+        strut(scene, peak, lower(back + 0.08, side), 0.009, steel);
+    }
+    strut(scene, peak, upper(0.85), 0.009, steel);
+    strut(scene, peak, upper(0.40), 0.009, steel);
+    let warning = Texture::Stripes { a: rgb(236, 190, 20), b: rgb(24, 24, 26), direction: v(4.5, 0.0, 4.5) };
+    scene.solid(Convex::block(v(-0.90, 0.0, 0.56), v(0.26, 0.26, 0.26)), Material::glossy(warning));
+}
+
+/// The driver's cabin, with windows cut out, beside the mast.
+fn cabin(scene: &mut Builder) {
+    let centre = v(-0.03, -0.21, 0.47);
+    let red = Material::glossy(Texture::Plain(rgb(200, 36, 32)));
+    let cuts = vec![
+        Convex::block(centre + v(0.0, 0.0, 0.03), v(0.20, 0.5, 0.12)),
+        Convex::block(centre + v(0.1, 0.0, 0.03), v(0.3, 0.17, 0.12)),
+    ];
+    scene.carved(Convex::block(centre, v(0.28, 0.24, 0.27)), cuts, red);
+    let seat = Material::matt(Texture::Plain(rgb(30, 60, 110)));
+    scene.solid(Convex::sphere(centre - DVec3::Z * 0.02, 0.07), seat);
+}
+
+/// A polished ball with a ring, hung from the trolley.
+fn load(scene: &mut Builder) {
+    let steel = Material::metal(rgb(190, 196, 204));
+    let x = 0.72;
+    let dark = Material::matt(Texture::Plain(rgb(50, 52, 58)));
+    scene.solid(Convex::block(v(x, 0.0, 0.62), v(0.16, 0.24, 0.06)), dark);
+    for side in [-0.04, 0.04] {
+        strut(scene, v(x, side, 0.62), v(x, side * 0.3, 0.06), 0.008, steel);
+    }
+    scene.ring(Frame::along(v(x, 0.0, 0.0), DVec3::X), 0.06, 0.016, steel);
+    let globe = Texture::Patches { a: rgb(60, 130, 60), b: rgb(28, 84, 168), per_unit: 7.0, cap: 0.95 };
+    scene.solid(Convex::sphere(v(x, 0.0, -0.27), 0.21), Material::glossy(globe));
+}

@@ -1,0 +1,156 @@
+//! A tea set of white porcelain with the palest blue and a little gold: near-white matter before white.
+
+use glam::DVec3;
+
+use super::{polar, rgb, v};
+use crate::convex::{Convex, Frame};
+use crate::model::{Builder, Material};
+use crate::texture::Texture;
+
+const TOP: f64 = -0.80;
+
+pub(crate) fn porcelain() -> Builder {
+    let mut scene = Builder::default();
+    plate(&mut scene);
+    pot(&mut scene);
+    vase(&mut scene);
+    cup(&mut scene, polar(0.66, -80.0, TOP), 20.0);
+    cup(&mut scene, polar(0.70, 165.0, TOP), 130.0);
+    hare(&mut scene);
+    scene
+}
+
+fn white() -> Material {
+    Material::glossy(Texture::Plain(rgb(232, 232, 230)))
+}
+
+fn sprigged() -> Material {
+    let sprigs = Texture::Flowers { ground: rgb(234, 234, 234), petal: rgb(150, 178, 218), per_unit: 7.5, round: true };
+    Material::glossy(sprigs)
+}
+
+fn gilt() -> Material {
+    Material::metal(rgb(226, 196, 130))
+}
+
+/// A scalloped board.
+fn plate(scene: &mut Builder) {
+    let veins = Texture::Marble { a: rgb(200, 201, 204), b: rgb(168, 174, 184), per_unit: 2.2 };
+    scene.solid(Convex::cylinder(v(0.0, 0.0, TOP - 0.10), 0.98, 0.10), Material::satin(veins));
+    for k in 0..24 {
+        scene.solid(Convex::cylinder(polar(0.98, f64::from(k) * 15.0, TOP - 0.10), 0.10, 0.085), white());
+    }
+}
+
+fn pot(scene: &mut Builder) {
+    let foot = Frame::at(v(0.12, 0.08, TOP));
+    let at = |x: f64, z: f64| foot.origin + v(0.8 * x, -0.6 * x, z);
+    let belly = [
+        (0.20, 0.0),
+        (0.22, 0.03),
+        (0.19, 0.06),
+        (0.32, 0.14),
+        (0.41, 0.30),
+        (0.38, 0.46),
+        (0.26, 0.58),
+        (0.19, 0.64),
+        (0.20, 0.67),
+    ];
+    scene.lathe(foot, &belly, sprigged());
+    scene.ring(Frame::at(at(0.0, 0.665)), 0.198, 0.014, gilt());
+    scene.lathe(
+        foot,
+        &[(0.19, 0.67), (0.16, 0.73), (0.08, 0.78), (0.03, 0.80), (0.05, 0.84), (0.045, 0.88), (0.005, 0.905)],
+        white(),
+    );
+    let spout = |s: f64| at(0.34 + 0.34 * s, 0.22 + 0.42 * s * s + 0.04 * s);
+    for k in 0..14 {
+        let (a, b) = (f64::from(k) / 14.0, f64::from(k + 1) / 14.0);
+        let radius = |s: f64| 0.092 - 0.052 * s;
+        scene.solid(Convex::taper(spout(a), spout(b), radius(a), radius(b)), white());
+        scene.solid(Convex::sphere(spout(b), radius(b)), white());
+    }
+    let handle = |s: f64| {
+        let (sin, cos) = (std::f64::consts::PI * (s - 0.5)).sin_cos();
+        at(-0.34 - 0.26 * cos, 0.34 - 0.19 * sin)
+    };
+    scene.closed_tube(handle, 24, 0.032, white());
+}
+
+/// A tall vase with rings about its neck and twigs with buds.
+fn vase(scene: &mut Builder) {
+    let foot = Frame::at(v(-0.36, 0.46, TOP));
+    let outline = [
+        (0.15, 0.0),
+        (0.16, 0.04),
+        (0.13, 0.10),
+        (0.22, 0.34),
+        (0.26, 0.56),
+        (0.20, 0.78),
+        (0.09, 0.94),
+        (0.08, 1.06),
+        (0.13, 1.15),
+    ];
+    scene.lathe(foot, &outline, sprigged());
+    scene.ring(Frame::at(foot.origin + DVec3::Z * 1.15), 0.125, 0.012, gilt());
+    for z in [0.96, 1.03] {
+        scene.ring(Frame::at(foot.origin + DVec3::Z * z), 0.086, 0.014, white());
+    }
+    scene.solid(
+        Convex::cylinder(foot.origin + DVec3::Z * 1.12, 0.115, 0.01),
+        Material::matt(Texture::Plain(rgb(150, 148, 144))),
+    );
+    let twig = Material::matt(Texture::Plain(rgb(206, 200, 190)));
+    for k in 0..6u32 {
+        let angle = f64::from(k) * 60.0 + 11.0;
+        let start = foot.origin + DVec3::Z * 1.10;
+        let rise = 0.40 + 0.09 * f64::from(k * 5 % 4);
+        let curve = |s: f64| start + polar(0.34 * s * s + 0.05 * s, angle, rise * s);
+        scene.closed_tube(curve, 8, 0.009, twig);
+        for s in [0.55, 0.72, 0.86, 1.0] {
+            let bud = Texture::Plain(if s == 0.55 || s == 0.86 { rgb(250, 248, 248) } else { rgb(246, 226, 230) });
+            let side = polar(0.03, angle + 400.0 * s, 0.012);
+            scene.solid(Convex::sphere(curve(s) + side, 0.030), Material::matt(bud));
+        }
+    }
+}
+
+/// A cup of tea with milk on a saucer.
+fn cup(scene: &mut Builder, at: DVec3, turn: f64) {
+    let foot = Frame::at(at);
+    scene.lathe(foot, &[(0.10, 0.0), (0.12, 0.012), (0.22, 0.035), (0.245, 0.055)], white());
+    scene.ring(Frame::at(at + DVec3::Z * 0.055), 0.24, 0.010, gilt());
+    scene.lathe(foot, &[(0.08, 0.05), (0.07, 0.075), (0.13, 0.13), (0.155, 0.20), (0.165, 0.26)], sprigged());
+    scene.ring(Frame::at(at + DVec3::Z * 0.262), 0.160, 0.009, white());
+    scene.solid(
+        Convex::cylinder(at + DVec3::Z * 0.255, 0.152, 0.008),
+        Material::glossy(Texture::Plain(rgb(236, 222, 200))),
+    );
+    let side = polar(1.0, turn, 0.0);
+    scene.ring(Frame::along(at + side * 0.17 + DVec3::Z * 0.16, side.cross(DVec3::Z)), 0.065, 0.014, white());
+}
+
+/// A crouching hare.
+fn hare(scene: &mut Builder) {
+    let ground = v(0.58, 0.52, TOP);
+    let at = |x: f64, y: f64, z: f64| ground + v(0.7 * x - 0.7 * y, 0.7 * x + 0.7 * y, z);
+    let body = Frame::along(at(0.14, 0.0, 0.12), at(-0.20, 0.0, 0.24) - at(0.14, 0.0, 0.12));
+    scene.lathe(
+        body,
+        &[(0.01, -0.06), (0.09, -0.02), (0.145, 0.10), (0.13, 0.22), (0.08, 0.34), (0.01, 0.40)],
+        white(),
+    );
+    scene.solid(Convex::sphere(at(-0.22, 0.0, 0.36), 0.105), white());
+    scene.solid(Convex::sphere(at(-0.30, 0.0, 0.33), 0.065), white());
+    scene.solid(Convex::sphere(at(0.20, 0.0, 0.12), 0.055), white());
+    for side in [-1.0, 1.0] {
+        let ear = Frame::along(at(-0.20, side * 0.045, 0.42), v(0.12, 0.12, 1.0) + (at(0.0, side * 0.2, 0.0) - ground));
+        scene.lathe(ear, &[(0.01, 0.0), (0.038, 0.08), (0.036, 0.18), (0.004, 0.29)], white());
+        scene.solid(Convex::sphere(at(0.06, side * 0.10, 0.09), 0.09), white());
+        scene.solid(Convex::sphere(at(-0.22, side * 0.07, 0.04), 0.045), white());
+        scene.solid(
+            Convex::sphere(at(-0.285, side * 0.075, 0.39), 0.014),
+            Material::glossy(Texture::Plain(rgb(120, 126, 140))),
+        );
+    }
+}

@@ -1,0 +1,367 @@
+use infonerf_scene::{TestProtocol, ViewSelection};
+
+use super::*;
+
+fn request(size: u32) -> SceneRequest {
+    SceneRequest {
+        train: ViewSelection::Seed { seed: 0, count: 4 },
+        test: TestProtocol::First(2),
+        image_size: Some(size),
+        ..Default::default()
+    }
+}
+
+fn scene(name: &str, size: u32) -> Scene {
+    load(name, &request(size)).unwrap()
+}
+
+/// The scenes of an object before a clear background.
+fn objects() -> impl Iterator<Item = &'static str> {
+    NAMES.into_iter().filter(|name| !CAPTURES.contains(name))
+}
+
+/// The mean over pixels of `value`.
+fn mean(view: &View, value: impl Fn(usize) -> f32) -> f32 {
+    let n = view.image.rgb.len();
+    (0..n).map(value).sum::<f32>() / n as f32
+}
+
+#[test]
+fn names_are_those_that_load() {
+    for name in NAMES {
+        assert_eq!(scene(name, 8).train.len(), 4);
+    }
+    assert_eq!(NAMES[..4], ["castle", "crane", "knot", "orrery"], "the first come first");
+    for name in ["tree", "random", "random-", "random-x", "random--1", "random-01", "random-99999999999999999999"] {
+        let error = load(name, &request(8)).unwrap_err().to_string();
+        let known = "castle, crane, knot, orrery, aquarium, birdcage, bookshelf, chessman, facade, kettle, piano, \
+                     porcelain, room, table, figure, random-<seed>";
+        let expected = format!("unknown procedural scene `{name}`; expected one of {known}");
+        assert_eq!(error, expected);
+    }
+}
+
+#[test]
+fn objects_lie_in_the_bounds_and_between_near_and_far() {
+    for name in NAMES {
+        let (near, far, bounds) = extent(name).unwrap();
+        let (lo, hi) = model(name).unwrap().bounds();
+        assert!(bounds.contains(lo.as_vec3()) && bounds.contains(hi.as_vec3()), "{name} {lo} {hi}");
+        let scene = scene(name, 40);
+        assert_eq!((scene.space.near, scene.space.far, scene.space.bounds), (near, far, bounds));
+        if !CAPTURES.contains(&name) {
+            assert_eq!((near, far, bounds), (NEAR, FAR, BOUNDS));
+        }
+        let (train, test) = cameras(name, 24).unwrap();
+        let model = model(name).unwrap();
+        for camera in train.iter().chain(&test) {
+            for t in render::depth(&model, camera).into_iter().filter(|t| t.is_finite()) {
+                assert!((near..far).contains(&t), "{name}: {t}");
+            }
+        }
+    }
+}
+
+#[test]
+fn images_have_an_object_with_detail_on_a_clear_background() {
+    for name in objects() {
+        for view in scene(name, 64).train {
+            let alpha = view.image.alpha.as_ref().unwrap();
+            let cover = mean(&view, |i| alpha[i]);
+            let expected = match name {
+                "chessman" => 0.008..0.03,
+                "facade" => 0.65..1.0,
+                _ => 0.05..0.6,
+            };
+            assert!(expected.contains(&cover), "{name} {} covers {cover}", view.name);
+            if name != "facade" {
+                assert_eq!((alpha[0], alpha[63], alpha[64 * 64 - 1]), (0.0, 0.0, 0.0));
+            }
+            let grey = |i: usize| view.image.rgb[i].iter().sum::<f32>() / 3.0;
+            let detail = mean(&view, |i| if i > 0 { (grey(i) - grey(i - 1)).abs() } else { 0.0 });
+            assert!(detail / cover > 0.05, "{name} is flat: {detail}");
+        }
+    }
+}
+
+#[test]
+fn coverage_and_depth_agree() {
+    for name in objects() {
+        for view in scene(name, 64).test {
+            let (alpha, depth) = (view.image.alpha.as_ref().unwrap(), view.depth.as_ref().unwrap());
+            let differ = (0..depth.len())
+                .filter(|&i| (alpha[i] == 1.0 && depth[i].is_infinite()) || (alpha[i] == 0.0 && depth[i].is_finite()))
+                .count();
+            // A rod thinner than the sample spacing may pass between samples, and a hole likewise.
+            assert!(differ * 100 < depth.len(), "{name}: {differ}");
+        }
+    }
+}
+
+#[test]
+fn surface_points_are_what_the_training_cameras_see() {
+    let points = surface_points("castle", 16).unwrap();
+    let depths = train_cameras(16).into_iter().map(|camera| render("castle", &camera).unwrap().depth);
+    let seen: Vec<f32> = depths.flatten().filter(|depth| depth.is_finite()).collect();
+    assert_eq!(points.len(), seen.len());
+    assert!(points.iter().all(|&p| BOUNDS.contains(p)));
+    // From the side of each point that faces away from the rest of the scene the same surface is met.
+    let model = model("castle").unwrap();
+    let met = points.iter().filter(|p| {
+        let p = p.as_dvec3();
+        let outward = p.normalize();
+        let line = model.line(p + 4.0 * outward, -outward);
+        let (t, _) = through::front(&model, &line).expect("the ray ends at the surface at the latest");
+        t * model.scale() <= 4.0 + 1e-3
+    });
+    assert_eq!(met.count(), points.len());
+    assert!(surface_points("tree", 16).is_err());
+}
+
+#[test]
+fn random_scenes_follow_from_their_seed_and_fit_every_camera() {
+    assert_eq!(scene("random-7", 16), scene("random-7", 16));
+    assert_ne!(scene("random-7", 16).train[0].image, scene("random-8", 16).train[0].image);
+    for seed in 0..200 {
+        let (lo, hi) = model(&format!("random-{seed}")).unwrap().bounds();
+        assert!(BOUNDS.contains(lo.as_vec3()) && BOUNDS.contains(hi.as_vec3()), "{seed} {lo} {hi}");
+    }
+    for seed in 0..20 {
+        for view in scene(&format!("random-{seed}"), 32).train {
+            let alpha = view.image.alpha.as_ref().unwrap();
+            let on_edge = |i: usize| [0, 31].contains(&(i % 32)) || [0, 31].contains(&(i / 32));
+            assert!((0..alpha.len()).all(|i| !on_edge(i) || alpha[i] == 0.0), "{seed} {} is cropped", view.name);
+            let cover = mean(&view, |i| alpha[i]);
+            assert!((0.05..0.6).contains(&cover), "{seed} {} covers {cover}", view.name);
+        }
+    }
+}
+
+/// A point seen in one view, at its depth, is seen by the other at its own depth or hidden there by
+/// something nearer: never is the other's surface beyond the point.
+#[test]
+fn depth_is_consistent_between_views() {
+    for name in NAMES {
+        let model = model(name).unwrap();
+        if model.is_clear() {
+            // Where half is hidden depends on the way there.
+            continue;
+        }
+        let (cameras, _) = cameras(name, 48).unwrap();
+        let a = &cameras[if cameras.len() == TRAIN_VIEWS { 26 } else { 3 }];
+        let apart = |c: &&Camera| (c.position().angle_between(a.position()) - 0.8).abs();
+        let b = cameras.iter().min_by(|c, d| apart(c).total_cmp(&apart(d))).unwrap();
+        let depth = render::depth(&model, a);
+        let mut agree = 0;
+        for (i, &t) in depth.iter().enumerate().filter(|(_, t)| t.is_finite()) {
+            let ray = a.ray((i % 48) as f32 + 0.5, (i / 48) as f32 + 0.5);
+            let p = ray.at(t);
+            let pixel = b.project(p).unwrap();
+            // Trace b's own ray through exactly that point.
+            let line = b.ray_f64(f64::from(pixel.x), f64::from(pixel.y));
+            let line = model.line(line.0, line.1);
+            let seen = through::front(&model, &line).map_or(f64::INFINITY, |(t, _)| t * model.scale());
+            let distance = f64::from(p.distance(b.position()));
+            // Grazing rays slide off the silhouette by rounding: leave those out.
+            let (hit, _) = model
+                .nearest(&model.line(a.position_f64(), a.ray_f64((i % 48) as f64 + 0.5, (i / 48) as f64 + 0.5).1))
+                .unwrap();
+            if hit.normal.dot(line.direction).abs() > 0.1 {
+                assert!(seen < distance + 1e-3, "{name}: {seen} beyond {distance}");
+                agree += usize::from((seen - distance).abs() < 1e-3);
+            }
+        }
+        let least = if name == "chessman" { 20 } else { 50 };
+        assert!(agree > least, "{name}: only {agree} points are seen from both");
+    }
+}
+
+#[test]
+fn the_yardstick_is_divided_by_its_rule() {
+    assert!(YARDSTICK.is_sorted() && YARDSTICK.iter().all(|name| NAMES.contains(name)));
+    let every_second = |from: usize| YARDSTICK.into_iter().skip(from).step_by(2);
+    assert!(TUNING.into_iter().eq(every_second(0)) && JUDGING.into_iter().eq(every_second(1)));
+}
+
+#[test]
+fn later_scenes_have_cameras_drawn_from_their_names() {
+    assert_eq!(cameras("castle", 8).unwrap(), (train_cameras(8), test_cameras(8)));
+    assert_eq!(cameras("random-3", 8).unwrap().0, train_cameras(8));
+    let (kettle, piano) = (cameras("kettle", 8).unwrap(), cameras("piano", 8).unwrap());
+    assert_eq!((kettle.0.len(), kettle.1), (100, test_cameras(8)));
+    assert!(kettle.0 != piano.0 && kettle.0 != train_cameras(8));
+    assert_eq!(scene("kettle", 8).all_train_cameras, kettle.0);
+    assert!(cameras("tree", 8).is_err() && extent("tree").is_err() && object_mask("tree", &kettle.0[0]).is_err());
+}
+
+#[test]
+fn captures_fill_every_pixel_and_know_their_subject() {
+    for name in CAPTURES {
+        let request = SceneRequest { train: ViewSelection::All, test: TestProtocol::All, ..request(24) };
+        let scene = load(name, &request).unwrap();
+        assert_eq!((scene.train.len(), scene.test.len()), (30, 10));
+        let other = SceneRequest { background: [0.0, 1.0, 0.0], ..request };
+        let again = load(name, &other).unwrap();
+        assert!(scene.train[0].image == again.train[0].image, "{name} depends on the background");
+        for view in scene.train.iter().chain(&scene.test) {
+            assert_eq!(view.image.alpha, None);
+            assert!(view.depth.as_ref().unwrap().iter().all(|t| t.is_finite()), "{name} {}", view.name);
+            assert!(render(name, &view.camera).unwrap().rgba.pixels.iter().all(|p| p[3] == 255));
+            let mask = object_mask(name, &view.camera).unwrap();
+            let share = mask.iter().filter(|&&m| m).count() as f32 / mask.len() as f32;
+            assert!((0.08..0.6).contains(&share), "{name} {}: {share}", view.name);
+        }
+    }
+}
+
+#[test]
+fn masks_of_objects_are_where_there_is_depth() {
+    for name in ["figure", "aquarium", "castle"] {
+        for view in scene(name, 32).train {
+            let hit: Vec<bool> = view.depth.unwrap().iter().map(|t| t.is_finite()).collect();
+            assert_eq!(object_mask(name, &view.camera).unwrap(), hit);
+        }
+    }
+}
+
+/// A pane over nothing hides its share, a pane before a wall shows the wall through, and water by its thickness.
+#[test]
+fn what_lies_behind_glass_and_water_shines_through() {
+    use convex::Convex;
+    use glam::DVec3;
+    let red = model::Material::matt(texture::Texture::Plain(DVec3::new(0.8, 0.0, 0.0)));
+    let blue = model::Material { reflectance: 0.0, ..model::Material::glass(DVec3::new(0.0, 0.0, 0.8), 0.25) };
+    let line = |y: f64| convex::Line { origin: DVec3::new(3.0, y, 0.0), direction: DVec3::NEG_X };
+    let mut scene = model::Builder::default();
+    // From y 0 to 2 a wall, from −2 to 1 a pane before it; below y = −2 water two units thick.
+    scene.solid(Convex::block(DVec3::new(-1.0, 1.0, 0.0), DVec3::new(0.2, 2.0, 2.0)), red);
+    scene.solid(Convex::block(DVec3::new(1.0, -0.5, 0.0), DVec3::new(0.2, 3.0, 2.0)), blue);
+    scene.fill(Convex::block(DVec3::new(0.0, -3.0, 0.0), DVec3::new(2.0, 1.0, 2.0)), DVec3::ONE, 0.9);
+    let model = scene.build(1.0, 0.0);
+    let see = |y: f64| through::light(&model, &line(y), 0);
+    let both_sides = 1.0 - 0.75 * 0.75;
+    // The pane casts no shadow on the wall: where it is seen through it, only the pane's hiding dims it.
+    let (wall, pane, through) = (see(1.5), see(-0.5), see(0.5));
+    assert_eq!((wall.1, through.1), (1.0, 1.0));
+    assert!((pane.1 - both_sides).abs() < 0.02, "{pane:?}");
+    assert!(through.0.z > wall.0.z + 0.01 && through.0.x < wall.0.x && through.0.x > 0.4 * wall.0.x);
+    let water = see(-3.0);
+    assert!((water.1 - (1.0 - (-1.8f64).exp())).abs() < 1e-9 && (water.0.x - water.1).abs() < 1e-9);
+    assert_eq!(see(-5.0), (DVec3::ZERO, 0.0));
+    // Depth is where half is hidden: the wall behind the pane, ln 2 / 0.9 deep in the water, nowhere on the pane.
+    let depth = |y: f64| through::front(&model, &line(y)).map(|(t, _)| t);
+    assert!((depth(0.5).unwrap() - 3.9).abs() < 1e-9 && depth(-0.5).is_none());
+    assert!((depth(-3.0).unwrap() - (2.0 + 2f64.ln() / 0.9)).abs() < 1e-9);
+}
+
+#[test]
+fn lathes_are_smooth_where_their_slices_meet() {
+    use glam::DVec3;
+    let mut scene = model::Builder::default();
+    let plain = model::Material::matt(texture::Texture::Plain(DVec3::ONE));
+    scene.lathe(convex::Frame::at(DVec3::ZERO), &[(0.3, -0.5), (0.6, 0.0), (0.2, 0.5)], plain);
+    let model = scene.build(1.0, 0.0);
+    let normal = |z: f64| {
+        let line = convex::Line { origin: DVec3::new(3.0, 0.0, z), direction: DVec3::NEG_X };
+        model.nearest(&line).unwrap().0.normal
+    };
+    for k in -45..45 {
+        let z = f64::from(k) * 0.01 + 0.0003;
+        assert!(normal(z).angle_between(normal(z + 0.01)) < 0.2, "{z}");
+    }
+    assert!(normal(-0.25).z < -0.1 && normal(0.25).z > 0.1);
+}
+
+#[test]
+fn highlights_move_with_the_view() {
+    // A mirror ball shows different colours from different sides.
+    let model = model("knot").unwrap();
+    let mut colours = Vec::new();
+    for camera in &train_cameras(8)[..8] {
+        let line = camera.ray_f64(4.0, 4.0);
+        let line = model.line(line.0, line.1);
+        colours.extend(shade::radiance(&model, &line, 0));
+    }
+    colours.dedup_by(|a, b| a.distance(*b) < 1e-3);
+    assert!(colours.len() > 4);
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let with = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| NAMES.map(|name| scene(name, 16)))
+    };
+    for (one, three) in with(1).iter().zip(&with(3)) {
+        assert!(one == three, "{}", one.name);
+    }
+}
+
+#[test]
+fn cameras_are_a_hemisphere_that_looks_at_the_origin() {
+    let (train, test) = (train_cameras(200), test_cameras(200));
+    assert_eq!((train.len(), test.len()), (100, 200));
+    for camera in train.iter().chain(&test) {
+        assert!((camera.position().length() - 4.0311).abs() < 1e-3 && camera.position().z > 0.1);
+        let centre = camera.project(Vec3::ZERO).unwrap();
+        assert!((centre - glam::Vec2::splat(100.0)).length() < 1e-3);
+        assert!((camera.fx - 100.0 / (0.6911112f64 / 2.0).tan()).abs() < 1e-6);
+    }
+    assert_ne!(train[0], train[1]);
+}
+
+#[test]
+fn no_image_is_cropped() {
+    let size = 48;
+    for name in objects().filter(|&name| name != "facade") {
+        let model = model(name).unwrap();
+        let (train, test) = cameras(name, size).unwrap();
+        for camera in train.iter().chain(test.iter().step_by(5)) {
+            let depth = render::depth(&model, camera);
+            let n = size as usize;
+            let edge = |i: usize| [i, i + (n - 1) * n, i * n, i * n + n - 1];
+            let open = (0..n).flat_map(edge).all(|i| depth[i].is_infinite());
+            assert!(open, "{name} touches the border from {}", camera.position());
+        }
+    }
+}
+
+#[test]
+fn the_published_view_sets_are_spread() {
+    let cameras = train_cameras(8);
+    for seed in 0..5 {
+        let ids = ViewSelection::Seed { seed, count: 4 }.select(&cameras).unwrap();
+        for (k, &i) in ids.iter().enumerate() {
+            for &j in &ids[..k] {
+                let angle = cameras[i].position().angle_between(cameras[j].position());
+                assert!(angle.to_degrees() > 46.0, "seed {seed}: {i} and {j}");
+            }
+        }
+    }
+}
+
+/// A fingerprint of bytes (FNV-1a).
+#[cfg(all(target_os = "linux", target_arch = "x86_64", target_env = "gnu"))]
+fn fingerprint(bytes: impl IntoIterator<Item = u8>) -> u64 {
+    bytes.into_iter().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
+}
+
+/// What was published of these scenes must stay as it is. The figures are those of one mathematical library.
+#[cfg(all(target_os = "linux", target_arch = "x86_64", target_env = "gnu"))]
+#[test]
+fn the_first_scenes_never_change() {
+    let expected = [
+        ("castle", 14049021463521838936),
+        ("crane", 10313091132694606161),
+        ("knot", 16872614610471715021),
+        ("orrery", 9336174511608281722),
+        ("random-0", 14589615429340700797),
+        ("random-7", 18318855451968460935),
+    ];
+    let found = ["castle", "crane", "knot", "orrery", "random-0", "random-7"].map(|name| {
+        let cameras = train_cameras(48);
+        let pixels = [26, 86, 2, 55].map(|i| render(name, &cameras[i]).unwrap().rgba.pixels);
+        (name, fingerprint(pixels.concat().into_iter().flatten()))
+    });
+    assert_eq!(found, expected);
+}

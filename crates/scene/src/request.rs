@@ -1,0 +1,72 @@
+//! What to load of a scene.
+
+use crate::{SceneError, TestProtocol, ViewSelection};
+
+/// The longest image side that can be asked for, in pixels.
+const LARGEST_SIZE: u32 = 16_384;
+
+/// What to load of a scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SceneRequest {
+    /// Which training views.
+    pub train: ViewSelection,
+    /// Which test views.
+    pub test: TestProtocol,
+    /// The longest side of the images in pixels, reached with a box filter, which enlarges none; `None` for the size they
+    /// have (procedural scenes have a default).
+    pub image_size: Option<u32>,
+    /// Colour behind transparent pixels, display-encoded RGB in `[0, 1]`.
+    pub background: [f32; 3],
+    /// Which frame of a film (ZJU-MoCap); `None` for the first.
+    pub frame: Option<usize>,
+}
+
+impl Default for SceneRequest {
+    /// Four views of seed 0, every 8th test view, native size, white.
+    fn default() -> Self {
+        Self {
+            train: ViewSelection::Seed { seed: 0, count: 4 },
+            test: TestProtocol::Every(8),
+            image_size: None,
+            background: [1.0; 3],
+            frame: None,
+        }
+    }
+}
+
+impl SceneRequest {
+    /// Refuses what no scene can satisfy.
+    ///
+    /// # Errors
+    /// An image size of 0 or beyond the largest, or a background outside `[0, 1]`.
+    pub fn check(&self) -> Result<(), SceneError> {
+        if let Some(size) = self.image_size
+            && (size == 0 || size > LARGEST_SIZE)
+        {
+            let expected = format!("a size from 1 to {LARGEST_SIZE} pixels");
+            return Err(SceneError::request("image_size", expected, size));
+        }
+        if !self.background.iter().all(|v| (0.0..=1.0).contains(v)) {
+            let found = format!("{:?}", self.background);
+            return Err(SceneError::request("background", "three numbers from 0 to 1", found));
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bad_requests() {
+        for size in [0, 1 << 20] {
+            let request = SceneRequest { image_size: Some(size), ..Default::default() };
+            assert!(request.check().unwrap_err().to_string().contains("image_size"));
+        }
+        for bad in [f32::NAN, -0.1, 1.1] {
+            let request = SceneRequest { background: [0.5, bad, 0.5], ..Default::default() };
+            assert!(request.check().unwrap_err().to_string().contains("background"));
+        }
+    }
+}

@@ -1,0 +1,55 @@
+//! Published selections of training views, by name.
+
+use super::ViewSelection;
+use super::pool::Named;
+use crate::Camera;
+
+/// InfoNeRF's selection for NeRF's synthetic scenes: four views of a hundred.
+pub fn synthetic(cameras: &[Camera]) -> Named {
+    let four = ViewSelection::Seed { seed: 0, count: 4 };
+    four.select(cameras).map_or_else(|_| Vec::new(), |ids| vec![("infonerf-4".to_owned(), ids)])
+}
+
+/// RegNeRF's selections for forward-facing captures, by name: `count` of `n` training views, spread evenly.
+pub fn forward_facing(n: usize) -> Named {
+    [2, 3, 6, 9].map(|count| (format!("regnerf-{count}"), spread(n, count))).into()
+}
+
+/// RegNeRF's `count` training views of `n`: evenly spaced, both ends included, halves rounded to even as NumPy does.
+/// None where there are fewer.
+fn spread(n: usize, count: usize) -> Vec<usize> {
+    if count > n || count < 2 {
+        return Vec::new();
+    }
+    let step = (n - 1) as f64 / (count - 1) as f64;
+    (0..count).map(|i| (i as f64 * step).round_ties_even() as usize).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn regnerfs_views() {
+        let whole = |n: usize, count| -> Vec<usize> {
+            let train: Vec<usize> = (0..n).filter(|i| i % 8 != 0).collect();
+            spread(train.len(), count).into_iter().map(|i| train[i]).collect()
+        };
+        // fern, flower, fortress, horns, leaves, orchids, room, trex
+        let published = [
+            (20, [1, 10, 19]),
+            (34, [1, 17, 33]),
+            (42, [1, 21, 41]),
+            (62, [1, 30, 61]),
+            (26, [1, 12, 25]),
+            (25, [1, 12, 23]),
+            (41, [1, 20, 39]),
+            (55, [1, 28, 54]),
+        ];
+        for (n, views) in published {
+            assert_eq!(whole(n, 3), views, "{n}");
+        }
+        assert_eq!(whole(20, 2), [1, 19]);
+        assert!(spread(2, 3).is_empty());
+    }
+}

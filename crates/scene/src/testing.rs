@@ -1,0 +1,23 @@
+//! Cameras for tests.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::{Camera, look_along};
+
+/// A hundred cameras for `size`² images, at random on the upper hemisphere about the origin, which they look at.
+pub fn train_cameras(size: u32) -> Vec<Camera> {
+    let mut rng = ChaCha8Rng::seed_from_u64(1590);
+    let (low, high) = (3f64.to_radians().sin(), 80f64.to_radians().sin());
+    let mut camera = || {
+        let azimuth = TAU * rng.random::<f64>();
+        let height = low + (high - low) * rng.random::<f64>();
+        let across = (1.0 - height * height).sqrt();
+        let out = DVec3::new(across * azimuth.cos(), across * azimuth.sin(), height);
+        Camera::from_fov(size, size, 0.6911, look_along(4.0311 * out, -out, DVec3::Z))
+    };
+    (0..100).map(|_| camera()).collect()
+}
