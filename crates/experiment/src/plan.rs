@@ -282,7 +282,7 @@ impl About {
         }
     }
 
-    /// What a report of `records`, which came of `runs`, is made of.
+    /// What a report of `records`, which came of `runs`, is made of; of the claims, those whose variants `runs` have.
     ///
     /// # Errors
     /// If its chart cannot be drawn.
@@ -294,7 +294,8 @@ impl About {
             input.warnings.push("Procedural scenes of this project, not a published data set.".into());
         }
         input.published = self.paper.as_ref().map(|paper| paper.beside(runs));
-        input.claims = self.claims.clone();
+        let chosen = |variant: &str| runs.iter().any(|plan| plan.variant == variant);
+        input.claims = self.claims.iter().filter(|claim| claim.variants().all(chosen)).cloned().collect();
         Ok(input)
     }
 }
@@ -363,6 +364,16 @@ mod tests {
         assert_eq!(presets("recipe", Some(Preset::Fast)), (Preset::Fast, Preset::Fast));
         assert_eq!(presets("recipe", None), (Preset::Fast, Preset::Capture));
         assert_eq!(presets("capture", None), (Preset::Capture, Preset::Capture));
+    }
+
+    #[test]
+    fn a_report_names_only_claims_that_its_runs_could_test() {
+        let claims = |variants: &[&str]| {
+            let variants = variants.iter().map(|&name| name.to_owned()).collect();
+            let plan = Experiment::plan("synthetic-4view", &Selection { variants, ..Selection::default() }).unwrap();
+            plan.about.report_input(Vec::new(), &plan.runs.iter().collect::<Vec<_>>()).unwrap().claims.len()
+        };
+        assert_eq!([claims(&["infonerf+"]), claims(&["nerf", "infonerf"]), claims(&[])], [0, 1, 2]);
     }
 
     #[test]

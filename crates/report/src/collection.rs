@@ -4,9 +4,9 @@ use std::path::Path;
 
 use crate::{
     ReportError, ReportFiles, ReportInput, Table,
+    contents::Contents,
     files::write_atomically,
     html, markdown,
-    report::Contents,
     text::{escape_markdown, escape_url},
 };
 
@@ -83,7 +83,8 @@ fn page(collection: &Collection, chapters: &[ChapterContents]) -> String {
     blocks.push(summary.join("\n"));
     for chapter in chapters {
         let contents = &chapter.contents;
-        blocks.push(format!("## {}", escape_markdown(&chapter.input().title)));
+        blocks.push(format!("## {}", escape_markdown(&chapter.input().heading())));
+        blocks.extend(markdown::protocol(&contents.protocol));
         blocks.extend(contents.warnings.iter().map(|warning| format!("> **Note:** {}", escape_markdown(warning))));
         blocks.extend(contents.overviews.iter().take(1).chain(&contents.published).map(Table::to_markdown));
         if !contents.claims.is_empty() {

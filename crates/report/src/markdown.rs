@@ -2,14 +2,15 @@
 
 use crate::{
     Figure, Table, TestedClaim,
+    contents::{Contents, Scene, plot_path},
     gallery::{KINDS, Picture, View},
-    report::{Contents, Scene, plot_path},
     text::{escape_html, escape_markdown, escape_url},
 };
 
 pub(crate) fn page(contents: &Contents) -> String {
-    let mut blocks = vec![format!("# {}", escape_markdown(&contents.input.title))];
+    let mut blocks = vec![format!("# {}", escape_markdown(&contents.input.heading()))];
     blocks.push(format!("Experiment {}", escape_markdown(&contents.input.experiment)));
+    blocks.extend(protocol(&contents.protocol));
     blocks.extend(contents.warnings.iter().map(|warning| format!("> **Note:** {}", escape_markdown(warning))));
     blocks.push("## Results".into());
     blocks.extend(contents.overviews.iter().chain(&contents.published).map(Table::to_markdown));
@@ -33,6 +34,12 @@ pub(crate) fn page(contents: &Contents) -> String {
         blocks.push(notes.chain(missing).collect::<Vec<_>>().join("\n"));
     }
     blocks.join("\n\n") + "\n"
+}
+
+/// How the numbers were obtained, a line each; nothing without runs.
+pub(crate) fn protocol(lines: &[String]) -> Option<String> {
+    let lines: Vec<String> = lines.iter().map(|line| escape_markdown(line)).collect();
+    (!lines.is_empty()).then(|| lines.join("  \n"))
 }
 
 /// A list of claims with a table of findings below each.

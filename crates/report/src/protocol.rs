@@ -62,7 +62,7 @@ fn described(records: &[Record], before: &str, after: &str, value: impl Fn(&Reco
         |record| format!("seed {}", record.seed),
         |record| record.scene.clone(),
         |record| record.preset.clone(),
-        |record| record.variant.clone(),
+        Record::label,
     ];
     let explained = keys.iter().find_map(|key| {
         let pairs = distinct(records, |record| (key(record), value(record)));

@@ -70,7 +70,7 @@ impl Published {
                 true => ours.map(|group| group.cell(column.quantity, scenes)).unwrap_or_default(),
                 false => Cell { summary: paper.and_then(|row| row.summary(column.quantity)), ..Cell::default() },
             };
-            Row { label, cells: columns.iter().map(cell).collect() }
+            Row { label, settings: Vec::new(), cells: columns.iter().map(cell).collect() }
         };
         let known = |variant: &str| groups.iter().any(|group| group.label == variant);
         let mut rows: Vec<Row> = groups.iter().map(|group| row(group.label.clone(), &group.label, None)).collect();
@@ -86,7 +86,7 @@ impl Published {
         }
         let columns = columns.into_iter().map(|(column, _)| column).collect();
         let title = format!("Beside the paper: {}", self.source);
-        Some(Table { title, protocol: Vec::new(), columns, rows, notes: self.footnotes.clone() })
+        Some(Table { title, protocol: Vec::new(), keys: Vec::new(), columns, rows, notes: self.footnotes.clone() })
     }
 }
 

@@ -1,3 +1,4 @@
+use indexmap::IndexMap;
 use infonerf_metrics::{METRICS, Values};
 use serde::{Deserialize, Deserializer, Serialize, de};
 
@@ -12,6 +13,9 @@ pub struct Record {
     pub scene: String,
     /// Variant: what is compared, such as `nerf` and `infonerf`.
     pub variant: String,
+    /// Of a run of a sweep, what `variant` stands for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub setting: Option<Setting>,
     /// Seed of the run.
     pub seed: u64,
     /// Preset: `fast`, `paper` or `released`.
@@ -52,6 +56,15 @@ pub struct Record {
     pub notes: Vec<String>,
 }
 
+/// A variant of an experiment with the values that a sweep gave some keys.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct Setting {
+    /// The experiment's variant.
+    pub variant: String,
+    /// Values by dotted key, such as `1e-3` of `loss.entropy.weight`.
+    pub values: IndexMap<String, String>,
+}
+
 /// The views over which the metrics are means.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct TestViews {
@@ -63,7 +76,23 @@ pub struct TestViews {
     pub ids: Vec<usize>,
 }
 
+/// A key as columns and charts call it: the paper's symbol, or the key without its table.
+pub(crate) fn short_key(key: &str) -> &str {
+    match key {
+        "loss.entropy.weight" => "λ₁",
+        "loss.kl.weight" => "λ₂",
+        key => key.split_once('.').map_or(key, |(_, rest)| rest),
+    }
+}
+
 impl Record {
+    /// The variant for readers, such as `infonerf, λ₁ = 1e-3`.
+    #[must_use]
+    pub fn label(&self) -> String {
+        let Some(Setting { variant, values }) = &self.setting else { return self.variant.clone() };
+        values.iter().fold(variant.clone(), |label, (key, value)| format!("{label}, {} = {value}", short_key(key)))
+    }
+
     /// The record with every metric that is NaN or infinite set to `None` and named in `notes`: JSON has no such
     /// numbers.
     #[must_use]

@@ -23,9 +23,9 @@ pub fn results_document(title: &str, experiments: &[Results]) -> String {
     blocks.push("Written by `infonerf collect` from results files; not edited by hand.".into());
     for Results { input, command } in experiments {
         let records: Vec<Record> = input.runs.iter().map(|run| run.record.clone()).collect();
-        blocks.push(format!("## {}", escape_markdown(&input.title)));
+        blocks.push(format!("## {}", escape_markdown(&input.heading())));
         blocks.extend(command.as_ref().map(|command| format!("```sh\n{command}\n```")));
-        blocks.push(protocol_lines(&records).iter().map(|line| escape_markdown(line)).collect::<Vec<_>>().join("  \n"));
+        blocks.extend(markdown::protocol(&protocol_lines(&records)));
         let notes: IndexSet<&String> = records.iter().flat_map(|record| &record.notes).collect();
         if !notes.is_empty() {
             blocks.push(notes.iter().map(|note| format!("- {}", escape_markdown(note))).collect::<Vec<_>>().join("\n"));

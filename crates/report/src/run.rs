@@ -54,7 +54,7 @@ impl From<Record> for Run {
 impl Run {
     /// `lego / infonerf / seed 0`.
     pub(crate) fn label(&self) -> String {
-        format!("{} / {} / seed {}", self.record.scene, self.record.variant, self.record.seed)
+        format!("{} / {} / seed {}", self.record.scene, self.record.label(), self.record.seed)
     }
 }
 

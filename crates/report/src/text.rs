@@ -49,6 +49,9 @@ pub(crate) fn escape_latex(text: &str) -> String {
             '→' => escaped.push_str(r"$\rightarrow$"),
             '†' => escaped.push_str(r"\dag{}"),
             '–' => escaped.push_str("--"),
+            'λ' => escaped.push_str(r"$\lambda$"),
+            '₁' => escaped.push_str("$_1$"),
+            '₂' => escaped.push_str("$_2$"),
             other => escaped.push(other),
         }
     }

@@ -160,7 +160,7 @@ const TERMS: usize = 2;
 fn the_page_holds_everything_and_links_nothing() {
     let root = tempfile::tempdir().unwrap();
     let records = example(root.path());
-    let mut input = ReportInput::new("synthetic-4view", "NeRF & InfoNeRF from <four> views", records);
+    let mut input = ReportInput::new("synthetic-4view", "NeRF & InfoNeRF from <few> views", records);
     input.warnings.push("procedural scenes: no data folder was given".into());
     input.figures.extend(bench_figures());
     let files = write_report(&input, root.path()).unwrap();
@@ -169,8 +169,9 @@ fn the_page_holds_everything_and_links_nothing() {
     }
 
     let html = fs::read_to_string(&files.html).unwrap();
-    assert!(html.contains("NeRF &amp; InfoNeRF from &lt;four&gt; views"));
+    assert!(html.contains("NeRF &amp; InfoNeRF from &lt;few&gt; views, 4 training views</h1>"));
     assert!(html.contains("procedural scenes: no data folder was given"));
+    assert_eq!(html.matches("every-8 (25)").count(), 1, "the protocol stands once");
     assert!(html.contains("<td class=\"best\">18.50 ± 0.21</td>"));
     // 2 scenes × 3 views × (truth + 2 variants × render, depth, error)
     assert_eq!(html.matches("data:image/png;base64,").count(), 42);

@@ -3,12 +3,13 @@
 use std::fs;
 
 use infonerf_metrics::METRICS;
-use infonerf_report::{RESULTS_SCHEMA, Record, read_records};
+use infonerf_report::{RESULTS_SCHEMA, Record, Setting, read_records};
 use serde_json::{Map, Value};
 
 /// A record in which everything has a value.
 fn full() -> Record {
     Record {
+        setting: Some(Setting { variant: "infonerf".into(), ..Setting::default() }),
         preset: "fast".into(),
         train_views: vec![26],
         image_size: [200, 200],
@@ -44,6 +45,7 @@ fn allows(property: &Value, value: &Value) -> bool {
         "boolean" => value.is_boolean(),
         "null" => value.is_null(),
         "array" => value.as_array().is_some_and(|list| list.iter().all(|item| allows(&property["items"], item))),
+        "object" if property.get("additionalProperties").is_some() => value.is_object(),
         "object" => {
             keys(value) == keys(&property["properties"])
                 && object(value).iter().all(|(key, value)| allows(&property["properties"][key], value))

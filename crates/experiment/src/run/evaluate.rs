@@ -45,6 +45,7 @@ pub(super) fn evaluate(
         experiment: plan.experiment.clone(),
         scene: plan.scene.clone(),
         variant: plan.variant.clone(),
+        setting: None,
         seed: plan.seed,
         preset: plan.preset.name().to_owned(),
         device: session.device.name.name().to_owned(),

@@ -1,18 +1,19 @@
 //! What is made of the records: `results.json`, tables and the report.
 
 use std::borrow::Cow;
-use std::collections::HashSet;
+use std::collections::hash_map::Entry;
+use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use infonerf_report::{
-    Quantity, Record, ReportInput, RunKey, Table, overview_table, read_records, write_records, write_report,
+    Quantity, Record, ReportInput, RunKey, Setting, Table, overview_table, read_records, write_records, write_report,
 };
 
 use super::best;
 use super::figures::figures;
-use super::plan::Sweep;
+use super::plan::{Item, Sweep};
 use crate::RunPlan;
 
 /// What a sweep has written.
@@ -38,6 +39,9 @@ pub(super) fn write(
     if records.is_empty() {
         return Ok(None);
     }
+    let figures = figures(sweep, &records)?;
+    let claims = best::claims(sweep, &records);
+    let records = with_settings(sweep, records)?;
     write_results(folder, &records)?;
     let table = overview_table(&records, &Quantity::all());
     for (name, text) in
@@ -46,8 +50,6 @@ pub(super) fn write(
         let path = folder.join(name);
         fs::write(&path, text).with_context(|| path.display().to_string())?;
     }
-    let figures = figures(sweep, &records)?;
-    let claims = best::claims(sweep, &records);
     let runs: Vec<&RunPlan> = sweep.runs().collect();
     let mut input = sweep.about.report_input(records, &runs)?;
     input.figures.extend(figures);
@@ -72,6 +74,24 @@ fn records(sweep: &Sweep, folder: &Path, left_out: &HashSet<usize>) -> Result<Ve
         if path.exists() {
             records.extend(read_records(&path)?);
         }
+    }
+    Ok(records)
+}
+
+/// The records, each with what the sweep set.
+fn with_settings(sweep: &Sweep, mut records: Vec<Record>) -> Result<Vec<Record>> {
+    let mut settings: HashMap<&str, Setting> = HashMap::new();
+    for Item { plan, variant, setting } in &sweep.items {
+        if let Entry::Vacant(new) = settings.entry(&plan.variant) {
+            let assignments = sweep.space.assignments(setting)?;
+            let values = assignments.iter().filter_map(|assignment| assignment.split_once('='));
+            let values = values.map(|(key, value)| (key.to_owned(), value.to_owned())).collect();
+            new.insert(Setting { variant: variant.clone(), values });
+        }
+    }
+    let set = |setting: &&Setting| !setting.values.is_empty();
+    for record in &mut records {
+        record.setting = settings.get(record.variant.as_str()).filter(set).cloned();
     }
     Ok(records)
 }

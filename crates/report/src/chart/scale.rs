@@ -8,6 +8,8 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 const LARGEST: f64 = 1e300;
 const SMALLEST_LOG: f64 = 1e-300;
 const MOST_TICKS: i64 = 12;
+/// Decades below which a logarithmic axis has evenly spaced ticks.
+const NARROW: f64 = 0.7;
 
 /// Maps values to pixels along one axis.
 #[derive(Debug, Clone)]
@@ -64,7 +66,7 @@ impl Scale {
         match &self.kind {
             Kind::Linear => multiples(self.low, self.high, step(self.high - self.low)),
             Kind::Labels(labels) => (0..labels.len()).map(|i| i as f64 + 0.5).collect(),
-            Kind::Log if self.high - self.low < 0.7 => {
+            Kind::Log if self.high - self.low < NARROW => {
                 let (low, high) = (10f64.powf(self.low), 10f64.powf(self.high));
                 multiples(low, high, step(high - low))
             }
@@ -83,13 +85,19 @@ impl Scale {
     fn label(&self, tick: f64) -> String {
         match &self.kind {
             Kind::Labels(labels) => labels.get(tick as usize).cloned().unwrap_or_default(),
-            Kind::Log => short(tick, 0),
-            Kind::Linear => {
-                let unit = if tick.abs() >= 1e4 { 10f64.powf(3.0 * (tick.abs().log10() / 3.0).floor()) } else { 1.0 };
-                short(tick, (-(step(self.high - self.low) / unit).log10()).ceil().clamp(0.0, 6.0) as usize)
+            Kind::Linear => multiple(tick, step(self.high - self.low)),
+            Kind::Log if self.high - self.low < NARROW => {
+                multiple(tick, step(10f64.powf(self.high) - 10f64.powf(self.low)))
             }
+            Kind::Log => short(tick, 0),
         }
     }
+}
+
+/// A tick with the decimals that tell it from the next, `step` away.
+fn multiple(tick: f64, step: f64) -> String {
+    let unit = if tick.abs() >= 1e4 { 10f64.powf(3.0 * (tick.abs().log10() / 3.0).floor()) } else { 1.0 };
+    short(tick, (-(step / unit).log10()).ceil().clamp(0.0, 6.0) as usize)
 }
 
 fn widened(low: f64, high: f64, log: bool) -> (f64, f64) {
@@ -172,6 +180,7 @@ mod tests {
         assert_eq!(labels(0.7, 0.82, false), ["0.70", "0.72", "0.74", "0.76", "0.78", "0.80", "0.82"]);
         assert_eq!(labels(0.0, 50_000.0, false), ["0", "10k", "20k", "30k", "40k", "50k"]);
         assert_eq!(labels(40.0, 60.0, true), ["40", "45", "50", "55", "60"]);
+        assert_eq!(labels(3.9, 4.6, true), ["4.0", "4.2", "4.4", "4.6"]);
         assert_eq!(labels(10.0, 300.0, true), ["10", "20", "50", "100", "200"]);
         assert_eq!(labels(1e-4, 1.0, true), ["1e-4", "0.001", "0.01", "0.1", "1"]);
     }

@@ -1,17 +1,27 @@
+use std::collections::HashSet;
+
+use indexmap::IndexMap;
 use infonerf_metrics::Better;
 
-use super::{Claim, Comparison, Interval, Relation, Verdict};
+use super::{Claim, Comparison, Interval, Relation, Side, Verdict};
 use crate::{Published, Quantity, Record, table::distinct};
 
 /// A [`Comparison`] with what came of it.
+///
+/// A pair is both sides of it on one scene with one view set (seed).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
     /// The comparison as a formula, such as `PSNR (dB): entropy > none`.
     pub formula: String,
-    /// What stands left of the sign minus what stands right of it, with its confidence interval.
+    /// What stands left of the sign minus what stands right of it: the mean of the pairs' differences, with the interval
+    /// that decides.
     pub difference: Option<Interval>,
-    /// What the values of `difference` are of.
-    pub unit: Unit,
+    /// The same with the interval over scenes like these, where `difference` is of these scenes alone.
+    pub alike: Option<Interval>,
+    /// Pairs of each scene.
+    pub pairs: Vec<usize>,
+    /// Whether the seeds of a scene have training views of their own.
+    pub view_sets: bool,
     /// Pairs of which a run collapsed.
     pub collapsed: usize,
     /// Pairs that are left out since a side was not run.
@@ -21,15 +31,6 @@ pub struct Finding {
     /// What they say.
     pub verdict: Verdict,
     decimals: usize,
-}
-
-/// What counts as independent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Unit {
-    /// Scenes, each the mean over its seeds.
-    Scene,
-    /// Seeds of the only scene.
-    Seed,
 }
 
 impl Finding {
@@ -42,40 +43,54 @@ impl Finding {
     ) -> Self {
         let quantity = claim.metric;
         let pairs = Pairs::of(comparison, quantity, records);
-        let (unit, sides) = pairs.sides();
-        let sides: Vec<[f64; 2]> = sides.into_iter().map(|sides| comparison.distances(sides)).collect();
-        let differences: Vec<f64> = sides.iter().map(|[left, right]| left - right).collect();
+        let scenes: Vec<Vec<f64>> = pairs.differences.into_values().collect();
+        let (these, alike) = (Interval::on_these_scenes(&scenes), Interval::on_scenes_alike(&scenes));
+        let single = scenes.first().map(|scene| Interval { mean: scene[0], bounds: None });
+        let difference = these.or(alike).or(single);
         let in_paper = published.and_then(|published| {
             let value = |variant: &str| published.value(variant, quantity);
-            Some(comparison.distances([comparison.left.value(value)?, comparison.right.value(value)?]))
+            Some(comparison.difference(comparison.left.value(value)?, comparison.right.value(value)?))
         });
         Self {
-            formula: formula(claim, comparison),
-            difference: Interval::of(&differences),
-            unit,
+            formula: formula(claim, comparison, records),
+            difference,
+            alike: these.and(alike),
+            pairs: scenes.iter().map(Vec::len).collect(),
+            view_sets: pairs.view_sets,
             collapsed: pairs.collapsed,
             incomplete: pairs.incomplete,
-            published: in_paper.map(|[left, right]| left - right),
-            verdict: verdict(claim, comparison.is, &differences),
+            published: in_paper,
+            verdict: difference.map_or(Verdict::Untested, |interval| verdict(claim, comparison.is, interval)),
             decimals: quantity.decimals(),
         }
     }
 
-    /// What was found, such as `+0.42 [+0.10, +0.74] over 4 scenes`.
+    /// What was found, such as `+0.42 [+0.10, +0.74] on these 4 scenes × 5 view sets; +0.42 [-0.31, +1.15] on scenes like
+    /// them (mixed model, REML, Satterthwaite)`.
     #[must_use]
     pub fn found(&self) -> String {
-        let Some(interval) = self.difference else { return "no runs".to_owned() };
-        let units = match self.unit {
-            Unit::Scene => counted(interval.n, "scene"),
-            Unit::Seed => format!("{} of one scene", counted(interval.n, "seed")),
+        let (Some(interval), Some(&first)) = (self.difference, self.pairs.first()) else { return "no runs".to_owned() };
+        let (scenes, pairs) = (self.pairs.len(), self.pairs.iter().sum());
+        let repeat = if self.view_sets { "view set" } else { "seed" };
+        let over = if scenes == 1 {
+            format!("over {} of one scene", counted(pairs, repeat))
+        } else if pairs == scenes {
+            format!("over {}", counted(scenes, "scene"))
+        } else if self.pairs.iter().all(|&pairs| pairs == first) {
+            format!("on these {scenes} scenes × {}", counted(first, repeat))
+        } else {
+            format!("on these {scenes} scenes, {} in all", counted(pairs, repeat))
         };
+        let decimals = self.decimals;
+        let alike = self.alike.map_or(String::new(), |alike| {
+            format!("; {alike:.decimals$} on scenes like them (mixed model, REML, Satterthwaite)")
+        });
         let remark = |count: usize, what: &str| match count {
             0 => String::new(),
             count => format!("; {} {what}", counted(count, "pair")),
         };
         format!(
-            "{interval:.*} over {units}{}{}",
-            self.decimals,
+            "{interval:.decimals$} {over}{alike}{}{}",
             remark(self.collapsed, "with a collapsed run"),
             remark(self.incomplete, "incomplete and left out")
         )
@@ -93,77 +108,69 @@ fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
-/// Both sides of a comparison on each scene and seed.
+/// The differences of a comparison on each scene and seed.
 struct Pairs {
-    /// Scene, left and right.
-    sides: Vec<(String, [f64; 2])>,
+    differences: IndexMap<String, Vec<f64>>,
+    view_sets: bool,
     collapsed: usize,
     incomplete: usize,
 }
 
 impl Pairs {
     fn of(comparison: &Comparison, quantity: Quantity, records: &[Record]) -> Self {
-        let mut pairs = Self { sides: Vec::new(), collapsed: 0, incomplete: 0 };
-        for (scene, seed) in distinct(records, |record| (record.scene.clone(), record.seed)) {
+        let mut pairs = Self { differences: IndexMap::new(), view_sets: false, collapsed: 0, incomplete: 0 };
+        let mut views = HashSet::new();
+        for (scene, seed) in distinct(records, |record| (&record.scene, record.seed)) {
             let run =
-                |variant: &str| records.iter().find(|r| r.variant == variant && r.scene == scene && r.seed == seed);
+                |variant: &str| records.iter().find(|r| r.variant == variant && r.scene == *scene && r.seed == seed);
             let value = |variant: &str| quantity.value(run(variant)?);
             match (comparison.left.value(value), comparison.right.value(value)) {
                 (Some(left), Some(right)) => {
                     pairs.collapsed += usize::from(comparison.variants().filter_map(run).any(|run| run.collapsed));
-                    pairs.sides.push((scene, [left, right]));
+                    pairs.differences.entry(scene.clone()).or_default().push(comparison.difference(left, right));
+                    views.extend(comparison.variants().find_map(run).map(|run| (scene, &run.train_views)));
                 }
                 _ => pairs.incomplete += usize::from(comparison.variants().any(|variant| run(variant).is_some())),
             }
         }
+        pairs.view_sets = views.len() > pairs.differences.len();
         pairs
-    }
-
-    /// The mean over the seeds of each scene; or each seed, of a single scene.
-    fn sides(&self) -> (Unit, Vec<[f64; 2]>) {
-        let mut scenes: Vec<(&str, Vec<[f64; 2]>)> = Vec::new();
-        for (scene, sides) in &self.sides {
-            match scenes.iter_mut().find(|(name, _)| name == scene) {
-                Some((_, own)) => own.push(*sides),
-                None => scenes.push((scene, vec![*sides])),
-            }
-        }
-        if let [(_, seeds)] = scenes.as_slice() {
-            return (Unit::Seed, seeds.clone());
-        }
-        let mean =
-            |sides: &[[f64; 2]], side: usize| sides.iter().map(|sides| sides[side]).sum::<f64>() / sides.len() as f64;
-        (Unit::Scene, scenes.iter().map(|(_, sides)| [mean(sides, 0), mean(sides, 1)]).collect())
     }
 }
 
 impl Comparison {
-    /// What is compared of left and right: they themselves, or for *near* their distances from zero, half of the right's.
-    fn distances(&self, [left, right]: [f64; 2]) -> [f64; 2] {
-        if self.is == Relation::Near { [left.abs(), 0.5 * right.abs()] } else { [left, right] }
+    /// Left minus right, or for *near* |left| − ½ |right|.
+    fn difference(&self, left: f64, right: f64) -> f64 {
+        if self.is == Relation::Near { left.abs() - 0.5 * right.abs() } else { left - right }
     }
 }
 
-fn verdict(claim: &Claim, relation: Relation, differences: &[f64]) -> Verdict {
+fn verdict(claim: &Claim, relation: Relation, difference: Interval) -> Verdict {
     let lower_is_better = claim.metric.better() == Better::Lower;
-    let sign = match relation {
-        Relation::Near => -1.0,
-        Relation::Better | Relation::NotWorse if lower_is_better => -1.0,
-        Relation::Better | Relation::NotWorse => 1.0,
+    let in_favour = match (difference.bounds, relation) {
+        (None, _) => return Verdict::Undecided,
+        (Some([low, high]), Relation::Near) => [-high, -low],
+        (Some([low, high]), _) if lower_is_better => [-high, -low],
+        (Some(bounds), _) => bounds,
     };
     let limit = if relation == Relation::NotWorse { -claim.margin } else { 0.0 };
-    let in_favour: Vec<f64> = differences.iter().map(|difference| sign * difference).collect();
-    match Interval::of(&in_favour) {
-        None => Verdict::Untested,
-        Some(Interval { bounds: Some([low, _]), .. }) if low > limit => Verdict::Holds,
-        Some(Interval { bounds: Some([_, high]), .. }) if high < limit => Verdict::Fails,
-        Some(_) => Verdict::Undecided,
+    match in_favour {
+        [low, _] if low > limit => Verdict::Holds,
+        [_, high] if high < limit => Verdict::Fails,
+        _ => Verdict::Undecided,
     }
 }
 
-fn formula(claim: &Claim, comparison: &Comparison) -> String {
+fn formula(claim: &Claim, comparison: &Comparison, records: &[Record]) -> String {
     let lower = claim.metric.better() == Better::Lower;
-    let (name, margin, left, right) = (claim.metric.name(), claim.margin, &comparison.left, &comparison.right);
+    let label = |variant: &str| {
+        records.iter().find(|record| record.variant == variant).map_or_else(|| variant.to_owned(), Record::label)
+    };
+    let [left, right] = [&comparison.left, &comparison.right].map(|side| match side {
+        Side::Variant(variant) => label(variant),
+        Side::Difference([above, below]) => format!("{} − {}", label(above), label(below)),
+    });
+    let (name, margin) = (claim.metric.name(), claim.margin);
     match (comparison.is, lower) {
         (Relation::Better, false) => format!("{name}: {left} > {right}"),
         (Relation::Better, true) => format!("{name}: {left} < {right}"),

@@ -9,8 +9,8 @@ pub(super) fn list(claims: &[TestedClaim]) -> String {
     }
     format!(
         "<h3>What the paper says, and what was found here</h3>\n{}\
-         <p class=\"muted\">Differences are taken within a scene and seed: mean ± standard deviation over the pairs. \
-         A mean within two standard errors of zero is noise.</p>\n",
+         <p class=\"muted\">Differences are of runs of the same scene and view set: their mean with its 95 % interval. What is \
+         said of these scenes is over other view sets of theirs, and of scenes like them, over other scenes.</p>\n",
         claims.iter().map(claim).collect::<String>()
     )
 }

@@ -41,9 +41,10 @@ fn chapter((index, chapter): (usize, &ChapterContents)) -> String {
     let warnings = contents.warnings.iter().map(|text| format!("<p class=\"warning\">{}</p>\n", escape_html(text)));
     let pictures = contents.scenes.first().map_or(String::new(), scene::first_view);
     format!(
-        "<section id=\"chapter-{index}\">\n<h2>{}</h2>\n{}{}{}{}{pictures}\
+        "<section id=\"chapter-{index}\">\n<h2>{}</h2>\n{}{}{}{}{}{pictures}\
          <p><a href=\"{}\">The whole report of {}</a></p>\n</section>\n",
-        escape_html(&chapter.input().title),
+        escape_html(&chapter.input().heading()),
+        super::protocol(contents),
         warnings.collect::<String>(),
         contents.overviews.iter().take(1).chain(&contents.published).map(table::table).collect::<String>(),
         claims::list(&contents.claims),

@@ -9,7 +9,7 @@ mod table;
 pub(crate) use collection::page as collection_page;
 pub(crate) use comparison::comparison_page;
 
-use crate::{Figure, report::Contents, text::escape_html};
+use crate::{Figure, contents::Contents, text::escape_html};
 
 const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("compare.js");
@@ -21,7 +21,7 @@ pub(crate) fn page(contents: &Contents) -> String {
         table::runs(contents),
         notes(contents),
     ];
-    document(&contents.input.title, &header(contents), &sections.concat())
+    document(&contents.input.heading(), &header(contents), &sections.concat())
 }
 
 /// A page with its style and script inside. `header` and `main` are HTML, `title` is text.
@@ -37,24 +37,26 @@ fn document(title: &str, header: &str, main: &str) -> String {
 }
 
 fn header(contents: &Contents) -> String {
-    let chips = contents
-        .protocol
-        .iter()
-        .flat_map(|line| line.split(" · "))
-        .map(|part| format!("<li>{}</li>", escape_html(part)));
     let links = contents.scenes.iter().enumerate();
     let links = links.map(|(i, scene)| format!("<a href=\"#{}\">{}</a>", scene::anchor(i), escape_html(&scene.name)));
     let warnings =
         contents.warnings.iter().map(|warning| format!("<p class=\"warning\">{}</p>\n", escape_html(warning)));
     format!(
-        "<header>\n<p class=\"eyebrow\">{}</p>\n<h1>{}</h1>\n<ul class=\"protocol\">{}</ul>\n\
+        "<header>\n<p class=\"eyebrow\">{}</p>\n<h1>{}</h1>\n{}\
          <nav><a href=\"#results\">Results</a>{}<a href=\"#runs\">Runs</a><a href=\"#notes\">Notes</a></nav>\n{}</header>\n",
         escape_html(&contents.input.experiment),
-        escape_html(&contents.input.title),
-        chips.collect::<String>(),
+        escape_html(&contents.input.heading()),
+        protocol(contents),
         links.collect::<String>(),
         warnings.collect::<String>(),
     )
+}
+
+/// How the numbers were obtained.
+fn protocol(contents: &Contents) -> String {
+    let parts = contents.protocol.iter().flat_map(|line| line.split(" · "));
+    let parts = parts.map(|part| format!("<li>{}</li>", escape_html(part)));
+    format!("<ul class=\"protocol\">{}</ul>\n", parts.collect::<String>())
 }
 
 fn results(contents: &Contents) -> String {

@@ -5,8 +5,8 @@ use base64::prelude::{BASE64_STANDARD, Engine};
 use crate::{
     Quantity, Run,
     colormap::{to_bytes, turbo, viridis},
+    contents::Scene,
     gallery::{KINDS, Kind, Picture, Shots, View},
-    report::Scene,
     text::{escape_html, escape_url},
 };
 

@@ -1,25 +1,23 @@
 //! Tables of the page.
 
-use crate::{Quantity, Run, Table, report::Contents, text::escape_html};
+use crate::{Quantity, Run, Table, contents::Contents, text::escape_html};
 
-/// A comparison table with its title and protocol above.
+/// A comparison table with its title above; the protocol stands above all tables of the page.
 pub(super) fn table(table: &Table) -> String {
-    let headings =
-        table.columns.iter().map(|column| format!("<th scope=\"col\">{}</th>", escape_html(&column.heading)));
-    let protocol = table.protocol.iter().map(|line| format!("<br><small>{}</small>", escape_html(line)));
+    let headings = table.names().chain(table.columns.iter().map(|column| column.heading.as_str())).map(heading);
     let rows = table.rows.iter().map(|row| {
         let cells = row.cells.iter().enumerate().map(|(column, cell)| {
             let text = escape_html(&table.text(cell, column));
             if cell.best { format!("<td class=\"best\">{text}</td>") } else { format!("<td>{text}</td>") }
         });
-        format!("<tr><th scope=\"row\">{}</th>{}</tr>\n", escape_html(&row.label), cells.collect::<String>())
+        let names = row.names().map(|name| format!("<th scope=\"row\">{}</th>", escape_html(name)));
+        format!("<tr>{}{}</tr>\n", names.collect::<String>(), cells.collect::<String>())
     });
     let footnotes = table.footnotes().into_iter().map(|note| format!("<p class=\"muted\">{}</p>\n", escape_html(note)));
     format!(
-        "<div class=\"scroll\"><table>\n<caption>{}{}</caption>\n\
-         <thead><tr><th scope=\"col\">Variant</th>{}</tr></thead>\n<tbody>\n{}</tbody>\n</table></div>\n{}",
+        "<div class=\"scroll\"><table>\n<caption>{}</caption>\n\
+         <thead><tr>{}</tr></thead>\n<tbody>\n{}</tbody>\n</table></div>\n{}",
         escape_html(&table.title),
-        protocol.collect::<String>(),
         headings.collect::<String>(),
         rows.collect::<String>(),
         footnotes.collect::<String>(),
@@ -62,7 +60,7 @@ fn row(run: &Run, quantities: &[Quantity]) -> String {
     format!(
         "<tr><th scope=\"row\">{}</th><td class=\"name\">{}{}</td><td>{}</td><td>{}</td>{}</tr>\n",
         escape_html(&record.scene),
-        escape_html(&record.variant),
+        escape_html(&record.label()),
         if record.collapsed { " <span class=\"tag\">collapsed</span>" } else { "" },
         record.seed,
         record.iterations,

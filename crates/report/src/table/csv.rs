@@ -11,21 +11,21 @@ impl Table {
         let headings = self.columns.iter().flat_map(|column| {
             [column.heading.clone(), format!("{} std", column.heading), format!("{} n", column.heading)]
         });
-        lines.push(line("variant".to_owned(), headings));
+        lines.push(line(self.names(), headings));
         for row in &self.rows {
             let number = |value: Option<f64>| value.map_or(String::new(), |value| value.to_string());
             let cells = row.cells.iter().flat_map(|cell| match cell.summary {
                 Some(summary) => [number(Some(summary.mean)), number(summary.std), summary.n.to_string()],
                 None => [String::new(), String::new(), "0".to_owned()],
             });
-            lines.push(line(row.label.clone(), cells));
+            lines.push(line(row.names(), cells));
         }
         lines.join("\n") + "\n"
     }
 }
 
-fn line(first: String, rest: impl Iterator<Item = String>) -> String {
-    std::iter::once(first).chain(rest).map(|field| quoted(&field)).collect::<Vec<_>>().join(",")
+fn line<'a>(names: impl Iterator<Item = &'a str>, rest: impl Iterator<Item = String>) -> String {
+    names.map(str::to_owned).chain(rest).map(|field| quoted(&field)).collect::<Vec<_>>().join(",")
 }
 
 fn quoted(field: &str) -> String {

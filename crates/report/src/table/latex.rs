@@ -12,14 +12,14 @@ impl Table {
             r"\begin{table}".to_owned(),
             r"  \centering".to_owned(),
             format!(r"  \caption{{{}}}", caption.join(" ")),
-            format!(r"  \begin{{tabular}}{{l{}}}", "c".repeat(self.columns.len())),
+            format!(r"  \begin{{tabular}}{{l{}{}}}", "r".repeat(self.keys.len()), "c".repeat(self.columns.len())),
             r"    \toprule".to_owned(),
-            row("Variant".to_owned(), headings),
+            row(self.names(), headings),
             r"    \midrule".to_owned(),
         ];
         for table_row in &self.rows {
             let cells = table_row.cells.iter().enumerate().map(|(column, cell)| self.latex(cell, column));
-            lines.push(row(escape_latex(&table_row.label), cells));
+            lines.push(row(table_row.names(), cells));
         }
         lines.extend([r"    \bottomrule".to_owned(), r"  \end{tabular}".to_owned()]);
         lines.extend(self.footnotes().into_iter().map(|note| format!(r"  \par\footnotesize {}", escape_latex(note))));
@@ -33,8 +33,8 @@ impl Table {
     }
 }
 
-fn row(first: String, rest: impl Iterator<Item = String>) -> String {
-    let cells: Vec<String> = std::iter::once(first).chain(rest).collect();
+fn row<'a>(names: impl Iterator<Item = &'a str>, rest: impl Iterator<Item = String>) -> String {
+    let cells: Vec<String> = names.map(escape_latex).chain(rest).collect();
     format!(r"    {} \\", cells.join(" & "))
 }
 

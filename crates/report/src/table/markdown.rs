@@ -12,11 +12,12 @@ impl Table {
         }
 
         let headings = self.columns.iter().map(|column| escape_markdown(&column.heading));
-        lines.push(row("variant".to_owned(), headings));
-        lines.push(row("---".to_owned(), self.columns.iter().map(|_| "---:".to_owned())));
+        lines.push(row(self.names(), headings));
+        let numbers = self.keys.len() + self.columns.len();
+        lines.push(row(std::iter::once("---"), std::iter::repeat_n("---:".to_owned(), numbers)));
         for table_row in &self.rows {
             let cells = table_row.cells.iter().enumerate().map(|(column, cell)| self.markdown(cell, column));
-            lines.push(row(escape_markdown(&table_row.label), cells));
+            lines.push(row(table_row.names(), cells));
         }
         for footnote in self.footnotes() {
             lines.extend([String::new(), escape_markdown(footnote)]);
@@ -30,8 +31,8 @@ impl Table {
     }
 }
 
-fn row(first: String, rest: impl Iterator<Item = String>) -> String {
-    let cells: Vec<String> = std::iter::once(first).chain(rest).collect();
+fn row<'a>(names: impl Iterator<Item = &'a str>, rest: impl Iterator<Item = String>) -> String {
+    let cells: Vec<String> = names.map(escape_markdown).chain(rest).collect();
     format!("| {} |", cells.join(" | "))
 }
 

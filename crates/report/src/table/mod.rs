@@ -11,9 +11,11 @@ use std::hash::Hash;
 use indexmap::{IndexMap, IndexSet};
 use infonerf_metrics::Summary;
 
-use crate::{Quantity, Record, protocol_lines};
+use crate::{Quantity, Record, protocol_lines, record::short_key};
 pub use plain::Emphasis;
 
+/// Heading of the mean over scenes.
+const MEAN: &str = "mean";
 /// What stands where nothing was measured.
 const MISSING: &str = "–";
 /// Marks a cell in which a run collapsed.
@@ -30,7 +32,9 @@ pub struct Table {
     pub title: String,
     /// How the numbers were obtained, from [`protocol_lines`].
     pub protocol: Vec<String>,
-    /// Headings after the first column, which holds the variants.
+    /// Keys that a sweep set, each with a column after that of the variants.
+    pub keys: Vec<String>,
+    /// The columns of numbers.
     pub columns: Vec<Column>,
     /// One row a variant, in the order of the records.
     pub rows: Vec<Row>,
@@ -52,6 +56,8 @@ pub struct Column {
 pub struct Row {
     /// The variant, with its preset where the records have several.
     pub label: String,
+    /// Its value of each of the table's keys.
+    pub settings: Vec<String>,
     /// As many as the table has columns.
     pub cells: Vec<Cell>,
 }
@@ -80,7 +86,7 @@ pub fn scene_table(records: &[Record], quantity: Quantity) -> Table {
         let mean = (scenes.len() > 1).then(|| group.cell(quantity, &scenes));
         scenes.iter().map(on).chain(mean).collect()
     };
-    let mean = (scenes.len() > 1).then(|| "mean".to_owned());
+    let mean = (scenes.len() > 1).then(|| MEAN.to_owned());
     let columns = scenes.iter().cloned().chain(mean).map(|heading| Column { heading, quantity }).collect();
     assemble(quantity.heading(), records, columns, row)
 }
@@ -104,7 +110,11 @@ pub fn overview_table(records: &[Record], quantities: &[Quantity]) -> Table {
 
 /// The records of one row.
 pub(crate) struct Group<'a> {
+    /// Variant, values and, where there are several, preset.
     pub(crate) label: String,
+    /// The same without the values.
+    name: String,
+    values: Option<&'a IndexMap<String, String>>,
     /// Variant and preset.
     pub(crate) key: (&'a str, &'a str),
     /// By scene and seed; of several with the same, the first.
@@ -118,9 +128,16 @@ pub(crate) fn groups(records: &[Record]) -> Vec<Group<'_>> {
     for record in records {
         let key = (record.variant.as_str(), record.preset.as_str());
         let group = groups.entry(key).or_insert_with(|| {
-            let (variant, preset) = key;
-            let label = if presets > 1 { format!("{variant} ({preset})") } else { variant.to_owned() };
-            Group { label, key, records: IndexMap::new() }
+            let suffix = if presets > 1 { format!(" ({})", record.preset) } else { String::new() };
+            let setting = record.setting.as_ref();
+            let variant = setting.map_or(&record.variant, |setting| &setting.variant);
+            Group {
+                label: record.label() + &suffix,
+                name: format!("{variant}{suffix}"),
+                values: setting.map(|setting| &setting.values),
+                key,
+                records: IndexMap::new(),
+            }
         });
         group.records.entry((&record.scene, record.seed)).or_insert(record);
     }
@@ -128,7 +145,7 @@ pub(crate) fn groups(records: &[Record]) -> Vec<Group<'_>> {
 }
 
 /// The distinct values of `key`, in order of appearance.
-pub(crate) fn distinct<T: Hash + Eq>(records: &[Record], key: impl Fn(&Record) -> T) -> Vec<T> {
+pub(crate) fn distinct<'a, T: Hash + Eq>(records: &'a [Record], key: impl Fn(&'a Record) -> T) -> Vec<T> {
     records.iter().map(key).collect::<IndexSet<T>>().into_iter().collect()
 }
 
@@ -151,8 +168,23 @@ impl Group<'_> {
 }
 
 fn assemble(title: String, records: &[Record], columns: Vec<Column>, cells: impl Fn(&Group) -> Vec<Cell>) -> Table {
-    let rows = groups(records).iter().map(|group| Row { label: group.label.clone(), cells: cells(group) }).collect();
-    let mut table = Table { title, protocol: protocol_lines(records), columns, rows, notes: Vec::new() };
+    let groups = groups(records);
+    let keys: IndexSet<&String> = groups.iter().filter_map(|group| group.values).flat_map(IndexMap::keys).collect();
+    let value = |group: &Group, key: &String| group.values.and_then(|values| values.get(key)).cloned();
+    let row = |group: &Group| Row {
+        label: group.name.clone(),
+        settings: keys.iter().map(|key| value(group, key).unwrap_or_else(|| MISSING.to_owned())).collect(),
+        cells: cells(group),
+    };
+    let rows = groups.iter().map(row).collect();
+    let notes: Vec<String> = keys
+        .iter()
+        .filter(|key| short_key(key) != key.as_str())
+        .map(|key| format!("{} is {key}", short_key(key)))
+        .collect();
+    let notes = if notes.is_empty() { notes } else { vec![notes.join(", ")] };
+    let keys = keys.into_iter().cloned().collect();
+    let mut table = Table { title, protocol: protocol_lines(records), keys, columns, rows, notes };
     mark_best(&mut table);
     table
 }
@@ -176,7 +208,28 @@ fn mark_best(table: &mut Table) {
     }
 }
 
+impl Column {
+    /// Place among the columns by how much they tell: the mean over scenes first, then what papers print.
+    fn rank(&self) -> usize {
+        const FIRST: [&str; 4] = ["psnr", "ssim", "lpips_vgg", "train_seconds"];
+        let place = FIRST.iter().position(|key| *key == self.quantity.key()).unwrap_or(FIRST.len());
+        if self.heading == MEAN { 0 } else { 1 + place }
+    }
+}
+
+impl Row {
+    /// What stands before the numbers.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+        std::iter::once(&self.label).chain(&self.settings).map(String::as_str)
+    }
+}
+
 impl Table {
+    /// Headings of the columns before the numbers.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+        std::iter::once("variant").chain(self.keys.iter().map(|key| short_key(key)))
+    }
+
     /// Text of a cell without emphasis: `18.65 ± 0.12`, `18.65`, `18.65†` or `–`.
     pub(crate) fn text(&self, cell: &Cell, column: usize) -> String {
         let decimals = self.columns.get(column).map_or(2, |column| column.quantity.decimals());
@@ -269,6 +322,30 @@ pub(crate) mod tests {
         records[1].preset = "paper".into();
         let labels: Vec<String> = groups(&records).into_iter().map(|group| group.label).collect();
         assert_eq!(labels, ["nerf (fast)", "nerf (paper)"]);
+    }
+
+    /// What a sweep set has columns of its own, under the paper's symbols.
+    #[test]
+    fn settings_are_columns() {
+        let run = |variant: &str, values: &[(&str, &str)], psnr| {
+            let values = values.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
+            let setting = Some(crate::Setting { variant: "infonerf".into(), values });
+            Record { setting, ..record("lego", variant, 0, psnr) }
+        };
+        let [one, two] = ["1e-3", "1e-2"];
+        let records = [
+            run("a", &[("loss.entropy.weight", one), ("train.rays", "64")], 18.0),
+            run("b", &[("loss.entropy.weight", two), ("train.rays", "64")], 19.0),
+        ];
+        let table = overview_table(&records, &[Quantity::PSNR]);
+        let markdown = table.to_markdown();
+        for part in ["| variant | λ₁ | rays | PSNR", "| infonerf | 1e-2 | 64 | **19.00** |", "λ₁ is loss.entropy.weight"] {
+            assert!(markdown.contains(part), "{part}: {markdown}");
+        }
+        assert!(table.to_csv().contains("\ninfonerf,1e-3,64,18,,1\n"));
+        assert!(table.to_latex().contains(r"infonerf & 1e-3 & 64 & 18.00 \\"));
+        assert!(table.to_text(Emphasis::Star).contains("\ninfonerf  1e-3    64 "));
+        assert_eq!(records[0].label(), "infonerf, λ₁ = 1e-3, rays = 64");
     }
 
     #[test]

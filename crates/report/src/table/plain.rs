@@ -1,4 +1,4 @@
-use super::{Cell, Table};
+use super::{Cell, Row, Table};
 use crate::text::plain;
 
 /// How [`Table::to_text`] marks the best of a column.
@@ -14,24 +14,18 @@ impl Table {
     /// Aligned columns for a terminal, protocol above.
     #[must_use]
     pub fn to_text(&self, emphasis: Emphasis) -> String {
-        let header = std::iter::once("variant".to_owned()).chain(self.columns.iter().map(|c| plain(&c.heading)));
-        let body = self.rows.iter().map(|row| {
-            let cells = row.cells.iter().enumerate().map(|(column, cell)| self.plain(cell, column, emphasis));
-            std::iter::once(plain(&row.label)).chain(cells).collect()
-        });
-        let grid: Vec<Vec<String>> = std::iter::once(header.collect()).chain(body).collect();
-        let width = |column: usize| grid.iter().filter_map(|row| row.get(column)).map(|text| length(text)).max();
-        let widths: Vec<usize> = (0..=self.columns.len()).map(|column| width(column).unwrap_or(0)).collect();
-
+        let grid = self.grid(emphasis);
+        let widths = widths(&grid);
         let mut lines: Vec<String> =
             std::iter::once(&self.title).chain(&self.protocol).map(|line| plain(line)).collect();
-        let rule = "─".repeat(widths.iter().sum::<usize>() + 2 * self.columns.len());
+        let rule = "─".repeat(total(&widths));
         for (index, row) in grid.iter().enumerate() {
             if index <= 1 {
                 lines.push(rule.clone());
             }
             let bold = |column: usize| {
-                let cell = index.checked_sub(1).and_then(|i| self.rows.get(i)?.cells.get(column.checked_sub(1)?));
+                let cell = |row: &Row| row.cells.get(column.checked_sub(1 + self.keys.len())?).copied();
+                let cell = index.checked_sub(1).and_then(|index| self.rows.get(index)).and_then(cell);
                 emphasis == Emphasis::Terminal && cell.is_some_and(|cell| cell.best)
             };
             let cells = row.iter().zip(&widths).enumerate().map(|(column, (text, &width))| {
@@ -46,6 +40,42 @@ impl Table {
         lines.join("\n") + "\n"
     }
 
+    /// The table with as many columns of numbers as [`Table::to_text`] can put into `width` characters, the most telling
+    /// first, and a note that says how many are left out.
+    #[must_use]
+    pub fn narrowed(&self, width: usize) -> Self {
+        let widths = widths(&self.grid(Emphasis::Star));
+        let (names, numbers) = widths.split_at(1 + self.keys.len());
+        let mut by_rank: Vec<usize> = (0..self.columns.len()).collect();
+        by_rank.sort_by_key(|&column| self.columns[column].rank());
+        let (mut room, mut kept) = (width.saturating_sub(total(names)), Vec::new());
+        for column in by_rank {
+            let Some(left) = room.checked_sub(2 + numbers[column]) else { break };
+            room = left;
+            kept.push(column);
+        }
+        kept.sort_unstable();
+        let left_out = self.columns.len() - kept.len();
+        let note = (left_out > 0).then(|| format!("{left_out} more columns are in report.html"));
+        let cells = |row: &Row| kept.iter().filter_map(|&column| row.cells.get(column).copied()).collect();
+        Self {
+            columns: kept.iter().map(|&column| self.columns[column].clone()).collect(),
+            rows: self.rows.iter().map(|row| Row { cells: cells(row), ..row.clone() }).collect(),
+            notes: self.notes.iter().cloned().chain(note).collect(),
+            ..self.clone()
+        }
+    }
+
+    /// The cells as text, headings first.
+    fn grid(&self, emphasis: Emphasis) -> Vec<Vec<String>> {
+        let headings = self.names().chain(self.columns.iter().map(|column| column.heading.as_str())).map(plain);
+        let row = |row: &Row| {
+            let cells = row.cells.iter().enumerate().map(|(column, cell)| self.plain(cell, column, emphasis));
+            row.names().map(plain).chain(cells).collect()
+        };
+        std::iter::once(headings.collect()).chain(self.rows.iter().map(row)).collect()
+    }
+
     /// With [`Emphasis::Star`] every value of a column with a best keeps a place for the star, so that decimals align.
     fn plain(&self, cell: &Cell, column: usize, emphasis: Emphasis) -> String {
         let text = self.text(cell, column);
@@ -55,6 +85,17 @@ impl Table {
             _ => text,
         }
     }
+}
+
+/// Characters of each column.
+fn widths(grid: &[Vec<String>]) -> Vec<usize> {
+    let width = |column: usize| grid.iter().filter_map(|row| row.get(column)).map(|text| length(text)).max();
+    (0..grid[0].len()).map(|column| width(column).unwrap_or(0)).collect()
+}
+
+/// Characters of columns with two spaces between.
+fn total(widths: &[usize]) -> usize {
+    widths.iter().sum::<usize>() + 2 * widths.len().saturating_sub(1)
 }
 
 fn length(text: &str) -> usize {
@@ -79,6 +120,21 @@ infonerf  18.50 ± 0.71*  19.50 ± 0.71*  19.00 ± 0.71*
 ─────────────────────────────────────────────────────
 ";
         assert_eq!(scene_table(&two_by_two(), Quantity::PSNR).to_text(Emphasis::Star), expected);
+    }
+
+    #[test]
+    fn a_narrow_table_keeps_what_tells_most() {
+        let wide = scene_table(&two_by_two(), Quantity::PSNR);
+        assert_eq!(wide.narrowed(53), wide);
+        let narrow = wide.narrowed(52);
+        let headings: Vec<&str> = narrow.columns.iter().map(|column| column.heading.as_str()).collect();
+        assert_eq!(headings, ["lego", "mean"]);
+        assert!(
+            narrow.to_text(Emphasis::Star).ends_with(
+                "19.00 ± 0.71*\n──────────────────────────────────────\n1 more columns are in report.html\n"
+            )
+        );
+        assert!(wide.narrowed(0).columns.is_empty());
     }
 
     #[test]
