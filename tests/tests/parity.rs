@@ -10,7 +10,7 @@ use glam::{DMat3, DMat4, DVec3, Vec3};
 use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::to_host;
 use infonerf_render::Stream;
-use infonerf_scene::{Aabb, Camera, Image, Range, Scene, Space, View};
+use infonerf_scene::{Aabb, Camera, Image, PixelAt, Range, Scene, Space, View};
 use infonerf_tests::hashed;
 use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepPixels, Trainer, config};
 use safetensors::SafeTensors;
@@ -179,9 +179,9 @@ fn scene(fixture: &Value) -> Scene {
 /// What a step of the fixture looks at.
 fn step_pixels(scene: &Scene, step: &Value) -> StepPixels {
     let size = scene.train[0].image.width as usize;
-    let pixels = |camera: usize, numbers: &Value| {
+    let pixels = |view: usize, numbers: &Value| {
         let numbers: Vec<usize> = numbers.as_array().unwrap().iter().map(number).collect();
-        let at = numbers.iter().map(|&n| (camera, (n % size) as f32, (n / size) as f32)).collect();
+        let at = numbers.iter().map(|&n| PixelAt { view, x: (n % size) as f32, y: (n / size) as f32 }).collect();
         (Pixels { cameras: scene.all_train_cameras.clone(), at, width: 1.0 }, numbers)
     };
     let view = number(&step["view"]);
@@ -200,7 +200,7 @@ fn step_pixels(scene: &Scene, step: &Value) -> StepPixels {
             rgba: numbers.iter().map(rgba).collect(),
             // Of silhouettes, which are off here.
             coverage: vec![1.0; numbers.len()],
-            places: numbers.iter().map(|n| view * size * size + n).collect(),
+            indices: numbers.iter().map(|n| view * size * size + n).collect(),
             rejected: 0,
         },
         unseen: Some(pixels(number(&step["pose"]), &step["unseen"]).0),

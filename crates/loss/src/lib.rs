@@ -87,7 +87,7 @@ pub(crate) mod testing {
             rgb: Tensor::zeros([rays, 3], &device),
             rgba: vec![[0.0, 0.0, 0.0, 1.0]; rays],
             coverage: vec![1.0; rays],
-            places: vec![(0, 0.5, 0.5); rays],
+            pixels: vec![infonerf_scene::PixelAt { view: 0, x: 0.5, y: 0.5 }; rays],
             background: [1.0; 3],
         };
         Renders {

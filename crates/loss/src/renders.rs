@@ -2,6 +2,7 @@
 
 use burn::tensor::Tensor;
 use infonerf_render::{Passes, RenderOutput};
+use infonerf_scene::PixelAt;
 use serde::{Deserialize, Serialize};
 
 /// Something that a term needs rendered beside the density along the rays of training images, which is always there.
@@ -74,8 +75,8 @@ pub struct Target {
     pub rgba: Vec<[f32; 4]>,
     /// Share of the 3 × 3 pixels about each that do not show the background: 1 within an object, less at its edge.
     pub coverage: Vec<f32>,
-    /// View and position of each pixel, in pixels of the view's camera.
-    pub places: Vec<(usize, f32, f32)>,
+    /// Where each pixel is.
+    pub pixels: Vec<PixelAt>,
     /// The scene's background.
     pub background: [f32; 3],
 }

@@ -31,6 +31,7 @@ mod format;
 pub mod image;
 mod layout;
 mod lens;
+mod pixel;
 pub mod poses;
 mod range;
 mod ray;
@@ -49,6 +50,7 @@ pub use format::{Backdrop, Format};
 pub use image::{Image, Rgba8, RgbaImage, resized_dimensions, round_to_u8};
 pub use layout::Layout;
 pub use lens::{Lens, LensModel};
+pub use pixel::PixelAt;
 pub use poses::{
     Keyframe, ViewRegion, figure_eight, interpolate_keyframes, interpolate_views, near_pose, near_pose_about, orbit,
     spiral, unseen_pose,

@@ -48,12 +48,12 @@ impl PixelErrors {
         count: usize,
     ) -> (Vec<usize>, u64) {
         let (mut chosen, mut left): (Vec<usize>, Vec<usize>) = (Vec::new(), Vec::new());
-        for (index, &place) in candidates.iter().enumerate() {
+        for (draw, &index) in candidates.iter().enumerate() {
             if chosen.len() == count {
                 break;
             }
-            let accepted = !self.is_fitted(config, place) || acceptance.uniform(index, 0) < config.keep;
-            if accepted { &mut chosen } else { &mut left }.push(place);
+            let accepted = !self.is_fitted(config, index) || acceptance.uniform(draw, 0) < config.keep;
+            if accepted { &mut chosen } else { &mut left }.push(index);
         }
         let missing = count - chosen.len();
         let rejected = left.len().saturating_sub(missing) as u64;
@@ -61,10 +61,10 @@ impl PixelErrors {
         (chosen, rejected)
     }
 
-    /// Remembers the errors that a step found at `places`.
-    pub(crate) fn remember(&mut self, places: &[usize], errors: impl Iterator<Item = f32>) {
-        for (&place, error) in places.iter().zip(errors) {
-            self.errors[place] = error;
+    /// Remembers the errors that a step found at the pixels with `indices`.
+    pub(crate) fn remember(&mut self, indices: &[usize], errors: impl Iterator<Item = f32>) {
+        for (&index, error) in indices.iter().zip(errors) {
+            self.errors[index] = error;
         }
     }
 
@@ -84,8 +84,8 @@ impl PixelErrors {
         })
     }
 
-    fn is_fitted(&self, config: &ErrorSamplingConfig, place: usize) -> bool {
-        self.errors.get(place).is_some_and(|error| *error < config.threshold)
+    fn is_fitted(&self, config: &ErrorSamplingConfig, index: usize) -> bool {
+        self.errors.get(index).is_some_and(|error| *error < config.threshold)
     }
 }
 

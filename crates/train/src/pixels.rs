@@ -2,7 +2,7 @@
 
 use glam::{DMat4, DVec3};
 use infonerf_render::{Noise, Stream};
-use infonerf_scene::{Camera, Ray, Scene, ViewRegion, near_pose, resized_dimensions};
+use infonerf_scene::{Camera, PixelAt, Ray, Scene, ViewRegion, near_pose, resized_dimensions};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -13,8 +13,8 @@ use crate::config::{NeighbourConfig, RotationCentre, TrainConfig, Unseen};
 pub struct Pixels {
     /// The cameras.
     pub cameras: Vec<Camera>,
-    /// Camera, and the position in its image, in pixels.
-    pub at: Vec<(usize, f32, f32)>,
+    /// Each pixel: the index of its camera, and where it is in the image.
+    pub at: Vec<PixelAt>,
     /// How wide a pixel is, in pixels of the cameras: more than 1 for images that are smaller.
     pub width: f32,
 }
@@ -22,16 +22,17 @@ pub struct Pixels {
 impl Pixels {
     /// The view that the first pixel is of; that of all where a batch is of one image.
     pub(crate) fn view(&self) -> usize {
-        self.at[0].0
+        self.at[0].view
     }
 
     /// The view that each pixel is of.
     pub(crate) fn views(&self) -> Vec<usize> {
-        self.at.iter().map(|&(view, ..)| view).collect()
+        self.at.iter().map(|pixel| pixel.view).collect()
     }
 
     pub(crate) fn rays(&self) -> Vec<Ray> {
-        self.at.iter().map(|&(camera, x, y)| self.cameras[camera].ray(x, y).widened(self.width)).collect()
+        let ray = |&PixelAt { view, x, y }: &PixelAt| self.cameras[view].ray(x, y).widened(self.width);
+        self.at.iter().map(ray).collect()
     }
 
     /// The rays of the same pixels when the cameras are turned by the rotation `turn`.
@@ -77,7 +78,7 @@ impl UnseenViews<'_> {
         let at = |i| {
             let x = left as usize + column.below(i, 0, columns as usize);
             let y = top as usize + row.below(i, 0, rows as usize);
-            (0, x as f32 + 0.5, y as f32 + 0.5)
+            PixelAt { view: 0, x: x as f32 + 0.5, y: y as f32 + 0.5 }
         };
         Pixels { at: (0..rays).map(at).collect(), cameras: vec![camera], width }
     }
@@ -131,7 +132,7 @@ mod tests {
         }
         let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let region = ViewRegion::new(&cameras);
-        let pixels = Pixels { at: vec![(0, 8.0, 8.0)], width: 1.0, cameras };
+        let pixels = Pixels { at: vec![PixelAt { view: 0, x: 8.0, y: 8.0 }], width: 1.0, cameras };
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train.neighbours;
         let noise = Noise::new(0, 0, Stream::Neighbours);
         let distance = |config: &NeighbourConfig| {
@@ -156,7 +157,7 @@ mod tests {
         let unseen = UnseenViews { scene: &scene, region: &region, config: &config };
         let within = |step: usize| {
             let pixels = unseen.pixels(200, 1.0, step, Noise::new(0, step as u64, Stream::UnseenRays));
-            pixels.at.iter().all(|&(_, x, y)| (4.0..12.0).contains(&x) && (4.0..12.0).contains(&y))
+            pixels.at.iter().all(|at| (4.0..12.0).contains(&at.x) && (4.0..12.0).contains(&at.y))
         };
         assert!(within(9) && !within(10));
     }

@@ -73,7 +73,7 @@ impl<F: Field> StepRenderer<'_, F> {
             rgb: Tensor::from_data(TensorData::new(channels, [seen.rgba.len(), 3]), &self.device()),
             rgba: seen.rgba.clone(),
             coverage: seen.coverage.clone(),
-            places: seen.pixels.at.clone(),
+            pixels: seen.pixels.at.clone(),
             background: self.scene.scene.background,
         }
     }

@@ -2,7 +2,7 @@
 
 use infonerf_loss::is_foreground;
 use infonerf_render::{Noise, Stream};
-use infonerf_scene::{Camera, Image, Scene};
+use infonerf_scene::{Camera, Image, PixelAt, Scene};
 use infonerf_schedule::Moment;
 
 use crate::config::{Batch, TrainConfig};
@@ -19,7 +19,7 @@ pub struct SeenPixels {
     /// Share of the 3 × 3 pixels about each that do not show the background.
     pub coverage: Vec<f32>,
     /// Index of each among all pixels of the training images, for error-driven sampling.
-    pub places: Vec<usize>,
+    pub indices: Vec<usize>,
     /// Draws that were passed over because the pixel is well fitted.
     pub rejected: u64,
 }
@@ -87,17 +87,17 @@ impl TrainingImages {
         errors: &PixelErrors,
     ) -> SeenPixels {
         let images = self.at(config, at);
-        let (places, rejected) = images.places(config, rays, at.step, noise, errors);
+        let (indices, rejected) = images.indices(config, rays, at.step, noise, errors);
         let (stride, area) = (images.width as usize, images.area());
         let scale = images.pixel_width();
-        let position = |&place: &usize| {
-            let (x, y) = ((place % area) % stride, (place % area) / stride);
-            (place / area, (x as f32 + 0.5) * scale, (y as f32 + 0.5) * scale)
+        let position = |&index: &usize| {
+            let (x, y) = ((index % area) % stride, (index % area) / stride);
+            PixelAt { view: index / area, x: (x as f32 + 0.5) * scale, y: (y as f32 + 0.5) * scale }
         };
-        let pixels = Pixels { cameras: self.cameras.clone(), at: places.iter().map(position).collect(), width: scale };
-        let rgba = places.iter().map(|place| images.rgba[place / area][place % area]).collect();
-        let coverage = places.iter().map(|place| images.coverage[place / area][place % area]).collect();
-        SeenPixels { pixels, rgba, coverage, places, rejected }
+        let pixels = Pixels { cameras: self.cameras.clone(), at: indices.iter().map(position).collect(), width: scale };
+        let rgba = indices.iter().map(|index| images.rgba[index / area][index % area]).collect();
+        let coverage = indices.iter().map(|index| images.coverage[index / area][index % area]).collect();
+        SeenPixels { pixels, rgba, coverage, indices, rejected }
     }
 }
 
@@ -122,7 +122,7 @@ impl Images {
     }
 
     /// Indices of `rays` pixels, and how many draws were rejected.
-    fn places(
+    fn indices(
         &self,
         config: &TrainConfig,
         rays: usize,
@@ -146,9 +146,9 @@ impl Images {
                 let choose = |ray| match sampling {
                     None => draw(ray, 0),
                     Some(sampling) => {
-                        let (place, passed) = errors.choose(sampling, ray, acceptance, |k| draw(ray, k));
+                        let (index, passed) = errors.choose(sampling, ray, acceptance, |k| draw(ray, k));
                         rejected += passed as u64;
-                        place
+                        index
                     }
                 };
                 ((0..rays).map(choose).collect(), rejected)

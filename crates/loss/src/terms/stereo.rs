@@ -3,7 +3,7 @@ use std::sync::OnceLock;
 
 use burn::tensor::{Tensor, TensorData};
 use infonerf_ops::composite;
-use infonerf_scene::Scene;
+use infonerf_scene::{PixelAt, Scene};
 use infonerf_schedule::Schedule;
 use infonerf_stereo::{DepthMap, Settings, depth_maps};
 use serde::{Deserialize, Serialize};
@@ -122,7 +122,7 @@ fn search(views: usize) -> Settings {
 }
 
 impl Stereo {
-    fn end(&self, (view, x, y): (usize, f32, f32)) -> End {
+    fn end(&self, PixelAt { view, x, y }: PixelAt) -> End {
         let found = self.found.get_or_init(|| {
             let maps = depth_maps(&self.scene, &search(self.scene.train.len()));
             maps.into_iter().map(|map| (map.nearest(), map)).collect()
@@ -146,7 +146,7 @@ impl Term for Stereo {
         let target = renders.seen.target.as_ref().expect("training images have pixels");
         let device = output.tau.device();
         let segments = output.segments();
-        let ends: Vec<End> = target.places.iter().map(|&place| self.end(place)).collect();
+        let ends: Vec<End> = target.pixels.iter().map(|&pixel| self.end(pixel)).collect();
         let of_ray =
             |(range, end): (Range<usize>, &End)| output.samples.t[range].iter().map(|&t| end.value(t)).collect();
         let values: Vec<Vec<f32>> = segments.ranges().zip(&ends).map(of_ray).collect();
@@ -189,7 +189,7 @@ mod tests {
     fn a_ray_that_ends_at_the_surface_costs_nothing() {
         let value = |disparity: f32, nearest: Option<f32>, tau: &[f32]| {
             let mut renders = testing::renders(&[tau]);
-            renders.seen.target.as_mut().unwrap().places = vec![(0, 4.0, 4.0)];
+            renders.seen.target.as_mut().unwrap().pixels = vec![PixelAt { view: 0, x: 4.0, y: 4.0 }];
             term(disparity, nearest).value(&renders).into_scalar::<f32>()
         };
         let at = |tau: &[f32]| value(1.0 / 1.5, None, tau);

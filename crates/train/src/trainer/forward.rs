@@ -96,7 +96,7 @@ impl<F: Field> Trainer<F> {
         let errors = color.chunks_exact(3).zip(&seen.rgba).map(|(color, target)| {
             color.iter().zip(target).map(|(color, target)| (color - target).abs()).fold(0.0, f32::max)
         });
-        self.pixel_errors.remember(&seen.places, errors);
+        self.pixel_errors.remember(&seen.indices, errors);
     }
 
     /// Rays of training images and of unseen poses for this step.
