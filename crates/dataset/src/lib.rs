@@ -20,6 +20,7 @@ mod camera_path;
 pub mod colmap;
 mod export;
 mod info;
+mod limits;
 mod loaders;
 mod photographs;
 mod source;

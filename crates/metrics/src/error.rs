@@ -1,7 +1,5 @@
 use thiserror::Error;
 
-use crate::picture::dimensions;
-
 /// Why a metric has no value, in one line.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum MetricError {
@@ -94,10 +92,12 @@ pub enum MetricError {
         minimum: usize,
     },
     /// No metric has that key.
-    #[error("no metric is called `{key}`; known: {}", crate::METRICS.iter().map(|metric| metric.key()).collect::<Vec<_>>().join(", "))]
+    #[error("no metric is called `{key}`; known: {known}")]
     UnknownMetric {
         /// The key that was asked for.
         key: String,
+        /// The keys there are, separated by commas.
+        known: String,
     },
     /// A metric that was asked for has no value.
     #[error("{key}: {reason}")]
@@ -107,4 +107,9 @@ pub enum MetricError {
         /// Why.
         reason: String,
     },
+}
+
+/// `width × height` for people.
+fn dimensions([width, height]: [usize; 2]) -> String {
+    format!("{width}×{height}")
 }

@@ -31,6 +31,7 @@ pub mod protocol;
 mod rectangle;
 mod rgb8;
 mod shrink;
+mod size;
 mod summary;
 mod view;
 

@@ -1,4 +1,4 @@
-use crate::picture::check_length;
+use crate::size::check_length;
 use crate::{MetricError, Picture, Rectangle};
 
 /// The pixels of a picture that count: at least one.

@@ -1,6 +1,7 @@
 use image::RgbImage;
 
 use crate::rgb8::{from_rgb8, quantise_8bit, to_rgb8};
+use crate::size::{check_length, check_size};
 use crate::{MetricError, Rectangle};
 
 /// An RGB picture as displayed and composited on its background: at least one pixel, all values finite, nominally in
@@ -93,22 +94,6 @@ impl Picture {
 /// The render and the truth have the same size.
 pub(crate) fn check_sizes(render: &Picture, truth: &Picture) -> Result<(), MetricError> {
     check_size("truth", truth.size, render.size)
-}
-
-/// `what` is as large as the render.
-pub(crate) fn check_size(what: &'static str, found: [usize; 2], expected: [usize; 2]) -> Result<(), MetricError> {
-    if found == expected { Ok(()) } else { Err(MetricError::Size { what, found, expected }) }
-}
-
-/// `found` is width × height.
-pub(crate) fn check_length(what: &'static str, found: usize, [width, height]: [usize; 2]) -> Result<(), MetricError> {
-    let expected = width.saturating_mul(height);
-    if found == expected { Ok(()) } else { Err(MetricError::Length { what, found, expected }) }
-}
-
-/// `width × height` for people.
-pub(crate) fn dimensions([width, height]: [usize; 2]) -> String {
-    format!("{width}×{height}")
 }
 
 #[cfg(test)]

@@ -20,8 +20,6 @@
 //!    A view without a value (SSIM of a picture smaller than its window, sharpness of a flat photograph) is left out of the
 //!    mean, and a note says so. FID and KID compare the set of renders with the set of truths.
 //!
-//! [`definitions`] is the table of all metrics, from [`crate::METRICS`].
-//!
 //! A rendered ray hits something where its opacity exceeds one half. FID of few pictures is biased upwards, so it compares
 //! methods on the same views and nothing else; KID is not biased.
 //!
@@ -53,8 +51,6 @@
 use std::fmt;
 
 use serde::{Deserialize, Serialize};
-
-use crate::{METRICS, Metric};
 
 /// How pictures are measured: see [the module](self).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -202,16 +198,6 @@ impl Protocol {
     }
 }
 
-/// A Markdown table of the metrics and their definitions.
-#[must_use]
-pub fn definitions() -> String {
-    let row = |metric: &&Metric| {
-        format!("| `{}` | {} | {} |\n", metric.key(), metric.descriptor.heading(), metric.definition)
-    };
-    let rows: String = METRICS.iter().map(row).collect();
-    format!("| key | metric | definition |\n|---|---|---|\n{rows}")
-}
-
 impl Background {
     /// Its colour.
     #[must_use]
@@ -265,15 +251,6 @@ mod tests {
         let other = Protocol { crop: 4, sizes: Sizes::ShrinkTruth, ..Protocol::NEURAL_BODY }.to_string();
         let parts = ["RGB without rounding on black", "averaged", "4 px", "7×7 uniform, range 2", "bounding rectangle"];
         assert!(parts.iter().all(|part| other.contains(part)), "{other}");
-    }
-
-    #[test]
-    fn every_metric_is_defined() {
-        let table = definitions();
-        assert!(
-            table.contains("| `psnr` | PSNR (dB) ↑ | −10 log₁₀ of the mean square error over pixels and channels |\n")
-        );
-        assert_eq!(table.lines().count(), METRICS.len() + 2);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 use image::{Rgb, RgbImage};
 
 use crate::MetricError;
-use crate::picture::check_length;
+use crate::size::check_length;
 
 /// Pixels rounded to 8 bits and back: `round(255 · clamp(x, 0, 1)) / 255`, what a PNG of them would hold.
 ///

@@ -1,9 +1,10 @@
 use std::borrow::Cow;
 use std::cell::OnceCell;
 
-use crate::picture::{check_length, check_size, check_sizes};
+use crate::picture::check_sizes;
 use crate::protocol::{Masked, Sizes};
 use crate::shrink::{shrunk_mask, shrunk_picture};
+use crate::size::{check_length, check_size};
 use crate::{Mask, MetricError, Picture, Protocol, Rectangle};
 
 /// A render and the photograph that it should equal, with whatever else is known of them.

@@ -1,7 +1,18 @@
 //! One picture of several fields' pictures.
 
-use crate::RenderedImage;
-use crate::image::HIT;
+use infonerf_field::Field;
+use infonerf_scene::Camera;
+
+use crate::image::{HIT, render_one};
+use crate::{RenderedImage, Renderer, TrainedModel};
+
+/// Renders the picture that `camera` sees: of several members their mean.
+///
+/// # Panics
+/// If there are no members.
+pub fn render_image<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], camera: &Camera) -> RenderedImage {
+    combine(members.iter().map(|member| render_one(renderer, member, camera)).collect())
+}
 
 /// The mean of `pictures`, each pixel's distance weighted by opacity.
 ///

@@ -3,7 +3,6 @@ use infonerf_ops::to_host;
 use infonerf_scene::{Camera, Ray};
 use infonerf_schedule::Moment;
 
-use crate::ensemble::combine;
 use crate::march::march;
 use crate::{Counts, RenderOutput, RenderRequest, Renderer, TrainedModel};
 
@@ -27,15 +26,8 @@ pub struct RenderedImage {
 /// Rays that march at a time: bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
 
-/// Renders the picture that `camera` sees: of several members their mean.
-///
-/// # Panics
-/// If there are no members.
-pub fn render_image<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], camera: &Camera) -> RenderedImage {
-    combine(members.iter().map(|member| render_one(renderer, member, camera)).collect())
-}
-
-fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
+/// Renders the picture of one member.
+pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
     let (model, occupancy) = (&trained.model, trained.occupancy.as_ref());
     let rays: Vec<Ray> = (0..camera.height)
         .flat_map(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))

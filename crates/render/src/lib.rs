@@ -81,8 +81,9 @@ mod samples;
 mod warp;
 
 pub use config::{Compositing, ConfigError, LastInterval, OccupancyConfig, Placement, RenderConfig};
+pub use ensemble::render_image;
 pub use exposure::Exposure;
-pub use image::{RenderedImage, render_image};
+pub use image::RenderedImage;
 pub use model::{Model, TrainedModel};
 pub use noise::{Noise, Stream};
 pub use occupancy::OccupancyGrid;

@@ -8,7 +8,7 @@ use infonerf_scene::SceneError;
 
 use super::camera::{MODELS, known};
 use super::{ColmapCamera, ColmapImage, Reconstruction, check, pose};
-use crate::loaders::read_file;
+use crate::limits::read_file;
 
 /// The largest file that is read, in bytes.
 const LARGEST: u64 = 2 << 30;

@@ -108,7 +108,7 @@ fn pose(path: &Path, place: &str, [w, x, y, z]: [f64; 4], translation: [f64; 3])
     }
     let turned = DMat3::from_quat(rotation.normalize()).transpose();
     let position = -(turned * DVec3::from(translation));
-    if !position.is_finite() || position.abs().max_element() > crate::loaders::FARTHEST {
+    if !position.is_finite() || position.abs().max_element() > crate::limits::FARTHEST {
         return Err(fault("a position within 1e9 of the origin", format!("{position}")));
     }
     Ok(opengl(turned, position))

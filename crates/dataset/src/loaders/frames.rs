@@ -8,7 +8,8 @@ use infonerf_scene::{Aabb, Camera, Lens, SceneError};
 use super::json::{JsonFile, Node};
 use super::mask::MaskRole;
 use super::optics::{Intrinsics, read_optics};
-use super::pose::{FARTHEST, read_pose};
+use super::pose::read_pose;
+use crate::limits::FARTHEST;
 
 /// Extensions tried, in this order, for a `file_path` without one.
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];

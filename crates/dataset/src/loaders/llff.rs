@@ -15,6 +15,7 @@ use super::json::PIXELS;
 use super::npy::Array;
 use super::optics::Intrinsics;
 use super::{npy, pose};
+use crate::limits::FARTHEST;
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "poses_bounds.npy";
@@ -182,7 +183,7 @@ pub(super) fn placed(path: &Path, rows: &[Row]) -> Result<(Vec<DMat4>, (f32, f32
     if let Some(found) = poses.iter().find_map(pose::fault) {
         return Err(SceneError::malformed(path, EXPECTED, format!("scaled to its nearest depth {nearest:e}, {found}")));
     }
-    if far > pose::FARTHEST {
+    if far > FARTHEST {
         return Err(SceneError::malformed(path, EXPECTED, format!("depths from {nearest:e} to {farthest:e}")));
     }
     Ok((poses, (MARGIN * (nearest * scale) as f32, far as f32)))

@@ -27,9 +27,8 @@ pub(crate) use json::{JsonFile, Node};
 pub(crate) use llff::list_images;
 pub(crate) use npy::write as write_npy;
 
-pub(crate) use pose::{FARTHEST, read_flat_pose};
+pub(crate) use pose::read_flat_pose;
 
-use std::fs;
 use std::path::Path;
 
 use infonerf_scene::{PixelCount, Scene, SceneError, SceneRequest};
@@ -88,18 +87,6 @@ pub(crate) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
             Err(missing(format!("a scene folder with one of {markers}")))
         }
     }
-}
-
-/// What a file holds, refusing one of more than `limit` bytes unread.
-pub(crate) fn read_file(path: &Path, expected: &str, limit: u64) -> Result<Vec<u8>, SceneError> {
-    if !path.is_file() {
-        return Err(SceneError::NotFound { path: path.into(), expected: expected.into() });
-    }
-    let size = fs::metadata(path).map_err(|e| SceneError::io(path, e))?.len();
-    if size > limit {
-        return Err(SceneError::TooLarge { path: path.into(), what: "the size of the file in bytes", size, limit });
-    }
-    fs::read(path).map_err(|e| SceneError::io(path, e))
 }
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use infonerf_scene::SceneError;
 use zip::ZipArchive;
 
 use super::npy::{self, Array};
-use super::read_file;
+use crate::limits::read_file;
 
 /// The largest archive that is read, in bytes, and the most that its arrays may take unpacked.
 const LARGEST: u64 = 256 << 20;

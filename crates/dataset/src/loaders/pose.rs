@@ -4,12 +4,11 @@ use glam::{DMat3, DMat4};
 use infonerf_scene::SceneError;
 
 use super::json::Node;
+use crate::limits::FARTHEST;
 
 /// How far `RᵀR` may be from the identity in any element: rounding to 4 digits passes, a scale of
 /// 1.001 does not.
 const TOLERANCE: f64 = 1e-3;
-/// The farthest from the origin that anything may lie, scene units: beyond it `f32` has no digits left for a scene.
-pub(crate) const FARTHEST: f64 = 1e9;
 const EXPECTED_FLAT: &str = "16 numbers, the rows of a 4×4 rigid camera-to-world matrix";
 const EXPECTED: &str = "a 4×4 rigid camera-to-world matrix (rotation and translation)";
 

@@ -13,8 +13,9 @@ use super::extent::capture_space;
 use super::frames::Frame;
 use super::mask::{MaskRole, read_mask};
 use super::pickle::{self, Pickle, Value};
-use super::{npy, pose, read_file};
+use super::{npy, pose};
 use crate::colmap::opengl;
+use crate::limits::read_file;
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "annots.npy";

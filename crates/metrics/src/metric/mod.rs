@@ -96,7 +96,8 @@ impl Metric {
 /// [`MetricError::UnknownMetric`].
 pub fn select<'a>(keys: impl IntoIterator<Item = &'a str>) -> Result<Vec<&'static Metric>, MetricError> {
     let find = |key: &str| {
-        let unknown = || MetricError::UnknownMetric { key: key.to_owned() };
+        let known = || METRICS.iter().map(|metric| metric.key()).collect::<Vec<_>>().join(", ");
+        let unknown = || MetricError::UnknownMetric { key: key.to_owned(), known: known() };
         METRICS.iter().copied().find(|metric| metric.key() == key).ok_or_else(unknown)
     };
     keys.into_iter().map(find).collect()

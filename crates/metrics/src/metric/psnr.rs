@@ -1,5 +1,6 @@
 use super::{Measure, Metric};
-use crate::picture::{check_size, check_sizes};
+use crate::picture::check_sizes;
+use crate::size::check_size;
 use crate::{Better, Descriptor, Mask, MetricError, Picture};
 
 /// See its definition.

@@ -1,9 +1,9 @@
-//! Reading and writing image files, with limits.
+//! Reading image files, with limits.
 
 use std::io::{self, BufRead, BufReader, Cursor, Seek};
 use std::{fs::File, path::Path};
 
-use ::image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
+use ::image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 
 use super::RgbaImage;
 use crate::SceneError;
@@ -77,27 +77,6 @@ pub fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> 
     decode(path, reader()?, size)
 }
 
-/// Encodes 8-bit pixels as PNG.
-pub(super) fn write_png(
-    path: &Path,
-    width: u32,
-    height: u32,
-    bytes: &[u8],
-    color: ColorType,
-) -> Result<(), SceneError> {
-    let expected = usize::from(color.bytes_per_pixel()) * width as usize * height as usize;
-    if width == 0 || height == 0 || bytes.len() != expected {
-        let expected = format!("{expected} bytes for {width}×{height} pixels");
-        return Err(SceneError::malformed(path, expected, format!("{} bytes", bytes.len())));
-    }
-    ::image::save_buffer_with_format(path, bytes, width, height, color, ::image::ImageFormat::Png).map_err(|error| {
-        match error {
-            ImageError::IoError(source) => SceneError::io(path, source),
-            other => SceneError::malformed(path, "an image that PNG can hold", other),
-        }
-    })
-}
-
 fn unit_u8(v: u8) -> f32 {
     f32::from(v) / 255.0
 }
@@ -138,7 +117,9 @@ fn decode_error(path: &Path, error: ImageError) -> SceneError {
 
 #[cfg(test)]
 mod tests {
+    use super::super::png::write_png;
     use super::*;
+    use ::image::ColorType;
     use std::fs;
 
     #[test]

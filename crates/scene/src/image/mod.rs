@@ -1,6 +1,7 @@
 //! Images: composited colours for training, and straight RGBA as files hold it.
 
 mod codec;
+mod png;
 mod resize;
 mod rgba;
 
@@ -87,7 +88,7 @@ impl Image {
     /// # Errors
     /// The file cannot be written, or `rgb` does not hold `width · height` pixels.
     pub fn write_png(&self, path: &Path) -> Result<(), SceneError> {
-        codec::write_png(path, self.width, self.height, &self.to_rgb8(), ::image::ColorType::Rgb8)
+        png::write_png(path, self.width, self.height, &self.to_rgb8(), ::image::ColorType::Rgb8)
     }
 }
 

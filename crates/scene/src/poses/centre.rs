@@ -8,6 +8,9 @@ use crate::Camera;
 /// Weight of the prior in [`scene_centre`]. Axes within about 0.01 rad of parallel are left to it.
 const PRIOR: f64 = 1e-4;
 
+/// Cameras within this half-angle (radians) of their mean direction are taken to face one way.
+pub(crate) const FORWARD_FACING: f64 = 0.45;
+
 /// Directions agree whose mean is at least this long: with the same angle to it, 32°.
 const AGREED: f64 = 0.85;
 

@@ -9,8 +9,7 @@ mod unseen;
 
 pub use cap::angle;
 pub use centre::up_direction;
-pub(crate) use centre::{cone, scene_focus, view_directions};
-pub(crate) use orbit::FORWARD_FACING;
+pub(crate) use centre::{FORWARD_FACING, cone, scene_focus, view_directions};
 pub use orbit::{figure_eight, orbit};
 pub use path::{Keyframe, interpolate_keyframes, interpolate_views};
 pub use spiral::spiral;

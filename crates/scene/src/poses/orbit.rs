@@ -7,9 +7,6 @@ use glam::{DMat4, DVec3};
 use super::ViewRegion;
 use crate::Camera;
 
-/// Cameras within this half-angle (radians) of their mean direction are taken to face one way.
-pub(crate) const FORWARD_FACING: f64 = 0.45;
-
 /// `n` camera-to-world poses, evenly spaced along a closed path about the scene.
 ///
 /// Cameras that surround a scene (or a single one) give a full circle about the up direction at

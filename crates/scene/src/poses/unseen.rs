@@ -4,8 +4,7 @@ use glam::{DMat4, DVec3};
 use rand::Rng;
 
 use super::cap::{Cap, angle};
-use super::centre::{Focus, scene_focus, up_direction};
-use super::orbit::FORWARD_FACING;
+use super::centre::{FORWARD_FACING, Focus, scene_focus, up_direction};
 use crate::Camera;
 use crate::camera::look_along;
 
