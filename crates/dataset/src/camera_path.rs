@@ -1,4 +1,4 @@
-//! Camera paths as files.
+//! Camera path files.
 
 use std::ops::RangeInclusive;
 use std::path::Path;
@@ -16,7 +16,7 @@ const DEFAULT_SECONDS: f64 = 4.0;
 /// The path of a camera, read from JSON.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraPath {
-    /// Where it passes; never empty.
+    /// The keyframes; never empty.
     pub keyframes: Vec<Keyframe>,
     /// Whether it returns to its first keyframe.
     pub closed: bool,
@@ -37,7 +37,7 @@ impl CameraPath {
     ///
     /// An entry has `camera_to_world`, 16 numbers row by row in the scene's own coordinates with OpenGL's axes, and
     /// may have `fov`, vertical and in degrees, which then all must have. Beside the list there may be `fps` (20),
-    /// `render_width` and `render_height`. Other fields are left alone.
+    /// `render_width` and `render_height`. Other fields are ignored.
     ///
     /// # Errors
     /// The file cannot be read, has neither list or an empty one, a pose is not rigid, a number is out of range, or the
@@ -104,7 +104,7 @@ fn keyframe(node: &Node<'_>) -> Result<Keyframe, SceneError> {
     Ok(Keyframe { pose, fov_y })
 }
 
-/// The number of a field that may be absent.
+/// The number in an optional field.
 fn number_of(
     root: &Node<'_>,
     key: &str,

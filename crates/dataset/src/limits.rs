@@ -1,14 +1,14 @@
-//! What is agreed to be read.
+//! Limits on what is read.
 
 use std::fs;
 use std::path::Path;
 
 use infonerf_scene::SceneError;
 
-/// The farthest from the origin that anything may lie, scene units: beyond it `f32` has no digits left for a scene.
+/// The greatest coordinate of anything, scene units: beyond it `f32` has no precision left for a scene.
 pub(crate) const FARTHEST: f64 = 1e9;
 
-/// What a file holds, refusing one of more than `limit` bytes unread.
+/// The contents of a file. One of more than `limit` bytes is refused without being read.
 pub(crate) fn read_file(path: &Path, expected: &str, limit: u64) -> Result<Vec<u8>, SceneError> {
     if !path.is_file() {
         return Err(SceneError::NotFound { path: path.into(), expected: expected.into() });

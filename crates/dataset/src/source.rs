@@ -39,7 +39,7 @@ pub fn load(source: &SceneSource, request: &SceneRequest) -> Result<Scene, Scene
 /// How many pixels [`load`] would hold, from the headers of image files: nothing is decoded or rendered.
 ///
 /// # Errors
-/// As [`load`], faults within images apart.
+/// As [`load`], except for faults within images.
 pub fn count_pixels(source: &SceneSource, request: &SceneRequest) -> Result<PixelCount, SceneError> {
     match source {
         SceneSource::Procedural(name) => procedural::count_pixels(name, request),

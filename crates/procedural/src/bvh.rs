@@ -9,7 +9,7 @@ use super::shape::{Hit, Shape};
 const LEAF: usize = 2;
 /// Levels below the root: the traversal's stack has this size.
 const DEEPEST: usize = 48;
-/// The box of no shape.
+/// The empty box.
 const NOTHING: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 
 #[derive(Clone, Debug)]
@@ -30,7 +30,7 @@ pub(super) struct Bvh {
 }
 
 impl Bvh {
-    /// Splits where the boxes' areas times their numbers of shapes are least (the surface-area
+    /// Splits where the sum of the boxes' areas times their numbers of shapes is least (surface-area
     /// heuristic).
     pub fn new(shapes: &[&Shape]) -> Self {
         let bounds: Vec<_> = shapes.iter().map(|s| s.bounds()).collect();

@@ -1,5 +1,4 @@
-//! The cameras that procedural scenes are seen with: laid out as for NeRF's synthetic scenes, or as one would hold
-//! a camera.
+//! The cameras of procedural scenes: laid out as for NeRF's synthetic scenes, or as in a hand-held capture.
 
 use std::f64::consts::{PI, TAU};
 
@@ -19,13 +18,13 @@ pub const TEST_VIEWS: usize = 200;
 pub(super) const RADIUS: f64 = 4.031_128_874;
 /// Horizontal field of view, radians.
 const FOV_X: f64 = 0.691_111_2;
-/// That of the cameras in `room`.
+/// Horizontal field of view in `room`, radians.
 const ROOM_FOV_X: f64 = 0.95;
-/// Cameras of a capture, training and test.
+/// Number of cameras of a capture, training and test.
 const CAPTURED: usize = 40;
-/// Seed of the training poses: of the first 20,000 the one with which the five published four-view
-/// sets (see [`infonerf_scene::ViewSelection::Seed`]) are spread most, no two views of a set being less than
-/// 46° apart. With a typical seed some set has two views of one side and so in effect three.
+/// Seed of the training poses: of the first 20,000 seeds the one that spreads the five published four-view sets (see
+/// [`infonerf_scene::ViewSelection::Seed`]) most, no two views of a set being less than 46° apart. With a typical seed
+/// some set has two views from nearly the same direction.
 const SEED: u64 = 1590;
 
 /// The [`TRAIN_VIEWS`] training cameras for `size`² images: at random on the upper hemisphere
@@ -66,7 +65,7 @@ fn camera(size: u32, azimuth: f64, elevation: f64) -> Camera {
     Camera::from_fov(size, size, FOV_X, look_along(RADIUS * direction, -direction, DVec3::Z))
 }
 
-/// Where a scene is seen from, and what is known of its extent.
+/// The cameras of a scene, and its extent.
 #[derive(Clone, Debug)]
 pub(super) struct Layout {
     pub train: Vec<Camera>,
@@ -95,8 +94,8 @@ pub(super) fn layout(name: &str, size: u32) -> Layout {
     }
 }
 
-/// `count` cameras of the scene `name`, which exists, for `size`² images, as one would take photographs: those of a
-/// capture go on as long as one likes, of others there are the training views and no more.
+/// At most `count` cameras of the scene `name`, which exists, for `size`² images, as for a set of photographs: a capture has
+/// as many as asked for, any other scene only its training views.
 pub fn photographs(name: &str, size: u32, count: usize) -> Vec<Camera> {
     let mut cameras = match name {
         "room" => room(seed(name), size, count),
@@ -112,12 +111,12 @@ pub fn field_of_view(name: &str) -> f64 {
     if name == "room" { ROOM_FOV_X } else { FOV_X }
 }
 
-/// The seed of the cameras of scenes that came later: FNV-1a, 64 bits, of the name. Nobody chose it.
+/// The seed of the cameras of all but the first four scenes: the 64-bit FNV-1a hash of the name, so that nobody chose it.
 fn seed(name: &str) -> u64 {
     name.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
 }
 
-/// Every fourth camera, from the second on, is for testing.
+/// Splits off every fourth camera, starting with the second, for testing.
 fn divided(cameras: Vec<Camera>) -> (Vec<Camera>, Vec<Camera>) {
     let (train, test): (Vec<_>, Vec<_>) = cameras.into_iter().enumerate().partition(|(i, _)| i % 4 != 1);
     let plain = |list: Vec<(usize, Camera)>| list.into_iter().map(|(_, camera)| camera).collect();

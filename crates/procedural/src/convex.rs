@@ -125,7 +125,7 @@ impl Convex {
         Self { frame: Frame::along(0.5 * (a + b), b - a), kind: Kind::Cone { bottom, top, half } }
     }
 
-    /// The same solid turned about `axis` through `pivot`.
+    /// The same solid rotated about `axis` through `pivot`.
     pub fn swung(mut self, pivot: DVec3, axis: DVec3, degrees: f64) -> Self {
         let turn = DMat3::from_axis_angle(axis, degrees * PI / 180.0);
         self.frame.rotation = turn * self.frame.rotation;
@@ -133,7 +133,7 @@ impl Convex {
         self
     }
 
-    /// The same solid turned about the vertical through its own centre.
+    /// The same solid rotated about the vertical axis through its own centre.
     pub fn turned(mut self, degrees: f64) -> Self {
         self.frame.rotation = DMat3::from_rotation_z(degrees * PI / 180.0) * self.frame.rotation;
         self
@@ -151,8 +151,8 @@ impl Convex {
         Some(span)
     }
 
-    /// Whether the line keeps farther from the axis of a round solid than its radius: a cheap test
-    /// that spares most lines the exact one.
+    /// Whether the line stays farther from the axis of a round solid than its radius: a cheap test
+    /// that avoids the exact one for most lines.
     fn passes_by(&self, line: &Line) -> bool {
         let radius = match self.kind {
             Kind::Cone { bottom, top, .. } => bottom.max(top),

@@ -1,4 +1,4 @@
-//! A procedural scene: objects with materials, ready to be hit by rays.
+//! A procedural scene: objects with materials, in a form that rays can be traced through.
 
 use glam::{DVec2, DVec3};
 
@@ -13,23 +13,22 @@ pub(super) const MIRRORS_ABOVE: f64 = 0.03;
 /// Slices between two points of an outline.
 const SLICES: usize = 5;
 
-/// How a surface answers light.
+/// How a surface reflects light.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Material {
     pub texture: Texture,
-    /// Share of light mirrored at right angles (Schlick's F₀).
+    /// Reflectance at normal incidence (Schlick's F₀).
     pub reflectance: f64,
     /// Exponent of the highlight: larger is sharper.
     pub gloss: f64,
     /// Whether the highlight and mirror image take the surface's own colour.
     pub metal: bool,
-    /// Share of the light from behind that the surface stops where it is met at right angles. What stops
-    /// less than all lets rays go straight on (thin glass: no refraction) and casts no shadow.
+    /// Opacity at normal incidence. Below 1, rays pass straight through (thin glass: no refraction) and no shadow is cast.
     pub opacity: f64,
 }
 
 impl Material {
-    /// No highlight to speak of.
+    /// Almost no highlight.
     pub fn matt(texture: Texture) -> Self {
         Self { texture, reflectance: 0.02, gloss: 12.0, metal: false, opacity: 1.0 }
     }
@@ -65,22 +64,22 @@ impl Material {
 pub(super) struct Object {
     pub shape: Shape,
     pub material: Material,
-    /// Surroundings: it shows shadows but casts none (walls would keep out all light), and is no part of the mask.
+    /// Whether it belongs to the surroundings: it receives shadows but casts none (walls would block all light), and is not
+    /// in the object mask.
     pub backdrop: bool,
 }
 
-/// Matter that fills a solid evenly and is lit from everywhere the same: water, mist. Volumes of one scene do not
-/// overlap.
+/// A homogeneous, uniformly lit medium in a solid: water, mist. The volumes of a scene do not overlap.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Volume {
     pub solid: Convex,
-    /// What is seen where it is thick, linear.
+    /// Linear colour where it is optically thick.
     pub colour: DVec3,
     /// Optical depth of a unit length.
     pub density: f64,
 }
 
-/// Objects being put together.
+/// Collects the objects of a scene.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Builder {
     objects: Vec<Object>,
@@ -161,13 +160,13 @@ impl Builder {
         self
     }
 
-    /// Fills `solid` with matter.
+    /// Fills `solid` with a medium.
     pub fn fill(&mut self, solid: Convex, colour: DVec3, density: f64) -> &mut Self {
         self.volumes.push(Volume { solid, colour, density });
         self
     }
 
-    /// Whether what is added from here on are surroundings.
+    /// Whether objects added from here on belong to the surroundings.
     pub fn backdrop(&mut self, backdrop: bool) -> &mut Self {
         self.backdrop = backdrop;
         self

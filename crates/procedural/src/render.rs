@@ -9,21 +9,21 @@ use super::model::Model;
 use super::shade::{LIGHT_SAMPLES, encode};
 use super::through::{front, light};
 
-/// Samples a pixel along each side.
+/// Samples per pixel along each side.
 const GRID: usize = 2;
 
-/// Renders straight-alpha RGBA of 8 bits a channel.
+/// Renders straight-alpha RGBA with 8 bits per channel.
 ///
-/// A pixel takes `GRID × GRID` rays on a regular grid. Coverage is the mean share of what is behind that
-/// the rays find hidden (1 by any opaque surface), the colour the display-encoded mean light by coverage. Rows are independent, so
+/// A pixel takes `GRID × GRID` rays on a regular grid. Coverage is the rays' mean opacity (1 for any opaque surface),
+/// the colour the display-encoded mean radiance divided by coverage. Rows are independent, so
 /// the result does not depend on the number of threads.
 pub(super) fn render(model: &Model, camera: &Camera) -> Rgba8 {
     let pixels = rows(camera, |x, y| pixel(model, camera, x, y));
     Rgba8 { width: camera.width, height: camera.height, pixels }
 }
 
-/// Exact distance along the unit ray through each pixel's centre to where half of what is behind is hidden: the
-/// first surface, unless that can be looked through. `f32::INFINITY` where nothing hides so much.
+/// Exact distance along the unit ray through each pixel's centre at which the accumulated opacity reaches one half: the
+/// first surface, unless it is transparent. `f32::INFINITY` where it stays below.
 pub(super) fn depth(model: &Model, camera: &Camera) -> Vec<f32> {
     rows(camera, |x, y| {
         let line = ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5);
@@ -31,7 +31,7 @@ pub(super) fn depth(model: &Model, camera: &Camera) -> Vec<f32> {
     })
 }
 
-/// Whether what [`depth`] measures to is the subject and not its surroundings.
+/// Whether the surface that [`depth`] measures belongs to the subject and not to its surroundings.
 pub(super) fn mask(model: &Model, camera: &Camera) -> Vec<bool> {
     rows(camera, |x, y| {
         let line = ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5);

@@ -1,5 +1,4 @@
-//! Light: a sun with a soft edge, a sky that is shaded by what stands over a point, and mirror
-//! images of both and of the objects.
+//! Lighting: a sun with soft shadows, a sky with ambient occlusion, and mirror reflections of both and of the objects.
 
 use glam::DVec3;
 

@@ -1,10 +1,10 @@
-//! What objects are made of: convex solids less other ones, rings, and pieces of a bent tube.
+//! The shapes of objects: convex solids minus others, tori, and pieces of bent tubes.
 
 use glam::{DVec2, DVec3};
 
 use super::convex::{Convex, Frame, Kind, Line};
 
-/// Hits nearer than this are the surface that a ray starts on.
+/// Hits nearer than this are on the surface that a ray starts from.
 const NEAREST: f64 = 1e-6;
 
 /// Where a ray meets a surface.
@@ -15,7 +15,7 @@ pub(super) struct Hit {
     pub normal: DVec3,
     /// Where textures are looked up: the local point, or (length along, angle, 0) on a tube.
     pub texture_point: DVec3,
-    /// Which way the surface faces in the coordinates of `texture_point`.
+    /// The normal in the coordinates of `texture_point`.
     pub texture_normal: DVec3,
 }
 

@@ -51,7 +51,7 @@ impl Camera {
         Self { lens, ..self.clone() }
     }
 
-    /// The ray through the continuous pixel position `(x, y)`, with unit direction and the cone of a pixel.
+    /// The ray through the continuous pixel position `(x, y)`, with unit direction and the pixel's cone.
     ///
     /// At depth `z` a pixel is `z/f` wide with `f = √(fx · fy)` times the lens's magnification there, and the cone's radius
     /// is `2/√12` of that, so that its variance in x and y is that of the pixel (mip-NeRF, Sec. 3.1). Depth along a unit
@@ -152,7 +152,7 @@ impl Camera {
 }
 
 /// The camera-to-world pose at `position` that looks along `forward`, its y axis as near to `up` as
-/// can be. Any `up` will do: one parallel to `forward` is replaced by a coordinate axis.
+/// can be. An `up` parallel to `forward` is replaced by a coordinate axis.
 pub fn look_along(position: DVec3, forward: DVec3, up: DVec3) -> DMat4 {
     let back = -forward.normalize_or(DVec3::NEG_Z);
     let right = [up, DVec3::Z, DVec3::Y, DVec3::X]

@@ -1,4 +1,4 @@
-//! What can go wrong, each in one line that names the file, the field and what was expected.
+//! Errors, each of one line that names the file, the field and what was expected.
 
 use std::path::{Path, PathBuf};
 
@@ -46,7 +46,7 @@ pub enum SceneError {
         /// What it holds.
         found: String,
     },
-    /// A file or image beyond the size this crate agrees to read.
+    /// A file or image larger than the limit for reading it.
     #[error("{}: {what} is {size}, more than the limit of {limit}", .path.display())]
     TooLarge {
         /// The file concerned.
@@ -58,7 +58,7 @@ pub enum SceneError {
         /// The largest size accepted.
         limit: u64,
     },
-    /// A request (view selection, image size, background, …) that the scene cannot satisfy.
+    /// A request (view selection, image size, background, …) that the scene cannot meet.
     #[error("request field `{field}`: expected {expected}, found {found}")]
     Request {
         /// The field of the request.
@@ -68,12 +68,12 @@ pub enum SceneError {
         /// What it holds.
         found: String,
     },
-    /// A name that is none of the built-in procedural scenes.
+    /// A name that no built-in scene has.
     #[error("unknown procedural scene `{name}`; expected one of {known}")]
     UnknownScene {
         /// The name asked for.
         name: String,
-        /// The names there are, separated by commas.
+        /// The known names, separated by commas.
         known: String,
     },
 }

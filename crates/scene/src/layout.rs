@@ -1,4 +1,4 @@
-//! How cameras stand to what they see.
+//! How cameras are arranged around a scene's content.
 
 use std::fmt;
 
@@ -7,20 +7,20 @@ use serde::Serialize;
 use crate::Camera;
 use crate::poses::{FORWARD_FACING, cone, scene_focus};
 
-/// Cameras look at an object if the cosine of the angle between their axes and the way to the object is at least this in
-/// the mean.
+/// Cameras look at an object if the mean cosine of the angle between their viewing axes and the direction to the object is
+/// at least this.
 const INWARD: f64 = 0.5;
 
-/// How the cameras stand to what they see.
+/// How the cameras are arranged around the content.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
-    /// They look at an object from around it.
+    /// They surround an object and look at it.
     #[default]
     Object,
     /// They stand side by side and look one way.
     Forward,
-    /// They look outward, as in a room.
+    /// They look outward, as from within a room.
     Inside,
 }
 
@@ -35,7 +35,7 @@ impl fmt::Display for Layout {
 }
 
 impl Layout {
-    /// How `cameras` stand, from their poses alone. A single camera faces forward.
+    /// The layout of `cameras`, from their poses alone. A single camera is forward facing.
     pub fn of(cameras: &[Camera]) -> Self {
         if cameras.is_empty() {
             return Self::Object;

@@ -1,20 +1,20 @@
-//! Lenses: where a direction falls in the image plane, and back.
+//! Lens models: from directions to the image plane, and back.
 
 use std::f64::consts::PI;
 use std::fmt;
 
 use glam::{DMat2, DVec2, DVec3};
 
-/// Directions of radial-tangential lenses are looked at up to this tangent of the angle to the axis (88.9°).
+/// The largest tangent of the angle to the axis at which a radial-tangential lens is evaluated (88.9°).
 const WIDEST: f64 = 50.0;
-/// Steps in which the end of the invertible domain is looked for.
+/// Steps of the search for the end of the invertible domain.
 const STEPS: usize = 4096;
-/// Newton steps of the tangential part: four do for any real lens.
+/// Newton steps for the tangential part: four suffice for any real lens.
 const NEWTON: usize = 32;
 /// The residual that counts as solved, in focal lengths.
 const SOLVED: f64 = 1e-13;
 
-/// What a lens is made of.
+/// The distortion model of a lens.
 #[derive(Clone, Copy, Debug, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "model")]
 pub enum LensModel {
@@ -42,8 +42,7 @@ pub enum LensModel {
 
 /// A lens, in units of the focal length: x right, y down, z forward.
 ///
-/// It is used only where it can be inverted: from the axis out to where a point farther out would first fall nearer to
-/// the centre again.
+/// It is used only where it can be inverted: from the axis outward until the image radius stops growing with the angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
     model: LensModel,
@@ -89,7 +88,7 @@ impl Lens {
         Self::new(LensModel::Fisheye { k })
     }
 
-    /// What the lens is made of.
+    /// The lens's distortion model.
     pub fn model(&self) -> LensModel {
         self.model
     }
@@ -99,7 +98,7 @@ impl Lens {
         self.model == LensModel::Perspective
     }
 
-    /// Where the point `(x, y)` of the plane at depth 1 falls, or `None` outside the invertible domain.
+    /// The image point of `(x, y)` in the plane at depth 1, or `None` outside the invertible domain.
     pub fn distort(&self, point: DVec2) -> Option<DVec2> {
         if !point.is_finite() {
             return None;
@@ -125,7 +124,7 @@ impl Lens {
         (direction.z > 1e-9).then(|| direction.truncate() / direction.z)
     }
 
-    /// Where a direction of any length falls, or `None` outside the invertible domain.
+    /// The image point of a direction of any length, or `None` outside the invertible domain.
     pub fn project(&self, direction: DVec3) -> Option<DVec2> {
         match &self.model {
             LensModel::Fisheye { .. } => {
@@ -142,7 +141,7 @@ impl Lens {
         }
     }
 
-    /// The unit direction that falls at `image`, or `None` outside the invertible domain.
+    /// The unit direction whose image point is `image`, or `None` outside the invertible domain.
     pub fn unproject(&self, image: DVec2) -> Option<DVec3> {
         if !image.is_finite() {
             return None;
@@ -172,9 +171,8 @@ impl Lens {
         self.unproject(image * inside).unwrap_or(DVec3::Z)
     }
 
-    /// How much smaller than at the axis the things in `direction` (unit length) appear: the square root of the change
-    /// in area. 1 for a perspective lens, measured in the plane at depth 1; for a fisheye measured on the sphere and
-    /// divided by the cosine, so that `cos θ / magnification` is the width of an image point at distance 1.
+    /// The magnification in `direction` (unit length) relative to the axis: the square root of the change in area. 1 for a
+    /// perspective lens, measured in the plane at depth 1; for a fisheye measured on the sphere and divided by the cosine, so that `cos θ / magnification` is the width of an image point at distance 1.
     pub fn magnification(&self, direction: DVec3) -> f64 {
         let scale = match &self.model {
             LensModel::Perspective => return 1.0,

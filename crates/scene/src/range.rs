@@ -1,11 +1,11 @@
-//! Where along a ray the content of a scene lies.
+//! The interval of a ray in which a scene's content lies.
 
 use glam::Vec3;
 use serde::Serialize;
 
 use crate::Ray;
 
-/// Where along a ray a scene's content lies.
+/// The interval of a ray in which a scene's content lies.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Range {
@@ -33,7 +33,7 @@ pub enum Range {
 }
 
 impl Default for Range {
-    /// That of NeRF's synthetic scenes.
+    /// The range of NeRF's synthetic scenes.
     fn default() -> Self {
         Self::Distance { near: 2.0, far: 6.0 }
     }

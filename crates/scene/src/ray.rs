@@ -9,7 +9,7 @@ use glam::Vec3;
 pub struct Ray {
     /// Where the ray starts, in world coordinates.
     pub origin: Vec3,
-    /// Where it goes, unit length.
+    /// Direction, unit length.
     pub direction: Vec3,
     /// Radius of the pixel's cone at distance 1 (mip-NeRF, Sec. 3.1): at distance `t` it is `t · radius`. 0 for a line.
     pub radius: f32,
@@ -19,7 +19,7 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// A line from `origin` along `direction`, of no camera: a cone of radius 0, and its own viewing axis.
+    /// A ray from `origin` along `direction` that belongs to no camera: its cone has radius 0, its cosine is 1.
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         Self { origin, direction, radius: 0.0, cosine: 1.0 }
     }

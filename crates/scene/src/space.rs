@@ -1,39 +1,39 @@
-//! Where the content of a scene lies, and how the cameras stand to it.
+//! The region that a scene occupies, and how its cameras are arranged.
 
 use glam::Vec3;
 
 use crate::poses::up_direction;
 use crate::{Aabb, Body, Camera, Layout, Range};
 
-/// Where the content of a scene lies, and how its cameras stand to it.
+/// The region that a scene's content occupies, and how its cameras are arranged.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Space {
-    /// Distance along any ray before which there is nothing, scene units, ≥ 0.
+    /// Least distance of content along any ray, scene units, ≥ 0.
     pub near: f32,
-    /// Distance along any ray beyond which there is nothing, scene units, > `near`.
+    /// Greatest distance of content along any ray, scene units, > `near`.
     pub far: f32,
-    /// Where along each ray the content lies; within `near` and `far`.
+    /// The interval of each ray in which the content lies; within `near` and `far`.
     pub range: Range,
-    /// A box that holds what is to be reconstructed.
+    /// The box around the content to be reconstructed.
     pub bounds: Aabb,
-    /// Whether all content lies in `bounds`, so that nothing or the background is beyond.
+    /// Whether all content lies in `bounds`, with nothing but the background beyond.
     pub bounded: bool,
-    /// How the cameras stand to the content.
+    /// How the cameras are arranged.
     pub layout: Layout,
-    /// The unit direction that is up, as the cameras were held.
+    /// The up direction shared by the cameras, unit length.
     pub up: Vec3,
-    /// The point that the cameras look at, or stand about where they look outward.
+    /// The point that the cameras look at; where they look outward, the mean of their positions.
     pub centre: Vec3,
     /// The greatest distance of a camera from `centre`, scene units, > 0.
     pub radius: f32,
-    /// Points on surfaces, where the format has them.
+    /// Surface points, where the format provides them.
     pub points: Vec<Vec3>,
-    /// The body that the scene is of, where the format has one.
+    /// The body in the scene, where the format provides one.
     pub body: Option<Body>,
 }
 
 impl Default for Space {
-    /// That of NeRF's synthetic scenes.
+    /// The space of NeRF's synthetic scenes.
     fn default() -> Self {
         Self {
             near: 2.0,
@@ -52,7 +52,7 @@ impl Default for Space {
 }
 
 impl Space {
-    /// The space of cameras about content with known near and far distance and bounds.
+    /// The space of `cameras` whose content has known near and far distances and bounds.
     pub fn known(cameras: &[Camera], (near, far): (f32, f32), bounds: Aabb) -> Self {
         Self {
             near,
@@ -66,14 +66,14 @@ impl Space {
         .centred(bounds.centre(), cameras)
     }
 
-    /// The same with `centre`, and the radius of `cameras` about it, at least a thousandth.
+    /// The same space with another centre, and the largest distance of `cameras` from it (at least 0.001) as radius.
     pub fn centred(mut self, centre: Vec3, cameras: &[Camera]) -> Self {
         self.centre = centre;
         self.radius = cameras.iter().map(|c| c.position().distance(centre)).fold(1e-3, f32::max);
         self
     }
 
-    /// The same with the near and far distances and the bounds of the file, where it has them.
+    /// The same space with the near and far distances and the bounds that a file gives, where it gives them.
     pub fn with(mut self, range: Option<(f32, f32)>, bounds: Option<Aabb>) -> Self {
         if let Some((near, far)) = range {
             (self.near, self.far, self.range) = (near, far, Range::Distance { near, far });

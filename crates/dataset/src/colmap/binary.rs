@@ -14,7 +14,7 @@ use crate::limits::read_file;
 const LARGEST: u64 = 2 << 30;
 /// The longest name of an image, in bytes.
 const LONGEST_NAME: usize = 4096;
-/// What stands for no point.
+/// The id that stands for no point.
 const NONE: u64 = u64::MAX;
 
 pub(super) fn read(dir: &Path) -> Result<Reconstruction, SceneError> {
@@ -89,7 +89,7 @@ pub(crate) fn points(path: &Path, bytes: &[u8]) -> Result<BTreeMap<u64, DVec3>, 
     Ok(points)
 }
 
-/// What is left of a file.
+/// The rest of a file.
 struct Bytes<'a> {
     path: &'a Path,
     rest: &'a [u8],

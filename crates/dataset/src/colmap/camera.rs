@@ -5,7 +5,7 @@ use std::path::Path;
 use glam::DMat4;
 use infonerf_scene::{Camera, Lens, SceneError};
 
-/// COLMAP's models by their numbers: the name, and how many parameters it has; 0 for those that are not read.
+/// COLMAP's camera models by id: name and number of parameters, which is 0 for models that are not supported.
 pub const MODELS: [(&str, usize); 11] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
@@ -26,13 +26,13 @@ const LONGEST: u32 = 1 << 20;
 /// A camera of a reconstruction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColmapCamera {
-    /// The model's place in [`MODELS`].
+    /// The model's index in [`MODELS`].
     pub model: usize,
     /// Image width in pixels.
     pub width: u32,
     /// Image height in pixels.
     pub height: u32,
-    /// What the model is given, in COLMAP's order.
+    /// The model's parameters, in COLMAP's order.
     pub parameters: Vec<f64>,
     pinhole: ([f64; 2], [f64; 2]),
     lens: Lens,

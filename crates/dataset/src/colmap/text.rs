@@ -28,7 +28,7 @@ pub(super) fn read(dir: &Path) -> Result<Reconstruction, SceneError> {
     check(&images, read)
 }
 
-/// The lines that are no comments, each with its place.
+/// The lines that are not comments, each with its location.
 fn lines<'a>(path: &'a Path, text: &'a str) -> impl Iterator<Item = Line<'a>> {
     let text = text.trim_start_matches('\u{feff}');
     let line =

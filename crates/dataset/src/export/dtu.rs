@@ -9,7 +9,7 @@ use zip::CompressionMethod;
 
 use super::{Photograph, intrinsics, make, npz, opencv, photographs, write_mask};
 
-/// Views of a whole scan, which the published protocols need.
+/// Number of views of a full scan, which the published protocols need.
 const VIEWS: usize = 49;
 
 /// Writes `image/<NNNNNN>.png`, `mask/<NNN>.png` and `cameras_sphere.npz`: `world_mat_<i>` is `K [R | t]`, and
@@ -44,7 +44,7 @@ pub(crate) fn projection(camera: &Camera) -> DMat4 {
     DMat4::from_cols(m.x_axis.extend(0.0), m.y_axis.extend(0.0), m.z_axis.extend(0.0), t.extend(1.0))
 }
 
-/// Where the rays through the subject's pixels end.
+/// The surface points in the subject's pixels.
 fn points(photograph: &Photograph, mask: &[bool]) -> Vec<Vec3> {
     let width = photograph.camera.width as usize;
     let subject = (0..mask.len()).filter(|&i| mask[i] && photograph.depth[i].is_finite());
@@ -52,7 +52,7 @@ fn points(photograph: &Photograph, mask: &[bool]) -> Vec<Vec3> {
     subject.map(|i| ray(i).at(photograph.depth[i])).collect()
 }
 
-/// A sphere that holds `points`, with a twentieth to spare: about the centre of their box.
+/// A sphere around the centre of the points' bounding box that contains all `points`, with a margin of a twentieth.
 fn sphere(points: &[Vec3]) -> (DVec3, f64) {
     let centre = Aabb::containing(points.iter().copied()).map_or(Vec3::ZERO, |bounds| bounds.centre());
     let farthest = points.iter().map(|p| p.distance(centre)).fold(1e-3, f32::max);

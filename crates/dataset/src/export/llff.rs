@@ -8,7 +8,7 @@ use infonerf_scene::SceneError;
 use super::{Photograph, make, photographs};
 use crate::loaders;
 
-/// How many photographs.
+/// Number of photographs.
 const VIEWS: usize = 40;
 
 /// Writes `images/image<NNN>.png` and a row for each: the camera's down, right and backward axes, its position, and

@@ -1,6 +1,6 @@
-//! Pickles of dictionaries, lists, texts and NumPy arrays: no more than `numpy.save` needs for an array of objects.
+//! Pickles of dictionaries, lists, strings and NumPy arrays: just what `numpy.save` writes for an array of objects.
 
-/// A text.
+/// A string.
 pub(crate) fn text(value: &str) -> Vec<u8> {
     let mut out = vec![b'X'];
     out.extend((value.len() as u32).to_le_bytes());
@@ -8,12 +8,12 @@ pub(crate) fn text(value: &str) -> Vec<u8> {
     out
 }
 
-/// A list of values that are pickled already.
+/// A list of pickled values.
 pub(crate) fn list(items: &[Vec<u8>]) -> Vec<u8> {
     [b"](".to_vec(), items.concat(), b"e".to_vec()].concat()
 }
 
-/// A dictionary of values that are pickled already.
+/// A dictionary of pickled values.
 pub(crate) fn dict(items: &[(&str, Vec<u8>)]) -> Vec<u8> {
     let entries: Vec<u8> = items.iter().flat_map(|(k, v)| [text(k), v.clone()].concat()).collect();
     [b"}(".to_vec(), entries, b"u".to_vec()].concat()

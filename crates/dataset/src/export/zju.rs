@@ -10,11 +10,11 @@ use super::pickle::{dict, list, npy, numbers, object, text};
 use super::{intrinsics, make, opencv, photographs, write_mask};
 use crate::loaders;
 
-/// Cameras of the studio.
+/// Number of cameras.
 const VIEWS: usize = 23;
 /// k₁ k₂ p₁ p₂ k₃ of every lens.
 const DISTORTION: [f64; 5] = [-0.1, 0.05, 1e-3, -2e-3, 0.01];
-/// Translations are in millimetres, a scene unit is a metre.
+/// Millimetres per scene unit: translations are in millimetres, a scene unit is a metre.
 const MILLIMETRES: f64 = 1000.0;
 
 /// Writes one frame: `annots.npy`, `Camera_B<i>/000000.png`, the same under `mask_cihp`, and of a scene with a body

@@ -1,4 +1,4 @@
-//! Doubts about a scene that a look at its numbers raises.
+//! Checks of a scene before training: what its numbers give reason to doubt.
 
 use std::fmt;
 
@@ -8,21 +8,21 @@ use serde::Serialize;
 
 use crate::loaders::grid;
 
-/// Cameras farther from the box than this many times its diagonal are far off.
+/// Cameras are far off if their distance from the box exceeds this many times its diagonal.
 const FAR_OFF: f32 = 20.0;
-/// The up direction is doubtful where the cameras' own agree with it less than this in the mean.
+/// The up direction is doubtful if its mean cosine with the cameras' own up directions is below this.
 const UPRIGHT: f64 = 0.5;
-/// Views closer than this, in degrees, show hardly any depth.
+/// Views closer together than this, in degrees, have hardly any parallax.
 const NARROW_DEG: f64 = 2.0;
-/// A view farther than this from the nearest other, in degrees, shares hardly anything with it.
+/// A view farther than this from its nearest neighbour, in degrees, has hardly any overlap with it.
 const LONELY_DEG: f64 = 120.0;
-/// An image is blurred whose detail is below this share of the median's.
+/// An image is blurred if its detail is below this fraction of the median detail.
 const BLURRED: f32 = 0.2;
-/// An image shows nothing whose values vary less than this.
+/// An image is empty if the standard deviation of its values is below this.
 const BLANK: f32 = 0.004;
-/// A mask that leaves in less than this share of the pixels.
+/// A mask is nearly empty if it keeps less than this fraction of the pixels.
 const SMALL_MASK: f32 = 0.005;
-/// More points than this share outside near and far are a doubt.
+/// Near and far are doubtful if more than this fraction of the points lies outside them.
 const OUTSIDE: f32 = 0.2;
 
 /// What a warning is about.
@@ -43,10 +43,10 @@ pub enum Concern {
     Range,
 }
 
-/// One doubt.
+/// A warning.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Warning {
-    /// What it is about.
+    /// Its topic.
     pub concern: Concern,
     /// One line.
     pub text: String,
@@ -58,7 +58,7 @@ impl fmt::Display for Warning {
     }
 }
 
-/// What should be looked at before training on `scene`.
+/// The warnings about `scene` that should be looked at before training on it.
 pub fn check(scene: &Scene) -> Vec<Warning> {
     let data = scene.warnings.iter().map(|text| (Concern::Data, text.clone()));
     let cameras: Vec<&Camera> = if scene.all_train_cameras.is_empty() {

@@ -1,4 +1,4 @@
-//! What a person wants to know of a scene before training on it.
+//! A summary of a scene, to be read before training on it.
 
 mod check;
 mod page;
@@ -18,7 +18,7 @@ use serde::Serialize;
 use crate::loaders::Frame;
 use crate::{SceneSource, loaders};
 
-/// What was found in a scene's folder.
+/// The summary of a scene's folder.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Info {
     /// The folder's name.
@@ -37,7 +37,7 @@ pub struct Info {
     pub field_of_view_deg: f32,
     /// Width and height of the first image, if it is there.
     pub image_size: Option<[u32; 2]>,
-    /// How the cameras stand.
+    /// How the cameras are arranged.
     pub layout: Layout,
     /// What is behind the content, as the first image shows it, if it is there.
     pub backdrop: Option<Backdrop>,
@@ -47,27 +47,27 @@ pub struct Info {
     pub near: f32,
     /// The greatest.
     pub far: f32,
-    /// How content lies along a ray.
+    /// The interval of a ray in which the content lies.
     pub range: Range,
-    /// The box of what is to be reconstructed.
+    /// The box around the content to be reconstructed.
     pub bounds: Aabb,
-    /// What the cameras look at, or stand about.
+    /// The point that the cameras look at; where they look outward, the mean of their positions.
     pub centre: Vec3,
     /// The greatest distance of a camera from the centre, scene units.
     pub radius: f32,
-    /// The direction that is up.
+    /// The up direction.
     pub up: Vec3,
-    /// How many points on surfaces are known.
+    /// Number of known surface points.
     pub points: usize,
     /// Names for training views and how many views each chooses.
     pub selections: Vec<(String, usize)>,
     /// Names for test views and how many views each chooses; `split` is the format's own.
     pub protocols: Vec<(String, usize)>,
-    /// What a person should know, one line each.
+    /// Warnings, one line each.
     pub warnings: Vec<String>,
 }
 
-/// Looks at the scene in the folder `path`. One image is read at most, and none need be there.
+/// Summarises the scene in the folder `path`. At most one image is read, and images may be missing.
 ///
 /// # Errors
 /// Those of [`crate::load`] that concern the poses.

@@ -3,12 +3,12 @@
 use infonerf_scene::{Camera, Scene};
 use serde_json::{Value, json};
 
-/// The most points that a page holds.
+/// The most points on a page.
 const MOST_POINTS: usize = 8000;
 const PAGE: &str = include_str!("page.html");
 
-/// A web page, whole in itself, that draws the scene's cameras with their frusta, its points and its box in 3D. The mouse
-/// turns, the wheel zooms, and a click on a camera names it.
+/// A self-contained web page that draws the scene's cameras with their frusta, its points and its box in 3D. Dragging
+/// rotates, the wheel zooms, and a click on a camera names it.
 pub fn info_page(scene: &Scene) -> String {
     let chosen = |camera: &Camera| scene.train.iter().any(|v| v.camera.to_world == camera.to_world);
     let others = scene.all_train_cameras.iter().filter(|c| !chosen(c)).map(|c| drawn(c, "", "other"));

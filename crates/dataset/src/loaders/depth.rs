@@ -1,4 +1,4 @@
-//! Exact depth beside the images: our own addition to the Blender format.
+//! Exact depth next to the images, an extension of the Blender format.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! JSON files whose every field knows where it is, so that an error can say so.
+//! JSON files in which every value knows its path, for error messages.
 
 use std::fs;
 use std::ops::RangeInclusive;
@@ -10,7 +10,7 @@ use serde_json::Value;
 /// The largest file that is read, in bytes.
 const LARGEST: u64 = 256 << 20;
 
-/// Focal lengths and image sides that are taken for meant, in pixels.
+/// Plausible focal lengths and image sides, in pixels.
 pub(super) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
 
 /// A parsed JSON file.
@@ -48,7 +48,7 @@ impl JsonFile {
     }
 }
 
-/// A value in a [`JsonFile`], with its place.
+/// A value in a [`JsonFile`], with its path.
 #[derive(Clone)]
 pub(crate) struct Node<'a> {
     file: &'a Path,
@@ -132,7 +132,7 @@ impl<'a> Node<'a> {
     }
 }
 
-/// A value as a reader would name it, short enough for a line.
+/// A short description of a value, for a line of text.
 fn short(value: &Value) -> String {
     match value {
         Value::Array(items) => format!("an array of {}", items.len()),

@@ -64,7 +64,7 @@ pub(crate) fn decode(path: &Path, mut file: impl Read, size: u64, expected: &str
     Ok(Array { shape, values })
 }
 
-/// Everything before the numbers, if it is as short and plain as the header of an array of numbers is.
+/// The header, if it is as short and simple as that of an array of numbers.
 ///
 /// The parser's time is exponential in how deeply brackets nest, and it allocates whatever length the header claims: a
 /// file of 160 bytes could keep it busy for hours.

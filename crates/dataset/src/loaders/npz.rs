@@ -24,7 +24,7 @@ pub(super) fn read(
     decode(path, &read_file(path, expected, LARGEST)?, expected, wanted)
 }
 
-/// The same of bytes in memory; `path` is what errors name.
+/// Reads the arrays of an archive in memory; errors name `path`.
 pub(super) fn decode(
     path: &Path,
     bytes: &[u8],

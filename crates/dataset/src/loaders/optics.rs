@@ -1,4 +1,4 @@
-//! Intrinsics and lens as `transforms*.json` files give them, and other formats after them.
+//! Intrinsics and lenses of `transforms*.json` files, used by other formats too.
 
 use glam::DMat4;
 use infonerf_scene::{Camera, Lens, SceneError};
@@ -7,15 +7,15 @@ use super::json::{Node, PIXELS};
 
 /// Lens distortion coefficients of nerfstudio and instant-ngp.
 const DISTORTION: [&str; 8] = ["k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2"];
-/// The largest coefficient of a lens that is taken for meant.
+/// The largest plausible lens coefficient.
 const LARGEST: f64 = 1e6;
 /// The values of `camera_model` that are known; what they mean is in the coefficients.
 const MODELS: &str = "one of SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, \
                       SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE";
 
-/// Focal lengths and principal points this close, in pixels, are one camera's.
+/// Focal lengths and principal points that differ by at most this, in pixels, belong to the same camera.
 const SAME_PIXELS: f64 = 0.1;
-/// And fields of view, in radians.
+/// Fields of view that differ by at most this, in radians, belong to the same camera.
 const SAME_ANGLE: f64 = 1e-4;
 
 /// Intrinsics before the image size is known.
@@ -40,7 +40,7 @@ impl Intrinsics {
         }
     }
 
-    /// Whether both are those of one camera: files round, and so does the decomposition of a projection.
+    /// Whether both belong to the same camera, up to rounding in files and in the decomposition of projections.
     pub fn is_like(&self, other: &Self) -> bool {
         let near = |a: f64, b: f64, tolerance: f64| (a - b).abs() <= tolerance;
         let near_pixels = |a: [f64; 2], b: [f64; 2]| (0..2).all(|axis| near(a[axis], b[axis], SAME_PIXELS));

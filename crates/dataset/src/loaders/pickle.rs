@@ -1,4 +1,4 @@
-//! Pickles of plain values and NumPy arrays, read without running anything.
+//! A reader of pickles of plain values and NumPy arrays that executes nothing.
 //!
 //! A pickle is a program for a stack machine that may call whatever it names. Here it may name only what makes up an
 //! array: `_reconstruct`, `ndarray`, `dtype`, `scalar`, `_frombuffer`, and `_codecs.encode`, which Python 3 uses for
@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 
-/// Values nest at most this deep where they are looked through.
+/// The greatest nesting depth of values.
 const DEEPEST: usize = 16;
 /// The most numbers that all arrays of a pickle hold together.
 const MOST_NUMBERS: usize = 1 << 24;
@@ -20,7 +20,7 @@ pub(super) enum Value {
     Float(f64),
     Text(String),
     Bytes(Vec<u8>),
-    /// A place in [`Pickle`]'s objects.
+    /// An index into [`Pickle`]'s objects.
     Object(usize),
     Global(Global),
 }
@@ -36,7 +36,7 @@ pub(super) enum Global {
     Encode,
 }
 
-/// A value that others refer to.
+/// A value that others may refer to.
 #[derive(Clone, Debug)]
 enum Object {
     List(Vec<Value>),
@@ -101,7 +101,7 @@ impl Pickle {
         Some(())
     }
 
-    /// A text.
+    /// A string.
     pub fn text<'a>(&self, value: &'a Value) -> Option<&'a str> {
         match value {
             Value::Text(text) => Some(text),
@@ -433,7 +433,7 @@ impl Machine<'_> {
         Ok(())
     }
 
-    /// What a call of one of the names would give.
+    /// The result that calling one of the names would have.
     fn reduce(&mut self) -> Result<(), String> {
         let arguments = self.pop()?;
         let arguments = match &arguments {
@@ -540,7 +540,7 @@ impl Machine<'_> {
         Ok(values)
     }
 
-    /// Numbers or texts from the bytes of an array.
+    /// Numbers or strings from the bytes of an array.
     fn decode(&mut self, kind: &Value, bytes: &[u8]) -> Result<Vec<Value>, String> {
         let kind = match kind {
             Value::Object(index) => self.objects.get(*index),

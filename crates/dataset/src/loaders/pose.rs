@@ -44,7 +44,7 @@ fn rigid(node: &Node<'_>, pose: DMat4) -> Result<DMat4, SceneError> {
     }
 }
 
-/// What keeps `pose` from being a rigid transform, if anything does.
+/// Why `pose` is not a rigid transform; `None` if it is one.
 pub(super) fn fault(pose: &DMat4) -> Option<String> {
     if !pose.is_finite() {
         return Some("a value that is not finite".into());

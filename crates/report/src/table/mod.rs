@@ -339,7 +339,9 @@ pub(crate) mod tests {
         ];
         let table = overview_table(&records, &[Quantity::PSNR]);
         let markdown = table.to_markdown();
-        for part in ["| variant | λ₁ | rays | PSNR", "| infonerf | 1e-2 | 64 | **19.00** |", "λ₁ is loss.entropy.weight"] {
+        for part in
+            ["| variant | λ₁ | rays | PSNR", "| infonerf | 1e-2 | 64 | **19.00** |", "λ₁ is loss.entropy.weight"]
+        {
             assert!(markdown.contains(part), "{part}: {markdown}");
         }
         assert!(table.to_csv().contains("\ninfonerf,1e-3,64,18,,1\n"));

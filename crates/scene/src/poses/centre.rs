@@ -11,7 +11,7 @@ const PRIOR: f64 = 1e-4;
 /// Cameras within this half-angle (radians) of their mean direction are taken to face one way.
 pub(crate) const FORWARD_FACING: f64 = 0.45;
 
-/// Directions agree whose mean is at least this long: with the same angle to it, 32°.
+/// Directions agree if the length of their mean is at least this: 32° if all make the same angle with it.
 const AGREED: f64 = 0.85;
 
 /// The centre of a scene and the way its cameras face it.
@@ -90,8 +90,8 @@ pub(crate) fn cone(cameras: &[Camera]) -> f64 {
 /// right angles to all their x axes, on the side of their mean y axis.
 ///
 /// Inverse iteration on `Σ xᵢxᵢᵀ` from the mean y axis; where the x axes leave a choice (one camera,
-/// parallel x axes) the mean y axis decides. It also does where all look one way with rolls of their own: the x axes
-/// then lie in the image plane, and what is at right angles to them is the viewing axis.
+/// parallel x axes) the mean y axis decides. It also decides where all look one way with different rolls: the x axes
+/// then lie in the image plane, and the direction perpendicular to them is the viewing axis.
 pub fn up_direction(cameras: &[Camera]) -> DVec3 {
     let n = cameras.len() as f64;
     let mean_up: DVec3 = cameras.iter().map(|c| c.to_world.y_axis.truncate()).sum();

@@ -1,4 +1,4 @@
-//! Poses that no photograph was taken from: unseen views, neighbours and camera paths.
+//! Poses without a photograph: unseen views, neighbours and camera paths.
 
 mod cap;
 mod centre;
@@ -28,7 +28,7 @@ pub fn near_pose(pose: &DMat4, rng: &mut impl Rng, max_angle_deg: f64) -> DMat4 
     DMat4::from_mat3(near_rotation(rng, max_angle_deg)) * *pose
 }
 
-/// As [`near_pose`], rotated about `centre` (world coordinates) instead of the origin: what lies there stays where it is
+/// As [`near_pose`], rotated about `centre` (world coordinates) instead of the origin: a point there keeps its place
 /// in the image. With the same random numbers and the centre at the origin, the same pose.
 pub fn near_pose_about(pose: &DMat4, centre: DVec3, rng: &mut impl Rng, max_angle_deg: f64) -> DMat4 {
     let mut moved = *pose;

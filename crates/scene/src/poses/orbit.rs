@@ -1,4 +1,4 @@
-//! Closed camera paths for films.
+//! Closed camera paths for videos.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -58,9 +58,9 @@ pub fn figure_eight(cameras: &[Camera], n: usize) -> Vec<DMat4> {
     (0..n).map(|i| pose(swing(i, SWING, (0.5 * SWING).min(room)))).collect()
 }
 
-/// How far a figure eight around an object swings to either side, radians.
+/// Amplitude of a figure eight around an object, radians.
 const SWING: f64 = 0.6;
-/// How near a figure eight comes to the point above the scene, radians.
+/// Least angle between a figure eight and the point straight above the scene, radians.
 const TOP: f64 = 0.15;
 
 /// Azimuth and elevation about a scene: 0 is the first camera's azimuth.

@@ -32,12 +32,12 @@ pub fn interpolate_keyframes(keyframes: &[Keyframe], closed: bool, n: usize) -> 
         .collect()
 }
 
-/// `n` camera-to-world poses along a closed path through the poses of `cameras`, each of which it visits once, going to the
-/// nearest one left.
+/// `n` camera-to-world poses along a closed path that visits the pose of each camera once, always going to the nearest of
+/// those left.
 ///
 /// Cameras that face one way are interpolated as by [`interpolate_keyframes`]. Around an object straight lines between cameras
 /// would lead through it: there the distance from the centre is interpolated on its own, and so is each camera's rotation
-/// relative to looking at the centre, which stays in the picture.
+/// relative to looking at the centre, so that the centre stays in view.
 pub fn interpolate_views(cameras: &[Camera], n: usize) -> Vec<DMat4> {
     let tour: Vec<DMat4> = nearest_first(cameras).iter().map(|camera| camera.to_world).collect();
     let region = ViewRegion::new(cameras);
@@ -61,19 +61,19 @@ pub fn interpolate_views(cameras: &[Camera], n: usize) -> Vec<DMat4> {
         .collect()
 }
 
-/// A place on a path: a share of the way from one keyframe to the next.
+/// A position on a path: a fraction of the way from one keyframe to the next.
 struct Place {
     from: usize,
     to: usize,
     share: f64,
 }
 
-/// `n` places, evenly spaced in time, on a path of `count` keyframes.
+/// `n` positions, evenly spaced in time, on a path of `count` keyframes.
 fn places(count: usize, closed: bool, n: usize) -> impl Iterator<Item = Place> {
     let segments = if closed { count } else { count.saturating_sub(1) };
     let steps = if closed { n } else { n.saturating_sub(1) }.max(1);
     (0..if count == 0 { 0 } else { n }).map(move |i| {
-        // In whole numbers, so that a keyframe is met exactly.
+        // In integers, so that keyframes are hit exactly.
         let (segment, rest) = (i * segments / steps, i * segments % steps);
         let from = segment.min(count - 1);
         let to = if closed { (from + 1) % count } else { (from + 1).min(count - 1) };
@@ -81,7 +81,7 @@ fn places(count: usize, closed: bool, n: usize) -> impl Iterator<Item = Place> {
     })
 }
 
-/// The Catmull-Rom spline at a share `s` of the way from point `from` to point `to`, its successor:
+/// The Catmull-Rom spline at a fraction `s` of the way from point `from` to point `to`, its successor:
 /// `h₀₀(s) p₁ + h₁₀(s) m₁ + h₀₁(s) p₂ + h₁₁(s) m₂` with the tangents `m₁ = (p₂ − p₀)/2`, `m₂ = (p₃ − p₁)/2`. An open
 /// spline repeats its end points.
 fn spline(points: &[DVec3], closed: bool, from: usize, to: usize, s: f64) -> DVec3 {
@@ -98,7 +98,7 @@ fn rotation(pose: &DMat4) -> DQuat {
     DQuat::from_mat3(&DMat3::from_mat4(*pose))
 }
 
-/// The cameras in the order of a walk from the first that always goes to the nearest one left.
+/// The cameras in the order of a walk that starts at the first and always goes to the nearest of those left.
 fn nearest_first(cameras: &[Camera]) -> Vec<&Camera> {
     let mut left: Vec<&Camera> = cameras.iter().collect();
     let mut tour: Vec<&Camera> = Vec::with_capacity(left.len());

@@ -12,14 +12,14 @@ use crate::camera::look_along;
 const TURNS: f64 = 2.0;
 /// Swings along the viewing axis in one turn.
 const SWINGS: f64 = 0.5;
-/// Share of the farthest disparity in the depth that the spiral looks at.
+/// Weight of the farthest disparity in the depth that the spiral looks at.
 const FAR_SHARE: f64 = 0.75;
-/// Which cameras' offsets from the mean the spiral reaches.
+/// The percentile of the cameras' offsets from the mean that the spiral reaches.
 const PERCENTILE: f64 = 0.9;
-/// The spiral is no wider than this share of the distance to what it looks at.
+/// Greatest radius of the spiral, as a fraction of the distance to the point looked at.
 const WIDEST: f64 = 0.25;
 
-/// `n` camera-to-world poses along the spiral of LLFF (Mildenhall et al. 2019; NeRF's films of captures): two turns
+/// `n` camera-to-world poses along the spiral of LLFF (Mildenhall et al. 2019; NeRF's videos of captures): two turns
 /// about the mean camera, swinging to and fro once, all looking at one point.
 ///
 /// In the mean camera's axes the position is `(cos θ · rₓ, −sin θ · r_y, −sin(θ/2) · r_z)`, with r the 90th percentile of the
@@ -55,7 +55,7 @@ pub fn spiral(cameras: &[Camera], range: (f64, f64), n: usize) -> Vec<DMat4> {
         .collect()
 }
 
-/// The value below which a share [`PERCENTILE`] of all lies, interpolated; 0 without any.
+/// The [`PERCENTILE`] of `values`, interpolated; 0 for none.
 fn percentile(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_unstable_by(f64::total_cmp);

@@ -1,4 +1,4 @@
-//! Choosing the few training views, and those to evaluate on.
+//! Selection of the few training views, and of the views to evaluate on.
 
 mod mt19937;
 pub mod pool;
@@ -15,9 +15,9 @@ use rand_chacha::ChaCha8Rng;
 use crate::{Camera, SceneError};
 use mt19937::Mt19937;
 
-/// How to choose training views from all that a scene has.
+/// How to choose training views among all of a scene.
 ///
-/// Every rule depends only on its own fields and the cameras, and so is repeatable. Angles are
+/// Every rule depends only on its own fields and the cameras, so a selection is reproducible. Angles are
 /// between directions from the scene's centre (the point nearest to all optical axes) to the
 /// cameras, or between viewing directions where cameras look outwards.
 ///
@@ -43,7 +43,7 @@ pub enum ViewSelection {
     FarthestPoint {
         /// How many views.
         count: usize,
-        /// Decides the first view.
+        /// Seed of the first view.
         seed: u64,
     },
     /// `count` random views of which each is within `angle_deg` of each other.
@@ -52,7 +52,7 @@ pub enum ViewSelection {
         count: usize,
         /// The greatest angle between any two views, in degrees.
         angle_deg: f64,
-        /// Which set, where there are several.
+        /// Seed of the set, where there are several.
         seed: u64,
     },
     /// `count` random views that surround the scene: of 256 random sets the one whose smallest
@@ -60,7 +60,7 @@ pub enum ViewSelection {
     Wide {
         /// How many views.
         count: usize,
-        /// Decides the random sets.
+        /// Seed of the random sets.
         seed: u64,
     },
     /// Every view.

@@ -1,7 +1,7 @@
-//! NumPy's legacy generator, as far as choosing views needs it.
+//! NumPy's legacy random number generator, as far as view selection needs it.
 //!
 //! Published few-shot splits were drawn with `np.random.seed(s); np.random.choice(n, k, False)`.
-//! Repeating them takes the same MT19937 stream, seeding, masked rejection and shuffle.
+//! Reproducing them takes the same MT19937 stream, seeding, masked rejection and shuffle.
 
 const N: usize = 624;
 const M: usize = 397;

@@ -1,12 +1,12 @@
-//! Selections and protocols where a format has splits and names of its own.
+//! Selections and protocols for formats with their own splits and named sets.
 
 use super::{TestProtocol, ViewSelection};
 use crate::{Camera, SceneError};
 
-/// Views by their ids under a name.
+/// Named sets of view ids.
 pub type Named = Vec<(String, Vec<usize>)>;
 
-/// The positions in a pool of the views that `selection` chooses, where `ids` are the pool's ids.
+/// The positions in a pool of the views that `selection` chooses. `ids` are the ids of the pool's views.
 ///
 /// # Errors
 /// As [`ViewSelection::select`], or there is no selection of that name.
@@ -23,7 +23,7 @@ pub fn train(
     }
 }
 
-/// The positions in a pool of the views that `protocol` chooses, of which `split` are the format's own test views.
+/// The positions in a pool of the views that `protocol` chooses. `split` are the ids of the format's own test views.
 ///
 /// # Errors
 /// As [`TestProtocol::select`], or there is no set of that name.
@@ -51,7 +51,7 @@ fn by_name<'a>(field: &'static str, name: &str, named: &'a Named) -> Result<&'a 
     })
 }
 
-/// Where in `ids` each of `wanted` is.
+/// The position in `ids` of each of `wanted`.
 fn positions(field: &'static str, wanted: &[usize], ids: &[usize]) -> Result<Vec<usize>, SceneError> {
     if ids.iter().enumerate().all(|(i, &id)| i == id) {
         return super::check_ids(field, wanted, ids.len()).map(|()| wanted.to_vec());

@@ -1,4 +1,4 @@
-//! Rules that look at where the cameras are.
+//! Selection rules that depend on camera positions.
 
 use rand::Rng;
 use rand::seq::{SliceRandom, index};
@@ -31,7 +31,7 @@ pub(super) fn farthest_point(cameras: &[Camera], count: usize, rng: &mut impl Rn
     chosen
 }
 
-/// Of [`TRIES`] random sets the one whose least pairwise angle is greatest.
+/// The set with the greatest least pairwise angle among [`TRIES`] random sets.
 pub(super) fn wide(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<usize> {
     let directions = view_directions(cameras);
     let greatest_cosine = |set: &Vec<usize>| {

@@ -1,4 +1,4 @@
-//! Selections and protocols as text, as a command line or a table has them.
+//! Text forms of selections and protocols, for command lines and tables.
 
 use std::fmt;
 use std::str::FromStr;
