@@ -15,7 +15,7 @@ fn with_scene() -> Workplace {
     place
 }
 
-const ON_DATA: [&str; 8] = ["exp", "synthetic-4view", "--data", "data", "--scene", "knot", "--variant", "nerf"];
+const ON_DATA: [&str; 8] = ["exp", "fast-losses", "--data", "data", "--scene", "knot", "--variant", "nerf"];
 
 /// Changes a file, runs, and puts the file back.
 fn changed(place: &Workplace, file: &str, change: impl FnOnce(&Path), parts: &[&str]) {
@@ -90,17 +90,17 @@ fn folders() {
         "openai/clip-vit-base-patch32",
         "clip-vit-base-patch32.safetensors: No such",
     ]);
-    let data = |data: &str, scene: &str| place.tiny(&["exp", "synthetic-4view", "--data", data, "--scene", scene]);
+    let data = |data: &str, scene: &str| place.tiny(&["exp", "fast-losses", "--data", data, "--scene", scene]);
     data("nowhere", "knot").fails_with(&["nowhere"]);
     data("data", "lego").fails_with(&["data/lego", "not found"]);
     data("data", "../data/knot").fails_with(&["../data/knot"]);
-    place.tiny(&["exp", "synthetic-4view", "--data", "nowhere"]).fails_with(&["nowhere"]);
+    place.tiny(&["exp", "fast-losses", "--data", "nowhere"]).fails_with(&["nowhere"]);
     fs::create_dir_all(place.path("data/empty")).unwrap();
     data("data", "empty").fails_with(&["data/empty", "transforms_train.json"]);
     fs::create_dir_all(place.path("hollow")).unwrap();
-    place.tiny(&["exp", "synthetic-4view", "--data", "hollow"]).fails_with(&["hollow"]);
+    place.tiny(&["exp", "fast-losses", "--data", "hollow"]).fails_with(&["hollow"]);
     fs::write(place.path("file"), "").unwrap();
-    place.tiny(&["exp", "synthetic-4view", "--data", "file"]).fails_with(&["file"]);
+    place.tiny(&["exp", "fast-losses", "--data", "file"]).fails_with(&["file"]);
 }
 
 #[test]
@@ -157,14 +157,14 @@ fn config() {
         ("a..b=1", &["a..b"]),
         ("=1", &["=1"]),
     ] {
-        place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--set", setting]).fails_with(parts);
+        place.tiny(&["exp", "fast-losses", "--scene", "knot", "--set", setting]).fails_with(parts);
     }
 }
 
 #[test]
 fn arguments() {
     let place = Workplace::new();
-    let exp = |args: &[&str]| place.tiny(&["exp", "synthetic-4view", "--scene", "knot"]).args(args);
+    let exp = |args: &[&str]| place.tiny(&["exp", "fast-losses", "--scene", "knot"]).args(args);
     exp(&["--device", "vulkan"]).fails_with(&["--device vulkan", "not built in", "flex"]);
     exp(&["--device", "cuda"]).fails_with(&["--device cuda", "not built in"]);
     exp(&["--variant", "best"]).fails_with(&["--variant best", "infonerf"]);
@@ -172,7 +172,7 @@ fn arguments() {
     exp(&["--scene", "knot"]).fails_with(&["--scene knot", "twice"]);
     exp(&["--seed", "1", "--seed", "1"]).fails_with(&["--seed 1", "twice"]);
     exp(&["--seed", "4294967296"]).fails_with(&["NumPy seed"]);
-    place.run(&["exp", "synthetic-5view"]).fails_with(&["synthetic-5view", "synthetic-4view"]);
+    place.run(&["exp", "synthetic-5view"]).fails_with(&["synthetic-5view", "fast-losses"]);
     place.run(&["exp", "."]).fails_with(&["."]);
     place.run(&["scene", "export", "lego", "data"]).fails_with(&["lego", "knot"]);
     place.run(&["scene", "export", "knot", "data", "--size", "0"]).fails_with(&["size"]);
@@ -216,12 +216,12 @@ fn experiment_files() {
 #[test]
 fn output_that_cannot_be_written() {
     let place = Workplace::new();
-    let exp = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf"];
+    let exp = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf"];
     fs::write(place.path("file"), "").unwrap();
-    place.tiny(&exp).args(&["--out", "file"]).fails_with(&["file/synthetic-4view"]);
+    place.tiny(&exp).args(&["--out", "file"]).fails_with(&["file/fast-losses"]);
     place.tiny(&exp).args(&["--out", "/proc/nowhere"]).fails_with(&["/proc/nowhere"]);
     // A folder where a file has to go, and a file where a folder has to go.
-    let run = "synthetic-4view/knot/nerf/seed0";
+    let run = "fast-losses/knot/nerf/seed0";
     for part in ["metrics.jsonl", "config.toml", "lock"] {
         let out = format!("no-{part}");
         fs::create_dir_all(place.path(&out).join(run).join(part).join("below")).unwrap();
@@ -233,8 +233,8 @@ fn output_that_cannot_be_written() {
         fs::write(place.path(&out).join(run).join(part), "").unwrap();
         place.tiny(&exp).args(&["--out", &out]).fails_with(&[part]);
     }
-    fs::create_dir_all(place.path("runs/synthetic-4view")).unwrap();
-    fs::write(place.path("runs/synthetic-4view/results.json"), "no JSON").unwrap();
+    fs::create_dir_all(place.path("runs/fast-losses")).unwrap();
+    fs::write(place.path("runs/fast-losses/results.json"), "no JSON").unwrap();
     place.tiny(&exp).fails_with(&["results.json"]);
     place.run(&["scene", "export", "knot", "file/below", "--size", "8"]).fails_with(&["file/below"]);
 }
@@ -247,8 +247,8 @@ fn folders_that_are_no_run() {
     }
     place.run(&["export", "nowhere", "--format", "html"]).fails_with(&["nowhere", "config.toml"]);
     place.run(&["view", "nowhere"]).fails_with(&["nowhere"]);
-    place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf"]).succeeds();
-    let run = "runs/synthetic-4view/knot/nerf/seed0";
+    place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "nerf"]).succeeds();
+    let run = "runs/fast-losses/knot/nerf/seed0";
     place.run(&["eval", run, "--test", "some"]).fails_with(&["--test", "some"]);
     for scale in ["2", "1/1", "1/2;1/4", "1/x"] {
         place.run(&["eval", run, "--scale", scale]).assert_refused(&["--scale", "1/64"]);

@@ -47,7 +47,7 @@ fn files(folder: &Path) -> BTreeSet<String> {
 #[test]
 fn an_experiment_leaves_everything_behind() {
     let place = Workplace::new();
-    let output = place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--profile"]).succeeds();
+    let output = place.tiny(&["exp", "fast-losses", "--scene", "knot", "--profile"]).succeeds();
     let said = text(&output.stdout);
     for part in [
         "no --data given",
@@ -61,7 +61,7 @@ fn an_experiment_leaves_everything_behind() {
         assert!(said.contains(part), "{part}: {said}");
     }
 
-    let experiment = place.path("runs/synthetic-4view");
+    let experiment = place.path("runs/fast-losses");
     let records = records(&experiment);
     assert_eq!(records.len(), 3);
     for record in &records {
@@ -114,18 +114,18 @@ fn an_experiment_leaves_everything_behind() {
 #[test]
 fn a_seed_and_a_saved_config_give_the_same_numbers() {
     let place = Workplace::new();
-    let exp = ["exp", "synthetic-4view", "--scene", "knot"];
+    let exp = ["exp", "fast-losses", "--scene", "knot"];
     place.tiny(&exp).succeeds();
     place.tiny(&exp).args(&["--out", "again"]).succeeds();
-    let first = records(&place.path("runs/synthetic-4view"));
-    assert_eq!(without_times(&first), without_times(&records(&place.path("again/synthetic-4view"))));
+    let first = records(&place.path("runs/fast-losses"));
+    assert_eq!(without_times(&first), without_times(&records(&place.path("again/fast-losses"))));
 
-    let saved = "runs/synthetic-4view/knot/infonerf/seed0/config.toml";
+    let saved = "runs/fast-losses/knot/infonerf/seed0/config.toml";
     place.run(&["exp", saved, "--out", "saved"]).succeeds();
-    let repeated = records(&place.path("saved/synthetic-4view"));
+    let repeated = records(&place.path("saved/fast-losses"));
     let infonerf: Vec<Value> = first.into_iter().filter(|record| record["variant"] == "infonerf").collect();
     assert_eq!(without_times(&infonerf), without_times(&repeated));
-    let run = "synthetic-4view/knot/infonerf/seed0";
+    let run = "fast-losses/knot/infonerf/seed0";
     assert_eq!(events(&place.path("runs").join(run)), events(&place.path("saved").join(run)));
     // A config that was saved by a run of itself is the same text.
     let configs =
@@ -133,13 +133,13 @@ fn a_seed_and_a_saved_config_give_the_same_numbers() {
     assert_eq!(configs[0], configs[1]);
 
     place.tiny(&exp).args(&["--out", "other", "--seed", "1"]).succeeds();
-    let other = records(&place.path("other/synthetic-4view"));
+    let other = records(&place.path("other/fast-losses"));
     assert_ne!(other[0]["train_views"], serde_json::json!([26, 86, 2, 55]));
 }
 
 const LONG: [&str; 16] = [
     "exp",
-    "synthetic-4view",
+    "fast-losses",
     "--scene",
     "knot",
     "--variant",
@@ -155,7 +155,7 @@ const LONG: [&str; 16] = [
     "--set",
     "render.occupancy.every=5",
 ];
-const LONG_RUN: &str = "synthetic-4view/knot/infonerf/seed0";
+const LONG_RUN: &str = "fast-losses/knot/infonerf/seed0";
 
 /// Starts a run in the folder `out`, and waits until there is a checkpoint in `field` of it.
 fn start(place: &Workplace, args: &[&str], out: &str, field: &str) -> Child {
@@ -180,7 +180,7 @@ fn interrupt(child: &Child) {
 fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
     let place = Workplace::new();
     place.tiny(&LONG).args(&["--out", "unbroken"]).succeeds();
-    let unbroken = records(&place.path("unbroken/synthetic-4view"));
+    let unbroken = records(&place.path("unbroken/fast-losses"));
 
     // Ctrl-C, twice in the life of a run.
     let child = start(&place, &LONG, "stopped", "");
@@ -188,27 +188,23 @@ fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
     assert!(text(&output.stdout).contains("--resume"), "{}", text(&output.stdout));
-    assert!(!place.path("stopped/synthetic-4view/results.json").exists(), "the run had ended before it was stopped");
+    assert!(!place.path("stopped/fast-losses/results.json").exists(), "the run had ended before it was stopped");
 
     // No time to say goodbye: the last checkpoint counts.
     let mut child = start(&place, &LONG, "killed", "");
     child.kill().unwrap();
     child.wait().unwrap();
-    assert!(!place.path("killed/synthetic-4view/results.json").exists(), "the run had ended before it was killed");
+    assert!(!place.path("killed/fast-losses/results.json").exists(), "the run had ended before it was killed");
 
     for out in ["stopped", "killed"] {
         place.tiny(&LONG).args(&["--out", out, "--resume"]).succeeds();
-        assert_eq!(
-            without_times(&unbroken),
-            without_times(&records(&place.path(out).join("synthetic-4view"))),
-            "{out}"
-        );
+        assert_eq!(without_times(&unbroken), without_times(&records(&place.path(out).join("fast-losses"))), "{out}");
         let run = |out: &str| place.path(out).join(LONG_RUN);
         assert_eq!(events(&run("unbroken")), events(&run(out)), "{out}");
     }
 
     // A finished run is kept as it is, and its numbers stay in the table.
-    let results = place.path("killed/synthetic-4view/results.json");
+    let results = place.path("killed/fast-losses/results.json");
     let before = fs::read_to_string(&results).unwrap();
     let output = place.tiny(&LONG).args(&["--out", "killed", "--resume"]).succeeds();
     assert!(text(&output.stdout).contains("kept"), "{}", text(&output.stdout));
@@ -226,13 +222,13 @@ fn an_ensemble_goes_on_to_the_same_numbers() {
     let place = Workplace::new();
     let ensemble = [&LONG[..], &["--set", "train.iterations=300", "--set", "train.ensemble.size=3"]].concat();
     place.tiny(&ensemble).args(&["--out", "unbroken"]).succeeds();
-    let unbroken = without_times(&records(&place.path("unbroken/synthetic-4view")));
+    let unbroken = without_times(&records(&place.path("unbroken/fast-losses")));
     assert_eq!(unbroken[0]["iterations"], 900);
     let child = start(&place, &ensemble, "stopped", "member0");
     interrupt(&child);
     assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
     place.tiny(&ensemble).args(&["--out", "stopped", "--resume"]).succeeds();
-    assert_eq!(without_times(&records(&place.path("stopped/synthetic-4view"))), unbroken);
+    assert_eq!(without_times(&records(&place.path("stopped/fast-losses"))), unbroken);
     for field in ["member0", "member1", "member2"] {
         let log = |out: &str| events(&place.path(out).join(LONG_RUN).join(field));
         assert_eq!(log("unbroken"), log("stopped"), "{field}");
@@ -258,16 +254,16 @@ fn a_damaged_checkpoint_is_told_of_and_the_one_before_is_used() {
     let output = place.tiny(&LONG).args(&["--out", "stopped", "--resume"]).succeeds();
     let warning = text(&output.stderr);
     assert!(warning.contains("model.bpk") && warning.contains("damaged"), "{warning}");
-    let results = |out: &str| without_times(&records(&place.path(out).join("synthetic-4view")));
+    let results = |out: &str| without_times(&records(&place.path(out).join("fast-losses")));
     assert_eq!(results("unbroken"), results("stopped"));
 }
 
 #[test]
 fn evaluating_and_rendering_a_run() {
     let place = Workplace::new();
-    place.tiny(&["exp", "synthetic-4view", "--scene", "crane", "--variant", "infonerf"]).succeeds();
-    let run = "runs/synthetic-4view/crane/infonerf/seed0";
-    let record = &records(&place.path("runs/synthetic-4view"))[0];
+    place.tiny(&["exp", "fast-losses", "--scene", "crane", "--variant", "infonerf"]).succeeds();
+    let run = "runs/fast-losses/crane/infonerf/seed0";
+    let record = &records(&place.path("runs/fast-losses"))[0];
 
     let said = text(&place.run(&["eval", run]).succeeds().stdout);
     let mean = said.lines().find(|line| line.starts_with("mean")).unwrap();
@@ -308,23 +304,23 @@ fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
     let listed = text(&place.run(&["scene", "list"]).succeeds().stdout);
     assert!(listed.lines().count() >= 4 && listed.lines().any(|line| line == "orrery"), "{listed}");
     let experiments = text(&place.run(&["list"]).succeeds().stdout);
-    assert!(experiments.contains("synthetic-4view"), "{experiments}");
+    assert!(experiments.contains("fast-losses"), "{experiments}");
 
     place.run(&["scene", "export", "orrery", "data/orrery", "--size", "24"]).succeeds();
-    let exp = ["exp", "synthetic-4view", "--variant", "infonerf"];
+    let exp = ["exp", "fast-losses", "--variant", "infonerf"];
     place.tiny(&exp).args(&["--scene", "orrery"]).succeeds();
     let output = place.tiny(&exp).args(&["--data", "data", "--out", "loaded"]).succeeds();
     assert!(text(&output.stdout).contains("scenes from data"), "{}", text(&output.stdout));
     let [built_in, loaded] =
-        ["runs", "loaded"].map(|out| without_times(&records(&place.path(out).join("synthetic-4view"))).remove(0));
+        ["runs", "loaded"].map(|out| without_times(&records(&place.path(out).join("fast-losses"))).remove(0));
     for key in keys().into_iter().filter(|key| *key != "notes") {
         assert_eq!(built_in.get(key), loaded.get(key), "{key}");
     }
     // The config of a run on a folder works from anywhere.
-    let saved = place.path("loaded/synthetic-4view/orrery/infonerf/seed0/config.toml");
+    let saved = place.path("loaded/fast-losses/orrery/infonerf/seed0/config.toml");
     fs::create_dir(place.path("elsewhere")).unwrap();
     place.run(&["exp", saved.to_str().unwrap()]).inside("elsewhere").succeeds();
-    let again = without_times(&records(&place.path("elsewhere/runs/synthetic-4view")));
+    let again = without_times(&records(&place.path("elsewhere/runs/fast-losses")));
     assert_eq!(loaded, again[0]);
 }
 
@@ -332,7 +328,7 @@ fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
 #[test]
 fn an_experiment_file_changes_another() {
     let place = Workplace::new();
-    let file = "base = \"synthetic-4view\"\ntitle = \"mine\"\nscenes = [\"castle\"]\nseeds = [3]\n\n[config.train]\nlr = 2e-3\n\n[variants.half.loss]\nentropy.weight = 5e-4\n";
+    let file = "base = \"fast-losses\"\ntitle = \"mine\"\nscenes = [\"castle\"]\nseeds = [3]\n\n[config.train]\nlr = 2e-3\n\n[variants.half.loss]\nentropy.weight = 5e-4\n";
     fs::write(place.path("mine.toml"), file).unwrap();
     let exp = ["exp", "mine.toml", "--variant", "half", "--device", "ndarray", "--budget", "300ms"];
     place.tiny(&exp).args(&["--set", "train.iterations=1000000"]).succeeds();
@@ -413,11 +409,11 @@ fn the_presets_of_the_paper_run() {
     let settings: Vec<&str> = settings.iter().flat_map(|setting| ["--set", setting]).collect();
     for preset in ["paper", "released"] {
         for device in ["flex", "ndarray"] {
-            let exp = ["exp", "synthetic-4view", "--scene", "castle", "--variant", "infonerf", "--preset", preset];
+            let exp = ["exp", "fast-losses", "--scene", "castle", "--variant", "infonerf", "--preset", preset];
             place.run(&exp).args(&settings).args(&["--device", device, "--out", device]).succeeds();
         }
         let [flex, ndarray] = ["flex", "ndarray"].map(|device| {
-            let records = records(&place.path(device).join("synthetic-4view"));
+            let records = records(&place.path(device).join("fast-losses"));
             records.into_iter().find(|record| record["preset"] == preset).unwrap()
         });
         for key in ["psnr", "silhouette_iou", "ray_entropy_bits"] {
@@ -460,10 +456,8 @@ fn shells_and_man_are_told_of_every_command() {
 #[test]
 fn results_are_collected_into_one_document() {
     let place = Workplace::new();
-    place
-        .tiny(&["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--out", "results-of-mine"])
-        .succeeds();
-    place.run(&["collect", "results-of-mine/synthetic-4view", "--title", "All of it"]).succeeds();
+    place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", "results-of-mine"]).succeeds();
+    place.run(&["collect", "results-of-mine/fast-losses", "--title", "All of it"]).succeeds();
     let document = fs::read_to_string(place.path("results.md")).unwrap();
     for part in ["# All of it", "infonerf exp", "--scene knot", "PSNR", "train views 26, 86, 2, 55"] {
         assert!(document.contains(part), "{part}: {document}");
@@ -475,7 +469,7 @@ fn results_are_collected_into_one_document() {
 #[test]
 fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     let place = Workplace::new();
-    let run = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf"];
+    let run = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf"];
     let output = place.tiny(&run).args(&["--json"]).succeeds();
     let said = text(&output.stdout);
     let events: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();

@@ -9,12 +9,12 @@ use common::{Workplace, text};
 use infonerf_procedural::train_cameras;
 use serde_json::{Value, json};
 
-const RUN: &str = "runs/synthetic-4view/knot/nerf/seed0";
+const RUN: &str = "runs/fast-losses/knot/nerf/seed0";
 
 /// A run whose field is dense everywhere: its surface is that of the scene's box.
 fn with_run() -> Workplace {
     let place = Workplace::new();
-    let exp = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--set", "field.density_bias=5.0"];
+    let exp = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--set", "field.density_bias=5.0"];
     place.tiny(&exp).succeeds();
     place
 }
@@ -57,7 +57,7 @@ fn a_page_of_the_papers_field_is_baked() {
     let small = ["scene.size=24", "train.iterations=2", "train.rays=16", "train.unseen_rays=16", "render.samples=8"];
     let rest = ["render.fine_samples=8", "eval.test=first-1", "eval.information_rays=16", mlp];
     let set = small.iter().chain(&rest).flat_map(|setting| ["--set", setting]);
-    let exp = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--preset", "paper"];
+    let exp = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--preset", "paper"];
     place.run(&exp).args(&set.collect::<Vec<_>>()).succeeds();
     assert!(!place.path(RUN).join("viewer.html").exists(), "only what takes no time is left by `exp`");
     let said = text(&place.run(&["export", RUN, "--format", "html", "--resolution", "24"]).succeeds().stdout);
@@ -149,9 +149,9 @@ fn exports_that_cannot_be_made() {
     export(&["--out", "/proc/nowhere/mesh.ply"]).fails_with(&["/proc/nowhere"]);
     export(&["--device", "vulkan"]).fails_with(&["not built in"]);
     // Nothing is half opaque in 0.005 scene units of a field that has only begun.
-    let begun = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--out", "begun"];
+    let begun = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", "begun"];
     place.tiny(&begun).succeeds();
-    let run = "begun/synthetic-4view/knot/nerf/seed0";
+    let run = "begun/fast-losses/knot/nerf/seed0";
     place.run(&["export", run, "--format", "ply"]).fails_with(&["no surface", "lower resolution"]);
     fs::remove_dir_all(place.path(run).join("checkpoint")).unwrap();
     fs::remove_dir_all(place.path(run).join("checkpoint.previous")).unwrap();

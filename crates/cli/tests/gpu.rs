@@ -16,19 +16,19 @@ const DEVICE: &str = if cfg!(feature = "cuda") {
 #[test]
 fn an_experiment_on_the_gpu_ends_with_a_report() {
     let place = Workplace::new();
-    let output = place.tiny(&["exp", "synthetic-4view", "--device", DEVICE, "--scene", "knot"]).succeeds();
+    let output = place.tiny(&["exp", "fast-losses", "--device", DEVICE, "--scene", "knot"]).succeeds();
     assert!(
         text(&output.stderr).lines().any(|line| line.starts_with(&format!("{DEVICE}: "))),
         "the adapter is named: {}",
         text(&output.stderr)
     );
-    let records = records(&place.path("runs/synthetic-4view"));
+    let records = records(&place.path("runs/fast-losses"));
     assert_eq!(records.len(), 3);
     for record in records {
         assert_eq!(record["device"], DEVICE);
         assert!(record["psnr"].as_f64().unwrap() > 5.0, "{record}");
     }
-    assert!(place.path("runs/synthetic-4view/report.html").exists());
+    assert!(place.path("runs/fast-losses/report.html").exists());
 }
 
 #[test]
@@ -43,7 +43,7 @@ fn the_gpu_agrees_with_the_cpu() {
 #[cfg(not(feature = "cuda"))]
 fn no_adapter_is_a_clear_error() {
     let place = Workplace::new();
-    let mut command = place.tiny(&["exp", "synthetic-4view", "--device", DEVICE, "--scene", "knot"]).into_command();
+    let mut command = place.tiny(&["exp", "fast-losses", "--device", DEVICE, "--scene", "knot"]).into_command();
     for drivers in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "__EGL_VENDOR_LIBRARY_FILENAMES"] {
         command.env(drivers, "/nowhere");
     }

@@ -17,7 +17,7 @@ use serde_json::Value;
 /// A checkpoint after every step: most of the run's life is spent writing.
 const RUN: [&str; 12] = [
     "exp",
-    "synthetic-4view",
+    "fast-losses",
     "--scene",
     "knot",
     "--variant",
@@ -29,11 +29,11 @@ const RUN: [&str; 12] = [
     "--set",
     "loss.kl.weight=1e-3",
 ];
-const FOLDER: &str = "synthetic-4view/knot/infonerf/seed0";
+const FOLDER: &str = "fast-losses/knot/infonerf/seed0";
 
 /// All that a run leaves in numbers: its records and the log of its steps.
 fn numbers(place: &Workplace, out: &str) -> (Vec<Value>, Vec<Value>) {
-    (without_times(&records(&place.path(out).join("synthetic-4view"))), events(&place.path(out).join(FOLDER)))
+    (without_times(&records(&place.path(out).join("fast-losses"))), events(&place.path(out).join(FOLDER)))
 }
 
 fn command(place: &Workplace, args: &[&str]) -> Command {

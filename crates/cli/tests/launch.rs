@@ -53,7 +53,7 @@ impl Cluster {
     }
 
     fn folder(&self, out: &str) -> PathBuf {
-        self.0.path(out).join("sweep-synthetic-4view")
+        self.0.path(out).join("sweep-fast-losses")
     }
 
     fn numbers(&self, out: &str) -> Vec<Value> {
@@ -72,7 +72,7 @@ fn array_jobs_give_the_local_table() {
     let (first, second, merge) = (cluster.script(100), cluster.script(101), cluster.script(102));
     let logs = cluster.folder("runs").join("launch");
     for line in [
-        "#SBATCH --job-name=\"sweep-synthetic-4view\"",
+        "#SBATCH --job-name=\"sweep-fast-losses\"",
         &format!("#SBATCH --output=\"{}/%A_%a.log\"", logs.display()),
         "#SBATCH --partition=\"gpu\"",
         "#SBATCH --mem=\"2048M\"",
@@ -196,7 +196,7 @@ fn hyperqueue_runs_a_task_array_and_watching_it_ends_with_the_table() {
     assert!(said.contains("8 runs submitted as hyperqueue 5") && said.contains("report: "), "{said}");
     let script = cluster.script(5);
     for line in [
-        "#HQ --name=\"sweep-synthetic-4view\"",
+        "#HQ --name=\"sweep-fast-losses\"",
         "#HQ --stderr=\"none\"",
         "#HQ --resource=\"mem=2048\"",
         "#HQ --cpus=\"1\"",
@@ -215,8 +215,7 @@ fn hyperqueue_runs_a_task_array_and_watching_it_ends_with_the_table() {
 #[test]
 fn an_experiment_is_launched_and_gives_what_it_gives_here() {
     let cluster = Cluster::new();
-    let args =
-        ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--variant", "infonerf", "--seed", "0"];
+    let args = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--variant", "infonerf", "--seed", "0"];
     let run = |out: &str, more: &[&str]| text(&cluster.run(&args, out).args(more).succeeds().stdout);
     run("here", &[]);
     let said = run("there", &["--launch", "slurm"]);
@@ -226,7 +225,7 @@ fn an_experiment_is_launched_and_gives_what_it_gives_here() {
         let output = cluster.task(job, task);
         assert!(output.status.success(), "{}", text(&output.stderr));
     }
-    let numbers = |out| without_times(&records(&cluster.0.path(out).join("synthetic-4view")));
+    let numbers = |out| without_times(&records(&cluster.0.path(out).join("fast-losses")));
     assert_eq!(numbers("here").len(), 2);
     assert_eq!(numbers("here"), numbers("there"));
 }

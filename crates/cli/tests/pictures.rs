@@ -10,15 +10,15 @@ use serde_json::Value;
 #[test]
 fn pictures_of_a_run_measure_as_its_record_says() {
     let place = Workplace::new();
-    place.tiny(&["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf"]).succeeds();
-    let run = place.path("runs/synthetic-4view/knot/nerf/seed0");
+    place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "nerf"]).succeeds();
+    let run = place.path("runs/fast-losses/knot/nerf/seed0");
     let (renders, truth) = (run.join("test"), run.join("truth"));
     let (renders, truth) = (renders.to_str().unwrap(), truth.to_str().unwrap());
     let output = place.run(&["eval", "--renders", renders, "--truth", truth, "--out", "compared"]).succeeds();
     assert!(text(&output.stdout).contains("8-bit RGB on white"), "{}", text(&output.stdout));
     let json = fs::read_to_string(place.path("compared/comparison.json")).unwrap();
     let compared: Value = serde_json::from_str(&json).unwrap();
-    let records = fs::read_to_string(place.path("runs/synthetic-4view/results.json")).unwrap();
+    let records = fs::read_to_string(place.path("runs/fast-losses/results.json")).unwrap();
     let record = serde_json::from_str::<Value>(&records).unwrap()[0].clone();
     for key in ["psnr", "ssim", "gmsd", "sharpness"] {
         let (there, here) = (record[key].as_f64().unwrap(), compared["mean"][key].as_f64().unwrap());

@@ -74,13 +74,13 @@ fn numbers(place: &Workplace, sweep: &str, out: &str) -> Vec<Value> {
 #[ignore = "needs Slurm: just test-slurm"]
 fn a_requeued_item_goes_on_and_the_table_is_the_local_one() {
     let place = Workplace::new();
-    let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "infonerf"];
+    let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "infonerf"];
     let weights = ["--grid", "loss.entropy.weight=0,1e-4,1e-3,1e-2", "--grid", "loss.kl.weight=0,1e-5,1e-4,1e-3"];
     let length = ["--set", "train.iterations=1500", "--set", "train.checkpoint_every=50"];
     let args = [&args[..], &weights, &length].concat();
     let sweep = Sweep { place: &place, args: &args };
     let child = sweep.spawn("slurm", &["--launch", "slurm", "--cpus", "1", "--jobs", "2", "--watch"]);
-    let folder = place.path("slurm/sweep-synthetic-4view");
+    let folder = place.path("slurm/sweep-fast-losses");
     let run = folder.join("knot/infonerf_loss.entropy.weight_0_loss.kl.weight_1e-4/seed0");
     let task = running(2, run);
     slurm("scontrol", &["requeue", &task]);
@@ -93,7 +93,7 @@ fn a_requeued_item_goes_on_and_the_table_is_the_local_one() {
 
     let (said, code) = sweep.ended(sweep.spawn("local", &["--jobs", "2"]), "local");
     assert_eq!(code, Some(0), "{said}");
-    let numbers = |out| numbers(&place, "sweep-synthetic-4view", out);
+    let numbers = |out| numbers(&place, "sweep-fast-losses", out);
     assert_eq!(numbers("slurm").len(), 16);
     assert_eq!(numbers("slurm"), numbers("local"));
 }
@@ -103,7 +103,7 @@ fn a_requeued_item_goes_on_and_the_table_is_the_local_one() {
 fn items_that_fail_take_too_long_or_are_cancelled() {
     let place = Workplace::new();
     // The scene has 100 views.
-    let file = "base = 'synthetic-4view'\n[variants.cancelled.train]\niterations = 1500\n\
+    let file = "base = 'fast-losses'\n[variants.cancelled.train]\niterations = 1500\n\
                 [variants.bad.scene]\nviews = { kind = 'ids', ids = [1000] }\n\
                 [variants.slow.train]\niterations = 1_000_000_000\n[variants.good.train]\niterations = 20\n";
     fs::write(place.path("mine.toml"), file).unwrap();
@@ -145,7 +145,7 @@ fn items_that_fail_take_too_long_or_are_cancelled() {
 fn what_slurm_refuses_is_told_in_one_line() {
     let place = Workplace::new();
     let sweep = |out: &str, more: &[&str]| {
-        let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--grid", "train.lr=1e-3,1e-2"];
+        let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "nerf", "--grid", "train.lr=1e-3,1e-2"];
         place.tiny(&args).args(&["--launch", "slurm", "--out", out]).args(more)
     };
     sweep("runs", &["--partition", "nowhere"]).fails_with(&["items 0 to 1 were not submitted", "nowhere"]);
@@ -154,7 +154,7 @@ fn what_slurm_refuses_is_told_in_one_line() {
     let out = "a \"b\" 100%";
     sweep(out, &["--submit-option=--hold"]).succeeds();
     sweep(out, &[]).fails_with(&["launch is under way: 3 of its tasks wait and 0 run", "scancel"]);
-    let jobs = fs::read_to_string(place.path(out).join("sweep-synthetic-4view/launch/jobs.json")).unwrap();
+    let jobs = fs::read_to_string(place.path(out).join("sweep-fast-losses/launch/jobs.json")).unwrap();
     let jobs: Value = serde_json::from_str(&jobs).unwrap();
     let ids = || jobs["ids"].as_array().unwrap().iter().map(|id| id.as_str().unwrap());
     // The scripts are as Slurm read them.
@@ -167,8 +167,8 @@ fn what_slurm_refuses_is_told_in_one_line() {
         output.status.success().then(|| text(&output.stdout))
     });
     assert!(said.contains("2 of them finished before"), "{said}");
-    let logs = place.path(out).join("sweep-synthetic-4view").join(LOGS);
+    let logs = place.path(out).join("sweep-fast-losses").join(LOGS);
     let log = format!("merge_{}.log", ids().nth(1).unwrap());
     assert!(fs::read_to_string(logs.join(log)).unwrap().contains("report: "));
-    assert_eq!(records(&place.path(out).join("sweep-synthetic-4view")).len(), 2);
+    assert_eq!(records(&place.path(out).join("sweep-fast-losses")).len(), 2);
 }

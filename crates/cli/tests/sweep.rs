@@ -12,7 +12,7 @@ use common::{Invocation, SWEEP, Workplace, records, text, without_times};
 use serde_json::Value;
 
 const RUNS: usize = 8;
-const FOLDER: &str = "sweep-synthetic-4view";
+const FOLDER: &str = "sweep-fast-losses";
 
 fn sweep(place: &Workplace, out: &str) -> Invocation {
     place.tiny(&SWEEP).args(&["--out", out])
@@ -97,18 +97,18 @@ fn two_at_a_time_give_the_same_numbers() {
 #[test]
 fn an_experiment_runs_two_at_a_time() {
     let place = Workplace::new();
-    let chosen = ["exp", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--variant", "infonerf"];
+    let chosen = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--variant", "infonerf"];
     let run = |out: &str| place.tiny(&chosen).args(&["--out", out]);
     run("one").succeeds();
     let said = text(&run("two").args(&["--jobs", "2"]).succeeds().stdout);
     assert!(said.contains("InfoNeRF improves on NeRF"), "its claims are told: {said}");
-    let list = |out| without_times(&records(&place.path(out).join("synthetic-4view")));
+    let list = |out| without_times(&records(&place.path(out).join("fast-losses")));
     assert_eq!(list("one"), list("two"));
     run("two").args(&["--jobs", "2", "--json"]).fails_with(&["--json", "--jobs"]);
 }
 
 /// Four by four weights of the paper's losses.
-const WEIGHTS: [&str; 8] = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "infonerf", "--space", "paper"];
+const WEIGHTS: [&str; 8] = ["sweep", "fast-losses", "--scene", "knot", "--variant", "infonerf", "--space", "paper"];
 
 #[test]
 fn a_sweep_that_was_killed_goes_on() {
@@ -142,7 +142,7 @@ fn a_sweep_that_was_killed_goes_on() {
 fn random_settings_are_repeatable_and_plotted() {
     let place = Workplace::new();
     let random = |count: &str, out: &str| {
-        let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "infonerf", "--random", count];
+        let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "infonerf", "--random", count];
         let ranges = ["--range", "loss.entropy.weight=log:1e-5:1e-1", "--range", "train.rays=int:16:48"];
         // The ranges set what the tiny settings would.
         place.tiny_without("train.rays", &args).args(&ranges).args(&["--out", out])
@@ -167,7 +167,7 @@ fn hopeless_settings_are_stopped_early() {
     let place = Workplace::new();
     // A learning rate of 0 learns nothing: it cannot be among the best.
     let halving = |out: &str| {
-        let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--halving", "2"];
+        let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "nerf", "--halving", "2"];
         let grid = ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12"];
         place.tiny(&args).args(&grid).args(&["--out", out])
     };
@@ -180,7 +180,7 @@ fn hopeless_settings_are_stopped_early() {
     assert!(report.contains("stopped early"), "{report}");
     // Stopped runs are saved: without halving the sweep goes on with them, and ends where one without would.
     let whole = |place: &Workplace, out: &str| {
-        let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--out", out];
+        let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", out];
         let grid = ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12"];
         place.tiny(&args).args(&grid).succeeds();
         without_times(&records(&folder(place, out)))
@@ -191,7 +191,7 @@ fn hopeless_settings_are_stopped_early() {
 #[test]
 fn a_run_that_takes_too_long_is_given_up_and_the_others_go_on() {
     let place = Workplace::new();
-    let args = ["sweep", "synthetic-4view", "--scene", "knot", "--variant", "nerf", "--timeout", "8s"];
+    let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "nerf", "--timeout", "8s"];
     let grid = ["--grid", "train.iterations=3,100000000"];
     let output = place.tiny_without("train.iterations", &args).args(&grid).into_command().output().unwrap();
     let (said, complaint) = (text(&output.stdout), text(&output.stderr));
@@ -205,7 +205,7 @@ fn items_run_alone() {
     let place = Workplace::new();
     sweep(&place, "whole").succeeds();
     sweep(&place, "items").args(&["--launch", "print"]).succeeds();
-    let manifest = "items/sweep-synthetic-4view/manifest.jsonl";
+    let manifest = "items/sweep-fast-losses/manifest.jsonl";
     for item in (0..RUNS).rev() {
         place.run(&["sweep-item", manifest, &item.to_string()]).succeeds();
     }
@@ -232,7 +232,7 @@ fn an_item_that_fails_is_reported_and_the_others_go_on() {
         "--grid",
         "scene.views={kind=\"ids\",ids=[1]},{kind=\"ids\",ids=[1000]}",
     ];
-    let command = [&["sweep", "synthetic-4view"][..], &args].concat();
+    let command = [&["sweep", "fast-losses"][..], &args].concat();
     let output = place.tiny(&command).into_command().output().unwrap();
     let (said, complaint) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(1), "{said}\n{complaint}");
@@ -254,7 +254,7 @@ fn a_variant_that_the_grid_makes_into_another_is_left_out() {
 #[test]
 fn bad_grids() {
     let place = Workplace::new();
-    let grid = |args: &[&str]| place.tiny(&["sweep", "synthetic-4view", "--scene", "knot"]).args(args);
+    let grid = |args: &[&str]| place.tiny(&["sweep", "fast-losses", "--scene", "knot"]).args(args);
     for (values, parts) in [
         ("loss.entropi.weight=0,1", &["entropi"][..]),
         ("loss.entropy.weight", &["loss.entropy.weight", "="]),

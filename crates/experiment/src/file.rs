@@ -39,7 +39,8 @@ pub(crate) struct File {
     /// Laid over the preset.
     #[serde(default)]
     pub(crate) config: Table,
-    /// What is compared: each laid over `config`. The place of a name in the file is its place in tables.
+    /// What is compared: each laid over `preset` and `config`, or over a `preset` of its own (`auto` for the one that suits
+    /// the scene). The place of a name in the file is its place in tables.
     #[serde(default)]
     variants: BTreeMap<Spanned<String>, Value>,
     /// What a paper found, to stand beside the results.
@@ -97,8 +98,11 @@ impl Layers {
         table
     }
 
-    /// The names of the variants in the order of the files, the base's first, and what each changes.
-    pub(crate) fn variants(&self) -> (Vec<String>, Table) {
+    /// The variants in the order of the files, the base's first.
+    ///
+    /// # Errors
+    /// If one is no table, or its `preset` is unknown.
+    pub(crate) fn variants(&self) -> Result<Vec<Variant>> {
         let (mut order, mut tables) = (Vec::new(), Table::new());
         for file in &self.files {
             let mut own: Vec<(&Spanned<String>, &Value)> = file.variants.iter().collect();
@@ -111,7 +115,38 @@ impl Layers {
                 config::merge(&mut tables, Table::from_iter([(name.clone(), value.clone())]));
             }
         }
-        (order, tables)
+        order.iter().map(|name| Variant::read(name, &tables)).collect()
+    }
+}
+
+/// One of the settings that an experiment compares.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Variant {
+    pub(crate) name: String,
+    pub(crate) start: Start,
+    /// Laid over what it starts from.
+    pub(crate) changes: Table,
+}
+
+/// What the configs of a variant start from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Start {
+    /// The experiment's preset and `config`.
+    Experiment,
+    /// A preset alone; `None` for the one that suits the scene.
+    Preset(Option<Preset>),
+}
+
+impl Variant {
+    fn read(name: &str, tables: &Table) -> Result<Self> {
+        let Some(Value::Table(changes)) = tables.get(name) else { bail!("variants.{name}: expected a table") };
+        let mut changes = changes.clone();
+        let start = match changes.remove("preset") {
+            None => Start::Experiment,
+            Some(Value::String(auto)) if auto == "auto" => Start::Preset(None),
+            Some(preset) => Start::Preset(Some(preset.try_into().with_context(|| format!("variants.{name}.preset"))?)),
+        };
+        Ok(Self { name: name.to_owned(), start, changes })
     }
 }
 
@@ -153,13 +188,28 @@ fn parse(origin: &str, text: &str) -> Result<File> {
 mod tests {
     use super::*;
 
+    fn variants(texts: &[&str]) -> Result<Vec<Variant>> {
+        let files = texts.iter().map(|text| parse("file", text).unwrap()).collect();
+        Layers { name: "file".into(), files }.variants()
+    }
+
     #[test]
     fn variants_come_in_the_order_of_the_files() {
-        let base = parse("base", "[variants.z]\n[variants.m.loss.mask]\nweight = 1.0\n").unwrap();
-        let over = parse("over", "[variants.b]\n[variants.m.train]\nlr = 1.0\n[variants.a]\n").unwrap();
-        let (order, tables) = Layers { name: "over".into(), files: vec![base, over] }.variants();
-        assert_eq!(order, ["z", "m", "b", "a"]);
-        assert_eq!(tables["m"].as_table().unwrap().len(), 2);
+        let base = "[variants.z]\n[variants.m.loss.mask]\nweight = 1.0\n";
+        let found = variants(&[base, "[variants.b]\n[variants.m.train]\nlr = 1.0\n[variants.a]\n"]).unwrap();
+        assert_eq!(found.iter().map(|variant| variant.name.as_str()).collect::<Vec<_>>(), ["z", "m", "b", "a"]);
+        assert_eq!(found[1].changes.len(), 2);
+    }
+
+    #[test]
+    fn a_variant_can_have_a_preset_of_its_own() {
+        let text = "[variants.a.train]\nlr = 2.0\n[variants.b]\npreset = 'released'\n[variants.c]\npreset = 'auto'\n";
+        let found = variants(&[text]).unwrap();
+        let starts: Vec<Start> = found.iter().map(|variant| variant.start).collect();
+        assert_eq!(starts, [Start::Experiment, Start::Preset(Some(Preset::Released)), Start::Preset(None)]);
+        assert!(found[1].changes.is_empty() && !found[0].changes.is_empty());
+        let error = variants(&["[variants.a]\npreset = 'slow'\n"]).unwrap_err();
+        assert!(format!("{error:#}").starts_with("variants.a.preset"), "{error:#}");
     }
 
     #[test]

@@ -179,7 +179,7 @@ mod tests {
     fn every_part_is_told_apart() {
         let plan = |set: &str| {
             let selection = Selection { set: vec![set.into()], ..Selection::default() };
-            Experiment::plan("synthetic-4view", &selection).unwrap().runs.remove(0)
+            Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0)
         };
         let first = Identity::of(&plan("train.rays=64"), "flex").unwrap();
         assert_eq!(first, Identity::of(&plan("train.rays=64"), "flex").unwrap());

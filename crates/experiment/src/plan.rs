@@ -10,9 +10,9 @@ use infonerf_field::FieldSpec;
 use infonerf_report::{Claim, Record, ReportInput};
 use infonerf_scene::Backdrop;
 use infonerf_train::{Config, Preset, config};
-use toml::{Table, Value};
+use toml::Table;
 
-use crate::file::Layers;
+use crate::file::{Layers, Start, Variant};
 use crate::plot::Plot;
 use crate::published::Paper;
 use crate::run_plan::RunPlan;
@@ -82,7 +82,9 @@ pub(crate) struct Outline {
     budget: Option<f64>,
     scenes: Vec<ChosenScene>,
     seeds: Vec<u64>,
-    variants: Variants,
+    variants: Vec<ChosenVariant>,
+    /// What configs are made of, by preset and variant: preset, files, variant and what the selection sets.
+    tables: BTreeMap<(&'static str, String), Table>,
 }
 
 impl Outline {
@@ -90,18 +92,29 @@ impl Outline {
         let layers = Layers::read(experiment)?;
         let name = layers.result_name();
         check_name("experiment", &name)?;
-        let preset = selection.preset.or_else(|| layers.last(|file| file.preset));
         let data = selection.data.clone().or_else(|| layers.last(|file| file.data.clone()));
         let budget = selection.budget.or_else(|| layers.last(|file| file.budget_seconds));
         let found = find_scenes(data.as_deref(), chosen_scenes(&layers, selection))?;
-        let scenes: Vec<ChosenScene> = found.into_iter().map(|scene| ChosenScene::new(scene, preset)).collect();
+        let scenes: Vec<ChosenScene> = found.into_iter().map(ChosenScene::new).collect();
         let seeds = chosen_seeds(&layers, selection);
         check_distinct("--scene", scenes.iter().map(|scene| scene.name.clone()))?;
         check_distinct("--seed", seeds.iter().map(u64::to_string))?;
         let about = About::of(&layers, data);
-        let presets = scenes.iter().map(|scene| scene.preset);
-        let variants = Variants::of(layers, selection, presets, experiment)?;
-        Ok(Self { about, experiment: experiment.to_owned(), budget, scenes, seeds, variants })
+        let variants = chosen_variants(&layers, selection)?;
+        let mut tables = BTreeMap::new();
+        for (scene, chosen) in scenes.iter().flat_map(|scene| variants.iter().map(move |chosen| (scene, chosen))) {
+            let (preset, variant) = (scene.preset(chosen), &chosen.variant);
+            if let Entry::Vacant(new) = tables.entry((preset.name(), variant.name.clone())) {
+                let mut table = match variant.start {
+                    Start::Experiment => layers.config(preset),
+                    Start::Preset(_) => preset.table(),
+                };
+                config::merge(&mut table, variant.changes.clone());
+                assign(&mut table, &selection.set).with_context(|| experiment.to_owned())?;
+                new.insert(table);
+            }
+        }
+        Ok(Self { about, experiment: experiment.to_owned(), budget, scenes, seeds, variants, tables })
     }
 
     /// How many runs in a row differ in their seed only.
@@ -111,27 +124,25 @@ impl Outline {
 
     /// Its runs, by scene, variant and seed, with `set` after what the selection sets.
     pub(crate) fn runs(&self, set: &[String]) -> Result<Vec<RunPlan>> {
-        let config = |preset: Preset, variant: &String| {
-            let config = self.variants.config(preset, variant, set);
-            config.with_context(|| self.experiment.clone())
-        };
         let mut configs = BTreeMap::new();
         let mut runs = Vec::new();
-        for ChosenScene { name, source, preset } in &self.scenes {
-            for variant in &self.variants.names {
-                let config = match configs.entry((preset.name(), variant)) {
+        for scene in &self.scenes {
+            let ChosenScene { name, source, .. } = scene;
+            for chosen in &self.variants {
+                let (preset, variant) = (scene.preset(chosen), &chosen.variant);
+                let config = match configs.entry((preset.name(), &variant.name)) {
                     Entry::Occupied(known) => known.into_mut(),
-                    Entry::Vacant(new) => new.insert(config(*preset, variant)?),
+                    Entry::Vacant(new) => new.insert(self.config(preset, &variant.name, set)?),
                 };
-                check_body(config, source).with_context(|| format!("{}: {name}/{variant}", self.experiment))?;
+                check_body(config, source).with_context(|| format!("{}: {name}/{}", self.experiment, variant.name))?;
                 runs.extend(self.seeds.iter().map(|&seed| RunPlan {
                     experiment: self.about.name.clone(),
                     scene: name.clone(),
                     source: source.clone(),
                     data: self.about.data.clone(),
-                    variant: variant.clone(),
+                    variant: variant.name.clone(),
                     seed,
-                    preset: *preset,
+                    preset,
                     budget: self.budget,
                     config: config.clone(),
                 }));
@@ -139,6 +150,21 @@ impl Outline {
         }
         Ok(runs)
     }
+
+    fn config(&self, preset: Preset, variant: &str, set: &[String]) -> Result<Config> {
+        let table = self.tables.get(&(preset.name(), variant.to_owned()));
+        let mut table = table.expect("there is a table for each preset and variant").clone();
+        assign(&mut table, set)
+            .and_then(|()| Config::from_table(table).with_context(|| format!("variant {variant}")))
+            .with_context(|| self.experiment.clone())
+    }
+}
+
+fn assign(table: &mut Table, set: &[String]) -> Result<()> {
+    for assignment in set {
+        config::assign(table, assignment).with_context(|| format!("--set {assignment}"))?;
+    }
+    Ok(())
 }
 
 /// Refuses a field that hangs on a body where neither the scene nor a file has one.
@@ -155,22 +181,26 @@ fn check_body(config: &Config, source: &SceneSource) -> Result<()> {
     Ok(())
 }
 
-/// A scene, and what its configs start from.
+/// A scene, and the preset that suits it.
 struct ChosenScene {
     name: String,
     source: SceneSource,
-    preset: Preset,
+    suitable: Preset,
 }
 
 impl ChosenScene {
-    /// Without a preset, `capture` where the scene is photographs that show no uniform background, and `fast` elsewhere. A
-    /// scene that cannot be read is loading's to refuse.
-    fn new((name, source): (String, SceneSource), preset: Option<Preset>) -> Self {
-        let preset = preset.unwrap_or_else(|| match source.backdrop() {
+    /// `capture` suits photographs without a uniform background, `fast` everything else. A scene that cannot be read is
+    /// loading's to refuse.
+    fn new((name, source): (String, SceneSource)) -> Self {
+        let suitable = match source.backdrop() {
             Ok(Some(Backdrop::Unknown)) => Preset::Capture,
             _ => Preset::Fast,
-        });
-        Self { name, source, preset }
+        };
+        Self { name, source, suitable }
+    }
+
+    fn preset(&self, variant: &ChosenVariant) -> Preset {
+        variant.preset.unwrap_or(self.suitable)
     }
 }
 
@@ -193,60 +223,38 @@ fn chosen_seeds(layers: &Layers, selection: &Selection) -> Vec<u64> {
     }
 }
 
-/// The variants that are asked for.
-struct Variants {
-    names: Vec<String>,
-    /// What their configs are made of, by preset and variant: preset, files, variant and what the selection sets.
-    tables: BTreeMap<(&'static str, String), Table>,
+/// A variant, and the preset of its configs; none for the one that suits each scene.
+struct ChosenVariant {
+    variant: Variant,
+    preset: Option<Preset>,
 }
 
-impl Variants {
-    fn of(
-        layers: Layers,
-        selection: &Selection,
-        presets: impl Iterator<Item = Preset>,
-        experiment: &str,
-    ) -> Result<Self> {
-        let (known, over) = layers.variants();
-        if known.is_empty() {
-            bail!("{}: variants: expected at least one table", layers.name);
-        }
-        if let Some(unknown) = selection.variants.iter().find(|name| !known.contains(name)) {
-            bail!("--variant {unknown}: expected one of: {}", known.join(", "));
-        }
-        let names = if selection.variants.is_empty() { known } else { selection.variants.clone() };
-        check_distinct("--variant", names.iter().cloned())?;
-        names.iter().try_for_each(|name| check_name("variant", name))?;
-        let mut tables = BTreeMap::new();
-        for preset in presets {
-            for name in &names {
-                if let Entry::Vacant(new) = tables.entry((preset.name(), name.clone())) {
-                    let mut table = layers.config(preset);
-                    match over.get(name) {
-                        Some(Value::Table(over)) => config::merge(&mut table, over.clone()),
-                        _ => bail!("{experiment}: variants.{name}: expected a table"),
-                    }
-                    assign(&mut table, &selection.set).with_context(|| experiment.to_owned())?;
-                    new.insert(table);
-                }
+/// The variants that are asked for; none for all.
+fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<ChosenVariant>> {
+    let mut variants = layers.variants().with_context(|| layers.name.clone())?;
+    if variants.is_empty() {
+        bail!("{}: variants: expected at least one table", layers.name);
+    }
+    if !selection.variants.is_empty() {
+        let named = |name: &String| match variants.iter().find(|variant| variant.name == *name) {
+            Some(variant) => Ok(variant.clone()),
+            None => {
+                let names: Vec<&str> = variants.iter().map(|variant| variant.name.as_str()).collect();
+                bail!("--variant {name}: expected one of: {}", names.join(", "))
             }
-        }
-        Ok(Self { names, tables })
+        };
+        variants = selection.variants.iter().map(named).collect::<Result<_>>()?;
     }
-
-    fn config(&self, preset: Preset, variant: &str, set: &[String]) -> Result<Config> {
-        let table = self.tables.get(&(preset.name(), variant.to_owned()));
-        let mut table = table.expect("there is a table for each preset and variant").clone();
-        assign(&mut table, set)?;
-        Config::from_table(table).with_context(|| format!("variant {variant}"))
-    }
-}
-
-fn assign(table: &mut Table, set: &[String]) -> Result<()> {
-    for assignment in set {
-        config::assign(table, assignment).with_context(|| format!("--set {assignment}"))?;
-    }
-    Ok(())
+    check_distinct("--variant", variants.iter().map(|variant| variant.name.clone()))?;
+    let chosen = |variant: Variant| {
+        check_name("variant", &variant.name)?;
+        let own = match variant.start {
+            Start::Experiment => layers.last(|file| file.preset),
+            Start::Preset(preset) => preset,
+        };
+        Ok(ChosenVariant { variant, preset: selection.preset.or(own) })
+    };
+    variants.into_iter().map(chosen).collect()
 }
 
 fn check_distinct(what: &str, items: impl Iterator<Item = String>) -> Result<()> {
@@ -303,6 +311,8 @@ impl About {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use toml::Value;
+
     use crate::file::list;
 
     /// Over any preset, and as it comes back from a run's `config.toml`.
@@ -380,11 +390,11 @@ mod tests {
     fn names_are_checked_before_anything_runs() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("my exp.toml");
-        std::fs::write(&file, "base = 'synthetic-4view'\n[variants.'nerf+key']\n").unwrap();
+        std::fs::write(&file, "base = 'fast-losses'\n[variants.'nerf+key']\n").unwrap();
         let plan = Experiment::plan(&file.to_string_lossy(), &Selection::default()).unwrap();
         assert_eq!(plan.about.name, "my exp");
         assert!(plan.runs.iter().any(|run| run.variant == "nerf+key"));
-        std::fs::write(&file, "base = 'synthetic-4view'\n[variants.'nerf/key']\n").unwrap();
+        std::fs::write(&file, "base = 'fast-losses'\n[variants.'nerf/key']\n").unwrap();
         let error = Experiment::plan(&file.to_string_lossy(), &Selection::default()).unwrap_err();
         assert!(format!("{error:#}").contains("variant \"nerf/key\""), "{error:#}");
     }

@@ -204,7 +204,7 @@ mod tests {
             variants: vec!["nerf".into()],
             ..Selection::default()
         };
-        let runs = Experiment::plan("synthetic-4view", &selection).unwrap().runs;
+        let runs = Experiment::plan("fast-losses", &selection).unwrap().runs;
         assert_eq!(priors(&runs.iter().collect::<Vec<_>>()), "semantic, tv");
     }
 }

@@ -217,7 +217,7 @@ mod tests {
     #[test]
     fn a_config_can_be_run_from_another_folder() {
         let selection = Selection { set: vec!["train.init=runs/here".into()], ..Selection::default() };
-        let plan = Experiment::plan("synthetic-4view", &selection).unwrap().runs.remove(0);
+        let plan = Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0);
         let again = RunPlan::from_toml(&plan.to_toml().unwrap()).unwrap();
         assert!(again.config.train.init.is_absolute() && again.config.train.init.ends_with("runs/here"));
     }

@@ -214,7 +214,7 @@ fn the_live_page_shows_a_run() {
     let url = server.url();
     std::thread::spawn(move || server.wait());
     let document = document(&url, 20_000, &[]);
-    for part in ["synthetic-4view/crane/infonerf/seed0", "<h1>crane/infonerf/seed0</h1>", "4 steps", "at step 4"] {
+    for part in ["fast-losses/crane/infonerf/seed0", "<h1>crane/infonerf/seed0</h1>", "4 steps", "at step 4"] {
         assert!(document.contains(part), "{part}: {document}");
     }
     assert_eq!(document.matches("alt=\"photograph ").count(), 4);

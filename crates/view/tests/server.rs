@@ -88,9 +88,9 @@ fn a_run_is_followed_while_it_trains() {
     let address = serve(out.path());
     let (status, page) = get(address, "/");
     assert!(status == 200 && page.starts_with(b"<!doctype html>"));
-    let run = "synthetic-4view%2Fcrane%2Finfonerf%2Fseed0";
+    let run = "fast-losses%2Fcrane%2Finfonerf%2Fseed0";
     let before = json(address, "/runs");
-    assert_eq!(before[0]["run"], "synthetic-4view/crane/infonerf/seed0");
+    assert_eq!(before[0]["run"], "fast-losses/crane/infonerf/seed0");
     assert_eq!(before[0]["state"], "training");
     let field = json(address, &format!("/field?run={run}"));
     assert_eq!(field["note"], "2 steps");

@@ -32,7 +32,7 @@ pub(crate) struct BenchArgs {
     #[arg(value_enum)]
     name: BenchName,
     /// The experiment that says what is trained; by default on its first scene, and `infonerf` (pareto: all variants).
-    #[arg(long, value_name = "NAME|FILE", default_value = "synthetic-4view")]
+    #[arg(long, value_name = "NAME|FILE", default_value = "fast-losses")]
     experiment: String,
     #[command(flatten)]
     selection: SelectionArgs,

@@ -55,8 +55,8 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
         set: vec![TEST_VIEWS.into()],
         ..Selection::default()
     };
-    let experiment = Experiment::plan("synthetic-4view", &selection)?;
-    let plan = experiment.runs.first().context("expected a run of synthetic-4view")?;
+    let experiment = Experiment::plan("fast-losses", &selection)?;
+    let plan = experiment.runs.first().context("expected a run of fast-losses")?;
     let session = Session::new(open_device(args.device.device)?, args.out.join("demo"), Resume::Never);
     interrupt::install()?;
     println!("{}: four views are learned, others are predicted (on {})", args.scene, session.device.name);

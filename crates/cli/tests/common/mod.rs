@@ -32,7 +32,7 @@ const TINY: [&str; 16] = [
 /// A sweep of four values, two seeds, one scene.
 pub const SWEEP: [&str; 14] = [
     "sweep",
-    "synthetic-4view",
+    "fast-losses",
     "--scene",
     "knot",
     "--variant",

@@ -76,8 +76,7 @@ mod tests {
             ..Selection::default()
         };
         let grids = ["loss.entropy.weight=1e-3,0,1e-2,1e-4", "loss.kl.weight=0,1e-5"].map(str::to_owned).to_vec();
-        let sweep =
-            Sweep::plan("synthetic-4view", &SweepOptions { grids, selection, ..SweepOptions::default() }).unwrap();
+        let sweep = Sweep::plan("fast-losses", &SweepOptions { grids, selection, ..SweepOptions::default() }).unwrap();
         let psnr = |scene: &str, choice: &[usize]| {
             // The second best is better than the best on one scene.
             let noise = if choice[0] == 2 && scene == "knot" { 0.2 } else { 0.0 };

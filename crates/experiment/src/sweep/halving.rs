@@ -96,7 +96,7 @@ mod tests {
             set: vec!["train.ensemble.size=2".into(), "train.iterations=10".into()],
             ..Selection::default()
         };
-        let plan = Experiment::plan("synthetic-4view", &selection).unwrap().runs.remove(0);
+        let plan = Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0);
         let folder = tempfile::tempdir().unwrap();
         let run = folder.path().join(plan.directory());
         let log = |member: usize, psnr: f64, steps: usize| {

@@ -42,12 +42,12 @@ fn ten_thousand_runs() {
     let options = SweepOptions { grids, selection, ..SweepOptions::default() };
 
     let start = Instant::now();
-    let sweep = Sweep::plan("synthetic-4view", &options).unwrap();
+    let sweep = Sweep::plan("fast-losses", &options).unwrap();
     let prepared = sweep.prepare(out.path(), DeviceName::Flex).unwrap();
     let planning = start.elapsed().as_secs_f64();
     assert_eq!((sweep.len(), prepared.state().missing.len()), (10_000, 10_000));
 
-    let folder = out.path().join("sweep-synthetic-4view");
+    let folder = out.path().join("sweep-fast-losses");
     for (index, item) in sweep.items.iter().enumerate().skip(1) {
         finish(&folder, &item.plan, 15.0 + 5.0 * (index as f64).sin());
     }

@@ -31,7 +31,7 @@ pub fn device() -> OpenDevice {
 }
 
 pub fn plan(variant: &str, set: &[&str]) -> RunPlan {
-    plan_of("synthetic-4view", variant, set)
+    plan_of("fast-losses", variant, set)
 }
 
 pub fn plan_of(experiment: &str, variant: &str, set: &[&str]) -> RunPlan {
