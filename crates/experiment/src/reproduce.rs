@@ -10,103 +10,122 @@ use crate::{Experiment, Selection};
 
 /// How an experiment becomes one chapter of many: what it runs where nothing else is selected. What is empty is as the
 /// experiment has it.
-struct Scale {
+struct Chapter {
     experiment: &'static str,
     /// Of photographs, whose formats are not those of the synthetic scenes.
     captures: bool,
-    scenes: &'static [&'static str],
     variants: &'static [&'static str],
-    seeds: &'static [u64],
     set: &'static [&'static str],
+    small: Extent,
+    full: Extent,
 }
 
-impl Scale {
-    const fn whole(experiment: &'static str) -> Self {
-        Self { experiment, captures: false, scenes: &[], variants: &[], seeds: &[], set: &[] }
+/// Scenes and view sets.
+#[derive(Clone, Copy)]
+struct Extent {
+    scenes: &'static [&'static str],
+    seeds: &'static [u64],
+}
+
+/// As the experiment has it.
+const OWN: Extent = Extent { scenes: &[], seeds: &[] };
+/// For chapters of many variants: an hour in all.
+const TWO_BY_TWO: Extent = Extent { scenes: &["crane", "knot"], seeds: &[0, 1] };
+/// What the claims of those chapters need.
+const FOUR_BY_FIVE: Extent = Extent { scenes: &["castle", "crane", "knot", "orrery"], seeds: &[0, 1, 2, 3, 4] };
+
+impl Chapter {
+    const fn new(experiment: &'static str, small: Extent, full: Extent) -> Self {
+        Self { experiment, captures: false, variants: &[], set: &[], small, full }
     }
 
-    /// Of the paper's regime, about half as long as the experiment alone.
-    const fn regime(experiment: &'static str) -> Self {
-        Self { set: &["train.iterations=720", "train.precrop_steps=144"], ..Self::whole(experiment) }
-    }
-
-    /// A forward-facing or inward-looking capture, small.
-    const fn capture(experiment: &'static str) -> Self {
-        Self {
-            captures: true,
-            variants: &["nerf", "entropy", "kl", "infonerf", "infonerf+"],
-            set: &["scene.size=160", "train.iterations=300"],
-            ..Self::whole(experiment)
-        }
+    /// A small forward-facing or inward-looking capture.
+    const fn capture(experiment: &'static str, set: &'static [&'static str]) -> Self {
+        let full = Extent { scenes: &[], seeds: &[0, 1, 2, 3, 4] };
+        Self { captures: true, set, ..Self::new(experiment, OWN, full) }
     }
 }
+
+/// The variants of a capture.
+const CAPTURE: &[&str] = &["nerf", "entropy", "kl", "infonerf", "infonerf+"];
 
 /// What is reproduced, in the order of the report.
-const SCALES: [Scale; 11] = [
-    Scale::whole("synthetic-4view"),
-    Scale { variants: &["nerf", "infonerf"], seeds: &[0], ..Scale::regime("paper-regime") },
-    Scale::regime("loss-ablation"),
-    Scale::regime("unseen-rays"),
-    Scale::regime("baseline"),
-    Scale {
+const CHAPTERS: [Chapter; 11] = [
+    Chapter::new("synthetic-4view", Extent { seeds: &[0, 1], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
+    Chapter::new("fast-losses", Extent { seeds: &[0], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
+    Chapter::new("loss-ablation", Extent { seeds: &[0, 1], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
+    Chapter::new("unseen-rays", TWO_BY_TWO, FOUR_BY_FIVE),
+    Chapter::new("baseline", TWO_BY_TWO, FOUR_BY_FIVE),
+    Chapter {
         variants: &["nerf-2", "infonerf-2", "nerf-4", "infonerf-4", "nerf-8", "infonerf-8", "nerf-100", "infonerf-100"],
-        ..Scale::regime("views")
+        ..Chapter::new("views", TWO_BY_TWO, FOUR_BY_FIVE)
     },
-    Scale::regime("information"),
-    Scale {
-        scenes: &["crane", "knot"],
+    Chapter::new("information", TWO_BY_TWO, FOUR_BY_FIVE),
+    Chapter {
         variants: &["nerf", "infonerf", "mipnerf", "infomipnerf"],
-        seeds: &[0],
-        ..Scale::whole("integration")
+        ..Chapter::new("integration", Extent { seeds: &[0], ..TWO_BY_TWO }, FOUR_BY_FIVE)
     },
-    Scale::capture("llff-2view"),
-    Scale::capture("dtu-3view"),
-    Scale { captures: true, set: &["train.iterations=300"], ..Scale::whole("zju-4view") },
+    Chapter { variants: CAPTURE, ..Chapter::capture("llff-2view", &["scene.size=160", "train.iterations=300"]) },
+    Chapter { variants: CAPTURE, ..Chapter::capture("dtu-3view", &["scene.size=160", "train.iterations=300"]) },
+    Chapter::capture("zju-4view", &["train.iterations=300"]),
 ];
 
 /// The experiments, in the order of the report.
-pub const EXPERIMENTS: [&str; SCALES.len()] = {
-    let mut names = [""; SCALES.len()];
+pub const EXPERIMENTS: [&str; CHAPTERS.len()] = {
+    let mut names = [""; CHAPTERS.len()];
     let mut index = 0;
     while index < names.len() {
-        names[index] = SCALES[index].experiment;
+        names[index] = CHAPTERS[index].experiment;
         index += 1;
     }
     names
 };
 
+/// How much is reproduced.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Plan {
+    /// An hour on two cores.
+    Small,
+    /// Four scenes and five view sets for every claim of the paper's regime: a night on two cores.
+    Full,
+}
+
 /// The sweeps of the experiments called `names`, or of all where that is empty.
 ///
-/// What `selection` says goes before an experiment's own scale. Its data and scenes are those of the synthetic experiments:
+/// What `selection` says goes before an experiment's own extent. Its data and scenes are those of the synthetic experiments:
 /// captures take part in them only where `names` has captures alone, and are the built-in ones otherwise.
 ///
 /// # Errors
 /// If a name is not one of [`EXPERIMENTS`], and as [`Experiment::plan`].
-pub fn sweeps(names: &[String], selection: &Selection) -> Result<Vec<Sweep>> {
+pub fn sweeps(names: &[String], plan: Plan, selection: &Selection) -> Result<Vec<Sweep>> {
     if let Some(unknown) = names.iter().find(|name| !EXPERIMENTS.contains(&name.as_str())) {
         bail!("{unknown}: expected one of {}", EXPERIMENTS.join(", "));
     }
-    let named = |scale: &&Scale| names.iter().any(|name| name == scale.experiment);
-    let captures_alone = !names.is_empty() && SCALES.iter().filter(named).all(|scale| scale.captures);
-    let sweep = |scale: &Scale| {
+    let named = |chapter: &&Chapter| names.iter().any(|name| name == chapter.experiment);
+    let captures_alone = !names.is_empty() && CHAPTERS.iter().filter(named).all(|chapter| chapter.captures);
+    let sweep = |chapter: &Chapter| {
         let mut selection = selection.clone();
-        if scale.captures && !captures_alone {
+        if chapter.captures && !captures_alone {
             (selection.data, selection.scenes) = (None, Vec::new());
         }
-        Ok(Sweep::of(Experiment::plan(scale.experiment, &scaled(scale, selection))?))
+        Ok(Sweep::of(Experiment::plan(chapter.experiment, &extended(chapter, plan, selection))?))
     };
-    SCALES.iter().filter(|scale| names.is_empty() || named(scale)).map(sweep).collect()
+    CHAPTERS.iter().filter(|chapter| names.is_empty() || named(chapter)).map(sweep).collect()
 }
 
-/// `selection` with what it leaves open as `scale` has it.
-fn scaled(scale: &Scale, selection: Selection) -> Selection {
+/// `selection` with what it leaves open as `chapter` has it.
+fn extended(chapter: &Chapter, plan: Plan, selection: Selection) -> Selection {
+    let extent = match plan {
+        Plan::Small => chapter.small,
+        Plan::Full => chapter.full,
+    };
     let owned = |list: &[&str]| list.iter().map(|&text| text.to_owned()).collect::<Vec<String>>();
     let or = |given: Vec<String>, own: &[&str]| if given.is_empty() { owned(own) } else { given };
     Selection {
-        scenes: if selection.data.is_some() { selection.scenes } else { or(selection.scenes, scale.scenes) },
-        variants: or(selection.variants, scale.variants),
-        seeds: if selection.seeds.is_empty() { scale.seeds.to_vec() } else { selection.seeds },
-        set: [owned(scale.set), selection.set].concat(),
+        scenes: if selection.data.is_some() { selection.scenes } else { or(selection.scenes, extent.scenes) },
+        variants: or(selection.variants, chapter.variants),
+        seeds: if selection.seeds.is_empty() { extent.seeds.to_vec() } else { selection.seeds },
+        set: [owned(chapter.set), selection.set].concat(),
         ..selection
     }
 }
@@ -120,11 +139,10 @@ pub fn write(inputs: Vec<ReportInput>, out: &Path) -> Result<PathBuf> {
     let collection = Collection {
         title: "InfoNeRF's tables and figures, at a small scale".into(),
         introduction: vec![
-            "The paper's tables and figures at a scale that suits a small machine, its own figures beside ours. The first \
-             is of this program's fast field. Those before the integration are of the paper's regime on small networks, \
-             in runs about half as long as the experiments' own. The captures are built-in twins of LLFF, DTU and \
-             ZJU-MoCap unless their data was given. Footnotes name every difference of protocol: the absolute figures \
-             are not comparable, the order of the variants is."
+            "The paper's tables and figures at a scale that suits a small machine, its own figures beside ours: the \
+             released code's regime on small networks and small images, but for the chapter of this program's fast \
+             field. The captures are built-in twins of LLFF, DTU and ZJU-MoCap unless their data was given. Footnotes \
+             name every difference of protocol: the absolute figures are not comparable, the order of the variants is."
                 .into(),
         ],
         chapters: inputs.into_iter().map(chapter).collect(),
@@ -139,26 +157,28 @@ mod tests {
 
     fn labels(names: &[&str], selection: &Selection) -> Vec<String> {
         let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
-        let sweeps = sweeps(&names, selection).unwrap();
+        let sweeps = sweeps(&names, Plan::Small, selection).unwrap();
         sweeps.iter().flat_map(|sweep| sweep.runs().map(RunPlan::label)).collect()
     }
 
     #[test]
     fn what_is_selected_goes_before_a_chapters_scale() {
-        assert_eq!(labels(&["paper-regime"], &Selection::default()).len(), 8);
+        assert_eq!(labels(&["fast-losses"], &Selection::default()).len(), 16);
         let one = Selection { scenes: vec!["orrery".into()], seeds: vec![3], ..Selection::default() };
-        let found = labels(&["paper-regime", "zju-4view"], &one);
-        assert_eq!(found.iter().filter(|label| label.contains("orrery")).count(), 2, "{found:?}");
+        let found = labels(&["synthetic-4view", "zju-4view"], &one);
+        assert_eq!(found.iter().filter(|label| label.contains("orrery")).count(), 3, "{found:?}");
         // The figure, not the orrery, which is no capture.
         assert!(found.iter().any(|label| label.contains("figure")), "{found:?}");
     }
 
     #[test]
     fn every_experiment_takes_part() {
-        let all = sweeps(&[], &Selection::default()).unwrap();
+        let all = sweeps(&[], Plan::Small, &Selection::default()).unwrap();
         let names: Vec<&str> = all.iter().map(|sweep| sweep.about.name.as_str()).collect();
         assert_eq!(names, EXPERIMENTS);
-        assert!(sweeps(&["nothing".into()], &Selection::default()).is_err());
+        assert!(sweeps(&["nothing".into()], Plan::Small, &Selection::default()).is_err());
+        let full: usize = sweeps(&[], Plan::Full, &Selection::default()).unwrap().iter().map(Sweep::len).sum();
+        assert!(full > 2 * all.iter().map(Sweep::len).sum::<usize>());
         // Of a small capture every run is small.
         let capture = &all[8];
         assert!(capture.runs().all(|plan| plan.config.scene.size == 160 && plan.config.train.iterations == 300));

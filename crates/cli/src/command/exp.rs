@@ -31,7 +31,7 @@ const EXP_EXAMPLES: &str = "\
 Examples:
   infonerf exp synthetic-4view
       NeRF and InfoNeRF on the built-in scenes, four views each; needs no data
-  infonerf exp synthetic-4view --data nerf_synthetic --scene lego --set scene.size=400
+  infonerf exp synthetic-4view --data nerf_synthetic --seed 0..4
       the same on real Blender data: reads nerf_synthetic/lego/transforms_train.json
   infonerf exp synthetic-4view --data nerf_synthetic --scene lego --variant infonerf --budget 60s
       one variant, one minute

@@ -24,18 +24,18 @@ use crate::terminal::open_device;
 
 const EXPORT_EXAMPLES: &str = "\
 Examples:
-  infonerf export runs/synthetic-4view/castle/infonerf/seed0 --format glb
+  infonerf export runs/synthetic-4view/castle/infonerf+/seed0 --format glb
       a mesh with vertex colours: runs/.../seed0/export/mesh.glb
-  infonerf export runs/synthetic-4view/castle/infonerf/seed0 --format splat --resolution 384 --out castle.ply
+  infonerf export runs/synthetic-4view/castle/infonerf+/seed0 --format splat --resolution 384 --out castle.ply
       gaussians on the surface, for viewers of 3D Gaussian Splatting
-  infonerf export runs/synthetic-4view/castle/infonerf/seed0 --format html
+  infonerf export runs/synthetic-4view/castle/infonerf+/seed0 --format html
       one page that draws the scene in any browser with WebGL2; needs nothing else";
 
 /// Write a finished run as something that other programs read: a mesh, points, gaussian splats, a grid, its cameras, a web page.
 #[derive(Debug, Args)]
 #[command(after_help = EXPORT_EXAMPLES)]
 pub(crate) struct ExportArgs {
-    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0.
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf+/seed0.
     run: PathBuf,
     /// What to write.
     #[arg(long, value_enum)]

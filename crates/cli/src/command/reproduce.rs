@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
-use infonerf_experiment::reproduce::{EXPERIMENTS, sweeps, write};
+use infonerf_experiment::reproduce::{EXPERIMENTS, Plan, sweeps, write};
 
 use crate::launch::{LaunchArgs, drive};
 use crate::selection::SelectionArgs;
@@ -16,7 +16,9 @@ Examples:
   infonerf reproduce
       on the built-in scenes and captures; needs no data
   infonerf reproduce --jobs 2
-      two runs at a time, with the same numbers
+      two runs at a time, with the same numbers: an hour on two cores
+  infonerf reproduce --full --jobs 2
+      four scenes and five view sets for each claim: a night
   infonerf reproduce --data nerf_synthetic --scene lego --only baseline --set scene.size=100
       the table of narrow and wide baselines on real Blender data
   infonerf reproduce --data nerf_llff_data --only llff-2view
@@ -30,18 +32,22 @@ pub(crate) struct ReproduceArgs {
     /// Only this experiment, again for more.
     #[arg(long, value_name = "EXPERIMENT", value_parser = EXPERIMENTS)]
     only: Vec<String>,
+    /// Four scenes and five view sets for each claim; without it what fits into an hour on two cores.
+    #[arg(long)]
+    full: bool,
     #[command(flatten)]
     selection: SelectionArgs,
     #[command(flatten)]
     launch: LaunchArgs,
-    /// Folder for results, which go into its folder `reproduce`.
+    /// Folder for results, which go into its folder `reproduce`, or `reproduce-full`.
     #[arg(long, value_name = "DIR", default_value = "runs")]
     out: PathBuf,
 }
 
 pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
-    let sweeps = sweeps(&args.only, &args.selection.selection(None))?;
-    let out = args.out.join("reproduce");
+    let (plan, folder) = if args.full { (Plan::Full, "reproduce-full") } else { (Plan::Small, "reproduce") };
+    let sweeps = sweeps(&args.only, plan, &args.selection.selection(None))?;
+    let out = args.out.join(folder);
     drive(&sweeps, &args.selection, &args.launch, &out, |outcomes| {
         println!();
         outcomes.iter().for_each(|outcome| print_claims(&outcome.input));

@@ -13,7 +13,7 @@ const VIEW_EXAMPLES: &str = "\
 Examples:
   infonerf view runs
       all runs below a folder, at http://127.0.0.1:7007/; those that train are followed
-  infonerf view runs/synthetic-4view/castle/infonerf/seed0 --open
+  infonerf view runs/synthetic-4view/castle/infonerf+/seed0 --open
       one run, in the browser
   ssh -L 7007:127.0.0.1:7007 HOST infonerf view runs
       runs of another machine, at the same address on this one";

@@ -14,7 +14,7 @@ use pictures::PicturesArgs;
 
 const EVAL_EXAMPLES: &str = "\
 Examples:
-  infonerf eval runs/synthetic-4view/castle/infonerf/seed0 --test all
+  infonerf eval runs/synthetic-4view/castle/infonerf+/seed0 --test all
       on all 200 test views
   infonerf eval runs/scales/castle/nerf/seed0 runs/scales/castle/mipnerf/seed0 --scale 1/2,1/4,1/8
       how two runs stand smaller images than those that they were trained on
@@ -25,7 +25,7 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = EVAL_EXAMPLES)]
 pub(crate) struct EvalArgs {
-    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0; more of them are compared.
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf+/seed0; more of them are compared.
     #[arg(required_unless_present = "renders", conflicts_with = "renders", value_name = "RUN")]
     runs: Vec<PathBuf>,
     #[command(flatten)]

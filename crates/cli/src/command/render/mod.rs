@@ -21,11 +21,11 @@ use path::{PathName, Route};
 
 const RENDER_EXAMPLES: &str = "\
 Examples:
-  infonerf render runs/synthetic-4view/castle/infonerf/seed0
+  infonerf render runs/synthetic-4view/castle/infonerf+/seed0
       once around the scene: PNG frames with depth, and orbit.gif
   infonerf render runs/llff-3view/fern/nerf/seed0 --path spiral --video mp4
       LLFF's spiral, also as a film (needs `ffmpeg` on PATH)
-  infonerf render runs/synthetic-4view/castle/infonerf/seed0 --path camera_path.json
+  infonerf render runs/synthetic-4view/castle/infonerf+/seed0 --path camera_path.json
       the frames of nerfstudio's camera_path.json, in the scene's own coordinates
 
 A path of your own is JSON: {\"keyframes\": [{\"camera_to_world\": [16 numbers, row by row], \"fov\": 50}, ...],
@@ -35,7 +35,7 @@ A path of your own is JSON: {\"keyframes\": [{\"camera_to_world\": [16 numbers, 
 #[derive(Debug, Args)]
 #[command(after_help = RENDER_EXAMPLES)]
 pub(crate) struct RenderArgs {
-    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf/seed0.
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf+/seed0.
     run: PathBuf,
     /// Where the camera goes: orbit, spiral, figure-eight, interpolate (through the training views) or a JSON file.
     #[arg(long, value_name = "PATH", default_value = "orbit")]
