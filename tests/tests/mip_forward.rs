@@ -171,7 +171,7 @@ fn check(device: &Device) {
         cosine: 1.0,
     };
     let rays: Vec<Ray> = rows.iter().map(ray).collect();
-    let request = RenderRequest { color: true };
+    let request = RenderRequest { color: true, hidden: true };
     let passes = renderer(fixture).render(&model, &rays, request, None, None, Moment::END);
     let (coarse, fine) = (passes.coarse.unwrap(), passes.fine);
     for (index, row) in rows.iter().enumerate() {

@@ -184,7 +184,7 @@ fn check(device: &Device) {
     let fixture = &fixture();
     let model = Model { coarse: Some(network(fixture, 0, device)), fine: network(fixture, 1, device), exposure: None };
     let epsilon = fixture["eps"].as_f64().unwrap() as f32;
-    let request = RenderRequest { color: true };
+    let request = RenderRequest { color: true, hidden: true };
     for last_interval in ["finite", "infinite"] {
         let renderer = renderer(fixture, last_interval);
         let render = |origin, direction| {

@@ -6,8 +6,8 @@
 use burn::module::{Module, ModuleVisitor, Param};
 use burn::tensor::{Device, Gradients, Tensor};
 use infonerf_field::{
-    CodeEncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralVolumesConfig, Points, RadianceField,
-    SourceView, Sources,
+    CodeEncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralVolumesConfig, Penalty, Points,
+    RadianceField, SourceView, Sources,
 };
 use infonerf_ops::{Segments, additive_depth, composite, to_host};
 use infonerf_procedural::load;
@@ -161,9 +161,9 @@ fn check(fixture: &Value, expected: &Value, original: &RadianceField, sources: &
     let rays = composite(additive_depth(tau, &segments), color, &segments);
     close(&to_host(rays.values.clone()), &numbers(&expected["rays"]), "rays");
     close(&to_host(rays.acc.clone()), &numbers(&expected["opacities"]), "opacities");
-    let variation = field.total_variation().unwrap();
+    let variation = field.penalty(Penalty::TOTAL_VARIATION).unwrap();
     close(&to_host(variation.clone()), &numbers(&expected["variation"]), "total variation");
-    let divergence = field.latent_divergence().unwrap();
+    let divergence = field.penalty(Penalty::LATENT_DIVERGENCE).unwrap();
     close(&to_host(divergence.clone()), &numbers(&expected["divergence"]), "divergence");
     let prior = ((rays.acc.clone() + 0.1).log() + (rays.acc.neg() + 1.1).log() - 0.11f32.ln()).mean();
     close(&to_host(prior.clone()), &numbers(&expected["prior"]), "opacity prior");

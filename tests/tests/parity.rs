@@ -9,7 +9,7 @@ use burn::tensor::{Device, Tensor, TensorData, f16};
 use glam::{DMat3, DMat4, DVec3, Vec3};
 use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::to_host;
-use infonerf_render::Stream;
+use infonerf_render::RandomStream;
 use infonerf_scene::{Aabb, Camera, Image, PixelAt, Range, Scene, Space, View};
 use infonerf_tests::hashed;
 use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepPixels, Trainer, config};
@@ -241,7 +241,13 @@ fn check(device: &Device) {
     let fixture = &fixture();
     let changes = SafeTensors::deserialize(include_bytes!("../fixtures/parity.safetensors")).unwrap();
     for (name, stream) in fixture["streams"].as_object().unwrap() {
-        let streams = [Stream::SeenRays, Stream::UnseenRays, Stream::Neighbours, Stream::Samples, Stream::FineSamples];
+        let streams = [
+            RandomStream::SeenRays,
+            RandomStream::UnseenRays,
+            RandomStream::Neighbours,
+            RandomStream::Samples,
+            RandomStream::FineSamples,
+        ];
         let known = streams.iter().find(|known| format!("{known:?}") == *name).unwrap();
         assert_eq!(*known as u64, stream.as_u64().unwrap(), "{name}: put its new number into parity.py and run that");
     }

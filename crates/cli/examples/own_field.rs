@@ -13,7 +13,7 @@ use burn::nn::{Linear, LinearConfig};
 use burn::tensor::Device;
 use burn::tensor::activation::{relu, sigmoid, softplus};
 use infonerf_experiment::save_png;
-use infonerf_field::{Field, Points, Sampled};
+use infonerf_field::{Field, FieldOutput, Points};
 use infonerf_metrics::to_rgb8;
 use infonerf_ops::frequency_encode;
 use infonerf_procedural::load;
@@ -40,11 +40,11 @@ impl DiffuseMlp {
 }
 
 impl Field for DiffuseMlp {
-    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
+    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
         let position = frequency_encode(points.positions, 3, FREQUENCIES, &[], &self.device());
         let hidden = relu(self.second.forward(relu(self.first.forward(position))));
         let out = self.last.forward(hidden);
-        Sampled {
+        FieldOutput {
             sigma: softplus(out.clone().narrow(1, 0, 1).squeeze_dim::<1>(1) * 10.0, 1.0),
             color: color.then(|| sigmoid(out.narrow(1, 1, 3))),
         }

@@ -152,14 +152,14 @@ fn program_checksum() -> Result<String> {
 
 fn files_checksum(plan: &RunPlan) -> Result<String> {
     let mut config = plan.config.clone();
-    let semantic = !config.loss.semantic.weight.is_zero();
-    let unused = config.loss.semantic.weights.clone();
+    for (_, unused) in config.loss.specs_mut().filter(|(_, spec)| spec.weight().is_zero()) {
+        if let Some((_, path)) = unused.weights_file() {
+            path.clear();
+        }
+    }
     let mut hasher = blake3::Hasher::new();
     let mut any = false;
     for path in file_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
-        if !semantic && *path == unused {
-            continue;
-        }
         // A run's folder stands for its weights. What is missing is told when it is used.
         let file = if path.is_dir() { path.join("checkpoint/model.bpk") } else { path.clone() };
         if file.is_file() {

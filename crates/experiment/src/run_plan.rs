@@ -8,6 +8,7 @@ use infonerf_dataset::SceneSource;
 use infonerf_field::FieldSpec;
 use infonerf_report::run_directory;
 use infonerf_scene::{Scene, SceneRequest};
+use infonerf_train::config::PixelPosition;
 use infonerf_train::{Config, MemoryPlan, Preset, Trainer, member_seed};
 use serde::{Deserialize, Serialize};
 use toml::Table;
@@ -98,7 +99,11 @@ impl RunPlan {
     /// # Errors
     /// As [`infonerf_dataset::load`].
     pub fn load(&self) -> Result<Scene> {
-        infonerf_dataset::load(&self.source, &self.request()).with_context(|| self.source_name())
+        let scene = infonerf_dataset::load(&self.source, &self.request()).with_context(|| self.source_name())?;
+        Ok(match self.config.scene.pixel_position {
+            PixelPosition::Centre => scene,
+            PixelPosition::Corner => scene.with_rays_through_corners(),
+        })
     }
 
     /// Refuses a run that would not fit into memory with so many of its fields being trained side by side, before anything
@@ -213,6 +218,24 @@ fn absolute(path: &Path) -> PathBuf {
 mod tests {
     use super::*;
     use crate::{Experiment, Selection};
+
+    /// As in `parity.rs`: there is no half in the pixel positions of the released code.
+    #[test]
+    fn released_rays_pass_through_corners() {
+        let [centre, corner] = [Preset::Paper, Preset::Released].map(|preset| {
+            let selection = Selection {
+                preset: Some(preset),
+                set: vec!["scene.size=8".into()],
+                scenes: vec!["knot".into()],
+                ..Selection::default()
+            };
+            Experiment::plan("synthetic-4view", &selection).unwrap().runs.remove(0).load().unwrap()
+        });
+        for (centre, corner) in [(&centre.train, &corner.train), (&centre.test, &corner.test)] {
+            let (at, shifted) = (&centre[0].camera, &corner[0].camera);
+            assert!((at.ray(3.0, 5.0).direction - shifted.ray(3.5, 5.5).direction).length() < 1e-6);
+        }
+    }
 
     #[test]
     fn a_config_can_be_run_from_another_folder() {

@@ -1,11 +1,11 @@
 use burn::tensor::{Tensor, activation};
 use serde::{Deserialize, Serialize};
 
-/// From a network's raw output to density σ ≥ 0.
+/// Activation from raw network output to density σ ≥ 0.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum DensityActivation {
-    /// max(x, 0), as in NeRF. A field whose raw output is negative everywhere gets no gradient and stays empty.
+    /// max(x, 0), as in NeRF. If raw output is negative everywhere, there is no gradient and the field stays empty.
     Relu,
     /// ln(1 + eˣ⁻¹), as in mip-NeRF: positive everywhere, so that an empty field can recover.
     Softplus,

@@ -1,11 +1,9 @@
-//! Checks of sizes that several fields have.
+//! Checks of sizes that fields share.
 
 use burn::tensor::{Device, FloatDType};
 use infonerf_ops::mlp::Precision;
 use infonerf_schedule::Schedule;
 use thiserror::Error;
-
-use crate::Footprint;
 
 /// A size or factor out of range.
 #[derive(Debug, Error, PartialEq)]
@@ -13,9 +11,9 @@ use crate::Footprint;
 pub struct ConfigError {
     /// The key within `[field]`.
     pub field: &'static str,
-    /// What would have been accepted.
+    /// What is accepted.
     pub expected: &'static str,
-    /// What was given.
+    /// What was found.
     pub found: String,
 }
 
@@ -35,20 +33,14 @@ pub(crate) fn check_mlp(layers: usize, width: usize, direction_frequencies: usiz
     check("direction_frequencies", "0 to 20", direction_frequencies, direction_frequencies <= 20)
 }
 
-/// Whether the device has numbers of this precision.
+/// Whether the device supports the precision.
 pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(), ConfigError> {
     let good = precision == Precision::F32 || device.supports_dtype(FloatDType::BF16);
     check("precision", "\"f32\", as this device has no bf16", "bf16", good)
 }
 
-/// A share of the detail that is there.
+/// Shares of detail.
 pub(crate) fn check_detail(detail: &Schedule) -> Result<(), ConfigError> {
     let range = format!("{} to {}", detail.least(), detail.largest());
     check("detail", "shares from 0 to 1", range, detail.least() >= 0.0 && detail.largest() <= 1.0)
-}
-
-/// Memory of `layers` dense layers of `width`, which is nearly all that an MLP takes.
-pub(crate) fn dense_footprint(layers: usize, width: usize) -> Footprint {
-    let (layers, width) = (layers as u64, width as u64);
-    Footprint { parameters: layers * width * width, per_sample: layers * width }
 }

@@ -1,7 +1,7 @@
 //! Annealing: detail that fades in over the run.
 
-/// Weight of each frequency where the share `detail` ∈ [0, 1] is there: 0 above the frequency that is fading in, 1 below
-/// (FreeNeRF, Yang et al. 2023, Eq. 4). Empty, for all 1, where all of it is there.
+/// Weight of each frequency for the share `detail` ∈ [0, 1]: 1 below the frequency that is fading in, 0 above (FreeNeRF, Yang
+/// et al. 2023, Eq. 4). Empty, meaning 1 for all, if `detail` is 1.
 pub(crate) fn frequency_window(frequencies: usize, detail: f64) -> Vec<f32> {
     if detail >= 1.0 {
         return Vec::new();
@@ -10,8 +10,7 @@ pub(crate) fn frequency_window(frequencies: usize, detail: f64) -> Vec<f32> {
     (0..frequencies).map(|frequency| (open - frequency as f32).clamp(0.0, 1.0)).collect()
 }
 
-/// Weights of `count` parts, of which the first `start` are there from the beginning, and the others fade in one after
-/// another as `detail` rises from 0 to 1.
+/// Weights of `count` parts: 1 for the first `start`, and the others fade in one after another as `detail` rises from 0 to 1.
 pub(crate) fn part_weights(count: usize, start: f32, detail: f64) -> Vec<f32> {
     let there = start + (count as f32 - start).max(0.0) * detail as f32;
     (0..count).map(|part| (there - part as f32).clamp(0.0, 1.0)).collect()

@@ -1,4 +1,4 @@
-//! A field factored into planes and lines with a tiny MLP: the fast one.
+//! A field factored into planes and lines with a tiny MLP: the field of preset `fast`.
 
 use std::fmt;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::check::{check, check_detail};
 use crate::detail::part_weights;
 use crate::init::uniform;
-use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled};
+use crate::{ConfigError, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points};
 
 /// Sizes of [`FactoredField`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -31,15 +31,15 @@ pub struct FactoredConfig {
     /// Width of the MLP.
     pub width: usize,
     /// v in c = sigmoid(a + v·B d), the colour in direction d, where the MLP gives a and the 3 × 3 slopes B: 0 to 1, 0 for
-    /// colour without a direction. It is the rate at which slopes are learnt, for Adam's steps do not depend on it: the
-    /// smaller it is, the more of what is seen has to be explained by shape.
+    /// colour that does not depend on it. As Adam's step size does not depend on v, it scales the rate at which slopes are
+    /// learnt: a smaller v explains more of the views by shape.
     pub view_dependence: f32,
-    /// s in σ = s·softplus(x + b), relative to the longest side of the scene's box: the same scene in other units learns
-    /// alike.
+    /// s in σ = s·softplus(x + b), relative to the longest side of the scene's box: training does not depend on the
+    /// scene's units.
     pub density_scale: f32,
-    /// b in σ = s·softplus(x + b): how empty space is before training.
+    /// b in σ = s·softplus(x + b), which sets the initial density.
     pub density_bias: f32,
-    /// Share of the finer levels and higher frequencies that is there, coarsest first; 1 for all.
+    /// Share of the finer levels and higher frequencies in use, coarsest first; 1 for all.
     pub detail: Schedule,
 }
 
@@ -80,8 +80,8 @@ impl FieldSpec for FactoredConfig {
 
 /// Planes ⊙ lines → features → MLP → density and colour, in one operation: see [`infonerf_ops::factored`].
 ///
-/// Colour is at most linear in the direction: with a handful of views, a colour that follows the direction freely explains
-/// the views without getting the shape right.
+/// Colour is at most linear in the direction before the sigmoid: with a handful of views, a freely view-dependent colour
+/// explains them with a wrong shape.
 #[derive(Module, Debug)]
 pub struct FactoredField {
     tables: Param<Tensor<1>>,
@@ -142,29 +142,29 @@ impl FactoredField {
         self.weights.val()
     }
 
-    /// Where the parameters lie in [`Self::tables`] and [`Self::weights`], and what becomes of them.
+    /// The layout of [`Self::tables`] and [`Self::weights`].
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
 
-    /// By how much directions are multiplied before they meet the slopes: [`FactoredConfig::view_dependence`].
+    /// The factor v on directions: [`FactoredConfig::view_dependence`].
     pub fn view_dependence(&self) -> f32 {
         self.config.view_dependence
     }
 
-    /// Corners of the box that the tables lie over.
+    /// Corners of the box that the tables cover.
     pub fn bounds(&self) -> [[f32; 3]; 2] {
         self.bounds
     }
 
-    /// The weights of the frequencies and of the levels at a moment of the run: 0 for what has not faded in yet.
+    /// Weights of the frequencies and of the levels at a moment of the run, 0 before they fade in.
     pub fn detail(&self, at: Moment) -> (Vec<f32>, Vec<f32>) {
         let detail = self.config.detail.at(at);
         let levels = part_weights(self.layout.levels.len(), 1.0, detail);
         (part_weights(self.config.frequencies, 2.0, detail), levels)
     }
 
-    /// Positions in [0, 1]³ over the box. Beyond the box the border goes on.
+    /// Positions in [0, 1]³ over the box, clamped to it.
     fn normalised(&self, positions: &[f32]) -> Arc<[f32]> {
         let [low, high] = self.bounds;
         let scale = [0, 1, 2].map(|axis| 1.0 / (high[axis] - low[axis]));
@@ -179,7 +179,7 @@ impl FactoredField {
 }
 
 impl Field for FactoredField {
-    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
+    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
         let samples = points.len();
         let (frequency_weights, level_weights) = self.detail(at);
         let v = self.config.view_dependence;
@@ -192,14 +192,14 @@ impl Field for FactoredField {
             color,
         };
         let out = factored_field(self.tables.val(), self.weights.val(), &self.layout, query);
-        Sampled { sigma: out.clone().narrow(1, 0, 1).reshape([samples]), color: color.then(|| out.narrow(1, 1, 3)) }
+        FieldOutput { sigma: out.clone().narrow(1, 0, 1).reshape([samples]), color: color.then(|| out.narrow(1, 1, 3)) }
     }
 
     fn device(&self) -> Device {
         self.tables.val().device()
     }
 
-    fn total_variation(&self) -> Option<Tensor<1>> {
-        Some(plane_variation(self.tables.val(), &self.layout))
+    fn penalty(&self, name: Penalty) -> Option<Tensor<1>> {
+        (name == Penalty::TOTAL_VARIATION).then(|| plane_variation(self.tables.val(), &self.layout))
     }
 }

@@ -5,65 +5,57 @@ use burn::module::{Module, ModuleDisplay};
 use burn::tensor::{Device, Tensor};
 use infonerf_schedule::Moment;
 
-use crate::{ConfigError, Points, Sampled, Sources};
+use crate::{ConfigError, FieldOutput, Penalty, Points, Sources};
 
-/// A function from position and view direction to density and colour, with parameters to learn.
+/// A learnable function from position and view direction to density and colour.
 ///
 /// Parameters of a module called `tables` get the learning rate `train.lr` × `train.grid_lr_multiplier`.
 pub trait Field: Module + ModuleDisplay + Sync + 'static {
     /// Density σ(x), and colour c(x, d) if `color`, differentiable in the parameters.
     ///
-    /// `at` is the moment of the run, for fields that anneal detail; [`Moment::END`] gives the whole field.
+    /// `at` is the moment of the run, for fields that anneal detail; at [`Moment::END`] all of it is in use.
     ///
     /// # Panics
-    /// May do so if the field computes something ahead and was not [conditioned](Self::conditioned).
-    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled;
+    /// May panic if the field needs to be [conditioned](Self::conditioned) and is not.
+    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput;
 
     /// The device that holds the parameters.
     fn device(&self) -> Device;
 
-    /// The field as it answers when it looks at `sources`, the photographs that it is conditioned on.
+    /// The field conditioned on `sources`, its photographs: with everything computed that is shared by all evaluations of a
+    /// step or picture, such as an image encoder's features or a decoded volume. Gradients flow through it, and it is
+    /// outdated once the parameters change. By default a copy.
     ///
-    /// What a field computes once for all queries of a step or picture (an image encoder's features, a decoded volume) is
-    /// computed here; gradients flow back through it. It is stale once the parameters change. Most fields have nothing to
-    /// compute ahead, and this is a copy.
-    ///
-    /// In a training step, `seed` decides what the field draws at random (a latent code); without it the field is as
-    /// pictures show it.
+    /// In a training step, `seed` determines random numbers of the field (a latent code); without it there are none, as for
+    /// pictures.
     fn conditioned(&self, _sources: &Sources, _seed: Option<u64>) -> Self {
         self.clone()
     }
 
-    /// Total variation of the field's tables, a scalar, of a [conditioned](Self::conditioned) field; none for a field without
-    /// tables.
-    fn total_variation(&self) -> Option<Tensor<1>> {
-        None
-    }
-
-    /// Divergence of the latent code of a [conditioned](Self::conditioned) field from a standard normal distribution, a scalar;
-    /// none for a field without one.
-    fn latent_divergence(&self) -> Option<Tensor<1>> {
+    /// The penalty of that name on the parameters of a [conditioned](Self::conditioned) field, a scalar `[1]`; none if the
+    /// field has no such penalty.
+    fn penalty(&self, _name: Penalty) -> Option<Tensor<1>> {
         None
     }
 }
 
-/// What a field is built for.
+/// What a field is built from.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldSetup<'a> {
     /// Corners of the box that holds the scene, scene units.
     pub bounds: [[f32; 3]; 2],
-    /// Decides the first weights: the same ones on every backend.
+    /// Seed of the initial weights, the same on every backend.
     pub seed: u64,
-    /// Where the parameters live.
+    /// Device of the parameters.
     pub device: &'a Device,
-    /// The body in the scene, if it is known.
+    /// The body in the scene, if known.
     pub body: Option<Body<'a>>,
 }
 
-/// Vertices on a body, and the frame that it is posed in.
+/// Vertices of a body, and its frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Body<'a> {
-    /// In the world, scene units.
+    /// Positions in the world, scene units.
     pub vertices: &'a [[f32; 3]],
     /// Axes of the body's frame in the world.
     pub axes: [[f32; 3]; 3],
@@ -78,9 +70,9 @@ impl Default for Body<'_> {
     }
 }
 
-/// What a config file says of a field. `Display` names it with its sizes: `MLP of 8 layers of 256`.
+/// The config of a field. `Display` names the field with its sizes: `MLP of 8 layers of 256`.
 pub trait FieldSpec: fmt::Display {
-    /// The field that it describes.
+    /// The field.
     type Field: Field;
 
     /// Checks every size.
@@ -89,58 +81,66 @@ pub trait FieldSpec: fmt::Display {
     /// The first key that is out of range.
     fn validate(&self) -> Result<(), ConfigError>;
 
-    /// The field with its first weights.
+    /// Builds the field with its initial weights.
     ///
     /// # Errors
-    /// If a file is named that cannot be used, or the field needs what `setup` does not have.
+    /// If a file cannot be used, or `setup` lacks what the field needs.
     fn build(&self, setup: &FieldSetup<'_>) -> Result<Self::Field, ConfigError>;
 
-    /// How much memory the field takes.
+    /// Memory of the field.
     fn footprint(&self) -> Footprint;
 
-    /// Whether one network serves the coarse and the fine pass; otherwise each pass has its own.
+    /// Whether the coarse and the fine pass share one network.
     fn shares_passes(&self) -> bool {
         false
     }
 
-    /// Whether samples have to be intervals (`render.placement = "interval"`), as a field of volumes needs.
+    /// Whether the field needs samples that are intervals (`render.placement = "interval"`).
     fn needs_intervals(&self) -> bool {
         false
     }
 
-    /// Whether the field looks at whatever photographs it is shown, and so can learn from many scenes.
+    /// Whether the field is conditioned on any photographs, and so can be trained on many scenes.
     fn sees_photographs(&self) -> bool {
         false
     }
 
-    /// The key within `[field]`, and how many, of a field that looks at the first of the training views and at the same ones in
-    /// every step.
+    /// For a field that is conditioned on the first training views in every step: the key within `[field]` of their number,
+    /// and the number.
     fn first_photographs(&self) -> Option<(&'static str, usize)> {
         None
     }
 
-    /// Whether the field hangs on a body's vertices, and so is asked for points of the world as they are.
+    /// Whether the field is attached to a body's vertices, and so needs unwarped space.
     fn needs_body(&self) -> bool {
         false
     }
 
-    /// The file that the first weights are read from, if the field can read one: its key within `[field]`, and its path,
-    /// which is empty for random weights.
+    /// The file of initial weights, if the field can read one: its key within `[field]`, and its path, which is empty for
+    /// random weights.
     fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
         None
     }
 
-    /// Every file that the field begins with, of weights and others; empty paths are not used.
+    /// All files that the field reads, of weights and others; empty paths are unused.
     fn files(&mut self) -> Vec<&mut PathBuf> {
         self.weights_file().into_iter().map(|(_, path)| path).collect()
     }
 }
 
-/// Memory that a field takes, in numbers of four bytes.
+/// Memory of a field, in numbers of four bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Footprint {
     /// Parameters.
     pub parameters: u64,
-    /// Activations that a training step holds for each sample.
+    /// Activations per sample of a training step.
     pub per_sample: u64,
+}
+
+impl Footprint {
+    /// Of `layers` dense layers of `width`, nearly all of an MLP's.
+    pub(crate) fn dense(layers: usize, width: usize) -> Self {
+        let (layers, width) = (layers as u64, width as u64);
+        Self { parameters: layers * width * width, per_sample: layers * width }
+    }
 }

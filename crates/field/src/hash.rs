@@ -16,7 +16,7 @@ use crate::check::{check, check_detail};
 use crate::detail::part_weights;
 use crate::init::{Init, uniform};
 use crate::mlp::{Mlp, MlpSize};
-use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled};
+use crate::{ConfigError, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
 
 /// Corners of a cell.
 const CORNERS: usize = 8;
@@ -31,11 +31,11 @@ pub struct HashConfig {
     pub levels: usize,
     /// Features of each entry (paper: 2).
     pub features: usize,
-    /// Base-2 logarithm of the number of entries of a level at most (paper: 14 to 24).
+    /// Base-2 logarithm of the greatest number of entries per level (paper: 14 to 24).
     pub log2_table_size: u32,
     /// Cells along each axis of the coarsest level (paper: 16).
     pub coarsest: usize,
-    /// Cells along each axis of the finest level (paper: 512 to 524288); between them resolutions grow by one factor.
+    /// Cells along each axis of the finest level (paper: 512 to 524288); between them resolutions grow geometrically.
     pub finest: usize,
     /// Hidden layers of the MLP before density.
     pub layers: usize,
@@ -45,9 +45,9 @@ pub struct HashConfig {
     pub direction_frequencies: usize,
     /// s in σ = s·softplus(x + b), relative to the longest side of the scene's box.
     pub density_scale: f32,
-    /// b in σ = s·softplus(x + b): how empty space is before training.
+    /// b in σ = s·softplus(x + b), which sets the initial density.
     pub density_bias: f32,
-    /// Share of the finer levels that is there, coarsest first; 1 for all.
+    /// Share of the finer levels in use, coarsest first; 1 for all.
     pub detail: Schedule,
 }
 
@@ -139,7 +139,7 @@ impl FieldSpec for HashConfig {
 struct LevelTable {
     /// Cells along each axis.
     cells: usize,
-    /// Where its entries begin.
+    /// Index of its first entry.
     first: usize,
     entries: usize,
     /// Whether vertices share entries.
@@ -195,7 +195,7 @@ pub struct HashGrid {
 }
 
 impl HashGrid {
-    /// Features of every level side by side, `[M, levels · features]`: those of the corners around each point, weighted.
+    /// Trilinearly interpolated features of all levels, `[M, levels · features]`.
     fn encode(&self, positions: &[f32], detail: f64) -> Tensor<2> {
         let (levels, features) = (self.levels.len(), self.config.features);
         let device = self.device();
@@ -224,11 +224,11 @@ impl HashGrid {
 }
 
 impl Field for HashGrid {
-    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
+    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
         let encoded = self.encode(points.positions, self.config.detail.at(at));
         let (sigma, color) = self.mlp.forward(encoded, points, color);
         let sigma = softplus(sigma + self.config.density_bias, 1.0) * self.density_scale;
-        Sampled { sigma, color: color.map(sigmoid) }
+        FieldOutput { sigma, color: color.map(sigmoid) }
     }
 
     fn device(&self) -> Device {

@@ -1,4 +1,4 @@
-//! Weights drawn on the host, so that a seed gives the same network on every backend and thread.
+//! Initial weights, drawn on the host so that a seed gives the same network on every backend.
 
 use burn::module::Param;
 use burn::nn::{Linear, LinearConfig};
@@ -16,12 +16,12 @@ pub(crate) fn normal(rng: &mut impl Rng, count: usize) -> Vec<f32> {
     (0..count).map(|_| rng.sample(StandardNormal)).collect()
 }
 
-/// How a dense layer's weights are drawn.
+/// Initialisation of a dense layer.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Init {
     /// PyTorch's default: weights and biases uniform in ±1/√fan_in.
     FanIn,
-    /// Weights uniform in ±√(6/(fan_in + fan_out)), biases 0 (Glorot & Bengio 2010), as the released mip-NeRF has it.
+    /// Weights uniform in ±√(6/(fan_in + fan_out)), biases 0 (Glorot & Bengio 2010), as in the released mip-NeRF.
     Glorot,
 }
 

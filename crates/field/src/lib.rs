@@ -1,10 +1,10 @@
 //! Radiance fields as Burn modules: from positions and directions to density and colour.
 //!
-//! [`Field`] is the open trait that samplers, losses, occupancy grids and the trainer are written against: a field of
-//! another crate implements it and is trained like those of this one. [`RadianceField`] holds any of the fields that
-//! config files can name ([`FieldConfig`]); the one list of them is in `list.rs`.
+//! [`Field`] is the open trait of the samplers, losses, occupancy grids and the trainer: a field of another crate implements
+//! it and is trained like those of this crate. [`RadianceField`] is any of the fields that config files can name
+//! ([`FieldConfig`]); `list.rs` has the one list of them.
 //!
-//! Rays that only need density (the unseen rays of the entropy loss) say so and never pay for colour.
+//! Colour is computed only on request: the unseen rays of the entropy loss need density alone.
 //!
 //! ```
 //! # #[cfg(feature = "flex")] {
@@ -47,6 +47,7 @@ mod mlp;
 mod nerf;
 mod neural_body;
 mod neural_volumes;
+mod penalty;
 mod pixel;
 mod points;
 mod sources;
@@ -61,6 +62,7 @@ pub use mip::{MipConfig, MipNerf};
 pub use nerf::{NerfConfig, NerfMlp};
 pub use neural_body::{NeuralBody, NeuralBodyConfig};
 pub use neural_volumes::{CodeEncoderConfig, NeuralVolumes, NeuralVolumesConfig};
+pub use penalty::Penalty;
 pub use pixel::{EncoderConfig, PixelNerf, PixelNerfConfig};
-pub use points::{Extent, Points, Sampled};
+pub use points::{Extent, FieldOutput, Points};
 pub use sources::{SourceView, Sources};

@@ -15,9 +15,9 @@ use crate::nerf::{NerfConfig, NerfMlp};
 use crate::neural_body::{NeuralBody, NeuralBodyConfig};
 use crate::neural_volumes::{NeuralVolumes, NeuralVolumesConfig};
 use crate::pixel::{PixelNerf, PixelNerfConfig};
-use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, Sources};
+use crate::{ConfigError, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points, Sources};
 
-/// Makes [`FieldConfig`] and [`RadianceField`] of a list of fields: one line per field, with its name, its config and
+/// Defines [`FieldConfig`] and [`RadianceField`] from a list of fields: one line per field, with its name, its config and
 /// its module. The name in lower case is its `field.kind`.
 macro_rules! fields {
     ($($(#[$doc:meta])* $name:ident($config:ty => $field:ty),)*) => {
@@ -86,7 +86,7 @@ macro_rules! fields {
         }
 
         impl Field for RadianceField {
-            fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
+            fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
                 match self { $(Self::$name(field) => field.evaluate(points, color, at),)* }
             }
 
@@ -98,12 +98,8 @@ macro_rules! fields {
                 match self { $(Self::$name(field) => Self::$name(field.conditioned(sources, seed)),)* }
             }
 
-            fn total_variation(&self) -> Option<Tensor<1>> {
-                match self { $(Self::$name(field) => field.total_variation(),)* }
-            }
-
-            fn latent_divergence(&self) -> Option<Tensor<1>> {
-                match self { $(Self::$name(field) => field.latent_divergence(),)* }
+            fn penalty(&self, name: Penalty) -> Option<Tensor<1>> {
+                match self { $(Self::$name(field) => field.penalty(name),)* }
             }
         }
     };

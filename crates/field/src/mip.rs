@@ -1,4 +1,4 @@
-//! mip-NeRF (Barron et al. 2021): a network of volumes, not of points.
+//! mip-NeRF (Barron et al. 2021): a network of conical frusta, not of points.
 
 use std::fmt;
 
@@ -12,11 +12,11 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_detail, check_mlp, check_precision, dense_footprint};
+use crate::check::{check, check_detail, check_mlp, check_precision};
 use crate::detail::frequency_window;
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
-use crate::{ConfigError, DensityActivation, Extent, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled};
+use crate::{ConfigError, DensityActivation, Extent, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
 
 /// Sizes of [`MipNerf`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -26,15 +26,15 @@ pub struct MipConfig {
     pub layers: usize,
     /// Width of the trunk (mip-NeRF: 256); the view branch has half of it.
     pub width: usize,
-    /// The trunk layer, counted from 0, that sees the encoded position again (mip-NeRF: 5). None if not below `layers`.
+    /// Index of the trunk layer that the encoded position is concatenated to (mip-NeRF: 5); none if not below `layers`.
     pub skip: usize,
     /// Frequencies of the position's integrated encoding (mip-NeRF: 16).
     pub position_frequencies: usize,
     /// Frequencies of the direction's encoding (mip-NeRF: 4).
     pub direction_frequencies: usize,
-    /// Share of the position's frequencies that is there, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
+    /// Share of the position's frequencies in use, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
     pub detail: Schedule,
-    /// Of the network's matrix products.
+    /// Precision of the network's matrix products.
     #[serde(default)]
     pub precision: Precision,
 }
@@ -70,7 +70,7 @@ impl FieldSpec for MipConfig {
     }
 
     fn footprint(&self) -> Footprint {
-        dense_footprint(self.layers, self.width)
+        Footprint::dense(self.layers, self.width)
     }
 
     fn shares_passes(&self) -> bool {
@@ -82,10 +82,10 @@ impl FieldSpec for MipConfig {
     }
 }
 
-/// Each sample's piece of its cone, as a Gaussian with its encoding integrated, through the MLP.
+/// Integrated positional encoding of each sample's conical frustum, as a Gaussian → MLP → density and colour.
 ///
-/// One network serves the coarse and the fine pass: the width of a sample tells it how much detail is asked for. Density
-/// is softplus(x − 1), which starts low and never dies, and colour's sigmoid is widened so that 0 and 1 are reached.
+/// One network serves the coarse and the fine pass, as the encoding contains a sample's size. Density is softplus(x − 1),
+/// whose gradient does not vanish, and the sigmoid of colour is widened so that 0 and 1 are reached.
 #[derive(Module, Debug)]
 pub struct MipNerf {
     mlp: Mlp,
@@ -97,13 +97,13 @@ pub struct MipNerf {
 const COLOR_PADDING: f32 = 0.001;
 
 impl Field for MipNerf {
-    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
+    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
         let frequencies = self.config.position_frequencies;
         let window = frequency_window(frequencies, self.config.detail.at(at));
         let (means, variances) = gaussians(points);
         let encoded = integrated_encode(&means, &variances, frequencies, &window, &self.device());
         let (sigma, color) = self.mlp.forward(encoded, points, color);
-        Sampled {
+        FieldOutput {
             sigma: DensityActivation::Softplus.apply(sigma),
             color: color.map(|raw| sigmoid(raw) * (1.0 + 2.0 * COLOR_PADDING) - COLOR_PADDING),
         }

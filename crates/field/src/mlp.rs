@@ -18,11 +18,11 @@ pub(crate) struct MlpSize {
     pub(crate) layers: usize,
     /// Width of the trunk; the view branch has half of it.
     pub(crate) width: usize,
-    /// The trunk layer that sees the encoded position again.
+    /// Index of the trunk layer that the encoded position is concatenated to.
     pub(crate) skip: usize,
     /// Frequencies of the direction's encoding.
     pub(crate) direction_frequencies: usize,
-    /// Of the matrix products.
+    /// Precision of the matrix products.
     pub(crate) precision: Precision,
 }
 

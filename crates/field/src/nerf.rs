@@ -11,11 +11,11 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_detail, check_mlp, check_precision, dense_footprint};
+use crate::check::{check, check_detail, check_mlp, check_precision};
 use crate::detail::frequency_window;
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
-use crate::{ConfigError, DensityActivation, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled};
+use crate::{ConfigError, DensityActivation, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
 
 /// Sizes of [`NerfMlp`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,7 +25,7 @@ pub struct NerfConfig {
     pub layers: usize,
     /// Width of the trunk (paper: 256); the view branch has half of it.
     pub width: usize,
-    /// The trunk layer, counted from 0, that sees the encoded position again (paper: 5). None if not below `layers`.
+    /// Index of the trunk layer that the encoded position is concatenated to (paper: 5); none if not below `layers`.
     pub skip: usize,
     /// Frequencies of the position's encoding (paper: 10).
     pub position_frequencies: usize,
@@ -33,9 +33,9 @@ pub struct NerfConfig {
     pub direction_frequencies: usize,
     /// How raw density becomes σ.
     pub density: DensityActivation,
-    /// Share of the position's frequencies that is there, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
+    /// Share of the position's frequencies in use, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
     pub detail: Schedule,
-    /// Of the network's matrix products.
+    /// Precision of the network's matrix products.
     #[serde(default)]
     pub precision: Precision,
 }
@@ -71,11 +71,11 @@ impl FieldSpec for NerfConfig {
     }
 
     fn footprint(&self) -> Footprint {
-        dense_footprint(self.layers, self.width)
+        Footprint::dense(self.layers, self.width)
     }
 }
 
-/// Positions, encoded as points, through the MLP.
+/// Positional encoding → MLP → density and colour.
 #[derive(Module, Debug)]
 pub struct NerfMlp {
     mlp: Mlp,
@@ -84,12 +84,12 @@ pub struct NerfMlp {
 }
 
 impl Field for NerfMlp {
-    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> Sampled {
+    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
         let c = &self.config;
         let window = frequency_window(c.position_frequencies, c.detail.at(at));
         let encoded = frequency_encode(points.positions, 3, c.position_frequencies, &window, &self.device());
         let (sigma, color) = self.mlp.forward(encoded, points, color);
-        Sampled { sigma: c.density.apply(sigma), color: color.map(sigmoid) }
+        FieldOutput { sigma: c.density.apply(sigma), color: color.map(sigmoid) }
     }
 
     fn device(&self) -> Device {

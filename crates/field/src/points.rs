@@ -10,7 +10,7 @@ pub struct Points<'a> {
     pub directions: &'a [f32],
     /// Which samples belong to which ray.
     pub segments: &'a Segments,
-    /// How much space around its position each sample stands for.
+    /// The space around its position that each sample represents.
     pub extent: Extent<'a>,
 }
 
@@ -37,11 +37,10 @@ impl Points<'_> {
     }
 }
 
-/// How much space a sample stands for. A field of points ignores it; a field of volumes is averaged over it.
+/// The space that a sample represents. Fields of points ignore it; mip-NeRF averages over it.
 #[derive(Clone, Copy, Debug)]
 pub enum Extent<'a> {
-    /// Pieces of the cones around the rays: sample `i`, at distance `t[i]`, is the middle of an interval of length
-    /// `delta[i]`.
+    /// Conical frusta around the rays: sample `i`, at distance `t[i]`, is the middle of an interval of length `delta[i]`.
     Cones {
         /// Distance of each sample along its ray, `[M]`, scene units.
         t: &'a [f32],
@@ -50,19 +49,19 @@ pub enum Extent<'a> {
         /// Radius of each ray's cone at distance 1, `[R]`.
         radii: &'a [f32],
     },
-    /// The same ball around each position, for points that are on no ray.
+    /// The same ball around each position, for points not on rays.
     Ball {
         /// Variance along each axis, scene units².
         variance: f32,
     },
 }
 
-/// What a field returns.
+/// The output of a field.
 #[derive(Clone, Debug)]
-pub struct Sampled {
+pub struct FieldOutput {
     /// Volume density σ ≥ 0 in 1/scene unit, `[M]`.
     pub sigma: Tensor<1>,
-    /// Colour in [0, 1]³ (mip-NeRF: up to 0.001 beyond; Neural Volumes: not bounded above), `[M, 3]`; none if it was not asked
-    /// for.
+    /// Colour in [0, 1]³ (mip-NeRF: up to 0.001 beyond; Neural Volumes: not bounded above), `[M, 3]`, if
+    /// requested.
     pub color: Option<Tensor<2>>,
 }

@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-/// A photograph that a field looks at, with its camera.
+/// A photograph that a field is conditioned on, with its camera.
 ///
 /// The camera looks along its −z axis, y up: a point `(X, Y, Z)` of its space, Z < 0, is at the pixel position
 /// `(cx − fx·X/Z, cy + fy·Y/Z)`, in which pixel centres are at + 0.5.
@@ -20,7 +20,7 @@ pub struct SourceView {
     pub to_camera: [[f32; 4]; 3],
 }
 
-/// Photographs of a scene, and where in the world it is.
+/// The photographs that a field is conditioned on.
 #[derive(Clone, Debug)]
 pub struct Sources {
     /// At least one, all of one size.

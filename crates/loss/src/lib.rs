@@ -1,14 +1,13 @@
 //! The training objective: L = Σ weight · term, over a list of terms.
 //!
 //! A term is one file in `terms/` and one line in the list of [`LossConfig`]. It has a name, which is its table in config
-//! files; a weight with a [`Schedule`](infonerf_schedule::Schedule); what it [needs](Need) rendered; and a value, which is
-//! a mean over what its documentation says. The trainer renders the union of what the terms that are on need, and passes
-//! on a map of names to values: nothing else lists losses, and no term depends on whether another is on.
+//! files, a scheduled weight, what it [needs](Need) rendered, and a value, usually a mean over rays. The trainer renders the
+//! union of the needs of the terms that are on: nothing else lists losses, and no term depends on another.
 //!
 //! InfoNeRF's objective is L_RGB + λ₁ L_entropy + λ₂ L_KL (Eq. 10): the terms `rgb`, `entropy` and `kl`.
 //!
 //! ```
-//! use infonerf_loss::{EntropyConfig, HitMask, HitRule, Need, RaySet, Term};
+//! use infonerf_loss::{EntropyConfig, HitMask, HitRule, Need, RaySet, TermSpec};
 //! use infonerf_ops::RayDistribution;
 //!
 //! // λ₁ = 1e-3, on the rays of training images and on unseen rays.
@@ -20,10 +19,11 @@
 //!     mask: HitMask { rule: HitRule::Acc, threshold: 0.1 },
 //!     epsilon: 1e-10,
 //! };
-//! // A term without colour: unseen rays are rendered for it, and their densities alone.
+//! // Unseen rays are rendered for it, without colour.
 //! assert_eq!(entropy.needs(), [Need::Unseen]);
 //! ```
 
+mod information;
 mod list;
 mod objective;
 mod renders;
@@ -33,9 +33,9 @@ mod terms;
 pub use list::LossConfig;
 pub use objective::{DueTerm, LossValues, Objective, needs};
 pub use renders::{Bundle, Need, NeighbourBundles, Picture, RaySet, Renders, Target, is_foreground};
-pub use term::{LossError, Term, TermSetup, TermSpec};
+pub use term::{LossError, Term, TermSetup, TermSpec, Weighted};
 pub use terms::distortion::DistortionConfig;
-pub use terms::entropy::{EntropyConfig, HitMask, HitRule, masked_entropy};
+pub use terms::entropy::{EntropyConfig, HitMask, HitRule};
 pub use terms::kl::{Direction, KlConfig};
 pub use terms::latent::LatentConfig;
 pub use terms::mask::MaskConfig;
@@ -50,7 +50,9 @@ pub use terms::tv::TvConfig;
 
 #[cfg(test)]
 pub(crate) mod testing {
-    //! Renders by hand, for the tests of terms.
+    //! Renders for the tests of terms.
+
+    use std::collections::BTreeMap;
 
     use burn::tensor::{Device, Tensor, TensorData};
     use infonerf_ops::{Segments, composite};
@@ -58,7 +60,7 @@ pub(crate) mod testing {
 
     use crate::{Bundle, NeighbourBundles, Renders, Target};
 
-    /// Black rays of training images whose samples, one unit long each, have the optical depths `tau`.
+    /// Black seen rays with samples of length 1 and optical depths `tau`.
     pub fn renders(tau: &[&[f32]]) -> Renders {
         let device = Device::flex();
         let segments = Segments::from_counts(tau.iter().map(|ray| ray.len()));
@@ -95,8 +97,7 @@ pub(crate) mod testing {
             unseen: None,
             neighbours: NeighbourBundles::default(),
             picture: None,
-            total_variation: None,
-            latent_divergence: None,
+            penalties: BTreeMap::new(),
         }
     }
 }

@@ -1,8 +1,10 @@
 //! The list of terms.
 
+use infonerf_schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
-use crate::TermSpec;
+use crate::renders::{Need, union};
+use crate::term::{TermSpec, Weighted};
 use crate::terms::distortion::DistortionConfig;
 use crate::terms::entropy::EntropyConfig;
 use crate::terms::kl::KlConfig;
@@ -17,7 +19,7 @@ use crate::terms::silhouette::SilhouetteConfig;
 use crate::terms::stereo::StereoConfig;
 use crate::terms::tv::TvConfig;
 
-/// Makes [`LossConfig`] of a list of terms: the name of each, which is its table in config files, and its config.
+/// Defines [`LossConfig`] from a list of terms: the name of each, which is its table in config files, and its config.
 macro_rules! terms {
     ($($(#[$doc:meta])* $name:ident: $config:ty,)*) => {
         /// `[loss]` of a config: one table for each term.
@@ -27,13 +29,23 @@ macro_rules! terms {
             $($(#[$doc])* pub $name: $config,)*
         }
 
+        $(impl Weighted for $config {
+            fn weight(&self) -> &Schedule {
+                &self.weight
+            }
+
+            fn weight_mut(&mut self) -> &mut Schedule {
+                &mut self.weight
+            }
+        })*
+
         impl LossConfig {
             /// Every term by name, in the order of reports.
             pub fn specs(&self) -> impl Iterator<Item = (&'static str, &dyn TermSpec)> {
                 [$((stringify!($name), &self.$name as &dyn TermSpec),)*].into_iter()
             }
 
-            /// The same, to be changed.
+            /// The same, mutable.
             pub fn specs_mut(&mut self) -> impl Iterator<Item = (&'static str, &mut dyn TermSpec)> {
                 [$((stringify!($name), &mut self.$name as &mut dyn TermSpec),)*].into_iter()
             }
@@ -58,9 +70,9 @@ terms! {
     stereo: StereoConfig,
     /// Penalty on opacity.
     opacity: OpacityConfig,
-    /// Neural Volumes' prior for opacities of 0 and 1.
+    /// Neural Volumes' prior that opacities are 0 or 1.
     opacity_prior: OpacityPriorConfig,
-    /// What a known background colour says about opacity.
+    /// Supervision of opacity by a known background colour.
     silhouette: SilhouetteConfig,
     /// Supervision of opacity by the alpha channel.
     mask: MaskConfig,
@@ -71,8 +83,13 @@ terms! {
 }
 
 impl LossConfig {
-    /// The terms that are on at some time of a run.
+    /// The terms whose weight is above 0 at some time of the run.
     pub fn active(&self) -> impl Iterator<Item = (&'static str, &dyn TermSpec)> {
         self.specs().filter(|(_, spec)| !spec.weight().is_zero())
+    }
+
+    /// The union of what the [active](Self::active) terms need rendered.
+    pub fn needs(&self) -> Vec<Need> {
+        union(self.active().flat_map(|(_, spec)| spec.needs()))
     }
 }

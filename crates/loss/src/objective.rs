@@ -1,10 +1,11 @@
 use burn::tensor::Tensor;
 use infonerf_schedule::{Moment, Schedule};
 
+use crate::renders::union;
 use crate::term::in_range;
 use crate::{LossConfig, LossError, Need, Renders, Term, TermSetup};
 
-/// The terms of a run that are on at some time.
+/// The active terms of a run, built for a scene.
 #[derive(Debug)]
 pub struct Objective {
     terms: Vec<Entry>,
@@ -14,7 +15,16 @@ pub struct Objective {
 struct Entry {
     name: &'static str,
     weight: Schedule,
+    needs: Vec<Need>,
     term: Box<dyn Term>,
+}
+
+impl Entry {
+    fn due(&self, at: Moment) -> Option<DueTerm<'_>> {
+        let Self { name, weight, needs, term } = self;
+        let weight = weight.at(at) as f32;
+        (weight > 0.0 && term.is_due(at)).then_some(DueTerm { name, weight, needs, term: term.as_ref() })
+    }
 }
 
 /// A term that takes part in a step.
@@ -24,15 +34,16 @@ pub struct DueTerm<'a> {
     pub name: &'static str,
     /// Its weight in this step.
     pub weight: f32,
+    needs: &'a [Need],
     term: &'a dyn Term,
 }
 
-/// What the terms of a step came to.
+/// Values of the terms of a step.
 #[derive(Clone, Debug)]
 pub struct LossValues {
     /// Σ weight · value, a scalar.
     pub total: Tensor<1>,
-    /// Each term by name, without its weight, a scalar.
+    /// Unweighted value of each term by name, scalars.
     pub values: Vec<(&'static str, Tensor<1>)>,
 }
 
@@ -54,44 +65,32 @@ impl LossConfig {
 }
 
 impl Objective {
-    /// Builds the terms that are on at some time, without those that say nothing about the scene
-    /// ([`crate::TermSpec::left_out`]).
+    /// Builds the active terms, except those that skip the scene ([`crate::TermSpec::skip_reason`]).
     ///
     /// # Errors
     /// If a term lacks what it needs.
     pub fn new(config: &LossConfig, setup: &TermSetup<'_>) -> Result<Self, LossError> {
         let entry = |(name, spec): (&'static str, &dyn crate::TermSpec)| {
             let term = spec.build(setup).map_err(|error| error.within(name))?;
-            Ok(Entry { name, weight: spec.weight().clone(), term })
+            Ok(Entry { name, weight: spec.weight().clone(), needs: spec.needs(), term })
         };
-        let taking_part = config.active().filter(|(_, spec)| spec.left_out(setup.scene).is_none());
+        let taking_part = config.active().filter(|(_, spec)| spec.skip_reason(setup.scene).is_none());
         Ok(Self { terms: taking_part.map(entry).collect::<Result<_, _>>()? })
     }
 
     /// The terms that take part in the step at `at`.
     pub fn due(&self, at: Moment) -> Vec<DueTerm<'_>> {
-        let due = |entry: &Entry| {
-            let weight = entry.weight.at(at) as f32;
-            (weight > 0.0 && entry.term.is_due(at)).then_some((entry.name, weight))
-        };
-        let terms = self.terms.iter().filter_map(|entry| Some((due(entry)?, entry)));
-        terms.map(|((name, weight), entry)| DueTerm { name, weight, term: entry.term.as_ref() }).collect()
+        self.terms.iter().filter_map(|entry| entry.due(at)).collect()
     }
 }
 
-/// What has to be rendered for `terms`, each thing once.
+/// The union of what `terms` need rendered.
 pub fn needs(terms: &[DueTerm<'_>]) -> Vec<Need> {
-    let mut union: Vec<Need> = Vec::new();
-    for need in terms.iter().flat_map(|due| due.term.needs()) {
-        if !union.contains(&need) {
-            union.push(need);
-        }
-    }
-    union
+    union(terms.iter().flat_map(|due| due.needs).copied())
 }
 
 impl LossValues {
-    /// Evaluates `terms` on what was rendered for them.
+    /// Evaluates `terms` on the renders that they need.
     pub fn of(terms: &[DueTerm<'_>], renders: &Renders) -> Self {
         let mut total = renders.zero();
         let mut values = Vec::with_capacity(terms.len());

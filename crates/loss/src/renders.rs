@@ -1,11 +1,14 @@
-//! What a training step renders, and what terms can ask for.
+//! What a training step renders, and what terms can request.
+
+use std::collections::BTreeMap;
 
 use burn::tensor::Tensor;
+use infonerf_field::Penalty;
 use infonerf_render::{Passes, RenderOutput};
 use infonerf_scene::PixelAt;
 use serde::{Deserialize, Serialize};
 
-/// Something that a term needs rendered beside the density along the rays of training images, which is always there.
+/// What a term needs in addition to density along the seen rays, which is always rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
     /// Colour along the rays of training images.
@@ -21,14 +24,12 @@ pub enum Need {
         /// Its longest side in pixels.
         size: u32,
     },
-    /// The total variation of the field's tables.
-    TotalVariation,
-    /// The divergence of the field's latent code from a standard normal distribution.
-    LatentDivergence,
+    /// A penalty on the field's own parameters.
+    Penalty(Penalty),
 }
 
 impl Need {
-    /// Rays that a term is taken over, if `rays` has unseen ones.
+    /// The unseen rays, if `rays` includes them.
     pub fn of(rays: RaySet) -> Vec<Self> {
         if rays.unseen() { vec![Self::Unseen] } else { Vec::new() }
     }
@@ -40,38 +41,59 @@ impl Need {
         needs.extend(rays.unseen().then_some(Self::UnseenNeighbours));
         needs
     }
+
+    /// Whether it is rendered from an unseen pose.
+    pub fn is_unseen(&self) -> bool {
+        matches!(self, Self::Unseen | Self::UnseenNeighbours | Self::Picture { .. })
+    }
+
+    /// Whether it is rendered along neighbouring rays.
+    pub fn is_of_neighbours(&self) -> bool {
+        matches!(self, Self::SeenNeighbours | Self::UnseenNeighbours)
+    }
 }
 
-/// Which rays a term is taken over.
+/// Each of `needs` once, in order of appearance.
+pub(crate) fn union(needs: impl Iterator<Item = Need>) -> Vec<Need> {
+    let mut union = Vec::new();
+    for need in needs {
+        if !union.contains(&need) {
+            union.push(need);
+        }
+    }
+    union
+}
+
+/// The rays over which a term is averaged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RaySet {
     /// Rays of training images.
     Seen,
-    /// Rays of sampled poses.
+    /// Rays of unseen poses.
     Unseen,
     /// Both.
     All,
 }
 
 impl RaySet {
-    /// Whether rays of training images count.
+    /// Whether seen rays are included.
     pub fn seen(self) -> bool {
         self != Self::Unseen
     }
 
-    /// Whether rays of sampled poses count.
+    /// Whether unseen rays are included.
     pub fn unseen(self) -> bool {
         self != Self::Seen
     }
 }
 
-/// What the pixels of a bundle show in the training images.
+/// Pixels of the training images along a bundle of rays.
 #[derive(Clone, Debug)]
 pub struct Target {
     /// Colours on the background, `[R, 3]`.
     pub rgb: Tensor<2>,
-    /// The same on the host, with alpha; that is 1 where the image has none.
+    /// The same on the host with alpha, which is 1 for images without it.
     pub rgba: Vec<[f32; 4]>,
     /// Share of the 3 × 3 pixels about each that do not show the background: 1 within an object, less at its edge.
     pub coverage: Vec<f32>,
@@ -94,17 +116,17 @@ pub fn is_foreground(pixel: [f32; 4], background: [f32; 3]) -> bool {
     (0..3).any(|channel| (pixel[channel] - background[channel]).abs() >= TOLERANCE)
 }
 
-/// Rays with what the model renders along them.
+/// Rays with the model's output along them.
 #[derive(Clone, Debug)]
 pub struct Bundle {
     /// The passes.
     pub passes: Passes,
-    /// What the training images show; none for rays of unseen poses.
+    /// The training pixels; none for rays of unseen poses.
     pub target: Option<Target>,
 }
 
 impl Bundle {
-    /// The pass that is the result.
+    /// The fine or only pass.
     pub fn output(&self) -> &RenderOutput {
         &self.passes.fine
     }
@@ -115,7 +137,7 @@ impl Bundle {
     }
 }
 
-/// Density along neighbouring rays, which are paired with those of a bundle by index.
+/// Density along neighbouring rays, paired with those of a bundle by index.
 #[derive(Clone, Debug, Default)]
 pub struct NeighbourBundles {
     /// Neighbours of rays of training images.
@@ -135,21 +157,19 @@ pub struct Picture {
     pub view: usize,
 }
 
-/// All that a step rendered.
+/// Everything that a step rendered.
 #[derive(Clone, Debug)]
 pub struct Renders {
     /// Rays of training images.
     pub seen: Bundle,
-    /// Rays of an unseen pose, if asked for.
+    /// Rays of an unseen pose, if requested.
     pub unseen: Option<Bundle>,
-    /// Neighbours, if asked for.
+    /// Neighbours, if requested.
     pub neighbours: NeighbourBundles,
-    /// A picture from an unseen pose, if asked for.
+    /// A picture from an unseen pose, if requested.
     pub picture: Option<Picture>,
-    /// Total variation of the field's tables, if asked for and there are any.
-    pub total_variation: Option<Tensor<1>>,
-    /// Divergence of the field's latent code, if asked for and there is one.
-    pub latent_divergence: Option<Tensor<1>>,
+    /// Requested penalties on the field's own parameters, scalars; without those that the field does not have.
+    pub penalties: BTreeMap<Penalty, Tensor<1>>,
 }
 
 impl Renders {
@@ -164,7 +184,7 @@ impl Renders {
         seen.as_ref().filter(|_| rays.seen()).into_iter().chain(unseen.as_ref().filter(|_| rays.unseen()))
     }
 
-    /// The bundles of `rays`, each with its neighbours, as far as they were rendered.
+    /// The bundles of `rays` with their neighbours, if rendered.
     pub fn pairs(&self, rays: RaySet) -> impl Iterator<Item = (&Bundle, &RenderOutput)> {
         let NeighbourBundles { seen, unseen } = &self.neighbours;
         let seen = seen.as_ref().filter(|_| rays.seen()).map(|near| (&self.seen, near));
@@ -172,7 +192,7 @@ impl Renders {
         seen.into_iter().chain(unseen)
     }
 
-    /// The mean over the rays of `outputs` of what `of` gives for each of them, `[R]`; 0 without any.
+    /// Mean over the rays of all `outputs` of `of`, which maps an output to values `[R]`; 0 without rays.
     pub fn mean<'a>(
         &self,
         outputs: impl Iterator<Item = &'a RenderOutput>,
@@ -186,9 +206,14 @@ impl Renders {
         sum / rays.max(1) as f32
     }
 
-    /// What is rendered along `rays`.
+    /// The outputs of `rays`.
     pub fn outputs(&self, rays: RaySet) -> impl Iterator<Item = &RenderOutput> {
         self.bundles(rays).map(Bundle::output)
+    }
+
+    /// A penalty on the field's own parameters, a scalar; 0 for a field without it.
+    pub fn penalty(&self, name: Penalty) -> Tensor<1> {
+        self.penalties.get(&name).cloned().unwrap_or_else(|| self.zero())
     }
 
     /// A scalar 0 on the device of the renders.

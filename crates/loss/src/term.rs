@@ -10,27 +10,33 @@ use crate::{Need, Renders};
 
 /// A term of the objective, ready to be evaluated.
 pub trait Term: Debug + Send + Sync {
-    /// What has to be rendered for it.
-    fn needs(&self) -> Vec<Need>;
-
-    /// Its value without its weight, a scalar `[1]`, differentiable in the field's parameters.
+    /// Its unweighted value, a scalar `[1]`, differentiable in the field's parameters.
     fn value(&self, renders: &Renders) -> Tensor<1>;
 
-    /// Whether it takes part in the step at `at`, its weight apart.
+    /// Whether it is evaluated in the step at `at` if its weight is above 0.
     fn is_due(&self, _at: Moment) -> bool {
         true
     }
 }
 
-/// What a config file says of a term.
-pub trait TermSpec {
-    /// Its weight over the run; 0 switches it off, and nothing is rendered or computed for it.
+/// The scheduled weight of a term, implemented by the list of terms. A term of weight 0 is off: nothing is rendered or computed
+/// for it.
+pub trait Weighted {
+    /// The weight.
     fn weight(&self) -> &Schedule;
 
-    /// The same, to be changed.
+    /// The same, mutable.
     fn weight_mut(&mut self) -> &mut Schedule;
+}
 
-    /// The term for a scene. What it reads or computes once is read here.
+/// The config of a term.
+pub trait TermSpec: Weighted {
+    /// What it needs in addition to density along the seen rays.
+    fn needs(&self) -> Vec<Need> {
+        Vec::new()
+    }
+
+    /// Builds the term for a scene, with everything that it reads or computes once.
     ///
     /// # Errors
     /// If the scene or a file lacks what the term needs.
@@ -44,17 +50,17 @@ pub trait TermSpec {
         Ok(())
     }
 
-    /// Why the term says nothing about `scene`, and so is left out; none if it takes part.
-    fn left_out(&self, _scene: &Scene) -> Option<&'static str> {
+    /// Why the term does not apply to `scene` and is left out; none if it applies.
+    fn skip_reason(&self, _scene: &Scene) -> Option<&'static str> {
         None
     }
 
-    /// What the term knows of a scene beside the colours of its training images, for reports; none if nothing.
+    /// What the term uses of a scene besides the colours of its training images, for reports.
     fn privilege(&self) -> Option<&'static str> {
         None
     }
 
-    /// The file of weights that the term reads, if it reads one: its key within the term's table, and its path.
+    /// The file of network weights that the term reads, if any: its key within the term's table, and its path.
     fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
         None
     }
@@ -69,15 +75,15 @@ pub struct TermSetup<'a> {
     pub device: &'a Device,
 }
 
-/// A key of a term out of range, or something that it needs and lacks.
+/// A key of a term that is out of range, or a missing requirement.
 #[derive(Debug, Error, PartialEq)]
 #[error("{key}: expected {expected}, found {found}")]
 pub struct LossError {
     /// The key; within the term's table until [`Self::within`] is called.
     pub key: String,
-    /// What would have been accepted.
+    /// What is accepted.
     pub expected: String,
-    /// What was given.
+    /// What was found.
     pub found: String,
 }
 

@@ -8,47 +8,49 @@ use crate::Space;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RenderConfig {
-    /// Samples along a ray: of the coarse pass, or of the only one where `fine_samples` is 0. A schedule changes it over
-    /// the run; pictures are rendered with its last value.
+    /// Samples per ray: of the coarse pass, or of the single one if `fine_samples` is 0. Pictures are rendered with the
+    /// schedule's value at the last step.
     pub samples: Schedule,
-    /// Further samples drawn where the coarse pass found something (NeRF: 128); 0 for a single pass.
+    /// Further samples per ray, drawn from the coarse weights (NeRF: 128); 0 for a single pass.
     pub fine_samples: usize,
-    /// Where in its interval a sample is evaluated.
+    /// Where in its interval a sample lies.
     pub placement: Placement,
-    /// How long a ray's last interval is.
+    /// Length of a ray's last interval.
     pub last_interval: LastInterval,
-    /// How samples make up a ray.
+    /// How samples are composited.
     pub compositing: Compositing,
     /// Whether samples are jittered within their intervals in training.
     pub jitter: bool,
-    /// Whether space is taken as it is, or brought into a box: `auto`, `box`, `ndc`, `contraction`.
+    /// Whether space is warped: `auto`, `box` (unchanged), `ndc`, `contraction`.
     pub space: Space,
-    /// Whether rays are cut to the box that holds the scene; only where space is taken as it is.
+    /// Whether rays are clipped to the scene's box; only in unwarped space.
     pub clip_to_bounds: bool,
-    /// In pictures: transmittance below which the rest of a ray is not evaluated. Exact up to this much; 0 evaluates
-    /// everything.
+    /// In pictures of a single pass with [`Placement::Mid`]: transmittance at which a ray stops, which changes a colour by
+    /// no more than this; 0 evaluates all samples.
     pub early_stop_transmittance: f32,
-    /// In training: optical depth, as the occupancy grid remembers it, behind which the rest of a ray is taken to be hidden
-    /// and is skipped; 0 skips nothing. The grid remembers maxima, so this is no transmittance: 16 is a safe value.
+    /// In training, and for the reported entropy and information gain: optical depth of the occupancy grid's densities
+    /// behind which a ray's samples are skipped; 0 skips none, as does a run without a grid. Densities of the grid are
+    /// maxima over cells, so that a ray may pass beside the matter that they stand for: 16 is a safe value. Pictures
+    /// evaluate hidden samples.
     pub hidden_depth: f32,
     /// Skipping of empty space.
     pub occupancy: OccupancyConfig,
 }
 
-/// Where in its interval a sample is evaluated.
+/// Where in its interval a sample lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Placement {
     /// At the near end, as in NeRF: stratified distances, and interval i reaches from sample i to sample i + 1.
     Left,
-    /// In the middle. A single pass takes steps of one length, whatever the ray's.
+    /// In the middle. A single pass has steps of one length for all rays.
     Mid,
-    /// Over all of it, as a field of volumes needs (mip-NeRF): `samples + 1` edges bound `samples` intervals, and the fine
+    /// Over the whole interval (mip-NeRF): `samples + 1` edges bound `samples` intervals, and the fine
     /// pass has `fine_samples` intervals of its own, drawn from blurred weights and not merged with the coarse ones.
     Interval,
 }
 
-/// Length of a ray's last interval under [`Placement::Left`]; elsewhere an interval ends where the ray does.
+/// Length of a ray's last interval under [`Placement::Left`]; otherwise it ends where the ray does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LastInterval {
@@ -68,7 +70,7 @@ pub enum Compositing {
     Additive,
 }
 
-/// An occupancy grid that remembers where there is something (Instant-NGP, Sec. E; nerfacc).
+/// An occupancy grid (Instant-NGP, Sec. E; nerfacc).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OccupancyConfig {
@@ -76,24 +78,22 @@ pub struct OccupancyConfig {
     pub enabled: bool,
     /// Cells along each axis of the scene's box.
     pub resolution: usize,
-    /// Steps before anything is skipped: until then the field knows nothing.
+    /// Steps before the first update; nothing is skipped until then.
     pub warmup: usize,
     /// Steps between updates.
     pub every: usize,
-    /// A cell is empty while the opacity of one sample in it stays below this.
+    /// A cell is empty while the opacity of a sample in it is below this.
     pub alpha_threshold: f32,
-    /// Factor on a cell's remembered density at each update.
+    /// Factor on a cell's density per update.
     pub decay: f32,
-    /// For pictures: how many times finer along each axis a grid is made from the finished field; 1 uses the grid of
-    /// training.
+    /// Factor on the resolution for pictures, whose grid is made from the trained field; 1 uses the grid of training.
     pub refine: usize,
-    /// Whether cells that the alpha channel of a training view shows to be background are empty for good; RGB images carve
-    /// nothing.
+    /// Whether cells that the alpha channel of a training view shows to be background are empty for good.
     pub carve: bool,
 }
 
 impl OccupancyConfig {
-    /// The density at which one sample of `step_length` has opacity `alpha_threshold`.
+    /// The density at which a sample of `step_length` has opacity `alpha_threshold`.
     pub(crate) fn threshold(&self, step_length: f32) -> f32 {
         -(-self.alpha_threshold).ln_1p() / step_length
     }
@@ -128,7 +128,7 @@ fn check(
 }
 
 impl RenderConfig {
-    /// Checks every number, and that the options go together.
+    /// Checks every number and combination.
     ///
     /// # Errors
     /// The first key that is out of range.
@@ -146,12 +146,34 @@ impl RenderConfig {
         self.occupancy.validate()
     }
 
-    /// Whether a coarse pass tells a fine one where to look.
+    /// The optical depth behind which training skips; infinite if nothing.
+    pub(crate) fn hidden_depth(&self) -> f32 {
+        if self.hidden_depth > 0.0 { self.hidden_depth } else { f32::INFINITY }
+    }
+
+    /// Keys that are set but have no effect beside the others, one line each.
+    pub fn without_effect(&self) -> Vec<&'static str> {
+        let stop = self.early_stop_transmittance > 0.0 && !self.marches();
+        let hidden = self.hidden_depth > 0.0 && !self.occupancy.enabled;
+        [
+            (
+                stop,
+                "render.early_stop_transmittance has no effect on pictures with render.fine_samples or without \
+                    render.placement = \"mid\"",
+            ),
+            (hidden, "render.hidden_depth has no effect without render.occupancy.enabled"),
+        ]
+        .into_iter()
+        .filter_map(|(applies, line)| applies.then_some(line))
+        .collect()
+    }
+
+    /// Whether a coarse pass places the samples of a fine one.
     pub fn is_hierarchical(&self) -> bool {
         self.fine_samples > 0
     }
 
-    /// Whether a single pass takes steps of one length: pictures then go front to back and stop where nothing more is seen.
+    /// Whether a single pass has steps of one length: pictures are then composited front to back and rays stop early.
     pub(crate) fn marches(&self) -> bool {
         self.placement == Placement::Mid && !self.is_hierarchical()
     }

@@ -1,4 +1,4 @@
-//! Where along a ray to look: pure functions of distances.
+//! Distances of samples along a ray, as pure functions.
 
 use crate::{LastInterval, Noise, Placement};
 
@@ -35,11 +35,11 @@ pub(crate) fn stratified(
     }
 }
 
-/// Samples of one ray from its sorted distances: where each is, and the length of its interval.
+/// `(distance, interval length)` of the samples of one ray with sorted distances `t`.
 ///
-/// [`Placement::Left`]: from the sample to the next; the last one by `last`. [`Placement::Mid`]: from half-way to the
-/// neighbour before to half-way to the one behind, ends reaching to `near` and `far`. [`Placement::Interval`]: distances
-/// are edges, one more than there are samples.
+/// [`Placement::Left`]: from the sample to the next; the last one by `last`. [`Placement::Mid`]: between the midpoints
+/// to both neighbours, the first from `near` and the last to `far`. [`Placement::Interval`]: distances are edges, one more
+/// than samples.
 pub(crate) fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, last: LastInterval) -> Vec<(f32, f32)> {
     let n = t.len();
     match placement {
@@ -107,7 +107,7 @@ pub(crate) fn blurred(weights: &[f32]) -> Vec<f32> {
 /// `count + 1` edges drawn from the piecewise-constant density of `weights` between `edges`, one fewer of the former.
 ///
 /// mip-NeRF's inverse transform (Sec. 3.1, released code): `u` even in [0, 1), or jittered one in each stratum, so that
-/// edges come out sorted; weights that sum to less than 1e-5 are evened out.
+/// edges are sorted; weights that sum to less than 1e-5 are padded evenly.
 pub(crate) fn resample(edges: &[f32], weights: &[f32], count: usize, jitter: Option<(Noise, usize)>) -> Vec<f32> {
     const LEAST: f32 = 1e-5;
     const LAST: f32 = 1.0 - f32::EPSILON;
@@ -142,7 +142,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::Stream;
+    use crate::RandomStream;
 
     #[test]
     fn even_samples_of_both_placements() {
@@ -206,7 +206,7 @@ mod tests {
             weights in prop::collection::vec(0f32..1.0, 40),
         ) {
             let far = near + length;
-            let noise = Noise::new(seed, 0, Stream::Samples);
+            let noise = Noise::new(seed, 0, RandomStream::Samples);
             let jitter = Some((noise, 3));
             for placement in [Placement::Left, Placement::Mid, Placement::Interval] {
                 let t = stratified(near, far, count, placement, jitter);

@@ -1,4 +1,4 @@
-//! One picture of several fields' pictures.
+//! The mean picture of an ensemble.
 
 use infonerf_field::Field;
 use infonerf_scene::Camera;

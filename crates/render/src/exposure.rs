@@ -1,13 +1,11 @@
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Int, Tensor, TensorData};
 
-/// A gain and a bias of each training view and channel: exposure and white balance, where they differ between photographs of
-/// one scene.
+/// A gain and a bias per training view and channel: exposure and white balance that differ between photographs of one scene.
 ///
-/// A training view shows `gain · C + bias + (1 − A) · background`, where C is the colour that a ray gathers and A its opacity,
-/// as in the released code of Neural Volumes (Lombardi et al. 2019). Before training, gains are 1 and biases 0. No other camera
-/// has any: pictures show the field's own colours. The released code has colours on a scale of 255, on which its biases are
-/// learned 255 times more slowly.
+/// A training view shows `gain · C + bias + (1 − A) · background`, where C is the colour accumulated along a ray and A its
+/// opacity, as in the released code of Neural Volumes (Lombardi et al. 2019). Gains start at 1 and biases at 0. Rendered
+/// pictures apply neither. Colours of the released code range to 255, so that its biases learn 255 times more slowly.
 #[derive(Module, Debug)]
 pub struct Exposure {
     /// `[V, 3]`.
@@ -23,11 +21,11 @@ impl Exposure {
         Self { gain: parameter(1.0), bias: parameter(0.0) }
     }
 
-    /// What training views show of rays whose colour on `background` is `color`, `[R, 3]`, and whose opacity is `acc`, `[R]`.
-    /// `views` says for each ray which view it is of.
+    /// Colours, `[R, 3]`, as training views show them, of rays with colour `color` on `background`, `[R, 3]`, and opacity
+    /// `acc`, `[R]`. `views` holds the training view of each ray.
     ///
     /// # Panics
-    /// If there are not as many `views` as rays.
+    /// If `views` and rays differ in number.
     pub fn apply(&self, color: Tensor<2>, acc: Tensor<1>, background: [f32; 3], views: &[usize]) -> Tensor<2> {
         let device = color.device();
         let views: Vec<i32> = views.iter().map(|&view| view as i32).collect();

@@ -1,7 +1,6 @@
 use infonerf_field::Field;
 use infonerf_ops::to_host;
 use infonerf_scene::{Camera, Ray};
-use infonerf_schedule::Moment;
 
 use crate::march::march;
 use crate::{Counts, RenderOutput, RenderRequest, Renderer, TrainedModel};
@@ -28,7 +27,6 @@ const CHUNK: usize = 1 << 15;
 
 /// Renders the picture of one member.
 pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
-    let (model, occupancy) = (&trained.model, trained.occupancy.as_ref());
     let rays: Vec<Ray> = (0..camera.height)
         .flat_map(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))
         .map(|(x, y)| camera.ray(x, y))
@@ -43,7 +41,7 @@ pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F
     };
     if renderer.sampler().config().marches() {
         for rays in rays.chunks(CHUNK) {
-            let (marched, counts) = march(renderer, &model.fine, rays, occupancy);
+            let (marched, counts) = march(renderer, trained, rays);
             image.counts += counts;
             for ray in marched {
                 image.push(ray.rgb, ray.depth, 1.0 - ray.trans);
@@ -51,8 +49,9 @@ pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F
         }
         return image;
     }
-    for rays in rays.chunks(renderer.rays_at_once()) {
-        let passes = renderer.render(model, rays, RenderRequest { color: true }, None, occupancy, Moment::END);
+    for rays in rays.chunks(renderer.rays_at_once(trained.at)) {
+        let request = RenderRequest { color: true, hidden: true };
+        let passes = renderer.render(&trained.model, rays, request, None, trained.occupancy.as_ref(), trained.at);
         image.append(&passes.fine);
         image.counts += passes.counts();
     }
@@ -79,3 +78,85 @@ impl RenderedImage {
 
 /// Opacity from which a ray is said to hit something, for depth.
 pub(crate) const HIT: f32 = 0.5;
+
+#[cfg(test)]
+mod tests {
+    use burn::module::Module;
+    use burn::tensor::{Device, Tensor, TensorData};
+    use glam::{DMat4, DVec3, Vec3};
+    use infonerf_field::{FieldOutput, Points};
+    use infonerf_scene::Scene;
+    use infonerf_schedule::Moment;
+
+    use super::*;
+    use crate::{Model, OccupancyGrid, Placement, RenderConfig};
+
+    /// As grey as the run is far, with any density.
+    #[derive(Module, Debug)]
+    struct Grey {
+        none: Tensor<1>,
+        #[module(skip)]
+        sigma: fn(Vec3) -> f32,
+    }
+
+    impl Field for Grey {
+        fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
+            let sigma: Vec<f32> = points.positions.chunks_exact(3).map(|p| (self.sigma)(Vec3::from_slice(p))).collect();
+            let count = sigma.len();
+            let color = color.then(|| Tensor::full([count, 3], at.progress, &self.device()));
+            FieldOutput { sigma: Tensor::from_data(TensorData::new(sigma, [count]), &self.device()), color }
+        }
+
+        fn device(&self) -> Device {
+            self.none.device()
+        }
+    }
+
+    fn config(placement: Placement) -> RenderConfig {
+        serde_json::from_value(serde_json::json!({
+            "compositing": "exponential", "samples": 32, "fine_samples": 0, "placement": placement, "last_interval": "finite",
+            "jitter": false, "space": "auto", "clip_to_bounds": false, "early_stop_transmittance": 1e-3, "hidden_depth": 1.0,
+            "occupancy": {
+                "enabled": true, "resolution": 2, "warmup": 0, "every": 1, "alpha_threshold": 0.01, "decay": 1.0,
+                "refine": 1, "carve": false,
+            },
+        }))
+        .unwrap()
+    }
+
+    /// The same a quarter into the run, seen along −z in the middle of the box of 3 units, of which a grid remembers each half
+    /// to hold something opaque.
+    fn seen(sigma: fn(Vec3) -> f32, placement: Placement) -> (Renderer, TrainedModel<Grey>, Camera) {
+        let scene = Scene::default();
+        let config = config(placement);
+        let mut grid = OccupancyGrid::new(&config.occupancy, scene.space.bounds);
+        grid.restore(vec![1e4; 8], vec![true; 8], true).unwrap();
+        let model =
+            Model { coarse: None, fine: Grey { none: Tensor::zeros([1], &Device::flex()), sigma }, exposure: None };
+        let camera = Camera::from_fov(1, 1, 0.1, DMat4::from_translation(DVec3::new(0.1, 0.1, 4.0)));
+        let at = Moment { step: 10, progress: 0.25 };
+        (Renderer::new(&config, &scene), TrainedModel { model, occupancy: Some(grid), at }, camera)
+    }
+
+    #[test]
+    fn a_picture_is_of_the_moment_that_was_trained_last() {
+        for placement in [Placement::Mid, Placement::Left] {
+            let (renderer, trained, camera) = seen(|_| 1e4, placement);
+            assert_eq!(render_image(&renderer, &[trained], &camera).rgb, [[0.25; 3]], "{placement:?}");
+        }
+    }
+
+    /// A ray passes a cell with an opaque part beside that, to something behind.
+    #[test]
+    fn a_picture_shows_what_training_takes_to_be_hidden() {
+        for placement in [Placement::Mid, Placement::Left] {
+            let (renderer, trained, camera) = seen(|p| if p.x > 1.0 || p.z < 0.0 { 1e4 } else { 0.0 }, placement);
+            let training = RenderRequest { color: false, hidden: false };
+            let rays = [camera.ray(0.5, 0.5)];
+            let grid = trained.occupancy.as_ref();
+            let passes = renderer.render(&trained.model, &rays, training, None, grid, trained.at);
+            assert_eq!(passes.fine.acc.into_scalar::<f32>(), 0.0, "{placement:?}");
+            assert_eq!(render_image(&renderer, &[trained], &camera).acc, [1.0], "{placement:?}");
+        }
+    }
+}

@@ -9,7 +9,7 @@
 //! ```
 //! use burn::module::Module;
 //! use burn::tensor::{Device, Tensor};
-//! use infonerf_field::{Field, Points, Sampled};
+//! use infonerf_field::{Field, Points, FieldOutput};
 //! use infonerf_render::{
 //!     Compositing, LastInterval, Model, OccupancyConfig, Placement, RenderConfig, Renderer, Space, TrainedModel,
 //!     render_image,
@@ -24,10 +24,10 @@
 //! }
 //!
 //! impl Field for Fog {
-//!     fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
+//!     fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
 //!         let sigma = self.density.clone().expand([points.segments.samples()]);
 //!         let blue = Tensor::<2>::from_floats([[0.0, 0.0, 1.0]], &self.device());
-//!         Sampled { color: color.then(|| blue.expand([points.segments.samples(), 3])), sigma }
+//!         FieldOutput { color: color.then(|| blue.expand([points.segments.samples(), 3])), sigma }
 //!     }
 //!
 //!     fn device(&self) -> Device {
@@ -60,7 +60,7 @@
 //!     },
 //! };
 //! let fog = Fog { density: Tensor::from_floats([100.0], &Device::flex()) };
-//! let trained = TrainedModel { model: Model { coarse: None, fine: fog, exposure: None }, occupancy: None };
+//! let trained = TrainedModel { model: Model { coarse: None, fine: fog, exposure: None }, occupancy: None, at: Moment::START };
 //! let picture = render_image(&Renderer::new(&config, &scene), &[trained], &scene.test[0].camera);
 //! assert_eq!((picture.width, picture.rgb[0]), (8, [0.0, 0.0, 1.0]));
 //! ```
@@ -85,7 +85,7 @@ pub use ensemble::render_image;
 pub use exposure::Exposure;
 pub use image::RenderedImage;
 pub use model::{Model, TrainedModel};
-pub use noise::{Noise, Stream};
+pub use noise::{Noise, RandomStream};
 pub use occupancy::OccupancyGrid;
 pub use output::{Counts, Passes, RenderOutput, RenderRequest};
 pub use renderer::Renderer;

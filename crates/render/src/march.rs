@@ -1,17 +1,17 @@
-//! Front to back: pictures of a field without a coarse pass.
+//! Pictures of a single pass, front to back.
 //!
-//! Rays advance a few samples at a time, and those through which no more light comes drop out. What is left out weighs less
-//! than `render.early_stop_transmittance`.
+//! Rays advance a few samples at a time, and stop once their transmittance is at most
+//! `render.early_stop_transmittance`: the weights of skipped samples sum to no more than that.
 
 use infonerf_field::{Extent, Field, Points};
 use infonerf_ops::{Segments, numeric, to_host};
 use infonerf_scene::Ray;
-use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
-use crate::{Compositing, Counts, OccupancyGrid, Renderer};
+use crate::sampler::Skip;
+use crate::{Compositing, Counts, Renderer, TrainedModel};
 
-/// One ray on its way.
+/// A ray with what it has accumulated so far.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Marched {
     pub(crate) rgb: [f32; 3],
@@ -23,23 +23,19 @@ pub(crate) struct Marched {
     next: usize,
 }
 
-/// Samples that a ray takes in a round: few, as a ray that meets a surface needs no more.
+/// Samples per ray and round: few, as rays stop soon after a surface.
 const ROUND: usize = 8;
 
-/// Renders `rays` on the background; colour, distance and transmittance of each, and how many samples that took.
-pub(crate) fn march<F: Field>(
-    renderer: &Renderer,
-    field: &F,
-    rays: &[Ray],
-    occupancy: Option<&OccupancyGrid>,
-) -> (Vec<Marched>, Counts) {
+/// Colour on the background, distance and transmittance of each of `rays`, and the numbers of samples.
+pub(crate) fn march<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, rays: &[Ray]) -> (Vec<Marched>, Counts) {
     let sampler = renderer.sampler();
-    let (longest, step) = (sampler.longest(), sampler.step_length(Moment::END));
+    let (longest, step) = (sampler.longest(), sampler.step_length(trained.at));
     let (least, compositing) = (sampler.config().early_stop_transmittance, sampler.config().compositing);
+    let skip = Skip { grid: trained.occupancy.as_ref(), hidden_depth: f32::INFINITY };
     let mut counts = Counts { total: (rays.len() as f32 * longest / step) as u64, evaluated: 0 };
     let mut marched: Vec<Marched> = rays
         .par_iter()
-        .map(|ray| Marched { trans: 1.0, steps: sampler.steps(ray, step, 0.5, occupancy), ..Marched::default() })
+        .map(|ray| Marched { trans: 1.0, steps: sampler.steps(ray, step, 0.5, skip), ..Marched::default() })
         .collect();
     let mut active: Vec<usize> = (0..rays.len()).filter(|&ray| !marched[ray].steps.is_empty()).collect();
     while !active.is_empty() {
@@ -62,7 +58,7 @@ pub(crate) fn march<F: Field>(
             segments: &segments,
             extent: Extent::Cones { t: &t, delta: &delta, radii: &radii },
         };
-        let sampled = field.evaluate(points, true, Moment::END);
+        let sampled = trained.model.fine.evaluate(points, true, trained.at);
         let sigma = to_host(sampled.sigma);
         let color = to_host(sampled.color.expect("colour was asked for"));
         let mut advancing = active.iter().copied().enumerate().peekable();

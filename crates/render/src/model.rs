@@ -1,21 +1,22 @@
 use burn::module::Module;
 use infonerf_field::{Field, RadianceField, Sources};
+use infonerf_schedule::Moment;
 
 use crate::{Exposure, OccupancyGrid};
 
-/// What is trained: one field, or a coarse one that tells a fine one where to look.
+/// The trained fields: one, or a coarse and a fine one (NeRF's hierarchical sampling).
 #[derive(Module, Debug)]
 pub struct Model<F: Module> {
-    /// The field of the coarse pass, where that is not the one of the fine pass.
+    /// The field of the coarse pass, if it is not that of the fine pass.
     pub coarse: Option<F>,
     /// The field that is rendered.
     pub fine: F,
-    /// Gain and bias of each training view; none where all photographs are taken to have one exposure.
+    /// Gain and bias per training view; none if photographs are taken to have one exposure.
     pub exposure: Option<Exposure>,
 }
 
 impl<F: Field> Model<F> {
-    /// The model as it answers when its fields look at `sources`: see [`Field::conditioned`].
+    /// The model with its fields conditioned on `sources`: see [`Field::conditioned`].
     pub fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {
         Self {
             coarse: self.coarse.as_ref().map(|field| field.conditioned(sources, seed)),
@@ -25,11 +26,13 @@ impl<F: Field> Model<F> {
     }
 }
 
-/// A trained model without gradients, and what is known to be empty around it: what pictures are rendered from.
+/// A trained model without gradients and its occupancy grid, from which pictures are rendered.
 #[derive(Clone, Debug)]
 pub struct TrainedModel<F: Field = RadianceField> {
     /// The model, as `valid()`.
     pub model: Model<F>,
-    /// What pictures of it may skip.
+    /// Empty space, which pictures skip.
     pub occupancy: Option<OccupancyGrid>,
+    /// The moment of the last training step, at which the fields are evaluated: detail that fades in later is not learnt.
+    pub at: Moment,
 }

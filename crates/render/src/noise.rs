@@ -1,32 +1,32 @@
-//! Random numbers addressed by what they are for, so that they do not depend on the order or number of threads.
+//! Counter-based random numbers: they depend on what they are for, and not on the order or number of threads.
 
-/// What random numbers are for. Each use in the workspace has a variant of its own: two uses cannot share a stream.
+/// The purpose of a stream of random numbers. Each use in the workspace has its own variant, so that no two share numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
-pub enum Stream {
-    /// First weights of a fresh start after a collapse.
+pub enum RandomStream {
+    /// Initial weights of a restart after a collapse.
     Restart,
-    /// First weights and random numbers of another field of an ensemble.
+    /// Initial weights and random numbers of a further field of an ensemble.
     EnsembleMember,
-    /// Which scene a pre-training step is of.
+    /// The scene of a pre-training step.
     TrainingScene,
     /// Rays of training images.
     SeenRays,
     /// Rays of an unseen pose.
     UnseenRays,
-    /// How cameras of neighbouring rays are turned.
+    /// Rotation of the cameras of neighbouring rays.
     Neighbours,
     /// A whole picture from an unseen pose.
     Picture,
     /// Points at which the occupancy grid is updated.
     Occupancy,
-    /// Points at which the occupancy grid of finished pictures is filled.
+    /// Points at which the finer occupancy grid of pictures is evaluated.
     RefinedOccupancy,
     /// Which photographs a field sees.
     Sources,
     /// Test rays whose entropy and information gain are reported.
     InformationRays,
-    /// The neighbours of these.
+    /// The neighbours of these test rays.
     InformationNeighbours,
     /// A camera's pose.
     Pose,
@@ -36,17 +36,17 @@ pub enum Stream {
     Column,
     /// A pixel's row.
     Row,
-    /// How many of something.
+    /// A number of items.
     Count,
-    /// Whether a well-fitted pixel is drawn all the same.
+    /// Acceptance of a well-fitted pixel.
     Acceptance,
-    /// Where samples lie along rays.
+    /// Distances of samples along rays.
     Samples,
     /// Samples of a fine pass.
     FineSamples,
-    /// A colour behind everything.
+    /// A background colour.
     Background,
-    /// What a field itself draws, such as a latent code.
+    /// Random numbers of the field itself, such as those of a latent code.
     Latent,
 }
 
@@ -57,15 +57,23 @@ pub struct Noise {
 }
 
 impl Noise {
-    /// The stream of one use within one step of a run.
-    pub fn new(seed: u64, step: u64, stream: Stream) -> Self {
-        Self { seed: mix(mix(mix(seed) ^ step) ^ stream as u64) }
+    /// The stream of one purpose in one step of a run.
+    pub fn new(seed: u64, step: u64, stream: RandomStream) -> Self {
+        Self::numbered(seed, step, stream as u64)
+    }
+
+    fn numbered(seed: u64, step: u64, stream: u64) -> Self {
+        Self { seed: mix(mix(mix(seed) ^ step) ^ stream) }
     }
 
     /// An independent stream within this one.
-    pub fn child(self, stream: Stream) -> Self {
+    pub fn child(self, stream: RandomStream) -> Self {
+        self.numbered_child(stream as u64)
+    }
+
+    fn numbered_child(self, stream: u64) -> Self {
         // Roots differ from children in their number of rounds.
-        Self { seed: mix(mix(self.seed).rotate_left(32) ^ stream as u64) }
+        Self { seed: mix(mix(self.seed).rotate_left(32) ^ stream) }
     }
 
     /// Uniform in [0, 1).
@@ -104,57 +112,32 @@ mod tests {
 
     #[test]
     fn is_uniform_and_reproducible() {
-        let noise = Noise::new(1, 2, Stream::SeenRays);
+        let noise = Noise::new(1, 2, RandomStream::SeenRays);
         let draws: Vec<f32> = (0..10_000).map(|i| noise.uniform(i / 100, i % 100)).collect();
         let mean = draws.iter().sum::<f32>() / draws.len() as f32;
         assert!((mean - 0.5).abs() < 0.01, "{mean}");
         assert!(draws.iter().all(|u| (0.0..1.0).contains(u)));
-        assert_eq!(draws[123], Noise::new(1, 2, Stream::SeenRays).uniform(1, 23));
+        assert_eq!(draws[123], Noise::new(1, 2, RandomStream::SeenRays).uniform(1, 23));
         assert!((0..1000).all(|i| noise.below(i, 0, 7) < 7));
     }
 
-    /// Every stream, every stream within a stream, and two deep: no two are the same, also between steps and seeds.
+    /// All streams, their children and grandchildren differ, also between steps and seeds.
     #[test]
     fn no_two_uses_share_a_stream() {
-        assert_eq!(ALL.len() as u64, Stream::Latent as u64 + 1, "every variant is listed");
+        const STREAMS: std::ops::RangeInclusive<u64> = 0..=RandomStream::Latent as u64;
         let mut seen = HashSet::new();
         for (seed, step) in [(0, 0), (0, 1), (1, 0)] {
-            for root in ALL {
-                let root = Noise::new(seed, step, root);
+            for root in STREAMS {
+                let root = Noise::numbered(seed, step, root);
                 assert!(seen.insert(root.bits()));
-                for child in ALL {
-                    let child = root.child(child);
+                for child in STREAMS {
+                    let child = root.numbered_child(child);
                     assert!(seen.insert(child.bits()));
-                    for grandchild in ALL {
-                        assert!(seen.insert(child.child(grandchild).bits()));
+                    for grandchild in STREAMS {
+                        assert!(seen.insert(child.numbered_child(grandchild).bits()));
                     }
                 }
             }
         }
     }
-
-    const ALL: [Stream; 22] = [
-        Stream::Restart,
-        Stream::EnsembleMember,
-        Stream::TrainingScene,
-        Stream::SeenRays,
-        Stream::UnseenRays,
-        Stream::Neighbours,
-        Stream::Picture,
-        Stream::Occupancy,
-        Stream::RefinedOccupancy,
-        Stream::Sources,
-        Stream::InformationRays,
-        Stream::InformationNeighbours,
-        Stream::Pose,
-        Stream::View,
-        Stream::Column,
-        Stream::Row,
-        Stream::Count,
-        Stream::Acceptance,
-        Stream::Samples,
-        Stream::FineSamples,
-        Stream::Background,
-        Stream::Latent,
-    ];
 }

@@ -4,17 +4,17 @@ use rayon::prelude::*;
 
 use crate::{Noise, OccupancyConfig};
 
-/// Points at which a field is asked at a time: bounds the memory of an update.
+/// Points evaluated at a time, which bounds the memory of an update.
 const CHUNK: usize = 1 << 16;
-/// Points of a cell at which [`OccupancyGrid::refined`] asks.
+/// Points that [`OccupancyGrid::refined`] evaluates per cell.
 const PROBES: usize = 8;
 
-/// Remembers in which cells of the scene's box there is something.
+/// Which cells of the scene's box are empty.
 ///
-/// A cell's density is a decaying maximum of what the field answered at random points of it:
+/// A cell's density is a decaying maximum of the field's density at random points in it:
 /// d ← max(decay · d, σ(x)), x uniform in the cell. A cell is empty while 1 − exp(−d · step) stays below
-/// `alpha_threshold`, or below the opacity of the mean cell while the whole field is still faint. A sample can therefore be
-/// dropped wrongly only where the field rises within a cell faster than the updates see it.
+/// `alpha_threshold`, or below the opacity of the mean cell while the whole field is still faint. A sample is
+/// dropped wrongly only if the field varies within a cell and the random points miss its maximum.
 #[derive(Clone, Debug)]
 pub struct OccupancyGrid {
     config: OccupancyConfig,
@@ -23,13 +23,13 @@ pub struct OccupancyGrid {
     density: Vec<f32>,
     occupied: Vec<bool>,
     carved: Vec<bool>,
-    asked_before: bool,
+    updated: bool,
     /// The smallest box around all occupied cells.
     tight: Aabb,
 }
 
 impl OccupancyGrid {
-    /// A grid over `bounds` in which nothing is known to be empty.
+    /// A grid over `bounds` with all cells occupied.
     pub fn new(config: &OccupancyConfig, bounds: Aabb) -> Self {
         let cells = config.resolution.pow(3);
         Self {
@@ -39,12 +39,12 @@ impl OccupancyGrid {
             density: vec![0.0; cells],
             occupied: vec![true; cells],
             carved: vec![false; cells],
-            asked_before: false,
+            updated: false,
             tight: bounds,
         }
     }
 
-    /// Marks as empty for good every cell that a view with alpha shows to be background.
+    /// Marks every cell as empty for good that a view with alpha shows to be background.
     ///
     /// A cell stays if, in every view, any pixel within one pixel of the cell's projected sphere has alpha above 0 or
     /// the cell is out of the picture. Views without alpha carve nothing.
@@ -68,20 +68,19 @@ impl OccupancyGrid {
             && (step - self.config.warmup).is_multiple_of(self.config.every)
     }
 
-    /// Asks the field again. `sigma` maps positions `[M, 3]` to densities `[M]`; `step_length` is the length of one
-    /// sample's interval. Returns whether anything is left; if nothing is, the grid starts over with all cells open.
+    /// Updates densities and occupancy. `sigma` maps positions `[M, 3]` to densities `[M]`; `step_length` is the length of a
+    /// sample's interval. Returns whether any cell is occupied; if none is, all cells are opened.
     pub fn update(&mut self, noise: Noise, step_length: f32, mut sigma: impl FnMut(&[f32]) -> Vec<f32>) -> bool {
         let open: Vec<usize> = (0..self.density.len()).filter(|&cell| !self.carved[cell]).collect();
-        let asked: Vec<usize> = open.iter().copied().filter(|&cell| self.is_asked(cell, noise)).collect();
-        for cells in asked.chunks(CHUNK) {
+        let evaluated: Vec<usize> = open.iter().copied().filter(|&cell| self.is_evaluated(cell, noise)).collect();
+        for cells in evaluated.chunks(CHUNK) {
             let points: Vec<f32> = cells.par_iter().flat_map_iter(|&cell| self.random_point(cell, noise, 0)).collect();
             for (&cell, sigma) in cells.iter().zip(sigma(&points)) {
                 self.density[cell] = (self.density[cell] * self.config.decay).max(sigma);
             }
         }
-        let mean = open.iter().map(|&cell| f64::from(self.density[cell])).sum::<f64>() / open.len().max(1) as f64;
-        let threshold = self.config.threshold(step_length).min(mean as f32);
-        self.asked_before = true;
+        let threshold = self.config.threshold(step_length).min(self.mean_density());
+        self.updated = true;
         for &cell in &open {
             self.occupied[cell] = self.density[cell] > threshold;
         }
@@ -96,10 +95,17 @@ impl OccupancyGrid {
         alive
     }
 
-    /// All cells the first time; then half of the occupied ones and an eighth of the others, at random.
-    fn is_asked(&self, cell: usize, noise: Noise) -> bool {
+    /// Mean density of the cells that are not carved.
+    fn mean_density(&self) -> f32 {
+        let open = self.density.iter().zip(&self.carved).filter(|(_, carved)| !**carved);
+        let (sum, count) = open.fold((0.0, 0u32), |(sum, count), (d, _)| (sum + f64::from(*d), count + 1));
+        (sum / f64::from(count.max(1))) as f32
+    }
+
+    /// Whether an update evaluates a cell: all the first time, then half of the occupied and an eighth of the others, at random.
+    fn is_evaluated(&self, cell: usize, noise: Noise) -> bool {
         let share = if self.occupied[cell] { 0.5 } else { 0.125 };
-        !self.asked_before || noise.uniform(cell, 3) < share
+        !self.updated || noise.uniform(cell, 3) < share
     }
 
     /// Opens the six neighbours of every occupied cell: a surface moves by less than a cell between updates.
@@ -122,10 +128,11 @@ impl OccupancyGrid {
             .collect();
     }
 
-    /// A grid of `factor` times the resolution, for a field that no longer changes: each part of an occupied cell is asked
-    /// at eight random points, and is occupied if one sample at any of them would be as opaque as `alpha_threshold`.
+    /// A grid of `factor` times the resolution for pictures: each part of an occupied cell is evaluated at eight random
+    /// points, and is occupied if the opacity of a sample at any of them reaches `alpha_threshold`.
     ///
-    /// Finer and not dilated, it follows surfaces more closely, and pictures evaluate fewer samples.
+    /// Finer and not dilated, it follows surfaces more closely. As in [`Self::update`], the threshold of a faint field is
+    /// relative: half the density of the mean cell, as what training keeps is dilated.
     pub fn refined(
         &self,
         factor: usize,
@@ -133,14 +140,15 @@ impl OccupancyGrid {
         step_length: f32,
         mut sigma: impl FnMut(&[f32]) -> Vec<f32>,
     ) -> Self {
+        let threshold = self.config.threshold(step_length).min(0.5 * self.mean_density());
         let coarse = self.config.resolution;
         let config = OccupancyConfig { resolution: coarse * factor, ..self.config.clone() };
         let mut fine = Self::new(&config, self.bounds);
         let n = config.resolution;
         let whole =
             |cell: usize| cell % n / factor + coarse * (cell / n % n / factor + coarse * (cell / (n * n) / factor));
-        let asked: Vec<usize> = (0..fine.density.len()).filter(|&cell| self.occupied[whole(cell)]).collect();
-        for cells in asked.chunks(CHUNK / PROBES) {
+        let evaluated: Vec<usize> = (0..fine.density.len()).filter(|&cell| self.occupied[whole(cell)]).collect();
+        for cells in evaluated.chunks(CHUNK / PROBES) {
             let grid = &fine;
             let of_cell = |&cell: &usize| (0..PROBES).flat_map(move |probe| grid.random_point(cell, noise, probe));
             let points: Vec<f32> = cells.par_iter().flat_map_iter(of_cell).collect();
@@ -148,14 +156,13 @@ impl OccupancyGrid {
                 fine.density[cell] = sigma.iter().copied().fold(0.0, f32::max);
             }
         }
-        let threshold = self.config.threshold(step_length);
         fine.occupied = fine.density.iter().map(|density| *density > threshold).collect();
-        fine.asked_before = true;
+        fine.updated = true;
         fine.tighten();
         fine
     }
 
-    /// Whether there may be something at `p`. Points outside the box are kept: the grid knows nothing of them.
+    /// Whether the cell at `p` is occupied; true outside the box.
     pub fn is_occupied(&self, p: Vec3) -> bool {
         self.cell(p).is_none_or(|cell| self.occupied[cell])
     }
@@ -170,7 +177,7 @@ impl OccupancyGrid {
         self.bounds
     }
 
-    /// A box that holds every occupied cell: outside it, but inside the grid's bounds, there is nothing.
+    /// The smallest box around all occupied cells.
     pub fn tight_bounds(&self) -> Aabb {
         self.tight
     }
@@ -187,7 +194,7 @@ impl OccupancyGrid {
         });
     }
 
-    /// The remembered density at `p` if there may be something, else none. Outside the box it is 0.
+    /// Density of the cell at `p`, none if it is empty; 0 outside the box.
     pub fn occupied_density(&self, p: Vec3) -> Option<f32> {
         match self.cell(p) {
             Some(cell) => self.occupied[cell].then(|| self.density[cell]),
@@ -195,8 +202,8 @@ impl OccupancyGrid {
         }
     }
 
-    /// The mean of what is remembered along `ray` from `near` to `far`, if there may be something anywhere between; looked
-    /// up at least once a cell's width. Outside the box it is 0.
+    /// Mean density along `ray` from `near` to `far`, looked up at least once per cell width; none if all cells are empty.
+    /// Outside the box it is 0.
     pub fn density_between(&self, ray: &Ray, near: f32, far: f32) -> Option<f32> {
         let looks = ((far - near) / self.cell_size().min_element()).ceil().max(1.0);
         let at = |i: usize| ray.at(near + (far - near) * (i as f32 + 0.5) / looks);
@@ -205,31 +212,30 @@ impl OccupancyGrid {
         (count > 0).then(|| sum / looks)
     }
 
-    /// Variance along an axis of a point that is anywhere in a cell, the mean of the three, scene units².
+    /// Variance per axis of a uniform point in a cell, mean of the three axes, scene units².
     pub fn cell_variance(&self) -> f32 {
         self.cell_size().length_squared() / (3.0 * 12.0)
     }
 
-    /// Share of the cells that are not known to be empty.
+    /// Share of occupied cells.
     pub fn fraction(&self) -> f64 {
         self.occupied.iter().filter(|&&occupied| occupied).count() as f64 / self.occupied.len() as f64
     }
 
-    /// What a checkpoint has to keep: density and occupancy of each cell, x fastest.
-    pub fn state(&self) -> (&[f32], &[bool]) {
-        (&self.density, &self.occupied)
+    /// Density and occupancy of each cell, x fastest, and whether there was an update: the state that a checkpoint keeps.
+    pub fn state(&self) -> (&[f32], &[bool], bool) {
+        (&self.density, &self.occupied, self.updated)
     }
 
-    /// Puts a checkpoint's state back.
+    /// Restores the state of a checkpoint.
     ///
     /// # Errors
-    /// Gives the expected number of cells if the state is of another size.
-    pub fn restore(&mut self, density: Vec<f32>, occupied: Vec<bool>) -> Result<(), usize> {
+    /// The expected number of cells, if the state has another size.
+    pub fn restore(&mut self, density: Vec<f32>, occupied: Vec<bool>, updated: bool) -> Result<(), usize> {
         if density.len() != self.density.len() || occupied.len() != self.occupied.len() {
             return Err(self.density.len());
         }
-        self.asked_before = density.iter().any(|d| *d > 0.0);
-        (self.density, self.occupied) = (density, occupied);
+        (self.density, self.occupied, self.updated) = (density, occupied, updated);
         self.tighten();
         Ok(())
     }
@@ -283,7 +289,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::Stream;
+    use crate::RandomStream;
 
     fn config() -> OccupancyConfig {
         OccupancyConfig {
@@ -306,7 +312,7 @@ mod tests {
         };
         assert_eq!(grid.fraction(), 1.0);
         for step in 0..8 {
-            assert!(grid.update(Noise::new(0, step, Stream::Occupancy), 0.02, ball));
+            assert!(grid.update(Noise::new(0, step, RandomStream::Occupancy), 0.02, ball));
         }
         assert!(grid.is_occupied(Vec3::ZERO) && grid.is_occupied(Vec3::new(0.45, 0.0, 0.0)));
         assert!(!grid.is_occupied(Vec3::splat(0.9)));
@@ -316,7 +322,7 @@ mod tests {
     }
 
     proptest! {
-        /// With a field that is even within each cell, no sample is dropped whose alpha reaches `alpha_threshold`.
+        /// With a field that is constant within each cell, no sample is dropped whose alpha reaches `alpha_threshold`.
         #[test]
         fn no_sample_above_the_bound_is_dropped(
             seed in any::<u64>(),
@@ -333,7 +339,7 @@ mod tests {
             };
             let sigma = |p: Vec3| 10f32.powf(logs[cell(p)]);
             for update in 0..3 {
-                grid.update(Noise::new(seed, update, Stream::Occupancy), step, |points| {
+                grid.update(Noise::new(seed, update, RandomStream::Occupancy), step, |points| {
                     points.chunks(3).map(|p| sigma(Vec3::from_slice(p))).collect()
                 });
                 let p = Vec3::from(at);
@@ -346,18 +352,48 @@ mod tests {
     #[test]
     fn an_empty_field_reopens_everything() {
         let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
-        assert!(!grid.update(Noise::new(0, 0, Stream::Occupancy), 0.02, |points| vec![0.0; points.len() / 3]));
+        assert!(!grid.update(Noise::new(0, 0, RandomStream::Occupancy), 0.02, |points| vec![0.0; points.len() / 3]));
         assert_eq!(grid.fraction(), 1.0);
     }
 
-    /// A wall thinner than an interval: its middle is in the empty, the interval is not.
+    /// Fog of which no single sample reaches the threshold, thicker towards one side.
+    #[test]
+    fn fog_that_is_trained_is_in_pictures() {
+        let (step, threshold) = (0.02, config().threshold(0.02));
+        let fog = |points: &[f32]| points.chunks(3).map(|p| threshold * (0.9 + 0.05 * p[0])).collect::<Vec<f32>>();
+        let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
+        assert!(grid.update(Noise::new(0, 0, RandomStream::Occupancy), step, fog));
+        let refined = grid.refined(2, Noise::new(0, 0, RandomStream::RefinedOccupancy), step, fog);
+        assert!(refined.fraction() >= grid.fraction() && grid.fraction() > 0.5, "{}", refined.fraction());
+    }
+
+    /// Also after an update that found nothing: later updates evaluate a part of the cells.
+    #[test]
+    fn a_restored_grid_resumes() {
+        let [mut first, mut second] = [0, 1].map(|_| OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0)));
+        let noise = |step| Noise::new(0, step, RandomStream::Occupancy);
+        first.update(noise(0), 0.02, |points| vec![0.0; points.len() / 3]);
+        let (density, occupied, updated) = first.state();
+        second.restore(density.to_vec(), occupied.to_vec(), updated).unwrap();
+        let asked = [first, second].map(|mut grid| {
+            let mut asked = Vec::new();
+            grid.update(noise(1), 0.02, |points| {
+                asked.extend_from_slice(points);
+                vec![0.0; points.len() / 3]
+            });
+            asked
+        });
+        assert_eq!(asked[0], asked[1]);
+    }
+
+    /// A wall thinner than an interval, whose midpoint lies in an empty cell.
     #[test]
     fn an_interval_is_kept_for_any_part_of_it() {
         let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
         let wall = |points: &[f32]| -> Vec<f32> {
             points.chunks(3).map(|p| if p[0] > 0.5 && p[0] < 0.625 { 20.0 } else { 0.0 }).collect()
         };
-        assert!(grid.update(Noise::new(0, 0, Stream::Occupancy), 0.02, wall));
+        assert!(grid.update(Noise::new(0, 0, RandomStream::Occupancy), 0.02, wall));
         let ray = Ray::new(Vec3::new(-1.0, 0.1, 0.1), Vec3::X);
         assert_eq!(grid.occupied_density(ray.at(1.0)), None);
         // One of the sixteen cells is the wall.

@@ -3,29 +3,32 @@ use infonerf_ops::Segments;
 
 use crate::{Exposure, Samples};
 
-/// What a render has to return beside opacity and distance.
+/// What to evaluate and return in addition to opacity and distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RenderRequest {
-    /// Colour; without it only density is evaluated, and a coarse pass, which only says where to look, has no gradient.
+    /// Colour. Without it only density is evaluated, and a coarse pass, which then only places fine samples, has no gradient.
     pub color: bool,
+    /// Samples behind the optical depth [`RenderConfig::hidden_depth`](crate::RenderConfig::hidden_depth): skipped in
+    /// training, evaluated for pictures.
+    pub hidden: bool,
 }
 
 /// One pass of a field over a bundle of rays.
 #[derive(Clone, Debug)]
 pub struct RenderOutput {
-    /// Where it was evaluated.
+    /// Where the field was evaluated.
     pub samples: Samples,
-    /// Optical depth τ of each sample, `[M]`: σδ, or under additive compositing what [`additive_depth`] makes of it.
+    /// Optical depth τ per sample, `[M]`: σδ, under additive compositing converted by [`additive_depth`].
     ///
     /// [`additive_depth`]: infonerf_ops::additive_depth()
     pub tau: Tensor<1>,
-    /// Colour on the background, `[R, 3]`; none if it was not asked for.
+    /// Colour on the background, `[R, 3]`, if requested.
     pub color: Option<Tensor<2>>,
     /// Distance Σ w t along the ray, `[R]`, scene units.
     pub depth: Tensor<1>,
     /// Opacity Σ w, `[R]`.
     pub acc: Tensor<1>,
-    /// The colour behind everything.
+    /// The background colour.
     pub background: [f32; 3],
 }
 
@@ -35,13 +38,13 @@ impl RenderOutput {
         &self.samples.segments
     }
 
-    /// The same as the training views show it that `views` names, one for each ray.
+    /// The same with the exposure of each ray's training view.
     fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
         let color = self.color.map(|color| exposure.apply(color, self.acc.clone(), self.background, views));
         Self { color, ..self }
     }
 
-    /// A bundle of which every sample was skipped.
+    /// The output of rays without samples.
     pub(crate) fn empty(samples: Samples, request: RenderRequest, background: [f32; 3], device: &Device) -> Self {
         let rays = samples.segments.rays();
         let zeros = Tensor::<1>::zeros([rays], device);
@@ -60,14 +63,14 @@ impl RenderOutput {
 /// The passes over a bundle of rays.
 #[derive(Clone, Debug)]
 pub struct Passes {
-    /// The pass that says where to look; none where there is a single pass.
+    /// The coarse pass, which places the samples of the fine one; none for a single pass.
     pub coarse: Option<RenderOutput>,
-    /// The pass that is the result.
+    /// The fine pass, or the single one: the result.
     pub fine: RenderOutput,
 }
 
 impl Passes {
-    /// Both passes as the training views show them that `views` names, one for each ray.
+    /// Both passes with the exposure of each ray's training view.
     pub fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
         Self {
             coarse: self.coarse.map(|coarse| coarse.exposed(exposure, views)),
@@ -75,7 +78,7 @@ impl Passes {
         }
     }
 
-    /// Samples before and after skipping, of both passes.
+    /// Samples of both passes before and after skipping.
     pub fn counts(&self) -> Counts {
         let mut counts = Counts::from(&self.fine.samples);
         if let Some(coarse) = &self.coarse {
@@ -85,7 +88,7 @@ impl Passes {
     }
 }
 
-/// Points along rays before and after skipping.
+/// Numbers of samples before and after skipping.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Candidates.

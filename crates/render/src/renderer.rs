@@ -4,9 +4,10 @@ use infonerf_ops::{Composite, additive_depth, composite::composite};
 use infonerf_scene::{Backdrop, Ray, Scene};
 use infonerf_schedule::Moment;
 
-use crate::sampler::Sampler;
+use crate::sampler::{Sampler, Skip};
 use crate::{
-    Compositing, Model, Noise, OccupancyGrid, Passes, RenderConfig, RenderOutput, RenderRequest, Samples, Stream, Warp,
+    Compositing, Model, Noise, OccupancyGrid, Passes, RandomStream, RenderConfig, RenderOutput, RenderRequest, Samples,
+    Warp,
 };
 
 /// Renders bundles of rays of one scene.
@@ -17,7 +18,7 @@ pub struct Renderer {
     backdrop: Backdrop,
 }
 
-/// Bounds the memory of pictures: the outputs of 256 neurons take 64 MiB, half of what WebGPU lets a buffer hold at least.
+/// Bounds the memory of pictures: 256 activations per sample take 64 MiB, half of WebGPU's guaranteed buffer size.
 const SAMPLES_AT_ONCE: usize = 1 << 16;
 
 impl Renderer {
@@ -26,14 +27,14 @@ impl Renderer {
         Self { sampler: Sampler::new(config, scene), background: scene.background, backdrop: scene.backdrop }
     }
 
-    /// Length of the interval that a sample stands for, on average: what occupancy is judged by.
+    /// Mean length of a sample's interval, which the occupancy threshold refers to.
     pub fn step_length(&self, at: Moment) -> f32 {
         self.sampler.step_length(at)
     }
 
-    /// How many rays to render at a time where no gradient is wanted: those of 65,536 samples.
-    pub fn rays_at_once(&self) -> usize {
-        (SAMPLES_AT_ONCE / self.sampler.most(Moment::END).max(1)).max(1)
+    /// Number of rays to render at a time without gradients: those of 65,536 samples.
+    pub fn rays_at_once(&self, at: Moment) -> usize {
+        (SAMPLES_AT_ONCE / self.sampler.most(at).max(1)).max(1)
     }
 
     pub(crate) fn sampler(&self) -> &Sampler {
@@ -44,27 +45,25 @@ impl Renderer {
         self.background
     }
 
-    /// How the scene's space is brought into the box that fields and occupancy grids are made for.
+    /// The map from the world into the box of fields and occupancy grids.
     pub fn warp(&self) -> &Warp {
         self.sampler.warp()
     }
 
-    /// What is behind everything. In training before an unknown backdrop it is another colour for each bundle: a field that
-    /// lets it through is wrong nearly always, so that it learns to be opaque.
+    /// The background colour. In training with an unknown backdrop it is random per bundle, so that the field learns to be
+    /// opaque.
     fn behind(&self, noise: Option<Noise>) -> [f32; 3] {
         match (self.backdrop, noise) {
             (Backdrop::Unknown, Some(noise)) => {
-                let noise = noise.child(Stream::Background);
+                let noise = noise.child(RandomStream::Background);
                 [0, 1, 2].map(|channel| noise.uniform(0, channel))
             }
             _ => self.background,
         }
     }
 
-    /// Renders `rays`. With `noise` samples are jittered (training), without it they are even (evaluation).
-    ///
-    /// Where colour is not asked for, a coarse pass is run without a gradient: it only says where to look. `at` goes to the
-    /// fields.
+    /// Renders `rays`, with samples jittered by `noise` (training) or evenly spaced without it (evaluation). Fields are
+    /// evaluated at the moment `at` of the run. Without colour, a coarse pass has no gradient.
     pub fn render<F: Field>(
         &self,
         model: &Model<F>,
@@ -76,13 +75,15 @@ impl Renderer {
     ) -> Passes {
         let config = self.sampler.config();
         let background = self.behind(noise);
+        let hidden_depth = if request.hidden { f32::INFINITY } else { config.hidden_depth() };
+        let skip = Skip { grid: occupancy, hidden_depth };
         let noise = noise.filter(|_| config.jitter);
         if config.marches() {
-            let samples = self.sampler.marched(rays, noise, occupancy, at);
+            let samples = self.sampler.marched(rays, noise, skip, at);
             return Passes { coarse: None, fine: self.evaluate(&model.fine, samples, request, background, at) };
         }
         let candidates = self.sampler.coarse(rays, noise, at);
-        let samples = self.sampler.pack(rays, &candidates, occupancy);
+        let samples = self.sampler.pack(rays, &candidates, skip);
         if !config.is_hierarchical() {
             return Passes { coarse: None, fine: self.evaluate(&model.fine, samples, request, background, at) };
         }
@@ -93,17 +94,17 @@ impl Renderer {
             self.evaluate(&coarse_field.valid(), samples, request, background, at)
         };
         let fine = self.sampler.fine(&candidates, &coarse, noise);
-        let samples = self.sampler.pack(rays, &fine, occupancy);
+        let samples = self.sampler.pack(rays, &fine, skip);
         let fine = self.evaluate(&model.fine, samples, request, background, at);
         Passes { coarse: Some(coarse), fine }
     }
 
-    /// Density of `field` along other `rays` at the distances of `output`, whose samples they are paired with one by one.
+    /// Density of `field` along other `rays` at the distances of `output`: samples are paired one by one.
     pub fn along<F: Field>(&self, field: &F, output: &RenderOutput, rays: &[Ray], at: Moment) -> RenderOutput {
         self.evaluate(
             field,
             output.samples.along(rays, self.sampler.warp()),
-            RenderRequest { color: false },
+            RenderRequest { color: false, hidden: true },
             self.background,
             at,
         )

@@ -6,12 +6,21 @@ use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
 
 use crate::distances::{blurred, importance, intervals, resample, stratified};
-use crate::noise::Stream;
+use crate::noise::RandomStream;
 use crate::{Noise, OccupancyGrid, Placement, RenderConfig, RenderOutput, Samples, Warp};
 
 /// Sorted coordinates (edges under [`Placement::Interval`]) of one ray's samples with the ends of its interval; none if it
 /// misses the bounds. A coordinate is the distance, unless space is warped ([`Warp::coordinate`]).
 pub(crate) type Candidates = Option<(Vec<f32>, f32, f32)>;
+
+/// What to skip along rays.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Skip<'a> {
+    /// Empty space; without a grid nothing is skipped.
+    pub(crate) grid: Option<&'a OccupancyGrid>,
+    /// Optical depth, as the grid remembers it, behind which everything is hidden.
+    pub(crate) hidden_depth: f32,
+}
 
 /// Places samples along the rays of one scene.
 #[derive(Clone, Debug)]
@@ -45,7 +54,7 @@ impl Sampler {
         &self.config
     }
 
-    /// Length of the interval that a sample stands for, on average: what occupancy is judged by.
+    /// Mean length of a sample's interval, which the occupancy threshold refers to.
     pub(crate) fn step_length(&self, at: Moment) -> f32 {
         let c = &self.config;
         let samples = c.samples.at(at) as f32;
@@ -54,7 +63,7 @@ impl Sampler {
         self.longest() / (coarse + c.fine_samples as f32)
     }
 
-    /// Samples of the longest ray.
+    /// Number of samples of the longest ray.
     pub(crate) fn most(&self, at: Moment) -> usize {
         (self.longest() / self.step_length(at)).round() as usize
     }
@@ -64,30 +73,23 @@ impl Sampler {
         self.longest
     }
 
-    /// Samples of a single pass by steps of one length: each in the middle of its step or, jittered, all of a ray's samples
+    /// Samples of a single pass with steps of one length, in the middle of each step or, jittered, all samples of a ray
     /// shifted alike.
-    pub(crate) fn marched(
-        &self,
-        rays: &[Ray],
-        noise: Option<Noise>,
-        occupancy: Option<&OccupancyGrid>,
-        at: Moment,
-    ) -> Samples {
+    pub(crate) fn marched(&self, rays: &[Ray], noise: Option<Noise>, skip: Skip<'_>, at: Moment) -> Samples {
         let (step, most) = (self.step_length(at), self.most(at));
         Samples::pack(rays, &self.warp, |index| {
             let shift = noise.map_or(0.5, |noise| noise.uniform(index, 0));
-            (self.steps(&rays[index], step, shift, occupancy), most)
+            (self.steps(&rays[index], step, shift, skip), most)
         })
     }
 
-    /// `(distance, length)` of the steps of one ray, without those that are empty or behind what the grid remembers as
-    /// opaque.
-    pub(crate) fn steps(&self, ray: &Ray, step: f32, shift: f32, occupancy: Option<&OccupancyGrid>) -> Vec<(f32, f32)> {
+    /// `(distance, length)` of the steps of one ray that are not skipped.
+    pub(crate) fn steps(&self, ray: &Ray, step: f32, shift: f32, skip: Skip<'_>) -> Vec<(f32, f32)> {
         let Some((near, far)) = self.interval(ray) else { return Vec::new() };
         let count = ((far - near) / step).ceil().max(1.0);
         let length = (far - near) / count;
         let at = |i: usize| (self.warp.distance(near + (i as f32 + shift) * length), length);
-        let Some(grid) = occupancy else { return (0..count as usize).map(at).collect() };
+        let Some(grid) = skip.grid else { return (0..count as usize).map(at).collect() };
         // Steps before and behind everything need no look at the grid.
         let (first, last) = if self.clips() {
             let Some((enter, leave)) = grid.tight_bounds().intersect(ray) else { return Vec::new() };
@@ -96,7 +98,7 @@ impl Sampler {
         } else {
             (0, count as usize)
         };
-        self.visible((first.saturating_sub(1)..last).map(at), ray, grid)
+        self.visible((first.saturating_sub(1)..last).map(at), ray, grid, skip.hidden_depth)
     }
 
     /// Stratified distances of each ray, for the coarse pass or the only one.
@@ -116,7 +118,7 @@ impl Sampler {
     pub(crate) fn fine(&self, coarse: &[Candidates], output: &RenderOutput, noise: Option<Noise>) -> Vec<Candidates> {
         let c = &self.config;
         let weights = weights(&to_host(output.tau.clone()), output.segments());
-        let noise = noise.map(|noise| noise.child(Stream::FineSamples));
+        let noise = noise.map(|noise| noise.child(RandomStream::FineSamples));
         coarse
             .iter()
             .enumerate()
@@ -137,15 +139,15 @@ impl Sampler {
             .collect()
     }
 
-    /// Candidates with their intervals, less what the grid knows to be empty or hidden.
-    pub(crate) fn pack(&self, rays: &[Ray], candidates: &[Candidates], occupancy: Option<&OccupancyGrid>) -> Samples {
+    /// Candidates with their intervals, less what is skipped.
+    pub(crate) fn pack(&self, rays: &[Ray], candidates: &[Candidates], skip: Skip<'_>) -> Samples {
         let longest = candidates.iter().flatten().map(|(t, ..)| t.len()).max().unwrap_or(0);
         Samples::pack(rays, &self.warp, |index| {
             let Some((t, near, far)) = &candidates[index] else { return (Vec::new(), longest) };
             let samples = self.placed(t, *near, *far);
             let candidates = samples.len();
-            let kept = match occupancy {
-                Some(grid) => self.visible(samples, &rays[index], grid),
+            let kept = match skip.grid {
+                Some(grid) => self.visible(samples, &rays[index], grid, skip.hidden_depth),
                 None => samples.collect(),
             };
             (kept, candidates)
@@ -163,11 +165,11 @@ impl Sampler {
         self.config.clip_to_bounds && self.warp.is_identity()
     }
 
-    /// The part of a ray in which there can be something, in coordinates.
+    /// The part of a ray that can hold content, in coordinates.
     fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
         let within = self.range.along(ray);
         let (mut near, mut far) = match self.warp.horizon() {
-            // Space goes on behind what the cameras look at, and beside it.
+            // Content extends behind what the cameras look at, and beside it.
             Some(horizon) => (within.map_or(self.near, |(near, _)| near), horizon),
             None => within?,
         };
@@ -178,13 +180,17 @@ impl Sampler {
         (near < far).then(|| (self.warp.coordinate(near), self.warp.coordinate(far)))
     }
 
-    /// Drops the samples in empty cells, and those behind what the grid remembers as opaque. A sample that stands for all
-    /// of its interval is in every cell that this passes.
+    /// Drops the samples in empty cells, and those behind the optical depth `hidden_depth`. A sample of
+    /// [`Placement::Interval`] lies in every cell that its interval passes.
     ///
-    /// Hidden samples weigh nothing in the image. They would count in the ray's entropy, which is then that of the visible
-    /// part alone.
-    fn visible(&self, samples: impl Iterator<Item = (f32, f32)>, ray: &Ray, grid: &OccupancyGrid) -> Vec<(f32, f32)> {
-        let enough = if self.config.hidden_depth > 0.0 { self.config.hidden_depth } else { f32::INFINITY };
+    /// A hidden sample would count in the ray's entropy, which is then that of the visible part alone.
+    fn visible(
+        &self,
+        samples: impl Iterator<Item = (f32, f32)>,
+        ray: &Ray,
+        grid: &OccupancyGrid,
+        hidden_depth: f32,
+    ) -> Vec<(f32, f32)> {
         let mut depth = 0.0;
         let mut kept = Vec::with_capacity(32);
         for (t, delta) in samples {
@@ -193,7 +199,7 @@ impl Sampler {
                 Placement::Interval => grid.density_between(ray, t - 0.5 * delta, t + 0.5 * delta),
             };
             let Some(density) = density else { continue };
-            if depth >= enough {
+            if depth >= hidden_depth {
                 break;
             }
             depth += density * delta;

@@ -12,21 +12,20 @@ pub struct Samples {
     pub segments: Segments,
     /// Distance of each sample along its ray, `[M]`, scene units.
     pub t: Vec<f32>,
-    /// Length of the interval that each sample stands for, `[M]`: in scene units, or where space is warped in those of the
-    /// coordinate that samples are spread over ([`Warp::coordinate`]).
+    /// Length of each sample's interval, `[M]`: in scene units, or in warped space in units of [`Warp::coordinate`].
     pub delta: Vec<f32>,
-    /// Where the field is asked, `[M, 3]` row-major: world positions, through the [`Warp`].
+    /// Where the field is evaluated, `[M, 3]` row-major: world positions mapped by the [`Warp`].
     pub positions: Vec<f32>,
     /// Direction of each ray, `[R, 3]` row-major.
     pub directions: Vec<f32>,
     /// Radius of each ray's cone at distance 1, `[R]`.
     pub radii: Vec<f32>,
-    /// How many candidates there were before skipping.
+    /// Number of candidates before skipping.
     pub candidates: usize,
 }
 
 impl Samples {
-    /// Packs the samples of each ray: `of(ray index)` gives the kept `(t, delta)` and how many candidates there were.
+    /// Packs the samples of each ray: `of(ray index)` returns the kept `(t, delta)` and the number of candidates.
     pub(crate) fn pack(rays: &[Ray], warp: &Warp, of: impl Fn(usize) -> (Vec<(f32, f32)>, usize) + Sync) -> Self {
         const CHUNK: usize = 128;
         let parts: Vec<Part> = (0..rays.len().div_ceil(CHUNK))
@@ -51,7 +50,7 @@ impl Samples {
         }
     }
 
-    /// The same distances along other rays, one for one.
+    /// The same distances along other rays.
     pub(crate) fn along(&self, rays: &[Ray], warp: &Warp) -> Self {
         let positions = self
             .segments
@@ -64,7 +63,7 @@ impl Samples {
         Self { positions, directions, radii, ..self.clone() }
     }
 
-    /// For a field.
+    /// The points at which a field is evaluated.
     pub(crate) fn points(&self) -> Points<'_> {
         Points {
             positions: &self.positions,

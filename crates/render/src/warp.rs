@@ -1,14 +1,14 @@
-//! Space as a field sees it: captures without an end are brought into a box.
+//! Maps from the world to the space of a field: unbounded captures are mapped into a box.
 
 use glam::{Mat4, Vec2, Vec3};
 use infonerf_scene::{Aabb, Camera, Layout, Range, Scene};
 use serde::{Deserialize, Serialize};
 
-/// Which [`Warp`] a scene is seen through.
+/// Which [`Warp`] a scene has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Space {
-    /// By the scene: the world where it is bounded, NDC where the cameras face forward, else contraction.
+    /// Chosen by the scene: the world if it is bounded, NDC if the cameras face forward, else contraction.
     #[default]
     Auto,
     /// The scene's box.
@@ -19,20 +19,20 @@ pub enum Space {
     Contraction,
 }
 
-/// How far a ray reaches at most in the coordinate that samples are spread over evenly, where space is warped: as far as
-/// through a bounded scene, so that densities mean the same.
+/// The greatest coordinate `s` in warped space: about the length of a ray through a bounded scene, so that densities have a
+/// similar scale.
 const REACH: f32 = 4.0;
-/// Distances beyond this many near depths or radii are not told apart.
+/// Distances are clamped to this many near depths or radii.
 const HORIZON: f32 = 1e4;
 
-/// How a point of the world becomes one that a field is asked about, and a distance along a ray the coordinate `s` that
-/// samples are spread over evenly.
+/// A map from points of the world to points at which a field is evaluated, and from distances `t` along a ray to the
+/// coordinate `s` in which samples are evenly spaced.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Warp {
     /// The world and its distances as they are: `s = t`.
     Identity,
-    /// Normalised device coordinates of a camera (NeRF, Appendix C) that looks as the training cameras do on average:
-    /// `(aₓ x/z, a_y y/z, 1 − 2n/z)` at depth z ≥ n, which brings a cone without an end into a box; `s = 4 (1 − n/t)`.
+    /// Normalised device coordinates of the mean training camera (NeRF, Appendix C):
+    /// `(aₓ x/z, a_y y/z, 1 − 2n/z)` at depth z ≥ n, which maps an unbounded frustum into a box; `s = 4 (1 − n/t)`.
     Ndc {
         /// World to the camera's coordinates, OpenGL: it looks along −z.
         to_camera: Mat4,
@@ -44,16 +44,15 @@ pub enum Warp {
     /// Contraction (mip-NeRF 360, Barron et al. 2022, Eq. 10): with x from `centre` in units of `radius`, x where |x| ≤ 1,
     /// else `(2 − 1/|x|) x/|x|`, a ball of radius 2; `s = u` up to u = 2, then `4 − 4/u`, with `u = t/radius`.
     Contraction {
-        /// What the cameras look at.
+        /// The point that the cameras look at.
         centre: Vec3,
-        /// Distance of the farthest camera from the centre, or the radius of the sphere in which the content is known to lie;
-        /// within it nothing is changed.
+        /// Radius of the ball that is scaled only: the distance of the farthest camera, or a known radius of the content.
         radius: f32,
     },
 }
 
 impl Warp {
-    /// The warp of `scene`. Cameras without NDC ([`Self::has_ndc`]) have their scene contracted.
+    /// The warp of `scene`: contraction in place of NDC if the cameras have none ([`Self::has_ndc`]).
     pub fn of(scene: &Scene, space: Space) -> Self {
         let space = match (space, scene.space.layout) {
             (Space::Auto, _) if scene.space.bounded => Space::Box,
@@ -83,18 +82,17 @@ impl Warp {
         mean_camera(scene).is_some()
     }
 
-    /// Whether the world is taken as it is.
+    /// Whether the world is unchanged.
     pub fn is_identity(&self) -> bool {
         *self == Self::Identity
     }
 
-    /// How far along rays there may be something, where the scene does not say: contraction has room for all that is behind
-    /// what the cameras look at.
+    /// The distance up to which rays are sampled whatever the scene's far distance; contraction has room for all of it.
     pub(crate) fn horizon(&self) -> Option<f32> {
         if let Self::Contraction { radius, .. } = self { Some(radius * HORIZON) } else { None }
     }
 
-    /// Where a field is asked about the point `p` of the world.
+    /// Where a field is evaluated for the point `p` of the world.
     pub fn point(&self, p: Vec3) -> Vec3 {
         match self {
             Self::Identity => p,
@@ -112,7 +110,7 @@ impl Warp {
         }
     }
 
-    /// A point of the world that [`Self::point`] brings to `q`: its inverse, with what lies beyond the horizon brought there.
+    /// The inverse of [`Self::point`], with distances clamped to the horizon.
     pub fn world(&self, q: Vec3) -> Vec3 {
         match self {
             Self::Identity => q,
@@ -128,7 +126,7 @@ impl Warp {
         }
     }
 
-    /// The box in which [`Self::point`] puts what the training cameras of `scene` can see.
+    /// A box that holds [`Self::point`] of everything that the training cameras of `scene` see.
     pub fn bounds(&self, scene: &Scene) -> Aabb {
         match self {
             Self::Identity => scene.space.bounds,
@@ -159,8 +157,7 @@ impl Warp {
         }
     }
 
-    /// ds/dt, how much the coordinate grows per scene unit at distance `t`: a density σ per unit of the coordinate is `σ ds/dt`
-    /// per scene unit.
+    /// ds/dt at distance `t`: a density σ per unit of the coordinate is `σ ds/dt` per scene unit.
     pub fn rate(&self, t: f32) -> f32 {
         match self {
             Self::Identity => 1.0,
@@ -184,12 +181,12 @@ impl Warp {
     }
 }
 
-/// Every training camera that there is: their poses are known before any image is chosen.
+/// All training cameras, of chosen and other views.
 fn cameras(scene: &Scene) -> impl Iterator<Item = &Camera> {
     scene.all_train_cameras.iter().chain(scene.train.iter().map(|view| &view.camera))
 }
 
-/// The first camera at the mean place of all, looking the mean way; none without cameras that agree on one.
+/// The first camera moved to the mean position and direction of all; none if any faces away from that direction.
 fn mean_camera(scene: &Scene) -> Option<Camera> {
     let first = cameras(scene).next()?;
     let count = cameras(scene).count() as f64;
@@ -278,7 +275,7 @@ mod tests {
     }
 
     proptest! {
-        /// A point comes back from where it is brought.
+        /// `world` inverts `point`.
         #[test]
         fn the_world_is_found_again(x in -1.0f32..1.0, y in -1.0f32..1.0, z in 1.1f32..30.0) {
             let p = Vec3::new(x * z, y * z, -z);
@@ -288,7 +285,7 @@ mod tests {
             }
         }
 
-        /// The coordinate rises with the distance, and each gives the other back.
+        /// The coordinate rises with the distance, and `distance` inverts it.
         #[test]
         fn coordinates_and_distances_agree(t in 1.0f32..1000.0, further in 1.01f32..2.0) {
             let warps = [Warp::of(&forward(), Space::Ndc), Warp::Contraction { centre: Vec3::ZERO, radius: 3.0 }, Warp::Identity];

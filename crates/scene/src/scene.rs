@@ -88,6 +88,18 @@ impl Default for Scene {
 }
 
 impl Scene {
+    /// The same with rays of pixels through their corners, `(x, y)`, where they were through their centres,
+    /// `(x + 0.5, y + 0.5)`: every principal point moves by half a pixel.
+    #[must_use]
+    pub fn with_rays_through_corners(mut self) -> Self {
+        let views = self.train.iter_mut().chain(&mut self.test).map(|view| &mut view.camera);
+        for camera in views.chain(&mut self.all_train_cameras) {
+            camera.cx += 0.5;
+            camera.cy += 0.5;
+        }
+        self
+    }
+
     /// The distances `(near, far)` between which content lies along `ray`, `0 ≤ near < far`; `None` where none does.
     pub fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
         self.space.range.along(ray)

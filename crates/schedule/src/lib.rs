@@ -30,10 +30,13 @@
 mod curve;
 mod parse;
 
+use serde::{Deserialize, Serialize};
+
 pub use curve::{Curve, Schedule};
 
 /// A point in time of a training run.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Moment {
     /// Optimiser steps taken.
     pub step: usize,
@@ -44,6 +47,6 @@ pub struct Moment {
 impl Moment {
     /// The first step.
     pub const START: Self = Self { step: 0, progress: 0.0 };
-    /// When everything is trained: what pictures are rendered with.
+    /// When everything is trained.
     pub const END: Self = Self { step: usize::MAX, progress: 1.0 };
 }

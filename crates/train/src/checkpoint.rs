@@ -57,7 +57,7 @@ struct Part {
     crc32: u32,
 }
 
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
 const MANIFEST: &str = "manifest.json";
 
 impl Checkpoint {
@@ -199,10 +199,11 @@ impl Checkpoint {
     /// If the grid is of another size.
     pub fn restore_occupancy(&self, grid: &mut OccupancyGrid) -> Result<(), TrainError> {
         let Some(bytes) = &self.occupancy else { return Ok(()) };
-        let cells = bytes.len() / 5;
-        let (density, occupied) = bytes.split_at(cells * 4);
+        let (asked_before, cells) = bytes.split_first().map_or((false, &[][..]), |(&first, cells)| (first != 0, cells));
+        let (density, occupied) = cells.split_at(cells.len() / 5 * 4);
         let density = density.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
-        grid.restore(density, occupied.iter().map(|&b| b != 0).collect()).map_err(|expected| {
+        let (occupied, cells) = (occupied.iter().map(|&b| b != 0).collect(), cells.len() / 5);
+        grid.restore(density, occupied, asked_before).map_err(|expected| {
             TrainError::Config(format!("checkpoint: occupancy.bin: expected {expected} cells, found {cells}"))
         })
     }
@@ -230,8 +231,9 @@ fn load<F: Field>(model: Model<F>, bytes: &[u8]) -> Result<Model<F>, TrainError>
 }
 
 fn encode_occupancy(grid: &OccupancyGrid) -> Vec<u8> {
-    let (density, occupied) = grid.state();
-    let mut bytes: Vec<u8> = density.iter().flat_map(|d| d.to_le_bytes()).collect();
+    let (density, occupied, asked_before) = grid.state();
+    let mut bytes = vec![u8::from(asked_before)];
+    bytes.extend(density.iter().flat_map(|d| d.to_le_bytes()));
     bytes.extend(occupied.iter().map(|&occupied| u8::from(occupied)));
     bytes
 }

@@ -6,7 +6,7 @@
 use std::time::Instant;
 
 use infonerf_field::Field;
-use infonerf_render::{Noise, Stream};
+use infonerf_render::{Noise, RandomStream};
 use rayon::prelude::*;
 
 use crate::config::{EnsembleConfig, LARGEST_ENSEMBLE, TrainConfig};
@@ -57,7 +57,7 @@ pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<Step
 
 /// The seed of a run's `index`th field: the run's own for the first.
 pub fn member_seed(seed: u64, index: usize) -> u64 {
-    if index == 0 { seed } else { Noise::new(seed, index as u64, Stream::EnsembleMember).bits() }
+    if index == 0 { seed } else { Noise::new(seed, index as u64, RandomStream::EnsembleMember).bits() }
 }
 
 #[cfg(test)]

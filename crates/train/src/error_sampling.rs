@@ -91,7 +91,7 @@ impl PixelErrors {
 
 #[cfg(test)]
 mod tests {
-    use infonerf_render::Stream;
+    use infonerf_render::RandomStream;
 
     use super::*;
 
@@ -102,7 +102,8 @@ mod tests {
         let mut errors = PixelErrors::default();
         errors.resize((2, PIXELS));
         errors.remember(&[0, 1, 2, 3, 4], [0.05; 5].into_iter());
-        let [draws, acceptance] = [Stream::Column, Stream::Acceptance].map(|stream| Noise::new(0, 0, stream));
+        let [draws, acceptance] =
+            [RandomStream::Column, RandomStream::Acceptance].map(|stream| Noise::new(0, 0, stream));
         let rays = 100_000;
         let chosen: Vec<(usize, usize)> =
             (0..rays).map(|ray| errors.choose(&config, ray, acceptance, |k| draws.below(ray, k, PIXELS))).collect();
@@ -123,7 +124,7 @@ mod tests {
         errors.resize((1, 10));
         errors.remember(&[0, 1, 2, 3, 4], [0.05; 5].into_iter());
         let none = ErrorSamplingConfig { threshold: 0.1, keep: 0.0 };
-        let acceptance = Noise::new(0, 0, Stream::Acceptance);
+        let acceptance = Noise::new(0, 0, RandomStream::Acceptance);
         let order = [3, 7, 1, 9, 0, 5];
         assert_eq!(errors.among(&none, acceptance, &order, 2), (vec![7, 9], 2));
         assert_eq!(errors.among(&none, acceptance, &order, 5), (vec![7, 9, 5, 3, 1], 1));

@@ -1,12 +1,13 @@
 //! The paper's Figure A: how certain and how consistent the scene is along test rays.
 
+use glam::DVec3;
 use infonerf_field::Field;
-use infonerf_loss::{EntropyConfig, KlConfig, masked_entropy};
+use infonerf_loss::LossConfig;
 use infonerf_ops::to_host;
-use infonerf_render::{Noise, RenderRequest, Renderer, Stream, TrainedModel};
-use infonerf_scene::{Ray, Scene, near_pose_about};
-use infonerf_schedule::Moment;
+use infonerf_render::{Noise, RandomStream, RenderRequest, Renderer, TrainedModel};
+use infonerf_scene::{Camera, Ray, Scene, ViewRegion, near_pose_about};
 
+use crate::config::NeighbourConfig;
 use crate::pixels::generator;
 
 /// Entropy and information gain along test rays.
@@ -29,12 +30,10 @@ impl Information {
 /// On which rays [`information`] is measured, and how.
 #[derive(Clone, Copy, Debug)]
 pub struct InformationQuery<'a> {
-    /// Distribution, mask and ε of the entropy.
-    pub entropy: &'a EntropyConfig,
-    /// Direction and ε of the gain.
-    pub kl: &'a KlConfig,
-    /// Largest rotation of a neighbour's camera about each axis, degrees.
-    pub max_angle_deg: f64,
+    /// Defines entropy and gain.
+    pub loss: &'a LossConfig,
+    /// How neighbours' cameras are rotated, here anew for each ray.
+    pub neighbours: &'a NeighbourConfig,
     /// How many rays.
     pub rays: usize,
     /// Decides rays and neighbours.
@@ -50,34 +49,34 @@ pub fn information<F: Field>(
     scene: &Scene,
     query: InformationQuery<'_>,
 ) -> Option<Information> {
-    let InformationQuery { entropy, kl, rays: count, .. } = query;
+    let InformationQuery { loss, neighbours, rays: count, .. } = query;
     if count == 0 || scene.test.is_empty() {
         return None;
     }
+    let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+    let centre = neighbours.about.of(&ViewRegion::new(&cameras));
     let (mut entropy_sum, mut gain_sum) = (0.0, 0.0);
     let sum = |values: Vec<f32>| values.into_iter().map(f64::from).sum::<f64>();
-    let chunk = renderer.rays_at_once();
+    let chunk = renderer.rays_at_once(trained.at);
     for start in (0..count).step_by(chunk) {
-        let pairs = (start..(start + chunk).min(count)).map(|i| pair(scene, &query, i));
+        let pairs = (start..(start + chunk).min(count)).map(|i| pair(scene, &query, centre, i));
         let (rays, near): (Vec<Ray>, Vec<Ray>) = pairs.unzip();
-        let request = RenderRequest { color: false };
+        let request = RenderRequest { color: false, hidden: false };
         let occupancy = trained.occupancy.as_ref();
-        let output = renderer.render(&trained.model, &rays, request, None, occupancy, Moment::END).fine;
-        entropy_sum += sum(to_host(masked_entropy(&output, entropy.distribution, entropy.mask, entropy.epsilon)));
-        if output.segments().samples() > 0 {
-            let near = renderer.along(&trained.model.fine, &output, &near, Moment::END);
-            gain_sum += sum(to_host(kl.divergence(output.tau.clone(), near.tau, output.segments())));
-        }
+        let output = renderer.render(&trained.model, &rays, request, None, occupancy, trained.at).fine;
+        let near = renderer.along(&trained.model.fine, &output, &near, trained.at);
+        entropy_sum += sum(to_host(loss.ray_entropy(&output)));
+        gain_sum += sum(to_host(loss.information_gain(&output, &near)));
     }
     Some(Information { entropy_bits: entropy_sum / count as f64, gain: gain_sum / count as f64 })
 }
 
 /// The `i`th ray, and its neighbour.
-fn pair(scene: &Scene, query: &InformationQuery<'_>, i: usize) -> (Ray, Ray) {
-    let noise = Noise::new(query.seed, 0, Stream::InformationRays);
+fn pair(scene: &Scene, query: &InformationQuery<'_>, centre: DVec3, i: usize) -> (Ray, Ray) {
+    let noise = Noise::new(query.seed, 0, RandomStream::InformationRays);
     let camera = &scene.test[noise.below(i, 0, scene.test.len())].camera;
-    let mut rng = generator(Noise::new(query.seed, i as u64, Stream::InformationNeighbours));
-    let near = near_pose_about(&camera.to_world, scene.space.centre.as_dvec3(), &mut rng, query.max_angle_deg);
+    let mut rng = generator(Noise::new(query.seed, i as u64, RandomStream::InformationNeighbours));
+    let near = near_pose_about(&camera.to_world, centre, &mut rng, query.neighbours.max_angle_deg);
     let x = noise.uniform(i, 1) * camera.width as f32;
     let y = noise.uniform(i, 2) * camera.height as f32;
     (camera.ray(x, y), camera.with_pose(near).ray(x, y))

@@ -1,7 +1,7 @@
 //! The training views as a field sees them that looks at photographs.
 
 use infonerf_field::{SourceView, Sources};
-use infonerf_render::{Noise, Stream};
+use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Scene, View};
 
 use crate::config::{Batch, TrainConfig};
@@ -30,12 +30,12 @@ impl Photographs {
         let count = if config.sources == 0 {
             shown.len()
         } else {
-            1 + noise.child(Stream::Count).below(0, 0, config.sources.min(shown.len()))
+            1 + noise.child(RandomStream::Count).below(0, 0, config.sources.min(shown.len()))
         };
         let chosen = if count == shown.len() {
             shown
         } else {
-            let drawn = rand::seq::index::sample(&mut generator(noise.child(Stream::View)), shown.len(), count);
+            let drawn = rand::seq::index::sample(&mut generator(noise.child(RandomStream::View)), shown.len(), count);
             drawn.into_iter().map(|index| shown[index]).collect()
         };
         Sources { views: chosen.into_iter().map(|view| views[view].clone()).collect(), ..self.0 }
@@ -77,7 +77,7 @@ mod tests {
     fn drawn(photographs: &Photographs, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
         let mut train = Config::from_table(Preset::Fast.table()).unwrap().train;
         (train.batch, train.sources) = (batch, sources);
-        let views = photographs.draw(&train, 1, Noise::new(0, step, Stream::Sources)).views;
+        let views = photographs.draw(&train, 1, Noise::new(0, step, RandomStream::Sources)).views;
         let index = |view: &SourceView| {
             photographs.all().views.iter().position(|other| other.to_camera == view.to_camera).unwrap()
         };

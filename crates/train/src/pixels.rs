@@ -1,7 +1,7 @@
 //! Which rays a step looks at. Every choice is a pure function of (seed, step), so that a resumed run sees the same rays.
 
 use glam::{DMat4, DVec3};
-use infonerf_render::{Noise, Stream};
+use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Camera, PixelAt, Ray, Scene, ViewRegion, near_pose, resized_dimensions};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -17,6 +17,16 @@ pub struct Pixels {
     pub at: Vec<PixelAt>,
     /// How wide a pixel is, in pixels of the cameras: more than 1 for images that are smaller.
     pub width: f32,
+}
+
+impl RotationCentre {
+    /// The point in the world, of the region that the training cameras span.
+    pub(crate) fn of(self, region: &ViewRegion) -> DVec3 {
+        match self {
+            Self::Origin => DVec3::ZERO,
+            Self::Centre => region.centre(),
+        }
+    }
 }
 
 impl Pixels {
@@ -37,10 +47,7 @@ impl Pixels {
 
     /// The rays of the same pixels when the cameras are turned by the rotation `turn`.
     pub(crate) fn neighbours(&self, turn: DMat4, config: &NeighbourConfig, region: &ViewRegion) -> Vec<Ray> {
-        let centre = match config.about {
-            RotationCentre::Origin => DVec3::ZERO,
-            RotationCentre::Centre => region.centre(),
-        };
+        let centre = config.about.of(region);
         let turned = |camera: &Camera| {
             let there = DMat4::from_translation(-centre) * camera.to_world;
             camera.with_pose(DMat4::from_translation(centre) * (turn * there))
@@ -71,8 +78,8 @@ pub(crate) struct UnseenViews<'a> {
 impl UnseenViews<'_> {
     /// `rays` pixels of one unseen pose in step `step`, each `width` pixels of the full size wide.
     pub(crate) fn pixels(&self, rays: usize, width: f32, step: usize, noise: Noise) -> Pixels {
-        let camera = self.camera(noise.child(Stream::Pose));
-        let [column, row] = [Stream::Column, Stream::Row].map(|stream| noise.child(stream));
+        let camera = self.camera(noise.child(RandomStream::Pose));
+        let [column, row] = [RandomStream::Column, RandomStream::Row].map(|stream| noise.child(stream));
         let ((left, columns), (top, rows)) =
             (crop(self.config, step, camera.width), crop(self.config, step, camera.height));
         let at = |i| {
@@ -85,7 +92,7 @@ impl UnseenViews<'_> {
 
     /// Every ray of a small picture from an unseen pose, with its height and width: the longer side has `size` pixels.
     pub(crate) fn picture(&self, size: u32, noise: Noise) -> (Vec<Ray>, (usize, usize)) {
-        let camera = self.camera(noise.child(Stream::Pose));
+        let camera = self.camera(noise.child(RandomStream::Pose));
         let (width, height) = resized_dimensions(camera.width, camera.height, size);
         let camera = camera.resized(width, height);
         let row = |y: u32| (0..width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5));
@@ -134,7 +141,7 @@ mod tests {
         let region = ViewRegion::new(&cameras);
         let pixels = Pixels { at: vec![PixelAt { view: 0, x: 8.0, y: 8.0 }], width: 1.0, cameras };
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train.neighbours;
-        let noise = Noise::new(0, 0, Stream::Neighbours);
+        let noise = Noise::new(0, 0, RandomStream::Neighbours);
         let distance = |config: &NeighbourConfig| {
             let near = pixels.neighbours(turn(config, noise), config, &region);
             near[0].origin.distance(pixels.rays()[0].origin)
@@ -156,7 +163,7 @@ mod tests {
         let region = ViewRegion::new(&scene.train.iter().map(|view| view.camera.clone()).collect::<Vec<_>>());
         let unseen = UnseenViews { scene: &scene, region: &region, config: &config };
         let within = |step: usize| {
-            let pixels = unseen.pixels(200, 1.0, step, Noise::new(0, step as u64, Stream::UnseenRays));
+            let pixels = unseen.pixels(200, 1.0, step, Noise::new(0, step as u64, RandomStream::UnseenRays));
             pixels.at.iter().all(|at| (4.0..12.0).contains(&at.x) && (4.0..12.0).contains(&at.y))
         };
         assert!(within(9) && !within(10));

@@ -1,4 +1,5 @@
 use infonerf_render::Counts;
+use infonerf_schedule::Moment;
 use serde::{Deserialize, Serialize};
 
 use crate::collapse::EmptySteps;
@@ -10,6 +11,8 @@ use crate::early_stopping::EarlyStopping;
 pub struct Progress {
     /// Steps taken since the last fresh start.
     pub step: usize,
+    /// The moment of the last of them: what pictures are rendered with.
+    pub at: Moment,
     /// Seconds of training so far, over all sessions.
     pub seconds: f64,
     /// Points along rays before skipping.
@@ -41,6 +44,7 @@ impl Progress {
     pub(crate) fn restarted(&self) -> Self {
         Self {
             step: 0,
+            at: Moment::START,
             restarts: self.restarts + 1,
             empty_steps: EmptySteps::default(),
             early_stopping: EarlyStopping::default(),

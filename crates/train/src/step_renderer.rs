@@ -4,7 +4,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use glam::DMat4;
 use infonerf_field::Field;
 use infonerf_loss::{Bundle, Need, NeighbourBundles, Picture, Renders, Target};
-use infonerf_render::{Counts, Model, Noise, OccupancyGrid, Passes, RenderOutput, RenderRequest, Stream};
+use infonerf_render::{Counts, Model, Noise, OccupancyGrid, Passes, RandomStream, RenderOutput, RenderRequest};
 use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
 
@@ -36,7 +36,7 @@ impl<F: Field> StepRenderer<'_, F> {
     pub(crate) fn render(&mut self, pixels: &StepPixels, needs: &[Need]) -> Renders {
         let seen = &pixels.seen;
         let color = needs.contains(&Need::SeenColor);
-        let samples = self.noise(Stream::SeenRays).child(Stream::Samples);
+        let samples = self.noise(RandomStream::SeenRays).child(RandomStream::Samples);
         let passes = self.passes(Phase::Seen, &seen.pixels.rays(), color, samples);
         let passes = match &self.model.exposure {
             Some(exposure) => passes.exposed(exposure, &seen.pixels.views()),
@@ -53,17 +53,18 @@ impl<F: Field> StepRenderer<'_, F> {
             seen: near(Need::SeenNeighbours, &seen.pixels, &seen_bundle, self),
             unseen: unseen.as_ref().and_then(|(unseen, bundle)| near(Need::UnseenNeighbours, unseen, bundle, self)),
         };
+        let model = self.model;
+        let penalty = |need: &Need| {
+            let Need::Penalty(name) = *need else { return None };
+            Some((name, model.fine.penalty(name)?))
+        };
         let size = needs.iter().find_map(|need| if let Need::Picture { size } = need { Some(*size) } else { None });
         Renders {
             seen: seen_bundle,
             unseen: unseen.map(|(_, bundle)| bundle),
             neighbours,
             picture: size.map(|size| self.picture(size)),
-            total_variation: needs.contains(&Need::TotalVariation).then(|| self.model.fine.total_variation()).flatten(),
-            latent_divergence: needs
-                .contains(&Need::LatentDivergence)
-                .then(|| self.model.fine.latent_divergence())
-                .flatten(),
+            penalties: needs.iter().filter_map(penalty).collect(),
         }
     }
 
@@ -79,7 +80,7 @@ impl<F: Field> StepRenderer<'_, F> {
     }
 
     fn unseen(&mut self, pixels: &Pixels) -> Bundle {
-        let samples = self.noise(Stream::UnseenRays).child(Stream::Samples);
+        let samples = self.noise(RandomStream::UnseenRays).child(RandomStream::Samples);
         Bundle { passes: self.passes(Phase::Unseen, &pixels.rays(), false, samples), target: None }
     }
 
@@ -88,7 +89,7 @@ impl<F: Field> StepRenderer<'_, F> {
         let config = &self.config.train.neighbours;
         let rays = pixels.neighbours(turn, config, &self.scene.region);
         if config.sampling == NeighbourSampling::Own {
-            let samples = self.noise(Stream::Neighbours).child(Stream::Samples);
+            let samples = self.noise(RandomStream::Neighbours).child(RandomStream::Samples);
             return self.passes(Phase::Neighbours, &rays, false, samples).fine;
         }
         let renderer = &self.scene.renderer;
@@ -99,19 +100,19 @@ impl<F: Field> StepRenderer<'_, F> {
     }
 
     fn picture(&mut self, size: u32) -> Picture {
-        let noise = self.noise(Stream::Picture);
+        let noise = self.noise(RandomStream::Picture);
         let (rays, size) = self.scene.unseen(self.config).picture(size, noise);
-        let passes = self.passes(Phase::Unseen, &rays, true, noise.child(Stream::Samples));
+        let passes = self.passes(Phase::Unseen, &rays, true, noise.child(RandomStream::Samples));
         Picture {
             rgb: passes.fine.color.expect("colour was asked for"),
             size,
-            view: noise.child(Stream::View).below(0, 0, self.scene.scene.train.len()),
+            view: noise.child(RandomStream::View).below(0, 0, self.scene.scene.train.len()),
         }
     }
 
     fn passes(&mut self, phase: Phase, rays: &[Ray], color: bool, noise: Noise) -> Passes {
         let (renderer, model, at) = (&self.scene.renderer, self.model, self.at);
-        let request = RenderRequest { color };
+        let request = RenderRequest { color, hidden: false };
         let occupancy = self.occupancy;
         let passes = self.profile.time(phase, || renderer.render(model, rays, request, Some(noise), occupancy, at));
         self.counts += passes.counts();
@@ -119,7 +120,7 @@ impl<F: Field> StepRenderer<'_, F> {
         passes
     }
 
-    fn noise(&self, stream: Stream) -> Noise {
+    fn noise(&self, stream: RandomStream) -> Noise {
         Noise::new(self.seed, self.at.step as u64, stream)
     }
 

@@ -1,7 +1,7 @@
 //! The training images, and the pixels of them that a step learns from.
 
 use infonerf_loss::is_foreground;
-use infonerf_render::{Noise, Stream};
+use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Camera, Image, PixelAt, Scene};
 use infonerf_schedule::Moment;
 
@@ -133,7 +133,8 @@ impl Images {
         let ((left, columns), (top, rows)) = (crop(config, step, self.width), crop(config, step, self.height));
         let (stride, area) = (self.width as usize, self.area());
         let [view, column, row, acceptance] =
-            [Stream::View, Stream::Column, Stream::Row, Stream::Acceptance].map(|stream| noise.child(stream));
+            [RandomStream::View, RandomStream::Column, RandomStream::Row, RandomStream::Acceptance]
+                .map(|stream| noise.child(stream));
         let sampling = config.error_sampling.is_on().then_some(&config.error_sampling);
         match config.batch {
             Batch::Pixels => {
@@ -240,7 +241,7 @@ mod tests {
         let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let region = ViewRegion::new(&cameras);
         let unseen = UnseenViews { scene: &scene, region: &region, config: &config };
-        let noise = Noise::new(0, 0, Stream::SeenRays);
+        let noise = Noise::new(0, 0, RandomStream::SeenRays);
         let centre = cameras[0].ray(8.0, 8.0).radius;
         // No image is 50 times smaller: the full size is used.
         for (progress, width) in [(0.1, 4.0), (0.3, 2.0), (0.6, 1.0), (1.0, 1.0)] {

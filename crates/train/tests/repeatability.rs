@@ -6,11 +6,10 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 
 use burn::tensor::Device;
-use common::{config, configs, devices, scene, steps, timeless, trainer};
-use infonerf_render::TrainedModel;
+use common::{config, configs, devices, scene, scene_of, steps, timeless, trainer};
 use infonerf_schedule::Moment;
 use infonerf_train::{
-    Checkpoint, Config, Event, InformationQuery, Outcome, TestView, Trainer, evaluate_view, information,
+    Checkpoint, Config, Event, Information, InformationQuery, Outcome, TestView, Trainer, evaluate_view, information,
     step_side_by_side,
 };
 
@@ -26,19 +25,28 @@ fn evaluation(trainer: &Trainer, config: &Config, seed: u64) -> (Vec<Vec<[f32; 3
     let scene = scene();
     let view = |view| evaluate_view(trainer.renderer(), &[trainer.trained()], view).unwrap();
     let views: Vec<TestView> = scene.test.iter().map(view).collect();
-    let trained = TrainedModel { model: trainer.model(), occupancy: trainer.occupancy().cloned() };
-    let query = InformationQuery {
-        entropy: &config.loss.entropy,
-        kl: &config.loss.kl,
-        max_angle_deg: config.train.neighbours.max_angle_deg,
-        rays: config.eval.information_rays,
-        seed,
-    };
-    let information = information(trainer.renderer(), &trained, &scene, query).unwrap();
+    let information = informed(trainer, config, seed);
     let mut numbers = vec![information.entropy_bits, information.gain];
     numbers.extend(views.iter().flat_map(|view| view.values.values().flatten()));
     assert!(views.iter().all(|view| view.value("silhouette_iou").is_some()));
     (views.into_iter().map(|view| view.image.rgb).collect(), numbers)
+}
+
+fn informed(trainer: &Trainer, config: &Config, seed: u64) -> Information {
+    let Config { loss, train, eval, .. } = config;
+    let query = InformationQuery { loss, neighbours: &train.neighbours, rays: eval.information_rays, seed };
+    information(trainer.renderer(), &trainer.snapshot(), trainer.scene(), query).unwrap()
+}
+
+/// Neighbours are those of training also where the information gain is reported.
+#[test]
+fn the_gain_is_about_the_centre_that_the_config_names() {
+    let [flex, _] = devices();
+    let gain = |about: &str| {
+        let config = config(&[&format!("train.neighbours.about={about}")]);
+        informed(&Trainer::new(&config, scene_of("room", 4), 1, None, &flex).unwrap(), &config, 1).gain
+    };
+    assert_ne!(gain("centre"), gain("origin"));
 }
 
 #[test]
@@ -117,6 +125,10 @@ fn a_broken_run_goes_on_to_the_same_numbers() {
             let mut second = trainer(&config, 1, &device);
             second.resume(&checkpoint.unwrap()).unwrap();
             assert_eq!(second.progress().step, broken_after);
+            // Pictures show what was trained, and not what would come later.
+            let last = broken_after - 1;
+            let at = Moment { step: last, progress: last as f64 / STEPS as f64 };
+            assert_eq!((second.snapshot().at, second.trained().at), (at, at));
             seen.extend(steps(&mut second, STEPS - broken_after));
             assert_eq!(events, seen, "broken off after step {broken_after}");
             assert_eq!(expected, evaluation(&second, &config, 1), "broken off after step {broken_after}");

@@ -144,7 +144,11 @@ pub(crate) fn model(field: &FieldConfig) -> TrainedModel {
     let device = open(DeviceName::Flex).unwrap().device;
     let setup = FieldSetup { bounds: [[-1.5; 3], [1.5, 1.0, 1.5]], seed: 3, device: &device, body: None };
     let fine = RadianceField::new(field, &setup).unwrap();
-    TrainedModel { model: Model { coarse: None, fine, exposure: None }, occupancy: None }
+    TrainedModel {
+        model: Model { coarse: None, fine, exposure: None },
+        occupancy: None,
+        at: Moment { step: 50, progress: 0.5 },
+    }
 }
 
 /// The package in a scene without views; what is baked has `voxels` along its box at most.
@@ -163,7 +167,7 @@ fn what_the_shader_reads_is_the_field() {
             "field.resolutions=[5,7,9]",
             "field.channels=8",
             "field.layers=1",
-            "field.detail=0.5",
+            "field.detail={from=0.0,to=1.0}",
             "field.view_dependence=0.4",
         ],
         &["field.resolutions=[8]", "field.layers=0", "field.frequencies=0", "field.channels=16"],
@@ -185,7 +189,7 @@ fn what_the_shader_reads_is_the_field() {
                 segments: &rays,
                 extent: Extent::Ball { variance: 0.0 },
             };
-            let sampled = trained.model.fine.evaluate(points, true, Moment::END);
+            let sampled = trained.model.fine.evaluate(points, true, trained.at);
             let expected = [to_host(sampled.sigma), to_host(sampled.color.unwrap())].concat();
             let found = decoded.evaluate(u, direction);
             assert!((found[0] / expected[0] - 1.0).abs() < 0.02, "{set:?} at {u:?}: {found:?} for {expected:?}");
@@ -202,7 +206,7 @@ fn occupancy_is_a_bit_per_cell() {
     let mut trained = model(&config.field);
     let mut grid = OccupancyGrid::new(&config.render.occupancy, infonerf_scene::Aabb::cube(glam::Vec3::ZERO, 1.0));
     let occupied: Vec<bool> = (0..216).map(|cell| cell % 7 == 0).collect();
-    grid.restore(vec![1.0; 216], occupied.clone()).unwrap();
+    grid.restore(vec![1.0; 216], occupied.clone(), true).unwrap();
     trained.occupancy = Some(grid);
     let decoded = Decoded::new(package(&config.render, &trained, 32));
     assert_eq!((decoded.vector("GRID"), &decoded.package["grid"]), (vec![6.0; 3], &serde_json::json!([6, 6, 6])));

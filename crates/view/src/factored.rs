@@ -24,7 +24,7 @@ const LARGEST_NETWORK: usize = 1 << 16;
 /// The shader and the arrays of a factored field; none if its MLP is larger than a graphics card's uniforms.
 pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<Option<Value>> {
     let Subjects { scene, renderer, config, trained } = subjects;
-    let (layout, parts) = (field.layout(), Parts::of(field));
+    let (layout, parts) = (field.layout(), Parts::of(field, trained.at));
     let network = Network::pack(&to_host(field.weights()), layout, field.view_dependence(), &parts.inputs);
     if network.bytes() > LARGEST_NETWORK {
         return Ok(None);
@@ -42,7 +42,7 @@ pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<
         low,
         cell: (high - low) / cells as f32,
         cells: [cells; 3],
-        step: renderer.step_length(Moment::END),
+        step: renderer.step_length(trained.at),
         stop: config.early_stop_transmittance,
         detail: (high - low).max_element() / finest(layout) as f32,
     };
@@ -153,9 +153,9 @@ struct Parts {
 }
 
 impl Parts {
-    fn of(field: &FactoredField) -> Self {
+    fn of(field: &FactoredField, at: Moment) -> Self {
         let (layout, tables) = (field.layout(), to_host(field.tables()));
-        let (frequency_weights, level_weights) = field.detail(Moment::END);
+        let (frequency_weights, level_weights) = field.detail(at);
         let line_width = finest(layout);
         let channels = layout.levels.first().map_or(4, |level| level.channels);
         let mut parts = Self {

@@ -7,10 +7,8 @@
 //!
 //! A factored field ([`infonerf_ops::factored`]) is so small that a browser can evaluate it as it is: planes and lines go
 //! into textures of 8 bits with a scale and an offset per channel, the MLP into a block of uniforms, and one WebGL2
-//! fragment shader marches along rays as [`infonerf_render::render_image`] does, under the same [`Warp`]. Beside the
-//! tables' rounding (half of 1/255 of each channel's range), what differs is that nothing is taken to be hidden by the
-//! densities that the occupancy grid remembers (`render.hidden_depth`); samples behind the transmittance at which pictures
-//! stop are left out in both.
+//! fragment shader marches along rays as [`infonerf_render::render_image`] does, under the same [`Warp`]. What differs
+//! is the tables' rounding (half of 1/255 of each channel's range).
 //!
 //! Any other field is *baked*: density and colour, in spherical harmonics of degree 1, on a sparse grid of voxels, through
 //! which the same shader marches. The page says so, and how many voxels there are.

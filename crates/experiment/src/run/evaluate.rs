@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use infonerf_loss::Need;
 use infonerf_render::TrainedModel;
 use infonerf_report::{Record, TestViews};
 use infonerf_scene::{Scene, TestProtocol};
@@ -74,16 +75,12 @@ pub(super) fn evaluate(
 /// Ray entropy and information gain on test rays, the mean over the fields.
 fn information_of(plan: &RunPlan, trainers: &[Trainer]) -> Option<Information> {
     let query = InformationQuery {
-        entropy: &plan.config.loss.entropy,
-        kl: &plan.config.loss.kl,
-        max_angle_deg: plan.config.train.neighbours.max_angle_deg,
+        loss: &plan.config.loss,
+        neighbours: &plan.config.train.neighbours,
         rays: plan.config.eval.information_rays,
         seed: plan.seed,
     };
-    let of_member = |trainer: &Trainer| {
-        let trained = TrainedModel { model: trainer.model(), occupancy: trainer.occupancy().cloned() };
-        information(trainer.renderer(), &trained, trainer.scene(), query)
-    };
+    let of_member = |trainer: &Trainer| information(trainer.renderer(), &trainer.snapshot(), trainer.scene(), query);
     Information::mean(&trainers.iter().filter_map(of_member).collect::<Vec<_>>())
 }
 
@@ -96,7 +93,7 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     if let Some(budget) = plan.budget {
         notes.push(format!("trained for {budget} s by the clock: another machine takes another number of steps"));
     }
-    if plan.config.train.unseen == Unseen::Dataset && !plan.config.loss.entropy.weight.is_zero() {
+    if plan.config.train.unseen == Unseen::Dataset && plan.config.loss.needs().iter().any(Need::is_unseen) {
         notes.push("unseen poses are those of all training images of the data set, chosen or not".into());
     }
     if plan.config.eval.test.test() == TestProtocol::Training {
@@ -105,14 +102,43 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
         );
     }
     for (name, spec) in plan.config.loss.active() {
-        notes.extend(spec.left_out(scene).map(|reason| format!("loss.{name} is {reason}")));
+        notes.extend(spec.skip_reason(scene).map(|reason| format!("loss.{name} is {reason}")));
     }
-    let taking_part = plan.config.loss.active().filter(|(_, spec)| spec.left_out(scene).is_none());
+    let taking_part = plan.config.loss.active().filter(|(_, spec)| spec.skip_reason(scene).is_none());
     let privileges = taking_part.filter_map(|(name, spec)| Some((name, spec.privilege()?)));
     notes.extend(privileges.map(|(name, privilege)| format!("loss.{name} knows {privilege}")));
+    notes.extend(plan.config.render.without_effect().into_iter().map(str::to_owned));
     notes.extend(plan.config.first_weights());
     if restarts > 0 {
         notes.push(format!("the field went empty {restarts} times and training started over with other weights"));
     }
     notes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Experiment, Selection};
+
+    #[test]
+    fn what_the_config_leaves_unsaid_is_noted() {
+        let noted = |part: &str, set: &[&str]| {
+            let set = set.iter().map(|&setting| setting.to_owned()).collect();
+            let selection = Selection { scenes: vec!["knot".into()], set, ..Selection::default() };
+            let plan = Experiment::plan("synthetic-4view", &selection).unwrap().runs.remove(0);
+            notes(&plan, &Scene::default(), 0).iter().any(|note| note.contains(part))
+        };
+        let unseen =
+            |set: &[&str]| noted("unseen poses", &[&["train.unseen=dataset", "loss.entropy.rays=seen"], set].concat());
+        assert!(!unseen(&["loss.entropy.weight=1e-3", "loss.kl.weight=0"]));
+        assert!(unseen(&["loss.entropy.weight=0", "loss.kl.weight=1e-3", "loss.kl.rays=unseen"]));
+        assert!(unseen(&["loss.entropy.weight=0", "loss.opacity={weight=1e-3,rays=\"all\"}"]));
+        for (key, set) in [
+            ("render.early_stop_transmittance", "render.placement=left"),
+            ("render.early_stop_transmittance", "render.fine_samples=8"),
+            ("render.hidden_depth", "render.occupancy.enabled=false"),
+        ] {
+            assert!(noted(key, &[set]) && !noted(key, &[]), "{key} with {set}");
+        }
+    }
 }

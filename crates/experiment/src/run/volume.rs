@@ -2,11 +2,10 @@
 
 use glam::Vec3;
 use infonerf_export::Volume;
-use infonerf_field::{Extent, Field, Points, Sampled};
+use infonerf_field::{Extent, Field, FieldOutput, Points};
 use infonerf_ops::{Segments, to_host};
 use infonerf_render::{TrainedModel, Warp};
 use infonerf_scene::Aabb;
-use infonerf_schedule::Moment;
 
 use super::Trained;
 
@@ -24,20 +23,20 @@ pub struct TrainedVolume {
     warp: Warp,
     bounds: Aabb,
     cameras: Vec<Vec3>,
-    /// Length h of a renderer's step, in the coordinate of the warp.
+    /// Length h of a renderer's step, the shortest of the fields', in the coordinate of the warp.
     step: f32,
 }
 
 impl Trained {
     /// The fields, to be exported within the scene's box.
     pub fn volume(&self) -> TrainedVolume {
-        let renderer = self.renderer();
+        let (renderer, models) = (self.renderer(), self.models());
         TrainedVolume {
-            models: self.models(),
+            step: models.iter().map(|model| renderer.step_length(model.at)).fold(f32::INFINITY, f32::min),
+            models,
             warp: renderer.warp().clone(),
             bounds: self.scene().space.bounds,
             cameras: self.scene().train.iter().map(|view| view.camera.position()).collect(),
-            step: renderer.step_length(Moment::END),
         }
     }
 }
@@ -62,7 +61,7 @@ impl Volume for TrainedVolume {
         for model in &self.models {
             let mut start = 0;
             for (points, directions) in warped.chunks(CHUNK).zip(directions.chunks(CHUNK)) {
-                let Sampled { sigma, color } = self.ask(model, points, directions, true);
+                let FieldOutput { sigma, color } = self.ask(model, points, directions, true);
                 let color = to_host(color.expect("colour was asked for"));
                 for (i, (sigma, color)) in to_host(sigma).into_iter().zip(color.chunks_exact(3)).enumerate() {
                     let weight = LEAST_WEIGHT - (-sigma * self.step).exp_m1();
@@ -94,7 +93,7 @@ impl TrainedVolume {
     }
 
     /// Asks a field at points on no ray, each of which stands for the space of a step.
-    fn ask(&self, model: &TrainedModel, points: &[Vec3], directions: &[Vec3], color: bool) -> Sampled {
+    fn ask(&self, model: &TrainedModel, points: &[Vec3], directions: &[Vec3], color: bool) -> FieldOutput {
         let numbers = |vectors: &[Vec3]| -> Vec<f32> { vectors.iter().flat_map(|v| v.to_array()).collect() };
         let points = Points {
             positions: &numbers(points),
@@ -102,7 +101,7 @@ impl TrainedVolume {
             segments: &Segments::uniform(points.len(), 1),
             extent: Extent::Ball { variance: self.step * self.step / 12.0 },
         };
-        model.model.fine.evaluate(points, color, Moment::END)
+        model.model.fine.evaluate(points, color, model.at)
     }
 
     /// How much the coordinate in which densities are measured grows per scene unit at `p`, for the nearest training

@@ -15,8 +15,7 @@ const LAYERS: [usize; 5] = [2, 2, 3, 3, 3];
 /// ReLU.
 ///
 /// It equals a dense convolution of a volume that is 0 elsewhere, read at the output's sites: *submanifold* where those are
-/// the input's own (Graham et al. 2018). There is one body, so that the statistics of a batch are those of all there is,
-/// and pictures use them as well.
+/// the input's own (Graham et al. 2018). As there is one body, pictures use the statistics of the batch as well.
 #[derive(Module, Debug)]
 struct SparseConvolution {
     /// `[27·inputs, outputs]`, the kernel's x fastest, z slowest.
@@ -43,7 +42,7 @@ impl SparseConvolution {
     }
 }
 
-/// What the rows of `weight`, `[27·inputs, outputs]`, make of each site's neighbours.
+/// The product of each site's neighbours and `weight`, `[27·inputs, outputs]`.
 fn convolve(features: Tensor<2>, weight: Tensor<2>, neighbours: Tensor<1, Int>) -> Tensor<2> {
     let sites = neighbours.dims()[0] / REACH;
     let [inputs, _] = weight.dims();

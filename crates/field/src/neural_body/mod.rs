@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::check;
 use crate::init::{Init, normal};
-use crate::{Body, ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, Sources};
+use crate::{Body, ConfigError, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, Sources};
 use encoder::{Encoder, Plan, channels};
 
 /// Space around the vertices that the voxels hold, scene units (metres).
@@ -197,9 +197,9 @@ impl Grid {
 
 /// Codes of a body's vertices → sparse convolutions → features of a point from four levels → MLP → density and colour.
 ///
-/// The codes are of one frame, as is the scene: what the released code shares between the frames of a film (codes,
-/// convolutions) and learns of each (an appearance code) are learned here of the one. Vertices that share a voxel are
-/// averaged, where the released code keeps one of them.
+/// A scene is one frame: what the released code shares between frames (codes, convolutions) and what it learns per frame (an
+/// appearance code) are learned from that frame. Codes of vertices that share a voxel are averaged; the released code keeps
+/// one of them.
 #[derive(Module, Debug)]
 pub struct NeuralBody {
     codes: Param<Tensor<2>>,
@@ -211,21 +211,20 @@ pub struct NeuralBody {
     framed: Linear,
     view: Linear,
     rgb: Linear,
-    /// What the codes are spread to, of each level `[cells, channels]`; none before the field is
+    /// Features of each level, `[cells, channels]`; none before the field is
     /// [conditioned](Field::conditioned).
     volumes: Option<Vec<Tensor<2>>>,
     #[module(skip)]
     plan: Arc<Plan>,
     #[module(skip)]
     grid: Grid,
-    /// Of position and direction.
+    /// Frequencies of position and direction.
     #[module(skip)]
     frequencies: [usize; 2],
 }
 
 impl NeuralBody {
-    /// Features of points `[M, 3]` from all levels side by side, `[M, channels]`. Far from the body they are 0, which the MLP
-    /// need not take for empty space.
+    /// Features of points `[M, 3]` from all levels side by side, `[M, channels]`. Far from the body they are 0.
     fn features(&self, positions: &[f32]) -> Tensor<2> {
         let volumes = self.volumes.as_ref().expect("Neural Body is conditioned before it is evaluated");
         let device = self.device();
@@ -256,11 +255,11 @@ impl NeuralBody {
 impl Field for NeuralBody {
     /// # Panics
     /// If the field was not [conditioned](Field::conditioned).
-    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
+    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
         let features = self.features(points.positions);
         let trunk = self.trunk.iter().fold(features, |x, layer| relu(layer.forward(x)));
         let sigma = relu(self.sigma.forward(trunk.clone())).squeeze_dim(1);
-        Sampled { sigma, color: color.then(|| self.color(trunk, points)) }
+        FieldOutput { sigma, color: color.then(|| self.color(trunk, points)) }
     }
 
     fn device(&self) -> Device {

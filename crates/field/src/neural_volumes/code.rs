@@ -3,7 +3,14 @@ use burn::tensor::{Tensor, TensorData};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
+use crate::Penalty;
 use crate::init::normal;
+
+impl Penalty {
+    /// Divergence of a field's latent code from a standard normal distribution (Neural Volumes, Lombardi et al. 2019), in nats:
+    /// the mean over the code's numbers of `KL(N(μ, σ²) ‖ N(0, 1)) = ½(μ² + σ² − 1) − ln σ`.
+    pub const LATENT_DIVERGENCE: Self = Self("latent divergence");
+}
 
 /// The distribution of a latent code, N(μ, σ²) for each of its numbers.
 #[derive(Module, Debug)]
@@ -30,7 +37,7 @@ impl Code {
         code.unsqueeze()
     }
 
-    /// ½(μ² + σ² − 1) − ln σ, the mean over the code's numbers, `[1]`.
+    /// [`Penalty::LATENT_DIVERGENCE`], `[1]`.
     pub(super) fn divergence(&self) -> Tensor<1> {
         let squares = self.mean.clone().square() + (self.log_deviation.clone() * 2.0).exp() - 1.0;
         (squares * 0.5 - self.log_deviation.clone()).mean()

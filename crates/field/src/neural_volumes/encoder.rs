@@ -26,7 +26,7 @@ const SCALES: (f32, f32) = (0.1, 0.01);
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CodeEncoderConfig {
-    /// Photographs that it looks at, the first of the training views (released code: 3).
+    /// Number of photographs, the first of the training views (released code: 3).
     pub images: usize,
     /// Rows and columns that they are resized to, multiples of 16 (released code: 512 and 384).
     pub size: [usize; 2],
@@ -51,7 +51,7 @@ impl CodeEncoderConfig {
         (0..layers).map(|layer| self.width << (layer / 2).min(2)).collect()
     }
 
-    /// Numbers that all towers together make of the photographs.
+    /// Number of features of all towers together.
     fn features(&self) -> usize {
         let channels = self.channels();
         let cells: usize = self.size.iter().map(|side| side >> channels.len()).product();
@@ -121,10 +121,10 @@ impl Encoder {
         }
     }
 
-    /// The code of the frame that the first of `views` show.
+    /// The code of the first of `views`.
     ///
     /// # Panics
-    /// If there are fewer than it looks at.
+    /// If there are fewer than it needs.
     pub(super) fn code(&self, views: &[SourceView]) -> Code {
         let device = self.hidden.weight.val().device();
         let seen = self.towers.iter().zip(views);

@@ -5,13 +5,13 @@ use rand::Rng;
 use super::code::Code;
 use crate::init::normal;
 
-/// ln σ of a latent code before training: small beside its numbers, so that a short run is not spent on quietening it. A
-/// divergence term (`loss.latent`) raises it.
+/// Initial ln σ of a latent code: σ is small beside the code, so that short runs are not dominated by its noise. The divergence
+/// term raises it.
 const FIRST_LOG_DEVIATION: f32 = -4.0;
 
 /// The latent code of one frame, learned as it is.
 ///
-/// A scene of one frame is one input of an encoder, whose output is then a constant.
+/// For a scene of one frame the output of an encoder is a constant.
 #[derive(Module, Debug)]
 pub(super) struct Latent {
     mean: Param<Tensor<1>>,

@@ -20,7 +20,7 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::check;
-use crate::{ConfigError, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, Sources};
+use crate::{ConfigError, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points, Sources};
 use code::Code;
 use encoder::Encoder;
 use latent::Latent;
@@ -48,8 +48,7 @@ pub struct NeuralVolumesConfig {
     pub maps: usize,
     /// Voxels of the warp along each axis (paper: 32).
     pub warp_resolution: usize,
-    /// What makes the code of photographs; without it the code is learned as it is, which comes to the same for a scene of one
-    /// frame.
+    /// Encodes photographs into the code. Without it the code is a parameter, which is equivalent for a scene of one frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub encoder: Option<CodeEncoderConfig>,
 }
@@ -123,15 +122,15 @@ impl FieldSpec for NeuralVolumesConfig {
 
 /// Photographs, if there is an encoder → latent code → template of coloured voxels, and a warp field → density and colour.
 ///
-/// The volume is the cube [−1, 1]³ of the longest side of the scene's box about its middle. A point of it is moved by the
-/// warp to where the template is read; outside of the cube there is nothing. Density is the template's opacity per unit of
-/// the cube, in scene units; it is meant for `render.compositing = "additive"`.
+/// The volume is the cube [−1, 1]³ of the longest side of the scene's box about its middle. The warp maps a point of
+/// it to where the template is read; outside of the cube space is empty. Density is the template's opacity per unit of the
+/// cube, in scene units; it is meant for `render.compositing = "additive"`.
 #[derive(Module, Debug)]
 pub struct NeuralVolumes {
     codes: Codes,
     template: Template,
     warp: Warp,
-    /// What the code decodes to; none before the field is [conditioned](Field::conditioned).
+    /// The decoded code; none before the field is [conditioned](Field::conditioned).
     decoded: Option<Decoded>,
     #[module(skip)]
     resolution: usize,
@@ -141,11 +140,11 @@ pub struct NeuralVolumes {
     half_side: f32,
 }
 
-/// Where the code comes from.
+/// The source of the code.
 #[derive(Module, Debug)]
 #[allow(clippy::large_enum_variant, reason = "a field holds one of them")]
 enum Codes {
-    /// Of the first training views.
+    /// Encoded from the first training views.
     Encoded(Encoder),
     /// A parameter.
     Learned(Latent),
@@ -189,12 +188,27 @@ impl NeuralVolumes {
         let count = inside.len();
         Tensor::from_data(TensorData::new(inside, [count, 1]), device)
     }
+
+    /// The mean over the template's voxels of √(1e-5 + |∇ ln(1e-5 + α)|²), where α is a voxel's opacity per unit of the cube,
+    /// and ∇ takes differences to the next voxel along each axis.
+    fn total_variation(&self) -> Tensor<1> {
+        const LEAST: f32 = 1e-5;
+        let n = self.resolution;
+        let logarithm = (self.decoded().voxels.clone().narrow(1, 3, 1) + LEAST).log().reshape([n, n, n]);
+        let here = logarithm.clone().slice([0..n - 1, 0..n - 1, 0..n - 1]);
+        let towards = |axis: usize| {
+            let from = |a: usize| usize::from(a == axis)..n - usize::from(a != axis);
+            logarithm.clone().slice([from(0), from(1), from(2)]) - here.clone()
+        };
+        let squares = (0..3).map(|axis| towards(axis).square()).fold(here.zeros_like(), |sum, square| sum + square);
+        (squares + LEAST).sqrt().mean()
+    }
 }
 
 impl Field for NeuralVolumes {
     /// # Panics
     /// If the field was not [conditioned](Field::conditioned).
-    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
+    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
         let (device, samples) = (self.device(), points.len());
         let Decoded { voxels, warp, .. } = self.decoded();
         let cube = self.in_cube(points.positions);
@@ -205,7 +219,7 @@ impl Field for NeuralVolumes {
         let voxels = if color { voxels.clone() } else { voxels.clone().narrow(1, 3, 1) };
         let read = trilinear(voxels, in_voxels(warped, template), template) * inside;
         let opacity = read.clone().narrow(1, if color { 3 } else { 0 }, 1).reshape([samples]);
-        Sampled { sigma: opacity / self.half_side, color: color.then(|| read.narrow(1, 0, 3)) }
+        FieldOutput { sigma: opacity / self.half_side, color: color.then(|| read.narrow(1, 0, 3)) }
     }
 
     fn device(&self) -> Device {
@@ -213,7 +227,7 @@ impl Field for NeuralVolumes {
     }
 
     /// # Panics
-    /// If there are fewer photographs than its encoder looks at.
+    /// If there are fewer photographs than its encoder needs.
     fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {
         let code = self.codes.of(sources);
         let drawn = code.draw(seed);
@@ -225,23 +239,12 @@ impl Field for NeuralVolumes {
         Self { decoded: Some(decoded), ..self.clone() }
     }
 
-    /// The mean over the template's voxels of √(1e-5 + |∇ ln(1e-5 + α)|²), where α is a voxel's opacity per unit of the cube,
-    /// and ∇ takes differences to the next voxel along each axis.
-    fn total_variation(&self) -> Option<Tensor<1>> {
-        const LEAST: f32 = 1e-5;
-        let n = self.resolution;
-        let logarithm = (self.decoded().voxels.clone().narrow(1, 3, 1) + LEAST).log().reshape([n, n, n]);
-        let here = logarithm.clone().slice([0..n - 1, 0..n - 1, 0..n - 1]);
-        let towards = |axis: usize| {
-            let from = |a: usize| usize::from(a == axis)..n - usize::from(a != axis);
-            logarithm.clone().slice([from(0), from(1), from(2)]) - here.clone()
-        };
-        let squares = (0..3).map(|axis| towards(axis).square()).fold(here.zeros_like(), |sum, square| sum + square);
-        Some((squares + LEAST).sqrt().mean())
-    }
-
-    fn latent_divergence(&self) -> Option<Tensor<1>> {
-        Some(self.decoded().code.divergence())
+    fn penalty(&self, name: Penalty) -> Option<Tensor<1>> {
+        match name {
+            Penalty::TOTAL_VARIATION => Some(self.total_variation()),
+            Penalty::LATENT_DIVERGENCE => Some(self.decoded().code.divergence()),
+            _ => None,
+        }
     }
 }
 

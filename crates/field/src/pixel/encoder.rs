@@ -15,8 +15,8 @@ pub(super) const STEM_STRIDE: usize = 2;
 
 /// Stem and stages of residual blocks: `width` channels in the stem and the first stage, twice as many in each further one.
 ///
-/// Batch normalisation is in its inference form, an affine map a channel, and as such part of the convolution before it:
-/// one scene's few photographs are no batch to take statistics of.
+/// Batch normalisation is in inference form, an affine map per channel, and folded into the convolution before it: the few
+/// photographs of a scene are too small a batch for statistics.
 #[derive(Module, Debug)]
 pub(super) struct Encoder {
     pub(super) stem: Conv2d,
@@ -108,7 +108,7 @@ impl Encoder {
     }
 }
 
-/// `[V, C, h, w]` → one row a texel, `[V·h·w, C]`.
+/// `[V, C, h, w]` → one row per texel, `[V·h·w, C]`.
 fn rows(maps: Tensor<4>) -> Tensor<2> {
     let [views, channels, height, width] = maps.dims();
     maps.permute([0, 2, 3, 1]).reshape([views * height * width, channels])

@@ -17,9 +17,9 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, dense_footprint};
+use crate::check::check;
 use crate::{
-    ConfigError, DensityActivation, Field, FieldSetup, FieldSpec, Footprint, Points, Sampled, SourceView, Sources,
+    ConfigError, DensityActivation, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, SourceView, Sources,
 };
 use encoder::Encoder;
 use mlp::ResnetMlp;
@@ -96,7 +96,7 @@ impl FieldSpec for PixelNerfConfig {
         let convolutions: u64 =
             stages.map(|(stage, &blocks)| 18 * blocks as u64 * ((self.encoder.width << stage) as u64).pow(2)).sum();
         // Before the views are averaged each of them has activations; one is certain.
-        let mlp = dense_footprint(2 * self.blocks, self.width);
+        let mlp = Footprint::dense(2 * self.blocks, self.width);
         Footprint { parameters: mlp.parameters + convolutions, ..mlp }
     }
 
@@ -111,19 +111,19 @@ impl FieldSpec for PixelNerfConfig {
 
 /// Pixel-aligned features of each source view → ResNet MLP, views averaged on the way → density and colour.
 ///
-/// A point is projected into every source view, and asked of the MLP in that view's own axes together with the features
-/// at its pixel. Weights are shared by all views and all scenes: what is learned on some scenes serves another.
+/// A point is projected into every source view, and its position in that view's axes and the features at its pixel are the
+/// inputs of the MLP. Weights are shared by all views and scenes, so that training on some scenes generalises to others.
 #[derive(Module, Debug)]
 pub struct PixelNerf {
     encoder: Encoder,
     mlp: ResnetMlp,
-    /// What the source views show; none before the field is [conditioned](Field::conditioned).
+    /// Features of the source views; none before the field is [conditioned](Field::conditioned).
     seen: Option<Seen>,
     #[module(skip)]
     config: PixelNerfConfig,
 }
 
-/// Source views with what the MLP reads of them.
+/// Source views with their features.
 #[derive(Module, Debug)]
 struct Seen {
     /// Layers that read features, applied to each texel of each view: `[V·h·w, pool_after·width]`.
@@ -144,7 +144,7 @@ impl PixelNerf {
 impl Field for PixelNerf {
     /// # Panics
     /// If the field was not [conditioned](Field::conditioned) on any photographs.
-    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
+    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
         let device = self.device();
         let seen = self.seen.as_ref().expect("a PixelNeRF is conditioned on photographs before it is evaluated");
         let (views, samples) = (&seen.sources.views[..], points.len());
@@ -155,7 +155,7 @@ impl Field for PixelNerf {
         let injected = bilinear(seen.injected.clone(), &taps(&project::pixels(views, points.positions), views));
         let out = self.mlp.forward(Tensor::cat(vec![encoded, directions], 1), injected, views.len());
         let raw = out.clone().narrow(1, 3, 1).reshape([samples]);
-        Sampled { sigma: self.config.density.apply(raw), color: color.then(|| sigmoid(out.narrow(1, 0, 3))) }
+        FieldOutput { sigma: self.config.density.apply(raw), color: color.then(|| sigmoid(out.narrow(1, 0, 3))) }
     }
 
     fn device(&self) -> Device {

@@ -8,11 +8,11 @@ use crate::{Points, SourceView};
 pub(super) struct ViewPoints {
     /// ω·R (x − middle).
     pub(super) positions: Vec<f32>,
-    /// R d, one a sample.
+    /// R d, one per sample.
     pub(super) directions: Vec<f32>,
 }
 
-/// Least depth before a camera, scene units: points beside or behind it are projected as if they were there.
+/// Least depth before a camera, scene units: points beside or behind it are projected as if at that depth.
 const LEAST_DEPTH: f32 = 1e-3;
 
 fn rotate(view: &SourceView, v: [f32; 3]) -> [f32; 3] {

@@ -7,29 +7,25 @@ use serde::{Deserialize, Serialize};
 
 use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
-/// Distortion of the weights along a ray (mip-NeRF 360, Barron et al. 2022, Eq. 15), mean over all rays that it is taken
-/// over. Distances are shares of the scene's [near, far], so that the weight does not depend on the scene's unit.
+/// Distortion of the weights along a ray (mip-NeRF 360, Barron et al. 2022, Eq. 15), mean over the rays in `rays`.
+/// Distances are shares of the scene's [near, far], so that the weight does not depend on the scene's unit.
 ///
-/// It draws what a ray sees together: against floaters, and against fog before a surface.
+/// It concentrates the weights of each ray: against floaters, and against fog in front of surfaces.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DistortionConfig {
-    /// Its weight.
+    /// Its scheduled weight.
     pub weight: Schedule,
-    /// Which rays it is taken over.
+    /// The rays over which it is averaged.
     pub rays: RaySet,
 }
 
 impl TermSpec for DistortionConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
+    fn needs(&self) -> Vec<Need> {
+        Need::of(self.rays)
     }
 
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
-    }
-
-    fn left_out(&self, scene: &Scene) -> Option<&'static str> {
+    fn skip_reason(&self, scene: &Scene) -> Option<&'static str> {
         (!scene.space.bounded).then_some("left out: the scene has no end, so that shares of its depth say nothing")
     }
 
@@ -46,7 +42,7 @@ struct Distortion {
 }
 
 impl Distortion {
-    /// Intervals as shares of [near, far]; one that is infinitely long counts as all of it.
+    /// Intervals as shares of [near, far], at most 1.
     fn intervals(&self, samples: &Samples) -> Intervals {
         let range = self.far - self.near;
         Intervals {
@@ -57,10 +53,6 @@ impl Distortion {
 }
 
 impl Term for Distortion {
-    fn needs(&self) -> Vec<Need> {
-        Need::of(self.rays)
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
         renders.mean(renders.outputs(self.rays), |output| {
             ray_distortion(output.tau.clone(), &self.intervals(&output.samples), output.segments())

@@ -7,36 +7,36 @@ use serde::{Deserialize, Serialize};
 use crate::term::in_range;
 use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
-/// Ray entropy minimisation (InfoNeRF, Sec. 4.2): M(r)·H(r) in bits, mean over all rays that it is taken over. Rays that
-/// are masked out count as 0.
+/// Ray entropy minimisation (InfoNeRF, Sec. 4.2): M(r)·H(r) in bits, mean over the rays in `rays`. Masked
+/// rays count as 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EntropyConfig {
     /// λ₁.
     pub weight: Schedule,
-    /// Which rays it is taken over (paper: all; released code: unseen).
+    /// The rays over which it is averaged (paper: all; released code: unseen).
     pub rays: RaySet,
-    /// Whether it is taken over the neighbours of these rays as well, as in the released code where its KL loss is on.
+    /// Whether neighbours of these rays are included, as in the released code with the KL loss.
     pub neighbours: bool,
-    /// Which distribution along the ray the entropy is of.
+    /// The distribution along the ray.
     pub distribution: RayDistribution,
-    /// Which rays hit something.
+    /// M(r): which rays hit something.
     pub mask: HitMask,
     /// ε inside the logarithm (released code: 1e-10); 0 is exact.
     pub epsilon: f32,
 }
 
-/// Tells the rays that hit something from those that do not (InfoNeRF, Eq. 6).
+/// M(r), 1 for rays that hit something (InfoNeRF, Eq. 6).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HitMask {
     /// What is compared with the threshold.
     pub rule: HitRule,
-    /// A ray counts if it is above this.
+    /// Rays above it hit something.
     pub threshold: f32,
 }
 
-/// What says that a ray hits something.
+/// The measure that decides whether a ray hits something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HitRule {
@@ -44,17 +44,13 @@ pub enum HitRule {
     Acc,
     /// Cumulative ray density Q = Σ α, as in the paper (Eq. 7).
     AlphaSum,
-    /// Nothing: every ray counts. For distributions that have the background in them.
+    /// None: every ray counts. For distributions that include the background.
     All,
 }
 
 impl TermSpec for EntropyConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
-    }
-
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
+    fn needs(&self) -> Vec<Need> {
+        if self.neighbours { Need::neighbours_of(self.rays) } else { Need::of(self.rays) }
     }
 
     fn validate(&self) -> Result<(), LossError> {
@@ -68,10 +64,6 @@ impl TermSpec for EntropyConfig {
 }
 
 impl Term for EntropyConfig {
-    fn needs(&self) -> Vec<Need> {
-        if self.neighbours { Need::neighbours_of(self.rays) } else { Need::of(self.rays) }
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let neighbours = renders.neighbours(self.rays).filter(|_| self.neighbours);
         renders.mean(renders.outputs(self.rays).chain(neighbours), |output| {
@@ -96,20 +88,19 @@ mod tests {
     use super::*;
     use crate::testing;
 
+    fn config(rays: RaySet, rule: HitRule) -> EntropyConfig {
+        let mask = HitMask { rule, threshold: 0.1 };
+        let distribution = RayDistribution::Alpha;
+        EntropyConfig { weight: 1.0.into(), rays, neighbours: false, distribution, mask, epsilon: 0.0 }
+    }
+
     /// Two equal opaque samples (1 bit), and a ray that hits nothing.
     #[test]
     fn masked_rays_count_as_zero() {
         let renders = testing::renders(&[&[3.0, 3.0], &[1e-4, 1e-4]]);
         for (rule, bits) in [(HitRule::Acc, 0.5), (HitRule::AlphaSum, 0.5), (HitRule::All, 1.0)] {
-            let config = EntropyConfig {
-                weight: 1.0.into(),
-                rays: RaySet::Seen,
-                neighbours: false,
-                distribution: RayDistribution::Alpha,
-                mask: HitMask { rule, threshold: 0.1 },
-                epsilon: 0.0,
-            };
-            approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), bits, epsilon = 1e-6);
+            let value = config(RaySet::Seen, rule).value(&renders).into_scalar::<f32>();
+            approx::assert_abs_diff_eq!(value, bits, epsilon = 1e-6);
         }
     }
 
@@ -118,14 +109,7 @@ mod tests {
     fn the_mean_is_over_all_rays() {
         let mut renders = testing::renders(&[&[3.0, 3.0]]);
         renders.unseen = Some(testing::renders(&[&[3.0], &[3.0], &[3.0]]).seen);
-        let config = EntropyConfig {
-            weight: 1.0.into(),
-            rays: RaySet::All,
-            neighbours: false,
-            distribution: RayDistribution::Alpha,
-            mask: HitMask { rule: HitRule::Acc, threshold: 0.1 },
-            epsilon: 0.0,
-        };
-        approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), 0.25, epsilon = 1e-6);
+        let value = config(RaySet::All, HitRule::Acc).value(&renders).into_scalar::<f32>();
+        approx::assert_abs_diff_eq!(value, 0.25, epsilon = 1e-6);
     }
 }

@@ -1,5 +1,6 @@
 use burn::tensor::Tensor;
 use infonerf_ops::ray_divergence;
+use infonerf_render::RenderOutput;
 use infonerf_schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
@@ -13,15 +14,15 @@ use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
 pub struct KlConfig {
     /// λ₂ (paper: halved each 5000 steps).
     pub weight: Schedule,
-    /// Which of the two distributions comes first.
+    /// The order of the two distributions.
     pub direction: Direction,
-    /// Which rays get a neighbour.
+    /// The rays that get a neighbour.
     pub rays: RaySet,
     /// ε inside the logarithms (released code: 1e-10): bounds the divergence of disjoint rays.
     pub epsilon: f32,
 }
 
-/// Which of the two distributions comes first in the divergence.
+/// The order of the two distributions in the divergence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Direction {
@@ -32,8 +33,13 @@ pub enum Direction {
 }
 
 impl KlConfig {
-    /// The divergence of each pair of rays in nats, `[R]`, of the optical depths of paired samples (InfoNeRF, Eq. 9).
-    pub fn divergence(&self, tau: Tensor<1>, near: Tensor<1>, segments: &infonerf_ops::Segments) -> Tensor<1> {
+    /// The divergence of each ray from its neighbour in nats, `[R]`, of the optical depths of paired samples (InfoNeRF, Eq. 9).
+    pub fn divergence(&self, output: &RenderOutput, near: &RenderOutput) -> Tensor<1> {
+        let segments = output.segments();
+        if segments.samples() == 0 {
+            return output.acc.zeros_like();
+        }
+        let (tau, near) = (output.tau.clone(), near.tau.clone());
         let (p, q) = match self.direction {
             Direction::Paper => (tau, near),
             Direction::Reversed => (near, tau),
@@ -43,12 +49,8 @@ impl KlConfig {
 }
 
 impl TermSpec for KlConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
-    }
-
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
+    fn needs(&self) -> Vec<Need> {
+        Need::neighbours_of(self.rays)
     }
 
     fn validate(&self) -> Result<(), LossError> {
@@ -61,17 +63,10 @@ impl TermSpec for KlConfig {
 }
 
 impl Term for KlConfig {
-    fn needs(&self) -> Vec<Need> {
-        Need::neighbours_of(self.rays)
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let (mut sum, mut pairs) = (renders.zero(), 0);
         for (bundle, near) in renders.pairs(self.rays) {
-            let output = bundle.output();
-            if output.segments().samples() > 0 {
-                sum = sum + self.divergence(output.tau.clone(), near.tau.clone(), output.segments()).sum();
-            }
+            sum = sum + self.divergence(bundle.output(), near).sum();
             pairs += bundle.rays();
         }
         sum / pairs.max(1) as f32

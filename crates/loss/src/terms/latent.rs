@@ -1,4 +1,5 @@
 use burn::tensor::Tensor;
+use infonerf_field::Penalty;
 use infonerf_schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
@@ -9,17 +10,13 @@ use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LatentConfig {
-    /// Its weight.
+    /// Its scheduled weight.
     pub weight: Schedule,
 }
 
 impl TermSpec for LatentConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
-    }
-
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
+    fn needs(&self) -> Vec<Need> {
+        vec![Need::Penalty(Penalty::LATENT_DIVERGENCE)]
     }
 
     fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
@@ -28,11 +25,7 @@ impl TermSpec for LatentConfig {
 }
 
 impl Term for LatentConfig {
-    fn needs(&self) -> Vec<Need> {
-        vec![Need::LatentDivergence]
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        renders.latent_divergence.clone().unwrap_or_else(|| renders.zero())
+        renders.penalty(Penalty::LATENT_DIVERGENCE)
     }
 }

@@ -2,26 +2,18 @@ use burn::tensor::{Tensor, TensorData};
 use infonerf_schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
-use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
+use crate::{LossError, Renders, Term, TermSetup, TermSpec};
 
-/// Supervision of opacity by the images' alpha channel, which photographs do not have: (acc − alpha)², mean over the rays
+/// Supervision of opacity by the alpha channel of the training images: (acc − alpha)², mean over the rays
 /// of training images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaskConfig {
-    /// Its weight.
+    /// Its scheduled weight.
     pub weight: Schedule,
 }
 
 impl TermSpec for MaskConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
-    }
-
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
-    }
-
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
         if let Some(view) = setup.scene.train.iter().find(|view| view.image.alpha.is_none()) {
             let found = format!("none in {}", view.name);
@@ -36,10 +28,6 @@ impl TermSpec for MaskConfig {
 }
 
 impl Term for MaskConfig {
-    fn needs(&self) -> Vec<Need> {
-        Vec::new()
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let acc = renders.seen.output().acc.clone();
         let target = renders.seen.target.as_ref().expect("training images show colours");

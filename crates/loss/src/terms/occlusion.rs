@@ -6,20 +6,19 @@ use serde::{Deserialize, Serialize};
 use crate::term::in_range;
 use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
-/// A penalty on density just before the cameras (FreeNeRF, Yang et al. 2023, Eq. 8): optical depth of the first `share` of
-/// each ray, mean over the rays that it is taken over.
+/// A penalty on density near the cameras (FreeNeRF, Yang et al. 2023, Eq. 8): optical depth of the first `share` of
+/// each ray, mean over the rays in `rays`.
 ///
-/// With few views, walls before a camera explain its picture alone. What is near a camera is seen by no other, so that
-/// nothing else speaks against them.
+/// With few views, matter right in front of a camera can explain its picture, and no other camera sees it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OcclusionConfig {
-    /// Its weight.
+    /// Its scheduled weight.
     pub weight: Schedule,
-    /// How much of the ray from its near end counts: a share of the distances between near and far or, in a scene without
-    /// an end, of the disparities.
+    /// The penalised share of the ray from its near end: of the distances between near and far or, in an unbounded scene,
+    /// of the disparities.
     pub share: f32,
-    /// Which rays it is taken over.
+    /// The rays over which it is averaged.
     pub rays: RaySet,
 }
 
@@ -37,12 +36,8 @@ impl OcclusionConfig {
 }
 
 impl TermSpec for OcclusionConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
-    }
-
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
+    fn needs(&self) -> Vec<Need> {
+        Need::of(self.rays)
     }
 
     fn validate(&self) -> Result<(), LossError> {
@@ -62,10 +57,6 @@ struct Occlusion {
 }
 
 impl Term for Occlusion {
-    fn needs(&self) -> Vec<Need> {
-        Need::of(self.rays)
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let (mut sum, mut rays) = (renders.zero(), 0);
         for output in renders.bundles(self.rays).map(|bundle| bundle.output()) {

@@ -5,28 +5,24 @@ use serde::{Deserialize, Serialize};
 
 use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
-/// A penalty on opacity Σ w: mean over the rays that it is taken over.
+/// A penalty on opacity Σ w: mean over the rays in `rays`.
 ///
-/// White fog before a white background costs nothing in colour, and hides the scene from other views.
+/// It removes white fog in front of a white background, which costs nothing in colour but hides the scene from other views.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OpacityConfig {
-    /// Its weight.
+    /// Its scheduled weight.
     pub weight: Schedule,
-    /// Which rays it is taken over.
+    /// The rays over which it is averaged.
     pub rays: RaySet,
 }
 
 impl TermSpec for OpacityConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
+    fn needs(&self) -> Vec<Need> {
+        Need::of(self.rays)
     }
 
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
-    }
-
-    fn left_out(&self, scene: &Scene) -> Option<&'static str> {
+    fn skip_reason(&self, scene: &Scene) -> Option<&'static str> {
         (scene.backdrop == Backdrop::Unknown).then_some("left out: nothing is known of what is behind the scene")
     }
 
@@ -36,10 +32,6 @@ impl TermSpec for OpacityConfig {
 }
 
 impl Term for OpacityConfig {
-    fn needs(&self) -> Vec<Need> {
-        Need::of(self.rays)
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
         renders.mean(renders.outputs(self.rays), |output| output.acc.clone())
     }
@@ -50,7 +42,7 @@ mod tests {
     use super::*;
     use crate::testing;
 
-    /// It reaches the unseen rays whichever other terms are on: it asks for them itself.
+    /// It needs unseen rays whichever other terms are on.
     #[test]
     fn the_mean_is_over_all_rays() {
         let config = OpacityConfig { weight: 1.0.into(), rays: RaySet::All };

@@ -4,28 +4,24 @@ use serde::{Deserialize, Serialize};
 
 use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
-/// Added to A and to 1 − A within the logarithms, which bounds them.
+/// Bounds the logarithms: added to A and to 1 − A.
 const MARGIN: f64 = 0.1;
 
-/// A prior for rays that see either nothing or something opaque (Neural Volumes, Lombardi et al. 2019): the mean over the rays
-/// that it is taken over of `ln(0.1 + A) + ln(1.1 − A) − ln 0.1 − ln 1.1`, where A is a ray's opacity Σ w. It is 0 at A = 0
-/// and A = 1, and largest between.
+/// A prior that rays are either empty or opaque (Neural Volumes, Lombardi et al. 2019): the mean over the rays
+/// in `rays` of `ln(0.1 + A) + ln(1.1 − A) − ln 0.1 − ln 1.1`, where A is a ray's opacity Σ w. It is 0 at A = 0
+/// and A = 1, and largest at A = ½.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OpacityPriorConfig {
-    /// Its weight.
+    /// Its scheduled weight.
     pub weight: Schedule,
-    /// Which rays it is taken over.
+    /// The rays over which it is averaged.
     pub rays: RaySet,
 }
 
 impl TermSpec for OpacityPriorConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
-    }
-
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
+    fn needs(&self) -> Vec<Need> {
+        Need::of(self.rays)
     }
 
     fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
@@ -34,10 +30,6 @@ impl TermSpec for OpacityPriorConfig {
 }
 
 impl Term for OpacityPriorConfig {
-    fn needs(&self) -> Vec<Need> {
-        Need::of(self.rays)
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let at_ends = MARGIN.ln() + (1.0 + MARGIN).ln();
         renders.mean(renders.outputs(self.rays), |output| {

@@ -9,31 +9,27 @@ use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PhotometricConfig {
-    /// Its weight.
+    /// Its scheduled weight.
     pub weight: Schedule,
-    /// How a colour difference becomes a number.
+    /// The norm of colour differences.
     pub norm: Norm,
-    /// Weight of the coarse pass's colour beside the fine one's 1 (NeRF: 1, mip-NeRF: 0.1).
+    /// Weight of the coarse pass relative to the fine one (NeRF: 1, mip-NeRF: 0.1).
     pub coarse: f32,
 }
 
-/// How a colour difference becomes a number.
+/// The norm of colour differences.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Norm {
-    /// Mean over rays of the squared norm ‖C − Ĉ‖², as the paper writes (Eq. 3).
+    /// Mean over rays of ‖C − Ĉ‖², as in the paper (Eq. 3).
     Squared,
-    /// Mean over rays and channels, a third of it, as the released code has it: λ₁ and λ₂ are calibrated to this one.
+    /// Mean over rays and channels, a third of it, as in the released code, to which λ₁ and λ₂ are calibrated.
     Mean,
 }
 
 impl TermSpec for PhotometricConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
-    }
-
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
+    fn needs(&self) -> Vec<Need> {
+        vec![Need::SeenColor]
     }
 
     fn validate(&self) -> Result<(), LossError> {
@@ -46,10 +42,6 @@ impl TermSpec for PhotometricConfig {
 }
 
 impl Term for PhotometricConfig {
-    fn needs(&self) -> Vec<Need> {
-        vec![Need::SeenColor]
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let passes = &renders.seen.passes;
         let target = &renders.seen.target.as_ref().expect("training images show colours").rgb;

@@ -10,14 +10,14 @@ use serde::{Deserialize, Serialize};
 use crate::term::in_range;
 use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
 
-/// Semantic consistency (DietNeRF, Jain et al. 2021, Eq. 5): 1 − φᵀφ̂ of CLIP's embeddings of one rendered view and one
-/// photograph. A view from anywhere shows the same thing as a photograph.
+/// Semantic consistency (DietNeRF, Jain et al. 2021, Eq. 5): 1 − φᵀφ̂ of the CLIP embeddings of a rendered view and a
+/// photograph.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SemanticConfig {
     /// λ (DietNeRF: 0.1).
     pub weight: Schedule,
-    /// Steps from one such render to the next (DietNeRF: 10 to 16).
+    /// Steps between two such renders (DietNeRF: 10 to 16).
     pub every: usize,
     /// Longest side of the render in pixels (DietNeRF: 168).
     pub size: u32,
@@ -26,12 +26,8 @@ pub struct SemanticConfig {
 }
 
 impl TermSpec for SemanticConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
-    }
-
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
+    fn needs(&self) -> Vec<Need> {
+        vec![Need::Picture { size: self.size }]
     }
 
     fn validate(&self) -> Result<(), LossError> {
@@ -73,10 +69,6 @@ impl fmt::Debug for SemanticTerm {
 }
 
 impl Term for SemanticTerm {
-    fn needs(&self) -> Vec<Need> {
-        vec![Need::Picture { size: self.config.size }]
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let picture = renders.picture.as_ref().expect("a picture was asked for");
         let embedding = self.clip.embed(picture.rgb.clone(), picture.size);

@@ -4,42 +4,34 @@ use infonerf_schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
 use crate::term::in_range;
-use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
+use crate::{LossError, Renders, Term, TermSetup, TermSpec};
 
-/// What a known background colour says about opacity: a pixel of exactly that colour most likely shows the background, any
-/// other an object, or its edge where one of the 3 × 3 pixels about it has the background's colour.
+/// Supervision of opacity by a known background colour: the mean over the rays of training images of `background`·acc for
+/// pixels of that colour, which most likely show the background, of −`edge`·acc for others with such a pixel among the 3 × 3
+/// around them, and of −`foreground`·acc for the rest.
 ///
-/// `background`·acc, −`foreground`·acc and −`edge`·acc for the three, mean over the rays of training images. No alpha channel
-/// is used; an object of exactly the background's colour would be thinned.
+/// No alpha channel is used; an object of exactly the background's colour would be thinned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SilhouetteConfig {
-    /// Its weight.
+    /// Its scheduled weight.
     pub weight: Schedule,
-    /// Factor for pixels of the background's colour.
+    /// Factor for pixels of the background colour.
     pub background: f32,
     /// Factor for pixels within an object.
     pub foreground: f32,
-    /// Factor for pixels at its edge, which are mixtures.
+    /// Factor for pixels at its edge.
     pub edge: f32,
 }
 
 impl TermSpec for SilhouetteConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
-    }
-
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
-    }
-
     fn validate(&self) -> Result<(), LossError> {
         in_range("background", self.background.into(), 0.0, 1e6)?;
         in_range("foreground", self.foreground.into(), 0.0, 1e6)?;
         in_range("edge", self.edge.into(), 0.0, 1e6)
     }
 
-    fn left_out(&self, scene: &Scene) -> Option<&'static str> {
+    fn skip_reason(&self, scene: &Scene) -> Option<&'static str> {
         (scene.backdrop == Backdrop::Unknown).then_some("left out: nothing is known of what is behind the scene")
     }
 
@@ -53,10 +45,6 @@ impl TermSpec for SilhouetteConfig {
 }
 
 impl Term for SilhouetteConfig {
-    fn needs(&self) -> Vec<Need> {
-        Vec::new()
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let acc = renders.seen.output().acc.clone();
         let target = renders.seen.target.as_ref().expect("training images show colours");

@@ -9,55 +9,43 @@ use infonerf_stereo::{DepthMap, Settings, depth_maps};
 use serde::{Deserialize, Serialize};
 
 use crate::term::in_range;
-use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
+use crate::{LossError, Renders, Term, TermSetup, TermSpec};
 
-/// Scenes with more training views are learned without.
+/// The term is left out of scenes with more training views.
 const MOST_VIEWS: usize = 100;
-/// Pairs of views that are compared, if all views are to have one.
+/// Number of pairs of views to compare, at least one per view.
 const PAIRS: usize = 24;
-/// Views whose images are compared at full size. More are made smaller, as depths are found in them together.
+/// Number of views compared at full size; images of more views are resized.
 const FULL_SIZE_VIEWS: usize = 12;
 
-/// Rays end where plane-sweep stereo of the training images has found a surface (as DS-NeRF, Deng et al. 2022, has them end
-/// at points of structure from motion): the robust negative log-likelihood of what was found, mean over the rays of training
-/// images,
+/// Depth supervision by plane-sweep stereo of the training images (DS-NeRF, Deng et al. 2022, uses points of structure from
+/// motion): a robust negative log-likelihood, mean over the rays of training images,
 ///
 /// `−log(π + (1 − π) P)`, divided by `−log π`
 ///
 /// - with a match at distance d, `P = Σᵢ wᵢ exp(−(1/tᵢ − 1/d)² / 2(width·step)²)`, with `step` between the planes of the search;
-/// - without one, `P` is the probability that the ray passes the nearest surface that was matched in its view. In even parts of
-///   a picture nothing else speaks against matter just before its camera.
+/// - without one, `P` is the probability that the ray passes the nearest surface matched in its view, which keeps matter away
+///   from cameras in textureless regions.
 ///
-/// A share π of the depths is taken to be wrong, so that one that colour speaks against lets go.
-///
-/// Few photographs of a deep scene are explained by many wrong shapes, and gradients of colour alone do not find the way out
-/// of one: a search over all depths does.
+/// The share π of outliers lets depths go that colours contradict.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StereoConfig {
-    /// Its weight.
+    /// Its scheduled weight.
     pub weight: Schedule,
-    /// How exact a depth is taken to be: a standard deviation in steps between planes.
+    /// Standard deviation of a depth, in steps between planes.
     pub width: f32,
-    /// The share π of depths that are taken to be wrong.
+    /// The share π of outliers.
     pub outliers: f32,
 }
 
 impl TermSpec for StereoConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
-    }
-
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
-    }
-
     fn validate(&self) -> Result<(), LossError> {
         in_range("width", self.width.into(), 0.1, 100.0)?;
         in_range("outliers", self.outliers.into(), 1e-6, 0.99)
     }
 
-    fn left_out(&self, scene: &Scene) -> Option<&'static str> {
+    fn skip_reason(&self, scene: &Scene) -> Option<&'static str> {
         match scene.train.len() {
             0..2 => Some("left out: one view has no depth"),
             2..=MOST_VIEWS => None,
@@ -85,7 +73,7 @@ struct Stereo {
     found: OnceLock<Vec<(Option<f32>, DepthMap)>>,
 }
 
-/// What is known of where a ray ends.
+/// What stereo tells about the end of a ray.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum End {
     /// At this disparity, with this standard deviation.
@@ -97,7 +85,7 @@ enum End {
 }
 
 impl End {
-    /// The probability of this end is `offset + Σᵢ wᵢ vᵢ`: v of a sample at distance `t`.
+    /// vᵢ of a sample at distance `t`, where the probability of this end is `offset + Σᵢ wᵢ vᵢ`.
     fn value(self, t: f32) -> f32 {
         let disparity = 1.0 / t.max(f32::MIN_POSITIVE);
         match self {
@@ -112,8 +100,8 @@ impl End {
     }
 }
 
-/// The settings of the search in so many views. Its work is that of their pixels and planes, and planes are as many as a
-/// point moves pixels: sides that shrink with the cube root of the views keep it what it is.
+/// The settings of the search for a number of views. Its cost grows with pixels times planes, and so with the cube of the
+/// image size: sizes that shrink with the cube root of the number of views keep it constant.
 fn search(views: usize) -> Settings {
     let settings = Settings::default();
     let scale = (FULL_SIZE_VIEWS as f32 / views as f32).cbrt().min(1.0);
@@ -137,10 +125,6 @@ impl Stereo {
 }
 
 impl Term for Stereo {
-    fn needs(&self) -> Vec<Need> {
-        Vec::new()
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let output = renders.seen.output();
         let target = renders.seen.target.as_ref().expect("training images have pixels");

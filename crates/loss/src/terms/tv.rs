@@ -1,4 +1,5 @@
 use burn::tensor::Tensor;
+use infonerf_field::Penalty;
 use infonerf_schedule::Schedule;
 use serde::{Deserialize, Serialize};
 
@@ -6,31 +7,27 @@ use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
 
 /// Total variation of a field's tables (planes, grids), as the field defines its mean; 0 for a field without tables.
 ///
-/// A prior's logarithm is added to a sum over all observed pixels, L_RGB is a mean over them: beside it, the weight of the
-/// same prior is inversely proportional to the number of training views.
+/// A log-prior is added to a sum over all observed pixels. L_RGB is a mean over them, so that the weight of the same prior is
+/// inversely proportional to the number of training views.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TvConfig {
-    /// Its weight. Falling over the run it lets detail come back.
+    /// Its scheduled weight. A falling weight lets detail appear late in the run.
     pub weight: Schedule,
-    /// Training views that the weight is meant for: it is multiplied by `views` and divided by their number. With 0 it is the
+    /// The number of training views that the weight is for: it is multiplied by `views` over their number. 0 keeps it the
     /// same for any number.
     pub views: u32,
 }
 
-/// Total variation times a factor that follows from the scene.
+/// Total variation times a factor that depends on the scene.
 #[derive(Debug)]
 struct Tv {
     factor: f64,
 }
 
 impl TermSpec for TvConfig {
-    fn weight(&self) -> &Schedule {
-        &self.weight
-    }
-
-    fn weight_mut(&mut self) -> &mut Schedule {
-        &mut self.weight
+    fn needs(&self) -> Vec<Need> {
+        vec![Need::Penalty(Penalty::TOTAL_VARIATION)]
     }
 
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
@@ -39,16 +36,12 @@ impl TermSpec for TvConfig {
 }
 
 impl Term for Tv {
-    fn needs(&self) -> Vec<Need> {
-        vec![Need::TotalVariation]
-    }
-
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        renders.total_variation.clone().map_or_else(|| renders.zero(), |variation| variation * self.factor)
+        renders.penalty(Penalty::TOTAL_VARIATION) * self.factor
     }
 }
 
-/// `meant` / `trained`; 1 if the weight is meant for any number.
+/// `meant` / `trained`; 1 if `meant` is 0.
 fn factor(meant: u32, trained: usize) -> f64 {
     if meant == 0 { 1.0 } else { f64::from(meant) / trained.max(1) as f64 }
 }
@@ -64,7 +57,7 @@ mod tests {
         let mut renders = testing::renders(&[&[0.5]]);
         let term = Tv { factor: factor(4, 8) };
         assert_eq!(term.value(&renders).into_scalar::<f32>(), 0.0);
-        renders.total_variation = Some(renders.zero() + 3.0);
+        renders.penalties.insert(Penalty::TOTAL_VARIATION, renders.zero() + 3.0);
         assert_eq!(term.value(&renders).into_scalar::<f32>(), 1.5);
     }
 }

@@ -15,7 +15,7 @@ pub use train::{
 };
 
 use infonerf_field::{FieldConfig, FieldSpec};
-use infonerf_loss::LossConfig;
+use infonerf_loss::{LossConfig, Need};
 use infonerf_render::{Placement, RenderConfig};
 use serde::{Deserialize, Serialize};
 
@@ -51,6 +51,18 @@ pub struct SceneConfig {
     pub frame: usize,
     /// Colour behind transparent pixels.
     pub background: [f32; 3],
+    /// Where a ray passes through its pixel, in training and in pictures.
+    pub pixel_position: PixelPosition,
+}
+
+/// Where a ray passes through its pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PixelPosition {
+    /// Through the centre, at + 0.5, as cameras take photographs.
+    Centre,
+    /// Through the corner that is nearest to the image's first, as in the released code.
+    Corner,
 }
 
 /// What is measured in the end.
@@ -114,7 +126,10 @@ impl Config {
         }
         self.check_photographs()?;
         let skips = self.render.occupancy.enabled || self.render.clip_to_bounds;
-        if skips && self.train.neighbours.sampling == NeighbourSampling::Own && self.needs_neighbours() {
+        if skips
+            && self.train.neighbours.sampling == NeighbourSampling::Own
+            && self.loss.needs().iter().any(Need::is_of_neighbours)
+        {
             let cause = "expected \"partner\" with render.occupancy.enabled or render.clip_to_bounds: rays and their \
                          neighbours are paired by index, and skipping leaves them with different numbers of samples";
             return Err(TrainError::config("train.neighbours.sampling", cause));
@@ -135,11 +150,6 @@ impl Config {
             Some(views) => check_enough_views(key, images, views),
             None => Ok(()),
         }
-    }
-
-    fn needs_neighbours(&self) -> bool {
-        let entropy = !self.loss.entropy.weight.is_zero() && self.loss.entropy.neighbours;
-        !self.loss.kl.weight.is_zero() || entropy
     }
 }
 

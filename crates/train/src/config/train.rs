@@ -83,7 +83,8 @@ pub enum Batch {
 pub enum Unseen {
     /// The part of the sphere that the training cameras span; never a test pose.
     Sphere,
-    /// The poses of all training images, chosen or not: knowledge of the scene that four photographs do not give.
+    /// The poses of all training images, chosen or not: knowledge of the scene that four photographs do not give. The
+    /// released code draws test poses as well, which are never drawn here.
     Dataset,
 }
 

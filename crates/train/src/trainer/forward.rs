@@ -2,7 +2,7 @@ use burn::tensor::Tensor;
 use infonerf_field::Field;
 use infonerf_loss::{LossValues, Need, Renders, needs};
 use infonerf_ops::to_host;
-use infonerf_render::{Counts, Noise, Stream};
+use infonerf_render::{Counts, Noise, RandomStream};
 use infonerf_schedule::Moment;
 
 use super::Trainer;
@@ -31,32 +31,32 @@ impl<F: Field> Trainer<F> {
     pub(super) fn draw(&mut self, at: Moment) -> StepPixels {
         let noise = |stream| Noise::new(self.seed, at.step as u64, stream);
         let train = &self.config.train;
-        let index = noise(Stream::TrainingScene).below(0, 0, self.scenes.len());
+        let index = noise(RandomStream::TrainingScene).below(0, 0, self.scenes.len());
         let scene = &self.scenes[index];
         let images = scene.images.at(train, at);
         let (rays, unseen_rays) = self.ray_counts();
         let unseen_is_needed = needs(&scene.objective.due(at)).contains(&Need::Unseen);
         let unseen = || {
             let views = scene.unseen(&self.config);
-            views.pixels(unseen_rays, images.pixel_width(), at.step, noise(Stream::UnseenRays))
+            views.pixels(unseen_rays, images.pixel_width(), at.step, noise(RandomStream::UnseenRays))
         };
 
         self.pixel_errors.resize(images.size());
         self.profile.time(Phase::Rays, || StepPixels {
             scene: index,
-            seen: scene.images.draw(train, rays, at, noise(Stream::SeenRays), &self.pixel_errors),
+            seen: scene.images.draw(train, rays, at, noise(RandomStream::SeenRays), &self.pixel_errors),
             unseen: unseen_is_needed.then(unseen),
-            turn: turn(&train.neighbours, noise(Stream::Neighbours)),
+            turn: turn(&train.neighbours, noise(RandomStream::Neighbours)),
         })
     }
 
     /// Renders the rays of `pixels` and evaluates the objective.
     pub(super) fn forward(&mut self, at: Moment, pixels: &StepPixels) -> Result<Forward, TrainError> {
-        let noise = Noise::new(self.seed, at.step as u64, Stream::Sources);
+        let noise = Noise::new(self.seed, at.step as u64, RandomStream::Sources);
         let scene = &self.scenes[pixels.scene];
         let terms = scene.objective.due(at);
         let sources = scene.photographs.draw(&self.config.train, pixels.seen.pixels.view(), noise);
-        let latent = Noise::new(self.seed, at.step as u64, Stream::Latent).bits();
+        let latent = Noise::new(self.seed, at.step as u64, RandomStream::Latent).bits();
         let model = self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)));
 
         let config = &self.config.render.occupancy;

@@ -9,7 +9,7 @@ use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use infonerf_field::{Extent, Field, FieldSpec, Points, RadianceField};
 use infonerf_ops::{Segments, to_host};
-use infonerf_render::{Model, Noise, OccupancyGrid, Renderer, Stream, TrainedModel, Warp};
+use infonerf_render::{Model, Noise, OccupancyGrid, RandomStream, Renderer, TrainedModel, Warp};
 use infonerf_scene::{Aabb, Scene};
 use infonerf_schedule::Moment;
 
@@ -217,21 +217,26 @@ impl<F: Field> Trainer<F> {
         self.occupancy.as_ref().filter(|_| config.carve || self.progress.step > config.warmup)
     }
 
-    /// What pictures are rendered from. Asks the field where it is empty if `render.occupancy.refine` says so: worth
-    /// keeping.
+    /// The model and its occupancy grid as training has them.
+    pub fn snapshot(&self) -> TrainedModel<F> {
+        TrainedModel { model: self.model(), occupancy: self.occupancy().cloned(), at: self.progress.at }
+    }
+
+    /// What pictures are rendered from: the [snapshot](Self::snapshot), with a finer grid if `render.occupancy.refine` says
+    /// so. The field is then asked where it is empty: worth keeping.
     pub fn trained(&self) -> TrainedModel<F> {
-        let model = self.model();
+        let TrainedModel { model, occupancy, at } = self.snapshot();
         let factor = self.config.render.occupancy.refine;
-        let occupancy = self.occupancy().map(|grid| {
+        let occupancy = occupancy.map(|grid| {
             if factor == 1 {
-                return grid.clone();
+                return grid;
             }
-            let noise = Noise::new(self.seed, self.progress.step as u64, Stream::RefinedOccupancy);
+            let noise = Noise::new(self.seed, self.progress.step as u64, RandomStream::RefinedOccupancy);
             let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
-            let length = self.renderer().step_length(Moment::END);
-            grid.refined(factor, noise, length, |points| densities(&model.fine, points, extent, Moment::END))
+            let length = self.renderer().step_length(at);
+            grid.refined(factor, noise, length, |points| densities(&model.fine, points, extent, at))
         });
-        TrainedModel { model, occupancy }
+        TrainedModel { model, occupancy, at }
     }
 
     /// Share of the run that is done: by the clock if there is a budget, else by steps.

@@ -5,7 +5,7 @@ use std::time::Instant;
 use burn::module::Module;
 use burn::optim::GradientsParams;
 use infonerf_field::{Extent, Field};
-use infonerf_render::{Noise, Stream};
+use infonerf_render::{Noise, RandomStream};
 use infonerf_schedule::Moment;
 
 use super::forward::Forward;
@@ -61,6 +61,7 @@ impl<F: Field> Trainer<F> {
         self.model = self.profile.time(Phase::Optimiser, || optimiser.step(lr, model, grads));
         self.progress.count(counts, samples_per_ray);
         self.progress.step += 1;
+        self.progress.at = at;
         if WeightAverage::<F>::takes(self.config.train.weight_averaging, self.progress.step, self.done()) {
             self.weight_average.add(self.model.valid());
         }
@@ -110,7 +111,7 @@ impl<F: Field> Trainer<F> {
 
     fn restart(&mut self) -> Result<(), TrainError> {
         let restarts = self.progress.restarts + 1;
-        let seed = Noise::new(self.seed, restarts as u64, Stream::Restart).bits();
+        let seed = Noise::new(self.seed, restarts as u64, RandomStream::Restart).bits();
         self.model = self.builder.model(&self.config, self.scene().train.len(), seed, &self.device)?;
         self.weight_average = WeightAverage::default();
         self.optimiser = optimiser(&self.config);
@@ -123,7 +124,7 @@ impl<F: Field> Trainer<F> {
     fn update_occupancy(&mut self, at: Moment) {
         let Some(grid) = self.occupancy.as_mut().filter(|grid| grid.is_due(at.step)) else { return };
         let scene = &self.scenes[0];
-        let noise = Noise::new(self.seed, at.step as u64, Stream::Occupancy);
+        let noise = Noise::new(self.seed, at.step as u64, RandomStream::Occupancy);
         let field = self.model.fine.valid().conditioned(scene.photographs.all(), None);
         let length = scene.renderer.step_length(at);
         let extent = Extent::Ball { variance: grid.cell_variance() };

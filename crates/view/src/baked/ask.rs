@@ -1,11 +1,10 @@
 //! Questions to a field at points on no ray of a picture.
 
 use glam::Vec3;
-use infonerf_field::{Extent, Field, Points, Sampled};
+use infonerf_field::{Extent, Field, FieldOutput, Points};
 use infonerf_ops::{Segments, to_host};
 use infonerf_render::{TrainedModel, Warp};
 use infonerf_scene::Scene;
-use infonerf_schedule::Moment;
 
 use crate::package::Subjects;
 
@@ -91,7 +90,7 @@ impl<'a> Ask<'a> {
 
     /// The field at points that stand for cubes: as large as what a pixel of the nearest training camera covers there, or as a
     /// voxel if that is larger. Only fields of volumes take notice, and these are not warped.
-    fn evaluate(&self, points: &[Vec3], directions: &[Vec3], voxel: f32, color: bool) -> Sampled {
+    fn evaluate(&self, points: &[Vec3], directions: &[Vec3], voxel: f32, color: bool) -> FieldOutput {
         let numbers = |vectors: &[Vec3]| -> Vec<f32> { vectors.iter().flat_map(|v| v.to_array()).collect() };
         let distance = |p: &Vec3| {
             let nearest = self.cameras.iter().map(|camera| camera.distance(*p)).reduce(f32::min);
@@ -107,7 +106,7 @@ impl<'a> Ask<'a> {
             segments: &Segments::uniform(points.len(), 1),
             extent: Extent::Cones { t: &t, delta: &edges, radii: &radii },
         };
-        self.trained.model.fine.evaluate(points, color, Moment::END)
+        self.trained.model.fine.evaluate(points, color, self.trained.at)
     }
 }
 

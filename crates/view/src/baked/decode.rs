@@ -5,7 +5,6 @@ use infonerf_field::{Extent, Field, Points};
 use infonerf_ops::{Segments, to_host};
 use infonerf_render::{OccupancyGrid, TrainedModel};
 use infonerf_scene::Aabb;
-use infonerf_schedule::Moment;
 use infonerf_train::config::assign;
 use infonerf_train::{Config, Preset};
 
@@ -114,7 +113,7 @@ fn exact(trained: &TrainedModel, p: Vec3, direction: Vec3) -> (f32, Vec<f32>) {
         segments: &Segments::from_counts([1]),
         extent: Extent::Ball { variance: 0.0 },
     };
-    let sampled = trained.model.fine.evaluate(points, true, Moment::END);
+    let sampled = trained.model.fine.evaluate(points, true, trained.at);
     (to_host(sampled.sigma)[0], to_host(sampled.color.unwrap()))
 }
 
@@ -161,7 +160,7 @@ fn only_what_is_not_empty_is_kept() {
     let mut grid = OccupancyGrid::new(&config.render.occupancy, Aabb::cube(Vec3::ZERO, 1.5));
     // One octant.
     let occupied = (0..64).map(|cell| cell % 4 < 2 && cell / 4 % 4 < 2 && cell / 16 < 2).collect();
-    grid.restore(vec![1.0; 64], occupied).unwrap();
+    grid.restore(vec![1.0; 64], occupied, true).unwrap();
     trained.occupancy = Some(grid);
     let bricks = Bricks::new(Decoded::new(package(&config.render, &trained, 32)));
     assert_eq!((bricks.cells, bricks.opacities.len()), ([4; 3], 8 * VOLUME));
@@ -180,7 +179,7 @@ fn nothing_at_all_and_warped_space_are_packages() {
     let empty = config(GRID);
     let mut trained = model(&empty.field);
     let mut grid = OccupancyGrid::new(&empty.render.occupancy, Aabb::cube(Vec3::ZERO, 1.5));
-    grid.restore(vec![1.0; 64], vec![false; 64]).unwrap();
+    grid.restore(vec![1.0; 64], vec![false; 64], true).unwrap();
     trained.occupancy = Some(grid);
     let bricks = Bricks::new(Decoded::new(package(&empty.render, &trained, 32)));
     assert_eq!((bricks.opacities.len(), bricks.decoded.vector("RED_LOW")), (0, vec![0.0; 4]));
