@@ -2,6 +2,10 @@
 
 set positional-arguments
 
+# Cargo features of what `exp`, `sweep`, `reproduce` and `bench` run: just features=wgpu exp synthetic-4view
+features := ""
+run := "cargo run --release " + if features == "" { "--" } else { "--features " + features + " --" }
+
 # What `test-gpu` builds, beside the tests.
 program := env_var_or_default("CARGO_TARGET_DIR", "target") + "/release/infonerf"
 
@@ -11,11 +15,15 @@ default:
 
 # Run an experiment: just exp synthetic-4view --scene castle
 exp NAME *ARGS:
-    cargo run --release -- exp "$@"
+    {{ run }} exp "$@"
+
+# Run an experiment for every combination of some values: just sweep synthetic-4view --grid loss.entropy.weight=0,1e-3
+sweep NAME *ARGS:
+    {{ run }} sweep "$@"
 
 # Every table of the paper at a small scale into one report, and whether what it says holds: just reproduce --jobs 2
 reproduce *ARGS:
-    cargo run --release -- reproduce "$@"
+    {{ run }} reproduce "$@"
 
 # Run all tests
 test:
@@ -45,7 +53,7 @@ ci:
 
 # Measure speed: just bench pareto, skip, step, scale or render
 bench NAME *ARGS:
-    cargo run --release -- bench "$@"
+    {{ run }} bench "$@"
 
 # A GPU, DEVICE being wgpu, vulkan or cuda: agreement with the CPU; a step of the authors' network, kernels compiled and tuned, then kept; time against error
 bench-gpu DEVICE *ARGS: (test-gpu DEVICE)

@@ -1,7 +1,9 @@
-//! The documents: links lead somewhere, experiments that they name exist, and the README stays short.
+//! The documents: links lead somewhere, experiments that they name exist, the README stays short, and `just` runs what it says.
 
 use std::fs;
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use infonerf_experiment::{Experiment, Selection};
 
@@ -78,4 +80,27 @@ fn the_example_of_an_experiment_is_valid() {
 fn the_readme_is_short() {
     let length = fs::metadata(root().join("README.md")).unwrap().len() as usize;
     assert!(length <= README_BYTES, "{length}");
+}
+
+/// As `just` says it, where that is installed; by the text of the justfile alone elsewhere.
+#[test]
+fn just_builds_with_the_features_that_are_given() {
+    for (args, expected) in [
+        (&["exp", "synthetic-4view"][..], "cargo run --release -- exp \"$@\""),
+        (&["features=wgpu", "exp", "synthetic-4view"], "cargo run --release --features wgpu -- exp \"$@\""),
+        (&["features=wgpu,vulkan", "sweep", "fields"], "cargo run --release --features wgpu,vulkan -- sweep \"$@\""),
+    ] {
+        match Command::new("just").arg("--dry-run").args(args).current_dir(root()).output() {
+            Ok(output) => assert_eq!(String::from_utf8_lossy(&output.stderr).trim(), expected),
+            Err(error) => {
+                // Past the capture of the test's output.
+                writeln!(io::stderr(), "NOT RUN: just {}: {error}", args.join(" ")).unwrap();
+                let text = fs::read_to_string(root().join("justfile")).unwrap();
+                let command = expected.rsplit(" -- ").next().unwrap();
+                assert!(
+                    text.contains("\"--features \" + features") && text.contains(&format!("{{{{ run }}}} {command}"))
+                );
+            }
+        }
+    }
 }

@@ -38,6 +38,7 @@ pub struct Options {
 
 /// A benchmark.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Benchmark {
     /// Quality against training time, with the frontier.
     Pareto,

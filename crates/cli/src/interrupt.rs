@@ -4,6 +4,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use infonerf_experiment::Control;
 
+use crate::print::errln;
+
 static ASKED: AtomicBool = AtomicBool::new(false);
 
 /// Installs the handler. A second Ctrl-C ends the process at once.
@@ -12,7 +14,7 @@ pub(crate) fn install() -> anyhow::Result<()> {
         if ASKED.swap(true, Ordering::SeqCst) {
             std::process::exit(130);
         }
-        eprintln!("\nstopping after this step; press Ctrl-C again to stop at once");
+        errln!("\nstopping after this step; press Ctrl-C again to stop at once");
     })?;
     Ok(())
 }

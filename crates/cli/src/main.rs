@@ -1,6 +1,6 @@
 //! `infonerf`: few-shot neural radiance fields from the command line.
 
-#![allow(clippy::print_stdout, reason = "a command prints its results")]
+#![warn(clippy::print_stderr)]
 
 mod args;
 mod command;
@@ -10,33 +10,65 @@ mod interrupt;
 mod launch;
 mod live;
 mod output;
+mod print;
 mod progress;
 mod selection;
 mod summary;
 mod terminal;
 mod units;
 
+use std::env;
 use std::process::ExitCode;
 
+use anyhow::bail;
 use clap::Parser;
+use clap::error::ErrorKind;
 
+use args::Args;
 use exit::USER_ERROR;
+use print::errln;
 
 fn main() -> ExitCode {
-    let args = args::Args::parse();
+    let args = match parse() {
+        Ok(args) => args,
+        Err(error) => return refused(&error),
+    };
     let filter = tracing_subscriber::EnvFilter::try_from_default_env().unwrap_or_else(|_| "warn".into());
-    tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
-    match args.run() {
-        Ok(code) => code,
-        Err(error) => {
-            eprintln!("error: {}", one_line(&error));
-            ExitCode::from(USER_ERROR)
-        }
-    }
+    let log = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time();
+    log.log_internal_errors(false).init();
+    let result = args.run().and_then(|code| print::fault().map_or(Ok(code), |fault| bail!("standard output: {fault}")));
+    result.unwrap_or_else(|error| {
+        errln!("error: {}", one_line(&format!("{error:#}")));
+        ExitCode::from(USER_ERROR)
+    })
 }
 
-/// An error with its causes on one line.
-fn one_line(error: &anyhow::Error) -> String {
-    let text = format!("{error:#}");
-    text.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join("; ")
+/// The arguments. `help --help`, which clap takes for help on a subcommand called `--help`, is `help`.
+fn parse() -> Result<Args, clap::Error> {
+    Args::try_parse().or_else(|error| match error.kind() {
+        ErrorKind::InvalidSubcommand if env::args_os().any(|word| word == "help") => {
+            Args::try_parse_from(env::args_os().filter(|word| word != "--help" && word != "-h"))
+        }
+        _ => Err(error),
+    })
+}
+
+/// Shows help, or what is wrong with the arguments in one line.
+fn refused(error: &clap::Error) -> ExitCode {
+    if !error.use_stderr() || error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        // Help that nobody reads is no fault.
+        let _ = error.print();
+    } else {
+        let text = error.render().to_string();
+        // What follows is the usage, which --help has as well.
+        let said = text.split("\n\nUsage:").next().unwrap_or_default();
+        errln!("{}", one_line(said.split("\n\nFor more information").next().unwrap_or_default()));
+    }
+    ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(USER_ERROR))
+}
+
+/// Text, such as an error with its causes, on one line.
+fn one_line(text: &str) -> String {
+    let lines: Vec<&str> = text.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    lines.join("; ").replace(":; ", ": ").replace("; [", " [")
 }

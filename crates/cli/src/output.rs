@@ -6,6 +6,8 @@ use infonerf_experiment::RunEvent;
 use infonerf_train::Event;
 use serde_json::{Value, json};
 
+use crate::print::outln;
+
 /// Time between two steps that are told.
 const REFRESH: Duration = Duration::from_secs(1);
 
@@ -24,14 +26,14 @@ impl Output {
     /// Prints a line for people.
     pub(crate) fn say(self, line: impl std::fmt::Display) {
         if self == Self::Text {
-            println!("{line}");
+            outln!("{line}");
         }
     }
 
     /// Prints an event for programs.
     pub(crate) fn tell(self, event: &Value) {
         if self == Self::Json {
-            println!("{event}");
+            outln!("{event}");
         }
     }
 }

@@ -7,9 +7,14 @@ use infonerf_experiment::{Control, RunEvent};
 use infonerf_train::{Event, Trainer};
 
 use crate::interrupt;
+use crate::print::errln;
+use crate::terminal::columns_of_stderr;
 
 /// Time between two updates of the bar.
 const REFRESH: Duration = Duration::from_millis(100);
+
+/// Columns of the shortest bar, with the spaces beside it.
+const BAR: usize = 10;
 
 /// Shows the events of runs.
 pub(crate) struct Progress {
@@ -24,7 +29,7 @@ impl Progress {
     /// A bar for runs called `label`.
     pub(crate) fn new(label: &str) -> anyhow::Result<Self> {
         let bar = ProgressBar::hidden();
-        bar.set_style(ProgressStyle::with_template("{prefix} {wide_bar} {msg} {elapsed}")?);
+        bar.set_style(ProgressStyle::with_template("{prefix} {wide_bar} {msg}")?);
         Ok(Self { bar, label: label.to_owned(), beside: 1, shown: None })
     }
 
@@ -52,7 +57,7 @@ impl Progress {
                     self.bar.finish_and_clear();
                 }
             }
-            RunEvent::Warning(warning) => self.bar.suspend(|| eprintln!("warning: {warning}")),
+            RunEvent::Warning(warning) => self.bar.suspend(|| errln!("warning: {warning}")),
         }
         interrupt::control()
     }
@@ -77,9 +82,15 @@ impl Progress {
                     let done = trainer.done();
                     let left = if done > 0.0 { self.beside as f64 * seconds * (1.0 - done) / done } else { f64::NAN };
                     self.bar.set_position((done * 1000.0) as u64);
-                    self.bar.set_message(format!(
-                        "step {step}  loss {loss:.4}  psnr {psnr:.1}  {:.0}k rays/s  {left:.0}s left",
-                        rays_per_second / 1e3
+                    self.bar.set_message(fitting(
+                        columns_of_stderr().saturating_sub(self.bar.prefix().chars().count() + BAR),
+                        [
+                            format!("PSNR {psnr:.1}"),
+                            format!("{left:.0} s left"),
+                            format!("step {step}"),
+                            format!("loss {loss:.4}"),
+                            format!("{:.0}k rays/s", rays_per_second / 1e3),
+                        ],
                     ));
                 }
             }
@@ -91,5 +102,31 @@ impl Progress {
                 self.bar.println(format!("step {step}: the field went empty; {next}"));
             }
         }
+    }
+}
+
+/// The first of `parts`, the most telling first, that fit into `columns` with two spaces between them.
+fn fitting<const N: usize>(columns: usize, parts: [String; N]) -> String {
+    let mut line = String::new();
+    for part in parts {
+        let longer = if line.is_empty() { part } else { format!("{line}  {part}") };
+        if longer.chars().count() > columns {
+            break;
+        }
+        line = longer;
+    }
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_fits_the_terminal() {
+        let line = |columns| fitting(columns, ["PSNR 20.1", "3 s left", "step 7"].map(str::to_owned));
+        assert_eq!(line(80), "PSNR 20.1  3 s left  step 7");
+        assert_eq!((line(26), line(18)), ("PSNR 20.1  3 s left".to_owned(), "PSNR 20.1".to_owned()));
+        assert_eq!(line(3), "");
     }
 }

@@ -3,7 +3,8 @@
 use infonerf_experiment::sweep::Outcome;
 use infonerf_report::{Quantity, Record, ReportInput};
 
-use crate::terminal::emphasis;
+use crate::print::outln;
+use crate::terminal::fitted;
 
 /// The most telling numbers of a run on one line.
 pub(crate) fn summary(record: &Record) -> String {
@@ -21,18 +22,18 @@ pub(crate) fn summary(record: &Record) -> String {
 /// Prints the table of a sweep, and where its report and numbers are.
 pub(crate) fn print_outcome(outcome: &Outcome) {
     let Outcome { table, report, results, .. } = outcome;
-    println!("\n{}", table.to_text(emphasis()));
-    println!("report: {}\nnumbers: {}", report.display(), results.display());
+    outln!("\n{}", fitted(table));
+    outln!("report: {}\nnumbers: {}", report.display(), results.display());
 }
 
 /// Prints what became of the statements on the order of variants, if the experiment has some.
 pub(crate) fn print_claims(input: &ReportInput) {
     for claim in input.tested_claims() {
-        println!("{:13} {}", claim.verdict.to_string(), claim.statement);
+        outln!("{:13} {}", claim.verdict.to_string(), claim.statement);
         for finding in &claim.findings {
             let there = finding.in_paper();
             let there = if there.is_empty() { there } else { format!(" (paper {there})") };
-            println!("{:13}   {}: {}{there}", "", finding.formula, finding.found());
+            outln!("{:13}   {}: {}{there}", "", finding.formula, finding.found());
         }
     }
 }

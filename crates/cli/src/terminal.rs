@@ -4,20 +4,34 @@ use std::io::IsTerminal;
 
 use image::{RgbImage, imageops};
 use infonerf_experiment::{DeviceName, OpenDevice, open};
-use infonerf_report::Emphasis;
-use infonerf_scene::resized_dimensions;
+use infonerf_report::{Emphasis, Table};
+use terminal_size::{Height, Width, terminal_size_of};
 
-/// Columns of the terminal that a picture takes.
-const COLUMNS: u32 = 64;
+use crate::print::{errln, outln};
 
-/// How the best values of tables are marked: bold on a terminal, unless `NO_COLOR` is set, and with a star elsewhere.
-pub(crate) fn emphasis() -> Emphasis {
-    if is_terminal() && !no_color() { Emphasis::Terminal } else { Emphasis::Star }
-}
+/// What is taken for a terminal whose size is not known: columns and rows.
+const SIZE: (u16, u16) = (80, 24);
+/// Most columns of a picture, and rows of the terminal that it leaves to the lines around it.
+const MOST_COLUMNS: u16 = 64;
+const LEFT_ROWS: u16 = 5;
 
 /// Whether somebody sees what is printed.
 pub(crate) fn is_terminal() -> bool {
     std::io::stdout().is_terminal()
+}
+
+/// A table as text, no wider than the terminal if there is one.
+pub(crate) fn fitted(table: &Table) -> String {
+    if !is_terminal() {
+        return table.to_text(Emphasis::Star);
+    }
+    let columns = terminal_size_of(std::io::stdout()).map_or(SIZE.0, |(Width(columns), _)| columns);
+    table.narrowed(columns.into()).to_text(if no_color() { Emphasis::Star } else { Emphasis::Terminal })
+}
+
+/// Columns of the terminal on standard error.
+pub(crate) fn columns_of_stderr() -> usize {
+    terminal_size_of(std::io::stderr()).map_or(SIZE.0, |(Width(columns), _)| columns).into()
 }
 
 fn no_color() -> bool {
@@ -29,22 +43,44 @@ pub(crate) fn show(picture: &RgbImage) {
     if no_color() {
         return;
     }
-    let (width, height) = resized_dimensions(picture.width(), picture.height(), COLUMNS);
-    let small = imageops::thumbnail(picture, width, height.next_multiple_of(2));
+    let (columns, rows) = terminal_size_of(std::io::stdout()).map_or(SIZE, |(Width(w), Height(h))| (w, h));
+    let (columns, rows) = (columns.clamp(1, MOST_COLUMNS), rows.saturating_sub(LEFT_ROWS).max(1));
+    let (width, height) = shown_size(picture.dimensions(), columns, rows);
+    let small = imageops::thumbnail(picture, width, height);
     for y in (0..small.height()).step_by(2) {
         let block = |x| {
             let [[r, g, b], [below_r, below_g, below_b]] = [small.get_pixel(x, y).0, small.get_pixel(x, y + 1).0];
             format!("\x1b[38;2;{r};{g};{b}m\x1b[48;2;{below_r};{below_g};{below_b}m▀")
         };
-        println!("{}\x1b[0m", (0..small.width()).map(block).collect::<String>());
+        outln!("{}\x1b[0m", (0..small.width()).map(block).collect::<String>());
     }
+}
+
+/// Size in half blocks of a picture of `width` × `height` pixels, as large as so many columns and rows of text hold.
+fn shown_size((width, height): (u32, u32), columns: u16, rows: u16) -> (u32, u32) {
+    let scale = (f64::from(columns) / f64::from(width)).min(2.0 * f64::from(rows) / f64::from(height));
+    let [width, height] = [width, height].map(|side| ((scale * f64::from(side)).round() as u32).max(1));
+    (width, height.next_multiple_of(2))
 }
 
 /// Opens a device and says which GPU it is.
 pub(crate) fn open_device(name: DeviceName) -> anyhow::Result<OpenDevice> {
     let device = open(name)?;
     if let Some(adapter) = &device.adapter {
-        eprintln!("{}: {adapter}", device.name);
+        errln!("{}: {adapter}", device.name);
     }
     Ok(device)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_fit_the_terminal() {
+        assert_eq!(shown_size((200, 200), 64, 19), (38, 38));
+        assert_eq!(shown_size((400, 200), 64, 19), (64, 32));
+        assert_eq!(shown_size((3, 1000), 64, 19), (1, 38));
+        assert_eq!(shown_size((1000, 3), 64, 19), (64, 2));
+    }
 }

@@ -4,11 +4,12 @@ mod common;
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::io;
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use common::{Workplace, events, records, text, without_times};
+use common::{Invocation, Workplace, events, records, text, without_times};
 use infonerf_metrics::METRICS;
 use serde_json::Value;
 
@@ -434,6 +435,8 @@ fn help_can_be_learned_from() {
     for part in ["--data", "--scene", "--seed", "--set", "--budget", "--resume", "Examples:"] {
         assert!(help.contains(part), "{part}: {help}");
     }
+    let whole = place.run(&["help"]).succeeds().stdout;
+    assert_eq!(place.run(&["help", "--help"]).succeeds().stdout, whole);
 }
 
 #[test]
@@ -450,7 +453,7 @@ fn shells_and_man_are_told_of_every_command() {
     assert!(page.contains("budget") && place.path("pages/infonerf.1").is_file());
     fs::write(place.path("file"), "").unwrap();
     place.run(&["man", "--out", "file"]).fails_with(&["file"]);
-    place.run(&["completions", "tcsh"]).assert_refused(&["tcsh"]);
+    place.run(&["completions", "tcsh"]).fails_with(&["tcsh"]);
 }
 
 #[test]
@@ -463,6 +466,16 @@ fn results_are_collected_into_one_document() {
         assert!(document.contains(part), "{part}: {document}");
     }
     assert!(!document.contains("results-of-mine"), "{document}");
+    // A sweep, and an experiment of one's own.
+    fs::write(place.path("mine.toml"), "base = \"fast-losses\"\ntitle = \"mine\"\n").unwrap();
+    let small = ["mine.toml", "--scene", "knot", "--variant", "nerf"];
+    place.tiny(&[&["sweep"], &small[..], &["--grid", "train.lr=1e-3,2e-3"]].concat()).succeeds();
+    place.tiny(&[&["exp"], &small[..]].concat()).succeeds();
+    place.run(&["collect", "runs/sweep-mine", "runs/mine", "results-of-mine/fast-losses"]).succeeds();
+    let document = fs::read_to_string(place.path("results.md")).unwrap();
+    for part in ["## sweep-mine", "## mine", "mine.toml", "2e-3"] {
+        assert!(document.contains(part), "{part}: {document}");
+    }
     place.run(&["collect", "nowhere"]).fails_with(&["nowhere", "results.json"]);
 }
 
@@ -481,5 +494,34 @@ fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     let record = events.iter().find(|event| event["event"] == "record").unwrap();
     assert!(record["record"]["psnr"].is_f64());
     assert!(place.tiny(&run).args(&["--quiet"]).succeeds().stdout.is_empty());
-    place.tiny(&run).args(&["--quiet", "--json"]).assert_refused(&["--json"]);
+    place.tiny(&run).args(&["--quiet", "--json"]).fails_with(&["--json"]);
+}
+
+/// `head` has seen enough, and has gone: that costs no run, and is no error.
+#[test]
+fn output_that_nobody_reads_loses_nothing() {
+    let place = Workplace::new();
+    let unread = |invocation: Invocation| {
+        let [(_, stdout), (_, stderr)] = [io::pipe().unwrap(), io::pipe().unwrap()];
+        invocation.into_command().stdout(stdout).stderr(stderr).status().unwrap().code()
+    };
+    let exp = |out: &str| place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", out]);
+    assert_eq!(unread(exp("lines")), Some(0));
+    assert_eq!(unread(exp("events").args(&["--json"])), Some(0));
+    for out in ["lines", "events"] {
+        assert_eq!(records(&place.path(out).join("fast-losses")).len(), 1);
+    }
+    let run = "lines/fast-losses/knot/nerf/seed0";
+    for args in
+        [&["list"][..], &["--help"], &["completions", "zsh"], &["eval", run], &["export", run, "--format", "cameras"]]
+    {
+        assert_eq!(unread(place.run(args)), Some(0), "{args:?}");
+    }
+    assert_eq!(unread(place.run(&["exp", "nothing"])), Some(2));
+    // A full disk is an error, which comes after the run is saved.
+    let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
+    let output = exp("full").into_command().stdout(full()).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("standard output: No space left"), "{}", text(&output.stderr));
+    assert_eq!(records(&place.path("full/fast-losses")).len(), 1);
 }

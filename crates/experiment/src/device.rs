@@ -2,7 +2,6 @@
 
 use std::fmt;
 use std::path::Path;
-use std::str::FromStr;
 
 use anyhow::{Context, Result, bail, ensure};
 use burn::tensor::Device;
@@ -11,13 +10,14 @@ use infonerf_pretrained::Store;
 
 /// A device by name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum DeviceName {
     /// The fastest one that is built in.
     #[default]
     Auto,
     /// CPU: Burn's flex backend with the kernels of infonerf-ops.
     Flex,
-    /// CPU: Burn's older backend, plain tensors.
+    /// CPU: Burn's older backend, with plain tensors.
     Ndarray,
     /// Any GPU: through WGSL, or through SPIR-V where `vulkan` is built in as well.
     Wgpu,
@@ -42,9 +42,6 @@ const BUILT_IN: &[DeviceName] = &[
 ];
 
 impl DeviceName {
-    /// All of them.
-    pub const ALL: [Self; 6] = [Self::Auto, Self::Flex, Self::Ndarray, Self::Wgpu, Self::Vulkan, Self::Cuda];
-
     /// How many fields are trained at a time: one on each core of a CPU, one on a GPU.
     pub fn fields_side_by_side(self) -> usize {
         match self {
@@ -97,15 +94,6 @@ impl DeviceName {
 impl fmt::Display for DeviceName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
-    }
-}
-
-impl FromStr for DeviceName {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let known = || Self::ALL.map(Self::name).join(", ");
-        Self::ALL.into_iter().find(|device| device.name() == text).ok_or_else(|| format!("expected one of {}", known()))
     }
 }
 

@@ -79,6 +79,11 @@ impl Layers {
         Ok(Self { name: own_name, files })
     }
 
+    /// Those of the built-in experiment called `name`, if there is one.
+    pub(crate) fn built_in(name: &str) -> Option<Self> {
+        BUILT_IN.iter().any(|(known, _)| *known == name).then(|| Self::read(name).ok())?
+    }
+
     /// The last file's own name for its results; by default its file name.
     pub(crate) fn result_name(&self) -> String {
         self.files.last().and_then(|file| file.name.clone()).unwrap_or_else(|| self.name.clone())

@@ -39,7 +39,7 @@ pub struct Selection {
 }
 
 /// What an experiment is, beside its runs.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct About {
     /// Its name in results.
     pub name: String,
@@ -267,15 +267,25 @@ fn check_distinct(what: &str, items: impl Iterator<Item = String>) -> Result<()>
     Ok(())
 }
 
+/// How the names of sweeps begin.
+const SWEEP: &str = "sweep-";
+
 impl About {
-    /// What the experiment called `name` says of itself.
-    ///
-    /// # Errors
-    /// If there is none, or its file cannot be read.
-    pub fn read(name: &str) -> Result<Self> {
-        let layers = Layers::read(name)?;
-        let data = layers.last(|file| file.data.clone());
-        Ok(Self::of(&layers, data))
+    /// What the built-in experiment, or the sweep of one, whose results are called `name` says of itself; of any other
+    /// experiment its name alone is known.
+    #[must_use]
+    pub fn of_results(name: &str) -> Self {
+        let known = |name: &str| {
+            let layers = Layers::built_in(name)?;
+            Some(Self::of(&layers, layers.last(|file| file.data.clone())))
+        };
+        let swept = || known(name.strip_prefix(SWEEP)?).map(Self::swept);
+        known(name).or_else(swept).unwrap_or_else(|| Self { name: name.into(), title: name.into(), ..Self::default() })
+    }
+
+    /// The same of a sweep: the paper has no figures for settings of ours.
+    pub(crate) fn swept(self) -> Self {
+        Self { name: format!("{SWEEP}{}", self.name), paper: None, claims: Vec::new(), plot: None, ..self }
     }
 
     fn of(layers: &Layers, data: Option<PathBuf>) -> Self {

@@ -1,7 +1,9 @@
 //! The cameras of procedural scenes: laid out as for NeRF's synthetic scenes, or as in a hand-held capture.
 
 use std::f64::consts::{PI, TAU};
+use std::hash::Hasher;
 
+use fnv::FnvHasher;
 use glam::{DVec3, Vec3};
 use infonerf_scene::look_along;
 use infonerf_scene::{Aabb, Camera};
@@ -113,7 +115,14 @@ pub fn field_of_view(name: &str) -> f64 {
 
 /// The seed of the cameras of all but the first four scenes: the 64-bit FNV-1a hash of the name, so that nobody chose it.
 fn seed(name: &str) -> u64 {
-    name.bytes().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
+    fingerprint(name.as_bytes())
+}
+
+/// The 64-bit FNV-1a hash.
+pub(super) fn fingerprint(bytes: &[u8]) -> u64 {
+    let mut hash = FnvHasher::default();
+    hash.write(bytes);
+    hash.finish()
 }
 
 /// Splits off every fourth camera, starting with the second, for testing.

@@ -340,12 +340,6 @@ fn the_published_view_sets_are_spread() {
     }
 }
 
-/// A fingerprint of bytes (FNV-1a).
-#[cfg(all(target_os = "linux", target_arch = "x86_64", target_env = "gnu"))]
-fn fingerprint(bytes: impl IntoIterator<Item = u8>) -> u64 {
-    bytes.into_iter().fold(0xcbf2_9ce4_8422_2325, |h, b| (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3))
-}
-
 /// What was published of these scenes must stay as it is. The figures are those of one mathematical library.
 #[cfg(all(target_os = "linux", target_arch = "x86_64", target_env = "gnu"))]
 #[test]
@@ -361,7 +355,7 @@ fn the_first_scenes_never_change() {
     let found = ["castle", "crane", "knot", "orrery", "random-0", "random-7"].map(|name| {
         let cameras = train_cameras(48);
         let pixels = [26, 86, 2, 55].map(|i| render(name, &cameras[i]).unwrap().rgba.pixels);
-        (name, fingerprint(pixels.concat().into_iter().flatten()))
+        (name, crate::cameras::fingerprint(&pixels.concat().concat()))
     });
     assert_eq!(found, expected);
 }

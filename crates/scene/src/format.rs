@@ -4,20 +4,24 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// Where a scene came from.
+/// Where a scene came from. On a command line (feature `clap`): the formats that built-in scenes are exported to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Format {
     /// Made by the program.
     #[default]
+    #[cfg_attr(feature = "clap", value(skip))]
     Procedural,
     /// NeRF's synthetic scenes: `transforms_train.json`.
     Blender,
     /// nerfstudio and instant-ngp: `transforms.json`.
+    #[cfg_attr(feature = "clap", value(skip))]
     Transforms,
     /// Forward-facing captures: `poses_bounds.npy`.
     Llff,
     /// A reconstruction of COLMAP.
+    #[cfg_attr(feature = "clap", value(skip))]
     Colmap,
     /// DTU as IDR, NeuS or pixelNeRF keep it.
     Dtu,

@@ -9,17 +9,18 @@ use infonerf_experiment::{About, RunPlan};
 use infonerf_report::{Results, read_records, results_document, run_directory, write_atomically};
 
 use crate::command_line;
+use crate::print::outln;
 
-/// Write the results of several experiments as one Markdown document.
+/// Collect the results of experiments and sweeps in one Markdown document.
 #[derive(Debug, Args)]
 pub(crate) struct CollectArgs {
-    /// Folder of an experiment, such as runs/synthetic-4view.
+    /// Folder of an experiment or a sweep, such as runs/synthetic-4view
     #[arg(required = true, value_name = "DIR")]
     folders: Vec<PathBuf>,
-    /// Heading of the document.
+    /// Title of the document
     #[arg(long, default_value = "Results")]
     title: String,
-    /// File to write.
+    /// File to write
     #[arg(long, value_name = "FILE", default_value = "results.md")]
     out: PathBuf,
 }
@@ -27,7 +28,7 @@ pub(crate) struct CollectArgs {
 pub(crate) fn run(args: &CollectArgs) -> Result<ExitCode> {
     let experiments = args.folders.iter().map(|folder| read(folder)).collect::<Result<Vec<_>>>()?;
     write_atomically(&args.out, results_document(&args.title, &experiments).as_bytes())?;
-    println!("{} experiments: {}", experiments.len(), args.out.display());
+    outln!("{} experiments: {}", experiments.len(), args.out.display());
     Ok(ExitCode::SUCCESS)
 }
 
@@ -44,7 +45,7 @@ fn read(folder: &Path) -> Result<Results> {
     let Some(experiment) = records.first().map(|record| record.experiment.clone()) else {
         bail!("{}: expected at least one record", path.display());
     };
-    let mut about = About::read(&experiment)?;
+    let mut about = About::of_results(&experiment);
     about.data.clone_from(&plans[0].data);
     let input = about.report_input(records, &plans.iter().collect::<Vec<_>>())?;
     Ok(Results { input, command: command_line::read(folder) })

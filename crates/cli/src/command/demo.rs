@@ -15,6 +15,7 @@ use infonerf_train::Trainer;
 
 use crate::exit::INTERRUPTED;
 use crate::interrupt;
+use crate::print::{errln, outln};
 use crate::progress::Progress;
 use crate::selection::DeviceArgs;
 use crate::summary::summary;
@@ -27,16 +28,16 @@ Examples:
   infonerf demo --scene castle --device wgpu
       another scene, on a GPU";
 
-/// Learn a built-in scene from four views in a minute, and watch it appear.
+/// Train on four views of a built-in scene in about a minute, and watch it appear.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = DEMO_EXAMPLES)]
 pub(crate) struct DemoArgs {
-    /// A built-in scene (see `infonerf scene list`).
+    /// Built-in scene (see `infonerf scene list`)
     #[arg(long, default_value = "crane")]
     scene: String,
     #[command(flatten)]
     device: DeviceArgs,
-    /// Folder for results.
+    /// Folder for results
     #[arg(long, value_name = "DIR", default_value = "runs")]
     out: PathBuf,
 }
@@ -45,8 +46,8 @@ pub(crate) struct DemoArgs {
 const PREVIEWS: [f64; 3] = [0.05, 0.2, 0.5];
 /// Longest side of these pictures, in pixels.
 const PREVIEW_SIZE: u32 = 64;
-/// Test views that are measured: enough for a first look.
-const TEST_VIEWS: &str = "eval.test=first-5";
+/// Test views that are measured: a few all round, enough for a first look.
+const TEST_VIEWS: &str = "eval.test=every-40";
 
 pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
     let selection = Selection {
@@ -59,7 +60,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
     let plan = experiment.runs.first().context("expected a run of fast-losses")?;
     let session = Session::new(open_device(args.device.device)?, args.out.join("demo"), Resume::Never);
     interrupt::install()?;
-    println!("{}: four views are learned, others are predicted (on {})", args.scene, session.device.name);
+    outln!("{}: trained on four views, tested on others (on {})", args.scene, session.device.name);
     let mut progress = Progress::new(&args.scene)?;
     let mut due = PREVIEWS.iter().peekable();
     let finished = session.run(plan, &mut |event| {
@@ -69,13 +70,13 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
         {
             match preview(trainer) {
                 Ok(picture) => progress.suspend(|| show(&picture)),
-                Err(error) => progress.suspend(|| eprintln!("warning: no preview: {error}")),
+                Err(error) => progress.suspend(|| errln!("warning: no preview: {error}")),
             }
         }
         progress.watch(event)
     })?;
     let Finished::Record(record, trainers) = finished else {
-        println!("stopped");
+        outln!("stopped");
         return Ok(ExitCode::from(INTERRUPTED));
     };
     let folder = session.experiment_folder(&experiment.about.name);
@@ -85,11 +86,11 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
     if is_terminal()
         && let Some(trainer) = trainers.first()
     {
-        println!("left: a view that was not trained on, as learned; right: the truth");
+        outln!("a view that was not trained on: rendered on the left, its truth on the right");
         show(&beside_truth(trainer)?);
     }
-    println!("{}\nreport: {}", summary(&record), files.html.display());
-    println!("next: infonerf render {}", folder.join(plan.directory()).display());
+    outln!("{}\nreport: {}", summary(&record), files.html.display());
+    outln!("next: infonerf render {}", folder.join(plan.directory()).display());
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,6 +1,5 @@
 //! `infonerf completions` and `infonerf man`: what shells and `man` are told of the command line.
 
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -8,17 +7,19 @@ use anyhow::{Context, Result};
 use clap::{Args, Command};
 use clap_complete::Shell;
 
-/// Print the completions of a shell: `infonerf completions bash > /etc/bash_completion.d/infonerf`.
+use crate::print::{self, outln};
+
+/// Print shell completions: `infonerf completions bash > /etc/bash_completion.d/infonerf`.
 #[derive(Debug, Args)]
 pub(crate) struct CompletionsArgs {
-    /// Which shell.
+    /// The shell
     shell: Shell,
 }
 
-/// Write the manual pages, one for each command.
+/// Write the manual pages, one per subcommand.
 #[derive(Debug, Args)]
 pub(crate) struct ManArgs {
-    /// Folder for them, such as /usr/local/share/man/man1.
+    /// Folder for the pages, such as /usr/local/share/man/man1
     #[arg(long, value_name = "DIR", default_value = "man")]
     out: PathBuf,
 }
@@ -27,7 +28,7 @@ pub(crate) struct ManArgs {
 pub(crate) fn completions(args: &CompletionsArgs, command: &mut Command) -> Result<ExitCode> {
     let mut script = Vec::new();
     clap_complete::generate(args.shell, command, "infonerf", &mut script);
-    std::io::stdout().write_all(&script).context("standard output")?;
+    print::out(format_args!("{}", String::from_utf8(script)?));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -36,6 +37,6 @@ pub(crate) fn man(args: &ManArgs, command: Command) -> Result<ExitCode> {
     let named = || args.out.display().to_string();
     std::fs::create_dir_all(&args.out).with_context(named)?;
     clap_mangen::generate_to(command, &args.out).with_context(named)?;
-    println!("manual pages: {}", args.out.display());
+    outln!("manual pages: {}", args.out.display());
     Ok(ExitCode::SUCCESS)
 }

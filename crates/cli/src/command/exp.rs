@@ -20,10 +20,11 @@ use crate::exit::INTERRUPTED;
 use crate::launch::{LaunchArgs, drive};
 use crate::live::Live;
 use crate::output::{Output, Told};
+use crate::print::{errln, outln};
 use crate::progress::Progress;
 use crate::selection::SelectionArgs;
 use crate::summary::{print_claims, summary};
-use crate::terminal::{emphasis, open_device};
+use crate::terminal::{fitted, open_device};
 use crate::units::parse_time;
 use crate::{command_line, interrupt};
 
@@ -36,20 +37,20 @@ Examples:
   infonerf exp synthetic-4view --data nerf_synthetic --scene lego --variant infonerf --budget 60s
       one variant, one minute
   infonerf exp runs/synthetic-4view/lego/infonerf/seed0/config.toml
-      a run again, with the same numbers";
+      repeats a run, with the same numbers";
 
-/// Run an experiment: train every variant on every scene, evaluate on test views, write a report.
+/// Run an experiment: train every variant on every scene, evaluate on the test views, and write a report.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = EXP_EXAMPLES)]
 pub(crate) struct ExpArgs {
-    /// A built-in experiment (see `infonerf list`) or a TOML file, such as the config.toml of a run.
+    /// Built-in experiment (see `infonerf list`) or TOML file, such as the config.toml of a run
     experiment: String,
     #[command(flatten)]
     selection: SelectionArgs,
-    /// Training time for each run, such as 60s or 5m; the schedule follows the clock.
+    /// Training time per run, such as 60s or 5m; schedules follow the clock
     #[arg(long, value_name = "TIME", value_parser = parse_time, allow_hyphen_values = true)]
     budget: Option<Duration>,
-    /// Folder for results.
+    /// Folder for results
     #[arg(long, value_name = "DIR", default_value = "runs")]
     out: PathBuf,
     /// Go on with runs that were interrupted; finished ones are kept, as --jobs and --launch always do.
@@ -57,17 +58,17 @@ pub(crate) struct ExpArgs {
     resume: bool,
     #[command(flatten)]
     launch: LaunchArgs,
-    /// Show the runs in a browser while they train, at http://127.0.0.1:7007/ or another port (0: any that is free), with pause
-    /// and stop.
+    /// Show the runs in a browser while they train, with pause and stop, on this port of 127.0.0.1 (0: any free one; 7007 if
+    /// none is given)
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "7007")]
     view: Option<u16>,
-    /// Print where time went and what skipping saved.
+    /// Print where the time went and what skipping saved
     #[arg(long)]
     profile: bool,
-    /// Print nothing but warnings and errors.
+    /// Print only warnings and errors
     #[arg(long, conflicts_with = "json")]
     quiet: bool,
-    /// Print events as JSON, one per line, for other programs.
+    /// Print events as JSON, one per line
     #[arg(long)]
     json: bool,
 }
@@ -130,7 +131,7 @@ fn in_process(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
                 records = save_record(&folder, &record)?;
             }
             Finished::Kept(record) => {
-                output.say(format_args!("{label}: finished before, kept"));
+                output.say(format_args!("{label}: finished before and kept"));
                 output.tell(&json!({ "event": "record", "run": label, "record": &record }));
                 records = save_record(&folder, &record)?;
             }
@@ -184,7 +185,7 @@ fn watched(
     let mut told = Told::new(label);
     session.run(plan, &mut |event| {
         if let (RunEvent::Warning(warning), Output::Quiet) = (&event, output) {
-            eprintln!("warning: {warning}");
+            errln!("warning: {warning}");
         }
         if let Some(event) = told.event(&event) {
             output.tell(&event);
@@ -198,7 +199,7 @@ fn write_viewer(plan: &RunPlan, trainers: Vec<Trainer>, experiment: &Path) -> Re
     let run = Trained { plan: plan.clone(), trainers, warnings: Vec::new() };
     match infonerf_view::page(&run, None) {
         Ok(page) => write_atomically(&experiment.join(plan.directory()).join(VIEWER_PAGE), page.as_bytes())?,
-        Err(error) => eprintln!("warning: {}: no page in 3D: {error:#}", plan.label()),
+        Err(error) => errln!("warning: {}: no page in 3D: {error:#}", plan.label()),
     }
     Ok(())
 }
@@ -210,10 +211,10 @@ fn same(plan: &RunPlan, record: &Record) -> bool {
 
 fn announce(experiment: &Experiment, session: &Session) {
     let about = &experiment.about;
-    println!("{}: {} ({} runs, on {})", about.name, about.title, experiment.runs.len(), session.device.name);
+    outln!("{}: {} ({} runs, on {})", about.name, about.title, experiment.runs.len(), session.device.name);
     match &about.data {
-        Some(data) => println!("scenes from {}", data.display()),
-        None => println!("no --data given: using the built-in procedural scenes"),
+        Some(data) => outln!("scenes from {}", data.display()),
+        None => outln!("no --data given: using the built-in procedural scenes"),
     }
     let mut scenes: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for plan in &experiment.runs {
@@ -223,34 +224,34 @@ fn announce(experiment: &Experiment, session: &Session) {
         }
     }
     for (preset, scenes) in scenes {
-        println!("preset {preset}: {}", scenes.join(", "));
+        outln!("preset {preset}: {}", scenes.join(", "));
     }
 }
 
 fn print_table(records: &[Record]) {
-    println!();
+    outln!();
     for line in protocol_lines(records) {
-        println!("{line}");
+        outln!("{line}");
     }
-    println!("\n{}", overview_table(records, &Quantity::all()).to_text(emphasis()));
+    outln!("\n{}", fitted(&overview_table(records, &Quantity::all())));
 }
 
 fn print_profile(trainers: &[Trainer]) {
     let progress = total_progress(trainers);
     let steps = progress.step.max(1) as f64;
     let skipped = 1.0 - progress.samples_evaluated as f64 / progress.samples_total.max(1) as f64;
-    println!(
+    outln!(
         "    samples: {} of {} evaluated, {:.1} % skipped",
         progress.samples_evaluated,
         progress.samples_total,
         100.0 * skipped
     );
     if progress.pixels_skipped > 0 {
-        println!("    pixels: {} draws rejected as well fitted", progress.pixels_skipped);
+        outln!("    pixels: {} draws rejected as well fitted", progress.pixels_skipped);
     }
     for phase in Phase::ALL {
         let spent = trainers.iter().map(|trainer| trainer.profile().spent(phase).as_secs_f64()).sum::<f64>();
-        println!(
+        outln!(
             "    {:12} {:8.2} ms per step {:5.1} %",
             phase.name(),
             spent / steps * 1e3,

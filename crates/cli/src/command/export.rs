@@ -19,6 +19,7 @@ use infonerf_render::render_image;
 use infonerf_report::{VIEWER_PAGE, write_atomically};
 use infonerf_scene::{Camera, Scene, interpolate_views, resized_dimensions};
 
+use crate::print::{errln, outln};
 use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
 
@@ -31,7 +32,7 @@ Examples:
   infonerf export runs/synthetic-4view/castle/infonerf+/seed0 --format html
       one page that draws the scene in any browser with WebGL2; needs nothing else";
 
-/// Write a finished run as something that other programs read: a mesh, points, gaussian splats, a grid, its cameras, a web page.
+/// Export a finished run: a mesh, points, gaussian splats, a voxel grid, its cameras or a web page.
 #[derive(Debug, Args)]
 #[command(after_help = EXPORT_EXAMPLES)]
 pub(crate) struct ExportArgs {
@@ -115,11 +116,11 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
         FormatName::Html => page(plan, args)?,
     };
     write_atomically(&out, &bytes)?;
-    println!("{}: {summary}, {:.1} MB", out.display(), bytes.len() as f64 / 1e6);
+    outln!("{}: {summary}, {:.1} MB", out.display(), bytes.len() as f64 / 1e6);
     if let (Some(surface), SceneSource::Procedural(name)) = (surface, &source)
         && let Some(distance) = distance(&surface, name)?
     {
-        println!(
+        outln!(
             "chamfer distance to the exact surface that the training cameras see: {:.4} (accuracy {:.4}, completeness \
              {:.4}); a voxel is {:.4}",
             distance.mean(),
@@ -129,7 +130,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
         );
     }
     if let Some(help) = args.format.to_possible_value().and_then(|value| value.get_help().map(ToString::to_string)) {
-        println!("{help}");
+        outln!("{help}");
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -199,7 +200,7 @@ fn page(plan: RunPlan, args: &ExportArgs) -> Result<Exported> {
 fn read(plan: RunPlan, args: &ExportArgs) -> Result<Trained> {
     let trained = Trained::read(plan, &args.run, &open_device(args.device.device)?)?;
     for warning in &trained.warnings {
-        eprintln!("warning: {warning}");
+        errln!("warning: {warning}");
     }
     Ok(trained)
 }

@@ -11,6 +11,7 @@ use infonerf_train::Event;
 
 use crate::exit::INTERRUPTED;
 use crate::interrupt;
+use crate::print::outln;
 use crate::progress::Progress;
 use crate::selection::SelectionArgs;
 use crate::terminal::open_device;
@@ -22,17 +23,17 @@ Examples:
   infonerf pretrain pixelnerf-pretrain --data nerf_synthetic
       the same on all scenes in a folder
   infonerf exp integration-pixelnerf --set train.init=runs/pixelnerf-pretrain
-      fine-tune what came of it on a few views of another scene";
+      fine-tunes the result on a few views of another scene";
 
-/// Train one model on all scenes of an experiment, for other runs to begin with (`train.init`).
+/// Pre-train one model on all scenes of an experiment, to initialise other runs (`train.init`).
 #[derive(Clone, Debug, Args)]
 #[command(after_help = PRETRAIN_EXAMPLES)]
 pub(crate) struct PretrainArgs {
-    /// A built-in experiment (see `infonerf list`) or a TOML file: one variant, one seed, the scenes to learn from.
+    /// Built-in experiment (see `infonerf list`) or TOML file with one variant, one seed and the scenes to learn from
     experiment: String,
     #[command(flatten)]
     selection: SelectionArgs,
-    /// Folder for results: weights go to a folder of the experiment's name in it.
+    /// Folder for results; the weights go to a subfolder named after the experiment
     #[arg(long, value_name = "DIR", default_value = "runs")]
     out: PathBuf,
     /// Go on if interrupted.
@@ -49,7 +50,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     let session = Session::new(open_device(args.selection.device.device)?, &args.out, resume);
     interrupt::install()?;
     let about = &experiment.about;
-    println!("{}: {} ({} scenes, on {})", about.name, about.title, experiment.runs.len(), session.device.name);
+    outln!("{}: {} ({} scenes, on {})", about.name, about.title, experiment.runs.len(), session.device.name);
     let mut progress = Progress::new("pre-training")?;
     let mut last = VecDeque::with_capacity(LAST + 1);
     let pretrained = pretrain(&session, &experiment, &mut |event| {
@@ -62,13 +63,13 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
         progress.watch(event)
     })?;
     if !pretrained.finished {
-        println!("{}: saved; the same command with --resume goes on", about.name);
+        outln!("{}: saved; the same command with --resume goes on", about.name);
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let mean = last.iter().sum::<f32>() / last.len() as f32;
     let psnr =
         if last.is_empty() { String::new() } else { format!(", PSNR {mean:.2} dB over the last {LAST} steps' rays") };
-    println!("{} steps in {:.1} s{psnr}", pretrained.progress.step, pretrained.progress.seconds);
-    println!("begin with it: --set train.init={}", pretrained.folder.display());
+    outln!("{} steps in {:.1} s{psnr}", pretrained.progress.step, pretrained.progress.seconds);
+    outln!("to start from it: --set train.init={}", pretrained.folder.display());
     Ok(ExitCode::SUCCESS)
 }

@@ -8,6 +8,7 @@ use clap::Args;
 use infonerf_experiment::reproduce::{EXPERIMENTS, Plan, sweeps, write};
 
 use crate::launch::{LaunchArgs, drive};
+use crate::print::outln;
 use crate::selection::SelectionArgs;
 use crate::summary::print_claims;
 
@@ -22,24 +23,24 @@ Examples:
   infonerf reproduce --data nerf_synthetic --scene lego --only baseline --set scene.size=100
       the table of narrow and wide baselines on real Blender data
   infonerf reproduce --data nerf_llff_data --only llff-2view
-      captures alone on real ones: otherwise --data and --scene are of the synthetic experiments, and captures built in
-The same command again goes on where it was interrupted.";
+      only real captures; with other experiments --data and --scene apply to the synthetic ones alone
+The same command resumes where it was interrupted.";
 
-/// Run every table and figure of the paper at a small scale into one report, and tell whether what it says holds here.
+/// Reproduce the paper's tables and figures at a small scale in one report, and test its claims.
 #[derive(Debug, Args)]
 #[command(after_help = REPRODUCE_EXAMPLES)]
 pub(crate) struct ReproduceArgs {
-    /// Only this experiment, again for more.
+    /// Only this experiment; may be repeated
     #[arg(long, value_name = "EXPERIMENT", value_parser = EXPERIMENTS)]
     only: Vec<String>,
-    /// Four scenes and five view sets for each claim; without it what fits into an hour on two cores.
+    /// Four scenes and five view sets per claim, instead of what fits into an hour on two cores
     #[arg(long)]
     full: bool,
     #[command(flatten)]
     selection: SelectionArgs,
     #[command(flatten)]
     launch: LaunchArgs,
-    /// Folder for results, which go into its folder `reproduce`, or `reproduce-full`.
+    /// Folder for results, which go into its subfolder `reproduce`, or `reproduce-full`
     #[arg(long, value_name = "DIR", default_value = "runs")]
     out: PathBuf,
 }
@@ -49,10 +50,10 @@ pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
     let sweeps = sweeps(&args.only, plan, &args.selection.selection(None))?;
     let out = args.out.join(folder);
     drive(&sweeps, &args.selection, &args.launch, &out, |outcomes| {
-        println!();
+        outln!();
         outcomes.iter().for_each(|outcome| print_claims(&outcome.input));
         let inputs = outcomes.into_iter().map(|outcome| outcome.input).collect();
-        println!("\nreport: {}", write(inputs, &out)?.display());
+        outln!("\nreport: {}", write(inputs, &out)?.display());
         Ok(())
     })
 }

@@ -4,63 +4,53 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
-use clap::{Subcommand, ValueEnum};
+use clap::Subcommand;
 use infonerf_dataset::{SceneSource, check, export, from_images, info, info_page, load, outline};
 use infonerf_procedural as procedural;
 use infonerf_report::write_atomically;
 use infonerf_scene::{Format, SceneRequest, TestProtocol, ViewSelection};
 
-/// List or export scenes.
+use crate::print::{errln, outln};
+
+/// List, describe, check or export scenes; find the poses of photographs.
 #[derive(Debug, Subcommand)]
 pub(crate) enum SceneCommand {
     /// List the built-in scenes.
     List,
-    /// What is in a folder of photographs: format, cameras, lens, bounds, splits; with a page that shows them in 3D.
+    /// Describe a folder of photographs: format, cameras, lens, bounds, splits.
     Info {
-        /// The folder.
+        /// Folder of the scene
         dir: PathBuf,
-        /// As JSON.
+        /// Print JSON
         #[arg(long)]
         json: bool,
-        /// Write a page that shows cameras, points and the scene's box.
+        /// Write a page that shows cameras, points and the scene's box in 3D
         #[arg(long, value_name = "FILE")]
         page: Option<PathBuf>,
     },
-    /// Look for what makes captures fail: cameras far off, blurred images, a doubtful up axis, a narrow baseline.
+    /// Check a capture for what makes training fail: outlying cameras, blurred images, a doubtful up axis, a narrow baseline.
     Check {
-        /// The folder.
+        /// Folder of the scene
         dir: PathBuf,
     },
-    /// Find the poses of photographs with an installed `colmap`: writes DIR/sparse/0.
+    /// Find the poses of photographs with the installed `colmap`; writes DIR/sparse/0.
     FromImages {
-        /// The folder that holds the photographs.
+        /// Folder of the photographs
         dir: PathBuf,
     },
-    /// Write a built-in scene as a folder in the format of a published data set.
+    /// Export a built-in scene in the format of a published data set.
     Export {
-        /// Name of the scene.
+        /// Name of the scene
         name: String,
-        /// Folder to write.
+        /// Folder to write
         dir: PathBuf,
-        /// The format.
+        /// Format of the folder
         #[arg(long, value_enum, default_value = "blender")]
-        format: SceneFormatName,
-        /// Side of the images in pixels.
+        format: Format,
+        /// Side of the images in pixels
         #[arg(long, default_value_t = infonerf_procedural::DEFAULT_SIZE)]
         size: u32,
     },
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum SceneFormatName {
-    /// Training and test images with coverage, and exact depth, as NeRF's synthetic scenes.
-    Blender,
-    /// Forty photographs, poses and depth bounds, as the captures of LLFF; suits `room`.
-    Llff,
-    /// Forty-nine photographs, projection matrices and masks, as DTU in IDR's and NeuS's copies; suits `table`.
-    Dtu,
-    /// A frame of 23 cameras that distort, masks and a body, as ZJU-MoCap; suits `figure`.
-    Zju,
 }
 
 /// Longest side of the images that are looked at for blur, in pixels: enough to tell, little to read.
@@ -68,40 +58,31 @@ const CHECKED_SIZE: u32 = 512;
 
 pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
     match command {
-        SceneCommand::List => procedural::NAMES.iter().for_each(|name| println!("{name}")),
+        SceneCommand::List => procedural::NAMES.iter().for_each(|name| outln!("{name}")),
         SceneCommand::Info { dir, json, page } => show(dir, *json, page.as_deref())?,
         SceneCommand::Check { dir } => warn(dir)?,
         SceneCommand::FromImages { dir } => {
-            from_images(dir, |line| println!("{line}"))?;
+            from_images(dir, |line| outln!("{line}"))?;
             show(dir, false, None)?;
         }
         SceneCommand::Export { name, dir, format, size } => {
-            export(name, *size, format_of(*format), dir)?;
+            export(name, *size, *format, dir)?;
             show(dir, false, None)?;
         }
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn format_of(format: SceneFormatName) -> Format {
-    match format {
-        SceneFormatName::Blender => Format::Blender,
-        SceneFormatName::Llff => Format::Llff,
-        SceneFormatName::Dtu => Format::Dtu,
-        SceneFormatName::Zju => Format::Zju,
-    }
-}
-
 fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
     let info = info(dir)?;
     if json {
-        println!("{}", serde_json::to_string_pretty(&info)?);
+        outln!("{}", serde_json::to_string_pretty(&info)?);
     } else {
-        println!("{info}");
+        outln!("{info}");
     }
     if let Some(page) = page {
         write_atomically(page, info_page(&outline(dir)?).as_bytes())?;
-        eprintln!("{}", page.display());
+        errln!("{}", page.display());
     }
     Ok(())
 }
@@ -117,10 +98,10 @@ fn warn(dir: &Path) -> Result<()> {
     let scene = load(&SceneSource::Folder { path: dir.to_owned() }, &request).context("the scene cannot be loaded")?;
     let warnings = check(&scene);
     for warning in &warnings {
-        println!("{warning}");
+        outln!("{warning}");
     }
     if warnings.is_empty() {
-        println!("{}: {} views, nothing to warn of", dir.display(), scene.train.len() + scene.test.len());
+        outln!("{}: {} views, nothing to warn of", dir.display(), scene.train.len() + scene.test.len());
     }
     Ok(())
 }

@@ -23,42 +23,42 @@ Examples:
   infonerf sweep loss-ablation --variant both --random 20 --range loss.entropy.weight=log:1e-5:1e-1 --halving 3
       twenty random weights; the two thirds that fit the training images worst are stopped early, twice
   infonerf sweep synthetic-4view --grid loss.entropy.weight=0,1e-3 --seed 0..4 --launch slurm --timeout 30m --watch
-      each run as a task of a Slurm array; a run that 30 minutes do not suffice for saves, and goes on the next time
-The same command again goes on where it was interrupted.";
+      each run as a task of a Slurm array; runs that need more than 30 minutes are saved and resumed
+The same command resumes where it was interrupted.";
 
-/// Run an experiment for every combination of some values, and tabulate and plot what came of it.
+/// Run an experiment for every combination of the given values, and tabulate and plot the results.
 #[derive(Debug, Args)]
 #[command(after_help = SWEEP_EXAMPLES)]
 pub(crate) struct SweepArgs {
-    /// A built-in experiment (see `infonerf list`) or a TOML file.
+    /// Built-in experiment (see `infonerf list`) or TOML file
     experiment: String,
-    /// A key of the config and the values that it takes; again for every combination with another key's.
+    /// Key of the config and its values; may be repeated, for every combination
     #[arg(long = "grid", value_name = "KEY=V1,V2,...", required_unless_present_any = ["random", "space"])]
     grids: Vec<String>,
-    /// Ready grids: `paper` has four values of each of λ1 and λ2.
-    #[arg(long, value_name = "NAME")]
+    /// Predefined grids; `paper`: four values of λ1 times four of λ2
+    #[arg(long, value_name = "NAME", hide_possible_values = true)]
     space: Option<ReadySpace>,
-    /// Random settings of the keys of --range: always the same ones, and more of them for a larger N.
+    /// Number of random settings, drawn from --range; a larger N keeps those of a smaller one
     #[arg(long, value_name = "N", requires = "ranges", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     random: Option<u32>,
-    /// A key of the config and where --random draws it from: evenly, evenly in its logarithm, or whole numbers.
+    /// Key of the config and the range that --random draws from: uniform, log-uniform (log:) or whole numbers (int:)
     #[arg(long = "range", value_name = "KEY=[log:|int:]LOW:HIGH", requires = "random")]
     ranges: Vec<String>,
-    /// Other random settings [default: 0]
+    /// Seed of --random [default: 0]
     #[arg(long, value_name = "N", requires = "random")]
     random_seed: Option<u64>,
-    /// Stop hopeless settings early (successive halving): at 1/N² and 1/N of each run, for instance, only the 1/N of
-    /// the settings go on that fit the training images best. Test views have no part in it.
+    /// Successive halving: after 1/N² and 1/N of each run, for instance, only the 1/N of the settings continue that fit the
+    /// training images best; test views are not looked at
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2..=16))]
     halving: Option<u32>,
     #[command(flatten)]
     selection: SelectionArgs,
-    /// Training time for each run, such as 60s or 5m; the schedule follows the clock.
+    /// Training time per run, such as 60s or 5m; schedules follow the clock
     #[arg(long, value_name = "TIME", value_parser = parse_time)]
     budget: Option<Duration>,
     #[command(flatten)]
     launch: LaunchArgs,
-    /// Folder for results.
+    /// Folder for results
     #[arg(long, value_name = "DIR", default_value = "runs")]
     out: PathBuf,
 }

@@ -13,30 +13,31 @@ use infonerf_experiment::{Finished, RunEvent};
 
 use crate::exit::FAILED;
 use crate::interrupt;
+use crate::print::{errln, outln};
 use crate::progress::Progress;
 use crate::selection::{DeviceArgs, NetworkArgs};
 use crate::summary::summary;
 use crate::terminal::open_device;
 use crate::units::parse_time;
 
-/// Run one line of a sweep's manifest, as the jobs of --launch do.
+/// Run one item of a sweep's manifest, as the jobs of --launch do.
 #[derive(Debug, Args)]
 pub(crate) struct SweepItemArgs {
-    /// The manifest.jsonl of a sweep; results go into its folder.
+    /// The manifest.jsonl of a sweep; results go into its folder
     manifest: PathBuf,
-    /// Which of its items, from 0.
+    /// Index of the item, from 0
     item: usize,
     #[command(flatten)]
     device: DeviceArgs,
     #[command(flatten)]
     networks: NetworkArgs,
-    /// Stop after this share of the run, such as 0.25, saved to go on later.
-    #[arg(long, value_name = "SHARE", value_parser = parse_share)]
+    /// Stop after this fraction of the run, such as 0.25; it can be resumed
+    #[arg(long, value_name = "FRACTION", value_parser = parse_share)]
     until: Option<f64>,
-    /// Give up after this time, such as 10m; what was saved stays.
+    /// Give up after this time, such as 10m; what was saved is kept
     #[arg(long, value_name = "TIME", value_parser = parse_time)]
     timeout: Option<Duration>,
-    /// End when standard input is closed, as it is when the parent process ends.
+    /// End when standard input is closed, as it is when the parent process ends
     #[arg(long, hide = true)]
     tied: bool,
 }
@@ -62,13 +63,13 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
     match finished {
         Finished::Record(record, _) => {
             if let Some(bytes) = record.peak_rss_bytes {
-                println!("{PEAK_MEMORY}{}", bytes >> 20);
+                outln!("{PEAK_MEMORY}{}", bytes >> 20);
             }
-            println!("{}", summary(&record));
+            outln!("{}", summary(&record));
         }
-        Finished::Kept(_) => println!("finished before, kept"),
+        Finished::Kept(_) => outln!("finished before and kept"),
         Finished::Stopped if interrupt::asked() => return Ok(ExitCode::from(STOPPED as u8)),
-        Finished::Stopped => println!("stopped and saved, to go on later"),
+        Finished::Stopped => outln!("stopped and saved; can be resumed"),
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -76,7 +77,7 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
 /// Ends the process when its time is up: what is on disk is complete at any time.
 fn end_after(timeout: Duration) {
     std::thread::sleep(timeout);
-    eprintln!("error: timed out after {} s; what was saved is kept", timeout.as_secs_f64());
+    errln!("error: timed out after {} s; what was saved is kept", timeout.as_secs_f64());
     std::process::exit(i32::from(FAILED));
 }
 

@@ -6,6 +6,7 @@ use anyhow::Result;
 use clap::Args;
 use infonerf_view::Server;
 
+use crate::print::{errln, outln};
 use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
 
@@ -40,11 +41,11 @@ pub(crate) struct ViewArgs {
 pub(crate) fn run(args: &ViewArgs) -> Result<ExitCode> {
     let device = open_device(args.device.device)?;
     let server = Server::start(&args.dir, SocketAddr::new(args.host, args.port), device, None)?;
-    println!("{} shows {} (Ctrl-C ends)", server.url(), args.dir.display());
+    outln!("{} shows {} (Ctrl-C ends)", server.url(), args.dir.display());
     if args.open
         && let Err(error) = open::that(server.url())
     {
-        eprintln!("warning: --open: no browser could be started: {error}");
+        errln!("warning: --open: no browser could be started: {error}");
     }
     server.wait()?;
     Ok(ExitCode::SUCCESS)

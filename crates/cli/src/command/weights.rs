@@ -8,18 +8,19 @@ use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_pretrained::{Progress, Status, Store};
 
+use crate::print::outln;
 use crate::selection::NetworkArgs;
 
 const WEIGHTS_EXAMPLES: &str = "\
 Examples:
   infonerf weights
-      what there is, what needs it, and whether it is here
+      lists the weights, what needs them, and whether they are here
   infonerf weights fetch lpips-vgg
-      download it, check its SHA-256, and keep it in the user's cache
+      downloads a file, verifies its SHA-256, and keeps it in the user's cache
   infonerf weights import vgg16-397923af.pth
-      take a file that is here already: PyTorch's or safetensors";
+      imports a local file, PyTorch's or safetensors";
 
-/// List the published weights that metrics, losses and encoders need; fetch or import them.
+/// List, download or import the published weights of metrics, losses and encoders.
 #[derive(Debug, Args)]
 #[command(after_help = WEIGHTS_EXAMPLES)]
 pub(crate) struct WeightsArgs {
@@ -31,15 +32,15 @@ pub(crate) struct WeightsArgs {
 
 #[derive(Debug, Subcommand)]
 enum WeightsCommand {
-    /// Download weights, check their sum, and keep what is needed; goes on where a download was cut off.
+    /// Download weights and verify their checksums; resumes an interrupted download.
     Fetch {
-        /// Names, as `infonerf weights` lists them.
+        /// Names, as `infonerf weights` lists them
         #[arg(required = true, value_name = "NAME")]
         names: Vec<String>,
     },
-    /// Take a file of weights that is here: safetensors, or what PyTorch saves.
+    /// Import a local file of weights, safetensors or PyTorch's.
     Import {
-        /// The file.
+        /// The file
         file: PathBuf,
     },
 }
@@ -59,15 +60,15 @@ fn list(store: &Store) {
     for Status { weights, path } in store.status() {
         let place = path.as_ref().map_or_else(|| "not here".to_owned(), |path| path.display().to_string());
         let megabytes = weights.bytes as f64 / 1e6;
-        println!("{:17} {}", weights.name, weights.needed_by);
-        println!("{:17} {} ({megabytes:.1} MB)\n{:17} SHA-256 {}", "", weights.url, "", weights.sha256);
-        println!("{:17} {place}", "");
+        outln!("{:17} {}", weights.name, weights.needed_by);
+        outln!("{:17} {} ({megabytes:.1} MB)\n{:17} SHA-256 {}", "", weights.url, "", weights.sha256);
+        outln!("{:17} {place}", "");
     }
-    println!("\nLooked for in this order:");
+    outln!("\nSearched in this order:");
     for folder in store.folders() {
-        println!("  {}", folder.display());
+        outln!("  {}", folder.display());
     }
-    println!("`infonerf weights fetch NAME` downloads, `infonerf weights import FILE` takes a file that is here.");
+    outln!("`infonerf weights fetch NAME` downloads a file, `infonerf weights import FILE` takes a local one.");
 }
 
 fn fetch(store: &Store, names: &[String]) -> Result<()> {
@@ -80,7 +81,7 @@ fn fetch(store: &Store, names: &[String]) -> Result<()> {
             bar.set_position(done);
         })?;
         for file in files {
-            bar.suspend(|| println!("{}", file.display()));
+            bar.suspend(|| outln!("{}", file.display()));
         }
     }
     bar.finish_and_clear();
@@ -89,7 +90,7 @@ fn fetch(store: &Store, names: &[String]) -> Result<()> {
 
 fn import(store: &Store, file: &Path) -> Result<()> {
     for (weights, path) in store.import(file)? {
-        println!("{}: {}", weights.name, path.display());
+        outln!("{}: {}", weights.name, path.display());
     }
     Ok(())
 }

@@ -10,6 +10,7 @@ use infonerf_experiment::sweep::{Execution, Outcome, Prepared, State, Sweep};
 
 use super::{LaunchArgs, Place, jobs, local};
 use crate::exit::{FAILED, INTERRUPTED};
+use crate::print::{errln, outln};
 use crate::selection::SelectionArgs;
 use crate::summary::print_outcome;
 use crate::terminal::open_device;
@@ -57,7 +58,7 @@ pub(crate) fn drive(
             selection.networks.open(&open_device(device)?)?;
             let workers = Workers { runner, jobs: launch.jobs.unwrap_or(1) as usize, stop: interrupt::asked };
             let Some(ended) = here(prepare()?, out, &workers)? else {
-                println!("stopped and saved; the same command resumes");
+                outln!("stopped and saved; the same command resumes");
                 return Ok(ExitCode::from(INTERRUPTED));
             };
             ended
@@ -78,13 +79,13 @@ fn here(sweeps: Vec<(&Sweep, Prepared)>, out: &Path, workers: &Workers) -> Resul
         announce(sweep, &prepared);
         let adopted = sweep.adopt(&mut prepared, &done, out, workers.runner.device)?;
         if adopted > 0 {
-            println!("{adopted} runs are those of experiments above, under other names");
+            outln!("{adopted} runs are those of experiments above, under other names");
         }
         done.push(sweep);
         command_line::save(&out.join(&sweep.about.name))?;
         let Execution::Ended { failed, outcome } = local::execute(sweep, &prepared, workers)? else { return Ok(None) };
         if failed > 0 {
-            eprintln!("{failed} of {} runs failed; the same command tries them again", sweep.len());
+            errln!("{failed} of {} runs failed; the same command tries them again", sweep.len());
         }
         all_failed += failed;
         outcomes.extend(shown(outcome));
@@ -103,7 +104,7 @@ fn merge(sweeps: &[Sweep], out: &Path, device: DeviceName) -> Result<(usize, Vec
         if missing > 0 {
             let few = merged.missing.iter().take(MOST_NAMED).cloned().collect::<Vec<_>>().join(", ");
             let more = if missing > MOST_NAMED { ", ..." } else { "" };
-            eprintln!("{name}: {missing} of {} runs are not finished: {few}{more}", sweep.len());
+            errln!("{name}: {missing} of {} runs are not finished: {few}{more}", sweep.len());
         }
         all_missing += missing;
     }
@@ -121,21 +122,21 @@ fn shown(outcome: Option<Box<Outcome>>) -> Option<Outcome> {
 /// Prints a heading where one is of `several`.
 fn title(sweep: &Sweep, several: bool) {
     if several {
-        println!("\n{}", sweep.about.title);
+        outln!("\n{}", sweep.about.title);
     }
 }
 
 /// Says what there is to do.
 fn announce(sweep: &Sweep, prepared: &Prepared) {
     let State { kept, stale, .. } = prepared.state();
-    println!("{}: {} runs, {kept} of them finished before and kept", sweep.about.name, sweep.len());
+    outln!("{}: {} runs, {kept} of them finished before and kept", sweep.about.name, sweep.len());
     if *stale > 0 {
-        println!("{stale} finished before with other data, program, device or first weights: run again");
+        outln!("{stale} finished before with other data, program, device or first weights: run again");
     }
     if let Some(warning) = &prepared.warning {
-        eprintln!("warning: {warning}");
+        errln!("warning: {warning}");
     }
     for notice in &sweep.notices {
-        println!("{notice}");
+        outln!("{notice}");
     }
 }

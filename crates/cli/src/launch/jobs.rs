@@ -9,6 +9,7 @@ use infonerf_experiment::launch::{self, Batch, Launched, Live, Runner, Scheduler
 use infonerf_experiment::sweep::{Prepared, Sweep};
 
 use crate::exit::INTERRUPTED;
+use crate::print::{errln, outln};
 use crate::{command_line, interrupt};
 
 /// Time between two questions to the scheduler.
@@ -24,10 +25,10 @@ pub(super) fn batches(sweeps: &[(&Sweep, Prepared)]) -> Result<Vec<Batch>> {
 pub(super) fn print(batches: &[Batch], runner: &Runner) -> Result<ExitCode> {
     for batch in batches {
         for command in commands(batch, runner)? {
-            println!("{command}");
+            outln!("{command}");
         }
     }
-    eprintln!("one command per unfinished run; then the same command with --merge writes the tables");
+    errln!("one command per unfinished run; then the same command with --merge writes the tables");
     Ok(ExitCode::SUCCESS)
 }
 
@@ -39,17 +40,17 @@ pub(super) fn submit(
     watched: bool,
 ) -> Result<Option<ExitCode>> {
     let launched = launch::submit(batches, scheduler, runner, &command_line::merging()?)?;
-    println!("{} runs submitted as {} {}", launched.items(), scheduler.launcher(), launched.jobs.join(", "));
+    outln!("{} runs submitted as {} {}", launched.items(), scheduler.launcher(), launched.jobs.join(", "));
     if watched {
         if watch(&launched, scheduler)? {
             return Ok(None);
         }
-        println!("the jobs continue without this; `{}` ends them", scheduler.cancel(&launched.jobs));
+        outln!("the jobs continue without this; `{}` ends them", scheduler.cancel(&launched.jobs));
         return Ok(Some(ExitCode::from(INTERRUPTED)));
     }
     match launched.merges {
-        true => println!("the last of them merges; the same command with --merge does so before"),
-        false => println!("the same command with --merge writes the tables"),
+        true => outln!("the last of them merges; the same command with --merge does so before"),
+        false => outln!("the same command with --merge writes the tables"),
     }
     Ok(Some(ExitCode::SUCCESS))
 }

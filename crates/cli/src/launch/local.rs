@@ -7,6 +7,8 @@ use indicatif::{ProgressBar, ProgressStyle};
 use infonerf_experiment::launch::{Ended, Workers};
 use infonerf_experiment::sweep::{Execution, Prepared, Sweep, SweepEvent};
 
+use crate::print::{errln, outln};
+
 /// Runs what is missing of `sweep`, and tells of each run that ends.
 pub(super) fn execute(sweep: &Sweep, prepared: &Prepared, workers: &Workers) -> Result<Execution> {
     let style = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} runs {elapsed}, {eta} left")?;
@@ -19,13 +21,13 @@ pub(super) fn execute(sweep: &Sweep, prepared: &Prepared, workers: &Workers) -> 
         }
         SweepEvent::Item { index, label, ended } => {
             bar.suspend(|| match ended {
-                Ended::Finished(summary) => println!("[{index}] {label}: {summary}"),
+                Ended::Finished(summary) => outln!("[{index}] {label}: {summary}"),
                 Ended::Stopped => {}
-                Ended::Failed(reason) => eprintln!("[{index}] {label}: failed: {reason}"),
+                Ended::Failed(reason) => errln!("[{index}] {label}: failed: {reason}"),
             });
             bar.inc(1);
         }
         SweepEvent::Ended => bar.finish_and_clear(),
-        SweepEvent::Dropped { variant, reason } => println!("{variant} is stopped: {reason}"),
+        SweepEvent::Dropped { variant, reason } => outln!("{variant} is stopped: {reason}"),
     })
 }

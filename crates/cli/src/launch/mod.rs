@@ -20,32 +20,32 @@ pub(crate) use drive::drive;
 /// Where runs happen, and how much of it they may take.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct LaunchArgs {
-    /// Most runs at a time, each in a process of its own [default: 1 locally, limited by cores and free memory; as many as
-    /// the scheduler starts elsewhere]
+    /// Runs at a time, each in a process of its own, no more than cores and free memory allow [default: 1; with --launch, as
+    /// many as the scheduler starts]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     jobs: Option<u32>,
-    /// Give up on a run that takes longer than this, such as 10m, and continue with the others; what was saved is kept.
+    /// Give up on a run that takes longer than this, such as 10m, and continue with the others; what was saved is kept
     #[arg(long, value_name = "TIME", value_parser = parse_time)]
     timeout: Option<Duration>,
-    /// Where runs happen: slurm and hyperqueue submit jobs that share the folder for results.
-    #[arg(long, value_name = "LAUNCHER", default_value_t = Launcher::Local, help_heading = "Other machines")]
+    /// Where runs happen
+    #[arg(long, value_enum, value_name = "LAUNCHER", default_value_t, help_heading = "Other machines")]
     launch: Launcher,
-    /// Slurm's partition.
+    /// Slurm's partition
     #[arg(long, value_name = "NAME", help_heading = "Other machines")]
     partition: Option<String>,
-    /// Memory per run, such as 8G.
+    /// Memory per run, such as 8G
     #[arg(long, value_name = "SIZE", value_parser = parse_mebibytes, help_heading = "Other machines")]
     memory: Option<u64>,
-    /// Processor cores per run.
+    /// Processor cores per run
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096), help_heading = "Other machines")]
     cpus: Option<u32>,
-    /// Another option of sbatch or hq submit, such as --submit-option=--account=vision; may be repeated.
+    /// Another option of sbatch or hq submit, such as --submit-option=--account=vision; may be repeated
     #[arg(long = "submit-option", value_name = "OPTION", allow_hyphen_values = true, help_heading = "Other machines")]
     submit_options: Vec<String>,
-    /// Show the progress of the jobs until they have ended, then the table.
+    /// Show the progress of the jobs until they have ended, then the table
     #[arg(long, help_heading = "Other machines")]
     watch: bool,
-    /// Run nothing; write tables and report of what is finished.
+    /// Run nothing; write the tables and the report of what is finished
     #[arg(long, help_heading = "Other machines")]
     merge: bool,
 }

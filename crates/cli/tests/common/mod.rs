@@ -131,18 +131,6 @@ impl Invocation {
             assert!(stderr.contains(part), "{args}: expected `{part}` in: {stderr}");
         }
     }
-
-    /// A fault that the argument parser finds: exit code 2 and its own usage text.
-    pub fn assert_refused(self, parts: &[&str]) {
-        let args = format!("{:?}", self.args);
-        let output = self.into_command().output().unwrap();
-        let stderr = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{args}: {stderr}");
-        assert!(stderr.starts_with("error: ") && !stderr.contains("panicked"), "{args}: {stderr}");
-        for part in parts {
-            assert!(stderr.contains(part), "{args}: expected `{part}` in: {stderr}");
-        }
-    }
 }
 
 pub fn text(bytes: &[u8]) -> String {

@@ -15,7 +15,7 @@ const NAME: &str = "jobs.json";
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Jobs {
-    pub(super) launcher: String,
+    pub(super) launcher: Launcher,
     /// Ids, that of the job that merges among them.
     pub(super) ids: Vec<String>,
 }
@@ -40,9 +40,7 @@ impl Jobs {
 pub(crate) fn refuse_under_way(folder: &Path) -> Result<()> {
     let Some(jobs) = Jobs::read(folder)? else { return Ok(()) };
     let path = launch_folder(folder).join(NAME);
-    let launcher: Launcher =
-        jobs.launcher.parse().map_err(anyhow::Error::msg).with_context(|| path.display().to_string())?;
-    let Some(scheduler) = launcher.scheduler(Resources::default())? else { return Ok(()) };
+    let Some(scheduler) = jobs.launcher.scheduler(Resources::default())? else { return Ok(()) };
     let Live { waiting, running } = scheduler.live(&jobs.ids).with_context(|| {
         format!("{}: whether its jobs have ended cannot be told (remove the file if they have)", path.display())
     })?;

@@ -41,7 +41,7 @@ pub struct Workers {
 pub(crate) struct Queue<'a> {
     pub(crate) manifest: &'a Path,
     pub(crate) workers: &'a Workers,
-    /// Share of each run after which it is stopped, to go on later.
+    /// Fraction of each run after which it is stopped, to be resumed later.
     pub(crate) until: Option<f64>,
 }
 

@@ -1,7 +1,7 @@
 //! Where the items of a manifest run: on this machine, or on others as jobs of a scheduler.
 //!
-//! A line of the manifest says all that its run needs, and each item is a process of its own that finishes, or goes on
-//! with, one run below the manifest's folder. That folder is all that machines have to share.
+//! A line of the manifest says all that its run needs, and each item is a process of its own that runs or resumes one run
+//! below the manifest's folder. That folder is all that machines have to share.
 //!
 //! ```text
 //! manifest.jsonl ─► local: processes of this machine
@@ -25,9 +25,9 @@ mod submit;
 use std::ffi::OsString;
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::str::FromStr;
 
 use anyhow::{Result, bail};
+use serde::{Deserialize, Serialize};
 
 use array::Array;
 use hyperqueue::Hyperqueue;
@@ -40,23 +40,22 @@ use slurm::Slurm;
 pub use submit::{Launched, Progress, submit};
 
 /// What runs items.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Launcher {
     /// Processes of this machine.
     #[default]
     Local,
-    /// Array jobs of Slurm.
+    /// Array jobs of Slurm, which share the folder for results.
     Slurm,
-    /// Task arrays of HyperQueue.
+    /// Task arrays of HyperQueue, which share the folder for results.
     Hyperqueue,
-    /// Nothing: the commands are printed, for any other scheduler.
+    /// Nothing: a command per run is printed, for any other scheduler.
     Print,
 }
 
 impl Launcher {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Local, Self::Slurm, Self::Hyperqueue, Self::Print];
-
     /// As written on the command line.
     pub fn name(self) -> &'static str {
         match self {
@@ -92,16 +91,6 @@ impl Launcher {
 impl fmt::Display for Launcher {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.name())
-    }
-}
-
-impl FromStr for Launcher {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let known = || Self::ALL.map(Self::name).join(", ");
-        let found = Self::ALL.into_iter().find(|launcher| launcher.name() == text);
-        found.ok_or_else(|| format!("expected one of {}", known()))
     }
 }
 

@@ -37,7 +37,7 @@ pub fn submit(batches: Vec<Batch>, scheduler: &dyn Scheduler, runner: &Runner, m
     let mut all: Vec<String> = Vec::new();
     let mut lists = Vec::new();
     for batch in &batches {
-        let mut jobs = Jobs { launcher: scheduler.launcher().name().to_owned(), ids: Vec::new() };
+        let mut jobs = Jobs { launcher: scheduler.launcher(), ids: Vec::new() };
         for array in Array::of(&batch.items, limit) {
             let after = jobs.ids.last().map(String::as_str);
             let id = scheduler.submit(batch, &array, runner, after).with_context(|| refused(batch, &array, &all))?;

@@ -2,7 +2,7 @@
 //!
 //! Settings are judged by how well they fit the images that they are trained on, over the steps before a rung: a step's rays are
 //! drawn at random, and its PSNR is taken before it learns from them. Test views have no part in it. The judgement is
-//! read from what the runs logged, so that a sweep that is interrupted and goes on judges alike.
+//! read from what the runs logged, so that a resumed sweep judges alike.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -18,7 +18,7 @@ const MOST_RUNGS: u32 = 3;
 /// Share of the steps before a rung that are averaged.
 const WINDOW: f64 = 0.25;
 
-/// Shares of a run, rising, after which one of `keep` settings goes on, for as long as more than one is left.
+/// Fractions of a run, rising, after which one of `keep` settings continues, for as long as more than one is left.
 pub(super) fn rungs(settings: usize, keep: u32) -> Vec<f64> {
     let count = settings.max(1).ilog(keep as usize).min(MOST_RUNGS);
     (1..=count).rev().map(|rung| f64::from(keep).powi(-(rung as i32))).collect()

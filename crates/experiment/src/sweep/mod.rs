@@ -108,9 +108,9 @@ pub struct Merged {
     pub outcome: Option<Box<Outcome>>,
 }
 
-/// What came of a sweep.
+/// How a sweep ended.
 pub enum Execution {
-    /// It was told to stop, and can go on.
+    /// It was told to stop, and can be resumed.
     Stopped,
     /// All that can be done is done.
     Ended {

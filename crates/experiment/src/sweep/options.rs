@@ -15,7 +15,7 @@ pub struct SweepOptions {
     pub ranges: Vec<String>,
     /// Other random settings.
     pub random_seed: u64,
-    /// Of how many settings one goes on at each rung of successive halving.
+    /// At each rung of successive halving, one of this many settings continues.
     pub halving: Option<u32>,
     /// Which runs of the experiment.
     pub selection: Selection,

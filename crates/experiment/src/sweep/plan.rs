@@ -16,7 +16,7 @@ pub struct Sweep {
     /// What its experiment is.
     pub about: About,
     pub(super) space: Space,
-    /// Of how many settings one continues at each rung of successive halving.
+    /// At each rung of successive halving, one of this many settings continues.
     pub halving: Option<u32>,
     /// In the order of the tables: by scene, variant, values, seed.
     pub(super) items: Vec<Item>,
@@ -51,13 +51,14 @@ impl Sweep {
     pub fn plan(experiment: &str, options: &SweepOptions) -> Result<Self> {
         let space = Space::parse(options)?;
         let outline = Outline::read(experiment, &options.selection)?;
-        let name = format!("sweep-{}", outline.about.name);
+        let about = outline.about.clone().swept();
         let runs_of = |(order, setting): (usize, Setting)| -> Result<Vec<_>> {
             let assignments = space.assignments(&setting)?;
             let runs = outline.runs(&assignments).with_context(|| format!("with {}", assignments.join(" ")))?;
             let item = |(index, plan): (usize, RunPlan)| {
                 let variant = plan.variant.clone();
-                let plan = RunPlan { experiment: name.clone(), variant: safe_name(&variant, &assignments), ..plan };
+                let plan =
+                    RunPlan { experiment: about.name.clone(), variant: safe_name(&variant, &assignments), ..plan };
                 let place = (index / outline.seeds(), order, index % outline.seeds());
                 (place, Item { plan, variant, setting: setting.clone() })
             };
@@ -74,8 +75,6 @@ impl Sweep {
         }
         let items: Vec<Result<Vec<_>>> = settings.into_par_iter().enumerate().map(runs_of).collect();
         let mut items: Vec<_> = items.into_iter().collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
-        // The paper has no figures for settings of ours.
-        let about = About { name, paper: None, claims: Vec::new(), plot: None, ..outline.about };
         items.sort_by_key(|(place, _)| *place);
         let mut items: Vec<Item> = items.into_iter().map(|(_, item)| item).collect();
         let mut notices = leave_out_repetitions(&space, &mut items)?;
@@ -111,14 +110,9 @@ fn safe_name(variant: &str, assignments: &[String]) -> String {
     let mut name: String = exact.chars().map(safe).collect();
     if name != exact || variant.len() + name.len() > LONGEST_NAME {
         name.truncate(LONGEST_NAME.saturating_sub(variant.len() + 9));
-        name.push_str(&format!("-{:08x}", checksum(&exact)));
+        name.push_str(&format!("-{}", &blake3::hash(exact.as_bytes()).to_hex()[..8]));
     }
     format!("{variant}{name}")
-}
-
-/// FNV-1a, the same on every machine and in every version.
-fn checksum(text: &str) -> u32 {
-    text.bytes().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
 }
 
 /// Refuses values that mean the same, and leaves out a variant that the values make into another.

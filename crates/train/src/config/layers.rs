@@ -8,6 +8,7 @@ use crate::TrainError;
 /// A complete config to start from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Preset {
     /// Small and quick: about a minute per scene on two cores.
     Fast,

@@ -17,23 +17,23 @@ Examples:
   infonerf eval runs/synthetic-4view/castle/infonerf+/seed0 --test all
       on all 200 test views
   infonerf eval runs/scales/castle/nerf/seed0 runs/scales/castle/mipnerf/seed0 --scale 1/2,1/4,1/8
-      how two runs stand smaller images than those that they were trained on
+      compares two runs at smaller image sizes than they were trained at
   infonerf eval --renders their/renders --truth their/test --out compared
-      any PNG or JPEG pictures of the same names: a table, compared/comparison.json and a page with sliders";
+      compares PNG or JPEG pictures of equal names: a table, compared/comparison.json and a page with sliders";
 
-/// Evaluate finished runs again, at other image sizes too, or pictures that something else rendered.
+/// Evaluate finished runs again, also at smaller image sizes, or pictures rendered by other programs.
 #[derive(Debug, Args)]
 #[command(after_help = EVAL_EXAMPLES)]
 pub(crate) struct EvalArgs {
-    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf+/seed0; more of them are compared.
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf+/seed0; several are compared
     #[arg(required_unless_present = "renders", conflicts_with = "renders", value_name = "RUN")]
     runs: Vec<PathBuf>,
     #[command(flatten)]
     pictures: PicturesArgs,
-    /// Test views: all, split, every-8, first-3, 0,8,16 or a published protocol; by default as the run says.
+    /// Test views: all, split, every-8, first-3, 0,8,16 or a published protocol [default: the run's]
     #[arg(long, value_name = "PROTOCOL")]
     test: Option<String>,
-    /// Also render at smaller sizes, such as 1/2,1/4,1/8, against the test views averaged over areas; one table.
+    /// Also render at smaller sizes, such as 1/2,1/4,1/8, against area-averaged test views
     #[arg(long = "scale", value_name = "1/N", value_delimiter = ',', value_parser = runs::parse_scale)]
     scales: Vec<u32>,
     #[command(flatten)]

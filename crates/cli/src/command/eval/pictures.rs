@@ -10,32 +10,33 @@ use infonerf_metrics::{Folders, METRICS, Protocol, compare_folders, select};
 use infonerf_report::PictureComparison;
 
 use super::EvalArgs;
+use crate::print::outln;
 use crate::terminal::open_device;
 
 /// Pictures that something else rendered.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Pictures of other programs")]
 pub(super) struct PicturesArgs {
-    /// Folder of rendered pictures, PNG or JPEG.
+    /// Folder of rendered pictures, PNG or JPEG
     #[arg(long, value_name = "DIR", requires = "truth", conflicts_with_all = ["test", "scales"])]
     renders: Option<PathBuf>,
-    /// Folder of photographs, called as the renders but for the extension.
+    /// Folder of photographs, named like the renders except for the extension
     #[arg(long, value_name = "DIR", requires = "renders")]
     truth: Option<PathBuf>,
-    /// Folder of masks for the masked metrics, black where pixels do not count.
+    /// Folder of masks for the masked metrics; black pixels are ignored
     #[arg(long, value_name = "DIR", requires = "renders")]
     masks: Option<PathBuf>,
-    /// How pictures are measured: infonerf, regnerf or neural-body; see docs/protocol.md.
+    /// How pictures are measured: infonerf, regnerf or neural-body (see docs/protocol.md)
     #[arg(long, value_name = "NAME", requires = "renders", default_value = "infonerf")]
     protocol: String,
-    /// A metric by its key, such as lpips_vgg, which then has to have a value; again for more. By default all that can be
-    /// measured.
+    /// Key of a metric to compute, such as lpips_vgg; it is an error if it cannot be; may be repeated [default: all that can
+    /// be computed]
     #[arg(long = "metric", value_name = "KEY", requires = "renders")]
     metrics: Vec<String>,
-    /// Leave photographs without a render out; otherwise they are an error.
+    /// Leave out photographs without a render instead of refusing them
     #[arg(long, requires = "renders")]
     partial: bool,
-    /// Folder for comparison.json and comparison.html.
+    /// Folder for comparison.json and comparison.html
     #[arg(long, value_name = "DIR", requires = "renders")]
     out: Option<PathBuf>,
 }
@@ -68,10 +69,10 @@ pub(super) fn run(args: &EvalArgs, renders: &Path, truth: &Path) -> Result<ExitC
     compared.measured.require(&required)?;
     let title = format!("{} against {}", renders.display(), truth.display());
     let comparison = PictureComparison { title: &title, protocol: &protocol, compared: &compared };
-    print!("{}", comparison.to_text());
+    outln!("{}", comparison.to_text().trim_end());
     if let Some(out) = &args.pictures.out {
         let files = comparison.write(out)?;
-        println!("{}\n{}", files.json.display(), files.html.display());
+        outln!("{}\n{}", files.json.display(), files.html.display());
     }
     Ok(ExitCode::SUCCESS)
 }

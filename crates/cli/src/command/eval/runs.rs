@@ -10,6 +10,7 @@ use infonerf_scene::View;
 use infonerf_train::{Evaluated, Evaluation, TestView};
 
 use super::EvalArgs;
+use crate::print::{errln, outln};
 use crate::terminal::open_device;
 
 /// `1/8` gives 8.
@@ -31,10 +32,10 @@ pub(super) fn run(args: &EvalArgs) -> Result<ExitCode> {
         }
         let trained = Trained::read(plan, folder, &device)?;
         for warning in &trained.warnings {
-            eprintln!("warning: {warning}");
+            errln!("warning: {warning}");
         }
         let (label, test) = (trained.plan.label(), &trained.plan.config.eval.test);
-        println!("{label}: {} test views ({test})", trained.scene().test.len());
+        outln!("{label}: {} test views ({test})", trained.scene().test.len());
         let models = trained.models();
         if args.scales.is_empty() {
             each_view(&trained, &models, &networks)?;
@@ -64,14 +65,14 @@ fn evaluate(
 
 fn each_view(trained: &Trained, models: &[TrainedModel], networks: &Networks) -> Result<()> {
     let protocol = trained.plan.config.eval.metric_protocol();
-    println!("{protocol}");
+    outln!("{protocol}");
     let evaluation = Evaluation::new(networks, &protocol);
     let evaluated = evaluate(trained, models, &trained.scene().test, evaluation, |view, result| {
-        println!("{:16} {}{:.2} s", view.name, line(&result.values), result.seconds);
+        outln!("{:16} {}{:.2} s", view.name, line(&result.values), result.seconds);
     })?;
-    println!("{:16} {}{:.2} s", "mean", line(&evaluated.measured.set), evaluated.seconds_per_image);
+    outln!("{:16} {}{:.2} s", "mean", line(&evaluated.measured.set), evaluated.seconds_per_image);
     for note in &evaluated.measured.notes {
-        println!("{note}");
+        outln!("{note}");
     }
     Ok(())
 }
@@ -107,11 +108,11 @@ fn scales(trained: &Trained, models: &[TrainedModel], factors: &[u32]) -> Result
 fn print_scales(factors: &[u32], table: &[(String, Vec<f64>)]) {
     let wide = table.iter().map(|(label, _)| label.len()).max().unwrap_or(0);
     let headings: String = factors.iter().map(|factor| format!("{:>16}", format!("1/{factor}"))).collect();
-    println!("\nmean PSNR in dB, and its difference from full size\n{:wide$}  {:>6}{headings}", "", "1");
+    outln!("\nmean PSNR in dB, and its difference from full size\n{:wide$}  {:>6}{headings}", "", "1");
     for (label, psnr) in table {
         let (full, smaller) = psnr.split_first().map_or((f64::NAN, &[][..]), |(full, smaller)| (*full, smaller));
         let cells: String = smaller.iter().map(|psnr| format!("{psnr:8.2} ({:+.2})", psnr - full)).collect();
-        println!("{label:wide$}  {full:6.2}{cells}");
+        outln!("{label:wide$}  {full:6.2}{cells}");
     }
 }
 

@@ -14,6 +14,7 @@ use infonerf_metrics::to_rgb8;
 use infonerf_render::render_image;
 use infonerf_report::depth_image;
 
+use crate::print::{errln, outln};
 use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
 use animation::{Animation, Film, VideoName};
@@ -24,32 +25,32 @@ Examples:
   infonerf render runs/synthetic-4view/castle/infonerf+/seed0
       once around the scene: PNG frames with depth, and orbit.gif
   infonerf render runs/llff-3view/fern/nerf/seed0 --path spiral --video mp4
-      LLFF's spiral, also as a film (needs `ffmpeg` on PATH)
+      LLFF's spiral, also as a video (needs `ffmpeg` on PATH)
   infonerf render runs/synthetic-4view/castle/infonerf+/seed0 --path camera_path.json
       the frames of nerfstudio's camera_path.json, in the scene's own coordinates
 
 A path of your own is JSON: {\"keyframes\": [{\"camera_to_world\": [16 numbers, row by row], \"fov\": 50}, ...],
 \"seconds\": 4, \"fps\": 20, \"is_cycle\": true, \"render_width\": 800, \"render_height\": 600}; all but the poses may be left out.";
 
-/// Render new views of a finished run along a camera path: PNG frames, an animation, and a film.
+/// Render new views of a finished run along a camera path: PNG frames, an animated GIF and a video.
 #[derive(Debug, Args)]
 #[command(after_help = RENDER_EXAMPLES)]
 pub(crate) struct RenderArgs {
-    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf+/seed0.
+    /// Folder of a run, such as runs/synthetic-4view/castle/infonerf+/seed0
     run: PathBuf,
-    /// Where the camera goes: orbit, spiral, figure-eight, interpolate (through the training views) or a JSON file.
+    /// Camera path: orbit, spiral, figure-eight, interpolate (through the training views) or a JSON file
     #[arg(long, value_name = "PATH", default_value = "orbit")]
     path: PathName,
-    /// Number of frames; by default 60, or as many as the file says.
+    /// Number of frames [default: 60, or the JSON file's]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     frames: Option<u32>,
-    /// Longest side of a frame in pixels; by default as trained, or as the file says.
+    /// Longest side of the frames in pixels [default: as trained, or the JSON file's]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8192))]
     size: Option<u32>,
-    /// Also write a film, with an installed `ffmpeg`.
+    /// Also write a video, with the installed `ffmpeg`
     #[arg(long, value_enum)]
     video: Option<VideoName>,
-    /// Folder for the frames; by default RUN/render.
+    /// Folder for the frames [default: RUN/render]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     #[command(flatten)]
@@ -67,7 +68,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let route = Route::read(&args.path)?;
     let trained = Trained::read(RunPlan::of_run(&args.run)?, &args.run, &open_device(args.device.device)?)?;
     for warning in &trained.warnings {
-        eprintln!("warning: {warning}");
+        errln!("warning: {warning}");
     }
     let scene = trained.scene();
     let cameras = route.cameras(scene, args.frames, args.size);
@@ -91,9 +92,9 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
         animation.add(&picture)?;
     }
     let seconds = start.elapsed().as_secs_f64();
-    println!("{} frames of {width}x{height} in {seconds:.1} s: {}", cameras.len(), animation.path().display());
+    outln!("{} frames of {width}x{height} in {seconds:.1} s: {}", cameras.len(), animation.path().display());
     if let Some(film) = film {
-        println!("{}", film.write(&out, route.name(), route.fps())?.display());
+        outln!("{}", film.write(&out, route.name(), route.fps())?.display());
     }
     Ok(ExitCode::SUCCESS)
 }

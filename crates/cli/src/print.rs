@@ -1,0 +1,45 @@
+//! Standard output and standard error, which may be pipes that nobody reads any more: a run is worth more than its lines.
+
+use std::fmt;
+use std::io::{self, ErrorKind, Write};
+use std::sync::OnceLock;
+
+/// Why standard output could not be written to.
+static FAULT: OnceLock<io::Error> = OnceLock::new();
+
+/// As `println!`, without its panic.
+macro_rules! outln {
+    () => { crate::print::out(format_args!("\n")) };
+    ($($text:tt)*) => { crate::print::out(format_args!("{}\n", format_args!($($text)*))) };
+}
+
+/// As `eprintln!`, without its panic.
+macro_rules! errln {
+    ($($text:tt)*) => { crate::print::err(format_args!("{}\n", format_args!($($text)*))) };
+}
+
+pub(crate) use {errln, outln};
+
+/// Writes to standard output. Without a reader nothing happens; any other fault is kept for [`fault`].
+pub(crate) fn out(text: fmt::Arguments<'_>) {
+    keep(io::stdout().write_fmt(text));
+}
+
+/// Writes to standard error, if that is possible.
+pub(crate) fn err(text: fmt::Arguments<'_>) {
+    let _ = io::stderr().write_fmt(text);
+}
+
+/// Why standard output did not take everything, unless its reader has gone.
+pub(crate) fn fault() -> Option<&'static io::Error> {
+    keep(io::stdout().flush());
+    FAULT.get()
+}
+
+fn keep(written: io::Result<()>) {
+    if let Err(error) = written
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        FAULT.get_or_init(|| error);
+    }
+}
