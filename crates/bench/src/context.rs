@@ -31,7 +31,7 @@ pub(super) struct About {
     benchmark: String,
     program: &'static str,
     cpu: Option<String>,
-    cores: usize,
+    pub(super) cores: usize,
     device: &'static str,
     experiment: String,
     preset: &'static str,

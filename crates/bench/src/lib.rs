@@ -34,6 +34,7 @@ mod ops;
 mod options;
 mod output;
 mod pareto;
+mod published;
 mod render;
 mod scale;
 mod skip;

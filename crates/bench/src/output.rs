@@ -3,7 +3,8 @@
 use std::fs;
 
 use anyhow::{Context, Result};
-use infonerf_report::chart::standalone;
+use infonerf_experiment::save_png;
+use infonerf_report::chart::{Drawing, standalone};
 use serde::Serialize;
 
 use super::context::{About, Bench};
@@ -28,6 +29,12 @@ impl Bench {
     /// Writes a chart as a file of its own.
     pub(super) fn save_chart(&self, name: &str, svg: &str) -> Result<()> {
         self.save(&format!("{name}.svg"), &standalone(svg))
+    }
+
+    /// Writes a chart as a file of its own, and as a picture.
+    pub(super) fn save_drawing(&self, name: &str, drawing: &Drawing) -> Result<()> {
+        self.save_chart(name, &drawing.svg)?;
+        save_png(&drawing.picture, &self.folder.join(format!("{name}.png")))
     }
 
     /// Writes a table for other programs.

@@ -1,13 +1,14 @@
-//! Quality against training time: every variant with every budget, each a run of its own.
+//! Quality against training time: every variant with every budget, each a run of its own, beside what others report.
 
 use anyhow::Result;
-use infonerf_metrics::{Better, LPIPS_ALEX, LPIPS_VGG, METRICS, Metric, PSNR, SSIM, Values};
-use infonerf_report::chart::{Axis, Frame, Series, pareto_frontier, scatter_chart};
+use infonerf_metrics::{LPIPS_ALEX, LPIPS_VGG, METRICS, Metric, PSNR, SSIM, Values};
+use infonerf_report::chart::{Axis, Frame, Series, marked_chart, pareto_frontier};
 use serde::Serialize;
 
 use super::context::{Bench, distinct};
 use super::options::Options;
 use super::output::TextTable;
+use super::published::Published;
 use super::trial::{Trial, mean, mean_metrics};
 use infonerf_experiment::RunPlan;
 
@@ -81,7 +82,17 @@ pub(super) fn run(bench: &Bench, options: &Options, say: &mut dyn FnMut(&str)) -
         }
     }
     say(&text(&points(&rows), &passed(&rows)));
+    let (scenes, views) = beside(bench, &rows);
+    Published::read()?.lines(&scenes, &views).iter().for_each(|line| say(line));
     Ok(())
+}
+
+/// The scenes and numbers of training views that others' figures have to be of; no scene of a published data set for
+/// procedural ones.
+fn beside(bench: &Bench, rows: &[Row]) -> (Vec<String>, Vec<usize>) {
+    let published = bench.plans.iter().all(|plan| plan.data.is_some());
+    let scene = |row: &Row| if published { row.trial.scene.clone() } else { String::new() };
+    (distinct(rows, scene), distinct(rows, |row| row.trial.train_views))
 }
 
 fn points(rows: &[Row]) -> Vec<Point> {
@@ -122,21 +133,24 @@ fn save(bench: &Bench, rows: &[Row]) -> Result<()> {
     let points = points(rows);
     bench.save_results(PROTOCOL, &Results { rows, points: &points, passed: &passed(rows) })?;
     bench.save_csv("pareto", &csv(rows))?;
+    let (published, (scenes, views)) = (Published::read()?, beside(bench, rows));
+    let all = distinct(rows, |row| row.trial.scene.clone());
     for metric in CHARTS.iter().filter(|metric| points.iter().any(|point| point.metric(metric.key()).is_some())) {
         let name = metric.key();
+        let cores = bench.about.cores;
         let frame = Frame {
-            title: format!("Training time against {}", metric.descriptor.name),
+            title: format!("{} over training time, {}, {cores} CPU cores", metric.descriptor.name, all.join(", ")),
             x: Axis::log("training (s)"),
             y: Axis::linear(&metric.descriptor.heading()),
         };
-        let upwards = metric.descriptor.better == Better::Higher;
         let of = |name: String| {
             let own = points.iter().filter(|point| point.variant == name);
             let points = own.filter_map(|point| Some((point.train_seconds, point.metric(metric.key())?))).collect();
             Series { name, points }
         };
         let series: Vec<Series> = distinct(&points, |point| point.variant.clone()).into_iter().map(of).collect();
-        bench.save_chart(&format!("pareto-{name}"), &scatter_chart(&frame, &series, upwards)?)?;
+        let marks = published.marks(&scenes, &views, name);
+        bench.save_drawing(&format!("pareto-{name}"), &marked_chart(&frame, &series, &marks)?)?;
     }
     Ok(())
 }

@@ -17,6 +17,8 @@ pub(super) struct Trial {
     pub(super) scene: String,
     pub(super) variant: String,
     pub(super) seed: u64,
+    /// How many.
+    pub(super) train_views: usize,
     pub(super) iterations: usize,
     pub(super) train_seconds: f64,
     pub(super) render_seconds_per_image: f64,
@@ -55,6 +57,7 @@ impl Bench {
             scene: plan.scene.clone(),
             variant: plan.variant.clone(),
             seed: plan.seed,
+            train_views: scene.train.len(),
             iterations: progress.step,
             train_seconds: progress.seconds,
             render_seconds_per_image: evaluated.seconds_per_image,

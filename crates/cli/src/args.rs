@@ -6,7 +6,7 @@ use anyhow::Result;
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::command::{
-    bench, collect, demo, documentation, eval, exp, export, list, pretrain, render, reproduce, scene, sweep,
+    bench, collect, demo, documentation, eval, exp, export, figure, list, pretrain, render, reproduce, scene, sweep,
     sweep_item, tensorboard, view, weights,
 };
 
@@ -32,6 +32,7 @@ enum Command {
     Weights(weights::WeightsArgs),
     Render(render::RenderArgs),
     Export(export::ExportArgs),
+    Figure(figure::FigureArgs),
     View(view::ViewArgs),
     #[command(subcommand)]
     Scene(scene::SceneCommand),
@@ -57,6 +58,7 @@ impl Args {
             Command::Weights(args) => weights::run(args),
             Command::Render(args) => render::run(args),
             Command::Export(args) => export::run(args),
+            Command::Figure(args) => figure::run(args),
             Command::View(args) => view::run(args),
             Command::Scene(command) => scene::run(command),
             Command::List(_) => list::run(),

@@ -1,8 +1,6 @@
-use std::{
-    collections::{BTreeMap, HashSet},
-    path::Path,
-};
+use std::{collections::BTreeMap, io::Cursor, path::Path};
 
+use image::ImageFormat;
 use indexmap::IndexMap;
 
 use crate::{
@@ -10,15 +8,20 @@ use crate::{
     chart::standalone,
     figures::{comparison_figures, curve_figures},
     files::write_atomically,
-    gallery::Gallery,
-    overview_table, protocol_lines, scene_table,
-    table::{Group, distinct, groups},
+    gallery::{Choice, Gallery, View},
+    overview_table,
+    panel::{PanelRow, compose},
+    pictured::{Labelled, MOST_PICTURED, pictured, runs_of},
+    protocol_lines, scene_table,
+    table::{distinct, groups},
 };
 
-/// Variants whose pictures and curves are shown, at most.
-const MOST_PICTURED: usize = 12;
 /// Pictures that are shown, at most.
 const MOST_PICTURES: usize = 400;
+/// Scenes and variants of which a report has a figure, at most.
+const MOST_IN_PANEL: usize = 8;
+/// File of that figure.
+pub(crate) const PANEL: &str = "figure.png";
 /// Runs that a line names, at most.
 const MOST_NAMED: usize = 16;
 
@@ -36,6 +39,8 @@ pub(crate) struct Contents<'a> {
     /// A table of scenes for each quantity that was measured; none for a single scene.
     pub(crate) tables: Vec<Table>,
     pub(crate) scenes: Vec<Scene<'a>>,
+    /// The figure of all scenes, where they and the variants are few.
+    pub(crate) panel: Option<Vec<u8>>,
     /// Each note with the runs that have it.
     pub(crate) notes: Vec<(String, String)>,
     pub(crate) missing: Vec<String>,
@@ -90,14 +95,18 @@ impl<'a> Contents<'a> {
             claims: input.tested_claims(),
             figures: comparison_figures(&records)?.into_iter().chain(input.figures.iter().cloned()).collect(),
             tables: tables.map(|quantity| bare(scene_table(&records, quantity), quantity.heading())).collect(),
+            panel: panel(&scenes)?,
             scenes,
             notes: notes(&input.runs),
             missing,
         })
     }
 
-    /// Writes `plots/*.svg` into `root`.
+    /// Writes `plots/*.svg` and `figure.png` into `root`.
     pub(crate) fn write_plots(&self, root: &Path) -> Result<(), ReportError> {
+        if let Some(png) = &self.panel {
+            write_atomically(&root.join(PANEL), png)?;
+        }
         for figure in self.all_figures() {
             write_atomically(&root.join(plot_path(figure)), standalone(&figure.svg).as_bytes())?;
         }
@@ -109,25 +118,25 @@ impl<'a> Contents<'a> {
     }
 }
 
+/// A PNG of the first view of each scene; none of too many scenes or variants.
+fn panel<'a>(scenes: &'a [Scene<'a>]) -> Result<Option<Vec<u8>>, ReportError> {
+    if scenes.iter().map(|scene| scene.labels.len()).chain([scenes.len()]).any(|count| count > MOST_IN_PANEL) {
+        return Ok(None);
+    }
+    let viewed = scenes.iter().filter_map(|scene| Some((scene, scene.gallery.views.first()?)));
+    let row = |(scene, view): (&'a Scene<'a>, &'a View)| PanelRow { scene: &scene.name, labels: &scene.labels, view };
+    let rows: Vec<PanelRow> = viewed.map(row).collect();
+    let Some(picture) = compose(&rows)? else { return Ok(None) };
+    let mut png = Cursor::new(Vec::new());
+    let written = picture.write_to(&mut png, ImageFormat::Png);
+    written.map_err(|error| ReportError::Chart { title: PANEL.into(), reason: error.to_string() })?;
+    Ok(Some(png.into_inner()))
+}
+
 /// `plots/<name>.svg`, with what a file name might not bear replaced by `-`.
 pub(crate) fn plot_path(figure: &Figure) -> String {
     let safe = |c: char| if c.is_alphanumeric() || matches!(c, '-' | '_') { c } else { '-' };
     format!("plots/{}.svg", figure.name.chars().map(safe).collect::<String>())
-}
-
-/// A variant and preset with its label.
-type Labelled<'a> = ((&'a str, &'a str), String);
-
-/// The variants whose pictures and curves are shown: all, or those with the highest PSNR, in their order.
-fn pictured(records: &[Record]) -> Vec<Labelled<'_>> {
-    let scenes = distinct(records, |record| record.scene.clone());
-    let groups = groups(records);
-    let psnr = |group: &Group| group.cell(Quantity::PSNR, &scenes).summary.map_or(f64::NEG_INFINITY, |psnr| psnr.mean);
-    let mut ranked: Vec<(f64, usize)> = groups.iter().map(psnr).zip(0..).collect();
-    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let best: HashSet<usize> = ranked.into_iter().take(MOST_PICTURED).map(|(_, index)| index).collect();
-    let chosen = groups.into_iter().enumerate().filter(|(index, _)| best.contains(index));
-    chosen.map(|(_, group)| (group.key, group.label)).collect()
 }
 
 /// Pictures and curves of a scene, of the lowest seed of each variant.
@@ -139,16 +148,7 @@ fn scene<'a>(
     views: usize,
     missing: &mut Vec<String>,
 ) -> Result<Scene<'a>, ReportError> {
-    let (mut labels, mut runs) = (Vec::new(), Vec::new());
-    for ((variant, preset), label) in variants {
-        let of_variant = |Run { record, .. }: &&Run| {
-            (&record.scene, record.variant.as_str(), record.preset.as_str()) == (&name, variant, preset)
-        };
-        if let Some(run) = input.runs.iter().filter(of_variant).min_by_key(|run| run.record.seed) {
-            labels.push(label.clone());
-            runs.push(run);
-        }
-    }
+    let (labels, runs) = runs_of(input, variants, &name);
     let mut curves = Vec::new();
     for (label, run) in labels.iter().zip(&runs) {
         // Of a run that trained several fields, the first one's.
@@ -165,7 +165,7 @@ fn scene<'a>(
         }
     }
     let figures = curve_figures(&name, &curves)?;
-    let gallery = Gallery::collect(root, runs, views, missing);
+    let gallery = Gallery::collect(root, runs, &Choice::Spread(views), missing);
     Ok(Scene { name, labels, gallery, figures })
 }
 

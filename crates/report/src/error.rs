@@ -53,6 +53,14 @@ pub enum ReportError {
         /// The file.
         path: PathBuf,
     },
+    /// No run has a picture of a test view, or of any.
+    #[error("{}: no run has a picture of {}", path.display(), view.map_or("any test view".to_owned(), |view| format!("test view {view}")))]
+    NoPictures {
+        /// The experiment's folder.
+        path: PathBuf,
+        /// Id of the view.
+        view: Option<usize>,
+    },
     /// The drawing library refused a chart.
     #[error("chart `{title}`: {reason}")]
     Chart {

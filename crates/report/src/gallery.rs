@@ -56,11 +56,17 @@ pub(crate) struct Picture {
     pub(crate) height: u32,
 }
 
+/// Which views of a gallery are read.
+pub(crate) enum Choice {
+    /// So many, spread evenly over those that every run has, or over all if there is none.
+    Spread(usize),
+    /// The one of this name.
+    Named(String),
+}
+
 impl<'a> Gallery<'a> {
-    /// Reads up to `count` views, spread evenly over those that every run has, or over all if there is none.
-    ///
-    /// What is missing or cannot be read is left out and named in `missing`.
-    pub(crate) fn collect(root: &Path, runs: Vec<&'a Run>, count: usize, missing: &mut Vec<String>) -> Self {
+    /// Reads the views of `choice` that there are. What is missing or cannot be read is left out and named in `missing`.
+    pub(crate) fn collect(root: &Path, runs: Vec<&'a Run>, choice: &Choice, missing: &mut Vec<String>) -> Self {
         let names: Vec<BTreeSet<String>> =
             runs.iter().map(|run| picture_names(&root.join(&run.directory).join("test"))).collect();
         for (run, names) in runs.iter().zip(&names) {
@@ -70,8 +76,13 @@ impl<'a> Gallery<'a> {
         }
         let shared = names.iter().cloned().reduce(|a, b| &a & &b).unwrap_or_default();
         let all = if shared.is_empty() { names.into_iter().flatten().collect() } else { shared };
+        let all: Vec<String> = all.into_iter().collect();
+        let chosen = match choice {
+            Choice::Spread(count) => spread(all, *count),
+            Choice::Named(wanted) => all.into_iter().filter(|name| name == wanted).collect(),
+        };
         let mut views = Vec::new();
-        for name in spread(all.into_iter().collect(), count) {
+        for name in chosen {
             let truth = runs.iter().find_map(|run| read(root, run, "truth", &name).ok());
             if truth.is_none() {
                 missing

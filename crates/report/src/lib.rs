@@ -6,6 +6,7 @@
 //! - [`Published`]: a paper's own figures, and [`Claim`]: what it says about their order, tested on records.
 //! - [`chart`]: small functions from numbers to an SVG string.
 //! - [`write_report`]: `report.html`, which needs nothing else, and `report.md`, which links the pictures of the runs.
+//! - [`panel`]: truth, renders and depths side by side, the figure of papers.
 //! - [`write_collection`]: several experiments in one report.
 //! - [`write_tensorboard`]: training curves for TensorBoard.
 //! - [`RESULTS_SCHEMA`]: what `results.json` holds, as a JSON schema.
@@ -40,6 +41,8 @@ mod html;
 mod input;
 mod markdown;
 mod names;
+mod panel;
+mod pictured;
 mod protocol;
 mod published;
 mod quantity;
@@ -63,6 +66,7 @@ pub use figures::Figure;
 pub use files::write_atomically;
 pub use input::ReportInput;
 pub use names::folder_name_fault;
+pub use panel::panel;
 pub use protocol::protocol_lines;
 pub use published::{Published, PublishedRow};
 pub use quantity::Quantity;

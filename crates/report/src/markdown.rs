@@ -2,7 +2,7 @@
 
 use crate::{
     Figure, Table, TestedClaim,
-    contents::{Contents, Scene, plot_path},
+    contents::{Contents, PANEL, Scene, plot_path},
     gallery::{KINDS, Picture, View},
     text::{escape_html, escape_markdown, escape_url},
 };
@@ -14,6 +14,9 @@ pub(crate) fn page(contents: &Contents) -> String {
     blocks.extend(contents.warnings.iter().map(|warning| format!("> **Note:** {}", escape_markdown(warning))));
     blocks.push("## Results".into());
     blocks.extend(contents.overviews.iter().chain(&contents.published).map(Table::to_markdown));
+    if contents.panel.is_some() {
+        blocks.push(format!("![truth, render and depth of every variant]({PANEL})"));
+    }
     if !contents.claims.is_empty() {
         blocks.extend(["## What the paper says, and what was found here".to_owned(), claims(&contents.claims)]);
     }

@@ -11,7 +11,7 @@ use infonerf_report::{
     Claim, Comparison, Figure, Published, PublishedRow, Quantity, Record, Relation, ReportInput, Side, TestViews,
     VIEWER_PAGE,
     chart::{Axis, Frame, Series, heat_map, power_law_chart, scatter_chart},
-    depth_image, error_image, read_records, run_directory, save_record, write_report,
+    depth_image, error_image, panel, read_records, run_directory, save_record, write_report,
 };
 
 /// Two scenes, two variants, two seeds, with pictures of a soft disc and with events.
@@ -173,8 +173,8 @@ fn the_page_holds_everything_and_links_nothing() {
     assert!(html.contains("procedural scenes: no data folder was given"));
     assert_eq!(html.matches("every-8 (25)").count(), 1, "the protocol stands once");
     assert!(html.contains("<td class=\"best\">18.50 ± 0.21</td>"));
-    // 2 scenes × 3 views × (truth + 2 variants × render, depth, error)
-    assert_eq!(html.matches("data:image/png;base64,").count(), 42);
+    // 2 scenes × 3 views × (truth + 2 variants × render, depth, error), and the figure of all scenes
+    assert_eq!(html.matches("data:image/png;base64,").count(), 42 + 1);
     assert_eq!(html.matches("<svg ").count(), 3 + 3 + 2 * (2 + TERMS));
     for link in ["src=\"http", "href=\"http", "url(", "@import", "<link"] {
         assert!(!html.contains(link), "{link}");
@@ -205,10 +205,32 @@ fn every_link_of_the_markdown_report_leads_to_a_file() {
     let images = markdown.split("src=\"").skip(1).filter_map(|rest| rest.split('"').next());
     let plots = markdown.split("](").skip(1).filter_map(|rest| rest.split(')').next());
     let links: Vec<&str> = images.chain(plots).collect();
-    assert_eq!(links.len(), 42 + 7 + 2 * TERMS);
+    assert_eq!(links.len(), 42 + 1 + 7 + 2 * TERMS);
     for link in links {
         assert!(root.path().join(link).is_file(), "{link}");
     }
+}
+
+/// Truth, and render and depth of two variants, a row per scene.
+#[test]
+fn the_figure_of_papers() {
+    let root = tempfile::tempdir().unwrap();
+    let mut records = example(root.path());
+    records.retain(|record| record.scene == "knot" || record.variant == "nerf");
+    let input = ReportInput::new("e", "Report", records);
+    let figure = panel(&input, root.path(), Some(8)).unwrap();
+    if let Ok(kept) = std::env::var("KEEP_FIGURE") {
+        figure.save(kept).unwrap();
+    }
+    assert_eq!(figure.dimensions(), (5 * 248 + 8, 2 * 264 + 8));
+    let truth = RgbImage::from(image::open(root.path().join("knot/nerf/seed0/truth/008.png")).unwrap());
+    assert_eq!(figure.get_pixel(8 + 120, 24 + 120), truth.get_pixel(32, 32));
+    let dark = |left: u32, top: u32| (0..160 * 20).any(|i| figure.get_pixel(left + i % 160, top + i / 160).0[0] < 128);
+    assert!(dark(8, 0) && dark(8 + 248, 0) && dark(8, 264), "labels of the scenes and of the first column");
+    let blank = |left: u32| (0..240).all(|y| figure.get_pixel(left + 120, 264 + 24 + y).0 == [255; 3]);
+    assert!(blank(8 + 3 * 248) && !blank(8), "the second scene has no infonerf");
+    let error = panel(&input, root.path(), Some(7)).unwrap_err().to_string();
+    assert!(error.ends_with("no run has a picture of test view 7"), "{error}");
 }
 
 #[test]

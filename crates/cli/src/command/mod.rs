@@ -7,6 +7,7 @@ pub(crate) mod documentation;
 pub(crate) mod eval;
 pub(crate) mod exp;
 pub(crate) mod export;
+pub(crate) mod figure;
 pub(crate) mod list;
 pub(crate) mod pretrain;
 pub(crate) mod render;

@@ -1,10 +1,17 @@
 //! What all charts share: the sheet, its title and legend, and the plotting area with its axes.
 
+use std::sync::Once;
+
+use epaint_default_fonts::UBUNTU_LIGHT;
+use image::RgbImage;
 use plotters::{
     chart::ChartContext,
     coord::Shift,
     prelude::*,
-    style::text_anchor::{HPos, Pos, VPos},
+    style::{
+        register_font,
+        text_anchor::{HPos, Pos, VPos},
+    },
 };
 
 use super::{Frame, scale::Scale};
@@ -31,9 +38,8 @@ const CHARACTER: f64 = 0.56;
 /// The drawing library divides sizes by this.
 const FONT_SCALE: f64 = 1.24;
 
-pub(super) type Backend<'a> = SVGBackend<'a>;
-pub(super) type Area<'a> = DrawingArea<Backend<'a>, Shift>;
-pub(super) type Plot<'a, 'b> = ChartContext<'a, Backend<'b>, Cartesian2d<Scale, Scale>>;
+pub(super) type Area<B> = DrawingArea<B, Shift>;
+pub(super) type Plot<'a, B> = ChartContext<'a, B, Cartesian2d<Scale, Scale>>;
 pub(super) type Outcome = Result<(), Box<dyn std::error::Error>>;
 
 pub(super) fn colour(index: usize) -> RGBColor {
@@ -48,8 +54,53 @@ pub(super) fn anchored<'a>(style: TextStyle<'a>, h: HPos, v: VPos) -> TextStyle<
     style.pos(Pos::new(h, v))
 }
 
+/// How many times as large as an SVG a sheet is: 1, or that of a picture.
+pub(super) fn zoom<B: DrawingBackend>(sheet: &Area<B>) -> u32 {
+    sheet.dim_in_pixel().0 / WIDTH
+}
+
+/// The font of all charts, which the drawing library looks for by this name.
+fn register_fonts() {
+    static ONCE: Once = Once::new();
+    // A font that cannot be read is named by the first chart that asks for it.
+    ONCE.call_once(|| drop(register_font("sans-serif", FontStyle::Normal, UBUNTU_LIGHT)));
+}
+
+/// Draws on a sheet and returns its pixels, dark on white, of twice the size that an SVG has.
+pub(super) fn pictured(
+    frame: &Frame,
+    draw: impl FnOnce(&Area<BitMapBackend>) -> Outcome,
+) -> Result<RgbImage, ReportError> {
+    let mut picture = RgbImage::from_pixel(2 * WIDTH, 2 * HEIGHT, image::Rgb([255; 3]));
+    on_picture(&mut picture, &frame.title, draw)?;
+    Ok(picture)
+}
+
+/// Writes texts, each with the place of its upper left corner, on a picture.
+pub(crate) fn write_text(picture: &mut RgbImage, texts: &[(String, (i32, i32))]) -> Result<(), ReportError> {
+    on_picture(picture, "labels", |sheet| {
+        for (text, place) in texts {
+            sheet.draw(&Text::new(plain(text), *place, anchored(font(14.0), HPos::Left, VPos::Top)))?;
+        }
+        Ok(())
+    })
+}
+
+fn on_picture(
+    picture: &mut RgbImage,
+    title: &str,
+    draw: impl FnOnce(&Area<BitMapBackend>) -> Outcome,
+) -> Result<(), ReportError> {
+    register_fonts();
+    let size = picture.dimensions();
+    let sheet = BitMapBackend::with_buffer(picture, size).into_drawing_area();
+    let outcome = draw(&sheet).and_then(|()| Ok(sheet.present()?));
+    outcome.map_err(|error| ReportError::Chart { title: title.to_owned(), reason: error.to_string() })
+}
+
 /// Draws on a sheet and returns its SVG.
-pub(super) fn drawn(frame: &Frame, draw: impl FnOnce(&Area) -> Outcome) -> Result<String, ReportError> {
+pub(super) fn drawn(frame: &Frame, draw: impl FnOnce(&Area<SVGBackend>) -> Outcome) -> Result<String, ReportError> {
+    register_fonts();
     let mut svg = String::new();
     let outcome = {
         let sheet = SVGBackend::with_string(&mut svg, (WIDTH, HEIGHT)).into_drawing_area();
@@ -62,33 +113,36 @@ pub(super) fn drawn(frame: &Frame, draw: impl FnOnce(&Area) -> Outcome) -> Resul
 /// Title, then legend, then axes; the plot that is returned is ready to be drawn into.
 ///
 /// `legend` holds names and colours; a single nameless entry needs none.
-pub(super) fn plot<'a, 'b>(
-    sheet: &'a Area<'b>,
+pub(super) fn plot<'a, B: DrawingBackend<ErrorType: 'static>>(
+    sheet: &'a Area<B>,
     frame: &Frame,
     legend: &[(String, RGBColor)],
     x: Scale,
     y: Scale,
-) -> Result<Plot<'a, 'b>, Box<dyn std::error::Error>> {
-    let mut top = 12;
+) -> Result<Plot<'a, B>, Box<dyn std::error::Error>> {
+    let zoom = zoom(sheet);
+    let (scale, size) = (zoom as i32, f64::from(zoom));
+    let mut top = 12 * scale;
     if !frame.title.is_empty() {
-        let bold = ("sans-serif", 13.5 * FONT_SCALE, FontStyle::Bold).into_font().color(&INK);
+        let bold = ("sans-serif", 13.5 * FONT_SCALE * size, FontStyle::Bold).into_font().color(&INK);
         let bold = anchored(bold, HPos::Left, VPos::Top);
-        sheet.draw(&Text::new(plain(&frame.title), (16, top), bold))?;
-        top += 24;
+        sheet.draw(&Text::new(plain(&frame.title), (16 * scale, top), bold))?;
+        top += 24 * scale;
     }
     top = draw_legend(sheet, legend, top)?;
 
     let mut chart = ChartBuilder::on(sheet);
-    chart.margin_left(6).margin_right(20).margin_bottom(6).margin_top(top + 4);
-    chart.set_label_area_size(LabelAreaPosition::Left, 58).set_label_area_size(LabelAreaPosition::Bottom, 42);
+    chart.margin_left(6 * scale).margin_right(20 * scale).margin_bottom(6 * scale).margin_top(top + 4 * scale);
+    chart.set_label_area_size(LabelAreaPosition::Left, 58 * scale);
+    chart.set_label_area_size(LabelAreaPosition::Bottom, 42 * scale);
     let mut plot = chart.build_cartesian_2d(x, y)?;
     plot.configure_mesh()
         .max_light_lines(0)
-        .bold_line_style(INK.mix(0.12))
+        .bold_line_style(INK.mix(0.12).stroke_width(zoom))
         .light_line_style(TRANSPARENT)
-        .axis_style(INK.mix(0.5))
-        .label_style(font(11.0))
-        .axis_desc_style(font(12.0))
+        .axis_style(INK.mix(0.5).stroke_width(zoom))
+        .label_style(font(11.0 * size))
+        .axis_desc_style(font(12.0 * size))
         .x_desc(plain(&frame.x.label))
         .y_desc(plain(&frame.y.label))
         .draw()?;
@@ -98,29 +152,39 @@ pub(super) fn plot<'a, 'b>(
 /// Whether a label has room below one of `places` bars.
 pub(super) fn fits_below(label: &str, places: usize) -> bool {
     let room = f64::from(WIDTH - 58 - 26) / places.max(1) as f64;
-    label.chars().count() as f64 * 11.0 * CHARACTER < room
+    text_width(label, 11.0) < room
 }
 
 /// Names in rows from the left; returns where they end.
-fn draw_legend(sheet: &Area, legend: &[(String, RGBColor)], top: i32) -> Result<i32, Box<dyn std::error::Error>> {
-    let (mut left, mut row) = (16, top);
+fn draw_legend<B: DrawingBackend<ErrorType: 'static>>(
+    sheet: &Area<B>,
+    legend: &[(String, RGBColor)],
+    top: i32,
+) -> Result<i32, Box<dyn std::error::Error>> {
+    let zoom = zoom(sheet) as i32;
+    let (mut left, mut row) = (16 * zoom, top);
     let named: Vec<_> = legend.iter().filter(|(name, _)| !name.is_empty()).collect();
     if named.is_empty() {
         return Ok(top);
     }
     for (name, colour) in named {
         let name = plain(name);
-        let width = 26 + (name.chars().count() as f64 * 12.0 * CHARACTER) as i32 + 14;
-        if left > 16 && left + width > WIDTH as i32 {
-            (left, row) = (16, row + 18);
+        let width = zoom * (40 + text_width(&name, 12.0) as i32);
+        if left > 16 * zoom && left + width > zoom * WIDTH as i32 {
+            (left, row) = (16 * zoom, row + 18 * zoom);
         }
-        if row > HEIGHT as i32 / 3 {
+        if row > zoom * HEIGHT as i32 / 3 {
             break;
         }
-        sheet.draw(&Rectangle::new([(left, row + 4), (left + 18, row + 8)], colour.filled()))?;
-        let style = anchored(font(12.0), HPos::Left, VPos::Center);
-        sheet.draw(&Text::new(name, (left + 24, row + 6), style))?;
+        sheet.draw(&Rectangle::new([(left, row + 4 * zoom), (left + 18 * zoom, row + 8 * zoom)], colour.filled()))?;
+        let style = anchored(font(12.0 * f64::from(zoom)), HPos::Left, VPos::Center);
+        sheet.draw(&Text::new(name, (left + 24 * zoom, row + 6 * zoom), style))?;
         left += width;
     }
-    Ok(row + 18)
+    Ok(row + 18 * zoom)
+}
+
+/// Width of a text in a font of so many pixels, about.
+pub(super) fn text_width(text: &str, pixels: f64) -> f64 {
+    text.chars().count() as f64 * pixels * CHARACTER
 }

@@ -13,9 +13,10 @@ mod scale;
 mod scatter;
 
 pub use bar::{Bar, bar_chart};
+pub(crate) use canvas::write_text;
 pub use fit::{PowerLaw, fit_power_law, pareto_frontier};
 pub use heat::heat_map;
-pub use line::{line_chart, power_law_chart};
+pub use line::{Drawing, Mark, line_chart, marked_chart, power_law_chart};
 pub use scatter::scatter_chart;
 
 /// Title and axes of a chart.

@@ -9,6 +9,8 @@ mod table;
 pub(crate) use collection::page as collection_page;
 pub(crate) use comparison::comparison_page;
 
+use base64::prelude::{BASE64_STANDARD, Engine};
+
 use crate::{Figure, contents::Contents, text::escape_html};
 
 const STYLE: &str = include_str!("style.css");
@@ -67,11 +69,20 @@ fn results(contents: &Contents) -> String {
         format!("<details><summary>Every metric by scene</summary>\n{more}</details>\n")
     };
     format!(
-        "<section id=\"results\">\n<h2>Results</h2>\n{}{}{}{}{more}</section>\n",
+        "<section id=\"results\">\n<h2>Results</h2>\n{}{}{}{}{}{more}</section>\n",
         contents.overviews.iter().chain(&contents.published).map(table::table).collect::<String>(),
+        contents.panel.as_deref().map_or(String::new(), panel),
         claims::list(&contents.claims),
         contents.tables.iter().take(2).map(table::table).collect::<String>(),
         figures(&contents.figures),
+    )
+}
+
+/// The figure of all scenes, a PNG.
+fn panel(png: &[u8]) -> String {
+    format!(
+        "<figure class=\"panel\"><img alt=\"truth, render and depth of every variant\" src=\"data:image/png;base64,{}\"></figure>\n",
+        BASE64_STANDARD.encode(png)
     )
 }
 

@@ -1,0 +1,102 @@
+//! Few-shot figures of other systems, from `published.toml`.
+
+use anyhow::{Context, Result};
+use infonerf_report::chart::Mark;
+use serde::Deserialize;
+
+/// What others report for some number of training views.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Published {
+    /// Training views.
+    views: usize,
+    /// The scenes of the data set.
+    scenes: Vec<String>,
+    #[serde(rename = "system")]
+    systems: Vec<System>,
+}
+
+/// Metrics of one system.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct System {
+    name: String,
+    /// The scene; none for the mean over all.
+    scene: Option<String>,
+    hardware: String,
+    /// Training time.
+    seconds: f64,
+    psnr: Option<f64>,
+    ssim: Option<f64>,
+    /// Where the figures are from.
+    source: String,
+}
+
+impl Published {
+    pub(super) fn read() -> Result<Self> {
+        toml::from_str(include_str!("../published.toml")).context("published.toml")
+    }
+
+    /// The systems that stand beside runs on `scenes` of so many training views: of a single scene their figures for it, and
+    /// else their means. None where the runs are of other scenes or views.
+    fn beside(&self, scenes: &[String], views: &[usize]) -> Vec<&System> {
+        if scenes.iter().any(|scene| !self.scenes.contains(scene)) || views.iter().any(|views| *views != self.views) {
+            return Vec::new();
+        }
+        let own = |system: &&System| scenes.len() == 1 && system.scene.as_ref() == scenes.first();
+        let has_own = |name: &str| self.systems.iter().filter(own).any(|system| system.name == name);
+        let shown = |system: &&System| own(system) || system.scene.is_none() && !has_own(&system.name);
+        self.systems.iter().filter(shown).collect()
+    }
+
+    /// Their points in a chart of training time against the metric `key`, with their hardware.
+    pub(super) fn marks(&self, scenes: &[String], views: &[usize], key: &str) -> Vec<Mark> {
+        let mark = |system: &System| {
+            let value = system.metric(key)?;
+            let other = if system.scene.is_none() && scenes.len() < self.scenes.len() { ", 8 scenes" } else { "" };
+            let label = format!("{} ({}{other})", system.name, system.hardware);
+            Some(Mark { label, point: (system.seconds, value) })
+        };
+        self.beside(scenes, views).into_iter().filter_map(mark).collect()
+    }
+
+    /// A line for each, with its source.
+    pub(super) fn lines(&self, scenes: &[String], views: &[usize]) -> Vec<String> {
+        let line = |system: &System| {
+            let psnr = system.psnr.map_or_else(|| "-".to_owned(), |psnr| format!("{psnr:.2}"));
+            let System { name, seconds, hardware, source, .. } = system;
+            let scene = system.scene.as_deref().unwrap_or("mean of 8 scenes");
+            format!("{name}, {scene}: {psnr} dB in {seconds} s on {hardware} ({source})")
+        };
+        self.beside(scenes, views).into_iter().map(line).collect()
+    }
+}
+
+impl System {
+    fn metric(&self, key: &str) -> Option<f64> {
+        match key {
+            "psnr" => self.psnr,
+            "ssim" => self.ssim,
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_runs_of_the_same_scenes_and_views_have_others_beside_them() {
+        let published = Published::read().unwrap();
+        let marks = |scene: &str, views| published.marks(&[scene.to_owned()], &[views], "psnr");
+        let point =
+            |marks: &[Mark], label: &str| marks.iter().find(|mark| mark.label == label).map(|mark| mark.point.1);
+        let lego = marks("lego", 4);
+        assert_eq!(point(&lego, "InfoNeRF (RTX 2080 Ti)"), Some(18.92), "{lego:?}");
+        assert_eq!(point(&lego, "ZeroRF (A100, 8 scenes)"), Some(21.94), "{lego:?}");
+        assert_eq!(lego.len(), 5, "each system once");
+        assert_eq!(point(&marks("mic", 4), "InfoNeRF (RTX 2080 Ti, 8 scenes)"), Some(18.65));
+        assert!(marks("lego", 8).is_empty() && marks("crane", 4).is_empty());
+    }
+}

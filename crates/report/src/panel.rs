@@ -1,0 +1,100 @@
+//! The figure of papers: for each scene one test view, the truth and then render and depth of every variant in a row.
+
+use std::path::Path;
+
+use image::{RgbImage, imageops};
+use indexmap::IndexSet;
+
+use crate::{
+    ReportError, ReportInput, Run,
+    chart::write_text,
+    gallery::{Choice, Gallery, Picture, View},
+    pictured::{pictured, runs_of},
+    table::distinct,
+};
+
+/// Height of a picture, in pixels.
+const HEIGHT: u32 = 240;
+/// Pixels between pictures.
+const GAP: u32 = 8;
+/// Height of the line of labels, in pixels.
+const HEADING: u32 = 24;
+
+/// The row of one scene.
+pub(crate) struct PanelRow<'a> {
+    pub(crate) scene: &'a str,
+    /// The variants of the view's shots.
+    pub(crate) labels: &'a [String],
+    pub(crate) view: &'a View,
+}
+
+/// The figure of the runs in `input`, whose folders lie below `root`: of each variant the lowest seed, of each scene the
+/// test view with the id `view` (file `test/NNN.png` of a run) or else one from the middle. What a run lacks stays white.
+///
+/// # Errors
+/// [`ReportError::NoPictures`] if no run has a picture of that view, [`ReportError::Chart`] if the labels cannot be drawn.
+pub fn panel(input: &ReportInput, root: &Path, view: Option<usize>) -> Result<RgbImage, ReportError> {
+    let records: Vec<_> = input.runs.iter().map(|run| run.record.clone()).collect();
+    let choice = view.map_or(Choice::Spread(1), |view| Choice::Named(format!("{view:03}")));
+    let variants = pictured(&records);
+    let scenes: Vec<(String, Vec<String>, Gallery)> = distinct(&records, |record| record.scene.clone())
+        .into_iter()
+        .map(|scene| {
+            let (labels, runs): (Vec<String>, Vec<&Run>) = runs_of(input, &variants, &scene);
+            let gallery = Gallery::collect(root, runs, &choice, &mut Vec::new());
+            (scene, labels, gallery)
+        })
+        .collect();
+    let rows = scenes
+        .iter()
+        .flat_map(|(scene, labels, gallery)| gallery.views.first().map(|view| PanelRow { scene, labels, view }));
+    compose(&rows.collect::<Vec<_>>())?.ok_or_else(|| ReportError::NoPictures { path: root.into(), view })
+}
+
+/// One picture of all rows; none without any.
+pub(crate) fn compose(rows: &[PanelRow]) -> Result<Option<RgbImage>, ReportError> {
+    let labels: IndexSet<&String> = rows.iter().flat_map(|row| row.labels).collect();
+    let shot = |row: &PanelRow<'_>, label: &String| row.labels.iter().position(|own| own == label);
+    // Columns: a heading, and the picture of each row.
+    let mut columns: Vec<(String, Vec<Option<RgbImage>>)> =
+        vec![("truth".into(), rows.iter().map(|row| row.view.truth.as_ref().and_then(decoded)).collect())];
+    for label in labels {
+        let shots = || rows.iter().map(|row| Some(&row.view.shots[shot(row, label)?]));
+        columns.push((label.clone(), shots().map(|shots| decoded(shots?.render.as_ref()?)).collect()));
+        columns.push((format!("{label}, depth"), shots().map(|shots| decoded(shots?.depth.as_ref()?)).collect()));
+    }
+    columns.retain(|(_, pictures)| pictures.iter().any(Option::is_some));
+    if columns.is_empty() {
+        return Ok(None);
+    }
+    let widths = columns.iter().map(|(_, pictures)| pictures.iter().flatten().map(RgbImage::width).max().unwrap_or(0));
+    let width = widths.clone().map(|width| width + GAP).sum::<u32>() + GAP;
+    let step = HEADING + HEIGHT;
+    let mut sheet = RgbImage::from_pixel(width, step * rows.len() as u32 + GAP, image::Rgb([255; 3]));
+    let (mut texts, mut left) = (Vec::new(), GAP);
+    for ((heading, pictures), width) in columns.iter().zip(widths) {
+        for (index, (picture, row)) in pictures.iter().zip(rows).enumerate() {
+            let top = step * index as u32;
+            // The scene stands above its truth, the variants above the first row.
+            let text = match (heading.as_str(), index) {
+                ("truth", _) => row.scene,
+                (heading, 0) => heading,
+                _ => "",
+            };
+            texts.push((text.to_owned(), (left as i32, top as i32 + 6)));
+            if let Some(picture) = picture {
+                imageops::replace(&mut sheet, picture, left.into(), (top + HEADING).into());
+            }
+        }
+        left += width + GAP;
+    }
+    write_text(&mut sheet, &texts)?;
+    Ok(Some(sheet))
+}
+
+/// A picture as high as the row.
+fn decoded(picture: &Picture) -> Option<RgbImage> {
+    let picture = image::load_from_memory(&picture.png).ok()?.to_rgb8();
+    let width = (picture.width() * HEIGHT).div_ceil(picture.height().max(1)).max(1);
+    Some(imageops::resize(&picture, width, HEIGHT, imageops::FilterType::CatmullRom))
+}
