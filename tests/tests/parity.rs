@@ -158,7 +158,7 @@ fn scene(fixture: &Value) -> Scene {
         let color = |pixel: &Value| [0, 1, 2].map(|channel| pixel[channel].as_f64().unwrap() as f32 / 255.0);
         let rgb = pixels.as_array().unwrap().iter().map(color).collect();
         let image = Image { width: size, height: size, rgb, alpha: None };
-        View { id, name: format!("train/{id}"), camera: camera.clone(), image: image.into(), depth: None, mask: None }
+        View::new(id, format!("train/{id}"), camera.clone(), image)
     };
     let [near, far] = ["near", "far"].map(|key| fixture[key].as_f64().unwrap() as f32);
     Scene {

@@ -107,14 +107,14 @@ fn folders() {
 fn config() {
     let place = Workplace::new();
     for (setting, parts) in [
-        ("scene.views={kind=\"ids\",ids=[]}", &["train", "at least one view"][..]),
-        ("scene.views={kind=\"ids\",ids=[1,1]}", &["train", "1 twice"]),
-        ("scene.views={kind=\"ids\",ids=[100]}", &["train", "0 to 99", "100"]),
+        ("scene.views={kind=\"ids\",ids=[]}", &["scene.views", "at least one view"][..]),
+        ("scene.views={kind=\"ids\",ids=[1,1]}", &["scene.views", "1 twice"]),
+        ("scene.views={kind=\"ids\",ids=[100]}", &["scene.views", "0 to 99", "100"]),
         ("scene.views={kind=\"ids\",ids=[-1]}", &["scene.views"]),
-        ("scene.views.count=0", &["train", "found 0"]),
-        ("scene.views.count=101", &["train", "found 101"]),
+        ("scene.views.count=0", &["scene.views", "found 0"]),
+        ("scene.views.count=101", &["scene.views", "found 101"]),
         ("scene.views.kind=best", &["scene.views", "best"]),
-        ("scene.size=1000000", &["size", "1000000"]),
+        ("scene.size=1000000", &["scene.size", "1000000"]),
         ("scene.background=[0.5,2.0,0.5]", &["background"]),
         ("scene.background=[1.0,1.0]", &["scene.background"]),
         ("train.iterationz=3", &["iterationz"]),
@@ -138,7 +138,7 @@ fn config() {
         ("field.channels=3", &["field.channels"]),
         ("field.resolutions=[]", &["field.resolutions"]),
         ("field.resolutions=[4,1]", &["field.resolutions"]),
-        ("field.frequencies=three", &["field"]),
+        ("field.frequencies=three", &["field.frequencies", "a whole number"]),
         (
             "field={kind=\"nerf\",layers=1,width=7,skip=1,position_frequencies=1,direction_frequencies=1,density=\"relu\",detail=1.0}",
             &["field.width"],
@@ -152,6 +152,7 @@ fn config() {
         ("loss.gain.weight=1e-4", &["loss.gain", "loss.kl"]),
         ("field.kind=cube", &["cube"]),
         ("eval.test=some", &["eval.test", "some"]),
+        ("eval.test=first-100000", &["eval.test", "from 1 to 200", "100000"]),
         ("eval.test=every-0", &["eval.test", "every-0"]),
         ("train", &["train"]),
         ("a..b=1", &["a..b"]),

@@ -10,6 +10,7 @@ use std::sync::mpsc;
 use std::thread;
 
 use infonerf_scene::SceneError;
+use infonerf_scene::image::{heic_error, is_heic};
 
 /// The program, as it is looked for in the folders of PATH.
 const PROGRAM: &str = "colmap";
@@ -140,15 +141,39 @@ fn accepted(arguments: &[OsString], help: &str) -> Vec<OsString> {
     kept
 }
 
-/// `dir/images` if it is there, else `dir`, with at least [`FEWEST`] images in it.
-fn image_folder(dir: &Path) -> Result<PathBuf, SceneError> {
+/// `dir/images` if it is there, else `dir`.
+fn photograph_folder(dir: &Path) -> PathBuf {
     let below = dir.join("images");
-    let folder = if below.is_dir() { below } else { dir.to_owned() };
+    if below.is_dir() { below } else { dir.to_owned() }
+}
+
+/// What to do with the photographs in `dir`, if it has some, before they are a scene.
+pub(crate) fn unposed(dir: &Path) -> Option<SceneError> {
+    let folder = photograph_folder(dir);
+    if crate::loaders::list_images(&folder).ok()?.is_empty() {
+        return heic(&folder);
+    }
+    let reason = format!("these are photographs: `infonerf scene from-images {}` finds their poses", dir.display());
+    Some(SceneError::malformed(dir, "a scene with poses", reason))
+}
+
+/// The fault of a folder whose photographs are HEICs.
+fn heic(folder: &Path) -> Option<SceneError> {
+    let found = fs::read_dir(folder).ok()?.find_map(|entry| entry.ok().filter(|entry| is_heic(&entry.path())))?;
+    Some(heic_error(&found.path()))
+}
+
+/// The folder of photographs, with at least [`FEWEST`] images in it.
+fn image_folder(dir: &Path) -> Result<PathBuf, SceneError> {
+    let folder = photograph_folder(dir);
     if !folder.is_dir() {
         return Err(SceneError::NotFound { path: folder, expected: "a folder of photographs".into() });
     }
     let count = crate::loaders::list_images(&folder)?.len();
     if count < FEWEST {
+        if let Some(error) = heic(&folder) {
+            return Err(error);
+        }
         return Err(SceneError::malformed(&folder, "at least two PNG or JPEG photographs", format!("it has {count}")));
     }
     Ok(folder)
@@ -220,6 +245,10 @@ mod tests {
         let guard = tempfile::tempdir().unwrap();
         let text = from_images(guard.path(), |_| {}).unwrap_err().to_string();
         assert!(text.contains("at least two PNG or JPEG photographs: it has 0"), "{text}");
+        fs::write(guard.path().join("IMG_1.HEIC"), "").unwrap();
+        let text = from_images(guard.path(), |_| {}).unwrap_err().to_string();
+        assert!(text.contains("IMG_1.HEIC: expected PNG or JPEG: HEIC is not read; convert it"), "{text}");
+        assert_eq!(unposed(guard.path()).unwrap().to_string(), text);
         assert!(from_images(&guard.path().join("none"), |_| {}).unwrap_err().to_string().contains("not found"));
     }
 

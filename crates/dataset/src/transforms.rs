@@ -5,11 +5,11 @@ use serde_json::{Value, json};
 
 /// What `transforms.json` of nerfstudio and instant-ngp says of the training and test views of `scene`: a frame for
 /// each with its own size, focal lengths, principal point and lens, the pose as OpenGL's camera-to-world matrix, and the
-/// path of its image without extension; which are for training and which for test; near, far and the box.
+/// path of its image; which are for training and which for test; near, far and the box.
 ///
 /// The images themselves are not part of it.
 pub fn transforms(scene: &Scene) -> Value {
-    let names = |views: &[View]| -> Vec<String> { views.iter().map(|view| view.name.clone()).collect() };
+    let names = |views: &[View]| -> Vec<String> { views.iter().map(|view| view.file.clone()).collect() };
     let frames: Vec<Value> = scene.train.iter().chain(&scene.test).map(frame).collect();
     json!({
         "near": scene.space.near,
@@ -24,7 +24,7 @@ pub fn transforms(scene: &Scene) -> Value {
 fn frame(view: &View) -> Value {
     let camera = &view.camera;
     let mut frame = json!({
-        "file_path": view.name,
+        "file_path": view.file,
         "transform_matrix": camera.to_world.transpose().to_cols_array_2d(),
         "w": camera.width,
         "h": camera.height,
@@ -83,12 +83,16 @@ mod tests {
                 let camera = Camera::pinhole((18, 14), [focal, focal + 0.5], [8.75, 7.5], pose).with_lens(lens);
                 let name = format!("images/f_{id}");
                 write_view(&dir.path().join(format!("{name}.png")), &camera);
-                let image = Image::filled(18, 14, [0.0; 3]).into();
-                View { id, name, camera, image, depth: None, mask: None }
+                View::new(id, name, camera, Image::filled(18, 14, [0.0; 3]))
             })
             .collect();
         let scene = Scene { train: views[..3].to_vec(), test: views[3..].to_vec(), ..Scene::default() };
-        write_json(&dir.path().join("transforms.json"), &transforms(&scene));
+        let written = transforms(&scene);
+        assert_eq!(
+            (&written["frames"][1]["file_path"], &written["test_filenames"][0]),
+            (&json!("images/f_1.png"), &json!("images/f_3.png"))
+        );
+        write_json(&dir.path().join("transforms.json"), &written);
         let read = load(dir.path(), &request()).unwrap();
         assert_eq!((read.train.len(), read.test.len()), (3, 1));
         assert_eq!(

@@ -7,9 +7,9 @@ use burn::tensor::Device;
 use infonerf_dataset::SceneSource;
 use infonerf_field::FieldSpec;
 use infonerf_report::run_directory;
-use infonerf_scene::{Scene, SceneRequest};
+use infonerf_scene::{Scene, SceneError, SceneRequest};
 use infonerf_train::config::PixelPosition;
-use infonerf_train::{Config, MemoryPlan, Preset, Trainer, member_seed};
+use infonerf_train::{Config, MemoryPlan, Preset, TrainError, Trainer, member_seed};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -99,7 +99,8 @@ impl RunPlan {
     /// # Errors
     /// As [`infonerf_dataset::load`].
     pub fn load(&self) -> Result<Scene> {
-        let scene = infonerf_dataset::load(&self.source, &self.request()).with_context(|| self.source_name())?;
+        let scene = infonerf_dataset::load(&self.source, &self.request()).map_err(named_by_key);
+        let scene = scene.with_context(|| self.source_name())?;
         Ok(match self.config.scene.pixel_position {
             PixelPosition::Centre => scene,
             PixelPosition::Corner => scene.with_rays_through_corners(),
@@ -112,8 +113,8 @@ impl RunPlan {
     /// # Errors
     /// One line that names the largest part, or what is wrong with the scene.
     pub fn check_memory(&self, side_by_side: usize) -> Result<()> {
-        let pixels =
-            infonerf_dataset::count_pixels(&self.source, &self.request()).with_context(|| self.source_name())?;
+        let pixels = infonerf_dataset::count_pixels(&self.source, &self.request()).map_err(named_by_key);
+        let pixels = pixels.with_context(|| self.source_name())?;
         Ok(MemoryPlan::new(&self.config, pixels, side_by_side).check_available()?)
     }
 
@@ -125,6 +126,8 @@ impl RunPlan {
             image_size: (scene.size > 0).then_some(scene.size),
             background: scene.background,
             frame: Some(scene.frame),
+            format: scene.format,
+            masks: scene.masks,
         }
     }
 
@@ -201,6 +204,20 @@ impl RunPlan {
             config,
         })
     }
+}
+
+/// A fault of a request by the key of the config that it comes from.
+fn named_by_key(error: SceneError) -> anyhow::Error {
+    let SceneError::Request { field, expected, found } = error else { return error.into() };
+    let key = match field {
+        "train" => "scene.views",
+        "test" => "eval.test",
+        "image_size" => "scene.size",
+        "background" => "scene.background",
+        "frame" => "scene.frame",
+        other => other,
+    };
+    TrainError::config(key, format!("expected {expected}, found {found}")).into()
 }
 
 /// The paths of all files that a config names, but for the scene's; those that it does not use are empty.

@@ -66,11 +66,36 @@ fn subfolders(data: &Path) -> Result<Vec<String>> {
         .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()))
         .collect();
     names.sort();
-    if names.is_empty() {
-        bail!("{}: expected a folder of scenes: it has none", data.display());
+    let is_scene = |path: &Path| SceneSource::Folder { path: path.to_owned() }.is_scene();
+    if names.is_empty() || is_scene(data) {
+        let whole = data.canonicalize().unwrap_or_else(|_| data.to_owned());
+        let (Some(parent), Some(name)) = (whole.parent(), whole.file_name()) else {
+            bail!("{}: expected a folder of scenes", data.display());
+        };
+        let (parent, name) = (parent.display(), name.display());
+        bail!("{}: expected a folder of scenes; if it is one scene: --data {parent} --scene {name}", data.display());
     }
     // Runs and pictures may lie beside scenes. Where none is a scene, loading says what one needs.
-    let is_scene = |name: &&String| SceneSource::Folder { path: data.join(name) }.is_scene();
-    let scenes: Vec<String> = names.iter().filter(is_scene).cloned().collect();
+    let scenes: Vec<String> = names.iter().filter(|name| is_scene(&data.join(name))).cloned().collect();
     Ok(if scenes.is_empty() { names } else { scenes })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Photographs, or the files of a scene, where a folder of scenes is expected.
+    #[test]
+    fn a_scene_itself_is_refused_with_what_to_type() {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path().join("mine");
+        std::fs::create_dir(&dir).unwrap();
+        for file in ["a.jpg", "transforms.json"] {
+            std::fs::write(dir.join(file), "").unwrap();
+            let text = find_scenes(Some(&dir), None).unwrap_err().to_string();
+            let parent = guard.path().canonicalize().unwrap();
+            assert!(text.ends_with(&format!("--data {} --scene mine", parent.display())), "{text}");
+            std::fs::create_dir_all(dir.join("images")).unwrap();
+        }
+    }
 }

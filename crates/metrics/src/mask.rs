@@ -1,7 +1,7 @@
 use crate::size::check_length;
 use crate::{MetricError, Picture, Rectangle};
 
-/// The pixels of a picture that count: at least one.
+/// The pixels of a picture that count.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask {
     inside: Vec<bool>,
@@ -12,12 +12,9 @@ impl Mask {
     /// The mask of row-major `inside`.
     ///
     /// # Errors
-    /// [`MetricError::Length`] unless there are `width × height` values; [`MetricError::EmptyMask`] if none is inside.
+    /// [`MetricError::Length`] unless there are `width × height` values.
     pub fn new(inside: Vec<bool>, width: usize, height: usize) -> Result<Self, MetricError> {
         check_length("mask", inside.len(), [width, height])?;
-        if !inside.contains(&true) {
-            return Err(MetricError::EmptyMask);
-        }
         Ok(Self { inside, size: [width, height] })
     }
 
@@ -27,6 +24,12 @@ impl Mask {
         &self.inside
     }
 
+    /// Whether no pixel is inside: a view with such a mask has no masked figures.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        !self.inside.contains(&true)
+    }
+
     /// Width and height in pixels.
     #[must_use]
     pub fn size(&self) -> [usize; 2] {
@@ -34,6 +37,9 @@ impl Mask {
     }
 
     /// The smallest rectangle that holds every pixel inside.
+    ///
+    /// # Panics
+    /// If the mask is empty.
     #[must_use]
     pub fn bounding_rectangle(&self) -> Rectangle {
         let [width, _] = self.size;
@@ -55,6 +61,12 @@ impl Mask {
     pub(crate) fn composite(&self, picture: &Picture, color: [f32; 3]) -> Picture {
         assert_eq!(picture.size(), self.size, "a mask of the picture's size");
         picture.mapped(|index, pixel| if self.inside[index] { pixel } else { color })
+    }
+
+    /// The pixels inside both masks, which have one size.
+    pub(crate) fn and(self, other: &Self) -> Self {
+        let inside = self.inside.into_iter().zip(&other.inside).map(|(a, b)| a && *b).collect();
+        Self { inside, ..self }
     }
 
     /// The part inside `rectangle`.
@@ -82,9 +94,8 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_mask_is_refused() {
-        assert_eq!(mask(["..", "..", ".."]), Err(MetricError::EmptyMask));
-        assert_eq!(Mask::new(vec![], 0, 0), Err(MetricError::EmptyMask));
+    fn a_mask_has_the_size_of_its_picture() {
+        assert!(mask(["..", "..", ".."]).unwrap().is_empty() && !mask(["..", ".#", ".."]).unwrap().is_empty());
         assert!(matches!(Mask::new(vec![true], 2, 2), Err(MetricError::Length { .. })));
     }
 

@@ -13,6 +13,8 @@
 //! 2. **Size.** A render and its truth have the same size, or there is an error. With `sizes = "shrink-truth"` a larger
 //!    truth (and its mask) is brought to the render's size: each pixel becomes the mean over the area that it covers, and
 //!    a pixel of the mask is inside if half of its area is. Nothing is ever enlarged.
+//!    Where a truth knows nothing (beyond its lens, or where its capture says so) both pictures get the background's
+//!    colour and neither hits anything, so that nothing is compared there; PSNR is the mean over the other pixels.
 //! 3. **Border.** `crop` pixels are left out on each side; none by default.
 //! 4. **Rounding.** Both pictures are clamped to [0, 1] and rounded to 8 bits, `round(255 x) / 255`, so that a render in
 //!    memory and its PNG score the same.

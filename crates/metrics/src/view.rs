@@ -16,6 +16,8 @@ pub struct Pair<'a> {
     pub truth: &'a Picture,
     /// The pixels that count in masked metrics.
     pub mask: Option<&'a Mask>,
+    /// The pixels that the photograph knows, where that is not all of them: beyond its lens there is nothing to compare.
+    pub valid: Option<&'a Mask>,
     /// Depth maps, where the true depth is known.
     pub depths: Option<Depths<'a>>,
 }
@@ -31,10 +33,10 @@ pub struct Depths<'a> {
 }
 
 impl<'a> Pair<'a> {
-    /// A pair without mask and depth.
+    /// A pair without masks and depth.
     #[must_use]
     pub fn new(render: &'a Picture, truth: &'a Picture) -> Self {
-        Self { render, truth, mask: None, depths: None }
+        Self { render, truth, mask: None, valid: None, depths: None }
     }
 }
 
@@ -47,16 +49,18 @@ pub struct View<'a> {
     /// The protocol.
     pub protocol: &'a Protocol,
     mask: Option<Mask>,
+    valid: Option<Mask>,
     depths: Option<[Cow<'a, [f32]>; 2]>,
     masked: OnceCell<(Picture, Picture)>,
 }
 
 impl<'a> View<'a> {
-    /// Does to `pair` what `protocol` says.
+    /// Does to `pair` what `protocol` says. Where the photograph is not valid, both pictures get the background's colour,
+    /// neither hits anything, and nothing is masked.
     ///
     /// # Errors
     /// [`MetricError::Size`] if sizes differ other than the protocol allows, [`MetricError::Cropped`] if nothing is left,
-    /// [`MetricError::EmptyMask`] if nothing is left of the mask, [`MetricError::Length`] for depth maps of another size.
+    /// [`MetricError::EmptyMask`] if no pixel is valid, [`MetricError::Length`] for depth maps of another size.
     pub fn new(pair: Pair<'a>, protocol: &'a Protocol) -> Result<Self, MetricError> {
         let (render, size) = (pair.render, pair.render.size());
         let shrinks = protocol.sizes == Sizes::ShrinkTruth;
@@ -65,48 +69,71 @@ impl<'a> View<'a> {
             truth => Cow::Borrowed(truth),
         };
         check_sizes(render, &truth)?;
-        let mask = match pair.mask {
-            Some(larger) if shrinks && larger.size() != size => Some(Cow::Owned(shrunk_mask(larger, size)?)),
-            mask => mask.map(Cow::Borrowed),
-        };
-        if let Some(mask) = &mask {
-            check_size("mask", mask.size(), size)?;
-        }
         for depth in pair.depths.iter().flat_map(|depths| [depths.render, depths.truth]) {
             check_length("depth", depth.len(), size)?;
         }
 
         let inner = inner(size, protocol.crop)?;
+        let mask = |mask: Option<&Mask>| {
+            let Some(mask) = mask else { return Ok(None) };
+            if shrinks && mask.size() != size {
+                return shrunk_mask(mask, size)?.cropped(inner).map(Some);
+            }
+            check_size("mask", mask.size(), size)?;
+            mask.cropped(inner).map(Some)
+        };
+        let (mask, valid) = (mask(pair.mask)?, mask(pair.valid)?);
+        if valid.as_ref().is_some_and(Mask::is_empty) {
+            return Err(MetricError::EmptyMask);
+        }
         let picture = |picture: &Picture| {
             let cropped = if protocol.crop == 0 { picture.clone() } else { picture.cropped(inner) };
-            if protocol.eight_bit { cropped.rounded() } else { cropped }
+            let seen = match &valid {
+                Some(valid) => valid.composite(&cropped, protocol.background.color()),
+                None => cropped,
+            };
+            if protocol.eight_bit { seen.rounded() } else { seen }
         };
-        let depth = |map: &'a [f32]| match protocol.crop {
-            0 => Cow::Borrowed(map),
-            _ => Cow::Owned(inner.of(map, size[0])),
+        let depth = |map: &'a [f32]| match (protocol.crop, &valid) {
+            (0, None) => Cow::Borrowed(map),
+            (_, None) => Cow::Owned(inner.of(map, size[0])),
+            (_, Some(valid)) => {
+                let seen = inner.of(map, size[0]).into_iter().zip(valid.inside());
+                Cow::Owned(seen.map(|(depth, valid)| if *valid { depth } else { f32::INFINITY }).collect())
+            }
         };
         Ok(Self {
             render: picture(render),
             truth: picture(&truth),
             protocol,
-            mask: mask.map(|mask| mask.cropped(inner)).transpose()?,
             depths: pair.depths.map(|depths| [depths.render, depths.truth].map(depth)),
+            mask: match (mask, &valid) {
+                (Some(mask), Some(valid)) => Some(mask.and(valid)),
+                (mask, _) => mask,
+            },
+            valid,
             masked: OnceCell::new(),
         })
     }
 
-    /// The mask.
+    /// The mask, which has pixels inside.
     ///
     /// # Errors
-    /// [`MetricError::NoMask`].
+    /// [`MetricError::NoMask`], [`MetricError::EmptyMask`].
     pub fn mask(&self) -> Result<&Mask, MetricError> {
-        self.mask.as_ref().ok_or(MetricError::NoMask)
+        let mask = self.mask.as_ref().ok_or(MetricError::NoMask)?;
+        if mask.is_empty() { Err(MetricError::EmptyMask) } else { Ok(mask) }
+    }
+
+    /// The pixels that count at all, where these are not all.
+    pub(crate) fn valid(&self) -> Option<&Mask> {
+        self.valid.as_ref()
     }
 
     /// Render and truth as SSIM and LPIPS over the mask see them, see [`Masked`].
     ///
     /// # Errors
-    /// [`MetricError::NoMask`].
+    /// As [`View::mask`].
     pub fn masked(&self) -> Result<(&Picture, &Picture), MetricError> {
         let mask = self.mask()?;
         let (render, truth) = self.masked.get_or_init(|| {
@@ -193,6 +220,30 @@ mod tests {
             let expected = MetricError::Cropped { crop, found: [6, 4] };
             assert_eq!(refused(pair, Protocol { crop, ..protocol }), expected);
         }
+    }
+
+    /// Beyond the lens a render may show anything; an empty mask takes the masked figures alone.
+    #[test]
+    fn only_valid_pixels_are_compared() {
+        let truth = picture(6, 4);
+        let render = truth.mapped(|index, pixel| if index < 6 { [0.9; 3] } else { pixel });
+        let [valid, mask, none] =
+            [6, 12, 24].map(|from| Mask::new((0..24).map(|i| i >= from).collect(), 6, 4).unwrap());
+        let (nearer, depth) = ([1.0; 24], [2.0; 24]);
+        let depths = Some(Depths { render: &nearer, truth: &depth });
+        let pair = Pair { valid: Some(&valid), mask: Some(&none), depths, ..Pair::new(&render, &truth) };
+        let protocol = Protocol { eight_bit: false, ..Protocol::default() };
+        let view = View::new(pair, &protocol).unwrap();
+        assert_eq!(view.render.pixels(), view.truth.pixels());
+        assert!(view.depths().unwrap().0[..6].iter().all(|depth| depth.is_infinite()));
+        assert_eq!(view.mask(), Err(MetricError::EmptyMask));
+        let off = render.mapped(|_, pixel| pixel.map(|value| value + 0.1));
+        let pairs = [Pair { render: &off, ..pair }, Pair { render: &off, mask: Some(&mask), ..pair }];
+        let measured = crate::evaluate(&pairs, &crate::Networks::none(), &protocol).unwrap();
+        approx::assert_abs_diff_eq!(measured.set["psnr"].unwrap(), 20.0, epsilon = 1e-4);
+        let note = measured.notes.iter().find(|note| note.metrics.contains(&"psnr_masked".to_owned())).unwrap();
+        assert_eq!(note.reason, "mean over 1 of 2 views, for the others: the mask is empty: no pixel is inside");
+        assert_eq!(refused(Pair { valid: Some(&none), ..pair }, protocol), MetricError::EmptyMask);
     }
 
     #[test]

@@ -151,7 +151,9 @@ fn sizes_and_masks_that_do_not_fit_are_named() {
 
     workspace.write("renders/a.png", &truth);
     workspace.mask("a", 24, 16, |_, _| 0);
-    assert_eq!(workspace.fault(true), "masks/a.png: the mask is empty: no pixel is inside");
+    let masked = workspace.compare(true, Protocol::default()).unwrap().measured;
+    assert!(masked.set["psnr"].is_some() && masked.set["psnr_masked"].is_none());
+    assert!(masked.notes.iter().any(|note| note.reason == "the mask is empty: no pixel is inside"));
     workspace.mask("a", 24, 15, |_, _| 1);
     assert_eq!(workspace.fault(true), "renders/a.png: the mask has 24×15 pixels, the render 24×16");
     std::fs::remove_file(workspace.path("masks/a.png")).unwrap();

@@ -237,12 +237,8 @@ pub fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
     let centre = if is_capture { bounds.centre() } else { Vec3::ZERO };
     let pixels = |camera: &Camera| RgbaImage { has_alpha: !is_capture, ..render::render(&model, camera).to_f32() };
     let view = |split: &str, id: usize, camera: &Camera| View {
-        id,
-        name: format!("{split}/r_{id}"),
-        image: pixels(camera).composite(request.background).into(),
         depth: Some(render::depth(&model, camera).into()),
-        mask: None,
-        camera: camera.clone(),
+        ..View::new(id, format!("{split}/r_{id}"), camera.clone(), pixels(camera).composite(request.background))
     };
     let views = |split: &str, ids: &[usize], cameras: &[Camera]| -> Vec<View> {
         ids.iter().filter_map(|&id| cameras.get(id).map(|c| view(split, id, c))).collect()

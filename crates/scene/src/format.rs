@@ -2,16 +2,17 @@
 
 use std::fmt;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Where a scene came from. On a command line (feature `clap`): the formats that built-in scenes are exported to.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Format {
     /// Made by the program.
     #[default]
     #[cfg_attr(feature = "clap", value(skip))]
+    #[serde(skip_deserializing)]
     Procedural,
     /// NeRF's synthetic scenes: `transforms_train.json`.
     Blender,
@@ -44,7 +45,7 @@ impl fmt::Display for Format {
 }
 
 /// What is behind the scene's content in its images.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Backdrop {
     /// One known colour, the scene's `background`, which transparent pixels were composited on.

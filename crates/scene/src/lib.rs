@@ -57,7 +57,7 @@ pub use poses::{
 };
 pub use range::Range;
 pub use ray::Ray;
-pub use request::SceneRequest;
+pub use request::{MaskUse, SceneRequest};
 pub use scene::{PixelCount, Scene, View};
 pub use select::{TestProtocol, ViewSelection};
 pub use space::Space;

@@ -1,6 +1,8 @@
 //! What to load of a scene.
 
-use crate::{SceneError, TestProtocol, ViewSelection};
+use serde::{Deserialize, Serialize};
+
+use crate::{Format, SceneError, TestProtocol, ViewSelection};
 
 /// The longest image side that can be asked for, in pixels.
 const LARGEST_SIZE: u32 = 16_384;
@@ -19,6 +21,21 @@ pub struct SceneRequest {
     pub background: [f32; 3],
     /// Which frame of a film (ZJU-MoCap); `None` for the first.
     pub frame: Option<usize>,
+    /// The format of a folder; `None` for the first that it fits.
+    pub format: Option<Format>,
+    /// What the masks of a capture (`mask_path` of `transforms.json`) leave out.
+    pub masks: MaskUse,
+}
+
+/// What black pixels of the masks of a capture (`mask_path` of `transforms.json`) are left out of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MaskUse {
+    /// Of training, as in nerfstudio, and of all metrics.
+    #[default]
+    LeaveOut,
+    /// Of masked metrics alone.
+    Score,
 }
 
 impl Default for SceneRequest {
@@ -30,6 +47,8 @@ impl Default for SceneRequest {
             image_size: None,
             background: [1.0; 3],
             frame: None,
+            format: None,
+            masks: MaskUse::default(),
         }
     }
 }

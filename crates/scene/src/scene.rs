@@ -12,6 +12,8 @@ pub struct View {
     pub id: usize,
     /// The image's path within the scene, without extension, such as `train/r_26`.
     pub name: String,
+    /// The image's path within the scene's folder, such as `train/r_26.png`.
+    pub file: String,
     /// Intrinsics for `image` and the pose.
     pub camera: Camera,
     /// The photograph, composited on the scene's background.
@@ -20,27 +22,38 @@ pub struct View {
     /// `f32::INFINITY` where nothing is hit. `None` where the scene does not know it, or where the
     /// image was resized: distances cannot be averaged.
     pub depth: Option<Arc<[f32]>>,
-    /// Which pixels count in evaluation, row-major: the object's in DTU, the person's in ZJU-MoCap, those that a
-    /// `mask_path` leaves in. `None` where all do.
+    /// Which pixels masked metrics look at, row-major: the object's in DTU, the person's in ZJU-MoCap, those that a
+    /// `mask_path` leaves in. `None` where there is no mask.
     pub mask: Option<Arc<[bool]>>,
+    /// Which pixels can be learned from and compared with, row-major: those whose ray is known and that no `mask_path`
+    /// leaves out. `None` where all can.
+    pub valid: Option<Arc<[bool]>>,
 }
 
 impl View {
+    /// A view all of whose pixels count, without depth or mask, of a PNG called `name`.
+    pub fn new(id: usize, name: impl Into<String>, camera: Camera, image: impl Into<Arc<Image>>) -> Self {
+        let name = name.into();
+        let file = format!("{name}.png");
+        Self { id, name, file, camera, image: image.into(), depth: None, mask: None, valid: None }
+    }
+
     /// The view with pixels `factor` times as wide, each the mean over the area that it covers, and without depth:
     /// distances cannot be averaged.
     pub fn reduced(&self, factor: u32) -> Self {
         let (width, height) = (self.image.width, self.image.height);
         let longest = (width.max(height) / factor.max(1)).max(1);
-        let (width, height) = resized_dimensions(width, height, longest);
+        let size = resized_dimensions(width, height, longest);
+        let resized = |mask: &Option<Arc<[bool]>>| {
+            mask.as_ref().map(|mask| crate::image::resized_mask(mask, (width, height), size).into())
+        };
         Self {
-            id: self.id,
-            name: self.name.clone(),
-            camera: self.camera.resized(width, height),
-            image: Arc::new(self.image.resized(width, height)),
+            camera: self.camera.resized(size.0, size.1),
+            image: Arc::new(self.image.resized(size.0, size.1)),
             depth: None,
-            mask: self.mask.as_ref().map(|mask| {
-                crate::image::resized_mask(mask, (self.image.width, self.image.height), (width, height)).into()
-            }),
+            mask: resized(&self.mask),
+            valid: resized(&self.valid),
+            ..self.clone()
         }
     }
 }
@@ -121,11 +134,13 @@ impl Scene {
     }
 }
 
-/// The mean colour of all pixels of `views`; white where there are none.
+/// The mean colour of all valid pixels of `views`; white where there are none.
 fn mean_color(views: &[View]) -> [f32; 3] {
     let mut sum = [0.0f64; 3];
     let mut count = 0usize;
-    for pixel in views.iter().flat_map(|view| &view.image.rgb) {
+    let pixels =
+        views.iter().flat_map(|view| view.image.rgb.iter().enumerate().map(move |(i, pixel)| (view, i, pixel)));
+    for (_, _, pixel) in pixels.filter(|(view, i, _)| view.valid.as_ref().is_none_or(|valid| valid[*i])) {
         count += 1;
         sum.iter_mut().zip(pixel).for_each(|(sum, value)| *sum += f64::from(*value));
     }
@@ -159,12 +174,9 @@ mod tests {
         let mut image = Image::filled(4, 2, [0.25; 3]);
         image.rgb[0] = [1.0, 0.25, 0.25];
         let view = View {
-            id: 0,
-            name: "a".into(),
-            camera: Camera::from_fov(4, 2, 1.0, pose),
-            image: image.into(),
             depth: Some(vec![1.0; 8].into()),
             mask: Some(vec![true, true, false, false, true, false, false, true].into()),
+            ..View::new(0, "a", Camera::from_fov(4, 2, 1.0, pose), image)
         };
         let half = view.reduced(2);
         assert_eq!(half.image.rgb, [[0.4375, 0.25, 0.25], [0.25; 3]]);

@@ -1,12 +1,13 @@
 //! The region that a scene occupies, and how its cameras are arranged.
 
 use glam::Vec3;
+use serde::Serialize;
 
 use crate::poses::up_direction;
 use crate::{Aabb, Body, Camera, Layout, Range};
 
 /// The region that a scene's content occupies, and how its cameras are arranged.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Space {
     /// Least distance of content along any ray, scene units, ≥ 0.
     pub near: f32,
@@ -27,8 +28,10 @@ pub struct Space {
     /// The greatest distance of a camera from `centre`, scene units, > 0.
     pub radius: f32,
     /// Surface points, where the format provides them.
+    #[serde(skip)]
     pub points: Vec<Vec3>,
     /// The body in the scene, where the format provides one.
+    #[serde(skip)]
     pub body: Option<Body>,
 }
 

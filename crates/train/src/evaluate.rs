@@ -1,5 +1,6 @@
 //! What is measured in the end, on test views only.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use infonerf_field::Field;
@@ -83,9 +84,11 @@ impl<'a> Evaluation<'a> {
         let render = Picture::new(image.rgb.clone(), image.width as usize, image.height as usize)?;
         let truth = Picture::new(view.image.rgb.clone(), view.image.width as usize, view.image.height as usize)?;
         let depths = view.depth.as_ref().map(|truth| Depths { render: &image.depth, truth });
-        let mask =
-            view.mask.as_ref().map(|mask| Mask::new(mask.to_vec(), render.width(), render.height())).transpose()?;
-        let pair = Pair { depths, mask: mask.as_ref(), ..Pair::new(&render, &truth) };
+        let mask = |inside: &Option<Arc<[bool]>>| {
+            inside.as_ref().map(|inside| Mask::new(inside.to_vec(), render.width(), render.height())).transpose()
+        };
+        let (mask, valid) = (mask(&view.mask)?, mask(&view.valid)?);
+        let pair = Pair { depths, mask: mask.as_ref(), valid: valid.as_ref(), ..Pair::new(&render, &truth) };
         let values = self.evaluator.add(pair)?.clone();
         let view = TestView { image, values, seconds };
         self.views += 1;

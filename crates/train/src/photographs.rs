@@ -1,5 +1,6 @@
 //! The training views as a field sees them that looks at photographs.
 
+use glam::{DVec2, Vec3};
 use infonerf_field::{SourceView, Sources};
 use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Scene, View};
@@ -14,7 +15,7 @@ pub(crate) struct Photographs(Sources);
 impl Photographs {
     pub(crate) fn new(scene: &Scene) -> Self {
         let middle = scene.space.bounds.min.midpoint(scene.space.bounds.max).to_array();
-        Self(Sources { views: scene.train.iter().map(source).collect(), middle })
+        Self(Sources { views: scene.train.iter().map(|view| source(view, scene.background)).collect(), middle })
     }
 
     /// All of them, to render with.
@@ -42,23 +43,45 @@ impl Photographs {
     }
 }
 
-fn source(view: &View) -> SourceView {
+/// The photograph as a field projects points into it: without distortion.
+fn source(view: &View, background: [f32; 3]) -> SourceView {
     let camera = &view.camera;
+    let perspective = camera.lens.is_perspective();
     let to_camera = camera.to_world.inverse();
     SourceView {
         width: view.image.width as usize,
         height: view.image.height as usize,
-        rgb: view.image.rgb.clone().into(),
+        rgb: if perspective { view.image.rgb.clone() } else { undistorted(view, background) }.into(),
         focal: [camera.fx as f32, camera.fy as f32],
         centre: [camera.cx as f32, camera.cy as f32],
         to_camera: [0, 1, 2].map(|row| to_camera.row(row).as_vec4().to_array()),
     }
 }
 
+/// What a camera without distortion and else like the view's would have seen, by bilinear interpolation: beyond the
+/// photograph's border the nearest pixel, beyond its lens `background`.
+fn undistorted(view: &View, background: [f32; 3]) -> Vec<[f32; 3]> {
+    let (camera, image) = (&view.camera, &view.image);
+    let (focal, centre) = (DVec2::new(camera.fx, camera.fy), DVec2::new(camera.cx, camera.cy));
+    let last = DVec2::new(f64::from(image.width - 1), f64::from(image.height - 1));
+    let seen = |x: u32, y: u32| {
+        let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
+        let Some(bent) = camera.lens.distort((pixel - centre) / focal) else { return background };
+        let at = (centre + focal * bent - 0.5).clamp(DVec2::ZERO, last);
+        let (low, high) = (at.floor().as_u64vec2(), at.ceil().as_u64vec2());
+        let share = at.fract().as_vec2();
+        let color = |x: u64, y: u64| Vec3::from(image.rgb[(y * u64::from(image.width) + x) as usize]);
+        let row = |y: u64| color(low.x, y).lerp(color(high.x, y), share.x);
+        row(low.y).lerp(row(high.y), share.y).to_array()
+    };
+    (0..image.height).flat_map(|y| (0..image.width).map(move |x| (x, y))).map(|(x, y)| seen(x, y)).collect()
+}
+
 #[cfg(test)]
 mod tests {
+    use glam::DMat4;
     use infonerf_procedural::load;
-    use infonerf_scene::{SceneRequest, TestProtocol, ViewSelection};
+    use infonerf_scene::{Camera, Image, Lens, SceneRequest, TestProtocol, ViewSelection};
 
     use super::*;
     use crate::{Config, Preset};
@@ -104,11 +127,34 @@ mod tests {
         }
     }
 
+    /// A photograph of a colour ramp is the ramp again, whatever lens it was taken through.
+    #[test]
+    fn lenses_are_undone() {
+        for lens in
+            [Lens::radial_tangential([-0.2, 0.05, 0.0, 0.0], [0.01, -0.02]), Lens::fisheye([0.1, 0.0, 0.0, 0.0])]
+        {
+            let camera = Camera::pinhole((40, 30), [30.0, 32.0], [21.0, 14.0], DMat4::IDENTITY).with_lens(lens);
+            let position = |i: usize| {
+                let pixel = DVec2::new((i % 40) as f64 + 0.5, (i / 40) as f64 + 0.5);
+                (pixel - DVec2::new(camera.cx, camera.cy)) / DVec2::new(camera.fx, camera.fy)
+            };
+            let ramp = |point: DVec2| [0.5 + 0.4 * point.x as f32, 0.5 + 0.4 * point.y as f32, 0.0];
+            let rgb = (0..1200).map(|i| ramp(lens.undistort(position(i)).unwrap())).collect();
+            let view = View::new(0, "a", camera.clone(), Image { width: 40, height: 30, rgb, alpha: None });
+            let source = source(&view, [1.0; 3]);
+            let inside = (0..1200).filter(|i| (4..36).contains(&(i % 40)) && (4..26).contains(&(i / 40)));
+            for i in inside {
+                let (found, expected) = (source.rgb[i], ramp(position(i)));
+                assert!((0..3).all(|c| (found[c] - expected[c]).abs() < 2e-3), "{lens} {i}: {found:?} {expected:?}");
+            }
+        }
+    }
+
     #[test]
     fn cameras_agree_with_the_scenes() {
         let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
         let scene = load("knot", &request).unwrap();
-        let source = source(&scene.train[0]);
+        let source = source(&scene.train[0], scene.background);
         let point = [0.3f32, -0.2, 0.1];
         let [x, y, z] = source.to_camera.map(|r| r[0] * point[0] + r[1] * point[1] + r[2] * point[2] + r[3]);
         let expected = scene.train[0].camera.project(point.into()).unwrap();

@@ -59,7 +59,12 @@ impl Pixels {
 /// The columns (or rows) of an image from which pixels are drawn: first and number. Until `train.precrop_steps` they are
 /// the central half.
 pub(crate) fn crop(config: &TrainConfig, step: usize, size: u32) -> (u32, u32) {
-    if step < config.precrop_steps { (size / 4, (size / 2).max(1)) } else { (0, size) }
+    if step < config.precrop_steps { central_half(size) } else { (0, size) }
+}
+
+/// The first of the central half of `size` columns or rows, and their number.
+pub(crate) fn central_half(size: u32) -> (u32, u32) {
+    (size / 4, (size / 2).max(1))
 }
 
 /// The rotation that takes the cameras of a step to those of neighbouring rays: one for all.

@@ -2,12 +2,12 @@
 
 use infonerf_loss::is_foreground;
 use infonerf_render::{Noise, RandomStream};
-use infonerf_scene::{Camera, Image, PixelAt, Scene};
+use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
 use infonerf_schedule::Moment;
 
 use crate::config::{Batch, TrainConfig};
 use crate::error_sampling::PixelErrors;
-use crate::pixels::{Pixels, crop, generator};
+use crate::pixels::{Pixels, central_half, crop, generator};
 
 /// Pixels of training images, with what they show.
 #[derive(Clone, Debug)]
@@ -43,6 +43,50 @@ pub(crate) struct Images {
     rgba: Vec<Vec<[f32; 4]>>,
     /// Share of the 3 × 3 pixels about each that do not show the background, of each view.
     coverage: Vec<Vec<f32>>,
+    /// The pixels that can be drawn, where these are not all.
+    valid: Option<ValidPixels>,
+}
+
+/// The pixels of training images that are valid, by their index among all pixels, in ascending order.
+#[derive(Clone, Debug)]
+struct ValidPixels {
+    /// Those of the whole images.
+    whole: Vec<u32>,
+    /// Those of the images' central halves; of a view that has none there, all.
+    central: Vec<u32>,
+}
+
+impl ValidPixels {
+    /// The squares of `factor` × `factor` pixels that are valid throughout; `None` where a view has none.
+    fn of(views: &[View], factor: u32) -> Option<Self> {
+        let image = &views[0].image;
+        let (stride, width, height) = (image.width, image.width / factor, image.height / factor);
+        let [columns, rows] = [width, height].map(|size| {
+            let (first, count) = central_half(size);
+            first..first + count
+        });
+        let (mut whole, mut central) = (Vec::new(), Vec::new());
+        for (view_index, view) in views.iter().enumerate() {
+            let is_valid = |&(x, y): &(u32, u32)| {
+                let mut square = (0..factor * factor).map(|i| (x * factor + i % factor, y * factor + i / factor));
+                view.valid.as_ref().is_none_or(|valid| square.all(|(x, y)| valid[(y * stride + x) as usize]))
+            };
+            let valid: Vec<(u32, u32)> =
+                (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).filter(is_valid).collect();
+            let index_of = |&(x, y): &(u32, u32)| (view_index as u32 * height + y) * width + x;
+            let inner = valid.iter().filter(|(x, y)| columns.contains(x) && rows.contains(y)).map(index_of);
+            let (before, all) = (central.len(), valid.iter().map(index_of));
+            whole.extend(all.clone());
+            central.extend(inner);
+            if central.len() == before {
+                central.extend(all);
+            }
+            if central.len() == before {
+                return None;
+            }
+        }
+        Some(Self { whole, central })
+    }
 }
 
 impl TrainConfig {
@@ -53,21 +97,28 @@ impl TrainConfig {
 }
 
 impl TrainingImages {
-    /// Images of `scene` at full size, and box-filtered by each factor that `config` asks for.
+    /// Images of `scene` at full size, and box-filtered by each factor that `config` asks for and at which every view has
+    /// a valid pixel.
+    ///
+    /// # Panics
+    /// If a view has no valid pixel at full size.
     pub(crate) fn new(scene: &Scene, config: &TrainConfig) -> Self {
         let (width, height) = (scene.train[0].image.width, scene.train[0].image.height);
         // Every whole factor between the extremes: all of them together are smaller than the images themselves.
         let (least, largest) = (config.downscale.least().round() as u32, config.downscale.largest().round() as u32);
         let factors = (least.max(2)..=largest).filter(|&factor| factor <= width.min(height));
-        let sizes = std::iter::once(1)
+        let is_partial = scene.train.iter().any(|view| view.valid.is_some());
+        let sizes: Vec<Images> = std::iter::once(1)
             .chain(factors)
-            .map(|factor| {
+            .filter_map(|factor| {
                 let (width, height) = (width / factor, height / factor);
+                let valid = if is_partial { Some(ValidPixels::of(&scene.train, factor)?) } else { None };
                 let rgba: Vec<_> = scene.train.iter().map(|view| downscaled(&view.image, factor)).collect();
                 let coverage = rgba.iter().map(|pixels| coverage(pixels, width, scene.background)).collect();
-                Images { factor, width, height, rgba, coverage }
+                Some(Images { factor, width, height, rgba, coverage, valid })
             })
             .collect();
+        assert!(sizes.first().is_some_and(Images::is_full_size), "every training view has a valid pixel");
         Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), sizes }
     }
 
@@ -136,9 +187,16 @@ impl Images {
             [RandomStream::View, RandomStream::Column, RandomStream::Row, RandomStream::Acceptance]
                 .map(|stream| noise.child(stream));
         let sampling = config.error_sampling.is_on().then_some(&config.error_sampling);
+        let drawable = self.valid.as_ref().map(|valid| match step < config.precrop_steps {
+            true => valid.central.as_slice(),
+            false => valid.whole.as_slice(),
+        });
         match config.batch {
             Batch::Pixels => {
                 let draw = |ray: usize, k: usize| {
+                    if let Some(drawable) = drawable {
+                        return drawable[row.below(ray, k, drawable.len())] as usize;
+                    }
                     let x = left as usize + column.below(ray, k, columns as usize);
                     let y = top as usize + row.below(ray, k, rows as usize);
                     view.below(ray, k, self.rgba.len()) * area + y * stride + x
@@ -156,13 +214,23 @@ impl Images {
             }
             Batch::Image | Batch::HeldOut => {
                 let image = view.below(0, 0, self.rgba.len());
-                let pixels = columns as usize * rows as usize;
+                let drawable = drawable.map(|all| {
+                    let before = |end: usize| all.partition_point(|&index| (index as usize) < end);
+                    &all[before(image * area)..before((image + 1) * area)]
+                });
+                let pixels = drawable.map_or(columns as usize * rows as usize, <[u32]>::len);
+                let index = |pixel: usize| match drawable {
+                    Some(drawable) => drawable[pixel] as usize,
+                    None => {
+                        let (x, y) = (left + pixel as u32 % columns, top + pixel as u32 / columns);
+                        image * area + y as usize * stride + x as usize
+                    }
+                };
                 let candidates = if sampling.is_some() { PixelErrors::DRAWS * rays } else { rays };
                 let drawn: Vec<usize> =
                     rand::seq::index::sample(&mut generator(column), pixels, candidates.min(pixels))
                         .into_iter()
-                        .map(|pixel| (left + pixel as u32 % columns, top + pixel as u32 / columns))
-                        .map(|(x, y)| image * area + y as usize * stride + x as usize)
+                        .map(index)
                         .collect();
                 match sampling {
                     None => (drawn, 0),
@@ -223,6 +291,45 @@ mod tests {
         let found = coverage(&rgba, 6, [1.0; 3]);
         let want = [1.0 / 2.0, 2.0 / 3.0, 1.0, 2.0 / 3.0, 1.0 / 3.0, 0.0];
         assert_eq!(found, want.repeat(3));
+    }
+
+    /// Whatever the batch, size and crop; a view whose centre is invalid is drawn from elsewhere.
+    #[test]
+    fn invalid_pixels_are_never_drawn() {
+        let request = SceneRequest {
+            train: ViewSelection::Seed { seed: 0, count: 2 },
+            image_size: Some(16),
+            ..SceneRequest::default()
+        };
+        let mut scene = infonerf_procedural::load("knot", &request).unwrap();
+        // The left half of the first view but one pixel, and the last rows of the second.
+        let valid = |view: usize, x: usize, y: usize| if view == 0 { x < 8 && (x, y) != (6, 6) } else { y >= 14 };
+        for (index, view) in scene.train.iter_mut().enumerate() {
+            view.valid = Some((0..256).map(|i| valid(index, i % 16, i / 16)).collect());
+        }
+        for batch in ["pixels", "image"] {
+            let mut table = Preset::Paper.table();
+            for assignment in [&format!("train.batch={batch}"), "train.downscale={steps=[[0.0,2],[0.5,4],[0.9,1]]}"] {
+                crate::config::assign(&mut table, assignment).unwrap();
+            }
+            let config = TrainConfig { precrop_steps: 30, ..Config::from_table(table).unwrap().train };
+            let images = TrainingImages::new(&scene, &config);
+            assert_eq!(images.sizes.iter().map(|images| images.factor).collect::<Vec<_>>(), [1, 2]);
+            let mut drawn = [0; 2];
+            for step in 0..60 {
+                let at = Moment { step, progress: if step % 2 == 0 { 0.0 } else { 1.0 } };
+                let noise = Noise::new(0, step as u64, Stream::SeenRays);
+                let seen = images.draw(&config, 20, at, noise, &PixelErrors::default());
+                let half = seen.pixels.width / 2.0;
+                for PixelAt { view, x, y } in seen.pixels.at {
+                    let corners = [(x - half, y - half), (x + half - 1.0, y + half - 1.0)];
+                    assert!(corners.iter().all(|&(x, y)| valid(view, x as usize, y as usize)), "{view} {x} {y}");
+                    assert!(view == 1 || step >= 30 || (4.0..12.0).contains(&x) && (4.0..12.0).contains(&y));
+                    drawn[view] += 1;
+                }
+            }
+            assert!(drawn.iter().all(|&count| count > 100), "{drawn:?}");
+        }
     }
 
     /// Cones of all kinds of rays are as wide as the pixels of the images that a step learns from.

@@ -82,13 +82,13 @@ impl Reconstruction {
     }
 
     /// The distances from cameras to the points that they were found to see.
-    pub(crate) fn distances(&self) -> Vec<f32> {
+    pub(crate) fn distances(&self, images: &[&ColmapImage]) -> Vec<f32> {
         let of = |image: &ColmapImage| {
             let position = image.pose.w_axis.truncate();
             let points = image.observations.iter().filter_map(|(_, point)| self.points.get(point));
             points.map(|p| p.distance(position) as f32).collect::<Vec<_>>()
         };
-        self.images.iter().flat_map(of).collect()
+        images.iter().copied().flat_map(of).collect()
     }
 }
 

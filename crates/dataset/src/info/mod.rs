@@ -12,7 +12,7 @@ use std::path::Path;
 use glam::Vec3;
 use infonerf_procedural as procedural;
 use infonerf_scene::image::{dimensions, has_alpha};
-use infonerf_scene::{Aabb, Backdrop, Camera, Format, Image, Layout, Range, Scene, SceneError, SceneRequest};
+use infonerf_scene::{Backdrop, Camera, Format, Image, Layout, Range, Scene, SceneError, SceneRequest, Space};
 use serde::Serialize;
 
 use crate::loaders::Frame;
@@ -37,26 +37,11 @@ pub struct Info {
     pub field_of_view_deg: f32,
     /// Width and height of the first image, if it is there.
     pub image_size: Option<[u32; 2]>,
-    /// How the cameras are arranged.
-    pub layout: Layout,
     /// What is behind the content, as the first image shows it, if it is there.
     pub backdrop: Option<Backdrop>,
-    /// Whether all content lies in the bounds.
-    pub bounded: bool,
-    /// The least distance of content from a camera, scene units.
-    pub near: f32,
-    /// The greatest.
-    pub far: f32,
-    /// The interval of a ray in which the content lies.
-    pub range: Range,
-    /// The box around the content to be reconstructed.
-    pub bounds: Aabb,
-    /// The point that the cameras look at; where they look outward, the mean of their positions.
-    pub centre: Vec3,
-    /// The greatest distance of a camera from the centre, scene units.
-    pub radius: f32,
-    /// The up direction.
-    pub up: Vec3,
+    /// Where the content lies, and how the cameras are arranged.
+    #[serde(flatten)]
+    pub space: Space,
     /// Number of known surface points.
     pub points: usize,
     /// Names for training views and how many views each chooses.
@@ -89,7 +74,8 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
     let counts = |named: &[(String, Vec<usize>)]| named.iter().map(|(name, ids)| (name.clone(), ids.len())).collect();
     let mut protocols: Vec<(String, usize)> = counts(&parts.protocols);
     protocols.insert(0, ("split".into(), parts.split.as_ref().map_or(parts.test.len(), Vec::len)));
-    let space = parts.space;
+    let mut space = parts.space;
+    space.bounded |= backdrop == Some(Backdrop::Colour) && space.layout == Layout::Object;
     Ok(Info {
         name: loaders::scene_name(path),
         format: parts.format,
@@ -99,17 +85,9 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
         lens: camera.as_ref().map_or_else(String::new, |c| c.lens.to_string()),
         field_of_view_deg: camera.as_ref().map_or(0.0, field_of_view),
         image_size: size.map(|(width, height)| [width, height]),
-        layout: space.layout,
         backdrop,
-        bounded: space.bounded || (backdrop == Some(Backdrop::Colour) && space.layout == Layout::Object),
-        near: space.near,
-        far: space.far,
-        range: space.range,
-        bounds: space.bounds,
-        centre: space.centre,
-        radius: space.radius,
-        up: space.up,
         points: space.points.len(),
+        space,
         selections: counts(&parts.selections),
         protocols,
         warnings: parts.warnings,
@@ -183,22 +161,23 @@ impl fmt::Display for Info {
             let each: Vec<String> = named.iter().map(|(name, count)| format!("{name} ({count})")).collect();
             if each.is_empty() { "none".to_owned() } else { each.join(", ") }
         };
+        let space = &self.space;
         let vector = |v: Vec3| format!("({:.3}, {:.3}, {:.3})", v.x, v.y, v.z);
-        writeln!(f, "{}: {}, cameras {}", self.name, self.format, self.layout)?;
+        writeln!(f, "{}: {}, cameras {}", self.name, self.format, space.layout)?;
         writeln!(f, "views       {} to train on, {} to test on", self.train_views, self.test_views)?;
         let size = self.image_size.map_or_else(|| "no image is there".into(), |[w, h]| format!("{w} × {h} pixels"));
         writeln!(f, "images      {size}")?;
         writeln!(f, "cameras     {} different, {:.1}° wide, {}", self.cameras, self.field_of_view_deg, self.lens)?;
-        let range = match self.range {
+        let range = match space.range {
             Range::Distance { .. } => "distances along the ray".to_owned(),
             Range::Depth { near, far } => format!("depths {near:.3} to {far:.3} along the viewing axis"),
             Range::Sphere { centre, radius } => format!("a sphere of {radius:.3} about {}", vector(centre)),
         };
-        writeln!(f, "near, far   {:.3} to {:.3}: {range}", self.near, self.far)?;
-        let bounded = if self.bounded { "nothing beyond" } else { "with more beyond" };
-        writeln!(f, "box         {} to {}, {bounded}", vector(self.bounds.min), vector(self.bounds.max))?;
-        writeln!(f, "centre      {}, cameras within {:.3}", vector(self.centre), self.radius)?;
-        writeln!(f, "up          {}", vector(self.up))?;
+        writeln!(f, "near, far   {:.3} to {:.3}: {range}", space.near, space.far)?;
+        let bounded = if space.bounded { "nothing beyond" } else { "with more beyond" };
+        writeln!(f, "box         {} to {}, {bounded}", vector(space.bounds.min), vector(space.bounds.max))?;
+        writeln!(f, "centre      {}, cameras within {:.3}", vector(space.centre), space.radius)?;
+        writeln!(f, "up          {}", vector(space.up))?;
         writeln!(f, "points      {}", self.points)?;
         let backdrop = self.backdrop.map_or_else(|| "no image to tell".into(), |b| b.to_string());
         writeln!(f, "background  {backdrop}")?;
@@ -222,12 +201,13 @@ mod tests {
         assert_eq!((found.name.as_str(), found.format), ("toy", Format::Blender));
         assert_eq!((found.train_views, found.test_views, found.cameras), (5, 2, 1));
         assert_eq!((found.image_size, found.backdrop), (Some([8, 8]), Some(Backdrop::Colour)));
-        assert!((found.field_of_view_deg - 39.597).abs() < 0.01 && found.bounded);
+        assert!((found.field_of_view_deg - 39.597).abs() < 0.01 && found.space.bounded);
         assert_eq!(found.protocols, [("split".to_owned(), 2)]);
         let text = found.to_string();
         assert!(text.contains("toy: Blender, cameras around an object") && text.contains("5 to train on"), "{text}");
         let json = serde_json::to_value(&found).unwrap();
-        assert_eq!((&json["format"], &json["layout"]), (&"blender".into(), &"object".into()));
+        assert_eq!(json["format"], "blender");
+        assert_eq!((&json["layout"], &json["near"]), (&"object".into(), &2.0.into()), "{json}");
         // Images need not be there.
         std::fs::remove_dir_all(dir.join("train")).unwrap();
         std::fs::remove_dir_all(dir.join("test")).unwrap();

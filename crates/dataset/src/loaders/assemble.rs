@@ -6,16 +6,18 @@ use std::sync::Arc;
 use infonerf_scene::image::{dimensions, has_alpha, read_rgba, resized_dimensions, resized_mask};
 use infonerf_scene::select::pool::{self, Named};
 use infonerf_scene::{
-    Backdrop, Camera, Format, Layout, PixelCount, Scene, SceneError, SceneRequest, Space, TestProtocol, View,
+    Backdrop, Camera, Format, Layout, MaskUse, PixelCount, Scene, SceneError, SceneRequest, Space, TestProtocol, View,
 };
 use rayon::prelude::*;
 
 use super::depth::read_depth;
 use super::frames::Frame;
-use super::mask::{MaskRole, lens_mask, read_mask};
+use super::mask::{MaskRole, check_valid, lens_mask, read_mask};
 
 /// The most that the chosen images may take in memory together, in bytes: 3.75 GiB.
 const MOST_BYTES: u64 = 15 << 28;
+/// How much the proportions of an image may differ from those of the size that its camera is for: rounding.
+const PROPORTIONS: f64 = 0.01;
 /// The most that is decoded at once before it is resized, in pixels of the files.
 const MOST_AT_ONCE: u64 = 24 << 20;
 
@@ -111,17 +113,21 @@ pub(super) fn count_pixels(parts: &Parts<'_>, request: &SceneRequest) -> Result<
 
 /// Chooses views, reads their images in parallel and puts the scene together.
 ///
-/// All chosen images must have the size of the first; a size that the poses state must be theirs.
+/// All chosen images must have one size, and the size that their cameras are for, if that is known, its proportions. Test
+/// views without a valid pixel are left out, with a warning.
 pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene, SceneError> {
     let Chosen { train, test, native, size, alpha } = choose(&parts, request)?;
     check_memory(parts.dir, size, train.len() + test.len(), alpha)?;
+    check_sizes(train.iter().chain(&test))?;
     let background = parts.background.unwrap_or(request.background);
     let read = |frames: &[&Frame]| -> Result<Vec<View>, SceneError> {
         let pixels = u64::from(native.0) * u64::from(native.1);
         let at_once = (MOST_AT_ONCE / pixels.max(1)).clamp(1, 1 << 16) as usize;
         let mut views = Vec::with_capacity(frames.len());
         for frames in frames.chunks(at_once) {
-            let read: Vec<_> = frames.par_iter().map(|frame| read_view(frame, native, size, background)).collect();
+            let read =
+                frames.par_iter().map(|frame| read_view(frame, parts.dir, native, size, background, request.masks));
+            let read: Vec<_> = read.collect();
             // The first fault in the order of the views, whichever thread met it first.
             for view in read {
                 views.push(view?);
@@ -129,12 +135,18 @@ pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene
         }
         Ok(views)
     };
-    let (train, test) = (read(&train)?, read(&test)?);
+    let scaled = train.iter().find_map(|frame| frame.stated_size().filter(|stated| *stated != native));
+    let (views, mut test) = (read(&train)?, read(&test)?);
+    let left_out = check_valid(&train, &views, &mut test)?;
+    let train = views;
     let mut warnings = parts.warnings;
-    let bent = train.iter().chain(&test).filter(|v| lens_mask(&v.camera).is_some()).count();
-    if bent > 0 {
-        warnings.push(format!("the lens cannot be inverted at the border of {bent} views: those pixels do not count"));
+    if let Some((width, height)) = scaled {
+        let found = format!("{}×{}", native.0, native.1);
+        warnings.push(format!(
+            "the cameras are for images of {width}×{height} pixels, these have {found}: they are scaled"
+        ));
     }
+    warnings.extend(left_out);
     let backdrop = if train.iter().all(|v| v.image.alpha.is_some() || v.image.has_border(background)) {
         Backdrop::Colour
     } else {
@@ -171,21 +183,45 @@ fn check_memory(dir: &Path, (width, height): (u32, u32), views: usize, alpha: bo
     Ok(())
 }
 
-fn read_view(frame: &Frame, native: (u32, u32), size: (u32, u32), background: [f32; 3]) -> Result<View, SceneError> {
-    let found = dimensions(&frame.image)?;
-    for wanted in [Some(native), frame.stated_size()].into_iter().flatten() {
-        if found != wanted {
-            let expected = format!("an image of {}×{} pixels like the others", wanted.0, wanted.1);
+/// Refuses the first image whose size is not that of most, or has not the proportions that its camera is for.
+fn check_sizes<'f>(frames: impl Iterator<Item = &'f &'f Frame>) -> Result<(), SceneError> {
+    let frames: Vec<&Frame> = frames.copied().collect();
+    let sizes: Vec<_> = frames.par_iter().map(|frame| dimensions(&frame.image)).collect();
+    let sizes = sizes.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let others = |size: &(u32, u32)| sizes.iter().filter(|other| *other == size).count();
+    let Some(&most) = sizes.iter().rev().max_by_key(|size| others(size)) else { return Ok(()) };
+    for (frame, found) in frames.iter().zip(&sizes) {
+        let refuse = |(width, height): (u32, u32), why: String| {
             let reason = format!("it has {}×{}", found.0, found.1);
-            return Err(SceneError::malformed(&frame.image, expected, reason));
+            Err(SceneError::malformed(&frame.image, format!("an image of {width}×{height} pixels {why}"), reason))
+        };
+        if *found != most {
+            return refuse(most, format!("like {} of {} chosen ones", others(&most), sizes.len()));
+        }
+        if let Some(stated) = frame.stated_size() {
+            let ratio = f64::from(found.0) * f64::from(stated.1) / (f64::from(found.1) * f64::from(stated.0));
+            if (ratio - 1.0).abs() > PROPORTIONS {
+                return refuse(stated, "(or of these proportions), which its camera is for".into());
+            }
         }
     }
+    Ok(())
+}
+
+fn read_view(
+    frame: &Frame,
+    dir: &Path,
+    native: (u32, u32),
+    size: (u32, u32),
+    background: [f32; 3],
+    masks: MaskUse,
+) -> Result<View, SceneError> {
     let depth = match &frame.depth {
         Some(path) if size == native => Some(read_depth(path, native.0, native.1)?),
         _ => None,
     };
     let mut rgba = read_rgba(&frame.image)?;
-    let mut mask = None;
+    let (mut mask, mut valid) = (None, None);
     if let Some((path, role)) = &frame.mask {
         let counts = read_mask(path, native)?;
         if *role == MaskRole::Matte {
@@ -194,21 +230,19 @@ fn read_view(frame: &Frame, native: (u32, u32), size: (u32, u32), background: [f
                 pixel[3] = if inside { 1.0 } else { 0.0 };
             }
         }
-        mask = Some(resized_mask(&counts, native, size));
+        let counts: Arc<[bool]> = resized_mask(&counts, native, size).into();
+        valid = (*role == MaskRole::Capture && masks == MaskUse::LeaveOut).then(|| counts.clone());
+        mask = Some(counts);
     }
     let camera = frame.camera(native.0, native.1).resized(size.0, size.1);
     if let Some(covered) = lens_mask(&camera) {
-        let whole = vec![true; covered.len()];
-        mask = Some(mask.unwrap_or(whole).into_iter().zip(covered).map(|(a, b)| a && b).collect());
+        let left = |i: usize| valid.as_ref().is_none_or(|valid| valid[i]);
+        valid = Some(covered.iter().enumerate().map(|(i, &covered)| covered && left(i)).collect());
     }
-    Ok(View {
-        id: frame.id,
-        name: frame.name.clone(),
-        camera,
-        image: Arc::new(rgba.composite_resized(size.0, size.1, background)),
-        depth: depth.map(Into::into),
-        mask: mask.map(Into::into),
-    })
+    let file = frame.image.strip_prefix(dir).unwrap_or(&frame.image).to_string_lossy().into_owned();
+    let image = rgba.composite_resized(size.0, size.1, background);
+    let depth = depth.map(Into::into);
+    Ok(View { file, depth, mask, valid, ..View::new(frame.id, frame.name.clone(), camera, image) })
 }
 
 /// The folder's name, also for paths such as `.` that do not end in one.

@@ -1,5 +1,6 @@
 //! Captures that COLMAP has reconstructed: `sparse/0` beside a folder of images.
 
+use std::collections::{BTreeSet, HashSet};
 use std::path::{Path, PathBuf};
 
 use glam::Vec3;
@@ -11,7 +12,7 @@ use super::extent::{capture_space, hold_out};
 use super::frames::{Frame, numbered, present, without_extension};
 use super::llff::{FOLDERS, list_images};
 use super::optics::Intrinsics;
-use crate::colmap::Reconstruction;
+use crate::colmap::{ColmapImage, Reconstruction};
 
 /// What a message calls this format's file.
 pub(super) const MARKER: &str = "sparse/0/cameras.bin (or .txt)";
@@ -20,17 +21,16 @@ pub(super) const MARKER: &str = "sparse/0/cameras.bin (or .txt)";
 ///
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as large as the
 /// request (without one: `images`). Those without their image are left out, with one warning. Every 8th by name, starting
-/// with the first, is held out for test. Points give bounds, near and far, see [`capture_space`].
+/// with the first, is held out for test. The points that training photographs see give bounds, near and far, see
+/// [`capture_space`]; of a reconstruction that does not say who sees a point, all do, with a warning.
 pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
     let read = Reconstruction::read(dir)?;
     let names: Vec<&str> = read.images.iter().map(|i| i.name.as_str()).collect();
     let folder = image_folder(dir, &names, request.image_size)?;
     let reduced = folder.file_name().is_some_and(|name| name != FOLDERS[0]) && folder != dir;
-    let mut cameras = Vec::new();
     let mut frames = Vec::new();
     for image in &read.images {
         let Some(mut camera) = read.camera(image) else { continue };
-        cameras.push(camera.clone());
         let path = folder.join(&image.name);
         if reduced && path.is_file() {
             let (width, height) = dimensions(&path)?;
@@ -39,11 +39,22 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
         frames.push(frame(image.name.as_str(), path, &camera));
     }
     let (frames, warning) = present(frames);
-    let points: Vec<Vec3> = read.points.values().map(|p| p.as_vec3()).collect();
-    let space = capture_space(&cameras, points, read.distances());
     let (train, test) = hold_out(frames, &request.test);
+    let names_of_train: HashSet<&str> = train.iter().map(|frame| frame.name.as_str()).collect();
+    let is_trained = |image: &&ColmapImage| names_of_train.contains(without_extension(&image.name).as_str());
+    let images: Vec<&ColmapImage> = read.images.iter().filter(is_trained).collect();
+    let cameras: Vec<Camera> = images.iter().filter_map(|image| read.camera(image)).collect();
+    let seen: BTreeSet<u64> = images.iter().flat_map(|image| &image.observations).map(|(_, point)| *point).collect();
+    let unseen = !read.points.is_empty() && read.images.iter().all(|image| image.observations.is_empty());
+    let known = read.points.iter().filter(|(point, _)| unseen || seen.contains(*point));
+    let points: Vec<Vec3> = known.map(|(_, position)| position.as_vec3()).collect();
+    let space = capture_space(&cameras, points, read.distances(&images));
     let mut parts = Parts::new(dir, Format::Colmap, numbered(train), numbered(test), space);
     parts.warnings.extend(warning);
+    if unseen && !parts.test.is_empty() {
+        let text = "the reconstruction does not say who sees a point: those of test photographs shape the space too";
+        parts.warnings.push(text.into());
+    }
     parts.warnings.extend(without_pose(&folder, &names));
     Ok(parts)
 }
@@ -160,6 +171,30 @@ mod tests {
             assert!((2.0..3.1).contains(&scene.space.near) && (4.9..6.5).contains(&scene.space.far), "{scene:?}");
             assert!((scene.space.bounds.max.x - 1.2).abs() < 0.05);
         }
+    }
+
+    /// Neither their cameras nor the points that they alone see.
+    #[test]
+    fn test_photographs_do_not_shape_the_space() {
+        let guard = tempfile::tempdir().unwrap();
+        folder(guard.path(), false);
+        let place = guard.path().join("sparse/0");
+        let mut all = Reconstruction::read(guard.path()).unwrap();
+        write_binary(&place, &all);
+        let before = load(guard.path(), &request()).unwrap();
+        all.images[0].pose.w_axis.x += 20.0;
+        for i in 0..100 {
+            all.points.insert(1000 + i, DVec3::new(30.0, i as f64, 0.0));
+            all.images[0].observations.push((DVec2::ZERO, 1000 + i));
+        }
+        write_binary(&place, &all);
+        let after = load(guard.path(), &request()).unwrap();
+        assert!(after.test != before.test && infonerf_scene::Scene { test: before.test.clone(), ..after } == before);
+        // Of points that nobody is said to see, all count.
+        all.images.iter_mut().for_each(|image| image.observations.clear());
+        write_binary(&place, &all);
+        let unseen = load(guard.path(), &request()).unwrap();
+        assert!(unseen.space.points.len() == 300 && unseen.warnings[1].contains("does not say who sees a point"));
     }
 
     #[test]

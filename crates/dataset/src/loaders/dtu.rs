@@ -70,19 +70,19 @@ pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, Sc
         let mask = masks.get(id).map(|mask| (mask.clone(), MaskRole::Counts));
         frames.push(Frame { id, mask, ..frame(&name, image.clone(), &camera) });
     }
-    let cameras: Vec<Camera> = frames.iter().map(Frame::nominal_camera).collect();
     let pixelnerf = dir.parent().is_some_and(|root| LISTS.iter().any(|list| root.join(list).is_file()));
-    let space = if pixelnerf {
-        capture_space(&cameras, Vec::new(), Vec::new()).with(Some(PIXELNERF_RANGE), None)
-    } else {
-        sphere(&cameras)
-    };
     let whole = frames.len() >= VIEWS;
     let tested = |i: &usize| {
         if whole { *i < VIEWS && !LEFT_OUT.contains(i) && !REGNERF.contains(i) } else { i.is_multiple_of(8) }
     };
     let split: Vec<usize> = (0..frames.len()).filter(|i| tested(i) && frames.len() > 1).collect();
-    let train = frames.iter().filter(|f| !split.contains(&f.id)).cloned().collect();
+    let train: Vec<Frame> = frames.iter().filter(|f| !split.contains(&f.id)).cloned().collect();
+    let cameras: Vec<Camera> = train.iter().map(Frame::nominal_camera).collect();
+    let space = if pixelnerf {
+        capture_space(&cameras, Vec::new(), Vec::new()).with(Some(PIXELNERF_RANGE), None)
+    } else {
+        sphere(&cameras)
+    };
     let mut parts = Parts::new(dir, Format::Dtu, train, frames, space);
     if whole {
         parts.selections = [1, 3, 6, 9].map(|n| (format!("regnerf-{n}"), REGNERF[..n].to_vec())).to_vec();

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat4, Vec3};
+use infonerf_scene::image::is_heic;
 use infonerf_scene::{Aabb, Camera, Lens, SceneError};
 
 use super::json::{JsonFile, Node};
@@ -38,9 +39,10 @@ pub(crate) struct Frame {
 }
 
 impl Frame {
-    /// The camera for an image of `width × height` pixels as stored on disk.
+    /// The camera for an image of `width × height` pixels as stored on disk. Intrinsics for another size are scaled.
     pub fn camera(&self, width: u32, height: u32) -> Camera {
-        self.intrinsics.camera((width, height), self.pose).with_lens(self.lens)
+        let stated = self.stated_size().unwrap_or((width, height));
+        self.intrinsics.camera(stated, self.pose).with_lens(self.lens).resized(width, height)
     }
 
     /// The camera for an image of the stated size, or of one that the intrinsics suggest.
@@ -86,7 +88,7 @@ pub(crate) struct Transforms {
     pub bounds: Option<Aabb>,
     /// The cube of instant-ngp's `aabb_scale`, in the file's coordinates.
     pub cube: Option<Aabb>,
-    /// Names under the fields `train_filenames` and `test_filenames` of nerfstudio.
+    /// Names under the fields `train_filenames` and `test_filenames` of nerfstudio (without these, `val_filenames`).
     pub split: Option<Split>,
 }
 
@@ -95,6 +97,8 @@ pub(crate) struct Transforms {
 pub(crate) struct Split {
     pub train: Vec<String>,
     pub test: Vec<String>,
+    /// The field that `test` is from.
+    pub test_field: &'static str,
 }
 
 /// Reads a `transforms*.json` file; no image is opened.
@@ -162,7 +166,7 @@ fn read_frame(dir: &Path, root: &Node<'_>, id: usize, frame: &Node<'_>) -> Resul
     let mask = match frame.find("mask_path") {
         Some(node) => {
             let relative = node.text("the path of a mask image")?;
-            Some((image_path(dir, relative.trim_start_matches("./")), MaskRole::Counts))
+            Some((image_path(dir, relative.trim_start_matches("./")), MaskRole::Capture))
         }
         None => None,
     };
@@ -212,7 +216,8 @@ fn read_bounds(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
 }
 
 fn read_split(root: &Node<'_>) -> Result<Option<Split>, SceneError> {
-    let (Some(train), Some(test)) = (root.find("train_filenames"), root.find("test_filenames")) else {
+    let test = ["test_filenames", "val_filenames"].into_iter().find_map(|field| Some((field, root.find(field)?)));
+    let (Some(train), Some((test_field, test))) = (root.find("train_filenames"), test) else {
         return Ok(None);
     };
     let names = |node: Node<'_>| {
@@ -220,7 +225,7 @@ fn read_split(root: &Node<'_>) -> Result<Option<Split>, SceneError> {
         let name = |n: &Node<'_>| n.text(expected).map(|s| without_extension(s.trim_start_matches("./")));
         node.items(expected)?.iter().map(name).collect::<Result<Vec<_>, _>>()
     };
-    Ok(Some(Split { train: names(train)?, test: names(test)? }))
+    Ok(Some(Split { train: names(train)?, test: names(test)?, test_field }))
 }
 
 pub(super) fn known_extension(path: &Path) -> bool {
@@ -237,7 +242,7 @@ pub(super) fn without_extension(relative: &str) -> String {
 /// `.png`, for the error). Extensions are appended: a name such as `r_0.5` keeps its dot.
 fn image_path(dir: &Path, relative: &str) -> PathBuf {
     let whole = dir.join(relative);
-    if known_extension(&whole) {
+    if known_extension(&whole) || is_heic(&whole) {
         return whole;
     }
     let with = |extension: &str| dir.join(format!("{relative}.{extension}"));

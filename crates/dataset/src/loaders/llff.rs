@@ -36,7 +36,8 @@ pub(super) const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images
 /// farthest point seen. The matrix's columns are the camera's down, right and backward axes, its
 /// position, and (height, width, focal length in pixels) of the full-size images. Poses are
 /// converted to OpenGL, scaled so that the nearest depth becomes 4/3, and recentred on their mean
-/// pose. Views 0, 8, 16, … are held out for test. Near and far are depths along the viewing axis.
+/// pose; all as LLFF's loader does it, of all views, with a warning. Views 0, 8, 16, … are held out for test. Near and far
+/// are depths along the viewing axis. The box is what the training cameras see between them.
 ///
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as
 /// large as the request (without one: the largest there is), sorted by name.
@@ -73,15 +74,19 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
             },
         })
         .collect();
-    let cameras: Vec<Camera> = frames.iter().map(|f| f.camera(width, height)).collect();
+    let (train, test) = hold_out(frames, &request.test);
+    let cameras: Vec<Camera> = train.iter().map(|f| f.camera(width, height)).collect();
     let space =
         space(&cameras, range).ok_or_else(|| SceneError::malformed(&dir.join(MARKER), EXPECTED, "no finite bounds"))?;
-    let (train, test) = hold_out(frames, &request.test);
     let (train, test) = (numbered(train), numbered(test));
     let selections = published::forward_facing(train.len());
     let mut parts = Parts::new(dir, Format::Llff, train, test, space);
     parts.selections = selections.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
     parts.protocols = vec![("regnerf".into(), (0..parts.test.len()).collect())];
+    if !parts.test.is_empty() {
+        let text = "near, far, scale and origin are of all photographs, the test ones included, as in LLFF's loader";
+        parts.warnings.push(text.into());
+    }
     Ok(parts)
 }
 

@@ -31,13 +31,15 @@ pub(crate) use pose::read_flat_pose;
 
 use std::path::Path;
 
-use infonerf_scene::{PixelCount, Scene, SceneError, SceneRequest};
+use infonerf_scene::{Format, PixelCount, Scene, SceneError, SceneRequest};
 
+use crate::photographs::unposed;
 pub(crate) use assemble::Parts;
 use assemble::assemble;
 
 /// A known format: the file that marks a folder as being in it, whether a folder has it, and what reads the folder.
 struct Known {
+    format: Format,
     marker: &'static str,
     found: fn(&Path) -> bool,
     parts: for<'a> fn(&'a Path, &SceneRequest) -> Result<Parts<'a>, SceneError>,
@@ -45,12 +47,37 @@ struct Known {
 
 /// The known formats, in the order in which they are looked for.
 const FORMATS: [Known; 6] = [
-    Known { marker: blender::MARKER, found: |dir| dir.join(blender::MARKER).is_file(), parts: blender::parts },
-    Known { marker: nerfstudio::MARKER, found: |dir| dir.join(nerfstudio::MARKER).is_file(), parts: nerfstudio::parts },
-    Known { marker: llff::MARKER, found: |dir| dir.join(llff::MARKER).is_file(), parts: llff::parts },
-    Known { marker: dtu::MARKER, found: |dir| dtu::cameras_file(dir).is_some(), parts: dtu::parts },
-    Known { marker: zju::MARKER, found: |dir| dir.join(zju::MARKER).is_file(), parts: zju::parts },
-    Known { marker: colmap::MARKER, found: |dir| crate::colmap::find(dir).is_some(), parts: colmap::parts },
+    Known {
+        format: Format::Blender,
+        marker: blender::MARKER,
+        found: |dir| dir.join(blender::MARKER).is_file(),
+        parts: blender::parts,
+    },
+    Known {
+        format: Format::Transforms,
+        marker: nerfstudio::MARKER,
+        found: |dir| dir.join(nerfstudio::MARKER).is_file(),
+        parts: nerfstudio::parts,
+    },
+    Known {
+        format: Format::Llff,
+        marker: llff::MARKER,
+        found: |dir| dir.join(llff::MARKER).is_file(),
+        parts: llff::parts,
+    },
+    Known {
+        format: Format::Dtu,
+        marker: dtu::MARKER,
+        found: |dir| dtu::cameras_file(dir).is_some(),
+        parts: dtu::parts,
+    },
+    Known { format: Format::Zju, marker: zju::MARKER, found: |dir| dir.join(zju::MARKER).is_file(), parts: zju::parts },
+    Known {
+        format: Format::Colmap,
+        marker: colmap::MARKER,
+        found: |dir| crate::colmap::find(dir).is_some(),
+        parts: colmap::parts,
+    },
 ];
 
 /// Whether the folder `dir` is in a known format.
@@ -73,20 +100,37 @@ pub(crate) fn count_pixels(dir: &Path, request: &SceneRequest) -> Result<PixelCo
     assemble::count_pixels(&parts(dir, request)?, request)
 }
 
-/// What the folder `dir` says, with no image decoded.
+/// What the folder `dir` says, with no image decoded: in the format asked for, else in the first of the known ones that it
+/// fits, with a warning for each before that it has the file of.
+///
+/// # Errors
+/// That of the first format whose file it has.
 pub(crate) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
     request.check()?;
     let missing = |expected: String| SceneError::NotFound { path: dir.into(), expected };
     if !dir.is_dir() {
         return Err(missing("the folder of a scene".into()));
     }
-    match FORMATS.iter().find(|format| (format.found)(dir)) {
-        Some(format) => (format.parts)(dir, request),
-        None => {
-            let markers = FORMATS.map(|format| format.marker).join(", ");
-            Err(missing(format!("a scene folder with one of {markers}")))
+    let is_asked_for = |known: &&Known| request.format.is_none_or(|format| format == known.format);
+    let asked: Vec<&Known> = FORMATS.iter().filter(is_asked_for).collect();
+    let mut faults = Vec::new();
+    for known in asked.iter().filter(|known| (known.found)(dir)) {
+        match (known.parts)(dir, request) {
+            Ok(mut parts) => {
+                let fault = |(format, error): &(Format, SceneError)| {
+                    format!("read as {}: as {format} it is broken: {error}", known.format)
+                };
+                parts.warnings.extend(faults.iter().map(fault));
+                return Ok(parts);
+            }
+            Err(error) => faults.push((known.format, error)),
         }
     }
+    if !faults.is_empty() {
+        return Err(faults.swap_remove(0).1);
+    }
+    let markers = asked.iter().map(|known| known.marker).collect::<Vec<_>>().join(", ");
+    Err(unposed(dir).unwrap_or_else(|| missing(format!("a scene folder with one of {markers}"))))
 }
 
 #[cfg(test)]
@@ -207,6 +251,7 @@ pub(crate) mod testing {
 #[cfg(test)]
 mod tests {
     use super::testing::*;
+    use infonerf_scene::{Format, SceneRequest};
     use std::path::Path;
 
     #[test]
@@ -216,5 +261,31 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let text = message(dir.path(), &request());
         assert!(text.contains("transforms_train.json, transforms.json, poses_bounds.npy"), "{text}");
+        image(8, 0).write_png(&dir.path().join("a.png")).unwrap();
+        let text = message(dir.path(), &request());
+        let advice = format!("these are photographs: `infonerf scene from-images {}`", dir.path().display());
+        assert!(text.contains(&advice), "{text}");
+    }
+
+    /// A stray file of another format does not get in the way, and either can be asked for.
+    #[test]
+    fn the_format_that_fits_is_read() {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path().join("toy");
+        blender(&dir, 3, 2);
+        std::fs::write(dir.join("transforms_train.json"), "{}").unwrap();
+        assert!(message(&dir, &request()).contains("transforms_train.json: field `frames`"));
+        std::fs::copy(dir.join("transforms_test.json"), dir.join("transforms.json")).unwrap();
+        let scene = load(&dir, &request()).unwrap();
+        assert_eq!(scene.format, Format::Transforms);
+        assert!(
+            scene.warnings[0].starts_with("read as transforms.json: as Blender it is broken: "),
+            "{:?}",
+            scene.warnings
+        );
+        let asked = |format| SceneRequest { format: Some(format), ..request() };
+        assert_eq!(load(&dir, &asked(Format::Transforms)).unwrap().warnings.len(), 0);
+        assert!(message(&dir, &asked(Format::Blender)).contains("field `frames`"));
+        assert!(message(&dir, &asked(Format::Llff)).contains("expected a scene folder with one of poses_bounds.npy"));
     }
 }

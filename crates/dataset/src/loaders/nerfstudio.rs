@@ -15,10 +15,10 @@ pub(super) const MARKER: &str = "transforms.json";
 
 /// What a folder in nerfstudio's or instant-ngp's format says.
 ///
-/// Frames named in the fields `train_filenames` and `test_filenames` are the two pools; without
+/// Frames named in the fields `train_filenames` and `test_filenames` (or `val_filenames`) are the two pools; without
 /// those fields every 8th frame, starting with the first, is held out for test. Frames without their image are left out,
 /// with one warning. Poses keep their scale. `near`, `far` and `aabb` are taken from the file where it has them, else
-/// from `aabb_scale` and from where the cameras are, see [`capture_space`].
+/// from `aabb_scale` and from where the training cameras are, see [`capture_space`].
 pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
     let path = dir.join(MARKER);
     let transforms = read_transforms(&path)?;
@@ -26,7 +26,16 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
     let (frames, warning) = present(transforms.frames);
     // One image tells the size of all that do not state theirs.
     let size = frames.iter().find(|f| f.image.is_file()).map(|f| dimensions(&f.image)).transpose()?;
-    let cameras: Vec<Camera> = frames
+    let (train, test) = match &transforms.split {
+        Some(Split { train, test, test_field }) => {
+            (named(&path, "train_filenames", &frames, &all, train)?, named(&path, test_field, &frames, &all, test)?)
+        }
+        None => hold_out(frames, &request.test),
+    };
+    if train.is_empty() {
+        return Err(SceneError::field(&path, "train_filenames", "at least one frame with its image", "none"));
+    }
+    let cameras: Vec<Camera> = train
         .iter()
         .map(|f| match (f.stated_size(), size) {
             (None, Some((width, height))) => f.camera(width, height),
@@ -37,13 +46,6 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
     if let (Some(cube), None) = (transforms.cube, transforms.bounds) {
         space.bounds = cube;
     }
-    let (train, test) = match &transforms.split {
-        Some(Split { train, test }) => (
-            named(&path, "train_filenames", &frames, &all, train)?,
-            named(&path, "test_filenames", &frames, &all, test)?,
-        ),
-        None => hold_out(frames, &request.test),
-    };
     let mut parts = Parts::new(dir, Format::Transforms, numbered(train), numbered(test), space);
     parts.warnings.extend(warning);
     Ok(parts)
@@ -136,6 +138,23 @@ mod tests {
         edit(&json, "/test_filenames", Some(json!(["images/f_99.png"])));
         let text = message(&dir, &request());
         assert!(text.contains("`test_filenames`: expected the file_path of a frame"), "{text}");
+        edit(&json, "/test_filenames", None);
+        edit(&json, "/val_filenames", Some(json!(["images/f_5.png"])));
+        assert_eq!(load(&dir, &request()).unwrap().test[0].name, "images/f_5");
+        edit(&json, "/train_filenames", Some(json!([])));
+        assert!(message(&dir, &request()).contains("`train_filenames`: expected at least one frame"));
+    }
+
+    /// The same space whatever is tested, and wherever from.
+    #[test]
+    fn test_cameras_do_not_shape_the_space() {
+        let (_guard, dir, json) = folder();
+        let before = load(&dir, &request()).unwrap();
+        let mut far = pose(8);
+        far[0][3] = json!(50.0);
+        edit(&json, "/frames/8/transform_matrix", Some(far));
+        let after = load(&dir, &request()).unwrap();
+        assert!(after.test != before.test && infonerf_scene::Scene { test: before.test.clone(), ..after } == before);
     }
 
     /// Views of `knot` through the lens whose fields are given, one of them without its image.
@@ -207,27 +226,61 @@ mod tests {
     }
 
     #[test]
-    fn masks_say_which_pixels_count() {
+    fn masks_leave_out_pixels_or_score() {
         let (_guard, dir, json) = folder();
+        let write_mask = |i: usize, black: usize| {
+            let pixels = (0..64).map(|j| if j < black { [0, 0, 0, 255] } else { [255; 4] }).collect();
+            infonerf_scene::Rgba8 { width: 8, height: 8, pixels }
+                .write_png(&dir.join(format!("images/m_{i}.png")))
+                .unwrap();
+        };
         for i in 0..10 {
-            let pixels = (0..64).map(|j| if j < 8 * i { [0, 0, 0, 255] } else { [255; 4] }).collect();
-            let mask = infonerf_scene::Rgba8 { width: 8, height: 8, pixels };
-            mask.write_png(&dir.join(format!("images/m_{i}.png"))).unwrap();
-            let place = format!("/frames/{i}/mask_path");
-            edit(&json, &place, Some(json!(format!("images/m_{i}.png"))));
+            write_mask(i, 7 * i);
+            edit(&json, &format!("/frames/{i}/mask_path"), Some(json!(format!("images/m_{i}.png"))));
         }
         let chosen = SceneRequest { train: infonerf_scene::ViewSelection::Ids(vec![0, 1]), ..request() };
-        let only = SceneRequest { test: infonerf_scene::TestProtocol::First(1), ..chosen };
-        let scene = load(&dir, &only).unwrap();
-        let mask = scene.train[1].mask.as_deref().unwrap();
-        assert!(!mask[15] && mask[16] && mask.len() == 64);
+        let scene = load(&dir, &chosen).unwrap();
+        let view = &scene.train[1];
+        let mask = view.mask.as_deref().unwrap();
+        assert!(!mask[13] && mask[14] && mask.len() == 64 && view.valid == view.mask);
         // The photograph is left as it is.
-        assert_eq!(*scene.train[1].image, image(8, 2).to_f32().composite([1.0; 3]));
-        let empty = infonerf_scene::Rgba8 { width: 8, height: 8, pixels: vec![[0, 0, 0, 255]; 64] };
-        empty.write_png(&dir.join("images/m_1.png")).unwrap();
-        assert!(message(&dir, &only).contains("m_1.png: expected a mask with at least one pixel"));
+        assert_eq!(*view.image, image(8, 2).to_f32().composite([1.0; 3]));
+        assert_eq!(
+            scene.warnings,
+            ["masks leave out pixels of 4 views: those pixels are neither trained on nor measured"]
+        );
+        let score = SceneRequest { masks: infonerf_scene::MaskUse::Score, ..chosen.clone() };
+        let scored = load(&dir, &score).unwrap();
+        assert!(scored.train[1].valid.is_none() && scored.train[1].mask == view.mask && scored.warnings.is_empty());
+        // A test view without a pixel is left out, a training view is refused.
+        write_mask(8, 64);
+        let scene = load(&dir, &chosen).unwrap();
+        assert_eq!((scene.test.len(), scene.test[0].id), (1, 0));
+        assert_eq!(scene.warnings[0], "masks leave no pixel of the test views images/f_8: they are not tested");
+        write_mask(1, 64);
+        assert!(message(&dir, &chosen).contains("m_1.png: expected a mask that leaves pixels to train on"));
+        assert_eq!(load(&dir, &score).unwrap().test.len(), 2);
         fs::remove_file(dir.join("images/m_1.png")).unwrap();
-        assert!(message(&dir, &only).contains("m_1.png: not found"));
+        assert!(message(&dir, &chosen).contains("m_1.png: not found"));
+    }
+
+    /// Intrinsics of the whole size beside smaller images.
+    #[test]
+    fn cameras_are_scaled_to_their_images() {
+        let (_guard, dir, json) = folder();
+        let whole = load(&dir, &request()).unwrap();
+        for (key, value) in [("w", 32.0), ("h", 32.0), ("fl_x", 40.0), ("fl_y", 44.0), ("cx", 18.0), ("cy", 14.0)] {
+            edit(&json, &format!("/{key}"), Some(json!(value)));
+        }
+        let scaled = load(&dir, &request()).unwrap();
+        assert_eq!(scaled.warnings, ["the cameras are for images of 32×32 pixels, these have 8×8: they are scaled"]);
+        assert!(infonerf_scene::Scene { warnings: Vec::new(), ..scaled } == whole);
+        image(9, 1).write_png(&dir.join("images/f_3.png")).unwrap();
+        let text = message(&dir, &request());
+        assert!(
+            text.contains("f_3.png: expected an image of 8×8 pixels like 9 of 10 chosen ones: it has 9×9"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -91,7 +91,7 @@ fn mask_path(folder: &Path, image: &str) -> PathBuf {
     folder.join(image).with_extension("png")
 }
 
-/// Where the body is.
+/// Where the body is, and the cameras `train` about it.
 fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<Space, SceneError> {
     let cameras: Vec<Camera> = frames.iter().map(Frame::nominal_camera).collect();
     let body = match body_folders(dir) {
@@ -109,6 +109,7 @@ fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<
         None => carve(frames, &cameras, train)?,
     };
     let corner = 0.5 * bounds.size().length();
+    let cameras: Vec<Camera> = train.iter().filter_map(|&i| cameras.get(i).cloned()).collect();
     let distances = cameras.iter().map(|c| c.position().distance(bounds.centre()));
     let (nearest, farthest) = distances.fold((f32::INFINITY, 0f32), |(a, b), d| (a.min(d), b.max(d)));
     let near = (nearest - corner).max(0.02 * farthest);
@@ -156,7 +157,11 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
     let mut masks = Vec::new();
     for (frame, camera) in train.iter().filter_map(|&i| frames.get(i).zip(cameras.get(i))) {
         if let Some((path, _)) = &frame.mask {
-            masks.push((camera, read_mask(path, (camera.width, camera.height))?));
+            let mask = read_mask(path, (camera.width, camera.height))?;
+            // A view that the person is not in says nothing of where they are.
+            if mask.contains(&true) {
+                masks.push((camera, mask));
+            }
         }
     }
     let seen = |p: Vec3| {

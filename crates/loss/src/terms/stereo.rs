@@ -157,7 +157,7 @@ mod tests {
     fn term(disparity: f32, nearest: Option<f32>) -> Stereo {
         let camera = Camera::from_fov(8, 8, 1.0, glam::DMat4::IDENTITY);
         let image = Image::filled(8, 8, [0.5; 3]);
-        let view = View { id: 0, name: String::new(), camera, image: image.into(), depth: None, mask: None };
+        let view = View::new(0, "", camera, image);
         let scene = Scene { train: vec![view], ..Scene::default() };
         Stereo { width: 1.0, outliers: 0.01, scene, found: vec![(nearest, map(disparity))].into() }
     }

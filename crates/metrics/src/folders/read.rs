@@ -50,7 +50,7 @@ pub(super) fn picture(path: &Path, background: Background) -> Result<Picture, Fo
 /// The mask at `path`: a pixel is inside unless it is black, so that pictures of class numbers are masks too.
 ///
 /// # Errors
-/// [`FolderError::Read`], also for a JPEG, whose black is not exact; [`FolderError::Pair`] for an empty mask.
+/// [`FolderError::Read`], also for a JPEG, whose black is not exact.
 pub(super) fn mask(path: &Path) -> Result<Mask, FolderError> {
     let is_png = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
     if !is_png {

@@ -7,7 +7,10 @@ use crate::{Better, Descriptor, Mask, MetricError, Picture};
 pub const PSNR: Metric = Metric {
     descriptor: Descriptor { key: "psnr", name: "PSNR", unit: "dB", decimals: 2, better: Better::Higher },
     definition: "−10 log₁₀ of the mean square error over pixels and channels",
-    measure: Measure::View(|view| psnr(&view.render, &view.truth)),
+    measure: Measure::View(|view| match view.valid() {
+        Some(valid) => psnr_masked(&view.render, &view.truth, valid),
+        None => psnr(&view.render, &view.truth),
+    }),
 };
 
 pub(super) const PSNR_MASKED: Metric = Metric {
@@ -31,10 +34,13 @@ pub fn psnr(render: &Picture, truth: &Picture) -> Result<f64, MetricError> {
 /// [`psnr`] over the pixels inside `mask`.
 ///
 /// # Errors
-/// [`MetricError::Size`].
+/// [`MetricError::Size`]; [`MetricError::EmptyMask`] if there are none.
 pub fn psnr_masked(render: &Picture, truth: &Picture, mask: &Mask) -> Result<f64, MetricError> {
     check_sizes(render, truth)?;
     check_size("mask", mask.size(), render.size())?;
+    if mask.is_empty() {
+        return Err(MetricError::EmptyMask);
+    }
     let pixels = render.pixels().iter().zip(truth.pixels()).zip(mask.inside());
     Ok(decibels(pixels.filter(|(_, inside)| **inside).map(|(pair, _)| pair)))
 }

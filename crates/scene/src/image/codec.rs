@@ -81,11 +81,30 @@ fn unit_u8(v: u8) -> f32 {
     f32::from(v) / 255.0
 }
 
+/// Whether the file's name says that it is a HEIC, as telephones make them.
+pub fn is_heic(path: &Path) -> bool {
+    path.extension().is_some_and(|e| ["heic", "heif"].iter().any(|heic| e.eq_ignore_ascii_case(heic)))
+}
+
+/// What to do with a HEIC, which is not read.
+pub fn heic_error(path: &Path) -> SceneError {
+    let reason = "HEIC is not read; convert it, such as with ImageMagick: `magick mogrify -format jpg *.heic`";
+    SceneError::malformed(path, "PNG or JPEG", reason)
+}
+
 fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
-    let file = File::open(path).map_err(|source| match source.kind() {
+    let fault = |source: io::Error| match source.kind() {
         io::ErrorKind::NotFound => SceneError::NotFound { path: path.into(), expected: "a PNG or JPEG image".into() },
         _ => SceneError::io(path, source),
-    })?;
+    };
+    // Opening a pipe would wait for somebody to write into it.
+    if !std::fs::metadata(path).map_err(fault)?.is_file() {
+        return Err(SceneError::malformed(path, "a PNG or JPEG image", "it is no regular file"));
+    }
+    if is_heic(path) {
+        return Err(heic_error(path));
+    }
+    let file = File::open(path).map_err(fault)?;
     ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|source| SceneError::io(path, source))
 }
 
@@ -134,6 +153,25 @@ mod tests {
             let error = read_rgba(&path).unwrap_err().to_string();
             assert!(error.contains("cut.png") && !error.contains('\n'), "{keep}: {error}");
         }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_is_no_image_file_is_refused_unread() {
+        let dir = tempfile::tempdir().unwrap();
+        let pipe = dir.path().join("pipe.png");
+        assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+        for path in [pipe.as_path(), dir.path()] {
+            assert!(read_rgba(path).unwrap_err().to_string().ends_with("it is no regular file"));
+        }
+        let phone = dir.path().join("IMG_1.HEIC");
+        fs::write(&phone, "ftypheic").unwrap();
+        assert!(
+            dimensions(&phone)
+                .unwrap_err()
+                .to_string()
+                .contains("IMG_1.HEIC: expected PNG or JPEG: HEIC is not read; convert it")
+        );
     }
 
     #[test]

@@ -5,7 +5,7 @@ mod png;
 mod resize;
 mod rgba;
 
-pub use codec::{decode_bytes, dimensions, has_alpha, read_rgba};
+pub use codec::{decode_bytes, dimensions, has_alpha, heic_error, is_heic, read_rgba};
 pub use resize::resized_dimensions;
 pub use rgba::{Rgba8, RgbaImage};
 

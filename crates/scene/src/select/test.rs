@@ -14,7 +14,7 @@ pub enum TestProtocol {
     All,
     /// Every n-th, starting with the first: `Every(8)` takes 25 of Blender's 200.
     Every(usize),
-    /// The first n, or all where there are fewer.
+    /// The first n.
     First(usize),
     /// These, in this order.
     Ids(Vec<usize>),
@@ -33,17 +33,20 @@ impl TestProtocol {
     /// published protocol.
     ///
     /// # Errors
-    /// There are no test views; `Every(0)` or `First(0)`; an id is out of range or given twice; a published protocol;
+    /// There are no test views; `Every(0)`, `First(0)` or more than there are; an id is out of range or given twice; a published protocol;
     /// `Training`, which does not choose among test views.
     pub fn select(&self, n: usize) -> Result<Vec<usize>, SceneError> {
         let error = |expected: &str, found: &str| SceneError::request("test", expected, found);
         match self {
             _ if n == 0 => Err(error("a scene with at least one test view", "none")),
             Self::Every(0) => Err(error("a positive step", "0")),
-            Self::First(0) => Err(error("a positive number of views", "0")),
+            Self::First(count) if !(1..=n).contains(count) => Err(error(
+                &format!("a number of the first test views from 1 to {n}, as many as there are"),
+                &count.to_string(),
+            )),
             Self::All | Self::Split => Ok((0..n).collect()),
             Self::Every(step) => Ok((0..n).step_by(*step).collect()),
-            Self::First(count) => Ok((0..n.min(*count)).collect()),
+            Self::First(count) => Ok((0..*count).collect()),
             Self::Ids(ids) => check_ids("test", ids, n).map(|()| ids.clone()),
             Self::Published(name) => Err(error("a protocol that this scene knows", name)),
             Self::Training => Err(error("a protocol of test views", "training")),
@@ -62,10 +65,11 @@ mod tests {
         assert_eq!(TestProtocol::Every(8).select(200).unwrap().len(), 25);
         assert_eq!(TestProtocol::Every(8).select(20).unwrap(), [0, 8, 16]);
         assert_eq!(TestProtocol::First(2).select(3).unwrap(), [0, 1]);
-        assert_eq!(TestProtocol::First(9).select(3).unwrap().len(), 3);
         assert_eq!(TestProtocol::Ids(vec![2, 0]).select(3).unwrap(), [2, 0]);
         for bad in [
             TestProtocol::Every(0),
+            TestProtocol::First(0),
+            TestProtocol::First(4),
             TestProtocol::First(0),
             TestProtocol::Ids(vec![3]),
             TestProtocol::Ids(vec![1, 1]),

@@ -2,6 +2,7 @@
 
 mod layers;
 mod protocol;
+mod read;
 mod renamed;
 mod train;
 mod weights;
@@ -17,6 +18,7 @@ pub use train::{
 use infonerf_field::{FieldConfig, FieldSpec};
 use infonerf_loss::{LossConfig, Need};
 use infonerf_render::{Placement, RenderConfig};
+use infonerf_scene::{Format, MaskUse};
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
@@ -53,6 +55,12 @@ pub struct SceneConfig {
     pub background: [f32; 3],
     /// Where a ray passes through its pixel, in training and in pictures.
     pub pixel_position: PixelPosition,
+    /// The format of a folder that could be in several; by default the first of those that it fits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub format: Option<Format>,
+    /// What black pixels of a capture's masks (`mask_path` of `transforms.json`) are left out of.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub masks: MaskUse,
 }
 
 /// Where a ray passes through its pixel.
@@ -63,6 +71,52 @@ pub enum PixelPosition {
     Centre,
     /// Through the corner that is nearest to the image's first, as in the released code.
     Corner,
+}
+
+/// Keys that have a default are not written with it: files of earlier versions say the same.
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+/// What is measured in the end.
+    pub eval: EvalConfig,
+}
+
+/// Which views, at which size.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneConfig {
+    /// Training views.
+    pub views: Views,
+    /// Longest side of the images in pixels; 0 for the size that they have (built-in scenes: 200).
+    pub size: u32,
+    /// Which frame of a film (ZJU-MoCap).
+    pub frame: usize,
+    /// Colour behind transparent pixels.
+    pub background: [f32; 3],
+    /// Where a ray passes through its pixel, in training and in pictures.
+    pub pixel_position: PixelPosition,
+}
+
+/// Where a ray passes through its pixel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PixelPosition {
+    /// Through the centre, at + 0.5, as cameras take photographs.
+    Centre,
+    /// Through the corner that is nearest to the image's first, as in the released code.
+    Corner,
+    /// The format of a folder that could be in several; by default the first of those that it fits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub format: Option<Format>,
+    /// What black pixels of a capture's masks (`mask_path` of `transforms.json`) are left out of.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub masks: MaskUse,
+}
+
+/// Keys that have a default are not written with it: files of earlier versions say the same.
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 /// What is measured in the end.
@@ -102,10 +156,7 @@ impl Config {
     /// One line that names the key and what was expected; for a key of an earlier version, the new one.
     pub fn from_table(table: toml::Table) -> Result<Self, TrainError> {
         renamed::refuse_old_keys(&table)?;
-        let config: Self = serde_path_to_error::deserialize(toml::Value::Table(table)).map_err(|error| {
-            let (path, message) = (error.path().to_string(), error.into_inner().to_string());
-            TrainError::config(path, message.lines().next().unwrap_or_default())
-        })?;
+        let config = read::config(table)?;
         config.validate()?;
         Ok(config)
     }

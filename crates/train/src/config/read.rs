@@ -1,0 +1,141 @@
+//! Reading a config from its table, with errors that a person who has never seen the program's types understands.
+
+use toml::{Table, Value};
+
+use super::Config;
+use crate::TrainError;
+
+/// Reads a config.
+///
+/// # Errors
+/// One line: the key, what was expected and what was found.
+pub(super) fn config(table: Table) -> Result<Config, TrainError> {
+    let (path, message) = match parse(table.clone()) {
+        Ok(config) => return Ok(config),
+        Err(fault) => fault,
+    };
+    let key = within(&table, &path, &message).map_or(path.clone(), |key| format!("{path}.{key}"));
+    Err(TrainError::config(key, plain(&message)))
+}
+
+/// The config, or the path of the first fault and what Serde says of it.
+fn parse(table: Table) -> Result<Config, (String, String)> {
+    serde_path_to_error::deserialize(Value::Table(table)).map_err(|error| {
+        let (path, message) = (error.path().to_string(), error.into_inner().to_string());
+        (path, message.lines().next().unwrap_or_default().to_owned())
+    })
+}
+
+/// The key that is at fault in the table of a `kind` at `path`, within which Serde loses track: without it there is
+/// another fault.
+fn within(table: &Table, path: &str, message: &str) -> Option<String> {
+    let inner = |table: &mut Table| -> Option<Table> {
+        let mut table = table;
+        for part in path.split('.') {
+            table = table.get_mut(part)?.as_table_mut()?;
+        }
+        table.contains_key("kind").then(|| std::mem::take(table))
+    };
+    let kind = inner(&mut table.clone())?;
+    kind.keys().filter(|key| *key != "kind").find_map(|key| {
+        let (mut without, mut rest) = (table.clone(), kind.clone());
+        rest.remove(key);
+        let mut place = &mut without;
+        for part in path.split('.') {
+            place = place.get_mut(part)?.as_table_mut()?;
+        }
+        *place = rest;
+        parse(without).err().is_none_or(|(_, other)| other != message).then(|| key.clone())
+    })
+}
+
+/// Serde's `message` in the words of a config file.
+fn plain(message: &str) -> String {
+    let quoted = |text: &str| text.replace('`', "");
+    if let Some(rest) = message.strip_prefix("unknown variant ")
+        && let Some((found, known)) = rest.split_once(", expected ")
+    {
+        return format!("expected {}, found \"{}\"", quoted(known), quoted(found));
+    }
+    for prefix in ["invalid type: ", "invalid value: ", "invalid length "] {
+        if let Some((found, expected)) = message.strip_prefix(prefix).and_then(|rest| rest.rsplit_once(", expected ")) {
+            let found = if prefix == "invalid length " { format!("{found} values") } else { plain_found(found) };
+            return format!("expected {}, found {found}", plain_expected(expected));
+        }
+    }
+    if message.starts_with("wanted exactly 1 element") {
+        return "expected a name in quotes, found a table".into();
+    }
+    message.replace("unknown field", "unknown key").replace("missing field", "missing key")
+}
+
+/// What Serde found: `integer \`3\``, `string "x"`, `sequence`.
+fn plain_found(found: &str) -> String {
+    let (kind, value) = found.split_once(' ').unwrap_or((found, ""));
+    match (kind, value) {
+        ("integer" | "boolean" | "string", value) if !value.is_empty() => value.replace('`', ""),
+        ("floating", value) => value.trim_start_matches("point ").replace('`', ""),
+        ("map", _) => "a table".into(),
+        ("sequence", _) => "a list".into(),
+        ("unit", _) => "another kind of value".into(),
+        _ => found.into(),
+    }
+}
+
+/// What Serde expected: the name of a type of Rust, or of Serde.
+fn plain_expected(expected: &str) -> String {
+    let count = || expected.rsplit(' ').next().unwrap_or_default();
+    match expected {
+        "usize" | "u8" | "u16" | "u32" | "u64" => "a whole number of at least 0".into(),
+        "isize" | "i8" | "i16" | "i32" | "i64" => "a whole number".into(),
+        "f32" | "f64" => "a number".into(),
+        "a boolean" => "true or false".into(),
+        "string only" => "a name in quotes".into(),
+        "path string" => "a path in quotes".into(),
+        "a sequence" => "a list".into(),
+        "fewer elements in array" => "fewer values".into(),
+        array if array.starts_with("an array of") || array.starts_with("a tuple of") => {
+            format!("a list of {} values", count())
+        }
+        table if ["struct", "internally", "a map", "map"].iter().any(|start| table.starts_with(start)) => {
+            "a table".into()
+        }
+        other => other.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::{Preset, assign};
+
+    #[test]
+    fn messages_speak_of_the_file_and_not_of_types() {
+        for (assignment, expected) in [
+            ("train.rays=many", "train.rays: expected a whole number of at least 0, found \"many\""),
+            ("train.rays=-3", "train.rays: expected a whole number of at least 0, found -3"),
+            ("train.rays=1.5", "train.rays: expected a whole number of at least 0, found 1.5"),
+            ("train.rays=[1]", "train.rays: expected a whole number of at least 0, found a list"),
+            ("train.exposure_compensation=1", "train.exposure_compensation: expected true or false, found 1"),
+            ("train.grid_lr_multiplier=fast", "train.grid_lr_multiplier: expected a number, found \"fast\""),
+            ("scene.background=[1.0,1.0]", "scene.background: expected a list of 3 values, found 2 values"),
+            ("scene.background=1", "scene.background: expected a list of 3 values, found 1"),
+            ("scene=3", "scene: expected a table, found 3"),
+            ("scene.size=big", "scene.size: expected a whole number of at least 0, found \"big\""),
+            ("train.batch=some", "train.batch: expected one of pixels, image, held-out, found \"some\""),
+            ("scene.masks=no", "scene.masks: expected leave-out or score, found \"no\""),
+            ("field.width=wide", "field.width: expected a whole number of at least 0, found \"wide\""),
+            ("field.kind=cube", "field.kind: expected one of nerf, mip, "),
+            ("train.init=3", "train.init: expected a path in quotes, found 3"),
+            ("train.rayz=3", "train.rayz: unknown key `rayz`, expected one of `iterations`, "),
+            ("scene.views={kind='wide'}", "scene.views: missing key `count`"),
+            ("train.batch={a=1,b=2}", "train.batch: expected a name in quotes, found a table"),
+            ("train.batch=3", "train.batch: expected a name in quotes, found another kind of value"),
+        ] {
+            let mut table = Preset::Paper.table();
+            assign(&mut table, assignment).unwrap();
+            let message = Config::from_table(table).unwrap_err().to_string();
+            assert!(message.starts_with(expected), "{assignment}: {message}");
+        }
+    }
+}
