@@ -6,7 +6,7 @@ use burn::module::{Module, ModuleMapper, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::Vec3;
 use infonerf_field::{FieldSetup, FieldSpec};
-use infonerf_ops::{RayDistribution, frustum_gaussian, integrated_encode, ray_entropy, to_host};
+use infonerf_ops::{RayDistribution, from_host, frustum_gaussian, integrated_encode, ray_entropy, to_host};
 use infonerf_render::{Model, RenderOutput, RenderRequest, Renderer};
 use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
@@ -149,7 +149,8 @@ fn frusta_and_their_encoding_agree_with_jax() {
             compare_relative(want, variance[axis].into(), &format!("frustum {index}, variance"));
         }
         if t0 < 10.0 {
-            let features = to_host(integrated_encode(&mean, &variance, 16, &[], &Device::flex()));
+            let [mean, variance] = [&mean, &variance].map(|rows| from_host(rows, 3, &Device::flex()));
+            let features = to_host(integrated_encode(mean, variance, 16, &[]));
             compare(&features, &row["features"], &format!("frustum {index}, features"));
         }
     }

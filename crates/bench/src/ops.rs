@@ -11,7 +11,7 @@ use infonerf_ops::factored::{self, Layout, Query};
 use infonerf_ops::mlp::{self, ColorBranch, Dense, Precision, RadianceMlp};
 use infonerf_ops::{
     RayDistribution, Segments, composite::composite, composite::plain as plain_composite, divergence, entropy,
-    frequency::encoded_width, frequency_encode, has_host_kernels, to_host,
+    frequency::encoded_width, frequency_encode, from_host, has_host_kernels, to_host,
 };
 use infonerf_report::chart::{Bar, Frame, bar_chart};
 use serde::Serialize;
@@ -179,7 +179,7 @@ impl Input {
             near: tensor(numbers(3, samples)),
             values: tensor(numbers(8, 4 * samples)).reshape([samples, 4]),
             query: Query {
-                positions: numbers(4, 3 * samples).into(),
+                positions: from_host(&numbers(4, 3 * samples), 3, device),
                 directions: centred(numbers(5, 3 * samples)).into(),
                 frequency_weights: vec![1.0; 3],
                 level_weights: vec![1.0; 4],
@@ -189,7 +189,11 @@ impl Input {
             weights: tensor(centred(numbers(7, layout.weight_len()))),
             layout,
             segments,
-            encoded: frequency_encode(&numbers(9, 3 * MLP_RAYS * MLP_SAMPLES), 3, FREQUENCIES[0], &[], device),
+            encoded: frequency_encode(
+                from_host(&numbers(9, 3 * MLP_RAYS * MLP_SAMPLES), 3, device),
+                FREQUENCIES[0],
+                &[],
+            ),
             network,
         }
     }

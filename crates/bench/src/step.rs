@@ -17,7 +17,8 @@ const STEPS: u32 = 50;
 const WARMUP: u32 = 50;
 
 const PROTOCOL: &str = "the first steps are a warm-up and not counted; the schedule is that of the whole run, of which these \
-                        are the first steps; phases are means, totals are medians and 90th percentiles";
+                        are the first steps; totals are medians and 90th percentiles; phases are means of as many further steps, \
+                        in which the device is waited for after each phase";
 
 #[derive(Serialize)]
 struct Row {
@@ -67,7 +68,7 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, st
         .transpose()?;
     // A run that is over has steps to take here all the same.
     let before = checkpoint.as_ref().map_or(0, |checkpoint| checkpoint.progress().step);
-    let iterations = plan.config.train.iterations.max(before + warmup + steps);
+    let iterations = plan.config.train.iterations.max(before + warmup + 2 * steps);
     let plan = with_settings(plan, &[format!("train.iterations={iterations}")])?;
     let mut trainer = bench.trainer(&plan)?;
     if let Some(checkpoint) = &checkpoint {
@@ -75,13 +76,16 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, st
     }
     step_seconds(&mut trainer, warmup)?;
     let first_step = trainer.progress().step + 1;
-    let before = trainer.profile().clone();
     let mut seconds = step_seconds(&mut trainer, steps)?;
-    ensure!(!seconds.is_empty(), "bench step: the run is over before there is a step to measure");
-    let total: f64 = seconds.iter().sum();
+    let last_step = trainer.progress().step;
+    trainer.synchronise_phases();
+    let before = trainer.profile().clone();
+    let synchronised = step_seconds(&mut trainer, steps)?;
+    ensure!(!synchronised.is_empty(), "bench step: the run is over before there is a step to measure");
+    let total: f64 = synchronised.iter().sum();
     let row = |phase: &'static str, spent: f64| PhaseRow {
         phase,
-        ms: 1e3 * spent / seconds.len().max(1) as f64,
+        ms: 1e3 * spent / synchronised.len() as f64,
         share: spent / total,
     };
     let spent = |phase: Phase| (trainer.profile().spent(phase) - before.spent(phase)).as_secs_f64();
@@ -89,14 +93,7 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, st
     phases.push(row("other", total - Phase::ALL.into_iter().map(spent).sum::<f64>()));
     seconds.sort_by(f64::total_cmp);
     let p90 = seconds.get((seconds.len() * 9).div_ceil(10).saturating_sub(1)).copied().unwrap_or(0.0);
-    Ok(Row {
-        run: plan.label(),
-        first_step,
-        last_step: trainer.progress().step,
-        median_ms: 1e3 * median(&seconds),
-        p90_ms: 1e3 * p90,
-        phases,
-    })
+    Ok(Row { run: plan.label(), first_step, last_step, median_ms: 1e3 * median(&seconds), p90_ms: 1e3 * p90, phases })
 }
 
 fn text(row: &Row) -> String {

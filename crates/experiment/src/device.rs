@@ -114,6 +114,8 @@ pub struct OpenDevice {
 /// If it is not built in, or there is no such GPU.
 pub fn open(name: DeviceName) -> Result<OpenDevice> {
     let name = name.built_in()?;
+    #[cfg(feature = "autotune")]
+    keep_kernels();
     let device = match name {
         #[cfg(feature = "flex")]
         DeviceName::Flex => Device::flex(),
@@ -133,6 +135,21 @@ pub fn open(name: DeviceName) -> Result<OpenDevice> {
         check_spirv(name, adapter, cfg!(feature = "vulkan"))?;
     }
     Ok(OpenDevice { device, name, adapter })
+}
+
+/// Keeps compiled kernels, and which of them are the fastest, in the user's cache for later processes. Everything else is as
+/// CubeCL's own `cubecl.toml` and environment variables say.
+#[cfg(feature = "autotune")]
+fn keep_kernels() {
+    use burn::cubecl::config::cache::CacheConfig;
+    use burn::cubecl::config::{CubeClRuntimeConfig, RuntimeConfig};
+    let mut config = CubeClRuntimeConfig::from_current_dir().override_from_env();
+    config.compilation.cache = true;
+    if let CacheConfig::Target = config.environment.path {
+        config.environment.path = CacheConfig::Global;
+    }
+    // False where a device was opened before, with this configuration.
+    let _ = CubeClRuntimeConfig::try_set(config);
 }
 
 /// Refuses what would end in a crash of the driver: CubeCL 0.11.3 declares shared memory wrongly on devices without

@@ -20,6 +20,10 @@ pub struct Session {
     pub resume: Resume,
     /// Share of each run after which it is stopped, to go on later.
     pub until: Option<f64>,
+    /// Whether the device is waited for after each phase of a step: see [`Trainer::synchronise_phases`].
+    ///
+    /// [`Trainer::synchronise_phases`]: infonerf_train::Trainer::synchronise_phases
+    pub profiled: bool,
     /// What learned metrics need: those without a network have no value.
     pub networks: Networks,
     /// The scene of the last run: the next one often has the same.
@@ -85,7 +89,14 @@ pub type Watch<'a> = dyn FnMut(RunEvent<'_>) -> Control + 'a;
 impl Session {
     /// Runs on `device`, below `out`.
     pub fn new(device: OpenDevice, out: impl Into<PathBuf>, resume: Resume) -> Self {
-        Self { device, out: out.into(), resume, until: None, networks: Networks::none(), last_scene: Mutex::default() }
+        let (out, networks) = (out.into(), Networks::none());
+        Self { device, out, resume, until: None, profiled: false, networks, last_scene: Mutex::default() }
+    }
+
+    /// The same, `profiled` or not.
+    #[must_use]
+    pub fn profiled(self, profiled: bool) -> Self {
+        Self { profiled, ..self }
     }
 
     /// The same, with networks for learned metrics: see [`crate::networks`].

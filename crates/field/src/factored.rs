@@ -165,7 +165,7 @@ impl FactoredField {
     }
 
     /// Positions in [0, 1]³ over the box, clamped to it.
-    fn normalised(&self, positions: &[f32]) -> Arc<[f32]> {
+    fn normalised(&self, positions: &[f32]) -> Tensor<2> {
         let [low, high] = self.bounds;
         let scale = [0, 1, 2].map(|axis| 1.0 / (high[axis] - low[axis]));
         let mut positions = positions.to_vec();
@@ -174,7 +174,8 @@ impl FactoredField {
                 p[axis] = ((p[axis] - low[axis]) * scale[axis]).clamp(0.0, 1.0);
             }
         }
-        positions.into()
+        let count = positions.len() / 3;
+        Tensor::from_data(TensorData::new(positions, [count, 3]), &self.device())
     }
 }
 

@@ -4,9 +4,9 @@ use std::fmt;
 
 use burn::module::Module;
 use burn::tensor::{Device, activation::sigmoid};
-use infonerf_ops::frustum_gaussian;
 use infonerf_ops::integrated::{integrated_encode, integrated_width};
 use infonerf_ops::mlp::Precision;
+use infonerf_ops::{from_host, frustum_gaussian};
 use infonerf_schedule::{Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -101,7 +101,8 @@ impl Field for MipNerf {
         let frequencies = self.config.position_frequencies;
         let window = frequency_window(frequencies, self.config.detail.at(at));
         let (means, variances) = gaussians(points);
-        let encoded = integrated_encode(&means, &variances, frequencies, &window, &self.device());
+        let [means, variances] = [means, variances].map(|rows| from_host(&rows, 3, &self.device()));
+        let encoded = integrated_encode(means, variances, frequencies, &window);
         let (sigma, color) = self.mlp.forward(encoded, points, color);
         FieldOutput {
             sigma: DensityActivation::Softplus.apply(sigma),

@@ -5,6 +5,7 @@ use std::fmt;
 use burn::module::Module;
 use burn::tensor::{Device, activation::sigmoid};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
+use infonerf_ops::from_host;
 use infonerf_ops::mlp::Precision;
 use infonerf_schedule::{Moment, Schedule};
 use rand::SeedableRng;
@@ -87,7 +88,8 @@ impl Field for NerfMlp {
     fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
         let c = &self.config;
         let window = frequency_window(c.position_frequencies, c.detail.at(at));
-        let encoded = frequency_encode(points.positions, 3, c.position_frequencies, &window, &self.device());
+        let positions = from_host(points.positions, 3, &self.device());
+        let encoded = frequency_encode(positions, c.position_frequencies, &window);
         let (sigma, color) = self.mlp.forward(encoded, points, color);
         FieldOutput { sigma: c.density.apply(sigma), color: color.map(sigmoid) }
     }

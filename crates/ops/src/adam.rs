@@ -1,11 +1,15 @@
 //! Adam (Kingma & Ba 2015) as one fused pass over each parameter.
 //!
 //! Burn's own Adam makes about ten passes over memory a step, which costs more than the rest of a step where a field
-//! keeps a table of millions of numbers. On `flex` this one reads and writes each number once; elsewhere it is plain
-//! tensor arithmetic.
+//! keeps a table of millions of numbers, and a dozen launches per parameter on a GPU. On `flex` this one reads and writes
+//! each number once, and on GPUs it is one launch per parameter; elsewhere it is plain tensor arithmetic.
 
+#[cfg(any(feature = "flex", feature = "cube"))]
+use burn::backend::{Backend, backend_extension, tensor::FloatTensor};
 use burn::optim::{AdamState, AdaptiveMomentumState, LearningRate, Optimizer};
 use burn::tensor::{Device, Tensor};
+
+use crate::dispatch::dispatch;
 
 /// Adam without weight decay. PyTorch's defaults: β = (0.9, 0.999), ε = 1e-8.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,13 +32,13 @@ impl Default for Adam {
 
 /// What one step needs beside the tensors, bias corrections folded in.
 #[derive(Clone, Copy, Debug)]
-struct Step {
-    beta1: f32,
-    beta2: f32,
+pub(crate) struct Step {
+    pub(crate) beta1: f32,
+    pub(crate) beta2: f32,
     /// lr · √(1 − β₂ᵗ)/(1 − β₁ᵗ)
-    rate: f32,
+    pub(crate) rate: f32,
     /// ε · √(1 − β₂ᵗ)
-    epsilon: f32,
+    pub(crate) epsilon: f32,
 }
 
 impl Adam {
@@ -77,11 +81,12 @@ impl Optimizer for Adam {
 type Update<const D: usize> = (Tensor<D>, Tensor<D>, Tensor<D>);
 
 fn update<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
-    #[cfg(feature = "flex")]
-    if crate::has_host_kernels(&x.device()) {
-        return host::update(step, x, g, m, v);
+    dispatch! {
+        &x.device();
+        host => fused(step, x, g, m, v),
+        cube => fused(step, x, g, m, v),
+        plain => plain(step, x, g, m, v),
     }
-    plain(step, x, g, m, v)
 }
 
 fn plain<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
@@ -91,29 +96,38 @@ fn plain<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v
     (x, m, v)
 }
 
+/// One pass over all numbers, by the host or by a GPU.
+#[cfg(any(feature = "flex", feature = "cube"))]
+fn fused<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
+    let [x, g, m, v] = [x, g, m, v].map(Tensor::into_dispatch);
+    let (x, m, v) = <burn::backend::Dispatch as AdamOps>::adam(x, g, m, v, step);
+    (Tensor::from_dispatch(x), Tensor::from_dispatch(m), Tensor::from_dispatch(v))
+}
+
+/// Extension point of the backends that have a kernel.
+#[cfg(any(feature = "flex", feature = "cube"))]
+#[backend_extension(Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"))]
+pub(crate) trait AdamOps: Backend {
+    fn adam(
+        x: FloatTensor<Self>,
+        g: FloatTensor<Self>,
+        m: FloatTensor<Self>,
+        v: FloatTensor<Self>,
+        step: Step,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
+}
+
 #[cfg(feature = "flex")]
 mod host {
+    use burn::backend::Flex;
     use burn::backend::tensor::FloatTensor;
-    use burn::backend::{Backend, Dispatch, Flex, backend_extension};
-    use burn::tensor::Tensor;
     use rayon::prelude::*;
 
-    use super::{Step, Update};
+    use super::{AdamOps, Step};
     use crate::simd::{self, Job};
 
-    /// Below this many numbers a pass is too short to share out.
+    /// Elements per task: fewer are not worth a thread.
     const CHUNK: usize = 1 << 14;
-
-    #[backend_extension(Flex)]
-    trait AdamOps: Backend {
-        fn adam(
-            x: FloatTensor<Self>,
-            g: FloatTensor<Self>,
-            m: FloatTensor<Self>,
-            v: FloatTensor<Self>,
-            step: Step,
-        ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
-    }
 
     type Host = FloatTensor<Flex>;
 
@@ -149,23 +163,6 @@ mod host {
                 *x -= *m * step.rate / (v.sqrt() + step.epsilon);
             }
         }
-    }
-
-    pub(super) fn update<const D: usize>(
-        step: Step,
-        x: Tensor<D>,
-        g: Tensor<D>,
-        m: Tensor<D>,
-        v: Tensor<D>,
-    ) -> Update<D> {
-        let (x, m, v) = <Dispatch as AdamOps>::adam(
-            x.into_dispatch(),
-            g.into_dispatch(),
-            m.into_dispatch(),
-            v.into_dispatch(),
-            step,
-        );
-        (Tensor::from_dispatch(x), Tensor::from_dispatch(m), Tensor::from_dispatch(v))
     }
 }
 

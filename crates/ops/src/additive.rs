@@ -2,8 +2,9 @@
 
 use burn::tensor::{FloatDType, Int, Tensor, TensorData};
 
+use crate::Segments;
 use crate::composite::{Padding, working_dtype};
-use crate::{Segments, has_host_kernels};
+use crate::dispatch::dispatch;
 
 /// Optical depths τ′ whose [compositing](crate::composite()) is the additive march of Neural Volumes (Lombardi et al. 2019,
 /// Eq. 7), `[M]`, differentiable in `tau`.
@@ -38,15 +39,14 @@ use crate::{Segments, has_host_kernels};
 /// ```
 pub fn additive_depth(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
     assert_eq!(tau.dims(), [segments.samples()], "tau holds one number per packed sample");
-    #[cfg(feature = "flex")]
-    if has_host_kernels(&tau.device()) {
-        return crate::kernel::apply1(host::AdditiveKernel { segments: segments.clone() }, tau);
+    dispatch! {
+        &tau.device();
+        host => crate::kernel::apply(host::AdditiveKernel { segments: segments.clone() }, tau),
+        plain => plain(tau, segments),
     }
-    let _ = has_host_kernels;
-    plain(tau, segments)
 }
 
-/// The same from plain tensor operations, on any backend.
+/// [`additive_depth`] from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
     if segments.samples() == 0 {
         return tau;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use burn::tensor::{Int, Tensor, TensorData};
 
-use crate::has_host_kernels;
+use crate::dispatch::dispatch;
 
 /// Where maps are read: four rows of a table with their weights for each place.
 #[derive(Clone, Debug)]
@@ -56,7 +56,7 @@ impl Taps {
         self.rows.len()
     }
 
-    /// Whether nothing is read.
+    /// Whether there are no places.
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
@@ -67,16 +67,17 @@ impl Taps {
 /// # Panics
 /// If a tap lies beyond the table.
 pub fn bilinear(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
-    #[cfg(feature = "flex")]
-    if has_host_kernels(&table.device()) {
-        let [rows, channels] = table.dims();
-        return crate::kernel::apply1(host::BilinearKernel { taps: taps.clone(), rows, channels }, table);
+    dispatch! {
+        &table.device();
+        host => {
+            let [rows, channels] = table.dims();
+            crate::kernel::apply(host::BilinearKernel { taps: taps.clone(), rows, channels }, table)
+        },
+        plain => plain(table, taps),
     }
-    let _ = has_host_kernels;
-    plain(table, taps)
 }
 
-/// The same from plain tensor operations, on any backend.
+/// [`bilinear`] from plain tensor operations, on any backend.
 pub fn plain(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
     let device = table.device();
     let count = taps.len();

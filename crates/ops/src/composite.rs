@@ -4,15 +4,16 @@
 use burn::backend::DispatchDevice;
 use burn::tensor::{Bool, Device, FloatDType, Int, Tensor, TensorData};
 
-use crate::{Segments, has_host_kernels};
+use crate::Segments;
+use crate::dispatch::dispatch;
 
-/// A ray whose opacities sum to less than this hits nothing: its entropy is 0 with zero gradient.
+/// Least Σα of a ray that hits something. Below it, entropy and divergence are 0 with zero gradient.
 ///
 /// The gradient of an entropy or divergence goes with 1/(ε Σα): with ε ≥ 1e-12 and upstream gradients up to 1e6, this
 /// keeps it within `f32`.
 pub const MIN_ALPHA_SUM: f32 = 1e-20;
 
-/// What [`composite`] returns, one row per ray.
+/// The result of [`composite`], one row per ray.
 #[derive(Clone, Debug)]
 pub struct Composite {
     /// Σ wᵢ vᵢ of the given per-sample values, `[R, C]`.
@@ -28,6 +29,8 @@ pub struct Composite {
 /// - `tau`: optical depths τ = σδ ≥ 0, `[M]`.
 /// - `values`: what to integrate (colour, distance, features), `[M, C]`.
 ///
+/// Differentiable in both; with `tau = sigma * delta` as tensors, so is it in the intervals δ.
+///
 /// An empty ray gives zeros. Values and gradients are finite for every τ in [0, ∞].
 ///
 /// # Panics
@@ -36,17 +39,12 @@ pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Comp
     let [samples, channels] = values.dims();
     assert_eq!(tau.dims(), [segments.samples()], "tau holds one number per packed sample");
     assert_eq!(samples, segments.samples(), "values holds one row per packed sample");
-    #[cfg(feature = "flex")]
-    if has_host_kernels(&tau.device()) {
-        let kernel = host::CompositeKernel { segments: segments.clone(), channels };
-        return split(crate::kernel::apply2(kernel, tau, values), channels);
+    dispatch! {
+        &tau.device();
+        host => split(crate::ray_kernel::apply(host::CompositeKernel { segments: segments.clone(), channels }, (tau, values)), channels),
+        cube if samples > 0 => split(crate::cube::composite(tau, values, segments), channels),
+        plain => plain(tau, values, segments),
     }
-    #[cfg(feature = "cube")]
-    if crate::cube::serves(&tau.device()) && samples > 0 {
-        return split(crate::cube::composite(tau, values, segments), channels);
-    }
-    let _ = (has_host_kernels, channels);
-    plain(tau, values, segments)
 }
 
 #[cfg(any(feature = "flex", feature = "cube"))]
@@ -67,7 +65,7 @@ pub fn weights(tau: &[f32], segments: &Segments) -> Vec<f32> {
     weights
 }
 
-/// The same from plain tensor operations, on any backend.
+/// [`composite`] from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {
     let (rays, channels) = (segments.rays(), values.dims()[1]);
     let device = tau.device();
@@ -81,7 +79,7 @@ pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composit
     let alpha = plain_alpha(tau.clone());
     // Σw from the depth: its gradient is what leaves the ray, and not a difference of sums.
     let acc = plain_alpha(tau.clone().sum_dim(1));
-    // Shifted, not subtracted: a huge last interval would swallow what is before it.
+    // An exclusive sum by shifting: subtracting τᵢ from an inclusive one would lose what is before a huge interval.
     let nothing = tau.clone().narrow(1, 0, 1).zeros_like();
     let before = Tensor::cat(vec![nothing, tau], 1).cumsum(1).narrow(1, 0, longest);
     let weights = before.neg().exp() * alpha;
@@ -113,7 +111,7 @@ impl Padding {
     }
 }
 
-/// What plain tensor operations compute in: `f64` on `ndarray`, whose sums over a ray would lose digits in `f32`.
+/// The float type of plain tensor operations: `f64` on `ndarray`, where sums over a ray would lose digits in `f32`.
 pub(crate) fn working_dtype(device: &Device) -> FloatDType {
     match device.clone().inner().as_dispatch() {
         #[cfg(feature = "ndarray")]
@@ -135,13 +133,10 @@ pub(crate) fn plain_alpha<const D: usize>(tau: Tensor<D>) -> Tensor<D> {
 
 #[cfg(feature = "flex")]
 mod host {
-    use rayon::prelude::*;
-
     use crate::Segments;
-    use crate::groups::{GROUP, Group};
-    use crate::kernel::{Kernel, Pass};
+    use crate::groups::Group;
     use crate::numeric::Opacity;
-    use crate::simd::{self, Job};
+    use crate::ray_kernel::RayKernel;
 
     #[derive(Debug)]
     pub(super) struct CompositeKernel {
@@ -149,77 +144,34 @@ mod host {
         pub(super) channels: usize,
     }
 
-    impl CompositeKernel {
-        fn rays<'a>(&self, group: Group<'a>, inputs: &[&'a [f32]]) -> Rays<'a> {
-            let &[tau, values] = inputs else { unreachable!("composite has two inputs") };
-            let (samples, channels) = (group.samples(), self.channels);
-            Rays {
-                group,
-                tau: &tau[samples.clone()],
-                values: &values[samples.start * channels..samples.end * channels],
-                channels,
-            }
-        }
-    }
-
-    impl Kernel for CompositeKernel {
-        fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-            vec![self.segments.rays(), inputs[1][1] + 1]
+    /// Of τ and values to one row per ray: its integrated values and Σw.
+    impl RayKernel<2> for CompositeKernel {
+        fn segments(&self) -> &Segments {
+            &self.segments
         }
 
-        fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-            let width = self.channels + 1;
-            let mut out = vec![0.0; self.segments.rays() * width];
-            let groups = self.segments.groups().zip(out.par_chunks_mut(GROUP * width));
-            groups.for_each(|(group, out)| simd::run(Forward { rays: self.rays(group, inputs), out }));
-            out
+        fn shape(&self) -> Vec<usize> {
+            vec![self.segments.rays(), self.channels + 1]
         }
 
-        fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-            let Pass { inputs, grad, .. } = pass;
-            let mut dtau = vec![0.0; inputs[0].len()];
-            let mut dvalues = vec![0.0; inputs[1].len()];
-            (self.segments.groups())
-                .zip(self.segments.split_mut(&mut dtau, 1))
-                .zip(self.segments.split_mut(&mut dvalues, self.channels))
-                .zip(grad.par_chunks(GROUP * (self.channels + 1)))
-                .for_each(|(((group, dtau), dvalues), grad)| {
-                    simd::run(Backward { rays: self.rays(group, inputs), grad, dtau, dvalues });
-                });
-            vec![wanted[0].then_some(dtau), wanted[1].then_some(dvalues)]
+        fn widths(&self) -> [usize; 2] {
+            [1, self.channels]
         }
-    }
 
-    struct Rays<'a> {
-        group: Group<'a>,
-        tau: &'a [f32],
-        values: &'a [f32],
-        channels: usize,
-    }
-
-    struct Forward<'a> {
-        rays: Rays<'a>,
-        /// One row per ray: its integrated values and Σw.
-        out: &'a mut [f32],
-    }
-
-    impl Job for Forward<'_> {
         #[inline(always)]
-        fn run<const FMA: bool>(self) {
-            let Self { rays, out } = self;
-            let channels = rays.channels;
-            let opacity = Opacity::of::<FMA>(rays.tau);
+        fn forward<const FMA: bool>(&self, group: Group<'_>, [tau, values]: [&[f32]; 2], out: &mut [f32]) {
+            let channels = self.channels;
+            let opacity = Opacity::of::<FMA>(tau);
             let mut sums = vec![0f64; channels];
-            for (range, out) in rays.group.ranges().zip(out.chunks_exact_mut(channels + 1)) {
+            for (range, out) in group.ranges().zip(out.chunks_exact_mut(channels + 1)) {
                 sums.fill(0.0);
                 // Sums of positive numbers: Σw keeps its digits where 1 − T would not.
                 let (mut trans, mut acc) = (1f64, 0f64);
                 for i in range {
-                    let alpha = opacity.alpha[i];
-                    let w = trans * alpha;
+                    let w = trans * opacity.alpha[i];
                     trans *= opacity.through[i];
                     acc += w;
-                    for (sum, &value) in sums.iter_mut().zip(&rays.values[i * channels..]) {
+                    for (sum, &value) in sums.iter_mut().zip(&values[i * channels..]) {
                         *sum += w * f64::from(value);
                     }
                 }
@@ -229,40 +181,35 @@ mod host {
                 out[channels] = acc as f32;
             }
         }
-    }
 
-    struct Backward<'a> {
-        rays: Rays<'a>,
-        grad: &'a [f32],
-        dtau: &'a mut [f32],
-        dvalues: &'a mut [f32],
-    }
-
-    impl Job for Backward<'_> {
         #[inline(always)]
-        fn run<const FMA: bool>(self) {
-            let Self { rays, grad, dtau, dvalues } = self;
-            let channels = rays.channels;
-            let opacity = Opacity::of::<FMA>(rays.tau);
+        fn backward<const FMA: bool>(
+            &self,
+            group: Group<'_>,
+            [tau, values]: [&[f32]; 2],
+            grad: &[f32],
+            [mut dtau, mut dvalues]: [Option<&mut [f32]>; 2],
+        ) {
+            let channels = self.channels;
+            let opacity = Opacity::of::<FMA>(tau);
             // T_{i+1} of each sample, and what it is worth: uᵢ = ∂L/∂wᵢ.
-            let mut trans_after = vec![0f64; rays.tau.len()];
-            let mut worths = vec![0f64; rays.tau.len()];
-            for (range, grad) in rays.group.ranges().zip(grad.chunks_exact(channels + 1)) {
+            let mut trans_after = vec![0f64; tau.len()];
+            let mut worths = vec![0f64; tau.len()];
+            for (range, grad) in group.ranges().zip(grad.chunks_exact(channels + 1)) {
                 let (integrated, dacc) = (&grad[..channels], f64::from(grad[channels]));
                 let mut trans = 1f64;
                 for i in range.clone() {
                     let w = (trans * opacity.alpha[i]) as f32;
                     trans *= opacity.through[i];
                     trans_after[i] = trans;
-                    let mut u = dacc;
                     let of_sample = i * channels..(i + 1) * channels;
-                    let values = rays.values[of_sample.clone()].iter().zip(&mut dvalues[of_sample]);
-                    for ((&value, dvalue), &g) in values.zip(integrated) {
-                        *dvalue = g * w;
-                        u += f64::from(g) * f64::from(value);
+                    let products = values[of_sample.clone()].iter().zip(integrated);
+                    worths[i] = products.fold(dacc, |u, (&value, &g)| u + f64::from(g) * f64::from(value));
+                    if let Some(dvalues) = &mut dvalues {
+                        dvalues[of_sample].iter_mut().zip(integrated).for_each(|(dvalue, g)| *dvalue = g * w);
                     }
-                    worths[i] = u;
                 }
+                let Some(dtau) = &mut dtau else { continue };
                 // dL/dτᵢ = uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ = T_{i+1} eᵢ, where eᵢ is how much more the sample is worth than what
                 // lies behind it: eᵢ = uᵢ − uᵢ₊₁ + e^−τᵢ₊₁ eᵢ₊₁, and behind the last there is nothing. No sum is subtracted
                 // from another, so the little that reaches through an opaque ray keeps its digits.

@@ -1,20 +1,22 @@
 //! Distortion of the weights along rays.
 
-use burn::tensor::{FloatDType, Tensor, TensorData};
+use burn::tensor::{FloatDType, Tensor};
 
+use crate::Segments;
 use crate::composite::{Padding, plain_alpha, working_dtype};
-use crate::{Segments, has_host_kernels};
+use crate::dispatch::dispatch;
 
-/// The interval of each packed sample, `[M]` each, in whatever unit the distortion is to be measured in.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// The interval of each packed sample, `[M]` each; the distortion is in their unit.
+#[derive(Clone, Debug)]
 pub struct Intervals {
-    /// Its middle, ascending along each ray.
-    pub middle: Vec<f32>,
-    /// Its length ≥ 0.
-    pub length: Vec<f32>,
+    /// Its middle m, ascending along each ray.
+    pub middle: Tensor<1>,
+    /// Its length δ ≥ 0.
+    pub length: Tensor<1>,
 }
 
-/// Distortion of each ray's weights (mip-NeRF 360, Barron et al. 2022, Eq. 15), `[R]`, differentiable in `tau`:
+/// Distortion of each ray's weights (mip-NeRF 360, Barron et al. 2022, Eq. 15), `[R]`, differentiable in `tau` and, where
+/// `intervals` ask for a gradient, in them:
 ///
 /// `L = Σᵢⱼ wᵢ wⱼ |mᵢ − mⱼ| + ⅓ Σᵢ wᵢ² δᵢ`, with `wᵢ = Tᵢ (1 − e^−τᵢ)`.
 ///
@@ -23,7 +25,8 @@ pub struct Intervals {
 ///
 /// The double sum takes O(N): with `mᵢ` ascending it is `2 Σᵢ wᵢ (mᵢ W − M)`, where W and M are the sums of `wⱼ` and
 /// `wⱼ mⱼ` before i. The gradient is `∂L/∂τᵢ = Tᵢ₊₁ gᵢ − Σ_{j>i} wⱼ gⱼ` with
-/// `gᵢ = ∂L/∂wᵢ = 2 Σⱼ wⱼ |mᵢ − mⱼ| + ⅔ wᵢ δᵢ`. Both are finite for every τ in [0, ∞].
+/// `gᵢ = ∂L/∂wᵢ = 2 Σⱼ wⱼ |mᵢ − mⱼ| + ⅔ wᵢ δᵢ`; `∂L/∂mᵢ = 2 wᵢ (Σ_{j<i} wⱼ − Σ_{j>i} wⱼ)` and `∂L/∂δᵢ = ⅓ wᵢ²`. All are
+/// finite for every τ in [0, ∞].
 ///
 /// # Panics
 /// If `tau` or `intervals` does not match `segments`.
@@ -36,39 +39,37 @@ pub struct Intervals {
 /// use infonerf_ops::{Intervals, Segments, ray_distortion};
 ///
 /// let half = std::f32::consts::LN_2;
-/// let tau = Tensor::<1>::from_floats([half, half], &Device::flex());
-/// let intervals = Intervals { middle: vec![0.0, 1.0], length: vec![0.0; 2] };
-/// let distortion = ray_distortion(tau, &intervals, &Segments::from_counts([2]));
+/// let device = Device::flex();
+/// let tau = Tensor::<1>::from_floats([half, half], &device);
+/// let intervals = Intervals { middle: Tensor::from_floats([0.0, 1.0], &device), length: Tensor::zeros([2], &device) };
+/// let distortion = ray_distortion(tau, intervals, &Segments::from_counts([2]));
 /// assert!((distortion.into_scalar::<f32>() - 2.0 * 0.5 * 0.25).abs() < 1e-6);
 /// # }
 /// ```
-pub fn ray_distortion(tau: Tensor<1>, intervals: &Intervals, segments: &Segments) -> Tensor<1> {
+pub fn ray_distortion(tau: Tensor<1>, intervals: Intervals, segments: &Segments) -> Tensor<1> {
     let count = segments.samples();
     assert_eq!(tau.dims(), [count], "tau holds one number per packed sample");
-    assert_eq!((intervals.middle.len(), intervals.length.len()), (count, count), "one interval per packed sample");
-    #[cfg(feature = "flex")]
-    if has_host_kernels(&tau.device()) {
-        let kernel = host::DistortionKernel { segments: segments.clone(), intervals: intervals.clone() };
-        return crate::kernel::apply1(kernel, tau);
+    assert_eq!(
+        (intervals.middle.dims(), intervals.length.dims()),
+        ([count], [count]),
+        "one interval per packed sample"
+    );
+    dispatch! {
+        &tau.device();
+        host => crate::ray_kernel::apply(host::DistortionKernel { segments: segments.clone() }, (tau, intervals.middle, intervals.length)),
+        plain => plain(tau, intervals, segments),
     }
-    let _ = has_host_kernels;
-    plain(tau, intervals, segments)
 }
 
-/// The same from plain tensor operations, on any backend.
-pub fn plain(tau: Tensor<1>, intervals: &Intervals, segments: &Segments) -> Tensor<1> {
+/// [`ray_distortion`] from plain tensor operations, on any backend.
+pub fn plain(tau: Tensor<1>, intervals: Intervals, segments: &Segments) -> Tensor<1> {
     let device = tau.device();
     if segments.longest() == 0 {
         return Tensor::zeros([segments.rays()], &device);
     }
     let dtype = working_dtype(&device);
     let padding = Padding::new(segments, &device);
-    let constant = |values: &[f32]| {
-        let data = TensorData::new(values.to_vec(), [values.len()]);
-        padding.apply(Tensor::<1>::from_data(data, &device).cast(dtype))
-    };
-    let (middle, length) = (constant(&intervals.middle), constant(&intervals.length));
-    let tau = padding.apply(tau.cast(dtype));
+    let [tau, middle, length] = [tau, intervals.middle, intervals.length].map(|input| padding.apply(input.cast(dtype)));
     let [rays, samples] = tau.dims();
     // Shifted, not subtracted: the depth before a sample that is infinitely deep is finite.
     let nothing = Tensor::<2>::zeros([rays, 1], &device).cast(dtype);
@@ -81,45 +82,14 @@ pub fn plain(tau: Tensor<1>, intervals: &Intervals, segments: &Segments) -> Tens
 
 #[cfg(feature = "flex")]
 mod host {
-    use rayon::prelude::*;
-
-    use super::Intervals;
     use crate::Segments;
-    use crate::groups::{GROUP, Group};
-    use crate::kernel::{Kernel, Pass};
+    use crate::groups::Group;
     use crate::numeric::Opacity;
-    use crate::simd::{self, Job};
+    use crate::ray_kernel::RayKernel;
 
     #[derive(Debug)]
     pub(super) struct DistortionKernel {
         pub(super) segments: Segments,
-        pub(super) intervals: Intervals,
-    }
-
-    impl Kernel for DistortionKernel {
-        fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
-            vec![self.segments.rays()]
-        }
-
-        fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-            let mut out = vec![0.0; self.segments.rays()];
-            self.segments.groups().zip(out.par_chunks_mut(GROUP)).for_each(|(group, out)| {
-                simd::run(Forward { kernel: self, tau: &inputs[0][group.samples()], group, out });
-            });
-            out
-        }
-
-        fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-            let tau = pass.inputs[0];
-            let mut dtau = vec![0.0; tau.len()];
-            (self.segments.groups())
-                .zip(self.segments.split_mut(&mut dtau, 1))
-                .zip(pass.grad.par_chunks(GROUP))
-                .for_each(|((group, dtau), grad)| {
-                    simd::run(Backward { kernel: self, tau: &tau[group.samples()], group, grad, dtau });
-                });
-            vec![Some(dtau)]
-        }
     }
 
     /// A sample as the sums along a ray see it.
@@ -132,41 +102,37 @@ mod host {
         behind: f64,
     }
 
-    impl DistortionKernel {
-        /// The samples of one ray, whose first is number `start` of all.
-        fn samples<'a>(
-            &'a self,
-            start: usize,
-            alpha: &'a [f64],
-            through: &'a [f64],
-        ) -> impl Iterator<Item = Sample> + 'a {
-            let mut trans = 1.0;
-            alpha.iter().zip(through).enumerate().map(move |(i, (alpha, through))| {
-                let w = trans * alpha;
-                trans *= through;
-                let of = |values: &[f32]| f64::from(values[start + i]);
-                Sample { w, middle: of(&self.intervals.middle), length: of(&self.intervals.length), behind: trans }
-            })
+    /// The samples of one ray.
+    #[inline(always)]
+    fn samples<'a>(
+        opacity: &'a Opacity,
+        [middle, length]: [&'a [f32]; 2],
+        range: std::ops::Range<usize>,
+    ) -> impl Iterator<Item = Sample> + 'a {
+        let mut trans = 1.0;
+        range.map(move |i| {
+            let w = trans * opacity.alpha[i];
+            trans *= opacity.through[i];
+            Sample { w, middle: f64::from(middle[i]), length: f64::from(length[i]), behind: trans }
+        })
+    }
+
+    /// Of τ, m and δ to one number per ray.
+    impl RayKernel<3> for DistortionKernel {
+        fn segments(&self) -> &Segments {
+            &self.segments
         }
-    }
 
-    struct Forward<'a> {
-        kernel: &'a DistortionKernel,
-        group: Group<'a>,
-        tau: &'a [f32],
-        out: &'a mut [f32],
-    }
+        fn shape(&self) -> Vec<usize> {
+            vec![self.segments.rays()]
+        }
 
-    impl Job for Forward<'_> {
         #[inline(always)]
-        fn run<const FMA: bool>(self) {
-            let Self { kernel, group, tau, out } = self;
+        fn forward<const FMA: bool>(&self, group: Group<'_>, [tau, middle, length]: [&[f32]; 3], out: &mut [f32]) {
             let opacity = Opacity::of::<FMA>(tau);
-            let first = group.samples().start;
             for (range, out) in group.ranges().zip(out) {
                 let (mut weight, mut moment, mut sum) = (0.0, 0.0, 0.0);
-                let start = first + range.start;
-                for s in kernel.samples(start, &opacity.alpha[range.clone()], &opacity.through[range]) {
+                for s in samples(&opacity, [middle, length], range) {
                     sum += s.w * (2.0 * (s.middle * weight - moment) + s.w * s.length / 3.0);
                     weight += s.w;
                     moment += s.w * s.middle;
@@ -174,36 +140,38 @@ mod host {
                 *out = sum as f32;
             }
         }
-    }
 
-    struct Backward<'a> {
-        kernel: &'a DistortionKernel,
-        group: Group<'a>,
-        tau: &'a [f32],
-        grad: &'a [f32],
-        dtau: &'a mut [f32],
-    }
-
-    impl Job for Backward<'_> {
         #[inline(always)]
-        fn run<const FMA: bool>(self) {
-            let Self { kernel, group, tau, grad, dtau } = self;
+        fn backward<const FMA: bool>(
+            &self,
+            group: Group<'_>,
+            [tau, middle, length]: [&[f32]; 3],
+            grad: &[f32],
+            [mut dtau, mut dmiddle, mut dlength]: [Option<&mut [f32]>; 3],
+        ) {
             let opacity = Opacity::of::<FMA>(tau);
-            let first = group.samples().start;
-            let mut samples = Vec::new();
+            let mut ray = Vec::new();
             for (range, grad) in group.ranges().zip(grad).filter(|(_, grad)| **grad != 0.0) {
-                let start = first + range.start;
-                samples.clear();
-                samples.extend(kernel.samples(start, &opacity.alpha[range.clone()], &opacity.through[range.clone()]));
+                let grad = f64::from(*grad);
+                ray.clear();
+                ray.extend(samples(&opacity, [middle, length], range.clone()));
                 let (mut weight, mut moment) =
-                    samples.iter().fold((0.0, 0.0), |(weight, moment), s| (weight + s.w, moment + s.w * s.middle));
+                    ray.iter().fold((0.0, 0.0), |(weight, moment), s| (weight + s.w, moment + s.w * s.middle));
                 let (mut weight_behind, mut moment_behind, mut pulled) = (0.0, 0.0, 0.0);
-                for (s, dtau) in samples.iter().zip(&mut dtau[range]).rev() {
+                for (i, s) in range.zip(&ray).rev() {
                     weight -= s.w;
                     moment -= s.w * s.middle;
                     let away = (s.middle * weight - moment) + (moment_behind - s.middle * weight_behind);
                     let slope = 2.0 * away + 2.0 / 3.0 * s.w * s.length;
-                    *dtau = (f64::from(*grad) * (s.behind * slope - pulled)) as f32;
+                    if let Some(dtau) = &mut dtau {
+                        dtau[i] = (grad * (s.behind * slope - pulled)) as f32;
+                    }
+                    if let Some(dmiddle) = &mut dmiddle {
+                        dmiddle[i] = (grad * 2.0 * s.w * (weight - weight_behind)) as f32;
+                    }
+                    if let Some(dlength) = &mut dlength {
+                        dlength[i] = (grad * s.w * s.w / 3.0) as f32;
+                    }
                     pulled += s.w * slope;
                     weight_behind += s.w;
                     moment_behind += s.w * s.middle;

@@ -47,8 +47,9 @@ impl Ray {
         Self { range, top, rest, sum, background: if background > 0.0 { background / sum } else { 0.0 } }
     }
 
+    /// Whether the masses sum to something; NaN does, so that it reaches the result.
     fn hits(&self) -> bool {
-        self.sum >= f64::from(MIN_ALPHA_SUM)
+        self.sum.is_nan() || self.sum >= f64::from(MIN_ALPHA_SUM)
     }
 
     /// Whether one mass is more than half of all: its probability is then 1 − rest/sum to all digits.
@@ -156,7 +157,7 @@ impl<'a> Distributions<'a> {
         (logs, background)
     }
 
-    /// H = −Σ p ln(p + ε) of each ray in nats, handed to `put`; 0 for a ray that hits nothing.
+    /// H = −Σ p ln(p + ε) of each ray in nats, passed to `put`; 0 for a ray that hits nothing.
     #[inline(always)]
     pub(crate) fn entropies<const FMA: bool>(&self, epsilon: f32, mut put: impl FnMut(usize, f64)) {
         let (logs, background) = self.logs::<FMA>(f64::from(epsilon));
@@ -214,14 +215,14 @@ impl<'a> Distributions<'a> {
         }
     }
 
-    /// `grad` · ∂KL(p ‖ q)/∂τ into `dtau` and ∂/∂τ̃ into `dnear`.
+    /// `grad` · ∂KL(p ‖ q)/∂τ and `grad` · ∂KL(p ‖ q)/∂τ̃ into those of `gradients` that are there.
     #[inline(always)]
     pub(crate) fn divergence_gradients<const FMA: bool>(
         &self,
         other: &Self,
         epsilon: f32,
         grad: &[f32],
-        (dtau, dnear): (&mut [f32], &mut [f32]),
+        [mut dtau, mut dnear]: [Option<&mut [f32]>; 2],
     ) {
         let epsilon = f64::from(epsilon);
         // ln((p + ε)/(q + ε)) + p/(p + ε), less 1, and −p/(q + ε), plus 1: what all have in common drops out, and the rest
@@ -234,10 +235,14 @@ impl<'a> Distributions<'a> {
         }
         for (place, &grad) in grad.iter().enumerate().filter(|(place, _)| self.both_hit(other, *place)) {
             let (grad, ray, near) = (f64::from(grad), &self.rays[place], &other.rays[place]);
-            let put = |i: usize, g| dtau[i] = (grad * g) as f32;
-            ray.through_normalisation(&self.p, &self.opacity.through, |i| dp[i], 0.0, put);
-            let put = |i: usize, g| dnear[i] = (grad * g) as f32;
-            near.through_normalisation(&other.p, &other.opacity.through, |i| dq[i], 0.0, put);
+            if let Some(dtau) = &mut dtau {
+                let put = |i: usize, g| dtau[i] = (grad * g) as f32;
+                ray.through_normalisation(&self.p, &self.opacity.through, |i| dp[i], 0.0, put);
+            }
+            if let Some(dnear) = &mut dnear {
+                let put = |i: usize, g| dnear[i] = (grad * g) as f32;
+                near.through_normalisation(&other.p, &other.opacity.through, |i| dq[i], 0.0, put);
+            }
         }
     }
 }

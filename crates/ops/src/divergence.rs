@@ -2,8 +2,9 @@
 
 use burn::tensor::{FloatDType, Tensor, TensorData};
 
+use crate::Segments;
 use crate::composite::{MIN_ALPHA_SUM, Padding, plain_alpha, working_dtype};
-use crate::{Segments, has_host_kernels};
+use crate::dispatch::dispatch;
 
 /// KL(P(r) ‖ P(r̃)) of paired rays in nats (InfoNeRF, Eq. 9), `[R]`.
 ///
@@ -11,7 +12,7 @@ use crate::{Segments, has_host_kernels};
 /// `epsilon` > 0 bounds the divergence of disjoint rays at −ln ε nats (the released code has 1e-10). A pair in which
 /// either ray hits nothing (Σα < 1e-20) gives 0 with zero gradient.
 ///
-/// - `tau`, `near`: optical depths, both `[M]` and shared out by the same `segments`.
+/// - `tau`, `near`: optical depths, both `[M]`, packed by the same `segments`.
 ///
 /// For the reverse direction of the released code swap the arguments.
 ///
@@ -21,19 +22,15 @@ pub fn ray_divergence(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsi
     assert_eq!(tau.dims(), [segments.samples()], "tau holds one number per packed sample");
     assert_eq!(near.dims(), [segments.samples()], "near holds one number per packed sample");
     assert!(epsilon > 0.0, "epsilon must be positive: it bounds the divergence");
-    #[cfg(feature = "flex")]
-    if has_host_kernels(&tau.device()) {
-        return crate::kernel::apply2(host::DivergenceKernel { segments: segments.clone(), epsilon }, tau, near);
+    dispatch! {
+        &tau.device();
+        host => crate::ray_kernel::apply(host::DivergenceKernel { segments: segments.clone(), epsilon }, (tau, near)),
+        cube if segments.samples() > 0 => crate::cube::divergence(tau, near, segments, epsilon),
+        plain => plain(tau, near, segments, epsilon),
     }
-    #[cfg(feature = "cube")]
-    if crate::cube::serves(&tau.device()) && segments.samples() > 0 {
-        return crate::cube::divergence(tau, near, segments, epsilon);
-    }
-    let _ = has_host_kernels;
-    plain(tau, near, segments, epsilon)
 }
 
-/// The same from plain tensor operations, on any backend.
+/// [`ray_divergence`] from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
     let device = tau.device();
     if segments.longest() == 0 {
@@ -64,13 +61,10 @@ pub fn plain(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32)
 
 #[cfg(feature = "flex")]
 mod host {
-    use rayon::prelude::*;
-
     use crate::distribution::Distributions;
-    use crate::groups::{GROUP, Group};
-    use crate::kernel::{Kernel, Pass};
+    use crate::groups::Group;
     use crate::numeric::Opacity;
-    use crate::simd::{self, Job};
+    use crate::ray_kernel::RayKernel;
     use crate::{RayDistribution, Segments};
 
     const ALPHA: RayDistribution = RayDistribution::Alpha;
@@ -81,77 +75,34 @@ mod host {
         pub(super) epsilon: f32,
     }
 
-    impl DivergenceKernel {
-        fn pairs<'a>(&self, group: Group<'a>, inputs: &[&'a [f32]]) -> Pairs<'a> {
-            let &[tau, near] = inputs else { unreachable!("a divergence has two inputs") };
-            let samples = group.samples();
-            Pairs { group, tau: &tau[samples.clone()], near: &near[samples], epsilon: self.epsilon }
+    /// Of τ and τ̃ to one number per pair of rays.
+    impl RayKernel<2> for DivergenceKernel {
+        fn segments(&self) -> &Segments {
+            &self.segments
         }
-    }
 
-    impl Kernel for DivergenceKernel {
-        fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
+        fn shape(&self) -> Vec<usize> {
             vec![self.segments.rays()]
         }
 
-        fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-            let mut out = vec![0.0; self.segments.rays()];
-            let groups = self.segments.groups().zip(out.par_chunks_mut(GROUP));
-            groups.for_each(|(group, out)| simd::run(Forward { pairs: self.pairs(group, inputs), out }));
-            out
-        }
-
-        fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-            let Pass { inputs, grad, .. } = pass;
-            let (mut dtau, mut dnear) = (vec![0.0; inputs[0].len()], vec![0.0; inputs[1].len()]);
-            (self.segments.groups())
-                .zip(self.segments.split_mut(&mut dtau, 1))
-                .zip(self.segments.split_mut(&mut dnear, 1))
-                .zip(grad.par_chunks(GROUP))
-                .for_each(|(((group, dtau), dnear), grad)| {
-                    simd::run(Backward { pairs: self.pairs(group, inputs), grad, dtau, dnear });
-                });
-            vec![wanted[0].then_some(dtau), wanted[1].then_some(dnear)]
-        }
-    }
-
-    /// A group of rays and their neighbours.
-    struct Pairs<'a> {
-        group: Group<'a>,
-        tau: &'a [f32],
-        near: &'a [f32],
-        epsilon: f32,
-    }
-
-    struct Forward<'a> {
-        pairs: Pairs<'a>,
-        out: &'a mut [f32],
-    }
-
-    impl Job for Forward<'_> {
         #[inline(always)]
-        fn run<const FMA: bool>(self) {
-            let Pairs { group, tau, near, epsilon } = self.pairs;
-            let (tau, near) = (Opacity::of::<FMA>(tau), Opacity::of::<FMA>(near));
+        fn forward<const FMA: bool>(&self, group: Group<'_>, inputs: [&[f32]; 2], out: &mut [f32]) {
+            let [tau, near] = [Opacity::of::<FMA>(inputs[0]), Opacity::of::<FMA>(inputs[1])];
             let (p, q) = (Distributions::new(&tau, &group, ALPHA), Distributions::new(&near, &group, ALPHA));
-            p.divergences::<FMA>(&q, epsilon, self.out);
+            p.divergences::<FMA>(&q, self.epsilon, out);
         }
-    }
 
-    struct Backward<'a> {
-        pairs: Pairs<'a>,
-        grad: &'a [f32],
-        dtau: &'a mut [f32],
-        dnear: &'a mut [f32],
-    }
-
-    impl Job for Backward<'_> {
         #[inline(always)]
-        fn run<const FMA: bool>(self) {
-            let Pairs { group, tau, near, epsilon } = self.pairs;
-            let (tau, near) = (Opacity::of::<FMA>(tau), Opacity::of::<FMA>(near));
+        fn backward<const FMA: bool>(
+            &self,
+            group: Group<'_>,
+            inputs: [&[f32]; 2],
+            grad: &[f32],
+            gradients: [Option<&mut [f32]>; 2],
+        ) {
+            let [tau, near] = [Opacity::of::<FMA>(inputs[0]), Opacity::of::<FMA>(inputs[1])];
             let (p, q) = (Distributions::new(&tau, &group, ALPHA), Distributions::new(&near, &group, ALPHA));
-            p.divergence_gradients::<FMA>(&q, epsilon, self.grad, (self.dtau, self.dnear));
+            p.divergence_gradients::<FMA>(&q, self.epsilon, grad, gradients);
         }
     }
 }

@@ -3,8 +3,9 @@
 use burn::tensor::{FloatDType, Int, Tensor};
 use serde::{Deserialize, Serialize};
 
+use crate::Segments;
 use crate::composite::{MIN_ALPHA_SUM, Padding, plain_alpha, working_dtype};
-use crate::{Segments, has_host_kernels};
+use crate::dispatch::dispatch;
 
 /// Which distribution along a ray an entropy is of. `αᵢ = 1 − e^−τᵢ`, `wᵢ = Tᵢ αᵢ`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -22,7 +23,7 @@ pub enum RayDistribution {
     Termination,
 }
 
-/// What [`ray_entropy`] returns, one number per ray.
+/// The result of [`ray_entropy`], one number per ray.
 #[derive(Clone, Debug)]
 pub struct RayEntropy {
     /// `H = −Σ p log₂(p + ε)` in bits (InfoNeRF, Eq. 5), `[R]`.
@@ -60,19 +61,12 @@ pub struct RayEntropy {
 /// ```
 pub fn ray_entropy(tau: Tensor<1>, segments: &Segments, distribution: RayDistribution, epsilon: f32) -> RayEntropy {
     assert_eq!(tau.dims(), [segments.samples()], "tau holds one number per packed sample");
-    #[cfg(feature = "flex")]
-    if has_host_kernels(&tau.device()) {
-        return split(crate::kernel::apply1(
-            host::EntropyKernel { segments: segments.clone(), distribution, epsilon },
-            tau,
-        ));
+    dispatch! {
+        &tau.device();
+        host => split(crate::ray_kernel::apply(host::EntropyKernel { segments: segments.clone(), distribution, epsilon }, tau)),
+        cube if segments.samples() > 0 && distribution == RayDistribution::Alpha => split(crate::cube::entropy(tau, segments, epsilon)),
+        plain => plain(tau, segments, distribution, epsilon),
     }
-    #[cfg(feature = "cube")]
-    if crate::cube::serves(&tau.device()) && segments.samples() > 0 && distribution == RayDistribution::Alpha {
-        return split(crate::cube::entropy(tau, segments, epsilon));
-    }
-    let _ = has_host_kernels;
-    plain(tau, segments, distribution, epsilon)
 }
 
 #[cfg(any(feature = "flex", feature = "cube"))]
@@ -81,7 +75,7 @@ fn split(packed: Tensor<2>) -> RayEntropy {
     RayEntropy { bits: column(0), alpha_sum: column(1) }
 }
 
-/// The same from plain tensor operations, on any backend.
+/// [`ray_entropy`] from plain tensor operations, on any backend.
 pub fn plain(tau: Tensor<1>, segments: &Segments, distribution: RayDistribution, epsilon: f32) -> RayEntropy {
     let device = tau.device();
     if segments.longest() == 0 {
@@ -137,15 +131,12 @@ fn plain_bits(mass: Tensor<2>, epsilon: f32) -> Tensor<1> {
 
 #[cfg(feature = "flex")]
 mod host {
-    use rayon::prelude::*;
-
     use super::RayDistribution;
     use crate::Segments;
     use crate::distribution::Distributions;
-    use crate::groups::{GROUP, Group};
-    use crate::kernel::{Kernel, Pass};
+    use crate::groups::Group;
     use crate::numeric::Opacity;
-    use crate::simd::{self, Job};
+    use crate::ray_kernel::RayKernel;
 
     /// Entropy in bits, and Σα.
     const COLUMNS: usize = 2;
@@ -157,67 +148,37 @@ mod host {
         pub(super) epsilon: f32,
     }
 
-    impl Kernel for EntropyKernel {
-        fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
+    /// Of τ to entropy and Σα.
+    impl RayKernel<1> for EntropyKernel {
+        fn segments(&self) -> &Segments {
+            &self.segments
+        }
+
+        fn shape(&self) -> Vec<usize> {
             vec![self.segments.rays(), COLUMNS]
         }
 
-        fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-            let mut out = vec![0.0; self.segments.rays() * COLUMNS];
-            let groups = self.segments.groups().zip(out.par_chunks_mut(GROUP * COLUMNS));
-            groups.for_each(|(group, out)| {
-                simd::run(Forward { kernel: self, tau: &inputs[0][group.samples()], group, out });
-            });
-            out
-        }
-
-        fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-            let tau = pass.inputs[0];
-            let mut dtau = vec![0.0; tau.len()];
-            (self.segments.groups())
-                .zip(self.segments.split_mut(&mut dtau, 1))
-                .zip(pass.grad.par_chunks(GROUP * COLUMNS))
-                .for_each(|((group, dtau), grad)| {
-                    simd::run(Backward { kernel: self, tau: &tau[group.samples()], group, grad, dtau });
-                });
-            vec![Some(dtau)]
-        }
-    }
-
-    struct Forward<'a> {
-        kernel: &'a EntropyKernel,
-        group: Group<'a>,
-        tau: &'a [f32],
-        out: &'a mut [f32],
-    }
-
-    impl Job for Forward<'_> {
         #[inline(always)]
-        fn run<const FMA: bool>(self) {
-            let Self { kernel, group, tau, out } = self;
+        fn forward<const FMA: bool>(&self, group: Group<'_>, [tau]: [&[f32]; 1], out: &mut [f32]) {
             let opacity = Opacity::of::<FMA>(tau);
             for (range, row) in group.ranges().zip(out.chunks_exact_mut(COLUMNS)) {
                 row[1] = opacity.alpha[range].iter().sum::<f64>() as f32;
             }
-            let distributions = Distributions::new(&opacity, &group, kernel.distribution);
-            distributions.entropies::<FMA>(kernel.epsilon, |ray, nats| {
+            let distributions = Distributions::new(&opacity, &group, self.distribution);
+            distributions.entropies::<FMA>(self.epsilon, |ray, nats| {
                 out[ray * COLUMNS] = (nats * std::f64::consts::LOG2_E) as f32;
             });
         }
-    }
 
-    struct Backward<'a> {
-        kernel: &'a EntropyKernel,
-        group: Group<'a>,
-        tau: &'a [f32],
-        grad: &'a [f32],
-        dtau: &'a mut [f32],
-    }
-
-    impl Job for Backward<'_> {
         #[inline(always)]
-        fn run<const FMA: bool>(self) {
-            let Self { kernel, group, tau, grad, dtau } = self;
+        fn backward<const FMA: bool>(
+            &self,
+            group: Group<'_>,
+            [tau]: [&[f32]; 1],
+            grad: &[f32],
+            [dtau]: [Option<&mut [f32]>; 1],
+        ) {
+            let Some(dtau) = dtau else { return };
             let opacity = Opacity::of::<FMA>(tau);
             for (range, row) in group.ranges().zip(grad.chunks_exact(COLUMNS)).filter(|(_, row)| row[1] != 0.0) {
                 for (dtau, through) in dtau[range.clone()].iter_mut().zip(&opacity.through[range]) {
@@ -225,8 +186,8 @@ mod host {
                 }
             }
             let scale = |ray: usize| f64::from(grad[ray * COLUMNS]) * std::f64::consts::LOG2_E;
-            let distributions = Distributions::new(&opacity, &group, kernel.distribution);
-            distributions.add_entropy_gradients::<FMA>(kernel.epsilon, scale, dtau);
+            let distributions = Distributions::new(&opacity, &group, self.distribution);
+            distributions.add_entropy_gradients::<FMA>(self.epsilon, scale, dtau);
         }
     }
 }

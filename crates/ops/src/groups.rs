@@ -1,4 +1,4 @@
-//! Rays in groups: what one task of a host kernel works on.
+//! Rays in groups, one task of a host kernel each.
 
 use std::ops::Range;
 
@@ -10,13 +10,13 @@ use crate::Segments;
 pub(crate) const GROUP: usize = 64;
 
 impl Segments {
-    /// The rays in groups of [`GROUP`], the last of which may be smaller: what one task works on.
+    /// The rays in groups of [`GROUP`], the last of which may be smaller.
     pub(crate) fn groups(&self) -> impl IndexedParallelIterator<Item = Group<'_>> {
         let starts = (0..self.rays()).into_par_iter().step_by(GROUP);
         starts.map(|start| Group { offsets: &self.offsets[start..=(start + GROUP).min(self.rays())] })
     }
 
-    /// Splits per-sample `values` (`width` numbers a sample) into one mutable slice for each group.
+    /// Splits per-sample `values` (`width` numbers per sample) into one mutable slice per group.
     pub(crate) fn split_mut<'a, T>(&self, mut values: &'a mut [T], width: usize) -> Vec<&'a mut [T]> {
         let groups = (0..self.rays()).step_by(GROUP).map(|start| {
             let end = (start + GROUP).min(self.rays());

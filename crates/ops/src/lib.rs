@@ -5,11 +5,14 @@
 //! | body | where it runs | why it is there |
 //! |---|---|---|
 //! | host kernel ([`kernel::Kernel`]) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
-//! | CubeCL kernel (`cube`, with the feature of that name) | GPUs: compositing, entropy, KL divergence, planes and lines, encodings | few launches; positions are uploaded instead of their encodings |
+//! | CubeCL kernel (`cube`, with the feature of that name) | GPUs: compositing, entropy, KL divergence, planes and lines, encodings, Adam | few launches |
 //! | plain tensors (`plain` of each file) | every backend | portability, and an oracle for the kernels |
 //! | [`mod@reference`] in `f64` | tests | bounds the error of both |
 //!
-//! The public function of each file picks the kernel that serves the device of its tensors, and the plain body where none does.
+//! The public function of each file picks the kernel for the device of its tensors, or the plain body where there is none.
+//!
+//! Host kernels give the same bits for the same arguments, whatever the number of threads. GPUs do not: where many samples add
+//! to one number (planes and lines), the order of the atomic additions is the device's choice.
 //!
 //! Names follow the field: `tau` = σδ optical depth, `alpha` = 1 − e^−τ, `trans` transmittance, `w` = trans·α.
 //! Samples are *packed*: ray `r` owns samples `offsets[r]..offsets[r + 1]` of every per-sample tensor
@@ -17,7 +20,7 @@
 //!
 //! ```
 //! # #[cfg(feature = "flex")] {
-//! use burn::tensor::{Device, Tensor};
+//! use burn::tensor::{Device, Tensor, TensorData};
 //! use infonerf_ops::{RayDistribution, Segments, composite, ray_entropy, to_host};
 //!
 //! // Two rays with two samples and one: optical depths, and red, green and blue of each sample.
@@ -40,6 +43,7 @@ pub mod bilinear;
 pub mod composite;
 #[cfg(feature = "cube")]
 mod cube;
+mod dispatch;
 pub mod distortion;
 #[cfg(feature = "flex")]
 mod distribution;
@@ -48,6 +52,8 @@ pub mod entropy;
 pub mod factored;
 pub mod frequency;
 pub mod frustum;
+#[cfg(any(feature = "flex", feature = "cube"))]
+mod graph;
 #[cfg(feature = "flex")]
 mod groups;
 pub mod integrated;
@@ -57,10 +63,13 @@ pub mod kernel;
 mod matmul;
 pub mod mlp;
 pub mod numeric;
+#[cfg(feature = "flex")]
+mod ray_kernel;
 pub mod reference;
 mod segments;
 #[cfg(feature = "flex")]
 mod simd;
+mod split;
 pub mod trilinear;
 
 pub use additive::additive_depth;
@@ -77,21 +86,21 @@ pub use mlp::radiance_mlp;
 pub use segments::Segments;
 pub use trilinear::trilinear;
 
+use burn::tensor::{Device, Tensor, TensorData};
+use dispatch::dispatch;
+
 /// Whether tensors on `device` are served by the host kernels.
-pub fn has_host_kernels(device: &burn::tensor::Device) -> bool {
-    #[cfg(feature = "flex")]
-    {
-        kernel::is_flex(device)
-    }
-    #[cfg(not(feature = "flex"))]
-    {
-        let _ = device;
-        false
-    }
+pub fn has_host_kernels(device: &Device) -> bool {
+    dispatch! { device; host => true, plain => false }
+}
+
+/// Rows of `columns` numbers, moved to `device`.
+pub fn from_host(rows: &[f32], columns: usize, device: &Device) -> Tensor<2> {
+    Tensor::from_data(TensorData::new(rows.to_vec(), [rows.len() / columns, columns]), device)
 }
 
 /// A tensor's numbers on the host, row-major, in single precision.
-pub fn to_host<const D: usize>(tensor: burn::tensor::Tensor<D>) -> Vec<f32> {
+pub fn to_host<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     let data = tensor.into_data().convert::<f32>();
     data.try_to_vec().expect("the data were just converted to f32")
 }

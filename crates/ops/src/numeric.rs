@@ -39,7 +39,9 @@ mod vector {
     /// `(1 − e^−τ, e^−τ)`: with −τ = k ln 2 + r, expm1(−τ) = 2ᵏ expm1(r) + (2ᵏ − 1), in which nothing cancels.
     #[inline(always)]
     fn opacity<const FMA: bool>(tau: f32) -> (f64, f64) {
-        let x = -f64::from(tau).min(DEEPEST);
+        let tau = f64::from(tau);
+        // Not `f64::min`, which would make NaN the deepest.
+        let x = -(if tau > DEEPEST { DEEPEST } else { tau });
         let rounded = fma::<FMA>(x, LOG2_E, ROUND);
         let k = rounded - ROUND;
         let r = fma::<FMA>(-k, LN2_LOW, fma::<FMA>(-k, LN2_HIGH, x));
@@ -159,6 +161,9 @@ mod vector {
             for tau in [1e3, f32::MAX, f32::INFINITY] {
                 let (alpha, through) = opacity::<false>(tau);
                 assert!(alpha == 1.0 && (0.0..1e-300).contains(&through), "{tau}: {alpha}, {through}");
+            }
+            for (alpha, through) in [opacity::<false>(f32::NAN), opacity::<true>(f32::NAN)] {
+                assert!(alpha.is_nan() && through.is_nan(), "{alpha}, {through}");
             }
         }
 

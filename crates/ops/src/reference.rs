@@ -179,12 +179,14 @@ pub fn distortion(tau: &[f64], middle: &[f64], length: &[f64]) -> f64 {
     (0..w.len()).map(|i| w[i] * (between(i) + w[i] * length[i] / 3.0)).sum()
 }
 
-/// ∂(distortion)/∂τ.
-pub fn distortion_gradient(tau: &[f64], middle: &[f64], length: &[f64]) -> Vec<f64> {
+/// ∂(distortion)/∂τ, ∂/∂m and ∂/∂δ.
+pub fn distortion_gradient(tau: &[f64], middle: &[f64], length: &[f64]) -> [Vec<f64>; 3] {
     let w = weights(tau);
-    let between = |i: usize| (0..w.len()).map(|j| w[j] * (middle[i] - middle[j]).abs()).sum::<f64>();
-    let slopes: Vec<f64> = (0..w.len()).map(|i| 2.0 * between(i) + 2.0 / 3.0 * w[i] * length[i]).collect();
-    weights_vjp(tau, &slopes)
+    let sum = |i: usize, f: fn(f64) -> f64| (0..w.len()).map(|j| w[j] * f(middle[i] - middle[j])).sum::<f64>();
+    let slopes: Vec<f64> = (0..w.len()).map(|i| 2.0 * sum(i, f64::abs) + 2.0 / 3.0 * w[i] * length[i]).collect();
+    let sign = |x: f64| if x == 0.0 { 0.0 } else { x.signum() };
+    let dmiddle = (0..w.len()).map(|i| 2.0 * w[i] * sum(i, sign)).collect();
+    [weights_vjp(tau, &slopes), dmiddle, w.iter().map(|w| w * w / 3.0).collect()]
 }
 
 /// From ∂L/∂p to ∂L/∂τ, where p is `masses` over their sum S: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ. As Σ p = 1, a
@@ -194,6 +196,25 @@ fn through_normalisation(tau: &[f64], masses: &[f64], sum: f64, slopes: &[f64]) 
     let most = (0..masses.len()).max_by(|&i, &j| masses[i].total_cmp(&masses[j])).map_or(0.0, |i| slopes[i]);
     let mean: f64 = masses.iter().zip(slopes).map(|(mass, g)| mass / total * (g - most)).sum();
     tau.iter().zip(slopes).map(|(&tau, g)| (g - most - mean) / sum * (-tau).exp()).collect()
+}
+
+/// Sine and cosine of 2ˡx for each frequency l, times its weight and exp(−½ 4ˡσ²): one coordinate's part of the encodings.
+pub fn waves(x: f64, variance: f64, window: &[f64]) -> Vec<[f64; 2]> {
+    let wave = |(l, weight): (usize, &f64)| {
+        let scale = 2f64.powi(l as i32);
+        let fading = weight * (-0.5 * scale * scale * variance).exp();
+        [fading * (scale * x).sin(), fading * (scale * x).cos()]
+    };
+    window.iter().enumerate().map(wave).collect()
+}
+
+/// The gradients of Σ u · [`waves`] with respect to x and σ².
+pub fn waves_gradient(x: f64, variance: f64, window: &[f64], u: &[[f64; 2]]) -> [f64; 2] {
+    let terms = waves(x, variance, window).into_iter().zip(u).enumerate().map(|(l, ([sine, cosine], u))| {
+        let scale = 2f64.powi(l as i32);
+        [scale * (u[0] * cosine - u[1] * sine), -0.5 * scale * scale * (u[0] * sine + u[1] * cosine)]
+    });
+    terms.fold([0.0; 2], |sum, term| [sum[0] + term[0], sum[1] + term[1]])
 }
 
 /// Mean distance, variance along and variance across the ray of the cone's piece from `t0` to `t1`, as quotients of

@@ -1,7 +1,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-/// How packed samples are shared out among rays: ray `r` owns samples `offsets[r]..offsets[r + 1]`.
+/// Which packed samples each ray owns: ray `r` owns `offsets[r]..offsets[r + 1]`.
 ///
 /// Cheap to clone. Rays may own no sample at all.
 #[derive(Clone, Debug, PartialEq, Eq)]

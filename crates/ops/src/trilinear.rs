@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Int, Tensor, TensorData};
 
-use crate::has_host_kernels;
+use crate::dispatch::dispatch;
 
 /// Grids of one size whose voxels are the rows of a table: grid by grid, and in each of them x runs fastest, z slowest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,16 +56,14 @@ impl Voxels {
 pub fn trilinear(table: Tensor<2>, places: Tensor<2>, voxels: Voxels) -> Tensor<2> {
     assert_eq!(table.dims()[0], voxels.rows(), "table holds one row per voxel");
     assert_eq!(places.dims()[1], 3, "a place has three coordinates");
-    #[cfg(feature = "flex")]
-    if has_host_kernels(&table.device()) {
-        let kernel = host::TrilinearKernel { voxels, channels: table.dims()[1] };
-        return crate::kernel::apply2(kernel, table, places);
+    dispatch! {
+        &table.device();
+        host => crate::kernel::apply(host::TrilinearKernel { voxels, channels: table.dims()[1] }, (table, places)),
+        plain => plain(table, places, voxels),
     }
-    let _ = has_host_kernels;
-    plain(table, places, voxels)
 }
 
-/// The same from plain tensor operations, on any backend.
+/// [`trilinear`] from plain tensor operations, on any backend.
 pub fn plain(table: Tensor<2>, places: Tensor<2>, voxels: Voxels) -> Tensor<2> {
     let device = table.device();
     let [count, channels] = [places.dims()[0], table.dims()[1]];
@@ -127,7 +125,7 @@ mod host {
         pub(super) channels: usize,
     }
 
-    /// A coordinate: the voxel below it, how far beyond that it is, and whether it moves what is read.
+    /// A coordinate: the voxel below it, the fraction beyond that, and whether the reading changes with it.
     #[derive(Clone, Copy)]
     struct Axis {
         below: isize,

@@ -175,19 +175,19 @@ fn check_divergence(body: Body, segments: &Segments, tau: &[f32], near: &[f32], 
     }
 }
 
-/// Intervals of random length, one behind the other along each ray.
-fn intervals(segments: &Segments, draws: &mut Draws) -> Intervals {
-    let mut intervals = Intervals::default();
+/// Middles and lengths of intervals of random length, one behind the other along each ray.
+fn intervals(segments: &Segments, draws: &mut Draws) -> [Vec<f32>; 2] {
+    let [mut middle, mut lengths] = [Vec::new(), Vec::new()];
     for range in segments.ranges() {
         let mut edge = 0.0;
         for _ in range {
             let length = 0.1 * draws.unit() as f32;
-            intervals.middle.push(edge + 0.5 * length);
-            intervals.length.push(length);
+            middle.push(edge + 0.5 * length);
+            lengths.push(length);
             edge += length;
         }
     }
-    intervals
+    [middle, lengths]
 }
 
 fn check_distortion(body: Body, rays: &Rays, draws: &mut Draws) {
@@ -195,19 +195,20 @@ fn check_distortion(body: Body, rays: &Rays, draws: &mut Draws) {
     let device = body.device().autodiff();
     let weights: Vec<f32> = (0..segments.rays()).map(|_| draws.signed()).collect();
     let intervals = intervals(segments, draws);
-    let t = vector(tau, &device).require_grad();
-    let distortion = body.distortion(t.clone(), &intervals, segments);
+    let [t, middle, length] = [tau, &intervals[0], &intervals[1]].map(|input| vector(input, &device).require_grad());
+    let inputs = Intervals { middle: middle.clone(), length: length.clone() };
+    let distortion = body.distortion(t.clone(), inputs, segments);
     let got = floats(distortion.clone().detach());
     let grads = (distortion * vector(&weights, &device)).sum().backward();
-    let dtau = floats(t.grad(&grads).unwrap());
+    let gradients = [t, middle, length].map(|input| floats(input.grad(&grads).unwrap()));
     for (ray, range) in segments.ranges().enumerate() {
-        let row = wide(&tau[range.clone()]);
-        let (middle, length) = (wide(&intervals.middle[range.clone()]), wide(&intervals.length[range.clone()]));
+        let [row, middle, length] = [tau, &intervals[0], &intervals[1]].map(|input| wide(&input[range.clone()]));
         let what = || format!("{body:?}, ray {row:?}, distortion");
         close(got[ray], reference::distortion(&row, &middle, &length), UNIT, &what);
-        let want = reference::distortion_gradient(&row, &middle, &length);
-        let want: Vec<f64> = want.iter().map(|g| g * f64::from(weights[ray])).collect();
-        check_gradient(&dtau[range], &want, 0.0, |_| false, &what);
+        for (got, want) in gradients.iter().zip(reference::distortion_gradient(&row, &middle, &length)) {
+            let want: Vec<f64> = want.iter().map(|g| g * f64::from(weights[ray])).collect();
+            check_gradient(&got[range.clone()], &want, 0.0, |_| false, &what);
+        }
     }
 }
 
@@ -270,6 +271,27 @@ fn a_huge_last_interval_leaves_the_samples_before_it_alone() {
     }
 }
 
+/// So that a run stops at the step whose loss it is, before the optimiser sees it.
+#[test]
+fn a_depth_that_is_not_a_number_reaches_its_ray_alone() {
+    let tau = [0.5, f32::NAN, 0.25, 1.0, 2.0];
+    let segments = Segments::from_counts([3, 2]);
+    for body in Body::ALL {
+        let device = body.device();
+        let t = || vector(&tau, &device);
+        let sane = || vector(&[1.0, 2.0, 0.5, 0.1, 0.2], &device);
+        let intervals = Intervals { middle: vector(&[0.0, 1.0, 2.0, 0.0, 1.0], &device), length: sane() };
+        let composited = body.composite(t(), matrix(&[0.5; 5], 1, &device), &segments);
+        let entropies = DISTRIBUTIONS.map(|of| EPSILONS.map(|epsilon| body.entropy(t(), &segments, of, epsilon).bits));
+        let divergences = [(t(), sane()), (sane(), t())].map(|(p, q)| body.divergence(p, q, &segments, 1e-10));
+        let others = [composited.values.squeeze_dim(1), composited.acc, body.distortion(t(), intervals, &segments)];
+        let columns = entropies.into_iter().flatten().chain(divergences).chain(others);
+        for (place, column) in columns.map(floats).enumerate() {
+            assert!(column[0].is_nan() && column[1].is_finite(), "{body:?}, {place}: {column:?}");
+        }
+    }
+}
+
 #[test]
 fn no_rays_and_rays_without_samples() {
     for body in Body::ALL {
@@ -282,7 +304,7 @@ fn no_rays_and_rays_without_samples() {
             assert_eq!(out.values.dims(), [rays, CHANNELS], "{body:?}");
             let entropies = DISTRIBUTIONS.map(|of| body.entropy(empty(), &segments, of, 0.0).bits);
             let divergence = body.divergence(empty(), empty(), &segments, 1e-10);
-            let distortion = body.distortion(empty(), &Intervals::default(), &segments);
+            let distortion = body.distortion(empty(), Intervals { middle: empty(), length: empty() }, &segments);
             assert_eq!(body.additive_depth(empty(), &segments).dims(), [0], "{body:?}");
             for column in entropies.into_iter().chain([out.acc, divergence, distortion]) {
                 assert_eq!(floats(column), vec![0.0; rays], "{body:?}");
@@ -351,9 +373,11 @@ fn the_oracle_against_finite_differences() {
         agree(&reference::weights_vjp(&tau, &u), &differences(&tau, integral), "weights");
         let additive = |tau: &[f64]| reference::additive_weights(tau).iter().zip(&u).map(|(w, u)| w * u).sum();
         agree(&reference::additive_weights_vjp(&tau, &u), &differences(&tau, additive), "additive weights");
-        let (middle, length): (Vec<f64>, Vec<f64>) = (0..n).map(|i| (i as f64 * 0.1, 0.1 + u[i])).unzip();
-        let want = differences(&tau, |tau| reference::distortion(tau, &middle, &length));
-        agree(&reference::distortion_gradient(&tau, &middle, &length), &want, "distortion");
+        let (middle, length): (Vec<f64>, Vec<f64>) = (1..=n).map(|i| (i as f64 * 0.1, 0.1 + u[i - 1])).unzip();
+        let [dtau, dmiddle, dlength] = reference::distortion_gradient(&tau, &middle, &length);
+        agree(&dtau, &differences(&tau, |tau| reference::distortion(tau, &middle, &length)), "distortion");
+        agree(&dmiddle, &differences(&middle, |m| reference::distortion(&tau, m, &length)), "distortion, middles");
+        agree(&dlength, &differences(&length, |d| reference::distortion(&tau, &middle, d)), "distortion, lengths");
         for (of, epsilon) in DISTRIBUTIONS.into_iter().flat_map(|of| [0.0, 1e-10, 1e-3].map(|epsilon| (of, epsilon))) {
             let want = differences(&tau, |tau| reference::entropy(tau, of, epsilon));
             agree(&reference::entropy_gradient(&tau, of, epsilon), &want, "entropy");

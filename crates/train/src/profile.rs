@@ -1,5 +1,7 @@
 use std::time::{Duration, Instant};
 
+use burn::tensor::Device;
+
 /// A part of a training step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
@@ -39,16 +41,28 @@ impl Phase {
 }
 
 /// Wall clock spent in each phase.
+///
+/// A GPU is handed work and does it later: unless it is waited for, its time is booked where its results are first read.
 #[derive(Clone, Debug, Default)]
 pub struct Profile {
     spent: [Duration; Phase::ALL.len()],
+    waits_for: Option<Device>,
 }
 
 impl Profile {
+    /// Waits for `device` at the end of each phase from here on.
+    pub(crate) fn wait_for(&mut self, device: Device) {
+        self.waits_for = Some(device);
+    }
+
     /// Runs `work` and books its time under `phase`.
     pub(crate) fn time<T>(&mut self, phase: Phase, work: impl FnOnce() -> T) -> T {
         let start = Instant::now();
         let result = work();
+        if let Some(device) = &self.waits_for {
+            // What goes wrong on the device is reported where its results are read.
+            let _ = device.sync();
+        }
         self.spent[phase as usize] += start.elapsed();
         result
     }

@@ -7,7 +7,12 @@ use std::sync::Arc;
 use std::fs;
 use std::path::Path;
 
+use burn::module::{Module, Param};
+use burn::tensor::{Device, Tensor};
 use common::{config, devices, scene, steps, trainer};
+use infonerf_field::{Field, Points, Sampled};
+use infonerf_ops::to_host;
+use infonerf_schedule::Moment;
 use infonerf_train::{Checkpoint, Event, Outcome, TrainError, Trainer};
 
 /// A run folder with a checkpoint after step 2, and one after step 1 before it.
@@ -133,6 +138,36 @@ fn a_loss_that_is_not_finite_stops_the_run() {
         let before = fs::read(folder.path().join("checkpoint/model.bpk")).unwrap();
         trainer.checkpoint().unwrap().save(folder.path()).unwrap();
         assert!(before == fs::read(folder.path().join("checkpoint/model.bpk")).unwrap(), "the weights have changed");
+    }
+}
+
+/// Everywhere as dense as its parameter says, which is not a number.
+#[derive(Module, Debug)]
+struct NotANumber {
+    density: Param<Tensor<1>>,
+}
+
+impl Field for NotANumber {
+    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
+        let (samples, device) = (points.len(), self.device());
+        let sigma = self.density.val().expand([samples]) * f32::NAN;
+        Sampled { sigma, color: color.then(|| Tensor::zeros([samples, 3], &device)) }
+    }
+
+    fn device(&self) -> Device {
+        self.density.val().device()
+    }
+}
+
+#[test]
+fn a_density_that_is_not_a_number_stops_the_step_that_meets_it() {
+    for device in devices() {
+        let config = config(&["render.occupancy.enabled=false"]);
+        let build = |_, device: &Device| NotANumber { density: Param::from_data([1.0f32], device) };
+        let mut trainer = Trainer::with_field(&config, scene(), 1, None, &device, build).unwrap();
+        let error = trainer.step(&mut |_| panic!("a step was reported")).unwrap_err();
+        assert!(matches!(error, TrainError::NonFinite { step: 0, .. }), "{error}");
+        assert_eq!(to_host(trainer.model().fine.density.val()), [1.0], "the weights are as they were");
     }
 }
 

@@ -2,11 +2,14 @@
 
 use std::sync::Arc;
 
+use burn::optim::Optimizer;
 use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
+use infonerf_ops::adam::Adam;
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
 use infonerf_ops::{
-    RayDistribution, Segments, composite, frequency_encode, integrated_encode, ray_divergence, ray_entropy, to_host,
+    Intervals, RayDistribution, Segments, composite, frequency_encode, from_host, integrated_encode, ray_distortion,
+    ray_divergence, ray_entropy, to_host,
 };
 
 /// Largest error of a value or gradient, over the largest of its array.
@@ -32,6 +35,7 @@ pub(super) fn all() -> Vec<Operation> {
     let mut operations = along_rays(rng);
     operations.extend(factored(rng));
     operations.extend(encodings(rng));
+    operations.extend([padded(rng), adam(rng)]);
     operations
 }
 
@@ -63,6 +67,15 @@ fn along_rays(rng: &mut Rng) -> Vec<Operation> {
             }));
         }
     }
+    {
+        let (segments, tau) = (segments.clone(), tau.clone());
+        let (middle, length) = (numbers(rng, tau.len(), 0.0, 1.0), numbers(rng, tau.len(), 0.0, 0.1));
+        operations.push(operation("distortion", move |device| {
+            let [tau, middle, length] = [&tau, &middle, &length].map(|input| leaf(input, device));
+            let intervals = Intervals { middle: middle.clone(), length: length.clone() };
+            pulled(ray_distortion(tau.clone(), intervals, &segments), &[&tau, &middle, &length])
+        }));
+    }
     operations.push(operation("divergence", move |device| {
         let (tau, near) = (leaf(&tau, device), leaf(&near, device));
         pulled(ray_divergence(tau.clone(), near.clone(), &segments, 1e-10), &[&tau, &near])
@@ -81,17 +94,19 @@ fn factored(rng: &mut Rng) -> Vec<Operation> {
     let mut operations = Vec::new();
     for color in [true, false] {
         let (layout, tables, weights) = (layout.clone(), tables.clone(), weights.clone());
-        let query = Query {
-            positions: positions.clone().into(),
-            directions: directions.clone().into(),
-            frequency_weights: vec![1.0, 1.0, 0.5],
-            level_weights: vec![1.0, 0.5],
-            color,
-        };
+        let (positions, directions) = (positions.clone(), directions.clone());
         let name = if color { "factored field" } else { "factored field, density alone" };
         operations.push(operation(name, move |device| {
-            let (tables, weights) = (leaf(&tables, device), leaf(&weights, device));
-            pulled(factored_field(tables.clone(), weights.clone(), &layout, query.clone()), &[&tables, &weights])
+            let [tables, weights, positions] = [&tables, &weights, &positions].map(|input| leaf(input, device));
+            let query = Query {
+                positions: rows(&positions),
+                directions: directions.as_slice().into(),
+                frequency_weights: vec![1.0, 1.0, 0.5],
+                level_weights: vec![1.0, 0.5],
+                color,
+            };
+            let out = factored_field(tables.clone(), weights.clone(), &layout, query);
+            pulled(out, &[&tables, &weights, &positions])
         }));
     }
     operations.push(operation("plane variation", move |device| {
@@ -115,14 +130,19 @@ fn encodings(rng: &mut Rng) -> Vec<Operation> {
         let (plain, faded, variances) = (points.clone(), points.clone(), variances.clone());
         operations.push(encoding(
             format!("frequency encoding, {frequencies} octaves"),
-            Box::new(move |device| vec![to_host(frequency_encode(&plain, 3, frequencies, &WINDOW, device))]),
+            Box::new(move |device| {
+                let points = leaf(&plain, device);
+                pulled(frequency_encode(rows(&points), frequencies, &WINDOW), &[&points])
+            }),
         ));
         // Without frequencies it is empty.
         if frequencies > 0 {
             operations.push(encoding(
                 format!("integrated encoding, {frequencies} octaves"),
                 Box::new(move |device| {
-                    vec![to_host(integrated_encode(&faded, &variances, frequencies, &WINDOW, device))]
+                    let (means, variances) = (leaf(&faded, device), leaf(&variances, device));
+                    let out = integrated_encode(rows(&means), rows(&variances), frequencies, &WINDOW);
+                    pulled(out, &[&means, &variances])
                 }),
             ));
         }
@@ -130,10 +150,47 @@ fn encodings(rng: &mut Rng) -> Vec<Operation> {
     operations.push(encoding(
         "frequency encoding of 1.5 million points".into(),
         Box::new(move |device| {
-            vec![to_host(frequency_encode(&many, 3, 1, &[], device).narrow(0, MANY - SHOWN, SHOWN))]
+            let points = from_host(&many, 3, device);
+            vec![to_host(frequency_encode(points, 1, &[]).narrow(0, MANY - SHOWN, SHOWN))]
         }),
     ));
     operations
+}
+
+/// Points, three numbers each.
+fn rows(points: &Tensor<1>) -> Tensor<2> {
+    points.clone().reshape([-1, 3])
+}
+
+/// Rows with something between them in memory, as CUDA lays them out: of the values that are composited, and, by way of
+/// the columns that are cut off again, of the gradient that comes back.
+fn padded(rng: &mut Rng) -> Operation {
+    const BETWEEN: usize = 64;
+    const CHANNELS: usize = 3;
+    let segments = Segments::from_counts((0..100).map(|_| rng.usize(0..20)));
+    let tau = numbers(rng, segments.samples(), 0.0, 1.0);
+    let values = numbers(rng, tau.len() * (CHANNELS + BETWEEN), 0.0, 1.0);
+    operation("compositing of padded rows", move |device| {
+        let (tau, values) = (leaf(&tau, device), leaf(&values, device));
+        let cut = values.clone().reshape([-1, (CHANNELS + BETWEEN) as i32]).narrow(1, 0, CHANNELS);
+        let out = composite(tau.clone(), cut, &segments);
+        let beside = Tensor::zeros([segments.rays(), BETWEEN], &out.acc.device());
+        pulled(Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1), beside], 1), &[&tau, &values])
+    })
+}
+
+/// Steps of Adam on a matrix, with gradients that change.
+fn adam(rng: &mut Rng) -> Operation {
+    let (start, slopes) = (numbers(rng, 3 * 500, -1.0, 1.0), numbers(rng, 3 * 500, 0.0, 1.0));
+    operation("Adam", move |device| {
+        let slopes = from_host(&slopes, 3, device);
+        let (mut x, mut state) = (from_host(&start, 3, device), None);
+        for _ in 0..5 {
+            let gradient = x.clone() * slopes.clone();
+            (x, state) = Adam::default().step(1e-2, x, gradient, state);
+        }
+        vec![to_host(x)]
+    })
 }
 
 fn operation(name: &str, answer: impl Fn(&Device) -> Vec<Vec<f32>> + 'static) -> Operation {

@@ -8,8 +8,8 @@ use infonerf_loss::{Norm, photometric_loss};
 use infonerf_ops::factored::{Layout, Query, reference};
 use infonerf_ops::frequency::encoded_width;
 use infonerf_ops::{
-    factored_field, frequency_encode, frustum_gaussian, integrated_encode, plane_variation, reference as oracle,
-    to_host,
+    factored_field, frequency_encode, from_host, frustum_gaussian, integrated_encode, plane_variation,
+    reference as oracle, to_host,
 };
 
 use super::errors::Errors;
@@ -32,7 +32,7 @@ const FREQUENCIES: usize = 20;
 /// The encoding of `count` coordinates.
 pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let points: Vec<f32> = (0..count).map(|_| draw(rng)).collect();
-    let encoded = to_host(frequency_encode(&points, 1, FREQUENCIES, &[], device));
+    let encoded = to_host(frequency_encode(from_host(&points, 1, device), FREQUENCIES, &[]));
     let mut errors = Errors::default();
     for (row, &x) in encoded.chunks_exact(encoded_width(1, FREQUENCIES)).zip(&points) {
         errors.value(row[0], f64::from(x));
@@ -51,7 +51,8 @@ pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rn
     const NOTHING: f64 = 1e-9;
     let means: Vec<f32> = (0..3 * count).map(|_| draw(rng)).collect();
     let variances: Vec<f32> = (0..3 * count).map(|_| log_uniform(rng, -12.0, 0.0)).collect();
-    let encoded = to_host(integrated_encode(&means, &variances, FREQUENCIES, &[], device));
+    let [mean, variance] = [&means, &variances].map(|rows| from_host(rows, 3, device));
+    let encoded = to_host(integrated_encode(mean, variance, FREQUENCIES, &[]));
     let mut errors = Errors::default();
     for (sample, row) in encoded.chunks_exact(6 * FREQUENCIES).enumerate() {
         for (frequency, block) in row.chunks_exact(6).enumerate() {
@@ -140,8 +141,9 @@ pub(super) fn field(contents: &Contents, count: usize, device: &Device, rng: &mu
             let length = d.iter().map(|x| x * x).sum::<f32>().sqrt();
             d.map(|x| x / length)
         };
+        let positions: Vec<f32> = (0..3 * SAMPLES).map(|_| coordinate(rng)).collect();
         let query = Query {
-            positions: (0..3 * SAMPLES).map(|_| coordinate(rng)).collect(),
+            positions: from_host(&positions, 3, &device),
             directions: (0..SAMPLES).flat_map(|_| direction(rng)).collect(),
             frequency_weights: vec![1.0; layout.frequencies],
             level_weights: vec![1.0; layout.levels.len()],
@@ -154,12 +156,12 @@ pub(super) fn field(contents: &Contents, count: usize, device: &Device, rng: &mu
         let upstream = draw(rng, 4 * SAMPLES, signed);
         let weigh = Tensor::<2>::from_data(TensorData::new(upstream.clone(), [SAMPLES, 4]), &device);
         let (tables, weights) = (wide(&tables), wide(&weights));
-        let wants = reference::value(&tables, &weights, &layout, &query);
+        let wants = reference::value(&tables, &weights, &wide(&positions), &layout, &query);
         for (&got, want) in to_host(out.clone().detach()).iter().zip(wants) {
             errors.value(got, want);
         }
         let grads = (out * weigh).sum().backward();
-        let (dt, dw) = reference::gradient(&tables, &weights, &layout, &query, &wide(&upstream));
+        let [dt, dw, _] = reference::gradient(&tables, &weights, &wide(&positions), &layout, &query, &wide(&upstream));
         for (parameter, want) in [(&t, dt), (&w, dw)] {
             let got = parameter.grad(&grads).map(to_host).unwrap_or_default();
             errors.gradient(&got, &want, |_| false);

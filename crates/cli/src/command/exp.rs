@@ -62,7 +62,7 @@ pub(crate) struct ExpArgs {
     /// none is given)
     #[arg(long, value_name = "PORT", num_args = 0..=1, require_equals = true, default_missing_value = "7007")]
     view: Option<u16>,
-    /// Print where the time went and what skipping saved
+    /// Print where time went and what skipping saved; a GPU is waited for after each phase of a step, which slows it down
     #[arg(long)]
     profile: bool,
     /// Print only warnings and errors
@@ -97,7 +97,7 @@ fn in_process(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
     let resume = if args.resume { Resume::Always } else { Resume::Never };
     let device = open_device(args.selection.device.device)?;
     let networks = args.selection.networks.open(&device)?;
-    let session = Session::new(device, &args.out, resume).with_networks(networks);
+    let session = Session::new(device, &args.out, resume).with_networks(networks).profiled(args.profile);
     let output = match (args.quiet, args.json) {
         (true, _) => Output::Quiet,
         (_, true) => Output::Json,

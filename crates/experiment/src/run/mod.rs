@@ -82,6 +82,9 @@ impl Session {
                 if let Some(checkpoint) = load_checkpoint(&folder, watch)? {
                     trainer.resume(&checkpoint)?;
                 }
+                if self.profiled {
+                    trainer.synchronise_phases();
+                }
                 training.push(Training::new(trainer, folder)?);
             }
             watch(RunEvent::Started { fields, of: members });

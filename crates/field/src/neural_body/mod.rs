@@ -13,6 +13,7 @@ use burn::nn::Linear;
 use burn::tensor::activation::{relu, sigmoid};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
+use infonerf_ops::from_host;
 use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
 use infonerf_schedule::Moment;
 use rand::SeedableRng;
@@ -230,7 +231,7 @@ impl NeuralBody {
         let device = self.device();
         let places: Vec<f32> =
             positions.chunks_exact(3).flat_map(|p| self.grid.in_voxels([p[0], p[1], p[2]])).collect();
-        let places = Tensor::<2>::from_data(TensorData::new(places, [positions.len() / 3, 3]), &device);
+        let places = from_host(&places, 3, &device);
         let read = |(volume, size): (&Tensor<2>, [usize; 3])| {
             let stretch = Tensor::<2>::from_floats([self.grid.stretch(size)], &device);
             let voxels = Voxels { grids: 1, size, beyond: Beyond::Zero };
@@ -245,8 +246,8 @@ impl NeuralBody {
         let appearance = appearance.clone().expand([samples, appearance.dims()[1]]);
         let framed = self.framed.forward(Tensor::cat(vec![self.feature.forward(trunk), appearance], 1));
         let [of_position, of_direction] = self.frequencies;
-        let direction = frequency_encode(&points.sample_directions(), 3, of_direction, &[], &device);
-        let position = frequency_encode(points.positions, 3, of_position, &[], &device);
+        let direction = frequency_encode(from_host(&points.sample_directions(), 3, &device), of_direction, &[]);
+        let position = frequency_encode(from_host(points.positions, 3, &device), of_position, &[]);
         let view = self.view.forward(Tensor::cat(vec![framed, direction, position], 1));
         sigmoid(self.rgb.forward(relu(view)))
     }

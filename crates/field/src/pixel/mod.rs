@@ -9,9 +9,10 @@ use std::fmt;
 use std::path::PathBuf;
 
 use burn::module::Module;
-use burn::tensor::{Device, Tensor, TensorData, activation::sigmoid};
+use burn::tensor::{Device, Tensor, activation::sigmoid};
 use infonerf_ops::bilinear::{Taps, bilinear};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
+use infonerf_ops::from_host;
 use infonerf_schedule::Moment;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -150,8 +151,8 @@ impl Field for PixelNerf {
         let (views, samples) = (&seen.sources.views[..], points.len());
         let ViewPoints { positions, directions } =
             view_points(views, points, seen.sources.middle, self.config.lowest_frequency);
-        let directions = Tensor::from_data(TensorData::new(directions, [views.len() * samples, 3]), &device);
-        let encoded = frequency_encode(&positions, 3, self.config.frequencies, &[], &device);
+        let directions = from_host(&directions, 3, &device);
+        let encoded = frequency_encode(from_host(&positions, 3, &device), self.config.frequencies, &[]);
         let injected = bilinear(seen.injected.clone(), &taps(&project::pixels(views, points.positions), views));
         let out = self.mlp.forward(Tensor::cat(vec![encoded, directions], 1), injected, views.len());
         let raw = out.clone().narrow(1, 3, 1).reshape([samples]);

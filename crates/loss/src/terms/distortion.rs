@@ -1,4 +1,4 @@
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::{Intervals, ray_distortion};
 use infonerf_render::Samples;
 use infonerf_scene::Scene;
@@ -43,19 +43,20 @@ struct Distortion {
 
 impl Distortion {
     /// Intervals as shares of [near, far], at most 1.
-    fn intervals(&self, samples: &Samples) -> Intervals {
+    fn intervals(&self, samples: &Samples, device: &Device) -> Intervals {
         let range = self.far - self.near;
-        Intervals {
-            middle: samples.t.iter().map(|t| (t - self.near) / range).collect(),
-            length: samples.delta.iter().map(|delta| (delta / range).min(1.0)).collect(),
-        }
+        let middle: Vec<f32> = samples.t.iter().map(|t| (t - self.near) / range).collect();
+        let length: Vec<f32> = samples.delta.iter().map(|delta| (delta / range).min(1.0)).collect();
+        let [middle, length] = [middle, length].map(|values| Tensor::from_floats(values.as_slice(), device));
+        Intervals { middle, length }
     }
 }
 
 impl Term for Distortion {
     fn value(&self, renders: &Renders) -> Tensor<1> {
         renders.mean(renders.outputs(self.rays), |output| {
-            ray_distortion(output.tau.clone(), &self.intervals(&output.samples), output.segments())
+            let intervals = self.intervals(&output.samples, &output.tau.device());
+            ray_distortion(output.tau.clone(), intervals, output.segments())
         })
     }
 }

@@ -1,23 +1,111 @@
 //! Kernels for GPUs, written in CubeCL: compiled for the device at hand, be it through WGSL, SPIR-V or CUDA.
+//!
+//! Kernels index numbers by `row * columns + column`. CUDA and HIP pad the rows of tensors unless asked not to, so every
+//! kernel reads and writes through [`arg`], which insists on dense rows.
 
+/// Launches a kernel with one thread for each of `count` things: tensors first, then scalars.
+macro_rules! launch {
+    ($kernel:expr, $count:expr; $like:expr $(, $tensor:expr)*; $($scalar:expr),+) => {{
+        let like: &burn_cubecl::tensor::CubeTensor = $like;
+        let (count, dim) = $crate::cube::threads(like, $count);
+        $kernel(&like.client, count, dim, $crate::cube::arg(like), $($crate::cube::arg($tensor),)* $($scalar),+)
+    }};
+}
+use launch;
+
+mod adam;
 mod encode;
 mod rays;
 mod tables;
 
-use burn::backend::DispatchDevice;
+use std::fmt::Debug;
+use std::sync::Arc;
+
+use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
+use burn::backend::ops::FloatTensorOps;
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Autodiff, Backend, Dispatch, backend_extension};
 use burn::cubecl::calculate_cube_count_elemwise;
 use burn::cubecl::prelude::*;
-use burn::tensor::{DType, Device, Shape, Tensor, TensorData};
-use burn_cubecl::ops::numeric::{empty_device_dtype, zeros_client};
+use burn::tensor::{DType, Shape, Tensor, TensorData};
+use burn_cubecl::CubeBackend;
+use burn_cubecl::kernel::into_contiguous;
+use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use encode::{frequency, integrated};
 pub(crate) use rays::{composite, divergence, entropy};
 pub(crate) use tables::features;
 
-/// Whether tensors on `device` are served by these kernels.
-pub(crate) fn serves(device: &Device) -> bool {
-    matches!(device.clone().inner().as_dispatch(), DispatchDevice::Cube(_))
+use crate::graph::{self, Inputs, Operation};
+
+/// A differentiable function of dense `f32` tensors on a GPU.
+trait CubeKernel: Debug + Send + Sync + 'static {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor;
+
+    /// For each input that is `wanted`, and perhaps for others, the gradient of ⟨`grad`, output⟩ with respect to it.
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>>;
+}
+
+/// The arguments of a backward pass.
+struct Pass<'a> {
+    inputs: &'a [CubeTensor],
+    output: &'a CubeTensor,
+    grad: &'a CubeTensor,
+    wanted: &'a [bool],
+}
+
+#[backend_extension(Cube, Autodiff)]
+trait CubeOps: Backend {
+    fn cube(#[extension_type] inputs: Inputs<Self>, operation: CubeOperation) -> FloatTensor<Self>;
+}
+
+impl CubeOps for CubeBackend {
+    fn cube(inputs: Inputs<Self>, operation: CubeOperation) -> CubeTensor {
+        graph::untracked(&operation, inputs)
+    }
+}
+
+impl<C: CheckpointStrategy> CubeOps for Autodiff<CubeBackend, C> {
+    fn cube(inputs: Inputs<Self>, operation: CubeOperation) -> FloatTensor<Self> {
+        graph::tracked::<CubeBackend, C, _>(operation, inputs)
+    }
+}
+
+/// `kernel(inputs)` as a tensor of rank `D`.
+fn apply<const D: usize>(kernel: impl CubeKernel, inputs: impl Into<Inputs<Dispatch>>) -> Tensor<D> {
+    Tensor::from_dispatch(<Dispatch as CubeOps>::cube(inputs.into(), CubeOperation(Arc::new(kernel))))
+}
+
+/// A kernel on tensors of a GPU.
+#[derive(Clone, Debug)]
+struct CubeOperation(Arc<dyn CubeKernel>);
+
+impl Operation<CubeBackend> for CubeOperation {
+    type Kept = ();
+
+    fn prepare(tensor: CubeTensor) -> CubeTensor {
+        into_contiguous(tensor)
+    }
+
+    fn infer(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        self.0.forward(inputs)
+    }
+
+    fn forward(&self, inputs: &[CubeTensor]) -> (CubeTensor, ()) {
+        (self.0.forward(inputs), ())
+    }
+
+    fn backward(
+        &self,
+        inputs: &[CubeTensor],
+        output: CubeTensor,
+        (): (),
+        grad: CubeTensor,
+        wanted: &[bool],
+    ) -> Vec<Option<CubeTensor>> {
+        self.0.backward(Pass { inputs, output: &output, grad: &grad, wanted })
+    }
 }
 
 /// One thread for each of `count` things.
@@ -26,15 +114,36 @@ fn threads(like: &CubeTensor, count: usize) -> (CubeCount, CubeDim) {
     (calculate_cube_count_elemwise(&like.client, count, dim), dim)
 }
 
+/// A tensor as a kernel's argument.
+///
+/// # Panics
+/// If there is something between its rows, which kernels would take for numbers of the next row.
+fn arg(tensor: &CubeTensor) -> TensorArg {
+    assert!(tensor.is_contiguous(), "kernels index dense rows");
+    tensor.clone().into_tensor_arg()
+}
+
+/// Dense memory with whatever is in it.
 fn empty(like: &CubeTensor, shape: impl Into<Shape>) -> CubeTensor {
-    empty_device_dtype(like.client.clone(), like.device.clone(), shape.into(), DType::F32)
+    empty_device_contiguous_dtype(like.client.clone(), like.device.clone(), shape.into(), DType::F32)
 }
 
+/// Memory of the shape of `like`, dense.
+fn empty_like(like: &CubeTensor) -> CubeTensor {
+    empty(like, like.meta.shape().clone())
+}
+
+/// Dense zeros.
 fn zeros(like: &CubeTensor, shape: impl Into<Shape>) -> CubeTensor {
-    zeros_client(like.client.clone(), like.device.clone(), shape.into(), DType::F32)
+    let shape = shape.into();
+    // A single row is never padded.
+    let row = zeros_client(like.client.clone(), like.device.clone(), [shape.num_elements()].into(), DType::F32);
+    burn_cubecl::ops::reshape(row, shape)
 }
 
-/// Rows of `width` numbers, moved to `device`.
-fn upload(rows: &[f32], width: usize, device: &Device) -> Tensor<2> {
-    Tensor::from_data(TensorData::new(rows.to_vec(), [rows.len() / width, width]), device)
+/// Numbers moved to the device of `like`, and a zero more: a buffer cannot be empty.
+fn numbers(values: &[f32], like: &CubeTensor) -> CubeTensor {
+    let values: Vec<f32> = values.iter().copied().chain([0.0]).collect();
+    let count = values.len();
+    CubeBackend::float_from_data(TensorData::new(values, [count]), &like.device)
 }

@@ -25,7 +25,7 @@ pub(super) fn forward(parameters: &[f32], layer: &Layer, x: &[f32], y: &mut [f32
     for (row, bias) in y.chunks_exact_mut(BLOCK).zip(&parameters[layer.bias()..layer.end()]) {
         for y in &mut row[..samples] {
             let sum = *y + bias;
-            // As written, what is not a number stays so.
+            // Not `f32::max`, which would turn NaN into 0.
             *y = if relu && sum < 0.0 { 0.0 } else { sum };
         }
     }

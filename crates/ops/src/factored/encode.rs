@@ -3,8 +3,19 @@
 use super::dense::BLOCK;
 use super::layout::{Level, PLANES};
 
-/// Positions of a block, one row an axis.
+/// Positions of a block, one row per axis.
 pub(super) type Block = [[f32; BLOCK]; 3];
+
+/// Positions `[samples, 3]` of a block, one row per axis.
+pub(super) fn block(positions: &[f32]) -> Block {
+    let mut block = [[0.0; BLOCK]; 3];
+    for (s, u) in positions.chunks_exact(3).enumerate() {
+        for axis in 0..3 {
+            block[axis][s] = u[axis];
+        }
+    }
+    block
+}
 
 /// The texel before `u` along an axis, and how far behind it `u` is.
 #[inline(always)]
@@ -14,6 +25,13 @@ pub(super) fn texel(u: f32, resolution: usize) -> (usize, f32) {
     let v = (u * resolution as f32 - 0.5).min(last - 1e-3).max(0.0);
     let i = v as usize;
     (i, v - i as f32)
+}
+
+/// How fast [`texel`]'s place moves with `u`: not at all beyond the outermost texels' centres.
+#[inline(always)]
+fn pace(u: f32, resolution: usize) -> f32 {
+    let v = u * resolution as f32 - 0.5;
+    if v > 0.0 && v < (resolution - 1) as f32 - 1e-3 { resolution as f32 } else { 0.0 }
 }
 
 /// Position and its frequencies: rows x, y, z, then for each frequency sin and cos of 2^k π (u − ½) of each axis.
@@ -34,6 +52,27 @@ pub(super) fn frequencies(positions: &Block, weights: &[f32], x: &mut [f32], sam
             }
         }
     }
+}
+
+/// Gradient with respect to the positions, of what [`frequencies`] made of them: `x`, given its own gradient `dx`.
+#[inline(always)]
+pub(super) fn frequency_gradient(x: &[f32], dx: &[f32], frequencies: usize, samples: usize) -> Block {
+    let mut gradient = [[0.0; BLOCK]; 3];
+    for axis in 0..3 {
+        for s in 0..samples {
+            gradient[axis][s] = 2.0 * dx[axis * BLOCK + s];
+        }
+        let mut slope = std::f32::consts::PI;
+        for frequency in 0..frequencies {
+            let sine = (3 + frequency * 6 + axis * 2) * BLOCK;
+            let cosine = sine + BLOCK;
+            for s in 0..samples {
+                gradient[axis][s] += slope * (dx[sine + s] * x[cosine + s] - dx[cosine + s] * x[sine + s]);
+            }
+            slope *= 2.0;
+        }
+    }
+    gradient
 }
 
 /// sin πx and cos πx.
@@ -146,6 +185,43 @@ pub(super) fn plane_gradient<const C: usize>(
         }
         for k in 0..C {
             out[C + k] += t * d[k] * on_plane[k];
+        }
+    }
+}
+
+/// Adds the gradient of one level's features with respect to the positions, given the features' own (`dx`).
+#[inline(always)]
+pub(super) fn position_gradient<const C: usize>(
+    level: &Level,
+    weight: f32,
+    tables: &[f32],
+    positions: &Block,
+    dx: &[f32],
+    samples: usize,
+    gradient: &mut Block,
+) {
+    let res = level.resolution;
+    for s in 0..samples {
+        let at = [0, 1, 2].map(|axis| texel(positions[axis][s], res));
+        for (p, [a, b, c]) in PLANES.into_iter().enumerate() {
+            let plane = &tables[level.plane(p)..level.plane(p) + level.plane_len()];
+            let line = &tables[level.line(p)..level.line(p) + level.line_len()];
+            let corners = corners::<C>(res, at[a], at[b]);
+            let (on_plane, on_line) = (bilinear::<C>(plane, &corners), linear::<C>(line, at[c]));
+            let (near, far) = (&plane[corners.at[0]..], &plane[corners.at[1]..]);
+            let ends = &line[at[c].0 * C..];
+            let mut slopes = [0.0; 3];
+            for k in 0..C {
+                let d = weight * dx[(p * C + k) * BLOCK + s];
+                let (across, along) = (far[C + k] - far[k], near[C + k] - near[k]);
+                slopes[0] += d * on_line[k] * (along + at[b].1 * (across - along));
+                let (across, along) = (far[C + k] - near[C + k], far[k] - near[k]);
+                slopes[1] += d * on_line[k] * (along + at[a].1 * (across - along));
+                slopes[2] += d * on_plane[k] * (ends[C + k] - ends[k]);
+            }
+            for (axis, slope) in [a, b, c].into_iter().zip(slopes) {
+                gradient[axis][s] += pace(positions[axis][s], res) * slope;
+            }
         }
     }
 }

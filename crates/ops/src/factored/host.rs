@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use super::Query;
 use super::dense::{self, BLOCK};
-use super::encode::{self, Block, level_features, plane_gradient, with_channels};
+use super::encode::{self, level_features, plane_gradient, position_gradient, with_channels};
 use super::layout::{Layout, OUTPUTS, PLANES, RAW};
 use crate::kernel::{Kernel, Pass};
 use crate::simd::{self, Job};
@@ -21,10 +21,6 @@ pub(super) struct FactoredKernel {
 const GROUPS: usize = 16;
 
 impl FactoredKernel {
-    fn samples(&self) -> usize {
-        self.query.positions.len() / 3
-    }
-
     fn outputs(&self) -> usize {
         if self.query.color { OUTPUTS } else { 1 }
     }
@@ -51,22 +47,23 @@ impl FactoredKernel {
 }
 
 impl Kernel for FactoredKernel {
-    fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
-        vec![self.samples(), self.outputs()]
+    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
+        vec![inputs[2][0], self.outputs()]
     }
 
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-        let &[tables, weights] = inputs else { unreachable!("a factored field has two inputs") };
-        let mut out = vec![0.0; self.samples() * self.outputs()];
+        let &[tables, weights, positions] = inputs else { unreachable!("a factored field has three inputs") };
+        let samples = positions.len() / 3;
+        let mut out = vec![0.0; samples * self.outputs()];
         let job = |(block, positions): (usize, &[f32]), activations: &mut [f32], out: &mut [f32]| {
             let directions = self.directions(block * BLOCK);
             simd::run(Forward { kernel: self, tables, weights, positions, directions, activations, out });
         };
-        let positions = self.query.positions.par_chunks(3 * BLOCK).enumerate();
+        let positions = positions.par_chunks(3 * BLOCK).enumerate();
         let blocks = positions.zip(out.par_chunks_mut(BLOCK * self.outputs()));
         match saved {
             Some(saved) => {
-                saved.resize(self.samples().div_ceil(BLOCK) * self.activations(), 0.0);
+                saved.resize(samples.div_ceil(BLOCK) * self.activations(), 0.0);
                 blocks
                     .zip(saved.par_chunks_mut(self.activations()))
                     .for_each(|((positions, out), activations)| job(positions, activations, out));
@@ -80,14 +77,20 @@ impl Kernel for FactoredKernel {
     }
 
     fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-        let &[tables, weights] = pass.inputs else { unreachable!("a factored field has two inputs") };
+        let &[tables, weights, positions] = pass.inputs else { unreachable!("a factored field has three inputs") };
         let layout = &self.layout;
-        let first = layout.levels.first().map_or(layout.features(), |level| level.feature);
+        let samples = positions.len() / 3;
+        // The first feature whose gradient is needed: the frequencies' lead to positions alone.
+        let first = match layout.levels.first() {
+            _ if wanted[2] => 0,
+            Some(level) => level.feature,
+            None => layout.features(),
+        };
         let dx_len = (layout.features() - first) * BLOCK;
-        let blocks = self.samples().div_ceil(BLOCK);
+        let blocks = samples.div_ceil(BLOCK);
         let per_group = blocks.div_ceil(GROUPS).max(1);
 
-        // The MLP, block by block; what goes on to the tables is kept for all samples.
+        // The MLP, block by block; the gradient of its input is kept for all samples.
         let mut dx = vec![0.0; blocks * dx_len];
         let groups: Vec<Vec<f32>> = dx
             .par_chunks_mut((per_group * dx_len).max(1))
@@ -97,7 +100,7 @@ impl Kernel for FactoredKernel {
                 let mut scratch = Scratch::new(layout);
                 for (index, dx) in dx.chunks_mut(dx_len.max(1)).enumerate() {
                     let block = group * per_group + index;
-                    let rows = block * BLOCK..((block + 1) * BLOCK).min(self.samples());
+                    let rows = block * BLOCK..((block + 1) * BLOCK).min(samples);
                     let numbers = rows.start * self.outputs()..rows.end * self.outputs();
                     simd::run(Backward {
                         kernel: self,
@@ -125,14 +128,15 @@ impl Kernel for FactoredKernel {
             }
             sum
         });
-        let dtables = wanted[0].then(|| self.table_gradient(tables, &dx, dx_len, first));
-        vec![dtables, dweights]
+        let dtables = wanted[0].then(|| self.table_gradient(tables, positions, &dx, dx_len, first));
+        let dpositions = wanted[2].then(|| self.position_gradient(tables, positions, pass.saved, &dx));
+        vec![dtables, dweights, dpositions]
     }
 }
 
 impl FactoredKernel {
     /// One task for each plane with its line: no two write to the same place, and the order of sums is fixed.
-    fn table_gradient(&self, tables: &[f32], dx: &[f32], dx_len: usize, first: usize) -> Vec<f32> {
+    fn table_gradient(&self, tables: &[f32], positions: &[f32], dx: &[f32], dx_len: usize, first: usize) -> Vec<f32> {
         let mut dtables = vec![0.0; tables.len()];
         let mut rest = dtables.as_mut_slice();
         let mut tasks = Vec::new();
@@ -152,7 +156,7 @@ impl FactoredKernel {
                 how: (level.resolution, PLANES[p], weight),
                 plane: &tables[level.plane(p)..level.plane(p) + level.plane_len()],
                 line: &tables[level.line(p)..level.line(p) + level.line_len()],
-                positions: &self.query.positions,
+                positions,
                 dx: &dx[row * BLOCK..],
                 dx_len,
                 dplane,
@@ -160,6 +164,17 @@ impl FactoredKernel {
             });
         });
         dtables
+    }
+
+    /// From the gradient of the MLP's whole input, block by block.
+    fn position_gradient(&self, tables: &[f32], positions: &[f32], saved: &[f32], dx: &[f32]) -> Vec<f32> {
+        let mut dpositions = vec![0.0; positions.len()];
+        let dx = dx.par_chunks(self.layout.features() * BLOCK).zip(saved.par_chunks(self.activations()));
+        let blocks = positions.par_chunks(3 * BLOCK).zip(dpositions.par_chunks_mut(3 * BLOCK)).zip(dx);
+        blocks.for_each(|((positions, dpositions), (dx, features))| {
+            simd::run(PositionGradient { kernel: self, tables, positions, features, dx, dpositions });
+        });
+        dpositions
     }
 }
 
@@ -181,12 +196,7 @@ impl Job for Forward<'_> {
         let Self { kernel, tables, weights, positions, directions, activations, out } = self;
         let (layout, query) = (&kernel.layout, &kernel.query);
         let samples = positions.len() / 3;
-        let mut block: Block = [[0.0; BLOCK]; 3];
-        for (s, u) in positions.chunks_exact(3).enumerate() {
-            for axis in 0..3 {
-                block[axis][s] = u[axis];
-            }
-        }
+        let block = encode::block(positions);
         let (input, hidden) = activations.split_at_mut(layout.features() * BLOCK);
         encode::frequencies(&block, &query.frequency_weights, input, samples);
         for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {
@@ -254,7 +264,7 @@ struct Backward<'a> {
     grad: &'a [f32],
     directions: Option<&'a [f32]>,
     samples: usize,
-    /// The first feature that comes from a table: those before it are positions, which need no gradient.
+    /// The first feature whose gradient is needed.
     first: usize,
     scratch: &'a mut Scratch,
     dweights: &'a mut [f32],
@@ -320,6 +330,7 @@ struct PlaneGradient<'a> {
     line: &'a [f32],
     positions: &'a [f32],
     dx: &'a [f32],
+    /// Numbers of a block in `dx`.
     dx_len: usize,
     dplane: &'a mut [f32],
     dline: &'a mut [f32],
@@ -333,6 +344,46 @@ impl Job for PlaneGradient<'_> {
             let tables = (self.plane, self.line);
             let gradients = (&mut *self.dplane, &mut *self.dline);
             with_channels!(self.channels, plane_gradient, self.how, tables, positions, dx, gradients);
+        }
+    }
+}
+
+struct PositionGradient<'a> {
+    kernel: &'a FactoredKernel,
+    tables: &'a [f32],
+    positions: &'a [f32],
+    /// The MLP's input, and the gradient with respect to it.
+    features: &'a [f32],
+    dx: &'a [f32],
+    dpositions: &'a mut [f32],
+}
+
+impl Job for PositionGradient<'_> {
+    #[inline(always)]
+    fn run<const FMA: bool>(self) {
+        let Self { kernel, tables, positions, features, dx, dpositions } = self;
+        let (layout, query) = (&kernel.layout, &kernel.query);
+        let samples = positions.len() / 3;
+        let block = encode::block(positions);
+        let mut gradient = encode::frequency_gradient(features, dx, query.frequency_weights.len(), samples);
+        for (level, &weight) in layout.levels.iter().zip(&query.level_weights).filter(|(_, weight)| **weight != 0.0) {
+            let dx = &dx[level.feature * BLOCK..];
+            with_channels!(
+                level.channels,
+                position_gradient,
+                level,
+                weight,
+                tables,
+                &block,
+                dx,
+                samples,
+                &mut gradient
+            );
+        }
+        for (s, dposition) in dpositions.chunks_exact_mut(3).enumerate() {
+            for axis in 0..3 {
+                dposition[axis] = gradient[axis][s];
+            }
         }
     }
 }

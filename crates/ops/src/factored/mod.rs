@@ -29,25 +29,35 @@ use std::sync::Arc;
 
 use burn::tensor::Tensor;
 
-/// Where and how a field is asked, beside its parameters.
+use crate::dispatch::dispatch;
+
+/// Where a field is evaluated, and with which detail.
 #[derive(Clone, Debug)]
 pub struct Query {
-    /// Positions, each coordinate in [0, 1] over the field's box, `[M, 3]` row-major.
-    pub positions: Arc<[f32]>,
-    /// Unit view direction of each sample, `[M, 3]` row-major; empty where colour is not wanted or does not depend on it.
+    /// Positions, each coordinate in [0, 1] over the field's box, `[M, 3]`.
+    pub positions: Tensor<2>,
+    /// Unit view direction of each sample, `[M, 3]` row-major; empty where there is no colour, or none that depends on it.
     pub directions: Arc<[f32]>,
     /// Weight of each frequency of the position's encoding, for annealing; as many as the layout has.
     pub frequency_weights: Vec<f32>,
-    /// Weight of each level's features, for annealing; as many as the layout has. A level of weight 0 costs nothing.
+    /// Weight of each level's features, for annealing; as many as the layout has. A level of weight 0 is skipped.
     pub level_weights: Vec<f32>,
-    /// Whether colour is wanted beside density.
+    /// Whether to compute colour beside density.
     pub color: bool,
+}
+
+impl Query {
+    /// Number of positions.
+    pub(crate) fn samples(&self) -> usize {
+        self.positions.dims()[0]
+    }
 }
 
 /// Density and colour at the points of `query`: `[M, 4]` of (σ, r, g, b), or `[M, 1]` of σ without colour.
 ///
 /// `tables` `[layout.table_len()]` holds planes and lines, `weights` `[layout.weight_len()]` the MLP; the result is
-/// differentiable in both. σ is in 1/unit of `layout.density_scale`.
+/// differentiable in both, and in `query.positions` where these ask for a gradient (0 along an axis on which a position lies
+/// beyond the outermost texels' centres). σ is in 1/unit of `layout.density_scale`.
 ///
 /// # Panics
 /// If a length does not match `layout`.
@@ -56,13 +66,15 @@ pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout
     assert_eq!(weights.dims(), [layout.weight_len()], "weights hold every layer of the layout");
     assert_eq!(query.frequency_weights.len(), layout.frequencies, "one weight per frequency");
     assert_eq!(query.level_weights.len(), layout.levels.len(), "one weight per level");
-    #[cfg(feature = "flex")]
-    if crate::has_host_kernels(&tables.device()) {
-        return crate::kernel::apply2(host::FactoredKernel { layout: layout.clone(), query }, tables, weights);
+    dispatch! {
+        &tables.device();
+        host => {
+            let positions = query.positions.clone();
+            crate::kernel::apply(host::FactoredKernel { layout: layout.clone(), query }, (tables, weights, positions))
+        },
+        cube if query.samples() > 0 => {
+            plain::mlp(crate::cube::features(tables, layout, &query), weights, layout, &query)
+        },
+        plain => plain(tables, weights, layout, &query),
     }
-    #[cfg(feature = "cube")]
-    if crate::cube::serves(&tables.device()) && !query.positions.is_empty() {
-        return plain::mlp(crate::cube::features(tables, layout, &query), weights, layout, &query);
-    }
-    plain(tables, weights, layout, &query)
 }

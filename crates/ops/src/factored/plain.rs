@@ -5,6 +5,7 @@ use burn::tensor::{Int, Tensor, TensorData};
 
 use super::Query;
 use super::layout::{Layout, Level, PLANES};
+use crate::split::{fill_up, parts, product};
 
 /// [`factored_field`](super::factored_field) without any kernel.
 pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
@@ -13,10 +14,10 @@ pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Layout, query: &Que
 
 /// The MLP's input, `[M, layout.features()]`.
 fn features(tables: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
-    let mut features = vec![frequencies(query, &tables.device())];
+    let mut features = vec![frequencies(query)];
     for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {
         for (p, axes) in PLANES.into_iter().enumerate() {
-            features.push(product(&tables, level, p, axes, &query.positions) * weight);
+            features.push(plane_by_line(&tables, level, p, axes, &query.positions) * weight);
         }
     }
     Tensor::cat(features, 1)
@@ -25,19 +26,21 @@ fn features(tables: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
 /// Density and colour, given the MLP's input.
 pub(super) fn mlp(features: Tensor<2>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
     let device = features.device();
-    let samples = query.positions.len() / 3;
-    let mut x = features;
+    let samples = query.samples();
+    let parts = parts(samples, &device);
+    let mut x = fill_up(features, parts);
     for (index, layer) in layout.layers.iter().enumerate() {
         let w = weights
             .clone()
             .narrow(0, layer.weight, layer.inputs * layer.outputs)
             .reshape([layer.outputs, layer.inputs]);
         let bias = weights.clone().narrow(0, layer.bias(), layer.outputs).unsqueeze::<2>();
-        x = x.matmul(w.transpose()) + bias;
+        x = product(x, w.transpose(), parts) + bias;
         if index + 1 < layout.layers.len() {
             x = relu(x);
         }
     }
+    let x = x.narrow(0, 0, samples);
     let sigma = softplus(x.clone().narrow(1, 0, 1) + layout.density_bias) * layout.density_scale;
     if !query.color {
         return sigma;
@@ -56,55 +59,38 @@ fn softplus(x: Tensor<2>) -> Tensor<2> {
     relu(x.clone()) + (-x.abs()).exp().log1p()
 }
 
-fn frequencies(query: &Query, device: &burn::tensor::Device) -> Tensor<2> {
-    let width = 3 + 6 * query.frequency_weights.len();
-    let rows: Vec<f32> = query
-        .positions
-        .chunks_exact(3)
-        .flat_map(|u| {
-            let mut row = vec![0.0; width];
-            for axis in 0..3 {
-                row[axis] = 2.0 * u[axis] - 1.0;
-                for (frequency, weight) in query.frequency_weights.iter().enumerate() {
-                    let phase = (1u64 << frequency) as f32 * std::f32::consts::PI * (u[axis] - 0.5);
-                    row[3 + frequency * 6 + axis * 2] = weight * phase.sin();
-                    row[4 + frequency * 6 + axis * 2] = weight * phase.cos();
-                }
-            }
-            row
-        })
-        .collect();
-    Tensor::from_data(TensorData::new(rows, [query.positions.len() / 3, width]), device)
+/// 2u − 1, then for each frequency sin and cos of 2ᵏπ(u − ½) of each axis.
+fn frequencies(query: &Query) -> Tensor<2> {
+    let u = query.positions.clone();
+    let centred = u.clone() - 0.5;
+    let waves = query.frequency_weights.iter().enumerate().map(|(frequency, weight)| {
+        let phase = centred.clone() * (std::f64::consts::PI * 2f64.powi(frequency as i32));
+        let pairs: Tensor<3> = Tensor::stack(vec![phase.clone().sin(), phase.cos()], 2);
+        pairs.reshape([-1, 6]) * *weight
+    });
+    Tensor::cat(std::iter::once(u * 2.0 - 1.0).chain(waves).collect(), 1)
 }
 
 /// plane(u_a, u_b) ⊙ line(u_c), `[M, C]`.
-fn product(tables: &Tensor<1>, level: &Level, p: usize, [a, b, c]: [usize; 3], positions: &[f32]) -> Tensor<2> {
+fn plane_by_line(tables: &Tensor<1>, level: &Level, p: usize, axes: [usize; 3], positions: &Tensor<2>) -> Tensor<2> {
     let (res, channels) = (level.resolution, level.channels);
     let table = |start, rows| tables.clone().narrow(0, start, rows * channels).reshape([rows, channels]);
     let (plane, line) = (table(level.plane(p), res * res), table(level.line(p), res));
-    let at = |axis: usize| -> Vec<(usize, f32)> { positions.chunks_exact(3).map(|u| texel(u[axis], res)).collect() };
-    let (a, b, c) = (at(a), at(b), at(c));
-    let gather = |table: &Tensor<2>, rows: Vec<i32>, weights: Vec<f32>| {
-        let device = table.device();
-        let n = rows.len();
-        let rows = Tensor::<1, Int>::from_data(TensorData::new(rows, [n]), &device);
-        let weights = Tensor::<2>::from_data(TensorData::new(weights, [n, 1]), &device);
-        table.clone().select(0, rows) * weights
+    let [(a, a_shares), (b, b_shares), (c, c_shares)] =
+        axes.map(|axis| texel(positions.clone().narrow(1, axis, 1), res));
+    let read = |table: &Tensor<2>, rows: Tensor<2, Int>| table.clone().select(0, rows.squeeze_dim::<1>(1));
+    let corner = |i: usize, j: usize| {
+        let rows = (b.clone() + j as i32) * res as i32 + a.clone() + i as i32;
+        read(&plane, rows) * (a_shares[i].clone() * b_shares[j].clone())
     };
-    let corner = |di: usize, dj: usize| {
-        let rows = a.iter().zip(&b).map(|(a, b)| ((b.0 + dj) * res + a.0 + di) as i32).collect();
-        let share = |t: f32, d: usize| if d == 1 { t } else { 1.0 - t };
-        gather(&plane, rows, a.iter().zip(&b).map(|(a, b)| share(a.1, di) * share(b.1, dj)).collect())
-    };
-    let end = |d: usize| {
-        let rows = c.iter().map(|c| (c.0 + d) as i32).collect();
-        gather(&line, rows, c.iter().map(|c| if d == 1 { c.1 } else { 1.0 - c.1 }).collect())
-    };
+    let end = |i: usize| read(&line, c.clone() + i as i32) * c_shares[i].clone();
     (corner(0, 0) + corner(1, 0) + corner(0, 1) + corner(1, 1)) * (end(0) + end(1))
 }
 
-/// The texel before `u` along an axis, and how far behind it `u` is. Texel centres lie at (i + ½)/res.
-fn texel(u: f32, resolution: usize) -> (usize, f32) {
+/// The texel before each coordinate along an axis, and the shares of it and of the next. Texel centres lie at (i + ½)/res.
+fn texel(u: Tensor<2>, resolution: usize) -> (Tensor<2, Int>, [Tensor<2>; 2]) {
     let v = (u * resolution as f32 - 0.5).clamp(0.0, (resolution - 1) as f32 - 1e-3);
-    (v as usize, v - (v as usize) as f32)
+    let before = v.clone().detach().floor();
+    let behind = v - before.clone();
+    (before.int(), [behind.clone().neg() + 1.0, behind])
 }

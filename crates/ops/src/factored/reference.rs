@@ -3,27 +3,36 @@
 use super::Query;
 use super::layout::{Layout, Level, OUTPUTS, PLANES};
 
-/// Density and colour of every sample, as [`factored_field`](super::factored_field) has them.
-pub fn value(tables: &[f64], weights: &[f64], layout: &Layout, query: &Query) -> Vec<f64> {
-    let field = Field { tables, weights, layout, query };
-    (0..query.positions.len() / 3).flat_map(|sample| field.outputs(sample, &field.trace(sample))).collect()
+/// [`factored_field`](super::factored_field) at `positions`, with everything else as in `query`.
+pub fn value(tables: &[f64], weights: &[f64], positions: &[f64], layout: &Layout, query: &Query) -> Vec<f64> {
+    let field = Field { tables, weights, positions, layout, query };
+    (0..positions.len() / 3).flat_map(|sample| field.outputs(sample, &field.trace(sample))).collect()
 }
 
-/// The gradients of ⟨`grad`, output⟩ with respect to `tables` and `weights`.
-pub fn gradient(tables: &[f64], weights: &[f64], layout: &Layout, query: &Query, grad: &[f64]) -> (Vec<f64>, Vec<f64>) {
-    let field = Field { tables, weights, layout, query };
-    let (mut dtables, mut dweights) = (vec![0.0; tables.len()], vec![0.0; weights.len()]);
+/// The gradients of ⟨`grad`, output⟩ with respect to `tables`, `weights` and `positions`.
+pub fn gradient(
+    tables: &[f64],
+    weights: &[f64],
+    positions: &[f64],
+    layout: &Layout,
+    query: &Query,
+    grad: &[f64],
+) -> [Vec<f64>; 3] {
+    let field = Field { tables, weights, positions, layout, query };
+    let [mut dtables, mut dweights, mut dpositions] = [tables, weights, positions].map(|input| vec![0.0; input.len()]);
     for (sample, grad) in grad.chunks_exact(if query.color { OUTPUTS } else { 1 }).enumerate() {
         let trace = field.trace(sample);
         let dx = field.mlp_gradient(&trace, field.raw_gradient(sample, &trace, grad), &mut dweights);
         field.table_gradient(sample, &dx, &mut dtables);
+        field.position_gradient(sample, &trace[0], &dx, &mut dpositions[3 * sample..3 * sample + 3]);
     }
-    (dtables, dweights)
+    [dtables, dweights, dpositions]
 }
 
 struct Field<'a> {
     tables: &'a [f64],
     weights: &'a [f64],
+    positions: &'a [f64],
     layout: &'a Layout,
     query: &'a Query,
 }
@@ -33,7 +42,7 @@ type Terms = Vec<(usize, f64)>;
 
 impl Field<'_> {
     fn position(&self, sample: usize, axis: usize) -> f64 {
-        f64::from(self.query.positions[3 * sample + axis])
+        self.positions[3 * sample + axis]
     }
 
     /// The two texels about a coordinate, with their weights.
@@ -43,9 +52,21 @@ impl Field<'_> {
         [(v as usize, 1.0 - v.fract()), (v as usize + 1, v.fract())]
     }
 
-    /// Terms of feature `k` of plane `p`, and of its line.
-    fn terms(&self, sample: usize, level: &Level, p: usize, k: usize) -> (Terms, Terms) {
-        let [a, b, c] = PLANES[p].map(|axis| self.texels(sample, axis, level.resolution));
+    /// The same with how these weights change with the coordinate.
+    fn texel_slopes(&self, sample: usize, axis: usize, resolution: usize) -> [(usize, f64); 2] {
+        let v = self.position(sample, axis) * resolution as f64 - 0.5;
+        let inside = v > 0.0 && v < (resolution - 1) as f64 - 1e-3;
+        let slope = if inside { resolution as f64 } else { 0.0 };
+        let [(i, _), (j, _)] = self.texels(sample, axis, resolution);
+        [(i, -slope), (j, slope)]
+    }
+
+    /// Terms of feature `k` of plane `p`, and of its line; with the weights along axis `moved` replaced by their slopes.
+    fn terms(&self, sample: usize, level: &Level, p: usize, k: usize, moved: Option<usize>) -> (Terms, Terms) {
+        let [a, b, c] = PLANES[p].map(|axis| match moved {
+            Some(moved) if moved == axis => self.texel_slopes(sample, axis, level.resolution),
+            _ => self.texels(sample, axis, level.resolution),
+        });
         let place = |j: usize, i: usize| level.plane(p) + (j * level.resolution + i) * level.channels + k;
         let plane = b.into_iter().flat_map(|(j, v)| a.map(|(i, u)| (place(j, i), u * v))).collect();
         let line = c.into_iter().map(|(i, w)| (level.line(p) + i * level.channels + k, w)).collect();
@@ -61,7 +82,7 @@ impl Field<'_> {
         let levels = self.layout.levels.iter().zip(&self.query.level_weights);
         levels.flat_map(move |(level, &weight)| {
             (0..3 * level.channels).map(move |f| {
-                let (plane, line) = self.terms(sample, level, f / level.channels, f % level.channels);
+                let (plane, line) = self.terms(sample, level, f / level.channels, f % level.channels, None);
                 (level.feature + f, f64::from(weight), plane, line)
             })
         })
@@ -154,6 +175,25 @@ impl Field<'_> {
             dy = dx;
         }
         dy
+    }
+
+    fn position_gradient(&self, sample: usize, x: &[f64], dx: &[f64], out: &mut [f64]) {
+        for (axis, out) in out.iter_mut().enumerate() {
+            *out = 2.0 * dx[axis];
+            for frequency in 0..self.query.frequency_weights.len() {
+                let (sine, cosine) = (3 + 6 * frequency + 2 * axis, 4 + 6 * frequency + 2 * axis);
+                let slope = (1u64 << frequency) as f64 * std::f64::consts::PI;
+                *out += slope * (dx[sine] * x[cosine] - dx[cosine] * x[sine]);
+            }
+            for (level, &weight) in self.layout.levels.iter().zip(&self.query.level_weights) {
+                for f in 0..3 * level.channels {
+                    // Each axis is either the plane's or the line's: the other factor stays.
+                    let (plane, line) = self.terms(sample, level, f / level.channels, f % level.channels, Some(axis));
+                    let slope = self.interpolate(&plane) * self.interpolate(&line);
+                    *out += dx[level.feature + f] * f64::from(weight) * slope;
+                }
+            }
+        }
     }
 
     fn table_gradient(&self, sample: usize, dx: &[f64], dtables: &mut [f64]) {

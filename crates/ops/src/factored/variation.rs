@@ -5,6 +5,7 @@ use std::sync::Arc;
 use burn::tensor::Tensor;
 
 use super::Layout;
+use crate::dispatch::dispatch;
 
 /// Smoothness of the planes: Σ_levels (res/64)/(3 res²) Σ over neighbours of squared differences; a scalar.
 ///
@@ -14,11 +15,11 @@ use super::Layout;
 /// If `tables` is not of the layout's length.
 pub fn plane_variation(tables: Tensor<1>, layout: &Arc<Layout>) -> Tensor<1> {
     assert_eq!(tables.dims(), [layout.table_len()], "tables hold every plane and line of the layout");
-    #[cfg(feature = "flex")]
-    if crate::has_host_kernels(&tables.device()) {
-        return crate::kernel::apply1(host::VariationKernel { layout: layout.clone() }, tables);
+    dispatch! {
+        &tables.device();
+        host => crate::kernel::apply(host::VariationKernel { layout: layout.clone() }, tables),
+        plain => plain(tables, layout),
     }
-    plain(tables, layout)
 }
 
 /// Weight of a level's squared differences.
@@ -26,7 +27,7 @@ fn weight(resolution: usize) -> f32 {
     1.0 / (64.0 * 3.0 * resolution as f32)
 }
 
-/// The same from plain tensor operations, on any backend.
+/// [`plane_variation`] from plain tensor operations, on any backend.
 pub fn plain(tables: Tensor<1>, layout: &Layout) -> Tensor<1> {
     let mut sum = Tensor::zeros([1], &tables.device());
     for level in &layout.levels {

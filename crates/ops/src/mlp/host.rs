@@ -141,7 +141,7 @@ impl MlpKernel {
             builder.layer(&branch.feature, x, both.part(0, features), false);
             builder.layer(&branch.view, both, view, true);
             direction = Some(both.part(features, columns));
-            directions = encode_rows(&branch.directions, 3, branch.frequencies, &[]);
+            directions = encode_rows(&branch.directions, 3, &vec![1.0; branch.frequencies]);
             owners = branch.segments.owners();
             assert_eq!(owners.len(), samples, "a ray for every sample");
             (view, branch)
@@ -182,7 +182,7 @@ impl MlpKernel {
             for s in 0..samples {
                 for (y, bias) in after[y.row(s)].iter_mut().zip(bias) {
                     let sum = *y + bias;
-                    // As written, what is not a number stays so.
+                    // Not `f32::max`, which would turn NaN into 0.
                     *y = if layer.relu && sum < 0.0 { 0.0 } else { sum };
                 }
             }

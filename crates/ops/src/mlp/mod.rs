@@ -13,6 +13,7 @@ use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
 use crate::Segments;
+use crate::dispatch::dispatch;
 
 /// How exact a network's matrix products are. Weights, sums of products and everything else are single precision.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -73,10 +74,12 @@ pub struct ColorBranch {
 /// # Panics
 /// If the layers do not fit on top of each other, or the device does not have numbers of that precision.
 pub fn radiance_mlp(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
-    #[cfg(feature = "flex")]
-    if network.precision == Precision::F32 && crate::has_host_kernels(&encoded.device()) {
-        let (kernel, weights) = host::MlpKernel::new(encoded.dims(), network);
-        return crate::kernel::apply2(kernel, encoded, weights);
+    dispatch! {
+        &encoded.device();
+        host if network.precision == Precision::F32 => {
+            let (kernel, weights) = host::MlpKernel::new(encoded.dims(), network);
+            crate::kernel::apply(kernel, (encoded, weights))
+        },
+        plain => plain(encoded, network),
     }
-    plain(encoded, network)
 }

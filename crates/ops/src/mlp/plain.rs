@@ -3,11 +3,15 @@
 use burn::tensor::{FloatDType, Int, Tensor, TensorData, activation::relu};
 
 use super::{ColorBranch, Dense, Precision, RadianceMlp};
-use crate::frequency_encode;
+use crate::split::{fill_up, parts, product};
+use crate::{frequency_encode, from_host};
 
 /// [`radiance_mlp`](super::radiance_mlp) without any kernel.
 pub fn plain(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
-    let apply = |layer: &Dense, x: Tensor<2>| apply(layer, x, network.precision);
+    let samples = encoded.dims()[0];
+    let parts = parts(samples, &encoded.device());
+    let encoded = fill_up(encoded, parts);
+    let apply = |layer: &Dense, x: Tensor<2>| apply(layer, x, network.precision, parts);
     let mut h = encoded.clone();
     for (index, layer) in network.trunk.iter().enumerate() {
         if index > 0 && index == network.skip {
@@ -16,26 +20,31 @@ pub fn plain(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
         h = relu(apply(layer, h));
     }
     let sigma = apply(&network.sigma, h.clone());
-    match &network.color {
+    let out = match &network.color {
         Some(branch) => Tensor::cat(vec![sigma, color(branch, h, apply)], 1),
         None => sigma,
-    }
+    };
+    out.narrow(0, 0, samples)
 }
 
-fn apply(layer: &Dense, x: Tensor<2>, precision: Precision) -> Tensor<2> {
+fn apply(layer: &Dense, x: Tensor<2>, precision: Precision, parts: usize) -> Tensor<2> {
     let weight = layer.weight.clone();
     let product = match precision {
-        Precision::F32 => x.matmul(weight),
-        Precision::Bf16 => x.cast(FloatDType::BF16).matmul(weight.cast(FloatDType::BF16)).cast(FloatDType::F32),
+        Precision::F32 => product(x, weight, parts),
+        Precision::Bf16 => {
+            product(x.cast(FloatDType::BF16), weight.cast(FloatDType::BF16), parts).cast(FloatDType::F32)
+        }
     };
     product + layer.bias.clone().unsqueeze()
 }
 
 fn color(branch: &ColorBranch, trunk: Tensor<2>, apply: impl Fn(&Dense, Tensor<2>) -> Tensor<2>) -> Tensor<2> {
-    // One encoded row a ray, repeated for each of its samples.
+    // One encoded row per ray, repeated for each of its samples.
     let device = trunk.device();
-    let rays = frequency_encode(&branch.directions, 3, branch.frequencies, &[], &device);
-    let owners = branch.segments.owners();
+    let rays = frequency_encode(from_host(&branch.directions, 3, &device), branch.frequencies, &[]);
+    let mut owners = branch.segments.owners();
+    // Rows that fill up belong to no ray: any will do.
+    owners.resize(trunk.dims()[0], 0);
     let samples = owners.len();
     let direction = rays.select(0, Tensor::<1, Int>::from_data(TensorData::new(owners, [samples]), &device));
     let feature = apply(&branch.feature, trunk);

@@ -55,7 +55,7 @@ impl Body {
         }
     }
 
-    pub fn distortion(self, tau: Tensor<1>, intervals: &Intervals, segments: &Segments) -> Tensor<1> {
+    pub fn distortion(self, tau: Tensor<1>, intervals: Intervals, segments: &Segments) -> Tensor<1> {
         match self {
             Self::Kernel => distortion::ray_distortion(tau, intervals, segments),
             _ => distortion::plain(tau, intervals, segments),

@@ -53,7 +53,8 @@ pub enum Outcome {
 }
 
 impl Trainer {
-    /// Sets up a run on `scene`: the same arguments give the same numbers on one device.
+    /// Sets up a run on `scene`. The same arguments give the same numbers on one CPU; GPUs repeat only what is drawn, as their
+    /// atomic additions come in any order.
     ///
     /// `budget` is the time in seconds after which to stop, if the clock and not `train.iterations` decides.
     ///
@@ -188,6 +189,12 @@ impl<F: Field> Trainer<F> {
             self.progress.seconds += seconds - self.last_step;
             self.last_step = seconds;
         }
+    }
+
+    /// Waits for the device at the end of each phase of a step from here on, so that [`Self::profile`] is of what a GPU spends
+    /// its time on. Steps get slower, as it idles between phases.
+    pub fn synchronise_phases(&mut self) {
+        self.profile.wait_for(self.device.clone());
     }
 
     /// Where the time went.

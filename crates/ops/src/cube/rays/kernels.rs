@@ -1,4 +1,4 @@
-//! The kernels: one thread a ray, which walks along its samples.
+//! The kernels: one thread per ray, which walks along its samples.
 //!
 //! The same formulas as the host's, in `f32`: what would cancel is computed by series, and sums are of numbers of one
 //! sign where that can be.
@@ -48,7 +48,8 @@ fn ln_ratio(p: f32, q: f32, r: f32, epsilon: f32) -> f32 {
     ln
 }
 
-/// What makes a ray's opacities a distribution.
+/// What makes a ray's opacities a distribution. Comparisons are such that a sum that is not a number counts as a hit, and
+/// reaches the result.
 #[derive(CubeType)]
 struct Ray {
     /// Σα.
@@ -180,8 +181,9 @@ pub(super) fn entropy_forward(
     }
     let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
     let ray = ray_of(tau, start, end);
+    let missed = ray.sum < least;
     let mut bits = 0.0f32;
-    if ray.sum >= least {
+    if !missed {
         for i in start..end {
             let alpha = alpha_of(tau[i]);
             bits -= alpha / ray.sum * ln_density(alpha, i, &ray, epsilon) * std::f32::consts::LOG2_E;
@@ -211,7 +213,8 @@ pub(super) fn entropy_backward(
     for i in start..end {
         dtau[i] = dalpha_sum * f32::exp(-tau[i]);
     }
-    if ray.sum >= least {
+    let missed = ray.sum < least;
+    if !missed {
         let scale = grad[place * 2] * std::f32::consts::LOG2_E;
         let common = entropy_slope(tau[ray.top], ray.top, &ray, epsilon);
         let mut mean = 0.0f32;
@@ -253,8 +256,9 @@ pub(super) fn divergence_forward(
     }
     let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
     let (ray, other) = (ray_of(tau, start, end), ray_of(near, start, end));
+    let missed = ray.sum < least || other.sum < least;
     let mut divergence = 0.0f32;
-    if ray.sum >= least && other.sum >= least {
+    if !missed {
         for i in start..end {
             let (p, q) = (alpha_of(tau[i]) / ray.sum, alpha_of(near[i]) / other.sum);
             let r = (p - q) / (q + epsilon);
@@ -283,7 +287,7 @@ pub(super) fn divergence_backward(
     }
     let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
     let (ray, other) = (ray_of(tau, start, end), ray_of(near, start, end));
-    let hit = ray.sum >= least && other.sum >= least;
+    let missed = ray.sum < least || other.sum < least;
     // The slopes are kept in the results until their mean is known.
     let mut mean_p = 0.0f32;
     let mut mean_q = 0.0f32;
@@ -292,14 +296,14 @@ pub(super) fn divergence_backward(
         let r = (p - q) / (q + epsilon);
         dtau[i] = 0.0f32;
         dnear[i] = 0.0f32;
-        if hit {
+        if !missed {
             dtau[i] = ln_ratio(p, q, r, epsilon) - epsilon / (p + epsilon);
             dnear[i] = epsilon / (q + epsilon) - r;
             mean_p += p * dtau[i];
             mean_q += q * dnear[i];
         }
     }
-    if hit {
+    if !missed {
         for i in start..end {
             dtau[i] = grad[place] * (dtau[i] - mean_p) / ray.sum * f32::exp(-tau[i]);
             dnear[i] = grad[place] * (dnear[i] - mean_q) / other.sum * f32::exp(-near[i]);

@@ -1,267 +1,145 @@
-//! Operations along rays, one thread a ray.
+//! Operations along rays, one thread per ray.
 
 mod kernels;
 
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
-use burn::backend::tensor::{FloatTensor, IntTensor};
-use burn::backend::{Autodiff, Backend, Dispatch, backend_extension};
-use burn::tensor::{Device, Int, Tensor, TensorData};
+use std::sync::OnceLock;
+
+use burn::backend::ops::IntTensorOps;
+use burn::tensor::{Tensor, TensorData};
 use burn_cubecl::CubeBackend;
-use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{empty, threads};
+use super::{CubeKernel, Pass, apply, empty, empty_like, launch};
 use crate::Segments;
 use crate::composite::MIN_ALPHA_SUM;
 
 /// [`composite`](crate::composite())'s results, packed: values and Σw, `[R, C + 1]`.
 pub(crate) fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Tensor<2> {
-    let offsets = offsets(segments, &tau.device());
-    Tensor::from_dispatch(<Dispatch as RayOps>::composite(
-        tau.into_dispatch(),
-        values.into_dispatch(),
-        offsets.into_dispatch(),
-    ))
+    apply(Composite { rays: Rays::new(segments) }, (tau, values))
 }
 
 /// [`ray_entropy`](crate::ray_entropy)'s results for α/Σα, packed: bits and Σα, `[R, 2]`.
 pub(crate) fn entropy(tau: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<2> {
-    let offsets = offsets(segments, &tau.device());
-    Tensor::from_dispatch(<Dispatch as RayOps>::entropy(tau.into_dispatch(), offsets.into_dispatch(), epsilon))
+    apply(Entropy { rays: Rays::new(segments), epsilon }, tau)
 }
 
 /// [`ray_divergence`](crate::ray_divergence), `[R]`.
 pub(crate) fn divergence(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
-    let offsets = offsets(segments, &tau.device());
-    Tensor::from_dispatch(<Dispatch as RayOps>::divergence(
-        tau.into_dispatch(),
-        near.into_dispatch(),
-        offsets.into_dispatch(),
-        epsilon,
-    ))
+    apply(Divergence { rays: Rays::new(segments), epsilon }, (tau, near))
 }
 
-fn offsets(segments: &Segments, device: &Device) -> Tensor<1, Int> {
-    let offsets: Vec<i32> = std::iter::once(0).chain(segments.ranges().map(|range| range.end as i32)).collect();
-    let count = offsets.len();
-    Tensor::from_data(TensorData::new(offsets, [count]), &device.clone().inner())
+/// Which samples each ray owns: on the host, and on the device from first use.
+#[derive(Debug)]
+struct Rays {
+    segments: Segments,
+    offsets: OnceLock<CubeTensor>,
 }
 
-/// Operations along rays, whose samples are packed as `offsets` says.
-#[backend_extension(Cube, Autodiff)]
-trait RayOps: Backend {
-    fn composite(tau: FloatTensor<Self>, values: FloatTensor<Self>, offsets: IntTensor<Self>) -> FloatTensor<Self>;
-
-    fn entropy(tau: FloatTensor<Self>, offsets: IntTensor<Self>, epsilon: f32) -> FloatTensor<Self>;
-
-    fn divergence(
-        tau: FloatTensor<Self>,
-        near: FloatTensor<Self>,
-        offsets: IntTensor<Self>,
-        epsilon: f32,
-    ) -> FloatTensor<Self>;
-}
-
-fn rays(offsets: &CubeTensor) -> usize {
-    offsets.meta.shape()[0] - 1
-}
-
-impl RayOps for CubeBackend {
-    fn composite(tau: CubeTensor, values: CubeTensor, offsets: CubeTensor) -> CubeTensor {
-        let [tau, values] = [tau, values].map(into_contiguous);
-        let (rays, channels) = (rays(&offsets), values.meta.shape()[1]);
-        let out = empty(&tau, [rays, channels + 1]);
-        let (count, dim) = threads(&tau, rays);
-        kernels::composite_forward::launch(
-            &out.client,
-            count,
-            dim,
-            tau.into_tensor_arg(),
-            values.into_tensor_arg(),
-            offsets.into_tensor_arg(),
-            out.clone().into_tensor_arg(),
-            channels,
-        );
-        out
+impl Rays {
+    fn new(segments: &Segments) -> Self {
+        Self { segments: segments.clone(), offsets: OnceLock::new() }
     }
 
-    fn entropy(tau: CubeTensor, offsets: CubeTensor, epsilon: f32) -> CubeTensor {
-        let tau = into_contiguous(tau);
-        let rays = rays(&offsets);
-        let out = empty(&tau, [rays, 2]);
-        let (count, dim) = threads(&tau, rays);
-        kernels::entropy_forward::launch(
-            &out.client,
-            count,
-            dim,
-            tau.into_tensor_arg(),
-            offsets.into_tensor_arg(),
-            out.clone().into_tensor_arg(),
-            epsilon,
-            MIN_ALPHA_SUM,
-        );
-        out
+    fn count(&self) -> usize {
+        self.segments.rays()
     }
 
-    fn divergence(tau: CubeTensor, near: CubeTensor, offsets: CubeTensor, epsilon: f32) -> CubeTensor {
-        let [tau, near] = [tau, near].map(into_contiguous);
-        let rays = rays(&offsets);
-        let out = empty(&tau, [rays]);
-        let (count, dim) = threads(&tau, rays);
-        kernels::divergence_forward::launch(
-            &out.client,
-            count,
-            dim,
-            tau.into_tensor_arg(),
-            near.into_tensor_arg(),
-            offsets.into_tensor_arg(),
-            out.clone().into_tensor_arg(),
-            epsilon,
-            MIN_ALPHA_SUM,
-        );
-        out
-    }
-}
-
-/// Gradients of an operation of `N` inputs, given these and the gradient of the output.
-trait Pullback<const N: usize>: Clone + std::fmt::Debug + Send + 'static {
-    fn pull(&self, inputs: [CubeTensor; N], offsets: CubeTensor, grad: CubeTensor) -> [CubeTensor; N];
-}
-
-#[derive(Clone, Debug)]
-struct CompositePullback;
-
-impl Pullback<2> for CompositePullback {
-    fn pull(&self, [tau, values]: [CubeTensor; 2], offsets: CubeTensor, grad: CubeTensor) -> [CubeTensor; 2] {
-        let channels = values.meta.shape()[1];
-        let (count, dim) = threads(&tau, rays(&offsets));
-        let (dtau, dvalues) = (empty(&tau, tau.meta.shape().clone()), empty(&tau, values.meta.shape().clone()));
-        kernels::composite_backward::launch(
-            &tau.client.clone(),
-            count,
-            dim,
-            tau.into_tensor_arg(),
-            values.into_tensor_arg(),
-            offsets.into_tensor_arg(),
-            grad.into_tensor_arg(),
-            dtau.clone().into_tensor_arg(),
-            dvalues.clone().into_tensor_arg(),
-            channels,
-        );
-        [dtau, dvalues]
-    }
-}
-
-#[derive(Clone, Debug)]
-struct EntropyPullback {
-    epsilon: f32,
-}
-
-impl Pullback<1> for EntropyPullback {
-    fn pull(&self, [tau]: [CubeTensor; 1], offsets: CubeTensor, grad: CubeTensor) -> [CubeTensor; 1] {
-        let (count, dim) = threads(&tau, rays(&offsets));
-        let dtau = empty(&tau, tau.meta.shape().clone());
-        kernels::entropy_backward::launch(
-            &tau.client.clone(),
-            count,
-            dim,
-            tau.into_tensor_arg(),
-            offsets.into_tensor_arg(),
-            grad.into_tensor_arg(),
-            dtau.clone().into_tensor_arg(),
-            self.epsilon,
-            MIN_ALPHA_SUM,
-        );
-        [dtau]
-    }
-}
-
-#[derive(Clone, Debug)]
-struct DivergencePullback {
-    epsilon: f32,
-}
-
-impl Pullback<2> for DivergencePullback {
-    fn pull(&self, [tau, near]: [CubeTensor; 2], offsets: CubeTensor, grad: CubeTensor) -> [CubeTensor; 2] {
-        let (count, dim) = threads(&tau, rays(&offsets));
-        let [dtau, dnear] = [&tau, &near].map(|input| empty(input, input.meta.shape().clone()));
-        kernels::divergence_backward::launch(
-            &tau.client.clone(),
-            count,
-            dim,
-            tau.into_tensor_arg(),
-            near.into_tensor_arg(),
-            offsets.into_tensor_arg(),
-            grad.into_tensor_arg(),
-            dtau.clone().into_tensor_arg(),
-            dnear.clone().into_tensor_arg(),
-            self.epsilon,
-            MIN_ALPHA_SUM,
-        );
-        [dtau, dnear]
+    /// The offsets, `[R + 1]`.
+    fn offsets(&self, like: &CubeTensor) -> &CubeTensor {
+        self.offsets.get_or_init(|| {
+            let offsets: Vec<i32> = self.segments.offsets.iter().map(|offset| *offset as i32).collect();
+            let count = offsets.len();
+            CubeBackend::int_from_data(TensorData::new(offsets, [count]), &like.device)
+        })
     }
 }
 
 #[derive(Debug)]
-struct RayBackward<P, const N: usize>(std::marker::PhantomData<P>);
-
-#[derive(Clone, Debug)]
-struct Saved<P, const N: usize> {
-    inputs: [CubeTensor; N],
-    offsets: CubeTensor,
-    pullback: P,
+struct Composite {
+    rays: Rays,
 }
 
-impl<P: Pullback<N>, const N: usize> Backward<CubeBackend, N> for RayBackward<P, N> {
-    type State = Saved<P, N>;
-
-    fn backward(self, ops: Ops<Self::State, N>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        let Saved { inputs, offsets, pullback } = ops.state;
-        let grad = into_contiguous(grads.consume::<CubeBackend>(&ops.node));
-        let results = pullback.pull(inputs, offsets, grad);
-        for (parent, result) in ops.parents.into_iter().zip(results) {
-            if let Some(node) = parent {
-                grads.register::<CubeBackend>(node.id, result);
-            }
-        }
+impl CubeKernel for Composite {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        let [tau, values] = inputs else { unreachable!("composite has two inputs") };
+        let channels = values.meta.shape()[1];
+        let out = empty(tau, [self.rays.count(), channels + 1]);
+        launch!(
+            kernels::composite_forward::launch, self.rays.count();
+            tau, values, self.rays.offsets(tau), &out;
+            channels
+        );
+        out
     }
-}
 
-type Tracked<C> = FloatTensor<Autodiff<CubeBackend, C>>;
-
-fn tracked<C: CheckpointStrategy, P: Pullback<N>, const N: usize>(
-    inputs: [Tracked<C>; N],
-    offsets: CubeTensor,
-    pullback: P,
-    forward: impl FnOnce([CubeTensor; N], CubeTensor) -> CubeTensor,
-) -> Tracked<C> {
-    let guards = inputs.each_ref().map(|input| input.node());
-    let inputs = inputs.map(|input| into_contiguous(input.into_primitive()));
-    let output = forward(inputs.clone(), offsets.clone());
-    match RayBackward::<P, N>(std::marker::PhantomData).prepare::<C>(guards).compute_bound().stateful() {
-        OpsKind::Tracked(prep) => prep.finish(Saved { inputs, offsets, pullback }, output),
-        OpsKind::UnTracked(prep) => prep.finish(output),
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        let [tau, values] = pass.inputs else { unreachable!("composite has two inputs") };
+        let (dtau, dvalues) = (empty_like(tau), empty_like(values));
+        launch!(
+            kernels::composite_backward::launch, self.rays.count();
+            tau, values, self.rays.offsets(tau), pass.grad, &dtau, &dvalues;
+            values.meta.shape()[1]
+        );
+        vec![Some(dtau), Some(dvalues)]
     }
 }
 
-impl<C: CheckpointStrategy> RayOps for Autodiff<CubeBackend, C> {
-    fn composite(tau: Tracked<C>, values: Tracked<C>, offsets: CubeTensor) -> Tracked<C> {
-        tracked::<C, _, 2>([tau, values], offsets, CompositePullback, |[tau, values], offsets| {
-            CubeBackend::composite(tau, values, offsets)
-        })
+#[derive(Debug)]
+struct Entropy {
+    rays: Rays,
+    epsilon: f32,
+}
+
+impl CubeKernel for Entropy {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        let tau = &inputs[0];
+        let out = empty(tau, [self.rays.count(), 2]);
+        launch!(
+            kernels::entropy_forward::launch, self.rays.count();
+            tau, self.rays.offsets(tau), &out;
+            self.epsilon, MIN_ALPHA_SUM
+        );
+        out
     }
 
-    fn entropy(tau: Tracked<C>, offsets: CubeTensor, epsilon: f32) -> Tracked<C> {
-        tracked::<C, _, 1>([tau], offsets, EntropyPullback { epsilon }, |[tau], offsets| {
-            CubeBackend::entropy(tau, offsets, epsilon)
-        })
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        let tau = &pass.inputs[0];
+        let dtau = empty_like(tau);
+        launch!(
+            kernels::entropy_backward::launch, self.rays.count();
+            tau, self.rays.offsets(tau), pass.grad, &dtau;
+            self.epsilon, MIN_ALPHA_SUM
+        );
+        vec![Some(dtau)]
+    }
+}
+
+#[derive(Debug)]
+struct Divergence {
+    rays: Rays,
+    epsilon: f32,
+}
+
+impl CubeKernel for Divergence {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        let [tau, near] = inputs else { unreachable!("a divergence has two inputs") };
+        let out = empty(tau, [self.rays.count()]);
+        launch!(
+            kernels::divergence_forward::launch, self.rays.count();
+            tau, near, self.rays.offsets(tau), &out;
+            self.epsilon, MIN_ALPHA_SUM
+        );
+        out
     }
 
-    fn divergence(tau: Tracked<C>, near: Tracked<C>, offsets: CubeTensor, epsilon: f32) -> Tracked<C> {
-        tracked::<C, _, 2>([tau, near], offsets, DivergencePullback { epsilon }, |[tau, near], offsets| {
-            CubeBackend::divergence(tau, near, offsets, epsilon)
-        })
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        let [tau, near] = pass.inputs else { unreachable!("a divergence has two inputs") };
+        let (dtau, dnear) = (empty_like(tau), empty_like(near));
+        launch!(
+            kernels::divergence_backward::launch, self.rays.count();
+            tau, near, self.rays.offsets(tau), pass.grad, &dtau, &dnear;
+            self.epsilon, MIN_ALPHA_SUM
+        );
+        vec![Some(dtau), Some(dnear)]
     }
 }

@@ -1,4 +1,4 @@
-//! The kernels: one thread for each coordinate of a sample, or for each of its planes.
+//! The kernels: one thread per coordinate of a sample, or per plane that it reads.
 
 use burn::cubecl::{self, prelude::*};
 
@@ -15,7 +15,7 @@ pub(super) fn frequencies(positions: &Tensor<f32>, weights: &Tensor<f32>, out: &
     let u = positions[ABSOLUTE_POS];
     out[start + axis] = 2.0f32 * u - 1.0f32;
     // π(u − ½) is this many quarter turns, exactly.
-    let angle = Angle { coarse: 2.0f32 * (u - 0.5f32), fine: 0.0f32 };
+    let angle = Angle { first: 2.0f32 * (u - 0.5f32), second: 0.0f32, third: 0.0f32, rest: 0.0f32 };
     let mut scale = 1.0f32;
     for frequency in 0..frequencies {
         let wave = wave(&angle, scale);
@@ -24,6 +24,29 @@ pub(super) fn frequencies(positions: &Tensor<f32>, weights: &Tensor<f32>, out: &
         out[place + 1] = weights[frequency] * wave.cosine;
         scale *= 2.0f32;
     }
+}
+
+/// Gradient of the same with respect to the positions, given their output and its gradient.
+#[cube(launch)]
+pub(super) fn frequencies_backward(
+    out: &Tensor<f32>,
+    grad: &Tensor<f32>,
+    dpositions: &mut Tensor<f32>,
+    frequencies: usize,
+) {
+    if ABSOLUTE_POS >= dpositions.shape(0) * 3 {
+        terminate!();
+    }
+    let (sample, axis) = (ABSOLUTE_POS / 3, ABSOLUTE_POS % 3);
+    let start = sample * out.shape(1);
+    let mut sum = 2.0f32 * grad[start + axis];
+    let mut slope = std::f32::consts::PI;
+    for frequency in 0..frequencies {
+        let sine = start + 3 + frequency * 6 + axis * 2;
+        sum += slope * (grad[sine] * out[sine + 1] - grad[sine + 1] * out[sine]);
+        slope *= 2.0f32;
+    }
+    dpositions[ABSOLUTE_POS] = sum;
 }
 
 /// Where a coordinate lies among texels, the centres of which are at (i + ½)/res.
@@ -41,6 +64,17 @@ fn texel(u: f32, resolution: usize) -> Texel {
     let v = f32::min(f32::max(u * f32::cast_from(resolution) - 0.5f32, 0.0f32), last);
     let at = usize::cast_from(v);
     Texel { at, t: v - f32::cast_from(at) }
+}
+
+/// How fast it moves with `u`: not at all beyond the outermost centres.
+#[cube]
+fn pace(u: f32, resolution: usize) -> f32 {
+    let v = u * f32::cast_from(resolution) - 0.5f32;
+    let mut pace = 0.0f32;
+    if v > 0.0f32 && v < f32::cast_from(resolution - 1) - 1e-3f32 {
+        pace = f32::cast_from(resolution);
+    }
+    pace
 }
 
 /// What a plane and its line are read at: the first feature of each of the four corners and two ends, with their shares.
@@ -195,5 +229,49 @@ pub(super) fn products_backward<A: Accumulate>(
             A::add(&mut dtables[read.end + k], (1.0f32 - read.c) * dline);
             A::add(&mut dtables[read.end + k + channels], read.c * dline);
         }
+    }
+}
+
+/// Adds the gradient of one level's features with respect to the positions.
+#[cube(launch)]
+pub(super) fn products_backward_in_positions(
+    tables: &Tensor<f32>,
+    positions: &Tensor<f32>,
+    grad: &Tensor<f32>,
+    dpositions: &mut Tensor<f32>,
+    offset: usize,
+    feature: usize,
+    resolution: usize,
+    weight: f32,
+    #[comptime] channels: usize,
+) {
+    let sample = ABSOLUTE_POS;
+    if sample >= positions.shape(0) {
+        terminate!();
+    }
+    for p in 0..3usize {
+        let read = reading(positions, sample, p, offset, resolution, channels);
+        let place = sample * grad.shape(1) + feature + p * channels;
+        let mut along_a = 0.0f32;
+        let mut along_b = 0.0f32;
+        let mut along_c = 0.0f32;
+        for k in 0..channels {
+            let g = weight * grad[place + k];
+            let first = read.corner + k;
+            let second = first + read.row;
+            let dplane = g * on_line(tables, &read, k, channels);
+            along_a += dplane
+                * ((1.0f32 - read.b) * (tables[first + channels] - tables[first])
+                    + read.b * (tables[second + channels] - tables[second]));
+            along_b += dplane
+                * ((1.0f32 - read.a) * (tables[second] - tables[first])
+                    + read.a * (tables[second + channels] - tables[first + channels]));
+            along_c +=
+                g * on_plane(tables, &read, k, channels) * (tables[read.end + k + channels] - tables[read.end + k]);
+        }
+        let (a, b, c) = (3 * sample + p / 2, 3 * sample + 1 + (p + 1) / 2, 3 * sample + 2 - p);
+        dpositions[a] += along_a * pace(positions[a], resolution);
+        dpositions[b] += along_b * pace(positions[b], resolution);
+        dpositions[c] += along_c * pace(positions[c], resolution);
     }
 }

@@ -4,157 +4,104 @@ mod kernels;
 
 use std::sync::Arc;
 
-use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
-use burn::backend::autodiff::grads::Gradients;
-use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
-use burn::backend::tensor::FloatTensor;
-use burn::backend::{Autodiff, Backend, Dispatch, backend_extension};
 use burn::cubecl::features::AtomicUsage;
 use burn::cubecl::ir::{FloatKind, Type};
 use burn::tensor::Tensor;
-use burn_cubecl::CubeBackend;
-use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
 use self::kernels::{Exchange, Native};
-use super::{threads, upload, zeros};
+use super::{CubeKernel, Pass, apply, empty_like, launch, numbers, zeros};
 use crate::factored::{Layout, Level, PLANES, Query};
 
-/// The MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables`.
+/// The MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
 pub(crate) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2> {
-    let device = tables.device();
-    let frequencies: Vec<f32> = query.frequency_weights.iter().copied().chain([0.0]).collect();
-    Tensor::from_dispatch(<Dispatch as TableOps>::features(
-        tables.into_dispatch(),
-        upload(&query.positions, 3, &device).into_dispatch(),
-        upload(&frequencies, 1, &device).into_dispatch(),
-        Plan { layout: layout.clone(), level_weights: query.level_weights.clone() },
-    ))
+    let kernel = Features {
+        layout: layout.clone(),
+        frequency_weights: query.frequency_weights.clone(),
+        level_weights: query.level_weights.clone(),
+    };
+    apply(kernel, (tables, query.positions.clone()))
 }
 
-#[derive(Clone, Debug)]
-struct Plan {
+/// Of tables and positions.
+#[derive(Debug)]
+struct Features {
     layout: Arc<Layout>,
+    frequency_weights: Vec<f32>,
     level_weights: Vec<f32>,
 }
 
-impl Plan {
+impl Features {
     /// Levels that count, with their weights.
     fn levels(&self) -> impl Iterator<Item = (&Level, f32)> {
         self.layout.levels.iter().zip(self.level_weights.iter().copied()).filter(|&(_, weight)| weight != 0.0)
     }
 }
 
-#[backend_extension(Cube, Autodiff)]
-trait TableOps: Backend {
-    fn features(
-        tables: FloatTensor<Self>,
-        positions: FloatTensor<Self>,
-        frequencies: FloatTensor<Self>,
-        plan: Plan,
-    ) -> FloatTensor<Self>;
-}
-
-impl TableOps for CubeBackend {
-    fn features(tables: CubeTensor, positions: CubeTensor, frequencies: CubeTensor, plan: Plan) -> CubeTensor {
-        let [tables, positions, frequencies] = [tables, positions, frequencies].map(into_contiguous);
+impl CubeKernel for Features {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        let [tables, positions] = inputs else { unreachable!("tables are read at positions") };
         let samples = positions.meta.shape()[0];
         // Zero where a level does not count.
-        let out = zeros(&tables, [samples, plan.layout.features()]);
-        let (count, dim) = threads(&tables, samples * 3);
-        kernels::frequencies::launch(
-            &out.client,
-            count.clone(),
-            dim,
-            positions.clone().into_tensor_arg(),
-            frequencies.into_tensor_arg(),
-            out.clone().into_tensor_arg(),
-            plan.layout.frequencies,
-        );
-        for (level, weight) in plan.levels() {
-            kernels::products::launch(
-                &out.client,
-                count.clone(),
-                dim,
-                tables.clone().into_tensor_arg(),
-                positions.clone().into_tensor_arg(),
-                out.clone().into_tensor_arg(),
-                level.offset,
-                level.feature,
-                level.resolution,
-                weight,
-                level.channels,
+        let out = zeros(tables, [samples, self.layout.features()]);
+        let weights = numbers(&self.frequency_weights, tables);
+        launch!(kernels::frequencies::launch, samples * 3; positions, &weights, &out; self.layout.frequencies);
+        for (level, weight) in self.levels() {
+            launch!(
+                kernels::products::launch, samples * 3;
+                tables, positions, &out;
+                level.offset, level.feature, level.resolution, weight, level.channels
             );
         }
         out
     }
-}
 
-/// The gradient with respect to the tables, where many samples add to one number.
-fn pull(tables: &CubeTensor, positions: &CubeTensor, grad: CubeTensor, plan: &Plan) -> CubeTensor {
-    let usage = tables.client.properties().atomic_type_usage(Type::atomic(FloatKind::F32));
-    let launch = match usage.contains(AtomicUsage::Add) {
-        true => kernels::products_backward::launch::<Native>,
-        false => kernels::products_backward::launch::<Exchange>,
-    };
-    let dtables = zeros(tables, tables.meta.shape().clone());
-    let (count, dim) = threads(tables, positions.meta.shape()[0] * PLANES.len());
-    for (level, weight) in plan.levels() {
-        launch(
-            &tables.client,
-            count.clone(),
-            dim,
-            tables.clone().into_tensor_arg(),
-            positions.clone().into_tensor_arg(),
-            grad.clone().into_tensor_arg(),
-            dtables.clone().into_tensor_arg(),
-            level.offset,
-            level.feature,
-            level.resolution,
-            weight,
-            level.channels,
-        );
-    }
-    dtables
-}
-
-#[derive(Debug)]
-struct FeaturesBackward;
-
-#[derive(Clone, Debug)]
-struct Saved {
-    tables: CubeTensor,
-    positions: CubeTensor,
-    plan: Plan,
-}
-
-impl Backward<CubeBackend, 1> for FeaturesBackward {
-    type State = Saved;
-
-    fn backward(self, ops: Ops<Self::State, 1>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
-        let Saved { tables, positions, plan } = ops.state;
-        let grad = into_contiguous(grads.consume::<CubeBackend>(&ops.node));
-        let [parent] = ops.parents;
-        if let Some(node) = parent {
-            grads.register::<CubeBackend>(node.id, pull(&tables, &positions, grad, &plan));
-        }
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        let [tables, positions] = pass.inputs else { unreachable!("tables are read at positions") };
+        vec![
+            pass.wanted[0].then(|| self.table_gradient(tables, positions, pass.grad)),
+            pass.wanted[1].then(|| self.position_gradient(tables, positions, pass.output, pass.grad)),
+        ]
     }
 }
 
-impl<C: CheckpointStrategy> TableOps for Autodiff<CubeBackend, C> {
-    fn features(
-        tables: FloatTensor<Self>,
-        positions: FloatTensor<Self>,
-        frequencies: FloatTensor<Self>,
-        plan: Plan,
-    ) -> FloatTensor<Self> {
-        let guard = tables.node();
-        let [tables, positions, frequencies] =
-            [tables, positions, frequencies].map(|t| into_contiguous(t.into_primitive()));
-        let output = CubeBackend::features(tables.clone(), positions.clone(), frequencies, plan.clone());
-        match FeaturesBackward.prepare::<C>([guard]).compute_bound().stateful() {
-            OpsKind::Tracked(prep) => prep.finish(Saved { tables, positions, plan }, output),
-            OpsKind::UnTracked(prep) => prep.finish(output),
+impl Features {
+    /// Many samples add to one number of the tables.
+    fn table_gradient(&self, tables: &CubeTensor, positions: &CubeTensor, grad: &CubeTensor) -> CubeTensor {
+        let usage = tables.client.properties().atomic_type_usage(Type::atomic(FloatKind::F32));
+        let launch = match usage.contains(AtomicUsage::Add) {
+            true => kernels::products_backward::launch::<Native>,
+            false => kernels::products_backward::launch::<Exchange>,
+        };
+        let dtables = zeros(tables, tables.meta.shape().clone());
+        for (level, weight) in self.levels() {
+            launch!(
+                launch, positions.meta.shape()[0] * PLANES.len();
+                tables, positions, grad, &dtables;
+                level.offset, level.feature, level.resolution, weight, level.channels
+            );
         }
+        dtables
+    }
+
+    /// One thread per sample, level by level.
+    fn position_gradient(
+        &self,
+        tables: &CubeTensor,
+        positions: &CubeTensor,
+        output: &CubeTensor,
+        grad: &CubeTensor,
+    ) -> CubeTensor {
+        let dpositions = empty_like(positions);
+        let samples = positions.meta.shape()[0];
+        launch!(kernels::frequencies_backward::launch, samples * 3; output, grad, &dpositions; self.layout.frequencies);
+        for (level, weight) in self.levels() {
+            launch!(
+                kernels::products_backward_in_positions::launch, samples;
+                tables, positions, grad, &dpositions;
+                level.offset, level.feature, level.resolution, weight, level.channels
+            );
+        }
+        dpositions
     }
 }

@@ -1,0 +1,126 @@
+//! Host kernels of operations along rays: groups of rays in parallel, each with the processor's widest vectors.
+
+use std::fmt::Debug;
+
+use burn::backend::Dispatch;
+use burn::tensor::Tensor;
+use rayon::prelude::*;
+
+use crate::Segments;
+use crate::graph::Inputs;
+use crate::groups::{GROUP, Group};
+use crate::kernel::{self, Kernel, Pass};
+use crate::simd::{self, Job};
+
+/// An operation with `N` inputs, each of which holds a row per packed sample, and one row of output per ray, which depends
+/// on that ray's samples alone.
+pub(crate) trait RayKernel<const N: usize>: Debug + Send + Sync + 'static {
+    /// Which samples each ray owns.
+    fn segments(&self) -> &Segments;
+
+    /// Shape of the output, whose first axis is the rays.
+    fn shape(&self) -> Vec<usize>;
+
+    /// Columns of each input.
+    fn widths(&self) -> [usize; N] {
+        [1; N]
+    }
+
+    /// Fills a group's rows of the output. Mark the implementation `#[inline(always)]`.
+    fn forward<const FMA: bool>(&self, group: Group<'_>, inputs: [&[f32]; N], out: &mut [f32]);
+
+    /// Writes the gradient of ⟨`grad`, output⟩ with respect to each wanted input of a group into `gradients`, which are 0
+    /// before. Mark the implementation `#[inline(always)]`.
+    fn backward<const FMA: bool>(
+        &self,
+        group: Group<'_>,
+        inputs: [&[f32]; N],
+        grad: &[f32],
+        gradients: [Option<&mut [f32]>; N],
+    );
+}
+
+/// `kernel(inputs)` as a tensor of rank `D`.
+pub(crate) fn apply<K: RayKernel<N>, const N: usize, const D: usize>(
+    kernel: K,
+    inputs: impl Into<Inputs<Dispatch>>,
+) -> Tensor<D> {
+    kernel::apply(AlongRays(kernel), inputs)
+}
+
+/// A [`RayKernel`] as a [`Kernel`].
+#[derive(Debug)]
+struct AlongRays<K, const N: usize>(K);
+
+impl<K: RayKernel<N>, const N: usize> AlongRays<K, N> {
+    fn columns(&self) -> usize {
+        self.0.shape()[1..].iter().product()
+    }
+
+    /// A group's rows of each input.
+    fn rows<'a>(&self, group: Group<'_>, inputs: &[&'a [f32]]) -> [&'a [f32]; N] {
+        let (samples, widths) = (group.samples(), self.0.widths());
+        std::array::from_fn(|i| &inputs[i][samples.start * widths[i]..samples.end * widths[i]])
+    }
+}
+
+impl<K: RayKernel<N>, const N: usize> Kernel for AlongRays<K, N> {
+    fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
+        self.0.shape()
+    }
+
+    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
+        let (segments, columns) = (self.0.segments(), self.columns());
+        let mut out = vec![0.0; segments.rays() * columns];
+        segments.groups().zip(out.par_chunks_mut(GROUP * columns)).for_each(|(group, out)| {
+            simd::run(Forward { kernel: &self.0, group, inputs: self.rows(group, inputs), out });
+        });
+        out
+    }
+
+    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+        let (segments, widths) = (self.0.segments(), self.0.widths());
+        let gradient = |(input, wanted): (&&[f32], &bool)| wanted.then(|| vec![0.0; input.len()]);
+        let mut gradients: Vec<Option<Vec<f32>>> = pass.inputs.iter().zip(wanted).map(gradient).collect();
+        let mut parts: Vec<[Option<&mut [f32]>; N]> = segments.groups().map(|_| [const { None }; N]).collect();
+        for (i, gradient) in gradients.iter_mut().enumerate() {
+            let split = gradient.iter_mut().flat_map(|gradient| segments.split_mut(gradient, widths[i]));
+            parts.iter_mut().zip(split).for_each(|(part, split)| part[i] = Some(split));
+        }
+        let grads = pass.grad.par_chunks(GROUP * self.columns());
+        segments.groups().zip(parts).zip(grads).for_each(|((group, gradients), grad)| {
+            let inputs = self.rows(group, pass.inputs);
+            simd::run(Backward { kernel: &self.0, group, inputs, grad, gradients });
+        });
+        gradients
+    }
+}
+
+struct Forward<'a, K, const N: usize> {
+    kernel: &'a K,
+    group: Group<'a>,
+    inputs: [&'a [f32]; N],
+    out: &'a mut [f32],
+}
+
+impl<K: RayKernel<N>, const N: usize> Job for Forward<'_, K, N> {
+    #[inline(always)]
+    fn run<const FMA: bool>(self) {
+        self.kernel.forward::<FMA>(self.group, self.inputs, self.out);
+    }
+}
+
+struct Backward<'a, K, const N: usize> {
+    kernel: &'a K,
+    group: Group<'a>,
+    inputs: [&'a [f32]; N],
+    grad: &'a [f32],
+    gradients: [Option<&'a mut [f32]>; N],
+}
+
+impl<K: RayKernel<N>, const N: usize> Job for Backward<'_, K, N> {
+    #[inline(always)]
+    fn run<const FMA: bool>(self) {
+        self.kernel.backward::<FMA>(self.group, self.inputs, self.grad, self.gradients);
+    }
+}

@@ -1,0 +1,83 @@
+//! Encodings and their gradients with respect to positions and variances: every body against the oracle in `f64`, and the
+//! oracle against finite differences.
+
+mod common;
+
+use burn::tensor::Tensor;
+use common::{Body, Draws, floats, matrix, wide};
+use infonerf_ops::{frequency, frequency_encode, integrated, integrated_encode, reference};
+
+/// Error of a sine; the same of a gradient relative to the highest frequency, whose sines it is made of.
+const WAVE: f64 = 3e-7;
+const WINDOW: [f32; 6] = [1.0, 1.0, 0.5, 1.0, 0.25, 0.0];
+
+/// An encoding of rows of three means and three variances, the latter unused by the plain one.
+fn encode(body: Body, integrate: bool, means: Tensor<2>, variances: Tensor<2>) -> Tensor<2> {
+    match (body, integrate) {
+        (Body::Kernel, true) => integrated_encode(means, variances, WINDOW.len(), &WINDOW),
+        (Body::Kernel, false) => frequency_encode(means, WINDOW.len(), &WINDOW),
+        (_, true) => integrated::plain(means, variances, &WINDOW),
+        (_, false) => frequency::plain(means, &WINDOW),
+    }
+}
+
+#[test]
+fn bodies_match_the_oracle_in_value_and_gradient() {
+    let mut draws = Draws(8);
+    let means: Vec<f32> = (0..300).map(|_| 3.0 * draws.signed()).collect();
+    let variances: Vec<f32> = (0..300).map(|_| 10f64.powf(draws.unit() * 4.0 - 4.0) as f32).collect();
+    let window = wide(&WINDOW);
+    for (body, integrate) in Body::ALL.into_iter().flat_map(|body| [(body, false), (body, true)]) {
+        let device = body.device().autodiff();
+        let [m, v] = [&means, &variances].map(|rows| matrix(rows, 3, &device).require_grad());
+        let out = encode(body, integrate, m.clone(), v.clone());
+        let [rows, columns] = out.dims();
+        let upstream: Vec<f32> = (0..rows * columns).map(|_| draws.signed()).collect();
+        let grads = (out.clone() * matrix(&upstream, columns, &device)).sum().backward();
+        let (out, dmeans) = (floats(out), floats(m.grad(&grads).unwrap()));
+        let dvariances = v.grad(&grads).map(floats);
+        assert_eq!(dvariances.is_some(), integrate, "{body:?}");
+        // The plain encoding has the point itself first.
+        let first = columns - 6 * WINDOW.len();
+        for (i, (&x, &variance)) in means.iter().zip(&variances).enumerate() {
+            let (x, variance) = (f64::from(x), if integrate { f64::from(variance) } else { 0.0 });
+            let (start, axis) = (i / 3 * columns, i % 3);
+            let at = |l: usize, cosine: usize| start + first + 6 * l + 3 * cosine + axis;
+            let want = reference::waves(x, variance, &window);
+            let u: Vec<[f64; 2]> = (0..want.len()).map(|l| [0, 1].map(|c| f64::from(upstream[at(l, c)]))).collect();
+            for (l, want) in want.iter().enumerate() {
+                for (cosine, want) in want.iter().enumerate() {
+                    assert!((out[at(l, cosine)] - want).abs() <= WAVE, "{body:?}, {x}, frequency {l}");
+                }
+            }
+            let [mut along, fading] = reference::waves_gradient(x, variance, &window, &u);
+            if !integrate {
+                along += f64::from(upstream[start + axis]);
+            }
+            let highest = 2f64.powi(WINDOW.len() as i32);
+            assert!((dmeans[i] - along).abs() <= WAVE * highest, "{body:?}, {x}: {} against {along}", dmeans[i]);
+            if let Some(dvariances) = &dvariances {
+                let got = dvariances[i];
+                assert!((got - fading).abs() <= WAVE * highest * highest, "{body:?}, {x}: {got} against {fading}");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_oracle_against_finite_differences() {
+    const STEP: f64 = 1e-6;
+    let (window, mut draws) = (wide(&WINDOW), Draws(9));
+    for _ in 0..50 {
+        let (x, variance) = (draws.signed().into(), 0.01 * draws.unit() + 1e-4);
+        let u: Vec<[f64; 2]> = window.iter().map(|_| [0, 1].map(|_| draws.signed().into())).collect();
+        let value = |x: f64, variance: f64| -> f64 {
+            reference::waves(x, variance, &window).iter().zip(&u).map(|(w, u)| w[0] * u[0] + w[1] * u[1]).sum()
+        };
+        let [along, fading] = reference::waves_gradient(x, variance, &window, &u);
+        let difference = (value(x + STEP, variance) - value(x - STEP, variance)) / (2.0 * STEP);
+        approx::assert_abs_diff_eq!(along, difference, epsilon = 1e-6);
+        let difference = (value(x, variance + STEP) - value(x, variance - STEP)) / (2.0 * STEP);
+        approx::assert_abs_diff_eq!(fading, difference, epsilon = 1e-4);
+    }
+}
