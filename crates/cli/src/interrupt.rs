@@ -1,12 +1,15 @@
 //! Ctrl-C: finish the step or picture at hand, save, stop.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use infonerf_experiment::Control;
 
 use crate::print::errln;
 
 static ASKED: AtomicBool = AtomicBool::new(false);
+/// Nothing is running that would have to finish.
+static IDLE: AtomicBool = AtomicBool::new(false);
 
 /// Installs the handler. A second Ctrl-C ends the process at once.
 pub(crate) fn install() -> anyhow::Result<()> {
@@ -14,7 +17,9 @@ pub(crate) fn install() -> anyhow::Result<()> {
         if ASKED.swap(true, Ordering::SeqCst) {
             std::process::exit(130);
         }
-        errln!("\nstopping after this step; press Ctrl-C again to stop at once");
+        if !IDLE.load(Ordering::SeqCst) {
+            errln!("\nstopping after this step; press Ctrl-C again to stop at once");
+        }
     })?;
     Ok(())
 }
@@ -27,4 +32,12 @@ pub(crate) fn asked() -> bool {
 /// What the user wants of a run.
 pub(crate) fn control() -> Control {
     if asked() { Control::Stop } else { Control::Continue }
+}
+
+/// Waits for Ctrl-C, with nothing running.
+pub(crate) fn wait() {
+    IDLE.store(true, Ordering::SeqCst);
+    while !asked() {
+        std::thread::sleep(Duration::from_millis(50));
+    }
 }

@@ -10,6 +10,8 @@ use infonerf_experiment::{Control, OpenDevice};
 use infonerf_view::{Server, TrainingControl};
 
 use crate::interrupt;
+use crate::output::Output;
+use crate::terminal::is_terminal;
 
 /// How often a page that is open gets a newer field.
 const REFRESH: Duration = Duration::from_secs(3);
@@ -31,12 +33,23 @@ impl Live {
         std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
         let control = TrainingControl::default();
         let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-        let server = Server::start(folder, address, device, Some(control.clone())).context("--view")?;
+        let server = Server::start(&[folder.to_owned()], address, device, Some(control.clone())).context("--view")?;
         Ok(Self { server, control, saved: Cell::new(Instant::now()) })
     }
 
     pub(crate) fn url(&self) -> String {
         self.server.url()
+    }
+
+    /// Keeps serving the finished runs in `folder` until Ctrl-C where somebody is at the terminal; elsewhere says how to
+    /// look at them again.
+    pub(crate) fn keep(&self, folder: &Path, output: Output) {
+        self.control.end();
+        if output == Output::Text && is_terminal() {
+            output.say(format_args!("{} still shows the runs (Ctrl-C ends)", self.url()));
+            interrupt::wait();
+        }
+        output.say(format_args!("to look at the runs again: infonerf view {}", folder.display()));
     }
 
     /// What the page wants, or Ctrl-C. Does not return while training is paused.

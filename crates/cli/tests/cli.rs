@@ -525,3 +525,14 @@ fn output_that_nobody_reads_loses_nothing() {
     assert!(text(&output.stderr).contains("standard output: No space left"), "{}", text(&output.stderr));
     assert_eq!(records(&place.path("full/fast-losses")).len(), 1);
 }
+
+#[test]
+fn a_page_beside_training_says_where_to_look_afterwards() {
+    let place = Workplace::new();
+    let exp = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--view", "0"];
+    let output = place.tiny(&exp).succeeds();
+    let said = text(&output.stdout);
+    assert!(said.contains("live at http://127.0.0.1:"), "{said}");
+    assert!(said.ends_with("to look at the runs again: infonerf view runs/fast-losses\n"), "{said}");
+    assert!(!text(&output.stderr).contains("HTTP"), "{}", text(&output.stderr));
+}

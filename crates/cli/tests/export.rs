@@ -148,11 +148,11 @@ fn exports_that_cannot_be_made() {
     export(&["--out", "runs"]).fails_with(&["runs", "expected a file"]);
     export(&["--out", "/proc/nowhere/mesh.ply"]).fails_with(&["/proc/nowhere"]);
     export(&["--device", "vulkan"]).fails_with(&["not built in"]);
-    // Nothing is half opaque in 0.005 scene units of a field that has only begun.
+    // Nothing is half opaque in a field that has only begun.
     let begun = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", "begun"];
     place.tiny(&begun).succeeds();
     let run = "begun/fast-losses/knot/nerf/seed0";
-    place.run(&["export", run, "--format", "ply"]).fails_with(&["no surface", "lower resolution"]);
+    place.run(&["export", run, "--format", "ply"]).fails_with(&["no surface", "expected at least 0.5"]);
     fs::remove_dir_all(place.path(run).join("checkpoint")).unwrap();
     fs::remove_dir_all(place.path(run).join("checkpoint.previous")).unwrap();
     place.run(&["export", run, "--format", "ply"]).fails_with(&["expected a checkpoint"]);

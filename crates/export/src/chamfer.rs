@@ -2,17 +2,17 @@ use glam::Vec3;
 use kd_tree::KdTree;
 use rayon::prelude::*;
 
-/// How far two sets of points are from each other, scene units.
+/// The distance between two sets of points, scene units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chamfer {
-    /// Mean distance of the points found from the nearest of the truth: accuracy.
+    /// Accuracy: the mean distance of the points found to the nearest true one.
     pub accuracy: f64,
-    /// Mean distance of the points of the truth from the nearest found: completeness.
+    /// Completeness: the mean distance of the true points to the nearest one found.
     pub completeness: f64,
 }
 
 impl Chamfer {
-    /// The chamfer distance as DTU's protocol has it: the mean of accuracy and completeness (distances, not their
+    /// The chamfer distance of DTU's protocol: the mean of accuracy and completeness (distances, not their
     /// squares).
     pub fn mean(&self) -> f64 {
         0.5 * (self.accuracy + self.completeness)

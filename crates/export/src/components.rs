@@ -6,7 +6,7 @@ use petgraph::unionfind::UnionFind;
 /// Components of less than this share of the largest one's area are small.
 const SMALL: f32 = 1e-3;
 
-/// The surface without its small components and without vertices that no triangle uses, and how many components were left
+/// The surface without its small components and without vertices that no triangle uses, and the number of components left
 /// out.
 pub(crate) fn without_small(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> (Vec<Vec3>, Vec<[u32; 3]>, usize) {
     let mut components = UnionFind::<u32>::new(positions.len());

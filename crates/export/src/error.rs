@@ -7,14 +7,18 @@ pub enum ExportError {
         /// What was asked for.
         found: usize,
     },
-    /// No voxel is dense enough.
+    /// No ray of a camera is half absorbed.
     #[error(
-        "the field has no surface: a voxel at resolution {resolution} is opaque from density {level:.3} on, and the greatest \
-         is {densest:.3}; a lower resolution has a lower level"
+        "the field has no surface: of all rays of the training cameras the most opaque has opacity {most:.2}, expected at \
+         least 0.5; train it longer"
     )]
+    Transparent {
+        /// The greatest opacity of a ray.
+        most: f32,
+    },
+    /// No voxel reaches the density of the surface.
+    #[error("the field has no surface: expected a voxel of density {level:.3}, found at most {densest:.3}")]
     NoSurface {
-        /// Voxels along the longest side.
-        resolution: usize,
         /// The density of the surface, 1/scene unit.
         level: f32,
         /// The greatest density of the grid, 1/scene unit.

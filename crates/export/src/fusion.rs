@@ -1,27 +1,29 @@
-//! From pictures of distances to a grid.
+//! Depth maps fused into a grid.
+
+use std::f32::consts::LN_2;
 
 use infonerf_scene::{Aabb, Camera};
 use rayon::prelude::*;
 
 use crate::{ExportError, Grid};
 
-/// Voxels before and behind a surface in which distances to it count.
+/// Truncation distance μ of the signed distance, in voxels.
 const TRUNCATION: f32 = 3.0;
 /// The greatest opacity of a voxel, so that its density is finite.
 const MOST_OPAQUE: f32 = 0.999;
 
-/// How far a camera sees.
+/// The depth that a camera sees.
 #[derive(Clone, Debug)]
 pub struct DepthMap {
     /// The camera.
     pub camera: Camera,
-    /// Distance along each pixel's ray in scene units, row by row; infinite where it meets nothing.
+    /// Distance along each pixel's ray in scene units, row by row; infinite where it hits nothing.
     pub depth: Vec<f32>,
 }
 
 impl DepthMap {
-    /// How far the surface that is seen behind or before `point` is from it along the ray, positive if the point is before
-    /// it, infinite before nothing at all; `None` where the camera does not see.
+    /// The distance along the camera's ray from `point` to the surface that it sees: positive in front of the surface, negative
+    /// behind it, infinite where the ray hits nothing. `None` outside the picture.
     fn signed_distance(&self, point: glam::Vec3) -> Option<f32> {
         let pixel = self.camera.project(point)?;
         let within = pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < self.camera.width as f32;
@@ -35,22 +37,22 @@ impl DepthMap {
 
 impl Grid {
     /// Fuses `maps` at `resolution` voxels along the longest side of `bounds` (Curless and Levoy 1996): the signed distance d
-    /// of a voxel is the mean of `min(dᵢ, μ)` over the maps in which it is no more than μ behind what is seen, with μ of
-    /// three voxels. A voxel that all of them see as hidden, or none sees, is solid.
+    /// of a voxel is the mean of `min(dᵢ, μ)` over the maps with `dᵢ ≥ −μ`, where μ is three voxels. A voxel without such a map,
+    /// which is hidden or outside every picture, is solid.
     ///
-    /// The density is that of the opacity `½ − d/2μ`, so that the surface lies where d is 0.
+    /// The density has the opacity `½ − d/2μ` over one scene unit, so the surface (σ = ln 2) is where d = 0.
     ///
     /// # Errors
     /// If the resolution is out of [`crate::RESOLUTIONS`].
     ///
     /// # Panics
-    /// If a map has not one distance per pixel.
+    /// If a map does not have one depth per pixel.
     pub fn fuse(bounds: Aabb, resolution: usize, maps: &[DepthMap]) -> Result<Self, ExportError> {
         for map in maps {
             let pixels = map.camera.width as usize * map.camera.height as usize;
             assert_eq!(map.depth.len(), pixels, "a distance for every pixel");
         }
-        let mut grid = Self::empty(bounds, resolution)?;
+        let mut grid = Self::empty(bounds, resolution, LN_2)?;
         let reach = TRUNCATION * grid.voxel;
         let distance = |index: usize| {
             let point = grid.point(index);
@@ -60,7 +62,7 @@ impl Grid {
         };
         let density = |index| {
             let opacity = (0.5 - 0.5 * distance(index) / reach).clamp(0.0, MOST_OPAQUE);
-            -(-opacity).ln_1p() / grid.voxel
+            -(-opacity).ln_1p()
         };
         grid.density = (0..grid.len()).into_par_iter().map(density).collect();
         Ok(grid)

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use crate::encode::{linear, push};
 use crate::{ExportError, Mesh};
 
-/// Numbers that the specification gives to types of components and to uses of buffers.
+/// Component types and buffer targets of the specification.
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;
 const FLOAT: u32 = 5126;
@@ -16,8 +16,8 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 /// A mesh as `.glb`. `up` is the world's up direction, which the file's node turns to glTF's +y; vertices keep
 /// the scene's coordinates.
 ///
-/// Colours are stored linear, as glTF wants them, and the material is unlit (`KHR_materials_unlit`), as the light is in the
-/// colours already.
+/// Colours are stored linear, as in all of glTF, and the material is unlit (`KHR_materials_unlit`), as the
+/// colours include the light.
 ///
 /// # Errors
 /// If the mesh is larger than the format allows, 4 GB.
@@ -80,7 +80,7 @@ pub fn glb(mesh: &Mesh, up: Vec3) -> Result<Vec<u8>, ExportError> {
     container(document.to_string().into_bytes(), buffer.bytes)
 }
 
-/// Linear colours in 16 bits, with an alpha of 1 so that each takes 8 bytes, as alignment wants.
+/// Linear colours in 16 bits, with an alpha of 1 so that each takes 8 bytes, for alignment.
 fn colors(colors: &[[f32; 3]]) -> Vec<u8> {
     let of_color = |color: &[f32; 3]| {
         let [r, g, b] = color.map(|channel| (linear(channel) * f32::from(u16::MAX)).round() as u16);
@@ -94,7 +94,7 @@ fn corner(points: &[Vec3], pick: fn(Vec3, Vec3) -> Vec3) -> [f32; 3] {
     points.iter().copied().reduce(pick).unwrap_or(Vec3::ZERO).to_array()
 }
 
-/// The one buffer of a document, and what describes its parts.
+/// The buffer of a document, with its views and accessors.
 #[derive(Default)]
 struct Buffer {
     bytes: Vec<u8>,

@@ -1,4 +1,3 @@
-use std::f32::consts::LN_2;
 use std::ops::RangeInclusive;
 
 use glam::{UVec3, Vec3};
@@ -6,10 +5,10 @@ use infonerf_scene::Aabb;
 
 use crate::{ExportError, Volume};
 
-/// Voxels along the longest side that a grid can have. At the greatest a grid takes 0.5 GB, its surface three times as much.
+/// Voxels along the longest side of a grid. The largest grid takes 0.5 GB, its surface three times as much.
 pub const RESOLUTIONS: RangeInclusive<usize> = 2..=512;
 
-/// Points at which a volume is asked at a time: bounds the memory.
+/// Points per query of a volume: bounds the memory.
 const CHUNK: usize = 1 << 18;
 
 /// Densities at the centres of cubic voxels that fill a box.
@@ -23,15 +22,18 @@ pub struct Grid {
     pub size: UVec3,
     /// Density σ ≥ 0 of each voxel, 1/scene unit; x runs fastest, z slowest.
     pub density: Vec<f32>,
+    /// The density of the surface, 1/scene unit.
+    pub level: f32,
 }
 
 impl Grid {
-    /// Asks `volume` at `resolution` voxels along the longest side of its box and as many as it takes along the others.
+    /// Samples `volume` at `resolution` voxels along the longest side of its box and as many as it takes along the others. Its
+    /// surface has the density `level`, see [`surface_density`](crate::surface_density).
     ///
     /// # Errors
     /// If the resolution is out of [`RESOLUTIONS`].
-    pub fn sample(volume: &dyn Volume, resolution: usize) -> Result<Self, ExportError> {
-        let mut grid = Self::empty(volume.bounds(), resolution)?;
+    pub fn sample(volume: &dyn Volume, resolution: usize, level: f32) -> Result<Self, ExportError> {
+        let mut grid = Self::empty(volume.bounds(), resolution, level)?;
         let count = grid.len();
         let mut density = Vec::with_capacity(count);
         for start in (0..count).step_by(CHUNK) {
@@ -43,7 +45,7 @@ impl Grid {
     }
 
     /// The voxels of a box, without densities.
-    pub(crate) fn empty(bounds: Aabb, resolution: usize) -> Result<Self, ExportError> {
+    pub(crate) fn empty(bounds: Aabb, resolution: usize, level: f32) -> Result<Self, ExportError> {
         if !RESOLUTIONS.contains(&resolution) {
             return Err(ExportError::Resolution { found: resolution });
         }
@@ -52,7 +54,7 @@ impl Grid {
         // A side that is a whole number of voxels has that many, whatever the rounding.
         let size = (sides / voxel - 1e-3).ceil().as_uvec3().max(UVec3::ONE);
         let origin = bounds.centre() - 0.5 * voxel * (size.as_vec3() - 1.0);
-        Ok(Self { origin, voxel, size, density: Vec::new() })
+        Ok(Self { origin, voxel, size, density: Vec::new(), level })
     }
 
     /// Number of voxels.
@@ -60,7 +62,7 @@ impl Grid {
         self.size.to_array().map(|n| n as usize).iter().product()
     }
 
-    /// Whether there are no voxels, which is never.
+    /// Always false: a grid has at least one voxel.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -72,14 +74,9 @@ impl Grid {
         self.origin + self.voxel * place
     }
 
-    /// The density at which a voxel lets half of the light through, `ln 2 / voxel`: that of the surface.
-    pub fn level(&self) -> f32 {
-        LN_2 / self.voxel
-    }
-
-    /// The opacity `1 − exp(−σ · voxel)` of the voxel `index`.
+    /// The opacity `1 − 2^(−σ/level)` of the voxel `index`, which is ½ where σ is the surface's density.
     pub(crate) fn opacity(&self, index: usize) -> f32 {
-        -(-self.density[index] * self.voxel).exp_m1()
+        1.0 - (-self.density[index] / self.level).exp2()
     }
 }
 
@@ -91,17 +88,17 @@ mod tests {
     #[test]
     fn voxels_are_cubes_that_fill_the_box() {
         let bounds = Aabb { min: Vec3::new(-1.0, 0.0, 2.0), max: Vec3::new(1.0, 1.0, 2.3) };
-        let grid = Grid::empty(bounds, 8).unwrap();
+        let grid = Grid::empty(bounds, 8, 1.0).unwrap();
         assert_eq!((grid.voxel, grid.size), (0.25, UVec3::new(8, 4, 2)));
         assert_eq!(grid.point(0).truncate(), Vec3::new(-0.875, 0.125, 0.0).truncate());
         let last = grid.point(grid.len() - 1);
         assert!((last - Vec3::new(0.875, 0.875, 2.275)).length() < 1e-6, "{last}");
-        assert_eq!(Grid::empty(Aabb::cube(Vec3::ONE, 1.3), 200).unwrap().size, UVec3::splat(200));
+        assert_eq!(Grid::empty(Aabb::cube(Vec3::ONE, 1.3), 200, 1.0).unwrap().size, UVec3::splat(200));
     }
 
     #[test]
     fn densities_are_those_of_the_volume() {
-        let grid = Grid::sample(&Ball { radius: 1.0, sharpness: 20.0 }, 16).unwrap();
+        let grid = Grid::sample(&Ball { radius: 1.0, sharpness: 20.0 }, 16, 1.0).unwrap();
         assert_eq!(grid.density.len(), grid.len());
         for (index, density) in grid.density.iter().enumerate() {
             let expected = Ball { radius: 1.0, sharpness: 20.0 }.density(&[grid.point(index)])[0];
@@ -110,16 +107,9 @@ mod tests {
     }
 
     #[test]
-    fn the_level_is_half_opaque() {
-        let mut grid = Grid::empty(Aabb::cube(Vec3::ZERO, 1.0), 10).unwrap();
-        grid.density = vec![grid.level(); grid.len()];
-        assert!((grid.opacity(5) - 0.5).abs() < 1e-6);
-    }
-
-    #[test]
     fn resolutions_out_of_range_are_refused() {
         for found in [0, 1, 513, usize::MAX] {
-            let text = Grid::sample(&Ball { radius: 1.0, sharpness: 20.0 }, found).unwrap_err().to_string();
+            let text = Grid::sample(&Ball { radius: 1.0, sharpness: 20.0 }, found, 1.0).unwrap_err().to_string();
             assert_eq!(text, format!("resolution: expected 2 to 512 voxels, found {found}"));
         }
     }

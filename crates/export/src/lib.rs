@@ -2,11 +2,11 @@
 //!
 //! ```text
 //! Volume, or depth maps ─► Grid (densities) ─► Surface (triangles) ─► Mesh (with colours) ─► ply, obj, glb, points
-//!                                └─► npz                     └─► Gaussian ─► splat
+//!      └─► surface_density ─►┘   └─► npz                     └─► Gaussian ─► refine ─► splat
 //! ```
 //!
 //! A field is anything that implements [`Volume`]: density and colour at points of the world. Writers are pure functions
-//! from what is written to the bytes of the file.
+//! that return the bytes of the file.
 //!
 //! ```
 //! use glam::Vec3;
@@ -30,7 +30,7 @@
 //!     }
 //! }
 //!
-//! let grid = Grid::sample(&Ball, 64)?;
+//! let grid = Grid::sample(&Ball, 64, 50.0)?;
 //! let mesh = Mesh::new(Surface::extract(&grid)?, &Ball);
 //! std::fs::write(std::env::temp_dir().join("ball.ply"), ply_mesh(&mesh)).unwrap();
 //! # Ok::<(), infonerf_export::ExportError>(())
@@ -43,10 +43,12 @@ mod error;
 mod fusion;
 mod glb;
 mod grid;
+mod level;
 mod mesh;
 mod npz;
 mod obj;
 mod ply;
+mod refine;
 mod shading;
 mod simplify;
 mod splat;
@@ -59,10 +61,12 @@ pub use error::ExportError;
 pub use fusion::DepthMap;
 pub use glb::glb;
 pub use grid::{Grid, RESOLUTIONS};
+pub use level::surface_density;
 pub use mesh::Mesh;
 pub use npz::npz;
 pub use obj::obj;
 pub use ply::{ply_mesh, ply_points};
+pub use refine::{Target, refine};
 pub use splat::{Gaussian, gaussians, ply_splats};
 pub use splatter::splat_picture;
 pub use surface::Surface;

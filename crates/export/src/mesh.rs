@@ -23,8 +23,8 @@ impl Mesh {
 }
 
 impl Surface {
-    /// `count` points spread over the surface, evenly by area and at random within triangles; the same ones each time.
-    /// None where there is no area.
+    /// `count` points spread over the surface, evenly by area and at random within triangles, from a fixed seed.
+    /// Empty if the surface has no area.
     pub fn sample(&self, count: usize) -> Vec<Vec3> {
         let corners = |triangle: &[u32; 3]| triangle.map(|vertex| self.positions[vertex as usize]);
         let areas = self.triangles.iter().map(corners).map(|[a, b, c]| f64::from((b - a).cross(c - a).length()));

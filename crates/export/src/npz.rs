@@ -10,7 +10,7 @@ use crate::{ExportError, Grid, Volume};
 
 /// Voxels whose opacity is below this have no colour: it would not show in 8 bits.
 const LEAST_OPACITY: f32 = 0.5 / 255.0;
-/// Voxels that are asked for colour at a time.
+/// Voxels per query of colours: bounds the memory.
 const CHUNK: usize = 1 << 14;
 /// Directions of view over which a voxel's colour is averaged.
 const DIRECTIONS: [Vec3; 6] = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3::Z, Vec3::NEG_Z];
@@ -19,7 +19,7 @@ const DIRECTIONS: [Vec3; 6] = [Vec3::X, Vec3::NEG_X, Vec3::Y, Vec3::NEG_Y, Vec3:
 ///
 /// - `density`, float32 `[nz, ny, nx]`: σ in 1/scene unit, of the voxel whose centre is `origin + voxel · (x, y, z)`;
 /// - `color`, uint8 `[nz, ny, nx, 3]`: display-encoded RGB, the mean over six directions of view along the axes; 0 where the
-///   voxel is as good as empty;
+///   voxel is practically empty;
 /// - `origin`, float32 `[3]`, and `voxel`, float32 `[1]`, scene units.
 ///
 /// # Errors

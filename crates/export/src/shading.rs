@@ -1,19 +1,19 @@
-//! Which colour a surface has.
+//! Colours of a surface.
 
 use glam::{DMat4, DVec4, Mat3, Vec3};
 
 use crate::{Surface, Volume};
 
-/// Where along the normal the density is looked at, in voxels: from before the surface to behind it.
+/// Samples along the normal: how far in front of the surface they begin, their distance, both in voxels, and their number.
 const BEFORE: f32 = 1.0;
 const STEP: f32 = 0.5;
 const STEPS: usize = 9;
-/// Vertices that are shaded at a time: bounds the memory.
+/// Vertices per query: bounds the memory.
 const CHUNK: usize = 1 << 14;
 
-/// Where a ray against the normal of each vertex ends: Σ w x / Σ w over nine samples from one voxel before the surface to
-/// three behind, half a voxel apart, with the weights w of volume rendering. The colour there is the one that pictures show,
-/// while that of the first dense voxel is often still the fog's. The vertex itself where there is no density at all.
+/// The expected end Σ w x / Σ w of a ray against the normal of each vertex, over nine samples from one voxel in front of the
+/// surface to three behind it with the weights w of volume rendering. Pictures show the colour there; at the vertex itself it
+/// is often still that of fog. Where there is no density, the vertex.
 pub(crate) fn endpoints(surface: &Surface, volume: &dyn Volume) -> Vec<Vec3> {
     let step = STEP * surface.voxel;
     let depth = |i: usize| i as f32 * step - BEFORE * surface.voxel;
@@ -48,14 +48,14 @@ pub(crate) fn head_on(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume
 pub(crate) struct LinearColor {
     /// RGB.
     pub mean: Vec3,
-    /// What x, y and z of the direction add to it, a column each.
+    /// ∂colour/∂d: a column each for x, y and z of the direction.
     pub slope: Mat3,
 }
 
-/// Directions in which a colour is looked at, as angles to the normal in degrees and how many there are around it.
+/// Directions of view to which a colour is fitted: their angle to the normal in degrees, and their number around it.
 const RINGS: [(f32, usize); 3] = [(0.0, 1), (30.0, 6), (60.0, 6)];
 
-/// The colour of each vertex as a function of the direction, by least squares over 13 directions that see its front.
+/// The colour of each vertex as a linear function of the direction of view, by least squares over 13 directions from its front.
 pub(crate) fn linear(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<LinearColor> {
     let local: Vec<Vec3> = RINGS.iter().flat_map(|&(tilt, count)| ring(tilt.to_radians(), count)).collect();
     let weights = regression(&local);
@@ -99,8 +99,7 @@ fn ring(tilt: f32, count: usize) -> impl Iterator<Item = Vec3> {
     })
 }
 
-/// What each direction's value adds to the coefficients of x, y, z and 1 in the least-squares fit of a linear function:
-/// the columns of `(AᵀA)⁻¹Aᵀ`.
+/// The columns of `(AᵀA)⁻¹Aᵀ`, which give the coefficients of x, y, z and 1 of the least-squares fit of a linear function.
 fn regression(directions: &[Vec3]) -> Vec<DVec4> {
     let rows: Vec<DVec4> = directions.iter().map(|d| d.as_dvec3().extend(1.0)).collect();
     let outer = |v: DVec4| DMat4::from_cols(v * v.x, v * v.y, v * v.z, v * v.w);
@@ -111,13 +110,12 @@ fn regression(directions: &[Vec3]) -> Vec<DVec4> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Grid;
     use crate::volume::testing::Ball;
 
     #[test]
     fn endpoints_lie_where_light_is_stopped() {
         let ball = Ball { radius: 1.0, sharpness: 300.0 };
-        let surface = Surface::extract(&Grid::sample(&ball, 32).unwrap()).unwrap();
+        let surface = ball.surface(32);
         for (end, p) in endpoints(&surface, &ball).iter().zip(&surface.positions) {
             assert!(end.length() < 1.0 + 0.5 * surface.voxel && end.length() > 1.0 - surface.voxel, "{end} for {p}");
         }
@@ -126,7 +124,7 @@ mod tests {
     #[test]
     fn a_linear_colour_is_found_exactly() {
         let ball = Ball { radius: 1.0, sharpness: 100.0 };
-        let surface = Surface::extract(&Grid::sample(&ball, 24).unwrap()).unwrap();
+        let surface = ball.surface(24);
         let points = surface.positions.clone();
         for (color, p) in linear(&surface, &points, &ball).iter().zip(&points) {
             let expected = 0.5 + 0.3 * *p;
@@ -139,7 +137,7 @@ mod tests {
     #[test]
     fn head_on_is_against_the_normal() {
         let ball = Ball { radius: 1.0, sharpness: 100.0 };
-        let surface = Surface::extract(&Grid::sample(&ball, 24).unwrap()).unwrap();
+        let surface = ball.surface(24);
         let colors = head_on(&surface, &surface.positions, &ball);
         for ((color, p), normal) in colors.iter().zip(&surface.positions).zip(&surface.normals) {
             assert!((color[0] - (0.5 + 0.3 * p.x - 0.1 * normal.y)).abs() < 1e-5);

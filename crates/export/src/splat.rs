@@ -6,11 +6,11 @@ use crate::ply::header;
 use crate::shading::{LinearColor, endpoints, frame, linear};
 use crate::{Surface, Volume};
 
-/// Standard deviations of a gaussian in voxels: in the surface, where neighbours are about a voxel apart and have to leave no
-/// holes, and across it.
+/// Standard deviations of a gaussian in voxels: along the surface, where neighbours about a voxel apart must leave no holes, and
+/// across it.
 const WIDTH: f32 = 0.7;
 const THICKNESS: f32 = 0.2;
-/// What a gaussian stops at its centre; renderers allow no more.
+/// Opacity of a gaussian at its centre, the most that renderers allow.
 const OPACITY: f32 = 0.99;
 
 /// A flat gaussian with a colour that is linear in the direction of view.
@@ -29,7 +29,7 @@ pub struct Gaussian {
     pub sh: [[f32; 4]; 3],
 }
 
-/// A gaussian at each vertex of `surface`, tangent to it, with the colours of `volume`.
+/// A gaussian at each vertex of `surface`, tangent to it, with the colours of `volume`: a start for [`refine`](crate::refine).
 pub fn gaussians(surface: &Surface, volume: &dyn Volume) -> Vec<Gaussian> {
     let colors = linear(surface, &endpoints(surface, volume), volume);
     let scale = surface.voxel * Vec3::new(WIDTH, WIDTH, THICKNESS);
@@ -44,8 +44,8 @@ pub fn gaussians(surface: &Surface, volume: &dyn Volume) -> Vec<Gaussian> {
 }
 
 /// Y₀ = √(1/4π), and the factor √(3/4π) of the harmonics of degree 1.
-const DEGREE_0: f32 = 0.282_094_8;
-const DEGREE_1: f32 = 0.488_602_5;
+pub(crate) const DEGREE_0: f32 = 0.282_094_8;
+pub(crate) const DEGREE_1: f32 = 0.488_602_5;
 
 impl Gaussian {
     /// Its colour along the unit `direction` from the eye, display-encoded RGB, at least 0.
@@ -68,7 +68,7 @@ fn harmonics(color: &LinearColor) -> [[f32; 4]; 3] {
     [channel(color.mean.x, red), channel(color.mean.y, green), channel(color.mean.z, blue)]
 }
 
-/// Gaussians as the PLY that 3DGS writes and its viewers read: positions, normals, `f_dc`, `f_rest` (channel by channel),
+/// Gaussians as PLY in the layout of 3DGS: positions, normals, `f_dc`, `f_rest` (channel by channel),
 /// the logit of the opacity, the logarithm of the scales, and rotations as (w, x, y, z).
 pub fn ply_splats(gaussians: &[Gaussian]) -> Vec<u8> {
     let numbered = |name: &'static str, count: usize| (0..count).map(move |i| format!("float {name}_{i}"));
@@ -105,13 +105,12 @@ pub fn ply_splats(gaussians: &[Gaussian]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Grid;
     use crate::volume::testing::Ball;
 
     #[test]
     fn gaussians_are_tangent_and_show_the_volumes_colour() {
         let ball = Ball { radius: 1.0, sharpness: 100.0 };
-        let surface = Surface::extract(&Grid::sample(&ball, 24).unwrap()).unwrap();
+        let surface = ball.surface(24);
         let splats = gaussians(&surface, &ball);
         assert_eq!(splats.len(), surface.positions.len());
         let ends = endpoints(&surface, &ball);

@@ -1,66 +1,107 @@
 //! Pictures of gaussians, as viewers of 3DGS show them.
 
+use std::ops::Range;
+
 use glam::{Mat3, Vec2, Vec3};
 use infonerf_scene::Camera;
 use rayon::prelude::*;
 
 use crate::Gaussian;
 
-/// Nearer to the camera than this many of its own standard deviations a gaussian is left out: the projection is linearised
-/// about its centre.
+/// A gaussian nearer to the camera than this many of its standard deviations is left out: the projection is linearised about
+/// its centre.
 const NEAREST: f32 = 3.0;
-/// Pixels² that the projected variance is widened by, so that no gaussian falls between pixels.
+/// Added to the projected variances, pixels², so that no gaussian falls between pixels.
 const WIDENED: f32 = 0.3;
-/// A gaussian stops at most this share of the light, and less than the second is left out.
-const MOST_ALPHA: f32 = 0.99;
+/// The largest opacity of a gaussian at a pixel, and the smallest one that is blended.
+pub(crate) const MOST_ALPHA: f32 = 0.99;
 const LEAST_ALPHA: f32 = 1.0 / 255.0;
-/// Transmittance below which a pixel is done.
+/// Transmittance below which nothing more is blended.
 const DONE: f32 = 1e-4;
 
-/// The picture of `gaussians` that `camera` sees, row-major, by EWA splatting as 3DGS does it (Kerbl et al. 2023, Sec. 4 and 6):
-/// front to back, `α = min(0.99, opacity · exp(−½ dᵀ Σ′⁻¹ d))` with the projected covariance
-/// `Σ′ = J W Σ Wᵀ Jᵀ + 0.3 I`, on a background. A lens is left out of account; for checks, not for speed.
+/// The picture of `gaussians` that `camera` sees, row-major, by EWA splatting as in 3DGS (Kerbl et al. 2023, Sec. 4 and 6): front
+/// to back, `α = min(0.99, opacity · exp(−½ dᵀ Σ′⁻¹ d))` with the projected covariance `Σ′ = J W Σ Wᵀ Jᵀ + 0.3 I`, on a
+/// background. The camera's lens is ignored. A reference: exact rather than fast.
 pub fn splat_picture(gaussians: &[Gaussian], camera: &Camera, background: [f32; 3]) -> Vec<[f32; 3]> {
-    let mut splats: Vec<Splat> = gaussians.par_iter().filter_map(|gaussian| Splat::of(gaussian, camera)).collect();
-    splats.par_sort_by(|a, b| a.depth.total_cmp(&b.depth));
-    let width = camera.width as usize;
-    let row = |y: usize| {
-        let mut pixels = vec![(Vec3::ZERO, 1.0f32); width];
-        for splat in splats.iter().filter(|splat| (splat.centre.y - y as f32 - 0.5).abs() <= splat.reach.y) {
-            let columns = (splat.centre.x - splat.reach.x).max(0.0) as usize
-                ..((splat.centre.x + splat.reach.x).ceil().max(0.0) as usize).min(width);
-            for x in columns {
-                let (color, passes) = &mut pixels[x];
-                let alpha = splat.alpha(Vec2::new(x as f32 + 0.5, y as f32 + 0.5));
-                if *passes > DONE && alpha >= LEAST_ALPHA {
-                    *color += *passes * alpha * splat.color;
-                    *passes *= 1.0 - alpha;
+    let splats = Splats::project(gaussians, camera);
+    let background = Vec3::from_array(background);
+    let row = |y| {
+        let mut colors = vec![Vec3::ZERO; splats.width];
+        let passes = splats.blend(y, |x, splat, alpha, passes| colors[x] += passes * alpha * splats.list[splat].color);
+        colors.into_iter().zip(passes).map(move |(color, passes)| (color + passes * background).to_array())
+    };
+    (0..splats.rows.len()).into_par_iter().flat_map_iter(row).collect()
+}
+
+/// What a camera sees of gaussians, front to back.
+pub(crate) struct Splats {
+    pub(crate) list: Vec<Splat>,
+    /// For each row of the picture the splats that reach it, front to back.
+    pub(crate) rows: Vec<Vec<u32>>,
+    width: usize,
+}
+
+impl Splats {
+    pub(crate) fn project(gaussians: &[Gaussian], camera: &Camera) -> Self {
+        let project = |(index, gaussian)| Splat::of(index, gaussian, camera);
+        let mut list: Vec<Splat> = gaussians.par_iter().enumerate().filter_map(project).collect();
+        list.par_sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.index.cmp(&b.index)));
+        let mut rows = vec![Vec::new(); camera.height as usize];
+        for (number, splat) in (0..).zip(&list) {
+            for y in pixels(splat.centre.y, splat.reach.y, rows.len()) {
+                rows[y].push(number);
+            }
+        }
+        Self { list, rows, width: camera.width as usize }
+    }
+
+    /// Blends row `y` front to back. Calls `visit(x, splat, α, T)` for each contribution, where T is the transmittance before it;
+    /// returns the transmittance of each pixel behind all of them.
+    pub(crate) fn blend(&self, y: usize, mut visit: impl FnMut(usize, usize, f32, f32)) -> Vec<f32> {
+        let mut passes = vec![1.0; self.width];
+        for &number in &self.rows[y] {
+            let splat = &self.list[number as usize];
+            for x in pixels(splat.centre.x, splat.reach.x, self.width) {
+                let alpha = splat.alpha(splat.offset(x, y));
+                if passes[x] > DONE && alpha >= LEAST_ALPHA {
+                    visit(x, number as usize, alpha, passes[x]);
+                    passes[x] *= 1.0 - alpha;
                 }
             }
         }
-        let background = Vec3::from_array(background);
-        pixels.into_iter().map(move |(color, passes)| (color + passes * background).to_array())
-    };
-    (0..camera.height as usize).into_par_iter().flat_map_iter(row).collect()
+        passes
+    }
+}
+
+/// The pixels of a row or column of `count` whose centres are at most `reach` from `centre`.
+fn pixels(centre: f32, reach: f32, count: usize) -> Range<usize> {
+    let end = ((centre + reach + 0.5).floor().max(0.0) as usize).min(count);
+    ((centre - reach - 0.5).ceil().max(0.0) as usize).min(end)..end
 }
 
 /// A gaussian in a picture.
-struct Splat {
+pub(crate) struct Splat {
+    /// The place of its gaussian in the list.
+    pub(crate) index: usize,
     /// Pixels.
     centre: Vec2,
     /// Half the size of the box in which it shows, pixels.
     reach: Vec2,
+    /// Its half-axes in the picture: Σ′ = Σ a aᵀ + 0.3 I. Pixels.
+    pub(crate) axes: [Vec2; 3],
     /// Σ′⁻¹: its entries xx, xy and yy, 1/pixel².
     conic: Vec3,
-    opacity: f32,
-    color: Vec3,
+    pub(crate) opacity: f32,
+    pub(crate) color: Vec3,
+    /// The direction from the eye, of unit length.
+    pub(crate) direction: Vec3,
     /// Distance along the viewing axis.
     depth: f32,
 }
 
 impl Splat {
     /// The projection of a gaussian; none behind the camera or too near.
-    fn of(gaussian: &Gaussian, camera: &Camera) -> Option<Self> {
+    fn of(index: usize, gaussian: &Gaussian, camera: &Camera) -> Option<Self> {
         // x right, y down, z forward.
         let rotation = Mat3::from_mat4(camera.to_world.as_mat4()) * Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0));
         let eye = camera.position();
@@ -78,20 +119,33 @@ impl Splat {
         let determinant = xx * yy - xy * xy;
         // Beyond this many standard deviations it stops too little.
         let deviations = (2.0 * (gaussian.opacity / LEAST_ALPHA).ln().max(0.0)).sqrt();
+        let direction = (gaussian.position - eye).normalize_or_zero();
         Some(Self {
+            index,
             centre: Vec2::new(cx + fx * p.x / p.z, cy + fy * p.y / p.z),
             reach: deviations * Vec2::new(xx.sqrt(), yy.sqrt()),
+            axes,
             conic: Vec3::new(yy, -xy, xx) / determinant,
             opacity: gaussian.opacity,
-            color: gaussian.color((gaussian.position - eye).normalize_or_zero()),
+            color: gaussian.color(direction),
+            direction,
             depth: p.z,
         })
     }
 
-    fn alpha(&self, pixel: Vec2) -> f32 {
-        let d = pixel - self.centre;
-        let square = self.conic.x * d.x * d.x + 2.0 * self.conic.y * d.x * d.y + self.conic.z * d.y * d.y;
-        (self.opacity * (-0.5 * square).exp()).min(MOST_ALPHA)
+    /// The pixel's centre, relative to the splat's.
+    pub(crate) fn offset(&self, x: usize, y: usize) -> Vec2 {
+        Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - self.centre
+    }
+
+    /// Σ′⁻¹ d.
+    pub(crate) fn whitened(&self, d: Vec2) -> Vec2 {
+        let Vec3 { x: xx, y: xy, z: yy } = self.conic;
+        Vec2::new(xx * d.x + xy * d.y, xy * d.x + yy * d.y)
+    }
+
+    fn alpha(&self, d: Vec2) -> f32 {
+        (self.opacity * (-0.5 * d.dot(self.whitened(d))).exp()).min(MOST_ALPHA)
     }
 }
 

@@ -12,32 +12,31 @@ use crate::{ExportError, Grid};
 pub struct Surface {
     /// Vertices, scene units.
     pub positions: Vec<Vec3>,
-    /// Outward unit normal of each vertex: the mean of its triangles' by area.
+    /// Outward unit normal of each vertex: the area-weighted mean over its triangles.
     pub normals: Vec<Vec3>,
     /// Vertices of each triangle.
     pub triangles: Vec<[u32; 3]>,
-    /// Edge of the voxels that it was made from, scene units.
+    /// Edge of the voxels that it was extracted from, scene units.
     pub voxel: f32,
     /// How many components were left out for being small.
     pub dropped: usize,
 }
 
 impl Surface {
-    /// The surface on which a voxel of `grid` is half opaque: σ = ln 2 / voxel ([`Grid::level`]), by naive surface nets (Gibson
-    /// 1998) on the opacity, which is bounded and so places the surface between voxels better than the density does.
+    /// The surface on which `grid` has the density σ = [`Grid::level`], by naive surface nets (Gibson 1998) on the opacity
+    /// `1 − 2^(−σ/level)`, which is bounded and so places the surface between voxels better than the density does.
     ///
-    /// The grid's border closes it. Cavities that no way leads to from outside are filled, as nobody can look into them, and
-    /// components of less than a thousandth of the largest's area are left out.
+    /// The surface is closed at the grid's border. Cavities that cannot be reached from outside are filled, as no camera sees
+    /// into them, and components with less than a thousandth of the largest one's area are left out.
     ///
     /// # Errors
-    /// If no voxel is half opaque.
+    /// If no voxel reaches that density.
     pub fn extract(grid: &Grid) -> Result<Self, ExportError> {
         let shape = RuntimeShape::<u32, 3>::new((grid.size + 2).to_array());
         let mut values = padded(grid, &shape);
         if values.iter().all(|&value| value >= 0.0) {
             return Err(ExportError::NoSurface {
-                resolution: grid.size.max_element() as usize,
-                level: grid.level(),
+                level: grid.level,
                 densest: grid.density.iter().copied().fold(0.0, f32::max),
             });
         }
@@ -68,7 +67,7 @@ fn padded(grid: &Grid, shape: &RuntimeShape<u32, 3>) -> Vec<f32> {
     values
 }
 
-/// Makes every voxel solid that cannot be reached from the border through empty ones, from face to face.
+/// Makes solid every voxel that cannot be reached from the border through empty voxels (6-connected).
 fn fill_cavities(values: &mut [f32], grid: &Grid) {
     const SOLID: f32 = -0.5;
     let size = (grid.size + 2).to_array().map(|n| n as usize);
@@ -96,7 +95,7 @@ fn fill_cavities(values: &mut [f32], grid: &Grid) {
     }
 }
 
-/// The mean normal of each vertex' triangles, by area.
+/// The area-weighted mean of the normals of each vertex's triangles.
 pub(crate) fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     let mut normals = vec![Vec3::ZERO; positions.len()];
     for triangle in triangles {
@@ -111,7 +110,7 @@ pub(crate) fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
 
 #[cfg(test)]
 pub(crate) mod testing {
-    //! What is asked of every surface.
+    //! A property that every surface has.
 
     use std::collections::HashMap;
 
@@ -145,6 +144,7 @@ mod tests {
             voxel: 1.0,
             size: UVec3::splat(size),
             density: (0..size.pow(3)).map(|index| density(cell(index))).collect(),
+            level: 1.0,
         }
     }
 
@@ -152,11 +152,9 @@ mod tests {
     fn a_ball_is_met_within_half_a_voxel() {
         for (resolution, sharpness) in [(24, 10.0), (48, 40.0), (64, 200.0)] {
             let ball = Ball { radius: 1.0, sharpness };
-            let grid = Grid::sample(&ball, resolution).unwrap();
-            let surface = Surface::extract(&grid).unwrap();
-            let radius = ball.radius_at(grid.level());
+            let surface = ball.surface(resolution);
             for (p, normal) in surface.positions.iter().zip(&surface.normals) {
-                assert!((p.length() - radius).abs() < 0.5 * grid.voxel, "{p}, expected radius {radius}");
+                assert!((p.length() - 1.0).abs() < 0.5 * surface.voxel, "{p}");
                 assert!(normal.dot(p.normalize()) > 0.9, "{normal} at {p}");
             }
             assert_closed(&surface);
@@ -168,7 +166,7 @@ mod tests {
                 .map(|t| t.map(|v| surface.positions[v as usize]))
                 .map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length())
                 .sum();
-            let exact = 4.0 * std::f32::consts::PI * radius * radius;
+            let exact = 4.0 * std::f32::consts::PI;
             assert!((area / exact - 1.0).abs() < 0.04, "{area} for {exact}");
         }
     }
@@ -199,6 +197,6 @@ mod tests {
     #[test]
     fn nothing_dense_enough_is_an_error() {
         let text = Surface::extract(&grid(3, |_| 0.25)).unwrap_err().to_string();
-        assert!(text.contains("density 0.693") && text.contains("0.250") && !text.contains('\n'), "{text}");
+        assert!(text.contains("density 1.000") && text.contains("0.250") && !text.contains('\n'), "{text}");
     }
 }

@@ -1,7 +1,7 @@
 use glam::Vec3;
 use infonerf_scene::Aabb;
 
-/// A radiance field that can be asked at points of the world, many at a time.
+/// A radiance field that is queried at points of the world, many at a time.
 pub trait Volume: Sync {
     /// The box that holds what is exported, scene units.
     fn bounds(&self) -> Aabb;
@@ -9,8 +9,8 @@ pub trait Volume: Sync {
     /// Density σ ≥ 0 at each of `points`, 1/scene unit.
     fn density(&self, points: &[Vec3]) -> Vec<f32>;
 
-    /// Display-encoded colour in [0, 1]³ at each of `points`, as seen along the unit direction of the same index, which
-    /// leads from the eye to the point.
+    /// Display-encoded colour in [0, 1]³ at each of `points`, seen along the unit direction of the same index, from the
+    /// eye to the point.
     fn color(&self, points: &[Vec3], directions: &[Vec3]) -> Vec<[f32; 3]>;
 }
 
@@ -18,10 +18,13 @@ pub trait Volume: Sync {
 pub(crate) mod testing {
     //! A field whose surface is known.
 
+    use std::f32::consts::LN_2;
+
     use glam::Vec3;
     use infonerf_scene::Aabb;
 
     use super::Volume;
+    use crate::{Grid, Surface};
 
     /// A ball about the origin whose density rises smoothly through the surface:
     /// `σ = sharpness · softplus(sharpness · (radius − |p|))`. Red, green and blue follow x, y and z, and red the direction
@@ -32,6 +35,16 @@ pub(crate) mod testing {
     }
 
     impl Ball {
+        /// Its densities; the surface is the sphere of its radius.
+        pub fn grid(&self, resolution: usize) -> Grid {
+            Grid::sample(self, resolution, self.sharpness * LN_2).unwrap()
+        }
+
+        /// The sphere of its radius.
+        pub fn surface(&self, resolution: usize) -> Surface {
+            Surface::extract(&self.grid(resolution)).unwrap()
+        }
+
         /// The distance from the origin at which the density is `level`.
         pub fn radius_at(&self, level: f32) -> f32 {
             self.radius - (level / self.sharpness).exp_m1().ln() / self.sharpness

@@ -191,7 +191,7 @@ impl Volume for Ramp {
 
 #[test]
 fn npz_of_a_grid() {
-    let grid = Grid::sample(&Ramp, 8).unwrap();
+    let grid = Grid::sample(&Ramp, 8, 5.0).unwrap();
     assert_eq!(grid.size, UVec3::new(8, 4, 2));
     let bytes = npz(&grid, &Ramp).unwrap();
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).unwrap();

@@ -318,7 +318,7 @@ mod tests {
             let mut drawn = [0; 2];
             for step in 0..60 {
                 let at = Moment { step, progress: if step % 2 == 0 { 0.0 } else { 1.0 } };
-                let noise = Noise::new(0, step as u64, Stream::SeenRays);
+                let noise = Noise::new(0, step as u64, RandomStream::SeenRays);
                 let seen = images.draw(&config, 20, at, noise, &PixelErrors::default());
                 let half = seen.pixels.width / 2.0;
                 for PixelAt { view, x, y } in seen.pixels.at {

@@ -1,6 +1,7 @@
-const root = document.querySelector('.stage'), panel = document.querySelector('.panel');
-const shown = { run: null, version: null, scene: null, listed: '' };
-let stage = null;
+const panel = document.querySelector('.panel'), besides = document.querySelector('.beside');
+const token = document.querySelector('meta[name="infonerf-token"]').content;
+// `#run=0/a&beside=0/b` opens two runs; for tests, `&camera=2&size=64` puts that view's pixels into each stage.
+const wanted = new URLSearchParams(location.hash.slice(1));
 
 async function ask(path, query = {}) {
   const answer = await fetch(`${path}?${new URLSearchParams(query)}`);
@@ -11,41 +12,54 @@ async function ask(path, query = {}) {
 /** What the camera depends on: scenes that agree in it are looked at from the same place. */
 const place = (scene) => JSON.stringify([scene.centre, scene.up, scene.radius]);
 
-/** Which state of a run is looked at: a field that is baked is so more finely once it is finished. */
+/** Which state of a run is shown: a baked field gets more voxels once it is finished. */
 const version = ({ stamp, state }) => `${stamp} ${state === 'finished'}`;
 
-async function showField(run, version) {
-  const keep = shown.scene;
-  [shown.run, shown.version] = [run, version];
-  root.querySelector('h1').textContent = run;
-  try {
-    stage ??= new Stage(root);
-    const scene = await ask('field', { run });
-    if (shown.run !== run) return;
-    await stage.load(scene, keep !== null && place(keep) === place(scene));
-    shown.scene = scene;
-  } catch (error) {
-    if (shown.run === run) showFallback(root, error, null);
+/** A stage with the run that it shows. */
+class Pane {
+  constructor(root) {
+    Object.assign(this, { root, run: null, version: null, scene: null, stage: null });
+  }
+
+  /** Shows a run as it is now. The camera stays where it is if it looks at the same scene. */
+  async show(listed) {
+    const { run, name } = listed;
+    [this.run, this.version] = [run, version(listed)];
+    this.root.querySelector('h1').textContent = name;
+    try {
+      this.stage ??= new Stage(this.root);
+      const scene = await ask('field', { run });
+      if (this.run !== run) return;
+      await this.stage.load(scene, this.scene !== null && place(this.scene) === place(scene));
+      this.scene = scene;
+      align();
+    } catch (error) {
+      if (this.run === run) showFallback(this.root, error, null);
+    }
   }
 }
 
-/** A curve between its least and greatest number, the logarithm of it if asked for. */
-function curve(name, points, index, logarithmic, unit) {
-  const values = points.filter((point) => point[index] !== null && (!logarithmic || point[index] > 0));
-  const of = (point) => (logarithmic ? Math.log(point[index]) : point[index]);
-  const low = Math.min(...values.map(of)), high = Math.max(...values.map(of)), last = values.at(-1);
-  const x = (point) => (100 * point[0]) / (last[0] || 1), y = (point) => 97 - (94 * (of(point) - low)) / (high - low || 1);
-  panel.querySelector(`svg.${name} polyline`).setAttribute('points', values.map((point) => `${x(point)},${y(point)}`).join(' '));
-  const title = panel.querySelector(`h2.${name}`);
-  title.dataset.title ??= title.textContent;
-  title.textContent = last ? `${title.dataset.title}: ${last[index].toPrecision(4)}${unit} at step ${last[0]}` : title.dataset.title;
+const [main, beside] = [...document.querySelectorAll('.stage')].map((root) => new Pane(root));
+let runs = [], listed = '', state = null;
+
+/** Makes two panes look through one camera, the main one's. */
+function align() {
+  if (!main.scene) return;
+  const twins = beside.run !== null && beside.scene !== null;
+  main.stage.twin = twins ? beside.stage : null;
+  if (twins) beside.stage.twin = main.stage;
+  if (wanted.has('camera')) main.stage.goTo(Number(wanted.get('camera')));
+  else main.stage.moved();
+  wanted.delete('camera');
+  if (!wanted.has('size')) return;
+  for (const { root, stage, scene } of [main, beside]) if (scene) root.dataset.pixels = stage.pixels(Number(wanted.get('size')));
 }
 
 async function showProgress(run) {
-  const { points, views } = await ask('progress', { run });
-  if (shown.run !== run) return;
-  curve('loss', points, 1, true, '');
-  curve('psnr', points, 2, false, ' dB');
+  const { steps, loss, terms, psnr, views } = await ask('progress', { run });
+  if (main.run !== run) return;
+  drawCurves(panel.querySelector('.loss'), steps, [['total', loss], ...Object.entries(terms)], symmetricLog);
+  drawCurves(panel.querySelector('.psnr'), steps, [['PSNR', psnr]], linear, ' dB');
   const select = panel.querySelector('select'), before = select.value;
   panel.querySelector('.views').hidden = views.length === 0;
   select.replaceChildren(...views.map((name) => new Option(`view ${name}`, name, false, name === before)));
@@ -59,67 +73,84 @@ function showView(run) {
     panel.querySelector(selector).src = `picture?${new URLSearchParams({ run, kind, name })}`;
 }
 
-function listRuns(runs) {
-  const listed = JSON.stringify([runs, shown.run]);
-  if (listed === shown.listed) return;
-  shown.listed = listed;
+function listRuns() {
+  const now = JSON.stringify([runs, main.run, beside.run]);
+  if (now === listed) return;
+  listed = now;
   const none = Object.assign(document.createElement('small'), { textContent: 'None yet.' });
-  document.querySelector('.runs').replaceChildren(...(runs.length > 0 ? [] : [none]), ...runs.map((listed) => {
-    const { run, name, state } = listed;
+  document.querySelector('.runs').replaceChildren(...(runs.length > 0 ? [] : [none]), ...runs.map((run) => {
     const button = document.createElement('button'), small = document.createElement('small');
     button.type = 'button';
-    button.textContent = name;
-    button.setAttribute('aria-current', run === shown.run);
-    small.textContent = state;
+    button.textContent = run.name;
+    button.setAttribute('aria-current', run.run === main.run);
+    small.textContent = run.state;
     button.append(small);
-    button.addEventListener('click', () => choose(run, version(listed)));
+    button.addEventListener('click', () => choose(run));
     return button;
   }));
+  besides.hidden = runs.length < 2;
+  const options = runs.map(({ run, name }) => new Option(name, run, false, run === beside.run));
+  besides.querySelector('select').replaceChildren(new Option('nothing', ''), ...options);
 }
 
-/** Pause and stop, where training goes on beside the server. */
+/** Pause and stop, where something trains beside the server. */
 function showTraining(training) {
   const box = document.querySelector('.training');
   box.hidden = training === null;
   if (training === null) return;
   const pause = box.querySelector('.pause');
-  pause.textContent = training.paused ? 'Go on' : 'Pause';
+  pause.textContent = training.paused ? 'Resume' : 'Pause';
   pause.dataset.command = training.paused ? 'resume' : 'pause';
   for (const button of box.querySelectorAll('button')) button.disabled = training.stopped;
-  box.querySelector('small').textContent = training.stopped ? 'Stopped and saved; --resume goes on.' : training.paused ? 'Paused.' : '';
+  box.querySelector('small').textContent = training.stopped ? 'Stopped and saved; --resume continues it.' : training.paused ? 'Paused.' : '';
 }
 
 async function command(name) {
-  const answer = await fetch(name, { method: 'POST', headers: { 'x-infonerf': 'page' } });
+  const answer = await fetch(name, { method: 'POST', headers: { 'x-infonerf-token': token } });
   if (answer.ok) showTraining(await answer.json());
 }
 
-function choose(run, version) {
-  showField(run, version);
-  showProgress(run).catch(() => {});
-  follow();
+function choose(run) {
+  showProgress(run.run).catch(() => {});
+  main.show(run);
+}
+
+/** Shows a run beside the other; with none, the other alone. */
+function compare(run) {
+  document.querySelector('.stages').classList.toggle('both', Boolean(run));
+  if (run) return beside.show(run);
+  Object.assign(beside, { run: null, version: null });
+  align();
 }
 
 /** Asks what is new every two seconds while somebody looks. */
 async function follow() {
   if (document.hidden) return;
   try {
-    const [runs, training] = await Promise.all([ask('runs'), ask('training')]);
+    const [list, training] = await Promise.all([ask('runs'), ask('training')]);
+    runs = list;
     showTraining(training);
-    const current = runs.find(({ run }) => run === shown.run);
-    listRuns(runs);
-    if (!current && runs.length > 0 && shown.run === null) return choose(runs[0].run, version(runs[0]));
-    if (current && version(current) !== shown.version) showField(current.run, version(current));
-    if (current && (current.state !== shown.state || current.state === 'training')) showProgress(current.run).catch(() => {});
-    shown.state = current?.state;
+    const named = (name) => runs.find(({ run }) => run === name), current = named(main.run);
+    if (!current && runs.length > 0 && main.run === null) {
+      choose(named(wanted.get('run')) ?? runs[0]);
+      if (named(wanted.get('beside'))) compare(named(wanted.get('beside')));
+    }
+    listRuns();
+    for (const pane of [main, beside]) {
+      const run = named(pane.run);
+      if (run && version(run) !== pane.version) pane.show(run);
+    }
+    if (current && (current.state !== state || current.state === 'training')) showProgress(current.run).catch(() => {});
+    state = current?.state;
   } catch {
     // The server is gone, or busy: it is asked again.
   }
 }
 
-panel.querySelector('select').addEventListener('change', () => showView(shown.run));
+panel.querySelector('select').addEventListener('change', () => showView(main.run));
 panel.querySelector('input').addEventListener('input', (event) =>
   panel.querySelector('.compare').style.setProperty('--at', `${event.target.value}%`));
+besides.querySelector('select').addEventListener('change', (event) => compare(runs.find(({ run }) => run === event.target.value)));
 for (const button of document.querySelectorAll('.training button'))
   button.addEventListener('click', () => command(button.dataset.command ?? 'stop').catch(() => {}));
 setInterval(follow, 2000);

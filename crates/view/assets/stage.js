@@ -1,10 +1,15 @@
-/** The canvas with everything about it: controls, photographs, and what is shown where a browser cannot draw. */
+/**
+ * The canvas with everything around it: controls, photographs, and what is shown where a browser cannot draw. Its `twin`, if it
+ * has one, is another stage under the same camera: what moves or changes one moves or changes both.
+ */
 class Stage {
   constructor(root) {
     this.root = root;
+    this.twin = null;
     this.canvas = this.find('canvas');
     this.viewer = new Viewer(this.canvas);
     this.listen();
+    this.fold();
   }
 
   find(selector) {
@@ -19,7 +24,40 @@ class Stage {
     this.find('.message').hidden = true;
     this.canvas.hidden = false;
     for (const selector of ['.tools', '.help', '.strip']) this.find(selector).hidden = false;
-    showPhotographs(this.root, scene, (index) => this.viewer.goTo(index));
+    showPhotographs(this.root, scene, (index) => this.goTo(index));
+  }
+
+  /** The camera or what is drawn is another one: draws it again, here and on the twin. */
+  moved() {
+    const { viewer, twin } = this;
+    viewer.changed();
+    if (!twin?.viewer.scene) return;
+    twin.viewer.camera.restore(viewer.camera.state());
+    twin.viewer.mode = viewer.mode;
+    twin.viewer.overlay.on = viewer.overlay.on;
+    twin.viewer.changed();
+  }
+
+  /** Goes to a training camera. */
+  goTo(index) {
+    const { viewer } = this;
+    viewer.camera.take(viewer.scene.cameras[index]);
+    this.moved();
+  }
+
+  /** The field alone in `size`² pixels, as base64 of RGBA. */
+  pixels(size) {
+    return btoa(Array.from(this.viewer.pixels(size, size), (byte) => String.fromCharCode(byte)).join(''));
+  }
+
+  /** Narrow screens show the picture: controls, note and photographs unfold on demand. */
+  fold() {
+    const tools = this.find('.tools'), narrow = matchMedia('(max-width: 640px)');
+    const fold = () => (tools.open = !narrow.matches);
+    tools.addEventListener('toggle', () => this.root.classList.toggle('folded', !tools.open));
+    narrow.addEventListener('change', fold);
+    fold();
+    this.root.classList.toggle('folded', !tools.open);
   }
 
   listen() {
@@ -27,15 +65,18 @@ class Stage {
     this.find('.modes').replaceChildren(...MODES.map((name, i) => {
       const label = document.createElement('label'), input = document.createElement('input');
       Object.assign(input, { type: 'radio', name: 'mode', value: name, checked: i === 0 });
-      input.addEventListener('change', () => viewer.setMode(name));
+      input.addEventListener('change', () => {
+        viewer.mode = i;
+        this.moved();
+      });
       label.append(input, ` ${name}`);
       return label;
     }));
     this.find('.frusta').addEventListener('change', (event) => {
       viewer.overlay.on = event.target.checked;
-      viewer.changed();
+      this.moved();
     });
-    this.find('.reset').addEventListener('click', () => viewer.goTo(0));
+    this.find('.reset').addEventListener('click', () => this.goTo(0));
     canvas.addEventListener('contextmenu', (event) => event.preventDefault());
     canvas.addEventListener('pointerdown', (event) => {
       canvas.setPointerCapture(event.pointerId);
@@ -59,13 +100,13 @@ class Stage {
         viewer.camera.orbit(x * angle, y * angle);
       }
       pointers.set(event.pointerId, event);
-      viewer.changed();
+      this.moved();
     });
     canvas.addEventListener('wheel', (event) => {
       event.preventDefault();
       if (!viewer.scene) return;
       viewer.camera.zoom(Math.exp(Math.max(-100, Math.min(100, event.deltaY)) * 0.002));
-      viewer.changed();
+      this.moved();
     }, { passive: false });
     canvas.addEventListener('keydown', (event) => {
       const step = 0.1, keys = {
@@ -76,7 +117,7 @@ class Stage {
       if (!keys[event.key] || !viewer.scene) return;
       event.preventDefault();
       keys[event.key]();
-      viewer.changed();
+      this.moved();
     });
   }
 }

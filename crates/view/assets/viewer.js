@@ -274,12 +274,6 @@ class Viewer {
     this.changed();
   }
 
-  /** Goes to a training camera. */
-  goTo(index) {
-    this.camera.take(this.scene.cameras[index]);
-    this.changed();
-  }
-
   /** The field alone in `width` × `height` pixels: bytes of RGBA, top row first. */
   pixels(width, height) {
     const { gl } = this, target = this.target(), bytes = new Uint8Array(4 * width * height);

@@ -1,4 +1,4 @@
-//! A package read back and evaluated as the shader does it, number by number: the oracle of what is packed.
+//! A package read back and evaluated as the shader does: the oracle for packing.
 
 use std::io::Read;
 
@@ -13,7 +13,8 @@ use infonerf_schedule::Moment;
 use infonerf_train::{Config, Preset, config::assign};
 use serde_json::Value;
 
-use crate::package::{Subjects, of_field};
+use crate::package::of_field;
+use crate::subjects::Subjects;
 
 const PLANES: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
 

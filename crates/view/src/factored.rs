@@ -1,10 +1,10 @@
-//! A factored field as a package holds it: its tables as 8-bit textures, its MLP as matrices.
+//! A factored field in a package: its tables as 8-bit textures, its MLP as matrices.
 
 use std::fmt::Write;
 
 use anyhow::Result;
 use glam::Vec3;
-use infonerf_field::FactoredField;
+use infonerf_field::{FactoredField, FieldConfig};
 use infonerf_ops::factored::{Layout, Level};
 use infonerf_ops::to_host;
 use infonerf_render::OccupancyGrid;
@@ -13,13 +13,19 @@ use serde_json::{Value, json};
 
 use crate::blob::{Blob, bits, floats};
 use crate::network::{Network, Place};
-use crate::package::Subjects;
 use crate::shader::{March, clips, vector};
+use crate::subjects::Subjects;
 use crate::tables::{groups, quantise};
 
 const FIELD: &str = include_str!("../assets/tables.glsl");
-/// Bytes of uniforms that graphics cards have room for at least in practice; WebGL2 promises a quarter of it.
+/// Bytes of uniforms that graphics cards have in practice; WebGL2 guarantees a quarter of it.
 const LARGEST_NETWORK: usize = 1 << 16;
+
+/// Whether a page holds fields of this kind as they are. Others are baked, which takes seconds to minutes; so is a factored
+/// field whose MLP does not fit into a shader's uniforms.
+pub fn holds(field: &FieldConfig) -> bool {
+    matches!(field, FieldConfig::Factored(_))
+}
 
 /// The shader and the arrays of a factored field; none if its MLP is larger than a graphics card's uniforms.
 pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<Option<Value>> {
@@ -71,7 +77,7 @@ fn finest(layout: &Layout) -> usize {
     layout.levels.iter().map(|level| level.resolution).max().unwrap_or(1)
 }
 
-/// The part of the shader that is about the field, which lies over a box of `size`.
+/// The field's part of the shader; the field covers a box of `size`.
 fn shader(layout: &Layout, network: &Network, size: Vec3) -> String {
     let samplers = (0..layout.levels.len()).map(|l| format!("uniform sampler2DArray planes{l};\n"));
     FIELD

@@ -10,12 +10,12 @@
 //! fragment shader marches along rays as [`infonerf_render::render_image`] does, under the same [`Warp`]. What differs
 //! is the tables' rounding (half of 1/255 of each channel's range).
 //!
-//! Any other field is *baked*: density and colour, in spherical harmonics of degree 1, on a sparse grid of voxels, through
-//! which the same shader marches. The page says so, and how many voxels there are.
+//! Any other field is *baked* to a sparse grid of voxels with density and colour, in spherical harmonics of degree 1, through
+//! which the same shader marches. The page says so, with the number of voxels.
 //!
 //! - [`page`]: a run's field as one HTML file that needs nothing else.
-//! - [`Server`]: the same for all runs in a folder, with curves and test views, following runs while they train, and pausing or
-//!   stopping them where they heed its [`TrainingControl`].
+//! - [`Server`]: all runs below some folders, with curves and test views, or two of them under one camera. It follows runs while
+//!   they train, and with a [`TrainingControl`] pauses or stops those of this process.
 //!
 //! ```no_run
 //! use infonerf_experiment::{DeviceName, RunPlan, Trained, open};
@@ -39,24 +39,18 @@ mod page;
 mod photographs;
 mod server;
 mod shader;
+mod subjects;
 mod tables;
 
+pub use factored::holds;
 pub use server::{Server, TrainingControl};
 
 use anyhow::Result;
 use infonerf_experiment::Trained;
-use infonerf_field::FieldConfig;
 
-/// Whether a page holds fields of this kind as they are. Others are baked, which takes seconds to minutes; so is a factored
-/// field whose MLP has no room among a shader's uniforms.
-pub fn holds(field: &FieldConfig) -> bool {
-    matches!(field, FieldConfig::Factored(_))
-}
-
-/// The run's field as a page, whole in itself: orbit, pan and zoom, depth and normals, and the training cameras with their
-/// photographs. Of several fields it is the first, and the page says so. A field that is baked has `voxels` along the longest
-/// side of its box at most; without a number 256, or 128 if the field is slow, and fewer where so much is filled that they would be
-/// too many.
+/// The run's field as a self-contained page: orbit, pan and zoom, depth and normals, and the training cameras with their
+/// photographs. Of several fields it shows the first, and says so. A baked field has at most `voxels` along the longest side of
+/// its box, by default 256, or 128 if the field is slow; fewer if too many of them are filled.
 ///
 /// # Errors
 /// If a photograph cannot be encoded.

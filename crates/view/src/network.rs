@@ -1,10 +1,10 @@
-//! The field's MLP as a fragment shader takes it: 4 × 4 matrices.
+//! The field's MLP as 4 × 4 matrices for a fragment shader.
 
 use infonerf_ops::factored::{Layer, Layout};
 
 use crate::tables::groups;
 
-/// Which input or output of a layer a place of the shader's vector holds, and by how much its weights are multiplied.
+/// The input or output of a layer at a place of the shader's vector, and the factor of its weights.
 pub(crate) type Place = Option<(usize, f32)>;
 
 /// Weights in the order of a uniform block.

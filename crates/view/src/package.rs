@@ -3,27 +3,20 @@
 use anyhow::Result;
 use infonerf_experiment::Trained;
 use infonerf_field::RadianceField;
-use infonerf_render::{RenderConfig, Renderer, TrainedModel};
-use infonerf_scene::{Layout, Range, Scene};
+use infonerf_render::TrainedModel;
+use infonerf_scene::{Layout, Range};
 use serde_json::{Value, json};
 
 use crate::photographs::{cameras, jpeg_url};
+use crate::subjects::Subjects;
 use crate::{baked, factored};
 
-/// Pixels along the longest side of the picture that is shown where a field cannot be drawn; fewer of one that is slow.
+/// Longest side of the picture that is shown where a field cannot be drawn, and of a slow field's.
 const POSTER: u32 = 256;
 const SMALL_POSTER: u32 = 96;
 
-/// A field with its scene, ready for a browser.
-pub(crate) struct Subjects<'a> {
-    pub(crate) scene: &'a Scene,
-    pub(crate) renderer: &'a Renderer,
-    pub(crate) config: &'a RenderConfig,
-    pub(crate) trained: &'a TrainedModel,
-}
-
-/// The JSON object of a run: title, notes, shader, arrays, cameras. A field that is not held as it is, is baked to
-/// `resolution` voxels along the longest side of its box at most.
+/// The JSON object of a run: title, notes, shader, arrays, cameras. A field that a page
+/// cannot hold is baked to at most `resolution` voxels along the longest side of its box.
 ///
 /// # Errors
 /// If a photograph cannot be encoded.
@@ -50,7 +43,7 @@ fn note(run: &Trained, voxels: Option<u64>) -> String {
     note
 }
 
-/// The part of the object that does not need photographs.
+/// The object without title, note and photographs.
 pub(crate) fn of_field(subjects: &Subjects<'_>, resolution: usize) -> Result<Value> {
     let scene = subjects.scene;
     let exact = match &subjects.trained.model.fine {
@@ -77,7 +70,7 @@ pub(crate) fn of_field(subjects: &Subjects<'_>, resolution: usize) -> Result<Val
 
 /// A render as JPEG in a `data:` URL, for browsers that cannot draw the field.
 pub(crate) fn poster(run: &Trained, trained: &TrainedModel) -> Result<String> {
-    let side = if crate::holds(&run.plan.config.field) { POSTER } else { SMALL_POSTER };
+    let side = if factored::holds(&run.plan.config.field) { POSTER } else { SMALL_POSTER };
     let camera = &run.scene().train[0].camera;
     let longest = side.min(camera.width.max(camera.height));
     let (width, height) = infonerf_scene::resized_dimensions(camera.width, camera.height, longest);

@@ -14,9 +14,9 @@ const VIEWER: &str = concat!(
     include_str!("../assets/overlay.js"),
     include_str!("../assets/stage.js")
 );
-const LIVE_SCRIPT: &str = include_str!("../assets/live.js");
+const LIVE_SCRIPT: &str = concat!(include_str!("../assets/curves.js"), include_str!("../assets/live.js"));
 
-/// A page of one field, whole in itself. `poster` is a picture for browsers that cannot draw the field.
+/// A self-contained page of one field. `poster` is a picture for browsers that cannot draw the field.
 pub(crate) fn of_package(package: &Value, poster: &str) -> String {
     let title = package["title"].as_str().unwrap_or_default();
     // Within a script only a closing tag would end it.
@@ -30,12 +30,13 @@ pub(crate) fn of_package(package: &Value, poster: &str) -> String {
         .replace("{{data}}", &data)
 }
 
-/// The page of the server, which asks for everything else.
-pub(crate) fn live() -> String {
+/// The page of the server, which asks it for everything else and sends `token` with what changes something.
+pub(crate) fn live(token: &str) -> String {
     let stage = STAGE.replace("  {{poster}}\n", "");
     LIVE.replace("{{style}}", STYLE)
         .replace("{{script}}", &format!("{VIEWER}{LIVE_SCRIPT}"))
         .replace("{{stage}}", &stage)
+        .replace("{{token}}", token)
 }
 
 fn escaped(text: &str) -> String {
@@ -51,7 +52,7 @@ mod tests {
     #[test]
     fn pages_are_whole_and_need_nothing_else() {
         let package = json!({ "title": "<b>", "note": "</script>" });
-        for page in [of_package(&package, "data:image/jpeg;base64,AAAA"), live()] {
+        for page in [of_package(&package, "data:image/jpeg;base64,AAAA"), live("t")] {
             assert!(!page.contains("{{") && !page.contains("http"), "{page}");
             let loaded = page.split("src=\"").skip(1).filter(|rest| !rest.starts_with("data:"));
             assert_eq!(loaded.count(), 0);

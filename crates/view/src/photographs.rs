@@ -8,7 +8,7 @@ use infonerf_scene::{Scene, View, resized_dimensions};
 use serde_json::{Value, json};
 
 const JPEG_QUALITY: u8 = 80;
-/// Longest side of eight photographs; more of them are smaller, so that all together take about as much.
+/// Longest side of up to eight photographs; more of them are smaller, to take as much in total.
 const SIDE: f32 = 256.0;
 const SMALLEST_SIDE: f32 = 32.0;
 

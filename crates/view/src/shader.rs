@@ -11,14 +11,14 @@ const TEMPLATE: &str = include_str!("../assets/field.frag");
 /// Colours of the depth map that the shader interpolates between.
 const COLOURS: usize = 33;
 
-/// What the march depends on beside the field.
+/// What the march depends on besides the field.
 pub(crate) struct March<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) config: &'a RenderConfig,
     pub(crate) warp: &'a Warp,
-    /// The box that rays are cut to, where space is taken as it is.
+    /// The box that rays are clipped to in unwarped space.
     pub(crate) clip: Option<Aabb>,
-    /// Where the cells begin that are known to be empty or not, and how large they are, in what the warp makes of the world.
+    /// The corner of the occupancy grid and the size of its cells, in warped space.
     pub(crate) low: Vec3,
     pub(crate) cell: Vec3,
     /// Cells along each axis.
@@ -27,7 +27,7 @@ pub(crate) struct March<'a> {
     pub(crate) step: f32,
     /// Transmittance at which a ray ends.
     pub(crate) stop: f32,
-    /// Distance between details of the field, in what the warp makes of the world.
+    /// The size of the field's details, in warped space.
     pub(crate) detail: f32,
 }
 
@@ -69,7 +69,7 @@ impl March<'_> {
         text
     }
 
-    /// How far from a point at distance t normals are looked for, scene units.
+    /// The step of the finite differences for normals at distance t, scene units.
     fn normal_step(&self) -> String {
         match self.warp {
             Warp::Identity => format!("{:?}", self.detail),
@@ -84,7 +84,7 @@ pub(crate) fn clips(config: &RenderConfig, warp: &Warp) -> bool {
     config.clip_to_bounds && warp.is_identity()
 }
 
-/// Where along a ray content lies; its ends, which move with the camera, are uniforms.
+/// The interval of a ray that is marched through; its ends, which depend on the camera, are uniforms.
 fn range(range: &Range) -> String {
     match range {
         Range::Distance { .. } => "#define RANGE 0\n".to_owned(),

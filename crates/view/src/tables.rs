@@ -8,7 +8,7 @@ pub(crate) struct Quantised {
     pub(crate) textures: Vec<Vec<u8>>,
     /// The least number of each channel.
     pub(crate) low: Vec<f32>,
-    /// The greatest number of each channel less the least, or 1 where they are the same.
+    /// The range of each channel's numbers, or 1 where they are all equal.
     pub(crate) range: Vec<f32>,
 }
 

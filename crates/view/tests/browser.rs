@@ -3,16 +3,18 @@
 mod common;
 
 use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpListener;
 use std::path::Path;
 use std::process::Command;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use base64::prelude::{BASE64_STANDARD, Engine};
 use common::{device, plan, plan_of, read, train};
 use glam::DVec3;
 use infonerf_experiment::{Resume, Trained};
 use infonerf_render::{RenderedImage, render_image};
-use infonerf_view::{Server, page};
+use infonerf_view::{Server, TrainingControl, page};
 
 const SIZE: u32 = 64;
 
@@ -42,13 +44,18 @@ fn attribute<'a>(document: &'a str, name: &str) -> Option<&'a str> {
     document.split_once(&format!("{name}=\""))?.1.split_once('"').map(|(value, _)| value)
 }
 
-/// What a page draws of a camera, `[SIZE², 3]` bytes.
+/// The pixels that each stage of a page drew, `[SIZE², 3]` bytes.
+fn drawn(document: &str) -> Vec<Vec<u8>> {
+    let rgb = |rgba: Vec<u8>| rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
+    let stages = document.split("data-pixels=\"").skip(1).filter_map(|rest| rest.split('"').next());
+    stages.map(|pixels| rgb(BASE64_STANDARD.decode(pixels).unwrap())).collect()
+}
+
+/// What a page draws of a camera.
 fn pixels(page: &Path, query: &str) -> Vec<u8> {
     let document = document(&format!("file://{}#{query}&size={SIZE}", page.display()), 600_000, &[]);
     let words = || document.split_once("class=\"message\"").map(|(_, rest)| rest.chars().take(300).collect::<String>());
-    let pixels = attribute(&document, "data-pixels").unwrap_or_else(|| panic!("no pixels: {:?}", words()));
-    let rgba = BASE64_STANDARD.decode(pixels).unwrap();
-    rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect()
+    drawn(&document).pop().unwrap_or_else(|| panic!("no pixels: {:?}", words()))
 }
 
 fn psnr(a: &[u8], b: &[u8]) -> f64 {
@@ -57,11 +64,16 @@ fn psnr(a: &[u8], b: &[u8]) -> f64 {
     -10.0 * (squares.sum::<f64>() / a.len() as f64 / 255f64.powi(2)).log10()
 }
 
-/// A training view as the page draws it and as the program renders it, and how far apart they are, in dB.
-fn drawn_and_rendered(page: &Path, run: &Trained, view: usize) -> (Vec<u8>, RenderedImage, f64) {
+/// A training view as the program renders it.
+fn rendered(run: &Trained, view: usize) -> (Vec<u8>, RenderedImage) {
     let camera = run.scene().train[view].camera.resized(SIZE, SIZE);
     let image = render_image(run.renderer(), &run.models(), &camera);
-    let rendered = infonerf_metrics::to_rgb8(&image.rgb, SIZE, SIZE).unwrap();
+    (infonerf_metrics::to_rgb8(&image.rgb, SIZE, SIZE).unwrap().into_raw(), image)
+}
+
+/// A training view as the page draws it and as the program renders it, and how far apart they are, in dB.
+fn drawn_and_rendered(page: &Path, run: &Trained, view: usize) -> (Vec<u8>, RenderedImage, f64) {
+    let (rendered, image) = rendered(run, view);
     let drawn = pixels(page, &format!("camera={view}"));
     let apart = psnr(&drawn, &rendered);
     (drawn, image, apart)
@@ -123,9 +135,13 @@ fn the_page_draws_what_is_baked() {
 const CONTROLS: &str = "
     const { canvas, viewer } = stage, seen = {};
     canvas.setPointerCapture = () => {};
+    const twin = { scene: viewer.scene, camera: { restore: (look) => (twin.look = look) }, overlay: {}, changed: () => {} };
+    stage.twin = { viewer: twin };
     const note = (name) => {
-      const { eye, target } = viewer.camera.state();
-      seen[name] = { eye, target, mode: viewer.mode, frusta: viewer.overlay.on };
+      const look = viewer.camera.state(), { eye, target } = look;
+      const alike = JSON.stringify(look) === JSON.stringify(twin.look ?? look);
+      const followed = alike && (twin.mode ?? 0) === viewer.mode && (twin.overlay.on ?? false) === viewer.overlay.on;
+      seen[name] = { eye, target, mode: viewer.mode, frusta: viewer.overlay.on, followed };
     };
     const pointer = (type, pointerId, x, y, buttons = 1) =>
       canvas.dispatchEvent(new PointerEvent(type, { pointerId, clientX: x, clientY: y, buttons }));
@@ -173,6 +189,9 @@ fn controls_move_the_camera() {
     let distance = |name| eye(name).distance(target(name));
     let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-6;
     let whole = distance("start");
+    for (name, state) in seen.as_object().unwrap() {
+        assert!(state["followed"] == true, "the stage beside it did not follow: {name}");
+    }
 
     assert!(near(distance("turned"), whole) && target("turned").distance(target("start")) < 1e-6 * whole);
     assert!(eye("turned").distance(eye("start")) > 0.1 * whole);
@@ -205,17 +224,96 @@ fn a_browser_that_cannot_draw_says_so_and_shows_the_pictures() {
     assert_eq!(document.matches("alt=\"photograph ").count(), 4);
 }
 
+/// Serves `root` from a thread that ends with the test; the page's address.
+fn serve(root: &Path, training: Option<TrainingControl>) -> String {
+    let server = Server::start(&[root.to_owned()], "127.0.0.1:0".parse().unwrap(), device(), training).unwrap();
+    let url = server.url();
+    std::thread::spawn(move || server.wait());
+    url
+}
+
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn the_live_page_shows_a_run() {
     let out = tempfile::tempdir().unwrap();
-    train(out.path(), &plan("infonerf", common::TINY), Resume::Never, None);
-    let server = Server::start(out.path(), "127.0.0.1:0".parse().unwrap(), device(), None).unwrap();
-    let url = server.url();
-    std::thread::spawn(move || server.wait());
-    let document = document(&url, 20_000, &[]);
-    for part in ["fast-losses/crane/infonerf/seed0", "<h1>crane/infonerf/seed0</h1>", "4 steps", "at step 4"] {
+    let folder = train(out.path(), &plan("infonerf", common::TINY), Resume::Never, None);
+    // Losses of 0 and less are drawn like others.
+    let log = folder.join("metrics.jsonl");
+    let step = |step: usize, value: f64| {
+        format!("{{\"event\":\"step\",\"step\":{step},\"loss\":{value},\"losses\":{{\"rgb\":0.01,\"kl\":{value}}}}}\n")
+    };
+    let steps = (1..=8).map(|k| step(k, 0.5 - 0.25 * k as f64));
+    fs::write(&log, steps.collect::<String>()).unwrap();
+    let document = document(&serve(out.path(), None), 20_000, &[]);
+    for part in ["fast-losses/crane/infonerf/seed0", "<h1>crane/infonerf/seed0</h1>", "4 steps", "total -1.5"] {
         assert!(document.contains(part), "{part}: {document}");
     }
     assert_eq!(document.matches("alt=\"photograph ").count(), 4);
+    let curve = |name: &str| {
+        let tag = document.split("<path ").find(|tag| tag.contains(&format!("data-name=\"{name}\""))).unwrap();
+        attribute(tag, "d").unwrap().replace('L', "M").matches('M').count()
+    };
+    assert_eq!(["total", "kl", "rgb"].map(curve), [8; 3]);
+    for tick in ["0", "-1"] {
+        assert!(document.contains(&format!("text-anchor=\"end\">{tick}</text>")), "{tick}");
+    }
+}
+
+/// A factored field and a baked one, each as the program renders it from the camera that the page gave to both.
+#[test]
+#[ignore = "needs a browser: just test-view"]
+fn two_runs_are_compared_under_one_camera() {
+    let out = tempfile::tempdir().unwrap();
+    let set = ["train.iterations=150", "eval.test=first-1"];
+    let exact = train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), Resume::Never, None);
+    let baked = train(out.path(), &plan_of("integration", "mipnerf", &set), Resume::Never, None);
+    let url = serve(out.path(), None);
+    let run = |folder: &Path| format!("0/{}", folder.strip_prefix(out.path()).unwrap().display());
+    let query = format!("run={}&beside={}&camera=2&size={SIZE}", run(&exact), run(&baked));
+    let document = document(&format!("{url}#{query}"), 600_000, &["--window-size=1400,700"]);
+    let drawn = drawn(&document);
+    assert_eq!(drawn.len(), 2, "{document}");
+    for (folder, drawn) in [exact, baked].iter().zip(&drawn) {
+        let apart = psnr(drawn, &rendered(&read(folder), 2).0);
+        eprintln!("{}: {apart:.1} dB", folder.display());
+        assert!(apart > 28.0, "{}: {apart} dB", folder.display());
+    }
+}
+
+/// A page of another site, open in the same browser, tries all that a browser lets it.
+#[test]
+#[ignore = "needs a browser: just test-view"]
+fn a_page_open_elsewhere_does_not_stop_a_run() {
+    let out = tempfile::tempdir().unwrap();
+    let training = TrainingControl::default();
+    let url = serve(out.path(), Some(training.clone()));
+    let evil = format!(
+        "<!doctype html><iframe name=\"frame\" src=\"{url}\"></iframe><form method=\"post\" target=\"frame\"></form><script>
+        const all = ['pause', 'stop'].flatMap((name) => [
+          fetch('{url}' + name, {{ method: 'POST', mode: 'no-cors' }}),
+          fetch('{url}' + name, {{ method: 'POST', headers: {{ 'x-infonerf-token': 'page' }} }}),
+          fetch('{url}training', {{ mode: 'no-cors' }}),
+        ]);
+        document.forms[0].action = '{url}stop';
+        document.forms[0].submit();
+        Promise.allSettled(all).then((ended) => document.body.dataset.ended = ended.length);
+        </script>"
+    );
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let elsewhere = listener.local_addr().unwrap();
+    std::thread::spawn(move || {
+        for mut stream in listener.incoming().flatten() {
+            let _ = stream.read(&mut [0; 4096]);
+            let head = format!(
+                "HTTP/1.1 200 OK\r\ncontent-type: text/html\r\ncontent-length: {}\r\nconnection: close\r\n\r\n",
+                evil.len()
+            );
+            let _ = stream.write_all((head + &evil).as_bytes());
+        }
+    });
+    // By another name than the server's, so that it is another site.
+    let document = document(&format!("http://localhost:{}/", elsewhere.port()), 10_000, &[]);
+    assert_eq!(attribute(&document, "data-ended"), Some("6"), "{document}");
+    assert!(!training.is_paused() && !training.is_stopped());
+    assert!(!training.is_watched(Duration::from_secs(60)), "the page was framed, or its state asked for");
 }

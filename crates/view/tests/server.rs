@@ -9,6 +9,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use common::{TINY, device, plan, train};
+use http::Response;
 use infonerf_experiment::Resume;
 use infonerf_view::{Server, TrainingControl};
 use serde_json::Value;
@@ -19,31 +20,23 @@ fn serve(root: &Path) -> SocketAddr {
 }
 
 fn serve_beside(root: &Path, training: Option<TrainingControl>) -> SocketAddr {
-    let server = Server::start(root, "127.0.0.1:0".parse().unwrap(), device(), training).unwrap();
+    let server = Server::start(&[root.to_owned()], "127.0.0.1:0".parse().unwrap(), device(), training).unwrap();
     let address = server.url().trim_start_matches("http://").trim_end_matches('/').parse().unwrap();
     std::thread::spawn(move || server.wait());
     address
 }
 
-fn connect(address: SocketAddr) -> TcpStream {
-    let stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-    stream
-}
-
-/// Status and body of the answer to a request.
-fn ask(address: SocketAddr, request: &str) -> (u16, Vec<u8>) {
-    let mut stream = connect(address);
-    stream.write_all(request.as_bytes()).unwrap();
-    let mut answer = Vec::new();
-    stream.read_to_end(&mut answer).unwrap();
-    let end = answer.windows(4).position(|four| four == b"\r\n\r\n").expect("a header");
-    let head = String::from_utf8_lossy(&answer[..end]).into_owned();
-    (head[9..12].parse().unwrap(), answer[end + 4..].to_vec())
+/// The answer to a request with some headers more, by a client that is not ours.
+fn ask(method: &str, address: SocketAddr, path: &str, headers: &[(&str, &str)]) -> Response<Vec<u8>> {
+    let agent = ureq::Agent::from(ureq::config::Config::builder().http_status_as_error(false).build());
+    let request = http::Request::builder().method(method).uri(format!("http://{address}{path}"));
+    let request = headers.iter().fold(request, |request, (name, value)| request.header(*name, *value));
+    agent.run(request.body(()).unwrap()).unwrap().map(|mut body| body.read_to_vec().unwrap())
 }
 
 fn get(address: SocketAddr, path: &str) -> (u16, Vec<u8>) {
-    ask(address, &format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n"))
+    let answer = ask("GET", address, path, &[]);
+    (answer.status().as_u16(), answer.into_body())
 }
 
 fn json(address: SocketAddr, path: &str) -> Value {
@@ -52,32 +45,86 @@ fn json(address: SocketAddr, path: &str) -> Value {
     serde_json::from_slice(&body).unwrap()
 }
 
+fn connect(address: SocketAddr) -> TcpStream {
+    let stream = TcpStream::connect(address).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
+    stream
+}
+
+/// The status of the answer to bytes that no client of good manners sends.
+fn status(address: SocketAddr, request: &str) -> u16 {
+    let mut stream = connect(address);
+    stream.write_all(request.as_bytes()).unwrap();
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).unwrap();
+    answer[9..12].parse().unwrap()
+}
+
 #[test]
 fn training_is_paused_and_stopped_by_the_servers_own_page_alone() {
     let folder = tempfile::tempdir().unwrap();
     let training = TrainingControl::default();
     let address = serve_beside(folder.path(), Some(training.clone()));
-    let post = |path: &str, header: &str| {
-        ask(
-            address,
-            &format!(
-                "POST {path} HTTP/1.1\r\nHost: {address}\r\n{header}Content-Length: 0\r\nConnection: close\r\n\r\n"
-            ),
-        )
-    };
+    let post = |path: &str, headers: &[(&str, &str)]| ask("POST", address, path, headers).status().as_u16();
     assert!(!training.is_watched(Duration::from_secs(60)));
     assert_eq!(json(address, "/training"), serde_json::json!({ "paused": false, "stopped": false }));
     assert!(training.is_watched(Duration::from_secs(60)));
-    assert_eq!(post("/pause", "").0, 403);
+    let page = String::from_utf8(get(address, "/").1).unwrap();
+    let token = page.split_once("name=\"infonerf-token\" content=\"").unwrap().1.split_once('"').unwrap().0;
+    let held = ("x-infonerf-token", token);
+    let own = format!("http://{address}");
+    // Without the token, with another, or with it from another page, nothing happens.
+    for headers in [
+        &[][..],
+        &[("x-infonerf-token", "page")],
+        &[("x-infonerf-token", &"0".repeat(32))],
+        &[held, ("origin", "http://evil.example")],
+        &[held, ("origin", "null")],
+        &[held, ("origin", "http://localhost:1")],
+        &[held, ("origin", &own.replace("http:", "https:"))],
+        &[held, ("host", "evil.example")],
+        &[held, ("host", &format!("evil.example:{}", address.port()))],
+        &[held, ("host", "127.0.0.1:1")],
+        &[held, ("sec-fetch-site", "cross-site")],
+        &[held, ("sec-fetch-site", "same-site")],
+    ] {
+        for path in ["/pause", "/stop"] {
+            assert_eq!(post(path, headers), 403, "{path} {headers:?}");
+        }
+    }
     assert_eq!(get(address, "/pause").0, 405);
-    assert!(!training.is_paused());
-    assert_eq!(post("/pause", "X-Infonerf: page\r\n").0, 200);
+    assert!(!training.is_paused() && !training.is_stopped());
+    assert_eq!(post("/pause", &[held, ("origin", &own), ("sec-fetch-site", "same-origin")]), 200);
     assert!(training.is_paused());
-    post("/resume", "X-Infonerf: page\r\n");
-    post("/stop", "X-Infonerf: page\r\n");
+    post("/resume", &[held]);
+    post("/stop", &[held, ("host", &format!("localhost:{}", address.port()))]);
     assert!(!training.is_paused() && training.is_stopped());
+    training.end();
     let alone = serve(folder.path());
-    assert_eq!(json(alone, "/training"), Value::Null);
+    assert_eq!((json(address, "/training"), json(alone, "/training")), (Value::Null, Value::Null));
+}
+
+#[test]
+fn other_pages_neither_read_nor_frame_the_page() {
+    let (_folder, address) = stand_in();
+    let port = address.port();
+    let status = |headers: &[(&str, &str)]| ask("GET", address, "/runs", headers).status().as_u16();
+    for (name, value, expected) in [
+        ("host", &*format!("localhost:{port}"), 200),
+        ("host", &format!("[::1]:{port}"), 200),
+        ("host", &format!("evil.example:{port}"), 403),
+        ("host", "localhost", 403),
+        ("origin", "http://evil.example", 403),
+        ("sec-fetch-site", "cross-site", 403),
+        ("sec-fetch-site", "none", 200),
+    ] {
+        assert_eq!(status(&[(name, value)]), expected, "{name}: {value}");
+    }
+    let page = ask("GET", address, "/", &[("sec-fetch-site", "cross-site")]);
+    assert_eq!(page.status(), 200, "a link on another page may lead here");
+    assert!(page.headers()["content-security-policy"].to_str().unwrap().contains("frame-ancestors 'none'"));
+    assert_eq!(page.headers()["x-frame-options"], "DENY");
+    assert!(!page.headers().contains_key("access-control-allow-origin"));
 }
 
 #[test]
@@ -88,14 +135,14 @@ fn a_run_is_followed_while_it_trains() {
     let address = serve(out.path());
     let (status, page) = get(address, "/");
     assert!(status == 200 && page.starts_with(b"<!doctype html>"));
-    let run = "fast-losses%2Fcrane%2Finfonerf%2Fseed0";
+    let run = "0%2Ffast-losses%2Fcrane%2Finfonerf%2Fseed0";
     let before = json(address, "/runs");
-    assert_eq!(before[0]["run"], "fast-losses/crane/infonerf/seed0");
+    assert_eq!(before[0]["run"], "0/fast-losses/crane/infonerf/seed0");
     assert_eq!(before[0]["state"], "training");
     let field = json(address, &format!("/field?run={run}"));
     assert_eq!(field["note"], "2 steps");
     assert_eq!(field["cameras"].as_array().unwrap().len(), 4);
-    assert_eq!(json(address, &format!("/progress?run={run}"))["points"].as_array().unwrap().len(), 2);
+    assert_eq!(json(address, &format!("/progress?run={run}"))["steps"].as_array().unwrap().len(), 2);
 
     train(out.path(), &plan, Resume::Always, None);
     let after = json(address, "/runs");
@@ -103,7 +150,7 @@ fn a_run_is_followed_while_it_trains() {
     assert_ne!(after[0]["stamp"], before[0]["stamp"]);
     assert_eq!(json(address, &format!("/field?run={run}"))["note"], "4 steps");
     let progress = json(address, &format!("/progress?run={run}"));
-    assert_eq!(progress["points"].as_array().unwrap().len(), 4);
+    assert_eq!(progress["terms"]["rgb"].as_array().unwrap().len(), 4);
     assert_eq!(progress["views"], serde_json::json!(["000", "001"]));
     let (status, picture) = get(address, &format!("/picture?run={run}&kind=truth&name=001"));
     assert!(status == 200 && picture.starts_with(b"\x89PNG"));
@@ -120,12 +167,12 @@ fn a_field_that_is_no_factored_one_is_baked() {
     // Coarsely while it trains.
     let folder = train(out.path(), &plan, Resume::Never, Some(2));
     let address = serve(&folder);
-    let live = json(address, "/field?run=.");
+    let live = json(address, "/field?run=0/.");
     assert_eq!(live["voxels"], 96);
     assert_eq!(live["note"], "2 steps; not the field itself, but baked to 96 voxels along its box");
     assert_eq!(live["cameras"].as_array().unwrap().len(), 4);
     train(out.path(), &plan, Resume::Always, None);
-    let finished = json(address, "/field?run=.");
+    let finished = json(address, "/field?run=0/.");
     assert!(finished["voxels"].as_u64().unwrap() > 96 && finished["note"].as_str().unwrap().starts_with("4 steps"));
 }
 
@@ -146,7 +193,7 @@ fn stand_in() -> (tempfile::TempDir, SocketAddr) {
 #[test]
 fn nothing_outside_the_folder_is_served() {
     let (folder, address) = stand_in();
-    assert_eq!(get(address, "/picture?run=a&kind=test&name=000"), (200, b"picture".to_vec()));
+    assert_eq!(get(address, "/picture?run=0/a&kind=test&name=000"), (200, b"picture".to_vec()));
     #[cfg(unix)]
     std::os::unix::fs::symlink(folder.path().join("test/000.png"), folder.path().join("runs/a/test/001.png")).unwrap();
     let outside = folder.path().display();
@@ -155,15 +202,15 @@ fn nothing_outside_the_folder_is_served() {
         "/../config.toml",
         "/..%2fconfig.toml",
         "//etc/passwd",
-        "/picture?run=..&kind=test&name=000",
-        "/picture?run=a/../..&kind=test&name=000",
-        "/picture?run=%2e%2e&kind=test&name=000",
-        "/picture?run=a&kind=../../test&name=000",
-        "/picture?run=a&kind=test&name=../../../test/000",
-        "/picture?run=a&kind=test&name=001",
-        &format!("/picture?run={outside}&kind=test&name=000"),
-        "/field?run=..",
-        "/progress?run=..",
+        "/picture?run=0/..&kind=test&name=000",
+        "/picture?run=0/a/../..&kind=test&name=000",
+        "/picture?run=0/%2e%2e&kind=test&name=000",
+        "/picture?run=0/a&kind=../../test&name=000",
+        "/picture?run=0/a&kind=test&name=../../../test/000",
+        "/picture?run=0/a&kind=test&name=001",
+        &format!("/picture?run=0/{outside}&kind=test&name=000"),
+        "/field?run=0/..",
+        "/progress?run=0/..",
     ] {
         let (status, said) = get(address, path);
         assert!((400..500).contains(&status), "{path}: {status}");
@@ -172,16 +219,21 @@ fn nothing_outside_the_folder_is_served() {
 }
 
 #[test]
-fn other_names_and_methods_are_refused() {
+fn other_methods_and_nonsense_are_refused() {
     let (_folder, address) = stand_in();
+    let host = format!("Host: {address}\r\n");
     for (request, expected) in [
-        ("GET /runs HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", 200),
-        ("GET /runs HTTP/1.1\r\nHost: evil.example\r\nConnection: close\r\n\r\n", 403),
-        ("GET http://evil.example/runs HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n", 403),
-        ("POST /runs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 0\r\nConnection: close\r\n\r\n", 405),
-        ("nonsense\r\n\r\n", 400),
+        (format!("GET /runs HTTP/1.1\r\n{host}\r\n"), 200),
+        (format!("GET http://{address}/runs HTTP/1.1\r\n{host}\r\n"), 200),
+        (format!("GET http://evil.example/runs HTTP/1.1\r\n{host}\r\n"), 403),
+        (format!("GET /runs HTTP/1.1\r\n{host}Host: evil.example\r\n\r\n"), 403),
+        ("GET /runs HTTP/1.1\r\n\r\n".into(), 403),
+        (format!("POST /runs HTTP/1.1\r\n{host}Content-Length: 4\r\n\r\nbody"), 405),
+        (format!("GET /runs HTTP/1.1\r\n{host}{}\r\n", "A: b\r\n".repeat(100)), 431),
+        ("nonsense\r\n\r\n".into(), 400),
+        ("GET / HTTP/9.9\r\n\r\n".into(), 400),
     ] {
-        assert_eq!(ask(address, request).0, expected, "{request}");
+        assert_eq!(status(address, &request), expected, "{request}");
     }
 }
 
@@ -222,6 +274,6 @@ fn an_address_in_use_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap();
-    let error = Server::start(folder.path(), address, device(), None).err().expect("an error");
+    let error = Server::start(&[folder.path().to_owned()], address, device(), None).err().expect("an error");
     assert!(error.to_string().starts_with(&address.to_string()), "{error}");
 }

@@ -156,6 +156,9 @@ fn in_process(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
     let (report, numbers) = (files.html, folder.join("results.json"));
     output.say(format_args!("\nreport: {}\nnumbers: {}", report.display(), numbers.display()));
     output.tell(&json!({ "event": "finished", "report": report, "numbers": numbers }));
+    if let Some(live) = &live {
+        live.keep(&folder, output);
+    }
     Ok(ExitCode::SUCCESS)
 }
 

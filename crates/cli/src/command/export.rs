@@ -10,14 +10,14 @@ use glam::Vec3;
 use infonerf_dataset::{SceneSource, transforms};
 use infonerf_experiment::{RunPlan, Trained, TrainedVolume};
 use infonerf_export::{
-    Chamfer, DepthMap, ExportError, Gaussian, Grid, Mesh, Surface, Volume, chamfer, gaussians, glb, npz, obj, ply_mesh,
-    ply_points, ply_splats, splat_picture,
+    Chamfer, DepthMap, ExportError, Gaussian, Grid, Mesh, Surface, Target, Volume, chamfer, gaussians, glb, npz, obj,
+    ply_mesh, ply_points, ply_splats, refine, splat_picture, surface_density,
 };
 use infonerf_metrics::{Picture, psnr};
 use infonerf_procedural as procedural;
 use infonerf_render::render_image;
 use infonerf_report::{VIEWER_PAGE, write_atomically};
-use infonerf_scene::{Camera, Scene, interpolate_views, resized_dimensions};
+use infonerf_scene::{Camera, Lens, Scene, interpolate_views, resized_dimensions};
 
 use crate::print::{errln, outln};
 use crate::selection::DeviceArgs;
@@ -41,8 +41,8 @@ pub(crate) struct ExportArgs {
     /// What to write.
     #[arg(long, value_enum)]
     format: FormatName,
-    /// Voxels along the longest side of the scene's box, 2 to 512, by default 256; the surface is where a voxel is half
-    /// opaque. A page has fewer if the field is slow, or fills so much that they would be too many.
+    /// Voxels along the longest side of the scene's box, 2 to 512, by default 256. A page has fewer if the field is slow, or
+    /// fills so much that they would be too many.
     #[arg(long, value_parser = clap::value_parser!(u32).range(2..=512))]
     resolution: Option<u32>,
     /// What the surface is taken from.
@@ -61,7 +61,7 @@ pub(crate) struct ExportArgs {
 /// What a surface is taken from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum SurfaceName {
-    /// The field's density: the surface is where a voxel is half opaque.
+    /// The field's density: the isosurface that looks most like the field to the training cameras.
     Density,
     /// Depth as rendered from the training cameras and between them, fused: fog that pictures look through leaves nothing.
     Depth,
@@ -75,7 +75,7 @@ enum FormatName {
     Obj,
     /// The same mesh as binary glTF, read by browsers (three.js), Blender, game engines, trimesh.
     Glb,
-    /// Gaussians on the surface, spherical harmonics of degree 1, read by SuperSplat, Brush and other viewers of 3DGS.
+    /// Gaussians on the surface, fitted to the field's pictures, spherical harmonics of degree 1, read by SuperSplat, Brush and other viewers of 3DGS.
     Splat,
     /// Points on the surface with normals and colours, read by MeshLab, CloudCompare, Open3D, plyfile.
     Points,
@@ -96,8 +96,12 @@ const TRUTH_SIZE: u32 = 48;
 const RESOLUTION: usize = 256;
 /// Test views on which splats are measured at most.
 const TEST_VIEWS: usize = 8;
-/// Cameras between the training cameras from which depth is rendered.
+/// Cameras between the training cameras from which depth is rendered, and pictures that splats are fitted to.
 const DEPTH_VIEWS: usize = 60;
+const SPLAT_VIEWS: usize = 28;
+/// Longest side of these pictures at most, and steps of the fit.
+const SPLAT_SIDE: u32 = 200;
+const SPLAT_STEPS: usize = 160;
 
 pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
     args.check()?;
@@ -205,21 +209,30 @@ fn read(plan: RunPlan, args: &ExportArgs) -> Result<Trained> {
     Ok(trained)
 }
 
-/// Depth as the training cameras see it, and cameras on a path through them; no finer than the voxels.
+/// The training cameras, and `between` of them on a path through them, with pictures whose longest side is `side` at most.
+fn cameras_around(scene: &Scene, between: usize, side: u32) -> Vec<Camera> {
+    let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+    let like = &training[0];
+    let (width, height) = resized_dimensions(like.width, like.height, like.width.max(like.height).min(side));
+    let poses = training.iter().map(|camera| camera.to_world).chain(interpolate_views(&training, between));
+    poses.map(|pose| like.resized(width, height).with_pose(pose)).collect()
+}
+
+/// Depth as these cameras see it; no finer than the voxels.
 fn depth_maps(trained: &Trained, resolution: usize) -> Vec<DepthMap> {
     let models = trained.models();
-    let training: Vec<Camera> = trained.scene().train.iter().map(|view| view.camera.clone()).collect();
-    let between = interpolate_views(&training, DEPTH_VIEWS);
-    let poses = training.iter().map(|camera| camera.to_world).chain(between);
-    let of_pose = |pose| {
-        let like = &training[0];
-        let longest = like.width.max(like.height).min(resolution as u32);
-        let (width, height) = resized_dimensions(like.width, like.height, longest);
-        let camera = like.resized(width, height).with_pose(pose);
-        let depth = render_image(trained.renderer(), &models, &camera).depth;
-        DepthMap { camera, depth }
+    let of_camera = |camera| DepthMap { depth: render_image(trained.renderer(), &models, &camera).depth, camera };
+    cameras_around(trained.scene(), DEPTH_VIEWS, resolution as u32).into_iter().map(of_camera).collect()
+}
+
+/// Pictures of the field for splats to be fitted to, without a lens, as splats have none. Test views have no part in them.
+fn targets(trained: &Trained) -> Vec<Target> {
+    let models = trained.models();
+    let of_camera = |camera: Camera| {
+        let camera = camera.with_lens(Lens::default());
+        Target { picture: render_image(trained.renderer(), &models, &camera).rgb, camera }
     };
-    poses.map(of_pose).collect()
+    cameras_around(trained.scene(), SPLAT_VIEWS, SPLAT_SIDE).into_iter().map(of_camera).collect()
 }
 
 /// The fields of a run and their densities.
@@ -237,7 +250,10 @@ impl Sampled {
         let volume = trained.volume();
         let resolution = args.resolution.map_or(RESOLUTION, |voxels| voxels as usize);
         let grid = match args.from {
-            SurfaceName::Density => Grid::sample(&volume, resolution)?,
+            SurfaceName::Density => {
+                let cameras: Vec<Camera> = trained.scene().train.iter().map(|view| view.camera.clone()).collect();
+                Grid::sample(&volume, resolution, surface_density(&volume, &cameras)?)?
+            }
             SurfaceName::Depth => Grid::fuse(volume.bounds(), resolution, &depth_maps(&trained, resolution))?,
         };
         Ok(Self { trained, volume, grid, triangles: args.triangles.map(|triangles| triangles as usize) })
@@ -266,8 +282,10 @@ impl Sampled {
 
     fn splats(&self) -> Result<Exported> {
         let surface = Surface::extract(&self.grid)?;
-        let splats = gaussians(&surface, &self.volume);
-        let summary = format!("{} gaussians{}", splats.len(), fidelity(&splats, self.trained.scene())?);
+        let mut splats = gaussians(&surface, &self.volume);
+        let scene = self.trained.scene();
+        refine(&mut splats, &targets(&self.trained), scene.background, SPLAT_STEPS);
+        let summary = format!("{} gaussians{}", splats.len(), fidelity(&splats, &self.trained)?);
         Ok(Exported { bytes: ply_splats(&splats), summary, surface: Some(surface) })
     }
 
@@ -278,20 +296,25 @@ impl Sampled {
     }
 }
 
-/// The mean PSNR of pictures of `splats` on test views of `scene`, as a part of a sentence; nothing without test views or
-/// behind a lens, which splats are not rendered through.
-fn fidelity(splats: &[Gaussian], scene: &Scene) -> Result<String> {
+/// The mean PSNR of pictures of `splats` on test views, and of the field's own, as a part of a sentence; nothing without test
+/// views or behind a lens, which splats are not rendered through.
+fn fidelity(splats: &[Gaussian], trained: &Trained) -> Result<String> {
+    let (scene, models) = (trained.scene(), trained.models());
     let views: Vec<_> = scene.test.iter().filter(|view| view.camera.lens.is_perspective()).take(TEST_VIEWS).collect();
-    let mut sum = 0.0;
+    let mut sums = [0.0; 2];
     for view in &views {
         let [width, height] = [view.image.width, view.image.height].map(|side| side as usize);
-        let shown = splat_picture(splats, &view.camera, scene.background);
         let truth = Picture::new(view.image.rgb.clone(), width, height)?;
-        sum += psnr(&Picture::new(shown, width, height)?.rounded(), &truth)?;
+        let shown = splat_picture(splats, &view.camera, scene.background);
+        let field = render_image(trained.renderer(), &models, &view.camera).rgb;
+        for (sum, picture) in sums.iter_mut().zip([shown, field]) {
+            *sum += psnr(&Picture::new(picture, width, height)?.rounded(), &truth)? / views.len() as f64;
+        }
     }
+    let [splats, field] = sums;
     Ok(match views.len() {
         0 => String::new(),
-        count => format!(", which show {count} test views with {:.2} dB PSNR", sum / count as f64),
+        count => format!(", which show {count} test views with {splats:.2} dB PSNR (the field itself: {field:.2} dB)"),
     })
 }
 

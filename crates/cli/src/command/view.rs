@@ -16,19 +16,22 @@ Examples:
       all runs below a folder, at http://127.0.0.1:7007/; those that train are followed
   infonerf view runs/synthetic-4view/castle/infonerf+/seed0 --open
       one run, in the browser
+  infonerf view runs/synthetic-4view/castle/nerf/seed0 runs/synthetic-4view/castle/infonerf/seed0
+      two runs, which the page shows side by side under one camera (\"Compare with\")
   ssh -L 7007:127.0.0.1:7007 HOST infonerf view runs
-      runs of another machine, at the same address on this one";
+      runs of another machine, at the same address on this one (the port must be the same)";
 
 /// Show runs in a browser on this machine, also while they train: scene, curves, test views beside their truth.
 #[derive(Debug, Args)]
 #[command(after_help = VIEW_EXAMPLES)]
 pub(crate) struct ViewArgs {
-    /// Folder of a run, or one that holds runs.
-    dir: PathBuf,
+    /// Folders of runs, or folders that hold runs. The page compares any two of them.
+    #[arg(value_name = "RUNS", required = true)]
+    runs: Vec<PathBuf>,
     /// Port to listen on; 0 for any that is free.
     #[arg(long, default_value_t = 7007)]
     port: u16,
-    /// Address to listen on. With another one than this machine's own, everybody who reaches it can look at the runs.
+    /// Address to listen on. With one that other machines reach, whoever reaches it can look at the runs.
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     host: IpAddr,
     /// Open the page in the browser.
@@ -40,8 +43,9 @@ pub(crate) struct ViewArgs {
 
 pub(crate) fn run(args: &ViewArgs) -> Result<ExitCode> {
     let device = open_device(args.device.device)?;
-    let server = Server::start(&args.dir, SocketAddr::new(args.host, args.port), device, None)?;
-    outln!("{} shows {} (Ctrl-C ends)", server.url(), args.dir.display());
+    let server = Server::start(&args.runs, SocketAddr::new(args.host, args.port), device, None)?;
+    let shown: Vec<String> = args.runs.iter().map(|run| run.display().to_string()).collect();
+    outln!("{} shows {} (Ctrl-C ends)", server.url(), shown.join(", "));
     if args.open
         && let Err(error) = open::that(server.url())
     {

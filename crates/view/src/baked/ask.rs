@@ -1,4 +1,4 @@
-//! Questions to a field at points on no ray of a picture.
+//! Queries of a field at points that belong to no ray.
 
 use glam::Vec3;
 use infonerf_field::{Extent, Field, FieldOutput, Points};
@@ -6,22 +6,22 @@ use infonerf_ops::{Segments, to_host};
 use infonerf_render::{TrainedModel, Warp};
 use infonerf_scene::Scene;
 
-use crate::package::Subjects;
+use crate::subjects::Subjects;
 
-/// Points at which a field is asked at a time: bounds the memory.
+/// Points per query: bounds the memory.
 const CHUNK: usize = 1 << 15;
-/// Places that a field is looked at from.
+/// Viewpoints from which colours are evaluated.
 const EYES: usize = 6;
-/// The nearest that a training camera is taken to be, in radii of the scene.
+/// The least distance of a training camera that is used, in radii of the scene.
 const NEAREST: f32 = 1e-3;
 
-/// A field that is asked in the space of its warp.
+/// A field that is queried in its warped space.
 pub(super) struct Ask<'a> {
     trained: &'a TrainedModel,
     warp: &'a Warp,
-    /// Whether there is nothing beyond the box that the occupancy grid is of.
+    /// Whether space is empty beyond the occupancy grid's box.
     closed: bool,
-    /// Where one looks from.
+    /// The viewpoints.
     pub(super) eyes: Vec<Vec3>,
     cameras: Vec<Vec3>,
     /// Edge of what a pixel covers at distance 1; the mean of the training cameras.
@@ -48,8 +48,8 @@ impl<'a> Ask<'a> {
         }
     }
 
-    /// Densities, in the coordinate of the warp, at points each of which stands for a voxel; 0 where the occupancy grid knows
-    /// of nothing, as pictures have it.
+    /// Densities in the warp's coordinate at points that each represent a voxel; 0 where the occupancy grid is empty, as in
+    /// pictures.
     pub(super) fn densities(&self, points: &[Vec3], voxel: f32) -> Vec<f32> {
         let open: Vec<usize> = (0..points.len()).filter(|&index| self.is_open(points[index])).collect();
         let mut densities = vec![0.0; points.len()];
@@ -64,7 +64,7 @@ impl<'a> Ask<'a> {
         densities
     }
 
-    /// Whether the occupancy grid knows of something at `p`; on the faces of a closed box and beyond what it knows just within.
+    /// Whether the occupancy grid is occupied at `p`; on and beyond the faces of a closed box, just inside of them.
     fn is_open(&self, p: Vec3) -> bool {
         const WITHIN: f32 = 1.0 - 1e-5;
         let Some(grid) = &self.trained.occupancy else { return true };
@@ -72,7 +72,7 @@ impl<'a> Ask<'a> {
         grid.is_occupied(if self.closed { centre + (p - centre).clamp(-half, half) } else { p })
     }
 
-    /// The colour of each point as each of the eyes sees it, `[points, eyes]`, with the direction from there.
+    /// Direction and colour of each point as seen from each viewpoint, `[points, eyes]`.
     pub(super) fn colors(&self, points: &[Vec3], voxel: f32) -> Vec<(Vec3, Vec3)> {
         let count = self.eyes.len();
         let of_chunk = |points: &[Vec3]| -> Vec<(Vec3, Vec3)> {
@@ -110,8 +110,8 @@ impl<'a> Ask<'a> {
     }
 }
 
-/// Some places that one looks from, far apart: cameras of which each is as far as possible from those before it, the first
-/// training camera being the first. Without cameras, six around the scene.
+/// Viewpoints far apart: from the first training camera on, each is the camera farthest from those before it. Without cameras,
+/// six around the scene.
 fn eyes(scene: &Scene) -> Vec<Vec3> {
     let views = scene.train.iter().map(|view| view.camera.position());
     let places: Vec<Vec3> = views.chain(scene.all_train_cameras.iter().map(|camera| camera.position())).collect();

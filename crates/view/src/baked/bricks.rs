@@ -1,4 +1,4 @@
-//! Bricks in which there is something, and their densities.
+//! Bricks that are not empty, and their densities.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -8,27 +8,26 @@ use super::density::byte;
 use super::domain::Domain;
 use super::lattice::{CELLS, Lattice, POINTS, VOLUME};
 
-/// Bricks at most: what a graphics card easily holds (13 bytes a point make 46 MB), and what a page can be sent with.
+/// The most bricks: 46 MB at 13 bytes per point, which graphics cards hold and pages can be sent with.
 pub(super) const MOST: usize = 4900;
-/// Voxels between points at which it is found out where there is something. Between them something smaller is missed whose
-/// density has no slopes.
+/// Voxels between the points that find occupied bricks. What is smaller and has a sharp density may be missed.
 const COARSE: usize = 4;
-/// No fewer voxels are tried along the longest side, however many bricks there are; then these are few.
+/// The fewest voxels along the longest side that are tried.
 const LEAST_RESOLUTION: usize = 16;
 
 /// The cells of a lattice in which a field is not empty.
 pub(super) struct Bricks {
     pub(super) lattice: Lattice,
-    /// Ascending. The brick of each has a number, its place here.
+    /// Ascending. A cell's place here is the number of its brick.
     pub(super) cells: Vec<usize>,
-    /// Of each brick the [`byte`] of each point.
+    /// For each brick the [`byte`] of each point.
     pub(super) roots: Vec<u8>,
     /// The number of each cell's brick, if it has one.
     numbers: Vec<Option<u32>>,
 }
 
 impl Bricks {
-    /// At `resolution` voxels along the domain's side, or as many as lead to [`MOST`] bricks; and how many that are.
+    /// The bricks at `resolution` voxels along the domain's side, or at as many as give [`MOST`] bricks, and that number.
     pub(super) fn find(ask: &Ask<'_>, domain: &Domain, mut resolution: usize) -> (usize, Self) {
         loop {
             let lattice = Lattice::over(&domain.bounds, domain.side / resolution as f32);
@@ -42,7 +41,7 @@ impl Bricks {
         }
     }
 
-    /// Those of `candidates` in which there is something at any point.
+    /// Those of `candidates` that are not empty at every point.
     fn of(ask: &Ask<'_>, domain: &Domain, lattice: Lattice, candidates: &[usize]) -> Self {
         let mut points: Vec<usize> = candidates.par_iter().flat_map_iter(|&cell| lattice.points(cell)).collect();
         points.par_sort_unstable();
@@ -91,7 +90,7 @@ impl Bricks {
     }
 }
 
-/// Cells in which a field is not empty at one point of a coarse lattice at least.
+/// Cells with at least one point of a coarse lattice that is not empty.
 fn candidates(ask: &Ask<'_>, domain: &Domain, lattice: &Lattice) -> Vec<usize> {
     const PER_CELL: usize = CELLS / COARSE;
     const ALONG: usize = PER_CELL + 1;

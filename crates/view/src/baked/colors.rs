@@ -1,12 +1,12 @@
-//! Colours that are linear in the direction.
+//! Colours that are linear in the direction of view.
 //!
 //! A point's colour is `a + b·d` along the unit direction d from the eye, kept within [0, [`MOST_COLOR`]]: spherical harmonics of
-//! degree 1. It is fitted to what the field answers as seen from a few [`eyes`](Ask::eyes): with means c̄ and d̄, and eyes K,
+//! degree 1. It is fitted to the field's colours seen from a few [`eyes`](Ask::eyes): with means c̄ and d̄, and eyes K,
 //! `b = (Σ (d − d̄)(d − d̄)ᵀ + ε K)⁻¹ Σ (d − d̄)(c − c̄)` and `a = c̄ − b·d̄`. ε keeps slopes small in directions in which the eyes do
 //! not differ.
 //!
-//! A number is `low + step · byte`. Steps are as coarse as does not show, which halves the size of what has no order, such as
-//! fog; where there are many points they are coarser.
+//! A number is `low + step · byte`. Steps are as coarse as is invisible, which halves the size of what is irregular, such as
+//! fog; with many points they are coarser.
 
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
@@ -15,25 +15,25 @@ use super::ask::Ask;
 use super::bricks::Bricks;
 use super::lattice::{Lattice, POINTS};
 
-/// The greatest colour: Neural Volumes have some above 1, which shows where little of it is seen.
+/// The greatest colour: Neural Volumes' exceed 1, which shows through thin parts.
 pub(super) const MOST_COLOR: f32 = 2.0;
 /// ε.
 const RIDGE: f32 = 3e-3;
-/// The greatest slope; colours between 0 and 1 have hardly any above.
+/// The greatest slope; colours in [0, 1] hardly exceed it.
 const MOST_SLOPE: f32 = 1.0;
-/// The least step of a, and of b: half of it is the greatest error.
+/// The least steps of a and b; half a step is the greatest error.
 const FINE: [f32; 4] = [1.0 / 255.0, 1.0 / 64.0, 1.0 / 64.0, 1.0 / 64.0];
 /// The same where there are more than [`MANY`] points.
 const COARSE: [f32; 4] = [1.0 / 64.0, 1.0 / 16.0, 1.0 / 16.0, 1.0 / 16.0];
 const MANY: usize = 1_000_000;
-/// Points that are fitted at a time: bounds the memory.
+/// Points per query: bounds the memory.
 const CHUNK: usize = 1 << 16;
 
 /// Colours of some points of a lattice.
 pub(super) struct Colors {
     /// Ascending.
     points: Vec<usize>,
-    /// Of red, green and blue the numbers a and b.
+    /// a and b of red, green and blue.
     pub(super) channels: [Channel; 3],
 }
 
@@ -41,14 +41,14 @@ pub(super) struct Colors {
 pub(super) struct Channel {
     /// `[points, 4]`.
     bytes: Vec<u8>,
-    /// Of each number what byte 0 stands for.
+    /// The value of byte 0 of each number.
     pub(super) low: [f32; 4],
-    /// And how much more byte 255.
+    /// How much larger the value of byte 255 is.
     pub(super) range: [f32; 4],
 }
 
 impl Colors {
-    /// Those of `points`, which ascend.
+    /// Colours of `points`, which ascend.
     pub(super) fn of(ask: &Ask<'_>, lattice: &Lattice, points: &[usize]) -> Self {
         let mut tables: [Vec<f32>; 3] = Default::default();
         for points in points.chunks(CHUNK) {
@@ -64,7 +64,7 @@ impl Colors {
     }
 
     /// The four bytes of a channel at each point of the bricks, one plane `[bricks, 9, 9, 9]` after another. Where no colour
-    /// is seen, that before it in its row goes on.
+    /// is seen, the previous one of its row is repeated.
     pub(super) fn planes(&self, channel: usize, bricks: &Bricks) -> Vec<u8> {
         let points = bricks.cells.par_iter().flat_map_iter(|&cell| bricks.lattice.points(cell));
         let places: Vec<Option<usize>> = points.map(|point| self.points.binary_search(&point).ok()).collect();

@@ -1,4 +1,4 @@
-//! A baked package read back and evaluated as the shader does it: the oracle of what is packed.
+//! A baked package read back and evaluated as the shader does: the oracle for packing.
 
 use glam::Vec3;
 use infonerf_field::{Extent, Field, Points};

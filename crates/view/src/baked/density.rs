@@ -6,7 +6,7 @@
 
 /// The greatest opacity of a voxel, that of optical depth 8.
 pub(super) const MOST_OPACITY: f32 = 0.999_664_5;
-/// The byte from which a voxel lets less than a tenth of the light through.
+/// The byte from which on a voxel transmits less than a tenth of the light.
 pub(super) const NEARLY_OPAQUE: u8 = 242;
 
 /// The byte of a density, 1/length, in voxels of this length.

@@ -1,4 +1,4 @@
-//! Where a field is looked at.
+//! The region in which a field is baked.
 
 use glam::Vec3;
 use infonerf_render::{RenderConfig, Warp};
@@ -6,12 +6,12 @@ use infonerf_scene::{Aabb, Scene};
 
 use crate::shader::clips;
 
-/// How far from the middle of a scene's box a field is looked at where rays are not cut to it, in halves of its longest side.
+/// How far from its centre a scene is baked where rays are not clipped to its box, in halves of its longest side.
 const FARTHEST: f32 = 3.0;
-/// A density that stops less than this share of the light across the whole box is taken for none.
+/// A density that absorbs less than this share of the light across the whole box counts as none.
 const LEAST_SHARE: f32 = 0.02;
 
-/// The part of the space that a field is asked in, in which there can be something.
+/// The part of the field's space that can contain something.
 #[derive(Debug)]
 pub(super) struct Domain {
     /// A box around it.
@@ -24,8 +24,8 @@ pub(super) struct Domain {
 }
 
 impl Domain {
-    /// Where rays are cut to the scene's box, that; else also what beyond it the training cameras see between near and far, on
-    /// all sides, within three times the box. Of warped space the box or the ball that it is brought into.
+    /// The scene's box where rays are clipped to it; otherwise also what the training cameras see beyond it between near and
+    /// far, within three times the box. In warped space, the box or ball that the warp maps to.
     pub(super) fn of(scene: &Scene, config: &RenderConfig, warp: &Warp) -> Self {
         let bounds = warp.bounds(scene);
         let (centre, side) = (bounds.centre(), bounds.size().max_element());
@@ -48,7 +48,7 @@ impl Domain {
         bounds.contains(p) && self.centre.distance(p) <= self.radius + margin
     }
 
-    /// The density below which there is taken to be nothing.
+    /// The density below which space counts as empty.
     pub(super) fn least_density(&self) -> f32 {
         LEAST_SHARE / self.side
     }

@@ -1,4 +1,4 @@
-//! Points that a field is asked at.
+//! The lattice of points at which a field is baked.
 
 use glam::Vec3;
 use infonerf_scene::Aabb;
@@ -69,7 +69,7 @@ impl Lattice {
     }
 }
 
-/// Where the `index`th point of a brick is in it.
+/// The coordinates of a brick's `index`th point within it.
 pub(super) fn within(index: usize) -> [usize; 3] {
     [index % POINTS, index / POINTS % POINTS, index / (POINTS * POINTS)]
 }

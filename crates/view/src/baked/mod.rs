@@ -1,16 +1,16 @@
-//! Any field as bricks of voxels: what a browser cannot evaluate it reads.
+//! Fields that a browser cannot evaluate, baked to bricks of voxels.
 //!
 //! ```text
-//! field ─► densities, coarse ─► bricks in which there is something ─► densities ─► colours where they are seen ─► bytes
+//! field ─► coarse densities ─► bricks that are not empty ─► densities ─► colours where they are seen ─► bytes
 //! ```
 //!
-//! - **Where** ([`domain`], [`lattice`]). Cubic voxels over the box that the field lies in, in the space that it is asked in. A brick is 8³ voxels with the 9³ points at their corners, so that a graphics card interpolates
+//! - **Where** ([`domain`], [`lattice`]). Cubic voxels over the box that the field lies in, in the field's own space. A brick is 8³ voxels with the 9³ points at their corners, so that a graphics card interpolates
 //!   within it alone; bricks side by side share their outermost points.
 //! - **Density** ([`density`]): √(opacity of a voxel) in 8 bits.
 //! - **Colour** ([`colors`]): `a + b·d` along the direction d, spherical harmonics of degree 1: four numbers of 8 bits for each of
-//!   red, green and blue, fitted to what the field answers along directions from which the cameras look.
-//! - **A field of volumes** (mip-NeRF) is asked about what a pixel of the nearest training camera covers there, or a voxel
-//!   where that is larger.
+//!   red, green and blue, fitted to the field's colours along directions from which the cameras look.
+//! - **A field of volumes** (mip-NeRF) is evaluated over what a pixel of the nearest training camera covers there, or over
+//!   a voxel if that is larger.
 //! - **The march** takes half a voxel at a time, so pictures differ from the program's also by their sampling: the program's
 //!   own samples may be farther apart.
 
@@ -32,8 +32,8 @@ use infonerf_field::{FieldConfig, FieldSpec};
 use serde_json::{Value, json};
 
 use crate::blob::{Blob, bits};
-use crate::package::Subjects;
 use crate::shader::{March, integers3, vector4};
+use crate::subjects::Subjects;
 use ask::Ask;
 use bricks::Bricks;
 use colors::{Colors, MOST_COLOR};
@@ -42,26 +42,26 @@ use lattice::{CELLS, POINTS};
 
 const FIELD: &str = include_str!("../../assets/bricks.glsl");
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
-/// Voxels along the longest side of a field's box; of a field that is slow; and of one that is still in training, at most.
+/// Voxels along the longest side of a field's box, of a slow field's, and at most while it trains.
 const RESOLUTION: usize = 256;
 const SLOW_RESOLUTION: usize = 128;
 const LIVE_RESOLUTION: usize = 96;
-/// A field that takes more numbers for a sample than this is slow: an MLP of four layers of 256 is not, one of eight is.
+/// A field with more numbers per sample than this is slow: an MLP of eight layers of 256 is, one of four is not.
 const SLOW: u64 = 1024;
-/// A ray ends at this transmittance at the latest: less does not show in 8 bits.
+/// Rays end at this transmittance at the latest: less is invisible in 8 bits.
 const STOP: f32 = 1e-3;
 
-/// Voxels along the longest side of a field's box, where nobody says how many.
+/// Voxels along the longest side of a field's box, by default.
 pub(crate) fn resolution(field: &FieldConfig) -> usize {
     if field.footprint().per_sample > SLOW { SLOW_RESOLUTION } else { RESOLUTION }
 }
 
-/// The same while the field is in training, and asked for again and again.
+/// The same while the field trains and is baked again and again.
 pub(crate) fn live_resolution(field: &FieldConfig) -> usize {
     (resolution(field) / 2).min(LIVE_RESOLUTION)
 }
 
-/// The shader and the arrays of a field of any kind, at `resolution` or as fine as the most bricks allow.
+/// The shader and the arrays of a field of any kind, at `resolution` or as fine as [`bricks::MOST`] allows.
 pub(crate) fn package(subjects: &Subjects<'_>, resolution: usize) -> Result<Value> {
     let Subjects { scene, renderer, config, .. } = subjects;
     let warp = renderer.warp();
@@ -123,7 +123,7 @@ fn constants(voxel: f32, atlas: [usize; 3], colors: &Colors) -> String {
     text
 }
 
-/// Each byte less the one before it in its row of [`POINTS`], modulo 256: of smooth numbers these are small, and deflate well.
+/// Each byte less the one before it in its row of [`POINTS`], modulo 256: small for smooth numbers, so they deflate well.
 fn differences(bytes: &[u8]) -> Vec<u8> {
     let of_row = |row: &[u8]| -> Vec<u8> {
         let before = std::iter::once(0).chain(row.iter().copied());

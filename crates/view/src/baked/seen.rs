@@ -1,4 +1,4 @@
-//! Points whose colours are seen.
+//! Points whose colours are visible.
 
 use rayon::prelude::*;
 
@@ -6,8 +6,7 @@ use super::bricks::Bricks;
 use super::density::NEARLY_OPAQUE;
 use super::lattice::{POINTS, VOLUME, within};
 
-/// Points around one that have to be nearly opaque for it to be hidden: light passes at least this many voxels, and less than
-/// 1 % of it is left.
+/// A point is hidden if all points up to this far around it are nearly opaque: less than 1 % of the light reaches it.
 const COVER: usize = 2;
 /// Points along a brick with those around it.
 const WIDE: usize = POINTS + 2 * COVER;

@@ -1,72 +1,65 @@
-//! Requests and what is answered.
+//! Answers to requests.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::net::IpAddr;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use http::{Method, Request, Response, StatusCode};
 use infonerf_experiment::OpenDevice;
-use infonerf_report::Events;
-use oxhttp::model::{Body, Method, Request, Response, StatusCode};
+use infonerf_report::{Events, Step};
 use serde_json::{Value, json};
 
 use super::control::TrainingControl;
 use super::fields::Fields;
+use super::guard::{Guard, TOKEN};
 use super::routes::Route;
-use super::runs::{first_field, list, resolve};
+use super::runs::{Roots, first_field};
 use crate::page;
 
-/// Points of a curve at most.
+/// The most points of a curve.
 const MOST_POINTS: usize = 400;
-/// A request that changes something has this header. Pages of other sites cannot send it: a browser asks first whether they
-/// may, and is not told so.
-const OWN_PAGE: &str = "x-infonerf";
-/// What the page may load and run: itself, and what this server answers.
-const POLICY: &str = "default-src 'none'; connect-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
+/// The page may load only from this server and run only its own script, and no page may frame it.
+const POLICY: &str = "default-src 'none'; connect-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; \
+                      script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
-/// What the server knows.
+/// Answers requests about the runs below some folders.
 pub(super) struct Answers {
-    root: PathBuf,
+    roots: Roots,
     fields: Fields,
-    /// Whether only this machine is answered.
-    local: bool,
-    /// Of the training beside the server.
+    guard: Guard,
+    /// Of the training in this process, if there is any.
     control: Option<TrainingControl>,
 }
 
 impl Answers {
-    /// Answers about the runs below `root`, a canonical path.
-    pub(super) fn new(root: PathBuf, device: OpenDevice, local: bool, control: Option<TrainingControl>) -> Self {
-        Self { root, fields: Fields::new(device), local, control }
+    pub(super) fn new(roots: Roots, device: OpenDevice, guard: Guard, control: Option<TrainingControl>) -> Self {
+        Self { roots, fields: Fields::new(device), guard, control }
     }
 
     /// The answer to a request.
-    pub(super) fn to(&self, request: &Request<Body>) -> Response<Body> {
+    pub(super) fn to(&self, request: &Request<()>) -> Response<Vec<u8>> {
         let uri = request.uri();
-        if self.local && !uri.host().is_some_and(is_local) {
-            return text(StatusCode::FORBIDDEN, "expected a request to this machine by its own name");
-        }
         let nothing = || text(StatusCode::NOT_FOUND, "nothing of this name");
         let route = Route::of(uri.path(), uri.query().unwrap_or_default());
+        if let Some(reason) = self.guard.refusal(request, route == Some(Route::Page)) {
+            return text(StatusCode::FORBIDDEN, &reason);
+        }
         let method = if matches!(route, Some(Route::Command(_))) { Method::POST } else { Method::GET };
         if *request.method() != method {
             return text(StatusCode::METHOD_NOT_ALLOWED, &format!("expected {method}"));
         }
         match route {
             None => nothing(),
-            Some(Route::Command(command)) => match &self.control {
-                Some(_) if !request.headers().contains_key(OWN_PAGE) => {
-                    text(StatusCode::FORBIDDEN, "expected a request of this server's own page")
-                }
-                Some(control) => {
-                    control.apply(command);
-                    json_answer(&control.state())
-                }
-                None => nothing(),
-            },
+            Some(Route::Command(_)) if !self.guard.has_token(request) => {
+                text(StatusCode::FORBIDDEN, &format!("{TOKEN}: expected the page's token"))
+            }
+            Some(Route::Command(command)) => self.control.as_ref().map_or_else(nothing, |control| {
+                control.apply(command);
+                json_answer(&control.state())
+            }),
             Some(Route::Training) => json_answer(&self.control.as_ref().map_or(Value::Null, TrainingControl::state)),
-            Some(Route::Page) => answer(StatusCode::OK, "text/html; charset=utf-8", page::live()),
-            Some(Route::Runs) => json_answer(&list(&self.root)),
+            Some(Route::Page) => answer(StatusCode::OK, "text/html; charset=utf-8", page::live(self.guard.token())),
+            Some(Route::Runs) => json_answer(&self.roots.list()),
             Some(Route::Field { run }) => self.in_run(&run, |folder| match self.fields.package(folder) {
                 Ok(package) => answer(StatusCode::OK, "application/json", package.to_string()),
                 Err(error) => text(StatusCode::CONFLICT, &format!("{error:#}")),
@@ -81,31 +74,35 @@ impl Answers {
         }
     }
 
-    fn in_run(&self, run: &str, of: impl Fn(&Path) -> Response<Body>) -> Response<Body> {
-        resolve(&self.root, run)
-            .map_or_else(|| text(StatusCode::NOT_FOUND, "no run of this name"), |folder| of(&folder))
+    fn in_run(&self, run: &str, of: impl Fn(&Path) -> Response<Vec<u8>>) -> Response<Vec<u8>> {
+        let folder = self.roots.resolve(run);
+        folder.map_or_else(|| text(StatusCode::NOT_FOUND, "no run of this name"), |folder| of(&folder))
     }
 }
 
-/// Whether a request names this machine as such.
-fn is_local(host: &str) -> bool {
-    let address = host.trim_start_matches('[').trim_end_matches(']').parse::<IpAddr>();
-    host.eq_ignore_ascii_case("localhost") || address.is_ok_and(|address| address.is_loopback())
-}
-
-/// Loss and PSNR of the first field's training, thinned out, and the test views that can be compared.
+/// Curves of the first field's training, each point the mean over a range of steps: the total loss, its terms and PSNR; and the
+/// test views that have a render and a truth.
 fn progress(run: &Path) -> Value {
     let steps = Events::read(&first_field(run).join("metrics.jsonl")).unwrap_or_default().steps;
-    let mut points: Vec<Value> = Vec::new();
-    for chunk in steps.chunks(steps.len().div_ceil(MOST_POINTS).max(1)) {
-        let mean = |of: fn(&infonerf_report::Step) -> Option<f64>| {
+    let chunks: Vec<&[Step]> = steps.chunks(steps.len().div_ceil(MOST_POINTS).max(1)).collect();
+    let curve = |of: &dyn Fn(&Step) -> Option<f64>| -> Vec<Option<f64>> {
+        let mean = |chunk: &&[Step]| {
             let values: Vec<f64> = chunk.iter().filter_map(of).collect();
             (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
         };
-        points.push(json!([chunk[chunk.len() - 1].step, mean(|step| step.loss), mean(|step| step.psnr)]));
-    }
+        chunks.iter().map(mean).collect()
+    };
+    let names: BTreeSet<&String> = steps.iter().flat_map(|step| step.losses.keys()).collect();
+    let terms: BTreeMap<_, _> =
+        names.iter().map(|&name| (name, curve(&|step| step.losses.get(name).copied()))).collect();
     let views: Vec<String> = pictures(&run.join("test")).intersection(&pictures(&run.join("truth"))).cloned().collect();
-    json!({ "points": points, "views": views })
+    json!({
+        "steps": chunks.iter().filter_map(|chunk| chunk.last()).map(|step| step.step).collect::<Vec<_>>(),
+        "loss": curve(&|step| step.loss),
+        "terms": terms,
+        "psnr": curve(&|step| step.psnr),
+        "views": views,
+    })
 }
 
 /// Stems of the PNG files in a folder.
@@ -115,19 +112,21 @@ fn pictures(folder: &Path) -> BTreeSet<String> {
     entries.filter_map(|entry| stem(entry.file_name().into_string().ok()?)).collect()
 }
 
-fn json_answer(value: &Value) -> Response<Body> {
+fn json_answer(value: &Value) -> Response<Vec<u8>> {
     answer(StatusCode::OK, "application/json", value.to_string())
 }
 
-fn text(status: StatusCode, words: &str) -> Response<Body> {
-    answer(status, "text/plain; charset=utf-8", words.to_owned())
+fn text(status: StatusCode, words: &str) -> Response<Vec<u8>> {
+    answer(status, "text/plain; charset=utf-8", words)
 }
 
-fn answer(status: StatusCode, kind: &str, body: impl Into<Body>) -> Response<Body> {
+fn answer(status: StatusCode, kind: &str, body: impl Into<Vec<u8>>) -> Response<Vec<u8>> {
     let response = Response::builder()
         .status(status)
         .header("content-type", kind)
         .header("content-security-policy", POLICY)
+        .header("x-frame-options", "DENY")
+        .header("cross-origin-resource-policy", "same-origin")
         .header("x-content-type-options", "nosniff")
         .header("cache-control", "no-store")
         .body(body.into());
@@ -139,22 +138,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_of_this_machine() {
-        for host in ["localhost", "LOCALHOST", "127.0.0.1", "127.8.8.8", "[::1]"] {
-            assert!(is_local(host), "{host}");
-        }
-        for host in ["", "example.com", "localhost.example.com", "192.168.0.1", "0.0.0.0", "[::]"] {
-            assert!(!is_local(host), "{host}");
-        }
-    }
-
-    #[test]
     fn curves_are_thinned_out() {
         let folder = tempfile::tempdir().unwrap();
-        let line = |step: usize| format!("{{\"event\":\"step\",\"step\":{step},\"loss\":{step},\"psnr\":null}}\n");
+        let line = |step: usize| {
+            let terms = if step > 500 { r#"{"rgb":2.0,"kl":-0.5}"# } else { r#"{"rgb":1.0}"# };
+            format!("{{\"event\":\"step\",\"step\":{step},\"loss\":-{step},\"losses\":{terms},\"psnr\":null}}\n")
+        };
         fs::write(folder.path().join("metrics.jsonl"), (1..=1000).map(line).collect::<String>()).unwrap();
-        let progress = progress(folder.path());
-        let points = progress["points"].as_array().unwrap();
-        assert_eq!((points.len(), &points[0]), (334, &json!([3.0, 2.0, null])));
+        let found = progress(folder.path());
+        assert_eq!((found["steps"].as_array().unwrap().len(), &found["steps"][0]), (334, &json!(3.0)));
+        // Values of 0 and less are values like others; a term has none before it begins.
+        assert_eq!((&found["loss"][0], &found["psnr"][0]), (&json!(-2.0), &Value::Null));
+        let terms = &found["terms"];
+        assert_eq!((&terms["rgb"][0], &terms["kl"][0], &terms["kl"][333]), (&json!(1.0), &Value::Null, &json!(-0.5)));
     }
 }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-/// What the page of a [`Server`](super::Server) wants of the training beside it. Clones are one and the same.
+/// What the page of a [`Server`](super::Server) asks of the training in the same process. Clones share their state.
 #[derive(Clone, Debug, Default)]
 pub struct TrainingControl(Arc<Shared>);
 
@@ -14,11 +14,12 @@ pub struct TrainingControl(Arc<Shared>);
 struct Shared {
     paused: AtomicBool,
     stopped: AtomicBool,
+    ended: AtomicBool,
     /// When a page last asked for the state of training.
     asked: Mutex<Option<Instant>>,
 }
 
-/// What can be wanted.
+/// A request of the page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Command {
     Pause,
@@ -37,6 +38,11 @@ impl TrainingControl {
         self.0.stopped.load(Ordering::Relaxed)
     }
 
+    /// Tells the page that training has ended, so that it no longer offers to pause or stop it.
+    pub fn end(&self) {
+        self.0.ended.store(true, Ordering::Relaxed);
+    }
+
     /// Whether a page has been open within the last while.
     pub fn is_watched(&self, within: Duration) -> bool {
         let asked = *self.0.asked.lock().unwrap_or_else(PoisonError::into_inner);
@@ -51,8 +57,11 @@ impl TrainingControl {
         }
     }
 
-    /// Where training stands, as a page asks for it.
+    /// Where training stands, as a page asks for it; null once it has ended.
     pub(super) fn state(&self) -> Value {
+        if self.0.ended.load(Ordering::Relaxed) {
+            return Value::Null;
+        }
         *self.0.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
         json!({ "paused": self.is_paused(), "stopped": self.is_stopped() })
     }

@@ -11,7 +11,7 @@ use infonerf_scene::Scene;
 use super::runs::{is_finished, stamp};
 use crate::{baked, package};
 
-/// Packages that are kept.
+/// The most packages that are kept.
 const KEPT: usize = 16;
 
 /// Makes packages, one at a time.
@@ -20,7 +20,7 @@ pub(super) struct Fields {
     made: Mutex<Vec<Made>>,
 }
 
-/// A package of a run with what it was made of.
+/// A package with what it was made from.
 struct Made {
     run: PathBuf,
     config: String,
@@ -35,8 +35,8 @@ impl Fields {
         Self { device, made: Mutex::default() }
     }
 
-    /// The package of a run's first field, as its newest checkpoint has it. One that is baked has fewer voxels until the run
-    /// is finished.
+    /// The package of a run's first field, from its newest checkpoint. A baked one has fewer voxels until the run is
+    /// finished.
     ///
     /// # Errors
     /// If the run has no checkpoint, or its scene cannot be read.

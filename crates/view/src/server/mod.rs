@@ -1,68 +1,57 @@
 //! The live viewer: a small server whose page shows runs, also while they train.
 
 mod answer;
+mod connection;
 mod control;
 mod fields;
+mod guard;
 mod routes;
 mod runs;
 
 use std::net::{SocketAddr, TcpListener};
-use std::path::Path;
-use std::sync::Arc;
-use std::time::Duration;
+use std::path::PathBuf;
+use std::thread::{self, JoinHandle};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow};
 use infonerf_experiment::OpenDevice;
-use oxhttp::ListeningServer;
-use oxhttp::model::{Body, Request};
 
 use answer::Answers;
 pub use control::TrainingControl;
+use guard::Guard;
+use runs::Roots;
 
-/// Connections that are open at a time, each with a thread of its own; others wait.
-const MOST_CONNECTIONS: usize = 256;
-/// How long a connection may keep silent.
-const PATIENCE: Duration = Duration::from_secs(5);
-
-/// Serves a page that lists the runs below a folder and shows each: its field, curves, and test views beside their truth.
+/// Serves a page that lists the runs below some folders and shows each: its field, curves, and test views beside their truth; or
+/// two of them side by side.
 ///
-/// Nothing is written, and only files of runs below the folder are read; a header may have 8 kB. Only GET is answered, and beside
-/// training POST of what its page wants, which pages of other sites cannot send (it needs a header of its own). While
-/// the server listens on a loopback address alone, requests that name another host are refused, so that no page of another
-/// site can read along under a name of its own (DNS rebinding).
+/// It writes nothing and reads only files of these runs. Other pages that are open in the browser are kept out: requests must
+/// name this server as their host and, if they say where they come from, as their origin; no page can frame it; and what
+/// changes something (POST, beside training) must carry a random token that the page holds.
 pub struct Server {
     address: SocketAddr,
-    listening: ListeningServer,
+    listening: JoinHandle<()>,
 }
 
 impl Server {
-    /// Serves the run, or the runs below the folder, `root` on `address`. Port 0 is any that is free. With `control`, the page
-    /// can pause and stop the training that heeds it.
+    /// Serves `roots`, each a run or a folder that holds runs, on `address`. Port 0 is any that is free. With `control`, the
+    /// page can pause and stop the training in this process.
     ///
     /// # Errors
-    /// If there is no such folder, or the address cannot be listened on.
+    /// If there is no such folder, the address cannot be listened on, or the system has no random numbers.
     pub fn start(
-        root: &Path,
+        roots: &[PathBuf],
         address: SocketAddr,
         device: OpenDevice,
         control: Option<TrainingControl>,
     ) -> Result<Self> {
-        let folder = root.canonicalize().with_context(|| root.display().to_string())?;
-        if !folder.is_dir() {
-            bail!("{}: expected the folder of a run, or one that holds runs", root.display());
-        }
-        let address = free(address).with_context(|| format!("{address}: cannot be listened on"))?;
-        let answers = Arc::new(Answers::new(folder, device, address.ip().is_loopback(), control));
-        let listening = oxhttp::Server::new(move |request: &mut Request<Body>| answers.to(request))
-            .bind(address)
-            .with_global_timeout(PATIENCE)
-            .with_max_concurrent_connections(MOST_CONNECTIONS)
-            .spawn()
-            .with_context(|| format!("{address}: cannot be listened on"))?;
+        let roots = Roots::new(roots)?;
+        let listener = TcpListener::bind(address).with_context(|| format!("{address}: cannot be listened on"))?;
+        let address = listener.local_addr()?;
+        let answers = Answers::new(roots, device, Guard::new(address)?, control);
+        let listening = thread::spawn(move || connection::serve(&listener, move |request| answers.to(request)));
         Ok(Self { address, listening })
     }
 
-    /// Where the page is.
+    /// The address of the page.
     pub fn url(&self) -> String {
         format!("http://{}/", self.address)
     }
@@ -70,13 +59,8 @@ impl Server {
     /// Serves until the program ends.
     ///
     /// # Errors
-    /// If a listening thread panicked.
+    /// If the listening thread panicked.
     pub fn wait(self) -> Result<()> {
-        Ok(self.listening.join()?)
+        self.listening.join().map_err(|_| anyhow!("the server's thread panicked"))
     }
-}
-
-/// The address with the port that it stands for, if nothing listens on it.
-fn free(address: SocketAddr) -> std::io::Result<SocketAddr> {
-    TcpListener::bind(address)?.local_addr()
 }

@@ -1,31 +1,31 @@
-//! What is asked for.
+//! Routes of the server.
 
 use super::control::Command;
 
-/// Folders of pictures that a run leaves.
+/// Folders of pictures in a run.
 const PICTURES: [&str; 4] = ["test", "truth", "depth", "error"];
 
-/// What a request asks for. Runs are named by their path below the served folder, `.` for itself.
+/// What a request asks for. [`Roots`](super::runs::Roots) says how runs are named.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Route {
     /// The page.
     Page,
-    /// The runs that there are.
+    /// The list of runs.
     Runs,
-    /// Whether training goes on beside the server, and whether it is paused.
+    /// Whether this process trains, and whether it is paused.
     Training,
-    /// To pause it, go on, or stop it.
+    /// To pause, resume or stop it.
     Command(Command),
     /// A run's field as it is now.
     Field { run: String },
     /// A run's loss and PSNR by step, and the names of its test views.
     Progress { run: String },
-    /// A picture that a run left.
+    /// A picture of a run.
     Picture { run: String, kind: &'static str, name: String },
 }
 
 impl Route {
-    /// The route of a path and its query; none if there is no such.
+    /// The route of a path and its query, if there is one.
     pub(super) fn of(path: &str, query: &str) -> Option<Self> {
         let value = |wanted: &str| {
             let mut pairs = form_urlencoded::parse(query.as_bytes());

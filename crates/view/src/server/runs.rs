@@ -1,35 +1,82 @@
-//! The runs below a folder.
+//! The runs below the served folders.
 
 use std::fs;
 use std::path::{Component, Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use anyhow::{Context, Result, bail};
 use serde_json::{Value, json};
 
-/// How deep runs lie below the folder at most: `runs/<experiment>/<scene>/<variant>/seed<N>`.
+/// The greatest depth of a run below the folder: `runs/<experiment>/<scene>/<variant>/seed<N>`.
 const DEPTH: usize = 5;
-/// Runs that are listed at most.
+/// The most runs that are listed.
 const MOST: usize = 2000;
-/// A log that was written to so recently is of a run that trains.
+/// A run trains if its log was written to this recently.
 const LIVELY: Duration = Duration::from_secs(20);
 
-/// The runs below `root`, by path, as the page lists them.
-pub(super) fn list(root: &Path) -> Value {
-    let mut runs = Vec::new();
-    collect(root, DEPTH, &mut runs);
-    runs.sort();
-    runs.iter().map(|run| describe(root, run)).collect()
+/// The served folders, each of which is a run or holds runs. A run is named by its folder's number and its path below it, as in
+/// `0/castle/infonerf/seed0`, and `0/.` for the folder itself.
+pub(super) struct Roots(Vec<Root>);
+
+struct Root {
+    /// Canonical.
+    folder: PathBuf,
+    /// As the user wrote it.
+    given: PathBuf,
 }
 
-/// The folder of a run that the page named: below `root`, links followed; none if it is not, or is no run.
-pub(super) fn resolve(root: &Path, run: &str) -> Option<PathBuf> {
-    let relative = Path::new(run);
-    let plain = relative.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
-    if !plain {
-        return None;
+impl Roots {
+    /// # Errors
+    /// If one is no folder.
+    pub(super) fn new(roots: &[PathBuf]) -> Result<Self> {
+        let root = |given: &PathBuf| {
+            let folder = given.canonicalize().with_context(|| given.display().to_string())?;
+            if !folder.is_dir() {
+                bail!("{}: expected the folder of a run, or one that holds runs", given.display());
+            }
+            Ok(Root { folder, given: given.clone() })
+        };
+        Ok(Self(roots.iter().map(root).collect::<Result<_>>()?))
     }
-    let folder = root.join(relative).canonicalize().ok()?;
-    (folder.starts_with(root) && is_run(&folder)).then_some(folder)
+
+    /// All runs, as the page lists them: by folder and path.
+    pub(super) fn list(&self) -> Value {
+        let several = self.0.len() > 1;
+        let of_root = |(index, root): (usize, &Root)| {
+            let mut runs = Vec::new();
+            collect(&root.folder, DEPTH, &mut runs);
+            runs.sort();
+            runs.iter().map(|run| root.describe(index, run, several)).collect::<Vec<_>>()
+        };
+        self.0.iter().enumerate().flat_map(of_root).collect()
+    }
+
+    /// The folder of a run that the page named, links followed; none if it is no run or outside of the served folders.
+    pub(super) fn resolve(&self, run: &str) -> Option<PathBuf> {
+        let (index, relative) = run.split_once('/')?;
+        let root = &self.0.get(index.parse::<usize>().ok()?)?.folder;
+        let relative = Path::new(relative);
+        let plain = relative.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+        let folder = root.join(relative).canonicalize().ok().filter(|_| plain)?;
+        (folder.starts_with(root) && is_run(&folder)).then_some(folder)
+    }
+}
+
+impl Root {
+    fn describe(&self, index: usize, run: &Path, several: bool) -> Value {
+        let joined = |parts: Vec<Component<'_>>| {
+            parts.iter().map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>().join("/")
+        };
+        let path = joined(run.strip_prefix(&self.folder).unwrap_or(run).components().collect());
+        let name = match (several, path.is_empty()) {
+            (true, _) => self.given.join(&path).display().to_string().trim_end_matches('/').to_owned(),
+            (false, false) => path.clone(),
+            // A run on its own: scene, variant and seed.
+            (false, true) => joined(run.components().skip(run.components().count().saturating_sub(3)).collect()),
+        };
+        let path = if path.is_empty() { "." } else { &path };
+        json!({ "run": format!("{index}/{path}"), "name": name, "state": state(run), "stamp": stamp(run) })
+    }
 }
 
 /// The folder of the run's first field.
@@ -62,15 +109,6 @@ fn collect(folder: &Path, depth: usize, runs: &mut Vec<PathBuf>) {
             collect(&entry.path(), depth - 1, runs);
         }
     }
-}
-
-fn describe(root: &Path, run: &Path) -> Value {
-    let parts = run.strip_prefix(root).unwrap_or(run).components();
-    let parts: Vec<_> = parts.map(|part| part.as_os_str().to_string_lossy()).collect();
-    let path = if parts.is_empty() { ".".to_owned() } else { parts.join("/") };
-    let own = || run.components().rev().take(3).map(|part| part.as_os_str().to_string_lossy()).collect::<Vec<_>>();
-    let name = if parts.is_empty() { own().into_iter().rev().collect::<Vec<_>>().join("/") } else { path.clone() };
-    json!({ "run": path, "name": name, "state": state(run), "stamp": stamp(run) })
 }
 
 /// Whether a run has its record.
@@ -115,27 +153,41 @@ mod tests {
     fn runs_are_listed_by_path() {
         let (_folder, root) = folder();
         fs::write(root.join("e/castle/nerf/seed0/record-fast.json"), "[]").unwrap();
-        let listed = list(&root);
-        let shown: Vec<_> = listed.as_array().unwrap().iter().map(|run| (&run["run"], &run["state"])).collect();
-        let (plus, nerf) = (json!("e/castle/infonerf+/seed0"), json!("e/castle/nerf/seed0"));
-        assert_eq!(shown, [(&plus, &json!("not finished")), (&nerf, &json!("finished"))]);
-        let own = list(&root.join("e/castle/nerf/seed0"));
-        assert_eq!((&own[0]["run"], &own[0]["name"]), (&json!("."), &json!("castle/nerf/seed0")));
+        let named = |roots: &[PathBuf]| -> Vec<[String; 2]> {
+            let listed = Roots::new(roots).unwrap().list();
+            let text = |run: &Value, key: &str| run[key].as_str().unwrap().to_owned();
+            listed.as_array().unwrap().iter().map(|run| ["run", "name"].map(|key| text(run, key))).collect()
+        };
+        let listed = Roots::new(std::slice::from_ref(&root)).unwrap().list();
+        assert_eq!([0, 1].map(|i| listed[i]["state"].as_str().unwrap()), ["not finished", "finished"]);
+        let [plus, nerf] = ["e/castle/infonerf+/seed0", "e/castle/nerf/seed0"];
+        let below = |index: usize, run: &str| format!("{index}/{run}");
+        assert_eq!(named(std::slice::from_ref(&root)), [plus, nerf].map(|run| [below(0, run), run.to_owned()]));
+        assert_eq!(named(&[root.join(nerf)]), [["0/.", "castle/nerf/seed0"]]);
+        let shown = |run: &str| root.join(run).display().to_string();
+        let both = named(&[root.join(nerf), root.clone()]);
+        assert_eq!(both[0], ["0/.".to_owned(), shown(nerf)]);
+        assert_eq!(both[1..], [plus, nerf].map(|run| [below(1, run), shown(run)]));
     }
 
     #[test]
-    fn nothing_outside_the_folder_is_a_run() {
+    fn nothing_outside_the_folders_is_a_run() {
         let (folder, root) = folder();
         fs::write(folder.path().join("config.toml"), "").unwrap();
-        assert_eq!(resolve(&root, "e/castle/nerf/seed0"), Some(root.join("e/castle/nerf/seed0")));
+        let roots = Roots::new(std::slice::from_ref(&root)).unwrap();
+        assert_eq!(roots.resolve("0/e/castle/nerf/seed0"), Some(root.join("e/castle/nerf/seed0")));
         let outside = folder.path().to_string_lossy().into_owned();
-        for run in ["..", "e/../..", "../runs/../", "e", "", "nowhere", "e/castle/nerf/seed0/config.toml", &outside] {
-            assert_eq!(resolve(&root, run), None, "{run}");
+        let file = "e/castle/nerf/seed0/config.toml";
+        for run in ["..", "e/../..", "../runs/../", "e", "", "nowhere", file, &outside] {
+            assert_eq!(roots.resolve(&format!("0/{run}")), None, "{run}");
+        }
+        for run in ["", "0", "1/e/castle/nerf/seed0", "e/castle/nerf/seed0", "-1/."] {
+            assert_eq!(roots.resolve(run), None, "{run}");
         }
         #[cfg(unix)]
         {
             std::os::unix::fs::symlink(folder.path(), root.join("link")).unwrap();
-            assert_eq!(resolve(&root, "link"), None);
+            assert_eq!(roots.resolve("0/link"), None);
         }
     }
 }

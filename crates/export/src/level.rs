@@ -1,0 +1,153 @@
+//! The density of the surface.
+
+use infonerf_scene::{Camera, resized_dimensions};
+
+use crate::{ExportError, Volume};
+
+/// Rays along the longer side of each camera's picture, and samples per ray.
+const RAYS: u32 = 32;
+const SAMPLES: usize = 384;
+/// Rays per query of the volume: bounds the memory.
+const CHUNK: usize = 512;
+/// Densities that are tried: from one that is half opaque over the whole box to one that is over [`FINEST`] of it, by this factor.
+const FACTOR: f32 = 1.15;
+const FINEST: f32 = 1.0 / 2000.0;
+/// Distances are truncated at this share of the box.
+const TRUNCATION: f32 = 0.05;
+/// Densities count as equally good up to this factor of the least error.
+const AS_GOOD: f32 = 1.02;
+
+/// Where the light of a ray is stopped.
+struct Seen {
+    /// The distance at which half of the light is left (median depth), if so much is stopped.
+    depth: Option<f32>,
+    /// The densities above all that come before, with their distances.
+    peaks: Vec<(f32, f32)>,
+    opacity: f32,
+}
+
+/// The density σ of the isosurface that looks most like `volume` to `cameras`, 1/scene unit.
+///
+/// A ray that is stopped by half, `∫σ dt ≥ ln 2`, should meet the surface at its median depth, any other should miss it. The error
+/// of a density is the mean over rays of the distance between where σ is first reached and the median depth, truncated at 5 % of
+/// the box, which is also the error of a miss or a hit that should not be. Of the densities that are as good as the best, the
+/// middle one is taken. So the surface depends on the field, and not on the voxels that it is extracted from.
+///
+/// # Errors
+/// [`ExportError::Transparent`] if no ray is stopped by half.
+pub fn surface_density(volume: &dyn Volume, cameras: &[Camera]) -> Result<f32, ExportError> {
+    let rays = look(volume, cameras);
+    if rays.iter().all(|ray| ray.depth.is_none()) {
+        return Err(ExportError::Transparent { most: rays.iter().map(|ray| ray.opacity).fold(0.0, f32::max) });
+    }
+    let side = volume.bounds().size().max_element();
+    let limit = TRUNCATION * side;
+    let first = std::f32::consts::LN_2 / side;
+    let densities: Vec<f32> =
+        std::iter::successors(Some(first), |d| Some(d * FACTOR)).take_while(|d| d * FINEST <= first).collect();
+    let error = |&density: &f32| {
+        let of_ray = |ray: &Seen| {
+            let met = ray.peaks.iter().find(|(sigma, _)| *sigma >= density).map(|(_, t)| *t);
+            match (met, ray.depth) {
+                (Some(met), Some(depth)) => (met - depth).abs().min(limit),
+                (None, None) => 0.0,
+                _ => limit,
+            }
+        };
+        rays.iter().map(of_ray).sum::<f32>()
+    };
+    let errors: Vec<f32> = densities.iter().map(error).collect();
+    let least = errors.iter().copied().fold(f32::INFINITY, f32::min);
+    let good: Vec<f32> =
+        densities.into_iter().zip(errors).filter(|(_, error)| *error <= AS_GOOD * least).map(|(d, _)| d).collect();
+    Ok(good[good.len() / 2])
+}
+
+/// What rays of all cameras see within the volume's box.
+fn look(volume: &dyn Volume, cameras: &[Camera]) -> Vec<Seen> {
+    let bounds = volume.bounds();
+    let of_camera = |camera: &Camera| {
+        let (width, height) = resized_dimensions(camera.width, camera.height, RAYS);
+        let camera = camera.resized(width, height);
+        (0..width * height).map(move |i| camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5))
+    };
+    let crossing: Vec<_> = cameras
+        .iter()
+        .flat_map(of_camera)
+        .filter_map(|ray| bounds.intersect(&ray).map(|(near, far)| (ray, near.max(0.0), far)))
+        .filter(|(_, near, far)| far > near)
+        .collect();
+    let of_chunk = |rays: &[_]| -> Vec<Seen> {
+        let at = |&(ray, near, far): &(infonerf_scene::Ray, f32, f32)| {
+            let step = (far - near) / SAMPLES as f32;
+            (0..SAMPLES).map(move |i| ray.origin + (near + (i as f32 + 0.5) * step) * ray.direction)
+        };
+        let densities = volume.density(&rays.iter().flat_map(at).collect::<Vec<_>>());
+        let spans = rays.iter().map(|&(_, near, far)| (near, (far - near) / SAMPLES as f32));
+        spans.zip(densities.chunks_exact(SAMPLES)).map(|((near, step), sigma)| seen(near, step, sigma)).collect()
+    };
+    crossing.chunks(CHUNK).flat_map(of_chunk).collect()
+}
+
+/// What a ray sees of densities in the middle of intervals of length `step`, the first of which begins at `near`.
+fn seen(near: f32, step: f32, densities: &[f32]) -> Seen {
+    let (mut tau, mut depth, mut peaks) = (0.0, None, Vec::new());
+    let mut densest = 0.0;
+    for (i, &sigma) in densities.iter().enumerate() {
+        let t = near + (i as f32 + 0.5) * step;
+        if sigma > densest {
+            densest = sigma;
+            peaks.push((sigma, t));
+        }
+        tau += sigma * step;
+        if depth.is_none() && tau >= std::f32::consts::LN_2 {
+            depth = Some(t);
+        }
+    }
+    Seen { depth, peaks, opacity: -(-tau).exp_m1() }
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_procedural::train_cameras;
+
+    use super::*;
+    use crate::volume::testing::Ball;
+    use crate::{Grid, Surface, chamfer};
+
+    /// Fog that thickens over a fifth of the radius.
+    const FUZZY: Ball = Ball { radius: 1.0, sharpness: 12.0 };
+
+    #[test]
+    fn the_surface_is_where_light_is_stopped() {
+        let level = surface_density(&FUZZY, &train_cameras(32)).unwrap();
+        // Of a ray through the centre half of the light is left at this radius.
+        let points: Vec<_> = (0..4000).map(|i| glam::Vec3::X * (3.0 - i as f32 * 1e-3)).collect();
+        let (found, expected) = (FUZZY.radius_at(level), 3.0 - seen(0.0, 1e-3, &FUZZY.density(&points)).depth.unwrap());
+        assert!((found - expected).abs() < 0.05, "density {level}: {found} for {expected}");
+    }
+
+    /// With a density that grows with the resolution, as that of a half-opaque voxel does, the surface would shrink.
+    #[test]
+    fn finer_voxels_are_never_worse() {
+        let level = surface_density(&FUZZY, &train_cameras(32)).unwrap();
+        let radius = FUZZY.radius_at(level);
+        let truth: Vec<_> = FUZZY.surface(96).sample(20_000).iter().map(|p| radius * p.normalize()).collect();
+        let distance = |resolution| {
+            let surface = Surface::extract(&Grid::sample(&FUZZY, resolution, level).unwrap()).unwrap();
+            chamfer(&surface.sample(20_000), &truth).unwrap().mean()
+        };
+        let distances = [8, 16, 32, 64].map(distance);
+        assert!(distances.windows(2).all(|pair| pair[1] < 1.02 * pair[0]), "{distances:?}");
+    }
+
+    #[test]
+    fn fog_that_stops_too_little_has_no_surface() {
+        let mist = Ball { radius: 0.5, sharpness: 0.2 };
+        let text = surface_density(&mist, &train_cameras(16)).unwrap_err().to_string();
+        assert!(
+            text.contains("no surface") && text.contains("expected at least 0.5") && !text.contains('\n'),
+            "{text}"
+        );
+    }
+}

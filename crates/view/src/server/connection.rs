@@ -1,0 +1,127 @@
+//! Connections: HTTP/1.1 with one request each, which has no body.
+
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use http::{Request, Response, StatusCode};
+
+/// Connections that are open at a time, each with a thread of its own; others wait.
+const MOST_CONNECTIONS: usize = 256;
+/// Bytes and fields of a request's header at most.
+const MOST_BYTES: usize = 8 << 10;
+const MOST_FIELDS: usize = 64;
+/// How long a client may take to send its request, and how long to read more of the answer.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// How often, and how long each time, a client is waited for to close the connection.
+const LINGER: (usize, Duration) = (8, Duration::from_secs(1));
+/// Time between two looks for a connection that has ended.
+const PAUSE: Duration = Duration::from_millis(5);
+
+/// Answers requests until the program ends. Clients that hang up are nobody's concern.
+pub(super) fn serve(
+    listener: &TcpListener,
+    answer: impl Fn(&Request<()>) -> Response<Vec<u8>> + Send + Sync + 'static,
+) {
+    let answer = Arc::new(answer);
+    let mut open: Vec<JoinHandle<()>> = Vec::new();
+    for stream in listener.incoming() {
+        open.retain(|connection| !connection.is_finished());
+        while open.len() >= MOST_CONNECTIONS {
+            thread::sleep(PAUSE);
+            open.retain(|connection| !connection.is_finished());
+        }
+        let answer = answer.clone();
+        let connection = stream.and_then(|stream| {
+            thread::Builder::new().spawn(move || {
+                let _ = respond(stream, &*answer);
+            })
+        });
+        match connection {
+            Ok(connection) => open.push(connection),
+            // Too many open files, or threads: some will end.
+            Err(_) => thread::sleep(PAUSE),
+        }
+    }
+}
+
+fn respond(mut stream: TcpStream, answer: &dyn Fn(&Request<()>) -> Response<Vec<u8>>) -> io::Result<()> {
+    stream.set_nodelay(true)?;
+    stream.set_write_timeout(Some(PATIENCE))?;
+    let response = match read(&mut stream)? {
+        Ok(request) => answer(&request),
+        Err(status) => {
+            let mut response = Response::new(status.to_string().into_bytes());
+            *response.status_mut() = status;
+            response
+        }
+    };
+    write(&mut stream, &response)?;
+    // A connection that is closed with something unread is reset, and the answer lost.
+    stream.shutdown(Shutdown::Write)?;
+    stream.set_read_timeout(Some(LINGER.1))?;
+    let mut rest = [0; 8192];
+    for _ in 0..LINGER.0 {
+        if stream.read(&mut rest)? == 0 {
+            break;
+        }
+    }
+    Ok(())
+}
+
+/// The request of a connection, or the status that says what is wrong with it.
+fn read(stream: &mut TcpStream) -> io::Result<Result<Request<()>, StatusCode>> {
+    let end = Instant::now() + PATIENCE;
+    let (mut header, mut more) = (Vec::new(), [0; 1024]);
+    loop {
+        let left = end.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Ok(Err(StatusCode::REQUEST_TIMEOUT));
+        }
+        stream.set_read_timeout(Some(left))?;
+        match stream.read(&mut more) {
+            Ok(0) => return Err(ErrorKind::ConnectionAborted.into()),
+            Ok(count) => header.extend(&more[..count]),
+            Err(error) if [ErrorKind::WouldBlock, ErrorKind::TimedOut].contains(&error.kind()) => continue,
+            Err(error) => return Err(error),
+        }
+        match parse(&header) {
+            Ok(Some(request)) => return Ok(Ok(request)),
+            Ok(None) if header.len() < MOST_BYTES => {}
+            Ok(None) => return Ok(Err(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE)),
+            Err(status) => return Ok(Err(status)),
+        }
+    }
+}
+
+/// The request whose header these bytes are; none if there is more to come.
+fn parse(header: &[u8]) -> Result<Option<Request<()>>, StatusCode> {
+    let mut fields = [httparse::EMPTY_HEADER; MOST_FIELDS];
+    let mut parsed = httparse::Request::new(&mut fields);
+    match parsed.parse(header) {
+        Ok(status) if status.is_partial() => return Ok(None),
+        Ok(_) => {}
+        Err(httparse::Error::TooManyHeaders) => return Err(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE),
+        Err(_) => return Err(StatusCode::BAD_REQUEST),
+    }
+    let mut request = Request::builder().method(parsed.method.unwrap_or_default()).uri(parsed.path.unwrap_or_default());
+    for field in parsed.headers {
+        request = request.header(field.name, field.value);
+    }
+    request.body(()).map(Some).map_err(|_| StatusCode::BAD_REQUEST)
+}
+
+fn write(stream: &mut TcpStream, response: &Response<Vec<u8>>) -> io::Result<()> {
+    let mut header = format!("HTTP/1.1 {}\r\n", response.status()).into_bytes();
+    let length = response.body().len().to_string();
+    let own = [("content-length", length.as_bytes()), ("connection", b"close")];
+    let given = response.headers().iter().map(|(name, value)| (name.as_str(), value.as_bytes()));
+    for (name, value) in given.chain(own) {
+        header.extend([name.as_bytes(), b": ", value, b"\r\n"].concat());
+    }
+    header.extend(b"\r\n");
+    stream.write_all(&header)?;
+    stream.write_all(response.body())
+}
