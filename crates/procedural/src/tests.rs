@@ -355,7 +355,7 @@ fn the_first_scenes_never_change() {
     let found = ["castle", "crane", "knot", "orrery", "random-0", "random-7"].map(|name| {
         let cameras = train_cameras(48);
         let pixels = [26, 86, 2, 55].map(|i| render(name, &cameras[i]).unwrap().rgba.pixels);
-        (name, crate::cameras::fingerprint(&pixels.concat().concat()))
+        (name, cameras::fingerprint(&pixels.concat().concat()))
     });
     assert_eq!(found, expected);
 }

@@ -142,7 +142,7 @@ mod tests {
     fn a_picture_is_of_the_moment_that_was_trained_last() {
         for placement in [Placement::Mid, Placement::Left] {
             let (renderer, trained, camera) = seen(|_| 1e4, placement);
-            assert_eq!(render_image(&renderer, &[trained], &camera).rgb, [[0.25; 3]], "{placement:?}");
+            assert_eq!(render_one(&renderer, &trained, &camera).rgb, [[0.25; 3]], "{placement:?}");
         }
     }
 
@@ -156,7 +156,7 @@ mod tests {
             let grid = trained.occupancy.as_ref();
             let passes = renderer.render(&trained.model, &rays, training, None, grid, trained.at);
             assert_eq!(passes.fine.acc.into_scalar::<f32>(), 0.0, "{placement:?}");
-            assert_eq!(render_image(&renderer, &[trained], &camera).acc, [1.0], "{placement:?}");
+            assert_eq!(render_one(&renderer, &trained, &camera).acc, [1.0], "{placement:?}");
         }
     }
 }

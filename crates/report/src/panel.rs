@@ -20,6 +20,9 @@ const GAP: u32 = 8;
 /// Height of the line of labels, in pixels.
 const HEADING: u32 = 24;
 
+/// Heading of the first column.
+const TRUTH: &str = "truth";
+
 /// The row of one scene.
 pub(crate) struct PanelRow<'a> {
     pub(crate) scene: &'a str,
@@ -57,7 +60,7 @@ pub(crate) fn compose(rows: &[PanelRow]) -> Result<Option<RgbImage>, ReportError
     let shot = |row: &PanelRow<'_>, label: &String| row.labels.iter().position(|own| own == label);
     // Columns: a heading, and the picture of each row.
     let mut columns: Vec<(String, Vec<Option<RgbImage>>)> =
-        vec![("truth".into(), rows.iter().map(|row| row.view.truth.as_ref().and_then(decoded)).collect())];
+        vec![(TRUTH.into(), rows.iter().map(|row| row.view.truth.as_ref().and_then(decoded)).collect())];
     for label in labels {
         let shots = || rows.iter().map(|row| Some(&row.view.shots[shot(row, label)?]));
         columns.push((label.clone(), shots().map(|shots| decoded(shots?.render.as_ref()?)).collect()));
@@ -75,13 +78,13 @@ pub(crate) fn compose(rows: &[PanelRow]) -> Result<Option<RgbImage>, ReportError
     for ((heading, pictures), width) in columns.iter().zip(widths) {
         for (index, (picture, row)) in pictures.iter().zip(rows).enumerate() {
             let top = step * index as u32;
-            // The scene stands above its truth, the variants above the first row.
+            // Each scene names its truth, the first also the variants.
             let text = match (heading.as_str(), index) {
-                ("truth", _) => row.scene,
-                (heading, 0) => heading,
-                _ => "",
+                (TRUTH, _) => format!("{}, {TRUTH}", row.scene),
+                (heading, 0) => heading.to_owned(),
+                _ => String::new(),
             };
-            texts.push((text.to_owned(), (left as i32, top as i32 + 6)));
+            texts.push((text, (left as i32, top as i32 + 6)));
             if let Some(picture) = picture {
                 imageops::replace(&mut sheet, picture, left.into(), (top + HEADING).into());
             }

@@ -10,7 +10,7 @@ use std::path::Path;
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
 use common::{config, devices, scene, steps, trainer};
-use infonerf_field::{Field, Points, Sampled};
+use infonerf_field::{Field, FieldOutput, Points};
 use infonerf_ops::to_host;
 use infonerf_schedule::Moment;
 use infonerf_train::{Checkpoint, Event, Outcome, TrainError, Trainer};
@@ -148,10 +148,10 @@ struct NotANumber {
 }
 
 impl Field for NotANumber {
-    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> Sampled {
+    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
         let (samples, device) = (points.len(), self.device());
         let sigma = self.density.val().expand([samples]) * f32::NAN;
-        Sampled { sigma, color: color.then(|| Tensor::zeros([samples, 3], &device)) }
+        FieldOutput { sigma, color: color.then(|| Tensor::zeros([samples, 3], &device)) }
     }
 
     fn device(&self) -> Device {

@@ -8,6 +8,8 @@ use clap::Args;
 use infonerf_experiment::save_png;
 use infonerf_report::{ReportInput, panel, read_records};
 
+use crate::print::outln;
+
 const FIGURE_EXAMPLES: &str = "\
 Examples:
   infonerf figure runs/synthetic-4view
@@ -43,6 +45,6 @@ pub(crate) fn run(args: &FigureArgs) -> Result<ExitCode> {
     let figure = panel(&ReportInput::new("", "", records), &args.folder, args.view)?;
     let out = args.out.clone().unwrap_or_else(|| args.folder.join("figure.png"));
     save_png(&figure, &out)?;
-    println!("figure: {}", out.display());
+    outln!("figure: {}", out.display());
     Ok(ExitCode::SUCCESS)
 }

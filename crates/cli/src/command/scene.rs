@@ -44,7 +44,7 @@ pub(crate) enum SceneCommand {
         name: String,
         /// Folder to write
         dir: PathBuf,
-        /// Format of the folder
+        /// Format of the folder; llff suits `room`, dtu `table`, zju `figure`
         #[arg(long, value_enum, default_value = "blender")]
         format: Format,
         /// Side of the images in pixels

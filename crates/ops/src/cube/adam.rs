@@ -5,7 +5,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{empty_like, launch};
+use super::empty_like;
 use crate::adam::{AdamOps, Step};
 
 /// One thread per number. The moments are replaced where they are.

@@ -11,7 +11,6 @@ macro_rules! launch {
         $kernel(&like.client, count, dim, $crate::cube::arg(like), $($crate::cube::arg($tensor),)* $($scalar),+)
     }};
 }
-use launch;
 
 mod adam;
 mod encode;

@@ -155,20 +155,19 @@ fn around((x, y): (i32, i32), reach: i32) -> [i32; 4] {
     [x - reach, y - reach, x + reach, y + reach]
 }
 
-/// Upper left corner and box of a label of so many pixels beside a mark: right of it, left, below or above, whichever
-/// first meets nothing that is there and stays on the sheet.
+/// Upper left corner and box of a label of so many pixels right or left of a mark, on its line or up to three above or
+/// below, whichever first meets nothing that is there and stays on the sheet.
 fn free_place((x, y): (i32, i32), width: i32, zoom: i32, taken: &[[i32; 4]], sheet: i32) -> ((i32, i32), [i32; 4]) {
     let (gap, height) = (8 * zoom, 14 * zoom);
-    let corners = [
-        (x + gap, y - height / 2),
-        (x - gap - width, y - height / 2),
-        (x - width / 2, y + gap),
-        (x - width / 2, y - gap - height),
-    ];
-    let boxes = corners.map(|(left, top)| ((left, top), [left, top, left + width, top + height]));
+    let at = |left: i32, line: i32| {
+        let top = y - height / 2 + line * height;
+        ((left, top), [left, top, left + width, top + height])
+    };
     let meets = |a: &[i32; 4], b: &[i32; 4]| a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
-    let free = |(_, own): &&((i32, i32), [i32; 4])| {
+    let free = |(_, own): &((i32, i32), [i32; 4])| {
         own[0] > 64 * zoom && own[2] < sheet && !taken.iter().any(|other| meets(own, other))
     };
-    *boxes.iter().find(free).unwrap_or(&boxes[1])
+    let mut places =
+        [0, -1, 1, -2, 2, -3, 3].into_iter().flat_map(|line| [at(x + gap, line), at(x - gap - width, line)]);
+    places.find(free).unwrap_or_else(|| at(x - gap - width, 0))
 }

@@ -79,47 +79,6 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
 }
 
 /// What is measured in the end.
-    pub eval: EvalConfig,
-}
-
-/// Which views, at which size.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SceneConfig {
-    /// Training views.
-    pub views: Views,
-    /// Longest side of the images in pixels; 0 for the size that they have (built-in scenes: 200).
-    pub size: u32,
-    /// Which frame of a film (ZJU-MoCap).
-    pub frame: usize,
-    /// Colour behind transparent pixels.
-    pub background: [f32; 3],
-    /// Where a ray passes through its pixel, in training and in pictures.
-    pub pixel_position: PixelPosition,
-}
-
-/// Where a ray passes through its pixel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum PixelPosition {
-    /// Through the centre, at + 0.5, as cameras take photographs.
-    Centre,
-    /// Through the corner that is nearest to the image's first, as in the released code.
-    Corner,
-    /// The format of a folder that could be in several; by default the first of those that it fits.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub format: Option<Format>,
-    /// What black pixels of a capture's masks (`mask_path` of `transforms.json`) are left out of.
-    #[serde(default, skip_serializing_if = "is_default")]
-    pub masks: MaskUse,
-}
-
-/// Keys that have a default are not written with it: files of earlier versions say the same.
-fn is_default<T: Default + PartialEq>(value: &T) -> bool {
-    *value == T::default()
-}
-
-/// What is measured in the end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvalConfig {

@@ -6,7 +6,7 @@ use burn::tensor::Tensor;
 use burn_cubecl::tensor::CubeTensor;
 
 pub(super) use self::kernels::{Angle, wave};
-use super::{CubeKernel, Pass, apply, empty, empty_like, launch, numbers};
+use super::{CubeKernel, Pass, apply, empty, empty_like, numbers};
 use crate::frequency::encoded_width;
 use crate::integrated::integrated_width;
 

@@ -9,7 +9,7 @@ use burn::tensor::{Tensor, TensorData};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{CubeKernel, Pass, apply, empty, empty_like, launch};
+use super::{CubeKernel, Pass, apply, empty, empty_like};
 use crate::Segments;
 use crate::composite::MIN_ALPHA_SUM;
 

@@ -10,7 +10,7 @@ use burn::tensor::Tensor;
 use burn_cubecl::tensor::CubeTensor;
 
 use self::kernels::{Exchange, Native};
-use super::{CubeKernel, Pass, apply, empty_like, launch, numbers, zeros};
+use super::{CubeKernel, Pass, apply, empty_like, numbers, zeros};
 use crate::factored::{Layout, Level, PLANES, Query};
 
 /// The MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
