@@ -204,7 +204,7 @@ fn step_pixels(scene: &Scene, step: &Value) -> StepPixels {
             rejected: 0,
         },
         unseen: Some(pixels(number(&step["pose"]), &step["unseen"]).0),
-        turn: DMat4::from_mat3(turn[0] * turn[1] * turn[2]),
+        rotation: DMat4::from_mat3(turn[0] * turn[1] * turn[2]),
     }
 }
 

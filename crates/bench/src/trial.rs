@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use infonerf_experiment::{RunPlan, total_progress};
 use infonerf_metrics::{METRICS, Values};
 use infonerf_render::TrainedModel;
-use infonerf_train::{Config, Evaluation, Outcome, Trainer, config, step_side_by_side};
+use infonerf_train::{Config, Evaluation, Outcome, Trainer, config, step_side_by_side, without_collapsed};
 use serde::Serialize;
 
 use super::context::Bench;
@@ -32,19 +32,21 @@ pub(super) struct Trial {
 impl Bench {
     /// `plan` before its first step.
     pub(super) fn trainer(&self, plan: &RunPlan) -> Result<Trainer> {
-        plan.trainer(Arc::new(plan.load()?), 0, &self.device).with_context(|| plan.label())
+        plan.trainer(&Arc::new(plan.load()?), 0, None, &self.device).with_context(|| plan.label())
     }
 
     /// Trains `plan` to its end and evaluates it on its test views.
     pub(super) fn trial(&self, plan: &RunPlan) -> Result<Trial> {
         let scene = Arc::new(plan.load()?);
-        let fields = 0..plan.members();
-        let mut trainers: Vec<Trainer> =
-            fields.map(|index| plan.trainer(scene.clone(), index, &self.device)).collect::<Result<_>>()?;
-        let mut collapsed = false;
-        for trainers in trainers.chunks_mut(self.side_by_side) {
-            collapsed |= train_all(trainers).with_context(|| plan.label())?;
+        let mut trainers: Vec<Trainer> = Vec::new();
+        for index in 0..plan.members() {
+            trainers.push(plan.trainer(&scene, index, trainers.first(), &self.device)?);
         }
+        for trainers in trainers.chunks_mut(self.side_by_side) {
+            train_all(trainers).with_context(|| plan.label())?;
+        }
+        let progress = total_progress(&trainers);
+        let (trainers, _) = without_collapsed(trainers);
         let members: Vec<TrainedModel> = trainers.iter().map(Trainer::trained).collect();
         let protocol = plan.config.eval.metric_protocol();
         let mut evaluation = Evaluation::new(&self.networks, &protocol);
@@ -52,7 +54,6 @@ impl Bench {
             evaluation.add(trainers[0].renderer(), &members, view)?;
         }
         let evaluated = evaluation.finish().context("no test views")?;
-        let progress = total_progress(&trainers);
         Ok(Trial {
             scene: plan.scene.clone(),
             variant: plan.variant.clone(),
@@ -63,7 +64,7 @@ impl Bench {
             render_seconds_per_image: evaluated.seconds_per_image,
             samples_total: progress.samples_total,
             samples_evaluated: progress.samples_evaluated,
-            collapsed,
+            collapsed: trainers[0].has_collapsed(),
             metrics: evaluated.measured.representable().set,
         })
     }
@@ -81,22 +82,20 @@ impl Trial {
     }
 }
 
-/// Takes all steps of fields side by side, and tells whether one of them went empty.
-fn train_all(trainers: &mut [Trainer]) -> Result<bool> {
-    let mut collapsed = false;
+/// Takes all steps of fields side by side.
+fn train_all(trainers: &mut [Trainer]) -> Result<()> {
     let mut active: Vec<&mut Trainer> = trainers.iter_mut().collect();
     while !active.is_empty() {
         let mut outcomes = step_side_by_side(&mut active).into_iter();
         let mut next = Vec::with_capacity(active.len());
         for trainer in active {
-            match outcomes.next().map(|(_, outcome)| outcome).transpose()? {
-                Some(Outcome::Running) => next.push(trainer),
-                outcome => collapsed |= outcome == Some(Outcome::Collapsed),
+            if outcomes.next().map(|(_, outcome)| outcome).transpose()? == Some(Outcome::Running) {
+                next.push(trainer);
             }
         }
         active = next;
     }
-    Ok(collapsed)
+    Ok(())
 }
 
 /// Takes all steps.

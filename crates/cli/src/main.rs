@@ -5,6 +5,7 @@
 mod args;
 mod command;
 mod command_line;
+mod existing;
 mod exit;
 mod interrupt;
 mod launch;

@@ -376,12 +376,13 @@ fn weights_learned_on_many_scenes_begin_another_run() {
     assert!(said.contains("3 scenes") && said.contains("train.init=out/pixelnerf-pretrain"), "{said}");
     let config = fs::read_to_string(place.path("out/pixelnerf-pretrain/config.toml")).unwrap();
     assert!(config.contains("scenes = [\"random-0\", \"random-1\", \"random-2\"]"), "{config}");
+    pretrain().fails_with(&["out/pixelnerf-pretrain", "--overwrite"]);
     exp().succeeds();
     let records = records(&place.path("out/integration-pixelnerf"));
     assert_eq!(records.len(), 3);
     for record in &records {
         let notes = record["notes"].to_string();
-        assert!(notes.contains("began with the weights of out/pixelnerf-pretrain"), "{notes}");
+        assert!(notes.contains("initial weights from out/pixelnerf-pretrain"), "{notes}");
     }
     // A run holds its own weights.
     fs::remove_dir_all(place.path("out/pixelnerf-pretrain")).unwrap();
@@ -411,11 +412,16 @@ fn the_presets_of_the_paper_run() {
     for preset in ["paper", "released"] {
         for device in ["flex", "ndarray"] {
             let exp = ["exp", "fast-losses", "--scene", "castle", "--variant", "infonerf", "--preset", preset];
-            place.run(&exp).args(&settings).args(&["--device", device, "--out", device]).succeeds();
+            place
+                .run(&exp)
+                .args(&settings)
+                .args(&["--device", device, "--out", &format!("{preset}-{device}")])
+                .succeeds();
         }
         let [flex, ndarray] = ["flex", "ndarray"].map(|device| {
-            let records = records(&place.path(device).join("fast-losses"));
-            records.into_iter().find(|record| record["preset"] == preset).unwrap()
+            let record = records(&place.path(&format!("{preset}-{device}")).join("fast-losses")).remove(0);
+            assert_eq!(record["preset"], preset);
+            record
         });
         for key in ["psnr", "silhouette_iou", "ray_entropy_bits"] {
             let [a, b] = [&flex, &ndarray].map(|record| record[key].as_f64().unwrap());
@@ -493,7 +499,9 @@ fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     }
     let record = events.iter().find(|event| event["event"] == "record").unwrap();
     assert!(record["record"]["psnr"].is_f64());
-    assert!(place.tiny(&run).args(&["--quiet"]).succeeds().stdout.is_empty());
+    place.tiny(&run).fails_with(&["knot/nerf/seed0: this run is finished", "--resume", "--overwrite"]);
+    place.tiny(&run).args(&["--resume", "--overwrite"]).fails_with(&["--overwrite"]);
+    assert!(place.tiny(&run).args(&["--quiet", "--overwrite"]).succeeds().stdout.is_empty());
     place.tiny(&run).args(&["--quiet", "--json"]).fails_with(&["--json"]);
 }
 

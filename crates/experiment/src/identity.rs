@@ -1,4 +1,4 @@
-//! What a run's numbers depend on, so that one that was begun or finished is only gone on with if nothing has changed.
+//! What a run's numbers depend on: a run is only resumed if none of it has changed.
 
 use std::collections::HashMap;
 use std::fs;
@@ -28,7 +28,7 @@ pub struct Identity {
     program: String,
     /// The device that computes.
     device: String,
-    /// Files that the run begins with, of weights and others; empty without any.
+    /// Files that the field is initialised from, of weights and others; empty without any.
     first_files: String,
 }
 
@@ -77,7 +77,7 @@ impl Identity {
             ("the scene's files", &self.data, &then.data),
             ("the program", &self.program, &then.program),
             ("the device", &self.device, &then.device),
-            ("the files that it begins with", &self.first_files, &then.first_files),
+            ("the files that it is initialised from", &self.first_files, &then.first_files),
         ];
         parts.into_iter().filter(|(_, now, then)| now != then).map(|(what, ..)| what).collect()
     }

@@ -9,11 +9,11 @@
 //! and a program of your own call the same one.
 //!
 //! ```no_run
-//! use infonerf_experiment::{Control, DeviceName, Experiment, Finished, Resume, Selection, Session, open};
+//! use infonerf_experiment::{Control, DeviceName, Existing, Experiment, Finished, Selection, Session, open};
 //!
 //! let selection = Selection { scenes: vec!["castle".into()], ..Selection::default() };
 //! let experiment = Experiment::plan("synthetic-4view", &selection)?;
-//! let session = Session::new(open(DeviceName::Auto)?, "runs", Resume::Never);
+//! let session = Session::new(open(DeviceName::Auto)?, "runs", Existing::Refuse);
 //! for plan in &experiment.runs {
 //!     if let Finished::Record(record, _) = session.run(plan, &mut |_| Control::Continue)? {
 //!         println!("{}: {:?} dB", plan.label(), record.metrics["psnr"]);
@@ -47,4 +47,4 @@ pub use pretrain::{Pretrained, pretrain};
 pub use run::{Finished, Trained, TrainedVolume, save_png, total_progress};
 pub use run_plan::RunPlan;
 pub use seeds::parse_seeds;
-pub use session::{Control, Resume, RunEvent, Session, Watch};
+pub use session::{Control, Existing, RunEvent, Session, Watch};

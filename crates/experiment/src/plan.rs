@@ -6,10 +6,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use infonerf_dataset::SceneSource;
-use infonerf_field::FieldSpec;
 use infonerf_report::{Claim, Record, ReportInput};
 use infonerf_scene::Backdrop;
-use infonerf_train::{Config, Preset, config};
+use infonerf_train::config::{self, checks};
+use infonerf_train::{Config, Preset};
 use toml::Table;
 
 use crate::file::{Layers, Start, Variant};
@@ -134,7 +134,8 @@ impl Outline {
                     Entry::Occupied(known) => known.into_mut(),
                     Entry::Vacant(new) => new.insert(self.config(preset, &variant.name, set)?),
                 };
-                check_body(config, source).with_context(|| format!("{}: {name}/{}", self.experiment, variant.name))?;
+                checks::body(config, source.has_body())
+                    .with_context(|| format!("{}: {name}/{}", self.experiment, variant.name))?;
                 runs.extend(self.seeds.iter().map(|&seed| RunPlan {
                     experiment: self.about.name.clone(),
                     scene: name.clone(),
@@ -163,20 +164,6 @@ impl Outline {
 fn assign(table: &mut Table, set: &[String]) -> Result<()> {
     for assignment in set {
         config::assign(table, assignment).with_context(|| format!("--set {assignment}"))?;
-    }
-    Ok(())
-}
-
-/// Refuses a field that hangs on a body where neither the scene nor a file has one.
-fn check_body(config: &Config, source: &SceneSource) -> Result<()> {
-    if !config.field.needs_body() || source.has_body() {
-        return Ok(());
-    }
-    if config.field.clone().files().iter().all(|path| path.as_os_str().is_empty()) {
-        bail!(
-            "field.vertices: expected a PLY or OBJ file, or a scene that comes with a body's vertices (ZJU-MoCap with \
-             `new_vertices`, or the built-in figure), found neither"
-        );
     }
     Ok(())
 }

@@ -1,15 +1,15 @@
-//! Training of one model on all scenes of an experiment, for other runs to begin with.
+//! Training of one model on all scenes of an experiment, to initialise other runs.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
-use infonerf_scene::Scene;
-use infonerf_train::{Progress, Trainer};
+use infonerf_scene::PixelCount;
+use infonerf_train::{Checkpoint, MemoryPlan, Progress, Trainer};
 
 use crate::run::{Training, clear, load_checkpoint, lock, train};
-use crate::{Experiment, Identity, Resume, RunEvent, RunPlan, Session, Watch};
+use crate::{Experiment, Identity, RunEvent, RunPlan, Session, Watch};
 
 /// What came of pre-training.
 pub struct Pretrained {
@@ -24,7 +24,7 @@ pub struct Pretrained {
 /// Trains one model on all scenes of `experiment`, which has one variant and one seed, in a folder of its name.
 ///
 /// # Errors
-/// As [`Session::run`], and if the experiment has several variants or seeds.
+/// As [`Session::run`] (its weights are finished once all steps are taken), and if the experiment has several variants or seeds.
 pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_>) -> Result<Pretrained> {
     let plan = experiment.runs.first().context("expected at least one scene")?;
     if experiment.runs.iter().any(|other| (&other.variant, other.seed) != (&plan.variant, plan.seed)) {
@@ -41,15 +41,20 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     let begun = fs::read_to_string(&path).ok();
     let identity =
         Identity::of_scenes(plan, experiment.runs.iter().map(|plan| &plan.source), session.device.name.name())?;
-    if session.resume == Resume::Never || begun.is_none() {
+    if is_trained(&folder, plan) {
+        session.refuse(std::slice::from_ref(&folder))?;
+    }
+    let plans = experiment.runs.iter().map(with_one_test_view).collect::<Result<Vec<_>>>()?;
+    check_memory(&plans)?;
+    if !session.existing.resumes() || begun.is_none() {
         clear(&folder)?;
     } else if begun.as_ref() != Some(&config) || Identity::read(&folder).as_ref() != Some(&identity) {
-        bail!("{}: --resume needs the config, data, program and device that it began with", folder.display());
+        bail!("{}: --resume needs the same config, data, program and device as before", folder.display());
     }
     infonerf_report::write_atomically(&path, config.as_bytes())?;
     identity.write(&folder)?;
     watch(RunEvent::Loading);
-    let scenes = experiment.runs.iter().map(training_views).collect::<Result<Vec<_>>>()?;
+    let scenes = plans.iter().map(|plan| plan.load().map(Arc::new)).collect::<Result<Vec<_>>>()?;
     let mut trainer = Trainer::on_scenes(&plan.config, scenes, plan.seed, &session.device.device)?;
     if let Some(checkpoint) = load_checkpoint(&folder, watch)? {
         trainer.resume(&checkpoint)?;
@@ -60,13 +65,30 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     watch(RunEvent::Ended);
     let [field] = training;
     let (trainer, ended) = field.into_parts();
-    let finished = matches!(ended, crate::run::Ended::Over(_));
+    let finished = matches!(ended, crate::run::Ended::Over);
     Ok(Pretrained { folder, progress: trainer.progress().clone(), finished })
 }
 
-/// A scene with as few test views as can be: none is looked at.
-fn training_views(plan: &RunPlan) -> Result<Arc<Scene>> {
+/// Whether there is nothing more to train in `folder`.
+fn is_trained(folder: &Path, plan: &RunPlan) -> bool {
+    let Ok((Some(checkpoint), _)) = Checkpoint::load(folder) else { return false };
+    let progress = checkpoint.progress();
+    progress.step >= plan.config.train.iterations || progress.early_stopping.plateaued
+}
+
+/// A plan with as few test views as can be: none is looked at.
+fn with_one_test_view(plan: &RunPlan) -> Result<RunPlan> {
     let mut plan = plan.clone();
     plan.config.eval.test = "first-1".parse().map_err(anyhow::Error::msg)?;
-    Ok(Arc::new(plan.load()?))
+    Ok(plan)
+}
+
+/// Refuses scenes that would not fit into memory together, before any is loaded.
+fn check_memory(plans: &[RunPlan]) -> Result<()> {
+    let mut all = PixelCount { train: 0, test: 0 };
+    for plan in plans {
+        let PixelCount { train, test } = plan.pixels()?;
+        (all.train, all.test) = (all.train.saturating_add(train), all.test.saturating_add(test));
+    }
+    Ok(MemoryPlan::new(&plans[0].config, all, 1, 1).check_available()?)
 }

@@ -7,9 +7,10 @@ use burn::tensor::Device;
 use infonerf_dataset::SceneSource;
 use infonerf_field::FieldSpec;
 use infonerf_report::run_directory;
-use infonerf_scene::{Scene, SceneError, SceneRequest};
+use infonerf_scene::{PixelCount, Scene, SceneError, SceneRequest};
+use infonerf_schedule::Fault;
 use infonerf_train::config::PixelPosition;
-use infonerf_train::{Config, MemoryPlan, Preset, TrainError, Trainer, member_seed};
+use infonerf_train::{Config, MemoryPlan, Preset, Trainer, member_seed};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
@@ -85,13 +86,24 @@ impl RunPlan {
         self.budget.map(|budget| budget / self.members() as f64)
     }
 
-    /// The `index`th field before its first step.
+    /// The `index`th field before its first step. `other`, if there is another field of the plan already, shares what
+    /// training makes of the scene.
     ///
     /// # Errors
     /// As [`Trainer::new`].
-    pub fn trainer(&self, scene: Arc<Scene>, index: usize, device: &Device) -> Result<Trainer> {
+    pub fn trainer(
+        &self,
+        scene: &Arc<Scene>,
+        index: usize,
+        other: Option<&Trainer>,
+        device: &Device,
+    ) -> Result<Trainer> {
+        let seed = member_seed(self.seed, index);
+        if let Some(other) = other {
+            return Ok(other.with_seed(seed)?);
+        }
         let config = Config { train: self.config.train.of_member(self.members()), ..self.config.clone() };
-        Ok(Trainer::new(&config, scene, member_seed(self.seed, index), self.member_budget(), device)?)
+        Ok(Trainer::new(&config, scene.clone(), seed, self.member_budget(), device)?)
     }
 
     /// Loads the scene.
@@ -108,14 +120,19 @@ impl RunPlan {
     }
 
     /// Refuses a run that would not fit into memory with so many of its fields being trained side by side, before anything
-    /// is loaded.
+    /// is loaded; its scene may be `loaded` by an earlier run.
     ///
     /// # Errors
     /// One line that names the largest part, or what is wrong with the scene.
-    pub fn check_memory(&self, side_by_side: usize) -> Result<()> {
+    pub fn check_memory(&self, side_by_side: usize, loaded: bool) -> Result<()> {
+        let needed = MemoryPlan::new(&self.config, self.pixels()?, self.members(), side_by_side);
+        Ok(if loaded { needed.with_images_loaded() } else { needed }.check_available()?)
+    }
+
+    /// Pixels that [`Self::load`] will hold.
+    pub(crate) fn pixels(&self) -> Result<PixelCount> {
         let pixels = infonerf_dataset::count_pixels(&self.source, &self.request()).map_err(named_by_key);
-        let pixels = pixels.with_context(|| self.source_name())?;
-        Ok(MemoryPlan::new(&self.config, pixels, side_by_side).check_available()?)
+        pixels.with_context(|| self.source_name())
     }
 
     fn request(&self) -> SceneRequest {
@@ -160,7 +177,8 @@ impl RunPlan {
             seeds: vec![self.seed],
             preset: self.preset,
             budget_seconds: self.budget,
-            config: Table::try_from(&config)?,
+            // By way of text, in which 0.001 in single precision is 0.001, and not 0.0010000000474974513.
+            config: toml::to_string(&config)?.parse()?,
             variants: BTreeMap::from([(self.variant.clone(), Table::new())]),
         };
         Ok(toml::to_string(&complete)?)
@@ -217,7 +235,7 @@ fn named_by_key(error: SceneError) -> anyhow::Error {
         "frame" => "scene.frame",
         other => other,
     };
-    TrainError::config(key, format!("expected {expected}, found {found}")).into()
+    Fault::new(key, expected, found).into()
 }
 
 /// The paths of all files that a config names, but for the scene's; those that it does not use are empty.
@@ -258,7 +276,11 @@ mod tests {
     fn a_config_can_be_run_from_another_folder() {
         let selection = Selection { set: vec!["train.init=runs/here".into()], ..Selection::default() };
         let plan = Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0);
-        let again = RunPlan::from_toml(&plan.to_toml().unwrap()).unwrap();
-        assert!(again.config.train.init.is_absolute() && again.config.train.init.ends_with("runs/here"));
+        let text = plan.to_toml().unwrap();
+        let numbers = text.split([' ', ',', '\n', '[', ']']).filter(|word| word.parse::<f64>().is_ok());
+        assert_eq!(numbers.filter(|number| number.len() > 10).collect::<Vec<_>>(), [""; 0], "{text}");
+        let again = RunPlan::from_toml(&text).unwrap();
+        let init = again.config.train.init.clone();
+        assert!(init.is_absolute() && init.ends_with("runs/here"));
     }
 }

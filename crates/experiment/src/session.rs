@@ -2,11 +2,12 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use infonerf_metrics::Networks;
 use infonerf_scene::Scene;
 use infonerf_train::{Event, Trainer};
 
+use crate::run::is_finished;
 use crate::{OpenDevice, RunPlan};
 
 /// Where and how runs happen.
@@ -16,9 +17,9 @@ pub struct Session {
     pub device: OpenDevice,
     /// Folder for results: each run is in `<experiment>/<scene>/<variant>/seed<N>` below it.
     pub out: PathBuf,
-    /// What becomes of runs that were begun before.
-    pub resume: Resume,
-    /// Share of each run after which it is stopped, to go on later.
+    /// What becomes of runs that are there already.
+    pub existing: Existing,
+    /// Share of each run after which it is stopped, to be resumed later.
     pub until: Option<f64>,
     /// Whether the device is waited for after each phase of a step: see [`Trainer::synchronise_phases`].
     ///
@@ -30,22 +31,31 @@ pub struct Session {
     last_scene: Mutex<Option<(String, Arc<Scene>)>>,
 }
 
-/// What becomes of a run that was begun before.
+/// What becomes of a run whose folder is there already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Resume {
-    /// It starts anew.
-    Never,
-    /// It goes on, and a finished one is kept; an error if anything that its numbers depend on has changed.
-    Always,
-    /// It goes on, and a finished one is kept; it starts anew if anything that its numbers depend on has changed.
-    Unchanged,
+pub enum Existing {
+    /// A finished run is an error; an unfinished one starts over.
+    Refuse,
+    /// It starts over, and its results are replaced.
+    Overwrite,
+    /// It resumes, and a finished one is kept; an error if anything that its numbers depend on has changed.
+    Resume,
+    /// It resumes, and a finished one is kept; it starts over if anything that its numbers depend on has changed.
+    ResumeUnchanged,
+}
+
+impl Existing {
+    /// Whether an unfinished run is continued.
+    pub(crate) fn resumes(self) -> bool {
+        matches!(self, Self::Resume | Self::ResumeUnchanged)
+    }
 }
 
 /// What happens in a run, for whoever watches it.
 pub enum RunEvent<'a> {
     /// The scene is read.
     Loading,
-    /// Fields are trained, or go on, side by side.
+    /// Fields are trained side by side.
     Started {
         /// Which fields, from 0.
         fields: Range<usize>,
@@ -75,9 +85,9 @@ pub enum RunEvent<'a> {
 /// What whoever watches a run wants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Control {
-    /// Go on.
+    /// Continue.
     Continue,
-    /// Save a checkpoint, if training, and go on: for others who look at the run's folder.
+    /// Save a checkpoint, if training, and continue: for others who look at the run's folder.
     Save,
     /// Save and stop.
     Stop,
@@ -88,9 +98,9 @@ pub type Watch<'a> = dyn FnMut(RunEvent<'_>) -> Control + 'a;
 
 impl Session {
     /// Runs on `device`, below `out`.
-    pub fn new(device: OpenDevice, out: impl Into<PathBuf>, resume: Resume) -> Self {
+    pub fn new(device: OpenDevice, out: impl Into<PathBuf>, existing: Existing) -> Self {
         let (out, networks) = (out.into(), Networks::none());
-        Self { device, out, resume, until: None, profiled: false, networks, last_scene: Mutex::default() }
+        Self { device, out, existing, until: None, profiled: false, networks, last_scene: Mutex::default() }
     }
 
     /// The same, `profiled` or not.
@@ -111,23 +121,83 @@ impl Session {
         Self { until, ..self }
     }
 
+    /// Refuses to replace results, before anything is run.
+    ///
+    /// # Errors
+    /// If a run of `plans` is finished and [`Existing::Refuse`] says that it must not be.
+    pub fn refuse_finished(&self, plans: &[RunPlan]) -> Result<()> {
+        let folders = plans.iter().map(|plan| self.run_folder(plan));
+        self.refuse(&folders.filter(|folder| is_finished(folder)).collect::<Vec<_>>())
+    }
+
+    /// Refuses to replace the results in the folders `finished`, if there are any.
+    pub(crate) fn refuse(&self, finished: &[PathBuf]) -> Result<()> {
+        let (Existing::Refuse, [first, others @ ..]) = (self.existing, finished) else { return Ok(()) };
+        let others = if others.is_empty() { String::new() } else { format!(", as are {} more", others.len()) };
+        bail!(
+            "{}: this run is finished{others}: --resume keeps its results, --overwrite replaces them",
+            first.display()
+        )
+    }
+
+    /// Folder of a run.
+    pub fn run_folder(&self, plan: &RunPlan) -> PathBuf {
+        self.experiment_folder(&plan.experiment).join(plan.directory())
+    }
+
     /// Folder of an experiment's results.
     pub fn experiment_folder(&self, experiment: &str) -> PathBuf {
         self.out.join(experiment)
     }
 
-    /// The scene of a run, read again only if the last run had another.
-    pub(crate) fn scene(&self, plan: &RunPlan) -> Result<Arc<Scene>> {
-        let config = &plan.config;
-        let key = format!("{:?} {:?} {:?} {}", plan.source, config.scene, config.eval.test, plan.seed);
+    /// The scene of the last run if `plan` has the same; another is forgotten.
+    pub(crate) fn loaded(&self, plan: &RunPlan) -> Option<Arc<Scene>> {
         let mut last = self.last_scene.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if let Some((_, scene)) = last.as_ref().filter(|(known, _)| *known == key) {
-            return Ok(scene.clone());
-        }
-        // What is not needed any more goes before the next is read.
-        *last = None;
+        *last = last.take().filter(|(known, _)| *known == scene_key(plan));
+        last.as_ref().map(|(_, scene)| scene.clone())
+    }
+
+    /// Loads the scene of `plan`, and keeps it for the next run.
+    pub(crate) fn load(&self, plan: &RunPlan) -> Result<Arc<Scene>> {
         let scene = Arc::new(plan.load()?);
-        *last = Some((key, scene.clone()));
+        let mut last = self.last_scene.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        *last = Some((scene_key(plan), scene.clone()));
         Ok(scene)
+    }
+}
+
+/// All that a scene depends on, its files apart.
+fn scene_key(plan: &RunPlan) -> String {
+    let config = &plan.config;
+    format!("{:?} {:?} {:?} {}", plan.source, config.scene, config.eval.test, plan.seed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{DeviceName, Experiment, Selection, open};
+
+    #[test]
+    fn finished_runs_are_replaced_only_on_request() {
+        let out = tempfile::tempdir().unwrap();
+        let selection = Selection { scenes: vec!["knot".into()], ..Selection::default() };
+        let plans = Experiment::plan("fast-losses", &selection).unwrap().runs;
+        let refusal = |existing: Existing| {
+            let session = Session::new(open(DeviceName::Flex).unwrap(), out.path(), existing);
+            session.refuse_finished(&plans).err().map(|error| error.to_string())
+        };
+        assert_eq!(refusal(Existing::Refuse), None);
+        for plan in &plans[..2] {
+            let folder = out.path().join(&plan.experiment).join(plan.directory());
+            std::fs::create_dir_all(&folder).unwrap();
+            // Also one of another preset, whose checkpoint would be replaced.
+            std::fs::write(folder.join("record-paper.json"), "").unwrap();
+        }
+        let message = refusal(Existing::Refuse).unwrap();
+        let parts = [plans[0].directory().to_str().unwrap(), "1 more", "--resume", "--overwrite"].map(str::to_owned);
+        assert!(parts.iter().all(|part| message.contains(part)), "{message}");
+        assert!(
+            [Existing::Overwrite, Existing::Resume, Existing::ResumeUnchanged].map(refusal).iter().all(Option::is_none)
+        );
     }
 }

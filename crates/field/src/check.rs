@@ -2,45 +2,28 @@
 
 use burn::tensor::{Device, FloatDType};
 use infonerf_ops::mlp::Precision;
-use infonerf_schedule::Schedule;
-use thiserror::Error;
+use infonerf_schedule::{Fault, Schedule};
 
-/// A size or factor out of range.
-#[derive(Debug, Error, PartialEq)]
-#[error("field.{field}: expected {expected}, found {found}")]
-pub struct ConfigError {
-    /// The key within `[field]`.
-    pub field: &'static str,
-    /// What is accepted.
-    pub expected: &'static str,
-    /// What was found.
-    pub found: String,
-}
-
-pub(crate) fn check(
-    field: &'static str,
-    expected: &'static str,
-    found: impl ToString,
-    good: bool,
-) -> Result<(), ConfigError> {
-    if good { Ok(()) } else { Err(ConfigError { field, expected, found: found.to_string() }) }
+/// Refuses what was `found` at `key` of `[field]` unless it is `good`.
+pub(crate) fn check(key: &str, expected: &str, found: impl ToString, good: bool) -> Result<(), Fault> {
+    Fault::unless(good, key, expected, found).map_err(|fault| fault.within("field"))
 }
 
 /// Sizes of NeRF's MLP.
-pub(crate) fn check_mlp(layers: usize, width: usize, direction_frequencies: usize) -> Result<(), ConfigError> {
+pub(crate) fn check_mlp(layers: usize, width: usize, direction_frequencies: usize) -> Result<(), Fault> {
     check("layers", "1 to 64", layers, (1..=64).contains(&layers))?;
     check("width", "an even number from 2 to 4096", width, (2..=4096).contains(&width) && width.is_multiple_of(2))?;
     check("direction_frequencies", "0 to 20", direction_frequencies, direction_frequencies <= 20)
 }
 
 /// Whether the device supports the precision.
-pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(), ConfigError> {
+pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(), Fault> {
     let good = precision == Precision::F32 || device.supports_dtype(FloatDType::BF16);
     check("precision", "\"f32\", as this device has no bf16", "bf16", good)
 }
 
 /// Shares of detail.
-pub(crate) fn check_detail(detail: &Schedule) -> Result<(), ConfigError> {
+pub(crate) fn check_detail(detail: &Schedule) -> Result<(), Fault> {
     let range = format!("{} to {}", detail.least(), detail.largest());
     check("detail", "shares from 0 to 1", range, detail.least() >= 0.0 && detail.largest() <= 1.0)
 }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
-use infonerf_schedule::{Moment, Schedule};
+use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use crate::check::{check, check_detail};
 use crate::detail::part_weights;
 use crate::init::uniform;
-use crate::{ConfigError, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points};
+use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points};
 
 /// Sizes of [`FactoredField`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -53,7 +53,7 @@ impl fmt::Display for FactoredConfig {
 impl FieldSpec for FactoredConfig {
     type Field = FactoredField;
 
-    fn validate(&self) -> Result<(), ConfigError> {
+    fn validate(&self) -> Result<(), Fault> {
         let good = (1..=8).contains(&self.resolutions.len()) && self.resolutions.iter().all(|r| (2..=2048).contains(r));
         check("resolutions", "1 to 8 numbers from 2 to 2048", format!("{:?}", self.resolutions), good)?;
         check("channels", "2, 4, 8 or 16", self.channels, [2, 4, 8, 16].contains(&self.channels))?;
@@ -67,7 +67,7 @@ impl FieldSpec for FactoredConfig {
         check_detail(&self.detail)
     }
 
-    fn build(&self, setup: &FieldSetup<'_>) -> Result<FactoredField, ConfigError> {
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<FactoredField, Fault> {
         Ok(FactoredField::new(self, setup))
     }
 

@@ -3,9 +3,9 @@ use std::path::PathBuf;
 
 use burn::module::{Module, ModuleDisplay};
 use burn::tensor::{Device, Tensor};
-use infonerf_schedule::Moment;
+use infonerf_schedule::{Fault, Moment};
 
-use crate::{ConfigError, FieldOutput, Penalty, Points, Sources};
+use crate::{FieldOutput, Penalty, Points, Sources};
 
 /// A learnable function from position and view direction to density and colour.
 ///
@@ -79,13 +79,13 @@ pub trait FieldSpec: fmt::Display {
     ///
     /// # Errors
     /// The first key that is out of range.
-    fn validate(&self) -> Result<(), ConfigError>;
+    fn validate(&self) -> Result<(), Fault>;
 
     /// Builds the field with its initial weights.
     ///
     /// # Errors
     /// If a file cannot be used, or `setup` lacks what the field needs.
-    fn build(&self, setup: &FieldSetup<'_>) -> Result<Self::Field, ConfigError>;
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<Self::Field, Fault>;
 
     /// Memory of the field.
     fn footprint(&self) -> Footprint;

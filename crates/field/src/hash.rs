@@ -6,7 +6,7 @@ use burn::module::{Module, Param};
 use burn::tensor::activation::{sigmoid, softplus};
 use burn::tensor::{Device, Int, Tensor, TensorData};
 use infonerf_ops::mlp::Precision;
-use infonerf_schedule::{Moment, Schedule};
+use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
@@ -16,7 +16,7 @@ use crate::check::{check, check_detail};
 use crate::detail::part_weights;
 use crate::init::{Init, uniform};
 use crate::mlp::{Mlp, MlpSize};
-use crate::{ConfigError, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
+use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
 
 /// Corners of a cell.
 const CORNERS: usize = 8;
@@ -81,7 +81,7 @@ impl HashConfig {
 impl FieldSpec for HashConfig {
     type Field = HashGrid;
 
-    fn validate(&self) -> Result<(), ConfigError> {
+    fn validate(&self) -> Result<(), Fault> {
         check("levels", "1 to 16", self.levels, (1..=16).contains(&self.levels))?;
         check("features", "1 to 8", self.features, (1..=8).contains(&self.features))?;
         check("log2_table_size", "4 to 22", self.log2_table_size, (4..=22).contains(&self.log2_table_size))?;
@@ -98,7 +98,7 @@ impl FieldSpec for HashConfig {
         check_detail(&self.detail)
     }
 
-    fn build(&self, setup: &FieldSetup<'_>) -> Result<HashGrid, ConfigError> {
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<HashGrid, Fault> {
         let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
         let levels = self.level_tables();
         let entries: usize = levels.iter().map(|level| level.entries).sum();
@@ -318,7 +318,7 @@ mod tests {
     #[test]
     fn sizes_are_checked() {
         let finer = HashConfig { finest: 2, ..config() };
-        assert_eq!(finer.validate().unwrap_err().field, "finest");
+        assert_eq!(finer.validate().unwrap_err().key, "field.finest");
         assert!(config().validate().is_ok());
     }
 }

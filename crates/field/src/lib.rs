@@ -31,7 +31,7 @@
 //! assert_eq!(sampled.sigma.dims(), [2]);
 //! assert_eq!(sampled.color.unwrap().dims(), [2, 3]);
 //! # }
-//! # Ok::<(), infonerf_field::ConfigError>(())
+//! # Ok::<(), infonerf_schedule::Fault>(())
 //! ```
 
 mod activation;
@@ -53,7 +53,6 @@ mod points;
 mod sources;
 
 pub use activation::DensityActivation;
-pub use check::ConfigError;
 pub use factored::{FactoredConfig, FactoredField};
 pub use field::{Body, Field, FieldSetup, FieldSpec, Footprint};
 pub use hash::{HashConfig, HashGrid};

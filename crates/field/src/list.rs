@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
-use infonerf_schedule::Moment;
+use infonerf_schedule::{Fault, Moment};
 use serde::{Deserialize, Serialize};
 
 use crate::factored::{FactoredConfig, FactoredField};
@@ -15,7 +15,7 @@ use crate::nerf::{NerfConfig, NerfMlp};
 use crate::neural_body::{NeuralBody, NeuralBodyConfig};
 use crate::neural_volumes::{NeuralVolumes, NeuralVolumesConfig};
 use crate::pixel::{PixelNerf, PixelNerfConfig};
-use crate::{ConfigError, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points, Sources};
+use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points, Sources};
 
 /// Defines [`FieldConfig`] and [`RadianceField`] from a list of fields: one line per field, with its name, its config and
 /// its module. The name in lower case is its `field.kind`.
@@ -44,11 +44,11 @@ macro_rules! fields {
         impl FieldSpec for FieldConfig {
             type Field = RadianceField;
 
-            fn validate(&self) -> Result<(), ConfigError> {
+            fn validate(&self) -> Result<(), Fault> {
                 match self { $(Self::$name(config) => config.validate(),)* }
             }
 
-            fn build(&self, setup: &FieldSetup<'_>) -> Result<RadianceField, ConfigError> {
+            fn build(&self, setup: &FieldSetup<'_>) -> Result<RadianceField, Fault> {
                 Ok(match self { $(Self::$name(config) => RadianceField::$name(config.build(setup)?),)* })
             }
 
@@ -127,7 +127,7 @@ impl RadianceField {
     ///
     /// # Errors
     /// If a size in `config` is out of range, or a file of weights that it names cannot be used.
-    pub fn new(config: &FieldConfig, setup: &FieldSetup<'_>) -> Result<Self, ConfigError> {
+    pub fn new(config: &FieldConfig, setup: &FieldSetup<'_>) -> Result<Self, Fault> {
         config.validate()?;
         config.build(setup)
     }

@@ -7,7 +7,7 @@ use burn::tensor::{Device, activation::sigmoid};
 use infonerf_ops::integrated::{integrated_encode, integrated_width};
 use infonerf_ops::mlp::Precision;
 use infonerf_ops::{from_host, frustum_gaussian};
-use infonerf_schedule::{Moment, Schedule};
+use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,7 @@ use crate::check::{check, check_detail, check_mlp, check_precision};
 use crate::detail::frequency_window;
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
-use crate::{ConfigError, DensityActivation, Extent, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
+use crate::{DensityActivation, Extent, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
 
 /// Sizes of [`MipNerf`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -48,14 +48,14 @@ impl fmt::Display for MipConfig {
 impl FieldSpec for MipConfig {
     type Field = MipNerf;
 
-    fn validate(&self) -> Result<(), ConfigError> {
+    fn validate(&self) -> Result<(), Fault> {
         check_mlp(self.layers, self.width, self.direction_frequencies)?;
         let frequencies = self.position_frequencies;
         check("position_frequencies", "1 to 20", frequencies, (1..=20).contains(&frequencies))?;
         check_detail(&self.detail)
     }
 
-    fn build(&self, setup: &FieldSetup<'_>) -> Result<MipNerf, ConfigError> {
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<MipNerf, Fault> {
         check_precision(self.precision, setup.device)?;
         let size = MlpSize {
             inputs: integrated_width(self.position_frequencies),

@@ -7,7 +7,7 @@ use burn::tensor::{Device, activation::sigmoid};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
 use infonerf_ops::from_host;
 use infonerf_ops::mlp::Precision;
-use infonerf_schedule::{Moment, Schedule};
+use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
@@ -16,7 +16,7 @@ use crate::check::{check, check_detail, check_mlp, check_precision};
 use crate::detail::frequency_window;
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
-use crate::{ConfigError, DensityActivation, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
+use crate::{DensityActivation, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
 
 /// Sizes of [`NerfMlp`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -50,14 +50,14 @@ impl fmt::Display for NerfConfig {
 impl FieldSpec for NerfConfig {
     type Field = NerfMlp;
 
-    fn validate(&self) -> Result<(), ConfigError> {
+    fn validate(&self) -> Result<(), Fault> {
         check_mlp(self.layers, self.width, self.direction_frequencies)?;
         let frequencies = self.position_frequencies;
         check("position_frequencies", "0 to 20", frequencies, frequencies <= 20)?;
         check_detail(&self.detail)
     }
 
-    fn build(&self, setup: &FieldSetup<'_>) -> Result<NerfMlp, ConfigError> {
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<NerfMlp, Fault> {
         check_precision(self.precision, setup.device)?;
         let size = MlpSize {
             inputs: encoded_width(3, self.position_frequencies),

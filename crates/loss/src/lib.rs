@@ -33,7 +33,7 @@ mod terms;
 pub use list::LossConfig;
 pub use objective::{DueTerm, LossValues, Objective, needs};
 pub use renders::{Bundle, Need, NeighbourBundles, Picture, RaySet, Renders, Target, is_foreground};
-pub use term::{LossError, Term, TermSetup, TermSpec, Weighted};
+pub use term::{Term, TermSetup, TermSpec, Weighted};
 pub use terms::distortion::DistortionConfig;
 pub use terms::entropy::{EntropyConfig, HitMask, HitRule};
 pub use terms::kl::{Direction, KlConfig};

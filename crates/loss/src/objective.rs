@@ -1,9 +1,8 @@
 use burn::tensor::Tensor;
-use infonerf_schedule::{Moment, Schedule};
+use infonerf_schedule::{Fault, Moment, Schedule};
 
 use crate::renders::union;
-use crate::term::in_range;
-use crate::{LossConfig, LossError, Need, Renders, Term, TermSetup};
+use crate::{LossConfig, Need, Renders, Term, TermSetup};
 
 /// The active terms of a run, built for a scene.
 #[derive(Debug)]
@@ -52,13 +51,12 @@ impl LossConfig {
     ///
     /// # Errors
     /// The first key that is out of range.
-    pub fn validate(&self) -> Result<(), LossError> {
+    pub fn validate(&self) -> Result<(), Fault> {
         for (name, spec) in self.specs() {
             let weight = spec.weight();
-            in_range("weight", weight.least(), 0.0, 1e6)
-                .and_then(|()| in_range("weight", weight.largest(), 0.0, 1e6))
+            Fault::unless_always_within(0.0..=1e6, "weight", weight)
                 .and_then(|()| spec.validate())
-                .map_err(|error| error.within(name))?;
+                .map_err(|fault| fault.within(&format!("loss.{name}")))?;
         }
         Ok(())
     }
@@ -69,9 +67,9 @@ impl Objective {
     ///
     /// # Errors
     /// If a term lacks what it needs.
-    pub fn new(config: &LossConfig, setup: &TermSetup<'_>) -> Result<Self, LossError> {
+    pub fn new(config: &LossConfig, setup: &TermSetup<'_>) -> Result<Self, Fault> {
         let entry = |(name, spec): (&'static str, &dyn crate::TermSpec)| {
-            let term = spec.build(setup).map_err(|error| error.within(name))?;
+            let term = spec.build(setup).map_err(|fault| fault.within(&format!("loss.{name}")))?;
             Ok(Entry { name, weight: spec.weight().clone(), needs: spec.needs(), term })
         };
         let taking_part = config.active().filter(|(_, spec)| spec.skip_reason(setup.scene).is_none());

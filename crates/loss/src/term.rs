@@ -3,8 +3,7 @@ use std::path::PathBuf;
 
 use burn::tensor::{Device, Tensor};
 use infonerf_scene::Scene;
-use infonerf_schedule::{Moment, Schedule};
-use thiserror::Error;
+use infonerf_schedule::{Fault, Moment, Schedule};
 
 use crate::{Need, Renders};
 
@@ -40,13 +39,13 @@ pub trait TermSpec: Weighted {
     ///
     /// # Errors
     /// If the scene or a file lacks what the term needs.
-    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError>;
+    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault>;
 
     /// Checks every number but the weight.
     ///
     /// # Errors
     /// The first key that is out of range.
-    fn validate(&self) -> Result<(), LossError> {
+    fn validate(&self) -> Result<(), Fault> {
         Ok(())
     }
 
@@ -73,38 +72,4 @@ pub struct TermSetup<'a> {
     pub scene: &'a Scene,
     /// Where the field is.
     pub device: &'a Device,
-}
-
-/// A key of a term that is out of range, or a missing requirement.
-#[derive(Debug, Error, PartialEq)]
-#[error("{key}: expected {expected}, found {found}")]
-pub struct LossError {
-    /// The key; within the term's table until [`Self::within`] is called.
-    pub key: String,
-    /// What is accepted.
-    pub expected: String,
-    /// What was found.
-    pub found: String,
-}
-
-impl LossError {
-    /// A fault at `key` of a term's table.
-    pub fn new(key: &str, expected: impl Into<String>, found: impl ToString) -> Self {
-        Self { key: key.into(), expected: expected.into(), found: found.to_string() }
-    }
-
-    /// The same with the whole path of its key, in the term called `name`.
-    #[must_use]
-    pub fn within(self, name: &str) -> Self {
-        Self { key: format!("loss.{name}.{}", self.key), ..self }
-    }
-}
-
-/// Refuses a number outside of a range.
-pub(crate) fn in_range(key: &str, value: f64, low: f64, high: f64) -> Result<(), LossError> {
-    if (low..=high).contains(&value) {
-        Ok(())
-    } else {
-        Err(LossError::new(key, format!("a number from {low} to {high}"), value))
-    }
 }

@@ -1,6 +1,5 @@
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
 use crate::Space;
 
@@ -98,7 +97,7 @@ impl OccupancyConfig {
         -(-self.alpha_threshold).ln_1p() / step_length
     }
 
-    fn validate(&self) -> Result<(), ConfigError> {
+    fn validate(&self) -> Result<(), Fault> {
         check("occupancy.resolution", "2 to 512", self.resolution, (2..=512).contains(&self.resolution))?;
         let fine = (1..=8).contains(&self.refine) && self.refine * self.resolution <= 1024;
         check("occupancy.refine", "1 to 8, at most 1024 cells per axis", self.refine, fine)?;
@@ -109,22 +108,9 @@ impl OccupancyConfig {
     }
 }
 
-/// A number out of range.
-#[derive(Debug, Error, PartialEq)]
-#[error("render.{field}: expected {expected}, found {found}")]
-pub struct ConfigError {
-    field: &'static str,
-    expected: &'static str,
-    found: String,
-}
-
-fn check(
-    field: &'static str,
-    expected: &'static str,
-    found: impl std::fmt::Display,
-    good: bool,
-) -> Result<(), ConfigError> {
-    if good { Ok(()) } else { Err(ConfigError { field, expected, found: found.to_string() }) }
+/// Refuses what was `found` at `key` of `[render]` unless it is `good`.
+fn check(key: &str, expected: &str, found: impl ToString, good: bool) -> Result<(), Fault> {
+    Fault::unless(good, key, expected, found).map_err(|fault| fault.within("render"))
 }
 
 impl RenderConfig {
@@ -132,7 +118,7 @@ impl RenderConfig {
     ///
     /// # Errors
     /// The first key that is out of range.
-    pub fn validate(&self) -> Result<(), ConfigError> {
+    pub fn validate(&self) -> Result<(), Fault> {
         let (least, largest) = (self.samples.least(), self.samples.largest());
         check("samples", "2 to 4096", format!("{least} to {largest}"), least >= 2.0 && largest <= 4096.0)?;
         check("fine_samples", "0 to 4096", self.fine_samples, self.fine_samples <= 4096)?;

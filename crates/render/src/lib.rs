@@ -80,7 +80,7 @@ mod sampler;
 mod samples;
 mod warp;
 
-pub use config::{Compositing, ConfigError, LastInterval, OccupancyConfig, Placement, RenderConfig};
+pub use config::{Compositing, LastInterval, OccupancyConfig, Placement, RenderConfig};
 pub use ensemble::render_image;
 pub use exposure::Exposure;
 pub use image::RenderedImage;

@@ -1,4 +1,4 @@
-//! Numbers that change over a training run.
+//! Numbers that change over a training run, and faults of the configs that hold them.
 //!
 //! A [`Schedule`] maps a [`Moment`] of a run to a number. One type serves loss weights, learning rates, image sizes,
 //! numbers of samples and annealing, with one syntax in config files:
@@ -28,11 +28,13 @@
 //! ```
 
 mod curve;
+mod fault;
 mod parse;
 
 use serde::{Deserialize, Serialize};
 
 pub use curve::{Curve, Schedule};
+pub use fault::Fault;
 
 /// A point in time of a training run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]

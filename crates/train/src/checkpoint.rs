@@ -17,7 +17,7 @@ use crate::error_sampling::PixelErrors;
 use crate::weight_averaging::WeightAverage;
 use crate::{Progress, TrainError};
 
-/// Everything that a run needs to go on as if it had never stopped.
+/// Everything that a run needs to resume as if it had never stopped.
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
     progress: Progress,

@@ -38,21 +38,26 @@ pub type Stepped = (Vec<Event>, Result<Outcome, TrainError>);
 /// operation of one field. Each step counts as its share of the time that all took together, so that the times of all fields
 /// add up to that of the run. No field's numbers depend on the others.
 pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<Stepped> {
-    let step = |trainer: &mut &mut Trainer<F>| {
+    let start = Instant::now();
+    let taken: Vec<_> = match trainers {
+        // A device may know its work by the thread that asks for it.
+        [only] => vec![only.take_drawn_step()],
+        _ => trainers.par_iter_mut().map(|trainer| trainer.take_drawn_step()).collect(),
+    };
+    let share = start.elapsed().as_secs_f64() / trainers.len() as f64;
+    let count = |(trainer, taken): (&mut &mut Trainer<F>, Result<_, _>)| {
         let mut events = Vec::new();
-        let outcome = trainer.step(&mut |event| events.push(event));
+        let outcome = taken.and_then(|taken| trainer.count_step(taken, share, &mut |event| events.push(event)));
         (events, outcome)
     };
-    if let [only] = trainers {
-        return vec![step(only)];
-    }
-    let start = Instant::now();
-    let stepped = trainers.par_iter_mut().map(step).collect();
-    let share = start.elapsed().as_secs_f64() / trainers.len() as f64;
-    for trainer in trainers {
-        trainer.count_last_step_as(share);
-    }
-    stepped
+    trainers.iter_mut().zip(taken).map(count).collect()
+}
+
+/// The fields of a run that pictures are made of, and how many are left out because they went empty; all of them if there
+/// are no others.
+pub fn without_collapsed<F: Field>(trainers: Vec<Trainer<F>>) -> (Vec<Trainer<F>>, usize) {
+    let (collapsed, good): (Vec<_>, Vec<_>) = trainers.into_iter().partition(Trainer::has_collapsed);
+    if good.is_empty() { (collapsed, 0) } else { (good, collapsed.len()) }
 }
 
 /// The seed of a run's `index`th field: the run's own for the first.

@@ -1,11 +1,15 @@
 use std::path::{Path, PathBuf};
 
+use infonerf_schedule::Fault;
 use thiserror::Error;
 
 /// What can go wrong in a run; each message is one line.
 #[derive(Debug, Error)]
 pub enum TrainError {
-    /// A key of the config is unknown, or its value is out of range.
+    /// A value of the config is out of range, or does not go with the rest.
+    #[error(transparent)]
+    Fault(#[from] Fault),
+    /// A config or a checkpoint cannot be read: a key is unknown, or a value is of another type.
     #[error("{0}")]
     Config(String),
     /// A loss is not finite. The last checkpoint is from before it.
@@ -35,8 +39,8 @@ pub enum TrainError {
 }
 
 impl TrainError {
-    /// A fault of the config at `key`.
-    pub fn config(key: impl std::fmt::Display, cause: impl std::fmt::Display) -> Self {
+    /// What is wrong with the config at `key`.
+    pub(crate) fn config(key: impl std::fmt::Display, cause: impl std::fmt::Display) -> Self {
         // What was typed may hold line breaks; a message is one line.
         let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
         Self::Config(format!("{key}: {cause}").chars().map(escaped).collect())

@@ -1,48 +1,72 @@
-//! How much memory a run needs, from its sizes alone: one that cannot fit is refused before it begins.
+//! How much memory a run needs, from its sizes alone: one that cannot fit is refused before anything is loaded.
 
 use infonerf_field::{FieldSpec, Footprint};
 use infonerf_scene::PixelCount;
+use infonerf_schedule::{Fault, Moment};
+use sysinfo::{CGroupLimits, MemoryRefreshKind, ProcessRefreshKind, ProcessesToUpdate, System, get_current_pid};
 
-use crate::{Config, TrainError};
+use crate::Config;
+use crate::model::sees_photographs;
 
 /// Bytes of an `f32`.
 const FLOAT: u64 = 4;
-/// A parameter, its gradient, Adam's two moments, and the copy that an optimiser step is made on.
-const COPIES: u64 = 5;
-/// Floats of a pixel of a test view: RGB and alpha.
-const TEST_PIXEL: u64 = 4;
-/// Floats of a pixel of a training view: the same, RGBA as batches are drawn from, and RGB as a field sees it that looks at
-/// photographs.
-const TRAIN_PIXEL: u64 = TEST_PIXEL + 4 + 3;
+/// Floats that a field keeps per parameter: itself and Adam's two moments.
+const KEPT: u64 = 3;
+/// Floats that a step adds per parameter: its gradient, and the copy that the optimiser changes.
+const OF_STEP: u64 = 2;
+/// Floats of a pixel as it is loaded: RGB and alpha.
+const LOADED: u64 = 4;
+/// Floats of a pixel as batches are drawn from: RGBA and coverage.
+const DRAWN: f64 = 5.0;
+/// Floats of a pixel as a field looks at it: RGB.
+const SEEN: u64 = 3;
+/// Bytes of a cell of an occupancy grid: its density, and two flags.
+const CELL: u64 = 6;
 
-/// Least memory of a run's parts, in bytes: what is certain to be held at the same time.
+/// Memory of a run's parts, in bytes, as they are held at the same time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MemoryPlan {
-    parts: [(&'static str, u64); 4],
+    parts: [(&'static str, u64); 5],
 }
 
 impl MemoryPlan {
-    /// The plan of `config` on a scene with so many pixels, so many fields being trained side by side.
-    pub fn new(config: &Config, pixels: PixelCount, side_by_side: usize) -> Self {
-        let side_by_side = side_by_side as u64;
+    /// The plan of `config` on scenes with so many pixels in all: of `fields` fields, which share the images, so many being
+    /// trained `side_by_side`.
+    pub fn new(config: &Config, pixels: PixelCount, fields: usize, side_by_side: usize) -> Self {
+        let (fields, side_by_side) = (fields as u64, side_by_side.min(fields) as u64);
         let networks = if config.render.is_hierarchical() && !config.field.shares_passes() { 2 } else { 1 };
         let Footprint { parameters, per_sample } = config.field.footprint();
-        let images = pixels.train.saturating_mul(TRAIN_PIXEL).saturating_add(pixels.test.saturating_mul(TEST_PIXEL));
-        let occupancy = if config.render.occupancy.enabled { cube(config.render.occupancy.resolution) * 6 } else { 0 };
+        let averaged = u64::from(fields == 1 && config.train.weight_averaging > 0.0);
+        let copies = fields * (KEPT + averaged) + side_by_side * OF_STEP;
+        let loaded = pixels.train.saturating_add(pixels.test).saturating_mul(LOADED);
+        let areas: f64 = config.train.downscale_factors().map(|factor| f64::from(factor).powi(-2)).sum();
+        let errors = if config.train.error_sampling.is_on() { fields } else { 0 };
+        let seen = if sees_photographs(&config.field) { SEEN } else { 0 };
+        let drawn = pixels.train.saturating_mul((DRAWN * areas) as u64 + errors + seen);
+        let occupancy = &config.render.occupancy;
+        let cells = if occupancy.enabled { (occupancy.resolution as u64).pow(3) } else { 0 };
         Self {
             parts: [
-                (
-                    "field (its parameters, their gradients and Adam's moments)",
-                    side_by_side * networks * parameters * COPIES * FLOAT,
-                ),
+                ("field (its parameters, their gradients and Adam's moments)", copies * networks * parameters * FLOAT),
                 (
                     "train.rays and render.samples (the activations of a step)",
                     side_by_side * samples(config) * per_sample * FLOAT,
                 ),
-                ("scene.size (the images)", images.saturating_mul(FLOAT)),
-                ("render.occupancy.resolution (the grid)", side_by_side * occupancy),
+                ("scene.size (the images)", loaded.saturating_mul(FLOAT)),
+                (
+                    "scene.size (the images as batches are drawn from them and fields look at them)",
+                    drawn.saturating_mul(FLOAT),
+                ),
+                ("render.occupancy.resolution (the grid)", fields * cells * CELL),
             ],
         }
+    }
+
+    /// The same where the images are in memory already.
+    #[must_use]
+    pub fn with_images_loaded(mut self) -> Self {
+        self.parts[2].1 = 0;
+        self
     }
 
     /// Bytes in all.
@@ -54,50 +78,60 @@ impl MemoryPlan {
     ///
     /// # Errors
     /// As [`Self::check`].
-    pub fn check_available(&self) -> Result<(), TrainError> {
-        available().map_or(Ok(()), |available| self.check(available))
+    pub fn check_available(&self) -> Result<(), Fault> {
+        available_memory().map_or(Ok(()), |available| self.check(available))
     }
 
     /// Refuses a plan that needs more than the `available` bytes.
     ///
     /// # Errors
     /// One line that names the largest part, what it needs and what there is.
-    pub fn check(&self, available: u64) -> Result<(), TrainError> {
+    pub fn check(&self, available: u64) -> Result<(), Fault> {
         let total = self.total();
         if total <= available {
             return Ok(());
         }
         let (largest, bytes) = self.parts.iter().max_by_key(|(_, bytes)| *bytes).copied().unwrap_or(("the run", total));
-        let cause = format!(
-            "expected sizes that fit into the {} of memory that are available: this run needs at least {}, of which this {}",
-            gib(available),
-            gib(total),
-            gib(bytes)
-        );
-        Err(TrainError::config(largest, cause))
+        let expected = format!("sizes of a run that fits into the {} of memory that are available", gib(available));
+        Err(Fault::new(largest, expected, format!("{} of {} in all", gib(bytes), gib(total))))
     }
 }
 
-/// Memory that can be had without swapping, in bytes, where the system tells.
-fn available() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
+/// Memory that can be had without swapping, in bytes, where the system tells: that of the machine, or what is left to the
+/// control group of this process (a container, a Slurm job) where that is less.
+pub fn available_memory() -> Option<u64> {
+    let mut system = System::new();
+    system.refresh_memory_specifics(MemoryRefreshKind::nothing().with_ram());
+    let process = get_current_pid().ok().and_then(|id| {
+        system.refresh_processes_specifics(ProcessesToUpdate::Some(&[id]), false, ProcessRefreshKind::nothing());
+        system.process(id)
+    });
+    // A container may not see the path of its group, and has it at the root.
+    let group = process.and_then(|process| process.cgroup_limits()).or_else(|| system.cgroup_limits());
+    least(system.available_memory(), group)
 }
 
-fn cube(side: usize) -> u64 {
-    (side as u64).saturating_pow(3)
+/// The less of what is free on the machine, 0 if unknown, and what the control group may still take. Its page cache counts
+/// as free.
+fn least(machine: u64, group: Option<CGroupLimits>) -> Option<u64> {
+    let machine = Some(machine).filter(|&bytes| bytes > 0);
+    let group = group.map(|group| group.total_memory.saturating_sub(group.rss));
+    machine.into_iter().chain(group).min()
 }
 
 fn gib(bytes: u64) -> String {
     format!("{:.1} GiB", bytes as f64 / (1u64 << 30) as f64)
 }
 
-/// Samples that a step asks a field for, at most as many as it aims for where it aims for a number.
+/// The most samples that a step asks a field for: as many as it aims for where it aims for a number, but for the first
+/// step, which knows of no empty space.
 fn samples(config: &Config) -> u64 {
     let train = &config.train;
-    let along = config.render.samples.largest() as u64 + config.render.fine_samples as u64;
-    if train.target_samples > 0 { train.target_samples as u64 } else { train.rays as u64 * along }
+    let of_rays = |along: f64| train.rays as u64 * (along as u64 + config.render.fine_samples as u64);
+    match train.target_samples as u64 {
+        0 => of_rays(config.render.samples.largest()),
+        target => target.max(of_rays(config.render.samples.at(Moment::START))),
+    }
 }
 
 #[cfg(test)]
@@ -113,19 +147,34 @@ mod tests {
         let pixels = PixelCount { train: 4 * 64, test: 64 };
         let mut table = Preset::Fast.table();
         settings.iter().for_each(|setting| config::assign(&mut table, setting).unwrap());
-        MemoryPlan::new(&Config::from_table(table).unwrap(), pixels, side_by_side)
+        MemoryPlan::new(&Config::from_table(table).unwrap(), pixels, side_by_side, side_by_side)
     }
 
     #[test]
     fn sizes_by_hand() {
-        let settings = ["field.resolutions=[64]", "field.channels=2", "train.target_samples=1000"];
+        let settings = ["field.resolutions=[64]", "field.channels=2", "train.downscale=2", "train.weight_averaging=0"];
+        let small = ["train.rays=10", "train.target_samples=5000", "render.samples={from=100,to=200}"];
+        let with = |more: &[&'static str]| [&settings[..], &small, more].concat();
         let tables = 3 * 2 * (64 * 64 + 64) * 5 * 4;
-        let field = tables + 1000 * 12 * 4 + 64 * 64 * 64 * 6;
-        let images = 64 * (4 * 11 + 4) * 4;
-        let plan = plan(&settings);
+        let field = tables + 5000 * 12 * 4 + 64 * 64 * 64 * 6;
+        // Four training views: as loaded, RGBA and coverage at full size and at half of it.
+        let images = 64 * (4 * (4 + 6) + 4) * 4;
+        let plan = plan(&with(&[]));
         assert_eq!(plan.total(), field + images);
         assert!(plan.check(plan.total()).is_ok());
-        assert_eq!(plan_of(&settings, 2).total(), 2 * field + images);
+        assert_eq!(plan.clone().with_images_loaded().total(), plan.total() - 64 * (4 * 4 + 4) * 4);
+        // Fields share the images.
+        assert_eq!(plan_of(&with(&[]), 2).total(), 2 * field + images);
+        // The first step skips nothing.
+        assert_eq!(plan_of(&with(&["train.rays=100"]), 1).total(), plan.total() + 5000 * 12 * 4);
+    }
+
+    #[test]
+    fn a_control_group_may_have_less_than_the_machine() {
+        let group = |total_memory, rss| Some(CGroupLimits { total_memory, rss, ..CGroupLimits::default() });
+        assert_eq!([least(0, None), least(9, None), least(0, group(4, 1))], [None, Some(9), Some(3)]);
+        assert_eq!([least(9, group(4, 1)), least(2, group(4, 1)), least(9, group(4, 5))], [Some(3), Some(2), Some(0)]);
+        assert!(cfg!(not(target_os = "linux")) || available_memory().is_some_and(|bytes| bytes > 0));
     }
 
     #[test]

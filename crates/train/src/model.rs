@@ -1,4 +1,4 @@
-//! The model that a config describes, as training finds it, and its optimiser.
+//! Builds the model that a config describes, with its initial weights, and its optimiser.
 
 use std::fmt;
 use std::sync::Arc;
@@ -6,20 +6,22 @@ use std::sync::Arc;
 use burn::module::ParamGroup;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
-use infonerf_field::{Body, Field, FieldSetup, FieldSpec, RadianceField};
+use infonerf_field::{Body, Field, FieldConfig, FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::adam::Adam;
 use infonerf_render::{Exposure, Model};
 use infonerf_scene::{self as scene, Aabb};
+use infonerf_schedule::Fault;
 
 use crate::{Checkpoint, Config, TrainError};
 
 type Build<F> = dyn Fn(u64, &Device) -> Result<F, TrainError> + Send + Sync;
 
-/// Makes fields with their first weights: the same ones for the same seed.
+/// Builds fields with their initial weights, the same for the same seed.
 #[derive(Clone)]
 pub(crate) struct FieldBuilder<F> {
     build: Arc<Build<F>>,
     shares_passes: bool,
+    sees_photographs: bool,
 }
 
 impl<F> fmt::Debug for FieldBuilder<F> {
@@ -32,7 +34,8 @@ impl FieldBuilder<RadianceField> {
     /// Fields as `config` describes them, for a scene within `bounds` that may be of a `body`.
     pub(crate) fn configured(config: &Config, bounds: Aabb, body: Option<scene::Body>) -> Self {
         let bounds = [bounds.min.to_array(), bounds.max.to_array()];
-        let (config, shares_passes) = (config.field.clone(), config.field.shares_passes());
+        let config = config.field.clone();
+        let (shares_passes, sees_photographs) = (config.shares_passes(), sees_photographs(&config));
         let vertices: Vec<[f32; 3]> = body.iter().flat_map(|body| &body.vertices).map(|v| v.to_array()).collect();
         let build = move |seed: u64, device: &Device| {
             let body = body.as_ref().map(|body| Body {
@@ -40,17 +43,22 @@ impl FieldBuilder<RadianceField> {
                 axes: body.axes.to_cols_array_2d(),
                 origin: body.origin.to_array(),
             });
-            RadianceField::new(&config, &FieldSetup { bounds, seed, device, body })
-                .map_err(|error| TrainError::Config(error.to_string()))
+            Ok(RadianceField::new(&config, &FieldSetup { bounds, seed, device, body })?)
         };
-        Self { build: Arc::new(build), shares_passes }
+        Self { build: Arc::new(build), shares_passes, sees_photographs }
     }
 }
 
 impl<F: Field> FieldBuilder<F> {
     /// Fields that `build` makes of a seed and a device.
     pub(crate) fn custom(build: impl Fn(u64, &Device) -> F + Send + Sync + 'static) -> Self {
-        Self { build: Arc::new(move |seed, device| Ok(build(seed, device))), shares_passes: false }
+        let build = move |seed: u64, device: &Device| Ok(build(seed, device));
+        Self { build: Arc::new(build), shares_passes: false, sees_photographs: true }
+    }
+
+    /// Whether the fields may look at photographs.
+    pub(crate) fn sees_photographs(&self) -> bool {
+        self.sees_photographs
     }
 
     /// A model for `views` training views with weights drawn from `seed`, or those of the run that `train.init` names.
@@ -63,28 +71,35 @@ impl<F: Field> FieldBuilder<F> {
     ) -> Result<Model<F>, TrainError> {
         let own_coarse = config.render.is_hierarchical() && !self.shares_passes;
         let coarse = if own_coarse { Some((self.build)(seed.wrapping_add(1 << 32), device)?) } else { None };
-        let model = begun(config, Model { coarse, fine: (self.build)(seed, device)?, exposure: None })?;
+        let model = with_initial_weights(config, Model { coarse, fine: (self.build)(seed, device)?, exposure: None })?;
         let exposure = config.train.exposure_compensation.then(|| Exposure::new(views, device));
         Ok(Model { exposure, ..model })
     }
 }
 
+/// Whether a field of this config looks at photographs: at those that it is shown, or always at the first.
+pub(crate) fn sees_photographs(config: &FieldConfig) -> bool {
+    config.sees_photographs() || config.first_photographs().is_some()
+}
+
 /// `model` with the weights of the run in `train.init`, if one is named.
-fn begun<F: Field>(config: &Config, model: Model<F>) -> Result<Model<F>, TrainError> {
+fn with_initial_weights<F: Field>(config: &Config, model: Model<F>) -> Result<Model<F>, TrainError> {
     let folder = &config.train.init;
     if folder.as_os_str().is_empty() {
         return Ok(model);
     }
-    let fault = |cause: String| TrainError::config("train.init", format!("{}: {cause}", folder.display()));
+    let fault = |cause: String| {
+        let expected = "the folder of a run of the same field with a checkpoint, as `infonerf pretrain` leaves";
+        Fault::new("train.init", expected, format!("{}: {cause}", folder.display()))
+    };
     let (checkpoint, _) = Checkpoint::load(folder).map_err(|error| fault(error.to_string()))?;
-    let checkpoint = checkpoint
-        .ok_or_else(|| fault("expected the folder of a run with a checkpoint, as `infonerf pretrain` leaves".into()))?;
-    checkpoint.restore_model(model).map_err(|error| {
+    let checkpoint = checkpoint.ok_or_else(|| fault("no checkpoint".into()))?;
+    let restored = checkpoint.restore_model(model).map_err(|error| {
         let causes = error.to_string();
         // A list of every tensor that does not fit: the first one says enough.
-        let first = causes.split("\", \"").next().unwrap_or_default();
-        fault(format!("expected weights of the same field: {first}"))
-    })
+        fault(causes.split("\", \"").next().unwrap_or_default().to_owned())
+    });
+    Ok(restored?)
 }
 
 pub(crate) fn optimiser(config: &Config) -> ModuleOptimizer {

@@ -1,5 +1,7 @@
 //! The training views as a field sees them that looks at photographs.
 
+use std::sync::Arc;
+
 use glam::{DVec2, Vec3};
 use infonerf_field::{SourceView, Sources};
 use infonerf_render::{Noise, RandomStream};
@@ -8,14 +10,17 @@ use infonerf_scene::{Scene, View};
 use crate::config::{Batch, TrainConfig};
 use crate::pixels::generator;
 
-/// All training views of a scene.
+/// All training views of a scene; none where no field looks at them.
 #[derive(Clone, Debug)]
 pub(crate) struct Photographs(Sources);
 
 impl Photographs {
-    pub(crate) fn new(scene: &Scene) -> Self {
+    /// Copies of the training views if a field `sees` them.
+    pub(crate) fn new(scene: &Scene, sees: bool) -> Self {
+        let views =
+            if sees { scene.train.iter().map(|view| source(view, scene.background)).collect() } else { Arc::default() };
         let middle = scene.space.bounds.min.midpoint(scene.space.bounds.max).to_array();
-        Self(Sources { views: scene.train.iter().map(|view| source(view, scene.background)).collect(), middle })
+        Self(Sources { views, middle })
     }
 
     /// All of them, to render with.
@@ -26,6 +31,9 @@ impl Photographs {
     /// Those that a field sees in a step whose pixels are of the view `target`.
     pub(crate) fn draw(&self, config: &TrainConfig, target: usize, noise: Noise) -> Sources {
         let views = &self.0.views;
+        if views.is_empty() {
+            return self.0.clone();
+        }
         let hidden = config.batch == Batch::HeldOut && views.len() > 1;
         let shown: Vec<usize> = (0..views.len()).filter(|&view| !hidden || view != target).collect();
         let count = if config.sources == 0 {
@@ -94,7 +102,7 @@ mod tests {
             background: [1.0; 3],
             ..SceneRequest::default()
         };
-        Photographs::new(&load("knot", &request).unwrap())
+        Photographs::new(&load("knot", &request).unwrap(), true)
     }
 
     fn drawn(photographs: &Photographs, batch: Batch, sources: usize, step: u64) -> Vec<usize> {

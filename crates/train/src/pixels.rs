@@ -45,12 +45,12 @@ impl Pixels {
         self.at.iter().map(ray).collect()
     }
 
-    /// The rays of the same pixels when the cameras are turned by the rotation `turn`.
-    pub(crate) fn neighbours(&self, turn: DMat4, config: &NeighbourConfig, region: &ViewRegion) -> Vec<Ray> {
+    /// The rays of the same pixels after the cameras are rotated by `rotation`.
+    pub(crate) fn neighbours(&self, rotation: DMat4, config: &NeighbourConfig, region: &ViewRegion) -> Vec<Ray> {
         let centre = config.about.of(region);
         let turned = |camera: &Camera| {
             let there = DMat4::from_translation(-centre) * camera.to_world;
-            camera.with_pose(DMat4::from_translation(centre) * (turn * there))
+            camera.with_pose(DMat4::from_translation(centre) * (rotation * there))
         };
         Self { cameras: self.cameras.iter().map(turned).collect(), ..self.clone() }.rays()
     }
@@ -68,7 +68,7 @@ pub(crate) fn central_half(size: u32) -> (u32, u32) {
 }
 
 /// The rotation that takes the cameras of a step to those of neighbouring rays: one for all.
-pub(crate) fn turn(config: &NeighbourConfig, noise: Noise) -> DMat4 {
+pub(crate) fn rotation(config: &NeighbourConfig, noise: Noise) -> DMat4 {
     near_pose(&DMat4::IDENTITY, &mut generator(noise), config.max_angle_deg)
 }
 
@@ -148,7 +148,7 @@ mod tests {
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train.neighbours;
         let noise = Noise::new(0, 0, RandomStream::Neighbours);
         let distance = |config: &NeighbourConfig| {
-            let near = pixels.neighbours(turn(config, noise), config, &region);
+            let near = pixels.neighbours(rotation(config, noise), config, &region);
             near[0].origin.distance(pixels.rays()[0].origin)
         };
         let distances = [RotationCentre::Centre, RotationCentre::Origin].map(|about| {

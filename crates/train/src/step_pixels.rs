@@ -12,5 +12,5 @@ pub struct StepPixels {
     /// Pixels of an unseen pose, if a term needs them.
     pub unseen: Option<Pixels>,
     /// The rotation that takes cameras to those of neighbouring rays.
-    pub turn: DMat4,
+    pub rotation: DMat4,
 }

@@ -47,7 +47,7 @@ impl<F: Field> StepRenderer<'_, F> {
         let unseen = pixels.unseen.as_ref().filter(|_| needs.contains(&Need::Unseen));
         let unseen = unseen.map(|unseen| (unseen, self.unseen(unseen)));
         let near = |needed: Need, of: &Pixels, bundle: &Bundle, renderer: &mut Self| {
-            needs.contains(&needed).then(|| renderer.neighbours(of, pixels.turn, bundle.output()))
+            needs.contains(&needed).then(|| renderer.neighbours(of, pixels.rotation, bundle.output()))
         };
         let neighbours = NeighbourBundles {
             seen: near(Need::SeenNeighbours, &seen.pixels, &seen_bundle, self),
@@ -85,9 +85,9 @@ impl<F: Field> StepRenderer<'_, F> {
     }
 
     /// Density along the neighbours of the rays of `output`.
-    fn neighbours(&mut self, pixels: &Pixels, turn: DMat4, output: &RenderOutput) -> RenderOutput {
+    fn neighbours(&mut self, pixels: &Pixels, rotation: DMat4, output: &RenderOutput) -> RenderOutput {
         let config = &self.config.train.neighbours;
-        let rays = pixels.neighbours(turn, config, &self.scene.region);
+        let rays = pixels.neighbours(rotation, config, &self.scene.region);
         if config.sampling == NeighbourSampling::Own {
             let samples = self.noise(RandomStream::Neighbours).child(RandomStream::Samples);
             return self.passes(Phase::Neighbours, &rays, false, samples).fine;

@@ -94,6 +94,12 @@ impl TrainConfig {
     pub(crate) fn downscale_at(&self, at: Moment) -> u32 {
         self.downscale.at(at).round().max(1.0) as u32
     }
+
+    /// 1, and every whole factor between the extremes: all of these images together are smaller than those of full size.
+    pub(crate) fn downscale_factors(&self) -> impl Iterator<Item = u32> {
+        let [least, largest] = [self.downscale.least(), self.downscale.largest()].map(|factor| factor.round() as u32);
+        std::iter::once(1).chain(least.max(2)..=largest)
+    }
 }
 
 impl TrainingImages {
@@ -104,12 +110,9 @@ impl TrainingImages {
     /// If a view has no valid pixel at full size.
     pub(crate) fn new(scene: &Scene, config: &TrainConfig) -> Self {
         let (width, height) = (scene.train[0].image.width, scene.train[0].image.height);
-        // Every whole factor between the extremes: all of them together are smaller than the images themselves.
-        let (least, largest) = (config.downscale.least().round() as u32, config.downscale.largest().round() as u32);
-        let factors = (least.max(2)..=largest).filter(|&factor| factor <= width.min(height));
         let is_partial = scene.train.iter().any(|view| view.valid.is_some());
-        let sizes: Vec<Images> = std::iter::once(1)
-            .chain(factors)
+        let factors = config.downscale_factors().filter(|&factor| factor <= width.min(height));
+        let sizes: Vec<Images> = factors
             .filter_map(|factor| {
                 let (width, height) = (width / factor, height / factor);
                 let valid = if is_partial { Some(ValidPixels::of(&scene.train, factor)?) } else { None };
@@ -280,7 +283,7 @@ mod tests {
     use infonerf_scene::{SceneRequest, ViewRegion, ViewSelection};
 
     use super::*;
-    use crate::pixels::{UnseenViews, turn};
+    use crate::pixels::{UnseenViews, rotation};
     use crate::{Config, Preset};
 
     #[test]
@@ -355,7 +358,7 @@ mod tests {
             let at = Moment { step: 0, progress };
             assert_eq!(images.at(&config, at).pixel_width(), width);
             let seen = images.draw(&config, 8, at, noise, &PixelErrors::default()).pixels;
-            let near = seen.neighbours(turn(&config.neighbours, noise), &config.neighbours, &region);
+            let near = seen.neighbours(rotation(&config.neighbours, noise), &config.neighbours, &region);
             for ray in [seen.rays(), near, unseen.pixels(8, width, 0, noise).rays()].concat() {
                 let ratio = ray.radius / centre;
                 assert!(ratio > 0.8 * width && ratio <= 1.0001 * width, "{ratio} at {progress}");

@@ -107,6 +107,27 @@ fn fields_side_by_side_are_those_alone() {
     }
 }
 
+/// A field's steps count as its share of the time before anything is decided or told by it.
+#[test]
+fn a_budget_is_spent_in_shares() {
+    let (config, device) = cases().remove(0);
+    let budgeted = |seed| Trainer::new(&config, scene(), seed, Some(0.02), &device).unwrap();
+    let mut trainers: Vec<Trainer> = (0..3).map(budgeted).collect();
+    let mut active: Vec<&mut Trainer> = trainers.iter_mut().collect();
+    while !active.is_empty() {
+        let stepped = step_side_by_side(&mut active);
+        for (trainer, (events, outcome)) in active.iter().zip(stepped) {
+            assert_eq!(outcome.unwrap() == Outcome::Finished, trainer.done() >= 1.0);
+            let told = events.iter().find_map(|event| match event {
+                Event::Step { seconds, .. } => Some(*seconds),
+                _ => None,
+            });
+            assert_eq!(told, Some(trainer.progress().seconds));
+        }
+        active.retain(|trainer| trainer.done() < 1.0);
+    }
+}
+
 #[test]
 fn a_broken_run_goes_on_to_the_same_numbers() {
     for (config, device) in cases() {

@@ -100,7 +100,7 @@ impl Kind {
         }
         let config = Config::from_table(table).context(self.name)?;
         let plan = RunPlan { config, ..plan.clone() };
-        plan.trainer(Arc::new(plan.load()?), 0, device)
+        plan.trainer(&Arc::new(plan.load()?), 0, None, device)
     }
 
     /// Gradients of the whole loss with respect to each parameter.

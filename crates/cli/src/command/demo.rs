@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::Args;
 use image::{RgbImage, imageops};
-use infonerf_experiment::{Experiment, Finished, Resume, RunEvent, Selection, Session};
+use infonerf_experiment::{Existing, Experiment, Finished, RunEvent, Selection, Session};
 use infonerf_metrics::to_rgb8;
 use infonerf_render::render_image;
 use infonerf_report::{save_record, write_report};
@@ -58,7 +58,7 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
     };
     let experiment = Experiment::plan("fast-losses", &selection)?;
     let plan = experiment.runs.first().context("expected a run of fast-losses")?;
-    let session = Session::new(open_device(args.device.device)?, args.out.join("demo"), Resume::Never);
+    let session = Session::new(open_device(args.device.device)?, args.out.join("demo"), Existing::Overwrite);
     interrupt::install()?;
     outln!("{}: trained on four views, tested on others (on {})", args.scene, session.device.name);
     let mut progress = Progress::new(&args.scene)?;

@@ -8,7 +8,7 @@ use std::time::Duration;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use infonerf_experiment::sweep::Sweep;
-use infonerf_experiment::{Control, Experiment, Finished, Resume, RunEvent, RunPlan, Session, Trained, total_progress};
+use infonerf_experiment::{Control, Experiment, Finished, RunEvent, RunPlan, Session, Trained, total_progress};
 use infonerf_report::{
     Quantity, Record, VIEWER_PAGE, overview_table, protocol_lines, read_records, save_record, write_atomically,
     write_report,
@@ -16,6 +16,7 @@ use infonerf_report::{
 use infonerf_train::{Phase, Trainer};
 use serde_json::json;
 
+use crate::existing::ExistingArgs;
 use crate::exit::INTERRUPTED;
 use crate::launch::{LaunchArgs, drive};
 use crate::live::Live;
@@ -53,9 +54,8 @@ pub(crate) struct ExpArgs {
     /// Folder for results
     #[arg(long, value_name = "DIR", default_value = "runs")]
     out: PathBuf,
-    /// Go on with runs that were interrupted; finished ones are kept, as --jobs and --launch always do.
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    existing: ExistingArgs,
     #[command(flatten)]
     launch: LaunchArgs,
     /// Show the runs in a browser while they train, with pause and stop, on this port of 127.0.0.1 (0: any free one; 7007 if
@@ -78,8 +78,13 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     if args.launch.in_process()? {
         return in_process(args, &experiment);
     }
-    let own =
-        [("--profile", args.profile), ("--view", args.view.is_some()), ("--quiet", args.quiet), ("--json", args.json)];
+    let own = [
+        ("--overwrite", args.existing.overwrite),
+        ("--profile", args.profile),
+        ("--view", args.view.is_some()),
+        ("--quiet", args.quiet),
+        ("--json", args.json),
+    ];
     if let Some((option, _)) = own.into_iter().find(|(_, given)| *given) {
         match args.launch.limit() {
             Some(limit) => bail!("{option}: expected no {limit}, with which each run is a process of its own"),
@@ -94,10 +99,10 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
 
 /// Runs an experiment in this process.
 fn in_process(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
-    let resume = if args.resume { Resume::Always } else { Resume::Never };
     let device = open_device(args.selection.device.device)?;
     let networks = args.selection.networks.open(&device)?;
-    let session = Session::new(device, &args.out, resume).with_networks(networks).profiled(args.profile);
+    let session =
+        Session::new(device, &args.out, args.existing.existing()).with_networks(networks).profiled(args.profile);
     let output = match (args.quiet, args.json) {
         (true, _) => Output::Quiet,
         (_, true) => Output::Json,
@@ -105,6 +110,7 @@ fn in_process(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
     };
     let folder = session.experiment_folder(&experiment.about.name);
     refuse_unreadable(&folder.join("results.json"))?;
+    session.refuse_finished(&experiment.runs)?;
     let live = args.view.map(|port| Live::start(&folder, port, session.device.clone())).transpose()?;
     interrupt::install()?;
     if output == Output::Text {
@@ -136,7 +142,7 @@ fn in_process(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
                 records = save_record(&folder, &record)?;
             }
             Finished::Stopped => {
-                output.say(format_args!("{label}: saved; the same command with --resume goes on"));
+                output.say(format_args!("{label}: saved; the same command with --resume continues it"));
                 output.tell(&json!({ "event": "stopped", "run": label }));
                 return Ok(ExitCode::from(INTERRUPTED));
             }

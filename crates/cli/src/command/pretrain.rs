@@ -6,9 +6,10 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
-use infonerf_experiment::{Experiment, Resume, RunEvent, Session, pretrain};
+use infonerf_experiment::{Experiment, RunEvent, Session, pretrain};
 use infonerf_train::Event;
 
+use crate::existing::ExistingArgs;
 use crate::exit::INTERRUPTED;
 use crate::interrupt;
 use crate::print::outln;
@@ -36,9 +37,8 @@ pub(crate) struct PretrainArgs {
     /// Folder for results; the weights go to a subfolder named after the experiment
     #[arg(long, value_name = "DIR", default_value = "runs")]
     out: PathBuf,
-    /// Go on if interrupted.
-    #[arg(long)]
-    resume: bool,
+    #[command(flatten)]
+    existing: ExistingArgs,
 }
 
 /// Steps over which the last PSNR is averaged.
@@ -46,8 +46,7 @@ const LAST: usize = 100;
 
 pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     let experiment = Experiment::plan(&args.experiment, &args.selection.selection(None))?;
-    let resume = if args.resume { Resume::Always } else { Resume::Never };
-    let session = Session::new(open_device(args.selection.device.device)?, &args.out, resume);
+    let session = Session::new(open_device(args.selection.device.device)?, &args.out, args.existing.existing());
     interrupt::install()?;
     let about = &experiment.about;
     outln!("{}: {} ({} scenes, on {})", about.name, about.title, experiment.runs.len(), session.device.name);
@@ -63,7 +62,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
         progress.watch(event)
     })?;
     if !pretrained.finished {
-        outln!("{}: saved; the same command with --resume goes on", about.name);
+        outln!("{}: saved; the same command with --resume continues it", about.name);
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let mean = last.iter().sum::<f32>() / last.len() as f32;

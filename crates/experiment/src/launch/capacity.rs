@@ -1,6 +1,5 @@
 //! How many runs fit on the machine at a time.
 
-use std::fs;
 use std::thread;
 
 /// Share of the free memory that runs may take.
@@ -9,13 +8,6 @@ const MEMORY_SHARE: f64 = 0.8;
 /// Processor cores of this machine.
 pub(super) fn cores() -> usize {
     thread::available_parallelism().map_or(1, usize::from)
-}
-
-/// Memory that can be had without swapping, in bytes, where the system tells.
-pub(super) fn free_memory() -> Option<u64> {
-    let text = fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    Some(line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024)
 }
 
 /// How many of `jobs` runs fit: no more than `cores`, and no more than there is `free` memory for if each takes `peak`

@@ -6,8 +6,10 @@ use std::sync::Mutex;
 use std::sync::mpsc;
 use std::thread;
 
+use infonerf_train::available_memory;
+
 use super::Runner;
-use super::capacity::{cores, fitting, free_memory};
+use super::capacity::{cores, fitting};
 
 /// Says how much memory an item's process took, in MiB, at the start of a line.
 pub const PEAK_MEMORY: &str = "peak memory (MiB): ";
@@ -54,13 +56,13 @@ impl Queue<'_> {
         let jobs = (self.workers.jobs).min(items.len());
         let mut peak = peak;
         let mut items = items.into_iter();
-        while jobs > 1 && peak.is_none() && free_memory().is_some() && !(self.workers.stop)() {
+        while jobs > 1 && peak.is_none() && available_memory().is_some() && !(self.workers.stop)() {
             let Some(item) = items.next() else { return };
             let (ended, taken) = self.run_one(item, 1);
             peak = taken;
             report(item, ended);
         }
-        let jobs = fitting(jobs, cores(), free_memory(), peak);
+        let jobs = fitting(jobs, cores(), available_memory(), peak);
         let queue = Mutex::new(items);
         let next = || queue.lock().ok().filter(|_| !(self.workers.stop)()).and_then(|mut queue| queue.next());
         thread::scope(|scope| {

@@ -7,20 +7,20 @@ use infonerf_loss::Need;
 use infonerf_render::TrainedModel;
 use infonerf_report::{Record, TestViews};
 use infonerf_scene::{Scene, TestProtocol};
-use infonerf_train::{Evaluation, Information, InformationQuery, Trainer, config::Unseen, information};
+use infonerf_train::{Evaluation, Information, InformationQuery, Progress, Trainer, config::Unseen, information};
 
 use super::pictures::write_pictures;
-use super::total_progress;
 use crate::{Control, RunEvent, RunPlan, Session, Watch};
 
 /// Renders and measures the test views, writes the pictures, and returns the record without its memory; none if `watch`
-/// stops it.
+/// stops it. `trainers` made `progress` with the `left_out` fields that went empty.
 pub(super) fn evaluate(
     session: &Session,
     plan: &RunPlan,
     folder: &Path,
     trainers: &[Trainer],
-    collapsed: bool,
+    progress: &Progress,
+    left_out: usize,
     watch: &mut Watch<'_>,
 ) -> Result<Option<Record>> {
     let (scene, renderer) = (trainers[0].scene(), trainers[0].renderer());
@@ -38,9 +38,12 @@ pub(super) fn evaluate(
     let evaluated = evaluation.finish().context("no test views")?;
     let faint = evaluated.shows_nothing && photographs.any(|color| *color != scene.background);
     let information = information_of(plan, trainers);
-    let progress = total_progress(trainers);
     let measured = evaluated.measured.representable();
     let mut notes = notes(plan, scene, progress.restarts);
+    if left_out > 0 {
+        let fields = trainers.len() + left_out;
+        notes.push(format!("{left_out} of {fields} fields went empty and have no part in the pictures"));
+    }
     notes.extend(measured.notes.iter().map(ToString::to_string));
     Ok(Some(Record {
         experiment: plan.experiment.clone(),
@@ -67,7 +70,7 @@ pub(super) fn evaluate(
         ray_entropy_bits: information.map(|information| information.entropy_bits),
         information_gain: information.map(|information| information.gain),
         peak_rss_bytes: None,
-        collapsed: collapsed || faint,
+        collapsed: trainers[0].has_collapsed() || faint,
         notes,
     }))
 }
@@ -108,7 +111,7 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     let privileges = taking_part.filter_map(|(name, spec)| Some((name, spec.privilege()?)));
     notes.extend(privileges.map(|(name, privilege)| format!("loss.{name} knows {privilege}")));
     notes.extend(plan.config.render.without_effect().into_iter().map(str::to_owned));
-    notes.extend(plan.config.first_weights());
+    notes.extend(plan.config.initial_weights());
     if restarts > 0 {
         notes.push(format!("the field went empty {restarts} times and training started over with other weights"));
     }

@@ -1,5 +1,6 @@
 //! The folder of a run.
 
+use std::ffi::OsStr;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::Path;
@@ -13,6 +14,15 @@ use infonerf_report::VIEWER_PAGE;
 const FOLDERS: [&str; 9] =
     ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render", "export"];
 
+/// Whether the run in `folder` has left its results.
+pub(crate) fn is_finished(folder: &Path) -> bool {
+    fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| is_record(&entry.file_name())))
+}
+
+fn is_record(name: &OsStr) -> bool {
+    name.to_string_lossy().starts_with("record-")
+}
+
 /// Removes what an earlier run left.
 pub(crate) fn clear(folder: &Path) -> Result<()> {
     for name in FOLDERS {
@@ -23,7 +33,7 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
     }
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
         let name = entry.file_name().to_string_lossy().into_owned();
-        if name.starts_with("record-") || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str()) {
+        if is_record(&entry.file_name()) || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str()) {
             fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;
         } else if name.starts_with("member") && entry.path().is_dir() {
             fs::remove_dir_all(entry.path()).with_context(|| entry.path().display().to_string())?;

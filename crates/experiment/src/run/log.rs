@@ -14,7 +14,7 @@ pub(super) struct Log {
 }
 
 impl Log {
-    /// Logs to `metrics.jsonl` in `folder`, going on after `progress`; a run that has not begun starts a new log.
+    /// Logs to `metrics.jsonl` in `folder`, continued after `progress`; a new run starts a new log.
     pub(super) fn open(folder: &Path, progress: &Progress) -> Result<Self> {
         let path = folder.join("metrics.jsonl");
         let text = match std::fs::read_to_string(&path) {

@@ -5,6 +5,8 @@ mod folder;
 mod log;
 mod memory;
 mod pictures;
+#[cfg(test)]
+mod tests;
 mod train;
 mod trained;
 mod volume;
@@ -14,21 +16,21 @@ use std::fs;
 
 use anyhow::{Context, Result, bail};
 use infonerf_report::{Record, read_records};
-use infonerf_train::{Outcome, Trainer};
+use infonerf_train::{Trainer, without_collapsed};
 use toml::{Table, Value};
 
-pub(crate) use folder::{clear, lock};
+pub(crate) use folder::{clear, is_finished, lock};
 pub(crate) use memory::PeakMemory;
 pub use pictures::save_png;
 pub(crate) use train::{Ended, Training, load_checkpoint, train};
 pub use trained::{Trained, total_progress};
 pub use volume::TrainedVolume;
 
-use crate::{Identity, Resume, RunEvent, RunPlan, Session, Watch};
+use crate::{Existing, Identity, RunEvent, RunPlan, Session, Watch};
 
 /// What came of a run.
 pub enum Finished {
-    /// It is done.
+    /// It is done. The fields are those that pictures are made of.
     Record(Box<Record>, Vec<Trainer>),
     /// It was done already; its record.
     Kept(Box<Record>),
@@ -40,45 +42,47 @@ impl Session {
     /// Trains and evaluates `plan`, and leaves its folder; the record is not added to the experiment's `results.json`.
     ///
     /// # Errors
-    /// If the scene cannot be read, training meets a number that is not finite, a file cannot be written, or another
-    /// process is at work on the run.
+    /// If the scene cannot be read, training meets a number that is not finite, a file cannot be written, another process is
+    /// at work on the run, or it is there already and [`Existing`] refuses that.
     pub fn run(&self, plan: &RunPlan, watch: &mut Watch<'_>) -> Result<Finished> {
-        let folder = self.experiment_folder(&plan.experiment).join(plan.directory());
+        let folder = self.run_folder(plan);
         fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
         let (_lock, warning) = lock(&folder, "run")?;
         if let Some(warning) = warning {
             watch(RunEvent::Warning(warning));
         }
+        self.refuse_finished(std::slice::from_ref(plan))?;
         let identity = Identity::of(plan, self.device.name.name())?;
-        if self.goes_on(plan, &folder, &identity)? {
-            let record = plan.record_path(&folder);
-            if record.exists() {
-                let record =
-                    read_records(&record)?.pop().with_context(|| format!("{}: no record", record.display()))?;
-                return Ok(Finished::Kept(Box::new(record)));
-            }
-        } else {
-            clear(&folder)?;
+        let resumes = self.can_resume(plan, &folder, &identity)?;
+        let record = plan.record_path(&folder);
+        if resumes && record.exists() {
+            let record = read_records(&record)?.pop().with_context(|| format!("{}: no record", record.display()))?;
+            return Ok(Finished::Kept(Box::new(record)));
         }
         let (members, beside) = (plan.members(), self.device.name.fields_side_by_side());
-        plan.check_memory(members.min(beside))?;
+        let loaded = self.loaded(plan);
+        plan.check_memory(beside, loaded.is_some())?;
+        if !resumes {
+            clear(&folder)?;
+        }
         infonerf_report::write_atomically(&folder.join("config.toml"), plan.to_toml()?.as_bytes())?;
         identity.write(&folder)?;
         let memory = PeakMemory::start();
         watch(RunEvent::Loading);
-        let scene = self.scene(plan)?;
+        let scene = loaded.map_or_else(|| self.load(plan), Ok)?;
         for warning in &scene.warnings {
             watch(RunEvent::Warning(format!("{}: {warning}", plan.scene)));
         }
         let mut trainers = Vec::new();
-        let (mut collapsed, mut stopped) = (false, false);
+        let mut stopped = false;
         for first in (0..members).step_by(beside) {
             let fields = first..members.min(first + beside);
-            let mut training = Vec::new();
+            let mut training: Vec<Training> = Vec::new();
             for member in fields.clone() {
                 let folder = plan.member_folder(&folder, member);
                 fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-                let mut trainer = plan.trainer(scene.clone(), member, &self.device.device)?;
+                let other = trainers.first().or_else(|| training.first().map(Training::trainer));
+                let mut trainer = plan.trainer(&scene, member, other, &self.device.device)?;
                 if let Some(checkpoint) = load_checkpoint(&folder, watch)? {
                     trainer.resume(&checkpoint)?;
                 }
@@ -93,7 +97,7 @@ impl Session {
             for field in training {
                 let (trainer, ended) = field.into_parts();
                 match ended {
-                    Ended::Over(outcome) => collapsed |= outcome == Outcome::Collapsed,
+                    Ended::Over => {}
                     // Every field gets as far.
                     Ended::Until => stopped = true,
                     Ended::Stopped => return Ok(Finished::Stopped),
@@ -104,7 +108,9 @@ impl Session {
         if stopped {
             return Ok(Finished::Stopped);
         }
-        let evaluated = evaluate::evaluate(self, plan, &folder, &trainers, collapsed, watch)?;
+        let progress = total_progress(&trainers);
+        let (trainers, collapsed) = without_collapsed(trainers);
+        let evaluated = evaluate::evaluate(self, plan, &folder, &trainers, &progress, collapsed, watch)?;
         Ok(match evaluated {
             Some(record) => {
                 let record = Record { peak_rss_bytes: memory.peak(), ..record };
@@ -114,16 +120,16 @@ impl Session {
         })
     }
 
-    /// Whether what is in a run's folder is gone on with.
-    fn goes_on(&self, plan: &RunPlan, folder: &std::path::Path, identity: &Identity) -> Result<bool> {
+    /// Whether the run in `folder` is resumed.
+    fn can_resume(&self, plan: &RunPlan, folder: &std::path::Path, identity: &Identity) -> Result<bool> {
         let path = folder.join("config.toml");
-        if self.resume == Resume::Never || !path.exists() {
+        if !self.existing.resumes() || !path.exists() {
             return Ok(false);
         }
         let Some(then) = Identity::read(folder) else {
-            return match self.resume {
-                Resume::Always => bail!(
-                    "{}: --resume needs to know what the run began with: identity.json is missing or of another version",
+            return match self.existing {
+                Existing::Resume => bail!(
+                    "{}: --resume needs the run's identity.json, which is missing or of another version",
                     folder.display()
                 ),
                 _ => Ok(false),
@@ -133,7 +139,7 @@ impl Session {
         if changes.is_empty() {
             return Ok(true);
         }
-        if self.resume == Resume::Unchanged {
+        if self.existing == Existing::ResumeUnchanged {
             return Ok(false);
         }
         let found = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
@@ -142,7 +148,7 @@ impl Session {
             None => String::new(),
         };
         bail!(
-            "{}: --resume goes on with a run as it began, but {} changed{difference}",
+            "{}: --resume needs the run as it began, but {} changed{difference}",
             folder.display(),
             changes.join(" and ")
         )

@@ -1,5 +1,6 @@
 //! Training of fields to their end, with checkpoints and logs.
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -12,7 +13,7 @@ use crate::{Control, RunEvent, Watch};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Ended {
     /// There is nothing more to do.
-    Over(Outcome),
+    Over,
     /// It is as far as it was asked to go.
     Until,
     /// It was told to stop.
@@ -23,7 +24,7 @@ pub(crate) enum Ended {
 pub(crate) fn load_checkpoint(folder: &Path, watch: &mut Watch<'_>) -> Result<Option<Checkpoint>> {
     let (checkpoint, refused) = Checkpoint::load(folder)?;
     for reason in refused {
-        watch(RunEvent::Warning(format!("{reason}; going on from the checkpoint before it")));
+        watch(RunEvent::Warning(format!("{reason}: resuming from the checkpoint before it")));
     }
     Ok(checkpoint)
 }
@@ -37,10 +38,15 @@ pub(crate) struct Training {
 }
 
 impl Training {
-    /// Goes on with `trainer` and with the log in `folder`.
+    /// Continues `trainer`, and the log in `folder`.
     pub(crate) fn new(trainer: Trainer, folder: PathBuf) -> Result<Self> {
         let log = Log::open(&folder, trainer.progress())?;
         Ok(Self { trainer, folder, log, ended: None })
+    }
+
+    /// The field.
+    pub(crate) fn trainer(&self) -> &Trainer {
+        &self.trainer
     }
 
     /// The field, and how its training ended: stopped, if nothing else ended it.
@@ -80,7 +86,7 @@ impl Training {
         };
         let step = self.trainer.progress().step;
         if outcome != Outcome::Running {
-            self.end(Ended::Over(outcome))?;
+            self.end(Ended::Over)?;
         } else if control < Control::Stop && self.has_reached(until) {
             self.end(Ended::Until)?;
         } else if control == Control::Save || (checkpoint_every > 0 && step.is_multiple_of(checkpoint_every)) {
@@ -94,9 +100,30 @@ impl Training {
     }
 }
 
-/// Trains `fields` side by side until the end, the share `until` of the run, or until `watch` stops them. They are saved in
-/// every case, but for one that meets a number that is not finite: that keeps its last checkpoint, and ends all.
+/// Trains `fields` side by side until the end, the share `until` of the run, or until `watch` stops them or panics (as one
+/// does that prints into a closed pipe). They are saved in every case, but for one that meets a number that is not finite:
+/// that keeps its last checkpoint, and ends all.
 pub(crate) fn train(
+    fields: &mut [Training],
+    checkpoint_every: usize,
+    until: Option<f64>,
+    watch: &mut Watch<'_>,
+) -> Result<()> {
+    let mut panic = None;
+    let mut guarded = |event: RunEvent<'_>| {
+        catch_unwind(AssertUnwindSafe(|| watch(event))).unwrap_or_else(|payload| {
+            panic = Some(payload);
+            Control::Stop
+        })
+    };
+    let trained = train_watched(fields, checkpoint_every, until, &mut guarded);
+    match panic {
+        Some(payload) => resume_unwind(payload),
+        None => trained,
+    }
+}
+
+fn train_watched(
     fields: &mut [Training],
     checkpoint_every: usize,
     until: Option<f64>,

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use anyhow::{Result, bail};
 use infonerf_render::{Renderer, TrainedModel};
 use infonerf_scene::Scene;
-use infonerf_train::{Progress, Trainer};
+use infonerf_train::{Progress, Trainer, without_collapsed};
 
 use super::load_checkpoint;
 use crate::{Control, OpenDevice, RunEvent, RunPlan};
@@ -13,9 +13,9 @@ use crate::{Control, OpenDevice, RunEvent, RunPlan};
 pub struct Trained {
     /// What was run.
     pub plan: RunPlan,
-    /// One for each field.
+    /// One for each field that pictures are made of.
     pub trainers: Vec<Trainer>,
-    /// Why newer checkpoints were refused.
+    /// Why newer checkpoints were refused, and which fields are left out.
     pub warnings: Vec<String>,
 }
 
@@ -29,13 +29,13 @@ impl Trained {
         Self::on_scene(plan, scene, folder, device)
     }
 
-    /// The same with the plan's scene already loaded, as where checkpoints are read again while a run goes on.
+    /// The same with the plan's scene already loaded, as where checkpoints are read again while a run is trained.
     ///
     /// # Errors
     /// If it has no checkpoint.
     pub fn on_scene(plan: RunPlan, scene: Arc<Scene>, folder: &Path, device: &OpenDevice) -> Result<Self> {
         let plan = RunPlan { config: plan.config.without_weight_files(), ..plan };
-        let (mut trainers, mut warnings) = (Vec::new(), Vec::new());
+        let (mut trainers, mut warnings): (Vec<Trainer>, _) = (Vec::new(), Vec::new());
         for member in 0..plan.members() {
             let mut watch = |event: RunEvent<'_>| {
                 if let RunEvent::Warning(warning) = event {
@@ -44,12 +44,16 @@ impl Trained {
                 Control::Continue
             };
             let Some(checkpoint) = load_checkpoint(&plan.member_folder(folder, member), &mut watch)? else { break };
-            let mut trainer = plan.trainer(scene.clone(), member, &device.device)?;
+            let mut trainer = plan.trainer(&scene, member, trainers.first(), &device.device)?;
             trainer.resume(&checkpoint)?;
             trainers.push(trainer);
         }
         if trainers.is_empty() {
             bail!("{}: expected a checkpoint: the run has none yet", folder.display());
+        }
+        let (trainers, collapsed) = without_collapsed(trainers);
+        if collapsed > 0 {
+            warnings.push(format!("{}: {collapsed} fields went empty and are left out", folder.display()));
         }
         Ok(Self { plan, trainers, warnings })
     }

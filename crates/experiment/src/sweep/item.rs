@@ -7,7 +7,7 @@ use infonerf_metrics::Networks;
 use infonerf_report::save_own_record;
 
 use super::manifest;
-use crate::{Finished, OpenDevice, Resume, Session, Watch};
+use crate::{Existing, Finished, OpenDevice, Session, Watch};
 
 /// Runs item `index` of the manifest at `path`, up to the share `until` of it; a finished one is kept. Results go into the
 /// manifest's folder: a file of its own, which no other process writes. The list of all is made when they are merged.
@@ -28,7 +28,7 @@ pub fn run_item(
     let Some((folder, out)) = folder.and_then(|folder| Some((folder, folder.parent()?))) else {
         bail!("{}: expected to be in the folder {}", path.display(), plan.experiment);
     };
-    let session = Session::new(device, out, Resume::Unchanged).until(until).with_networks(networks);
+    let session = Session::new(device, out, Existing::ResumeUnchanged).until(until).with_networks(networks);
     let finished = session.run(&plan, watch)?;
     if let Finished::Record(record, _) = &finished {
         save_own_record(folder, record)?;

@@ -15,14 +15,14 @@ use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
 use infonerf_ops::from_host;
 use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
-use infonerf_schedule::Moment;
+use infonerf_schedule::{Fault, Moment};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::check;
 use crate::init::{Init, normal};
-use crate::{Body, ConfigError, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, Sources};
+use crate::{Body, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, Sources};
 use encoder::{Encoder, Plan, channels};
 
 /// Space around the vertices that the voxels hold, scene units (metres).
@@ -66,7 +66,7 @@ impl fmt::Display for NeuralBodyConfig {
 impl FieldSpec for NeuralBodyConfig {
     type Field = NeuralBody;
 
-    fn validate(&self) -> Result<(), ConfigError> {
+    fn validate(&self) -> Result<(), Fault> {
         check("voxel", "above 0, at most 1", self.voxel, self.voxel > 0.0 && self.voxel <= 1.0)?;
         check("code", "1 to 256", self.code, (1..=256).contains(&self.code))?;
         check("channels", "1 to 256", self.channels, (1..=256).contains(&self.channels))?;
@@ -79,13 +79,15 @@ impl FieldSpec for NeuralBodyConfig {
         check("direction_frequencies", "0 to 20", frequencies[1], frequencies[1] <= 20)
     }
 
-    fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralBody, ConfigError> {
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralBody, Fault> {
         let read;
         let body = if self.vertices.as_os_str().is_empty() {
-            setup.body.ok_or_else(|| ConfigError {
-                field: "vertices",
-                expected: "a PLY or OBJ file, or a scene that comes with a body's, as ZJU-MoCap's `new_vertices/0.npy`",
-                found: "neither".into(),
+            setup.body.ok_or_else(|| {
+                Fault::new(
+                    "field.vertices",
+                    "a PLY or OBJ file, or a scene that comes with a body's, as ZJU-MoCap's `new_vertices/0.npy`",
+                    "neither",
+                )
             })?
         } else {
             read = vertices::read(&self.vertices)?;
@@ -149,7 +151,7 @@ struct Grid {
 
 impl Grid {
     /// A grid that holds the vertices with a margin.
-    fn around(body: &Body<'_>, voxel: f32) -> Result<Self, ConfigError> {
+    fn around(body: &Body<'_>, voxel: f32) -> Result<Self, Fault> {
         let &Body { vertices, axes, origin } = body;
         let mut grid = Self { axes, origin, low: [0.0; 3], voxel, size: [0; 3] };
         let framed: Vec<[f32; 3]> = vertices.iter().map(|&vertex| grid.framed(vertex)).collect();

@@ -1,3 +1,4 @@
+use infonerf_schedule::Fault;
 use std::error::Error;
 use std::fs::File;
 use std::io::BufReader;
@@ -6,17 +7,13 @@ use std::path::Path;
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Property};
 
-use crate::ConfigError;
-
 /// The vertices of a PLY or OBJ file.
 ///
 /// # Errors
 /// If it cannot be read, or has none, or one that is not finite.
-pub(super) fn read(path: &Path) -> Result<Vec<[f32; 3]>, ConfigError> {
-    let fault = |cause: String| ConfigError {
-        field: "vertices",
-        expected: "a PLY or OBJ file with finite vertices",
-        found: format!("{}: {cause}", path.display()),
+pub(super) fn read(path: &Path) -> Result<Vec<[f32; 3]>, Fault> {
+    let fault = |cause: String| {
+        Fault::new("field.vertices", "a PLY or OBJ file with finite vertices", format!("{}: {cause}", path.display()))
     };
     let vertices = match path.extension().and_then(|extension| extension.to_str()) {
         Some("ply") => of_ply(path),

@@ -6,14 +6,15 @@ use burn::nn::{Linear, PaddingConfig2d};
 use burn::tensor::activation::leaky_relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::bilinear::{Taps, bilinear};
+use infonerf_schedule::Fault;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use super::code::Code;
 use super::{COLOR, LEAKY_GAIN, SLOPE};
+use crate::SourceView;
 use crate::check::check;
 use crate::init::{glorot_linear, uniform};
-use crate::{ConfigError, SourceView};
 
 /// Kernel of the convolutions, whose stride is 2 and whose padding is 1: each halves the resolution.
 const KERNEL: usize = 4;
@@ -36,7 +37,7 @@ pub struct CodeEncoderConfig {
 }
 
 impl CodeEncoderConfig {
-    pub(super) fn validate(&self) -> Result<(), ConfigError> {
+    pub(super) fn validate(&self) -> Result<(), Fault> {
         let &Self { images, size, width } = self;
         check("encoder.images", "1 to 16", images, (1..=16).contains(&images))?;
         let good = |side: &usize| (16..=1024).contains(side) && side.is_multiple_of(16);
@@ -188,7 +189,7 @@ mod tests {
             (CodeEncoderConfig { size: [16, 100], ..config.clone() }, "encoder.size"),
             (CodeEncoderConfig { width: 0, ..config }, "encoder.width"),
         ] {
-            assert_eq!(config.validate().unwrap_err().field, key);
+            assert_eq!(config.validate().unwrap_err().key, format!("field.{key}"));
         }
     }
 }

@@ -14,13 +14,13 @@ use burn::module::Module;
 use burn::tensor::activation::softplus;
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
-use infonerf_schedule::Moment;
+use infonerf_schedule::{Fault, Moment};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::check;
-use crate::{ConfigError, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points, Sources};
+use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points, Sources};
 use code::Code;
 use encoder::Encoder;
 use latent::Latent;
@@ -70,7 +70,7 @@ impl fmt::Display for NeuralVolumesConfig {
 impl FieldSpec for NeuralVolumesConfig {
     type Field = NeuralVolumes;
 
-    fn validate(&self) -> Result<(), ConfigError> {
+    fn validate(&self) -> Result<(), Fault> {
         check("latent", "1 to 4096", self.latent, (1..=4096).contains(&self.latent))?;
         let resolution = self.resolution;
         let good = (4..=256).contains(&resolution) && resolution.is_power_of_two();
@@ -88,7 +88,7 @@ impl FieldSpec for NeuralVolumesConfig {
         self.encoder.as_ref().map_or(Ok(()), CodeEncoderConfig::validate)
     }
 
-    fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralVolumes, ConfigError> {
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<NeuralVolumes, Fault> {
         let &FieldSetup { bounds: [low, high], seed, device, .. } = setup;
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
         Ok(NeuralVolumes {

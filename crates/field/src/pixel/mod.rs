@@ -13,15 +13,13 @@ use burn::tensor::{Device, Tensor, activation::sigmoid};
 use infonerf_ops::bilinear::{Taps, bilinear};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
 use infonerf_ops::from_host;
-use infonerf_schedule::Moment;
+use infonerf_schedule::{Fault, Moment};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::check;
-use crate::{
-    ConfigError, DensityActivation, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, SourceView, Sources,
-};
+use crate::{DensityActivation, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, SourceView, Sources};
 use encoder::Encoder;
 use mlp::ResnetMlp;
 use project::{ViewPoints, view_points};
@@ -68,7 +66,7 @@ impl fmt::Display for PixelNerfConfig {
 impl FieldSpec for PixelNerfConfig {
     type Field = PixelNerf;
 
-    fn validate(&self) -> Result<(), ConfigError> {
+    fn validate(&self) -> Result<(), Fault> {
         let encoder = &self.encoder;
         let good = (1..=4).contains(&encoder.blocks.len()) && encoder.blocks.iter().all(|n| (1..=64).contains(n));
         check("encoder.blocks", "1 to 4 numbers from 1 to 64", format!("{:?}", encoder.blocks), good)?;
@@ -81,7 +79,7 @@ impl FieldSpec for PixelNerfConfig {
         check("lowest_frequency", "above 0, at most 1000", lowest, lowest > 0.0 && lowest <= 1e3)
     }
 
-    fn build(&self, setup: &FieldSetup<'_>) -> Result<PixelNerf, ConfigError> {
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<PixelNerf, Fault> {
         let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
         let mut encoder = Encoder::new(&self.encoder, &mut rng, setup.device);
         if !self.encoder.weights.as_os_str().is_empty() {

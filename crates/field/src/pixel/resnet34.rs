@@ -1,5 +1,6 @@
 //! Weights of torchvision's `resnet34` for the encoder.
 
+use infonerf_schedule::Fault;
 use std::path::Path;
 
 use burn::module::Param;
@@ -8,7 +9,6 @@ use burn::tensor::TensorData;
 use infonerf_pretrained::WeightFile;
 
 use super::encoder::{Block, Encoder};
-use crate::ConfigError;
 
 /// torchvision's `BatchNorm2d.eps`.
 const EPSILON: f32 = 1e-5;
@@ -17,11 +17,13 @@ const EPSILON: f32 = 1e-5;
 ///
 /// # Errors
 /// If the file cannot be read, or a tensor is missing or has another shape.
-pub(super) fn load(encoder: Encoder, path: &Path) -> Result<Encoder, ConfigError> {
-    WeightFile::read(path).and_then(|file| filled(encoder, &file)).map_err(|cause| ConfigError {
-        field: "encoder.weights",
-        expected: "a file of the tensors of torchvision's resnet34 (scripts/resnet34.py writes one)",
-        found: format!("{}: {cause}", path.display()),
+pub(super) fn load(encoder: Encoder, path: &Path) -> Result<Encoder, Fault> {
+    WeightFile::read(path).and_then(|file| filled(encoder, &file)).map_err(|cause| {
+        Fault::new(
+            "field.encoder.weights",
+            "a file of the tensors of torchvision's resnet34 (scripts/resnet34.py writes one)",
+            format!("{}: {cause}", path.display()),
+        )
     })
 }
 

@@ -2,10 +2,10 @@ use burn::tensor::{Device, Tensor};
 use infonerf_ops::{Intervals, ray_distortion};
 use infonerf_render::Samples;
 use infonerf_scene::Scene;
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
 /// Distortion of the weights along a ray (mip-NeRF 360, Barron et al. 2022, Eq. 15), mean over the rays in `rays`.
 /// Distances are shares of the scene's [near, far], so that the weight does not depend on the scene's unit.
@@ -29,7 +29,7 @@ impl TermSpec for DistortionConfig {
         (!scene.space.bounded).then_some("left out: the scene has no end, so that shares of its depth say nothing")
     }
 
-    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(Distortion { rays: self.rays, near: setup.scene.space.near, far: setup.scene.space.far }))
     }
 }

@@ -1,11 +1,10 @@
 use burn::tensor::Tensor;
 use infonerf_ops::{RayDistribution, ray_entropy};
 use infonerf_render::RenderOutput;
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::term::in_range;
-use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
 /// Ray entropy minimisation (InfoNeRF, Sec. 4.2): M(r)·H(r) in bits, mean over the rays in `rays`. Masked
 /// rays count as 0.
@@ -53,12 +52,12 @@ impl TermSpec for EntropyConfig {
         if self.neighbours { Need::neighbours_of(self.rays) } else { Need::of(self.rays) }
     }
 
-    fn validate(&self) -> Result<(), LossError> {
-        in_range("epsilon", self.epsilon.into(), 0.0, 0.01)?;
-        in_range("mask.threshold", self.mask.threshold.into(), 0.0, 1e6)
+    fn validate(&self) -> Result<(), Fault> {
+        Fault::unless_within(0.0..=0.01, "epsilon", self.epsilon.into())?;
+        Fault::unless_within(0.0..=1e6, "mask.threshold", self.mask.threshold.into())
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(self.clone()))
     }
 }

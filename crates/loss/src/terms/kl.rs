@@ -1,11 +1,10 @@
 use burn::tensor::Tensor;
 use infonerf_ops::ray_divergence;
 use infonerf_render::RenderOutput;
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::term::in_range;
-use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
 /// Information gain reduction (InfoNeRF, Sec. 4.3): the divergence of each ray's distribution from its neighbour's, in
 /// nats, mean over all pairs.
@@ -53,11 +52,11 @@ impl TermSpec for KlConfig {
         Need::neighbours_of(self.rays)
     }
 
-    fn validate(&self) -> Result<(), LossError> {
-        in_range("epsilon", self.epsilon.into(), 1e-12, 0.01)
+    fn validate(&self) -> Result<(), Fault> {
+        Fault::unless_within(1e-12..=0.01, "epsilon", self.epsilon.into())
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(self.clone()))
     }
 }

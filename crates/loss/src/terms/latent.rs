@@ -1,9 +1,9 @@
 use burn::tensor::Tensor;
 use infonerf_field::Penalty;
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
+use crate::{Need, Renders, Term, TermSetup, TermSpec};
 
 /// Divergence of a field's latent code from a standard normal distribution (Neural Volumes, Lombardi et al. 2019): the mean
 /// over the code's numbers of `KL(N(μ, σ²) ‖ N(0, 1)) = ½(μ² + σ² − 1) − ln σ`, in nats; 0 for a field without a latent code.
@@ -19,7 +19,7 @@ impl TermSpec for LatentConfig {
         vec![Need::Penalty(Penalty::LATENT_DIVERGENCE)]
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(self.clone()))
     }
 }

@@ -1,8 +1,8 @@
 use burn::tensor::{Tensor, TensorData};
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{LossError, Renders, Term, TermSetup, TermSpec};
+use crate::{Renders, Term, TermSetup, TermSpec};
 
 /// Supervision of opacity by the alpha channel of the training images: (acc − alpha)², mean over the rays
 /// of training images.
@@ -14,10 +14,10 @@ pub struct MaskConfig {
 }
 
 impl TermSpec for MaskConfig {
-    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         if let Some(view) = setup.scene.train.iter().find(|view| view.image.alpha.is_none()) {
             let found = format!("none in {}", view.name);
-            return Err(LossError::new("weight", "0, or training images with an alpha channel", found));
+            return Err(Fault::new("weight", "0, or training images with an alpha channel", found));
         }
         Ok(Box::new(self.clone()))
     }

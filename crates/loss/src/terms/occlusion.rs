@@ -1,10 +1,9 @@
 use burn::tensor::{Tensor, TensorData};
 use infonerf_scene::Scene;
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::term::in_range;
-use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
 /// A penalty on density near the cameras (FreeNeRF, Yang et al. 2023, Eq. 8): optical depth of the first `share` of
 /// each ray, mean over the rays in `rays`.
@@ -40,11 +39,11 @@ impl TermSpec for OcclusionConfig {
         Need::of(self.rays)
     }
 
-    fn validate(&self) -> Result<(), LossError> {
-        in_range("share", self.share.into(), 0.0, 1.0)
+    fn validate(&self) -> Result<(), Fault> {
+        Fault::unless_within(0.0..=1.0, "share", self.share.into())
     }
 
-    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(Occlusion { rays: self.rays, reach: self.reach(setup.scene) }))
     }
 }

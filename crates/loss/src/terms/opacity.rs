@@ -1,9 +1,9 @@
 use burn::tensor::Tensor;
 use infonerf_scene::{Backdrop, Scene};
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
 /// A penalty on opacity Σ w: mean over the rays in `rays`.
 ///
@@ -26,7 +26,7 @@ impl TermSpec for OpacityConfig {
         (scene.backdrop == Backdrop::Unknown).then_some("left out: nothing is known of what is behind the scene")
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(self.clone()))
     }
 }

@@ -1,8 +1,8 @@
 use burn::tensor::Tensor;
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{LossError, Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
 /// Bounds the logarithms: added to A and to 1 − A.
 const MARGIN: f64 = 0.1;
@@ -24,7 +24,7 @@ impl TermSpec for OpacityPriorConfig {
         Need::of(self.rays)
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(self.clone()))
     }
 }

@@ -1,9 +1,8 @@
 use burn::tensor::Tensor;
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::term::in_range;
-use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
+use crate::{Need, Renders, Term, TermSetup, TermSpec};
 
 /// L_RGB (InfoNeRF, Eq. 3): mean over the rays of training images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,11 +31,11 @@ impl TermSpec for PhotometricConfig {
         vec![Need::SeenColor]
     }
 
-    fn validate(&self) -> Result<(), LossError> {
-        in_range("coarse", self.coarse.into(), 0.0, 1e6)
+    fn validate(&self) -> Result<(), Fault> {
+        Fault::unless_within(0.0..=1e6, "coarse", self.coarse.into())
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(self.clone()))
     }
 }

@@ -4,11 +4,10 @@ use std::path::PathBuf;
 use burn::tensor::{Tensor, TensorData};
 use infonerf_pretrained::{ClipConfig, ClipVision};
 use infonerf_scene::View;
-use infonerf_schedule::{Moment, Schedule};
+use infonerf_schedule::{Fault, Moment, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::term::in_range;
-use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
+use crate::{Need, Renders, Term, TermSetup, TermSpec};
 
 /// Semantic consistency (DietNeRF, Jain et al. 2021, Eq. 5): 1 − φᵀφ̂ of the CLIP embeddings of a rendered view and a
 /// photograph.
@@ -30,15 +29,15 @@ impl TermSpec for SemanticConfig {
         vec![Need::Picture { size: self.size }]
     }
 
-    fn validate(&self) -> Result<(), LossError> {
-        in_range("every", self.every as f64, 1.0, 1e9)?;
-        in_range("size", self.size.into(), 1.0, 1024.0)
+    fn validate(&self) -> Result<(), Fault> {
+        Fault::unless_within(1.0..=1e9, "every", self.every as f64)?;
+        Fault::unless_within(1.0..=1024.0, "size", self.size.into())
     }
 
-    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         let clip = ClipVision::read(&self.weights, ClipConfig::VIT_B_32, setup.device).map_err(|cause| {
             let expected = "the tensors of openai/clip-vit-base-patch32, as safetensors or PyTorch's";
-            LossError::new("weights", expected, format!("{}: {cause}", self.weights.display()))
+            Fault::new("weights", expected, format!("{}: {cause}", self.weights.display()))
         })?;
         let embed = |view: &View| {
             let image = &view.image;

@@ -1,10 +1,9 @@
 use burn::tensor::{Tensor, TensorData};
 use infonerf_scene::{Backdrop, Scene};
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::term::in_range;
-use crate::{LossError, Renders, Term, TermSetup, TermSpec};
+use crate::{Renders, Term, TermSetup, TermSpec};
 
 /// Supervision of opacity by a known background colour: the mean over the rays of training images of `background`·acc for
 /// pixels of that colour, which most likely show the background, of −`edge`·acc for others with such a pixel among the 3 × 3
@@ -25,17 +24,17 @@ pub struct SilhouetteConfig {
 }
 
 impl TermSpec for SilhouetteConfig {
-    fn validate(&self) -> Result<(), LossError> {
-        in_range("background", self.background.into(), 0.0, 1e6)?;
-        in_range("foreground", self.foreground.into(), 0.0, 1e6)?;
-        in_range("edge", self.edge.into(), 0.0, 1e6)
+    fn validate(&self) -> Result<(), Fault> {
+        Fault::unless_within(0.0..=1e6, "background", self.background.into())?;
+        Fault::unless_within(0.0..=1e6, "foreground", self.foreground.into())?;
+        Fault::unless_within(0.0..=1e6, "edge", self.edge.into())
     }
 
     fn skip_reason(&self, scene: &Scene) -> Option<&'static str> {
         (scene.backdrop == Backdrop::Unknown).then_some("left out: nothing is known of what is behind the scene")
     }
 
-    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, _setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(self.clone()))
     }
 

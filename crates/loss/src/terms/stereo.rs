@@ -4,12 +4,11 @@ use std::sync::OnceLock;
 use burn::tensor::{Tensor, TensorData};
 use infonerf_ops::composite;
 use infonerf_scene::{PixelAt, Scene};
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use infonerf_stereo::{DepthMap, Settings, depth_maps};
 use serde::{Deserialize, Serialize};
 
-use crate::term::in_range;
-use crate::{LossError, Renders, Term, TermSetup, TermSpec};
+use crate::{Renders, Term, TermSetup, TermSpec};
 
 /// The term is left out of scenes with more training views.
 const MOST_VIEWS: usize = 100;
@@ -40,9 +39,9 @@ pub struct StereoConfig {
 }
 
 impl TermSpec for StereoConfig {
-    fn validate(&self) -> Result<(), LossError> {
-        in_range("width", self.width.into(), 0.1, 100.0)?;
-        in_range("outliers", self.outliers.into(), 1e-6, 0.99)
+    fn validate(&self) -> Result<(), Fault> {
+        Fault::unless_within(0.1..=100.0, "width", self.width.into())?;
+        Fault::unless_within(1e-6..=0.99, "outliers", self.outliers.into())
     }
 
     fn skip_reason(&self, scene: &Scene) -> Option<&'static str> {
@@ -53,7 +52,7 @@ impl TermSpec for StereoConfig {
         }
     }
 
-    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(Stereo {
             width: self.width,
             outliers: self.outliers,

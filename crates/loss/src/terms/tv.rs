@@ -1,9 +1,9 @@
 use burn::tensor::Tensor;
 use infonerf_field::Penalty;
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{LossError, Need, Renders, Term, TermSetup, TermSpec};
+use crate::{Need, Renders, Term, TermSetup, TermSpec};
 
 /// Total variation of a field's tables (planes, grids), as the field defines its mean; 0 for a field without tables.
 ///
@@ -30,7 +30,7 @@ impl TermSpec for TvConfig {
         vec![Need::Penalty(Penalty::TOTAL_VARIATION)]
     }
 
-    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, LossError> {
+    fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
         Ok(Box::new(Tv { factor: factor(self.views, setup.scene.train.len()) }))
     }
 }

@@ -1,9 +1,10 @@
-//! The complete description of a run. Presets and experiment files are TOML tables merged into one [`Config`].
+//! The complete description of a run, and what is wrong with one ([`checks`]). Presets and experiment files are TOML tables
+//! merged into one [`Config`].
 
+pub mod checks;
 mod layers;
 mod protocol;
 mod read;
-mod renamed;
 mod train;
 mod weights;
 
@@ -15,9 +16,9 @@ pub use train::{
     RotationCentre, TrainConfig, Unseen,
 };
 
-use infonerf_field::{FieldConfig, FieldSpec};
-use infonerf_loss::{LossConfig, Need};
-use infonerf_render::{Placement, RenderConfig};
+use infonerf_field::FieldConfig;
+use infonerf_loss::LossConfig;
+use infonerf_render::RenderConfig;
 use infonerf_scene::{Format, MaskUse};
 use serde::{Deserialize, Serialize};
 
@@ -95,81 +96,18 @@ impl EvalConfig {
     pub fn metric_protocol(&self) -> infonerf_metrics::Protocol {
         infonerf_metrics::Protocol::named(&self.protocol).unwrap_or_default()
     }
-
-    fn validate(&self) -> Result<(), TrainError> {
-        let known = infonerf_metrics::Protocol::NAMED.map(|(name, _)| name);
-        if known.contains(&self.protocol.as_str()) {
-            return Ok(());
-        }
-        Err(TrainError::config(
-            "eval.protocol",
-            format!("expected one of {}, found {:?}", known.join(", "), self.protocol),
-        ))
-    }
 }
 
 impl Config {
     /// Reads a complete config from a TOML table, refusing unknown keys and numbers out of range.
     ///
     /// # Errors
-    /// One line that names the key and what was expected; for a key of an earlier version, the new one.
+    /// One line that names the key and what was expected.
     pub fn from_table(table: toml::Table) -> Result<Self, TrainError> {
-        renamed::refuse_old_keys(&table)?;
         let config = read::config(table)?;
-        config.validate()?;
+        checks::of_config(&config)?;
         Ok(config)
     }
-
-    /// Checks every number, and that the parts go together.
-    ///
-    /// # Errors
-    /// The first key that is out of range.
-    pub fn validate(&self) -> Result<(), TrainError> {
-        self.field.validate().map_err(|error| TrainError::Config(error.to_string()))?;
-        self.render.validate().map_err(|error| TrainError::Config(error.to_string()))?;
-        self.loss.validate().map_err(|error| TrainError::Config(error.to_string()))?;
-        self.train.validate()?;
-        self.eval.validate()?;
-        if self.field.needs_intervals() && self.render.placement != Placement::Interval {
-            let cause = format!("expected \"interval\" with a {}: its samples are pieces of cones", self.field);
-            return Err(TrainError::config("render.placement", cause));
-        }
-        self.check_photographs()?;
-        let skips = self.render.occupancy.enabled || self.render.clip_to_bounds;
-        if skips
-            && self.train.neighbours.sampling == NeighbourSampling::Own
-            && self.loss.needs().iter().any(Need::is_of_neighbours)
-        {
-            let cause = "expected \"partner\" with render.occupancy.enabled or render.clip_to_bounds: rays and their \
-                         neighbours are paired by index, and skipping leaves them with different numbers of samples";
-            return Err(TrainError::config("train.neighbours.sampling", cause));
-        }
-        Ok(())
-    }
-
-    /// Whether a field that looks at the first of the training views is shown them in every step.
-    fn check_photographs(&self) -> Result<(), TrainError> {
-        let Some((key, images)) = self.field.first_photographs() else { return Ok(()) };
-        let refuse = |key: &str, cause: String, good: bool| {
-            if good { Ok(()) } else { Err(TrainError::config(key, format!("{cause} with {}", self.field))) }
-        };
-        refuse("train.sources", format!("expected 0, found {},", self.train.sources), self.train.sources == 0)?;
-        let held_out = self.train.batch == Batch::HeldOut;
-        refuse("train.batch", "expected \"pixels\" or \"image\"".into(), !held_out)?;
-        match self.scene.views.count() {
-            Some(views) => check_enough_views(key, images, views),
-            None => Ok(()),
-        }
-    }
-}
-
-/// Refuses a field that looks at more training views, `images` by the key within `[field]`, than there are.
-pub(crate) fn check_enough_views(key: &str, images: usize, views: usize) -> Result<(), TrainError> {
-    if images <= views {
-        return Ok(());
-    }
-    let cause = format!("expected at most {views}, as many as there are training views, found {images}");
-    Err(TrainError::config(format!("field.{key}"), cause))
 }
 
 #[cfg(test)]

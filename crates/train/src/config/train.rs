@@ -1,9 +1,7 @@
 use std::path::PathBuf;
 
-use infonerf_schedule::Schedule;
+use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
-
-use crate::TrainError;
 
 /// More fields than these change little and cost as much each.
 pub(crate) const LARGEST_ENSEMBLE: usize = 8;
@@ -32,7 +30,7 @@ pub struct TrainConfig {
     /// If above 0: a field that looks at photographs sees at most so many of them in a step, a random number of random
     /// ones; 0 shows it all.
     pub sources: usize,
-    /// Folder of a run whose weights to begin with, such as `infonerf pretrain` leaves; empty for random ones. Not
+    /// Folder of a run whose weights are the initial ones, such as `infonerf pretrain` leaves; empty for random ones. Not
     /// of a run with `exposure_compensation`, whose gains are of its own views.
     pub init: PathBuf,
     /// Steps in which pixels come from the central half of the images only (released code: 500).
@@ -149,8 +147,8 @@ pub struct EarlyStoppingConfig {
     pub min_delta: f64,
 }
 
-/// An ensemble: fields trained one after another from other random numbers, each taking all steps, whose pictures are
-/// averaged.
+/// An ensemble: fields that differ in their random numbers alone, each taking all steps, whose pictures are averaged. A CPU
+/// trains as many side by side as it has cores, other devices one after another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EnsembleConfig {
@@ -166,7 +164,10 @@ impl TrainConfig {
     ///
     /// # Errors
     /// The first key that is out of range.
-    pub(crate) fn validate(&self) -> Result<(), TrainError> {
+    pub(super) fn validate(&self) -> Result<(), Fault> {
+        let within = |fault: Fault| fault.within("train");
+        let number = |key, value, low, high| Fault::unless_within(low..=high, key, value).map_err(within);
+        let schedule = |key, value, low, high| Fault::unless_always_within(low..=high, key, value).map_err(within);
         number("iterations", self.iterations as f64, 1.0, 1e9)?;
         number("rays", self.rays as f64, 1.0, 65_536.0)?;
         number("unseen_rays", self.unseen_rays as f64, 0.0, 65_536.0)?;
@@ -185,18 +186,4 @@ impl TrainConfig {
         number("ensemble.seconds_per_member", self.ensemble.seconds_per_member, 0.0, 1e9)?;
         number("weight_averaging", self.weight_averaging, 0.0, 1.0)
     }
-}
-
-fn number(key: &str, value: f64, low: f64, high: f64) -> Result<(), TrainError> {
-    if (low..=high).contains(&value) {
-        Ok(())
-    } else {
-        let cause = format!("expected a number from {low} to {high}, found {value}");
-        Err(TrainError::config(format!("train.{key}"), cause))
-    }
-}
-
-fn schedule(key: &str, schedule: &Schedule, low: f64, high: f64) -> Result<(), TrainError> {
-    number(key, schedule.least(), low, high)?;
-    number(key, schedule.largest(), low, high)
 }

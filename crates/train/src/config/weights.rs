@@ -8,18 +8,18 @@ use infonerf_schedule::Schedule;
 use super::Config;
 
 impl Config {
-    /// Where the first weights come from, if a reader of the results should know.
-    pub fn first_weights(&self) -> Option<String> {
+    /// Where the initial weights come from, if a reader of the results should know.
+    pub fn initial_weights(&self) -> Option<String> {
         let init = &self.train.init;
         if !init.as_os_str().is_empty() {
-            return Some(format!("began with the weights of {}", init.display()));
+            return Some(format!("initial weights from {}", init.display()));
         }
         let mut field = self.field.clone();
         let (key, path) = field.weights_file()?;
         Some(if path.as_os_str().is_empty() {
             format!("field.{key}: random weights, not published ones")
         } else {
-            format!("field.{key}: began with the weights of {}", path.display())
+            format!("field.{key}: initial weights from {}", path.display())
         })
     }
 

@@ -7,7 +7,7 @@ use infonerf_schedule::Moment;
 
 use super::Trainer;
 use super::numbers::Numbers;
-use crate::pixels::turn;
+use crate::pixels::rotation;
 use crate::step_pixels::StepPixels;
 use crate::step_renderer::StepRenderer;
 use crate::training_images::SeenPixels;
@@ -46,7 +46,7 @@ impl<F: Field> Trainer<F> {
             scene: index,
             seen: scene.images.draw(train, rays, at, noise(RandomStream::SeenRays), &self.pixel_errors),
             unseen: unseen_is_needed.then(unseen),
-            turn: turn(&train.neighbours, noise(RandomStream::Neighbours)),
+            rotation: rotation(&train.neighbours, noise(RandomStream::Neighbours)),
         })
     }
 

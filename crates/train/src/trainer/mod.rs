@@ -7,15 +7,15 @@ use std::sync::Arc;
 use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
-use infonerf_field::{Extent, Field, FieldSpec, Points, RadianceField};
+use infonerf_field::{Extent, Field, Points, RadianceField};
 use infonerf_ops::{Segments, to_host};
 use infonerf_render::{Model, Noise, OccupancyGrid, RandomStream, Renderer, TrainedModel, Warp};
 use infonerf_scene::{Aabb, Scene};
-use infonerf_schedule::Moment;
+use infonerf_schedule::{Fault, Moment};
 
 use crate::checkpoint::State;
+use crate::config::checks;
 use crate::error_sampling::PixelErrors;
-use crate::memory::MemoryPlan;
 use crate::model::{FieldBuilder, optimiser};
 use crate::training_scene::TrainingScene;
 use crate::weight_averaging::WeightAverage;
@@ -24,7 +24,7 @@ use crate::{Checkpoint, Config, Profile, Progress, TrainError};
 /// The training of one field, of one scene or, for a field that looks at photographs, of many.
 pub struct Trainer<F: Field = RadianceField> {
     config: Config,
-    scenes: Vec<TrainingScene>,
+    scenes: Arc<[TrainingScene]>,
     seed: u64,
     /// Seconds after which to stop, if the clock and not the number of steps decides.
     budget: Option<f64>,
@@ -36,8 +36,6 @@ pub struct Trainer<F: Field = RadianceField> {
     occupancy: Option<OccupancyGrid>,
     pixel_errors: PixelErrors,
     progress: Progress,
-    /// Seconds that the last step was counted as; 0 if there was nothing to do.
-    last_step: f64,
     profile: Profile,
 }
 
@@ -60,7 +58,7 @@ impl Trainer {
     ///
     /// # Errors
     /// If a number in `config` is out of range, a file that it names cannot be used, the field needs what the scene does not
-    /// have, or the run would not fit into memory.
+    /// have.
     pub fn new(
         config: &Config,
         scene: impl Into<Arc<Scene>>,
@@ -79,18 +77,8 @@ impl Trainer {
     /// # Errors
     /// As [`Self::new`], and if there is no scene, or if the config is one of a single scene.
     pub fn on_scenes(config: &Config, scenes: Vec<Arc<Scene>>, seed: u64, device: &Device) -> Result<Self, TrainError> {
-        let several = |key: &str, cause: &str, good: bool| {
-            if good { Ok(()) } else { Err(TrainError::config(key, format!("expected {cause}"))) }
-        };
-        let cause = "`pixelnerf`: only a field that looks at photographs can learn from many scenes";
-        several("field.kind", cause, config.field.sees_photographs())?;
-        let cause = "false: an occupancy grid is of one scene";
-        several("render.occupancy.enabled", cause, !config.render.occupancy.enabled)?;
-        let cause = "0: the errors of pixels are those of one scene";
-        several("train.error_sampling.threshold", cause, !config.train.error_sampling.is_on())?;
-        let cause = "false: gains and biases are those of one scene's views";
-        several("train.exposure_compensation", cause, !config.train.exposure_compensation)?;
-        let first = scenes.first().ok_or_else(|| TrainError::config("scenes", "expected at least one"))?;
+        checks::of_many(config)?;
+        let first = scenes.first().ok_or_else(|| Fault::new("scenes", "at least one", "none"))?;
         let builder = FieldBuilder::configured(config, field_bounds(config, first), first.space.body.clone());
         Self::with_builder(config, scenes, seed, None, device, builder)
     }
@@ -121,18 +109,37 @@ impl<F: Field> Trainer<F> {
         device: &Device,
         builder: FieldBuilder<F>,
     ) -> Result<Self, TrainError> {
-        config.validate()?;
-        if let Some(scene) = scenes.first() {
-            MemoryPlan::new(config, scene.pixels(), 1).check_available()?;
-        }
+        checks::of_config(config)?;
         let device = device.clone().autodiff();
-        let scenes: Vec<TrainingScene> =
-            scenes.into_iter().map(|scene| TrainingScene::new(config, scene, &device)).collect::<Result<_, _>>()?;
+        let scenes: Arc<[TrainingScene]> = scenes
+            .into_iter()
+            .map(|scene| TrainingScene::new(config, scene, builder.sees_photographs(), &device))
+            .collect::<Result<_, _>>()?;
+        Self::of_parts(config.clone(), scenes, seed, budget, device, builder)
+    }
+
+    /// A run that differs in its seed alone, before its first step. Both share what training makes of the scene.
+    ///
+    /// # Errors
+    /// If a file of weights that the config names cannot be used.
+    pub fn with_seed(&self, seed: u64) -> Result<Self, TrainError> {
+        let (config, scenes) = (self.config.clone(), self.scenes.clone());
+        Self::of_parts(config, scenes, seed, self.budget, self.device.clone(), self.builder.clone())
+    }
+
+    fn of_parts(
+        config: Config,
+        scenes: Arc<[TrainingScene]>,
+        seed: u64,
+        budget: Option<f64>,
+        device: Device,
+        builder: FieldBuilder<F>,
+    ) -> Result<Self, TrainError> {
         Ok(Self {
-            model: builder.model(config, scenes[0].scene.train.len(), seed, &device)?,
-            optimiser: optimiser(config),
-            occupancy: occupancy_grid(config, &scenes[0].scene),
-            config: config.clone(),
+            model: builder.model(&config, scenes[0].scene.train.len(), seed, &device)?,
+            optimiser: optimiser(&config),
+            occupancy: occupancy_grid(&config, &scenes[0].scene),
+            config,
             scenes,
             seed,
             budget,
@@ -141,12 +148,11 @@ impl<F: Field> Trainer<F> {
             weight_average: WeightAverage::default(),
             pixel_errors: PixelErrors::default(),
             progress: Progress::default(),
-            last_step: 0.0,
             profile: Profile::default(),
         })
     }
 
-    /// Goes on from `checkpoint`.
+    /// Resumes from `checkpoint`.
     ///
     /// # Errors
     /// If it is of another config.
@@ -162,7 +168,7 @@ impl<F: Field> Trainer<F> {
         Ok(())
     }
 
-    /// Everything needed to go on later, or for another run to begin with.
+    /// Everything needed to resume the run later, or to initialise another.
     ///
     /// # Errors
     /// If the weights cannot be encoded.
@@ -177,18 +183,14 @@ impl<F: Field> Trainer<F> {
         })
     }
 
-    /// How far the run is.
+    /// Steps, time and samples so far.
     pub fn progress(&self) -> &Progress {
         &self.progress
     }
 
-    /// Counts the last step as `seconds` of training, for a field whose steps overlap those of others. A step that was not
-    /// taken counts nothing.
-    pub(crate) fn count_last_step_as(&mut self, seconds: f64) {
-        if self.last_step > 0.0 {
-            self.progress.seconds += seconds - self.last_step;
-            self.last_step = seconds;
-        }
+    /// Whether the field went empty with no fresh start left: there is nothing to see in it.
+    pub fn has_collapsed(&self) -> bool {
+        self.progress.empty_steps.are_collapse()
     }
 
     /// Waits for the device at the end of each phase of a step from here on, so that [`Self::profile`] is of what a GPU spends
@@ -246,7 +248,7 @@ impl<F: Field> Trainer<F> {
         TrainedModel { model, occupancy, at }
     }
 
-    /// Share of the run that is done: by the clock if there is a budget, else by steps.
+    /// Share of the run that is done, in [0, 1]: of its time if there is a budget, else of its steps.
     pub fn done(&self) -> f64 {
         let share = match self.budget {
             Some(budget) => self.progress.seconds / budget,

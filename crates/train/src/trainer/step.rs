@@ -17,6 +17,16 @@ use crate::step_pixels::StepPixels;
 use crate::weight_averaging::WeightAverage;
 use crate::{Event, Phase, TrainError};
 
+/// A step that was taken, before its time is counted.
+pub(crate) struct Taken {
+    at: Moment,
+    numbers: Numbers,
+    lr: f64,
+    rays: usize,
+    /// Share of the candidate samples that a field evaluated.
+    evaluated: f64,
+}
+
 impl<F: Field> Trainer<F> {
     /// Takes one step and reports what happened.
     ///
@@ -42,20 +52,23 @@ impl<F: Field> Trainer<F> {
         pixels: impl FnOnce(&mut Self, Moment) -> StepPixels,
         report: &mut impl FnMut(Event),
     ) -> Result<Outcome, TrainError> {
-        self.last_step = 0.0;
-        if self.progress.empty_steps.are_collapse() {
-            return Ok(Outcome::Collapsed);
-        }
-        if self.is_over() {
-            return Ok(Outcome::Finished);
-        }
         let start = Instant::now();
+        let taken = self.take_step(pixels)?;
+        self.count_step(taken, start.elapsed().as_secs_f64(), report)
+    }
+
+    /// Changes the weights, and counts no time yet; nothing if training is over.
+    fn take_step(&mut self, pixels: impl FnOnce(&mut Self, Moment) -> StepPixels) -> Result<Option<Taken>, TrainError> {
+        if self.has_collapsed() || self.is_over() {
+            return Ok(None);
+        }
         let at = Moment { step: self.progress.step, progress: self.done() };
         self.update_occupancy(at);
         let pixels = pixels(self, at);
         let forward = self.forward(at, &pixels)?;
         let lr = self.config.train.lr.at(at);
         let Forward { total, numbers, counts, rays, samples_per_ray } = forward;
+        let evaluated = counts.evaluated as f64 / counts.total.max(1) as f64;
         let grads = self.profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), &self.model));
         let (optimiser, model) = (&mut self.optimiser, self.model.clone());
         self.model = self.profile.time(Phase::Optimiser, || optimiser.step(lr, model, grads));
@@ -65,21 +78,37 @@ impl<F: Field> Trainer<F> {
         if WeightAverage::<F>::takes(self.config.train.weight_averaging, self.progress.step, self.done()) {
             self.weight_average.add(self.model.valid());
         }
-        let spent = start.elapsed().as_secs_f64();
-        self.progress.seconds += spent;
-        self.last_step = spent;
+        Ok(Some(Taken { at, numbers, lr, rays, evaluated }))
+    }
+
+    /// Counts a step that was `taken` as `seconds` of training, and reports it.
+    pub(crate) fn count_step(
+        &mut self,
+        taken: Option<Taken>,
+        seconds: f64,
+        report: &mut impl FnMut(Event),
+    ) -> Result<Outcome, TrainError> {
+        let Some(Taken { at, numbers, lr, rays, evaluated }) = taken else {
+            return Ok(if self.has_collapsed() { Outcome::Collapsed } else { Outcome::Finished });
+        };
+        self.progress.seconds += seconds;
         report(Event::Step {
             step: self.progress.step,
             seconds: self.progress.seconds,
             loss: numbers.total,
             psnr: -10.0 * numbers.mse.max(1e-12).log10(),
             lr,
-            rays_per_second: rays as f64 / spent,
+            rays_per_second: rays as f64 / seconds,
             acc: numbers.acc,
-            evaluated: counts.evaluated as f64 / counts.total.max(1) as f64,
+            evaluated,
             losses: numbers.losses.clone(),
         });
         self.watch(at, &numbers, report)
+    }
+
+    /// [`Self::take_step`] of pixels that are drawn.
+    pub(crate) fn take_drawn_step(&mut self) -> Result<Option<Taken>, TrainError> {
+        self.take_step(Self::draw)
     }
 
     /// Whether there is nothing left to do.

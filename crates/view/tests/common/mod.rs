@@ -5,7 +5,8 @@
 use std::path::{Path, PathBuf};
 
 use infonerf_experiment::{
-    Control, DeviceName, Experiment, Finished, OpenDevice, Resume, RunEvent, RunPlan, Selection, Session, Trained, open,
+    Control, DeviceName, Existing, Experiment, Finished, OpenDevice, RunEvent, RunPlan, Selection, Session, Trained,
+    open,
 };
 use infonerf_report::save_record;
 
@@ -45,8 +46,8 @@ pub fn plan_of(experiment: &str, variant: &str, set: &[&str]) -> RunPlan {
 }
 
 /// Trains and evaluates below `out`; the run's folder. `stop` ends training at that step.
-pub fn train(out: &Path, plan: &RunPlan, resume: Resume, stop: Option<usize>) -> PathBuf {
-    let session = Session::new(device(), out, resume);
+pub fn train(out: &Path, plan: &RunPlan, existing: Existing, stop: Option<usize>) -> PathBuf {
+    let session = Session::new(device(), out, existing);
     let mut watch = |event: RunEvent<'_>| match event {
         RunEvent::Training { trainer, .. } if Some(trainer.progress().step) == stop => Control::Stop,
         _ => Control::Continue,

@@ -1,0 +1,98 @@
+//! Runs of a few steps of tiny fields.
+
+use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use infonerf_report::Record;
+use infonerf_train::Checkpoint;
+
+use super::*;
+use crate::{Control, DeviceName, Existing, Experiment, Selection, open};
+
+const TINY: [&str; 12] = [
+    "train.iterations=3",
+    "train.rays=16",
+    "train.unseen_rays=8",
+    "train.target_samples=200",
+    "scene.size=16",
+    "eval.test=first-1",
+    "eval.information_rays=8",
+    "field.resolutions=[4,8]",
+    "field.width=8",
+    "render.occupancy.resolution=8",
+    "render.samples=8",
+    "loss.kl.weight=1e-3",
+];
+
+fn plan(settings: &[&str]) -> RunPlan {
+    let set = TINY.iter().chain(settings).map(|&setting| setting.to_owned()).collect();
+    let (scenes, variants) = (vec!["knot".into()], vec!["infonerf".into()]);
+    let selection = Selection { scenes, variants, set, ..Selection::default() };
+    Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0)
+}
+
+fn run(out: &Path, plan: &RunPlan, existing: Existing, watch: &mut Watch<'_>) -> Finished {
+    Session::new(open(DeviceName::Flex).unwrap(), out, existing).run(plan, watch).unwrap()
+}
+
+fn record(out: &Path, plan: &RunPlan, existing: Existing) -> (Box<Record>, usize) {
+    match run(out, plan, existing, &mut |_| Control::Continue) {
+        Finished::Record(record, trainers) => (record, trainers.len()),
+        _ => panic!("the run did not come to its end"),
+    }
+}
+
+#[test]
+fn a_field_that_went_empty_has_no_part_in_the_pictures() {
+    let out = tempfile::tempdir().unwrap();
+    let plan = plan(&["train.ensemble.size=2"]);
+    let (both, fields) = record(out.path(), &plan, Existing::Refuse);
+    assert_eq!(fields, 2);
+    // The second field is made to have gone empty.
+    let folder = out.path().join(&plan.experiment).join(plan.directory());
+    let manifest = folder.join("member1/checkpoint/manifest.json");
+    let text = fs::read_to_string(&manifest).unwrap();
+    let (full, empty) = ("\"empty_steps\":0", "\"empty_steps\":50");
+    assert!(text.contains(full), "{text}");
+    fs::write(&manifest, text.replace(full, empty)).unwrap();
+    fs::remove_file(plan.record_path(&folder)).unwrap();
+
+    let (one, fields) = record(out.path(), &plan, Existing::Resume);
+    assert!(fields == 1 && !one.collapsed, "{fields} fields");
+    assert_ne!(one.metrics["psnr"], both.metrics["psnr"]);
+    assert_eq!(one.iterations, both.iterations);
+    assert!(one.notes.iter().any(|note| note.starts_with("1 of 2 fields went empty")), "{:?}", one.notes);
+    let trained = Trained::read(plan, &folder, &open(DeviceName::Flex).unwrap()).unwrap();
+    assert!(trained.trainers.len() == 1 && trained.warnings.len() == 1, "{:?}", trained.warnings);
+}
+
+#[test]
+fn training_is_saved_when_its_watcher_panics() {
+    let out = tempfile::tempdir().unwrap();
+    let plan = plan(&["train.checkpoint_every=0"]);
+    let mut watch = |event: RunEvent<'_>| match event {
+        RunEvent::Training { trainer, .. } if trainer.progress().step == 2 => panic!("a closed pipe"),
+        _ => Control::Continue,
+    };
+    let ran = catch_unwind(AssertUnwindSafe(|| run(out.path(), &plan, Existing::Refuse, &mut watch)));
+    assert!(ran.is_err());
+    let folder = out.path().join(&plan.experiment).join(plan.directory());
+    assert_eq!(Checkpoint::load(&folder).unwrap().0.unwrap().progress().step, 2);
+}
+
+/// The note is there where a term looks at unseen poses of the data set, whichever term, and nowhere else.
+#[test]
+fn unseen_poses_of_the_data_set_are_noted() {
+    for (settings, noted) in [
+        (&["train.unseen=dataset"][..], true),
+        (&["train.unseen=sphere"], false),
+        (&["train.unseen=dataset", "loss.entropy.rays=seen", "loss.kl.weight=0"], false),
+        (&["train.unseen=dataset", "loss.entropy.weight=0", "loss.kl.rays=all"], true),
+    ] {
+        let out = tempfile::tempdir().unwrap();
+        let (record, _) = record(out.path(), &plan(settings), Existing::Refuse);
+        let found = record.notes.iter().any(|note| note.starts_with("unseen poses"));
+        assert_eq!(found, noted, "{settings:?}: {:?}", record.notes);
+    }
+}

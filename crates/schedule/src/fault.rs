@@ -1,0 +1,80 @@
+use std::fmt;
+use std::ops::RangeInclusive;
+
+use crate::Schedule;
+
+/// A fault of a config: a value that is out of range, or that does not go with the rest.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fault {
+    /// The key, with the tables that it is in: `train.rays`.
+    pub key: String,
+    /// What would have been accepted.
+    pub expected: String,
+    /// What was given.
+    pub found: String,
+}
+
+impl Fault {
+    /// A fault at `key`.
+    pub fn new(key: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Self {
+        Self { key: key.into(), expected: expected.into(), found: found.to_string() }
+    }
+
+    /// Refuses what was `found` at `key` unless it is `good`.
+    ///
+    /// # Errors
+    /// If it is not.
+    pub fn unless(good: bool, key: &str, expected: impl Into<String>, found: impl ToString) -> Result<(), Self> {
+        if good { Ok(()) } else { Err(Self::new(key, expected, found)) }
+    }
+
+    /// Refuses a number outside `range`.
+    ///
+    /// # Errors
+    /// If it is, or is not a number.
+    pub fn unless_within(range: RangeInclusive<f64>, key: &str, number: f64) -> Result<(), Self> {
+        let expected = || format!("a number from {} to {}", range.start(), range.end());
+        if range.contains(&number) { Ok(()) } else { Err(Self::new(key, expected(), number)) }
+    }
+
+    /// Refuses a schedule with values outside `range`.
+    ///
+    /// # Errors
+    /// If it has one.
+    pub fn unless_always_within(range: RangeInclusive<f64>, key: &str, schedule: &Schedule) -> Result<(), Self> {
+        Self::unless_within(range.clone(), key, schedule.least())?;
+        Self::unless_within(range, key, schedule.largest())
+    }
+
+    /// The same of a key that is in `table`.
+    #[must_use]
+    pub fn within(self, table: &str) -> Self {
+        Self { key: format!("{table}.{}", self.key), ..self }
+    }
+}
+
+impl fmt::Display for Fault {
+    /// One line, whatever was typed.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let text = format!("{}: expected {}, found {}", self.key, self.expected, self.found);
+        text.chars()
+            .try_for_each(|c| if c.is_control() { write!(f, "{}", c.escape_default()) } else { write!(f, "{c}") })
+    }
+}
+
+impl std::error::Error for Fault {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_is_one_line_with_its_key() {
+        let fault = Fault::unless(false, "kind", "`nerf` or `hash`", "a\nb").unwrap_err().within("field");
+        assert_eq!(fault.to_string(), "field.kind: expected `nerf` or `hash`, found a\\nb");
+        let rays = |number| Fault::unless_within(1.0..=9.0, "rays", number);
+        assert_eq!([rays(1.0), rays(9.0)], [Ok(()), Ok(())]);
+        assert_eq!(rays(f64::NAN).unwrap_err().to_string(), "rays: expected a number from 1 to 9, found NaN");
+        assert!(Fault::unless_always_within(0.0..=1.0, "weight", &Schedule::constant(2.0)).is_err());
+    }
+}

@@ -1,0 +1,167 @@
+//! What goes together: in a config alone, with a scene, and with many scenes. Each check comes before anything is trained.
+
+use infonerf_field::FieldSpec;
+use infonerf_loss::Need;
+use infonerf_render::{Placement, Space, Warp};
+use infonerf_scene::Scene;
+use infonerf_schedule::Fault;
+
+use super::{Batch, Config, NeighbourSampling};
+
+/// Checks every number, and that the parts go together.
+///
+/// # Errors
+/// The first key that is out of range.
+pub fn of_config(config: &Config) -> Result<(), Fault> {
+    let Config { field, render, loss, train, eval, .. } = config;
+    field.validate()?;
+    render.validate()?;
+    loss.validate()?;
+    train.validate()?;
+    let protocols = infonerf_metrics::Protocol::NAMED.map(|(name, _)| name);
+    let expected = format!("one of {}", protocols.join(", "));
+    Fault::unless(protocols.contains(&eval.protocol.as_str()), "eval.protocol", expected, &eval.protocol)?;
+    let whole = !field.needs_intervals() || render.placement == Placement::Interval;
+    let expected = format!("\"interval\" with a {field}, whose samples are pieces of cones");
+    Fault::unless(whole, "render.placement", expected, name(&render.placement))?;
+    if let Some((key, images)) = field.first_photographs() {
+        // It is shown the same ones in every step.
+        Fault::unless(train.sources == 0, "train.sources", format!("0 with {field}"), train.sources)?;
+        let expected = format!("\"pixels\" or \"image\" with {field}");
+        Fault::unless(train.batch != Batch::HeldOut, "train.batch", expected, name(&train.batch))?;
+        config.scene.views.count().map_or(Ok(()), |views| enough_views(key, images, views))?;
+    }
+    let skips = render.occupancy.enabled || render.clip_to_bounds;
+    let paired = train.neighbours.sampling == NeighbourSampling::Partner
+        || !skips
+        || !loss.needs().iter().any(Need::is_of_neighbours);
+    let expected = "\"partner\" with render.occupancy.enabled or render.clip_to_bounds (rays and their neighbours are \
+                    paired by index, and skipping leaves them with different numbers of samples)";
+    Fault::unless(paired, "train.neighbours.sampling", expected, name(&train.neighbours.sampling))
+}
+
+/// Checks that `scene` has what `config` needs.
+///
+/// # Errors
+/// The first key that asks for more.
+pub fn of_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
+    let Config { field, render, .. } = config;
+    let opaque = scene.train.iter().find(|view| view.image.alpha.is_none()).filter(|_| render.occupancy.carve);
+    if let Some(view) = opaque {
+        let found = format!("none in {}", view.name);
+        return Err(Fault::new("render.occupancy.carve", "training images with an alpha channel", found));
+    }
+    if let Some((key, images)) = field.first_photographs() {
+        enough_views(key, images, scene.train.len())?;
+    }
+    body(config, scene.space.body.is_some())?;
+    let forward = render.space != Space::Ndc || Warp::has_ndc(scene);
+    let found = format!("\"ndc\", while the cameras of {} face all ways", scene.name);
+    Fault::unless(forward, "render.space", "another space", found)?;
+    if Warp::of(scene, render.space).is_identity() {
+        return Ok(());
+    }
+    let within_a_box = |good: bool, key: &str, expected: &str, found: String| {
+        let expected = format!("{expected}, or render.space = \"box\": {} is not bounded by a box", scene.name);
+        Fault::unless(good, key, expected, found)
+    };
+    let placement = render.placement;
+    within_a_box(placement != Placement::Interval, "render.placement", "\"mid\" or \"left\"", name(&placement))?;
+    let looks = "a field that looks at no photographs";
+    within_a_box(!field.sees_photographs(), "field.kind", looks, field.to_string())?;
+    within_a_box(!field.needs_body(), "field.kind", "a field that hangs on no body", field.to_string())?;
+    within_a_box(!render.occupancy.carve, "render.occupancy.carve", "false", "true".to_owned())
+}
+
+/// Checks that `config` can learn from many scenes at once.
+///
+/// # Errors
+/// The first key that is of a single scene.
+pub fn of_many(config: &Config) -> Result<(), Fault> {
+    let Config { field, render, train, .. } = config;
+    Fault::unless(
+        field.sees_photographs(),
+        "field.kind",
+        "`pixelnerf`, which looks at photographs of each scene",
+        field,
+    )?;
+    let off = |of_one: bool, key: &str, expected: &str, found: String| {
+        Fault::unless(!of_one, key, format!("{expected} where there are many scenes"), found)
+    };
+    off(render.occupancy.enabled, "render.occupancy.enabled", "false", "true".to_owned())?;
+    let threshold = train.error_sampling.threshold.to_string();
+    off(train.error_sampling.is_on(), "train.error_sampling.threshold", "0", threshold)?;
+    off(train.exposure_compensation, "train.exposure_compensation", "false", "true".to_owned())
+}
+
+/// Checks that a field that hangs on a body gets one: from the scene, if it `has_body`, or from a file.
+///
+/// # Errors
+/// If it gets none.
+pub fn body(config: &Config, has_body: bool) -> Result<(), Fault> {
+    let named = || config.field.clone().files().iter().any(|path| !path.as_os_str().is_empty());
+    let expected = "a PLY or OBJ file, or a scene that comes with a body's vertices (ZJU-MoCap with `new_vertices`, or the \
+                    built-in figure)";
+    Fault::unless(!config.field.needs_body() || has_body || named(), "field.vertices", expected, "neither")
+}
+
+/// Refuses a field that looks at more training views, `images` by the key within `[field]`, than there are.
+fn enough_views(key: &str, images: usize, views: usize) -> Result<(), Fault> {
+    let expected = format!("at most {views}, as many as there are training views");
+    Fault::unless(images <= views, &format!("field.{key}"), expected, images)
+}
+
+/// A value of an enum as configs write it.
+fn name(value: &impl serde::Serialize) -> String {
+    toml::Value::try_from(value).map_or_else(|error| error.to_string(), |value| value.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_procedural::load;
+    use infonerf_scene::SceneRequest;
+
+    use super::*;
+    use crate::config::{Preset, assign};
+
+    /// Also where the config alone does not say how many views there will be.
+    #[test]
+    fn more_photographs_than_there_are_cannot_be_looked_at() {
+        let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
+        let scene = load("knot", &request).unwrap();
+        let fault = |images: usize| {
+            let mut table = Preset::Fast.table();
+            let encoder = format!("encoder={{images={images},size=[16,16],width=1}}");
+            let field = "kind='neuralvolumes',latent=4,resolution=4,width=8,maps=1,warp_resolution=2";
+            for setting in ["scene.views={kind='all'}", &format!("field={{{field},{encoder}}}")] {
+                assign(&mut table, setting).unwrap();
+            }
+            let config = Config::from_table(table).unwrap();
+            of_scene(&config, &scene).err().map(|fault| fault.to_string())
+        };
+        let views = scene.train.len();
+        assert_eq!(fault(views), None);
+        let message = fault(views + 1).unwrap();
+        let expected = format!("field.encoder.images: expected at most {views}, as many as there are training views");
+        assert!(message.starts_with(&expected), "{message}");
+    }
+
+    #[test]
+    fn cameras_that_face_all_ways_have_no_device_coordinates() {
+        let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
+        let mut scene = load("knot", &request).unwrap();
+        let mut config = Config::from_table(Preset::Fast.table()).unwrap();
+        config.render.space = Space::Ndc;
+        let views = scene.train.clone();
+        scene.train = views[..1].to_vec();
+        scene.all_train_cameras = vec![views[0].camera.clone()];
+        assert_eq!(of_scene(&config, &scene), Ok(()));
+        // Two cameras back to back.
+        let turned = glam::DMat4::from_rotation_y(std::f64::consts::PI);
+        scene.train = vec![views[0].clone(), views[0].clone()];
+        scene.train[1].camera.to_world = views[0].camera.to_world * turned;
+        scene.all_train_cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let message = of_scene(&config, &scene).unwrap_err().to_string();
+        assert!(message.contains("render.space") && message.contains("knot"), "{message}");
+    }
+}
