@@ -264,7 +264,7 @@ mod tests {
                 scenes: vec!["knot".into()],
                 ..Selection::default()
             };
-            Experiment::plan("synthetic-4view", &selection).unwrap().runs.remove(0).load().unwrap()
+            Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0).load().unwrap()
         });
         for (centre, corner) in [(&centre.train, &corner.train), (&centre.test, &corner.test)] {
             let (at, shifted) = (&centre[0].camera, &corner[0].camera);

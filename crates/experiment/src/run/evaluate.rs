@@ -128,7 +128,7 @@ mod tests {
         let noted = |part: &str, set: &[&str]| {
             let set = set.iter().map(|&setting| setting.to_owned()).collect();
             let selection = Selection { scenes: vec!["knot".into()], set, ..Selection::default() };
-            let plan = Experiment::plan("synthetic-4view", &selection).unwrap().runs.remove(0);
+            let plan = Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0);
             notes(&plan, &Scene::default(), 0).iter().any(|note| note.contains(part))
         };
         let unseen =
