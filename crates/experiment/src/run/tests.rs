@@ -53,7 +53,7 @@ fn a_field_that_went_empty_has_no_part_in_the_pictures() {
     let folder = out.path().join(&plan.experiment).join(plan.directory());
     let manifest = folder.join("member1/checkpoint/manifest.json");
     let text = fs::read_to_string(&manifest).unwrap();
-    let (full, empty) = ("\"empty_steps\":0", "\"empty_steps\":50");
+    let (full, empty) = ("\"empty_steps\": 0", "\"empty_steps\": 50");
     assert!(text.contains(full), "{text}");
     fs::write(&manifest, text.replace(full, empty)).unwrap();
     fs::remove_file(plan.record_path(&folder)).unwrap();
