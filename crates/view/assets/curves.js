@@ -44,7 +44,7 @@ function drawCurves(figure, steps, curves, axisOf, suffix = '') {
     make('line', { x1: left, x2: width - right, y1: y(tick), y2: y(tick) }),
     make('text', { x: left - 4, y: y(tick) + 3, 'text-anchor': 'end' }, shortNumber(tick)),
   ]);
-  const color = (i) => (i === 0 ? 'var(--accent)' : `hsl(${(20 + 137.5 * i) % 360} 65% 50%)`);
+  const color = (i) => (i === 0 ? 'var(--accent)' : `hsl(${(207 + 137.5 * i) % 360} 65% 50%)`);
   const lines = curves.map(([name, values], i) => {
     let path = '', gap = true;
     values.forEach((value, k) => {

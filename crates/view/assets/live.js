@@ -25,12 +25,14 @@ class Pane {
   async show(listed) {
     const { run, name } = listed;
     [this.run, this.version] = [run, version(listed)];
-    this.root.querySelector('h1').textContent = name;
+    const title = this.root.querySelector('h1');
+    title.textContent = name;
     try {
       this.stage ??= new Stage(this.root);
       const scene = await ask('field', { run });
       if (this.run !== run) return;
       await this.stage.load(scene, this.scene !== null && place(this.scene) === place(scene));
+      title.textContent = name;
       this.scene = scene;
       align();
     } catch (error) {

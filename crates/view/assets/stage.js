@@ -62,9 +62,10 @@ class Stage {
 
   listen() {
     const { viewer, canvas } = this, pointers = new Map();
+    const group = `mode${[...document.querySelectorAll('.stage')].indexOf(this.root)}`;
     this.find('.modes').replaceChildren(...MODES.map((name, i) => {
       const label = document.createElement('label'), input = document.createElement('input');
-      Object.assign(input, { type: 'radio', name: 'mode', value: name, checked: i === 0 });
+      Object.assign(input, { type: 'radio', name: group, value: name, checked: i === 0 });
       input.addEventListener('change', () => {
         viewer.mode = i;
         this.moved();
