@@ -14,7 +14,7 @@ const FIGURE_EXAMPLES: &str = "\
 Examples:
   infonerf figure runs/synthetic-4view
       runs/synthetic-4view/figure.png: truth, then render and depth of each variant, a row per scene
-  infonerf figure runs/synthetic-4view --view 64 --variant nerf,infonerf --out figure.png
+  infonerf figure runs/synthetic-4view --view 64 --variant nerf --variant infonerf --out figure.png
       two variants from one test view";
 
 /// Put the truth, renders and depths of runs side by side, as papers do.
@@ -28,10 +28,10 @@ pub(crate) struct FigureArgs {
     #[arg(long, value_name = "N")]
     view: Option<usize>,
     /// Scenes to show; by default all.
-    #[arg(long = "scene", value_name = "NAMES", value_delimiter = ',')]
+    #[arg(long = "scene", value_name = "NAME")]
     scenes: Vec<String>,
     /// Variants to show; by default all.
-    #[arg(long = "variant", value_name = "NAMES", value_delimiter = ',')]
+    #[arg(long = "variant", value_name = "NAME")]
     variants: Vec<String>,
     /// File to write; by default figure.png in the folder.
     #[arg(long, value_name = "FILE")]
