@@ -10,7 +10,7 @@ use clap::Args;
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Control, Experiment, Finished, RunEvent, RunPlan, Session, Trained, total_progress};
 use infonerf_report::{
-    Quantity, Record, VIEWER_PAGE, overview_table, protocol_lines, read_records, save_record, write_atomically,
+    Quantity, Record, VIEWER_PAGE, overview_table, read_records, save_record, write_atomically,
     write_report,
 };
 use infonerf_train::{Phase, Trainer};
@@ -238,10 +238,6 @@ fn announce(experiment: &Experiment, session: &Session) {
 }
 
 fn print_table(records: &[Record]) {
-    outln!();
-    for line in protocol_lines(records) {
-        outln!("{line}");
-    }
     outln!("\n{}", fitted(&overview_table(records, &Quantity::all())));
 }
 
