@@ -147,9 +147,7 @@ fn config() {
         ("train.adam_beta2=1.0", &["train.adam_beta2"]),
         ("loss.entropy.weight={from=0.0,to=1.0,end=1.5}", &["loss.entropy.weight", "end"]),
         ("loss.tv.weight=-1.0", &["loss.tv.weight"]),
-        // Keys of earlier versions are refused with their new names.
-        ("train.members=2", &["train.members", "train.ensemble.size"]),
-        ("loss.gain.weight=1e-4", &["loss.gain", "loss.kl"]),
+        ("train.members=2", &["train.members", "iterations"]),
         ("field.kind=cube", &["cube"]),
         ("eval.test=some", &["eval.test", "some"]),
         ("eval.test=first-100000", &["eval.test", "from 1 to 200", "100000"]),

@@ -64,7 +64,7 @@ fn an_experiment_leaves_everything_behind() {
 
     let experiment = place.path("runs/fast-losses");
     let records = records(&experiment);
-    assert_eq!(records.len(), 3);
+    assert_eq!(records.len(), 4);
     for record in &records {
         let found: BTreeSet<&str> = record.as_object().unwrap().keys().map(String::as_str).collect();
         assert_eq!(found, keys().into_iter().collect());
@@ -537,7 +537,7 @@ fn output_that_nobody_reads_loses_nothing() {
 #[test]
 fn a_page_beside_training_says_where_to_look_afterwards() {
     let place = Workplace::new();
-    let exp = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--view", "0"];
+    let exp = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--view=0"];
     let output = place.tiny(&exp).succeeds();
     let said = text(&output.stdout);
     assert!(said.contains("live at http://127.0.0.1:"), "{said}");

@@ -41,8 +41,7 @@ fn pictures_that_do_not_fit_are_one_line() {
     }
     picture("more/0.png", 16);
     picture("more/1.png", 16);
-    picture("masks/0.png", 16);
-    image::GrayImage::new(16, 16).save(place.path("masks/0.png")).unwrap();
+    picture("masks/0.png", 8);
     fs::create_dir(place.path("none")).unwrap();
     for (arguments, part) in [
         (&["--renders", "a", "--truth", "small"][..], "a/0.png"),

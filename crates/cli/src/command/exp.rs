@@ -10,8 +10,7 @@ use clap::Args;
 use infonerf_experiment::sweep::Sweep;
 use infonerf_experiment::{Control, Experiment, Finished, RunEvent, RunPlan, Session, Trained, total_progress};
 use infonerf_report::{
-    Quantity, Record, VIEWER_PAGE, overview_table, read_records, save_record, write_atomically,
-    write_report,
+    Quantity, Record, VIEWER_PAGE, overview_table, read_records, save_record, write_atomically, write_report,
 };
 use infonerf_train::{Phase, Trainer};
 use serde_json::json;
