@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail};
 use clap::{Args, ValueEnum};
-use glam::Vec3;
+use glam::{DMat4, Vec3};
 use infonerf_dataset::{SceneSource, transforms};
 use infonerf_experiment::{RunPlan, Trained, TrainedVolume};
 use infonerf_export::{
@@ -17,7 +17,9 @@ use infonerf_metrics::{Picture, psnr};
 use infonerf_procedural as procedural;
 use infonerf_render::render_image;
 use infonerf_report::{VIEWER_PAGE, write_atomically};
-use infonerf_scene::{Camera, Lens, Scene, interpolate_views, resized_dimensions};
+use infonerf_scene::{Camera, Lens, Scene, ViewRegion, interpolate_views, resized_dimensions};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
 
 use crate::print::{errln, outln};
 use crate::selection::DeviceArgs;
@@ -96,12 +98,13 @@ const TRUTH_SIZE: u32 = 48;
 const RESOLUTION: usize = 256;
 /// Test views on which splats are measured at most.
 const TEST_VIEWS: usize = 8;
-/// Cameras between the training cameras from which depth is rendered, and pictures that splats are fitted to.
+/// Cameras on a path through the training cameras from which depth is rendered.
 const DEPTH_VIEWS: usize = 60;
-const SPLAT_VIEWS: usize = 28;
-/// Longest side of these pictures at most, and steps of the fit.
+/// Pictures that splats are fitted to beside those of the training cameras.
+const SPLAT_VIEWS: usize = 36;
+/// The greatest longest side of these pictures, and steps of the fit.
 const SPLAT_SIDE: u32 = 200;
-const SPLAT_STEPS: usize = 160;
+const SPLAT_STEPS: usize = 240;
 
 pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
     args.check()?;
@@ -209,30 +212,37 @@ fn read(plan: RunPlan, args: &ExportArgs) -> Result<Trained> {
     Ok(trained)
 }
 
-/// The training cameras, and `between` of them on a path through them, with pictures whose longest side is `side` at most.
-fn cameras_around(scene: &Scene, between: usize, side: u32) -> Vec<Camera> {
-    let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+/// Cameras like the first training camera at the training cameras' poses and some `more`, with pictures of at most `side` pixels
+/// along the longest side.
+fn cameras_at(training: &[Camera], more: Vec<DMat4>, side: u32) -> impl Iterator<Item = Camera> {
     let like = &training[0];
     let (width, height) = resized_dimensions(like.width, like.height, like.width.max(like.height).min(side));
-    let poses = training.iter().map(|camera| camera.to_world).chain(interpolate_views(&training, between));
-    poses.map(|pose| like.resized(width, height).with_pose(pose)).collect()
+    let poses = training.iter().map(|camera| camera.to_world).chain(more);
+    poses.map(move |pose| like.resized(width, height).with_pose(pose))
 }
 
-/// Depth as these cameras see it; no finer than the voxels.
+fn training_cameras(scene: &Scene) -> Vec<Camera> {
+    scene.train.iter().map(|view| view.camera.clone()).collect()
+}
+
+/// Depth as rendered from the training cameras and from a path through them; no finer than the voxels.
 fn depth_maps(trained: &Trained, resolution: usize) -> Vec<DepthMap> {
-    let models = trained.models();
+    let (models, training) = (trained.models(), training_cameras(trained.scene()));
     let of_camera = |camera| DepthMap { depth: render_image(trained.renderer(), &models, &camera).depth, camera };
-    cameras_around(trained.scene(), DEPTH_VIEWS, resolution as u32).into_iter().map(of_camera).collect()
+    cameras_at(&training, interpolate_views(&training, DEPTH_VIEWS), resolution as u32).map(of_camera).collect()
 }
 
-/// Pictures of the field for splats to be fitted to, without a lens, as splats have none. Test views have no part in them.
+/// Pictures of the field for splats to be fitted to: from the training cameras and from random poses in the region that they span.
+/// Splats have no lens, so these have none; test views have no part in them.
 fn targets(trained: &Trained) -> Vec<Target> {
-    let models = trained.models();
+    let (models, training) = (trained.models(), training_cameras(trained.scene()));
+    let (region, mut rng) = (ViewRegion::new(&training), ChaCha8Rng::seed_from_u64(0));
+    let poses = (0..SPLAT_VIEWS).map(|_| region.sample(&mut rng)).collect();
     let of_camera = |camera: Camera| {
         let camera = camera.with_lens(Lens::default());
         Target { picture: render_image(trained.renderer(), &models, &camera).rgb, camera }
     };
-    cameras_around(trained.scene(), SPLAT_VIEWS, SPLAT_SIDE).into_iter().map(of_camera).collect()
+    cameras_at(&training, poses, SPLAT_SIDE).map(of_camera).collect()
 }
 
 /// The fields of a run and their densities.
@@ -251,8 +261,7 @@ impl Sampled {
         let resolution = args.resolution.map_or(RESOLUTION, |voxels| voxels as usize);
         let grid = match args.from {
             SurfaceName::Density => {
-                let cameras: Vec<Camera> = trained.scene().train.iter().map(|view| view.camera.clone()).collect();
-                Grid::sample(&volume, resolution, surface_density(&volume, &cameras)?)?
+                Grid::sample(&volume, resolution, surface_density(&volume, &training_cameras(trained.scene()))?)?
             }
             SurfaceName::Depth => Grid::fuse(volume.bounds(), resolution, &depth_maps(&trained, resolution))?,
         };
