@@ -1,4 +1,4 @@
-//! The command line: a list of subcommands, each with its arguments and its body in a file of [`command`].
+//! The command line: a list of subcommands, each with its arguments and its body in a file of `command`.
 
 use std::process::ExitCode;
 
