@@ -141,7 +141,7 @@ fn save(bench: &Bench, rows: &[Row]) -> Result<()> {
         let frame = Frame {
             title: format!("{} over training time, {}, {cores} CPU cores", metric.descriptor.name, all.join(", ")),
             x: Axis::log("training (s)"),
-            y: Axis::linear(&metric.descriptor.heading()),
+            y: Axis::linear(metric.descriptor.heading().trim_end_matches([' ', '↑', '↓'])),
         };
         let of = |name: String| {
             let own = points.iter().filter(|point| point.variant == name);
