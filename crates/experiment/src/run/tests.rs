@@ -56,7 +56,6 @@ fn a_field_that_went_empty_has_no_part_in_the_pictures() {
     let (full, empty) = ("\"empty_steps\": 0", "\"empty_steps\": 50");
     assert!(text.contains(full), "{text}");
     fs::write(&manifest, text.replace(full, empty)).unwrap();
-    fs::remove_file(plan.record_path(&folder)).unwrap();
 
     let (one, fields) = record(out.path(), &plan, Existing::Resume);
     assert!(fields == 1 && !one.collapsed, "{fields} fields");
