@@ -43,7 +43,7 @@ pub(crate) struct ExportArgs {
     /// What to write.
     #[arg(long, value_enum)]
     format: FormatName,
-    /// Voxels along the longest side of the scene's box, 2 to 512, by default 256. A page has fewer if the field is slow, or
+    /// Voxels along the longest side of the scene's box, 2 to 512, by default 256, for splats 128. A page has fewer if the field is slow, or
     /// fills so much that they would be too many.
     #[arg(long, value_parser = clap::value_parser!(u32).range(2..=512))]
     resolution: Option<u32>,
@@ -96,6 +96,8 @@ const FOUND_POINTS: usize = 100_000;
 const TRUTH_SIZE: u32 = 48;
 /// Voxels along the longest side of the scene's box, where the command line does not say how many.
 const RESOLUTION: usize = 256;
+/// The same for splats: finer ones fit no better in the steps that they are refined for.
+const SPLAT_RESOLUTION: usize = 128;
 /// Test views on which splats are measured at most.
 const TEST_VIEWS: usize = 8;
 /// Cameras on a path through the training cameras from which depth is rendered.
@@ -258,7 +260,8 @@ impl Sampled {
     fn read(plan: RunPlan, args: &ExportArgs) -> Result<Self> {
         let trained = read(plan, args)?;
         let volume = trained.volume();
-        let resolution = args.resolution.map_or(RESOLUTION, |voxels| voxels as usize);
+        let usual = if args.format == FormatName::Splat { SPLAT_RESOLUTION } else { RESOLUTION };
+        let resolution = args.resolution.map_or(usual, |voxels| voxels as usize);
         let grid = match args.from {
             SurfaceName::Density => {
                 Grid::sample(&volume, resolution, surface_density(&volume, &training_cameras(trained.scene()))?)?
