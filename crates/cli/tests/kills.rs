@@ -1,4 +1,4 @@
-//! Runs that are killed, starved of disk or of memory, or run twice at once: they go on to the unbroken run's numbers, or
+//! Runs that are killed, starved of disk or of memory, or run twice at once: resumed, they reach the unbroken run's numbers, or
 //! say in one line what is wrong.
 //!
 //! `INFONERF_KILLS=50 cargo test --release --workspace --test kills -- --nocapture` is the long form.

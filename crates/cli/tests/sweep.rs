@@ -178,7 +178,7 @@ fn hopeless_settings_are_stopped_early() {
     assert!(!kept.contains("nerf_train.lr_0"), "{kept:?}");
     let report = fs::read_to_string(folder(&place, "runs").join("report.md")).unwrap();
     assert!(report.contains("stopped early"), "{report}");
-    // Stopped runs are saved: without halving the sweep goes on with them, and ends where one without would.
+    // Stopped runs are saved: without halving the sweep resumes them, and ends where one that never stopped would.
     let whole = |place: &Workplace, out: &str| {
         let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", out];
         let grid = ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12"];

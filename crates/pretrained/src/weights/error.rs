@@ -60,9 +60,7 @@ pub enum WeightsError {
         expected: u64,
     },
     /// The file did not arrive in full.
-    #[error(
-        "{url}: the connection ended after {done} of {total} bytes; what has arrived is kept, so try again to go on"
-    )]
+    #[error("{url}: the connection ended after {done} of {total} bytes; what has arrived is kept; try again to resume")]
     Truncated {
         /// What was asked for.
         url: String,

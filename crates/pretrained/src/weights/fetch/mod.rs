@@ -27,7 +27,7 @@ const PATIENCE: Duration = Duration::from_secs(30);
 
 impl Store {
     /// Downloads the weights called `name` and their companions, unless they are here already: checks the sum of each file
-    /// and keeps what is needed of it in the first folder, as [`Store::import`] does. A download that was cut off goes on
+    /// and keeps what is needed of it in the first folder, as [`Store::import`] does. A download that was cut off resumes
     /// where it ended. Gives the files.
     ///
     /// # Errors
@@ -89,7 +89,7 @@ fn download(weights: &KnownWeights, part: &Path, progress: &mut dyn FnMut(Progre
     let mut chunk = vec![0; CHUNK];
     while done < weights.bytes {
         progress(Progress { weights: weights.name, done, total: weights.bytes });
-        // A connection that breaks is one that ends early: what has arrived stays, and the next attempt goes on from there.
+        // A connection that breaks is one that ends early: what has arrived stays, and the next attempt resumes there.
         let count = body.read(&mut chunk).unwrap_or(0);
         if count == 0 {
             return Err(WeightsError::Truncated { url: weights.url.to_owned(), done, total: weights.bytes });

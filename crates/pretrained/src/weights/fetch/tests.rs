@@ -115,7 +115,7 @@ fn what_was_cut_off_goes_on_where_it_ended() {
     let (weights, folder) = (published(url.clone(), FILE), Folder::new());
     for done in [1000, 3000] {
         let expected = format!(
-            "{url}: the connection ended after {done} of {} bytes; what has arrived is kept, so try again to go on",
+            "{url}: the connection ended after {done} of {} bytes; what has arrived is kept; try again to resume",
             FILE.len()
         );
         assert_eq!(folder.fetch(&weights), Err(expected));
