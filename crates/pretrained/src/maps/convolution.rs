@@ -6,6 +6,7 @@ use infonerf_ops::has_host_kernels;
 use nalgebra::{DMatrixView, DMatrixViewMut};
 use rayon::prelude::*;
 
+use super::winograd::Winograd;
 use super::{HostMaps, Maps, Window};
 
 /// A convolution with fixed weights and the rectifier behind it, `max(0, W ∗ x + b)`.
@@ -17,6 +18,8 @@ pub(crate) struct Convolution {
 }
 
 enum Weights {
+    /// Of a convolution that is worth it.
+    Tiles(Winograd),
     /// `[kh, kw, inputs, outputs]`.
     Host { weight: Vec<f32>, bias: Vec<f32> },
     /// `[outputs, inputs, kh, kw]`, and the bias.
@@ -45,7 +48,11 @@ impl Convolution {
                 let (output, input, place) = (at / (inputs * places), at / places % inputs, at % places);
                 turned[(place * inputs + input) * outputs + output] = value;
             }
-            Weights::Host { weight: turned, bias }
+            if window == Window::square(3, 1, 1) && Winograd::suits(channels) {
+                Weights::Tiles(Winograd::new(channels, &turned, bias))
+            } else {
+                Weights::Host { weight: turned, bias }
+            }
         } else {
             let shape = [outputs, inputs, window.kernel[0], window.kernel[1]];
             let weight = Tensor::from_data(TensorData::new(weight, shape), device);
@@ -59,6 +66,7 @@ impl Convolution {
     pub(crate) fn forward(&self, x: &Maps) -> Maps {
         match (x, &self.weights) {
             (Maps::Host(x), Weights::Host { weight, bias }) => Maps::Host(self.on_host(x, weight, bias)),
+            (Maps::Host(x), Weights::Tiles(tiles)) => Maps::Host(tiles.forward(x)),
             (Maps::Device(x), Weights::Device(weights)) => {
                 let (weight, bias) = weights.as_ref().clone();
                 let Window { stride, padding, .. } = self.window;

@@ -9,6 +9,7 @@ mod convolution;
 mod host;
 mod pool;
 mod window;
+mod winograd;
 
 pub(crate) use concatenate::concatenate;
 pub(crate) use convolution::Convolution;
@@ -68,12 +69,16 @@ pub(crate) mod tests {
 
     /// Both bodies of `layer` on maps of `shape`, `[n, height, width, channels]`.
     fn compare(shape: [usize; 4], layer: impl Fn(&Maps, &Device) -> Maps) {
+        compare_within(1e-5, shape, layer);
+    }
+
+    fn compare_within(epsilon: f32, shape: [usize; 4], layer: impl Fn(&Maps, &Device) -> Maps) {
         let of =
             |device: &Device| values(&layer(&Maps::new(numbers(shape.iter().product(), 1), shape, device), device));
         let [(host_shape, host), (shape, expected)] = devices().map(|device| of(&device));
         assert_eq!(host_shape, shape);
         for (host, expected) in host.iter().zip(&expected) {
-            approx::assert_relative_eq!(host, expected, epsilon = 1e-5, max_relative = 1e-5);
+            approx::assert_relative_eq!(host, expected, epsilon = epsilon, max_relative = epsilon);
         }
         assert!(expected.iter().any(|value| *value != 0.0));
     }
@@ -111,6 +116,17 @@ pub(crate) mod tests {
         compare([1, 70, 61, 4], |x, device| {
             Convolution::new(window, [4, 6], (numbers(6 * 4 * 9, 2), numbers(6, 3)), device).forward(x)
         });
+    }
+
+    #[test]
+    fn tiles_and_what_they_reach_beyond_agree() {
+        for size in [[4, 4], [13, 9], [70, 61]] {
+            // Sums of 144 products of up to 1, of which little is left: 1e-5 of their absolute values.
+            compare_within(2e-4, [2, size[0], size[1], 16], |x, device| {
+                let weights = (numbers(32 * 16 * 9, 2), numbers(32, 3));
+                Convolution::new(Window::square(3, 1, 1), [16, 32], weights, device).forward(x)
+            });
+        }
     }
 
     #[test]
