@@ -19,7 +19,7 @@ const OUT: usize = 4;
 /// Numbers of transformed tiles, inputs and outputs, that a thread holds at a time.
 const HELD: usize = 1 << 20;
 /// Fewest tiles that are multiplied with the weights at a time, which are read once for all of them.
-const FEWEST: usize = 48;
+const FEWEST: usize = 128;
 
 type Lanes = [f32; LANES];
 
