@@ -9,6 +9,9 @@ run := "cargo run --release " + if features == "" { "--" } else { "--features " 
 # What `test-gpu` builds, beside the tests.
 program := env_var_or_default("CARGO_TARGET_DIR", "target") + "/release/infonerf"
 
+# What `python` installs into.
+environment := env_var_or_default("CARGO_TARGET_DIR", justfile_directory() + "/target") + "/python"
+
 [private]
 default:
     @just --list
@@ -46,6 +49,21 @@ lint:
 # Documentation of all crates
 doc:
     RUSTDOCFLAGS='-D warnings' cargo doc --release --workspace --no-deps
+
+# The documents as a book with search, the crates' documentation in it: needs mdbook 0.5 (cargo install mdbook) and Python 3.11
+book: doc
+    scripts/book
+
+# The Python package: its tests, notebook and types, with NumPy and pandas in an environment of their own
+python:
+    python3 -m venv {{ environment }}
+    {{ environment }}/bin/pip install --quiet mypy numpy pandas pandas-stubs
+    {{ environment }}/bin/mypy
+    PYTHON={{ environment }}/bin/python cargo test --release --workspace --test python -- --nocapture
+
+# A wheel with the program and the Python package, in dist/: needs maturin (pip install maturin)
+wheel *ARGS:
+    maturin build --release --locked --out dist "$@"
 
 # Everything that a change has to pass
 ci:

@@ -1,0 +1,127 @@
+"""The package against the program: `just python`, or `cargo test --release --workspace --test python`."""
+
+import sys
+import tempfile
+import unittest
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, TypeVar
+
+import infonerf
+from infonerf._program import Event, Option, arguments
+
+Test = TypeVar("Test", bound=Callable[..., None])
+
+TINY: dict[str, object] = {
+    "train.iterations": 40,
+    "train.rays": 64,
+    "train.target_samples": 1000,
+    "scene.size": 24,
+    "eval.test": "first-2",
+    "eval.information_rays": 0,
+    "field.resolutions": [4, 8, 16],
+    "field.width": 16,
+    "field.layers": 1,
+    "render.occupancy.resolution": 16,
+    "render.samples": {"from": 12, "to": 24, "end": 0.5, "curve": "exponential"},
+}
+
+
+def needs(*modules: str) -> Callable[[Test], Test]:
+    missing = [module for module in modules if find_spec(module) is None]
+    return unittest.skipIf(bool(missing), f"{' and '.join(missing)} not installed")
+
+
+class Runs(unittest.TestCase):
+    out: Path
+    events: list[Event]
+    records: list[infonerf.Row]
+
+    @classmethod
+    def setUpClass(cls) -> None:
+        folder = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(folder.cleanup)
+        cls.out = Path(folder.name)
+        cls.events = []
+        cls.records = infonerf.run(
+            "fast-losses", scene="crane", variant=["nerf", "infonerf+"], set=TINY, out=cls.out, on_event=cls.events.append
+        )
+
+    def test_a_run_tells_its_events_and_returns_its_records(self) -> None:
+        self.assertEqual([record["variant"] for record in self.records], ["nerf", "infonerf+"])
+        self.assertEqual({record["iterations"] for record in self.records}, {40})
+        kinds = [event["event"] for event in self.events]
+        self.assertEqual((kinds[0], kinds[-1], kinds.count("record")), ("loading", "finished", 2))
+        self.assertIn("step", kinds)
+
+    def test_rows_are_the_records_with_their_folders(self) -> None:
+        self.assertEqual(infonerf.rows(self.out), self.records)
+        self.assertEqual(infonerf.rows(self.out / "fast-losses" / "results.json"), self.records)
+        for record in self.records:
+            self.assertTrue(Path(record["folder"], "config.toml").is_file())
+
+    @needs("pandas")
+    def test_results_are_a_data_frame(self) -> None:
+        frame = infonerf.results(self.out)
+        self.assertEqual(list(frame["psnr"]), [record["psnr"] for record in self.records])
+        self.assertEqual(list(frame["test_views.count"]), [2, 2])
+
+    @unittest.skipUnless(find_spec("pandas") is None, "pandas is installed")
+    def test_results_ask_for_pandas(self) -> None:
+        with self.assertRaises(ImportError):
+            infonerf.results(self.out)
+
+    @needs("numpy")
+    def test_a_grid_has_the_scene_in_it(self) -> None:
+        grid = infonerf.grid(self.records[1]["folder"], resolution=12)
+        self.assertEqual(max(grid.density.shape), 12)
+        self.assertEqual(grid.color.shape, (*grid.density.shape, 3))
+        alpha, points = grid.opacity(), grid.points(0.01)
+        self.assertTrue(((alpha >= 0) & (alpha <= 1)).all())
+        self.assertEqual(len(points), (alpha >= 0.01).sum())
+        far = grid.origin + grid.voxel * (max(grid.density.shape) - 1)
+        self.assertTrue(((points >= grid.origin) & (points <= far + 1e-5)).all())
+
+    def test_what_cannot_be_run_is_the_programs_message(self) -> None:
+        with self.assertRaisesRegex(infonerf.ProgramError, "^nothing: expected an experiment file or one of") as raised:
+            infonerf.run("nothing", out=self.out)
+        self.assertEqual(raised.exception.code, 2)
+        with self.assertRaisesRegex(infonerf.ProgramError, "unexpected argument '--scenes'"):
+            infonerf.run("fast-losses", scenes="crane", out=self.out)
+        with self.assertRaisesRegex(FileNotFoundError, "expected a results.json"):
+            infonerf.rows(self.out / "fast-losses" / "crane")
+
+    def test_what_stops_the_caller_stops_the_program_and_is_resumed(self) -> None:
+        def stop(event: Event) -> None:
+            if event["event"] == "step":
+                raise KeyboardInterrupt
+
+        longer = {**TINY, "train.iterations": 500}
+        options: dict[str, Any] = {"scene": "crane", "variant": "nerf", "out": self.out / "stopped", "set": longer}
+        with self.assertRaises(KeyboardInterrupt):
+            infonerf.run("fast-losses", on_event=stop, **options)
+        if sys.platform != "win32":
+            (record,) = infonerf.run("fast-losses", resume=True, **options)
+            self.assertEqual(record["iterations"], 500)
+
+
+class Options(unittest.TestCase):
+    def test_options_are_those_of_the_command_line(self) -> None:
+        options: dict[str, Option] = {
+            "scene": ["a", "b"],
+            "seed": range(2),
+            "resume": True,
+            "quiet": False,
+            "data": None,
+            "submit_option": Path("x"),
+            "set": {"eval.test": "all", "a.b": True, "c": {"from": 1e-3, "curve": "linear"}, "d": [1, 2]},
+        }
+        expected = (
+            "--scene=a --scene=b --seed=0 --seed=1 --resume --submit-option=x --set=eval.test=all --set=a.b=true"
+        ).split() + ['--set=c={ from = 0.001, curve = "linear" }', "--set=d=[1, 2]"]
+        self.assertEqual(arguments(options), expected)
+
+
+if __name__ == "__main__":
+    unittest.main()
