@@ -48,6 +48,7 @@ enum Figure {
 struct Protocol {
     scenes: Option<String>,
     images: Option<String>,
+    train_views: Option<String>,
     test_views: Option<String>,
     view_sets: Option<String>,
     field: Option<String>,
@@ -88,6 +89,7 @@ impl Protocol {
     /// Ours.
     fn of(runs: &[&RunPlan]) -> Self {
         let all = |describe: fn(&RunPlan) -> String| Some(distinct(runs, describe).join(" or "));
+        let views = |plan: &RunPlan| plan.config.scene.views.count();
         let own = if runs.iter().any(|plan| plan.data.is_none()) { "built-in: " } else { "" };
         let seeds = distinct(runs, |plan| plan.seed.to_string()).len();
         Self {
@@ -96,6 +98,10 @@ impl Protocol {
                 0 => "as they are".into(),
                 size => format!("{size} pixels"),
             }),
+            train_views: runs
+                .iter()
+                .all(|plan| views(plan).is_some())
+                .then(|| distinct(runs, |plan| views(plan).unwrap_or_default().to_string()).join(" or ")),
             test_views: all(|plan| plan.config.eval.test.to_string()),
             view_sets: Some(format!("{seeds}")),
             field: all(|plan| plan.config.field.to_string()),
@@ -120,6 +126,7 @@ impl Protocol {
         let both = [
             ("Scenes", &ours.scenes, &self.scenes),
             ("Images", &ours.images, &self.images),
+            ("Training views", &ours.train_views, &self.train_views),
             ("Test views", &ours.test_views, &self.test_views),
             ("Sets of training views", &ours.view_sets, &self.view_sets),
             ("Field", &ours.field, &self.field),
@@ -194,6 +201,19 @@ mod tests {
         assert!(published.footnotes.contains(&"Sets of training views: 0 here; 5 in the paper.".into()));
         assert_eq!(published.footnotes.last().map(String::as_str), Some("n"));
         assert!(toml::from_str::<Paper>("source = 'x'\npages = 3").is_err());
+    }
+
+    #[test]
+    fn other_training_views_than_the_papers_are_said() {
+        let said = |set: &[&str]| {
+            let selection =
+                Selection { set: set.iter().map(|&text| text.to_owned()).collect(), ..Selection::default() };
+            let plan = Experiment::plan("synthetic-4view", &selection).unwrap();
+            let published = plan.about.paper.unwrap().beside(&plan.runs.iter().collect::<Vec<_>>());
+            published.footnotes.into_iter().find(|note| note.starts_with("Training views"))
+        };
+        assert_eq!(said(&[]), None);
+        assert_eq!(said(&["scene.views=26,86"]).as_deref(), Some("Training views: 2 here; 4 in the paper."));
     }
 
     /// Every term that is on is reported, whichever it is.

@@ -131,7 +131,7 @@ impl<'de> Deserialize<'de> for Views {
 
 impl Views {
     /// How many they are, where that does not depend on the scene.
-    pub(super) fn count(&self) -> Option<usize> {
+    pub fn count(&self) -> Option<usize> {
         match self {
             Self::Seed { count } | Self::Farthest { count } | Self::Narrow { count, .. } | Self::Wide { count } => {
                 Some(*count)
