@@ -3,7 +3,7 @@
 //! A [`SceneSource`] (a folder, or the name of a built-in scene) and a [`SceneRequest`](infonerf_scene::SceneRequest)
 //! (which views, at which size, on which background) give a [`Scene`](infonerf_scene::Scene) through [`load`]. [`info`]
 //! and [`check()`] look at a folder before training, [`export()`] writes built-in scenes in the same formats, and
-//! [`from_images`] poses photographs with an installed COLMAP.
+//! [`from_images`] finds the poses of photographs.
 //!
 //! ```
 //! use infonerf_dataset::{SceneSource, load};

@@ -33,10 +33,13 @@ pub(crate) enum SceneCommand {
         /// Folder of the scene
         dir: PathBuf,
     },
-    /// Find the poses of photographs with the installed `colmap`; writes DIR/sparse/0.
+    /// Find the poses of photographs, with `colmap` where it is installed; writes DIR/sparse/0.
     FromImages {
         /// Folder of the photographs
         dir: PathBuf,
+        /// Do not look for `colmap`
+        #[arg(long)]
+        without_colmap: bool,
     },
     /// Export a built-in scene in the format of a published data set.
     Export {
@@ -61,8 +64,8 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
         SceneCommand::List => procedural::NAMES.iter().for_each(|name| outln!("{name}")),
         SceneCommand::Info { dir, json, page } => show(dir, *json, page.as_deref())?,
         SceneCommand::Check { dir } => warn(dir)?,
-        SceneCommand::FromImages { dir } => {
-            from_images(dir, |line| outln!("{line}"))?;
+        SceneCommand::FromImages { dir, without_colmap } => {
+            from_images(dir, *without_colmap, |line| outln!("{line}"))?;
             show(dir, false, None)?;
         }
         SceneCommand::Export { name, dir, format, size } => {

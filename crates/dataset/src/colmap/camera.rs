@@ -40,7 +40,7 @@ pub struct ColmapCamera {
 
 impl ColmapCamera {
     /// Checks the numbers of a camera. `path` and `place` are what an error names.
-    pub(super) fn new(
+    pub(crate) fn new(
         path: &Path,
         place: &str,
         model: usize,

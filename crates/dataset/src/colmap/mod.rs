@@ -3,6 +3,7 @@
 pub(crate) mod binary;
 mod camera;
 pub(crate) mod text;
+mod write;
 
 pub use camera::{ColmapCamera, MODELS};
 
@@ -124,6 +125,14 @@ pub(crate) fn opengl(axes: DMat3, position: DVec3) -> DMat4 {
     )
 }
 
+/// COLMAP's world-to-camera quaternion (w, x, y, z) and translation: the inverse of [`pose`].
+fn world_to_camera(pose: &DMat4) -> ([f64; 4], [f64; 3]) {
+    let axes = DMat3::from_cols(pose.x_axis.truncate(), -pose.y_axis.truncate(), -pose.z_axis.truncate());
+    let turned = axes.transpose();
+    let q = DQuat::from_mat3(&turned).normalize();
+    ([q.w, q.x, q.y, q.z], (-(turned * pose.w_axis.truncate())).to_array())
+}
+
 /// Every image must have a camera.
 fn check(path: &Path, read: Reconstruction) -> Result<Reconstruction, SceneError> {
     for image in &read.images {
@@ -146,49 +155,8 @@ pub(crate) mod testing {
 
     use super::*;
 
-    fn quaternion(pose: &DMat4) -> ([f64; 4], [f64; 3]) {
-        let axes = DMat3::from_cols(pose.x_axis.truncate(), -pose.y_axis.truncate(), -pose.z_axis.truncate());
-        let turned = axes.transpose();
-        let q = DQuat::from_mat3(&turned).normalize();
-        let t = -(turned * pose.w_axis.truncate());
-        ([q.w, q.x, q.y, q.z], t.to_array())
-    }
-
     pub fn write_binary(dir: &Path, all: &Reconstruction) {
-        fs::create_dir_all(dir).unwrap();
-        let mut out = (all.cameras.len() as u64).to_le_bytes().to_vec();
-        for (id, camera) in &all.cameras {
-            out.extend(id.to_le_bytes());
-            out.extend((camera.model as i32).to_le_bytes());
-            out.extend(u64::from(camera.width).to_le_bytes());
-            out.extend(u64::from(camera.height).to_le_bytes());
-            out.extend(camera.parameters.iter().flat_map(|p| p.to_le_bytes()));
-        }
-        fs::write(dir.join("cameras.bin"), out).unwrap();
-        let mut out = (all.images.len() as u64).to_le_bytes().to_vec();
-        for image in &all.images {
-            let (q, t) = quaternion(&image.pose);
-            out.extend(image.id.to_le_bytes());
-            out.extend(q.iter().chain(&t).flat_map(|v| v.to_le_bytes()));
-            out.extend(image.camera.to_le_bytes());
-            out.extend(image.name.bytes().chain([0]));
-            out.extend((image.observations.len() as u64).to_le_bytes());
-            for (p, id) in &image.observations {
-                out.extend([p.x, p.y].iter().flat_map(|v| v.to_le_bytes()));
-                out.extend(id.to_le_bytes());
-            }
-        }
-        fs::write(dir.join("images.bin"), out).unwrap();
-        let mut out = (all.points.len() as u64).to_le_bytes().to_vec();
-        for (id, p) in &all.points {
-            out.extend(id.to_le_bytes());
-            out.extend(p.to_array().iter().flat_map(|v| v.to_le_bytes()));
-            out.extend([1, 2, 3]);
-            out.extend(0.5f64.to_le_bytes());
-            out.extend(1u64.to_le_bytes());
-            out.extend([0; 8]);
-        }
-        fs::write(dir.join("points3D.bin"), out).unwrap();
+        all.write(dir, |_| [1, 2, 3]).unwrap();
     }
 
     pub fn write_text(dir: &Path, all: &Reconstruction) {
@@ -202,7 +170,7 @@ pub(crate) mod testing {
         fs::write(dir.join("cameras.txt"), out).unwrap();
         let mut out = "# Image list\n".to_owned();
         for image in &all.images {
-            let (q, t) = quaternion(&image.pose);
+            let (q, t) = world_to_camera(&image.pose);
             out += &format!("{} {} {} {} {}\n", image.id, join(&q), join(&t), image.camera, image.name);
             let seen = image.observations.iter().map(|(p, id)| format!("{} {} {id}", p.x, p.y));
             out += &(seen.chain(["3.5 4.5 -1".to_owned()]).collect::<Vec<_>>().join(" ") + "\n");

@@ -1,4 +1,4 @@
-//! From photographs to poses, by an installed COLMAP.
+//! Poses by an installed COLMAP.
 
 use std::collections::VecDeque;
 use std::ffi::OsString;
@@ -10,48 +10,42 @@ use std::sync::mpsc;
 use std::thread;
 
 use infonerf_scene::SceneError;
-use infonerf_scene::image::{heic_error, is_heic};
 
 /// The program, as it is looked for in the folders of PATH.
 const PROGRAM: &str = "colmap";
 /// Lines of the program's output that an error repeats.
 const REPEATED: usize = 3;
-/// Below this many images no pose can be found.
-const FEWEST: usize = 2;
 
-/// Finds the poses of the photographs in `dir` (or in `dir/images`) with an installed `colmap`, and writes them to
-/// `dir/sparse`, where [`crate::load`] finds them. `progress` is given the name of each step and each line that the
-/// program prints.
+/// Finds the poses of the photographs in the folder `images` with `program`, and writes them to `dir/sparse`. `progress` is
+/// given the name of each step and each line that the program prints.
 ///
 /// The settings are for few images: one lens for all with one coefficient of distortion (a few photographs do not tell more,
 /// and the mapper then finds absurd ones, with most photographs left without a pose), affine-invariant features, guided exhaustive matching, and a mapper
 /// that starts from pairs with little parallax.
 ///
 /// # Errors
-/// There are fewer than two images; there is no `colmap`; `dir/sparse` is there already; a step fails; or the photographs
-/// do not overlap enough for a reconstruction.
-pub fn from_images(dir: &Path, mut progress: impl FnMut(&str)) -> Result<(), SceneError> {
-    let images = image_folder(dir)?;
-    if dir.join("sparse").exists() {
-        let expected = "a folder without a reconstruction; remove this one to make another";
-        return Err(SceneError::malformed(&dir.join("sparse"), expected, "it exists"));
-    }
-    let program = program(std::env::var_os("PATH"))?;
+/// A step fails; or the photographs do not overlap enough for a reconstruction. Nothing is left of it then.
+pub(super) fn pose(
+    program: &Path,
+    dir: &Path,
+    images: &Path,
+    mut progress: &mut impl FnMut(&str),
+) -> Result<(), SceneError> {
     let (database, sparse) = (dir.join("colmap.db"), dir.join("sparse"));
     fs::create_dir_all(&sparse).map_err(|e| SceneError::io(&sparse, e))?;
-    let done = steps(&images, &database, &sparse).iter().try_for_each(|(step, arguments)| {
+    let done = steps(images, &database, &sparse).iter().try_for_each(|(step, arguments)| {
         progress(step);
         let mut help = String::new();
         // A program without help is given all options, and says itself what it does not know.
-        let _ = run(&program, step, &[step.into(), "-h".into()], &mut |line: &str| help += line);
-        run(&program, step, &accepted(arguments, &help), &mut progress)
+        let _ = run(program, step, &[step.into(), "-h".into()], &mut |line: &str| help += line);
+        run(program, step, &accepted(arguments, &help), &mut progress)
     });
     let found = done.and_then(|()| {
         if crate::colmap::find(dir).is_some() {
             return Ok(());
         }
         let expected = "photographs that overlap enough to find their poses";
-        Err(SceneError::malformed(&images, expected, "colmap made no reconstruction of them"))
+        Err(SceneError::malformed(images, expected, "colmap made no reconstruction of them"))
     });
     if found.is_err() {
         // Nothing is left that the next attempt would stumble over; what cannot be removed says so then.
@@ -141,52 +135,10 @@ fn accepted(arguments: &[OsString], help: &str) -> Vec<OsString> {
     kept
 }
 
-/// `dir/images` if it is there, else `dir`.
-fn photograph_folder(dir: &Path) -> PathBuf {
-    let below = dir.join("images");
-    if below.is_dir() { below } else { dir.to_owned() }
-}
-
-/// What to do with the photographs in `dir`, if it has some, before they are a scene.
-pub(crate) fn unposed(dir: &Path) -> Option<SceneError> {
-    let folder = photograph_folder(dir);
-    if crate::loaders::list_images(&folder).ok()?.is_empty() {
-        return heic(&folder);
-    }
-    let reason = format!("these are photographs: `infonerf scene from-images {}` finds their poses", dir.display());
-    Some(SceneError::malformed(dir, "a scene with poses", reason))
-}
-
-/// The fault of a folder whose photographs are HEICs.
-fn heic(folder: &Path) -> Option<SceneError> {
-    let found = fs::read_dir(folder).ok()?.find_map(|entry| entry.ok().filter(|entry| is_heic(&entry.path())))?;
-    Some(heic_error(&found.path()))
-}
-
-/// The folder of photographs, with at least [`FEWEST`] images in it.
-fn image_folder(dir: &Path) -> Result<PathBuf, SceneError> {
-    let folder = photograph_folder(dir);
-    if !folder.is_dir() {
-        return Err(SceneError::NotFound { path: folder, expected: "a folder of photographs".into() });
-    }
-    let count = crate::loaders::list_images(&folder)?.len();
-    if count < FEWEST {
-        if let Some(error) = heic(&folder) {
-            return Err(error);
-        }
-        return Err(SceneError::malformed(&folder, "at least two PNG or JPEG photographs", format!("it has {count}")));
-    }
-    Ok(folder)
-}
-
 /// The program in the first folder of `path` that has it.
-fn program(path: Option<OsString>) -> Result<PathBuf, SceneError> {
-    let path = path.unwrap_or_default();
+pub(super) fn program(path: Option<OsString>) -> Option<PathBuf> {
     let name = format!("{PROGRAM}{}", std::env::consts::EXE_SUFFIX);
-    std::env::split_paths(&path).map(|folder| folder.join(&name)).find(|p| p.is_file()).ok_or_else(|| {
-        let expected = "COLMAP on PATH; on Debian and Ubuntu `apt install colmap`, on macOS `brew install colmap`";
-        SceneError::NotFound { path: PROGRAM.into(), expected: expected.into() }
-    })
+    std::env::split_paths(&path?).map(|folder| folder.join(&name)).find(|p| p.is_file())
 }
 
 /// Runs one step, handing on every line that it prints. Without a screen.
@@ -231,26 +183,6 @@ fn run(program: &Path, step: &str, arguments: &[OsString], progress: &mut impl F
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn without_colmap_one_line_says_how_to_get_it() {
-        for path in [None, Some("/nowhere".into())] {
-            let text = program(path).unwrap_err().to_string();
-            assert!(text.contains("colmap: not found; expected COLMAP on PATH") && !text.contains('\n'), "{text}");
-        }
-    }
-
-    #[test]
-    fn a_folder_without_photographs_is_refused() {
-        let guard = tempfile::tempdir().unwrap();
-        let text = from_images(guard.path(), |_| {}).unwrap_err().to_string();
-        assert!(text.contains("at least two PNG or JPEG photographs: it has 0"), "{text}");
-        fs::write(guard.path().join("IMG_1.HEIC"), "").unwrap();
-        let text = from_images(guard.path(), |_| {}).unwrap_err().to_string();
-        assert!(text.contains("IMG_1.HEIC: expected PNG or JPEG: HEIC is not read; convert it"), "{text}");
-        assert_eq!(unposed(guard.path()).unwrap().to_string(), text);
-        assert!(from_images(&guard.path().join("none"), |_| {}).unwrap_err().to_string().contains("not found"));
-    }
 
     #[test]
     fn options_are_those_of_the_installed_version() {

@@ -1,0 +1,236 @@
+//! Poses by `infonerf-sfm`.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::BufReader;
+use std::path::{Path, PathBuf};
+
+use glam::DVec2;
+use infonerf_scene::image::dimensions;
+use infonerf_scene::{Image, SceneError, resized_dimensions};
+use infonerf_sfm::{Grey, Photograph, Settings, focal, reconstruct};
+use rayon::prelude::*;
+
+use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction, opengl};
+
+/// The longest side, in pixels, of the images in which features are looked for.
+const LONGEST: u32 = 1600;
+/// Photographs that are decoded at a time: twelve million pixels take 350 MB while they are.
+const AT_ONCE: usize = 4;
+/// Below this many photographs with a pose there is no scene.
+const FEWEST: usize = 2;
+/// COLMAP's number of the lens model SIMPLE_RADIAL.
+const SIMPLE_RADIAL: usize = 2;
+
+/// Finds the poses of the photographs in the folder `images`, and writes those of them that have one to `sparse/0`.
+/// `progress` is told what is done, and of each photograph without a pose why.
+///
+/// # Errors
+/// An image cannot be read or has another size; or fewer than two can be placed. Nothing is written then.
+pub(super) fn pose(images: &Path, sparse: &Path, mut progress: impl FnMut(&str)) -> Result<(), SceneError> {
+    let paths = crate::loaders::list_images(images)?;
+    let size = one_size(&paths)?;
+    progress(&format!("finding the poses of {} photographs", paths.len()));
+    let mut photographs = Vec::new();
+    for some in paths.chunks(AT_ONCE) {
+        photographs.extend(some.par_iter().map(|path| Small::read(path)).collect::<Result<Vec<_>, _>>()?);
+    }
+    let fault =
+        |reason: String| SceneError::malformed(images, "photographs that overlap enough to find their poses", reason);
+    let input: Vec<Photograph> = photographs.iter().map(Small::photograph).collect();
+    let found = reconstruct(&input, &Settings::default(), &mut progress).map_err(fault)?;
+    let mut lost = Vec::new();
+    for (path, pose) in paths.iter().zip(&found.poses) {
+        let state = match pose {
+            Ok(_) => "placed".to_owned(),
+            Err(reason) => format!("not placed: {reason}"),
+        };
+        let line = format!("{}: {state}", name(path));
+        progress(&line);
+        lost.extend(pose.is_err().then_some(line));
+    }
+    if paths.len() - lost.len() < FEWEST {
+        return Err(fault(lost.swap_remove(0)));
+    }
+    let reduced = f64::from(size.0) / input[0].image.width as f64;
+    let lens = [found.lens.focal * reduced, f64::from(size.0) / 2.0, f64::from(size.1) / 2.0, found.lens.k1];
+    let camera = ColmapCamera::new(images, "camera", SIMPLE_RADIAL, size, lens.to_vec())?;
+    let mut all = Reconstruction {
+        cameras: BTreeMap::from([(1, camera)]),
+        images: Vec::new(),
+        points: (1u64..).zip(found.points.iter().map(|point| point.position)).collect(),
+    };
+    for (i, pose) in found.poses.iter().enumerate() {
+        let Ok(pose) = pose else { continue };
+        let observations = (1u64..).zip(&found.points).flat_map(|(id, point)| {
+            point.seen.iter().filter(|(by, _)| *by == i).map(move |(_, pixel)| (*pixel * reduced, id))
+        });
+        all.images.push(ColmapImage {
+            id: i as u32 + 1,
+            name: name(&paths[i]),
+            camera: 1,
+            pose: opengl(pose.rotation.transpose(), pose.centre()),
+            observations: observations.collect(),
+        });
+    }
+    let colour = |id: u64| {
+        let (by, pixel) = found.points[id as usize - 1].seen[0];
+        photographs[by].colour(pixel)
+    };
+    let written = all.write(&sparse.join("0"), colour);
+    if written.is_err() {
+        let _ = fs::remove_dir_all(sparse);
+    }
+    written
+}
+
+fn name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// The size of all images.
+fn one_size(paths: &[PathBuf]) -> Result<(u32, u32), SceneError> {
+    let first = dimensions(&paths[0])?;
+    for path in &paths[1..] {
+        let size = dimensions(path)?;
+        if size != first {
+            let expected = format!("{}×{} pixels, as {} has", first.0, first.1, name(&paths[0]));
+            return Err(SceneError::malformed(path, expected, format!("{}×{}", size.0, size.1)));
+        }
+    }
+    Ok(first)
+}
+
+/// A photograph at most [`LONGEST`] pixels long.
+struct Small {
+    width: usize,
+    height: usize,
+    rgb: Vec<[u8; 3]>,
+    focal: Option<f64>,
+}
+
+impl Small {
+    fn read(path: &Path) -> Result<Self, SceneError> {
+        let focal = File::open(path).ok().and_then(|file| focal(&mut BufReader::new(file)));
+        let image = Image::read(path, [1.0; 3])?;
+        let (width, height) = resized_dimensions(image.width, image.height, image.width.max(image.height).min(LONGEST));
+        let rgb = image.resized(width, height).to_rgb8().as_chunks().0.to_vec();
+        Ok(Self { width: width as usize, height: height as usize, rgb, focal })
+    }
+
+    fn photograph(&self) -> Photograph {
+        let luma = |c: &[u8; 3]| (0.299 * f32::from(c[0]) + 0.587 * f32::from(c[1]) + 0.114 * f32::from(c[2])) / 255.0;
+        let values = self.rgb.iter().map(luma).collect();
+        Photograph { image: Grey { width: self.width, height: self.height, values }, focal: self.focal }
+    }
+
+    fn colour(&self, pixel: DVec2) -> [u8; 3] {
+        let at = |v: f64, size: usize| (v as usize).min(size - 1);
+        self.rgb[at(pixel.y, self.height) * self.width + at(pixel.x, self.width)]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DMat4, DVec3};
+    use infonerf_scene::{SceneRequest, ViewSelection};
+    use infonerf_sfm::Similarity;
+
+    use super::*;
+    use crate::loaders::testing::shared_data;
+    use crate::{SceneSource, load};
+
+    /// Placed photographs, and their mean errors: of rotations in degrees, and of positions over the mean distance between cameras, after alignment.
+    fn errors(found: &[(DMat4, DMat4)]) -> (f64, f64) {
+        let centres = |pick: fn(&(DMat4, DMat4)) -> DMat4| found.iter().map(|f| pick(f).w_axis.truncate()).collect();
+        let (ours, theirs): (Vec<DVec3>, Vec<DVec3>) = (centres(|f| f.0), centres(|f| f.1));
+        // Rotations alone say how the worlds are turned against each other; nearly collinear positions do not.
+        let count = found.len() as f64;
+        let pairs = || theirs.iter().enumerate().flat_map(|(i, a)| theirs[..i].iter().map(move |b| a.distance(*b)));
+        let distance = pairs().sum::<f64>() / pairs().count() as f64;
+        let align = Similarity::between(&ours, &theirs).unwrap();
+        let off = ours.iter().zip(&theirs).map(|(a, b)| align.apply(*a).distance(*b)).sum::<f64>() / count;
+        let turn = |m: &DMat4| DMat3::from_mat4(*m);
+        let relative = |(a, b): &(DMat4, DMat4)| turn(b) * turn(a).transpose();
+        let sum = found.iter().map(relative).fold(DMat3::ZERO, |sum, r| sum + r);
+        let mean = Similarity::between(&sum.transpose().to_cols_array_2d().map(DVec3::from_array), &DVec3::AXES)
+            .unwrap()
+            .rotation;
+        let angle = |pair| {
+            let r = relative(pair) * mean.transpose();
+            ((r.x_axis.x + r.y_axis.y + r.z_axis.z - 1.0) / 2.0).clamp(-1.0, 1.0).acos().to_degrees()
+        };
+        (found.iter().map(angle).sum::<f64>() / count, off / distance)
+    }
+
+    /// Prints the table of docs/photographs.md.
+    #[test]
+    #[ignore = "needs …/shared/data"]
+    fn poses_of_published_captures() {
+        let captures = [
+            ("fern", "nerf_llff_data/fern", "images_8"),
+            ("flower", "nerf_llff_data/flower", "images_8"),
+            ("tumbler", "colmap_tumbler", "images"),
+        ];
+        for (capture, dir, folder) in captures {
+            let dir = shared_data(dir);
+            let request = SceneRequest {
+                train: ViewSelection::All,
+                test: infonerf_scene::TestProtocol::All,
+                image_size: Some(16),
+                ..SceneRequest::default()
+            };
+            let scene = load(&SceneSource::Folder { path: dir.clone() }, &request).unwrap();
+            let mut views: Vec<_> = scene.train.iter().chain(&scene.test).collect();
+            views.sort_by_key(|view| view.id);
+            let mut files = crate::loaders::list_images(&dir.join(folder)).unwrap();
+            files.sort_by_key(|path| {
+                let name = name(path);
+                (name.len(), name)
+            });
+            for (count, spread) in [(4, false), (4, true), (9, false), (9, true)] {
+                let pick = |i: usize| if spread { i * (files.len() - 1) / (count - 1) } else { i + 2 };
+                let guard = tempfile::tempdir().unwrap();
+                for i in 0..count {
+                    let path = &files[pick(i)];
+                    fs::copy(path, guard.path().join(name(path))).unwrap();
+                }
+                let started = std::time::Instant::now();
+                let result = pose(guard.path(), &guard.path().join("sparse"), |line| {
+                    if std::env::var_os("LINES").is_some() {
+                        eprintln!("   {line}")
+                    }
+                });
+                let kind = if spread { "spread" } else { "neighbours" };
+                let seconds = started.elapsed().as_secs_f64();
+                if let Err(error) = result {
+                    eprintln!("| {capture} | {count} {kind} | {error} | {seconds:.1} |");
+                    continue;
+                }
+                let read = Reconstruction::read(guard.path()).unwrap();
+                let pairs: Vec<_> = read
+                    .images
+                    .iter()
+                    .map(|image| {
+                        let stem = Path::new(&image.name).file_stem().unwrap().to_string_lossy().into_owned();
+                        let view = views
+                            .iter()
+                            .find(|v| Path::new(&v.name).file_name().unwrap().to_string_lossy() == stem)
+                            .unwrap_or_else(|| panic!("{stem} {:?}", views[0].name));
+                        (image.pose, view.camera.to_world)
+                    })
+                    .collect();
+                let (turn, off) = errors(&pairs);
+                let f = read.cameras[&1].parameters[0] / f64::from(read.cameras[&1].width);
+                let theirs = views[0].camera.fx / f64::from(views[0].camera.width);
+                eprintln!(
+                    "| {capture} | {count} {kind} | {} | {turn:.2} | {:.1} % | {f:.3} {theirs:.3} | {} points {:.2} px | {seconds:.1} |",
+                    pairs.len(),
+                    100.0 * off,
+                    read.points.len(),
+                    read.reprojection_error().unwrap()
+                );
+            }
+        }
+    }
+}

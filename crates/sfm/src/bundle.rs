@@ -1,0 +1,243 @@
+//! Bundle adjustment (Triggs et al. 2000): Levenberg–Marquardt on lens, poses and points, the points eliminated by
+//! Schur's complement.
+
+use glam::{DMat3, DVec2, DVec3};
+use nalgebra::{DMatrix, DVector};
+
+use crate::camera::{Lens, Pose};
+
+/// Parameters of the lens: the logarithm of the focal length, and `k1`.
+const LENS: usize = 2;
+const POSE: usize = 6;
+/// The error of a point behind the camera, over the robust scale.
+const LOST: f64 = 100.0;
+
+/// A point and where cameras, by index, see it, in pixels.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Point {
+    /// World coordinates.
+    pub position: DVec3,
+    /// Cameras and pixels.
+    pub seen: Vec<(usize, DVec2)>,
+}
+
+/// What is known of the lens beforehand: `ln focal` and `k1` as normal distributions.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Prior {
+    pub(crate) focal: f64,
+    /// Of `ln focal`; 0 keeps the focal length.
+    pub(crate) focal_deviation: f64,
+    /// Of `k1` around 0; 0 keeps it.
+    pub(crate) k1_deviation: f64,
+}
+
+/// What is adjusted.
+#[derive(Clone, Debug)]
+pub(crate) struct Bundle {
+    pub(crate) lens: Lens,
+    pub(crate) poses: Vec<Pose>,
+    pub(crate) points: Vec<Point>,
+}
+
+/// How it is adjusted.
+pub(crate) struct Adjustment {
+    pub(crate) prior: Prior,
+    /// Whether points move.
+    pub(crate) points: bool,
+    /// Residuals far above this, in pixels, lose their weight (Cauchy's loss).
+    pub(crate) scale: f64,
+    pub(crate) steps: usize,
+}
+
+/// The linearised problem: `lens · poses` dense, a 3 × 3 block per point.
+struct Normal {
+    matrix: DMatrix<f64>,
+    gradient: DVector<f64>,
+    points: Vec<PointBlock>,
+}
+
+struct PointBlock {
+    matrix: DMat3,
+    gradient: DVec3,
+    /// Rows of the coupling to lens and poses: parameter and derivative.
+    rows: Vec<(usize, DVec3)>,
+}
+
+impl Bundle {
+    /// Minimises `Σ s² ln(1 + |r|²/s²)` over what is free, plus the prior; returns the root mean square of `r`, in pixels.
+    pub(crate) fn adjust(&mut self, how: &Adjustment) -> f64 {
+        let mut damping = 1e-4;
+        let mut cost = self.cost(how);
+        for _ in 0..how.steps {
+            let normal = self.linearised(how);
+            let mut improved = None;
+            while damping < 1e8 {
+                if let Some(next) = self.stepped(&normal, how, damping) {
+                    let at = next.cost(how);
+                    if at < cost {
+                        improved = Some((next, at));
+                        break;
+                    }
+                }
+                damping *= 10.0;
+            }
+            let Some((next, at)) = improved else { break };
+            let gain = (cost - at) / cost;
+            (*self, cost) = (next, at);
+            damping = (damping * 0.1).max(1e-10);
+            if gain < 1e-7 {
+                break;
+            }
+        }
+        let errors: Vec<f64> = self.errors().collect();
+        (errors.iter().map(|r| r * r).sum::<f64>() / errors.len().max(1) as f64).sqrt()
+    }
+
+    /// Distances in pixels between where points are seen and where they fall.
+    pub(crate) fn errors(&self) -> impl Iterator<Item = f64> {
+        self.points.iter().flat_map(move |point| {
+            point.seen.iter().map(move |(camera, pixel)| {
+                let projected = self.lens.project(self.poses[*camera].transform(point.position));
+                projected.map_or(f64::INFINITY, |p| p.distance(*pixel))
+            })
+        })
+    }
+
+    fn cost(&self, how: &Adjustment) -> f64 {
+        let lost = LOST * how.scale;
+        let robust = |r: f64| how.scale.powi(2) * (1.0 + (r.min(lost) / how.scale).powi(2)).ln();
+        let (focal, k1) = how.prior.residuals(&self.lens);
+        self.errors().map(robust).sum::<f64>() + focal.powi(2) + k1.powi(2)
+    }
+
+    fn linearised(&self, how: &Adjustment) -> Normal {
+        let size = LENS + POSE * self.poses.len();
+        let mut normal =
+            Normal { matrix: DMatrix::zeros(size, size), gradient: DVector::zeros(size), points: Vec::new() };
+        let (focal, k1) = how.prior.residuals(&self.lens);
+        for (i, (residual, deviation)) in
+            [(focal, how.prior.focal_deviation), (k1, how.prior.k1_deviation)].into_iter().enumerate()
+        {
+            if deviation > 0.0 {
+                normal.matrix[(i, i)] += deviation.powi(-2);
+                normal.gradient[i] += residual / deviation;
+            }
+        }
+        for point in &self.points {
+            let mut block = PointBlock { matrix: DMat3::ZERO, gradient: DVec3::ZERO, rows: Vec::new() };
+            let mut of_lens = [DVec3::ZERO; LENS];
+            for &(camera, pixel) in &point.seen {
+                let Some((projected, jacobian)) = derivative(&self.lens, &self.poses[camera], point.position) else {
+                    continue;
+                };
+                let residual = projected - pixel;
+                let weight = 1.0 / (1.0 + residual.length_squared() / how.scale.powi(2));
+                let index = |k: usize| if k < LENS { k } else { LENS + POSE * camera + k - LENS };
+                let free = |k: usize| k >= LENS || [how.prior.focal_deviation, how.prior.k1_deviation][k] > 0.0;
+                let mut coupling = [DVec3::ZERO; LENS + POSE];
+                for (axis, row) in jacobian.iter().enumerate() {
+                    let r = residual[axis] * weight;
+                    for i in (0..LENS + POSE).filter(|i| free(*i)) {
+                        normal.gradient[index(i)] += row.camera[i] * r;
+                        coupling[i] += row.point * (row.camera[i] * weight);
+                        for j in (0..LENS + POSE).filter(|j| free(*j)) {
+                            normal.matrix[(index(i), index(j))] += row.camera[i] * row.camera[j] * weight;
+                        }
+                    }
+                    block.gradient += row.point * r;
+                    let p = row.point * weight;
+                    block.matrix += DMat3::from_cols(row.point * p.x, row.point * p.y, row.point * p.z);
+                }
+                of_lens.iter_mut().zip(coupling).for_each(|(sum, c)| *sum += c);
+                block.rows.extend((LENS..LENS + POSE).map(|k| (index(k), coupling[k])));
+            }
+            block.rows.extend(of_lens.into_iter().enumerate());
+            normal.points.push(block);
+        }
+        normal
+    }
+
+    /// One damped step; `None` where the system is singular.
+    fn stepped(&self, normal: &Normal, how: &Adjustment, damping: f64) -> Option<Self> {
+        let (mut matrix, mut right) = (normal.matrix.clone(), -&normal.gradient);
+        for i in 0..right.len() {
+            let d = &mut matrix[(i, i)];
+            *d = if *d > 0.0 { *d * (1.0 + damping) + 1e-12 } else { 1.0 };
+        }
+        let mut inverses = Vec::new();
+        if how.points {
+            for block in &normal.points {
+                let diagonal = DVec3::new(block.matrix.x_axis.x, block.matrix.y_axis.y, block.matrix.z_axis.z);
+                let damped = block.matrix + DMat3::from_diagonal(diagonal * damping + 1e-12);
+                let inverse = damped.inverse();
+                if !inverse.is_finite() {
+                    return None;
+                }
+                let solved = inverse * block.gradient;
+                for &(i, row) in &block.rows {
+                    right[i] += row.dot(solved);
+                    let weighted = inverse * row;
+                    for &(j, other) in block.rows.iter().filter(|(j, _)| *j <= i) {
+                        matrix[(i, j)] -= weighted.dot(other);
+                    }
+                }
+                inverses.push(inverse);
+            }
+        }
+        // Only the lower triangle is read.
+        let step = matrix.cholesky()?.solve(&right);
+        let mut next = self.clone();
+        next.lens.focal *= step[0].exp();
+        next.lens.k1 += step[1];
+        for (i, pose) in next.poses.iter_mut().enumerate() {
+            let at = |k: usize| step[LENS + POSE * i + k];
+            *pose = pose.moved(DVec3::new(at(0), at(1), at(2)), DVec3::new(at(3), at(4), at(5)));
+        }
+        for ((point, block), inverse) in next.points.iter_mut().zip(&normal.points).zip(inverses) {
+            let coupled: DVec3 = block.rows.iter().map(|&(i, row)| row * step[i]).sum();
+            point.position -= inverse * (block.gradient + coupled);
+        }
+        Some(next)
+    }
+}
+
+impl Prior {
+    /// A lens that is not adjusted.
+    pub(crate) fn fixed(lens: &Lens) -> Self {
+        Self { focal: lens.focal, focal_deviation: 0.0, k1_deviation: 0.0 }
+    }
+
+    /// How far the lens is from what was expected, in deviations.
+    fn residuals(&self, lens: &Lens) -> (f64, f64) {
+        let over = |value: f64, deviation: f64| if deviation > 0.0 { value / deviation } else { 0.0 };
+        (over((lens.focal / self.focal).ln(), self.focal_deviation), over(lens.k1, self.k1_deviation))
+    }
+}
+
+/// The derivative of one coordinate of a pixel.
+struct Row {
+    /// By `ln focal`, `k1`, the turn of the camera and its shift.
+    camera: [f64; LENS + POSE],
+    /// By the point's position.
+    point: DVec3,
+}
+
+/// Where a point is seen, and the derivative of that; `None` behind the camera.
+fn derivative(lens: &Lens, pose: &Pose, point: DVec3) -> Option<(DVec2, [Row; 2])> {
+    let turned = pose.rotation * point;
+    let at = turned + pose.translation;
+    let pixel = lens.project(at)?;
+    let p = at.truncate() / at.z;
+    let (radius2, unit) = (p.length_squared(), DVec2::AXES);
+    let row = |axis: usize| {
+        // By p, then by the point in the camera's axes.
+        let by_p = lens.focal * ((1.0 + lens.k1 * radius2) * unit[axis] + 2.0 * lens.k1 * p[axis] * p);
+        let shift = DVec3::new(by_p.x, by_p.y, -by_p.dot(p)) / at.z;
+        let turn = turned.cross(shift);
+        let by_focal = (pixel - lens.centre)[axis];
+        let by_k1 = lens.focal * radius2 * p[axis];
+        let camera = [by_focal, by_k1, turn.x, turn.y, turn.z, shift.x, shift.y, shift.z];
+        Row { camera, point: pose.rotation.transpose() * shift }
+    };
+    Some((pixel, [row(0), row(1)]))
+}

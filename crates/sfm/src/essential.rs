@@ -1,0 +1,168 @@
+//! Essential matrices: the five-point method (Nistér 2004), Sampson's error, poses.
+
+use glam::{DMat3, DVec2, DVec3};
+use nalgebra::{Matrix3, SMatrix};
+
+use crate::camera::Pose;
+use crate::polynomial::{evaluate, product, real_roots};
+
+/// Exponents of x, y, z in the order in which the first ten are eliminated.
+const MONOMIALS: [[u8; 3]; 20] = [
+    [3, 0, 0],
+    [0, 3, 0],
+    [2, 1, 0],
+    [1, 2, 0],
+    [2, 0, 1],
+    [2, 0, 0],
+    [0, 2, 1],
+    [0, 2, 0],
+    [1, 1, 1],
+    [1, 1, 0],
+    [1, 0, 2],
+    [1, 0, 1],
+    [1, 0, 0],
+    [0, 1, 2],
+    [0, 1, 1],
+    [0, 1, 0],
+    [0, 0, 3],
+    [0, 0, 2],
+    [0, 0, 1],
+    [0, 0, 0],
+];
+
+/// Polynomials of degree 3 in x, y, z.
+type Cubic = [f64; 20];
+
+fn times(a: &Cubic, b: &Cubic) -> Cubic {
+    let mut out = [0.0; 20];
+    for (i, &x) in a.iter().enumerate().filter(|(_, x)| **x != 0.0) {
+        for (j, &y) in b.iter().enumerate().filter(|(_, y)| **y != 0.0) {
+            let sum: [u8; 3] = std::array::from_fn(|d| MONOMIALS[i][d] + MONOMIALS[j][d]);
+            if let Some(k) = MONOMIALS.iter().position(|m| *m == sum) {
+                out[k] += x * y;
+            }
+        }
+    }
+    out
+}
+
+fn sum(terms: impl IntoIterator<Item = (f64, Cubic)>) -> Cubic {
+    let mut out = [0.0; 20];
+    for (factor, term) in terms {
+        out.iter_mut().zip(term).for_each(|(o, t)| *o += factor * t);
+    }
+    out
+}
+
+/// The at most ten matrices with `bᵀ E a = 0` for five pairs of directions `(x, y, 1)`, `det E = 0` and
+/// `2 E Eᵀ E = tr(E Eᵀ) E`. Empty where the pairs are degenerate.
+pub(crate) fn five_point(pairs: [(DVec2, DVec2); 5]) -> Vec<DMat3> {
+    // Columns 5 to 8 of Q in `[Aᵀ | 1] = Q R` are orthogonal to the five equations.
+    let mut columns = SMatrix::<f64, 9, 9>::identity();
+    for (i, (a, b)) in pairs.iter().enumerate() {
+        let (a, b) = (a.extend(1.0).to_array(), b.extend(1.0).to_array());
+        columns.set_column(i, &SMatrix::<f64, 9, 1>::from_fn(|k, _| b[k / 3] * a[k % 3]));
+    }
+    for i in 5..9 {
+        columns.set_column(i, &SMatrix::<f64, 9, 1>::from_fn(|k, _| f64::from((k * 7 + i * 5) as u32 % 11) - 5.0));
+    }
+    let q = columns.qr().q();
+    // E = x X + y Y + z Z + W.
+    let e: [Cubic; 9] = std::array::from_fn(|k| {
+        let mut linear = [0.0; 20];
+        for (i, at) in [12, 15, 18, 19].into_iter().enumerate() {
+            linear[at] = q[(k, 5 + i)];
+        }
+        linear
+    });
+    let entry = |r: usize, c: usize| &e[3 * r + c];
+    let mut square = [[[0.0; 20]; 3]; 3];
+    for (r, row) in square.iter_mut().enumerate() {
+        for (c, out) in row.iter_mut().enumerate() {
+            *out = sum((0..3).map(|k| (1.0, times(entry(r, k), entry(c, k)))));
+        }
+    }
+    let trace = sum((0..3).map(|i| (1.0, square[i][i])));
+    let mut m = SMatrix::<f64, 10, 20>::zeros();
+    for r in 0..3 {
+        for c in 0..3 {
+            let cubic = (0..3).map(|k| (2.0, times(&square[r][k], entry(k, c))));
+            let row = sum(cubic.chain([(-1.0, times(&trace, entry(r, c)))]));
+            m.set_row(3 * r + c, &row.into());
+        }
+    }
+    let minor =
+        |a: usize, b: usize| sum([(1.0, times(entry(1, a), entry(2, b))), (-1.0, times(entry(1, b), entry(2, a)))]);
+    let det = (0..3).map(|i| (1.0, times(entry(0, i), &minor((i + 1) % 3, (i + 2) % 3))));
+    m.set_row(9, &sum(det).into());
+    if !eliminate(&mut m) {
+        return Vec::new();
+    }
+    // Rows for x²z, y²z, xyz less z times those for x², y², xy: three equations `p x + q y + r = 0` with p, q, r in z.
+    let rows: [[Vec<f64>; 3]; 3] = std::array::from_fn(|i| {
+        let (a, b) = (m.row(4 + 2 * i), m.row(5 + 2 * i));
+        let part = |first: usize, count: usize| {
+            let high = (0..=count).map(|k| if k < count { a[first + count - 1 - k] } else { 0.0 });
+            let low = (0..=count).map(|k| if k > 0 { b[first + count - k] } else { 0.0 });
+            high.zip(low).map(|(a, b)| a - b).collect::<Vec<f64>>()
+        };
+        [part(10, 3), part(13, 3), part(16, 4)]
+    });
+    let mut determinant = vec![0.0; 11];
+    for (i, [j, k], sign) in
+        [(0, [1, 2], 1.0), (0, [2, 1], -1.0), (1, [2, 0], 1.0), (1, [0, 2], -1.0), (2, [0, 1], 1.0), (2, [1, 0], -1.0)]
+    {
+        let term = product(&product(&rows[0][i], &rows[1][j]), &rows[2][k]);
+        determinant.iter_mut().zip(term).for_each(|(d, t)| *d += sign * t);
+    }
+    let solution = |z: f64| {
+        let at = rows.each_ref().map(|row| DVec3::from_array(row.each_ref().map(|p| evaluate(p, z))));
+        let crosses = [at[0].cross(at[1]), at[1].cross(at[2]), at[2].cross(at[0])];
+        let v = crosses.into_iter().max_by(|a, b| a.z.abs().total_cmp(&b.z.abs()))?;
+        let weights = [v.x / v.z, v.y / v.z, z, 1.0];
+        let e: [f64; 9] = std::array::from_fn(|k| (0..4).map(|i| weights[i] * q[(k, 5 + i)]).sum());
+        let matrix = DMat3::from_cols_array(&e).transpose();
+        matrix.is_finite().then_some(matrix)
+    };
+    real_roots(&determinant).into_iter().filter_map(solution).collect()
+}
+
+/// Gauss–Jordan elimination of the first ten columns; `false` where they are singular.
+fn eliminate(m: &mut SMatrix<f64, 10, 20>) -> bool {
+    for i in 0..10 {
+        let pivot = (i..10).max_by(|&a, &b| m[(a, i)].abs().total_cmp(&m[(b, i)].abs())).unwrap_or(i);
+        m.swap_rows(i, pivot);
+        if m[(i, i)].abs() < 1e-12 {
+            return false;
+        }
+        let row = m.row(i) / m[(i, i)];
+        m.set_row(i, &row);
+        for j in (0..10).filter(|&j| j != i) {
+            let other = m.row(j) - row * m[(j, i)];
+            m.set_row(j, &other);
+        }
+    }
+    true
+}
+
+/// The squared distance from a pair to the nearest that meets `bᵀ E a = 0`, to first order.
+pub(crate) fn sampson(e: &DMat3, (a, b): (DVec2, DVec2)) -> f64 {
+    let (a, b) = (a.extend(1.0), b.extend(1.0));
+    let (ea, eb) = (*e * a, e.transpose() * b);
+    b.dot(ea).powi(2) / (ea.truncate().length_squared() + eb.truncate().length_squared())
+}
+
+/// The four poses of the second camera, the first at the origin, baseline 1.
+pub(crate) fn poses(e: &DMat3) -> [Pose; 4] {
+    let svd = Matrix3::from_column_slice(&e.to_cols_array()).svd(true, true);
+    let matrix = |m: Option<Matrix3<f64>>| m.map_or(DMat3::IDENTITY, |m| DMat3::from_cols_slice(m.as_slice()));
+    let (u, v) = (matrix(svd.u), matrix(svd.v_t).transpose());
+    let w = DMat3::from_cols(-DVec3::Y, DVec3::X, DVec3::Z).transpose();
+    let t = u.z_axis;
+    let rotation = |w: DMat3| {
+        let r = u * w * v.transpose();
+        r * r.determinant().signum()
+    };
+    let turns = [rotation(w), rotation(w.transpose())];
+    [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)].map(|(i, sign)| Pose { rotation: turns[i], translation: sign * t })
+}

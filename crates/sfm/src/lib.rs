@@ -1,0 +1,30 @@
+//! Cameras and points from a few photographs of a scene that does not move: structure from motion.
+//!
+//! [`sift`] features of each photograph are matched among all pairs; the relative pose on which most matches of a pair agree
+//! comes from five points and RANSAC. From the pair with many matches under a large angle on, photographs are placed one by
+//! one by the points that they see (P3P and RANSAC), and after each all is adjusted together, the lens too.
+//! The same photographs give the same result, on any number of threads.
+
+mod bundle;
+mod camera;
+mod essential;
+mod exif;
+mod grey;
+mod mapper;
+mod matching;
+mod p3p;
+mod polynomial;
+mod ransac;
+mod reconstruction;
+mod sift;
+mod similarity;
+mod tracks;
+mod triangulate;
+mod two_view;
+
+pub use bundle::Point;
+pub use camera::{Lens, Pose};
+pub use exif::focal;
+pub use grey::Grey;
+pub use reconstruction::{Photograph, Reconstruction, Settings, reconstruct};
+pub use similarity::Similarity;

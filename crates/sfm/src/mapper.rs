@@ -1,0 +1,200 @@
+//! Incremental mapping (Snavely et al. 2006, Schönberger and Frahm 2016): from a pair of photographs to all that can be placed.
+
+use glam::{DVec2, DVec3};
+
+use crate::bundle::{Adjustment, Bundle, Point, Prior};
+use crate::camera::{Lens, Pose};
+use crate::p3p::p3p;
+use crate::ransac::Ransac;
+use crate::tracks::Track;
+use crate::triangulate::{angle, triangulate};
+
+/// Points that a photograph must see to be placed.
+pub(crate) const FEWEST: usize = 15;
+/// The share of a photograph's matches with points that must agree on its pose.
+const AGREEING: f64 = 0.25;
+/// Samples of three points, at most.
+const SAMPLES: usize = 5000;
+/// Rays that meet at a smaller angle, in radians, make no point.
+const SMALLEST_ANGLE: f64 = 1.5 * std::f64::consts::PI / 180.0;
+/// Pairs of views that a point is tried from, at most.
+const TRIED: usize = 30;
+/// From this many photographs on, the lens is adjusted.
+const FOR_LENS: usize = 3;
+
+/// Poses and points found so far.
+#[derive(Clone)]
+pub(crate) struct Mapper<'a> {
+    tracks: &'a [Track],
+    /// The place of each track's point, if it has one.
+    positions: Vec<Option<DVec3>>,
+    pub(crate) poses: Vec<Result<Pose, String>>,
+    pub(crate) lens: Lens,
+    prior: Prior,
+    /// Pixels between where a point is seen and where it falls.
+    tolerance: f64,
+    seed: u64,
+}
+
+impl<'a> Mapper<'a> {
+    /// Photographs `a` and `b`, and the pose of the second from the first.
+    pub(crate) fn new(
+        tracks: &'a [Track],
+        count: usize,
+        (lens, prior): (Lens, Prior),
+        tolerance: f64,
+        (a, b, pose): (usize, usize, Pose),
+        seed: u64,
+    ) -> Self {
+        let mut poses = vec![Err(String::new()); count];
+        (poses[a], poses[b]) = (Ok(Pose::IDENTITY), Ok(pose));
+        Self { tracks, positions: vec![None; tracks.len()], poses, lens, prior, tolerance, seed }
+    }
+
+    /// Places what can be placed.
+    pub(crate) fn run(mut self) -> Self {
+        self.settle(2);
+        while self.place_next() {
+            self.settle(1);
+        }
+        self.settle(5);
+        let points = self.points();
+        for (photograph, pose) in self.poses.iter_mut().enumerate().filter(|(_, pose)| pose.is_ok()) {
+            let count = points.iter().filter(|p| p.seen.iter().any(|(i, _)| *i == photograph)).count();
+            if count < FEWEST {
+                *pose = Err(format!("{count} points seen, {FEWEST} needed"));
+            }
+        }
+        self
+    }
+
+    pub(crate) fn placed(&self) -> usize {
+        self.poses.iter().flatten().count()
+    }
+
+    /// Points that two or more placed photographs see.
+    pub(crate) fn points(&self) -> Vec<Point> {
+        self.found().into_iter().map(|(_, point)| point).collect()
+    }
+
+    /// The same, with their tracks.
+    fn found(&self) -> Vec<(usize, Point)> {
+        let point =
+            |i: usize| Some((i, Point { position: self.positions[i]?, seen: self.agreeing(i, self.positions[i]?) }));
+        (0..self.tracks.len()).filter_map(point).filter(|(_, point)| point.seen.len() > 1).collect()
+    }
+
+    /// Poses and pixels of the placed photographs in a track.
+    fn seen(&self, track: usize) -> Vec<(usize, Pose, DVec2)> {
+        let view = |&(i, pixel): &(usize, DVec2)| Some((i, *self.poses[i].as_ref().ok()?, pixel));
+        self.tracks[track].iter().filter_map(view).collect()
+    }
+
+    /// Whether a point falls where it is seen.
+    fn agrees(&self, pose: &Pose, position: DVec3, pixel: DVec2) -> bool {
+        self.lens.project(pose.transform(position)).is_some_and(|p| p.distance(pixel) < self.tolerance)
+    }
+
+    /// The placed photographs of a track that see it at `position`.
+    fn agreeing(&self, track: usize, position: DVec3) -> Vec<(usize, DVec2)> {
+        let seen = self.seen(track).into_iter();
+        seen.filter(|(_, pose, pixel)| self.agrees(pose, position, *pixel)).map(|(i, _, pixel)| (i, pixel)).collect()
+    }
+
+    /// Triangulates, adjusts, and drops points that then fit too few views, `rounds` times.
+    fn settle(&mut self, rounds: usize) {
+        for _ in 0..rounds {
+            for track in 0..self.tracks.len() {
+                if self.positions[track].is_none() {
+                    self.positions[track] = self.triangulated(track);
+                }
+            }
+            let (indices, points): (Vec<usize>, Vec<Point>) = self.found().into_iter().unzip();
+            let poses = self.poses.iter().map(|pose| *pose.as_ref().unwrap_or(&Pose::IDENTITY)).collect();
+            let prior = if self.placed() < FOR_LENS { Prior::fixed(&self.lens) } else { self.prior };
+            let mut bundle = Bundle { lens: self.lens, poses, points };
+            bundle.adjust(&Adjustment { prior, points: true, scale: 0.5 * self.tolerance, steps: 30 });
+            self.lens = bundle.lens;
+            for (pose, adjusted) in self.poses.iter_mut().zip(bundle.poses) {
+                if let Ok(pose) = pose {
+                    *pose = adjusted;
+                }
+            }
+            self.positions.fill(None);
+            for (track, point) in indices.into_iter().zip(bundle.points) {
+                self.positions[track] = self.kept(track, point.position);
+            }
+        }
+    }
+
+    /// The position, if two views agree on it under a sufficient angle.
+    fn kept(&self, track: usize, position: DVec3) -> Option<DVec3> {
+        let agreeing = self.seen(track).into_iter().filter(|(_, pose, pixel)| self.agrees(pose, position, *pixel));
+        let centres: Vec<DVec3> = agreeing.map(|(_, pose, _)| pose.centre()).collect();
+        (angle(position, &centres) >= SMALLEST_ANGLE).then_some(position)
+    }
+
+    /// The point of two views that most views agree with, from all of these.
+    fn triangulated(&self, track: usize) -> Option<DVec3> {
+        let seen: Vec<(Pose, DVec2, DVec2)> =
+            self.seen(track).into_iter().map(|(_, pose, pixel)| (pose, pixel, self.lens.unproject(pixel))).collect();
+        let pairs = (0..seen.len()).flat_map(|i| (0..i).map(move |j| (j, i)));
+        let agreeing = |position: DVec3| -> Vec<(Pose, DVec2)> {
+            seen.iter().filter(|s| self.agrees(&s.0, position, s.1)).map(|s| (s.0, s.2)).collect()
+        };
+        let best = pairs
+            .take(TRIED)
+            .filter_map(|(j, i)| triangulate(&[(seen[j].0, seen[j].2), (seen[i].0, seen[i].2)]).map(agreeing))
+            .reduce(|best, other| if other.len() > best.len() { other } else { best })?;
+        self.kept(track, triangulate(&best)?)
+    }
+
+    /// Places the photograph that sees most points, or the next; `false` if none can be placed.
+    fn place_next(&mut self) -> bool {
+        let seen = |photograph: usize| -> Vec<(DVec2, DVec3)> {
+            let point = |(track, position): (&Track, &Option<DVec3>)| {
+                let (_, pixel) = track.iter().find(|(i, _)| *i == photograph)?;
+                Some((*pixel, (*position)?))
+            };
+            self.tracks.iter().zip(&self.positions).filter_map(point).collect()
+        };
+        let waiting = (0..self.poses.len()).filter(|&i| self.poses[i].is_err());
+        let mut waiting: Vec<_> = waiting.map(|i| (i, seen(i))).collect();
+        waiting.sort_by_key(|(i, seen)| (std::cmp::Reverse(seen.len()), *i));
+        for (i, seen) in waiting {
+            self.poses[i] = self.pose(&seen);
+            if self.poses[i].is_ok() {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// The pose of a photograph that sees points of the world at pixels.
+    fn pose(&self, seen: &[(DVec2, DVec3)]) -> Result<Pose, String> {
+        if seen.len() < FEWEST {
+            return Err(format!("{} matches with placed photographs, {FEWEST} needed", seen.len()));
+        }
+        let error = |pose: &Pose, i: usize| {
+            let projected = self.lens.project(pose.transform(seen[i].1));
+            projected.map_or(f64::INFINITY, |p| p.distance_squared(seen[i].0))
+        };
+        let solve = |sample: &[usize]| {
+            let three = |s: [usize; 3]| p3p(s.map(|i| (self.lens.unproject(seen[i].0), seen[i].1)));
+            sample.try_into().map_or(Vec::new(), three)
+        };
+        let threshold = (2.0 * self.tolerance).powi(2);
+        let ransac = Ransac { sample: 3, threshold, most: SAMPLES, seed: self.seed };
+        let needed = FEWEST.max((AGREEING * seen.len() as f64).ceil() as usize);
+        let (pose, inliers) = ransac.run(seen.len(), solve, error).unwrap_or((Pose::IDENTITY, Vec::new()));
+        if inliers.len() < needed {
+            let (some, all) = (inliers.len(), seen.len());
+            return Err(format!("{some} of {all} matches with placed photographs agree on a pose, {needed} needed"));
+        }
+        let point = |&i: &usize| Point { position: seen[i].1, seen: vec![(0, seen[i].0)] };
+        let mut bundle = Bundle { lens: self.lens, poses: vec![pose], points: inliers.iter().map(point).collect() };
+        let (prior, scale) = (Prior::fixed(&self.lens), 0.5 * self.tolerance);
+        bundle.adjust(&Adjustment { prior, points: false, scale, steps: 20 });
+        Ok(bundle.poses[0])
+    }
+}

@@ -1,0 +1,94 @@
+//! Features of two photographs that look alike.
+
+use gemm::{Parallelism, gemm};
+
+use crate::sift::{Features, LENGTH};
+
+/// A match must be closer than this share of the distance to the second best.
+const RATIO: f32 = 0.8;
+/// Rows of similarities that are held at once.
+const BLOCK: usize = 512;
+
+/// Indices `(a, b)` of features that are each other's closest, by far in both photographs.
+pub(crate) fn matches(a: &Features, b: &Features) -> Vec<(usize, usize)> {
+    let (rows, columns) = (a.pixels.len(), b.pixels.len());
+    let mut to_b = vec![Best::default(); rows];
+    let mut to_a = vec![Best::default(); columns];
+    let mut similarity = vec![0f32; BLOCK.min(rows) * columns];
+    for (block, descriptors) in a.descriptors.chunks(BLOCK * LENGTH).enumerate() {
+        products(descriptors, &b.descriptors, &mut similarity);
+        for (i, row) in similarity.chunks_exact(columns.max(1)).take(descriptors.len() / LENGTH).enumerate() {
+            let i = block * BLOCK + i;
+            for (j, &s) in row.iter().enumerate() {
+                to_b[i].offer(s, j);
+                to_a[j].offer(s, i);
+            }
+        }
+    }
+    let mutual = |(i, best): (usize, &Best)| {
+        let j = best.chosen()?;
+        (to_a[j].chosen()? == i).then_some((i, j))
+    };
+    to_b.iter().enumerate().filter_map(mutual).collect()
+}
+
+/// `out = a · bᵀ`, row-major.
+#[allow(unsafe_code, reason = "gemm takes pointers; lengths and strides are those of the slices")]
+fn products(a: &[f32], b: &[f32], out: &mut [f32]) {
+    let (m, n, k) = (a.len() / LENGTH, b.len() / LENGTH, LENGTH);
+    assert!(out.len() >= m * n);
+    let (row, one) = (LENGTH as isize, 1);
+    // SAFETY: `a` has m · k, `b` n · k and `out` at least m · n elements, which the strides stay within.
+    unsafe {
+        gemm(
+            m,
+            n,
+            k,
+            out.as_mut_ptr(),
+            one,
+            n as isize,
+            false,
+            a.as_ptr(),
+            one,
+            row,
+            b.as_ptr(),
+            row,
+            one,
+            0.0,
+            1.0,
+            false,
+            false,
+            false,
+            Parallelism::None,
+        );
+    }
+}
+
+/// The two largest similarities seen, and whose the largest is.
+#[derive(Clone, Copy)]
+struct Best {
+    first: f32,
+    second: f32,
+    index: usize,
+}
+
+impl Default for Best {
+    fn default() -> Self {
+        Self { first: -1.0, second: -1.0, index: 0 }
+    }
+}
+
+impl Best {
+    fn offer(&mut self, similarity: f32, index: usize) {
+        if similarity > self.first {
+            (self.second, self.first, self.index) = (self.first, similarity, index);
+        } else if similarity > self.second {
+            self.second = similarity;
+        }
+    }
+
+    /// The best, if it is closer than [`RATIO`] of the second: of unit vectors, d² = 2 - 2 s.
+    fn chosen(&self) -> Option<usize> {
+        (1.0 - self.first < RATIO * RATIO * (1.0 - self.second)).then_some(self.index)
+    }
+}

@@ -1,0 +1,44 @@
+//! The pose from three points (Grunert 1841, as in Haralick et al. 1994).
+
+use glam::{DMat3, DVec2, DVec3};
+
+use crate::camera::Pose;
+use crate::polynomial::real_roots;
+
+/// The at most four poses in which three points of the world are seen in the directions `(x, y, 1)`.
+pub(crate) fn p3p(seen: [(DVec2, DVec3); 3]) -> Vec<Pose> {
+    let rays = seen.map(|(pixel, _)| pixel.extend(1.0).normalize());
+    let points = seen.map(|(_, point)| point);
+    let side = |i: usize, j: usize| points[i].distance_squared(points[j]);
+    let (a2, b2, c2) = (side(1, 2), side(0, 2), side(0, 1));
+    let (cos_a, cos_b, cos_c) = (rays[1].dot(rays[2]), rays[0].dot(rays[2]), rays[0].dot(rays[1]));
+    let (p, q, r) = ((a2 - c2) / b2, (a2 + c2) / b2, c2 / b2);
+    if !(p + q + r).is_finite() {
+        return Vec::new();
+    }
+    let (aa, bb, cc) = (cos_a * cos_a, cos_b * cos_b, cos_c * cos_c);
+    let quartic = [
+        (1.0 + p).powi(2) - 4.0 * a2 / b2 * cc,
+        4.0 * (-p * (1.0 + p) * cos_b + 2.0 * a2 / b2 * cc * cos_b - (1.0 - q) * cos_a * cos_c),
+        2.0 * (p * p - 1.0 + 2.0 * p * p * bb + 2.0 * (1.0 - r) * aa - 4.0 * q * cos_a * cos_b * cos_c
+            + 2.0 * (1.0 - a2 / b2) * cc),
+        4.0 * (p * (1.0 - p) * cos_b - (1.0 - q) * cos_a * cos_c + 2.0 * r * aa * cos_b),
+        (p - 1.0).powi(2) - 4.0 * r * aa,
+    ];
+    let pose = |v: f64| {
+        let u = ((p - 1.0) * v * v - 2.0 * p * cos_b * v + 1.0 + p) / (2.0 * (cos_c - v * cos_a));
+        let nearest = (b2 / (1.0 + v * v - 2.0 * v * cos_b)).sqrt();
+        let camera = [rays[0] * nearest, rays[1] * (u * nearest), rays[2] * (v * nearest)];
+        let rotation = frame(camera)? * frame(points)?.transpose();
+        let pose = Pose { rotation, translation: camera[0] - rotation * points[0] };
+        (u > 0.0 && pose.translation.is_finite()).then_some(pose)
+    };
+    real_roots(&quartic).into_iter().filter(|v| *v > 0.0).filter_map(pose).collect()
+}
+
+/// The axes of a triangle; `None` if it has no area.
+fn frame([a, b, c]: [DVec3; 3]) -> Option<DMat3> {
+    let x = (b - a).try_normalize()?;
+    let z = x.cross(c - a).try_normalize()?;
+    Some(DMat3::from_cols(x, z.cross(x), z))
+}

@@ -1,0 +1,53 @@
+//! Random sample consensus (Fischler and Bolles 1981), scored as MSAC (Torr and Zisserman 2000).
+
+use rand::SeedableRng;
+use rand::seq::index::sample;
+use rand_chacha::ChaCha8Rng;
+
+/// The chance with which one sample without an outlier is drawn.
+const CONFIDENCE: f64 = 0.9999;
+
+/// How a model is looked for.
+pub(crate) struct Ransac {
+    /// Data per sample.
+    pub(crate) sample: usize,
+    /// Squared errors below this are inliers.
+    pub(crate) threshold: f64,
+    /// Samples, at most.
+    pub(crate) most: usize,
+    pub(crate) seed: u64,
+}
+
+impl Ransac {
+    /// The model with the least `Σ min(error, threshold)` over data `0..count`, and its inliers.
+    pub(crate) fn run<M>(
+        &self,
+        count: usize,
+        solve: impl Fn(&[usize]) -> Vec<M>,
+        error: impl Fn(&M, usize) -> f64,
+    ) -> Option<(M, Vec<usize>)> {
+        if count < self.sample {
+            return None;
+        }
+        let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+        let (mut best, mut least, mut needed) = (None, f64::INFINITY, self.most as f64);
+        let mut drawn = 0.0;
+        while drawn < needed {
+            drawn += 1.0;
+            for model in solve(&sample(&mut random, count, self.sample).into_vec()) {
+                let cost: f64 = (0..count).map(|i| error(&model, i).min(self.threshold)).sum();
+                if cost < least {
+                    let inliers = (0..count).filter(|&i| error(&model, i) < self.threshold).count();
+                    let clean = (inliers as f64 / count as f64).powi(self.sample as i32);
+                    if clean > 0.0 {
+                        needed = needed.min((1.0 - CONFIDENCE).ln() / (-clean.min(1.0 - 1e-9)).ln_1p());
+                    }
+                    (best, least) = (Some(model), cost);
+                }
+            }
+        }
+        let model = best?;
+        let inliers = (0..count).filter(|&i| error(&model, i) < self.threshold).collect();
+        Some((model, inliers))
+    }
+}

@@ -1,0 +1,154 @@
+//! From photographs to cameras and points.
+
+use glam::DVec2;
+use rayon::prelude::*;
+
+use crate::bundle::{Point, Prior};
+use crate::camera::{Lens, Pose};
+use crate::grey::Grey;
+use crate::mapper::Mapper;
+use crate::matching::matches;
+use crate::sift::{Features, features};
+use crate::tracks::tracks;
+use crate::two_view::{TwoView, two_view};
+
+/// Matches that must agree on the relative pose of two photographs.
+const FEWEST: usize = 20;
+/// Focal lengths that are tried where none is known, over the longer side: wide angle to short telephoto.
+const GUESSES: [f64; 4] = [0.65, 0.85, 1.15, 1.6];
+/// How far off a guess, or what EXIF says, may be: deviation of its logarithm.
+const GUESS_DEVIATION: f64 = 0.3;
+const KNOWN_DEVIATION: f64 = 0.05;
+const K1_DEVIATION: f64 = 0.1;
+/// Pairs that are tried to start from.
+const STARTS: usize = 3;
+/// Angles above this, in radians, make a pair no better to start from.
+const WIDE: f64 = 0.2;
+
+/// A photograph; all have one size and one lens.
+#[derive(Clone, Debug)]
+pub struct Photograph {
+    /// The picture, reduced as one likes.
+    pub image: Grey,
+    /// Its focal length over its longer side, where it is known.
+    pub focal: Option<f64>,
+}
+
+/// What cameras and points are found with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Features per photograph, at most.
+    pub features: usize,
+    /// How far a point may be seen from where it falls, over the longer side of a photograph.
+    pub tolerance: f64,
+    /// Of the samples that are drawn.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { features: 6000, tolerance: 2.5e-3, seed: 0 }
+    }
+}
+
+/// Cameras and points, in a world of arbitrary place and scale.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Reconstruction {
+    /// The lens of all photographs, in their pixels.
+    pub lens: Lens,
+    /// The pose of each photograph, or why it has none.
+    pub poses: Vec<Result<Pose, String>>,
+    /// What two or more photographs see.
+    pub points: Vec<Point>,
+}
+
+/// Two photographs with matches that agree on a relative pose.
+struct Pair {
+    a: usize,
+    b: usize,
+    matches: Vec<(usize, usize)>,
+    view: TwoView,
+}
+
+/// Finds cameras and points. `progress` is told of each step in a line.
+///
+/// # Errors
+/// No two photographs have enough matches that agree on how the cameras stand to each other; in one line.
+pub fn reconstruct(
+    photographs: &[Photograph],
+    settings: &Settings,
+    mut progress: impl FnMut(&str),
+) -> Result<Reconstruction, String> {
+    let count = photographs.len();
+    let features: Vec<Features> = photographs.par_iter().map(|p| features(&p.image, settings.features)).collect();
+    let found = features.iter().map(|f| f.pixels.len());
+    progress(&format!("{} to {} features per photograph", found.clone().min().unwrap_or(0), found.max().unwrap_or(0)));
+    let pairs: Vec<(usize, usize)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
+    let matched: Vec<_> = pairs
+        .into_par_iter()
+        .map(|(a, b)| (a, b, matches(&features[a], &features[b])))
+        .filter(|(.., matches)| matches.len() >= FEWEST)
+        .collect();
+    let most = matched.iter().map(|(.., matches)| matches.len()).max().unwrap_or(0);
+    progress(&format!("{} pairs of photographs have {FEWEST} matches or more, {most} at most", matched.len()));
+    let size = photographs.first().map_or(DVec2::ONE, |p| DVec2::new(p.image.width as f64, p.image.height as f64));
+    let longer = size.max_element();
+    let mut known: Vec<f64> = photographs.iter().filter_map(|p| p.focal).collect();
+    known.sort_by(f64::total_cmp);
+    let (guesses, focal_deviation) = match known.get(known.len() / 2) {
+        Some(&median) => (vec![median], KNOWN_DEVIATION),
+        None => (GUESSES.to_vec(), GUESS_DEVIATION),
+    };
+    let mut best: Option<(usize, usize, Reconstruction)> = None;
+    for guess in guesses {
+        let lens = Lens { focal: guess * longer, k1: 0.0, centre: 0.5 * size };
+        let prior = Prior { focal: lens.focal, focal_deviation, k1_deviation: K1_DEVIATION };
+        let found = map(&features, &matched, (lens, prior), settings.tolerance * longer, settings.seed);
+        let Some(found) = found else { continue };
+        let placed = found.poses.iter().flatten().count();
+        let seen = found.points.iter().map(|p| p.seen.len()).sum();
+        progress(&format!(
+            "focal length {:.0} pixels, adjusted to {:.0}: {placed} of {count} photographs placed, {} points",
+            lens.focal,
+            found.lens.focal,
+            found.points.len()
+        ));
+        if best.as_ref().is_none_or(|(p, s, _)| (placed, seen) > (*p, *s)) {
+            best = Some((placed, seen, found));
+        }
+    }
+    let none = || format!("no two of {count} photographs have {FEWEST} matches that agree on a relative pose");
+    best.map(|(.., found)| found).ok_or_else(none)
+}
+
+/// The best of the reconstructions with one guess of the lens; `None` where no pair can start one.
+fn map(
+    features: &[Features],
+    matched: &[(usize, usize, Vec<(usize, usize)>)],
+    lens: (Lens, Prior),
+    tolerance: f64,
+    seed: u64,
+) -> Option<Reconstruction> {
+    let verified = |(a, b, matches): &(usize, usize, Vec<(usize, usize)>)| {
+        let pixels: Vec<(DVec2, DVec2)> =
+            matches.iter().map(|(i, j)| (features[*a].pixels[*i], features[*b].pixels[*j])).collect();
+        let seed = seed ^ ((*a as u64) << 32 | *b as u64);
+        let view = two_view(&pixels, &lens.0, tolerance, seed)?;
+        let matches = view.inliers.iter().map(|&i| matches[i]).collect();
+        (view.inliers.len() >= FEWEST).then_some(Pair { a: *a, b: *b, matches, view })
+    };
+    let mut pairs: Vec<Pair> = matched.par_iter().filter_map(verified).collect();
+    let agreed: Vec<_> = pairs.iter().map(|p| (p.a, p.b, p.matches.clone())).collect();
+    let tracks = tracks(features, &agreed);
+    let worth = |pair: &Pair| pair.view.angles.iter().map(|a| a.min(WIDE)).sum::<f64>();
+    pairs.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
+    let start = |pair: &Pair| {
+        let start = (pair.a, pair.b, pair.view.pose);
+        let mapper = Mapper::new(&tracks, features.len(), lens, tolerance, start, seed).run();
+        let points = mapper.points();
+        ((mapper.placed(), points.iter().map(|p| p.seen.len()).sum::<usize>()), mapper, points)
+    };
+    let starts: Vec<_> = pairs.par_iter().take(STARTS).map(start).collect();
+    let (_, mapper, points) = starts.into_iter().reduce(|best, other| if other.0 > best.0 { other } else { best })?;
+    Some(Reconstruction { lens: mapper.lens, poses: mapper.poses, points })
+}

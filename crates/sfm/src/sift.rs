@@ -1,0 +1,256 @@
+//! Scale-invariant features (Lowe 2004) with RootSIFT descriptors (Arandjelović and Zisserman 2012).
+
+use std::f32::consts::TAU;
+
+use glam::DVec2;
+use nalgebra::{Matrix3, Vector3};
+
+use crate::grey::Grey;
+
+/// Numbers per descriptor: 4 × 4 cells of 8 orientations.
+pub(crate) const LENGTH: usize = CELLS * CELLS * BINS;
+const CELLS: usize = 4;
+const BINS: usize = 8;
+/// Scales per octave.
+const SCALES: usize = 3;
+/// Blur of the first image of each octave, in its pixels.
+const SIGMA: f32 = 1.6;
+/// Blur that a photograph is taken to have, in its pixels.
+const CAMERA_SIGMA: f32 = 0.5;
+/// Extrema of the difference of Gaussians below this are noise.
+const CONTRAST: f32 = 0.005;
+/// Larger ratios of principal curvatures are edges.
+const EDGE: f32 = 10.0;
+/// The shortest side of an octave, in pixels.
+const SMALLEST: usize = 16;
+/// Pixels beside the border in which there are no features.
+const BORDER: usize = 5;
+/// Bins of the histogram of orientations.
+const ANGLES: usize = 36;
+/// Peaks of that histogram above this share of the highest one are orientations too, two at most.
+const PEAK: f32 = 0.8;
+/// Photographs of at most this longest side are doubled first.
+const DOUBLED: usize = 1024;
+
+/// The features of one photograph.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Features {
+    /// Where they are; the centre of the first pixel is (0.5, 0.5).
+    pub(crate) pixels: Vec<DVec2>,
+    /// [`LENGTH`] numbers each, of unit length.
+    pub(crate) descriptors: Vec<f32>,
+}
+
+/// The features of `image`, the `most` of highest contrast.
+pub(crate) fn features(image: &Grey, most: usize) -> Features {
+    let double = image.width.max(image.height) <= DOUBLED;
+    let (mut base, sigma) = if double { (image.doubled(), 2.0 * CAMERA_SIGMA) } else { (image.clone(), CAMERA_SIGMA) };
+    base = base.blurred((SIGMA * SIGMA - sigma * sigma).sqrt());
+    let mut spacing = if double { 0.5 } else { 1.0 };
+    let mut found = Vec::new();
+    while base.width.min(base.height) >= SMALLEST {
+        let octave = Octave::new(base);
+        for extremum in octave.extrema() {
+            let level = &octave.levels[extremum.level];
+            for angle in orientations(level, &extremum) {
+                let pixel = (DVec2::new(extremum.x.into(), extremum.y.into())) * spacing + 0.5;
+                found.push((extremum.contrast, pixel, descriptor(level, &extremum, angle)));
+            }
+        }
+        base = octave.levels[SCALES].halved();
+        spacing *= 2.0;
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    found.truncate(most);
+    let mut features = Features::default();
+    for (_, pixel, descriptor) in found {
+        features.pixels.push(pixel);
+        features.descriptors.extend(descriptor);
+    }
+    features
+}
+
+/// Ever more blurred images of one size, and their differences.
+struct Octave {
+    levels: Vec<Grey>,
+    differences: Vec<Grey>,
+}
+
+/// A feature within an octave, in its pixels.
+struct Extremum {
+    x: f32,
+    y: f32,
+    /// Blur at which it is extremal.
+    sigma: f32,
+    /// The blurred image closest to that.
+    level: usize,
+    contrast: f32,
+}
+
+impl Octave {
+    fn new(base: Grey) -> Self {
+        let sigma = |level: usize| SIGMA * 2f32.powf(level as f32 / SCALES as f32);
+        let mut levels = vec![base];
+        for i in 1..SCALES + 3 {
+            levels.push(levels[i - 1].blurred((sigma(i).powi(2) - sigma(i - 1).powi(2)).sqrt()));
+        }
+        let differences = levels.windows(2).map(|pair| pair[1].minus(&pair[0])).collect();
+        Self { levels, differences }
+    }
+
+    fn extrema(&self) -> Vec<Extremum> {
+        let (width, height) = (self.levels[0].width, self.levels[0].height);
+        let mut found = Vec::new();
+        for s in 1..=SCALES {
+            for y in BORDER..height.saturating_sub(BORDER) {
+                for x in BORDER..width.saturating_sub(BORDER) {
+                    if self.is_extremal(s, x, y) {
+                        found.extend(self.refined(s, x, y));
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    /// Whether the difference there is above or below all 26 beside it.
+    fn is_extremal(&self, s: usize, x: usize, y: usize) -> bool {
+        let value = self.differences[s].at(x, y);
+        if value.abs() < 0.5 * CONTRAST {
+            return false;
+        }
+        let width = self.levels[0].width;
+        let sign = value.signum();
+        self.differences[s - 1..=s + 1].iter().enumerate().all(|(ds, image)| {
+            (y - 1..=y + 1).all(|row| {
+                let at = row * width + x;
+                let values = &image.values[at - 1..=at + 1];
+                values.iter().enumerate().all(|(dx, v)| (ds, row, dx) == (1, y, 1) || sign * v < sign * value)
+            })
+        })
+    }
+
+    /// The extremum of the quadratic through the values around; `None` if it is weak, on an edge, or runs away.
+    fn refined(&self, mut s: usize, mut x: usize, mut y: usize) -> Option<Extremum> {
+        let (width, height) = (self.levels[0].width, self.levels[0].height);
+        for _ in 0..5 {
+            let at = |dx: isize, dy: isize, ds: isize| {
+                self.differences[s.wrapping_add_signed(ds)].at(x.wrapping_add_signed(dx), y.wrapping_add_signed(dy))
+            };
+            let value = at(0, 0, 0);
+            let unit = [(1, 0, 0), (0, 1, 0), (0, 0, 1)];
+            let slope = |i: usize| 0.5 * (at(unit[i].0, unit[i].1, unit[i].2) - at(-unit[i].0, -unit[i].1, -unit[i].2));
+            let bend = |i: usize, j: usize| {
+                let ((ax, ay, az), (bx, by, bz)) = (unit[i], unit[j]);
+                if i == j {
+                    return at(ax, ay, az) + at(-ax, -ay, -az) - 2.0 * value;
+                }
+                let (p, m) = ((ax + bx, ay + by, az + bz), (ax - bx, ay - by, az - bz));
+                0.25 * (at(p.0, p.1, p.2) + at(-p.0, -p.1, -p.2) - at(m.0, m.1, m.2) - at(-m.0, -m.1, -m.2))
+            };
+            let gradient = Vector3::from_fn(|i, _| slope(i));
+            let hessian = Matrix3::from_fn(bend);
+            let step = -(hessian.lu().solve(&gradient)?);
+            if step.amax() < 0.5 {
+                let contrast = (value + 0.5 * gradient.dot(&step)).abs();
+                let trace = hessian[(0, 0)] + hessian[(1, 1)];
+                let det = hessian[(0, 0)] * hessian[(1, 1)] - hessian[(0, 1)].powi(2);
+                let on_edge = det <= 0.0 || trace * trace * EDGE >= (EDGE + 1.0).powi(2) * det;
+                let scale = s as f32 + step.z;
+                return (contrast >= CONTRAST && !on_edge).then(|| Extremum {
+                    x: x as f32 + step.x,
+                    y: y as f32 + step.y,
+                    sigma: SIGMA * 2f32.powf(scale / SCALES as f32),
+                    level: scale.round() as usize,
+                    contrast,
+                });
+            }
+            let moved = |v: usize, by: f32, least: usize, most: usize| {
+                let to = v as f32 + by.round();
+                (to >= least as f32 && to <= most as f32).then_some(to as usize)
+            };
+            x = moved(x, step.x, BORDER, width - 1 - BORDER)?;
+            y = moved(y, step.y, BORDER, height - 1 - BORDER)?;
+            s = moved(s, step.z, 1, SCALES)?;
+        }
+        None
+    }
+}
+
+/// Calls `visit` with offset, magnitude and angle of the gradient at each pixel within `radius` of the feature.
+fn gradients(image: &Grey, at: &Extremum, radius: f32, mut visit: impl FnMut(f32, f32, f32, f32)) {
+    let range = |centre: f32, size: usize| {
+        let first = (centre - radius).ceil().max(1.0) as usize;
+        first..=((centre + radius).floor().max(0.0) as usize).min(size - 2)
+    };
+    for y in range(at.y, image.height) {
+        for x in range(at.x, image.width) {
+            let dx = image.at(x + 1, y) - image.at(x - 1, y);
+            let dy = image.at(x, y + 1) - image.at(x, y - 1);
+            visit(x as f32 - at.x, y as f32 - at.y, dx.hypot(dy), dy.atan2(dx));
+        }
+    }
+}
+
+/// The one or two directions that most gradients around a feature have.
+fn orientations(image: &Grey, at: &Extremum) -> Vec<f32> {
+    let sigma = 1.5 * at.sigma;
+    let mut histogram = [0f32; ANGLES];
+    gradients(image, at, 3.0 * sigma, |dx, dy, magnitude, angle| {
+        let bin = (angle.rem_euclid(TAU) / TAU * ANGLES as f32) as usize % ANGLES;
+        histogram[bin] += magnitude * (-0.5 * (dx * dx + dy * dy) / (sigma * sigma)).exp();
+    });
+    let beside = |h: &[f32; ANGLES], i: usize| (h[(i + ANGLES - 1) % ANGLES], h[(i + 1) % ANGLES]);
+    for _ in 0..2 {
+        let rough = histogram;
+        for (i, value) in histogram.iter_mut().enumerate() {
+            let (left, right) = beside(&rough, i);
+            *value = 0.25 * left + 0.5 * rough[i] + 0.25 * right;
+        }
+    }
+    let highest = histogram.iter().copied().fold(0.0, f32::max);
+    let peak = |i: usize| {
+        let (left, right) = beside(&histogram, i);
+        let value = histogram[i];
+        (value >= PEAK * highest && value > left && value >= right).then(|| {
+            let shift = 0.5 * (left - right) / (left - 2.0 * value + right);
+            (value, (i as f32 + 0.5 + shift) / ANGLES as f32 * TAU)
+        })
+    };
+    let mut peaks: Vec<(f32, f32)> = (0..ANGLES).filter_map(peak).collect();
+    peaks.sort_by(|a, b| b.0.total_cmp(&a.0));
+    peaks.into_iter().take(2).map(|(_, angle)| angle).collect()
+}
+
+/// Histograms of gradients in 4 × 4 cells turned by `angle`; square roots of what is then of sum 1.
+fn descriptor(image: &Grey, at: &Extremum, angle: f32) -> [f32; LENGTH] {
+    let cell = 3.0 * at.sigma;
+    let (sin, cos) = angle.sin_cos();
+    let mut histogram = [0f32; LENGTH];
+    let half = CELLS as f32 / 2.0;
+    gradients(image, at, cell * 2f32.sqrt() * (half + 0.5), |dx, dy, magnitude, direction| {
+        let (u, v) = ((cos * dx + sin * dy) / cell, (cos * dy - sin * dx) / cell);
+        let weight = magnitude * (-0.5 * (u * u + v * v) / (half * half)).exp();
+        let (column, row) = (u + half - 0.5, v + half - 0.5);
+        if column.min(row) <= -1.0 || column.max(row) >= CELLS as f32 {
+            return;
+        }
+        let bin = (direction - angle).rem_euclid(TAU) / TAU * BINS as f32;
+        let share = |value: f32, i: f32| 1.0 - (value - i).abs();
+        for r in [row.floor(), row.floor() + 1.0] {
+            for c in [column.floor(), column.floor() + 1.0] {
+                if r < 0.0 || c < 0.0 || r >= CELLS as f32 || c >= CELLS as f32 {
+                    continue;
+                }
+                for b in [bin.floor(), bin.floor() + 1.0] {
+                    let index = (r as usize * CELLS + c as usize) * BINS + b as usize % BINS;
+                    histogram[index] += weight * share(row, r) * share(column, c) * share(bin, b);
+                }
+            }
+        }
+    });
+    let length = histogram.iter().map(|v| v * v).sum::<f32>().sqrt().max(f32::MIN_POSITIVE);
+    histogram.iter_mut().for_each(|v| *v = v.min(0.2 * length));
+    let sum = histogram.iter().sum::<f32>().max(f32::MIN_POSITIVE);
+    histogram.map(|v| (v / sum).sqrt())
+}

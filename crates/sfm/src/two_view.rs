@@ -1,0 +1,75 @@
+//! The relative pose of two photographs from their matches.
+
+use glam::{DMat3, DVec2, DVec3};
+
+use crate::bundle::{Adjustment, Bundle, Point, Prior};
+use crate::camera::{Lens, Pose};
+use crate::essential::{five_point, poses, sampson};
+use crate::ransac::Ransac;
+use crate::triangulate::{angle, triangulate};
+
+/// Samples of five matches, at most.
+const SAMPLES: usize = 2000;
+
+/// Two photographs whose matches agree on a relative pose.
+#[derive(Clone, Debug)]
+pub(crate) struct TwoView {
+    /// Of the second camera; the first is at the origin, the distance between them 1.
+    pub(crate) pose: Pose,
+    /// The matches that agree, by index.
+    pub(crate) inliers: Vec<usize>,
+    /// The angles between the two rays to what these see, in radians.
+    pub(crate) angles: Vec<f64>,
+}
+
+/// The relative pose on which most `matches` (pixels in both photographs) agree within `tolerance` pixels. `None` where no
+/// five of them allow one.
+pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &Lens, tolerance: f64, seed: u64) -> Option<TwoView> {
+    let rays: Vec<(DVec2, DVec2)> = matches.iter().map(|(a, b)| (lens.unproject(*a), lens.unproject(*b))).collect();
+    let threshold = (tolerance / lens.focal).powi(2);
+    let ransac = Ransac { sample: 5, threshold, most: SAMPLES, seed };
+    let solve = |sample: &[usize]| sample.try_into().map_or(Vec::new(), |s: [usize; 5]| five_point(s.map(|i| rays[i])));
+    let (essential, inliers) = ransac.run(rays.len(), solve, |e, i| sampson(e, rays[i]))?;
+    let in_front = |pose: &Pose| inliers.iter().filter(|&&i| point(pose, rays[i]).is_some()).count();
+    let pose = poses(&essential).into_iter().max_by_key(in_front)?;
+    let pose = refined(pose, matches, &rays, &inliers, lens, tolerance);
+    let essential = cross(pose.translation) * pose.rotation;
+    let centres = [DVec3::ZERO, pose.centre()];
+    let agreeing = |i: usize| {
+        let near = sampson(&essential, rays[i]) < threshold;
+        near.then(|| point(&pose, rays[i])).flatten().map(|p| (i, angle(p, &centres)))
+    };
+    let (inliers, angles) = (0..rays.len()).filter_map(agreeing).unzip();
+    Some(TwoView { pose, inliers, angles })
+}
+
+/// What both cameras see, if it is in front of them.
+fn point(pose: &Pose, (a, b): (DVec2, DVec2)) -> Option<DVec3> {
+    triangulate(&[(Pose::IDENTITY, a), (*pose, b)])
+}
+
+/// The pose after bundle adjustment of the two views, at distance 1.
+fn refined(
+    pose: Pose,
+    matches: &[(DVec2, DVec2)],
+    rays: &[(DVec2, DVec2)],
+    inliers: &[usize],
+    lens: &Lens,
+    tolerance: f64,
+) -> Pose {
+    let points = inliers.iter().filter_map(|&i| {
+        let seen = vec![(0, matches[i].0), (1, matches[i].1)];
+        Some(Point { position: point(&pose, rays[i])?, seen })
+    });
+    let mut bundle = Bundle { lens: *lens, poses: vec![Pose::IDENTITY, pose], points: points.collect() };
+    bundle.adjust(&Adjustment { prior: Prior::fixed(lens), points: true, scale: 0.5 * tolerance, steps: 10 });
+    let [first, second] = [bundle.poses[0], bundle.poses[1]];
+    let rotation = second.rotation * first.rotation.transpose();
+    let translation = second.translation - rotation * first.translation;
+    Pose { rotation, translation: translation.try_normalize().unwrap_or(pose.translation) }
+}
+
+/// The matrix of `x ↦ v × x`.
+fn cross(v: DVec3) -> DMat3 {
+    DMat3::from_cols(v.cross(DVec3::X), v.cross(DVec3::Y), v.cross(DVec3::Z))
+}
