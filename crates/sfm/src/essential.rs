@@ -166,3 +166,36 @@ pub(crate) fn poses(e: &DMat3) -> [Pose; 4] {
     let turns = [rotation(w), rotation(w.transpose())];
     [(0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)].map(|(i, sign)| Pose { rotation: turns[i], translation: sign * t })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{turn, world};
+
+    #[test]
+    fn five_exact_pairs_give_the_pose() {
+        for seed in 0..50 {
+            let all = world(seed, 2, 6);
+            let pair = |i: usize| {
+                let seen = &all.points[i].seen;
+                (all.lens.unproject(seen[0].1), all.lens.unproject(seen[1].1))
+            };
+            let found = five_point(std::array::from_fn(pair));
+            assert!((1..=10).contains(&found.len()));
+            for e in &found {
+                assert!((0..5).all(|i| sampson(e, pair(i)) < 1e-15), "seed {seed}");
+            }
+            let rotation = all.poses[1].rotation * all.poses[0].rotation.transpose();
+            let shift = (all.poses[1].translation - rotation * all.poses[0].translation).normalize();
+            let error = |pose: &Pose| turn(&pose.rotation, &rotation).to_radians() + pose.translation.distance(shift);
+            let least = found.iter().flat_map(poses).map(|pose| error(&pose)).fold(f64::INFINITY, f64::min);
+            assert!(least < 1e-5, "seed {seed}: {least}");
+        }
+    }
+
+    #[test]
+    fn degenerate_pairs_give_nothing_that_is_not_finite() {
+        let same = [(DVec2::new(0.1, 0.2), DVec2::new(0.3, 0.1)); 5];
+        assert!(five_point(same).iter().all(|e| e.is_finite()));
+    }
+}

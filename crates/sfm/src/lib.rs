@@ -1,6 +1,6 @@
 //! Cameras and points from a few photographs of a scene that does not move: structure from motion.
 //!
-//! [`sift`] features of each photograph are matched among all pairs; the relative pose on which most matches of a pair agree
+//! SIFT features of each photograph are matched among all pairs; the relative pose on which most matches of a pair agree
 //! comes from five points and RANSAC. From the pair with many matches under a large angle on, photographs are placed one by
 //! one by the points that they see (P3P and RANSAC), and after each all is adjusted together, the lens too.
 //! The same photographs give the same result, on any number of threads.
@@ -17,7 +17,8 @@ mod polynomial;
 mod ransac;
 mod reconstruction;
 mod sift;
-mod similarity;
+#[cfg(test)]
+mod testing;
 mod tracks;
 mod triangulate;
 mod two_view;
@@ -27,4 +28,3 @@ pub use camera::{Lens, Pose};
 pub use exif::focal;
 pub use grey::Grey;
 pub use reconstruction::{Photograph, Reconstruction, Settings, reconstruct};
-pub use similarity::Similarity;

@@ -198,3 +198,33 @@ impl<'a> Mapper<'a> {
         Ok(bundle.poses[0])
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{disturb, turn, world};
+
+    /// The last photograph sees nothing that the others do.
+    #[test]
+    fn all_photographs_with_matches_are_placed() {
+        let mut all = world(11, 5, 120);
+        disturb(&mut all.points, 0.5, 9);
+        let mut tracks: Vec<Track> = all.points.iter().map(|p| p.seen.clone()).collect();
+        tracks.iter_mut().for_each(|track| track.truncate(4));
+        let lens = Lens { focal: 960.0, k1: 0.0, ..all.lens };
+        let prior = Prior { focal: 960.0, focal_deviation: 0.3, k1_deviation: 0.1 };
+        let matches: Vec<_> = tracks.iter().map(|t| (t[0].1, t[3].1)).collect();
+        let start = (0, 3, crate::two_view::two_view(&matches, &lens, 2.5, 0).unwrap().pose);
+        let found = Mapper::new(&tracks, 5, (lens, prior), 2.5, start, 0).run();
+        assert_eq!(found.placed(), 4);
+        assert_eq!(found.poses[4], Err("0 matches with placed photographs, 15 needed".into()));
+        assert!((found.lens.focal / 900.0 - 1.0).abs() < 0.03, "{:?}", found.lens);
+        for i in 1..4 {
+            let first = found.poses[0].as_ref().unwrap().rotation.transpose();
+            let ours = found.poses[i].as_ref().unwrap().rotation * first;
+            assert!(turn(&ours, &(all.poses[i].rotation * all.poses[0].rotation.transpose())) < 0.3);
+        }
+        let seen: usize = found.points().iter().map(|p| p.seen.len()).sum();
+        assert!((380..=430).contains(&seen), "{seen}");
+    }
+}

@@ -92,3 +92,42 @@ impl Best {
         (1.0 - self.first < RATIO * RATIO * (1.0 - self.second)).then_some(self.index)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grey::Grey;
+    use crate::sift::features;
+    use glam::DVec2;
+
+    /// Blobs of all sizes, drawn in a frame that is turned, scaled and moved.
+    fn picture(to_picture: impl Fn(DVec2) -> DVec2, scale: f64) -> Grey {
+        let side = 320;
+        let mut values = vec![0.5f64; side * side];
+        for i in 0..260 {
+            let hash = |k: f64| ((i as f64 * 12.9898 + k * 78.233).sin() * 43758.5453).fract().abs();
+            let centre = to_picture(DVec2::new(hash(1.0), hash(2.0)) * 300.0);
+            let (radius, height) = (scale * (2.0 + 7.0 * hash(3.0)), hash(4.0) - 0.5);
+            for (at, value) in values.iter_mut().enumerate() {
+                let pixel = DVec2::new((at % side) as f64, (at / side) as f64) + 0.5;
+                *value += height * (-pixel.distance_squared(centre) / (2.0 * radius * radius)).exp();
+            }
+        }
+        Grey { width: side, height: side, values: values.into_iter().map(|v| v.clamp(0.0, 1.0) as f32).collect() }
+    }
+
+    #[test]
+    fn features_of_a_turned_and_scaled_picture_match() {
+        let turned = |p: DVec2| DVec2::from_angle(0.6).rotate(p - 150.0) * 0.8 + 160.0;
+        let (a, b) = (features(&picture(|p| p, 1.0), 2000), features(&picture(turned, 0.8), 2000));
+        let pairs = matches(&a, &b);
+        let near = pairs.iter().filter(|(i, j)| turned(a.pixels[*i]).distance(b.pixels[*j]) < 1.0).count();
+        assert!(pairs.len() > 60 && near * 100 > pairs.len() * 90, "{near} of {}", pairs.len());
+        assert!(matches(&a, &Default::default()).is_empty() && matches(&Default::default(), &a).is_empty());
+        assert_eq!(features(&a_blank(), 10).pixels.len(), 0);
+    }
+
+    fn a_blank() -> Grey {
+        Grey { width: 40, height: 3, values: vec![0.5; 120] }
+    }
+}

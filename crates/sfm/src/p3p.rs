@@ -42,3 +42,25 @@ fn frame([a, b, c]: [DVec3; 3]) -> Option<DMat3> {
     let z = x.cross(c - a).try_normalize()?;
     Some(DMat3::from_cols(x, z.cross(x), z))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::world;
+
+    #[test]
+    fn three_exact_points_give_the_pose() {
+        for seed in 0..100 {
+            let all = world(seed, 1, 3);
+            let seen = [0, 1, 2].map(|i| (all.lens.unproject(all.points[i].seen[0].1), all.points[i].position));
+            let truth = all.poses[0];
+            let error = |p: &Pose| {
+                p.translation.distance(truth.translation) + p.rotation.x_axis.distance(truth.rotation.x_axis)
+            };
+            let least = p3p(seen).iter().map(error).fold(f64::INFINITY, f64::min);
+            assert!(least < 1e-5, "seed {seed}: {least}");
+        }
+        let one = (DVec2::ZERO, DVec3::X);
+        assert!(p3p([one, one, one]).is_empty());
+    }
+}

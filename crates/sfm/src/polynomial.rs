@@ -36,7 +36,7 @@ pub(crate) fn real_roots(coefficients: &[f64]) -> Vec<f64> {
     ends.windows(2).filter_map(|w| root_between(c, &derivative, w[0], w[1])).collect()
 }
 
-/// Newton's method, bisecting where it leaves the bracket.
+/// Newton's method, bisecting where it leaves the bracket or converges slowly.
 fn root_between(c: &[f64], derivative: &[f64], mut low: f64, mut high: f64) -> Option<f64> {
     let (at_low, at_high) = (evaluate(c, low), evaluate(c, high));
     if at_low == 0.0 {
@@ -46,22 +46,42 @@ fn root_between(c: &[f64], derivative: &[f64], mut low: f64, mut high: f64) -> O
         return None;
     }
     let mut x = 0.5 * (low + high);
-    for _ in 0..100 {
+    let mut step = high - low;
+    for _ in 0..200 {
         let value = evaluate(c, x);
-        if value == 0.0 {
-            break;
-        }
         if value.signum() == at_low.signum() {
             low = x
         } else {
             high = x
         }
-        let newton = x - value / evaluate(derivative, x);
-        let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
-        if (next - x).abs() <= 1e-15 * x.abs() {
+        let newton = value / evaluate(derivative, x);
+        let far = !(x - newton > low && x - newton < high) || 2.0 * newton.abs() > step.abs();
+        let next = if far { 0.5 * (low + high) } else { x - newton };
+        step = next - x;
+        if value == 0.0 || step.abs() <= 1e-15 * x.abs() {
             break;
         }
         x = next;
     }
     Some(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn roots_of_products() {
+        let roots = [-31.0, -2.5, -1e-3, 0.0, 0.4, 0.41, 7.0, 1e3];
+        let mut c = roots.iter().fold(vec![2.0], |c, r| product(&c, &[-r, 1.0]));
+        // No further real root, and leading zeros.
+        c = product(&c, &[5.0, 1.0, 1.0]);
+        c.extend([0.0, 0.0]);
+        let found = real_roots(&c);
+        assert_eq!(found.len(), roots.len(), "{found:?}");
+        for (a, b) in found.iter().zip(roots) {
+            assert!((a - b).abs() < 1e-7 * (1.0 + b.abs()), "{a} {b}");
+        }
+        assert!(real_roots(&[1.0, 0.0, 1.0]).is_empty() && real_roots(&[3.0]).is_empty() && real_roots(&[]).is_empty());
+    }
 }

@@ -20,12 +20,14 @@ const GUESSES: [f64; 4] = [0.65, 0.85, 1.15, 1.6];
 const GUESS_DEVIATION: f64 = 0.3;
 const KNOWN_DEVIATION: f64 = 0.05;
 const K1_DEVIATION: f64 = 0.1;
+/// The usual focal length, over the longer side, and the deviation of its logarithm among cameras.
+const USUAL: (f64, f64) = (0.85, 0.5);
 /// Pairs that are tried to start from.
 const STARTS: usize = 3;
 /// Angles above this, in radians, make a pair no better to start from.
 const WIDE: f64 = 0.2;
 
-/// A photograph; all have one size and one lens.
+/// A photograph; all have one size and one lens. Pixels below are those of `image`.
 #[derive(Clone, Debug)]
 pub struct Photograph {
     /// The picture, reduced as one likes.
@@ -99,26 +101,30 @@ pub fn reconstruct(
         Some(&median) => (vec![median], KNOWN_DEVIATION),
         None => (GUESSES.to_vec(), GUESS_DEVIATION),
     };
-    let mut best: Option<(usize, usize, Reconstruction)> = None;
+    let mut best: Option<((usize, f64), Reconstruction)> = None;
     for guess in guesses {
         let lens = Lens { focal: guess * longer, k1: 0.0, centre: 0.5 * size };
         let prior = Prior { focal: lens.focal, focal_deviation, k1_deviation: K1_DEVIATION };
         let found = map(&features, &matched, (lens, prior), settings.tolerance * longer, settings.seed);
         let Some(found) = found else { continue };
-        let placed = found.poses.iter().flatten().count();
-        let seen = found.points.iter().map(|p| p.seen.len()).sum();
+        let (placed, points) = (found.poses.iter().flatten().count(), found.points.len());
+        let (from, to, k1) = (guess, found.lens.focal / longer, found.lens.k1);
         progress(&format!(
-            "focal length {:.0} pixels, adjusted to {:.0}: {placed} of {count} photographs placed, {} points",
-            lens.focal,
-            found.lens.focal,
-            found.points.len()
+            "focal length {from:.2} of the longer side: {placed} of {count} photographs placed by {points} points, adjusted to {to:.2} and k1 = {k1:.3}",
         ));
-        if best.as_ref().is_none_or(|(p, s, _)| (placed, seen) > (*p, *s)) {
-            best = Some((placed, seen, found));
+        let score = (placed, found.points.iter().map(|p| p.seen.len()).sum::<usize>() as f64 * plausibility(to));
+        if best.as_ref().is_none_or(|(most, _)| score > *most) {
+            best = Some((score, found));
         }
     }
     let none = || format!("no two of {count} photographs have {FEWEST} matches that agree on a relative pose");
-    best.map(|(.., found)| found).ok_or_else(none)
+    best.map(|(_, found)| found).ok_or_else(none)
+}
+
+/// How likely a focal length is, 1 at most. A very long one explains more matches than the true one where the cameras stand in a row: seen
+/// from so far, a point's depth is free, which makes true what is not.
+fn plausibility(focal: f64) -> f64 {
+    1.0 / (1.0 + ((focal / USUAL.0).ln() / USUAL.1).powi(2))
 }
 
 /// The best of the reconstructions with one guess of the lens; `None` where no pair can start one.

@@ -53,3 +53,23 @@ fn root(parent: &mut [usize], mut i: usize) -> usize {
     }
     i
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn matches_are_chained_and_ambiguous_photographs_left_out() {
+        let at = |x: f64| DVec2::new(x, 0.0);
+        let photograph =
+            |pixels: &[f64]| Features { pixels: pixels.iter().map(|x| at(*x)).collect(), ..Default::default() };
+        // The first two features of the third photograph differ in orientation alone.
+        let features = [photograph(&[1.0, 2.0]), photograph(&[3.0, 4.0]), photograph(&[5.0, 5.0, 6.0])];
+        let matches = [(0, 1, vec![(0, 0), (1, 1)]), (1, 2, vec![(0, 0), (1, 2)]), (0, 2, vec![(0, 1), (1, 0)])];
+        let joined = tracks(&features, &matches[..2]);
+        let all = vec![vec![(0, at(1.0)), (1, at(3.0)), (2, at(5.0))], vec![(0, at(2.0)), (1, at(4.0)), (2, at(6.0))]];
+        assert_eq!(joined, all);
+        // The last match makes one of the two, in which every photograph is ambiguous.
+        assert!(tracks(&features, &matches).is_empty());
+    }
+}

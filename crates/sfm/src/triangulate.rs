@@ -40,3 +40,33 @@ pub(crate) fn angle(point: DVec3, centres: &[DVec3]) -> f64 {
     let pairs = centres.iter().enumerate().flat_map(|(i, a)| centres[..i].iter().map(move |b| (a, b)));
     pairs.map(|(a, b)| (*a - point).angle_between(*b - point)).fold(0.0, f64::max)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{disturb, world};
+
+    #[test]
+    fn points_are_found_from_what_is_seen() {
+        let (exact, mut noisy) = (world(1, 4, 50), world(1, 4, 50));
+        disturb(&mut noisy.points, 1.0, usize::MAX);
+        let position = |all: &crate::bundle::Bundle, i: usize| {
+            let view = |(camera, pixel): &(usize, DVec2)| (all.poses[*camera], all.lens.unproject(*pixel));
+            triangulate(&all.points[i].seen.iter().map(view).collect::<Vec<_>>()).unwrap()
+        };
+        for (i, point) in exact.points.iter().enumerate() {
+            assert!(position(&exact, i).distance(point.position) < 1e-5);
+            assert!(position(&noisy, i).distance(point.position) < 0.05);
+        }
+    }
+
+    #[test]
+    fn no_point_behind_a_camera_or_of_parallel_rays() {
+        let beside = Pose { translation: DVec3::X, ..Pose::IDENTITY };
+        let seen = |x: f64| triangulate(&[(Pose::IDENTITY, DVec2::ZERO), (beside, DVec2::new(x, 0.0))]);
+        assert!(seen(0.2).unwrap().distance(DVec3::new(0.0, 0.0, 5.0)) < 1e-9);
+        assert_eq!((seen(-0.2), seen(0.0)), (None, None));
+        let right_angle = angle(DVec3::ZERO, &[DVec3::X, DVec3::Y, DVec3::X]);
+        assert!((right_angle - std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    }
+}

@@ -73,3 +73,27 @@ fn refined(
 fn cross(v: DVec3) -> DMat3 {
     DMat3::from_cols(v.cross(DVec3::X), v.cross(DVec3::Y), v.cross(DVec3::Z))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::{disturb, turn, world};
+
+    /// Of two in five matches one end is anywhere.
+    #[test]
+    fn outliers_do_not_turn_the_pose() {
+        let mut all = world(2, 3, 200);
+        let rotation = all.poses[2].rotation * all.poses[0].rotation.transpose();
+        let shift = (all.poses[2].translation - rotation * all.poses[0].translation).normalize();
+        all.points.iter_mut().for_each(|p| p.seen = vec![p.seen[0], p.seen[2]]);
+        disturb(&mut all.points, 0.5, 5);
+        let matches: Vec<_> = all.points.iter().map(|p| (p.seen[0].1, p.seen[1].1)).collect();
+        let found = two_view(&matches, &all.lens, 2.0, 0).unwrap();
+        assert!(turn(&found.pose.rotation, &rotation) < 0.2 && found.pose.translation.distance(shift) < 0.02);
+        let right = found.inliers.iter().filter(|&&i| (2 * i + 1) % 5 != 0 && (2 * i + 2) % 5 != 0).count();
+        assert!(right >= 115 && found.inliers.len() - right < 15, "{right}");
+        let again = two_view(&matches, &all.lens, 2.0, 0).unwrap();
+        assert_eq!((again.pose, &again.inliers), (found.pose, &found.inliers));
+        assert!(two_view(&matches[..4], &all.lens, 2.0, 0).is_none());
+    }
+}

@@ -1,0 +1,79 @@
+//! Photographs without poses, as a person has them.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{Workplace, text};
+use glam::{DMat3, DMat4};
+use infonerf_dataset::colmap::Reconstruction;
+use infonerf_dataset::{SceneSource, load};
+use infonerf_scene::{Image, SceneRequest, TestProtocol, View, ViewSelection};
+
+/// Writes pictures of the built-in room to `dir`, and says how they were made.
+fn room(dir: &Path, ids: &[usize]) -> Vec<View> {
+    let train = ViewSelection::Ids(ids.to_vec());
+    let request = SceneRequest { train, test: TestProtocol::First(1), image_size: Some(360), ..Default::default() };
+    let views = load(&SceneSource::Procedural("room".into()), &request).unwrap().train;
+    fs::create_dir_all(dir).unwrap();
+    for (view, id) in views.iter().zip(ids) {
+        view.image.write_png(&dir.join(format!("{id:02}.png"))).unwrap();
+    }
+    views
+}
+
+/// One of the five shows something else.
+#[test]
+fn poses_of_photographs_alone() {
+    let place = Workplace::new();
+    let dir = place.path("photos");
+    let views = room(&dir, &[0, 1, 3, 9]);
+    Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("10.png")).unwrap();
+    let command = ["scene", "from-images", "photos", "--without-colmap"];
+    let said = text(&place.run(&command).succeeds().stdout);
+    for part in ["00.png: placed", "09.png: placed", "10.png: not placed: 0 matches with placed photographs, 15 needed"]
+    {
+        assert!(said.contains(part), "expected `{part}` in: {said}");
+    }
+    let found = Reconstruction::read(&dir).unwrap();
+    let poses: Vec<DMat4> = found.images.iter().map(|image| image.pose).collect();
+    let truth: Vec<DMat4> = views.iter().map(|view| view.camera.to_world).collect();
+    assert_eq!(poses.len(), 4);
+    let relative = |all: &[DMat4], i: usize| DMat3::from_mat4(all[0]).transpose() * DMat3::from_mat4(all[i]);
+    let apart = |all: &[DMat4], i: usize| all[i].w_axis.distance(all[0].w_axis) / all[1].w_axis.distance(all[0].w_axis);
+    for i in 1..4 {
+        let turn = relative(&poses, i) * relative(&truth, i).transpose();
+        let angle = (0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0)).clamp(-1.0, 1.0).acos().to_degrees();
+        assert!(angle < 0.5, "{i}: {angle}°");
+        assert!((apart(&poses, i) / apart(&truth, i) - 1.0).abs() < 0.05, "{i}");
+    }
+    let focal = found.camera(&found.images[0]).unwrap().fx / views[0].camera.fx;
+    assert!((focal - 1.0).abs() < 0.05 && found.reprojection_error().unwrap() < 0.5, "{focal}");
+    place.run(&["scene", "info", "photos"]).succeeds();
+    place.run(&command).fails_with(&["sparse", "remove this one to make another"]);
+}
+
+/// A COLMAP that fails is no reason to give up; photographs of different things are, and leave nothing behind.
+#[cfg(unix)]
+#[test]
+fn photographs_that_cannot_be_placed() {
+    use std::os::unix::fs::PermissionsExt;
+    let place = Workplace::new();
+    let dir = place.path("photos");
+    room(&dir, &[0]);
+    let program = place.path("colmap");
+    fs::write(&program, "#!/bin/sh\necho oops\nexit 1\n").unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let run = || place.run(&["scene", "from-images", "photos"]).env("PATH", place.path(""));
+    run().fails_with(&["at least two PNG or JPEG photographs: it has 1"]);
+    Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("b.png")).unwrap();
+    run().fails_with(&["photos: expected photographs that overlap", "no two of 2 photographs have 20 matches"]);
+    let said = text(&run().into_command().output().unwrap().stdout);
+    assert!(said.contains("colmap failed: ") && said.contains("oops"), "{said}");
+    assert!(!dir.join("sparse").exists() && !dir.join("colmap.db").exists());
+    Image::filled(360, 300, [0.5; 3]).write_png(&dir.join("c.png")).unwrap();
+    run().fails_with(&["c.png: expected 360×360 pixels, as 00.png has: 360×300"]);
+    fs::write(dir.join("c.png"), "no picture").unwrap();
+    run().fails_with(&["c.png"]);
+}
