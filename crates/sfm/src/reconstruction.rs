@@ -19,7 +19,7 @@ const GUESSES: [f64; 4] = [0.65, 0.85, 1.15, 1.6];
 /// How far off a guess, or what EXIF says, may be: deviation of its logarithm.
 const GUESS_DEVIATION: f64 = 0.3;
 const KNOWN_DEVIATION: f64 = 0.05;
-const K1_DEVIATION: f64 = 0.1;
+const K1_DEVIATION: f64 = 0.03;
 /// The usual focal length, over the longer side, and the deviation of its logarithm among cameras.
 const USUAL: (f64, f64) = (0.85, 0.5);
 /// Pairs that are tried to start from.

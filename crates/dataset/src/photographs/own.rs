@@ -191,7 +191,7 @@ mod tests {
                     fs::copy(path, guard.path().join(name(path))).unwrap();
                 }
                 let started = std::time::Instant::now();
-                let tell = |line: &str| drop(told.then(|| eprintln!("{line}")));
+                let tell = |line: &str| told.then(|| eprintln!("{line}")).unwrap_or_default();
                 let result = pose(guard.path(), &guard.path().join("sparse"), tell);
                 let seconds = started.elapsed().as_secs_f64();
                 let which = format!("{capture}, {count} {}", if spread { "all over" } else { "side by side" });
@@ -202,7 +202,7 @@ mod tests {
                 let read = Reconstruction::read(guard.path()).unwrap();
                 let truth = |image: &ColmapImage| {
                     let stem = Path::new(&image.name).file_stem();
-                    views.iter().find(|view| Path::new(&view.name).file_name() == stem).unwrap().camera
+                    &views.iter().find(|view| Path::new(&view.name).file_name() == stem).unwrap().camera
                 };
                 let poses: Vec<_> = read.images.iter().map(|image| (image.pose, truth(image).to_world)).collect();
                 let (turn, off) = errors(&poses);
