@@ -163,7 +163,7 @@ fn check(device: &Device) {
     let field = config().field.build(&setup).unwrap().map(&mut rule);
     assert_eq!(rule.visited, 2 * LAYERS);
     // One network for both passes.
-    let model = Model { coarse: None, fine: field, exposure: None };
+    let model = Model::of(field);
     let rows = fixture["rays"].as_array().unwrap();
     let ray = |row: &Value| Ray {
         origin: vector(&row["origin"]),

@@ -182,7 +182,7 @@ fn compare_output(output: &RenderOutput, epsilon: f32, ray: usize, want: &Value,
 /// Everything that the fixture has, on one device.
 fn check(device: &Device) {
     let fixture = &fixture();
-    let model = Model { coarse: Some(network(fixture, 0, device)), fine: network(fixture, 1, device), exposure: None };
+    let model = Model { coarse: Some(network(fixture, 0, device)), ..Model::of(network(fixture, 1, device)) };
     let epsilon = fixture["eps"].as_f64().unwrap() as f32;
     let request = RenderRequest { color: true, hidden: true };
     for last_interval in ["finite", "infinite"] {

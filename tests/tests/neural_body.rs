@@ -89,7 +89,7 @@ fn check(device: &Device) {
     let (positions, directions) = (numbers(&fixture["points"]), numbers(&fixture["directions"]));
     let segments = Segments::from_counts(vec![1; positions.len() / 3]);
     let extent = Extent::Ball { variance: 0.0 };
-    let points = Points { positions: &positions, directions: &directions, segments: &segments, extent };
+    let points = Points { positions: &positions, directions: &directions, segments: &segments, extent, tracked: None };
     let (sigma, rgb) = (numbers(&fixture["sigma"]), numbers(&fixture["rgb"]));
     close(&to_host(field.evaluate(points, false, Moment::END).sigma), &sigma, "density alone");
     let sampled = field.evaluate(points, true, Moment::END);
@@ -140,6 +140,7 @@ fn a_body_of_full_size_fits() {
         directions: &[[0.0, 0.0, 1.0]; 2].concat(),
         segments: &segments,
         extent: Extent::Ball { variance: 0.0 },
+        tracked: None,
     };
     let field = field.conditioned(&Sources { views: [].into(), middle: [0.0; 3] }, None);
     let sampled = field.evaluate(points, true, Moment::END);

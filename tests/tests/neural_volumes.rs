@@ -148,6 +148,7 @@ fn check(fixture: &Value, expected: &Value, original: &RadianceField, sources: &
         directions: &[0.0, 0.0, 1.0].repeat(counts.len()),
         segments: &segments,
         extent: Extent::Ball { variance: 0.0 },
+        tracked: None,
     };
     let sampled = field.evaluate(points, true, Moment::END);
     let alone = field.evaluate(points, false, Moment::END);
@@ -224,7 +225,8 @@ fn densities(fixture: &Value, field: &RadianceField, sources: &Sources, seed: Op
     let positions = numbers(&fixture["positions"]);
     let segments = Segments::uniform(1, positions.len() / 3);
     let extent = Extent::Ball { variance: 0.0 };
-    let points = Points { positions: &positions, directions: &[0.0, 0.0, 1.0], segments: &segments, extent };
+    let points =
+        Points { positions: &positions, directions: &[0.0, 0.0, 1.0], segments: &segments, extent, tracked: None };
     to_host(field.conditioned(sources, seed).evaluate(points, false, Moment::END).sigma)
 }
 

@@ -219,6 +219,7 @@ fn check(device: &Device) {
         directions: &directions,
         segments: &segments,
         extent: Extent::Ball { variance: 0.0 },
+        tracked: None,
     };
     let sampled = field.conditioned(&sources, None).evaluate(points, true, Moment::END);
     let color = sampled.color.unwrap();

@@ -17,6 +17,7 @@ built_in! {
     "llff-3view",
     "dtu-3view",
     "capture",
+    "cameras",
     "zju-4view",
     "fast-losses",
     "mlp-losses",

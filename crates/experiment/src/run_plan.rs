@@ -9,7 +9,7 @@ use infonerf_field::FieldSpec;
 use infonerf_report::run_directory;
 use infonerf_scene::{PixelCount, Scene, SceneError, SceneRequest};
 use infonerf_schedule::Fault;
-use infonerf_train::config::PixelPosition;
+use infonerf_train::config::{Disturbance, PixelPosition};
 use infonerf_train::{Config, MemoryPlan, Preset, Trainer, member_seed};
 use serde::{Deserialize, Serialize};
 use toml::Table;
@@ -113,10 +113,13 @@ impl RunPlan {
     pub fn load(&self) -> Result<Scene> {
         let scene = infonerf_dataset::load(&self.source, &self.request()).map_err(named_by_key);
         let scene = scene.with_context(|| self.source_name())?;
-        Ok(match self.config.scene.pixel_position {
+        let scene = match self.config.scene.pixel_position {
             PixelPosition::Centre => scene,
             PixelPosition::Corner => scene.with_rays_through_corners(),
-        })
+        };
+        let disturb = self.config.scene.disturb;
+        let exact = disturb == Disturbance::default();
+        Ok(if exact { scene } else { scene.disturbed(disturb.degrees, disturb.distance, self.seed) })
     }
 
     /// Refuses a run that would not fit into memory with so many of its fields being trained side by side, before anything

@@ -76,6 +76,10 @@ impl FieldSpec for FactoredConfig {
         // Position, direction, distance, interval, density and colour; the kernel works through the rest in blocks.
         Footprint { parameters: 3 * self.channels as u64 * texels, per_sample: 12 }
     }
+
+    fn tracks_positions(&self) -> bool {
+        true
+    }
 }
 
 /// Planes ⊙ lines → features → MLP → density and colour, in one operation: see [`infonerf_ops::factored`].
@@ -165,10 +169,14 @@ impl FactoredField {
     }
 
     /// Positions in [0, 1]³ over the box, clamped to it.
-    fn normalised(&self, positions: &[f32]) -> Tensor<2> {
+    fn normalised(&self, points: Points<'_>) -> Tensor<2> {
         let [low, high] = self.bounds;
         let scale = [0, 1, 2].map(|axis| 1.0 / (high[axis] - low[axis]));
-        let mut positions = positions.to_vec();
+        if let Some(positions) = points.tracked {
+            let [low, scale] = [low, scale].map(|row| Tensor::<1>::from_floats(row, &self.device()).unsqueeze());
+            return ((positions.clone() - low) * scale).clamp(0.0, 1.0);
+        }
+        let mut positions = points.positions.to_vec();
         for p in positions.chunks_exact_mut(3) {
             for axis in 0..3 {
                 p[axis] = ((p[axis] - low[axis]) * scale[axis]).clamp(0.0, 1.0);
@@ -186,7 +194,7 @@ impl Field for FactoredField {
         let v = self.config.view_dependence;
         let directions = if color && v > 0.0 { points.sample_directions() } else { Vec::new() };
         let query = Query {
-            positions: self.normalised(points.positions),
+            positions: self.normalised(points),
             directions: directions.into_iter().map(|d| v * d).collect(),
             frequency_weights,
             level_weights,

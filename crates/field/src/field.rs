@@ -13,6 +13,9 @@ use crate::{FieldOutput, Penalty, Points, Sources};
 pub trait Field: Module + ModuleDisplay + Sync + 'static {
     /// Density σ(x), and colour c(x, d) if `color`, differentiable in the parameters.
     ///
+    /// Where [`Points::tracked`] is given, differentiable in it too, with view directions held fixed, if the field's config
+    /// [says so](FieldSpec::tracks_positions).
+    ///
     /// `at` is the moment of the run, for fields that anneal detail; at [`Moment::END`] all of it is in use.
     ///
     /// # Panics
@@ -113,6 +116,11 @@ pub trait FieldSpec: fmt::Display {
 
     /// Whether the field is attached to a body's vertices, and so needs unwarped space.
     fn needs_body(&self) -> bool {
+        false
+    }
+
+    /// Whether density and colour are differentiable in [`Points::tracked`], as `train.cameras.refine` needs.
+    fn tracks_positions(&self) -> bool {
         false
     }
 

@@ -309,6 +309,7 @@ mod tests {
             directions: &[1.0, 0.0, 0.0, 0.0, 0.0, 1.0],
             segments: &rays,
             extent: Extent::Ball { variance: 1e-4 },
+            tracked: None,
         };
         let sampled = field(&Device::flex()).evaluate(points, true, Moment::END);
         assert!(to_host(sampled.sigma).iter().all(|sigma| *sigma > 0.0 && sigma.is_finite()));

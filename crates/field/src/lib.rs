@@ -26,6 +26,7 @@
 //!     directions: &[1.0, 0.0, 0.0],
 //!     segments: &rays,
 //!     extent: Extent::Ball { variance: 1e-4 },
+//!     tracked: None,
 //! };
 //! let sampled = field.evaluate(points, true, Moment::END);
 //! assert_eq!(sampled.sigma.dims(), [2]);

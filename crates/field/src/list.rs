@@ -76,6 +76,10 @@ macro_rules! fields {
                 match self { $(Self::$name(config) => config.needs_body(),)* }
             }
 
+            fn tracks_positions(&self) -> bool {
+                match self { $(Self::$name(config) => config.tracks_positions(),)* }
+            }
+
             fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
                 match self { $(Self::$name(config) => config.weights_file(),)* }
             }

@@ -155,6 +155,7 @@ mod tests {
             directions: &[0.0, 1.0, 0.0, root, root, 0.0],
             segments: &segments,
             extent: Extent::Cones { t: &[2.0, 2.0], delta: &[1.0, 1.0], radii: &[0.1, 0.2] },
+            tracked: None,
         };
         let (means, variances) = gaussians(points);
         let [straight, diagonal] = [0.1, 0.2].map(|radius| frustum_gaussian(2.0, 1.0, radius));

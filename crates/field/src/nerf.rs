@@ -5,7 +5,6 @@ use std::fmt;
 use burn::module::Module;
 use burn::tensor::{Device, activation::sigmoid};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
-use infonerf_ops::from_host;
 use infonerf_ops::mlp::Precision;
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
@@ -74,6 +73,10 @@ impl FieldSpec for NerfConfig {
     fn footprint(&self) -> Footprint {
         Footprint::dense(self.layers, self.width)
     }
+
+    fn tracks_positions(&self) -> bool {
+        true
+    }
 }
 
 /// Positional encoding → MLP → density and colour.
@@ -88,8 +91,7 @@ impl Field for NerfMlp {
     fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
         let c = &self.config;
         let window = frequency_window(c.position_frequencies, c.detail.at(at));
-        let positions = from_host(points.positions, 3, &self.device());
-        let encoded = frequency_encode(positions, c.position_frequencies, &window);
+        let encoded = frequency_encode(points.positions_on(&self.device()), c.position_frequencies, &window);
         let (sigma, color) = self.mlp.forward(encoded, points, color);
         FieldOutput { sigma: c.density.apply(sigma), color: color.map(sigmoid) }
     }

@@ -1,7 +1,7 @@
-use burn::tensor::Tensor;
-use infonerf_ops::Segments;
+use burn::tensor::{Device, Tensor};
+use infonerf_ops::{Segments, from_host};
 
-/// Where a field is evaluated, on the host.
+/// Where a field is evaluated, on the host; the positions as a tensor too where a gradient is to reach them.
 #[derive(Clone, Copy, Debug)]
 pub struct Points<'a> {
     /// Sample positions in scene units, `[M, 3]` row-major.
@@ -12,6 +12,9 @@ pub struct Points<'a> {
     pub segments: &'a Segments,
     /// The space around its position that each sample represents.
     pub extent: Extent<'a>,
+    /// The positions as a tensor `[M, 3]` in an autodiff graph, if a gradient with respect to them is wanted: see
+    /// [`FieldSpec::tracks_positions`](crate::FieldSpec::tracks_positions).
+    pub tracked: Option<&'a Tensor<2>>,
 }
 
 impl Points<'_> {
@@ -23,6 +26,11 @@ impl Points<'_> {
     /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
+    }
+
+    /// The positions as a tensor, `[M, 3]`: the tracked ones, if there are any.
+    pub fn positions_on(&self, device: &Device) -> Tensor<2> {
+        self.tracked.cloned().unwrap_or_else(|| from_host(self.positions, 3, device))
     }
 
     /// The view direction of each sample, `[M, 3]` row-major.

@@ -66,6 +66,7 @@ pub mod numeric;
 #[cfg(feature = "flex")]
 mod ray_kernel;
 pub mod reference;
+pub mod rotation;
 mod segments;
 #[cfg(feature = "flex")]
 mod simd;
@@ -83,6 +84,7 @@ pub use frequency::frequency_encode;
 pub use frustum::frustum_gaussian;
 pub use integrated::integrated_encode;
 pub use mlp::radiance_mlp;
+pub use rotation::rotate;
 pub use segments::Segments;
 pub use trilinear::trilinear;
 

@@ -27,6 +27,15 @@ const CHUNK: usize = 1 << 15;
 
 /// Renders the picture of one member.
 pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
+    let mut image = render_in_frame(renderer, trained, &trained.camera(camera));
+    if let Some(frame) = trained.frame {
+        image.depth.iter_mut().for_each(|depth| *depth /= frame.scale as f32);
+    }
+    image
+}
+
+/// The picture of a camera in the model's own frame.
+fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
     let rays: Vec<Ray> = (0..camera.height)
         .flat_map(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))
         .map(|(x, y)| camera.ray(x, y))
@@ -131,11 +140,10 @@ mod tests {
         let config = config(placement);
         let mut grid = OccupancyGrid::new(&config.occupancy, scene.space.bounds);
         grid.restore(vec![1e4; 8], vec![true; 8], true).unwrap();
-        let model =
-            Model { coarse: None, fine: Grey { none: Tensor::zeros([1], &Device::flex()), sigma }, exposure: None };
+        let model = Model::of(Grey { none: Tensor::zeros([1], &Device::flex()), sigma });
         let camera = Camera::from_fov(1, 1, 0.1, DMat4::from_translation(DVec3::new(0.1, 0.1, 4.0)));
         let at = Moment { step: 10, progress: 0.25 };
-        (Renderer::new(&config, &scene), TrainedModel { model, occupancy: Some(grid), at }, camera)
+        (Renderer::new(&config, &scene), TrainedModel { model, occupancy: Some(grid), at, frame: None }, camera)
     }
 
     #[test]

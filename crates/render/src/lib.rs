@@ -60,11 +60,12 @@
 //!     },
 //! };
 //! let fog = Fog { density: Tensor::from_floats([100.0], &Device::flex()) };
-//! let trained = TrainedModel { model: Model { coarse: None, fine: fog, exposure: None }, occupancy: None, at: Moment::START };
+//! let trained = TrainedModel { model: Model::of(fog), occupancy: None, at: Moment::START, frame: None };
 //! let picture = render_image(&Renderer::new(&config, &scene), &[trained], &scene.test[0].camera);
 //! assert_eq!((picture.width, picture.rgb[0]), (8, [0.0, 0.0, 1.0]));
 //! ```
 
+mod cameras;
 mod config;
 mod distances;
 mod ensemble;
@@ -80,6 +81,7 @@ mod sampler;
 mod samples;
 mod warp;
 
+pub use cameras::{CameraRefinement, Focal, RayBundle, TrackedRays};
 pub use config::{Compositing, LastInterval, OccupancyConfig, Placement, RenderConfig};
 pub use ensemble::render_image;
 pub use exposure::Exposure;

@@ -57,6 +57,7 @@ pub(crate) fn march<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, ra
             directions: &directions,
             segments: &segments,
             extent: Extent::Cones { t: &t, delta: &delta, radii: &radii },
+            tracked: None,
         };
         let sampled = trained.model.fine.evaluate(points, true, trained.at);
         let sigma = to_host(sampled.sigma);

@@ -1,8 +1,9 @@
 use burn::module::Module;
 use infonerf_field::{Field, RadianceField, Sources};
+use infonerf_scene::{Camera, Similarity};
 use infonerf_schedule::Moment;
 
-use crate::{Exposure, OccupancyGrid};
+use crate::{CameraRefinement, Exposure, OccupancyGrid};
 
 /// The trained fields: one, or a coarse and a fine one (NeRF's hierarchical sampling).
 #[derive(Module, Debug)]
@@ -13,15 +14,23 @@ pub struct Model<F: Module> {
     pub fine: F,
     /// Gain and bias per training view; none if photographs are taken to have one exposure.
     pub exposure: Option<Exposure>,
+    /// Corrections of the training cameras; none if these are taken to be exact.
+    pub cameras: Option<CameraRefinement>,
 }
 
 impl<F: Field> Model<F> {
+    /// A field alone.
+    pub fn of(fine: F) -> Self {
+        Self { coarse: None, fine, exposure: None, cameras: None }
+    }
+
     /// The model with its fields conditioned on `sources`: see [`Field::conditioned`].
     pub fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {
         Self {
             coarse: self.coarse.as_ref().map(|field| field.conditioned(sources, seed)),
             fine: self.fine.conditioned(sources, seed),
             exposure: self.exposure.clone(),
+            cameras: self.cameras.clone(),
         }
     }
 }
@@ -35,4 +44,13 @@ pub struct TrainedModel<F: Field = RadianceField> {
     pub occupancy: Option<OccupancyGrid>,
     /// The moment of the last training step, at which the fields are evaluated: detail that fades in later is not learnt.
     pub at: Moment,
+    /// From the scene's frame to that of the cameras that the model was trained with; none if these are the scene's own.
+    pub frame: Option<Similarity>,
+}
+
+impl<F: Field> TrainedModel<F> {
+    /// A camera of the scene in the frame of the model.
+    pub fn camera(&self, camera: &Camera) -> Camera {
+        self.frame.map_or_else(|| camera.clone(), |frame| frame.camera(camera))
+    }
 }

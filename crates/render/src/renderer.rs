@@ -6,8 +6,8 @@ use infonerf_schedule::Moment;
 
 use crate::sampler::{Sampler, Skip};
 use crate::{
-    Compositing, Model, Noise, OccupancyGrid, Passes, RandomStream, RenderConfig, RenderOutput, RenderRequest, Samples,
-    Warp,
+    Compositing, Model, Noise, OccupancyGrid, Passes, RandomStream, RayBundle, RenderConfig, RenderOutput,
+    RenderRequest, Samples, Warp,
 };
 
 /// Renders bundles of rays of one scene.
@@ -64,38 +64,43 @@ impl Renderer {
 
     /// Renders `rays`, with samples jittered by `noise` (training) or evenly spaced without it (evaluation). Fields are
     /// evaluated at the moment `at` of the run. Without colour, a coarse pass has no gradient.
-    pub fn render<F: Field>(
+    pub fn render<'a, F: Field>(
         &self,
         model: &Model<F>,
-        rays: &[Ray],
+        rays: impl Into<RayBundle<'a>>,
         request: RenderRequest,
         noise: Option<Noise>,
         occupancy: Option<&OccupancyGrid>,
         at: Moment,
     ) -> Passes {
         let config = self.sampler.config();
+        let bundle = rays.into();
+        let rays = bundle.rays;
         let background = self.behind(noise);
         let hidden_depth = if request.hidden { f32::INFINITY } else { config.hidden_depth() };
         let skip = Skip { grid: occupancy, hidden_depth };
         let noise = noise.filter(|_| config.jitter);
+        let evaluate = |field: &F, samples: Samples| {
+            self.evaluate(field, samples.tracked(bundle, self.warp()), request, background, at)
+        };
         if config.marches() {
             let samples = self.sampler.marched(rays, noise, skip, at);
-            return Passes { coarse: None, fine: self.evaluate(&model.fine, samples, request, background, at) };
+            return Passes { coarse: None, fine: evaluate(&model.fine, samples) };
         }
         let candidates = self.sampler.coarse(rays, noise, at);
         let samples = self.sampler.pack(rays, &candidates, skip);
         if !config.is_hierarchical() {
-            return Passes { coarse: None, fine: self.evaluate(&model.fine, samples, request, background, at) };
+            return Passes { coarse: None, fine: evaluate(&model.fine, samples) };
         }
         let coarse_field = model.coarse.as_ref().unwrap_or(&model.fine);
         let coarse = if request.color {
-            self.evaluate(coarse_field, samples, request, background, at)
+            evaluate(coarse_field, samples)
         } else {
             self.evaluate(&coarse_field.valid(), samples, request, background, at)
         };
         let fine = self.sampler.fine(&candidates, &coarse, noise);
         let samples = self.sampler.pack(rays, &fine, skip);
-        let fine = self.evaluate(&model.fine, samples, request, background, at);
+        let fine = evaluate(&model.fine, samples);
         Passes { coarse: Some(coarse), fine }
     }
 

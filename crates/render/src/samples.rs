@@ -1,9 +1,10 @@
+use burn::tensor::{Int, Tensor, TensorData};
 use infonerf_field::{Extent, Points};
 use infonerf_ops::Segments;
 use infonerf_scene::Ray;
 use rayon::prelude::*;
 
-use crate::Warp;
+use crate::{RayBundle, Warp};
 
 /// Packed samples of a bundle of rays.
 #[derive(Clone, Debug)]
@@ -22,6 +23,8 @@ pub struct Samples {
     pub radii: Vec<f32>,
     /// Number of candidates before skipping.
     pub candidates: usize,
+    /// `positions` in an autodiff graph, `[M, 3]`, where a gradient is to reach the rays.
+    pub tracked: Option<Tensor<2>>,
 }
 
 impl Samples {
@@ -47,7 +50,21 @@ impl Samples {
             directions: rays.iter().flat_map(|ray| ray.direction.to_array()).collect(),
             radii: rays.iter().map(|ray| ray.radius).collect(),
             candidates: parts.iter().map(|part| part.candidates).sum(),
+            tracked: None,
         }
+    }
+
+    /// The same with positions `warp(o + t d)` that are differentiable in the rays of `bundle`, if these are tracked. The
+    /// distances t are taken as given.
+    pub(crate) fn tracked(self, bundle: RayBundle<'_>, warp: &Warp) -> Self {
+        let Some(rays) = bundle.tracked.filter(|_| !self.t.is_empty()) else { return self };
+        let device = rays.origins.device();
+        let samples = self.t.len();
+        let owners = Tensor::<1, Int>::from_data(TensorData::new(self.segments.owners(), [samples]), &device);
+        let t = Tensor::<2>::from_data(TensorData::new(self.t.clone(), [samples, 1]), &device);
+        let [origins, directions] =
+            [&rays.origins, &rays.directions].map(|rows| rows.clone().select(0, owners.clone()));
+        Self { tracked: Some(warp.points(origins + directions * t)), ..self }
     }
 
     /// The same distances along other rays.
@@ -60,7 +77,7 @@ impl Samples {
             .collect();
         let directions = rays.iter().flat_map(|ray| ray.direction.to_array()).collect();
         let radii = rays.iter().map(|ray| ray.radius).collect();
-        Self { positions, directions, radii, ..self.clone() }
+        Self { positions, directions, radii, tracked: None, ..self.clone() }
     }
 
     /// The points at which a field is evaluated.
@@ -70,6 +87,7 @@ impl Samples {
             directions: &self.directions,
             segments: &self.segments,
             extent: Extent::Cones { t: &self.t, delta: &self.delta, radii: &self.radii },
+            tracked: self.tracked.as_ref(),
         }
     }
 }

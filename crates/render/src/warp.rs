@@ -1,5 +1,6 @@
 //! Maps from the world to the space of a field: unbounded captures are mapped into a box.
 
+use burn::tensor::Tensor;
 use glam::{Mat4, Vec2, Vec3};
 use infonerf_scene::{Aabb, Camera, Layout, Range, Scene};
 use serde::{Deserialize, Serialize};
@@ -106,6 +107,28 @@ impl Warp {
                 let x = (p - *centre) / *radius;
                 let length = x.length();
                 if length <= 1.0 { x } else { x * ((2.0 - 1.0 / length) / length) }
+            }
+        }
+    }
+
+    /// [`Self::point`] of each row, `[M, 3]`, differentiable.
+    pub fn points(&self, p: Tensor<2>) -> Tensor<2> {
+        let device = p.device();
+        let row = |v: [f32; 3]| Tensor::<1>::from_floats(v, &device).unsqueeze::<2>();
+        match self {
+            Self::Identity => p,
+            Self::Ndc { to_camera, scale, near } => {
+                let [x, y, z, origin] = to_camera.to_cols_array_2d().map(|[x, y, z, _]| row([x, y, z]));
+                let p = p.matmul(Tensor::cat(vec![x, y, z], 0)) + origin;
+                let z = p.clone().narrow(1, 2, 1).neg().clamp_min(0.5 * near);
+                let across = p.narrow(1, 0, 2) / z.clone();
+                let across = across * Tensor::<1>::from_floats(scale.to_array(), &device).unsqueeze::<2>();
+                Tensor::cat(vec![across, z.recip() * (-2.0 * near) + 1.0], 1)
+            }
+            Self::Contraction { centre, radius } => {
+                let x = (p - row(centre.to_array())) / *radius;
+                let length = x.clone().square().sum_dim(1).clamp_min(1.0).sqrt();
+                x * (length.clone().recip().neg() + 2.0) / length
             }
         }
     }

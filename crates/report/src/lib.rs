@@ -70,7 +70,7 @@ pub use panel::panel;
 pub use protocol::protocol_lines;
 pub use published::{Published, PublishedRow};
 pub use quantity::Quantity;
-pub use record::{Record, Setting, TestViews};
+pub use record::{CameraErrors, Record, Setting, TestViews};
 pub use report::{ReportFiles, write_report};
 pub use results::{Results, results_document};
 pub use run::{Run, RunKey, VIEWER_PAGE, run_directory};

@@ -48,12 +48,28 @@ pub struct Record {
     pub ray_entropy_bits: Option<f64>,
     /// Mean information gain between test rays and their neighbours (the paper's Figure A).
     pub information_gain: Option<f64>,
+    /// How far training cameras were from the true ones, where these are known and others were given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cameras: Option<CameraErrors>,
     /// Peak resident memory of the process in bytes, where the system reports it.
     pub peak_rss_bytes: Option<u64>,
     /// True when the field went empty.
     pub collapsed: bool,
     /// Remarks, among them the reason for each metric that is `null`.
     pub notes: Vec<String>,
+}
+
+/// Mean errors of the poses of training cameras, each set aligned with the true ones by a similarity.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct CameraErrors {
+    /// Angle between the orientations as training began, degrees.
+    pub rotation_deg_before: f64,
+    /// The same as training ended.
+    pub rotation_deg: f64,
+    /// Distance between the positions as training began, percent of the distance from the scene's centre.
+    pub translation_percent_before: f64,
+    /// The same as training ended.
+    pub translation_percent: f64,
 }
 
 /// A variant of an experiment with the values that a sweep gave some keys.

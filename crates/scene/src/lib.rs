@@ -52,8 +52,8 @@ pub use layout::Layout;
 pub use lens::{Lens, LensModel};
 pub use pixel::PixelAt;
 pub use poses::{
-    Keyframe, ViewRegion, figure_eight, interpolate_keyframes, interpolate_views, near_pose, near_pose_about, orbit,
-    spiral, unseen_pose,
+    Keyframe, PoseError, Similarity, ViewRegion, figure_eight, interpolate_keyframes, interpolate_views, near_pose,
+    near_pose_about, orbit, spiral, unseen_pose,
 };
 pub use range::Range;
 pub use ray::Ray;

@@ -79,6 +79,8 @@ pub struct Scene {
     /// The cameras of every training view there is, chosen or not, at the scene's image size. Only
     /// their poses: no image of an unchosen view is read.
     pub all_train_cameras: Vec<Camera>,
+    /// The exact cameras of `train` if these were [disturbed](Scene::disturbed), in the frame of the test views.
+    pub exact_cameras: Option<Vec<Camera>>,
     /// What a person should know of the data, one line each.
     pub warnings: Vec<String>,
 }
@@ -95,6 +97,7 @@ impl Default for Scene {
             backdrop: Backdrop::default(),
             space: Space::default(),
             all_train_cameras: Vec::new(),
+            exact_cameras: None,
             warnings: Vec::new(),
         }
     }

@@ -59,7 +59,7 @@ pub fn information<F: Field>(
     let sum = |values: Vec<f32>| values.into_iter().map(f64::from).sum::<f64>();
     let chunk = renderer.rays_at_once(trained.at);
     for start in (0..count).step_by(chunk) {
-        let pairs = (start..(start + chunk).min(count)).map(|i| pair(scene, &query, centre, i));
+        let pairs = (start..(start + chunk).min(count)).map(|i| pair(trained, scene, &query, centre, i));
         let (rays, near): (Vec<Ray>, Vec<Ray>) = pairs.unzip();
         let request = RenderRequest { color: false, hidden: false };
         let occupancy = trained.occupancy.as_ref();
@@ -72,9 +72,15 @@ pub fn information<F: Field>(
 }
 
 /// The `i`th ray, and its neighbour.
-fn pair(scene: &Scene, query: &InformationQuery<'_>, centre: DVec3, i: usize) -> (Ray, Ray) {
+fn pair<F: Field>(
+    trained: &TrainedModel<F>,
+    scene: &Scene,
+    query: &InformationQuery<'_>,
+    centre: DVec3,
+    i: usize,
+) -> (Ray, Ray) {
     let noise = Noise::new(query.seed, 0, RandomStream::InformationRays);
-    let camera = &scene.test[noise.below(i, 0, scene.test.len())].camera;
+    let camera = trained.camera(&scene.test[noise.below(i, 0, scene.test.len())].camera);
     let mut rng = generator(Noise::new(query.seed, i as u64, RandomStream::InformationNeighbours));
     let near = near_pose_about(&camera.to_world, centre, &mut rng, query.neighbours.max_angle_deg);
     let x = noise.uniform(i, 1) * camera.width as f32;

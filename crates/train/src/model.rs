@@ -3,15 +3,17 @@
 use std::fmt;
 use std::sync::Arc;
 
+use burn::lr_scheduler::module_lr_scheduler::{ModuleLearningRate, ModuleLrScheduler};
 use burn::module::ParamGroup;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use infonerf_field::{Body, Field, FieldConfig, FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::adam::Adam;
-use infonerf_render::{Exposure, Model};
-use infonerf_scene::{self as scene, Aabb};
-use infonerf_schedule::Fault;
+use infonerf_render::{CameraRefinement, Exposure, Model};
+use infonerf_scene::{self as scene, Aabb, Scene};
+use infonerf_schedule::{Fault, Moment};
 
+use crate::config::TrainConfig;
 use crate::{Checkpoint, Config, TrainError};
 
 type Build<F> = dyn Fn(u64, &Device) -> Result<F, TrainError> + Send + Sync;
@@ -61,20 +63,30 @@ impl<F: Field> FieldBuilder<F> {
         self.sees_photographs
     }
 
-    /// A model for `views` training views with weights drawn from `seed`, or those of the run that `train.init` names.
+    /// A model for `scene` with weights drawn from `seed`, or those of the run that `train.init` names.
     pub(crate) fn model(
         &self,
         config: &Config,
-        views: usize,
+        scene: &Scene,
         seed: u64,
         device: &Device,
     ) -> Result<Model<F>, TrainError> {
         let own_coarse = config.render.is_hierarchical() && !self.shares_passes;
         let coarse = if own_coarse { Some((self.build)(seed.wrapping_add(1 << 32), device)?) } else { None };
-        let model = with_initial_weights(config, Model { coarse, fine: (self.build)(seed, device)?, exposure: None })?;
-        let exposure = config.train.exposure_compensation.then(|| Exposure::new(views, device));
-        Ok(Model { exposure, ..model })
+        let model = with_initial_weights(config, Model { coarse, ..Model::of((self.build)(seed, device)?) })?;
+        let (train, views) = (&config.train, scene.train.len());
+        let exposure = train.exposure_compensation.then(|| Exposure::new(views, device));
+        let refined = train.cameras.refine;
+        let cameras =
+            refined.then(|| CameraRefinement::new(views, camera_distance(scene), train.cameras.focal, device));
+        Ok(Model { exposure, cameras, ..model })
     }
+}
+
+/// The mean distance of the training cameras from the scene's centre: the length in which their moves are measured.
+pub fn camera_distance(scene: &Scene) -> f32 {
+    let distance = |view: &scene::View| view.camera.position().distance(scene.space.centre);
+    (scene.train.iter().map(distance).sum::<f32>() / scene.train.len() as f32).max(1e-3)
 }
 
 /// Whether a field of this config looks at photographs: at those that it is shown, or always at the first.
@@ -100,6 +112,12 @@ fn with_initial_weights<F: Field>(config: &Config, model: Model<F>) -> Result<Mo
         fault(causes.split("\", \"").next().unwrap_or_default().to_owned())
     });
     Ok(restored?)
+}
+
+/// Learning rates of the step at `at`: of cameras, and of all other parameters.
+pub(crate) fn learning_rates(config: &TrainConfig, at: Moment) -> ModuleLearningRate {
+    let cameras = ParamGroup::from_predicate("cameras");
+    ModuleLrScheduler::new(config.lr.at(at)).with_group(cameras, config.cameras.lr.at(at)).step()
 }
 
 pub(crate) fn optimiser(config: &Config) -> ModuleOptimizer {

@@ -1,11 +1,14 @@
 //! What a step renders: the rays of training images, and the union of what the terms of the objective need.
 
+use std::borrow::Cow;
+
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::DMat4;
 use infonerf_field::Field;
 use infonerf_loss::{Bundle, Need, NeighbourBundles, Picture, Renders, Target};
-use infonerf_render::{Counts, Model, Noise, OccupancyGrid, Passes, RandomStream, RenderOutput, RenderRequest};
-use infonerf_scene::Ray;
+use infonerf_render::{
+    Counts, Model, Noise, OccupancyGrid, Passes, RandomStream, RayBundle, RenderOutput, RenderRequest,
+};
 use infonerf_schedule::Moment;
 
 use crate::config::NeighbourSampling;
@@ -37,7 +40,13 @@ impl<F: Field> StepRenderer<'_, F> {
         let seen = &pixels.seen;
         let color = needs.contains(&Need::SeenColor);
         let samples = self.noise(RandomStream::SeenRays).child(RandomStream::Samples);
-        let passes = self.passes(Phase::Seen, &seen.pixels.rays(), color, samples);
+        let (mut seen_pixels, mut tracked) = (Cow::Borrowed(&seen.pixels), None);
+        if let Some(refinement) = &self.model.cameras {
+            tracked = Some(refinement.rays(&seen.pixels.cameras, &seen.pixels.at));
+            seen_pixels.to_mut().cameras = refinement.apply(&seen.pixels.cameras);
+        }
+        let bundle = RayBundle { rays: &seen_pixels.rays(), tracked: tracked.as_ref() };
+        let passes = self.passes(Phase::Seen, bundle, color, samples);
         let passes = match &self.model.exposure {
             Some(exposure) => passes.exposed(exposure, &seen.pixels.views()),
             None => passes,
@@ -50,7 +59,7 @@ impl<F: Field> StepRenderer<'_, F> {
             needs.contains(&needed).then(|| renderer.neighbours(of, pixels.rotation, bundle.output()))
         };
         let neighbours = NeighbourBundles {
-            seen: near(Need::SeenNeighbours, &seen.pixels, &seen_bundle, self),
+            seen: near(Need::SeenNeighbours, &seen_pixels, &seen_bundle, self),
             unseen: unseen.as_ref().and_then(|(unseen, bundle)| near(Need::UnseenNeighbours, unseen, bundle, self)),
         };
         let model = self.model;
@@ -81,7 +90,7 @@ impl<F: Field> StepRenderer<'_, F> {
 
     fn unseen(&mut self, pixels: &Pixels) -> Bundle {
         let samples = self.noise(RandomStream::UnseenRays).child(RandomStream::Samples);
-        Bundle { passes: self.passes(Phase::Unseen, &pixels.rays(), false, samples), target: None }
+        Bundle { passes: self.passes(Phase::Unseen, (&pixels.rays()).into(), false, samples), target: None }
     }
 
     /// Density along the neighbours of the rays of `output`.
@@ -90,7 +99,7 @@ impl<F: Field> StepRenderer<'_, F> {
         let rays = pixels.neighbours(rotation, config, &self.scene.region);
         if config.sampling == NeighbourSampling::Own {
             let samples = self.noise(RandomStream::Neighbours).child(RandomStream::Samples);
-            return self.passes(Phase::Neighbours, &rays, false, samples).fine;
+            return self.passes(Phase::Neighbours, (&rays).into(), false, samples).fine;
         }
         let renderer = &self.scene.renderer;
         let near = self.profile.time(Phase::Neighbours, || renderer.along(&self.model.fine, output, &rays, self.at));
@@ -102,7 +111,7 @@ impl<F: Field> StepRenderer<'_, F> {
     fn picture(&mut self, size: u32) -> Picture {
         let noise = self.noise(RandomStream::Picture);
         let (rays, size) = self.scene.unseen(self.config).picture(size, noise);
-        let passes = self.passes(Phase::Unseen, &rays, true, noise.child(RandomStream::Samples));
+        let passes = self.passes(Phase::Unseen, (&rays).into(), true, noise.child(RandomStream::Samples));
         Picture {
             rgb: passes.fine.color.expect("colour was asked for"),
             size,
@@ -110,13 +119,13 @@ impl<F: Field> StepRenderer<'_, F> {
         }
     }
 
-    fn passes(&mut self, phase: Phase, rays: &[Ray], color: bool, noise: Noise) -> Passes {
+    fn passes(&mut self, phase: Phase, bundle: RayBundle<'_>, color: bool, noise: Noise) -> Passes {
         let (renderer, model, at) = (&self.scene.renderer, self.model, self.at);
         let request = RenderRequest { color, hidden: false };
         let occupancy = self.occupancy;
-        let passes = self.profile.time(phase, || renderer.render(model, rays, request, Some(noise), occupancy, at));
+        let passes = self.profile.time(phase, || renderer.render(model, bundle, request, Some(noise), occupancy, at));
         self.counts += passes.counts();
-        self.rays += rays.len();
+        self.rays += bundle.rays.len();
         passes
     }
 

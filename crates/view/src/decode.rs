@@ -145,11 +145,7 @@ pub(crate) fn model(field: &FieldConfig) -> TrainedModel {
     let device = open(DeviceName::Flex).unwrap().device;
     let setup = FieldSetup { bounds: [[-1.5; 3], [1.5, 1.0, 1.5]], seed: 3, device: &device, body: None };
     let fine = RadianceField::new(field, &setup).unwrap();
-    TrainedModel {
-        model: Model { coarse: None, fine, exposure: None },
-        occupancy: None,
-        at: Moment { step: 50, progress: 0.5 },
-    }
+    TrainedModel { model: Model::of(fine), occupancy: None, at: Moment { step: 50, progress: 0.5 }, frame: None }
 }
 
 /// The package in a scene without views; what is baked has `voxels` along its box at most.
@@ -189,6 +185,7 @@ fn what_the_shader_reads_is_the_field() {
                 directions: &direction,
                 segments: &rays,
                 extent: Extent::Ball { variance: 0.0 },
+                tracked: None,
             };
             let sampled = trained.model.fine.evaluate(points, true, trained.at);
             let expected = [to_host(sampled.sigma), to_host(sampled.color.unwrap())].concat();

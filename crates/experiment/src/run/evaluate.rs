@@ -5,9 +5,12 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use infonerf_loss::Need;
 use infonerf_render::TrainedModel;
-use infonerf_report::{Record, TestViews};
-use infonerf_scene::{Scene, TestProtocol};
-use infonerf_train::{Evaluation, Information, InformationQuery, Progress, Trainer, config::Unseen, information};
+use infonerf_report::{CameraErrors, Record, TestViews};
+use infonerf_scene::{Camera, PoseError, Scene, TestProtocol};
+use infonerf_train::config::{Disturbance, Unseen};
+use infonerf_train::{
+    Evaluation, Information, InformationQuery, Progress, Trainer, camera_distance, fitted_to, information,
+};
 
 use super::pictures::write_pictures;
 use crate::{Control, RunEvent, RunPlan, Session, Watch};
@@ -31,7 +34,10 @@ pub(super) fn evaluate(
         if watch(RunEvent::Evaluating { view: index, views: scene.test.len() }) == Control::Stop {
             return Ok(None);
         }
-        let result = evaluation.add(renderer, &members, view)?;
+        let steps = plan.config.eval.pose_steps;
+        let fit = |trained: &TrainedModel| fitted_to(renderer, trained, view, camera_distance(scene), steps);
+        let fitted: Option<Vec<TrainedModel>> = (steps > 0).then(|| members.iter().map(fit).collect());
+        let result = evaluation.add(renderer, fitted.as_ref().unwrap_or(&members), view)?;
         write_pictures(folder, scene, view, &result)?;
     }
     let mut photographs = scene.train.iter().flat_map(|view| &view.image.rgb);
@@ -69,6 +75,7 @@ pub(super) fn evaluate(
         metrics: measured.set,
         ray_entropy_bits: information.map(|information| information.entropy_bits),
         information_gain: information.map(|information| information.gain),
+        cameras: pose_errors(trainers),
         peak_rss_bytes: None,
         collapsed: trainers[0].has_collapsed() || faint,
         notes,
@@ -87,6 +94,28 @@ fn information_of(plan: &RunPlan, trainers: &[Trainer]) -> Option<Information> {
     Information::mean(&trainers.iter().filter_map(of_member).collect::<Vec<_>>())
 }
 
+/// How far the training cameras were from the true ones before and after training, in the mean over the fields; none if they
+/// were never disturbed.
+fn pose_errors(trainers: &[Trainer]) -> Option<CameraErrors> {
+    let scene = trainers[0].scene();
+    let exact = scene.exact_cameras.as_ref()?;
+    let error = |cameras: &[Camera]| {
+        let error = PoseError::of(cameras, exact, scene.space.centre.as_dvec3());
+        [error.rotation_deg, error.translation_percent]
+    };
+    let given: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+    let learnt = trainers.iter().map(|trainer| error(&trainer.cameras()));
+    let sum = learnt.fold([0.0; 2], |sum, error| [sum[0] + error[0], sum[1] + error[1]]);
+    let [rotation, translation] = error(&given);
+    let [rotation_after, translation_after] = sum.map(|sum| sum / trainers.len() as f64);
+    Some(CameraErrors {
+        rotation_deg_before: rotation,
+        rotation_deg: rotation_after,
+        translation_percent_before: translation,
+        translation_percent: translation_after,
+    })
+}
+
 /// What a reader of the numbers should know.
 fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     let mut notes = scene.warnings.clone();
@@ -98,6 +127,22 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     }
     if plan.config.train.unseen == Unseen::Dataset && plan.config.loss.needs().iter().any(Need::is_unseen) {
         notes.push("unseen poses are those of all training images of the data set, chosen or not".into());
+    }
+    let Disturbance { degrees, distance } = plan.config.scene.disturb;
+    if scene.exact_cameras.is_some() {
+        notes.push(format!(
+            "training cameras were disturbed by {degrees}° and {} % of their distance; test cameras are aligned with them by \
+             a similarity",
+            100.0 * distance
+        ));
+    } else if plan.config.train.cameras.refine {
+        notes.push("training cameras were learnt; test cameras are aligned with them by a similarity".into());
+    }
+    if plan.config.eval.pose_steps > 0 {
+        notes.push(format!(
+            "the pose of each test view was fitted to its photograph in {} steps before it was measured",
+            plan.config.eval.pose_steps
+        ));
     }
     if plan.config.eval.test.test() == TestProtocol::Training {
         notes.push(

@@ -100,6 +100,7 @@ impl TrainedVolume {
             directions: &numbers(directions),
             segments: &Segments::uniform(points.len(), 1),
             extent: Extent::Ball { variance: self.step * self.step / 12.0 },
+            tracked: None,
         };
         model.model.fine.evaluate(points, color, model.at)
     }

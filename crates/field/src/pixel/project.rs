@@ -93,7 +93,8 @@ mod tests {
         let positions = [1.0, 2.0, 3.0, 1.0, 2.0, 4.0, 0.0, 0.0, 0.0];
         let directions = [0.0, 0.0, 1.0, 0.0, 1.0, 0.0];
         let extent = Extent::Ball { variance: 0.0 };
-        let points = Points { positions: &positions, directions: &directions, segments: &segments, extent };
+        let points =
+            Points { positions: &positions, directions: &directions, segments: &segments, extent, tracked: None };
         let got = view_points(&[view()], points, [1.0, 1.0, 1.0], 2.0);
         assert_eq!(got.directions, [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0]);
         assert_eq!(got.positions, [0.0, 2.0, 4.0, 0.0, 2.0, 6.0, -2.0, -2.0, -2.0]);

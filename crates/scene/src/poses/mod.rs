@@ -2,8 +2,10 @@
 
 mod cap;
 mod centre;
+mod disturb;
 mod orbit;
 mod path;
+mod similarity;
 mod spiral;
 mod unseen;
 
@@ -12,6 +14,7 @@ pub use centre::up_direction;
 pub(crate) use centre::{FORWARD_FACING, cone, scene_focus, view_directions};
 pub use orbit::{figure_eight, orbit};
 pub use path::{Keyframe, interpolate_keyframes, interpolate_views};
+pub use similarity::{PoseError, Similarity};
 pub use spiral::spiral;
 pub use unseen::{ViewRegion, unseen_pose};
 

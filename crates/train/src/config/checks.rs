@@ -13,7 +13,7 @@ use super::{Batch, Config, NeighbourSampling};
 /// # Errors
 /// The first key that is out of range.
 pub fn of_config(config: &Config) -> Result<(), Fault> {
-    let Config { field, render, loss, train, eval, .. } = config;
+    let Config { scene, field, render, loss, train, eval } = config;
     field.validate()?;
     render.validate()?;
     loss.validate()?;
@@ -21,6 +21,16 @@ pub fn of_config(config: &Config) -> Result<(), Fault> {
     let protocols = infonerf_metrics::Protocol::NAMED.map(|(name, _)| name);
     let expected = format!("one of {}", protocols.join(", "));
     Fault::unless(protocols.contains(&eval.protocol.as_str()), "eval.protocol", expected, &eval.protocol)?;
+    Fault::unless_within(0.0..=180.0, "scene.disturb.degrees", scene.disturb.degrees)?;
+    Fault::unless_within(0.0..=1.0, "scene.disturb.distance", scene.disturb.distance)?;
+    Fault::unless_within(0.0..=1e6, "eval.pose_steps", eval.pose_steps as f64)?;
+    if train.cameras.refine || eval.pose_steps > 0 {
+        let expected = "`nerf` or `factored` where cameras are learnt (train.cameras.refine, eval.pose_steps): no other field \
+                        passes gradients on to positions yet";
+        Fault::unless(field.tracks_positions(), "field.kind", expected, field)?;
+        let expected = "false with train.cameras.refine: space is carved once, by the cameras as they begin";
+        Fault::unless(!train.cameras.refine || !render.occupancy.carve, "render.occupancy.carve", expected, true)?;
+    }
     let whole = !field.needs_intervals() || render.placement == Placement::Interval;
     let expected = format!("\"interval\" with a {field}, whose samples are pieces of cones");
     Fault::unless(whole, "render.placement", expected, name(&render.placement))?;

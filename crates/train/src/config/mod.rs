@@ -1,6 +1,7 @@
 //! The complete description of a run, and what is wrong with one ([`checks`]). Presets and experiment files are TOML tables
 //! merged into one [`Config`].
 
+mod cameras;
 pub mod checks;
 mod layers;
 mod protocol;
@@ -8,6 +9,7 @@ mod read;
 mod train;
 mod weights;
 
+pub use cameras::CameraConfig;
 pub use layers::{Preset, assign, merge, parse_assignment};
 pub use protocol::{Protocol, Views};
 pub(crate) use train::LARGEST_ENSEMBLE;
@@ -62,6 +64,20 @@ pub struct SceneConfig {
     /// What black pixels of a capture's masks (`mask_path` of `transforms.json`) are left out of.
     #[serde(default, skip_serializing_if = "is_default")]
     pub masks: MaskUse,
+    /// For experiments: by how much the poses of training cameras are disturbed before training.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub disturb: Disturbance,
+}
+
+/// How far training cameras are from their true poses, in directions that the run's seed draws: see
+/// [`infonerf_scene::Scene::disturbed`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Disturbance {
+    /// Angle of each camera's rotation about its centre.
+    pub degrees: f64,
+    /// Length of its move, as a share of its distance from the scene's centre.
+    pub distance: f64,
 }
 
 /// Where a ray passes through its pixel.
@@ -89,6 +105,10 @@ pub struct EvalConfig {
     pub protocol: String,
     /// Test rays for mean entropy and information gain (the paper's Figure A); 0 leaves both out.
     pub information_rays: usize,
+    /// Steps that fit the pose of each test view to its photograph before it is measured, as BARF does where training cameras
+    /// are learnt ([`crate::fitted_to`]); 0 for none.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub pose_steps: usize,
 }
 
 impl EvalConfig {

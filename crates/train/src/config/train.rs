@@ -3,6 +3,8 @@ use std::path::PathBuf;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
+use super::{CameraConfig, is_default};
+
 /// More fields than these change little and cost as much each.
 pub(crate) const LARGEST_ENSEMBLE: usize = 8;
 
@@ -42,6 +44,9 @@ pub struct TrainConfig {
     /// Whether each training view has a gain and a bias of its own for each channel, which are learned
     /// ([`infonerf_render::Exposure`]). Pictures of other cameras have none.
     pub exposure_compensation: bool,
+    /// Whether training cameras are learnt too.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub cameras: CameraConfig,
     /// Adam's learning rate.
     pub lr: Schedule,
     /// Factor on the learning rate of a field's tables.
@@ -178,6 +183,7 @@ impl TrainConfig {
         number("early_stopping.patience", self.early_stopping.patience as f64, 0.0, 1e9)?;
         number("early_stopping.min_delta", self.early_stopping.min_delta, 0.0, 1.0)?;
         number("neighbours.max_angle_deg", self.neighbours.max_angle_deg, 0.0, 180.0)?;
+        self.cameras.validate().map_err(|fault| within(fault.within("cameras")))?;
         schedule("lr", &self.lr, 0.0, 1e3)?;
         number("grid_lr_multiplier", self.grid_lr_multiplier, 0.0, 1e6)?;
         number("adam_beta2", self.adam_beta2.into(), 0.0, 0.999_999)?;

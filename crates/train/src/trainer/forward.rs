@@ -3,11 +3,12 @@ use infonerf_field::Field;
 use infonerf_loss::{LossValues, Need, Renders, needs};
 use infonerf_ops::to_host;
 use infonerf_render::{Counts, Noise, RandomStream};
+use infonerf_scene::ViewRegion;
 use infonerf_schedule::Moment;
 
 use super::Trainer;
 use super::numbers::Numbers;
-use crate::pixels::rotation;
+use crate::pixels::{UnseenViews, rotation};
 use crate::step_pixels::StepPixels;
 use crate::step_renderer::StepRenderer;
 use crate::training_images::SeenPixels;
@@ -36,8 +37,10 @@ impl<F: Field> Trainer<F> {
         let images = scene.images.at(train, at);
         let (rays, unseen_rays) = self.ray_counts();
         let unseen_is_needed = needs(&scene.objective.due(at)).contains(&Need::Unseen);
+        let refinement = self.model.cameras.as_ref().filter(|_| unseen_is_needed);
+        let learnt = refinement.map(|cameras| ViewRegion::new(&cameras.apply(&self.given_cameras())));
         let unseen = || {
-            let views = scene.unseen(&self.config);
+            let views = UnseenViews { region: learnt.as_ref().unwrap_or(&scene.region), ..scene.unseen(&self.config) };
             views.pixels(unseen_rays, images.pixel_width(), at.step, noise(RandomStream::UnseenRays))
         };
 
@@ -73,7 +76,12 @@ impl<F: Field> Trainer<F> {
         };
         let renders = renderer.render(pixels, &needs(&terms));
         let (counts, rays) = (renderer.counts, renderer.rays);
-        let losses = LossValues::of(&terms, &renders);
+        let mut losses = LossValues::of(&terms, &renders);
+        if let Some(cameras) = &model.cameras {
+            let prior = cameras.prior();
+            losses.total = losses.total + prior.clone() * self.config.train.cameras.prior;
+            losses.values.push(("cameras", prior));
+        }
         let numbers = Numbers::read(&losses, &renders, at.step)?;
         self.remember(&pixels.seen, &renders);
         Ok(Forward {

@@ -10,7 +10,7 @@ use burn::tensor::Device;
 use infonerf_field::{Extent, Field, Points, RadianceField};
 use infonerf_ops::{Segments, to_host};
 use infonerf_render::{Model, Noise, OccupancyGrid, RandomStream, Renderer, TrainedModel, Warp};
-use infonerf_scene::{Aabb, Scene};
+use infonerf_scene::{Aabb, Camera, Scene, Similarity};
 use infonerf_schedule::{Fault, Moment};
 
 use crate::checkpoint::State;
@@ -136,7 +136,7 @@ impl<F: Field> Trainer<F> {
         builder: FieldBuilder<F>,
     ) -> Result<Self, TrainError> {
         Ok(Self {
-            model: builder.model(&config, scenes[0].scene.train.len(), seed, &device)?,
+            model: builder.model(&config, &scenes[0].scene, seed, &device)?,
             optimiser: optimiser(&config),
             occupancy: occupancy_grid(&config, &scenes[0].scene),
             config,
@@ -228,13 +228,33 @@ impl<F: Field> Trainer<F> {
 
     /// The model and its occupancy grid as training has them.
     pub fn snapshot(&self) -> TrainedModel<F> {
-        TrainedModel { model: self.model(), occupancy: self.occupancy().cloned(), at: self.progress.at }
+        let occupancy = self.occupancy().cloned();
+        TrainedModel { model: self.model(), occupancy, at: self.progress.at, frame: self.frame() }
+    }
+
+    /// The training cameras as they are learnt, in the model's own frame; the scene's if they are not.
+    pub fn cameras(&self) -> Vec<Camera> {
+        let given = self.given_cameras();
+        let mean = self.weight_average.mean().unwrap_or(&self.model);
+        mean.cameras.as_ref().map_or_else(|| given.clone(), |cameras| cameras.apply(&given))
+    }
+
+    /// The training cameras with which training began.
+    fn given_cameras(&self) -> Vec<Camera> {
+        self.scene().train.iter().map(|view| view.camera.clone()).collect()
+    }
+
+    /// From the scene's frame, which is that of test views, to that of the cameras as they are learnt: none if both are one.
+    fn frame(&self) -> Option<Similarity> {
+        let exact = self.scene().exact_cameras.clone();
+        let differ = exact.is_some() || self.model.cameras.is_some();
+        differ.then(|| Similarity::between(&exact.unwrap_or_else(|| self.given_cameras()), &self.cameras()))
     }
 
     /// What pictures are rendered from: the [snapshot](Self::snapshot), with a finer grid if `render.occupancy.refine` says
     /// so. The field is then asked where it is empty: worth keeping.
     pub fn trained(&self) -> TrainedModel<F> {
-        let TrainedModel { model, occupancy, at } = self.snapshot();
+        let TrainedModel { model, occupancy, at, frame } = self.snapshot();
         let factor = self.config.render.occupancy.refine;
         let occupancy = occupancy.map(|grid| {
             if factor == 1 {
@@ -245,7 +265,7 @@ impl<F: Field> Trainer<F> {
             let length = self.renderer().step_length(at);
             grid.refined(factor, noise, length, |points| densities(&model.fine, points, extent, at))
         });
-        TrainedModel { model, occupancy, at }
+        TrainedModel { model, occupancy, at, frame }
     }
 
     /// Share of the run that is done, in [0, 1]: of its time if there is a budget, else of its steps.
@@ -278,6 +298,6 @@ fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
 /// Densities of points on no ray, for the occupancy grid.
 pub(super) fn densities<F: Field>(field: &F, positions: &[f32], extent: Extent<'_>, at: Moment) -> Vec<f32> {
     let segments = Segments::uniform(1, positions.len() / 3);
-    let points = Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments, extent };
+    let points = Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments, extent, tracked: None };
     to_host(field.evaluate(points, false, at).sigma)
 }

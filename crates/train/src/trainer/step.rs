@@ -12,7 +12,7 @@ use super::forward::Forward;
 use super::numbers::Numbers;
 use super::{Outcome, Trainer, densities, occupancy_grid};
 use crate::error_sampling::PixelErrors;
-use crate::model::optimiser;
+use crate::model::{learning_rates, optimiser};
 use crate::step_pixels::StepPixels;
 use crate::weight_averaging::WeightAverage;
 use crate::{Event, Phase, TrainError};
@@ -70,8 +70,9 @@ impl<F: Field> Trainer<F> {
         let Forward { total, numbers, counts, rays, samples_per_ray } = forward;
         let evaluated = counts.evaluated as f64 / counts.total.max(1) as f64;
         let grads = self.profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), &self.model));
+        let rates = learning_rates(&self.config.train, at);
         let (optimiser, model) = (&mut self.optimiser, self.model.clone());
-        self.model = self.profile.time(Phase::Optimiser, || optimiser.step(lr, model, grads));
+        self.model = self.profile.time(Phase::Optimiser, || optimiser.step(rates, model, grads));
         self.progress.count(counts, samples_per_ray);
         self.progress.step += 1;
         self.progress.at = at;
@@ -141,7 +142,7 @@ impl<F: Field> Trainer<F> {
     fn restart(&mut self) -> Result<(), TrainError> {
         let restarts = self.progress.restarts + 1;
         let seed = Noise::new(self.seed, restarts as u64, RandomStream::Restart).bits();
-        self.model = self.builder.model(&self.config, self.scene().train.len(), seed, &self.device)?;
+        self.model = self.builder.model(&self.config, self.scene(), seed, &self.device)?;
         self.weight_average = WeightAverage::default();
         self.optimiser = optimiser(&self.config);
         self.occupancy = occupancy_grid(&self.config, &self.scenes[0].scene);

@@ -105,6 +105,7 @@ impl<'a> Ask<'a> {
             directions: &numbers(directions),
             segments: &Segments::uniform(points.len(), 1),
             extent: Extent::Cones { t: &t, delta: &edges, radii: &radii },
+            tracked: None,
         };
         self.trained.model.fine.evaluate(points, color, self.trained.at)
     }

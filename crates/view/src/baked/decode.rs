@@ -112,6 +112,7 @@ fn exact(trained: &TrainedModel, p: Vec3, direction: Vec3) -> (f32, Vec<f32>) {
         directions: &direction.to_array(),
         segments: &Segments::from_counts([1]),
         extent: Extent::Ball { variance: 0.0 },
+        tracked: None,
     };
     let sampled = trained.model.fine.evaluate(points, true, trained.at);
     (to_host(sampled.sigma)[0], to_host(sampled.color.unwrap()))

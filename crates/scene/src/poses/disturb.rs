@@ -1,0 +1,59 @@
+use glam::{DMat3, DMat4, DVec3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::Scene;
+
+impl Scene {
+    /// The scene with training cameras as a careless reconstruction would find them: each is rotated by `degrees` about a
+    /// random axis through its centre, and moved by `distance`, a share of its distance from the scene's centre, in a random
+    /// direction. The exact ones are kept in [`Scene::exact_cameras`]; test views, and what is known of the space, stay.
+    #[must_use]
+    pub fn disturbed(mut self, degrees: f64, distance: f64, seed: u64) -> Self {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let centre = self.space.centre.as_dvec3();
+        self.exact_cameras = Some(self.train.iter().map(|view| view.camera.clone()).collect());
+        for view in &mut self.train {
+            let position = view.camera.position_f64();
+            let turn = DMat3::from_axis_angle(direction(&mut rng), degrees.to_radians());
+            let moved = position + distance * position.distance(centre) * direction(&mut rng);
+            let pose = DMat4::from_translation(moved) * DMat4::from_mat3(turn * view.camera.rotation());
+            view.camera = view.camera.with_pose(pose);
+        }
+        self
+    }
+}
+
+/// A unit vector, uniform over the sphere.
+fn direction(rng: &mut impl Rng) -> DVec3 {
+    let z = rng.random_range(-1.0..=1.0f64);
+    let (sine, cosine) = rng.random_range(0.0..std::f64::consts::TAU).sin_cos();
+    let radius = (1.0 - z * z).max(0.0).sqrt();
+    DVec3::new(radius * cosine, radius * sine, z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::train_cameras;
+    use crate::{Camera, Image, View};
+
+    #[test]
+    fn each_training_camera_is_turned_and_moved_by_as_much() {
+        let views = train_cameras(8).into_iter().enumerate();
+        let train: Vec<View> =
+            views.map(|(id, camera)| View::new(id, "a", camera, Image::filled(1, 1, [0.0; 3]))).collect();
+        let scene = Scene { train, ..Scene::default() };
+        let disturbed = scene.clone().disturbed(2.0, 0.03, 7);
+        assert_eq!(disturbed, scene.clone().disturbed(2.0, 0.03, 7));
+        let exact: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        assert_eq!(disturbed.exact_cameras.as_ref(), Some(&exact));
+        for (view, exact) in disturbed.train.iter().zip(&exact) {
+            let turn = view.camera.rotation() * exact.rotation().transpose();
+            let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
+            assert!((cosine.acos().to_degrees() - 2.0).abs() < 1e-6);
+            let moved = view.camera.position_f64().distance(exact.position_f64());
+            assert!((moved / exact.position_f64().length() - 0.03).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! The pose of a test view, fitted to its photograph before it is measured.
+
+use burn::module::Module;
+use burn::optim::{GradientsParams, ModuleOptimizer};
+use burn::tensor::{Tensor, TensorData};
+use infonerf_field::Field;
+use infonerf_loss::{Norm, photometric_loss};
+use infonerf_ops::adam::Adam;
+use infonerf_render::{CameraRefinement, Noise, RandomStream, RayBundle, RenderRequest, Renderer, TrainedModel};
+use infonerf_scene::{PixelAt, Ray, Similarity, View};
+
+/// Rays per step.
+const RAYS: usize = 512;
+/// Adam's learning rate at the first step; it falls linearly to 0.
+const RATE: f64 = 2e-3;
+
+/// `trained` with the frame in which it shows `view` best: the pose of the view's camera, in the model's frame as the
+/// training cameras align it, is fitted to the photograph in `steps` of Adam with the field held fixed. BARF (Lin et al.
+/// 2021, Sec. 4) so leaves the error of poses out of that of pictures. `distance` is that of cameras from the scene's centre.
+///
+/// The photograph is used for six numbers; it is not what a new view would have.
+#[must_use]
+pub fn fitted_to<F: Field>(
+    renderer: &Renderer,
+    trained: &TrainedModel<F>,
+    view: &View,
+    distance: f32,
+    steps: usize,
+) -> TrainedModel<F> {
+    let start = trained.camera(&view.camera);
+    let cameras = [start.clone()];
+    let model = trained.model.clone().train().no_grad();
+    let device = model.fine.device();
+    let mut refinement = CameraRefinement::of_one(distance, &device);
+    let mut optimiser = ModuleOptimizer::from(Adam::default());
+    let image = &view.image;
+    let usable = |index: &usize| view.valid.as_ref().is_none_or(|valid| valid[*index]);
+    let pixels: Vec<usize> = (0..image.rgb.len()).filter(usable).collect();
+    for step in 0..steps {
+        let noise = Noise::new(view.id as u64, step as u64, RandomStream::SeenRays);
+        let drawn: Vec<usize> = (0..RAYS).map(|ray| pixels[noise.below(ray, 0, pixels.len())]).collect();
+        let stride = image.width as usize;
+        let position = |&i: &usize| PixelAt { view: 0, x: (i % stride) as f32 + 0.5, y: (i / stride) as f32 + 0.5 };
+        let at: Vec<PixelAt> = drawn.iter().map(position).collect();
+        let camera = refinement.apply(&cameras).remove(0);
+        let rays: Vec<Ray> = at.iter().map(|pixel| camera.ray(pixel.x, pixel.y)).collect();
+        let bundle = RayBundle { rays: &rays, tracked: Some(&refinement.rays(&cameras, &at)) };
+        let request = RenderRequest { color: true, hidden: true };
+        let passes = renderer.render(&model, bundle, request, None, trained.occupancy.as_ref(), trained.at);
+        let shown = drawn.iter().flat_map(|&index| image.rgb[index]).collect();
+        let target = Tensor::from_data(TensorData::new(shown, [RAYS, 3]), &device);
+        let loss = photometric_loss(passes.fine.color.expect("colour was asked for"), target, Norm::Mean);
+        let gradients = GradientsParams::from_grads(loss.backward(), &refinement);
+        let rate = RATE * (1.0 - step as f64 / steps as f64);
+        refinement = optimiser.step(rate, refinement, gradients);
+    }
+    let fitted = refinement.apply(&cameras).remove(0);
+    let scale = trained.frame.map_or(1.0, |frame| frame.scale);
+    let rotation = fitted.rotation() * view.camera.rotation().transpose();
+    let translation = fitted.position_f64() - scale * (rotation * view.camera.position_f64());
+    TrainedModel { frame: Some(Similarity { rotation, scale, translation }), ..trained.clone() }
+}
