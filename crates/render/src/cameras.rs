@@ -2,9 +2,9 @@
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Int, Tensor, TensorData};
-use glam::{DMat3, DMat4, DQuat, DVec3};
+use glam::{DMat3, DMat4, DQuat, DVec3, Vec3};
 use infonerf_ops::{from_host, rotate, to_host};
-use infonerf_scene::{Camera, PixelAt, Ray};
+use infonerf_scene::{Camera, PixelAt, Ray, Scene};
 use serde::{Deserialize, Serialize};
 
 /// Which focal lengths are learnt.
@@ -22,10 +22,12 @@ pub enum Focal {
 
 /// A small rigid motion and, if asked for, a factor of the focal length per training view.
 ///
-/// The camera with centre c, orientation R and focal length f becomes `c + s τ`, `exp([ω]×) R` and `f e^φ`, where
-/// (ω, τ) ∈ ℝ⁶ is the view's, less the mean over all views, and s a length of the scene: ω in radians and τ as a share of s
-/// are of one size. All begin at 0. Removing the mean fixes the frame (the gauge) of six of the seven motions that no
-/// photograph can tell; the seventh, scale, is left to [`Self::prior`].
+/// The camera with centre c, orientation R and focal length f becomes `p + Q (c − p) + s τ`, `Q R` and `f e^φ`, Q = exp([ω]×),
+/// where (ω, τ) ∈ ℝ⁶ is the view's, less the mean over all views, p the scene's centre, and s the cameras' mean distance from
+/// it: ω in radians and τ as a share of s are of one size. All begin at 0. A turn about p hardly moves the image, as one about
+/// c would: that and a move of the camera look nearly alike, and gradient descent would be long in telling them apart.
+/// Removing the mean fixes the frame (the gauge) of six of the seven motions that no photograph can tell; the seventh, scale,
+/// is left to [`Self::prior`].
 #[derive(Module, Debug)]
 pub struct CameraRefinement {
     /// (ω, τ), `[V, 6]`.
@@ -33,9 +35,27 @@ pub struct CameraRefinement {
     /// φ, `[V]`, or `[1]` if it is shared.
     focal: Option<Param<Tensor<1>>>,
     #[module(skip)]
-    scale: f32,
+    pivot: Pivot,
     #[module(skip)]
     gauge: bool,
+}
+
+/// What corrections of cameras are measured by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pivot {
+    /// p, the point about which cameras turn.
+    pub centre: Vec3,
+    /// s, the length of a unit of τ, scene units.
+    pub scale: f32,
+}
+
+impl Pivot {
+    /// The centre of `scene`, and the mean distance of its training cameras from it.
+    pub fn of(scene: &Scene) -> Self {
+        let centre = scene.space.centre;
+        let sum: f32 = scene.train.iter().map(|view| view.camera.position().distance(centre)).sum();
+        Self { centre, scale: (sum / scene.train.len() as f32).max(1e-3) }
+    }
 }
 
 /// Rays as tensors in an autodiff graph.
@@ -75,8 +95,8 @@ impl<'a, const N: usize> From<&'a [Ray; N]> for RayBundle<'a> {
 }
 
 impl CameraRefinement {
-    /// No correction yet of `views` cameras in a scene of the length `scale`.
-    pub fn new(views: usize, scale: f32, focal: Focal, device: &Device) -> Self {
+    /// No correction yet of `views` cameras.
+    pub fn new(views: usize, pivot: Pivot, focal: Focal, device: &Device) -> Self {
         let factors = match focal {
             Focal::Fixed => None,
             Focal::Shared => Some(1),
@@ -85,14 +105,14 @@ impl CameraRefinement {
         Self {
             poses: Param::from_data(TensorData::zeros::<f32, _>([views, 6]), device),
             focal: factors.map(|count| Param::from_data(TensorData::zeros::<f32, _>([count]), device)),
-            scale,
+            pivot,
             gauge: true,
         }
     }
 
     /// The correction of one camera in a frame that is known already, as of a test view.
-    pub fn of_one(scale: f32, device: &Device) -> Self {
-        Self { gauge: false, ..Self::new(1, scale, Focal::Fixed, device) }
+    pub fn of_one(pivot: Pivot, device: &Device) -> Self {
+        Self { gauge: false, ..Self::new(1, pivot, Focal::Fixed, device) }
     }
 
     /// (ω, τ) less their mean, `[V, 6]`.
@@ -120,9 +140,10 @@ impl CameraRefinement {
         let refocused = self.refocused(cameras);
         let corrected = refocused.iter().zip(motions.chunks_exact(6)).map(|(camera, motion)| {
             let [turn, shift] = [0, 3].map(|i| DVec3::from_array([0, 1, 2].map(|axis| f64::from(motion[i + axis]))));
-            let rotation = DMat3::from_quat(DQuat::from_scaled_axis(turn)) * camera.rotation();
-            let position = camera.position_f64() + f64::from(self.scale) * shift;
-            camera.with_pose(DMat4::from_translation(position) * DMat4::from_mat3(rotation))
+            let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
+            let centre = self.pivot.centre.as_dvec3();
+            let position = centre + turn * (camera.position_f64() - centre) + f64::from(self.pivot.scale) * shift;
+            camera.with_pose(DMat4::from_translation(position) * DMat4::from_mat3(turn * camera.rotation()))
         });
         corrected.collect()
     }
@@ -162,10 +183,13 @@ impl CameraRefinement {
             directions = directions + slope * change.unsqueeze_dim(1);
         }
         let motions = self.motions().select(0, views);
-        let origins = rows(&|pixel| cameras[pixel.view].position_f64());
+        let [turns, shifts] = [0, 3].map(|first| motions.clone().narrow(1, first, 3));
+        let Pivot { centre, scale } = self.pivot;
+        let arms = rows(&|pixel| cameras[pixel.view].position_f64() - centre.as_dvec3());
+        let centre = Tensor::<1>::from_floats(centre.to_array(), &device).unsqueeze();
         TrackedRays {
-            origins: origins + motions.clone().narrow(1, 3, 3) * self.scale,
-            directions: rotate(directions, motions.narrow(1, 0, 3)),
+            origins: rotate(arms, turns.clone()) + shifts * scale + centre,
+            directions: rotate(directions, turns),
         }
     }
 }
@@ -173,4 +197,96 @@ impl CameraRefinement {
 /// The camera with focal lengths e^φ times as long.
 fn zoomed(camera: &Camera, phi: f64) -> Camera {
     Camera { fx: camera.fx * phi.exp(), fy: camera.fy * phi.exp(), ..camera.clone() }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec2;
+    use infonerf_scene::{Lens, look_along};
+
+    use super::*;
+
+    const PIVOT: Pivot = Pivot { centre: Vec3::new(0.2, -0.1, 0.3), scale: 3.0 };
+
+    fn cameras(lens: Lens) -> Vec<Camera> {
+        let at = [DVec3::new(1.0, -3.0, 2.0), DVec3::new(-2.0, 2.5, 1.0), DVec3::new(0.5, 3.0, 2.0)];
+        at.map(|p| Camera::pinhole((40, 30), [45.0, 47.0], [21.0, 14.0], look_along(p, -p, DVec3::Z)).with_lens(lens))
+            .to_vec()
+    }
+
+    fn refinement(poses: &[f32], focal: &[f32]) -> CameraRefinement {
+        let device = Device::flex().autodiff();
+        let start = CameraRefinement::new(3, PIVOT, Focal::Each, &device);
+        let focal = Tensor::from_data(TensorData::new(focal.to_vec(), [3]), &device);
+        CameraRefinement {
+            poses: start.poses.map(|_| from_host(poses, 6, &device).require_grad()),
+            focal: start.focal.map(|param| param.map(|_| focal.require_grad())),
+            ..start
+        }
+    }
+
+    /// Numbers that look random, at most `size`.
+    fn numbers(count: usize, size: f32) -> Vec<f32> {
+        (1..=count).map(|i| size * (2.0 * (i as f32 * 0.618_034).fract() - 1.0)).collect()
+    }
+
+    /// Of all corrections at once, through lenses with and without distortion: values against the corrected cameras on the
+    /// host, gradients against their central differences in `f64`.
+    #[test]
+    fn rays_and_their_gradients_match_the_corrected_cameras() {
+        let fisheye = Lens::fisheye([0.05, -0.01, 0.0, 0.0]);
+        for lens in [Lens::PERSPECTIVE, Lens::radial_tangential([-0.2, 0.05, 0.0, 0.0], [1e-3, 2e-3]), fisheye] {
+            let cameras = cameras(lens);
+            let at: Vec<PixelAt> = [(0, 3.0, 4.0), (1, 35.5, 20.0), (2, 20.0, 28.0), (0, 30.0, 9.5)]
+                .map(|(view, x, y)| PixelAt { view, x, y })
+                .to_vec();
+            for size in [0.0, 0.1] {
+                let (poses, focal) = (numbers(18, size), numbers(3, size));
+                let learnt = refinement(&poses, &focal);
+                let weights = numbers(24, 1.0);
+                let loss = |poses: &[f32], focal: &[f32]| -> f64 {
+                    let corrected = refinement(poses, focal).apply(&cameras);
+                    let rays = at.iter().map(|p| corrected[p.view].ray_f64(p.x.into(), p.y.into()));
+                    let numbers = rays.flat_map(|(o, d)| [o.to_array(), d.to_array()].concat());
+                    numbers.zip(&weights).map(|(x, weight)| x * f64::from(*weight)).sum()
+                };
+                let TrackedRays { origins, directions } = learnt.rays(&cameras, &at);
+                let all = Tensor::cat(vec![origins, directions], 1);
+                let total = (all * from_host(&weights, 6, &Device::flex().autodiff())).sum();
+                approx::assert_abs_diff_eq!(
+                    f64::from(total.clone().into_scalar::<f32>()),
+                    loss(&poses, &focal),
+                    epsilon = 1e-5
+                );
+                let gradients = total.backward();
+                let found = [
+                    to_host(learnt.poses.val().grad(&gradients).unwrap()),
+                    to_host(learnt.focal.as_ref().unwrap().val().grad(&gradients).unwrap()),
+                ]
+                .concat();
+                for (index, found) in found.into_iter().enumerate() {
+                    let nudged = |by: f32| {
+                        let mut all = [poses.clone(), focal.clone()].concat();
+                        all[index] += by;
+                        loss(&all[..18], &all[18..])
+                    };
+                    let want = (nudged(0.004) - nudged(-0.004)) / 0.008;
+                    assert!((f64::from(found) - want).abs() < 2e-4, "{lens} {size} {index}: {found} for {want}");
+                }
+            }
+        }
+    }
+
+    /// What all cameras do alike is the frame's choice, and nothing that they see.
+    #[test]
+    fn a_common_motion_is_no_correction() {
+        let cameras = cameras(Lens::PERSPECTIVE);
+        let moved = refinement(&[0.3, -0.2, 0.1, 0.5, 0.4, -0.3].repeat(3), &[0.0; 3]);
+        for (found, camera) in moved.apply(&cameras).iter().zip(&cameras) {
+            let pixel = DVec2::new(11.0, 7.0);
+            assert!((found.ray_f64(pixel.x, pixel.y).1 - camera.ray_f64(pixel.x, pixel.y).1).length() < 1e-6);
+            assert!(found.position_f64().distance(camera.position_f64()) < 1e-6);
+        }
+        assert!(to_host(moved.prior())[0] < 1e-12);
+    }
 }

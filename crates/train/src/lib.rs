@@ -38,7 +38,6 @@ pub use evaluate::{Evaluated, Evaluation, TestView, evaluate_view};
 pub use event::Event;
 pub use information::{Information, InformationQuery, information};
 pub use memory::{MemoryPlan, available_memory};
-pub use model::camera_distance;
 pub use pixels::Pixels;
 pub use profile::{Phase, Profile};
 pub use progress::Progress;

@@ -9,7 +9,7 @@ use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use infonerf_field::{Body, Field, FieldConfig, FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::adam::Adam;
-use infonerf_render::{CameraRefinement, Exposure, Model};
+use infonerf_render::{CameraRefinement, Exposure, Model, Pivot};
 use infonerf_scene::{self as scene, Aabb, Scene};
 use infonerf_schedule::{Fault, Moment};
 
@@ -77,16 +77,9 @@ impl<F: Field> FieldBuilder<F> {
         let (train, views) = (&config.train, scene.train.len());
         let exposure = train.exposure_compensation.then(|| Exposure::new(views, device));
         let refined = train.cameras.refine;
-        let cameras =
-            refined.then(|| CameraRefinement::new(views, camera_distance(scene), train.cameras.focal, device));
+        let cameras = refined.then(|| CameraRefinement::new(views, Pivot::of(scene), train.cameras.focal, device));
         Ok(Model { exposure, cameras, ..model })
     }
-}
-
-/// The mean distance of the training cameras from the scene's centre: the length in which their moves are measured.
-pub fn camera_distance(scene: &Scene) -> f32 {
-    let distance = |view: &scene::View| view.camera.position().distance(scene.space.centre);
-    (scene.train.iter().map(distance).sum::<f32>() / scene.train.len() as f32).max(1e-3)
 }
 
 /// Whether a field of this config looks at photographs: at those that it is shown, or always at the first.

@@ -6,7 +6,7 @@ use burn::tensor::{Tensor, TensorData};
 use infonerf_field::Field;
 use infonerf_loss::{Norm, photometric_loss};
 use infonerf_ops::adam::Adam;
-use infonerf_render::{CameraRefinement, Noise, RandomStream, RayBundle, RenderRequest, Renderer, TrainedModel};
+use infonerf_render::{CameraRefinement, Noise, Pivot, RandomStream, RayBundle, RenderRequest, Renderer, TrainedModel};
 use infonerf_scene::{PixelAt, Ray, Similarity, View};
 
 /// Rays per step.
@@ -16,7 +16,7 @@ const RATE: f64 = 2e-3;
 
 /// `trained` with the frame in which it shows `view` best: the pose of the view's camera, in the model's frame as the
 /// training cameras align it, is fitted to the photograph in `steps` of Adam with the field held fixed. BARF (Lin et al.
-/// 2021, Sec. 4) so leaves the error of poses out of that of pictures. `distance` is that of cameras from the scene's centre.
+/// 2021, Sec. 4) so leaves the error of poses out of that of pictures.
 ///
 /// The photograph is used for six numbers; it is not what a new view would have.
 #[must_use]
@@ -24,14 +24,14 @@ pub fn fitted_to<F: Field>(
     renderer: &Renderer,
     trained: &TrainedModel<F>,
     view: &View,
-    distance: f32,
+    pivot: Pivot,
     steps: usize,
 ) -> TrainedModel<F> {
     let start = trained.camera(&view.camera);
     let cameras = [start.clone()];
     let model = trained.model.clone().train().no_grad();
     let device = model.fine.device();
-    let mut refinement = CameraRefinement::of_one(distance, &device);
+    let mut refinement = CameraRefinement::of_one(pivot, &device);
     let mut optimiser = ModuleOptimizer::from(Adam::default());
     let image = &view.image;
     let usable = |index: &usize| view.valid.as_ref().is_none_or(|valid| valid[*index]);

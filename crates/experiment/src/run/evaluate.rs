@@ -4,13 +4,11 @@ use std::path::Path;
 
 use anyhow::{Context, Result};
 use infonerf_loss::Need;
-use infonerf_render::TrainedModel;
+use infonerf_render::{Pivot, TrainedModel};
 use infonerf_report::{CameraErrors, Record, TestViews};
 use infonerf_scene::{Camera, PoseError, Scene, TestProtocol};
 use infonerf_train::config::{Disturbance, Unseen};
-use infonerf_train::{
-    Evaluation, Information, InformationQuery, Progress, Trainer, camera_distance, fitted_to, information,
-};
+use infonerf_train::{Evaluation, Information, InformationQuery, Progress, Trainer, fitted_to, information};
 
 use super::pictures::write_pictures;
 use crate::{Control, RunEvent, RunPlan, Session, Watch};
@@ -35,7 +33,7 @@ pub(super) fn evaluate(
             return Ok(None);
         }
         let steps = plan.config.eval.pose_steps;
-        let fit = |trained: &TrainedModel| fitted_to(renderer, trained, view, camera_distance(scene), steps);
+        let fit = |trained: &TrainedModel| fitted_to(renderer, trained, view, Pivot::of(scene), steps);
         let fitted: Option<Vec<TrainedModel>> = (steps > 0).then(|| members.iter().map(fit).collect());
         let result = evaluation.add(renderer, fitted.as_ref().unwrap_or(&members), view)?;
         write_pictures(folder, scene, view, &result)?;
