@@ -6,11 +6,13 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::Subcommand;
 use infonerf_dataset::{SceneSource, check, export, from_images, info, info_page, load, outline};
+use infonerf_experiment::{DeviceName, RunPlan, Trained};
 use infonerf_procedural as procedural;
 use infonerf_report::write_atomically;
-use infonerf_scene::{Format, SceneRequest, TestProtocol, ViewSelection};
+use infonerf_scene::{Camera, Format, PoseError, Scene, SceneRequest, Similarity, TestProtocol, ViewSelection};
 
 use crate::print::{errln, outln};
+use crate::terminal::open_device;
 
 /// List, describe, check or export scenes; find the poses of photographs.
 #[derive(Debug, Subcommand)]
@@ -19,7 +21,7 @@ pub(crate) enum SceneCommand {
     List,
     /// Describe a folder of photographs: format, cameras, lens, bounds, splits.
     Info {
-        /// Folder of the scene
+        /// Folder of the scene, or of a run: of its cameras, before and after training
         dir: PathBuf,
         /// Print JSON
         #[arg(long)]
@@ -77,6 +79,9 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
 }
 
 fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
+    if dir.join("config.toml").is_file() {
+        return show_run(dir, page);
+    }
     let info = info(dir)?;
     if json {
         outln!("{}", serde_json::to_string_pretty(&info)?);
@@ -84,9 +89,35 @@ fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
         outln!("{info}");
     }
     if let Some(page) = page {
-        write_atomically(page, info_page(&outline(dir)?).as_bytes())?;
-        errln!("{}", page.display());
+        write_page(page, &outline(dir)?, &[])?;
     }
+    Ok(())
+}
+
+/// How far the first field of a run has moved the training cameras.
+fn show_run(dir: &Path, page: Option<&Path>) -> Result<()> {
+    let trained = Trained::read(RunPlan::of_run(dir)?, dir, &open_device(DeviceName::Auto)?)?;
+    let (scene, learnt) = (trained.scene(), trained.trainers[0].cameras());
+    let given: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+    let apart = |of: &[Camera], from: &[Camera]| {
+        let error = PoseError::of(of, from, scene.space.centre.as_dvec3());
+        format!("{:.2}° and {:.2} % of their distance", error.rotation_deg, error.translation_percent)
+    };
+    outln!("learnt cameras are {} from the given ones", apart(&learnt, &given));
+    if let Some(exact) = &scene.exact_cameras {
+        outln!("from the exact ones were {} the given, are {} the learnt", apart(&given, exact), apart(&learnt, exact));
+    }
+    if let Some(page) = page {
+        let to_scene = Similarity::between(&learnt, scene.exact_cameras.as_ref().unwrap_or(&given));
+        let learnt: Vec<Camera> = learnt.iter().map(|camera| to_scene.camera(camera)).collect();
+        write_page(page, scene, &learnt)?;
+    }
+    Ok(())
+}
+
+fn write_page(page: &Path, scene: &Scene, learnt: &[Camera]) -> Result<()> {
+    write_atomically(page, info_page(scene, learnt).as_bytes())?;
+    errln!("{}", page.display());
     Ok(())
 }
 

@@ -222,7 +222,7 @@ mod tests {
         for name in ["nerf_synthetic/lego", "nerf_llff_data/fern", "dtu/scan24", "colmap_room"] {
             let dir = loaders::testing::shared_data(name);
             eprintln!("{}\n", info(&dir).unwrap());
-            assert!(info_page(&outline(&dir).unwrap()).contains("<canvas"));
+            assert!(info_page(&outline(&dir).unwrap(), &[]).contains("<canvas"));
         }
     }
 }

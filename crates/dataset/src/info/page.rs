@@ -9,12 +9,20 @@ const PAGE: &str = include_str!("page.html");
 
 /// A self-contained web page that draws the scene's cameras with their frusta, its points and its box in 3D. Dragging
 /// rotates, the wheel zooms, and a click on a camera names it.
-pub fn info_page(scene: &Scene) -> String {
+///
+/// Beside the training cameras it draws those that a run has `learnt` of them, in the scene's frame, and where they were
+/// disturbed the exact ones.
+pub fn info_page(scene: &Scene, learnt: &[Camera]) -> String {
     let chosen = |camera: &Camera| scene.train.iter().any(|v| v.camera.to_world == camera.to_world);
     let others = scene.all_train_cameras.iter().filter(|c| !chosen(c)).map(|c| drawn(c, "", "other"));
     let train = scene.train.iter().map(|v| drawn(&v.camera, &v.name, "train"));
     let test = scene.test.iter().map(|v| drawn(&v.camera, &v.name, "test"));
-    let cameras: Vec<Value> = others.chain(test).chain(train).collect();
+    let named = |cameras: &[Camera], kind: &str| -> Vec<Value> {
+        cameras.iter().zip(&scene.train).map(|(camera, view)| drawn(camera, &view.name, kind)).collect()
+    };
+    let after =
+        named(learnt, "learnt").into_iter().chain(named(scene.exact_cameras.as_deref().unwrap_or(&[]), "exact"));
+    let cameras: Vec<Value> = others.chain(test).chain(train).chain(after).collect();
     let step = scene.space.points.len().div_ceil(MOST_POINTS).max(1);
     let points: Vec<_> = scene.space.points.iter().step_by(step).map(|p| p.to_array()).collect();
     let data = json!({
@@ -65,7 +73,7 @@ mod tests {
             warnings: vec!["a < b".into()],
             ..Scene::default()
         };
-        let page = info_page(&scene);
+        let page = info_page(&scene, &[]);
         assert!(page.contains("&lt;b&gt;: procedural") && page.contains("a &lt; b") && !page.contains("{{"));
         assert!(!page.contains("http") && !page.contains("src="));
         assert_eq!(page.matches("\"corners\"").count(), 100);

@@ -17,10 +17,10 @@ pub struct CameraConfig {
 }
 
 impl Default for CameraConfig {
-    /// Off; BARF's learning rates, should it be switched on.
+    /// Off; as preset `paper` has it.
     fn default() -> Self {
-        let curve = Curve::Exponential { from: 1e-3, to: 1e-5, start: 0.0, end: 1.0 };
-        Self { refine: false, lr: Schedule { curve, warmup: 0 }, focal: Focal::Fixed, prior: 1e-3 }
+        let curve = Curve::Exponential { from: 2e-3, to: 1e-5, start: 0.0, end: 1.0 };
+        Self { refine: false, lr: Schedule { curve, warmup: 100 }, focal: Focal::Fixed, prior: 1e-3 }
     }
 }
 
