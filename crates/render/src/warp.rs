@@ -250,6 +250,35 @@ mod tests {
         }
     }
 
+    /// Value and gradient, also within the ball that contraction only scales.
+    #[test]
+    fn tensors_are_warped_as_points_are() {
+        use burn::tensor::Device;
+        use infonerf_ops::{from_host, to_host};
+
+        let device = Device::flex().autodiff();
+        let points = [[0.3, -0.2, -1.7], [0.1, 0.4, -9.0], [-2.0, 5.0, -30.0]];
+        let contraction = Warp::Contraction { centre: Vec3::new(0.1, 0.0, -1.0), radius: 2.0 };
+        for warp in [Warp::Identity, Warp::of(&forward(), Space::Ndc), contraction] {
+            let p = from_host(points.as_flattened(), 3, &device).require_grad();
+            let warped = warp.points(p.clone());
+            for axis in 0..3 {
+                let gradients = warped.clone().narrow(1, axis, 1).sum().backward();
+                let slopes = to_host(p.grad(&gradients).unwrap());
+                for (row, point) in points.into_iter().map(Vec3::from).enumerate() {
+                    let value = to_host(warped.clone())[3 * row + axis];
+                    assert!((value - warp.point(point)[axis]).abs() < 1e-5, "{warp:?} at {point}");
+                    for along in 0..3 {
+                        let step = Vec3::AXES[along] * 0.01;
+                        let difference = warp.point(point + step)[axis] - warp.point(point - step)[axis];
+                        let (slope, want) = (slopes[3 * row + along], difference / 0.02);
+                        assert!((slope - want).abs() < 1e-3, "{warp:?} at {point}: {slope} for {want}");
+                    }
+                }
+            }
+        }
+    }
+
     #[test]
     fn the_scene_says_which() {
         assert!(Warp::of(&Scene::default(), Space::Auto).is_identity());

@@ -3,7 +3,7 @@
 use std::fs;
 
 use infonerf_metrics::METRICS;
-use infonerf_report::{RESULTS_SCHEMA, Record, Setting, read_records};
+use infonerf_report::{CameraErrors, RESULTS_SCHEMA, Record, Setting, read_records};
 use serde_json::{Map, Value};
 
 /// A record in which everything has a value.
@@ -16,6 +16,7 @@ fn full() -> Record {
         metrics: METRICS.iter().map(|metric| (metric.key().to_owned(), Some(0.5))).collect(),
         ray_entropy_bits: Some(1.5),
         information_gain: Some(0.5),
+        cameras: Some(CameraErrors::default()),
         peak_rss_bytes: Some(1 << 30),
         train_seconds: 0.5,
         render_seconds_per_image: 0.5,

@@ -32,6 +32,7 @@ fn scene_of_changing_exposure() -> Scene {
 fn trained(compensated: bool) -> (f32, Option<Vec<f32>>) {
     let [_, _, mut config, ..] = configs();
     config.train.exposure_compensation = compensated;
+    config.train.cameras.refine = false;
     config.train.iterations = STEPS;
     config.train.rays = 128;
     config.train.target_samples = 0;

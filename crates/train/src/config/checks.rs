@@ -134,6 +134,36 @@ mod tests {
     use super::*;
     use crate::config::{Preset, assign};
 
+    #[test]
+    fn cameras_are_learnt_with_fields_that_pass_gradients_on() {
+        let fault = |settings: &[&str]| {
+            let mut table = Preset::Paper.table();
+            settings.iter().for_each(|setting| assign(&mut table, setting).unwrap());
+            Config::from_table(table).err().map(|error| error.to_string())
+        };
+        let mip =
+            "field={kind='mip',layers=2,width=8,skip=0,position_frequencies=4,direction_frequencies=2,detail=1.0}";
+        let refine = "train.cameras.refine=true";
+        assert_eq!(fault(&[refine]), None);
+        for (settings, start) in [
+            (&[mip, "render.placement=interval", refine][..], "field.kind: expected `nerf` or `factored` where"),
+            (
+                &[mip, "render.placement=interval", "eval.pose_steps=3"],
+                "field.kind: expected `nerf` or `factored` where",
+            ),
+            (
+                &["render.occupancy.carve=true", refine],
+                "render.occupancy.carve: expected false with train.cameras.refine",
+            ),
+            (&["train.cameras.lr=-1"], "train.cameras.lr: expected a number from 0 to 1"),
+            (&["train.cameras.focal=some"], "train.cameras.focal: expected one of fixed, shared, each, found"),
+            (&["scene.disturb.degrees=200"], "scene.disturb.degrees: expected a number from 0 to 180"),
+        ] {
+            let message = fault(settings).unwrap();
+            assert!(message.starts_with(start) && message.lines().count() == 1, "{message}");
+        }
+    }
+
     /// Also where the config alone does not say how many views there will be.
     #[test]
     fn more_photographs_than_there_are_cannot_be_looked_at() {

@@ -24,8 +24,8 @@ const PAPER: [&str; 12] = [
     "train.lr={from=5e-4,to=5e-5,curve=\"exponential\"}",
 ];
 
-/// The quick field, likewise, with a gain and bias of each view.
-const FAST: [&str; 11] = [
+/// The quick field, likewise, with a gain and bias of each view, and cameras that are learnt.
+const FAST: [&str; 12] = [
     "field.resolutions=[4,8,16]",
     "field.channels=2",
     "field.width=16",
@@ -33,6 +33,7 @@ const FAST: [&str; 11] = [
     "render.samples={from=12,to=24,end=0.5,curve=\"exponential\"}",
     "train.error_sampling={threshold=0.2,keep=0.25}",
     "train.exposure_compensation=true",
+    "train.cameras={refine=true,focal=\"each\"}",
     "render.occupancy.resolution=8",
     "render.occupancy.warmup=2",
     "render.occupancy.every=3",
