@@ -1,7 +1,8 @@
 use infonerf_field::Field;
 use infonerf_ops::to_host;
-use infonerf_scene::{Camera, Ray};
+use infonerf_scene::{Backdrop, Camera, Ray};
 
+use crate::fill::filled;
 use crate::march::march;
 use crate::{Counts, RenderOutput, RenderRequest, Renderer, TrainedModel};
 
@@ -12,7 +13,7 @@ pub struct RenderedImage {
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Colour on the background, not clamped.
+    /// Colour on the background, not clamped; before an unknown one, on what is beside it in the picture.
     pub rgb: Vec<[f32; 3]>,
     /// Expected distance Σ w t/Σ w along the ray; infinite where the ray hits nothing.
     pub depth: Vec<f32>,
@@ -56,7 +57,7 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
                 image.push(ray.rgb, ray.depth, 1.0 - ray.trans);
             }
         }
-        return image;
+        return image.before(renderer);
     }
     for rays in rays.chunks(renderer.rays_at_once(trained.at)) {
         let request = RenderRequest { color: true, hidden: true };
@@ -64,10 +65,24 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
         image.append(&passes.fine);
         image.counts += passes.counts();
     }
-    image
+    image.before(renderer)
 }
 
 impl RenderedImage {
+    /// The same before the backdrop of `renderer`'s scene: where that is unknown and rays meet nothing, it shows what is beside.
+    fn before(mut self, renderer: &Renderer) -> Self {
+        if renderer.backdrop() == Backdrop::Unknown {
+            let background = renderer.background();
+            let own = |(rgb, acc): (&[f32; 3], &f32)| {
+                let [r, g, b] = std::array::from_fn(|channel| rgb[channel] - (1.0 - acc) * background[channel]);
+                [r, g, b, *acc]
+            };
+            let pixels: Vec<[f32; 4]> = self.rgb.iter().zip(&self.acc).map(own).collect();
+            self.rgb = filled(&pixels, (self.width as usize, self.height as usize), background);
+        }
+        self
+    }
+
     fn append(&mut self, output: &RenderOutput) {
         let rgb = to_host(output.color.clone().expect("colour was asked for"));
         let acc = to_host(output.acc.clone());

@@ -70,6 +70,7 @@ mod config;
 mod distances;
 mod ensemble;
 mod exposure;
+mod fill;
 mod image;
 mod march;
 mod model;

@@ -45,6 +45,10 @@ impl Renderer {
         self.background
     }
 
+    pub(crate) fn backdrop(&self) -> Backdrop {
+        self.backdrop
+    }
+
     /// The map from the world into the box of fields and occupancy grids.
     pub fn warp(&self) -> &Warp {
         self.sampler.warp()

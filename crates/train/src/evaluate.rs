@@ -32,7 +32,12 @@ impl TestView {
 
     /// Whether the picture is empty.
     pub fn shows_nothing(&self) -> bool {
-        self.image.acc.iter().sum::<f32>() < EMPTY_PICTURE * self.image.acc.len() as f32
+        self.opacity() < EMPTY_PICTURE
+    }
+
+    /// Mean opacity of the picture.
+    fn opacity(&self) -> f32 {
+        self.image.acc.iter().sum::<f32>() / self.image.acc.len() as f32
     }
 }
 
@@ -41,6 +46,7 @@ pub struct Evaluation<'a> {
     evaluator: Evaluator<'a>,
     views: usize,
     seconds: f64,
+    opacity: f64,
     shows_nothing: bool,
 }
 
@@ -51,6 +57,8 @@ pub struct Evaluated {
     pub measured: Measured,
     /// Mean wall clock of rendering a picture.
     pub seconds_per_image: f64,
+    /// Mean opacity of the pictures.
+    pub opacity: f64,
     /// Whether all pictures are empty: of a field so faint that nothing of it is left, though training went on to the
     /// end.
     pub shows_nothing: bool,
@@ -65,7 +73,7 @@ impl<'a> Evaluation<'a> {
     /// Measures `metrics` alone.
     pub fn of(metrics: &'a [&'static Metric], networks: &'a Networks, protocol: &'a Protocol) -> Self {
         let evaluator = Evaluator::new(metrics, networks, protocol);
-        Self { evaluator, views: 0, seconds: 0.0, shows_nothing: true }
+        Self { evaluator, views: 0, seconds: 0.0, opacity: 0.0, shows_nothing: true }
     }
 
     /// Renders `view`, the mean of the members' pictures, and compares it with the photograph.
@@ -93,6 +101,7 @@ impl<'a> Evaluation<'a> {
         let view = TestView { image, values, seconds };
         self.views += 1;
         self.seconds += seconds;
+        self.opacity += f64::from(view.opacity());
         self.shows_nothing &= view.shows_nothing();
         Ok(view)
     }
@@ -102,6 +111,7 @@ impl<'a> Evaluation<'a> {
         (self.views > 0).then(|| Evaluated {
             measured: self.evaluator.finish(),
             seconds_per_image: self.seconds / self.views as f64,
+            opacity: self.opacity / self.views as f64,
             shows_nothing: self.shows_nothing,
         })
     }

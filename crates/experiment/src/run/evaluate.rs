@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 use infonerf_loss::Need;
 use infonerf_render::{Pivot, TrainedModel};
 use infonerf_report::{CameraErrors, Record, TestViews};
-use infonerf_scene::{Camera, PoseError, Scene, TestProtocol};
+use infonerf_scene::{Backdrop, Camera, PoseError, Scene, TestProtocol};
 use infonerf_train::config::{Disturbance, Unseen};
 use infonerf_train::{Evaluation, Information, InformationQuery, Progress, Trainer, fitted_to, information};
 
@@ -48,6 +48,7 @@ pub(super) fn evaluate(
         let fields = trainers.len() + left_out;
         notes.push(format!("{left_out} of {fields} fields went empty and have no part in the pictures"));
     }
+    notes.extend(filled_note(scene, evaluated.opacity));
     notes.extend(measured.notes.iter().map(ToString::to_string));
     Ok(Some(Record {
         experiment: plan.experiment.clone(),
@@ -111,6 +112,14 @@ fn pose_errors(trainers: &[Trainer]) -> Option<CameraErrors> {
         rotation_deg: rotation_after,
         translation_percent_before: translation,
         translation_percent: translation_after,
+    })
+}
+
+/// How much of pictures of mean `opacity` shows what was filled in, before an unknown backdrop.
+fn filled_note(scene: &Scene, opacity: f64) -> Option<String> {
+    let percent = 100.0 * (1.0 - opacity);
+    (scene.backdrop == Backdrop::Unknown && percent >= 0.05).then(|| {
+        format!("where rays meet nothing, {percent:.1} % of the test pictures, they are filled with what is beside it")
     })
 }
 
