@@ -32,7 +32,8 @@ pub(crate) struct File {
     pub(crate) scenes: Option<Vec<String>>,
     /// Seeds to run.
     pub(crate) seeds: Option<Vec<u64>>,
-    /// Preset to start from; without one each scene's own: `capture` for photographs, else `fast`.
+    /// Preset to start from; without one each scene's own: `capture` for photographs, else `fast`. `capture` gives way to
+    /// `dense` where there are many photographs.
     pub(crate) preset: Option<Preset>,
     /// Training time of each run in seconds.
     pub(crate) budget_seconds: Option<f64>,

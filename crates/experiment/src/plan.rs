@@ -102,8 +102,9 @@ impl Outline {
         let about = About::of(&layers, data);
         let variants = chosen_variants(&layers, selection)?;
         let mut tables = BTreeMap::new();
-        for (scene, chosen) in scenes.iter().flat_map(|scene| variants.iter().map(move |chosen| (scene, chosen))) {
-            let (preset, variant) = (scene.preset(chosen), &chosen.variant);
+        let starts = scenes.iter().flat_map(|scene| variants.iter().map(|chosen| (scene.preset(chosen), chosen)));
+        let starts = starts.flat_map(|(few, chosen)| [few, few.for_views(usize::MAX)].map(|preset| (preset, chosen)));
+        for (preset, ChosenVariant { variant, .. }) in starts {
             if let Entry::Vacant(new) = tables.entry((preset.name(), variant.name.clone())) {
                 let mut table = match variant.start {
                     Start::Experiment => layers.config(preset),
@@ -124,29 +125,39 @@ impl Outline {
 
     /// Its runs, by scene, variant and seed, with `set` after what the selection sets.
     pub(crate) fn runs(&self, set: &[String]) -> Result<Vec<RunPlan>> {
-        let mut configs = BTreeMap::new();
+        let mut configs: BTreeMap<_, Config> = BTreeMap::new();
         let mut runs = Vec::new();
         for scene in &self.scenes {
             let ChosenScene { name, source, .. } = scene;
             for chosen in &self.variants {
-                let (preset, variant) = (scene.preset(chosen), &chosen.variant);
-                let config = match configs.entry((preset.name(), &variant.name)) {
-                    Entry::Occupied(known) => known.into_mut(),
-                    Entry::Vacant(new) => new.insert(self.config(preset, &variant.name, set)?),
+                let variant = &chosen.variant;
+                let mut config = |preset: Preset| match configs.entry((preset.name(), &variant.name)) {
+                    Entry::Occupied(known) => Ok::<Config, anyhow::Error>(known.get().clone()),
+                    Entry::Vacant(new) => Ok(new.insert(self.config(preset, &variant.name, set)?).clone()),
                 };
-                checks::body(config, source.has_body())
-                    .with_context(|| format!("{}: {name}/{}", self.experiment, variant.name))?;
-                runs.extend(self.seeds.iter().map(|&seed| RunPlan {
-                    experiment: self.about.name.clone(),
-                    scene: name.clone(),
-                    source: source.clone(),
-                    data: self.about.data.clone(),
-                    variant: variant.name.clone(),
-                    seed,
-                    preset,
-                    budget: self.budget,
-                    config: config.clone(),
-                }));
+                for &seed in &self.seeds {
+                    let preset = scene.preset(chosen);
+                    let mut plan = RunPlan {
+                        experiment: self.about.name.clone(),
+                        scene: name.clone(),
+                        source: source.clone(),
+                        data: self.about.data.clone(),
+                        variant: variant.name.clone(),
+                        seed,
+                        preset,
+                        budget: self.budget,
+                        config: config(preset)?,
+                    };
+                    if preset == Preset::Capture && !chosen.is_asked_for {
+                        // A scene that cannot be read is loading's to refuse.
+                        let views = plan.pixels().map_or(0, |pixels| pixels.views);
+                        plan.preset = preset.for_views(views);
+                        plan.config = config(plan.preset)?;
+                    }
+                    checks::body(&plan.config, source.has_body())
+                        .with_context(|| format!("{}: {name}/{}", self.experiment, variant.name))?;
+                    runs.push(plan);
+                }
             }
         }
         Ok(runs)
@@ -176,7 +187,7 @@ struct ChosenScene {
 }
 
 impl ChosenScene {
-    /// `capture` suits photographs without a uniform background, `fast` everything else. A scene that cannot be read is
+    /// `capture` suits photographs without a uniform background (`dense`, if there are many), `fast` everything else. A scene that cannot be read is
     /// loading's to refuse.
     fn new((name, source): (String, SceneSource)) -> Self {
         let suitable = match source.backdrop() {
@@ -214,6 +225,8 @@ fn chosen_seeds(layers: &Layers, selection: &Selection) -> Vec<u64> {
 struct ChosenVariant {
     variant: Variant,
     preset: Option<Preset>,
+    /// Whether the preset was asked for on the command line, and holds for any number of views.
+    is_asked_for: bool,
 }
 
 /// The variants that are asked for; none for all.
@@ -239,7 +252,7 @@ fn chosen_variants(layers: &Layers, selection: &Selection) -> Result<Vec<ChosenV
             Start::Experiment => layers.last(|file| file.preset),
             Start::Preset(preset) => preset,
         };
-        Ok(ChosenVariant { variant, preset: selection.preset.or(own) })
+        Ok(ChosenVariant { variant, preset: selection.preset.or(own), is_asked_for: selection.preset.is_some() })
     };
     variants.into_iter().map(chosen).collect()
 }
@@ -370,7 +383,30 @@ mod tests {
         assert_eq!(presets("views", None), (Preset::Released, Preset::Released));
         assert_eq!(presets("recipe", Some(Preset::Fast)), (Preset::Fast, Preset::Fast));
         assert_eq!(presets("recipe", None), (Preset::Fast, Preset::Capture));
-        assert_eq!(presets("capture", None), (Preset::Capture, Preset::Capture));
+        assert_eq!(presets("capture", Some(Preset::Capture)), (Preset::Capture, Preset::Capture));
+    }
+
+    /// Room has 42 training views, of which `capture` takes all.
+    #[test]
+    fn many_photographs_have_a_larger_field() {
+        let plan = |experiment: &str, set: &[&str], preset: Option<Preset>| {
+            let set = set.iter().map(|&setting| setting.to_owned()).collect();
+            let selection = Selection { scenes: vec!["room".into()], set, preset, ..Selection::default() };
+            let run = Experiment::plan(experiment, &selection).unwrap().runs.remove(0);
+            let rebuilt = RunPlan::from_toml(&run.to_toml().unwrap()).unwrap();
+            assert_eq!((rebuilt.preset, &rebuilt.config), (run.preset, &run.config));
+            run
+        };
+        assert_eq!(plan("capture", &[], None).preset, Preset::Dense);
+        assert_eq!(plan("capture", &["scene.views=seed-9"], None).preset, Preset::Dense);
+        assert_eq!(plan("capture", &["scene.views=seed-8"], None).preset, Preset::Capture);
+        assert_eq!(plan("recipe", &["scene.views=seed-9"], None).preset, Preset::Dense);
+        assert_eq!(plan("llff-3view", &[], None).preset, Preset::Capture);
+        assert_eq!(plan("capture", &[], Some(Preset::Capture)).preset, Preset::Capture);
+        let set = plan("capture", &["field.view_dependence=0.5"], None).config;
+        assert_eq!(set.render.space, infonerf_render::Space::Content);
+        let infonerf_field::FieldConfig::Factored(field) = set.field else { panic!("{:?}", set.field) };
+        assert_eq!(field.view_dependence, 0.5);
     }
 
     #[test]

@@ -85,9 +85,9 @@ fn with_one_test_view(plan: &RunPlan) -> Result<RunPlan> {
 
 /// Refuses scenes that would not fit into memory together, before any is loaded.
 fn check_memory(plans: &[RunPlan]) -> Result<()> {
-    let mut all = PixelCount { train: 0, test: 0 };
+    let mut all = PixelCount { views: 0, train: 0, test: 0 };
     for plan in plans {
-        let PixelCount { train, test } = plan.pixels()?;
+        let PixelCount { train, test, .. } = plan.pixels()?;
         (all.train, all.test) = (all.train.saturating_add(train), all.test.saturating_add(test));
     }
     Ok(MemoryPlan::new(&plans[0].config, all, 1, 1).check_available()?)

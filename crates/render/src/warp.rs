@@ -18,6 +18,9 @@ pub enum Space {
     Ndc,
     /// Contraction.
     Contraction,
+    /// As `auto`, but contraction begins at the ball about the centre that holds three quarters of the surface points, if that
+    /// is within the cameras' distance: fields are finest there.
+    Content,
 }
 
 /// The greatest coordinate `s` in warped space: about the length of a ray through a bounded scene, so that densities have a
@@ -25,6 +28,8 @@ pub enum Space {
 const REACH: f32 = 4.0;
 /// Distances are clamped to this many near depths or radii.
 const HORIZON: f32 = 1e4;
+/// Share of the surface points that the ball of [`Space::Content`] holds.
+const MOST: f32 = 0.75;
 
 /// A map from points of the world to points at which a field is evaluated, and from distances `t` along a ray to the
 /// coordinate `s` in which samples are evenly spaced.
@@ -47,7 +52,7 @@ pub enum Warp {
     Contraction {
         /// The point that the cameras look at.
         centre: Vec3,
-        /// Radius of the ball that is scaled only: the distance of the farthest camera, or a known radius of the content.
+        /// Radius of the ball that is scaled only: the distance of the farthest camera, or a radius of the content.
         radius: f32,
     },
 }
@@ -56,8 +61,8 @@ impl Warp {
     /// The warp of `scene`: contraction in place of NDC if the cameras have none ([`Self::has_ndc`]).
     pub fn of(scene: &Scene, space: Space) -> Self {
         let space = match (space, scene.space.layout) {
-            (Space::Auto, _) if scene.space.bounded => Space::Box,
-            (Space::Auto, Layout::Forward) => Space::Ndc,
+            (Space::Auto | Space::Content, _) if scene.space.bounded => Space::Box,
+            (Space::Auto | Space::Content, Layout::Forward) => Space::Ndc,
             (Space::Auto, Layout::Object | Layout::Inside) => Space::Contraction,
             (chosen, _) => chosen,
         };
@@ -70,8 +75,11 @@ impl Warp {
                 ),
                 near: scene.space.near.max(1e-6 * scene.space.far),
             },
-            (Space::Contraction | Space::Ndc, _) => match scene.space.range {
+            (Space::Contraction | Space::Content | Space::Ndc, _) => match scene.space.range {
                 Range::Sphere { centre, radius } => Self::Contraction { centre, radius },
+                _ if space == Space::Content => {
+                    Self::Contraction { centre: scene.space.centre, radius: content_radius(&scene.space) }
+                }
                 _ => Self::Contraction { centre: scene.space.centre, radius: scene.space.radius },
             },
             (Space::Box | Space::Auto, _) => Self::Identity,
@@ -204,6 +212,15 @@ impl Warp {
     }
 }
 
+/// Radius of the ball about the centre that holds [`MOST`] of the surface points; at most that of the cameras, which it is
+/// without points.
+fn content_radius(space: &infonerf_scene::Space) -> f32 {
+    let mut distances: Vec<f32> = space.points.iter().map(|p| p.distance(space.centre)).collect();
+    let Some(last) = distances.len().checked_sub(1) else { return space.radius };
+    let (_, distance, _) = distances.select_nth_unstable_by((MOST * last as f32) as usize, f32::total_cmp);
+    distance.clamp(1e-3 * space.radius, space.radius)
+}
+
 /// All training cameras, of chosen and other views.
 fn cameras(scene: &Scene) -> impl Iterator<Item = &Camera> {
     scene.all_train_cameras.iter().chain(scene.train.iter().map(|view| &view.camera))
@@ -287,6 +304,15 @@ mod tests {
         around.space.layout = Layout::Object;
         assert!(matches!(Warp::of(&around, Space::Auto), Warp::Contraction { .. }));
         assert!(Warp::of(&around, Space::Box).is_identity());
+        let radius_of = |scene: &Scene| match Warp::of(scene, Space::Content) {
+            Warp::Contraction { radius, .. } => radius,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(radius_of(&around), around.space.radius, "there are no points");
+        around.space.points = (0..9).map(|i| around.space.centre + Vec3::Y * 0.25 * i as f32).collect();
+        assert_eq!(radius_of(&around), 1.5, "three quarters of nine points");
+        around.space.radius = 1.0;
+        assert_eq!(radius_of(&around), 1.0);
         around.space.range = Range::Sphere { centre: Vec3::X, radius: 0.5 };
         assert_eq!(Warp::of(&around, Space::Auto), Warp::Contraction { centre: Vec3::X, radius: 0.5 });
     }

@@ -124,7 +124,7 @@ impl Scene {
     /// How many pixels its views have.
     pub fn pixels(&self) -> PixelCount {
         let of = |views: &[View]| views.iter().map(|view| view.image.rgb.len() as u64).sum();
-        PixelCount { train: of(&self.train), test: of(&self.test) }
+        PixelCount { views: self.train.len(), train: of(&self.train), test: of(&self.test) }
     }
 
     /// The scene with the mean colour of its training views as background if what lies behind its content is unknown:
@@ -150,12 +150,14 @@ fn mean_color(views: &[View]) -> [f32; 3] {
     if count == 0 { [1.0; 3] } else { sum.map(|sum| (sum / count as f64) as f32) }
 }
 
-/// How many pixels the chosen views of a scene have, which decides how much memory it takes.
+/// How many views are chosen of a scene and how many pixels they have, which decides how much memory it takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PixelCount {
-    /// Of all training views together.
+    /// Number of training views.
+    pub views: usize,
+    /// Pixels of all training views together.
     pub train: u64,
-    /// Of all test views together.
+    /// Pixels of all test views together.
     pub test: u64,
 }
 
@@ -163,7 +165,7 @@ impl PixelCount {
     /// Of `train` and `test` views of one size.
     pub fn new((width, height): (u32, u32), train: usize, test: usize) -> Self {
         let each = u64::from(width) * u64::from(height);
-        Self { train: each.saturating_mul(train as u64), test: each.saturating_mul(test as u64) }
+        Self { views: train, train: each.saturating_mul(train as u64), test: each.saturating_mul(test as u64) }
     }
 }
 

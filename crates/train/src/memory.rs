@@ -144,7 +144,7 @@ mod tests {
     }
 
     fn plan_of(settings: &[&str], side_by_side: usize) -> MemoryPlan {
-        let pixels = PixelCount { train: 4 * 64, test: 64 };
+        let pixels = PixelCount { views: 4, train: 4 * 64, test: 64 };
         let mut table = Preset::Fast.table();
         settings.iter().for_each(|setting| config::assign(&mut table, setting).unwrap());
         MemoryPlan::new(&Config::from_table(table).unwrap(), pixels, side_by_side, side_by_side)

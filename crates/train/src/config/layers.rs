@@ -14,6 +14,8 @@ pub enum Preset {
     Fast,
     /// The same for photographs: no uniform background, space without an end.
     Capture,
+    /// The same for nine photographs or more: a larger field, with fewer priors.
+    Dense,
     /// The text of the paper, at full size.
     Paper,
     /// The behaviour of the authors' code, at full size.
@@ -22,13 +24,24 @@ pub enum Preset {
 
 impl Preset {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Fast, Self::Capture, Self::Paper, Self::Released];
+    pub const ALL: [Self; 5] = [Self::Fast, Self::Capture, Self::Dense, Self::Paper, Self::Released];
+
+    /// The fewest training views that [`Self::Dense`] is for.
+    pub const DENSE_VIEWS: usize = 9;
+
+    /// The preset for so many training `views` of a scene that this one suits: from [`Self::DENSE_VIEWS`] on, `Dense` takes
+    /// the place of `Capture`.
+    #[must_use]
+    pub fn for_views(self, views: usize) -> Self {
+        if self == Self::Capture && views >= Self::DENSE_VIEWS { Self::Dense } else { self }
+    }
 
     /// As written on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fast => "fast",
             Self::Capture => "capture",
+            Self::Dense => "dense",
             Self::Paper => "paper",
             Self::Released => "released",
         }
@@ -42,6 +55,7 @@ impl Preset {
             Self::Released => merged(paper, parse(include_str!("../../presets/released.toml"))),
             Self::Fast => merged(paper, parse(include_str!("../../presets/fast.toml"))),
             Self::Capture => merged(Self::Fast.table(), parse(include_str!("../../presets/capture.toml"))),
+            Self::Dense => merged(Self::Capture.table(), parse(include_str!("../../presets/dense.toml"))),
         }
     }
 }
