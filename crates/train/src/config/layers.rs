@@ -14,7 +14,7 @@ pub enum Preset {
     Fast,
     /// The same for photographs: no uniform background, space without an end.
     Capture,
-    /// The same for nine photographs or more: a larger field, with fewer priors.
+    /// The same for nine photographs or more: finer, and with fewer priors.
     Dense,
     /// The text of the paper, at full size.
     Paper,
