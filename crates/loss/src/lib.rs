@@ -78,6 +78,7 @@ pub(crate) mod testing {
                 radii: vec![0.0; rays],
                 candidates: count,
                 t,
+                tracked: None,
             },
             tau,
             color: Some(composite.values),
