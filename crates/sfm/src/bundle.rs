@@ -64,8 +64,8 @@ struct PointBlock {
 }
 
 impl Bundle {
-    /// Minimises `Σ s² ln(1 + |r|²/s²)` over what is free, plus the prior; returns the root mean square of `r`, in pixels.
-    pub(crate) fn adjust(&mut self, how: &Adjustment) -> f64 {
+    /// Minimises `Σ s² ln(1 + |r|²/s²)` over what is free, plus the prior.
+    pub(crate) fn adjust(&mut self, how: &Adjustment) {
         let mut damping = 1e-4;
         let mut cost = self.cost(how);
         for _ in 0..how.steps {
@@ -89,12 +89,10 @@ impl Bundle {
                 break;
             }
         }
-        let errors: Vec<f64> = self.errors().collect();
-        (errors.iter().map(|r| r * r).sum::<f64>() / errors.len().max(1) as f64).sqrt()
     }
 
     /// Distances in pixels between where points are seen and where they fall.
-    pub(crate) fn errors(&self) -> impl Iterator<Item = f64> {
+    fn errors(&self) -> impl Iterator<Item = f64> {
         self.points.iter().flat_map(move |point| {
             point.seen.iter().map(move |(camera, pixel)| {
                 let projected = self.lens.project(self.poses[*camera].transform(point.position));

@@ -84,11 +84,11 @@ pub(crate) fn five_point(pairs: [(DVec2, DVec2); 5]) -> Vec<DMat3> {
     }
     let trace = sum((0..3).map(|i| (1.0, square[i][i])));
     let mut m = SMatrix::<f64, 10, 20>::zeros();
-    for r in 0..3 {
+    for (r, row) in square.iter().enumerate() {
         for c in 0..3 {
-            let cubic = (0..3).map(|k| (2.0, times(&square[r][k], entry(k, c))));
-            let row = sum(cubic.chain([(-1.0, times(&trace, entry(r, c)))]));
-            m.set_row(3 * r + c, &row.into());
+            let cubic = (0..3).map(|k| (2.0, times(&row[k], entry(k, c))));
+            let equation = sum(cubic.chain([(-1.0, times(&trace, entry(r, c)))]));
+            m.set_row(3 * r + c, &equation.into());
         }
     }
     let minor =

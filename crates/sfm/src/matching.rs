@@ -9,6 +9,14 @@ const RATIO: f32 = 0.8;
 /// Rows of similarities that are held at once.
 const BLOCK: usize = 512;
 
+/// Features of photographs `a` and `b` that are taken for the same thing.
+pub(crate) struct Matches {
+    pub(crate) a: usize,
+    pub(crate) b: usize,
+    /// Indices of features in `a` and in `b`.
+    pub(crate) pairs: Vec<(usize, usize)>,
+}
+
 /// Indices `(a, b)` of features that are each other's closest, by far in both photographs.
 pub(crate) fn matches(a: &Features, b: &Features) -> Vec<(usize, usize)> {
     let (rows, columns) = (a.pixels.len(), b.pixels.len());

@@ -7,7 +7,7 @@ use crate::bundle::{Point, Prior};
 use crate::camera::{Lens, Pose};
 use crate::grey::Grey;
 use crate::mapper::Mapper;
-use crate::matching::matches;
+use crate::matching::{Matches, matches};
 use crate::sift::{Features, features};
 use crate::tracks::tracks;
 use crate::two_view::{TwoView, two_view};
@@ -64,14 +64,6 @@ pub struct Reconstruction {
     pub points: Vec<Point>,
 }
 
-/// Two photographs with matches that agree on a relative pose.
-struct Pair {
-    a: usize,
-    b: usize,
-    matches: Vec<(usize, usize)>,
-    view: TwoView,
-}
-
 /// Finds cameras and points. `progress` is told of each step in a line.
 ///
 /// # Errors
@@ -86,12 +78,12 @@ pub fn reconstruct(
     let found = features.iter().map(|f| f.pixels.len());
     progress(&format!("{} to {} features per photograph", found.clone().min().unwrap_or(0), found.max().unwrap_or(0)));
     let pairs: Vec<(usize, usize)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
-    let matched: Vec<_> = pairs
+    let matched: Vec<Matches> = pairs
         .into_par_iter()
-        .map(|(a, b)| (a, b, matches(&features[a], &features[b])))
-        .filter(|(.., matches)| matches.len() >= FEWEST)
+        .map(|(a, b)| Matches { a, b, pairs: matches(&features[a], &features[b]) })
+        .filter(|matches| matches.pairs.len() >= FEWEST)
         .collect();
-    let most = matched.iter().map(|(.., matches)| matches.len()).max().unwrap_or(0);
+    let most = matched.iter().map(|matches| matches.pairs.len()).max().unwrap_or(0);
     progress(&format!("{} pairs of photographs have {FEWEST} matches or more, {most} at most", matched.len()));
     let size = photographs.first().map_or(DVec2::ONE, |p| DVec2::new(p.image.width as f64, p.image.height as f64));
     let longer = size.max_element();
@@ -130,26 +122,25 @@ fn plausibility(focal: f64) -> f64 {
 /// The best of the reconstructions with one guess of the lens; `None` where no pair can start one.
 fn map(
     features: &[Features],
-    matched: &[(usize, usize, Vec<(usize, usize)>)],
+    matched: &[Matches],
     lens: (Lens, Prior),
     tolerance: f64,
     seed: u64,
 ) -> Option<Reconstruction> {
-    let verified = |(a, b, matches): &(usize, usize, Vec<(usize, usize)>)| {
+    let verified = |&Matches { a, b, ref pairs }: &Matches| {
         let pixels: Vec<(DVec2, DVec2)> =
-            matches.iter().map(|(i, j)| (features[*a].pixels[*i], features[*b].pixels[*j])).collect();
-        let seed = seed ^ ((*a as u64) << 32 | *b as u64);
-        let view = two_view(&pixels, &lens.0, tolerance, seed)?;
-        let matches = view.inliers.iter().map(|&i| matches[i]).collect();
-        (view.inliers.len() >= FEWEST).then_some(Pair { a: *a, b: *b, matches, view })
+            pairs.iter().map(|(i, j)| (features[a].pixels[*i], features[b].pixels[*j])).collect();
+        let view = two_view(&pixels, &lens.0, tolerance, seed ^ ((a as u64) << 32 | b as u64))?;
+        let pairs: Vec<(usize, usize)> = view.inliers.iter().map(|&i| pairs[i]).collect();
+        (pairs.len() >= FEWEST).then_some((Matches { a, b, pairs }, view))
     };
-    let mut pairs: Vec<Pair> = matched.par_iter().filter_map(verified).collect();
-    let agreed: Vec<_> = pairs.iter().map(|p| (p.a, p.b, p.matches.clone())).collect();
+    let (agreed, views): (Vec<Matches>, Vec<TwoView>) = matched.par_iter().filter_map(verified).unzip();
     let tracks = tracks(features, &agreed);
-    let worth = |pair: &Pair| pair.view.angles.iter().map(|a| a.min(WIDE)).sum::<f64>();
-    pairs.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
-    let start = |pair: &Pair| {
-        let start = (pair.a, pair.b, pair.view.pose);
+    let worth = |view: &TwoView| view.angles.iter().map(|a| a.min(WIDE)).sum::<f64>();
+    let mut pairs: Vec<(&Matches, &TwoView)> = agreed.iter().zip(&views).collect();
+    pairs.sort_by(|a, b| worth(b.1).total_cmp(&worth(a.1)));
+    let start = |(matches, view): &(&Matches, &TwoView)| {
+        let start = (matches.a, matches.b, view.pose);
         let mapper = Mapper::new(&tracks, features.len(), lens, tolerance, start, seed).run();
         let points = mapper.points();
         ((mapper.placed(), points.iter().map(|p| p.seen.len()).sum::<usize>()), mapper, points)

@@ -2,14 +2,15 @@
 
 use glam::DVec2;
 
+use crate::matching::Matches;
 use crate::sift::Features;
 
 /// Photographs and the pixels in which they see one point, each photograph once.
 pub(crate) type Track = Vec<(usize, DVec2)>;
 
-/// The connected components of `matches` (two photographs, and pairs of their features). A photograph that sees one of
+/// The connected components of `matches`. A photograph that sees one of
 /// them in two places is left out of it.
-pub(crate) fn tracks(features: &[Features], matches: &[(usize, usize, Vec<(usize, usize)>)]) -> Vec<Track> {
+pub(crate) fn tracks(features: &[Features], matches: &[Matches]) -> Vec<Track> {
     let mut first = vec![0];
     first.extend(features.iter().scan(0, |sum, f| {
         *sum += f.pixels.len();
@@ -26,7 +27,7 @@ pub(crate) fn tracks(features: &[Features], matches: &[(usize, usize, Vec<(usize
             .filter(|&k| all.pixels[k] == all.pixels[k - 1])
             .for_each(|k| join(first[i] + k, first[i] + k - 1));
     }
-    for (a, b, pairs) in matches {
+    for Matches { a, b, pairs } in matches {
         pairs.iter().for_each(|(i, j)| join(first[*a] + i, first[*b] + j));
     }
     let mut tracks = vec![Track::new(); parent.len()];
@@ -65,7 +66,9 @@ mod tests {
             |pixels: &[f64]| Features { pixels: pixels.iter().map(|x| at(*x)).collect(), ..Default::default() };
         // The first two features of the third photograph differ in orientation alone.
         let features = [photograph(&[1.0, 2.0]), photograph(&[3.0, 4.0]), photograph(&[5.0, 5.0, 6.0])];
-        let matches = [(0, 1, vec![(0, 0), (1, 1)]), (1, 2, vec![(0, 0), (1, 2)]), (0, 2, vec![(0, 1), (1, 0)])];
+        let matched = |a, b, pairs: [(usize, usize); 2]| Matches { a, b, pairs: pairs.to_vec() };
+        let matches =
+            [matched(0, 1, [(0, 0), (1, 1)]), matched(1, 2, [(0, 0), (1, 2)]), matched(0, 2, [(0, 1), (1, 0)])];
         let joined = tracks(&features, &matches[..2]);
         let all = vec![vec![(0, at(1.0)), (1, at(3.0)), (2, at(5.0))], vec![(0, at(2.0)), (1, at(4.0)), (2, at(6.0))]];
         assert_eq!(joined, all);

@@ -191,7 +191,11 @@ mod tests {
                     fs::copy(path, guard.path().join(name(path))).unwrap();
                 }
                 let started = std::time::Instant::now();
-                let tell = |line: &str| told.then(|| eprintln!("{line}")).unwrap_or_default();
+                let tell = |line: &str| {
+                    if told {
+                        eprintln!("{line}");
+                    }
+                };
                 let result = pose(guard.path(), &guard.path().join("sparse"), tell);
                 let seconds = started.elapsed().as_secs_f64();
                 let which = format!("{capture}, {count} {}", if spread { "all over" } else { "side by side" });
