@@ -1,0 +1,81 @@
+//! Cameras that are learnt.
+
+mod common;
+
+use std::sync::Arc;
+
+use burn::tensor::Device;
+use common::steps;
+use glam::DVec3;
+use infonerf_render::Pivot;
+use infonerf_scene::{Camera, PoseError, Scene, SceneRequest, TestProtocol, View, ViewSelection};
+use infonerf_train::config::assign;
+use infonerf_train::{Config, Preset, Trainer, fitted_to};
+
+const STEPS: usize = 300;
+
+/// The quick field on images of 48², small from the first step on.
+fn config(refine: bool) -> Config {
+    let mut table = Preset::Fast.table();
+    for setting in [
+        "field.resolutions=[16,32,64]",
+        "train.downscale={steps=[[0.0,2],[0.4,1]]}",
+        "train.iterations=300",
+        "train.rays=512",
+        "train.target_samples=0",
+        "train.cameras.lr={from=2e-3,to=1e-4,curve='exponential',warmup=50}",
+        &format!("train.cameras.refine={refine}"),
+    ] {
+        assign(&mut table, setting).unwrap();
+    }
+    Config::from_table(table).unwrap()
+}
+
+fn scene() -> Arc<Scene> {
+    let request = SceneRequest {
+        train: ViewSelection::Seed { seed: 0, count: 30 },
+        test: TestProtocol::First(2),
+        image_size: Some(48),
+        background: [1.0; 3],
+        ..SceneRequest::default()
+    };
+    infonerf_procedural::load("knot", &request).unwrap().into()
+}
+
+/// The error of one camera's pose: degrees, and percent of its distance.
+fn apart(found: &Camera, truth: &Camera) -> [f64; 2] {
+    let turn = found.rotation() * truth.rotation().transpose();
+    let cosine = 0.5 * (turn.x_axis.x + turn.y_axis.y + turn.z_axis.z - 1.0);
+    let moved = found.position_f64().distance(truth.position_f64()) / truth.position_f64().length();
+    [cosine.clamp(-1.0, 1.0).acos().to_degrees(), 100.0 * moved]
+}
+
+/// With a field of many exact views held fixed, a photograph says where it was taken.
+#[test]
+fn the_pose_of_a_photograph_is_found() {
+    let scene = scene();
+    let mut trainer = Trainer::new(&config(false), scene.clone(), 0, None, &Device::flex()).unwrap();
+    steps(&mut trainer, STEPS);
+    let trained = trainer.trained();
+    let one = |view: &View| Scene { train: vec![view.clone()], ..Scene::default() };
+    for view in &scene.test {
+        let off = one(view).disturbed(2.0, 0.03, 1).train.remove(0);
+        let fitted = fitted_to(trainer.renderer(), &trained, &off, Pivot::of(&scene), 100);
+        let (before, after) = (apart(&off.camera, &view.camera), apart(&fitted.camera(&off.camera), &view.camera));
+        assert!((0..2).all(|i| after[i] < 0.5 * before[i]), "{before:?} {after:?}");
+    }
+}
+
+/// Disturbed cameras of many views come nearer to the exact ones, in as few steps not by much.
+#[test]
+fn disturbed_cameras_are_mended() {
+    let scene = Arc::new(scene().as_ref().clone().disturbed(3.0, 0.04, 1));
+    let mut trainer = Trainer::new(&config(true), scene.clone(), 0, None, &Device::flex()).unwrap();
+    steps(&mut trainer, STEPS);
+    let given: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+    let exact = scene.exact_cameras.as_ref().unwrap();
+    let error = |cameras: &[Camera]| PoseError::of(cameras, exact, DVec3::ZERO);
+    let (before, after) = (error(&given), error(&trainer.cameras()));
+    assert!(after.rotation_deg < 0.95 * before.rotation_deg, "{before:?} {after:?}");
+    assert!(after.translation_percent < 0.95 * before.translation_percent, "{before:?} {after:?}");
+}
