@@ -51,7 +51,7 @@ const CAPTURE: &[&str] = &["nerf", "entropy", "kl", "infonerf", "infonerf+"];
 
 /// What is reproduced, in the order of the report.
 const CHAPTERS: [Chapter; 11] = [
-    Chapter::new("synthetic-4view", Extent { seeds: &[0, 1], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
+    Chapter::new("synthetic-4view", OWN, FOUR_BY_FIVE),
     Chapter::new("fast-losses", Extent { seeds: &[0], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
     Chapter::new("loss-ablation", Extent { seeds: &[0, 1], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
     Chapter::new("unseen-rays", TWO_BY_TWO, FOUR_BY_FIVE),

@@ -22,7 +22,7 @@ pub enum Focal {
 
 /// A small rigid motion and, if asked for, a factor of the focal length per training view.
 ///
-/// The camera with centre c, orientation R and focal length f becomes `p + Q (c − p) + s τ`, `Q R` and `f e^φ`, Q = exp([ω]×),
+/// The camera with centre c, orientation R and focal length f becomes `p + Q (c − p) + s τ`, `Q R` and `f e^φ`, `Q = exp([ω]×)`,
 /// where (ω, τ) ∈ ℝ⁶ is the view's, less the mean over all views, p the scene's centre, and s the cameras' mean distance from
 /// it: ω in radians and τ as a share of s are of one size. All begin at 0. A turn about p hardly moves the image, as one about
 /// c would: that and a move of the camera look nearly alike, and gradient descent would be long in telling them apart.
