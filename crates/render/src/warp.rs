@@ -277,9 +277,9 @@ mod tests {
         let points = [[0.3, -0.2, -1.7], [0.1, 0.4, -9.0], [-2.0, 5.0, -30.0]];
         let contraction = Warp::Contraction { centre: Vec3::new(0.1, 0.0, -1.0), radius: 2.0 };
         for warp in [Warp::Identity, Warp::of(&forward(), Space::Ndc), contraction] {
-            let p = from_host(points.as_flattened(), 3, &device).require_grad();
-            let warped = warp.points(p.clone());
             for axis in 0..3 {
+                let p = from_host(points.as_flattened(), 3, &device).require_grad();
+                let warped = warp.points(p.clone());
                 let gradients = warped.clone().narrow(1, axis, 1).sum().backward();
                 let slopes = to_host(p.grad(&gradients).unwrap());
                 for (row, point) in points.into_iter().map(Vec3::from).enumerate() {
