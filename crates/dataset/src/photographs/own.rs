@@ -163,7 +163,7 @@ mod tests {
 
     /// Prints the table of docs/photographs.md: with `INFONERF_LINES`, what a user is told too.
     #[test]
-    #[ignore = "needs …/shared/data"]
+    #[ignore = "needs published captures: INFONERF_DATA=DIR"]
     fn poses_of_published_captures() {
         let told = std::env::var_os("INFONERF_LINES").is_some();
         let llff = |name| (name, format!("nerf_llff_data/{name}"), "images_8");
