@@ -28,6 +28,7 @@ built_in! {
     "released-warm",
     "recipe",
     "fields",
+    "time-against-error",
     "scales",
     "unseen-rays",
     "loss-ablation",
