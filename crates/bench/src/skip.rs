@@ -205,7 +205,7 @@ fn text(rows: &[Row], runs: &[Run]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use infonerf_train::{Preset, config};
+    use infonerf_train::Preset;
 
     use super::*;
 
@@ -214,11 +214,8 @@ mod tests {
         for preset in Preset::ALL {
             let base = Config::from_table(preset.table()).unwrap();
             for (case, settings) in cases(&base) {
-                let mut table = preset.table();
-                for setting in settings.iter().map(String::as_str).chain([FIXED]) {
-                    config::assign(&mut table, setting).unwrap();
-                }
-                Config::from_table(table).unwrap_or_else(|error| panic!("{case}: {error}"));
+                let settings = settings.iter().map(String::as_str).chain([FIXED]);
+                Config::of(preset, settings).unwrap_or_else(|error| panic!("{case}: {error}"));
             }
         }
     }

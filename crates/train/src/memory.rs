@@ -1,4 +1,4 @@
-//! How much memory a run needs, from its sizes alone: one that cannot fit is refused before anything is loaded.
+//! An estimate of the memory that a run needs, from its sizes alone: a run that cannot fit is refused before anything is loaded.
 
 use infonerf_field::{FieldSpec, Footprint};
 use infonerf_scene::PixelCount;
@@ -137,7 +137,7 @@ fn samples(config: &Config) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Preset, config};
+    use crate::Preset;
 
     fn plan(settings: &[&str]) -> MemoryPlan {
         plan_of(settings, 1)
@@ -145,9 +145,7 @@ mod tests {
 
     fn plan_of(settings: &[&str], side_by_side: usize) -> MemoryPlan {
         let pixels = PixelCount { views: 4, train: 4 * 64, test: 64 };
-        let mut table = Preset::Fast.table();
-        settings.iter().for_each(|setting| config::assign(&mut table, setting).unwrap());
-        MemoryPlan::new(&Config::from_table(table).unwrap(), pixels, side_by_side, side_by_side)
+        MemoryPlan::new(&Config::of(Preset::Fast, settings).unwrap(), pixels, side_by_side, side_by_side)
     }
 
     #[test]

@@ -119,13 +119,14 @@ pub(crate) fn generator(noise: Noise) -> ChaCha8Rng {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use infonerf_scene::{SceneRequest, ViewSelection};
 
     use super::*;
     use crate::{Config, Preset};
 
-    fn scene() -> Scene {
+    /// Two views of 16 pixels.
+    pub(crate) fn two_views() -> Scene {
         let request = SceneRequest {
             train: ViewSelection::Seed { seed: 0, count: 2 },
             image_size: Some(16),
@@ -137,7 +138,7 @@ mod tests {
     /// Neighbours of a capture far from the origin are neighbours of it, and not somewhere else.
     #[test]
     fn neighbours_turn_about_the_scene() {
-        let mut scene = scene();
+        let mut scene = two_views();
         let shift = DVec3::new(1000.0, 0.0, 0.0);
         for view in &mut scene.train {
             view.camera.to_world = DMat4::from_translation(shift) * view.camera.to_world;
@@ -162,7 +163,7 @@ mod tests {
 
     #[test]
     fn unseen_rays_are_cropped_like_seen_ones() {
-        let scene = scene();
+        let scene = two_views();
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train;
         config.precrop_steps = 10;
         let region = ViewRegion::new(&scene.train.iter().map(|view| view.camera.clone()).collect::<Vec<_>>());

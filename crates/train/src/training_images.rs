@@ -280,9 +280,10 @@ fn coverage(rgba: &[[f32; 4]], width: u32, background: [f32; 3]) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
-    use infonerf_scene::{SceneRequest, ViewRegion, ViewSelection};
+    use infonerf_scene::ViewRegion;
 
     use super::*;
+    use crate::pixels::tests::two_views;
     use crate::pixels::{UnseenViews, rotation};
     use crate::{Config, Preset};
 
@@ -299,23 +300,16 @@ mod tests {
     /// Whatever the batch, size and crop; a view whose centre is invalid is drawn from elsewhere.
     #[test]
     fn invalid_pixels_are_never_drawn() {
-        let request = SceneRequest {
-            train: ViewSelection::Seed { seed: 0, count: 2 },
-            image_size: Some(16),
-            ..SceneRequest::default()
-        };
-        let mut scene = infonerf_procedural::load("knot", &request).unwrap();
+        let mut scene = two_views();
         // The left half of the first view but one pixel, and the last rows of the second.
         let valid = |view: usize, x: usize, y: usize| if view == 0 { x < 8 && (x, y) != (6, 6) } else { y >= 14 };
         for (index, view) in scene.train.iter_mut().enumerate() {
             view.valid = Some((0..256).map(|i| valid(index, i % 16, i / 16)).collect());
         }
         for batch in ["pixels", "image"] {
-            let mut table = Preset::Paper.table();
-            for assignment in [&format!("train.batch={batch}"), "train.downscale={steps=[[0.0,2],[0.5,4],[0.9,1]]}"] {
-                crate::config::assign(&mut table, assignment).unwrap();
-            }
-            let config = TrainConfig { precrop_steps: 30, ..Config::from_table(table).unwrap().train };
+            let settings = [&format!("train.batch={batch}"), "train.downscale={steps=[[0.0,2],[0.5,4],[0.9,1]]}"];
+            let config = Config::of(Preset::Paper, settings).unwrap().train;
+            let config = TrainConfig { precrop_steps: 30, ..config };
             let images = TrainingImages::new(&scene, &config);
             assert_eq!(images.sizes.iter().map(|images| images.factor).collect::<Vec<_>>(), [1, 2]);
             let mut drawn = [0; 2];
@@ -338,15 +332,9 @@ mod tests {
     /// Cones of all kinds of rays are as wide as the pixels of the images that a step learns from.
     #[test]
     fn smaller_images_have_wider_cones() {
-        let request = SceneRequest {
-            train: ViewSelection::Seed { seed: 0, count: 2 },
-            image_size: Some(16),
-            ..SceneRequest::default()
-        };
-        let scene = infonerf_procedural::load("knot", &request).unwrap();
-        let mut table = Preset::Paper.table();
-        crate::config::assign(&mut table, "train.downscale={steps=[[0.0,4],[0.25,2],[0.5,50],[0.75,1]]}").unwrap();
-        let config = Config::from_table(table).unwrap().train;
+        let scene = two_views();
+        let downscale = "train.downscale={steps=[[0.0,4],[0.25,2],[0.5,50],[0.75,1]]}";
+        let config = Config::of(Preset::Paper, [downscale]).unwrap().train;
         let images = TrainingImages::new(&scene, &config);
         let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let region = ViewRegion::new(&cameras);

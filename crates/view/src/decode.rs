@@ -10,7 +10,7 @@ use infonerf_ops::{Segments, to_host};
 use infonerf_render::{Model, OccupancyGrid, RenderConfig, Renderer, TrainedModel};
 use infonerf_scene::Scene;
 use infonerf_schedule::Moment;
-use infonerf_train::{Config, Preset, config::assign};
+use infonerf_train::{Config, Preset};
 use serde_json::Value;
 
 use crate::package::of_field;
@@ -136,9 +136,7 @@ fn texel(u: f32, size: usize) -> (usize, f32) {
 }
 
 pub(crate) fn config(set: &[&str]) -> Config {
-    let mut table = Preset::Fast.table();
-    set.iter().for_each(|setting| assign(&mut table, setting).unwrap());
-    Config::from_table(table).unwrap()
+    Config::of(Preset::Fast, set).unwrap()
 }
 
 pub(crate) fn model(field: &FieldConfig) -> TrainedModel {

@@ -1,4 +1,4 @@
-//! What goes together: in a config alone, with a scene, and with many scenes. Each check comes before anything is trained.
+//! Consistency checks, made before anything is trained: of a config alone, with a scene, and with many scenes.
 
 use infonerf_field::FieldSpec;
 use infonerf_loss::Need;
@@ -132,15 +132,11 @@ mod tests {
     use infonerf_scene::SceneRequest;
 
     use super::*;
-    use crate::config::{Preset, assign};
+    use crate::config::Preset;
 
     #[test]
     fn cameras_are_learnt_with_fields_that_pass_gradients_on() {
-        let fault = |settings: &[&str]| {
-            let mut table = Preset::Paper.table();
-            settings.iter().for_each(|setting| assign(&mut table, setting).unwrap());
-            Config::from_table(table).err().map(|error| error.to_string())
-        };
+        let fault = |settings: &[&str]| Config::of(Preset::Paper, settings).err().map(|error| error.to_string());
         let mip =
             "field={kind='mip',layers=2,width=8,skip=0,position_frequencies=4,direction_frequencies=2,detail=1.0}";
         let refine = "train.cameras.refine=true";
@@ -170,13 +166,10 @@ mod tests {
         let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
         let scene = load("knot", &request).unwrap();
         let fault = |images: usize| {
-            let mut table = Preset::Fast.table();
             let encoder = format!("encoder={{images={images},size=[16,16],width=1}}");
             let field = "kind='neuralvolumes',latent=4,resolution=4,width=8,maps=1,warp_resolution=2";
-            for setting in ["scene.views={kind='all'}", &format!("field={{{field},{encoder}}}")] {
-                assign(&mut table, setting).unwrap();
-            }
-            let config = Config::from_table(table).unwrap();
+            let settings = ["scene.views={kind='all'}", &format!("field={{{field},{encoder}}}")];
+            let config = Config::of(Preset::Fast, settings).unwrap();
             of_scene(&config, &scene).err().map(|fault| fault.to_string())
         };
         let views = scene.train.len();

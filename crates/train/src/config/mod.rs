@@ -119,6 +119,16 @@ impl EvalConfig {
 }
 
 impl Config {
+    /// A preset with keys changed by `settings`, each `dotted.key=value`.
+    ///
+    /// # Errors
+    /// As [`assign`] and [`Self::from_table`].
+    pub fn of(preset: Preset, settings: impl IntoIterator<Item: AsRef<str>>) -> Result<Self, TrainError> {
+        let mut table = preset.table();
+        settings.into_iter().try_for_each(|setting| assign(&mut table, setting.as_ref()))?;
+        Self::from_table(table)
+    }
+
     /// Reads a complete config from a TOML table, refusing unknown keys and numbers out of range.
     ///
     /// # Errors
@@ -151,11 +161,7 @@ mod tests {
     #[test]
     fn an_encoder_sees_its_photographs_in_every_step() {
         let with = |assignment: &str| {
-            let mut table = Preset::Paper.table();
-            for assignment in [ENCODED, assignment] {
-                assign(&mut table, assignment).unwrap();
-            }
-            Config::from_table(table).map(|_| ()).map_err(|error| error.to_string())
+            Config::of(Preset::Paper, [ENCODED, assignment]).map(|_| ()).map_err(|error| error.to_string())
         };
         for fine in ["train.batch=image", "scene.views.count=3", "scene.views={kind='all'}"] {
             assert_eq!(with(fine), Ok(()));
@@ -176,10 +182,7 @@ mod tests {
 
     #[test]
     fn a_fault_names_its_key() {
-        let fault = |assignment: &str| {
-            let mut table = Preset::Paper.table();
-            assign(&mut table, assignment).and_then(|()| Config::from_table(table).map(|_| ())).unwrap_err().to_string()
-        };
+        let fault = |assignment: &str| Config::of(Preset::Paper, [assignment]).unwrap_err().to_string();
         for (assignment, part) in [
             ("train.rayz=3", "rayz"),
             ("train.rays=-3", "train.rays"),

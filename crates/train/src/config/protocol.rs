@@ -158,15 +158,11 @@ impl Views {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Config, Preset, assign};
+    use crate::config::{Config, Preset};
 
     #[test]
     fn views_are_read_from_text_and_lists() {
-        let read = |assignment: &str| {
-            let mut table = Preset::Paper.table();
-            assign(&mut table, assignment).unwrap();
-            Config::from_table(table).map_err(|error| error.to_string())
-        };
+        let read = |assignment: &str| Config::of(Preset::Paper, [assignment]).map_err(|error| error.to_string());
         let views = |text: &str| read(&format!("scene.views={text}")).unwrap().scene.views;
         for text in ["26,86,2,55", "[26, 86, 2, 55]", "{kind='ids',ids=[26,86,2,55]}"] {
             assert_eq!(views(text), Views::Ids { ids: vec![26, 86, 2, 55] });

@@ -107,7 +107,7 @@ fn plain_expected(expected: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config::{Preset, assign};
+    use crate::config::Preset;
 
     #[test]
     fn messages_speak_of_the_file_and_not_of_types() {
@@ -132,9 +132,7 @@ mod tests {
             ("train.batch={a=1,b=2}", "train.batch: expected a name in quotes, found a table"),
             ("train.batch=3", "train.batch: expected a name in quotes, found another kind of value"),
         ] {
-            let mut table = Preset::Paper.table();
-            assign(&mut table, assignment).unwrap();
-            let message = Config::from_table(table).unwrap_err().to_string();
+            let message = Config::of(Preset::Paper, [assignment]).unwrap_err().to_string();
             assert!(message.starts_with(expected), "{assignment}: {message}");
         }
     }

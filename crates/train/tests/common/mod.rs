@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use burn::tensor::Device;
 use infonerf_scene::{Scene, SceneRequest, TestProtocol, ViewSelection};
-use infonerf_train::{Config, Event, Outcome, Preset, Trainer, config};
+use infonerf_train::{Config, Event, Outcome, Preset, Trainer};
 
 /// The field of the paper, everything on: coarse and fine network, occupancy grid, jitter, all loss terms, unseen rays.
 const PAPER: [&str; 12] = [
@@ -84,11 +84,7 @@ const ALL: [&str; 5] = [
 ];
 
 fn configured(preset: Preset, settings: &[&[&str]]) -> Config {
-    let mut table = preset.table();
-    for setting in settings.iter().copied().flatten() {
-        config::assign(&mut table, setting).unwrap();
-    }
-    Config::from_table(table).unwrap()
+    Config::of(preset, settings.concat()).unwrap()
 }
 
 /// A tiny run of the paper's field with `settings` on top.

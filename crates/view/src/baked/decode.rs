@@ -5,7 +5,6 @@ use infonerf_field::{Extent, Field, Points};
 use infonerf_ops::{Segments, to_host};
 use infonerf_render::{OccupancyGrid, TrainedModel};
 use infonerf_scene::Aabb;
-use infonerf_train::config::assign;
 use infonerf_train::{Config, Preset};
 
 use super::CHANNELS;
@@ -119,9 +118,7 @@ fn exact(trained: &TrainedModel, p: Vec3, direction: Vec3) -> (f32, Vec<f32>) {
 }
 
 fn config(set: &[&str]) -> Config {
-    let mut table = Preset::Paper.table();
-    [SMOOTH].iter().chain(set).for_each(|setting| assign(&mut table, setting).unwrap());
-    Config::from_table(table).unwrap()
+    Config::of(Preset::Paper, [SMOOTH].iter().chain(set)).unwrap()
 }
 
 /// Points of the cube ±`half`.
