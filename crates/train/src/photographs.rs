@@ -1,4 +1,4 @@
-//! The training views as a field sees them that looks at photographs.
+//! The training views as the input of fields that look at photographs (PixelNeRF).
 
 use std::sync::Arc;
 

@@ -301,3 +301,30 @@ pub(super) fn densities<F: Field>(field: &F, positions: &[f32], extent: Extent<'
     let points = Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments, extent, tracked: None };
     to_host(field.evaluate(points, false, at).sigma)
 }
+
+#[cfg(test)]
+mod tests {
+    use infonerf_scene::SceneRequest;
+
+    use super::*;
+    use crate::Preset;
+
+    /// All members of an ensemble share the copies.
+    #[test]
+    fn photographs_are_copied_only_where_a_field_looks_at_them() {
+        let request = SceneRequest { image_size: Some(8), ..SceneRequest::default() };
+        let scene = Arc::new(infonerf_procedural::load("knot", &request).unwrap());
+        let device = Device::flex();
+        for (field, copied) in [
+            ("field.channels=1", false),
+            (r#"field={kind="nerf",layers=1,width=8,skip=1}"#, false),
+            (r#"field={kind="pixelnerf",encoder={width=2,blocks=[1],weights=""},blocks=1,pool_after=1,width=4}"#, true),
+        ] {
+            let config = Config::of(Preset::Fast, [field]).unwrap();
+            let trainer = Trainer::new(&config, scene.clone(), 0, None, &device).unwrap();
+            let copies = &trainer.scenes[0].photographs.all().views;
+            assert_eq!(copies.len(), if copied { scene.train.len() } else { 0 }, "{field}");
+            assert!(Arc::ptr_eq(&trainer.scenes, &trainer.with_seed(1).unwrap().scenes));
+        }
+    }
+}
