@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use burn::module::{Module, ModuleMapper, Param};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
+use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use safetensors::{Dtype, tensor::TensorView};
 use serde_json::Value;
 
@@ -40,27 +40,69 @@ pub fn hashed(l: usize, n: usize) -> f64 {
     (z >> 40) as f64 / (1u64 << 23) as f64 - 1.0
 }
 
-/// `module` with parameters that follow from a rule, and how many there are: number `n` of parameter `l`, in the module's
-/// order, is `rule(l, shape, hashed(l, n))`.
-pub fn overwritten<M: Module>(module: M, rule: impl Fn(usize, &[usize], f64) -> f64) -> (M, usize) {
-    struct Overwrite<R> {
-        rule: R,
+/// The document `fixtures/<name>.json`.
+///
+/// # Panics
+/// If there is none, or it is not JSON.
+pub fn fixture(name: &str) -> Value {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name).with_extension("json");
+    serde_json::from_slice(&std::fs::read(path).expect("a fixture")).expect("JSON")
+}
+
+/// `module` with other parameters, and how many it has: those of parameter `l` in the module's order are `values(l, shape)`, row
+/// by row; where that is none they stay.
+pub fn with_parameters<M: Module>(module: M, values: impl FnMut(usize, &[usize]) -> Option<Vec<f32>>) -> (M, usize) {
+    struct Overwrite<V> {
+        values: V,
         next: usize,
     }
 
-    impl<R: Fn(usize, &[usize], f64) -> f64> ModuleMapper for Overwrite<R> {
+    impl<V: FnMut(usize, &[usize]) -> Option<Vec<f32>>> ModuleMapper for Overwrite<V> {
         fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-            let (l, shape) = (self.next, param.val().dims());
+            let shape = param.val().dims();
+            let values = (self.values)(self.next, &shape);
             self.next += 1;
-            let value = |n| (self.rule)(l, &shape, hashed(l, n)) as f32;
-            let values: Vec<f32> = (0..shape.iter().product()).map(value).collect();
-            param.map(|old| Tensor::from_data(TensorData::new(values, shape), &old.device()).require_grad())
+            let Some(values) = values else { return param };
+            param.map(|old| {
+                let new = Tensor::from_data(TensorData::new(values, shape), &old.device());
+                if new.is_autodiff() { new.require_grad() } else { new }
+            })
         }
     }
 
-    let mut overwrite = Overwrite { rule, next: 0 };
+    let mut overwrite = Overwrite { values, next: 0 };
     let module = module.map(&mut overwrite);
     (module, overwrite.next)
+}
+
+/// `module` with parameters that follow from a rule, and how many there are: number `n` of parameter `l`, in the module's
+/// order, is `rule(l, shape, hashed(l, n))`.
+pub fn overwritten<M: Module>(module: M, rule: impl Fn(usize, &[usize], f64) -> f64) -> (M, usize) {
+    with_parameters(module, |l, shape| {
+        Some((0..shape.iter().product()).map(|n| rule(l, shape, hashed(l, n)) as f32).collect())
+    })
+}
+
+/// Rank of every parameter and its gradient, in the module's order.
+///
+/// # Panics
+/// If a parameter has none.
+pub fn gradients_of(module: &impl Module, gradients: &Gradients) -> Vec<(usize, Vec<f32>)> {
+    struct Visitor<'a> {
+        gradients: &'a Gradients,
+        found: Vec<(usize, Vec<f32>)>,
+    }
+
+    impl ModuleVisitor for Visitor<'_> {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            let gradient = param.val().grad(self.gradients).expect("every parameter has a gradient");
+            self.found.push((D, gradient.into_data().try_to_vec().expect("f32")));
+        }
+    }
+
+    let mut visitor = Visitor { gradients, found: Vec::new() };
+    module.visit(&mut visitor);
+    visitor.found
 }
 
 /// The numbers of a list in a fixture.

@@ -10,16 +10,12 @@ use infonerf_ops::to_host;
 use infonerf_pretrained::{ClipConfig, ClipVision};
 use infonerf_procedural::load;
 use infonerf_scene::{SceneRequest, TestProtocol};
-use infonerf_tests::{hashed, picture, write_weights};
-use infonerf_train::{Config, Event, Preset, Trainer, config};
+use infonerf_tests::{fixture, hashed, picture, write_weights};
+use infonerf_train::{Config, Event, Preset, Trainer};
 use serde_json::Value;
 
 /// Embeddings have unit length, gradients reach 0.1.
 const TOLERANCE: f32 = 1e-4;
-
-fn fixture() -> Value {
-    serde_json::from_str(include_str!("../fixtures/clip.json")).unwrap()
-}
 
 fn small(fixture: &Value) -> ClipConfig {
     let number = |key: &str| fixture["small"][key].as_u64().unwrap() as usize;
@@ -100,7 +96,7 @@ fn compare<const D: usize>(got: Tensor<D>, want: &Value, what: &str) {
 }
 
 fn check(device: &Device) {
-    let fixture = &fixture();
+    let fixture = &fixture("clip");
     let folder = tempfile::tempdir().unwrap();
     let device = &device.clone().autodiff();
     let clip = encoder(&folder.path().join("clip"), small(fixture), device);
@@ -125,7 +121,7 @@ fn agrees_with_pytorch_on_every_device() {
 #[test]
 #[ignore = "writes and reads 350 MB of weights"]
 fn the_published_size_agrees_with_pytorch() {
-    let fixture = &fixture();
+    let fixture = &fixture("clip");
     let folder = tempfile::tempdir().unwrap();
     let device = Device::flex();
     let clip = encoder(&folder.path().join("clip"), ClipConfig::VIT_B_32, &device);
@@ -141,14 +137,10 @@ fn a_run_trains_with_it() {
     encoder(&path, ClipConfig::VIT_B_32, &Device::flex());
     let request = SceneRequest { image_size: Some(32), test: TestProtocol::First(1), ..SceneRequest::default() };
     let train = |weight: f32| {
-        let mut table = Preset::Fast.table();
         let weights = format!("loss.semantic.weights={path:?}");
         let weight = format!("loss.semantic.weight={weight}");
         let settings = ["train.rays=64", "train.target_samples=2000", "loss.semantic.every=2", "loss.semantic.size=12"];
-        for setting in settings.into_iter().chain([weights.as_str(), weight.as_str()]) {
-            config::assign(&mut table, setting).unwrap();
-        }
-        let config = Config::from_table(table).unwrap();
+        let config = Config::of(Preset::Fast, settings.into_iter().chain([weights.as_str(), &weight])).unwrap();
         let scene = load("knot", &request).unwrap();
         let mut trainer = Trainer::new(&config, scene, 0, None, &Device::flex()).unwrap();
         let mut losses = Vec::new();
@@ -179,6 +171,6 @@ fn a_file_without_the_encoder_is_refused_by_name() {
     assert!(fault(&path).contains("No such file"));
     write_weights(&path, [("bias".to_owned(), vec![1], vec![0.5])].into_iter());
     assert!(fault(&path).starts_with("no tensor `visual_projection.weight`, expected F32 ["));
-    encoder(&path, small(&fixture()), &Device::flex());
+    encoder(&path, small(&fixture("clip")), &Device::flex());
     assert!(fault(&path).contains("`visual_projection.weight` is F32 [10, 24], not F32 [512, 768]"));
 }

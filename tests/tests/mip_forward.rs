@@ -2,24 +2,20 @@
 //!
 //! `fixtures/mip_forward.py` made the expected values; its head states the rule that gives every weight.
 
-use burn::module::{Module, ModuleMapper, Param};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use glam::Vec3;
 use infonerf_field::{FieldSetup, FieldSpec};
 use infonerf_ops::{RayDistribution, from_host, frustum_gaussian, integrated_encode, ray_entropy, to_host};
 use infonerf_render::{Model, RenderOutput, RenderRequest, Renderer};
 use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
-use infonerf_train::{Config, Preset, config};
+use infonerf_tests::{fixture, with_parameters};
+use infonerf_train::{Config, Preset};
 use serde_json::Value;
 
 const TOLERANCE: f64 = 1e-4;
 /// Trunk, density, feature, view, colour.
 const LAYERS: usize = 12;
-
-fn fixture() -> Value {
-    serde_json::from_str(include_str!("../fixtures/mip_forward.json")).unwrap()
-}
 
 fn floats(value: &Value) -> Vec<f64> {
     match value {
@@ -50,39 +46,26 @@ fn compare_relative(got: f32, want: f64, what: &str) {
     assert!((f64::from(got) - want).abs() <= TOLERANCE * want.abs(), "{what}: {got} against {want}");
 }
 
-/// Overwrites every parameter by the fixture's rule.
-struct Rule<'a> {
-    fixture: &'a Value,
-    /// Parameters visited so far: weight and bias of each layer in turn.
-    visited: usize,
-}
-
-impl Rule<'_> {
-    fn weight(&self, layer: usize, fan_in: usize, output: usize, input: usize) -> f32 {
-        let [o, i, l] = [output + 1, input + 1, layer + 1].map(|n| n as f64);
-        let phase = 1.0 + 12.9898 * o + 78.233 * i + 37.719 * l + 2.399_963_2 * (o * i);
-        (self.fixture["gain"][layer].as_f64().unwrap() * (3.0 / fan_in as f64).sqrt() * phase.sin()) as f32
-    }
-
-    fn bias(&self, layer: usize, output: usize) -> f32 {
-        let phase = 0.5 + 4.1414 * (output + 1) as f64 + 3.7 * (layer + 1) as f64;
-        (self.fixture["bias0"][layer].as_f64().unwrap() + 0.1 * phase.sin()) as f32
-    }
-}
-
-impl ModuleMapper for Rule<'_> {
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let layer = self.visited / 2;
-        let values: Vec<f32> = match param.val().dims()[..] {
-            [inputs, outputs] => {
-                let weight = |i| (0..outputs).map(move |o| (o, i));
-                (0..inputs).flat_map(weight).map(|(o, i)| self.weight(layer, inputs, o, i)).collect()
-            }
-            [outputs] => (0..outputs).map(|o| self.bias(layer, o)).collect(),
-            ref other => panic!("a parameter of shape {other:?}"),
-        };
-        self.visited += 1;
-        param.map(|old| Tensor::from_data(TensorData::new(values, old.shape()), &old.device()))
+/// The fixture's rule: the numbers of parameter `l`, which is the weight or bias of layer ⌊l/2⌋.
+fn rule(fixture: &Value, l: usize, shape: &[usize]) -> Vec<f32> {
+    let layer = l / 2;
+    let [gain, bias] = ["gain", "bias0"].map(|key| fixture[key][layer].as_f64().unwrap());
+    let phase = |n: usize, factor: f64| factor * (n + 1) as f64;
+    match *shape {
+        [inputs, outputs] => {
+            let weight = |n: usize| {
+                let (o, i) = (n % outputs, n / outputs);
+                let cross = phase(o, 2.399_963_2) * phase(i, 1.0);
+                let phase = 1.0 + phase(o, 12.9898) + phase(i, 78.233) + phase(layer, 37.719) + cross;
+                (gain * (3.0 / inputs as f64).sqrt() * phase.sin()) as f32
+            };
+            (0..inputs * outputs).map(weight).collect()
+        }
+        [outputs] => {
+            let value = |o| (bias + 0.1 * (0.5 + phase(o, 4.1414) + phase(layer, 3.7)).sin()) as f32;
+            (0..outputs).map(value).collect()
+        }
+        ref other => panic!("a parameter of shape {other:?}"),
     }
 }
 
@@ -90,13 +73,9 @@ impl ModuleMapper for Rule<'_> {
 fn config() -> Config {
     let field =
         "field={kind=\"mip\",layers=8,width=256,skip=5,position_frequencies=16,direction_frequencies=4,detail=1.0}";
-    let mut table = Preset::Paper.table();
-    for setting in
-        [field, "render.samples=128", "render.fine_samples=128", "render.placement=interval", "render.jitter=false"]
-    {
-        config::assign(&mut table, setting).unwrap();
-    }
-    Config::from_table(table).unwrap()
+    let settings =
+        [field, "render.samples=128", "render.fine_samples=128", "render.placement=interval", "render.jitter=false"];
+    Config::of(Preset::Paper, settings).unwrap()
 }
 
 const HALF_EDGE: f32 = 6.0;
@@ -132,7 +111,7 @@ fn compare_output(output: &RenderOutput, ray: usize, want: &Value, what: &str) {
 
 #[test]
 fn frusta_and_their_encoding_agree_with_jax() {
-    let fixture = fixture();
+    let fixture = fixture("mip_forward");
     let direction = vector(&fixture["direction"]);
     for (index, row) in fixture["frusta"].as_array().unwrap().iter().enumerate() {
         let [t0, t1, radius] = ["t0", "t1", "radius"].map(|key| row[key].as_f64().unwrap());
@@ -157,11 +136,11 @@ fn frusta_and_their_encoding_agree_with_jax() {
 }
 
 fn check(device: &Device) {
-    let fixture = &fixture();
-    let mut rule = Rule { fixture, visited: 0 };
+    let fixture = &fixture("mip_forward");
     let setup = FieldSetup { bounds: [[-HALF_EDGE; 3], [HALF_EDGE; 3]], seed: 0, device, body: None };
-    let field = config().field.build(&setup).unwrap().map(&mut rule);
-    assert_eq!(rule.visited, 2 * LAYERS);
+    let field = config().field.build(&setup).unwrap();
+    let (field, parameters) = with_parameters(field, |l, shape| Some(rule(fixture, l, shape)));
+    assert_eq!(parameters, 2 * LAYERS);
     // One network for both passes.
     let model = Model::of(field);
     let rows = fixture["rays"].as_array().unwrap();

@@ -2,15 +2,15 @@
 //!
 //! `fixtures/nerf_forward.py` made the expected values; its head states the rule that gives every weight.
 
-use burn::module::{Module, ModuleMapper, Param};
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use glam::Vec3;
 use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::{RayDistribution, ray_divergence, ray_entropy, to_host};
 use infonerf_render::{Model, RenderOutput, RenderRequest, Renderer};
 use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
-use infonerf_train::{Config, Preset, config};
+use infonerf_tests::{fixture, with_parameters};
+use infonerf_train::{Config, Preset};
 use serde_json::{Value, json};
 
 /// Colour, opacity, depth, entropy and divergence: the tolerance that the fixture was made for.
@@ -24,10 +24,6 @@ const WEIGHT_TOLERANCE: f64 = 1e-7;
 const LAYERS: usize = 12;
 const FREQUENCIES: usize = 10;
 
-fn fixture() -> Value {
-    serde_json::from_str(include_str!("../fixtures/nerf_forward.json")).unwrap()
-}
-
 fn floats(value: &Value) -> Vec<f64> {
     match value {
         Value::Array(items) => items.iter().map(|x| x.as_f64().unwrap()).collect(),
@@ -35,11 +31,11 @@ fn floats(value: &Value) -> Vec<f64> {
     }
 }
 
-/// Overwrites every parameter by the fixture's rule, and checks a few of them against the fixture.
+/// The fixture's rule for a parameter; a few of its numbers are checked against the fixture.
 struct Rule<'a> {
     fixture: &'a Value,
     net: usize,
-    /// Parameters visited so far: weight and bias of each layer in turn.
+    /// Number of the parameter: weight and bias of each layer in turn.
     visited: usize,
 }
 
@@ -101,30 +97,20 @@ impl Rule<'_> {
     }
 }
 
-impl ModuleMapper for Rule<'_> {
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let values = self.values(&param.val().dims());
-        self.visited += 1;
-        param.map(|old| Tensor::from_data(TensorData::new(values, old.shape()), &old.device()))
-    }
-}
-
 /// The paper's network and sampling, without jitter.
 fn config(last_interval: &str) -> Config {
-    let mut table = Preset::Paper.table();
-    for setting in ["render.jitter=false", &format!("render.last_interval={last_interval}")] {
-        config::assign(&mut table, setting).unwrap();
-    }
-    Config::from_table(table).unwrap()
+    let last_interval = format!("render.last_interval={last_interval}");
+    Config::of(Preset::Paper, ["render.jitter=false", &last_interval]).unwrap()
 }
 
 const HALF_EDGE: f32 = 6.0;
 
 fn network(fixture: &Value, net: usize, device: &Device) -> RadianceField {
     let setup = FieldSetup { bounds: [[-HALF_EDGE; 3], [HALF_EDGE; 3]], seed: 0, device, body: None };
-    let mut rule = Rule { fixture, net, visited: 0 };
-    let field = config("finite").field.build(&setup).unwrap().map(&mut rule);
-    assert_eq!(rule.visited, 2 * LAYERS);
+    let field = config("finite").field.build(&setup).unwrap();
+    let values = |visited, shape: &[usize]| Some(Rule { fixture, net, visited }.values(shape));
+    let (field, parameters) = with_parameters(field, values);
+    assert_eq!(parameters, 2 * LAYERS);
     field
 }
 
@@ -181,7 +167,7 @@ fn compare_output(output: &RenderOutput, epsilon: f32, ray: usize, want: &Value,
 
 /// Everything that the fixture has, on one device.
 fn check(device: &Device) {
-    let fixture = &fixture();
+    let fixture = &fixture("nerf_forward");
     let model = Model { coarse: Some(network(fixture, 0, device)), ..Model::of(network(fixture, 1, device)) };
     let epsilon = fixture["eps"].as_f64().unwrap() as f32;
     let request = RenderRequest { color: true, hidden: true };

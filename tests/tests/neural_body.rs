@@ -5,23 +5,18 @@
 
 use std::path::PathBuf;
 
-use burn::module::{Module, ModuleVisitor, Param};
-use burn::tensor::{Device, Gradients, Tensor};
+use burn::tensor::Device;
 use infonerf_field::{
     Body, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralBodyConfig, Points, RadianceField, Sources,
 };
 use infonerf_ops::{Segments, to_host};
 use infonerf_schedule::Moment;
-use infonerf_tests::{compare, hashed, largest, numbers, overwritten};
+use infonerf_tests::{compare, fixture, gradients_of, hashed, largest, numbers, overwritten};
 use serde_json::Value;
 
 const TOLERANCE: f64 = 1e-4;
 /// Gradients below this, of which the largest is 0.15, are compared beside it: they are sums of terms that cancel.
 const LEAST: f64 = 1e-3;
-
-fn fixture() -> Value {
-    serde_json::from_str(include_str!("../fixtures/neural_body.json")).unwrap()
-}
 
 fn triples(value: &Value) -> Vec<[f32; 3]> {
     value.as_array().unwrap().iter().map(|row| numbers(row).try_into().unwrap()).collect()
@@ -50,23 +45,13 @@ fn rule(l: usize, shape: &[usize], u: f64) -> f64 {
     }
 }
 
-/// What the fixture holds of each parameter's gradient, in the order of the module.
-struct Found<'a> {
-    gradients: &'a Gradients,
-    found: Vec<Vec<f32>>,
-}
-
-impl ModuleVisitor for Found<'_> {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        let l = self.found.len();
-        let gradient = to_host(param.val().grad(self.gradients).expect("every parameter has a gradient"));
-        self.found.push(if D == 2 && l > 1 {
-            let terms = gradient.iter().enumerate().map(|(n, g)| f64::from(*g) * hashed(l + 1000, n));
-            vec![terms.sum::<f64>() as f32]
-        } else {
-            gradient
-        });
+/// What the fixture holds of the gradient of parameter `l`.
+fn summed(l: usize, (rank, gradient): (usize, Vec<f32>)) -> Vec<f32> {
+    if rank != 2 || l < 2 {
+        return gradient;
     }
+    let terms = gradient.iter().enumerate().map(|(n, g)| f64::from(*g) * hashed(l + 1000, n));
+    vec![terms.sum::<f64>() as f32]
 }
 
 /// Compares with errors beside the largest of the expected values.
@@ -75,7 +60,7 @@ fn close(got: &[f32], want: &[f32], what: &str) {
 }
 
 fn check(device: &Device) {
-    let fixture = &fixture();
+    let fixture = &fixture("neural_body");
     let device = &device.clone().autodiff();
     let (vertices, axes) = (triples(&fixture["vertices"]), triples(&fixture["axes"]));
     let origin = numbers(&fixture["origin"]).try_into().unwrap();
@@ -99,11 +84,11 @@ fn check(device: &Device) {
 
     let loss = (color - 0.3).square().mean() + sampled.sigma.square().mean() * 0.01;
     let gradients = loss.backward();
-    let mut found = Found { gradients: &gradients, found: Vec::new() };
-    original.visit(&mut found);
+    let found = gradients_of(&original, &gradients);
     let expected: Vec<Vec<f32>> = fixture["gradients"].as_array().unwrap().iter().map(numbers).collect();
-    assert_eq!(found.found.len(), expected.len());
-    for (index, (got, want)) in found.found.iter().zip(&expected).enumerate() {
+    assert_eq!(found.len(), expected.len());
+    for (index, (got, want)) in found.into_iter().zip(&expected).enumerate() {
+        let got = &summed(index, got);
         compare(got, want, TOLERANCE * largest(want).max(LEAST), &format!("gradient of parameter {index}"));
     }
 }
@@ -119,7 +104,8 @@ fn agrees_with_pytorch_on_every_device() {
 fn without_a_body_it_says_which_file_it_wants() {
     let device = &Device::flex();
     let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None };
-    let message = RadianceField::new(&FieldConfig::NeuralBody(config(&fixture())), &setup).unwrap_err().to_string();
+    let message =
+        RadianceField::new(&FieldConfig::NeuralBody(config(&fixture("neural_body"))), &setup).unwrap_err().to_string();
     assert!(message.contains("new_vertices/0.npy"), "{message}");
 }
 
@@ -131,7 +117,7 @@ fn a_body_of_full_size_fits() {
         (0..6890).map(|n| [0, 1, 2].map(|axis| hashed(axis, n) as f32 * [0.4, 0.2, 0.9][axis])).collect();
     let body = Some(Body { vertices: &vertices, ..Body::default() });
     let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body };
-    let sizes = NeuralBodyConfig { voxel: 0.005, ..config(&fixture()) };
+    let sizes = NeuralBodyConfig { voxel: 0.005, ..config(&fixture("neural_body")) };
     let field = RadianceField::new(&FieldConfig::NeuralBody(sizes.clone()), &setup).unwrap();
     let segments = Segments::from_counts([1, 1]);
     let far = [5.0, 0.0, 0.0];
@@ -150,7 +136,7 @@ fn a_body_of_full_size_fits() {
     assert!(message.contains("at most 1023 along each axis"), "{message}");
     let stray = [vertices.as_slice(), &[[4.9; 3]]].concat();
     let setup = FieldSetup { body: Some(Body { vertices: &stray, ..Body::default() }), ..setup };
-    let sizes = NeuralBodyConfig { voxel: 0.006, ..config(&fixture()) };
+    let sizes = NeuralBodyConfig { voxel: 0.006, ..config(&fixture("neural_body")) };
     let message = RadianceField::new(&FieldConfig::NeuralBody(sizes), &setup).unwrap_err().to_string();
     assert!(message.contains("is a vertex far from the others?"), "{message}");
 }

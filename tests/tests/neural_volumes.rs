@@ -3,7 +3,7 @@
 //!
 //! `fixtures/neural_volumes.py` made the expected values; its head states the rule that gives every weight.
 
-use burn::module::{Module, ModuleVisitor, Param};
+use burn::module::Module;
 use burn::tensor::{Device, Gradients, Tensor};
 use infonerf_field::{
     CodeEncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralVolumesConfig, Penalty, Points,
@@ -14,15 +14,11 @@ use infonerf_procedural::load;
 use infonerf_render::Exposure;
 use infonerf_scene::{SceneRequest, TestProtocol};
 use infonerf_schedule::Moment;
-use infonerf_tests::{compare, largest, numbers, overwritten, picture};
-use infonerf_train::{Config, Event, Outcome, Preset, Trainer, config};
+use infonerf_tests::{compare, fixture, gradients_of, largest, numbers, overwritten, picture};
+use infonerf_train::{Config, Event, Outcome, Preset, Trainer};
 use serde_json::Value;
 
 const TOLERANCE: f64 = 1e-4;
-
-fn fixture() -> Value {
-    serde_json::from_str(include_str!("../fixtures/neural_volumes.json")).unwrap()
-}
 
 fn whole(value: &Value) -> usize {
     value.as_u64().unwrap() as usize
@@ -122,18 +118,9 @@ fn close(got: &[f32], want: &[f32], what: &str) {
     compare(got, want, TOLERANCE * largest(want), what);
 }
 
-/// Gradients of the parameters of rank `RANK`, in the order of the module.
-struct GradientsOf<'a, const RANK: usize> {
-    gradients: &'a Gradients,
-    found: Vec<Vec<f32>>,
-}
-
-impl<const RANK: usize> ModuleVisitor for GradientsOf<'_, RANK> {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        if D == RANK {
-            self.found.push(to_host(param.val().grad(self.gradients).expect("every parameter has a gradient")));
-        }
-    }
+/// Gradients of the parameters of a rank, in the order of the module.
+fn of_rank(rank: usize, module: &impl Module, gradients: &Gradients) -> Vec<Vec<f32>> {
+    gradients_of(module, gradients).into_iter().filter(|(found, _)| *found == rank).map(|(_, values)| values).collect()
 }
 
 /// Compares `original` with the `expected` values, once it has looked at `sources`.
@@ -171,18 +158,17 @@ fn check(fixture: &Value, expected: &Value, original: &RadianceField, sources: &
 
     let loss = (rays.values - 0.3).square().mean() + variation * 0.01 + divergence * 0.001 + prior * 0.01;
     let gradients = loss.backward();
-    let mut vectors = GradientsOf::<1> { gradients: &gradients, found: Vec::new() };
-    original.visit(&mut vectors);
+    let vectors = of_rank(1, original, &gradients);
     let expected = expected["gradients"].as_array().unwrap();
-    assert_eq!(vectors.found.len(), expected.len());
-    for (index, (got, want)) in vectors.found.iter().zip(expected).enumerate() {
+    assert_eq!(vectors.len(), expected.len());
+    for (index, (got, want)) in vectors.iter().zip(expected).enumerate() {
         close(got, &numbers(want), &format!("gradient of vector {index}"));
     }
 }
 
 #[test]
 fn agrees_with_pytorch_on_every_device() {
-    let fixture = &fixture();
+    let fixture = &fixture("neural_volumes");
     for device in infonerf_tests::devices() {
         let device = &device.autodiff();
         check(fixture, &fixture["learned"], &learned(fixture, device), &no_photographs());
@@ -193,7 +179,7 @@ fn agrees_with_pytorch_on_every_device() {
 /// Gain and bias of views, and gradients of them and of what they are applied to.
 #[test]
 fn gain_and_bias_agree_with_pytorch_on_every_device() {
-    let fixture = &fixture()["exposed"];
+    let fixture = &fixture("neural_volumes")["exposed"];
     let views = wholes(&fixture["views"]);
     let background = numbers(&fixture["background"]);
     for device in infonerf_tests::devices() {
@@ -210,11 +196,9 @@ fn gain_and_bias_agree_with_pytorch_on_every_device() {
         let shown = exposure.apply(color.clone(), opacity.clone(), behind, &views);
         close(&to_host(shown.clone()), &numbers(&fixture["shown"]), "colours of views");
         let gradients = (shown - 0.3).square().mean().backward();
-        let mut own = GradientsOf::<2> { gradients: &gradients, found: Vec::new() };
-        exposure.visit(&mut own);
         let of_rays = [to_host(color.grad(&gradients).unwrap()), to_host(opacity.grad(&gradients).unwrap())];
         let names = ["gains", "biases", "colours", "opacities"];
-        for (index, got) in own.found.into_iter().chain(of_rays).enumerate() {
+        for (index, got) in of_rank(2, &exposure, &gradients).into_iter().chain(of_rays).enumerate() {
             close(&got, &numbers(&fixture["gradients"][index]), names[index]);
         }
     }
@@ -233,7 +217,7 @@ fn densities(fixture: &Value, field: &RadianceField, sources: &Sources, seed: Op
 /// The encoder looks at the first photographs, each through its own tower.
 #[test]
 fn the_first_photographs_make_the_code() {
-    let fixture = &fixture();
+    let fixture = &fixture("neural_volumes");
     let (field, all) = (encoded(fixture, &Device::flex().autodiff()), photographs(fixture));
     let seen = |order: [usize; 3]| {
         let views = order.iter().map(|&index| all.views[index].clone()).collect();
@@ -247,7 +231,7 @@ fn the_first_photographs_make_the_code() {
 /// A seed draws a code about the mean: the same one each time, another for another seed.
 #[test]
 fn a_seed_draws_the_code() {
-    let fixture = &fixture();
+    let fixture = &fixture("neural_volumes");
     let (device, photographs) = (Device::flex().autodiff(), photographs(fixture));
     for field in [learned(fixture, &device), encoded(fixture, &device)] {
         let density = |seed| densities(fixture, &field, &photographs, seed);
@@ -274,7 +258,6 @@ fn learns_its_training_views_through_the_encoder() {
 
 /// PSNR of the last steps of a small run.
 fn trained(settings: &[&str]) -> f32 {
-    let mut table = Preset::Fast.table();
     let small = [
         "field={kind='neuralvolumes',latent=32,resolution=16,width=32,maps=4,warp_resolution=8}",
         "render.samples=48",
@@ -291,10 +274,7 @@ fn trained(settings: &[&str]) -> f32 {
         "train.target_samples=0",
         "train.downscale=1.0",
     ];
-    for setting in small.iter().chain(settings) {
-        config::assign(&mut table, setting).unwrap();
-    }
-    let config = Config::from_table(table).unwrap();
+    let config = Config::of(Preset::Fast, small.iter().chain(settings)).unwrap();
     let request = SceneRequest { image_size: Some(32), test: TestProtocol::First(1), ..SceneRequest::default() };
     let scene = load("crane", &request).unwrap();
     let mut trainer = Trainer::new(&config, scene, 0, None, &Device::flex()).unwrap();

@@ -4,15 +4,15 @@
 
 use std::sync::Arc;
 
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{Device, Tensor, TensorData, f16};
+use burn::module::{Module, ModuleVisitor, Param};
+use burn::tensor::{Device, Tensor, f16};
 use glam::{DMat3, DMat4, DVec3, Vec3};
 use infonerf_field::{FieldSetup, FieldSpec, RadianceField};
 use infonerf_ops::to_host;
 use infonerf_render::RandomStream;
 use infonerf_scene::{Aabb, Camera, Image, PixelAt, Range, Scene, Space, View};
-use infonerf_tests::hashed;
-use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepPixels, Trainer, config};
+use infonerf_tests::{fixture, hashed, with_parameters};
+use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepPixels, Trainer};
 use safetensors::SafeTensors;
 use serde_json::Value;
 
@@ -23,10 +23,6 @@ const WEIGHT_TOLERANCE: f64 = 1e-2;
 /// Weight and bias of four layers of the trunk, then density, feature, view and colour.
 const TENSORS: usize = 16;
 const SIGMA: usize = 4;
-
-fn fixture() -> Value {
-    serde_json::from_str(include_str!("../fixtures/parity.json")).unwrap()
-}
 
 fn floats(value: &Value) -> Vec<f64> {
     value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()).collect()
@@ -42,33 +38,6 @@ fn in_order<T>(shape: &[usize], at: impl Fn(usize) -> T) -> Vec<T> {
     match shape {
         &[inputs, outputs] => (0..inputs * outputs).map(|n| at(n % outputs * inputs + n / outputs)).collect(),
         shape => (0..shape.iter().product()).map(at).collect(),
-    }
-}
-
-/// First weights by the fixture's rule: overwrites every parameter of a network.
-struct FirstWeights<'a> {
-    fixture: &'a Value,
-    /// Number of the next tensor, of both networks.
-    next: usize,
-    fan_in: usize,
-}
-
-impl ModuleMapper for FirstWeights<'_> {
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let shape = param.val().dims();
-        if D == 2 {
-            self.fan_in = shape[0];
-        }
-        let fact = |key: &str| self.fixture[key].as_f64().unwrap();
-        let (gain, shift) = match (self.next % TENSORS / 2, D) {
-            (SIGMA, 2) => (fact("sigma_gain"), 0.0),
-            (SIGMA, _) => (1.0, fact("sigma_bias")),
-            _ => (1.0, 0.0),
-        };
-        let value = |n| (gain * (hashed(self.next, n) / (self.fan_in as f64).sqrt()) + shift) as f32;
-        let values = in_order(&shape, value);
-        self.next += 1;
-        param.map(|old| Tensor::from_data(TensorData::new(values, shape), &old.device()).require_grad())
     }
 }
 
@@ -106,18 +75,30 @@ impl Weights {
     }
 }
 
-/// A network of the fixture: 0 is the coarse one, 1 the fine one.
+/// A network of the fixture, with first weights by its rule: 0 is the coarse one, 1 the fine one.
 fn network(fixture: &Value, config: &Config, net: usize, device: &Device) -> RadianceField {
     let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None };
-    let mut rule = FirstWeights { fixture, next: net * TENSORS, fan_in: 0 };
-    let field = config.field.build(&setup).unwrap().map(&mut rule);
-    assert_eq!(rule.next, (net + 1) * TENSORS);
+    let fact = |key: &str| fixture[key].as_f64().unwrap();
+    let mut fan_in = 0;
+    let rule = |l: usize, shape: &[usize]| {
+        if let [inputs, _] = *shape {
+            fan_in = inputs;
+        }
+        let (gain, shift) = match (l / 2, shape.len()) {
+            (SIGMA, 2) => (fact("sigma_gain"), 0.0),
+            (SIGMA, _) => (1.0, fact("sigma_bias")),
+            _ => (1.0, 0.0),
+        };
+        let value = |n| (gain * (hashed(net * TENSORS + l, n) / (fan_in as f64).sqrt()) + shift) as f32;
+        Some(in_order(shape, value))
+    };
+    let (field, parameters) = with_parameters(config.field.build(&setup).unwrap(), rule);
+    assert_eq!(parameters, TENSORS);
     field
 }
 
 /// The preset of the released code at the fixture's size, with the weights of a run's losses.
 fn configured(fixture: &Value, run: &Value) -> Config {
-    let mut table = Preset::Released.table();
     let sizes = [
         ("field.layers", "layers"),
         ("field.width", "width"),
@@ -134,10 +115,7 @@ fn configured(fixture: &Value, run: &Value) -> Config {
         format!("loss.entropy.neighbours={}", run["kl_weight"].as_f64() > Some(0.0)),
     ];
     settings.extend(sizes.map(|(key, size)| format!("{key}={}", fixture[size])));
-    for setting in &settings {
-        config::assign(&mut table, setting).unwrap();
-    }
-    Config::from_table(table).unwrap()
+    Config::of(Preset::Released, settings).unwrap()
 }
 
 /// The fixture's data set: four photographs, and the cameras of those and of others.
@@ -238,7 +216,7 @@ fn train(fixture: &Value, mode: &str, device: &Device) -> [Weights; 2] {
 }
 
 fn check(device: &Device) {
-    let fixture = &fixture();
+    let fixture = &fixture("parity");
     let changes = SafeTensors::deserialize(include_bytes!("../fixtures/parity.safetensors")).unwrap();
     for (name, stream) in fixture["streams"].as_object().unwrap() {
         let streams = [

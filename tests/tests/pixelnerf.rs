@@ -5,15 +5,14 @@
 
 use std::path::Path;
 
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{Device, Gradients, Tensor, TensorData};
+use burn::tensor::Device;
 use infonerf_field::{
     DensityActivation, EncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, PixelNerfConfig, Points,
     RadianceField, SourceView, Sources,
 };
 use infonerf_ops::{Segments, to_host};
 use infonerf_schedule::Moment;
-use infonerf_tests::{hashed, picture, write_weights};
+use infonerf_tests::{fixture, gradients_of, hashed, picture, with_parameters, write_weights};
 use serde_json::Value;
 
 /// Features reach 19, density 6, gradients 0.4: an error of 1e-4 beside the larger of 1 and the value.
@@ -22,10 +21,6 @@ const STAGES: [usize; 3] = [3, 4, 6];
 const BLOCKS: usize = 5;
 const POOL_AFTER: usize = 3;
 const WIDTH: usize = 512;
-
-fn fixture() -> Value {
-    serde_json::from_str(include_str!("../fixtures/pixelnerf.json")).unwrap()
-}
 
 fn floats(fixture: &Value, key: &str) -> Vec<f32> {
     fixture[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
@@ -76,10 +71,8 @@ fn write_resnet34(path: &Path) {
     write_weights(path, filled);
 }
 
-/// Overwrites the MLP's parameters, which come after the encoder's, by the fixture's rule.
+/// The fixture's rule for the MLP's parameters, which come after the encoder's.
 struct Rule {
-    /// Parameters of the encoder still to come.
-    encoder: usize,
     /// Number of the tensor in the rule's count.
     next: usize,
     /// Position among the MLP's parameters.
@@ -87,12 +80,6 @@ struct Rule {
 }
 
 impl Rule {
-    fn new() -> Self {
-        let tensors = tensors().len();
-        // Five tensors of the file are a weight and a bias here.
-        Self { encoder: tensors / 5 * 2, next: tensors, visited: 0 }
-    }
-
     fn dense(&self, l: usize, gain: f64, fan_in: usize, output: usize, input: usize) -> f32 {
         (gain * (3.0 / fan_in as f64).sqrt() * hashed(l, output * fan_in + input)) as f32
     }
@@ -126,17 +113,6 @@ impl Rule {
     }
 }
 
-impl ModuleMapper for Rule {
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        if self.encoder > 0 {
-            self.encoder -= 1;
-            return param;
-        }
-        let values = self.values(&param.val().dims());
-        param.map(|old| Tensor::from_data(TensorData::new(values, old.shape()), &old.device()).require_grad())
-    }
-}
-
 /// PixelNeRF knows no box: it works in the cameras' frames.
 fn setup(device: &Device) -> FieldSetup<'_> {
     FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None }
@@ -152,10 +128,13 @@ fn field(weights: &Path, device: &Device) -> RadianceField {
         lowest_frequency: 1.5,
         density: DensityActivation::Relu,
     };
-    let mut rule = Rule::new();
+    let tensors = tensors().len();
+    // Five tensors of the file are a weight and a bias here.
+    let encoder = tensors / 5 * 2;
+    let mut rule = Rule { next: tensors, visited: 0 };
     let field = FieldConfig::PixelNerf(config).build(&setup(device)).unwrap();
-    let field = field.map(&mut rule);
-    assert_eq!((rule.encoder, rule.visited), (0, 2 * (3 + 2 * BLOCKS)));
+    let (field, parameters) = with_parameters(field, |l, shape| (l >= encoder).then(|| rule.values(shape)));
+    assert_eq!(parameters, encoder + 2 * (3 + 2 * BLOCKS));
     field
 }
 
@@ -183,22 +162,8 @@ fn compare(got: Vec<f32>, want: &[f32], what: &str) {
     }
 }
 
-/// Gradients of the rank-1 parameters, in the order of the module.
-struct BiasGradients<'a> {
-    gradients: &'a Gradients,
-    found: Vec<Vec<f32>>,
-}
-
-impl ModuleVisitor for BiasGradients<'_> {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        if D == 1 {
-            self.found.push(to_host(param.val().grad(self.gradients).expect("every parameter has a gradient")));
-        }
-    }
-}
-
 fn check(device: &Device) {
-    let fixture = &fixture();
+    let fixture = &fixture("pixelnerf");
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("resnet34.safetensors");
     write_resnet34(&path);
@@ -227,10 +192,10 @@ fn check(device: &Device) {
     compare(to_host(color), &floats(fixture, "rgb"), "colour");
     compare(to_host(sampled.sigma), &floats(fixture, "sigma"), "density");
 
-    let mut biases = BiasGradients { gradients: &gradients, found: Vec::new() };
-    field.visit(&mut biases);
-    compare(biases.found[0].clone(), &floats(fixture, "grad_stem_bias"), "gradient of the stem's bias");
-    let last = biases.found[tensors().len() / 5 - 1].clone();
+    let biases = gradients_of(&field, &gradients).into_iter().filter(|(rank, _)| *rank == 1).map(|(_, bias)| bias);
+    let biases: Vec<Vec<f32>> = biases.collect();
+    compare(biases[0].clone(), &floats(fixture, "grad_stem_bias"), "gradient of the stem's bias");
+    let last = biases[tensors().len() / 5 - 1].clone();
     compare(last, &floats(fixture, "grad_last_bias"), "gradient of the last convolution's bias");
 }
 
