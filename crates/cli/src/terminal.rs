@@ -1,4 +1,4 @@
-//! What suits the terminal, if there is one.
+//! Output that fits the terminal: widths, colours, pictures.
 
 use std::io::IsTerminal;
 
@@ -9,24 +9,29 @@ use terminal_size::{Height, Width, terminal_size_of};
 
 use crate::print::{errln, outln};
 
-/// What is taken for a terminal whose size is not known: columns and rows.
+/// Assumed size of a terminal that does not tell: columns and rows.
 const SIZE: (u16, u16) = (80, 24);
+/// Columns of a table that goes into a file or a pipe.
+const FILE_COLUMNS: usize = 100;
 /// Most columns of a picture, and rows of the terminal that it leaves to the lines around it.
 const MOST_COLUMNS: u16 = 64;
 const LEFT_ROWS: u16 = 5;
 
-/// Whether somebody sees what is printed.
+/// Whether standard output is a terminal.
 pub(crate) fn is_terminal() -> bool {
     std::io::stdout().is_terminal()
 }
 
-/// A table as text, no wider than the terminal if there is one.
+/// A table as text, no wider than the terminal, or else than `COLUMNS` or [`FILE_COLUMNS`] characters.
 pub(crate) fn fitted(table: &Table) -> String {
-    if !is_terminal() {
-        return table.to_text(Emphasis::Star);
-    }
-    let columns = terminal_size_of(std::io::stdout()).map_or(SIZE.0, |(Width(columns), _)| columns);
-    table.narrowed(columns.into()).to_text(if no_color() { Emphasis::Star } else { Emphasis::Terminal })
+    let (columns, emphasis) = if is_terminal() {
+        let columns = terminal_size_of(std::io::stdout()).map_or(SIZE.0, |(Width(columns), _)| columns);
+        (columns.into(), if no_color() { Emphasis::Star } else { Emphasis::Terminal })
+    } else {
+        let asked = std::env::var("COLUMNS").ok().and_then(|columns| columns.parse().ok());
+        (asked.filter(|columns| *columns > 0).unwrap_or(FILE_COLUMNS), Emphasis::Star)
+    };
+    table.narrowed(columns).to_text(emphasis)
 }
 
 /// Columns of the terminal on standard error.

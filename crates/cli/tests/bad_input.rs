@@ -11,18 +11,18 @@ use serde_json::{Value, json};
 /// A scene on disk.
 fn with_scene() -> Workplace {
     let place = Workplace::new();
-    place.run(&["scene", "export", "knot", "data/knot", "--size", "24"]).succeeds();
+    place.run("scene export knot data/knot --size 24").succeeds();
     place
 }
 
-const ON_DATA: [&str; 8] = ["exp", "fast-losses", "--data", "data", "--scene", "knot", "--variant", "nerf"];
+const ON_DATA: &str = "exp fast-losses --data data --scene knot --variant nerf";
 
 /// Changes a file, runs, and puts the file back.
 fn changed(place: &Workplace, file: &str, change: impl FnOnce(&Path), parts: &[&str]) {
     let path = place.path("data/knot").join(file);
     let whole = fs::read(&path).unwrap();
     change(&path);
-    place.tiny(&ON_DATA).fails_with(&[&[file], parts].concat());
+    place.tiny(ON_DATA).fails_with(&[&[file], parts].concat());
     fs::write(&path, whole).unwrap();
 }
 
@@ -85,7 +85,7 @@ fn poses() {
 #[test]
 fn folders() {
     let place = with_scene();
-    place.tiny(&["exp", "dietnerf", "--scene", "knot", "--variant", "dietnerf"]).fails_with(&[
+    place.tiny("exp dietnerf --scene knot --variant dietnerf").fails_with(&[
         "loss.semantic.weights",
         "openai/clip-vit-base-patch32",
         "clip-vit-base-patch32.safetensors: No such",
@@ -94,13 +94,13 @@ fn folders() {
     data("nowhere", "knot").fails_with(&["nowhere"]);
     data("data", "lego").fails_with(&["data/lego", "not found"]);
     data("data", "../data/knot").fails_with(&["../data/knot"]);
-    place.tiny(&["exp", "fast-losses", "--data", "nowhere"]).fails_with(&["nowhere"]);
+    place.tiny("exp fast-losses --data nowhere").fails_with(&["nowhere"]);
     fs::create_dir_all(place.path("data/empty")).unwrap();
     data("data", "empty").fails_with(&["data/empty", "transforms_train.json"]);
     fs::create_dir_all(place.path("hollow")).unwrap();
-    place.tiny(&["exp", "fast-losses", "--data", "hollow"]).fails_with(&["hollow"]);
+    place.tiny("exp fast-losses --data hollow").fails_with(&["hollow"]);
     fs::write(place.path("file"), "").unwrap();
-    place.tiny(&["exp", "fast-losses", "--data", "file"]).fails_with(&["file"]);
+    place.tiny("exp fast-losses --data file").fails_with(&["file"]);
 }
 
 #[test]
@@ -163,31 +163,31 @@ fn config() {
 #[test]
 fn arguments() {
     let place = Workplace::new();
-    let exp = |args: &[&str]| place.tiny(&["exp", "fast-losses", "--scene", "knot"]).args(args);
-    exp(&["--device", "vulkan"]).fails_with(&["--device vulkan", "not built in", "flex"]);
-    exp(&["--device", "cuda"]).fails_with(&["--device cuda", "not built in"]);
-    exp(&["--variant", "best"]).fails_with(&["--variant best", "infonerf"]);
-    exp(&["--scene", "lego"]).fails_with(&["--scene lego", "knot"]);
-    exp(&["--scene", "knot"]).fails_with(&["--scene knot", "twice"]);
-    exp(&["--seed", "1", "--seed", "1"]).fails_with(&["--seed 1", "twice"]);
-    exp(&["--seed", "4294967296"]).fails_with(&["NumPy seed"]);
-    place.run(&["exp", "synthetic-5view"]).fails_with(&["synthetic-5view", "fast-losses"]);
-    place.run(&["exp", "."]).fails_with(&["."]);
-    place.run(&["scene", "export", "lego", "data"]).fails_with(&["lego", "knot"]);
-    place.run(&["scene", "export", "knot", "data", "--size", "0"]).fails_with(&["size"]);
-    place.run(&["scene", "export", "room", "data", "--format", "film"]).fails_with(&["--format", "film", "llff"]);
+    let exp = |args: &str| place.tiny("exp fast-losses --scene knot").args(args);
+    exp("--device vulkan").fails_with(&["--device vulkan", "not built in", "flex"]);
+    exp("--device cuda").fails_with(&["--device cuda", "not built in"]);
+    exp("--variant best").fails_with(&["--variant best", "infonerf"]);
+    exp("--scene lego").fails_with(&["--scene lego", "knot"]);
+    exp("--scene knot").fails_with(&["--scene knot", "twice"]);
+    exp("--seed 1 --seed 1").fails_with(&["--seed 1", "twice"]);
+    exp("--seed 4294967296").fails_with(&["NumPy seed"]);
+    place.run("exp synthetic-5view").fails_with(&["synthetic-5view", "fast-losses"]);
+    place.run("exp .").fails_with(&["."]);
+    place.run("scene export lego data").fails_with(&["lego", "knot"]);
+    place.run("scene export knot data --size 0").fails_with(&["size"]);
+    place.run("scene export room data --format film").fails_with(&["--format", "film", "llff"]);
 
-    exp(&["--budget", "soon"]).fails_with(&["--budget", "soon"]);
-    exp(&["--budget", "-5s"]).fails_with(&[]);
-    exp(&["--budget", "0s"]).fails_with(&["--budget", "0s"]);
-    exp(&["--device", "abacus"]).fails_with(&["--device", "abacus"]);
-    exp(&["--preset", "best"]).fails_with(&["--preset", "best"]);
-    exp(&["--seed", "one"]).fails_with(&["--seed", "one"]);
-    exp(&["--colour"]).fails_with(&["--colour"]);
-    place.run(&["render", "run", "--frames", "0"]).fails_with(&["--frames"]);
-    place.run(&["export", "run", "--format", "film"]).fails_with(&["--format", "film", "html"]);
-    place.run(&["view", "run", "--host", "everywhere"]).fails_with(&["--host", "everywhere"]);
-    place.run(&["improve"]).fails_with(&["improve"]);
+    exp("--budget soon").fails_with(&["--budget", "soon"]);
+    exp("--budget -5s").fails_with(&[]);
+    exp("--budget 0s").fails_with(&["--budget", "0s"]);
+    exp("--device abacus").fails_with(&["--device", "abacus"]);
+    exp("--preset best").fails_with(&["--preset", "best"]);
+    exp("--seed one").fails_with(&["--seed", "one"]);
+    exp("--colour").fails_with(&["--colour"]);
+    place.run("render run --frames 0").fails_with(&["--frames"]);
+    place.run("export run --format film").fails_with(&["--format", "film", "html"]);
+    place.run("view run --host everywhere").fails_with(&["--host", "everywhere"]);
+    place.run("improve").fails_with(&["improve"]);
 }
 
 #[test]
@@ -206,36 +206,36 @@ fn experiment_files() {
         ("seeds = [-1]\n[variants.a]\n", &["line 1"]),
     ] {
         fs::write(place.path("mine.toml"), file).unwrap();
-        place.tiny(&["exp", "mine.toml"]).fails_with(parts);
+        place.tiny("exp mine.toml").fails_with(parts);
     }
     fs::write(place.path("mine.toml"), [0xff, 0xfe, 0x00]).unwrap();
-    place.tiny(&["exp", "mine.toml"]).fails_with(&["mine.toml"]);
+    place.tiny("exp mine.toml").fails_with(&["mine.toml"]);
 }
 
 #[test]
 fn output_that_cannot_be_written() {
     let place = Workplace::new();
-    let exp = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf"];
+    let exp = "exp fast-losses --scene knot --variant nerf";
     fs::write(place.path("file"), "").unwrap();
-    place.tiny(&exp).args(&["--out", "file"]).fails_with(&["file/fast-losses"]);
-    place.tiny(&exp).args(&["--out", "/proc/nowhere"]).fails_with(&["/proc/nowhere"]);
+    place.tiny(exp).args("--out file").fails_with(&["file/fast-losses"]);
+    place.tiny(exp).args("--out /proc/nowhere").fails_with(&["/proc/nowhere"]);
     // A folder where a file has to go, and a file where a folder has to go.
     let run = "fast-losses/knot/nerf/seed0";
     for part in ["metrics.jsonl", "config.toml", "lock"] {
         let out = format!("no-{part}");
         fs::create_dir_all(place.path(&out).join(run).join(part).join("below")).unwrap();
-        place.tiny(&exp).args(&["--out", &out]).fails_with(&[part]);
+        place.tiny(exp).args(&["--out", &out]).fails_with(&[part]);
     }
     for part in ["test", "checkpoint"] {
         let out = format!("no-{part}");
         fs::create_dir_all(place.path(&out).join(run)).unwrap();
         fs::write(place.path(&out).join(run).join(part), "").unwrap();
-        place.tiny(&exp).args(&["--out", &out]).fails_with(&[part]);
+        place.tiny(exp).args(&["--out", &out]).fails_with(&[part]);
     }
     fs::create_dir_all(place.path("runs/fast-losses")).unwrap();
     fs::write(place.path("runs/fast-losses/results.json"), "no JSON").unwrap();
-    place.tiny(&exp).fails_with(&["results.json"]);
-    place.run(&["scene", "export", "knot", "file/below", "--size", "8"]).fails_with(&["file/below"]);
+    place.tiny(exp).fails_with(&["results.json"]);
+    place.run("scene export knot file/below --size 8").fails_with(&["file/below"]);
 }
 
 #[test]
@@ -244,9 +244,9 @@ fn folders_that_are_no_run() {
     for command in ["eval", "render"] {
         place.run(&[command, "nowhere"]).fails_with(&["nowhere", "config.toml"]);
     }
-    place.run(&["export", "nowhere", "--format", "html"]).fails_with(&["nowhere", "config.toml"]);
-    place.run(&["view", "nowhere"]).fails_with(&["nowhere"]);
-    place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "nerf"]).succeeds();
+    place.run("export nowhere --format html").fails_with(&["nowhere", "config.toml"]);
+    place.run("view nowhere").fails_with(&["nowhere"]);
+    place.tiny("exp fast-losses --scene knot --variant nerf").succeeds();
     let run = "runs/fast-losses/knot/nerf/seed0";
     place.run(&["eval", run, "--test", "some"]).fails_with(&["--test", "some"]);
     for scale in ["2", "1/1", "1/2;1/4", "1/x"] {
@@ -256,7 +256,7 @@ fn folders_that_are_no_run() {
     fs::write(place.path("file"), "").unwrap();
     place.run(&["render", run, "--frames", "1", "--out", "file"]).fails_with(&["file"]);
     place.run(&["export", run, "--format", "html", "--out", "file/below"]).fails_with(&["file/below"]);
-    place.run(&["view", "file"]).fails_with(&["file", "folder"]);
+    place.run("view file").fails_with(&["file", "folder"]);
     fs::create_dir(place.path("empty")).unwrap();
     place.run(&["eval", run, "--weights", "empty"]).fails_with(&["--weights empty", "infonerf weights"]);
 

@@ -45,10 +45,15 @@ fn files(folder: &Path) -> BTreeSet<String> {
         .collect()
 }
 
+/// Characters of the longest rule of a table.
+fn rule(said: &str) -> usize {
+    said.lines().filter(|line| line.starts_with('─')).map(|line| line.chars().count()).max().unwrap()
+}
+
 #[test]
 fn an_experiment_leaves_everything_behind() {
     let place = Workplace::new();
-    let output = place.tiny(&["exp", "fast-losses", "--scene", "knot", "--profile"]).succeeds();
+    let output = place.tiny("exp fast-losses --scene knot --profile").succeeds();
     let said = text(&output.stdout);
     for part in [
         "no --data given",
@@ -61,6 +66,7 @@ fn an_experiment_leaves_everything_behind() {
     ] {
         assert!(said.contains(part), "{part}: {said}");
     }
+    assert!(rule(&said) <= 100 && said.contains("more columns are in report.html"), "{said}");
 
     let experiment = place.path("runs/fast-losses");
     let records = records(&experiment);
@@ -115,9 +121,9 @@ fn an_experiment_leaves_everything_behind() {
 #[test]
 fn a_seed_and_a_saved_config_give_the_same_numbers() {
     let place = Workplace::new();
-    let exp = ["exp", "fast-losses", "--scene", "knot"];
-    place.tiny(&exp).succeeds();
-    place.tiny(&exp).args(&["--out", "again"]).succeeds();
+    let exp = "exp fast-losses --scene knot";
+    place.tiny(exp).succeeds();
+    place.tiny(exp).args("--out again").succeeds();
     let first = records(&place.path("runs/fast-losses"));
     assert_eq!(without_times(&first), without_times(&records(&place.path("again/fast-losses"))));
 
@@ -133,33 +139,18 @@ fn a_seed_and_a_saved_config_give_the_same_numbers() {
         ["runs", "saved"].map(|out| fs::read_to_string(place.path(out).join(run).join("config.toml")).unwrap());
     assert_eq!(configs[0], configs[1]);
 
-    place.tiny(&exp).args(&["--out", "other", "--seed", "1"]).succeeds();
+    place.tiny(exp).args("--out other --seed 1").succeeds();
     let other = records(&place.path("other/fast-losses"));
     assert_ne!(other[0]["train_views"], serde_json::json!([26, 86, 2, 55]));
 }
 
-const LONG: [&str; 16] = [
-    "exp",
-    "fast-losses",
-    "--scene",
-    "knot",
-    "--variant",
-    "infonerf",
-    "--set",
-    "train.iterations=1000",
-    "--set",
-    "train.checkpoint_every=20",
-    "--set",
-    "loss.kl.weight=1e-3",
-    "--set",
-    "render.occupancy.warmup=10",
-    "--set",
-    "render.occupancy.every=5",
-];
+const LONG: &str = "exp fast-losses --scene knot --variant infonerf --set train.iterations=1000 \
+                    --set train.checkpoint_every=20 --set loss.kl.weight=1e-3 --set render.occupancy.warmup=10 \
+                    --set render.occupancy.every=5";
 const LONG_RUN: &str = "fast-losses/knot/infonerf/seed0";
 
 /// Starts a run in the folder `out`, and waits until there is a checkpoint in `field` of it.
-fn start(place: &Workplace, args: &[&str], out: &str, field: &str) -> Child {
+fn start(place: &Workplace, args: &str, out: &str, field: &str) -> Child {
     let mut command = place.tiny(args).args(&["--out", out]).into_command();
     let child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let sign = place.path(out).join(LONG_RUN).join(field).join("checkpoint/manifest.json");
@@ -180,11 +171,11 @@ fn interrupt(child: &Child) {
 #[test]
 fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
     let place = Workplace::new();
-    place.tiny(&LONG).args(&["--out", "unbroken"]).succeeds();
+    place.tiny(LONG).args("--out unbroken").succeeds();
     let unbroken = records(&place.path("unbroken/fast-losses"));
 
     // Ctrl-C, twice in the life of a run.
-    let child = start(&place, &LONG, "stopped", "");
+    let child = start(&place, LONG, "stopped", "");
     interrupt(&child);
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
@@ -192,13 +183,13 @@ fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
     assert!(!place.path("stopped/fast-losses/results.json").exists(), "the run had ended before it was stopped");
 
     // No time to say goodbye: the last checkpoint counts.
-    let mut child = start(&place, &LONG, "killed", "");
+    let mut child = start(&place, LONG, "killed", "");
     child.kill().unwrap();
     child.wait().unwrap();
     assert!(!place.path("killed/fast-losses/results.json").exists(), "the run had ended before it was killed");
 
     for out in ["stopped", "killed"] {
-        place.tiny(&LONG).args(&["--out", out, "--resume"]).succeeds();
+        place.tiny(LONG).args(&["--out", out, "--resume"]).succeeds();
         assert_eq!(without_times(&unbroken), without_times(&records(&place.path(out).join("fast-losses"))), "{out}");
         let run = |out: &str| place.path(out).join(LONG_RUN);
         assert_eq!(events(&run("unbroken")), events(&run(out)), "{out}");
@@ -207,12 +198,13 @@ fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
     // A finished run is kept as it is, and its numbers stay in the table.
     let results = place.path("killed/fast-losses/results.json");
     let before = fs::read_to_string(&results).unwrap();
-    let output = place.tiny(&LONG).args(&["--out", "killed", "--resume"]).succeeds();
-    assert!(text(&output.stdout).contains("kept"), "{}", text(&output.stdout));
+    let again = place.tiny(LONG).args("--out killed --resume").env("COLUMNS", "40");
+    let said = text(&again.succeeds().stdout);
+    assert!(said.contains("kept") && rule(&said) <= 40, "{said}");
     assert_eq!(before, fs::read_to_string(&results).unwrap());
 
     // Another config is not the same run.
-    let other = place.tiny(&LONG).args(&["--out", "killed", "--resume", "--set", "train.lr=1e-3"]);
+    let other = place.tiny(LONG).args("--out killed --resume --set train.lr=1e-3");
     other.fails_with(&["config.toml", "--resume", "lr"]);
 }
 
@@ -221,14 +213,14 @@ fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
 #[test]
 fn an_ensemble_goes_on_to_the_same_numbers() {
     let place = Workplace::new();
-    let ensemble = [&LONG[..], &["--set", "train.iterations=300", "--set", "train.ensemble.size=3"]].concat();
-    place.tiny(&ensemble).args(&["--out", "unbroken"]).succeeds();
+    let ensemble: &str = &format!("{LONG} --set train.iterations=300 --set train.ensemble.size=3");
+    place.tiny(ensemble).args("--out unbroken").succeeds();
     let unbroken = without_times(&records(&place.path("unbroken/fast-losses")));
     assert_eq!(unbroken[0]["iterations"], 900);
-    let child = start(&place, &ensemble, "stopped", "member0");
+    let child = start(&place, ensemble, "stopped", "member0");
     interrupt(&child);
     assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
-    place.tiny(&ensemble).args(&["--out", "stopped", "--resume"]).succeeds();
+    place.tiny(ensemble).args("--out stopped --resume").succeeds();
     assert_eq!(without_times(&records(&place.path("stopped/fast-losses"))), unbroken);
     for field in ["member0", "member1", "member2"] {
         let log = |out: &str| events(&place.path(out).join(LONG_RUN).join(field));
@@ -241,9 +233,9 @@ fn an_ensemble_goes_on_to_the_same_numbers() {
 #[test]
 fn a_damaged_checkpoint_is_told_of_and_the_one_before_is_used() {
     let place = Workplace::new();
-    place.tiny(&LONG).args(&["--out", "unbroken"]).succeeds();
+    place.tiny(LONG).args("--out unbroken").succeeds();
     let run = place.path("stopped").join(LONG_RUN);
-    let child = start(&place, &LONG, "stopped", "");
+    let child = start(&place, LONG, "stopped", "");
     while !run.join("checkpoint.previous/manifest.json").exists() {
         std::thread::sleep(Duration::from_millis(3));
     }
@@ -252,7 +244,7 @@ fn a_damaged_checkpoint_is_told_of_and_the_one_before_is_used() {
     let model = run.join("checkpoint/model.bpk");
     let bytes = fs::read(&model).unwrap();
     fs::write(&model, &bytes[..bytes.len() / 2]).unwrap();
-    let output = place.tiny(&LONG).args(&["--out", "stopped", "--resume"]).succeeds();
+    let output = place.tiny(LONG).args("--out stopped --resume").succeeds();
     let warning = text(&output.stderr);
     assert!(warning.contains("model.bpk") && warning.contains("damaged"), "{warning}");
     let results = |out: &str| without_times(&records(&place.path(out).join("fast-losses")));
@@ -262,7 +254,7 @@ fn a_damaged_checkpoint_is_told_of_and_the_one_before_is_used() {
 #[test]
 fn evaluating_and_rendering_a_run() {
     let place = Workplace::new();
-    place.tiny(&["exp", "fast-losses", "--scene", "crane", "--variant", "infonerf"]).succeeds();
+    place.tiny("exp fast-losses --scene crane --variant infonerf").succeeds();
     let run = "runs/fast-losses/crane/infonerf/seed0";
     let record = &records(&place.path("runs/fast-losses"))[0];
 
@@ -302,15 +294,15 @@ fn evaluating_and_rendering_a_run() {
 #[test]
 fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
     let place = Workplace::new();
-    let listed = text(&place.run(&["scene", "list"]).succeeds().stdout);
+    let listed = text(&place.run("scene list").succeeds().stdout);
     assert!(listed.lines().count() >= 4 && listed.lines().any(|line| line == "orrery"), "{listed}");
-    let experiments = text(&place.run(&["list"]).succeeds().stdout);
+    let experiments = text(&place.run("list").succeeds().stdout);
     assert!(experiments.contains("fast-losses"), "{experiments}");
 
-    place.run(&["scene", "export", "orrery", "data/orrery", "--size", "24"]).succeeds();
-    let exp = ["exp", "fast-losses", "--variant", "infonerf"];
-    place.tiny(&exp).args(&["--scene", "orrery"]).succeeds();
-    let output = place.tiny(&exp).args(&["--data", "data", "--out", "loaded"]).succeeds();
+    place.run("scene export orrery data/orrery --size 24").succeeds();
+    let exp = "exp fast-losses --variant infonerf";
+    place.tiny(exp).args("--scene orrery").succeeds();
+    let output = place.tiny(exp).args("--data data --out loaded").succeeds();
     assert!(text(&output.stdout).contains("scenes from data"), "{}", text(&output.stdout));
     let [built_in, loaded] =
         ["runs", "loaded"].map(|out| without_times(&records(&place.path(out).join("fast-losses"))).remove(0));
@@ -331,8 +323,8 @@ fn an_experiment_file_changes_another() {
     let place = Workplace::new();
     let file = "base = \"fast-losses\"\ntitle = \"mine\"\nscenes = [\"castle\"]\nseeds = [3]\n\n[config.train]\nlr = 2e-3\n\n[variants.half.loss]\nentropy.weight = 5e-4\n";
     fs::write(place.path("mine.toml"), file).unwrap();
-    let exp = ["exp", "mine.toml", "--variant", "half", "--device", "ndarray", "--budget", "300ms"];
-    place.tiny(&exp).args(&["--set", "train.iterations=1000000"]).succeeds();
+    let exp = "exp mine.toml --variant half --device ndarray --budget 300ms";
+    place.tiny(exp).args("--set train.iterations=1000000").succeeds();
     let record = &records(&place.path("runs/mine"))[0];
     assert_eq!(
         (&record["variant"], &record["seed"], &record["device"]),
@@ -348,28 +340,20 @@ fn an_experiment_file_changes_another() {
     assert!((1..1_000_000).contains(&record["iterations"].as_u64().unwrap()));
 }
 
-/// The networks of the paper, small: hierarchical sampling, and the released code's infinite last interval.
 /// A PixelNeRF so small that it is quick.
-const TINY_PIXELNERF: [&str; 6] = [
-    "--set",
-    "field={kind=\"pixelnerf\",encoder={width=4,blocks=[1],weights=\"\"},blocks=2,pool_after=1,width=8,frequencies=2,lowest_frequency=1.5,density=\"softplus\"}",
-    "--set",
-    "train={batch=\"held-out\",iterations=4,rays=32,unseen_rays=16}",
-    "--set",
-    "scene={size=16,views={kind=\"seed\",count=2}}",
-];
+const TINY_PIXELNERF: &str = "--set field={kind='pixelnerf',encoder={width=4,blocks=[1],weights=''},blocks=2,\
+                              pool_after=1,width=8,frequencies=2,lowest_frequency=1.5,density='softplus'} \
+                              --set train={batch='held-out',iterations=4,rays=32,unseen_rays=16} \
+                              --set scene={size=16,views={kind='seed',count=2}}";
 
 #[test]
 fn weights_learned_on_many_scenes_begin_another_run() {
     let place = Workplace::new();
-    let small = ["--set", "eval.test=first-1", "--set", "eval.information_rays=16"];
-    let pretrain = || {
-        let scenes = ["pretrain", "pixelnerf-pretrain", "--scene", "random-0..2", "--out", "out"];
-        place.run(&scenes).args(&TINY_PIXELNERF)
-    };
+    let small = "--set eval.test=first-1 --set eval.information_rays=16";
+    let pretrain = || place.run("pretrain pixelnerf-pretrain --scene random-0..2 --out out").args(TINY_PIXELNERF);
     let exp = || {
-        let args = ["exp", "integration-pixelnerf", "--scene", "random-7", "--seed", "0", "--out", "out"];
-        place.run(&args).args(&TINY_PIXELNERF).args(&small).args(&["--set", "train.init=out/pixelnerf-pretrain"])
+        let args = "exp integration-pixelnerf --scene random-7 --seed 0 --out out";
+        place.run(args).args(TINY_PIXELNERF).args(small).args("--set train.init=out/pixelnerf-pretrain")
     };
     exp().fails_with(&["train.init", "out/pixelnerf-pretrain", "infonerf pretrain"]);
     let said = text(&pretrain().succeeds().stdout);
@@ -386,37 +370,22 @@ fn weights_learned_on_many_scenes_begin_another_run() {
     }
     // A run holds its own weights.
     fs::remove_dir_all(place.path("out/pixelnerf-pretrain")).unwrap();
-    place.run(&["eval", "out/integration-pixelnerf/random-7/pixelnerf/seed0"]).succeeds();
-    pretrain().args(&["--seed", "0..1"]).fails_with(&["one variant and one seed"]);
+    place.run("eval out/integration-pixelnerf/random-7/pixelnerf/seed0").succeeds();
+    pretrain().args("--seed 0..1").fails_with(&["one variant and one seed"]);
 }
 
 #[test]
 fn the_presets_of_the_paper_run() {
     let place = Workplace::new();
-    let settings = [
-        "train.iterations=3",
-        "train.rays=32",
-        "train.unseen_rays=16",
-        "train.precrop_steps=2",
-        "loss.kl.weight=1e-5",
-        "scene.size=24",
-        "eval.test=first-1",
-        "eval.information_rays=32",
-        "field.layers=2",
-        "field.width=16",
-        "field.skip=1",
-        "render.samples=12",
-        "render.fine_samples=8",
-    ];
-    let settings: Vec<&str> = settings.iter().flat_map(|setting| ["--set", setting]).collect();
+    let settings = "--set train.iterations=3 --set train.rays=32 --set train.unseen_rays=16 --set train.precrop_steps=2 \
+                    --set loss.kl.weight=1e-5 --set scene.size=24 --set eval.test=first-1 \
+                    --set eval.information_rays=32 --set field.layers=2 --set field.width=16 --set field.skip=1 \
+                    --set render.samples=12 --set render.fine_samples=8";
     for preset in ["paper", "released"] {
         for device in ["flex", "ndarray"] {
-            let exp = ["exp", "fast-losses", "--scene", "castle", "--variant", "infonerf", "--preset", preset];
-            place
-                .run(&exp)
-                .args(&settings)
-                .args(&["--device", device, "--out", &format!("{preset}-{device}")])
-                .succeeds();
+            let exp = place.run("exp fast-losses --scene castle --variant infonerf").args(settings);
+            let out = format!("{preset}-{device}");
+            exp.args(&["--preset", preset, "--device", device, "--out", &out]).succeeds();
         }
         let [flex, ndarray] = ["flex", "ndarray"].map(|device| {
             let record = records(&place.path(&format!("{preset}-{device}")).join("fast-losses")).remove(0);
@@ -433,16 +402,16 @@ fn the_presets_of_the_paper_run() {
 #[test]
 fn help_can_be_learned_from() {
     let place = Workplace::new();
-    let help = text(&place.run(&["--help"]).succeeds().stdout);
+    let help = text(&place.run("--help").succeeds().stdout);
     for command in ["exp", "eval", "render", "export", "view", "scene", "list"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command}: {help}");
     }
-    let help = text(&place.run(&["exp", "--help"]).succeeds().stdout);
+    let help = text(&place.run("exp --help").succeeds().stdout);
     for part in ["--data", "--scene", "--seed", "--set", "--budget", "--resume", "Examples:"] {
         assert!(help.contains(part), "{part}: {help}");
     }
-    let whole = place.run(&["help"]).succeeds().stdout;
-    assert_eq!(place.run(&["help", "--help"]).succeeds().stdout, whole);
+    let whole = place.run("help").succeeds().stdout;
+    assert_eq!(place.run("help --help").succeeds().stdout, whole);
 }
 
 #[test]
@@ -454,18 +423,18 @@ fn shells_and_man_are_told_of_every_command() {
             assert!(script.contains(part), "{shell}: {part}");
         }
     }
-    place.run(&["man", "--out", "pages"]).succeeds();
+    place.run("man --out pages").succeeds();
     let page = fs::read_to_string(place.path("pages/infonerf-exp.1")).unwrap();
     assert!(page.contains("budget") && place.path("pages/infonerf.1").is_file());
     fs::write(place.path("file"), "").unwrap();
-    place.run(&["man", "--out", "file"]).fails_with(&["file"]);
-    place.run(&["completions", "tcsh"]).fails_with(&["tcsh"]);
+    place.run("man --out file").fails_with(&["file"]);
+    place.run("completions tcsh").fails_with(&["tcsh"]);
 }
 
 #[test]
 fn results_are_collected_into_one_document() {
     let place = Workplace::new();
-    place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", "results-of-mine"]).succeeds();
+    place.tiny("exp fast-losses --scene knot --variant nerf --out results-of-mine").succeeds();
     place.run(&["collect", "results-of-mine/fast-losses", "--title", "All of it"]).succeeds();
     let document = fs::read_to_string(place.path("results.md")).unwrap();
     for part in ["# All of it", "infonerf exp", "--scene knot", "PSNR", "train views 26, 86, 2, 55"] {
@@ -474,22 +443,21 @@ fn results_are_collected_into_one_document() {
     assert!(!document.contains("results-of-mine"), "{document}");
     // A sweep, and an experiment of one's own.
     fs::write(place.path("mine.toml"), "base = \"fast-losses\"\ntitle = \"mine\"\n").unwrap();
-    let small = ["mine.toml", "--scene", "knot", "--variant", "nerf"];
-    place.tiny(&[&["sweep"], &small[..], &["--grid", "train.lr=1e-3,2e-3"]].concat()).succeeds();
-    place.tiny(&[&["exp"], &small[..]].concat()).succeeds();
-    place.run(&["collect", "runs/sweep-mine", "runs/mine", "results-of-mine/fast-losses"]).succeeds();
+    place.tiny("sweep mine.toml --scene knot --variant nerf --grid train.lr=1e-3,2e-3").succeeds();
+    place.tiny("exp mine.toml --scene knot --variant nerf").succeeds();
+    place.run("collect runs/sweep-mine runs/mine results-of-mine/fast-losses").succeeds();
     let document = fs::read_to_string(place.path("results.md")).unwrap();
     for part in ["## sweep-mine", "## mine", "mine.toml", "2e-3"] {
         assert!(document.contains(part), "{part}: {document}");
     }
-    place.run(&["collect", "nowhere"]).fails_with(&["nowhere", "results.json"]);
+    place.run("collect nowhere").fails_with(&["nowhere", "results.json"]);
 }
 
 #[test]
 fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     let place = Workplace::new();
-    let run = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf"];
-    let output = place.tiny(&run).args(&["--json"]).succeeds();
+    let run = "exp fast-losses --scene knot --variant nerf";
+    let output = place.tiny(run).args("--json").succeeds();
     let said = text(&output.stdout);
     let events: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let names: Vec<&str> = events.iter().map(|event| event["event"].as_str().unwrap()).collect();
@@ -499,10 +467,10 @@ fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     }
     let record = events.iter().find(|event| event["event"] == "record").unwrap();
     assert!(record["record"]["psnr"].is_f64());
-    place.tiny(&run).fails_with(&["knot/nerf/seed0: this run is finished", "--resume", "--overwrite"]);
-    place.tiny(&run).args(&["--resume", "--overwrite"]).fails_with(&["--overwrite"]);
-    assert!(place.tiny(&run).args(&["--quiet", "--overwrite"]).succeeds().stdout.is_empty());
-    place.tiny(&run).args(&["--quiet", "--json"]).fails_with(&["--json"]);
+    place.tiny(run).fails_with(&["knot/nerf/seed0: this run is finished", "--resume", "--overwrite"]);
+    place.tiny(run).args("--resume --overwrite").fails_with(&["--overwrite"]);
+    assert!(place.tiny(run).args("--quiet --overwrite").succeeds().stdout.is_empty());
+    place.tiny(run).args("--quiet --json").fails_with(&["--json"]);
 }
 
 /// `head` has seen enough, and has gone: that costs no run, and is no error.
@@ -515,7 +483,7 @@ fn output_that_nobody_reads_loses_nothing() {
     };
     let exp = |out: &str| place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", out]);
     assert_eq!(unread(exp("lines")), Some(0));
-    assert_eq!(unread(exp("events").args(&["--json"])), Some(0));
+    assert_eq!(unread(exp("events").args("--json")), Some(0));
     for out in ["lines", "events"] {
         assert_eq!(records(&place.path(out).join("fast-losses")).len(), 1);
     }
@@ -525,7 +493,7 @@ fn output_that_nobody_reads_loses_nothing() {
     {
         assert_eq!(unread(place.run(args)), Some(0), "{args:?}");
     }
-    assert_eq!(unread(place.run(&["exp", "nothing"])), Some(2));
+    assert_eq!(unread(place.run("exp nothing")), Some(2));
     // A full disk is an error, which comes after the run is saved.
     let full = || fs::OpenOptions::new().write(true).open("/dev/full").unwrap();
     let output = exp("full").into_command().stdout(full()).output().unwrap();
@@ -537,8 +505,8 @@ fn output_that_nobody_reads_loses_nothing() {
 #[test]
 fn a_page_beside_training_says_where_to_look_afterwards() {
     let place = Workplace::new();
-    let exp = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--view=0"];
-    let output = place.tiny(&exp).succeeds();
+    let exp = "exp fast-losses --scene knot --variant nerf --view=0";
+    let output = place.tiny(exp).succeeds();
     let said = text(&output.stdout);
     assert!(said.contains("live at http://127.0.0.1:"), "{said}");
     assert!(said.ends_with("to look at the runs again: infonerf view runs/fast-losses\n"), "{said}");

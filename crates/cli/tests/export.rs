@@ -14,12 +14,12 @@ const RUN: &str = "runs/fast-losses/knot/nerf/seed0";
 /// A run whose field is dense everywhere: its surface is that of the scene's box.
 fn with_run() -> Workplace {
     let place = Workplace::new();
-    let exp = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--set", "field.density_bias=5.0"];
-    place.tiny(&exp).succeeds();
+    let exp = "exp fast-losses --scene knot --variant nerf --set field.density_bias=5.0";
+    place.tiny(exp).succeeds();
     place
 }
 
-fn export(place: &Workplace, format: &str, args: &[&str]) -> String {
+fn export(place: &Workplace, format: &str, args: &str) -> String {
     let output = place.run(&["export", RUN, "--format", format, "--resolution", "16"]).args(args).succeeds();
     text(&output.stdout)
 }
@@ -36,14 +36,14 @@ fn every_format_says_what_it_is() {
         ("npz", "grid.npz", b"PK\x03\x04", "16x16x16 voxels"),
         ("cameras", "transforms.json", b"{", "4 training and 2 test cameras"),
     ] {
-        let said = export(&place, format, &[]);
+        let said = export(&place, format, "");
         let written = fs::read(place.path(RUN).join("export").join(file)).unwrap();
         assert!(written.starts_with(start), "{format}");
         assert!(said.contains(file) && said.contains(part) && said.contains("read by "), "{said}");
         let has_surface = !["npz", "cameras"].contains(&format);
         assert_eq!(said.contains("chamfer distance to the exact surface"), has_surface, "{said}");
         // The same bytes each time.
-        export(&place, format, &["--out", "again"]);
+        export(&place, format, "--out again");
         assert_eq!(fs::read(place.path("again")).unwrap(), written, "{format}");
     }
 }
@@ -54,11 +54,10 @@ fn a_page_of_the_papers_field_is_baked() {
     let place = Workplace::new();
     let mlp = "field={kind=\"nerf\",layers=2,width=16,skip=9,position_frequencies=4,direction_frequencies=2,\
                density=\"softplus\",detail=1.0}";
-    let small = ["scene.size=24", "train.iterations=2", "train.rays=16", "train.unseen_rays=16", "render.samples=8"];
-    let rest = ["render.fine_samples=8", "eval.test=first-1", "eval.information_rays=16", mlp];
-    let set = small.iter().chain(&rest).flat_map(|setting| ["--set", setting]);
-    let exp = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--preset", "paper"];
-    place.run(&exp).args(&set.collect::<Vec<_>>()).succeeds();
+    let small = "exp fast-losses --scene knot --variant nerf --preset paper --set scene.size=24 --set train.iterations=2 \
+                 --set train.rays=16 --set train.unseen_rays=16 --set render.samples=8 --set render.fine_samples=8 \
+                 --set eval.test=first-1 --set eval.information_rays=16";
+    place.run(small).args(&["--set", mlp]).succeeds();
     assert!(!place.path(RUN).join("viewer.html").exists(), "only what takes no time is left by `exp`");
     let said = text(&place.run(&["export", RUN, "--format", "html", "--resolution", "24"]).succeeds().stdout);
     assert!(said.contains("viewer.html") && said.contains("read by browsers"), "{said}");
@@ -74,7 +73,7 @@ fn a_page_of_the_papers_field_is_baked() {
 fn a_field_that_fills_its_box_is_a_box() {
     let place = with_run();
     let count = |format: &str| -> usize {
-        let said = export(&place, format, &["--out", "out"]);
+        let said = export(&place, format, "--out out");
         said.split_once("out: ").unwrap().1.split_once(' ').unwrap().0.parse().unwrap()
     };
     let (vertices, gaussians, points) = (count("ply"), count("splat"), count("points"));
@@ -91,22 +90,22 @@ fn triangles(said: &str) -> usize {
 #[test]
 fn a_mesh_has_as_many_triangles_as_are_asked_for() {
     let place = with_run();
-    let whole = triangles(&export(&place, "ply", &[]));
+    let whole = triangles(&export(&place, "ply", ""));
     assert!(whole > 2000, "{whole}");
     for (format, most) in [("ply", 500), ("obj", 100), ("glb", 100)] {
-        let said = export(&place, format, &["--triangles", &most.to_string()]);
+        let said = export(&place, format, &format!("--triangles {most}"));
         let found = triangles(&said);
         assert!((most / 2..=most).contains(&found), "{format}: {found} of {most}");
     }
-    assert_eq!(triangles(&export(&place, "ply", &["--triangles", "1000000"])), whole);
+    assert_eq!(triangles(&export(&place, "ply", "--triangles 1000000")), whole);
 }
 
-/// A box that is dense everywhere is seen from its outside, and what nobody sees within it is solid.
+/// A box that is dense everywhere is seen from its outside, and its unseen interior is solid.
 #[test]
 fn a_mesh_is_fused_from_depth() {
     let place = with_run();
-    let fused = export(&place, "ply", &["--from", "depth", "--out", "fused.ply"]);
-    export(&place, "ply", &["--out", "exact.ply"]);
+    let fused = export(&place, "ply", "--from depth --out fused.ply");
+    export(&place, "ply", "--out exact.ply");
     let box_of = |file: &str| {
         let bytes = fs::read(place.path(file)).unwrap();
         let ply = ply_rs_bw::parser::Parser::<ply_rs_bw::ply::DefaultElement>::new().read_ply(&mut &bytes[..]).unwrap();
@@ -129,28 +128,27 @@ fn a_mesh_is_fused_from_depth() {
 #[test]
 fn exports_that_cannot_be_made() {
     let place = with_run();
-    let export = |args: &[&str]| place.run(&["export", RUN, "--format", "ply", "--resolution", "16"]).args(args);
-    place.run(&["export", "nowhere", "--format", "ply"]).fails_with(&["nowhere", "config.toml"]);
+    let export = |args: &str| place.run(&["export", RUN, "--format", "ply", "--resolution", "16"]).args(args);
+    place.run("export nowhere --format ply").fails_with(&["nowhere", "config.toml"]);
     place.run(&["export", RUN]).fails_with(&["--format"]);
     place.run(&["export", RUN, "--format", "stl"]).fails_with(&["stl", "glb"]);
     for resolution in ["0", "513", "-1", "many"] {
         let resolution = format!("--resolution={resolution}");
         place.run(&["export", RUN, "--format", "ply", &resolution]).fails_with(&["--resolution"]);
     }
-    export(&["--triangles", "3"]).fails_with(&["--triangles"]);
+    export("--triangles 3").fails_with(&["--triangles"]);
     for (format, flag, value) in
         [("points", "--triangles", "9"), ("html", "--from", "depth"), ("npz", "--from", "depth")]
     {
         place.run(&["export", RUN, "--format", format, flag, value]).fails_with(&[flag, "expected a"]);
     }
     fs::write(place.path("file"), "").unwrap();
-    export(&["--out", "file/below.ply"]).fails_with(&["file"]);
-    export(&["--out", "runs"]).fails_with(&["runs", "expected a file"]);
-    export(&["--out", "/proc/nowhere/mesh.ply"]).fails_with(&["/proc/nowhere"]);
-    export(&["--device", "vulkan"]).fails_with(&["not built in"]);
+    export("--out file/below.ply").fails_with(&["file"]);
+    export("--out runs").fails_with(&["runs", "expected a file"]);
+    export("--out /proc/nowhere/mesh.ply").fails_with(&["/proc/nowhere"]);
+    export("--device vulkan").fails_with(&["not built in"]);
     // Nothing is half opaque in a field that has only begun.
-    let begun = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", "begun"];
-    place.tiny(&begun).succeeds();
+    place.tiny("exp fast-losses --scene knot --variant nerf --out begun").succeeds();
     let run = "begun/fast-losses/knot/nerf/seed0";
     place.run(&["export", run, "--format", "ply"]).fails_with(&["no surface", "expected at least 0.5"]);
     fs::remove_dir_all(place.path(run).join("checkpoint")).unwrap();
@@ -215,7 +213,7 @@ fn paths_that_cannot_be_followed() {
     fs::write(place.path("path.json"), "{").unwrap();
     render("path.json").fails_with(&["path.json", "JSON"]);
     place.run(&["render", RUN, "--video", "avi"]).fails_with(&["--video"]);
-    place.run(&["render", "nowhere", "--path", "spiral"]).fails_with(&["nowhere", "config.toml"]);
+    place.run("render nowhere --path spiral").fails_with(&["nowhere", "config.toml"]);
 }
 
 #[cfg(unix)]
@@ -224,14 +222,14 @@ fn films_are_made_by_an_installed_ffmpeg() {
     use std::os::unix::fs::PermissionsExt;
 
     let place = with_run();
-    let render = |args: &[&str]| {
+    let render = |args: &str| {
         let mut command =
             place.run(&["render", RUN, "--frames", "2", "--size", "9", "--out", "film"]).args(args).into_command();
         command.env("PATH", place.path("programs"));
         command.output().unwrap()
     };
     fs::create_dir_all(place.path("programs")).unwrap();
-    let output = render(&["--video", "mp4"]);
+    let output = render("--video mp4");
     let said = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(said.starts_with("error: --video mp4: expected `ffmpeg`") && said.lines().count() == 1, "{said}");
@@ -245,7 +243,7 @@ fn films_are_made_by_an_installed_ffmpeg() {
     };
     script("for last; do :; done; echo \"$@\" > \"$last\"");
     for (kind, codec) in [("mp4", "libx264"), ("webm", "libvpx-vp9")] {
-        let output = render(&["--video", kind]);
+        let output = render(&format!("--video {kind}"));
         assert!(output.status.success(), "{}", text(&output.stderr));
         let file = format!("film/orbit.{kind}");
         assert!(text(&output.stdout).contains(&file));
@@ -253,7 +251,7 @@ fn films_are_made_by_an_installed_ffmpeg() {
         assert!(arguments.contains("-framerate 20 -i %04d.png") && arguments.contains(codec), "{arguments}");
     }
     script("echo first >&2; echo 'no such codec' >&2; exit 1");
-    let output = render(&["--video", "webm"]);
+    let output = render("--video webm");
     let said = text(&output.stderr);
     assert_eq!((output.status.code(), said.lines().count()), (Some(2), 1), "{said}");
     assert!(said.contains("orbit.webm: ffmpeg: no such codec"), "{said}");

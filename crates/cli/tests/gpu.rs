@@ -1,4 +1,4 @@
-//! The command line on a GPU, or on what plays one.
+//! The command line on a GPU, or on a software device in its place.
 #![cfg(any(feature = "wgpu", feature = "vulkan", feature = "cuda"))]
 
 mod common;

@@ -15,20 +15,8 @@ use common::{Workplace, events, records, text, without_times};
 use serde_json::Value;
 
 /// A checkpoint after every step: most of the run's life is spent writing.
-const RUN: [&str; 12] = [
-    "exp",
-    "fast-losses",
-    "--scene",
-    "knot",
-    "--variant",
-    "infonerf",
-    "--set",
-    "train.iterations=120",
-    "--set",
-    "train.checkpoint_every=1",
-    "--set",
-    "loss.kl.weight=1e-3",
-];
+const RUN: &str = "exp fast-losses --scene knot --variant infonerf --set train.iterations=120 \
+                   --set train.checkpoint_every=1 --set loss.kl.weight=1e-3";
 const FOLDER: &str = "fast-losses/knot/infonerf/seed0";
 
 /// All that a run leaves in numbers: its records and the log of its steps.
@@ -36,8 +24,8 @@ fn numbers(place: &Workplace, out: &str) -> (Vec<Value>, Vec<Value>) {
     (without_times(&records(&place.path(out).join("fast-losses"))), events(&place.path(out).join(FOLDER)))
 }
 
-fn command(place: &Workplace, args: &[&str]) -> Command {
-    let mut command = place.tiny(&RUN).args(args).into_command();
+fn command(place: &Workplace, args: &str) -> Command {
+    let mut command = place.tiny(RUN).args(args).into_command();
     command.stdout(Stdio::null()).stderr(Stdio::null());
     command
 }
@@ -47,13 +35,13 @@ fn killed_runs_go_on_to_the_same_numbers() {
     let wanted: usize = std::env::var("INFONERF_KILLS").map_or(10, |kills| kills.parse().expect("a number"));
     let place = Workplace::new();
     let start = Instant::now();
-    place.tiny(&RUN).args(&["--out", "unbroken"]).succeeds();
+    place.tiny(RUN).args("--out unbroken").succeeds();
     let (unbroken, life) = (numbers(&place, "unbroken"), start.elapsed());
     let mut rng = fastrand::Rng::with_seed(4);
     let (mut kills, mut while_writing, mut runs) = (0, 0, 0);
     while kills < wanted {
         let out = format!("run{runs}");
-        let mut args = vec!["--out", out.as_str()];
+        let mut args = format!("--out {out}");
         loop {
             let said = place.path("stderr");
             let mut child = command(&place, &args).stderr(fs::File::create(&said).unwrap()).spawn().unwrap();
@@ -76,7 +64,7 @@ fn killed_runs_go_on_to_the_same_numbers() {
             child.wait().unwrap();
             kills += 1;
             while_writing += usize::from(place.path(&out).join(FOLDER).join("checkpoint.writing").exists());
-            args = vec!["--out", out.as_str(), "--resume"];
+            args = format!("--out {out} --resume");
         }
         assert_eq!(unbroken, numbers(&place, &out), "{out}, after {kills} kills in all");
         runs += 1;
@@ -90,11 +78,11 @@ fn killed_runs_go_on_to_the_same_numbers() {
 #[test]
 fn a_full_disk_is_told_of_and_does_no_harm() {
     let place = Workplace::new();
-    place.tiny(&RUN).args(&["--out", "unbroken"]).succeeds();
+    place.tiny(RUN).args("--out unbroken").succeeds();
     let unbroken = numbers(&place, "unbroken");
     for blocks in [0, 2, 8, 32] {
         let out = format!("full{blocks}");
-        let run = command(&place, &["--out", &out]);
+        let run = command(&place, &format!("--out {out}"));
         let limits = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
         let output = Command::new("bash")
             .args(["-c", &limits, "bash"])
@@ -110,7 +98,7 @@ fn a_full_disk_is_told_of_and_does_no_harm() {
             assert!(stderr.starts_with("error: ") && stderr.contains("too large"), "{blocks} blocks: {stderr}");
         }
         assert!(!output.status.success() || blocks == 32, "{blocks} blocks were enough");
-        place.tiny(&RUN).args(&["--out", &out, "--resume"]).succeeds();
+        place.tiny(RUN).args(&["--out", &out, "--resume"]).succeeds();
         assert_eq!(unbroken, numbers(&place, &out), "{blocks} blocks");
     }
 }
@@ -119,24 +107,24 @@ fn a_full_disk_is_told_of_and_does_no_harm() {
 fn results_that_cannot_be_written_are_told_of() {
     let place = Workplace::new();
     fs::write(place.path("file"), "").unwrap();
-    place.tiny(&RUN).args(&["--out", "file/runs"]).fails_with(&["file/runs"]);
+    place.tiny(RUN).args("--out file/runs").fails_with(&["file/runs"]);
     if cfg!(target_os = "linux") {
-        place.tiny(&RUN).args(&["--out", "/proc/runs"]).fails_with(&["/proc/runs"]);
+        place.tiny(RUN).args("--out /proc/runs").fails_with(&["/proc/runs"]);
     }
 }
 
 #[test]
 fn two_runs_in_one_folder() {
     let place = Workplace::new();
-    let mut first = command(&place, &["--set", "train.iterations=100000"]).spawn().unwrap();
+    let mut first = command(&place, "--set train.iterations=100000").spawn().unwrap();
     let sign = place.path("runs").join(FOLDER).join("checkpoint/manifest.json");
     let patience = Instant::now();
     while !sign.exists() {
         assert!(patience.elapsed() < Duration::from_secs(60), "no checkpoint in a minute");
         std::thread::sleep(Duration::from_millis(3));
     }
-    place.tiny(&RUN).fails_with(&["another process is at work on this run", FOLDER]);
-    place.tiny(&RUN).args(&["--resume"]).fails_with(&["another process is at work on this run"]);
+    place.tiny(RUN).fails_with(&["another process is at work on this run", FOLDER]);
+    place.tiny(RUN).args("--resume").fails_with(&["another process is at work on this run"]);
     first.kill().unwrap();
     first.wait().unwrap();
 }
@@ -148,7 +136,7 @@ fn what_cannot_fit_into_memory_is_refused() {
     let place = Workplace::new();
     let field = "field={kind=\"nerf\",layers=64,width=4096,skip=1,position_frequencies=4,direction_frequencies=2,density=\"relu\",detail=1.0}";
     let args = ["--set", field, "--set", "train.target_samples=0", "--set", "train.rays=65536"];
-    place.tiny(&RUN).args(&args).fails_with(&["train.rays and render.samples", "GiB", "available"]);
+    place.tiny(RUN).args(&args).fails_with(&["train.rays and render.samples", "GiB", "available"]);
 }
 
 /// Bit equality, not a tolerance: the number of threads changes who computes, not what.
@@ -156,7 +144,7 @@ fn what_cannot_fit_into_memory_is_refused() {
 fn the_number_of_threads_changes_no_number() {
     let place = Workplace::new();
     for threads in ["1", "2", "3"] {
-        let run = place.tiny(&RUN).args(&["--set", "train.iterations=20", "--out", threads]);
+        let run = place.tiny(RUN).args(&["--set", "train.iterations=20", "--out", threads]);
         let output = run.into_command().env("RAYON_NUM_THREADS", threads).output().unwrap();
         assert!(output.status.success(), "{}", text(&output.stderr));
     }

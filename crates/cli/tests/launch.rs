@@ -1,4 +1,4 @@
-//! Sweeps as jobs of schedulers that only pretend: what they are given, and what becomes of it.
+//! Sweeps as jobs of stand-in schedulers: what is submitted, and what results from it.
 
 #![cfg(unix)]
 
@@ -23,20 +23,24 @@ impl Cluster {
     }
 
     /// `ARGS --out OUT`, with the schedulers on the PATH.
-    fn run(&self, args: &[&str], out: &str) -> Invocation {
+    fn run(&self, args: &str, out: &str) -> Invocation {
+        self.scheduled(self.0.tiny(args).args(&["--out", out]))
+    }
+
+    /// With the schedulers on the PATH.
+    fn scheduled(&self, invocation: Invocation) -> Invocation {
         let fakes = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/schedulers");
         let path: OsString =
             [fakes.into_os_string(), ":".into(), std::env::var_os("PATH").unwrap()].into_iter().collect();
-        let invocation = self.0.tiny(args).args(&["--out", out]);
         invocation.env("PATH", path).env("JOBS", self.0.path("jobs"))
     }
 
     fn sweep(&self, out: &str) -> Invocation {
-        self.run(&SWEEP, out)
+        self.run(SWEEP, out)
     }
 
     fn slurm(&self) -> Invocation {
-        self.sweep("runs").args(&["--launch", "slurm"])
+        self.sweep("runs").args("--launch slurm")
     }
 
     /// The script of a job that Slurm was given.
@@ -66,7 +70,7 @@ fn array_jobs_give_the_local_table() {
     let cluster = Cluster::new();
     cluster.sweep("local").succeeds();
     let asked = ["--partition", "gpu", "--memory", "2G", "--cpus", "4", "--jobs", "3", "--timeout", "10m"];
-    let asked = cluster.slurm().args(&asked).args(&["--submit-option=--account=vision"]).env("MAX_ARRAY_SIZE", "6");
+    let asked = cluster.slurm().args(&asked).args("--submit-option=--account=vision").env("MAX_ARRAY_SIZE", "6");
     let said = text(&asked.succeeds().stdout);
     assert!(said.contains("8 runs submitted as slurm 100, 101, 102"), "{said}");
     let (first, second, merge) = (cluster.script(100), cluster.script(101), cluster.script(102));
@@ -124,7 +128,7 @@ fn a_launch_that_is_refused_loses_nothing() {
     cluster.slurm().env("PATH", cluster.0.path("jobs")).fails_with(&["scontrol: not found", "Slurm"]);
     cluster
         .slurm()
-        .args(&["--partition", "nowhere"])
+        .args("--partition nowhere")
         .fails_with(&["items 0 to 7 were not submitted", "invalid partition specified: nowhere"]);
     // A full queue: what it took stays, and is known.
     let full = cluster.slurm().env("MAX_ARRAY_SIZE", "6").env("MOST_JOBS", "1");
@@ -133,7 +137,7 @@ fn a_launch_that_is_refused_loses_nothing() {
     full.fails_with(&["launch is under way: 1 of its tasks wait and 1 run", "scancel 100"]);
     // Nothing else may change the manifest under running jobs either.
     cluster.sweep("runs").env("LIVE", "100").fails_with(&["launch is under way"]);
-    let other = cluster.sweep("runs").args(&["--launch", "print"]).env("LIVE", "100");
+    let other = cluster.sweep("runs").args("--launch print").env("LIVE", "100");
     other.fails_with(&["launch is under way"]);
     cluster.sweep("runs").env("PATH", cluster.0.path("jobs")).fails_with(&["jobs.json", "squeue: not found"]);
     // When they have ended, the rest is submitted.
@@ -142,7 +146,7 @@ fn a_launch_that_is_refused_loses_nothing() {
     assert!(said.contains("1 of them finished before") && said.contains("7 runs submitted"), "{said}");
     assert!(cluster.script(101).contains("--array=\"1-7\"\n"), "{}", cluster.script(101));
     // Merging is possible at any time.
-    let merge = cluster.slurm().args(&["--merge"]).env("LIVE", "101").into_command().output().unwrap();
+    let merge = cluster.slurm().args("--merge").env("LIVE", "101").into_command().output().unwrap();
     assert_eq!((merge.status.code(), cluster.numbers("runs").len()), (Some(1), 1));
 
     let manifest = cluster.folder("runs").join("manifest.jsonl");
@@ -157,23 +161,23 @@ fn a_launch_that_is_refused_loses_nothing() {
 #[test]
 fn options_that_do_not_go_together() {
     let cluster = Cluster::new();
-    let sweep = |args: &[&str]| cluster.sweep("runs").args(args);
-    sweep(&["--partition", "gpu"]).fails_with(&["--partition", "--launch slurm"]);
-    sweep(&["--memory", "1G"]).fails_with(&["--memory", "--launch slurm or hyperqueue"]);
-    sweep(&["--launch", "print", "--cpus", "2"]).fails_with(&["--cpus", "--launch print"]);
-    sweep(&["--launch", "hyperqueue", "--partition", "gpu"]).fails_with(&["--partition", "--launch hyperqueue"]);
-    sweep(&["--launch", "hyperqueue", "--jobs", "2"]).fails_with(&["--jobs", "--launch slurm"]);
-    sweep(&["--watch"]).fails_with(&["--watch", "--launch slurm"]);
-    sweep(&["--launch", "slurm", "--halving", "2"]).fails_with(&["--halving", "--launch local"]);
-    sweep(&["--launch", "cloud"]).fails_with(&["--launch", "hyperqueue"]);
-    sweep(&["--memory", "8X"]).fails_with(&["--memory", "8X"]);
+    let sweep = |args: &str| cluster.sweep("runs").args(args);
+    sweep("--partition gpu").fails_with(&["--partition", "--launch slurm"]);
+    sweep("--memory 1G").fails_with(&["--memory", "--launch slurm or hyperqueue"]);
+    sweep("--launch print --cpus 2").fails_with(&["--cpus", "--launch print"]);
+    sweep("--launch hyperqueue --partition gpu").fails_with(&["--partition", "--launch hyperqueue"]);
+    sweep("--launch hyperqueue --jobs 2").fails_with(&["--jobs", "--launch slurm"]);
+    sweep("--watch").fails_with(&["--watch", "--launch slurm"]);
+    sweep("--launch slurm --halving 2").fails_with(&["--halving", "--launch local"]);
+    sweep("--launch cloud").fails_with(&["--launch", "hyperqueue"]);
+    sweep("--memory 8X").fails_with(&["--memory", "8X"]);
     assert!(!cluster.0.path("runs").exists(), "nothing is written before the options are checked");
 }
 
 #[test]
 fn printed_commands_run_anywhere() {
     let cluster = Cluster::new();
-    let output = cluster.sweep("a b").args(&["--launch", "print", "--timeout", "5m"]).succeeds();
+    let output = cluster.sweep("a b").args("--launch print --timeout 5m").succeeds();
     let commands = text(&output.stdout);
     assert_eq!(commands.lines().count(), 8);
     for command in commands.lines().rev() {
@@ -183,7 +187,7 @@ fn printed_commands_run_anywhere() {
         let run = shell.args(["-c", command]).current_dir("/").output().unwrap();
         assert!(run.status.success(), "{}", text(&run.stderr));
     }
-    cluster.sweep("a b").args(&["--merge"]).succeeds();
+    cluster.sweep("a b").args("--merge").succeeds();
     cluster.sweep("local").succeeds();
     assert_eq!(cluster.numbers("local"), cluster.numbers("a b"));
 }
@@ -191,8 +195,8 @@ fn printed_commands_run_anywhere() {
 #[test]
 fn hyperqueue_runs_a_task_array_and_watching_it_ends_with_the_table() {
     let cluster = Cluster::new();
-    let asked = ["--launch", "hyperqueue", "--memory", "2G", "--cpus", "1", "--timeout", "10m", "--watch"];
-    let said = text(&cluster.sweep("runs").args(&asked).args(&["--submit-option=--priority=3"]).succeeds().stdout);
+    let asked = "--launch hyperqueue --memory 2G --cpus 1 --timeout 10m --watch";
+    let said = text(&cluster.sweep("runs").args(asked).args("--submit-option=--priority=3").succeeds().stdout);
     assert!(said.contains("8 runs submitted as hyperqueue 5") && said.contains("report: "), "{said}");
     let script = cluster.script(5);
     for line in [
@@ -215,10 +219,10 @@ fn hyperqueue_runs_a_task_array_and_watching_it_ends_with_the_table() {
 #[test]
 fn an_experiment_is_launched_and_gives_what_it_gives_here() {
     let cluster = Cluster::new();
-    let args = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--variant", "infonerf", "--seed", "0"];
-    let run = |out: &str, more: &[&str]| text(&cluster.run(&args, out).args(more).succeeds().stdout);
-    run("here", &[]);
-    let said = run("there", &["--launch", "slurm"]);
+    let args = "exp fast-losses --scene knot --variant nerf --variant infonerf --seed 0";
+    let run = |out: &str, more: &str| text(&cluster.run(args, out).args(more).succeeds().stdout);
+    run("here", "");
+    let said = run("there", "--launch slurm");
     assert!(said.contains("2 runs submitted as slurm 100, 101"), "{said}");
     assert!(cluster.script(101).contains("#SBATCH --dependency=\"afterany:100\""), "{}", cluster.script(101));
     for (job, task) in [(100, 1), (100, 0), (101, 0)] {
@@ -233,17 +237,11 @@ fn an_experiment_is_launched_and_gives_what_it_gives_here() {
 #[test]
 fn reproduce_is_launched_as_one() {
     let cluster = Cluster::new();
-    let args = ["reproduce", "--only", "information", "--only", "views", "--scene", "knot", "--seed", "0"];
-    let tiny = ["scene.size=16", "field.layers=1", "field.width=8", "field.density=softplus", "render.samples=8"];
-    let run = |more: &[&str]| {
-        let settings: Vec<&str> = tiny.iter().flat_map(|setting| ["--set", setting]).collect();
-        let place = &cluster.0;
-        let base = place.run(&args).args(&settings).args(&["--set", "train.iterations=3", "--set", "train.rays=16"]);
-        let fakes: OsString = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/schedulers").into();
-        let path = [fakes, ":".into(), std::env::var_os("PATH").unwrap()].into_iter().collect::<OsString>();
-        base.args(&["--set", "eval.test=first-1"]).args(more).env("PATH", path).env("JOBS", place.path("jobs"))
-    };
-    let said = text(&run(&["--launch", "slurm"]).succeeds().stdout);
+    let args = "reproduce --only information --only views --scene knot --seed 0";
+    let tiny = "--set scene.size=16 --set field.layers=1 --set field.width=8 --set field.density=softplus \
+                --set render.samples=8 --set train.iterations=3 --set train.rays=16 --set eval.test=first-1";
+    let run = |more: &str| cluster.scheduled(cluster.0.run(args).args(tiny).args(more));
+    let said = text(&run("--launch slurm").succeeds().stdout);
     let jobs = fs::read_dir(cluster.0.path("jobs")).unwrap().count();
     assert_eq!(jobs, 3, "two arrays and one job that merges: {said}");
     assert!(cluster.script(102).contains("afterany:100:101"), "{}", cluster.script(102));

@@ -1,4 +1,4 @@
-//! Photographs without poses, as a person has them.
+//! Photographs without poses.
 
 mod common;
 
@@ -30,8 +30,8 @@ fn poses_of_photographs_alone() {
     let dir = place.path("photos");
     let views = room(&dir, &[0, 1, 3, 9]);
     Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("10.png")).unwrap();
-    let command = ["scene", "from-images", "photos", "--without-colmap"];
-    let said = text(&place.run(&command).succeeds().stdout);
+    let command = "scene from-images photos --without-colmap";
+    let said = text(&place.run(command).succeeds().stdout);
     for part in ["00.png: placed", "09.png: placed", "10.png: not placed: 0 matches with placed photographs, 15 needed"]
     {
         assert!(said.contains(part), "expected `{part}` in: {said}");
@@ -50,8 +50,8 @@ fn poses_of_photographs_alone() {
     }
     let focal = found.camera(&found.images[0]).unwrap().fx / views[0].camera.fx;
     assert!((focal - 1.0).abs() < 0.05 && found.reprojection_error().unwrap() < 0.5, "{focal}");
-    place.run(&["scene", "info", "photos"]).succeeds();
-    place.run(&command).fails_with(&["sparse", "remove this one to make another"]);
+    place.run("scene info photos").succeeds();
+    place.run(command).fails_with(&["sparse", "remove this one to make another"]);
 }
 
 /// A COLMAP that fails is no reason to give up; photographs of different things are, and leave nothing behind.
@@ -65,7 +65,7 @@ fn photographs_that_cannot_be_placed() {
     let program = place.path("colmap");
     fs::write(&program, "#!/bin/sh\necho oops\nexit 1\n").unwrap();
     fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
-    let run = || place.run(&["scene", "from-images", "photos"]).env("PATH", place.path(""));
+    let run = || place.run("scene from-images photos").env("PATH", place.path(""));
     run().fails_with(&["at least two PNG or JPEG photographs: it has 1"]);
     Image::filled(360, 360, [0.2, 0.4, 0.6]).write_png(&dir.join("b.png")).unwrap();
     run().fails_with(&["photos: expected photographs that overlap", "no two of 2 photographs have 20 matches"]);

@@ -10,7 +10,7 @@ use serde_json::Value;
 #[test]
 fn pictures_of_a_run_measure_as_its_record_says() {
     let place = Workplace::new();
-    place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "nerf"]).succeeds();
+    place.tiny("exp fast-losses --scene knot --variant nerf").succeeds();
     let run = place.path("runs/fast-losses/knot/nerf/seed0");
     let (renders, truth) = (run.join("test"), run.join("truth"));
     let (renders, truth) = (renders.to_str().unwrap(), truth.to_str().unwrap());
@@ -44,42 +44,42 @@ fn pictures_that_do_not_fit_are_one_line() {
     picture("masks/0.png", 8);
     fs::create_dir(place.path("none")).unwrap();
     for (arguments, part) in [
-        (&["--renders", "a", "--truth", "small"][..], "a/0.png"),
-        (&["--renders", "a", "--truth", "more"], "no render in"),
-        (&["--renders", "more", "--truth", "a"], "no truth in"),
-        (&["--renders", "none", "--truth", "a"], "no PNG or JPEG"),
-        (&["--renders", "absent", "--truth", "a"], "absent"),
-        (&["--renders", "a", "--truth", "b", "--masks", "masks"], "mask"),
-        (&["--renders", "a", "--truth", "b", "--metric", "fid"], "fid"),
-        (&["--renders", "a", "--truth", "b", "--metric", "vmaf"], "vmaf"),
-        (&["--renders", "a", "--truth", "b", "--protocol", "ours"], "expected one of infonerf"),
+        ("--renders a --truth small", "a/0.png"),
+        ("--renders a --truth more", "no render in"),
+        ("--renders more --truth a", "no truth in"),
+        ("--renders none --truth a", "no PNG or JPEG"),
+        ("--renders absent --truth a", "absent"),
+        ("--renders a --truth b --masks masks", "mask"),
+        ("--renders a --truth b --metric fid", "fid"),
+        ("--renders a --truth b --metric vmaf", "vmaf"),
+        ("--renders a --truth b --protocol ours", "expected one of infonerf"),
     ] {
-        place.run(&[&["eval"], arguments].concat()).fails_with(&[part]);
+        place.run("eval").args(arguments).fails_with(&[part]);
     }
 }
 
 #[test]
 fn weights_are_listed_and_bad_files_refused() {
     let place = Workplace::new();
-    let listed = text(&place.run(&["weights"]).succeeds().stdout);
+    let listed = text(&place.run("weights").succeeds().stdout);
     for name in ["lpips-alex", "lpips-vgg-heads", "clip-vit-b32", "resnet34", "not here", "SHA-256"] {
         assert!(listed.contains(name), "{name}: {listed}");
     }
     fs::write(place.path("text.pth"), "no weights").unwrap();
-    place.run(&["weights", "import", "text.pth"]).fails_with(&["text.pth"]);
-    place.run(&["weights", "import", "absent.pth"]).fails_with(&["absent.pth"]);
-    place.run(&["weights", "fetch", "lpips-squeeze"]).fails_with(&["lpips-squeeze"]);
+    place.run("weights import text.pth").fails_with(&["text.pth"]);
+    place.run("weights import absent.pth").fails_with(&["absent.pth"]);
+    place.run("weights fetch lpips-squeeze").fails_with(&["lpips-squeeze"]);
 }
 
 #[test]
 fn a_scene_is_described_and_checked() {
     let place = Workplace::new();
-    place.run(&["scene", "export", "castle", "castle", "--size", "16"]).succeeds();
-    let described = text(&place.run(&["scene", "info", "castle", "--page", "castle.html"]).succeeds().stdout);
+    place.run("scene export castle castle --size 16").succeeds();
+    let described = text(&place.run("scene info castle --page castle.html").succeeds().stdout);
     assert!(described.contains("Blender") && described.contains("100 to train on"), "{described}");
     assert!(fs::read_to_string(place.path("castle.html")).unwrap().contains("<canvas"));
-    let json = place.run(&["scene", "info", "castle", "--json"]).succeeds();
+    let json = place.run("scene info castle --json").succeeds();
     assert!(serde_json::from_str::<Value>(&text(&json.stdout)).is_ok());
-    place.run(&["scene", "check", "castle"]).succeeds();
-    place.run(&["scene", "info", "absent"]).fails_with(&["absent"]);
+    place.run("scene check castle").succeeds();
+    place.run("scene info absent").fails_with(&["absent"]);
 }

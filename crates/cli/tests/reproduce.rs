@@ -7,29 +7,19 @@ use std::fs;
 use common::{Invocation, Workplace, records, text};
 
 /// A network of a few neurons and a few steps of a few rays.
-const TINY: [&str; 10] = [
-    "scene.size=16",
-    "field.layers=1",
-    "field.width=8",
-    "field.density=softplus",
-    "render.samples=8",
-    "render.occupancy.warmup=2",
-    "train.iterations=3",
-    "train.rays=16",
-    "eval.test=first-1",
-    "eval.information_rays=16",
-];
+const TINY: &str = "--set scene.size=16 --set field.layers=1 --set field.width=8 --set field.density=softplus \
+                    --set render.samples=8 --set render.occupancy.warmup=2 --set train.iterations=3 --set train.rays=16 \
+                    --set eval.test=first-1 --set eval.information_rays=16";
 
-fn tiny(place: &Workplace, args: &[&str]) -> Invocation {
-    let settings: Vec<&str> = TINY.iter().flat_map(|setting| ["--set", setting]).collect();
-    place.run(&["reproduce"]).args(&settings).args(args)
+fn tiny(place: &Workplace, args: &str) -> Invocation {
+    place.run("reproduce").args(TINY).args(args)
 }
 
 #[test]
 fn statements_are_tested_beside_the_papers_figures() {
     let place = Workplace::new();
-    let args = ["--only", "baseline", "--only", "information", "--scene", "knot", "--seed", "0"];
-    let said = text(&tiny(&place, &args).succeeds().stdout);
+    let args = "--only baseline --only information --scene knot --seed 0";
+    let said = text(&tiny(&place, args).succeeds().stdout);
     assert!(said.contains("On a narrow baseline: both losses ≥ entropy alone > none"), "{said}");
     assert!(said.contains("PSNR (dB): narrow-entropy > narrow-none") && said.contains("(paper +3.58)"), "{said}");
 
@@ -55,7 +45,7 @@ fn statements_are_tested_beside_the_papers_figures() {
     assert_eq!(order, expected);
     assert_ne!(list[0]["train_views"], list[4]["train_views"]);
 
-    let again = text(&tiny(&place, &args).succeeds().stdout);
+    let again = text(&tiny(&place, args).succeeds().stdout);
     assert!(again.contains("baseline: 8 runs, 8 of them finished before"), "{again}");
 }
 
@@ -63,8 +53,8 @@ fn statements_are_tested_beside_the_papers_figures() {
 #[test]
 fn a_run_is_done_once() {
     let place = Workplace::new();
-    let args = ["--only", "loss-ablation", "--only", "information", "--scene", "knot", "--seed", "0"];
-    let said = text(&tiny(&place, &args).succeeds().stdout);
+    let args = "--only loss-ablation --only information --scene knot --seed 0";
+    let said = text(&tiny(&place, args).succeeds().stdout);
     assert!(said.contains("2 runs are those of experiments above"), "{said}");
     let record = |experiment: &str, variant: &str| {
         let records = records(&place.path("runs/reproduce").join(experiment));
@@ -74,20 +64,20 @@ fn a_run_is_done_once() {
         let (ours, theirs) = (record("information", ours), record("loss-ablation", theirs));
         assert_eq!((&ours["experiment"], &ours["psnr"]), (&"information".into(), &theirs["psnr"]));
     }
-    let again = text(&tiny(&place, &args).succeeds().stdout);
+    let again = text(&tiny(&place, args).succeeds().stdout);
     assert!(again.contains("information: 3 runs, 3 of them finished before"), "{again}");
 }
 
 #[test]
 fn bad_input() {
     let place = Workplace::new();
-    tiny(&place, &["--only", "nonsense"]).fails_with(&["nonsense", "baseline"]);
-    tiny(&place, &["--only", "views", "--scene", "nonsense"]).fails_with(&["--scene nonsense"]);
-    tiny(&place, &["--only", "views", "--set", "train.lrr=1"]).fails_with(&["lrr"]);
-    tiny(&place, &["--only", "views", "--data", "nowhere"]).fails_with(&["nowhere"]);
-    tiny(&place, &["--seed", "1..0"]).fails_with(&["1..0"]);
+    tiny(&place, "--only nonsense").fails_with(&["nonsense", "baseline"]);
+    tiny(&place, "--only views --scene nonsense").fails_with(&["--scene nonsense"]);
+    tiny(&place, "--only views --set train.lrr=1").fails_with(&["lrr"]);
+    tiny(&place, "--only views --data nowhere").fails_with(&["nowhere"]);
+    tiny(&place, "--seed 1..0").fails_with(&["1..0"]);
     assert!(!place.path("runs").exists(), "nothing is written before the plan is whole");
-    tiny(&place, &["--only", "information", "--scene", "knot", "--seed", "0"]).succeeds();
-    let other = ["--only", "information", "--scene", "knot", "--seed", "0", "--set", "train.iterations=4"];
-    tiny(&place, &other).fails_with(&["config.toml", "another config"]);
+    tiny(&place, "--only information --scene knot --seed 0").succeeds();
+    let other = "--only information --scene knot --seed 0 --set train.iterations=4";
+    tiny(&place, other).fails_with(&["config.toml", "another config"]);
 }

@@ -47,11 +47,11 @@ fn running(item: usize, run: PathBuf) -> String {
 
 struct Sweep<'a> {
     place: &'a Workplace,
-    args: &'a [&'a str],
+    args: &'a str,
 }
 
 impl Sweep<'_> {
-    fn spawn(&self, out: &str, more: &[&str]) -> Child {
+    fn spawn(&self, out: &str, more: &str) -> Child {
         let mut command =
             self.place.tiny_without("train.iterations", self.args).args(&["--out", out]).args(more).into_command();
         let file = |name: &str| fs::File::create(self.place.path(&format!("{out}.{name}"))).unwrap();
@@ -74,12 +74,10 @@ fn numbers(place: &Workplace, sweep: &str, out: &str) -> Vec<Value> {
 #[ignore = "needs Slurm: just test-slurm"]
 fn a_requeued_item_goes_on_and_the_table_is_the_local_one() {
     let place = Workplace::new();
-    let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "infonerf"];
-    let weights = ["--grid", "loss.entropy.weight=0,1e-4,1e-3,1e-2", "--grid", "loss.kl.weight=0,1e-5,1e-4,1e-3"];
-    let length = ["--set", "train.iterations=1500", "--set", "train.checkpoint_every=50"];
-    let args = [&args[..], &weights, &length].concat();
-    let sweep = Sweep { place: &place, args: &args };
-    let child = sweep.spawn("slurm", &["--launch", "slurm", "--cpus", "1", "--jobs", "2", "--watch"]);
+    let args = "sweep fast-losses --scene knot --variant infonerf --grid loss.entropy.weight=0,1e-4,1e-3,1e-2 \
+                --grid loss.kl.weight=0,1e-5,1e-4,1e-3 --set train.iterations=1500 --set train.checkpoint_every=50";
+    let sweep = Sweep { place: &place, args };
+    let child = sweep.spawn("slurm", "--launch slurm --cpus 1 --jobs 2 --watch");
     let folder = place.path("slurm/sweep-fast-losses");
     let run = folder.join("knot/infonerf_loss.entropy.weight_0_loss.kl.weight_1e-4/seed0");
     let task = running(2, run);
@@ -91,7 +89,7 @@ fn a_requeued_item_goes_on_and_the_table_is_the_local_one() {
     assert!(shown.contains("Restarts=1"), "{shown}");
     assert!(folder.join(LOGS).join("merge.sh").exists());
 
-    let (said, code) = sweep.ended(sweep.spawn("local", &["--jobs", "2"]), "local");
+    let (said, code) = sweep.ended(sweep.spawn("local", "--jobs 2"), "local");
     assert_eq!(code, Some(0), "{said}");
     let numbers = |out| numbers(&place, "sweep-fast-losses", out);
     assert_eq!(numbers("slurm").len(), 16);
@@ -107,11 +105,10 @@ fn items_that_fail_take_too_long_or_are_cancelled() {
                 [variants.bad.scene]\nviews = { kind = 'ids', ids = [1000] }\n\
                 [variants.slow.train]\niterations = 1_000_000_000\n[variants.good.train]\niterations = 20\n";
     fs::write(place.path("mine.toml"), file).unwrap();
-    let args = ["sweep", "mine.toml", "--scene", "knot", "--grid", "loss.kl.weight=0", "--timeout", "60s"];
-    let variants = ["--variant", "cancelled", "--variant", "bad", "--variant", "slow", "--variant", "good"];
-    let args = [&args[..], &variants].concat();
-    let sweep = Sweep { place: &place, args: &args };
-    let child = sweep.spawn("slurm", &["--launch", "slurm", "--cpus", "1", "--watch"]);
+    let args = "sweep mine.toml --scene knot --grid loss.kl.weight=0 --timeout 60s \
+                --variant cancelled --variant bad --variant slow --variant good";
+    let sweep = Sweep { place: &place, args };
+    let child = sweep.spawn("slurm", "--launch slurm --cpus 1 --watch");
     let folder = place.path("slurm/sweep-mine");
     let run = |variant: &str| folder.join(format!("knot/{variant}_loss.kl.weight_0/seed0"));
     let task = running(0, run("cancelled"));
@@ -133,7 +130,7 @@ fn items_that_fail_take_too_long_or_are_cancelled() {
     assert!(logs.iter().any(|log| log.contains("stopping after this step")), "{logs:?}");
     assert!(run("slow").join("checkpoint/manifest.json").exists(), "it saved before its time was up");
 
-    let (said, code) = sweep.ended(sweep.spawn("local", &["--jobs", "2"]), "local");
+    let (said, code) = sweep.ended(sweep.spawn("local", "--jobs 2"), "local");
     assert_eq!(code, Some(1), "{said}");
     let numbers = |out| numbers(&place, "sweep-mine", out);
     assert_eq!(numbers("slurm").len(), 2);
@@ -144,16 +141,16 @@ fn items_that_fail_take_too_long_or_are_cancelled() {
 #[ignore = "needs Slurm: just test-slurm"]
 fn what_slurm_refuses_is_told_in_one_line() {
     let place = Workplace::new();
-    let sweep = |out: &str, more: &[&str]| {
-        let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "nerf", "--grid", "train.lr=1e-3,1e-2"];
-        place.tiny(&args).args(&["--launch", "slurm", "--out", out]).args(more)
+    let sweep = |out: &str, more: &str| {
+        let args = "sweep fast-losses --scene knot --variant nerf --grid train.lr=1e-3,1e-2 --launch slurm";
+        place.tiny(args).args(&["--out", out]).args(more)
     };
-    sweep("runs", &["--partition", "nowhere"]).fails_with(&["items 0 to 1 were not submitted", "nowhere"]);
-    sweep("runs", &["--submit-option=--nonsense"]).fails_with(&["items 0 to 1 were not submitted", "nonsense"]);
+    sweep("runs", "--partition nowhere").fails_with(&["items 0 to 1 were not submitted", "nowhere"]);
+    sweep("runs", "--submit-option=--nonsense").fails_with(&["items 0 to 1 were not submitted", "nonsense"]);
     // Held, so that it is under way for as long as this takes; in a folder whose name needs care.
     let out = "a \"b\" 100%";
-    sweep(out, &["--submit-option=--hold"]).succeeds();
-    sweep(out, &[]).fails_with(&["launch is under way: 3 of its tasks wait and 0 run", "scancel"]);
+    sweep(out, "--submit-option=--hold").succeeds();
+    sweep(out, "").fails_with(&["launch is under way: 3 of its tasks wait and 0 run", "scancel"]);
     let jobs = fs::read_to_string(place.path(out).join("sweep-fast-losses/launch/jobs.json")).unwrap();
     let jobs: Value = serde_json::from_str(&jobs).unwrap();
     let ids = || jobs["ids"].as_array().unwrap().iter().map(|id| id.as_str().unwrap());
@@ -163,7 +160,7 @@ fn what_slurm_refuses_is_told_in_one_line() {
     slurm("scontrol", &["release", ids().next().unwrap()]);
     slurm("scontrol", &["release", ids().nth(1).unwrap()]);
     let said = patiently("the end of the launch", || {
-        let output = sweep(out, &[]).into_command().output().unwrap();
+        let output = sweep(out, "").into_command().output().unwrap();
         output.status.success().then(|| text(&output.stdout))
     });
     assert!(said.contains("2 of them finished before"), "{said}");

@@ -15,7 +15,7 @@ fn results(place: &Workplace, name: &str) -> Value {
 #[test]
 fn every_operation_holds_its_bounds() {
     let place = Workplace::new();
-    let said = text(&place.run(&["bench", "stress", "--rays", "400"]).succeeds().stdout);
+    let said = text(&place.run("bench stress --rays 400").succeeds().stdout);
     assert!(said.contains("flex:") && said.contains("ndarray:"), "{said}");
     let results = results(&place, "stress");
     assert_eq!(results["non_finite"], 0);
@@ -33,7 +33,7 @@ fn every_operation_holds_its_bounds() {
 #[test]
 fn the_older_backend_agrees_with_flex() {
     let place = Workplace::new();
-    let said = text(&place.run(&["bench", "agreement", "--device", "ndarray"]).succeeds().stdout);
+    let said = text(&place.run("bench agreement --device ndarray").succeeds().stdout);
     let rows = &results(&place, "agreement")["rows"];
     let rows = rows.as_array().unwrap();
     for what in ["compositing", "factored field", "NeRF, a step", "mip-NeRF, 20 steps", "PixelNeRF, 20 steps"] {
@@ -42,13 +42,13 @@ fn the_older_backend_agrees_with_flex() {
     assert!(rows.iter().all(|row| row["holds"] == true), "{said}");
     // Two bodies of each operation, so not the same to the last digit.
     assert!(rows.iter().any(|row| row["error"].as_f64() > Some(0.0)), "{said}");
-    place.run(&["bench", "agreement", "--device", "flex"]).fails_with(&["--device flex", "another device"]);
+    place.run("bench agreement --device flex").fails_with(&["--device flex", "another device"]);
 }
 
 #[test]
 fn every_setting_trains() {
     let place = Workplace::new();
-    place.run(&["bench", "stress-training", "--seeds", "1", "--steps", "3"]).succeeds();
+    place.run("bench stress-training --seeds 1 --steps 3").succeeds();
     for row in results(&place, "stress-training")["rows"].as_array().unwrap() {
         assert_eq!((&row["stopped"], &row["not_finite"]), (&0.into(), &0.into()), "{row}");
     }

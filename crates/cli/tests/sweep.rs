@@ -15,7 +15,7 @@ const RUNS: usize = 8;
 const FOLDER: &str = "sweep-fast-losses";
 
 fn sweep(place: &Workplace, out: &str) -> Invocation {
-    place.tiny(&SWEEP).args(&["--out", out])
+    place.tiny(SWEEP).args(&["--out", out])
 }
 
 fn folder(place: &Workplace, out: &str) -> PathBuf {
@@ -88,7 +88,7 @@ fn every_combination_is_run_once() {
 fn two_at_a_time_give_the_same_numbers() {
     let place = Workplace::new();
     sweep(&place, "one").succeeds();
-    sweep(&place, "two").args(&["--jobs", "2"]).succeeds();
+    sweep(&place, "two").args("--jobs 2").succeeds();
     let list = |out| without_times(&records(&folder(&place, out)));
     assert_eq!(list("one"), list("two"));
     assert_eq!(table(&folder(&place, "one")), table(&folder(&place, "two")));
@@ -97,23 +97,45 @@ fn two_at_a_time_give_the_same_numbers() {
 #[test]
 fn an_experiment_runs_two_at_a_time() {
     let place = Workplace::new();
-    let chosen = ["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--variant", "infonerf"];
-    let run = |out: &str| place.tiny(&chosen).args(&["--out", out]);
+    let chosen = "exp fast-losses --scene knot --variant nerf --variant infonerf";
+    let run = |out: &str| place.tiny(chosen).args(&["--out", out]);
     run("one").succeeds();
-    let said = text(&run("two").args(&["--jobs", "2"]).succeeds().stdout);
+    let said = text(&run("two").args("--jobs 2").succeeds().stdout);
     assert!(said.contains("the paper's losses improve on RGB alone"), "its claims are told: {said}");
     let list = |out| without_times(&records(&place.path(out).join("fast-losses")));
     assert_eq!(list("one"), list("two"));
-    run("two").args(&["--jobs", "2", "--json"]).fails_with(&["--json", "--jobs"]);
+    run("two").args("--jobs 2 --json").fails_with(&["--json", "--jobs"]);
+}
+
+/// The runs that are there are removed first, and once: also those of another config, and not those that were not asked for.
+#[test]
+fn an_experiment_is_overwritten_in_processes_of_their_own() {
+    let place = Workplace::new();
+    let exp = |steps: &str| place.tiny("exp fast-losses --scene knot --variant nerf --jobs 2").args(&["--set", steps]);
+    exp("train.iterations=3").args("--variant infonerf").succeeds();
+    let listed = || finished(&place.path("runs/fast-losses"));
+    let before = listed();
+    exp("train.iterations=2").fails_with(&["config.toml", "another config"]);
+    let said = text(&exp("train.iterations=2").args("--overwrite").succeeds().stdout);
+    assert!(said.contains("1 runs, 0 of them finished before"), "{said}");
+    let after = listed();
+    assert_eq!(after.len(), 2);
+    let same = |name: &str| {
+        let of = |(path, _): &&(PathBuf, SystemTime)| path.iter().any(|part| part == name);
+        before.iter().find(of) == after.iter().find(of)
+    };
+    assert!(same("infonerf") && !same("nerf"));
+    let said = text(&exp("train.iterations=2").succeeds().stdout);
+    assert!(said.contains("1 of them finished before"), "{said}");
 }
 
 /// Four by four weights of the paper's losses.
-const WEIGHTS: [&str; 8] = ["sweep", "fast-losses", "--scene", "knot", "--variant", "infonerf", "--space", "paper"];
+const WEIGHTS: &str = "sweep fast-losses --scene knot --variant infonerf --space paper";
 
 #[test]
 fn a_sweep_that_was_killed_goes_on() {
     let place = Workplace::new();
-    let weights = |out: &str| place.tiny(&WEIGHTS).args(&["--set", "eval.information_rays=0", "--out", out]);
+    let weights = |out: &str| place.tiny(WEIGHTS).args(&["--set", "eval.information_rays=0", "--out", out]);
     weights("unbroken").succeeds();
     let killed = folder(&place, "killed");
     let mut child = weights("killed").into_command().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
@@ -142,10 +164,10 @@ fn a_sweep_that_was_killed_goes_on() {
 fn random_settings_are_repeatable_and_plotted() {
     let place = Workplace::new();
     let random = |count: &str, out: &str| {
-        let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "infonerf", "--random", count];
-        let ranges = ["--range", "loss.entropy.weight=log:1e-5:1e-1", "--range", "train.rays=int:16:48"];
+        let args = "sweep fast-losses --scene knot --variant infonerf --range loss.entropy.weight=log:1e-5:1e-1 \
+                    --range train.rays=int:16:48";
         // The ranges set what the tiny settings would.
-        place.tiny_without("train.rays", &args).args(&ranges).args(&["--out", out])
+        place.tiny_without("train.rays", args).args(&["--random", count, "--out", out])
     };
     random("3", "few").succeeds();
     random("4", "many").succeeds();
@@ -166,12 +188,9 @@ fn variants(records: &[Value]) -> BTreeSet<String> {
 fn hopeless_settings_are_stopped_early() {
     let place = Workplace::new();
     // A learning rate of 0 learns nothing: it cannot be among the best.
-    let halving = |out: &str| {
-        let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "nerf", "--halving", "2"];
-        let grid = ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12"];
-        place.tiny(&args).args(&grid).args(&["--out", out])
-    };
-    let said = text(&halving("runs").succeeds().stdout);
+    let args = "sweep fast-losses --scene knot --variant nerf --grid train.lr=0,1e-8,1e-3,2e-2 \
+                --set train.iterations=12";
+    let said = text(&place.tiny(args).args("--halving 2").succeeds().stdout);
     assert_eq!(said.matches("is stopped: training PSNR").count(), 3, "{said}");
     let kept = variants(&records(&folder(&place, "runs")));
     assert_eq!(kept.len(), 1, "{kept:?}");
@@ -179,21 +198,18 @@ fn hopeless_settings_are_stopped_early() {
     let report = fs::read_to_string(folder(&place, "runs").join("report.md")).unwrap();
     assert!(report.contains("stopped early"), "{report}");
     // Stopped runs are saved: without halving the sweep resumes them, and ends where one that never stopped would.
-    let whole = |place: &Workplace, out: &str| {
-        let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", out];
-        let grid = ["--grid", "train.lr=0,1e-8,1e-3,2e-2", "--set", "train.iterations=12"];
-        place.tiny(&args).args(&grid).succeeds();
-        without_times(&records(&folder(place, out)))
+    let whole = |out: &str| {
+        place.tiny(args).args(&["--out", out]).succeeds();
+        without_times(&records(&folder(&place, out)))
     };
-    assert_eq!(whole(&place, "runs"), whole(&place, "other"));
+    assert_eq!(whole("runs"), whole("other"));
 }
 
 #[test]
 fn a_run_that_takes_too_long_is_given_up_and_the_others_go_on() {
     let place = Workplace::new();
-    let args = ["sweep", "fast-losses", "--scene", "knot", "--variant", "nerf", "--timeout", "8s"];
-    let grid = ["--grid", "train.iterations=3,100000000"];
-    let output = place.tiny_without("train.iterations", &args).args(&grid).into_command().output().unwrap();
+    let args = "sweep fast-losses --scene knot --variant nerf --timeout 8s --grid train.iterations=3,100000000";
+    let output = place.tiny_without("train.iterations", args).into_command().output().unwrap();
     let (said, complaint) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(1), "{said}\n{complaint}");
     assert!(complaint.contains("timed out after 8 s") && complaint.contains("1 of 2 runs failed"), "{complaint}");
@@ -204,7 +220,7 @@ fn a_run_that_takes_too_long_is_given_up_and_the_others_go_on() {
 fn items_run_alone() {
     let place = Workplace::new();
     sweep(&place, "whole").succeeds();
-    sweep(&place, "items").args(&["--launch", "print"]).succeeds();
+    sweep(&place, "items").args("--launch print").succeeds();
     let manifest = "items/sweep-fast-losses/manifest.jsonl";
     for item in (0..RUNS).rev() {
         place.run(&["sweep-item", manifest, &item.to_string()]).succeeds();
@@ -212,7 +228,7 @@ fn items_run_alone() {
     let said = text(&place.run(&["sweep-item", manifest, "5"]).succeeds().stdout);
     assert!(said.contains("kept"), "{said}");
     place.run(&["sweep-item", manifest, "8"]).fails_with(&["manifest.jsonl", "item 8"]);
-    place.run(&["sweep-item", "nothing.jsonl", "0"]).fails_with(&["nothing.jsonl"]);
+    place.run("sweep-item nothing.jsonl 0").fails_with(&["nothing.jsonl"]);
     // What is left to do is the table.
     let said = text(&sweep(&place, "items").succeeds().stdout);
     assert!(said.contains("8 of them finished before"), "{said}");
@@ -224,16 +240,9 @@ fn items_run_alone() {
 fn an_item_that_fails_is_reported_and_the_others_go_on() {
     let place = Workplace::new();
     // The scene has 100 views.
-    let args = [
-        "--scene",
-        "knot",
-        "--variant",
-        "nerf",
-        "--grid",
-        "scene.views={kind=\"ids\",ids=[1]},{kind=\"ids\",ids=[1000]}",
-    ];
-    let command = [&["sweep", "fast-losses"][..], &args].concat();
-    let output = place.tiny(&command).into_command().output().unwrap();
+    let args = "sweep fast-losses --scene knot --variant nerf \
+                --grid scene.views={kind='ids',ids=[1]},{kind='ids',ids=[1000]}";
+    let output = place.tiny(args).into_command().output().unwrap();
     let (said, complaint) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(1), "{said}\n{complaint}");
     assert!(complaint.contains("failed: ") && complaint.contains("1000"), "{complaint}");
@@ -246,7 +255,7 @@ fn a_variant_that_the_grid_makes_into_another_is_left_out() {
     let place = Workplace::new();
     let file = "[variants.a]\n[variants.b.loss]\nentropy.weight = 0.5\n[variants.c.train]\nlr = 1e-3\n";
     fs::write(place.path("mine.toml"), file).unwrap();
-    let sweep = place.tiny(&["sweep", "mine.toml", "--scene", "knot", "--grid", "loss.entropy.weight=0,1e-3"]);
+    let sweep = place.tiny("sweep mine.toml --scene knot --grid loss.entropy.weight=0,1e-3");
     let said = text(&sweep.succeeds().stdout);
     assert!(said.contains("4 runs") && said.contains("variant b is left out"), "{said}");
 }
@@ -254,7 +263,7 @@ fn a_variant_that_the_grid_makes_into_another_is_left_out() {
 #[test]
 fn bad_grids() {
     let place = Workplace::new();
-    let grid = |args: &[&str]| place.tiny(&["sweep", "fast-losses", "--scene", "knot"]).args(args);
+    let grid = |args: &str| place.tiny("sweep fast-losses --scene knot").args(args);
     for (values, parts) in [
         ("loss.entropi.weight=0,1", &["entropi"][..]),
         ("loss.entropy.weight", &["loss.entropy.weight", "="]),
@@ -267,24 +276,21 @@ fn bad_grids() {
         ("train.precrop_steps=0.5", &["train.precrop_steps", "0.5"]),
         ("..=1", &["..=1"]),
     ] {
-        grid(&["--grid", values]).fails_with(parts);
+        grid(&format!("--grid {values}")).fails_with(parts);
     }
-    let twice = ["--grid", "train.lr=1e-3,1e-2", "--grid", "train.lr=0.1"];
-    grid(&twice).fails_with(&["--grid train.lr", "twice"]);
-    let contradiction = ["--grid", "train.lr=1e-3", "--set", "train.lr=1e-2"];
-    grid(&contradiction).fails_with(&["--set train.lr=1e-2", "--grid train.lr"]);
-    grid(&["--grid", "train.lr=1e-3", "--scene", "lego"]).fails_with(&["lego"]);
-    grid(&["--grid", "train.lr=1e-3", "--seed", "1", "--seed", "0..2"]).fails_with(&["--seed 1", "twice"]);
-    grid(&[]).fails_with(&["--grid"]);
-    grid(&["--grid", "train.lr=1e-3", "--jobs", "0"]).fails_with(&["--jobs"]);
-    grid(&["--grid", "train.lr=1e-3", "--seed", "4..0"]).fails_with(&["4..0"]);
-    grid(&["--grid", "train.lr=1e-3", "--timeout", "0"]).fails_with(&["--timeout"]);
-    grid(&["--grid", "train.lr=1e-3", "--halving", "1"]).fails_with(&["--halving"]);
-    grid(&["--grid", "train.lr=1e-3", "--halving", "2", "--launch", "print"])
-        .fails_with(&["--halving", "--launch local"]);
-    grid(&["--random", "3"]).fails_with(&["--range"]);
-    grid(&["--range", "train.lr=0:1"]).fails_with(&["--random"]);
-    let random = |range: &str| grid(&["--random", "2", "--range", range]);
+    grid("--grid train.lr=1e-3,1e-2 --grid train.lr=0.1").fails_with(&["--grid train.lr", "twice"]);
+    grid("--grid train.lr=1e-3 --set train.lr=1e-2").fails_with(&["--set train.lr=1e-2", "--grid train.lr"]);
+    grid("--grid train.lr=1e-3 --scene lego").fails_with(&["lego"]);
+    grid("--grid train.lr=1e-3 --seed 1 --seed 0..2").fails_with(&["--seed 1", "twice"]);
+    grid("").fails_with(&["--grid"]);
+    grid("--grid train.lr=1e-3 --jobs 0").fails_with(&["--jobs"]);
+    grid("--grid train.lr=1e-3 --seed 4..0").fails_with(&["4..0"]);
+    grid("--grid train.lr=1e-3 --timeout 0").fails_with(&["--timeout"]);
+    grid("--grid train.lr=1e-3 --halving 1").fails_with(&["--halving"]);
+    grid("--grid train.lr=1e-3 --halving 2 --launch print").fails_with(&["--halving", "--launch local"]);
+    grid("--random 3").fails_with(&["--range"]);
+    grid("--range train.lr=0:1").fails_with(&["--random"]);
+    let random = |range: &str| grid(&format!("--random 2 --range {range}"));
     for (range, parts) in [
         ("train.lr", &["--range train.lr", "="][..]),
         ("train.lr=1", &["--range train.lr=1", "LOW:HIGH"]),
@@ -297,15 +303,15 @@ fn bad_grids() {
     ] {
         random(range).fails_with(parts);
     }
-    random("train.lr=0:1").args(&["--grid", "train.lr=0.1"]).fails_with(&["--range train.lr", "--grid train.lr"]);
-    random("train.lr=0:1").args(&["--set", "train.lr=0.1"]).fails_with(&["--set train.lr=0.1", "--range train.lr"]);
+    random("train.lr=0:1").args("--grid train.lr=0.1").fails_with(&["--range train.lr", "--grid train.lr"]);
+    random("train.lr=0:1").args("--set train.lr=0.1").fails_with(&["--set train.lr=0.1", "--range train.lr"]);
     assert!(!place.path("runs").exists(), "nothing is written before the plan is whole");
 }
 
 #[test]
 fn another_version_and_another_config() {
     let place = Workplace::new();
-    sweep(&place, "runs").args(&["--launch", "print"]).succeeds();
+    sweep(&place, "runs").args("--launch print").succeeds();
     let path = folder(&place, "runs").join("manifest.jsonl");
     let whole = fs::read_to_string(&path).unwrap();
     let name = path.to_str().unwrap();
@@ -323,5 +329,5 @@ fn another_version_and_another_config() {
 
     fs::write(&path, whole).unwrap();
     place.run(&["sweep-item", name, "0"]).succeeds();
-    sweep(&place, "runs").args(&["--set", "train.iterations=4"]).fails_with(&["config.toml", "another config"]);
+    sweep(&place, "runs").args("--set train.iterations=4").fails_with(&["config.toml", "another config"]);
 }

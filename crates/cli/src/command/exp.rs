@@ -77,20 +77,17 @@ pub(crate) fn run(args: &ExpArgs) -> Result<ExitCode> {
     if args.launch.in_process()? {
         return in_process(args, &experiment);
     }
-    let own = [
-        ("--overwrite", args.existing.overwrite),
-        ("--profile", args.profile),
-        ("--view", args.view.is_some()),
-        ("--quiet", args.quiet),
-        ("--json", args.json),
-    ];
+    let own =
+        [("--profile", args.profile), ("--view", args.view.is_some()), ("--quiet", args.quiet), ("--json", args.json)];
     if let Some((option, _)) = own.into_iter().find(|(_, given)| *given) {
         match args.launch.limit() {
             Some(limit) => bail!("{option}: expected no {limit}, with which each run is a process of its own"),
             None => bail!("{option}: expected --launch local"),
         }
     }
-    drive(&[Sweep::of(experiment)], &args.selection, &args.launch, &args.out, |outcomes| {
+    let mut sweep = Sweep::of(experiment);
+    sweep.overwrites = args.existing.overwrite;
+    drive(&[sweep], &args.selection, &args.launch, &args.out, |outcomes| {
         outcomes.iter().for_each(|outcome| print_claims(&outcome.input));
         Ok(())
     })

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 use std::process::ExitCode;
+use std::slice;
 
 use anyhow::{Result, bail};
 use infonerf_experiment::DeviceName;
@@ -58,7 +59,7 @@ pub(crate) fn drive(
             selection.networks.open(&open_device(device)?)?;
             let workers = Workers { runner, jobs: launch.jobs.unwrap_or(1) as usize, stop: interrupt::asked };
             let Some(ended) = here(prepare()?, out, &workers)? else {
-                outln!("stopped and saved; the same command resumes");
+                outln!("stopped and saved; {} resumes", same_command(sweeps));
                 return Ok(ExitCode::from(INTERRUPTED));
             };
             ended
@@ -85,7 +86,8 @@ fn here(sweeps: Vec<(&Sweep, Prepared)>, out: &Path, workers: &Workers) -> Resul
         command_line::save(&out.join(&sweep.about.name))?;
         let Execution::Ended { failed, outcome } = local::execute(sweep, &prepared, workers)? else { return Ok(None) };
         if failed > 0 {
-            errln!("{failed} of {} runs failed; the same command tries them again", sweep.len());
+            let again = same_command(slice::from_ref(sweep));
+            errln!("{failed} of {} runs failed; {again} tries them again", sweep.len());
         }
         all_failed += failed;
         outcomes.extend(shown(outcome));
@@ -123,6 +125,14 @@ fn shown(outcome: Option<Box<Outcome>>) -> Option<Outcome> {
 fn title(sweep: &Sweep, several: bool) {
     if several {
         outln!("\n{}", sweep.about.title);
+    }
+}
+
+/// The command that continues `sweeps`: without `--overwrite`, which would start them over.
+fn same_command(sweeps: &[Sweep]) -> &'static str {
+    match sweeps.iter().any(|sweep| sweep.overwrites) {
+        true => "the same command without --overwrite",
+        false => "the same command",
     }
 }
 

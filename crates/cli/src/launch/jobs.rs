@@ -15,7 +15,7 @@ use crate::{command_line, interrupt};
 /// Time between two questions to the scheduler.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// What is not finished of `sweeps`.
+/// The unfinished items of `sweeps`.
 pub(super) fn batches(sweeps: &[(&Sweep, Prepared)]) -> Result<Vec<Batch>> {
     let batches = sweeps.iter().map(|(sweep, prepared)| sweep.batch(prepared)).collect::<Result<Vec<_>>>()?;
     Ok(batches.into_iter().filter(|batch| !batch.items.is_empty()).collect())

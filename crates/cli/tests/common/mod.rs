@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -29,23 +29,32 @@ const TINY: [&str; 16] = [
     "render.occupancy.every=1",
 ];
 
+/// Words of a command line: those of a text, which spaces separate, or of a list.
+pub trait Words {
+    fn words(self) -> Vec<OsString>;
+}
+
+impl Words for &str {
+    fn words(self) -> Vec<OsString> {
+        self.split_whitespace().map(Into::into).collect()
+    }
+}
+
+impl<S: AsRef<OsStr>> Words for &[S] {
+    fn words(self) -> Vec<OsString> {
+        self.iter().map(Into::into).collect()
+    }
+}
+
+impl<S: AsRef<OsStr>, const N: usize> Words for &[S; N] {
+    fn words(self) -> Vec<OsString> {
+        self.as_slice().words()
+    }
+}
+
 /// A sweep of four values, two seeds, one scene.
-pub const SWEEP: [&str; 14] = [
-    "sweep",
-    "fast-losses",
-    "--scene",
-    "knot",
-    "--variant",
-    "infonerf",
-    "--grid",
-    "loss.entropy.weight=0,1e-3",
-    "--grid",
-    "loss.kl.weight=0,1e-4",
-    "--seed",
-    "0..1",
-    "--set",
-    "eval.information_rays=0",
-];
+pub const SWEEP: &str = "sweep fast-losses --scene knot --variant infonerf --grid loss.entropy.weight=0,1e-3 \
+                         --grid loss.kl.weight=0,1e-4 --seed 0..1 --set eval.information_rays=0";
 
 /// A folder that goes away after the test.
 pub struct Workplace(tempfile::TempDir);
@@ -67,27 +76,28 @@ impl Workplace {
     }
 
     /// `infonerf ARGS`, in this folder.
-    pub fn run(&self, args: &[&str]) -> Invocation {
+    pub fn run(&self, args: impl Words) -> Invocation {
         Invocation { folder: self.0.path().to_owned(), args: Vec::new(), variables: Vec::new() }.args(args)
     }
 
     /// The same with settings under which everything is quick; what `args` set wins.
-    pub fn tiny(&self, args: &[&str]) -> Invocation {
+    pub fn tiny(&self, args: impl Words) -> Invocation {
         self.tiny_without("nothing", args)
     }
 
     /// The same without the setting of one key, which `args` set in another way.
-    pub fn tiny_without(&self, key: &str, args: &[&str]) -> Invocation {
+    pub fn tiny_without(&self, key: &str, args: impl Words) -> Invocation {
         let other = |setting: &&&str| setting.split('=').next() != Some(key);
         let settings: Vec<&str> = TINY.iter().filter(other).flat_map(|setting| ["--set", setting]).collect();
-        let (command, rest) = args.split_at(1);
-        self.run(command).args(&settings).args(rest)
+        let words = args.words();
+        let (command, rest) = words.split_at(1);
+        self.run(command).args(settings.as_slice()).args(rest)
     }
 }
 
 impl Invocation {
-    pub fn args(mut self, args: &[&str]) -> Self {
-        self.args.extend(args.iter().map(Into::into));
+    pub fn args(mut self, args: impl Words) -> Self {
+        self.args.extend(args.words());
         self
     }
 
@@ -104,7 +114,7 @@ impl Invocation {
 
     pub fn into_command(self) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_infonerf"));
-        command.env_remove("RUST_LOG").env_remove("RUST_BACKTRACE");
+        command.env_remove("RUST_LOG").env_remove("RUST_BACKTRACE").env_remove("COLUMNS");
         // Not the weights that whoever runs the tests may have.
         command.env_remove("INFONERF_WEIGHTS").env("XDG_CACHE_HOME", self.folder.join("cache"));
         command.envs(self.variables).current_dir(self.folder).args(self.args);

@@ -28,7 +28,7 @@ use anyhow::{Context, Result, bail};
 use infonerf_report::read_records;
 
 use crate::launch::{Batch, Ended, Queue, Workers, refuse_under_way};
-use crate::run::lock;
+use crate::run::{clear, lock};
 use crate::{DeviceName, Identity, RunPlan};
 use halving::{Dropped, drop_worst, rungs};
 pub use item::run_item;
@@ -37,7 +37,7 @@ pub use outcome::Outcome;
 use plan::Item;
 pub use plan::Sweep;
 
-/// What happens in a sweep, for whoever watches it.
+/// Events of a sweep.
 #[derive(Debug)]
 pub enum SweepEvent<'a> {
     /// Some items are about to be run.
@@ -71,7 +71,7 @@ pub enum SweepEvent<'a> {
 /// as long as this lives.
 pub struct Prepared {
     state: State,
-    /// What the user should know.
+    /// A notice for the user.
     pub warning: Option<String>,
     _lock: fs::File,
 }
@@ -100,11 +100,11 @@ impl Prepared {
     }
 }
 
-/// What was merged.
+/// The result of a merge.
 pub struct Merged {
     /// The runs that are not finished.
     pub missing: Vec<String>,
-    /// What was written; none without any record.
+    /// The files written; none without any record.
     pub outcome: Option<Box<Outcome>>,
 }
 
@@ -116,7 +116,7 @@ pub enum Execution {
     Ended {
         /// Items without a record, but for those of settings that were stopped early.
         failed: usize,
-        /// What was written; none without any record.
+        /// The files written; none without any record.
         outcome: Option<Box<Outcome>>,
     },
 }
@@ -134,6 +134,9 @@ impl Sweep {
         let (lock, warning) = lock(&folder, "sweep")?;
         manifest::refuse_another_version(&path)?;
         refuse_under_way(&folder)?;
+        if self.overwrites {
+            self.remove_runs(&folder)?;
+        }
         let state = self.state(out, device)?;
         manifest::write(&path, &self.items)?;
         Ok(Prepared { state, warning, _lock: lock })
@@ -211,6 +214,20 @@ impl Sweep {
         let stopped = |Dropped { variant, reason }: Dropped| format!("{variant} was stopped early: {reason}.");
         let outcome = outcome::write(self, folder, &failed, dropped.into_iter().map(stopped).collect())?;
         Ok(Execution::Ended { failed: failed.len(), outcome: outcome.map(Box::new) })
+    }
+
+    /// Removes what its runs left in `folder`, once no other process is at work on any of them.
+    fn remove_runs(&self, folder: &Path) -> Result<()> {
+        let runs = self.runs().map(|plan| folder.join(plan.directory())).filter(|run| run.exists());
+        let locked = runs.map(|run| Ok((lock(&run, "run")?, run))).collect::<Result<Vec<_>>>()?;
+        for (_lock, run) in &locked {
+            clear(run)?;
+            let config = run.join("config.toml");
+            if config.exists() {
+                fs::remove_file(&config).with_context(|| config.display().to_string())?;
+            }
+        }
+        Ok(())
     }
 
     /// Which items are finished on `device`, below `out`.

@@ -13,14 +13,16 @@ use crate::{About, Experiment, RunPlan};
 /// A sweep, ready to run.
 #[derive(Clone, Debug)]
 pub struct Sweep {
-    /// What its experiment is.
+    /// Its experiment.
     pub about: About,
     pub(super) space: Space,
     /// At each rung of successive halving, one of this many settings continues.
     pub halving: Option<u32>,
+    /// Whether its runs that are there already are removed when it is prepared, whatever their config.
+    pub overwrites: bool,
     /// In the order of the tables: by scene, variant, values, seed.
     pub(super) items: Vec<Item>,
-    /// What the user should know before it runs.
+    /// Notices for the user before it runs.
     pub notices: Vec<String>,
 }
 
@@ -41,7 +43,14 @@ impl Sweep {
     pub fn of(experiment: Experiment) -> Self {
         let item = |plan: RunPlan| Item { variant: plan.variant.clone(), plan, setting: Setting::default() };
         let items = experiment.runs.into_iter().map(item).collect();
-        Self { about: experiment.about, space: Space::default(), halving: None, items, notices: Vec::new() }
+        Self {
+            about: experiment.about,
+            space: Space::default(),
+            halving: None,
+            overwrites: false,
+            items,
+            notices: Vec::new(),
+        }
     }
 
     /// The runs of the experiment called `experiment` for every combination of values.
@@ -82,7 +91,7 @@ impl Sweep {
         if repeated > 0 {
             notices.push(format!("{repeated} of the random settings repeat earlier ones and are left out"));
         }
-        Ok(Self { about, space, halving: options.halving, items, notices })
+        Ok(Self { about, space, halving: options.halving, overwrites: false, items, notices })
     }
 
     /// Its runs, in the order of the tables.

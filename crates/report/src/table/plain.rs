@@ -12,7 +12,6 @@ pub enum Emphasis {
 
 impl Table {
     /// Aligned columns for a terminal, protocol above.
-    #[must_use]
     pub fn to_text(&self, emphasis: Emphasis) -> String {
         let grid = self.grid(emphasis);
         let widths = widths(&grid);
@@ -56,7 +55,11 @@ impl Table {
         }
         kept.sort_unstable();
         let left_out = self.columns.len() - kept.len();
-        let note = (left_out > 0).then(|| format!("{left_out} more columns are in report.html"));
+        let note = match left_out {
+            0 => None,
+            1 => Some("1 more column is in report.html".into()),
+            _ => Some(format!("{left_out} more columns are in report.html")),
+        };
         let cells = |row: &Row| kept.iter().filter_map(|&column| row.cells.get(column).copied()).collect();
         Self {
             columns: kept.iter().map(|&column| self.columns[column].clone()).collect(),
@@ -130,9 +133,9 @@ infonerf  18.50 ± 0.71*  19.50 ± 0.71*  19.00 ± 0.71*
         let headings: Vec<&str> = narrow.columns.iter().map(|column| column.heading.as_str()).collect();
         assert_eq!(headings, ["lego", "mean"]);
         assert!(
-            narrow.to_text(Emphasis::Star).ends_with(
-                "19.00 ± 0.71*\n──────────────────────────────────────\n1 more columns are in report.html\n"
-            )
+            narrow
+                .to_text(Emphasis::Star)
+                .ends_with("19.00 ± 0.71*\n──────────────────────────────────────\n1 more column is in report.html\n")
         );
         assert!(wide.narrowed(0).columns.is_empty());
     }
