@@ -5,9 +5,10 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use infonerf_scene::SceneError;
-use npyz::WriterBuilder;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
+
+use crate::loaders::encode_npy;
 
 /// An array's name, shape and values in C's order.
 pub(crate) type Named = (String, Vec<u64>, Vec<f64>);
@@ -21,18 +22,9 @@ pub(crate) fn write(path: &Path, arrays: &[Named], method: CompressionMethod) ->
         let mut archive = ZipWriter::new(File::create(path)?);
         for (name, shape, values) in arrays {
             archive.start_file(format!("{name}.npy"), SimpleFileOptions::default().compression_method(method))?;
-            archive.write_all(&npy(shape, values)?)?;
+            archive.write_all(&encode_npy(shape, values)?)?;
         }
         archive.finish().map(drop).map_err(io::Error::from)
     };
     written().map_err(|e| SceneError::io(path, e))
-}
-
-fn npy(shape: &[u64], values: &[f64]) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let options = npyz::WriteOptions::<f64>::new().default_dtype().shape(shape);
-    let mut writer = options.writer(&mut bytes).begin_nd()?;
-    writer.extend(values.iter().copied())?;
-    writer.finish()?;
-    Ok(bytes)
 }

@@ -41,7 +41,7 @@ pub(crate) struct Parts<'a> {
     pub space: Space,
     /// The colour that mattes are composited on, where the format says so.
     pub background: Option<[f32; 3]>,
-    /// What a person should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 

@@ -14,7 +14,7 @@ use super::llff::{FOLDERS, list_images};
 use super::optics::Intrinsics;
 use crate::colmap::{ColmapImage, Reconstruction};
 
-/// What a message calls this format's file.
+/// Name of this format's file in messages.
 pub(super) const MARKER: &str = "sparse/0/cameras.bin (or .txt)";
 
 /// What a folder with a COLMAP reconstruction says.

@@ -1,4 +1,4 @@
-//! What the cameras and points of a real capture say about where its content is, and which views to hold out.
+//! The space of a real capture (near, far, box, layout), estimated from its cameras and points; and which views to hold out.
 
 use glam::Vec3;
 use infonerf_scene::poses::{ViewRegion, up_direction};

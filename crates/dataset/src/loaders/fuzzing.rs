@@ -1,4 +1,4 @@
-//! What reads files, on bytes: entry points for the fuzzers in `fuzz/` and for the tests that replay them.
+//! The file readers applied to bytes: entry points for the fuzzers in `fuzz/` and for the tests that replay them.
 //!
 //! Each goes as far as it can without touching the disk, and returns whether the bytes were accepted: what fuzzing asks
 //! is that it returns at all, with finite numbers where it accepts.
@@ -34,7 +34,7 @@ pub fn transforms(bytes: &[u8]) -> bool {
 /// A `poses_bounds.npy`, with the cameras, rays and poses that follow from it.
 pub fn poses_bounds(bytes: &[u8]) -> bool {
     let path = Path::new(llff::MARKER);
-    let array = npy::decode(path, bytes, bytes.len() as u64, llff::EXPECTED);
+    let array = npy::decode(path, bytes, llff::EXPECTED);
     let placed = array.and_then(|array| llff::rows(path, array)).and_then(|rows| llff::placed(path, &rows));
     let Ok((poses, range)) = placed else { return false };
     let camera = |pose| Camera::pinhole((8, 6), [9.0; 2], [4.0, 3.0], pose);
@@ -47,7 +47,7 @@ pub fn poses_bounds(bytes: &[u8]) -> bool {
 
 /// An `.npy` of depths.
 pub fn depth(bytes: &[u8]) -> bool {
-    npy::decode(Path::new("depth.npy"), bytes, bytes.len() as u64, "depths").is_ok()
+    npy::decode(Path::new("depth.npy"), bytes, "depths").is_ok()
 }
 
 /// A file of a COLMAP reconstruction, binary or text, whichever of the three it may be.
@@ -94,7 +94,7 @@ pub fn image(bytes: &[u8]) -> bool {
     true
 }
 
-/// What training does with cameras.
+/// Selects, perturbs and casts rays through cameras as training does.
 fn follow(cameras: &[Camera], bounds: Aabb) {
     let mut rng = ChaCha8Rng::seed_from_u64(1);
     for selection in [ViewSelection::Seed { seed: 0, count: 2 }, ViewSelection::Wide { count: 2, seed: 0 }] {

@@ -1,11 +1,12 @@
 //! JSON files in which every value knows its path, for error messages.
 
-use std::fs;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use infonerf_scene::SceneError;
 use serde_json::Value;
+
+use crate::limits::read_file;
 
 /// The largest file that is read, in bytes.
 const LARGEST: u64 = 256 << 20;
@@ -22,16 +23,7 @@ pub(crate) struct JsonFile {
 impl JsonFile {
     /// Reads and parses a file, refusing one of more than [`LARGEST`] bytes unread.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
-        if !path.is_file() {
-            let expected = "a JSON file with camera poses".into();
-            return Err(SceneError::NotFound { path: path.into(), expected });
-        }
-        let size = fs::metadata(path).map_err(|e| SceneError::io(path, e))?.len();
-        if size > LARGEST {
-            let what = "the size of the JSON file in bytes";
-            return Err(SceneError::TooLarge { path: path.into(), what, size, limit: LARGEST });
-        }
-        Self::parse(path, &fs::read(path).map_err(|e| SceneError::io(path, e))?)
+        Self::parse(path, &read_file(path, "a JSON file with camera poses", LARGEST)?)
     }
 
     /// Parses what the file at `path` holds. A byte-order mark, as Windows editors write it, is skipped.
@@ -144,6 +136,8 @@ fn short(value: &Value) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]

@@ -25,7 +25,7 @@ pub(crate) use extent::grid;
 pub(crate) use frames::Frame;
 pub(crate) use json::{JsonFile, Node};
 pub(crate) use llff::list_images;
-pub(crate) use npy::write as write_npy;
+pub(crate) use npy::{encode as encode_npy, write as write_npy};
 
 pub(crate) use pose::read_flat_pose;
 
@@ -42,42 +42,25 @@ struct Known {
     format: Format,
     marker: &'static str,
     found: fn(&Path) -> bool,
-    parts: for<'a> fn(&'a Path, &SceneRequest) -> Result<Parts<'a>, SceneError>,
+    parts: Reader,
+}
+
+type Reader = for<'a> fn(&'a Path, &SceneRequest) -> Result<Parts<'a>, SceneError>;
+
+impl Known {
+    const fn new(format: Format, marker: &'static str, found: fn(&Path) -> bool, parts: Reader) -> Self {
+        Self { format, marker, found, parts }
+    }
 }
 
 /// The known formats, in the order in which they are looked for.
 const FORMATS: [Known; 6] = [
-    Known {
-        format: Format::Blender,
-        marker: blender::MARKER,
-        found: |dir| dir.join(blender::MARKER).is_file(),
-        parts: blender::parts,
-    },
-    Known {
-        format: Format::Transforms,
-        marker: nerfstudio::MARKER,
-        found: |dir| dir.join(nerfstudio::MARKER).is_file(),
-        parts: nerfstudio::parts,
-    },
-    Known {
-        format: Format::Llff,
-        marker: llff::MARKER,
-        found: |dir| dir.join(llff::MARKER).is_file(),
-        parts: llff::parts,
-    },
-    Known {
-        format: Format::Dtu,
-        marker: dtu::MARKER,
-        found: |dir| dtu::cameras_file(dir).is_some(),
-        parts: dtu::parts,
-    },
-    Known { format: Format::Zju, marker: zju::MARKER, found: |dir| dir.join(zju::MARKER).is_file(), parts: zju::parts },
-    Known {
-        format: Format::Colmap,
-        marker: colmap::MARKER,
-        found: |dir| crate::colmap::find(dir).is_some(),
-        parts: colmap::parts,
-    },
+    Known::new(Format::Blender, blender::MARKER, |dir| dir.join(blender::MARKER).is_file(), blender::parts),
+    Known::new(Format::Transforms, nerfstudio::MARKER, |dir| dir.join(nerfstudio::MARKER).is_file(), nerfstudio::parts),
+    Known::new(Format::Llff, llff::MARKER, |dir| dir.join(llff::MARKER).is_file(), llff::parts),
+    Known::new(Format::Dtu, dtu::MARKER, |dir| dtu::cameras_file(dir).is_some(), dtu::parts),
+    Known::new(Format::Zju, zju::MARKER, |dir| dir.join(zju::MARKER).is_file(), zju::parts),
+    Known::new(Format::Colmap, colmap::MARKER, |dir| crate::colmap::find(dir).is_some(), colmap::parts),
 ];
 
 /// Whether the folder `dir` is in a known format.

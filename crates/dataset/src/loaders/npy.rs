@@ -1,11 +1,13 @@
 //! Bounded reading of `.npy` arrays.
 
-use std::fs::{self, File};
-use std::io::{self, BufReader, BufWriter, Cursor, Read, Write};
+use std::fs;
+use std::io::{self, Cursor, Read};
 use std::path::Path;
 
 use infonerf_scene::SceneError;
 use npyz::{AutoSerialize, Deserialize, NpyFile, Order, TypeChar, WriterBuilder};
+
+use crate::limits::read_file;
 
 /// The largest file that is read, in bytes.
 const LARGEST: u64 = 1 << 30;
@@ -23,20 +25,12 @@ pub(crate) struct Array<T> {
 
 /// Reads an array of `f32` or `f64` as `f64`; in Fortran's order if it is a matrix.
 pub(super) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError> {
-    if !path.is_file() {
-        return Err(SceneError::NotFound { path: path.into(), expected: expected.into() });
-    }
-    let size = fs::metadata(path).map_err(|e| SceneError::io(path, e))?.len();
-    if size > LARGEST {
-        let what = "the size of the array file in bytes";
-        return Err(SceneError::TooLarge { path: path.into(), what, size, limit: LARGEST });
-    }
-    let file = File::open(path).map_err(|e| SceneError::io(path, e))?;
-    decode(path, BufReader::new(file), size, expected)
+    decode(path, &read_file(path, expected, LARGEST)?, expected)
 }
 
-/// Decodes the file at `path`, which has `size` bytes.
-pub(crate) fn decode(path: &Path, mut file: impl Read, size: u64, expected: &str) -> Result<Array<f64>, SceneError> {
+/// Decodes the bytes of the file at `path`.
+pub(crate) fn decode(path: &Path, mut file: &[u8], expected: &str) -> Result<Array<f64>, SceneError> {
+    let size = file.len() as u64;
     let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
     let header = header(&mut file).map_err(|e| fault(&e))?;
     let npy = NpyFile::new(header.chain(file)).map_err(|e| fault(&e))?;
@@ -97,13 +91,16 @@ fn collect<T: Deserialize + Into<f64>>(npy: NpyFile<impl Read>) -> io::Result<Ve
 
 /// Writes an array in C's order.
 pub(crate) fn write<T: AutoSerialize + Copy>(path: &Path, shape: &[u64], values: &[T]) -> Result<(), SceneError> {
-    let io = |e| SceneError::io(path, e);
-    let mut file = BufWriter::new(File::create(path).map_err(io)?);
-    let mut writer =
-        npyz::WriteOptions::<T>::new().default_dtype().shape(shape).writer(&mut file).begin_nd().map_err(io)?;
-    writer.extend(values.iter().copied()).map_err(io)?;
-    writer.finish().map_err(io)?;
-    file.flush().map_err(io)
+    encode(shape, values).and_then(|bytes| fs::write(path, bytes)).map_err(|e| SceneError::io(path, e))
+}
+
+/// The bytes of a file with an array in C's order.
+pub(crate) fn encode<T: AutoSerialize + Copy>(shape: &[u64], values: &[T]) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    let mut writer = npyz::WriteOptions::new().default_dtype().shape(shape).writer(&mut bytes).begin_nd()?;
+    writer.extend(values.iter().copied())?;
+    writer.finish()?;
+    Ok(bytes)
 }
 
 #[cfg(test)]

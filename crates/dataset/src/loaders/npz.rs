@@ -51,7 +51,7 @@ pub(super) fn decode(
         let size = unpacked.len() as u64;
         left = left.checked_sub(size).ok_or_else(|| fault(&format!("more than {LARGEST} bytes unpacked")))?;
         let inner = path.join(format!("{name}.npy"));
-        arrays.insert(name, npy::decode(&inner, &unpacked[..], size, expected)?);
+        arrays.insert(name, npy::decode(&inner, &unpacked, expected)?);
     }
     Ok(arrays)
 }

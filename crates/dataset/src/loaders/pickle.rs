@@ -25,7 +25,7 @@ pub(super) enum Value {
     Global(Global),
 }
 
-/// What a pickle may name.
+/// The names that a pickle may refer to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Global {
     Reconstruct,
@@ -157,87 +157,6 @@ impl Machine<'_> {
                 b'(' => self.marks.push(self.stack.len()),
                 b'0' => drop(self.pop()?),
                 b'1' => drop(self.above_mark()?),
-                b'2' => {
-                    let top = self.top()?.clone();
-                    self.stack.push(top);
-                }
-                b'N' => self.stack.push(Value::None),
-                0x88 => self.stack.push(Value::Bool(true)),
-                0x89 => self.stack.push(Value::Bool(false)),
-                b'J' => {
-                    let value = i32::from_le_bytes(self.array()?);
-                    self.stack.push(Value::Int(value.into()));
-                }
-                b'K' => {
-                    let value = self.byte()?;
-                    self.stack.push(Value::Int(value.into()));
-                }
-                b'M' => {
-                    let value = u16::from_le_bytes(self.array()?);
-                    self.stack.push(Value::Int(value.into()));
-                }
-                b'I' | b'L' => self.decimal()?,
-                b'F' => {
-                    let line = self.line()?;
-                    let value = line.parse().map_err(|_| format!("`{line}` for a number"))?;
-                    self.stack.push(Value::Float(value));
-                }
-                b'G' => {
-                    let value = f64::from_be_bytes(self.array()?);
-                    self.stack.push(Value::Float(value));
-                }
-                0x8a => {
-                    let length = self.byte()?.into();
-                    self.long(length)?;
-                }
-                b'V' => {
-                    let text = unescaped(self.raw_line()?);
-                    self.stack.push(Value::Text(text));
-                }
-                b'S' => {
-                    let line = self.line()?;
-                    let bare = line.trim_matches(|c| c == '\'' || c == '"');
-                    self.stack.push(Value::Text(bare.to_owned()));
-                }
-                b'X' | 0x8c | 0x8d => {
-                    let length = self.length(match code {
-                        b'X' => 4,
-                        0x8c => 1,
-                        _ => 8,
-                    })?;
-                    let text = String::from_utf8_lossy(self.take(length)?).into_owned();
-                    self.stack.push(Value::Text(text));
-                }
-                b'T' | b'U' | b'B' | b'C' | 0x8e | 0x96 => {
-                    let length = self.length(match code {
-                        b'T' | b'B' => 4,
-                        b'U' | b'C' => 1,
-                        _ => 8,
-                    })?;
-                    let bytes = self.take(length)?.to_vec();
-                    self.stack.push(Value::Bytes(bytes));
-                }
-                b']' => self.make(Object::List(Vec::new())),
-                b'}' => self.make(Object::Dict(Vec::new())),
-                b')' => self.make(Object::Tuple(Vec::new())),
-                b'l' => {
-                    let items = self.above_mark()?;
-                    self.make(Object::List(items));
-                }
-                b't' => {
-                    let items = self.above_mark()?;
-                    self.make(Object::Tuple(items));
-                }
-                b'd' => {
-                    let items = self.above_mark()?;
-                    self.make(Object::Dict(pairs(items)?));
-                }
-                0x85..=0x87 => {
-                    let count = usize::from(code - 0x84);
-                    let start = self.stack.len().checked_sub(count).ok_or("too few values for a tuple")?;
-                    let items = self.stack.split_off(start);
-                    self.make(Object::Tuple(items));
-                }
                 b'a' => {
                     let item = self.pop()?;
                     self.append(vec![item])?;
@@ -255,36 +174,95 @@ impl Machine<'_> {
                     let items = self.above_mark()?;
                     self.set(pairs(items)?)?;
                 }
-                b'p' | b'g' => {
-                    let line = self.line()?;
-                    let key = line.parse().map_err(|_| format!("`{line}` for a place in the memo"))?;
-                    if code == b'p' { self.remember(key)? } else { self.recall(key)? }
-                }
-                b'q' | b'h' => {
-                    let key = self.byte()?.into();
-                    if code == b'q' { self.remember(key)? } else { self.recall(key)? }
-                }
-                b'r' | b'j' => {
-                    let key = u32::from_le_bytes(self.array()?).into();
-                    if code == b'r' { self.remember(key)? } else { self.recall(key)? }
+                b'p' | b'q' | b'r' => {
+                    let key = self.key(code)?;
+                    self.remember(key)?;
                 }
                 0x94 => self.remember(self.memo.len() as u64)?,
-                b'c' => {
-                    let (module, name) = (self.line()?, self.line()?);
-                    self.name(&module, &name)?;
-                }
-                0x93 => match (self.pop()?, self.pop()?) {
-                    (Value::Text(name), Value::Text(module)) => self.name(&module, &name)?,
-                    _ => return Err("a name that is no text".into()),
-                },
-                b'R' => self.reduce()?,
                 b'b' => self.build()?,
-                other => {
-                    return Err(format!(
-                        "a pickle that asks for more than plain values and arrays (opcode {other:#04x})"
-                    ));
+                _ => {
+                    let value = self.value(code)?;
+                    self.stack.push(value);
                 }
             }
+        }
+    }
+
+    /// The value that an opcode puts on the stack.
+    fn value(&mut self, code: u8) -> Result<Value, String> {
+        Ok(match code {
+            b'2' => self.top()?.clone(),
+            b'N' => Value::None,
+            0x88 => Value::Bool(true),
+            0x89 => Value::Bool(false),
+            b'J' => Value::Int(i32::from_le_bytes(self.array()?).into()),
+            b'K' => Value::Int(self.byte()?.into()),
+            b'M' => Value::Int(u16::from_le_bytes(self.array()?).into()),
+            b'I' | b'L' => self.decimal()?,
+            b'F' => {
+                let line = self.line()?;
+                Value::Float(line.parse().map_err(|_| format!("`{line}` for a number"))?)
+            }
+            b'G' => Value::Float(f64::from_be_bytes(self.array()?)),
+            0x8a => self.long()?,
+            b'V' => Value::Text(unescaped(self.raw_line()?)),
+            b'S' => Value::Text(self.line()?.trim_matches(['\'', '"']).to_owned()),
+            b'X' | 0x8c | 0x8d => {
+                let length = self.length(if code == b'X' { 4 } else { [1, 8][usize::from(code - 0x8c)] })?;
+                Value::Text(String::from_utf8_lossy(self.take(length)?).into_owned())
+            }
+            b'T' | b'U' | b'B' | b'C' | 0x8e | 0x96 => {
+                let length = self.length(match code {
+                    b'T' | b'B' => 4,
+                    b'U' | b'C' => 1,
+                    _ => 8,
+                })?;
+                Value::Bytes(self.take(length)?.to_vec())
+            }
+            b']' => self.make(Object::List(Vec::new())),
+            b'}' => self.make(Object::Dict(Vec::new())),
+            b')' => self.make(Object::Tuple(Vec::new())),
+            b'l' | b't' | b'd' => {
+                let items = self.above_mark()?;
+                self.make(match code {
+                    b'l' => Object::List(items),
+                    b't' => Object::Tuple(items),
+                    _ => Object::Dict(pairs(items)?),
+                })
+            }
+            0x85..=0x87 => {
+                let start = self.stack.len().checked_sub(usize::from(code - 0x84));
+                let items = self.stack.split_off(start.ok_or("too few values for a tuple")?);
+                self.make(Object::Tuple(items))
+            }
+            b'g' | b'h' | b'j' => {
+                let key = self.key(code)?;
+                self.recall(key)?
+            }
+            b'c' => {
+                let (module, name) = (self.line()?, self.line()?);
+                global(&module, &name)?
+            }
+            0x93 => match (self.pop()?, self.pop()?) {
+                (Value::Text(name), Value::Text(module)) => global(&module, &name)?,
+                _ => return Err("a name that is no text".into()),
+            },
+            b'R' => self.reduce()?,
+            other => {
+                return Err(format!("a pickle that asks for more than plain values and arrays (opcode {other:#04x})"));
+            }
+        })
+    }
+
+    /// The place in the memo that the argument of an opcode names.
+    fn key(&mut self, code: u8) -> Result<u64, String> {
+        match code {
+            b'p' | b'g' => {
+                let line = self.line()?;
+                line.parse().map_err(|_| format!("`{line}` for a place in the memo"))
+            }
+            b'q' | b'h' => Ok(self.byte()?.into()),
+            _ => Ok(u32::from_le_bytes(self.array()?).into()),
         }
     }
 
@@ -323,28 +301,22 @@ impl Machine<'_> {
         Ok(String::from_utf8_lossy(self.raw_line()?).trim_end_matches('\r').to_owned())
     }
 
-    fn decimal(&mut self) -> Result<(), String> {
-        let line = self.line()?;
-        let value = match line.as_str() {
-            "00" => Value::Bool(false),
-            "01" => Value::Bool(true),
-            text => Value::Int(text.trim_end_matches('L').parse().map_err(|_| format!("`{text}` for a number"))?),
-        };
-        self.stack.push(value);
-        Ok(())
+    fn decimal(&mut self) -> Result<Value, String> {
+        match self.line()?.as_str() {
+            "00" => Ok(Value::Bool(false)),
+            "01" => Ok(Value::Bool(true)),
+            text => text.trim_end_matches('L').parse().map(Value::Int).map_err(|_| format!("`{text}` for a number")),
+        }
     }
 
     /// A two's complement number of up to 8 bytes.
-    fn long(&mut self, length: usize) -> Result<(), String> {
+    fn long(&mut self) -> Result<Value, String> {
+        let length = self.byte()?.into();
         let bytes = self.take(length)?;
         if length > 8 {
             return Err("a number of more than 64 bits".into());
         }
-        let negative = bytes.last().is_some_and(|b| b & 0x80 != 0);
-        let mut whole = [if negative { 0xff } else { 0 }; 8];
-        whole[..length].copy_from_slice(bytes);
-        self.stack.push(Value::Int(i64::from_le_bytes(whole)));
-        Ok(())
+        Ok(Value::Int(signed(bytes)))
     }
 
     fn pop(&mut self) -> Result<Value, String> {
@@ -360,9 +332,20 @@ impl Machine<'_> {
         Ok(self.stack.split_off(mark))
     }
 
-    fn make(&mut self, object: Object) {
-        self.stack.push(Value::Object(self.objects.len()));
+    fn make(&mut self, object: Object) -> Value {
         self.objects.push(object);
+        Value::Object(self.objects.len() - 1)
+    }
+
+    /// The elements of a tuple; `what` names it in an error.
+    fn tuple(&self, value: &Value, what: &str) -> Result<Vec<Value>, String> {
+        match value {
+            Value::Object(index) => match self.objects.get(*index) {
+                Some(Object::Tuple(items)) => Ok(items.clone()),
+                _ => Err(format!("{what} that is no tuple")),
+            },
+            _ => Err(format!("{what} that is no tuple")),
+        }
     }
 
     fn top_object(&mut self) -> Result<&mut Object, String> {
@@ -398,11 +381,10 @@ impl Machine<'_> {
         Ok(())
     }
 
-    fn recall(&mut self, key: u64) -> Result<(), String> {
+    fn recall(&mut self, key: u64) -> Result<Value, String> {
         let value = self.memo.get(&key).cloned().ok_or("a place in the memo that is empty")?;
         self.charge(&value)?;
-        self.stack.push(value);
-        Ok(())
+        Ok(value)
     }
 
     /// Copies of texts and bytes count against the limit: a pickle of a few bytes may make many.
@@ -419,68 +401,40 @@ impl Machine<'_> {
         if self.numbers > MOST_NUMBERS { Err(format!("more than {MOST_NUMBERS} numbers")) } else { Ok(()) }
     }
 
-    fn name(&mut self, module: &str, name: &str) -> Result<(), String> {
-        let global = match (module, name) {
-            ("numpy.core.multiarray" | "numpy._core.multiarray", "_reconstruct") => Global::Reconstruct,
-            ("numpy.core.multiarray" | "numpy._core.multiarray", "scalar") => Global::Scalar,
-            ("numpy.core.numeric" | "numpy._core.numeric", "_frombuffer") => Global::FromBuffer,
-            ("numpy", "ndarray") => Global::Ndarray,
-            ("numpy", "dtype") => Global::Dtype,
-            ("_codecs", "encode") => Global::Encode,
-            _ => return Err(format!("a pickle that asks for the code `{module}.{name}`; nothing of it was run")),
-        };
-        self.stack.push(Value::Global(global));
-        Ok(())
-    }
-
     /// The result that calling one of the names would have.
-    fn reduce(&mut self) -> Result<(), String> {
+    fn reduce(&mut self) -> Result<Value, String> {
         let arguments = self.pop()?;
-        let arguments = match &arguments {
-            Value::Object(index) => match self.objects.get(*index) {
-                Some(Object::Tuple(items)) => items.clone(),
-                _ => return Err("a call without arguments".into()),
-            },
-            _ => return Err("a call without arguments".into()),
-        };
-        match (self.pop()?, arguments.as_slice()) {
+        let arguments = self.tuple(&arguments, "arguments of a call")?;
+        Ok(match (self.pop()?, arguments.as_slice()) {
             (Value::Global(Global::Reconstruct), [Value::Global(Global::Ndarray), ..]) => {
-                self.make(Object::Array { values: Vec::new() });
+                self.make(Object::Array { values: Vec::new() })
             }
             (Value::Global(Global::Dtype), [Value::Text(code), ..]) => {
                 let big = code.starts_with('>');
                 let code = code.trim_start_matches(['<', '>', '|', '=']).to_owned();
-                self.make(Object::Kind { code, big });
+                self.make(Object::Kind { code, big })
             }
             (Value::Global(Global::Scalar), [kind, Value::Bytes(bytes)]) => {
                 let values = self.decode(kind, bytes)?;
-                let value = values.into_iter().next().ok_or("a scalar without a value")?;
-                self.stack.push(value);
+                values.into_iter().next().ok_or("a scalar without a value")?
             }
             (Value::Global(Global::FromBuffer), [Value::Bytes(bytes), kind, shape, Value::Text(order)]) => {
                 let values = self.decode(kind, bytes)?;
                 let values = self.arranged(values, shape, order == "F")?;
-                self.make(Object::Array { values });
+                self.make(Object::Array { values })
             }
             (Value::Global(Global::Encode), [Value::Text(text), ..]) => {
                 let bytes = text.chars().map(|c| u8::try_from(u32::from(c))).collect::<Result<Vec<u8>, _>>();
-                self.stack.push(Value::Bytes(bytes.map_err(|_| "bytes that are no bytes")?));
+                Value::Bytes(bytes.map_err(|_| "bytes that are no bytes")?)
             }
             _ => return Err("a call that makes no array".into()),
-        }
-        Ok(())
+        })
     }
 
     /// Fills in the state of an array or a dtype.
     fn build(&mut self) -> Result<(), String> {
         let state = self.pop()?;
-        let items = match &state {
-            Value::Object(index) => match self.objects.get(*index) {
-                Some(Object::Tuple(items)) => items.clone(),
-                _ => return Err("a state that is no tuple".into()),
-            },
-            _ => return Err("a state that is no tuple".into()),
-        };
+        let items = self.tuple(&state, "a state")?;
         match (self.top_object()?, items.as_slice()) {
             (Object::Kind { big, .. }, [_, Value::Text(order), ..]) => *big = order == ">",
             (Object::Array { .. }, [_, shape, kind, Value::Bool(columns_first), data]) => {
@@ -508,10 +462,7 @@ impl Machine<'_> {
 
     /// The elements along the first axis, those of further axes as lists, if the values are as many as the shape says.
     fn arranged(&mut self, values: Vec<Value>, shape: &Value, columns_first: bool) -> Result<Vec<Value>, String> {
-        let Value::Object(index) = shape else { return Err("a shape that is no tuple".into()) };
-        let Some(Object::Tuple(sides)) = self.objects.get(*index) else {
-            return Err("a shape that is no tuple".into());
-        };
+        let sides = self.tuple(shape, "a shape")?;
         let side = |v: &Value| if let Value::Int(n) = v { usize::try_from(*n).ok() } else { None };
         let sides: Vec<usize> =
             sides.iter().map(side).collect::<Option<_>>().ok_or("a shape that is no whole numbers")?;
@@ -529,13 +480,7 @@ impl Machine<'_> {
         };
         for &side in sides.iter().skip(1).rev().filter(|&&side| side > 0) {
             let rows: Vec<Vec<Value>> = values.chunks(side).map(<[Value]>::to_vec).collect();
-            values = rows
-                .into_iter()
-                .map(|row| {
-                    self.objects.push(Object::List(row));
-                    Value::Object(self.objects.len() - 1)
-                })
-                .collect();
+            values = rows.into_iter().map(|row| self.make(Object::List(row))).collect();
         }
         Ok(values)
     }
@@ -563,11 +508,7 @@ impl Machine<'_> {
             Some(match (letter, width) {
                 ("f", 4) => Value::Float(f32::from_le_bytes(whole.try_into().ok()?).into()),
                 ("f", 8) => Value::Float(f64::from_le_bytes(whole.try_into().ok()?)),
-                ("i", 1 | 2 | 4 | 8) => {
-                    let negative = whole.last().is_some_and(|b| b & 0x80 != 0);
-                    whole.resize(8, if negative { 0xff } else { 0 });
-                    Value::Int(i64::from_le_bytes(whole.try_into().ok()?))
-                }
+                ("i", 1 | 2 | 4 | 8) => Value::Int(signed(&whole)),
                 ("u", 1 | 2 | 4) => {
                     whole.resize(8, 0);
                     Value::Int(i64::from_le_bytes(whole.try_into().ok()?))
@@ -587,6 +528,27 @@ impl Machine<'_> {
         };
         bytes.chunks(size).map(value).collect::<Option<_>>().ok_or_else(|| format!("an array of type `{code}`"))
     }
+}
+
+/// A two's complement number of up to 8 bytes, the lowest first.
+fn signed(bytes: &[u8]) -> i64 {
+    let negative = bytes.last().is_some_and(|byte| byte & 0x80 != 0);
+    let mut whole = [if negative { 0xff } else { 0 }; 8];
+    whole[..bytes.len()].copy_from_slice(bytes);
+    i64::from_le_bytes(whole)
+}
+
+/// The permitted global of a name.
+fn global(module: &str, name: &str) -> Result<Value, String> {
+    Ok(Value::Global(match (module, name) {
+        ("numpy.core.multiarray" | "numpy._core.multiarray", "_reconstruct") => Global::Reconstruct,
+        ("numpy.core.multiarray" | "numpy._core.multiarray", "scalar") => Global::Scalar,
+        ("numpy.core.numeric" | "numpy._core.numeric", "_frombuffer") => Global::FromBuffer,
+        ("numpy", "ndarray") => Global::Ndarray,
+        ("numpy", "dtype") => Global::Dtype,
+        ("_codecs", "encode") => Global::Encode,
+        _ => return Err(format!("a pickle that asks for the code `{module}.{name}`; nothing of it was run")),
+    }))
 }
 
 /// Text in Python's raw-unicode-escape: Latin-1 with `\\uXXXX` and `\\UXXXXXXXX`.
@@ -618,12 +580,8 @@ fn pairs(items: Vec<Value>) -> Result<Vec<(Value, Value)>, String> {
     if !items.len().is_multiple_of(2) {
         return Err("a dictionary with a key and no value".into());
     }
-    let mut pairs = Vec::with_capacity(items.len() / 2);
     let mut items = items.into_iter();
-    while let (Some(key), Some(value)) = (items.next(), items.next()) {
-        pairs.push((key, value));
-    }
-    Ok(pairs)
+    Ok(std::iter::from_fn(|| items.next().zip(items.next())).collect())
 }
 
 #[cfg(test)]

@@ -188,7 +188,7 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
     Ok(Aabb { min: bounds.min - MARGIN, max: bounds.max + MARGIN })
 }
 
-/// What `annots.npy` says of one frame.
+/// The contents of `annots.npy` for one frame.
 pub(super) struct Annotations {
     /// The cameras, for images of a size that it does not say.
     pub cameras: Vec<Camera>,
