@@ -7,29 +7,20 @@ mod common;
 
 use std::sync::Arc;
 
-use burn::tensor::{Device, Tensor, TensorData};
-use common::wide;
+use burn::tensor::{Device, Tensor};
+use common::{Draws, assert_close, matrix, vector, wide};
 use infonerf_ops::factored::{self, Layout, Query, factored_field, plane_variation, reference};
 use infonerf_ops::to_host;
 
-/// Largest difference between two bodies in single precision, relative to the largest number of the result.
-const AGREEMENT: f32 = 2e-5;
 /// Largest difference between a directional derivative and a central difference of this step, relative to the sum of all
 /// slopes: hardly any ReLU or texel changes within the step.
 const DIFFERENCE: f64 = 1e-6;
 const STEP: f64 = 1e-7;
 
 /// Numbers in [−1, 1) that look random and are the same everywhere.
-fn numbers(count: usize, salt: u32) -> Vec<f32> {
-    let mix = |i: usize| {
-        let mut x = (i as u32).wrapping_mul(0x9e37_79b9) ^ salt.wrapping_mul(0x85eb_ca6b);
-        x ^= x >> 16;
-        x = x.wrapping_mul(0x7feb_352d);
-        x ^= x >> 15;
-        x = x.wrapping_mul(0x846c_a68b);
-        (x ^ (x >> 16)) as f32 / 2f32.powi(31) - 1.0
-    };
-    (0..count).map(mix).collect()
+fn numbers(count: usize, seed: u64) -> Vec<f32> {
+    let mut draws = Draws(seed);
+    (0..count).map(|_| draws.signed()).collect()
 }
 
 #[derive(Clone)]
@@ -68,25 +59,15 @@ fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout>, query: Que
 /// Value, and gradients of ⟨u, value⟩ for fixed u.
 fn run(case: &Case, device: &Device, body: Body) -> [Vec<f32>; 4] {
     let device = device.clone().autodiff();
-    let [tables, weights, positions] = case
-        .inputs
-        .each_ref()
-        .map(|values| Tensor::<1>::from_data(TensorData::new(values.clone(), [values.len()]), &device).require_grad());
+    let [tables, weights, positions] = case.inputs.each_ref().map(|values| vector(values, &device).require_grad());
     let query = Query { positions: positions.clone().reshape([-1, 3]), ..case.query.clone() };
     let out = body(tables.clone(), weights.clone(), &case.layout, query);
     let [rows, columns] = out.dims();
-    let u = Tensor::<2>::from_data(TensorData::new(numbers(rows * columns, 5), [rows, columns]), &device);
+    let u = matrix(&numbers(rows * columns, 5), columns, &device);
     let grads = (out.clone() * u).sum().backward();
     let [dtables, dweights, dpositions] =
         [tables, weights, positions].map(|input| to_host(input.grad(&grads).unwrap()));
     [to_host(out), dtables, dweights, dpositions]
-}
-
-fn assert_close(a: &[f32], b: &[f32], what: &str) {
-    assert_eq!(a.len(), b.len(), "{what}");
-    let scale = b.iter().fold(1e-3f32, |m, x| m.max(x.abs()));
-    let worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    assert!(worst <= AGREEMENT * scale, "{what}: {worst} of {scale}");
 }
 
 #[test]
@@ -152,8 +133,7 @@ fn variation_agrees_and_ignores_the_lines() {
     let case = case(1, true, false, 4);
     let of = |device: Device, host: bool| -> (f32, Vec<f32>) {
         let device = device.autodiff();
-        let tables = TensorData::new(case.inputs[0].clone(), [case.inputs[0].len()]);
-        let tables = Tensor::<1>::from_data(tables, &device).require_grad();
+        let tables = vector(&case.inputs[0], &device).require_grad();
         let sum = if host {
             plane_variation(tables.clone(), &case.layout)
         } else {

@@ -6,13 +6,11 @@
 mod common;
 
 use burn::tensor::{Device, Tensor};
-use common::{Draws, matrix, vector};
+use common::{Draws, assert_close, matrix, vector};
 use infonerf_ops::mlp::{self, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
 use infonerf_ops::{Segments, to_host};
 
-/// Largest difference between two bodies in single precision, relative to the largest number of the result.
-const AGREEMENT: f32 = 2e-5;
-/// The same for a directional derivative of the `f64` network's values against the kernel's gradient.
+/// Largest difference of a directional derivative of the `f64` network's values against the kernel's gradient.
 const DIFFERENCE: f64 = 1e-4;
 
 /// Sizes of a network, and what it is asked.
@@ -130,13 +128,6 @@ impl Case {
     }
 }
 
-fn assert_close(a: &[f32], b: &[f32], what: &str) {
-    assert_eq!(a.len(), b.len(), "{what}");
-    let scale = b.iter().fold(1e-3f32, |m, x| m.max(x.abs()));
-    let worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-    assert!(worst <= AGREEMENT * scale, "{what}: {worst} of {scale}");
-}
-
 /// More samples than a block, and fewer; rays without samples; a skip in the middle, at the last layer, none; most samples
 /// without a gradient, as behind ReLU densities.
 fn cases() -> Vec<Case> {
@@ -166,8 +157,8 @@ fn bodies_agree_in_value_and_gradient() {
     }
 }
 
-/// Eight bits of a factor, times a few layers, and in gradients ReLUs that change their minds, of which a few samples cannot
-/// bear many; and other numbers than in single precision.
+/// The rounding of factors to 8 bits grows through a few layers, and in gradients some ReLUs switch sides, which only many
+/// samples average out. The results are not those of single precision either.
 #[test]
 fn products_in_bf16_are_near() {
     const NEAR: [f32; 3] = [0.05, 0.2, 0.2];

@@ -1,4 +1,4 @@
-//! What holds for every ray, whatever its samples.
+//! Properties that hold for every ray, whatever its samples.
 
 mod common;
 

@@ -83,6 +83,14 @@ pub fn wide(values: &[f32]) -> Vec<f64> {
     values.iter().copied().map(f64::from).collect()
 }
 
+/// Results of two bodies in single precision agree to 2e-5 of the largest number.
+pub fn assert_close(a: &[f32], b: &[f32], what: &str) {
+    assert_eq!(a.len(), b.len(), "{what}");
+    let scale = b.iter().fold(1e-3f32, |m, x| m.max(x.abs()));
+    let worst = a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(worst <= 2e-5 * scale, "{what}: {worst} of {scale}");
+}
+
 /// Reproducible numbers in [0, 1): splitmix64.
 pub struct Draws(pub u64);
 
