@@ -1,4 +1,4 @@
-//! What every benchmark has: the runs to measure, the device, the machine, and a folder for results.
+//! What all benchmarks share: the runs to measure, the device, the machine and the folder for results.
 
 use std::fmt;
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! Tables for people, files for programs.
+//! Output of benchmarks: text tables, CSV, JSON and charts.
 
 use std::fs;
 

@@ -4,7 +4,7 @@ use anyhow::{Context, Result};
 use infonerf_report::chart::Mark;
 use serde::Deserialize;
 
-/// What others report for some number of training views.
+/// Figures that others report for a number of training views.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Published {

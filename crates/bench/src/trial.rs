@@ -1,4 +1,4 @@
-//! Training and evaluating in memory: nothing of it is kept but what was measured.
+//! Training and evaluating in memory, without a run folder: only the measurements are kept.
 
 use std::sync::Arc;
 

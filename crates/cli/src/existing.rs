@@ -1,4 +1,4 @@
-//! What becomes of runs that are there already.
+//! `--resume` and `--overwrite`: what happens to existing runs.
 
 use clap::Args;
 use infonerf_experiment::Existing;

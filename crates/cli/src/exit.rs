@@ -1,4 +1,4 @@
-//! Exit codes, beside 0.
+//! Exit codes other than 0.
 
 /// A run failed, or a bound was exceeded.
 pub(crate) const FAILED: u8 = 1;

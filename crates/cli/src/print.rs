@@ -1,4 +1,4 @@
-//! Standard output and standard error, which may be pipes that nobody reads any more: a run is worth more than its lines.
+//! Printing to standard output and standard error. A closed pipe is no error: the run continues.
 
 use std::fmt;
 use std::io::{self, ErrorKind, Write};

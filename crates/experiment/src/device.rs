@@ -104,7 +104,7 @@ pub struct OpenDevice {
     pub device: Device,
     /// Which one it is; never [`DeviceName::Auto`].
     pub name: DeviceName,
-    /// What a GPU calls itself.
+    /// A GPU's own name.
     pub adapter: Option<String>,
 }
 
@@ -178,13 +178,13 @@ pub fn networks(weights: Option<&Path>, device: &OpenDevice) -> Result<Networks>
     Ok(Store::new(weights)?.networks(METRICS, &device.device)?)
 }
 
-/// What the GPU calls itself.
+/// The GPU's own name.
 #[cfg(not(any(feature = "wgpu", feature = "vulkan", feature = "cuda")))]
 fn adapter(_device: &Device, name: DeviceName) -> Result<String> {
     bail!("--device {name}: not built in")
 }
 
-/// What the GPU calls itself.
+/// The GPU's own name.
 #[cfg(any(feature = "wgpu", feature = "vulkan", feature = "cuda"))]
 fn adapter(device: &Device, name: DeviceName) -> Result<String> {
     use std::panic::{AssertUnwindSafe, catch_unwind, set_hook, take_hook};

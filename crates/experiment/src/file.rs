@@ -44,7 +44,7 @@ pub(crate) struct File {
     /// the scene). The place of a name in the file is its place in tables.
     #[serde(default)]
     variants: BTreeMap<Spanned<String>, Value>,
-    /// What a paper found, to stand beside the results.
+    /// A paper's published figures, shown beside the results.
     pub(crate) paper: Option<Paper>,
     /// Statements on the order of the variants, to be tested.
     pub(crate) claims: Option<Vec<Claim>>,
@@ -90,7 +90,7 @@ impl Layers {
         self.files.last().and_then(|file| file.name.clone()).unwrap_or_else(|| self.name.clone())
     }
 
-    /// What the nearest file says that says something.
+    /// The value in the last file that has one.
     pub(crate) fn last<T>(&self, pick: impl Fn(&File) -> Option<T>) -> Option<T> {
         self.files.iter().rev().find_map(pick)
     }

@@ -38,7 +38,7 @@ pub struct Selection {
     pub budget: Option<f64>,
 }
 
-/// What an experiment is, beside its runs.
+/// Name, title, data, claims and plot of an experiment: all but its runs.
 #[derive(Clone, Debug, Default)]
 pub struct About {
     /// Its name in results.
@@ -47,7 +47,7 @@ pub struct About {
     pub title: String,
     /// Folder of scenes; none for the built-in ones.
     pub data: Option<PathBuf>,
-    /// What a paper found.
+    /// A paper's published figures.
     pub(crate) paper: Option<Paper>,
     /// Statements on the order of the variants.
     pub(crate) claims: Vec<Claim>,

@@ -11,7 +11,7 @@ use infonerf_train::{Checkpoint, MemoryPlan, Progress, Trainer};
 use crate::run::{Training, clear, load_checkpoint, lock, train};
 use crate::{Experiment, Identity, RunEvent, RunPlan, Session, Watch};
 
-/// What came of pre-training.
+/// The result of pre-training.
 pub struct Pretrained {
     /// Folder of the weights: what `train.init` takes.
     pub folder: PathBuf,

@@ -31,7 +31,7 @@ pub struct RunPlan {
     pub variant: String,
     /// Decides the training views and all random numbers.
     pub seed: u64,
-    /// What the config started from.
+    /// The preset that the config started from.
     pub preset: Preset,
     /// Training time in seconds, if the clock decides.
     pub budget: Option<f64>,

@@ -17,7 +17,7 @@ pub struct Session {
     pub device: OpenDevice,
     /// Folder for results: each run is in `<experiment>/<scene>/<variant>/seed<N>` below it.
     pub out: PathBuf,
-    /// What becomes of runs that are there already.
+    /// How to treat runs that exist already.
     pub existing: Existing,
     /// Share of each run after which it is stopped, to be resumed later.
     pub until: Option<f64>,
@@ -31,7 +31,7 @@ pub struct Session {
     last_scene: Mutex<Option<(String, Arc<Scene>)>>,
 }
 
-/// What becomes of a run whose folder is there already.
+/// How to treat a run whose folder exists already.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Existing {
     /// A finished run is an error; an unfinished one starts over.
@@ -51,7 +51,7 @@ impl Existing {
     }
 }
 
-/// What happens in a run, for whoever watches it.
+/// Events of a run.
 pub enum RunEvent<'a> {
     /// The scene is read.
     Loading,
@@ -82,7 +82,7 @@ pub enum RunEvent<'a> {
     Warning(String),
 }
 
-/// What whoever watches a run wants.
+/// The watcher's answer to an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Control {
     /// Continue.

@@ -1,4 +1,4 @@
-//! Numbers as bytes.
+//! Encoding of numbers and colours as bytes.
 
 use glam::Vec3;
 

@@ -4,7 +4,7 @@ pub enum ExportError {
     /// A resolution out of range.
     #[error("resolution: expected {} to {} voxels, found {found}", crate::RESOLUTIONS.start(), crate::RESOLUTIONS.end())]
     Resolution {
-        /// What was asked for.
+        /// The requested value.
         found: usize,
     },
     /// No ray of a camera is half absorbed.

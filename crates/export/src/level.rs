@@ -1,4 +1,4 @@
-//! The density of the surface.
+//! The density level at which the surface is extracted.
 
 use infonerf_scene::{Camera, resized_dimensions};
 

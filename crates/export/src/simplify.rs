@@ -1,4 +1,4 @@
-//! Fewer triangles.
+//! Mesh simplification.
 
 use glam::Vec3;
 use meshopt::{SimplifyOptions, simplify_decoder};

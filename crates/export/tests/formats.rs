@@ -1,4 +1,4 @@
-//! What is written is read back by libraries that are not ours.
+//! Exported files, read back by third-party libraries.
 
 use std::io::{BufReader, Cursor, Read};
 

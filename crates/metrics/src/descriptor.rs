@@ -37,7 +37,6 @@ pub enum Better {
 
 impl Descriptor {
     /// Name with its unit and an arrow towards the better side, such as `PSNR (dB) ↑`.
-    #[must_use]
     pub fn heading(&self) -> String {
         let arrow = match self.better {
             Better::Higher => "↑",
@@ -51,13 +50,11 @@ impl Descriptor {
     }
 
     /// `value` with the decimals that are shown.
-    #[must_use]
     pub fn format(&self, value: f64) -> String {
         format!("{value:.*}", self.decimals)
     }
 
     /// `value` in units of the last decimal shown, as a distance from the best: smaller is better, equal is a tie.
-    #[must_use]
     pub fn rank(&self, value: f64) -> f64 {
         let unit = 10f64.powi(self.decimals as i32);
         let shown = (value * unit).round();

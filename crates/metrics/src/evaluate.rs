@@ -80,7 +80,6 @@ impl<'a> Evaluator<'a> {
     }
 
     /// The values of all views and of the set.
-    #[must_use]
     pub fn finish(self) -> Measured {
         let mut set = Values::new();
         // Metrics that have no value for the same reason share a note.

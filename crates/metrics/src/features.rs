@@ -38,25 +38,21 @@ impl Features {
     }
 
     /// How many pictures.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.values.len() / self.dimension.max(1)
     }
 
     /// Whether there are none.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
     }
 
     /// Length of a vector; 0 if there are none.
-    #[must_use]
     pub fn dimension(&self) -> usize {
         self.dimension
     }
 
     /// All values, a vector per row.
-    #[must_use]
     pub fn values(&self) -> &[f64] {
         &self.values
     }
@@ -65,7 +61,6 @@ impl Features {
     ///
     /// # Panics
     /// If there are not so many.
-    #[must_use]
     pub fn row(&self, index: usize) -> &[f64] {
         &self.values[index * self.dimension..][..self.dimension]
     }

@@ -19,19 +19,16 @@ impl Mask {
     }
 
     /// Whether each pixel is inside, row-major.
-    #[must_use]
     pub fn inside(&self) -> &[bool] {
         &self.inside
     }
 
     /// Whether no pixel is inside: a view with such a mask has no masked figures.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         !self.inside.contains(&true)
     }
 
     /// Width and height in pixels.
-    #[must_use]
     pub fn size(&self) -> [usize; 2] {
         self.size
     }
@@ -40,7 +37,6 @@ impl Mask {
     ///
     /// # Panics
     /// If the mask is empty.
-    #[must_use]
     pub fn bounding_rectangle(&self) -> Rectangle {
         let [width, _] = self.size;
         let inside = || self.inside.iter().enumerate().filter(|(_, inside)| **inside).map(|(index, _)| index);

@@ -35,7 +35,7 @@ impl fmt::Display for Note {
 }
 
 impl Measured {
-    /// Checks that each of `metrics`, which somebody asked for, has a value.
+    /// Checks that each of the requested `metrics` has a value.
     ///
     /// # Errors
     /// [`MetricError::Missing`] for the first that has none, with the reason.

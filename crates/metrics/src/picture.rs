@@ -47,25 +47,21 @@ impl Picture {
     }
 
     /// Row-major pixels.
-    #[must_use]
     pub fn pixels(&self) -> &[[f32; 3]] {
         &self.pixels
     }
 
     /// Width and height in pixels.
-    #[must_use]
     pub fn size(&self) -> [usize; 2] {
         self.size
     }
 
     /// Width in pixels.
-    #[must_use]
     pub fn width(&self) -> usize {
         self.size[0]
     }
 
     /// Height in pixels.
-    #[must_use]
     pub fn height(&self) -> usize {
         self.size[1]
     }

@@ -194,7 +194,6 @@ impl Protocol {
         [("infonerf", Self::INFONERF), ("regnerf", Self::REGNERF), ("neural-body", Self::NEURAL_BODY)];
 
     /// The protocol called `name`, of [`Self::NAMED`].
-    #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::NAMED.into_iter().find(|(known, _)| *known == name).map(|(_, protocol)| protocol)
     }
@@ -202,7 +201,6 @@ impl Protocol {
 
 impl Background {
     /// Its colour.
-    #[must_use]
     pub fn color(self) -> [f32; 3] {
         match self {
             Self::White => [1.0; 3],

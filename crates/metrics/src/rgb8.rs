@@ -7,7 +7,6 @@ use crate::size::check_length;
 ///
 /// The protocol rounds before any metric, so that a render in memory and the same render read from disk score the
 /// same. NaN stays NaN, for a metric to refuse.
-#[must_use]
 pub fn quantise_8bit(pixels: &[[f32; 3]]) -> Vec<[f32; 3]> {
     pixels.iter().map(|pixel| pixel.map(|value| rounded(value) / 255.0)).collect()
 }
@@ -24,7 +23,6 @@ pub fn to_rgb8(pixels: &[[f32; 3]], width: u32, height: u32) -> Result<RgbImage,
 }
 
 /// Row-major pixels of an 8-bit picture, in `[0, 1]`.
-#[must_use]
 pub fn from_rgb8(image: &RgbImage) -> Vec<[f32; 3]> {
     image.pixels().map(|pixel| pixel.0.map(|value| f32::from(value) / 255.0)).collect()
 }

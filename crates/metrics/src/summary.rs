@@ -15,7 +15,6 @@ pub struct Summary {
 
 impl Summary {
     /// Summary of `values`; `None` when there are none. Values that are not finite carry through to the mean.
-    #[must_use]
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
         let values: Vec<f64> = values.into_iter().collect();
         let n = values.len();

@@ -35,7 +35,6 @@ impl ClipConfig {
         Self { image: 224, patch: 32, width: 768, layers: 12, heads: 12, hidden: 3072, embedding: 512 };
 
     /// Names and shapes of the encoder's tensors, as Hugging Face has them.
-    #[must_use]
     pub fn tensors(&self) -> Vec<TensorShape> {
         let Self { image, patch, width, hidden, .. } = *self;
         let embeddings = "vision_model.embeddings";

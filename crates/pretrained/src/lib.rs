@@ -1,4 +1,4 @@
-//! Networks that others trained, with fixed weights: LPIPS, Inception (FID and KID) and the image encoder of CLIP; and
+//! Pretrained networks with fixed weights: LPIPS, Inception (FID and KID) and the image encoder of CLIP; and
 //! reading, finding, importing and fetching their weights.
 //!
 //! Nothing here is trained, and no weights are part of this program: where they are missing, there is an error or a note,

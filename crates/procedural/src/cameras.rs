@@ -113,7 +113,7 @@ pub fn field_of_view(name: &str) -> f64 {
     if name == "room" { ROOM_FOV_X } else { FOV_X }
 }
 
-/// The seed of the cameras of all but the first four scenes: the 64-bit FNV-1a hash of the name, so that nobody chose it.
+/// The seed of the cameras of all but the first four scenes: the 64-bit FNV-1a hash of the name, so that it was not picked by hand.
 fn seed(name: &str) -> u64 {
     fingerprint(name.as_bytes())
 }

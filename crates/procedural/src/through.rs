@@ -1,4 +1,4 @@
-//! Looking through things: what a ray meets one after the other, and how that adds up.
+//! Transparency: the surfaces that a ray meets in order, and their compositing.
 
 use glam::DVec3;
 

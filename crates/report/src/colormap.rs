@@ -10,7 +10,6 @@ pub const ERROR_FULL_SCALE: f32 = 0.5;
 ///
 /// A least-squares polynomial of degree 6 through the 256 colours of matplotlib's `viridis`; largest deviation 0.017.
 /// `t` is clamped, NaN counts as 0.
-#[must_use]
 pub fn viridis(t: f32) -> [f32; 3] {
     polynomial(
         t,
@@ -30,7 +29,6 @@ pub fn viridis(t: f32) -> [f32; 3] {
 ///
 /// A least-squares polynomial of degree 7 through the 256 colours of `turbo`; largest deviation 0.052. `t` is clamped,
 /// NaN counts as 0.
-#[must_use]
 pub fn turbo(t: f32) -> [f32; 3] {
     polynomial(
         t,

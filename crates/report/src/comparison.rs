@@ -61,7 +61,6 @@ impl<'a> PictureComparison<'a> {
     }
 
     /// Plain text: the protocol, a row per view, the mean, and the notes.
-    #[must_use]
     pub fn to_text(&self) -> String {
         let metrics = self.metrics();
         let width = self.rows().map(|(name, _)| name.chars().count()).max().unwrap_or(0);

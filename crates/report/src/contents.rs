@@ -133,7 +133,7 @@ fn panel<'a>(scenes: &'a [Scene<'a>]) -> Result<Option<Vec<u8>>, ReportError> {
     Ok(Some(png.into_inner()))
 }
 
-/// `plots/<name>.svg`, with what a file name might not bear replaced by `-`.
+/// `plots/<name>.svg`, with characters that may be invalid in file names replaced by `-`.
 pub(crate) fn plot_path(figure: &Figure) -> String {
     let safe = |c: char| if c.is_alphanumeric() || matches!(c, '-' | '_') { c } else { '-' };
     format!("plots/{}.svg", figure.name.chars().map(safe).collect::<String>())
@@ -185,7 +185,7 @@ fn warnings(input: &ReportInput) -> Vec<String> {
     input.warnings.iter().cloned().chain(collapsed).chain(shared).collect()
 }
 
-/// Distinct notes in order of appearance, each with the runs that bear it.
+/// Distinct notes in order of appearance, each with the runs that have it.
 fn notes(runs: &[Run]) -> Vec<(String, String)> {
     let mut notes: IndexMap<&String, Vec<&Run>> = IndexMap::new();
     for run in runs {

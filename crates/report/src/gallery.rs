@@ -125,7 +125,7 @@ fn read(root: &Path, run: &Run, folder: &str, name: &str) -> Result<Picture, Str
 }
 
 /// Stems of the PNG files in a folder; none if it cannot be read.
-fn picture_names(folder: &Path) -> BTreeSet<String> {
+pub fn picture_names(folder: &Path) -> BTreeSet<String> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let stem = |path: PathBuf| {
         path.extension().is_some_and(|e| e == "png").then(|| path.file_stem()?.to_str().map(str::to_owned))

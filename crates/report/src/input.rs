@@ -46,7 +46,6 @@ impl ReportInput {
 
     /// The same with the runs that a page shows: of too many variants those with the highest mean PSNR, and a warning that
     /// says so.
-    #[must_use]
     pub fn shown(&self) -> Cow<'_, Self> {
         let mut means: IndexMap<(&str, &str), Vec<f64>> = IndexMap::new();
         let key = |run: &'_ Run| (run.record.variant.clone(), run.record.preset.clone());
@@ -74,7 +73,6 @@ impl ReportInput {
     }
 
     /// The title with how many views the runs were trained on, such as `NeRF and InfoNeRF, 4 training views`.
-    #[must_use]
     pub fn heading(&self) -> String {
         let counts = || self.runs.iter().map(|run| run.record.train_views.len());
         let views = match (counts().min(), counts().max()) {
@@ -87,7 +85,6 @@ impl ReportInput {
     }
 
     /// The claims with what the runs say of them.
-    #[must_use]
     pub fn tested_claims(&self) -> Vec<TestedClaim> {
         let records: Vec<Record> = self.runs.iter().map(|run| run.record.clone()).collect();
         self.claims.iter().map(|claim| claim.test(&records, self.published.as_ref())).collect()

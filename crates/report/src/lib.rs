@@ -1,4 +1,4 @@
-//! What a run leaves behind, and what is made of it.
+//! Records of runs, and the tables, charts and reports made from them.
 //!
 //! - [`Record`]: one run as `results.json` holds it; [`save_record`] adds one safely while other processes do the same.
 //! - [`Table`]: variants against scenes or metrics, mean ± standard deviation over seeds, best in bold, as Markdown,
@@ -64,6 +64,7 @@ pub use error::ReportError;
 pub use events::{Evaluation, Events, Step};
 pub use figures::Figure;
 pub use files::write_atomically;
+pub use gallery::picture_names;
 pub use input::ReportInput;
 pub use names::folder_name_fault;
 pub use panel::panel;
@@ -78,3 +79,4 @@ pub use schema::RESULTS_SCHEMA;
 pub use store::{read_records, save_own_record, save_record, write_records};
 pub use table::{Cell, Column, Emphasis, Row, Table, overview_table, scene_table};
 pub use tensorboard::{tensorboard_events, write_tensorboard};
+pub use text::escape_html;

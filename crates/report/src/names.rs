@@ -1,4 +1,4 @@
-//! Names that become folders.
+//! Names that are used as folder names.
 
 /// Longest name in bytes: what file systems allow.
 const LONGEST: usize = 255;

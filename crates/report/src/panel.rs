@@ -1,4 +1,4 @@
-//! The figure of papers: for each scene one test view, the truth and then render and depth of every variant in a row.
+//! The comparison figure of papers: a row per scene with one test view's truth, then render and depth of every variant.
 
 use std::path::Path;
 

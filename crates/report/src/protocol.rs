@@ -12,7 +12,6 @@ const MOST_EXPLAINED: usize = 32;
 /// (`train views seed 0: 26, 86, 2, 55; seed 1: 80, 84, 33, 81`), or lists them as `mixed` where none of the four
 /// explains it, unless they are too many. Iterations that differ are a range.
 /// Empty for no records.
-#[must_use]
 pub fn protocol_lines(records: &[Record]) -> Vec<String> {
     if records.is_empty() {
         return Vec::new();

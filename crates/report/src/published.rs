@@ -1,4 +1,4 @@
-//! A paper's own figures beside ours.
+//! A paper's published figures, shown beside ours.
 
 use infonerf_metrics::Summary;
 
@@ -7,7 +7,7 @@ use crate::{
     table::{Cell, Column, Row, Table, distinct, groups},
 };
 
-/// What a paper found.
+/// A paper's published figures.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Published {
     /// Which paper and table.
@@ -45,7 +45,6 @@ impl Published {
     /// Ours beside the paper's, a column each; none if the paper gives no figures.
     ///
     /// Rows are our variants and then what the paper has beside them; figures of single scenes only for scenes of ours.
-    #[must_use]
     pub fn table(&self, records: &[Record]) -> Option<Table> {
         let scenes = distinct(records, |record| record.scene.clone());
         let measured = |quantity: Quantity| records.iter().any(|record| quantity.value(record).is_some());

@@ -71,43 +71,36 @@ impl Quantity {
     }
 
     /// How good a run is: the metrics, and the paper's Figure A.
-    #[must_use]
     pub fn quality() -> Vec<Self> {
         METRICS.iter().map(|metric| Self::metric(metric.descriptor)).chain(OF_RAYS).collect()
     }
 
     /// What a run costs: time, samples, memory.
-    #[must_use]
     pub fn cost() -> Vec<Self> {
         COSTS.to_vec()
     }
 
     /// Every quantity, in the order of a report.
-    #[must_use]
     pub fn all() -> Vec<Self> {
         [Self::quality(), Self::cost()].concat()
     }
 
     /// The quantity of this key.
-    #[must_use]
     pub fn named(key: &str) -> Option<Self> {
         Self::all().into_iter().find(|quantity| quantity.key() == key)
     }
 
     /// Its key in `results.json`.
-    #[must_use]
     pub fn key(self) -> &'static str {
         self.descriptor.key
     }
 
     /// Value of a run; `None` where it was not computed.
-    #[must_use]
     pub fn value(self, record: &Record) -> Option<f64> {
         (self.value)(record, self.key()).filter(|value| value.is_finite())
     }
 
     /// Name with its unit, such as `PSNR (dB)`.
-    #[must_use]
     pub fn name(self) -> String {
         match self.descriptor.unit {
             "" => self.descriptor.name.to_owned(),
@@ -116,19 +109,16 @@ impl Quantity {
     }
 
     /// Name with its unit and an arrow towards the better side, such as `PSNR (dB) ↑`.
-    #[must_use]
     pub fn heading(self) -> String {
         self.descriptor.heading()
     }
 
     /// Decimals shown.
-    #[must_use]
     pub fn decimals(self) -> usize {
         self.descriptor.decimals
     }
 
     /// `value` with the decimals that are shown.
-    #[must_use]
     pub fn format(self, value: f64) -> String {
         self.descriptor.format(value)
     }

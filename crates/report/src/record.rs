@@ -103,7 +103,6 @@ pub(crate) fn short_key(key: &str) -> &str {
 
 impl Record {
     /// The variant for readers, such as `infonerf, λ₁ = 1e-3`.
-    #[must_use]
     pub fn label(&self) -> String {
         let Some(Setting { variant, values }) = &self.setting else { return self.variant.clone() };
         values.iter().fold(variant.clone(), |label, (key, value)| format!("{label}, {} = {value}", short_key(key)))

@@ -17,7 +17,6 @@ pub struct Results {
 
 /// A section for each experiment: its command and protocol, what its records note, the means over scenes, each scene's
 /// PSNR, and its claims.
-#[must_use]
 pub fn results_document(title: &str, experiments: &[Results]) -> String {
     let mut blocks = vec![format!("# {}", escape_markdown(title))];
     blocks.push("Written by `infonerf collect` from results files; not edited by hand.".into());

@@ -59,7 +59,6 @@ impl Run {
 }
 
 /// Folder of a run below its experiment's: `<scene>/<variant>/seed<N>`.
-#[must_use]
 pub fn run_directory(scene: &str, variant: &str, seed: u64) -> PathBuf {
     [scene, variant, &format!("seed{seed}")].iter().collect()
 }

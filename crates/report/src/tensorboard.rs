@@ -65,7 +65,6 @@ fn find(folder: &Path, logs: &mut Vec<PathBuf>) -> Result<(), ReportError> {
 /// Each line becomes an event at its step. Each of its numbers becomes a scalar, called `train/KEY` in training steps and
 /// `EVENT/KEY` in others; what is nested is called `train/losses/rgb`. An event's time is `end` less the seconds of
 /// training that the run still had before it, so that TensorBoard's axis of relative time shows seconds of training.
-#[must_use]
 pub fn tensorboard_events(text: &str, end: SystemTime) -> Vec<u8> {
     let lines: Vec<Value> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     let seconds = |line: &Value| line.get("seconds").and_then(Value::as_f64);

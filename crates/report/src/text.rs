@@ -1,9 +1,9 @@
-//! Text that is safe where it lands.
+//! Escaping of text for HTML, Markdown, LaTeX and URLs.
 
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 
 /// For HTML and XML content and quoted attributes; control characters, which XML forbids, become spaces.
-pub(crate) fn escape_html(text: &str) -> String {
+pub fn escape_html(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in plain(text).chars() {
         match c {

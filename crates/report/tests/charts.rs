@@ -1,4 +1,4 @@
-//! Charts of ordinary and of impossible numbers.
+//! Charts of ordinary, extreme and non-finite numbers.
 
 use infonerf_report::chart::{
     Axis, Bar, Frame, Mark, Series, bar_chart, heat_map, line_chart, marked_chart, power_law_chart, scatter_chart,

@@ -1,4 +1,4 @@
-//! Points in images.
+//! Positions in images.
 
 /// A point in the image of one of several views.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -34,8 +34,8 @@ impl TrainConfig {
 /// A step of one field: what happened, and what came of it.
 pub type Stepped = (Vec<Event>, Result<Outcome, TrainError>);
 
-/// Takes a step of each of `trainers`, side by side: threads that wait for nobody do more than threads that share each
-/// operation of one field. Each step counts as its share of the time that all took together, so that the times of all fields
+/// Takes a step of each of `trainers` at once, a thread each: faster than threads that share every operation of one field
+/// and wait for each other. Each step counts as its share of the time that all took together, so that the times of all fields
 /// add up to that of the run. No field's numbers depend on the others.
 pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<Stepped> {
     let start = Instant::now();

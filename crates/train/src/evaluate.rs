@@ -1,4 +1,4 @@
-//! What is measured in the end, on test views only.
+//! The final evaluation, on test views only.
 
 use std::sync::Arc;
 use std::time::Instant;

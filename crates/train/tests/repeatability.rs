@@ -1,4 +1,4 @@
-//! The same seed gives the same numbers, and a run that was broken off those of one that was not.
+//! The same seed gives the same numbers, and a resumed run those of an unbroken one.
 
 mod common;
 

@@ -1,5 +1,6 @@
 //! Pages: HTML with style, script and data inside.
 
+use infonerf_report::escape_html;
 use serde_json::Value;
 
 const PAGE: &str = include_str!("../assets/page.html");
@@ -26,7 +27,7 @@ pub(crate) fn of_package(package: &Value, poster: &str) -> String {
     PAGE.replace("{{style}}", STYLE)
         .replace("{{script}}", VIEWER)
         .replace("{{stage}}", &stage)
-        .replace("{{title}}", &escaped(title))
+        .replace("{{title}}", &escape_html(title))
         .replace("{{data}}", &data)
 }
 
@@ -37,10 +38,6 @@ pub(crate) fn live(token: &str) -> String {
         .replace("{{script}}", &format!("{VIEWER}{LIVE_SCRIPT}"))
         .replace("{{stage}}", &stage)
         .replace("{{token}}", token)
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! How far numbers are from what they should be.
+//! Errors of computed numbers against the oracle.
 
 use serde::Serialize;
 

@@ -47,8 +47,8 @@ struct Exception {
 /// they cancel so that softplus or sigmoid are at their exponential end, that is the relative error of σ or colour.
 const CANCELLED: &str = "terms of 1e5 cancel within the MLP before an exponential";
 
-/// A factor of 8 bits is off by up to 2⁻⁹. A few layers make a multiple of it in a value, and of a gradient, a sum in which
-/// much cancels and to which ReLUs that change their minds add, a large one.
+/// A factor of 8 bits is off by up to 2⁻⁹. Values carry a few times that through the layers; gradients carry more, as their
+/// sums cancel and some ReLUs switch sides.
 const ROUNDED: &str = "factors and results of the matrix products have 8 bits";
 
 const EXCEPTIONS: [Exception; 3] = [

@@ -147,7 +147,7 @@ pub(crate) fn run(args: &ExportArgs) -> Result<ExitCode> {
 /// A file before it is written.
 struct Exported {
     bytes: Vec<u8>,
-    /// What is in it.
+    /// A description of its contents.
     summary: String,
     /// The surface that it was made from, if it was.
     surface: Option<Surface>,
@@ -167,7 +167,7 @@ impl ExportArgs {
     }
 }
 
-/// What an export is called in a run's folder.
+/// Default file of an export, in the run's folder.
 fn default_name(format: FormatName) -> &'static str {
     match format {
         FormatName::Ply => "export/mesh.ply",

@@ -81,7 +81,7 @@ fn end_after(timeout: Duration) {
     std::process::exit(i32::from(FAILED));
 }
 
-/// Ends the process when nobody is left to talk to it: what is on disk is complete at any time.
+/// Ends the process once its parent has closed the pipe to it: what is on disk is complete at any time.
 fn end_with_input() {
     if io::copy(&mut io::stdin(), &mut io::sink()).is_ok() {
         std::process::exit(STOPPED);

@@ -1,4 +1,4 @@
-//! Checks of a scene before training: what its numbers give reason to doubt.
+//! Checks of a scene before training, for implausible cameras, images and ranges.
 
 use std::fmt;
 
@@ -25,7 +25,7 @@ const SMALL_MASK: f32 = 0.005;
 /// Near and far are doubtful if more than this fraction of the points lies outside them.
 const OUTSIDE: f32 = 0.2;
 
-/// What a warning is about.
+/// The topic of a warning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Concern {

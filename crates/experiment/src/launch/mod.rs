@@ -39,7 +39,7 @@ pub use runner::Runner;
 use slurm::Slurm;
 pub use submit::{Launched, Progress, submit};
 
-/// What runs items.
+/// Where items run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 #[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
@@ -124,7 +124,7 @@ impl Resources {
 /// Items of a manifest that are to run.
 #[derive(Clone, Debug)]
 pub struct Batch {
-    /// What its jobs are called.
+    /// Name of its jobs.
     pub name: String,
     /// Folder of the manifest and of the results; absolute.
     pub folder: PathBuf,

@@ -1,4 +1,4 @@
-//! Items become jobs.
+//! Submitting items as jobs of a scheduler.
 
 use std::ffi::OsString;
 

@@ -15,7 +15,7 @@ const FOLDERS: [&str; 9] =
     ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render", "export"];
 
 /// Whether the run in `folder` has left its results.
-pub(crate) fn is_finished(folder: &Path) -> bool {
+pub fn is_finished(folder: &Path) -> bool {
     fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| is_record(&entry.file_name())))
 }
 

@@ -19,7 +19,8 @@ use infonerf_report::{Record, read_records};
 use infonerf_train::{Trainer, without_collapsed};
 use toml::{Table, Value};
 
-pub(crate) use folder::{clear, is_finished, lock};
+pub use folder::is_finished;
+pub(crate) use folder::{clear, lock};
 pub(crate) use memory::PeakMemory;
 pub use pictures::save_png;
 pub(crate) use train::{Ended, Training, load_checkpoint, train};
@@ -28,7 +29,7 @@ pub use volume::TrainedVolume;
 
 use crate::{Existing, Identity, RunEvent, RunPlan, Session, Watch};
 
-/// What came of a run.
+/// The result of a run.
 pub enum Finished {
     /// It is done. The fields are those that pictures are made of.
     Record(Box<Record>, Vec<Trainer>),

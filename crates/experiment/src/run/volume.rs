@@ -1,4 +1,4 @@
-//! The fields of a run as something that can be exported.
+//! The fields of a run as a [`Volume`](infonerf_export::Volume), for export.
 
 use glam::Vec3;
 use infonerf_export::Volume;

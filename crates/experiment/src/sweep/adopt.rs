@@ -1,4 +1,4 @@
-//! Runs that another sweep has done under another name.
+//! Reusing runs that another sweep has finished under another name.
 
 use std::collections::HashMap;
 use std::fs;

@@ -1,4 +1,4 @@
-//! Whether the best setting of a grid is better than those beside it, or a peak of noise.
+//! Whether the best setting of a grid is significantly better than its neighbours.
 
 use std::collections::HashMap;
 

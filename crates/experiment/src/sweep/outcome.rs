@@ -1,4 +1,4 @@
-//! What is made of the records: `results.json`, tables and the report.
+//! What a sweep writes from its records: `results.json`, tables and the report.
 
 use std::borrow::Cow;
 use std::collections::hash_map::Entry;
@@ -16,7 +16,7 @@ use super::figures::figures;
 use super::plan::{Item, Sweep};
 use crate::RunPlan;
 
-/// What a sweep has written.
+/// The files that a sweep has written.
 pub struct Outcome {
     /// The variants that the report shows, in the order of the sweep: the files hold all.
     pub table: Table,

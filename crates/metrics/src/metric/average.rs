@@ -12,7 +12,6 @@ pub(super) const AVERAGE: Metric = Metric {
 /// `(MSE · √(1 − SSIM) · LPIPS)^⅓`, `MSE = 10^(−PSNR/10)`
 ///
 /// 0 for identical pictures, larger is worse.
-#[must_use]
 pub fn average(psnr: f64, ssim: f64, lpips: f64) -> f64 {
     (10.0_f64.powf(-psnr / 10.0) * (1.0 - ssim).max(0.0).sqrt() * lpips.max(0.0)).cbrt()
 }

@@ -74,13 +74,11 @@ pub enum Measure {
 
 impl Metric {
     /// Key in `results.json`.
-    #[must_use]
     pub const fn key(&self) -> &'static str {
         self.descriptor.key
     }
 
     /// Name of the network that it needs.
-    #[must_use]
     pub fn network(&self) -> Option<&'static str> {
         match self.measure {
             Measure::View(_) => None,

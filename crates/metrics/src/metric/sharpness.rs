@@ -25,7 +25,6 @@ pub fn sharpness(render: &Picture, truth: &Picture) -> Result<f64, MetricError> 
 ///
 /// `Y_x` and `Y_y` are central differences `(Y[i+1] − Y[i−1]) / 2` inside and one-sided differences at the border (NumPy's
 /// `gradient`); along a side of one pixel the derivative is 0. `Y` is [`luminance`].
-#[must_use]
 pub fn mean_gradient(picture: &Picture) -> f64 {
     let [width, height] = picture.size();
     let luma = luminance(picture.pixels());

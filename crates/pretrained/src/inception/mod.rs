@@ -39,7 +39,6 @@ impl InceptionConfig {
     pub const NARROW: Self = Self { divisor: 16 };
 
     /// Names and shapes of its tensors, as pytorch-fid has them.
-    #[must_use]
     pub fn tensors(self) -> Vec<TensorShape> {
         units(self.divisor).iter().flat_map(|unit| [unit.weight()].into_iter().chain(unit.normalisation())).collect()
     }

@@ -83,13 +83,11 @@ impl LpipsConfig {
     }
 
     /// Names and shapes of the backbone's tensors, as torchvision has them.
-    #[must_use]
     pub fn backbone_tensors(&self) -> Vec<TensorShape> {
         self.convolutions().flat_map(|convolution| convolution.tensors()).collect()
     }
 
     /// Names and shapes of the heads' tensors, as the `lpips` package has them.
-    #[must_use]
     pub fn head_tensors(&self) -> Vec<TensorShape> {
         self.convolutions().filter_map(|convolution| convolution.head_tensor()).collect()
     }

@@ -36,7 +36,7 @@ pub enum WeightsError {
     /// The server cannot be reached.
     #[error("no connection to {url}: {cause}; without a network, `infonerf weights import FILE` takes a copy")]
     Connection {
-        /// What was asked for.
+        /// The requested value.
         url: String,
         /// What the system says.
         cause: String,
@@ -44,7 +44,7 @@ pub enum WeightsError {
     /// The server does not give the file.
     #[error("{url}: the server answered with HTTP status {status}")]
     Status {
-        /// What was asked for.
+        /// The requested value.
         url: String,
         /// HTTP status.
         status: u16,
@@ -52,7 +52,7 @@ pub enum WeightsError {
     /// The server has another file there.
     #[error("{url}: the server offers {found} bytes, expected {expected}")]
     Length {
-        /// What was asked for.
+        /// The requested value.
         url: String,
         /// Bytes offered.
         found: u64,
@@ -62,7 +62,7 @@ pub enum WeightsError {
     /// The file did not arrive in full.
     #[error("{url}: the connection ended after {done} of {total} bytes; what has arrived is kept; try again to resume")]
     Truncated {
-        /// What was asked for.
+        /// The requested value.
         url: String,
         /// Bytes that have arrived.
         done: u64,
@@ -72,7 +72,7 @@ pub enum WeightsError {
     /// What arrived is something else.
     #[error("{url}: wrong checksum: SHA-256 is {found}, expected {expected}; nothing was kept")]
     Checksum {
-        /// What was asked for.
+        /// The requested value.
         url: String,
         /// SHA-256 of what arrived.
         found: String,

@@ -92,19 +92,16 @@ pub const KNOWN_WEIGHTS: &[KnownWeights] = &[
 
 impl KnownWeights {
     /// The weights called `name`.
-    #[must_use]
     pub fn named(name: &str) -> Option<&'static Self> {
         KNOWN_WEIGHTS.iter().find(|weights| weights.name == name)
     }
 
     /// Name of the published file.
-    #[must_use]
     pub fn published_file(&self) -> &'static str {
         self.url.rsplit('/').next().unwrap_or(self.url)
     }
 
     /// Name of the file that an import writes: safetensors of what is needed.
-    #[must_use]
     pub fn file(&self) -> String {
         format!("{}.safetensors", self.name)
     }

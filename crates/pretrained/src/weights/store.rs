@@ -51,7 +51,6 @@ impl Store {
     }
 
     /// The folders that are searched, in order.
-    #[must_use]
     pub fn folders(&self) -> &[PathBuf] {
         &self.folders
     }
@@ -62,7 +61,6 @@ impl Store {
     }
 
     /// The file of `weights`: what an import wrote, or the published file itself.
-    #[must_use]
     pub fn find(&self, weights: &KnownWeights) -> Option<PathBuf> {
         let named = self.files.iter().find(|(known, _)| known.name == weights.name).map(|(_, path)| path.clone());
         let names = [weights.file(), weights.published_file().to_owned()];
@@ -71,7 +69,6 @@ impl Store {
     }
 
     /// Whether each of [`KNOWN_WEIGHTS`] is there.
-    #[must_use]
     pub fn status(&self) -> Vec<Status> {
         KNOWN_WEIGHTS.iter().map(|weights| Status { weights, path: self.find(weights) }).collect()
     }

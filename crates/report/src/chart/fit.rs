@@ -9,7 +9,6 @@ pub struct PowerLaw {
 
 impl PowerLaw {
     /// Value at `x`.
-    #[must_use]
     pub fn at(self, x: f64) -> f64 {
         self.scale * x.powf(self.exponent)
     }
@@ -18,7 +17,6 @@ impl PowerLaw {
 /// Least-squares line through `(ln x, ln y)`; points that are not positive and finite are left out.
 ///
 /// `None` for fewer than two different `x`.
-#[must_use]
 pub fn fit_power_law(points: &[(f64, f64)]) -> Option<PowerLaw> {
     let usable = |value: f64| value.is_finite() && value > 0.0;
     let logs: Vec<(f64, f64)> =
@@ -35,7 +33,6 @@ pub fn fit_power_law(points: &[(f64, f64)]) -> Option<PowerLaw> {
 
 /// The points that no other beats in both coordinates, where smaller `x` and larger `y` are better, sorted by `x`: the
 /// frontier of time against PSNR. Points that are not finite are left out.
-#[must_use]
 pub fn pareto_frontier(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let mut sorted: Vec<(f64, f64)> = points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)));

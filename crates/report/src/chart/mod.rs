@@ -79,7 +79,6 @@ impl Series {
 }
 
 /// A chart as a file of its own: dark lines on white.
-#[must_use]
 pub fn standalone(svg: &str) -> String {
     svg.replacen("<svg ", "<svg style=\"color:#1f2328;background:#fff\" ", 1)
 }

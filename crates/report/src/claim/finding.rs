@@ -67,7 +67,6 @@ impl Finding {
 
     /// What was found, such as `+0.42 [+0.10, +0.74] on these 4 scenes × 5 view sets; +0.42 [-0.31, +1.15] on scenes like
     /// them (mixed model, REML, Satterthwaite)`.
-    #[must_use]
     pub fn found(&self) -> String {
         let (Some(interval), Some(&first)) = (self.difference, self.pairs.first()) else { return "no runs".to_owned() };
         let (scenes, pairs) = (self.pairs.len(), self.pairs.iter().sum());
@@ -97,7 +96,6 @@ impl Finding {
     }
 
     /// The paper's difference; empty where it gives none.
-    #[must_use]
     pub fn in_paper(&self) -> String {
         let decimals = self.decimals;
         self.published.map_or(String::new(), |difference| format!("{difference:+.decimals$}"))

@@ -1,4 +1,4 @@
-//! What a paper says about the order of variants, tested on records.
+//! Claims about the order of variants, such as a paper's, tested on records.
 
 mod finding;
 mod interval;
@@ -122,7 +122,6 @@ impl Claim {
     /// view sets of *these scenes*, which is what a mean over a benchmark's scenes with its spread speaks of; the wider
     /// one over *scenes like these* (a mixed model) stands beside it, and decides where scenes have one view set each.
     /// Runs that collapsed count with what they show. A single pair decides nothing.
-    #[must_use]
     pub fn test(&self, records: &[Record], published: Option<&Published>) -> TestedClaim {
         let test = |comparison: &Comparison| Finding::of(self, comparison, records, published);
         let findings: Vec<Finding> = self.comparisons.iter().map(test).collect();

@@ -3,7 +3,6 @@ use crate::text::escape_latex;
 
 impl Table {
     /// A LaTeX `table` for the `booktabs` package, protocol in the caption above the rows.
-    #[must_use]
     pub fn to_latex(&self) -> String {
         let caption: Vec<String> =
             std::iter::once(&self.title).chain(&self.protocol).map(|line| escape_latex(line) + ".").collect();

@@ -3,7 +3,6 @@ use crate::text::escape_markdown;
 
 impl Table {
     /// GitHub-flavoured Markdown: title, protocol, table with the best in bold, footnotes.
-    #[must_use]
     pub fn to_markdown(&self) -> String {
         let mut lines = vec![format!("**{}**", escape_markdown(&self.title)), String::new()];
         lines.extend(self.protocol.iter().map(|line| format!("> {}  ", escape_markdown(line))));

@@ -78,7 +78,6 @@ pub struct Cell {
 ///
 /// A mean over scenes is taken for each seed first, over the seeds that ran on every scene, and summarised over those
 /// seeds: its spread is that of the figure a paper would print. A variant which lacks a scene has no mean.
-#[must_use]
 pub fn scene_table(records: &[Record], quantity: Quantity) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
     let row = |group: &Group| {
@@ -93,7 +92,6 @@ pub fn scene_table(records: &[Record], quantity: Quantity) -> Table {
 
 /// Variants against quantities, each the mean over all scenes as in [`scene_table`]. Quantities without any value are left
 /// out.
-#[must_use]
 pub fn overview_table(records: &[Record], quantities: &[Quantity]) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
     let measured = |quantity: &Quantity| records.iter().any(|record| quantity.value(record).is_some());

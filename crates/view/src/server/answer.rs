@@ -6,7 +6,7 @@ use std::path::Path;
 
 use http::{Method, Request, Response, StatusCode};
 use infonerf_experiment::OpenDevice;
-use infonerf_report::{Events, Step};
+use infonerf_report::{Events, Step, picture_names};
 use serde_json::{Value, json};
 
 use super::control::TrainingControl;
@@ -95,7 +95,7 @@ fn progress(run: &Path) -> Value {
     let names: BTreeSet<&String> = steps.iter().flat_map(|step| step.losses.keys()).collect();
     let terms: BTreeMap<_, _> =
         names.iter().map(|&name| (name, curve(&|step| step.losses.get(name).copied()))).collect();
-    let views: Vec<String> = pictures(&run.join("test")).intersection(&pictures(&run.join("truth"))).cloned().collect();
+    let views = &picture_names(&run.join("test")) & &picture_names(&run.join("truth"));
     json!({
         "steps": chunks.iter().filter_map(|chunk| chunk.last()).map(|step| step.step).collect::<Vec<_>>(),
         "loss": curve(&|step| step.loss),
@@ -103,13 +103,6 @@ fn progress(run: &Path) -> Value {
         "psnr": curve(&|step| step.psnr),
         "views": views,
     })
-}
-
-/// Stems of the PNG files in a folder.
-fn pictures(folder: &Path) -> BTreeSet<String> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let stem = |name: String| name.strip_suffix(".png").map(str::to_owned);
-    entries.filter_map(|entry| stem(entry.file_name().into_string().ok()?)).collect()
 }
 
 fn json_answer(value: &Value) -> Response<Vec<u8>> {

@@ -20,7 +20,7 @@ const LINGER: (usize, Duration) = (8, Duration::from_secs(1));
 /// Time between two looks for a connection that has ended.
 const PAUSE: Duration = Duration::from_millis(5);
 
-/// Answers requests until the program ends. Clients that hang up are nobody's concern.
+/// Answers requests until the program ends. Clients that hang up are ignored.
 pub(super) fn serve(
     listener: &TcpListener,
     answer: impl Fn(&Request<()>) -> Response<Vec<u8>> + Send + Sync + 'static,

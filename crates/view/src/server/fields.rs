@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Result;
-use infonerf_experiment::{OpenDevice, RunPlan, Trained};
+use infonerf_experiment::{OpenDevice, RunPlan, Trained, is_finished};
 use infonerf_scene::Scene;
 
-use super::runs::{is_finished, stamp};
+use super::runs::stamp;
 use crate::{baked, package};
 
 /// The most packages that are kept.

@@ -5,6 +5,7 @@ use std::path::{Component, Path, PathBuf};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use anyhow::{Context, Result, bail};
+use infonerf_experiment::is_finished;
 use serde_json::{Value, json};
 
 /// The greatest depth of a run below the folder: `runs/<experiment>/<scene>/<variant>/seed<N>`.
@@ -109,12 +110,6 @@ fn collect(folder: &Path, depth: usize, runs: &mut Vec<PathBuf>) {
             collect(&entry.path(), depth - 1, runs);
         }
     }
-}
-
-/// Whether a run has its record.
-pub(super) fn is_finished(run: &Path) -> bool {
-    let mut names = fs::read_dir(run).into_iter().flatten().flatten().map(|entry| entry.file_name());
-    names.any(|name| name.to_string_lossy().starts_with("record-"))
 }
 
 fn state(run: &Path) -> &'static str {

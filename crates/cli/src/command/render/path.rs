@@ -64,7 +64,7 @@ impl Route {
         })
     }
 
-    /// What animations of it are called.
+    /// Name of its animations.
     pub(super) fn name(&self) -> &str {
         match self {
             Self::BuiltIn { name, .. } => name,
