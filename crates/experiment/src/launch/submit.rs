@@ -68,7 +68,7 @@ fn refused(batch: &Batch, array: &Array, jobs: &[String]) -> String {
     match jobs {
         [] => refused,
         jobs => format!(
-            "{refused} (those before are, as {}: the same command submits the rest when they have ended)",
+            "{refused} (those before are, as {}: the same command, without --overwrite, submits the rest when they have ended)",
             jobs.join(", ")
         ),
     }
