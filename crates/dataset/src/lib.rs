@@ -31,6 +31,6 @@ pub use export::export;
 pub use info::{Concern, Info, Warning, check, info, info_page, outline};
 #[doc(hidden)]
 pub use loaders::fuzzing;
-pub use photographs::from_images;
+pub use photographs::{from_images, with_refined_cameras};
 pub use source::{SceneSource, count_pixels, load};
 pub use transforms::transforms;

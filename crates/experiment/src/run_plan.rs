@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use burn::tensor::Device;
-use infonerf_dataset::SceneSource;
+use infonerf_dataset::{SceneSource, with_refined_cameras};
 use infonerf_field::FieldSpec;
+use infonerf_render::Focal;
 use infonerf_report::run_directory;
 use infonerf_scene::{PixelCount, Scene, SceneError, SceneRequest};
 use infonerf_schedule::Fault;
@@ -106,7 +107,7 @@ impl RunPlan {
         Ok(Trainer::new(&config, scene.clone(), seed, self.member_budget(), device)?)
     }
 
-    /// Loads the scene.
+    /// Loads the scene, its training cameras disturbed and refined as the config asks.
     ///
     /// # Errors
     /// As [`infonerf_dataset::load`].
@@ -119,7 +120,10 @@ impl RunPlan {
         };
         let disturb = self.config.scene.disturb;
         let exact = disturb == Disturbance::default();
-        Ok(if exact { scene } else { scene.disturbed(disturb.degrees, disturb.distance, self.seed) })
+        let scene = if exact { scene } else { scene.disturbed(disturb.degrees, disturb.distance, self.seed) };
+        let cameras = &self.config.train.cameras;
+        let by_matches = cameras.refine.is_by_matches();
+        Ok(if by_matches { with_refined_cameras(scene, cameras.focal != Focal::Fixed) } else { scene })
     }
 
     /// Refuses a run that would not fit into memory with so many of its fields being trained side by side, before anything

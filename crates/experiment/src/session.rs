@@ -169,7 +169,7 @@ impl Session {
 /// All that a scene depends on, its files apart.
 fn scene_key(plan: &RunPlan) -> String {
     let config = &plan.config;
-    format!("{:?} {:?} {:?} {}", plan.source, config.scene, config.eval.test, plan.seed)
+    format!("{:?} {:?} {:?} {:?} {}", plan.source, config.scene, config.train.cameras, config.eval.test, plan.seed)
 }
 
 #[cfg(test)]

@@ -62,11 +62,11 @@ pub struct Record {
 /// Mean errors of the poses of training cameras, each set aligned with the true ones by a similarity.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct CameraErrors {
-    /// Angle between the orientations as training began, degrees.
+    /// Angle between the orientations as they were given, degrees.
     pub rotation_deg_before: f64,
     /// The same as training ended.
     pub rotation_deg: f64,
-    /// Distance between the positions as training began, percent of the distance from the scene's centre.
+    /// Distance between the positions as they were given, percent of the distance from the scene's centre.
     pub translation_percent_before: f64,
     /// The same as training ended.
     pub translation_percent: f64,

@@ -81,6 +81,8 @@ pub struct Scene {
     pub all_train_cameras: Vec<Camera>,
     /// The exact cameras of `train` if these were [disturbed](Scene::disturbed), in the frame of the test views.
     pub exact_cameras: Option<Vec<Camera>>,
+    /// The cameras of `train` as they were before matches between photographs refined them, if these did.
+    pub unrefined_cameras: Option<Vec<Camera>>,
     /// What a person should know of the data, one line each.
     pub warnings: Vec<String>,
 }
@@ -98,6 +100,7 @@ impl Default for Scene {
             space: Space::default(),
             all_train_cameras: Vec::new(),
             exact_cameras: None,
+            unrefined_cameras: None,
             warnings: Vec::new(),
         }
     }
@@ -119,6 +122,12 @@ impl Scene {
     /// The distances `(near, far)` between which content lies along `ray`, `0 ≤ near < far`; `None` where none does.
     pub fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
         self.space.range.along(ray)
+    }
+
+    /// The cameras of `train` as they were given.
+    pub fn given_cameras(&self) -> Vec<Camera> {
+        let now = || self.train.iter().map(|view| view.camera.clone()).collect();
+        self.unrefined_cameras.clone().unwrap_or_else(now)
     }
 
     /// How many pixels its views have.

@@ -1,7 +1,7 @@
 //! Bundle adjustment (Triggs et al. 2000): Levenberg–Marquardt on lens, poses and points, the points eliminated by
 //! Schur's complement.
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{DMatrix, DVector};
 
 use crate::camera::{Lens, Pose};
@@ -31,6 +31,16 @@ pub(crate) struct Prior {
     pub(crate) k1_deviation: f64,
 }
 
+/// Where cameras are expected: normal distributions of their turns and places.
+#[derive(Clone, Debug)]
+pub(crate) struct PosePrior {
+    pub(crate) poses: Vec<Pose>,
+    /// Radians.
+    pub(crate) turn_deviation: f64,
+    /// Units of the world.
+    pub(crate) shift_deviation: f64,
+}
+
 /// What is adjusted.
 #[derive(Clone, Debug)]
 pub(crate) struct Bundle {
@@ -40,8 +50,9 @@ pub(crate) struct Bundle {
 }
 
 /// How it is adjusted.
-pub(crate) struct Adjustment {
+pub(crate) struct Adjustment<'a> {
     pub(crate) prior: Prior,
+    pub(crate) poses: Option<&'a PosePrior>,
     /// Whether points move.
     pub(crate) points: bool,
     /// Residuals far above this, in pixels, lose their weight (Cauchy's loss).
@@ -105,7 +116,8 @@ impl Bundle {
         let lost = LOST * how.scale;
         let robust = |r: f64| how.scale.powi(2) * (1.0 + (r.min(lost) / how.scale).powi(2)).ln();
         let (focal, k1) = how.prior.residuals(&self.lens);
-        self.errors().map(robust).sum::<f64>() + focal.powi(2) + k1.powi(2)
+        let poses = how.poses.map_or(0.0, |prior| prior.cost(&self.poses));
+        self.errors().map(robust).sum::<f64>() + focal.powi(2) + k1.powi(2) + poses
     }
 
     fn linearised(&self, how: &Adjustment) -> Normal {
@@ -120,6 +132,9 @@ impl Bundle {
                 normal.matrix[(i, i)] += deviation.powi(-2);
                 normal.gradient[i] += residual / deviation;
             }
+        }
+        if let Some(prior) = how.poses {
+            prior.add_to(&mut normal, &self.poses);
         }
         for point in &self.points {
             let mut block = PointBlock { matrix: DMat3::ZERO, gradient: DVec3::ZERO, rows: Vec::new() };
@@ -212,6 +227,45 @@ impl Prior {
     }
 }
 
+impl PosePrior {
+    /// Each camera's turn `log(R R₀ᵀ)` and move `R (c₀ - c)` from where it is expected, in its axes and deviations.
+    fn residuals(&self, poses: &[Pose]) -> impl Iterator<Item = [DVec3; 2]> {
+        self.poses.iter().zip(poses).map(|(expected, pose)| {
+            let turn = DQuat::from_mat3(&(pose.rotation * expected.rotation.transpose())).to_scaled_axis();
+            [turn / self.turn_deviation, pose.transform(expected.centre()) / self.shift_deviation]
+        })
+    }
+
+    fn cost(&self, poses: &[Pose]) -> f64 {
+        self.residuals(poses).flatten().map(DVec3::length_squared).sum()
+    }
+
+    /// Turns are small: their derivative is taken to be the identity.
+    fn add_to(&self, normal: &mut Normal, poses: &[Pose]) {
+        for (camera, residuals) in self.residuals(poses).enumerate() {
+            let lever = poses[camera].rotation * self.poses[camera].centre() / self.shift_deviation;
+            for axis in 0..3 {
+                let unit = DVec3::AXES[axis];
+                // `R (c₀ - c) = R c₀ + t` changes by `ω × R c₀ + shift` with the pose.
+                let by_turn = lever.cross(unit);
+                let mut of_turn = [0.0; POSE];
+                of_turn[axis] = 1.0 / self.turn_deviation;
+                let mut of_shift = [by_turn.x, by_turn.y, by_turn.z, 0.0, 0.0, 0.0];
+                of_shift[3 + axis] = 1.0 / self.shift_deviation;
+                for (row, residual) in [of_turn, of_shift].iter().zip(residuals.map(|r| r[axis])) {
+                    let first = LENS + POSE * camera;
+                    for i in 0..POSE {
+                        normal.gradient[first + i] += row[i] * residual;
+                        for j in 0..POSE {
+                            normal.matrix[(first + i, first + j)] += row[i] * row[j];
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
 /// The derivative of one coordinate of a pixel.
 struct Row {
     /// By `ln focal`, `k1`, the turn of the camera and its shift.
@@ -278,7 +332,7 @@ mod tests {
         found.points.iter_mut().enumerate().for_each(|(i, p)| p.position += 0.05 * sway(i));
         (found.lens.focal, found.lens.k1) = (990.0, 0.0);
         let prior = Prior { focal: 990.0, focal_deviation: 0.3, k1_deviation: 0.1 };
-        found.adjust(&Adjustment { prior, points: true, scale: 1.0, steps: 100 });
+        found.adjust(&Adjustment { prior, poses: None, points: true, scale: 1.0, steps: 100 });
         let mut errors: Vec<f64> = found.errors().collect();
         errors.sort_by(f64::total_cmp);
         assert!(errors[errors.len() / 2] < 0.5, "{}", errors[errors.len() / 2]);

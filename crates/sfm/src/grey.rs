@@ -12,6 +12,11 @@ pub struct Grey {
 }
 
 impl Grey {
+    /// The luma of colours in [0, 1], row-major.
+    pub fn of_rgb(width: usize, height: usize, rgb: impl Iterator<Item = [f32; 3]>) -> Self {
+        Self { width, height, values: rgb.map(|[r, g, b]| 0.299 * r + 0.587 * g + 0.114 * b).collect() }
+    }
+
     pub(crate) fn at(&self, x: usize, y: usize) -> f32 {
         self.values[y * self.width + x]
     }

@@ -16,6 +16,7 @@ mod p3p;
 mod polynomial;
 mod ransac;
 mod reconstruction;
+mod refine;
 mod sift;
 #[cfg(test)]
 mod testing;
@@ -28,3 +29,4 @@ pub use camera::{Lens, Pose};
 pub use exif::focal;
 pub use grey::Grey;
 pub use reconstruction::{Photograph, Reconstruction, Settings, reconstruct};
+pub use refine::{Posed, Refined, Uncertainty, refine};

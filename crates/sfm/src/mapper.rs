@@ -2,7 +2,7 @@
 
 use glam::{DVec2, DVec3};
 
-use crate::bundle::{Adjustment, Bundle, Point, Prior};
+use crate::bundle::{Adjustment, Bundle, Point, PosePrior, Prior};
 use crate::camera::{Lens, Pose};
 use crate::p3p::p3p;
 use crate::ransac::Ransac;
@@ -19,6 +19,8 @@ const SAMPLES: usize = 5000;
 const SMALLEST_ANGLE: f64 = 1.5 * std::f64::consts::PI / 180.0;
 /// Pairs of views that a point is tried from, at most.
 const TRIED: usize = 30;
+/// How many times the tolerance is allowed at first where cameras are known roughly.
+const WIDENED: [f64; 6] = [32.0, 16.0, 8.0, 4.0, 2.0, 1.0];
 /// From this many photographs on, the lens is adjusted.
 const FOR_LENS: usize = 3;
 
@@ -31,6 +33,8 @@ pub(crate) struct Mapper<'a> {
     pub(crate) poses: Vec<Result<Pose, String>>,
     pub(crate) lens: Lens,
     prior: Prior,
+    /// Where the photographs are expected, if that is known.
+    expected: Option<PosePrior>,
     /// Pixels between where a point is seen and where it falls.
     tolerance: f64,
     seed: u64,
@@ -48,7 +52,20 @@ impl<'a> Mapper<'a> {
     ) -> Self {
         let mut poses = vec![Err(String::new()); count];
         (poses[a], poses[b]) = (Ok(Pose::IDENTITY), Ok(pose));
-        Self { tracks, positions: vec![None; tracks.len()], poses, lens, prior, tolerance, seed }
+        Self { tracks, positions: vec![None; tracks.len()], poses, lens, prior, expected: None, tolerance, seed }
+    }
+
+    /// All photographs, where they are expected.
+    pub(crate) fn at(
+        tracks: &'a [Track],
+        (lens, prior): (Lens, Prior),
+        tolerance: f64,
+        expected: PosePrior,
+        seed: u64,
+    ) -> Self {
+        let poses = expected.poses.iter().map(|pose| Ok(*pose)).collect();
+        let expected = Some(expected);
+        Self { tracks, positions: vec![None; tracks.len()], poses, lens, prior, expected, tolerance, seed }
     }
 
     /// Places what can be placed.
@@ -58,6 +75,22 @@ impl<'a> Mapper<'a> {
             self.settle(1);
         }
         self.settle(5);
+        self.keep_certain()
+    }
+
+    /// Adjusts what is placed roughly: first points may fall far from where they are seen, then ever less.
+    pub(crate) fn refine(mut self) -> Self {
+        let tolerance = self.tolerance;
+        for times in WIDENED {
+            self.tolerance = times * tolerance;
+            self.settle(2);
+        }
+        self.settle(5);
+        self.keep_certain()
+    }
+
+    /// Photographs that see too little are not placed.
+    fn keep_certain(mut self) -> Self {
         let points = self.points();
         for (photograph, pose) in self.poses.iter_mut().enumerate().filter(|(_, pose)| pose.is_ok()) {
             let count = points.iter().filter(|p| p.seen.iter().any(|(i, _)| *i == photograph)).count();
@@ -113,7 +146,8 @@ impl<'a> Mapper<'a> {
             let poses = self.poses.iter().map(|pose| *pose.as_ref().unwrap_or(&Pose::IDENTITY)).collect();
             let prior = if self.placed() < FOR_LENS { Prior::fixed(&self.lens) } else { self.prior };
             let mut bundle = Bundle { lens: self.lens, poses, points };
-            bundle.adjust(&Adjustment { prior, points: true, scale: 0.5 * self.tolerance, steps: 30 });
+            let (poses, scale) = (self.expected.as_ref(), 0.5 * self.tolerance);
+            bundle.adjust(&Adjustment { prior, poses, points: true, scale, steps: 30 });
             self.lens = bundle.lens;
             for (pose, adjusted) in self.poses.iter_mut().zip(bundle.poses) {
                 if let Ok(pose) = pose {
@@ -194,7 +228,7 @@ impl<'a> Mapper<'a> {
         let point = |&i: &usize| Point { position: seen[i].1, seen: vec![(0, seen[i].0)] };
         let mut bundle = Bundle { lens: self.lens, poses: vec![pose], points: inliers.iter().map(point).collect() };
         let (prior, scale) = (Prior::fixed(&self.lens), 0.5 * self.tolerance);
-        bundle.adjust(&Adjustment { prior, points: false, scale, steps: 20 });
+        bundle.adjust(&Adjustment { prior, poses: None, points: false, scale, steps: 20 });
         Ok(bundle.poses[0])
     }
 }

@@ -1,9 +1,12 @@
 //! Features of two photographs that look alike.
 
 use gemm::{Parallelism, gemm};
+use rayon::prelude::*;
 
 use crate::sift::{Features, LENGTH};
 
+/// Matches without which two photographs are not compared.
+pub(crate) const FEWEST: usize = 20;
 /// A match must be closer than this share of the distance to the second best.
 const RATIO: f32 = 0.8;
 /// Rows of similarities that are held at once.
@@ -15,6 +18,14 @@ pub(crate) struct Matches {
     pub(crate) b: usize,
     /// Indices of features in `a` and in `b`.
     pub(crate) pairs: Vec<(usize, usize)>,
+}
+
+/// The matches of all pairs of photographs that have [`FEWEST`] or more.
+pub(crate) fn matches_of_pairs(features: &[Features]) -> Vec<Matches> {
+    let count = features.len();
+    let pairs: Vec<(usize, usize)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
+    let matched = pairs.into_par_iter().map(|(a, b)| Matches { a, b, pairs: matches(&features[a], &features[b]) });
+    matched.filter(|matches| matches.pairs.len() >= FEWEST).collect()
 }
 
 /// Indices `(a, b)` of features that are each other's closest, by far in both photographs.

@@ -7,13 +7,11 @@ use crate::bundle::{Point, Prior};
 use crate::camera::{Lens, Pose};
 use crate::grey::Grey;
 use crate::mapper::Mapper;
-use crate::matching::{Matches, matches};
+use crate::matching::{FEWEST, Matches, matches_of_pairs};
 use crate::sift::{Features, features};
 use crate::tracks::tracks;
-use crate::two_view::{TwoView, two_view};
+use crate::two_view::{TwoView, verified};
 
-/// Matches that must agree on the relative pose of two photographs.
-const FEWEST: usize = 20;
 /// Focal lengths that are tried where none is known, over the longer side: wide angle to short telephoto.
 const GUESSES: [f64; 4] = [0.65, 0.85, 1.15, 1.6];
 /// How far off a guess, or what EXIF says, may be: deviation of its logarithm.
@@ -77,12 +75,7 @@ pub fn reconstruct(
     let features: Vec<Features> = photographs.par_iter().map(|p| features(&p.image, settings.features)).collect();
     let found = features.iter().map(|f| f.pixels.len());
     progress(&format!("{} to {} features per photograph", found.clone().min().unwrap_or(0), found.max().unwrap_or(0)));
-    let pairs: Vec<(usize, usize)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
-    let matched: Vec<Matches> = pairs
-        .into_par_iter()
-        .map(|(a, b)| Matches { a, b, pairs: matches(&features[a], &features[b]) })
-        .filter(|matches| matches.pairs.len() >= FEWEST)
-        .collect();
+    let matched = matches_of_pairs(&features);
     let most = matched.iter().map(|matches| matches.pairs.len()).max().unwrap_or(0);
     progress(&format!("{} pairs of photographs have {FEWEST} matches or more, {most} at most", matched.len()));
     let size = photographs.first().map_or(DVec2::ONE, |p| DVec2::new(p.image.width as f64, p.image.height as f64));
@@ -127,14 +120,8 @@ fn map(
     tolerance: f64,
     seed: u64,
 ) -> Option<Reconstruction> {
-    let verified = |&Matches { a, b, ref pairs }: &Matches| {
-        let pixels: Vec<(DVec2, DVec2)> =
-            pairs.iter().map(|(i, j)| (features[a].pixels[*i], features[b].pixels[*j])).collect();
-        let view = two_view(&pixels, &lens.0, tolerance, seed ^ ((a as u64) << 32 | b as u64))?;
-        let pairs: Vec<(usize, usize)> = view.inliers.iter().map(|&i| pairs[i]).collect();
-        (pairs.len() >= FEWEST).then_some((Matches { a, b, pairs }, view))
-    };
-    let (agreed, views): (Vec<Matches>, Vec<TwoView>) = matched.par_iter().filter_map(verified).unzip();
+    let (agreed, views): (Vec<Matches>, Vec<TwoView>) =
+        verified(features, matched, &lens.0, tolerance, seed).into_iter().unzip();
     let tracks = tracks(features, &agreed);
     let worth = |view: &TwoView| view.angles.iter().map(|a| a.min(WIDE)).sum::<f64>();
     let mut pairs: Vec<(&Matches, &TwoView)> = agreed.iter().zip(&views).collect();

@@ -1,11 +1,14 @@
 //! The relative pose of two photographs from their matches.
 
 use glam::{DMat3, DVec2, DVec3};
+use rayon::prelude::*;
 
 use crate::bundle::{Adjustment, Bundle, Point, Prior};
 use crate::camera::{Lens, Pose};
 use crate::essential::{five_point, poses, sampson};
+use crate::matching::{FEWEST, Matches};
 use crate::ransac::Ransac;
+use crate::sift::Features;
 use crate::triangulate::{angle, triangulate};
 
 /// Samples of five matches, at most.
@@ -20,6 +23,24 @@ pub(crate) struct TwoView {
     pub(crate) inliers: Vec<usize>,
     /// The angles between the two rays to what these see, in radians.
     pub(crate) angles: Vec<f64>,
+}
+
+/// The pairs of photographs of which [`FEWEST`] matches or more agree on a relative pose, with these matches alone.
+pub(crate) fn verified(
+    features: &[Features],
+    matched: &[Matches],
+    lens: &Lens,
+    tolerance: f64,
+    seed: u64,
+) -> Vec<(Matches, TwoView)> {
+    let verified = |&Matches { a, b, ref pairs }: &Matches| {
+        let pixels: Vec<(DVec2, DVec2)> =
+            pairs.iter().map(|(i, j)| (features[a].pixels[*i], features[b].pixels[*j])).collect();
+        let view = two_view(&pixels, lens, tolerance, seed ^ ((a as u64) << 32 | b as u64))?;
+        let pairs: Vec<(usize, usize)> = view.inliers.iter().map(|&i| pairs[i]).collect();
+        (pairs.len() >= FEWEST).then_some((Matches { a, b, pairs }, view))
+    };
+    matched.par_iter().filter_map(verified).collect()
 }
 
 /// The relative pose on which most `matches` (pixels in both photographs) agree within `tolerance` pixels. `None` where no
@@ -62,7 +83,13 @@ fn refined(
         Some(Point { position: point(&pose, rays[i])?, seen })
     });
     let mut bundle = Bundle { lens: *lens, poses: vec![Pose::IDENTITY, pose], points: points.collect() };
-    bundle.adjust(&Adjustment { prior: Prior::fixed(lens), points: true, scale: 0.5 * tolerance, steps: 10 });
+    bundle.adjust(&Adjustment {
+        prior: Prior::fixed(lens),
+        poses: None,
+        points: true,
+        scale: 0.5 * tolerance,
+        steps: 10,
+    });
     let [first, second] = [bundle.poses[0], bundle.poses[1]];
     let rotation = second.rotation * first.rotation.transpose();
     let translation = second.translation - rotation * first.translation;

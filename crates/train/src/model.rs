@@ -76,7 +76,7 @@ impl<F: Field> FieldBuilder<F> {
         let model = with_initial_weights(config, Model { coarse, ..Model::of((self.build)(seed, device)?) })?;
         let (train, views) = (&config.train, scene.train.len());
         let exposure = train.exposure_compensation.then(|| Exposure::new(views, device));
-        let refined = train.cameras.refine;
+        let refined = train.cameras.refine.is_photometric();
         let cameras = refined.then(|| CameraRefinement::new(views, Pivot::of(scene), train.cameras.focal, device));
         Ok(Model { exposure, cameras, ..model })
     }

@@ -15,7 +15,7 @@ use infonerf_train::{Config, Preset, Trainer, fitted_to};
 const STEPS: usize = 300;
 
 /// The quick field on images of 48², small from the first step on.
-fn config(refine: bool) -> Config {
+fn config(refine: &str) -> Config {
     let mut table = Preset::Fast.table();
     for setting in [
         "field.resolutions=[16,32,64]",
@@ -54,7 +54,7 @@ fn apart(found: &Camera, truth: &Camera) -> [f64; 2] {
 #[test]
 fn the_pose_of_a_photograph_is_found() {
     let scene = scene();
-    let mut trainer = Trainer::new(&config(false), scene.clone(), 0, None, &Device::flex()).unwrap();
+    let mut trainer = Trainer::new(&config("none"), scene.clone(), 0, None, &Device::flex()).unwrap();
     steps(&mut trainer, STEPS);
     let trained = trainer.trained();
     let one = |view: &View| Scene { train: vec![view.clone()], ..Scene::default() };
@@ -70,7 +70,7 @@ fn the_pose_of_a_photograph_is_found() {
 #[test]
 fn disturbed_cameras_are_mended() {
     let scene = Arc::new(scene().as_ref().clone().disturbed(3.0, 0.04, 1));
-    let mut trainer = Trainer::new(&config(true), scene.clone(), 0, None, &Device::flex()).unwrap();
+    let mut trainer = Trainer::new(&config("photometric"), scene.clone(), 0, None, &Device::flex()).unwrap();
     steps(&mut trainer, STEPS);
     let given: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
     let exact = scene.exact_cameras.as_ref().unwrap();

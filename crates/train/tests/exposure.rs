@@ -8,6 +8,7 @@ use burn::tensor::{Device, Tensor};
 use common::{configs, scene_of, steps};
 use infonerf_ops::to_host;
 use infonerf_scene::Scene;
+use infonerf_train::config::Refine;
 use infonerf_train::{Event, Trainer};
 
 /// What is left of the light in the first photograph.
@@ -32,7 +33,7 @@ fn scene_of_changing_exposure() -> Scene {
 fn trained(compensated: bool) -> (f32, Option<Vec<f32>>) {
     let [_, _, mut config, ..] = configs();
     config.train.exposure_compensation = compensated;
-    config.train.cameras.refine = false;
+    config.train.cameras.refine = Refine::None;
     config.train.iterations = STEPS;
     config.train.rays = 128;
     config.train.target_samples = 0;

@@ -98,7 +98,7 @@ fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
 fn show_run(dir: &Path, page: Option<&Path>) -> Result<()> {
     let trained = Trained::read(RunPlan::of_run(dir)?, dir, &open_device(DeviceName::Auto)?)?;
     let (scene, learnt) = (trained.scene(), trained.trainers[0].cameras());
-    let given: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+    let given = scene.given_cameras();
     let apart = |of: &[Camera], from: &[Camera]| {
         let error = PoseError::of(of, from, scene.space.centre.as_dvec3());
         format!("{:.2}° and {:.2} % of their distance", error.rotation_deg, error.translation_percent)
@@ -110,7 +110,9 @@ fn show_run(dir: &Path, page: Option<&Path>) -> Result<()> {
     if let Some(page) = page {
         let to_scene = Similarity::between(&learnt, scene.exact_cameras.as_ref().unwrap_or(&given));
         let learnt: Vec<Camera> = learnt.iter().map(|camera| to_scene.camera(camera)).collect();
-        write_page(page, scene, &learnt)?;
+        let mut as_given = scene.as_ref().clone();
+        as_given.train.iter_mut().zip(given).for_each(|(view, camera)| view.camera = camera);
+        write_page(page, &as_given, &learnt)?;
     }
     Ok(())
 }

@@ -164,6 +164,7 @@ pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene
         space,
         all_train_cameras: parts.train.iter().map(|f| f.camera(native.0, native.1).resized(size.0, size.1)).collect(),
         exact_cameras: None,
+        unrefined_cameras: None,
         warnings,
     }
     .with_guessed_background())

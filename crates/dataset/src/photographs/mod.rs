@@ -2,6 +2,9 @@
 
 mod colmap;
 mod own;
+mod refine;
+
+pub use refine::with_refined_cameras;
 
 use std::fs;
 use std::path::{Path, PathBuf};

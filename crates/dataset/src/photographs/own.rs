@@ -119,9 +119,8 @@ impl Small {
     }
 
     fn photograph(&self) -> Photograph {
-        let luma = |c: &[u8; 3]| (0.299 * f32::from(c[0]) + 0.587 * f32::from(c[1]) + 0.114 * f32::from(c[2])) / 255.0;
-        let values = self.rgb.iter().map(luma).collect();
-        Photograph { image: Grey { width: self.width, height: self.height, values }, focal: self.focal }
+        let rgb = self.rgb.iter().map(|colour| colour.map(|value| f32::from(value) / 255.0));
+        Photograph { image: Grey::of_rgb(self.width, self.height, rgb), focal: self.focal }
     }
 
     fn colour(&self, pixel: DVec2) -> [u8; 3] {
@@ -132,33 +131,24 @@ impl Small {
 
 #[cfg(test)]
 mod tests {
-    use glam::{DMat3, DMat4, DVec3};
-    use infonerf_scene::{SceneRequest, TestProtocol, ViewSelection};
+    use glam::DVec3;
+    use infonerf_scene::{Camera, PoseError, SceneRequest, Similarity, TestProtocol, ViewSelection};
 
     use super::*;
     use crate::loaders::testing::shared_data;
     use crate::{SceneSource, load};
 
-    /// Mean errors of poses `(found, true)`: of rotations in degrees, and of positions over the mean distance between
-    /// cameras. The worlds are aligned by the mean of the relative rotations, then by scale and place.
-    fn errors(poses: &[(DMat4, DMat4)]) -> (f64, f64) {
-        let count = poses.len() as f64;
-        let turn = |(found, truth): &(DMat4, DMat4)| DMat3::from_mat4(*truth) * DMat3::from_mat4(*found).transpose();
-        let sum = poses.iter().map(turn).fold(DMat3::ZERO, |sum, r| sum + r);
-        // The nearest rotation, by Newton's iteration for the polar decomposition.
-        let rotation = (0..40).fold(sum, |m, _| 0.5 * (m + m.inverse().transpose()));
-        let angle = |pose| (turn(pose) * rotation.transpose()).to_cols_array();
-        let angle = |pose| (0.5 * (angle(pose)[0] + angle(pose)[4] + angle(pose)[8] - 1.0)).clamp(-1.0, 1.0).acos();
-        let centre = |m: &DMat4| m.w_axis.truncate();
-        let places = poses.iter().map(|(found, truth)| (rotation * centre(found), centre(truth)));
-        let mean = places.clone().fold((DVec3::ZERO, DVec3::ZERO), |m, p| (m.0 + p.0 / count, m.1 + p.1 / count));
-        let places: Vec<_> = places.map(|(a, b)| (a - mean.0, b - mean.1)).collect();
-        let scale = places.iter().map(|(a, b)| a.dot(*b)).sum::<f64>()
-            / places.iter().map(|(a, _)| a.length_squared()).sum::<f64>();
-        let off = places.iter().map(|(a, b)| (scale * *a).distance(*b)).sum::<f64>() / count;
-        let pairs = || places.iter().enumerate().flat_map(|(i, a)| places[..i].iter().map(|b| a.1.distance(b.1)));
+    /// Mean errors of cameras after [`Similarity::between`] has aligned them: of rotations in degrees, and of positions in
+    /// percent of the mean distance between cameras.
+    fn errors(found: &[Camera], truth: &[Camera]) -> (f64, f64) {
+        let similarity = Similarity::between(found, truth);
+        let place = Camera::position_f64;
+        let off = found.iter().zip(truth).map(|(found, truth)| place(&similarity.camera(found)).distance(place(truth)));
+        let off = off.sum::<f64>() / truth.len() as f64;
+        let pairs =
+            || truth.iter().enumerate().flat_map(|(i, a)| truth[..i].iter().map(|b| place(a).distance(place(b))));
         let apart = pairs().sum::<f64>() / pairs().count() as f64;
-        (poses.iter().map(angle).sum::<f64>().to_degrees() / count, off / apart)
+        (PoseError::of(found, truth, DVec3::ZERO).rotation_deg, 100.0 * off / apart)
     }
 
     /// Prints the table of docs/photographs.md: with `INFONERF_LINES`, what a user is told too.
@@ -208,11 +198,12 @@ mod tests {
                     let stem = Path::new(&image.name).file_stem();
                     &views.iter().find(|view| Path::new(&view.name).file_name() == stem).unwrap().camera
                 };
-                let poses: Vec<_> = read.images.iter().map(|image| (image.pose, truth(image).to_world)).collect();
-                let (turn, off) = errors(&poses);
+                let (found, truth): (Vec<Camera>, Vec<Camera>) =
+                    read.images.iter().map(|image| (truth(image).with_pose(image.pose), truth(image).clone())).unzip();
+                let (turn, off) = errors(&found, &truth);
                 let focal = read.cameras[&1].parameters[0] / f64::from(read.cameras[&1].width);
                 let published = views[0].camera.fx / f64::from(views[0].camera.width);
-                let (placed, off, points) = (poses.len(), 100.0 * off, read.points.len());
+                let (placed, points) = (found.len(), read.points.len());
                 eprintln!(
                     "| {which} | {placed} | {turn:.2} | {off:.1} | {focal:.2} / {published:.2} | {points} | {seconds:.0} |"
                 );

@@ -102,10 +102,9 @@ fn pose_errors(trainers: &[Trainer]) -> Option<CameraErrors> {
         let error = PoseError::of(cameras, exact, scene.space.centre.as_dvec3());
         [error.rotation_deg, error.translation_percent]
     };
-    let given: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
     let learnt = trainers.iter().map(|trainer| error(&trainer.cameras()));
     let sum = learnt.fold([0.0; 2], |sum, error| [sum[0] + error[0], sum[1] + error[1]]);
-    let [rotation, translation] = error(&given);
+    let [rotation, translation] = error(&scene.given_cameras());
     let [rotation_after, translation_after] = sum.map(|sum| sum / trainers.len() as f64);
     Some(CameraErrors {
         rotation_deg_before: rotation,
@@ -142,7 +141,7 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
              a similarity",
             100.0 * distance
         ));
-    } else if plan.config.train.cameras.refine {
+    } else if plan.config.train.cameras.refine.is_photometric() {
         notes.push("training cameras were learnt; test cameras are aligned with them by a similarity".into());
     }
     if plan.config.eval.pose_steps > 0 {

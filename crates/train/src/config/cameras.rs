@@ -2,31 +2,60 @@ use infonerf_render::Focal;
 use infonerf_schedule::{Curve, Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-/// Whether and how training cameras are learnt with the field: see [`infonerf_render::CameraRefinement`].
+/// Whether and how training cameras are refined.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraConfig {
-    /// Whether they are.
-    pub refine: bool,
+    /// By what.
+    pub refine: Refine,
     /// Adam's learning rate of the corrections: radians, and shares of the cameras' mean distance from the scene's centre.
     pub lr: Schedule,
-    /// Which focal lengths are learnt too.
+    /// Which focal lengths are refined too: by matches, all by one factor.
     pub focal: Focal,
     /// Weight of the mean square of the corrections in the objective: a pull towards where the cameras began.
     pub prior: f32,
+}
+
+/// What training cameras are refined by.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Refine {
+    /// Nothing: they stay as they are.
+    #[default]
+    None,
+    /// Matches between their photographs, before training (`infonerf_dataset::with_refined_cameras`).
+    Matches,
+    /// The photometric loss: they are learnt with the field (BARF, [`infonerf_render::CameraRefinement`]).
+    Photometric,
+    /// Matches, then the photometric loss.
+    Both,
+}
+
+impl Refine {
+    /// Whether matches refine them.
+    pub fn is_by_matches(self) -> bool {
+        matches!(self, Self::Matches | Self::Both)
+    }
+
+    /// Whether they are learnt with the field.
+    pub fn is_photometric(self) -> bool {
+        matches!(self, Self::Photometric | Self::Both)
+    }
 }
 
 impl Default for CameraConfig {
     /// Off; as preset `paper` has it.
     fn default() -> Self {
         let curve = Curve::Exponential { from: 2e-3, to: 1e-5, start: 0.0, end: 1.0 };
-        Self { refine: false, lr: Schedule { curve, warmup: 100 }, focal: Focal::Fixed, prior: 1e-3 }
+        Self { refine: Refine::None, lr: Schedule { curve, warmup: 100 }, focal: Focal::Fixed, prior: 1e-3 }
     }
 }
 
 impl CameraConfig {
     pub(super) fn validate(&self) -> Result<(), Fault> {
         Fault::unless_always_within(0.0..=1.0, "lr", &self.lr)?;
-        Fault::unless_within(0.0..=1e6, "prior", self.prior.into())
+        Fault::unless_within(0.0..=1e6, "prior", self.prior.into())?;
+        let goes = self.refine != Refine::Matches || self.focal != Focal::Each;
+        Fault::unless(goes, "focal", "\"fixed\" or \"shared\" with refine = \"matches\"", "each")
     }
 }

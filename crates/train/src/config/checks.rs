@@ -24,12 +24,14 @@ pub fn of_config(config: &Config) -> Result<(), Fault> {
     Fault::unless_within(0.0..=180.0, "scene.disturb.degrees", scene.disturb.degrees)?;
     Fault::unless_within(0.0..=1.0, "scene.disturb.distance", scene.disturb.distance)?;
     Fault::unless_within(0.0..=1e6, "eval.pose_steps", eval.pose_steps as f64)?;
-    if train.cameras.refine || eval.pose_steps > 0 {
+    let learnt = train.cameras.refine.is_photometric();
+    if learnt || eval.pose_steps > 0 {
         let expected = "`nerf` or `factored` where cameras are learnt (train.cameras.refine, eval.pose_steps): no other field \
                         passes gradients on to positions yet";
         Fault::unless(field.tracks_positions(), "field.kind", expected, field)?;
-        let expected = "false with train.cameras.refine: space is carved once, by the cameras as they begin";
-        Fault::unless(!train.cameras.refine || !render.occupancy.carve, "render.occupancy.carve", expected, true)?;
+        let expected =
+            "false where cameras are learnt (train.cameras.refine): space is carved once, by the cameras as they begin";
+        Fault::unless(!learnt || !render.occupancy.carve, "render.occupancy.carve", expected, true)?;
     }
     let whole = !field.needs_intervals() || render.placement == Placement::Interval;
     let expected = format!("\"interval\" with a {field}, whose samples are pieces of cones");
@@ -139,8 +141,10 @@ mod tests {
         let fault = |settings: &[&str]| Config::of(Preset::Paper, settings).err().map(|error| error.to_string());
         let mip =
             "field={kind='mip',layers=2,width=8,skip=0,position_frequencies=4,direction_frequencies=2,detail=1.0}";
-        let refine = "train.cameras.refine=true";
+        let refine = "train.cameras.refine=photometric";
+        let matches = "train.cameras.refine=matches";
         assert_eq!(fault(&[refine]), None);
+        assert_eq!(fault(&[mip, "render.placement=interval", matches, "train.cameras.focal=shared"]), None);
         for (settings, start) in [
             (&[mip, "render.placement=interval", refine][..], "field.kind: expected `nerf` or `factored` where"),
             (
@@ -149,8 +153,10 @@ mod tests {
             ),
             (
                 &["render.occupancy.carve=true", refine],
-                "render.occupancy.carve: expected false with train.cameras.refine",
+                "render.occupancy.carve: expected false where cameras are learnt",
             ),
+            (&[matches, "train.cameras.focal=each"], "train.cameras.focal: expected \"fixed\" or \"shared\" with"),
+            (&["train.cameras.refine=true"], "train.cameras.refine: expected one of none, matches, photometric, both"),
             (&["train.cameras.lr=-1"], "train.cameras.lr: expected a number from 0 to 1"),
             (&["train.cameras.focal=some"], "train.cameras.focal: expected one of fixed, shared, each, found"),
             (&["scene.disturb.degrees=200"], "scene.disturb.degrees: expected a number from 0 to 180"),

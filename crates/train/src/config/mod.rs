@@ -9,7 +9,7 @@ mod read;
 mod train;
 mod weights;
 
-pub use cameras::CameraConfig;
+pub use cameras::{CameraConfig, Refine};
 pub use layers::{Preset, assign, merge, parse_assignment};
 pub use protocol::{Protocol, Views};
 pub(crate) use train::LARGEST_ENSEMBLE;

@@ -33,7 +33,7 @@ const FAST: [&str; 12] = [
     "render.samples={from=12,to=24,end=0.5,curve=\"exponential\"}",
     "train.error_sampling={threshold=0.2,keep=0.25}",
     "train.exposure_compensation=true",
-    "train.cameras={refine=true,focal=\"each\"}",
+    "train.cameras={refine=\"photometric\",focal=\"each\"}",
     "render.occupancy.resolution=8",
     "render.occupancy.warmup=2",
     "render.occupancy.every=3",
