@@ -108,7 +108,8 @@ fn show_run(dir: &Path, page: Option<&Path>) -> Result<()> {
         outln!("from the exact ones were {} the given, are {} the learnt", apart(&given, exact), apart(&learnt, exact));
     }
     if let Some(page) = page {
-        let to_scene = Similarity::between(&learnt, scene.exact_cameras.as_ref().unwrap_or(&given));
+        let exact = scene.exact_cameras.as_ref().unwrap_or(&given);
+        let to_scene = Similarity::between(exact, &learnt, scene.space.centre.as_dvec3()).inverse();
         let learnt: Vec<Camera> = learnt.iter().map(|camera| to_scene.camera(camera)).collect();
         let mut as_given = scene.as_ref().clone();
         as_given.train.iter_mut().zip(given).for_each(|(view, camera)| view.camera = camera);

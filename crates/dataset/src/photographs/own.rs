@@ -140,15 +140,15 @@ mod tests {
 
     /// Mean errors of cameras after [`Similarity::between`] has aligned them: of rotations in degrees, and of positions in
     /// percent of the mean distance between cameras.
-    fn errors(found: &[Camera], truth: &[Camera]) -> (f64, f64) {
-        let similarity = Similarity::between(found, truth);
+    fn errors(found: &[Camera], truth: &[Camera], centre: DVec3) -> (f64, f64) {
+        let similarity = Similarity::between(truth, found, centre).inverse();
         let place = Camera::position_f64;
         let off = found.iter().zip(truth).map(|(found, truth)| place(&similarity.camera(found)).distance(place(truth)));
         let off = off.sum::<f64>() / truth.len() as f64;
         let pairs =
             || truth.iter().enumerate().flat_map(|(i, a)| truth[..i].iter().map(|b| place(a).distance(place(b))));
         let apart = pairs().sum::<f64>() / pairs().count() as f64;
-        (PoseError::of(found, truth, DVec3::ZERO).rotation_deg, 100.0 * off / apart)
+        (PoseError::of(found, truth, centre).rotation_deg, 100.0 * off / apart)
     }
 
     /// Prints the table of docs/photographs.md: with `INFONERF_LINES`, what a user is told too.
@@ -200,7 +200,7 @@ mod tests {
                 };
                 let (found, truth): (Vec<Camera>, Vec<Camera>) =
                     read.images.iter().map(|image| (truth(image).with_pose(image.pose), truth(image).clone())).unzip();
-                let (turn, off) = errors(&found, &truth);
+                let (turn, off) = errors(&found, &truth, scene.space.centre.as_dvec3());
                 let focal = read.cameras[&1].parameters[0] / f64::from(read.cameras[&1].width);
                 let published = views[0].camera.fx / f64::from(views[0].camera.width);
                 let (placed, points) = (found.len(), read.points.len());

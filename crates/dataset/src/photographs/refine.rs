@@ -1,7 +1,7 @@
 //! Cameras of a scene, refined by `infonerf-sfm`.
 
 use glam::{DMat3, DVec2, DVec3};
-use infonerf_scene::{Camera, PoseError, Scene, Similarity, View};
+use infonerf_scene::{Camera, PoseError, Scene, View};
 use infonerf_sfm::{Grey, Pose, Posed, Settings, Uncertainty, refine};
 
 use crate::colmap::opengl;
@@ -16,9 +16,9 @@ const FOCAL: f64 = 0.05;
 /// the given cameras and is weakly drawn to them ([`infonerf_sfm::refine`]), for all focal lengths one factor with `focal`.
 /// No test view has a part in it.
 ///
-/// The refined cameras stay in the frame of the given: they are mapped onto these by the similarity that fits best. A camera whose photograph shares
-/// too few points with others stays as it is, which [`Scene::warnings`] say. The given ones are kept in
-/// [`Scene::unrefined_cameras`].
+/// The pull also fixes the frame: no similarity of all refined cameras would be nearer to the given ones, in these deviations.
+/// A camera whose photograph shares too few points with others stays as it is, which [`Scene::warnings`] say. The given cameras
+/// are kept in [`Scene::unrefined_cameras`].
 #[must_use]
 pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
     let given = scene.given_cameras();
@@ -41,21 +41,17 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
         pose.as_ref().err().map(|reason| format!("the camera of {} stays as given: {reason}", view.name))
     };
     let stayed: Vec<String> = scene.train.iter().zip(&found.poses).filter_map(stayed).collect();
-    let moved: Vec<(usize, Camera)> = (found.poses.iter().enumerate())
-        .filter_map(|(i, pose)| Some((i, refocused(&given[i], found.focal, pose.as_ref().ok()?))))
-        .collect();
-    let (refined, before): (Vec<Camera>, Vec<Camera>) =
-        moved.iter().map(|(i, camera)| (camera.clone(), given[*i].clone())).unzip();
-    let frame = Similarity::between(&refined, &before);
-    for (i, camera) in &moved {
-        scene.train[*i].camera = frame.camera(camera);
+    for (view, pose) in scene.train.iter_mut().zip(&found.poses) {
+        if let Ok(pose) = pose {
+            view.camera = refocused(&view.camera, found.focal, pose);
+        }
     }
     let now: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
     let by = PoseError::of(&now, &given, centre);
     scene.warnings.push(format!(
         "{} of {} training cameras were refined by {} points that their photographs share: by {:.2}° and {:.2} % of their \
          distance",
-        moved.len(),
+        given.len() - stayed.len(),
         given.len(),
         found.points.len(),
         by.rotation_deg,

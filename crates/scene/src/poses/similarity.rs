@@ -17,12 +17,15 @@ pub struct Similarity {
 
 impl Similarity {
     /// The similarity that takes the poses `from` to the poses `to` of the same cameras (Procrustes):
-    /// R is the rotation nearest to `Σ (c′ᵢ − c̄′)(cᵢ − c̄)ᵀ/(σσ′) + Σ R′ᵢRᵢᵀ`, with the cameras' positions cᵢ, their mean c̄
-    /// and root-mean-square distance σ from it; then s and t are the least-squares fit of the positions (Umeyama 1991).
+    /// R is the rotation nearest to `Σ (c′ᵢ − c̄′)(cᵢ − c̄)ᵀ σ/(σ′d²) + Σ R′ᵢRᵢᵀ`, with the cameras' positions cᵢ, their mean c̄
+    /// and root-mean-square distances σ from it and d from the scene's `centre` (in the world of `from`); then s and t are the
+    /// least-squares fit of the positions (Umeyama 1991).
     ///
+    /// A turn by an angle so counts as much as a move by that angle as seen from the centre. Positions of cameras that stand
+    /// close together before a distant scene tell little of a rotation.
     /// The orientations settle what the positions of one, two or collinear cameras leave open. Cameras in one place have
     /// scale 1, and no cameras the identity.
-    pub fn between(from: &[Camera], to: &[Camera]) -> Self {
+    pub fn between(from: &[Camera], to: &[Camera], centre: DVec3) -> Self {
         if from.is_empty() {
             return Self { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO };
         }
@@ -36,12 +39,19 @@ impl Similarity {
         let mut correlation: DMat3 = from.iter().zip(to).map(|(a, b)| b.rotation() * a.rotation().transpose()).sum();
         let scatter = spread * spread_to;
         if scatter > 0.0 {
-            correlation += pairs().map(|(a, b)| outer(b, a)).sum::<DMat3>() * scatter.recip();
+            let distance2 = spread * spread + mean.distance_squared(centre);
+            correlation += pairs().map(|(a, b)| outer(b, a)).sum::<DMat3>() * (spread / (spread_to * distance2));
         }
         let rotation = nearest_rotation(correlation);
         let along: f64 = pairs().map(|(a, b)| b.dot(rotation * a)).sum();
         let scale = if scatter > 0.0 && along > 0.0 { along / (spread * spread * from.len() as f64) } else { 1.0 };
         Self { rotation, scale, translation: mean_to - scale * (rotation * mean) }
+    }
+
+    /// From where it leads, back.
+    pub fn inverse(&self) -> Self {
+        let (rotation, scale) = (self.rotation.transpose(), self.scale.recip());
+        Self { rotation, scale, translation: -scale * (rotation * self.translation) }
     }
 
     /// The camera that sees of the mapped world what `camera` sees of the world.
@@ -63,9 +73,9 @@ pub struct PoseError {
 
 impl PoseError {
     /// The error of the poses `found` against those of `truth`, after `found` are aligned with them
-    /// ([`Similarity::between`]).
+    /// ([`Similarity::between`]); `centre` is the scene's, in the world of `truth`.
     pub fn of(found: &[Camera], truth: &[Camera], centre: DVec3) -> Self {
-        let similarity = Similarity::between(found, truth);
+        let similarity = Similarity::between(truth, found, centre).inverse();
         let errors = found.iter().zip(truth).map(|(found, truth)| {
             let aligned = similarity.camera(found);
             let turn = aligned.rotation() * truth.rotation().transpose();
@@ -110,16 +120,17 @@ mod tests {
         for count in [8, 3, 2] {
             let from = &cameras[..count];
             let to: Vec<Camera> = from.iter().map(|camera| similarity().camera(camera)).collect();
-            let found = Similarity::between(from, &to);
+            let found = Similarity::between(from, &to, DVec3::ZERO);
             let ahead = cameras[7].position_f64();
             let map = |s: Similarity| s.scale * (s.rotation * ahead) + s.translation;
             assert!(map(found).distance(map(similarity())) < 1e-9, "{count}: {found:?}");
+            assert!(found.inverse().camera(&to[1]).position_f64().distance(from[1].position_f64()) < 1e-9);
             let error = PoseError::of(&to, from, DVec3::ZERO);
             assert!(error.rotation_deg < 1e-5 && error.translation_percent < 1e-9, "{error:?}");
         }
         let [one] = [&cameras[..1]];
         let moved = [similarity().camera(&one[0])];
-        assert_eq!(Similarity::between(one, &moved).scale, 1.0);
+        assert_eq!(Similarity::between(one, &moved, DVec3::ZERO).scale, 1.0);
     }
 
     #[test]

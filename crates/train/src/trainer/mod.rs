@@ -248,7 +248,8 @@ impl<F: Field> Trainer<F> {
     fn frame(&self) -> Option<Similarity> {
         let exact = self.scene().exact_cameras.clone();
         let differ = exact.is_some() || self.model.cameras.is_some();
-        differ.then(|| Similarity::between(&exact.unwrap_or_else(|| self.given_cameras()), &self.cameras()))
+        let centre = self.scene().space.centre.as_dvec3();
+        differ.then(|| Similarity::between(&exact.unwrap_or_else(|| self.given_cameras()), &self.cameras(), centre))
     }
 
     /// What pictures are rendered from: the [snapshot](Self::snapshot), with a finer grid if `render.occupancy.refine` says
