@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, bail};
 use infonerf_dataset::SceneSource;
 use infonerf_report::{Claim, Record, ReportInput};
-use infonerf_scene::Backdrop;
+use infonerf_scene::{Backdrop, Layout};
 use infonerf_train::config::{self, checks};
 use infonerf_train::{Config, Preset};
 use toml::Table;
@@ -103,7 +103,8 @@ impl Outline {
         let variants = chosen_variants(&layers, selection)?;
         let mut tables = BTreeMap::new();
         let starts = scenes.iter().flat_map(|scene| variants.iter().map(|chosen| (scene.preset(chosen), chosen)));
-        let starts = starts.flat_map(|(few, chosen)| [few, few.for_views(usize::MAX)].map(|preset| (preset, chosen)));
+        let starts = starts
+            .flat_map(|(few, chosen)| [few, few.for_views(usize::MAX, Layout::Object)].map(|preset| (preset, chosen)));
         for (preset, ChosenVariant { variant, .. }) in starts {
             if let Entry::Vacant(new) = tables.entry((preset.name(), variant.name.clone())) {
                 let mut table = match variant.start {
@@ -151,7 +152,7 @@ impl Outline {
                     if preset == Preset::Capture && !chosen.is_asked_for {
                         // A scene that cannot be read is loading's to refuse.
                         let views = plan.pixels().map_or(0, |pixels| pixels.views);
-                        plan.preset = preset.for_views(views);
+                        plan.preset = preset.for_views(views, scene.layout);
                         plan.config = config(plan.preset)?;
                     }
                     checks::body(&plan.config, source.has_body())
@@ -184,17 +185,16 @@ struct ChosenScene {
     name: String,
     source: SceneSource,
     suitable: Preset,
+    layout: Layout,
 }
 
 impl ChosenScene {
-    /// `capture` suits photographs without a uniform background (`dense`, if there are many), `fast` everything else. A scene that cannot be read is
+    /// `capture` suits photographs without a uniform background, `fast` everything else. A scene that cannot be read is
     /// loading's to refuse.
     fn new((name, source): (String, SceneSource)) -> Self {
-        let suitable = match source.backdrop() {
-            Ok(Some(Backdrop::Unknown)) => Preset::Capture,
-            _ => Preset::Fast,
-        };
-        Self { name, source, suitable }
+        let (backdrop, layout) = source.setting().unwrap_or_default();
+        let suitable = if backdrop == Some(Backdrop::Unknown) { Preset::Capture } else { Preset::Fast };
+        Self { name, source, suitable, layout }
     }
 
     fn preset(&self, variant: &ChosenVariant) -> Preset {
@@ -386,17 +386,19 @@ mod tests {
         assert_eq!(presets("capture", Some(Preset::Capture)), (Preset::Capture, Preset::Capture));
     }
 
-    /// Room has 42 training views, of which `capture` takes all.
+    /// Table has 42 training views, of which `capture` takes all; the cameras of room face forward.
     #[test]
     fn many_photographs_have_a_larger_field() {
-        let plan = |experiment: &str, set: &[&str], preset: Option<Preset>| {
+        let of = |scene: &str, experiment: &str, set: &[&str], preset: Option<Preset>| {
             let set = set.iter().map(|&setting| setting.to_owned()).collect();
-            let selection = Selection { scenes: vec!["room".into()], set, preset, ..Selection::default() };
+            let selection = Selection { scenes: vec![scene.into()], set, preset, ..Selection::default() };
             let run = Experiment::plan(experiment, &selection).unwrap().runs.remove(0);
             let rebuilt = RunPlan::from_toml(&run.to_toml().unwrap()).unwrap();
             assert_eq!((rebuilt.preset, &rebuilt.config), (run.preset, &run.config));
             run
         };
+        assert_eq!(of("room", "capture", &[], None).preset, Preset::Capture);
+        let plan = |experiment: &str, set: &[&str], preset| of("table", experiment, set, preset);
         assert_eq!(plan("capture", &[], None).preset, Preset::Dense);
         assert_eq!(plan("capture", &["scene.views=seed-9"], None).preset, Preset::Dense);
         assert_eq!(plan("capture", &["scene.views=seed-8"], None).preset, Preset::Capture);

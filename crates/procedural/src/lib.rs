@@ -197,6 +197,11 @@ pub fn extent(name: &str) -> Result<(f32, f32, Aabb), SceneError> {
     Ok((layout.near, layout.far, layout.bounds))
 }
 
+/// How the cameras of the scene `name` stand.
+pub fn layout(name: &str) -> infonerf_scene::Layout {
+    if name == "room" { infonerf_scene::Layout::Forward } else { infonerf_scene::Layout::Object }
+}
+
 /// The ids of the training and of the test views that `request` chooses.
 fn choose(name: &str, cameras: &Layout, request: &SceneRequest) -> Result<(Vec<usize>, Vec<usize>), SceneError> {
     request.check()?;
@@ -259,7 +264,7 @@ pub fn load(name: &str, request: &SceneRequest) -> Result<Scene, SceneError> {
             far,
             range: Range::Distance { near, far },
             bounds,
-            layout: if name == "room" { infonerf_scene::Layout::Forward } else { infonerf_scene::Layout::Object },
+            layout: layout(name),
             body: body(name)?,
             ..Space::default()
         }

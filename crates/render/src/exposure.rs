@@ -5,7 +5,7 @@ use burn::tensor::{Device, Int, Tensor, TensorData};
 ///
 /// A training view shows `gain · C + bias + (1 − A) · background`, where C is the colour accumulated along a ray and A its
 /// opacity, as in the released code of Neural Volumes (Lombardi et al. 2019). Gains start at 1 and biases at 0. Rendered
-/// pictures apply neither. Colours of the released code range to 255, so that its biases learn 255 times more slowly.
+/// pictures apply neither: they have the mean exposure of the training views ([`Self::centred`]). Colours of the released code range to 255, so that its biases learn 255 times more slowly.
 #[derive(Module, Debug)]
 pub struct Exposure {
     /// `[V, 3]`.
@@ -19,6 +19,19 @@ impl Exposure {
     pub fn new(views: usize, device: &Device) -> Self {
         let parameter = |value: f32| Param::from_data(TensorData::new(vec![value; 3 * views], [views, 3]), device);
         Self { gain: parameter(1.0), bias: parameter(0.0) }
+    }
+
+    /// The same differences between views, with a mean gain of 1 and a mean bias of 0 over them for each channel. Brighter
+    /// colours with smaller gains explain photographs as well, so that the means would drift.
+    #[must_use]
+    pub fn centred(self) -> Self {
+        let with_mean = |values: Param<Tensor<2>>, mean: f32| {
+            values.map(|values| {
+                let values = values.detach();
+                (values.clone() - values.mean_dim(0) + mean).require_grad()
+            })
+        };
+        Self { gain: with_mean(self.gain, 1.0), bias: with_mean(self.bias, 0.0) }
     }
 
     /// Colours, `[R, 3]`, as training views show them, of rays with colour `color` on `background`, `[R, 3]`, and opacity

@@ -65,6 +65,7 @@ fn a_darker_photograph_is_compensated_for() {
     assert_eq!(none, None);
     let (compensated, shown) = trained(true);
     let shown = shown.unwrap();
+    assert!((shown.iter().sum::<f32>() / shown.len() as f32 - 0.5).abs() < 1e-3, "the mean stays: {shown:?}");
     let others = shown[1..].iter().sum::<f32>() / (shown.len() - 1) as f32;
     assert!((shown[0] / others - DARKER).abs() < 0.15, "{shown:?}");
     assert!(compensated < 0.8 * plain, "{compensated} with, {plain} without");

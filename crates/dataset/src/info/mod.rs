@@ -118,15 +118,19 @@ impl SceneSource {
         }
     }
 
-    /// What is behind the content, as the first image shows it, if it is there. No other image is read.
+    /// What is behind the content, as the first image shows it, if it is there, and how the cameras stand. No other image is
+    /// read.
     ///
     /// # Errors
     /// Those of [`crate::load`] that concern the poses, or that image.
-    pub fn backdrop(&self) -> Result<Option<Backdrop>, SceneError> {
+    pub fn setting(&self) -> Result<(Option<Backdrop>, Layout), SceneError> {
         match self {
-            Self::Procedural(name) if procedural::CAPTURES.contains(&name.as_str()) => Ok(Some(Backdrop::Unknown)),
-            Self::Procedural(_) => Ok(Some(Backdrop::Colour)),
-            Self::Folder { path } => Ok(info(path)?.backdrop),
+            Self::Procedural(name) => {
+                let is_capture = procedural::CAPTURES.contains(&name.as_str());
+                let backdrop = if is_capture { Backdrop::Unknown } else { Backdrop::Colour };
+                Ok((Some(backdrop), procedural::layout(name)))
+            }
+            Self::Folder { path } => info(path).map(|info| (info.backdrop, info.space.layout)),
         }
     }
 }

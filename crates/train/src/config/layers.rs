@@ -1,5 +1,6 @@
 //! Configs are built in layers, each a TOML table that says how it differs from the one below.
 
+use infonerf_scene::Layout;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -30,10 +31,11 @@ impl Preset {
     pub const DENSE_VIEWS: usize = 9;
 
     /// The preset for so many training `views` of a scene that this one suits: from [`Self::DENSE_VIEWS`] on, `Dense` takes
-    /// the place of `Capture`.
+    /// the place of `Capture` unless the cameras face forward.
     #[must_use]
-    pub fn for_views(self, views: usize) -> Self {
-        if self == Self::Capture && views >= Self::DENSE_VIEWS { Self::Dense } else { self }
+    pub fn for_views(self, views: usize, layout: Layout) -> Self {
+        let is_dense = views >= Self::DENSE_VIEWS && layout != Layout::Forward;
+        if self == Self::Capture && is_dense { Self::Dense } else { self }
     }
 
     /// As written on the command line.

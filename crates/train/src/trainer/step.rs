@@ -5,7 +5,7 @@ use std::time::Instant;
 use burn::module::Module;
 use burn::optim::GradientsParams;
 use infonerf_field::{Extent, Field};
-use infonerf_render::{Noise, RandomStream};
+use infonerf_render::{Exposure, Noise, RandomStream};
 use infonerf_schedule::Moment;
 
 use super::forward::Forward;
@@ -73,6 +73,7 @@ impl<F: Field> Trainer<F> {
         let rates = learning_rates(&self.config.train, at);
         let (optimiser, model) = (&mut self.optimiser, self.model.clone());
         self.model = self.profile.time(Phase::Optimiser, || optimiser.step(rates, model, grads));
+        self.model.exposure = self.model.exposure.take().map(Exposure::centred);
         self.progress.count(counts, samples_per_ray);
         self.progress.step += 1;
         self.progress.at = at;
