@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, Result, ensure};
+use infonerf_ops::Traffic;
 use infonerf_report::chart::{Bar, Frame, bar_chart};
 use infonerf_train::{Checkpoint, Phase};
 use serde::Serialize;
@@ -27,6 +28,8 @@ struct Row {
     last_step: usize,
     median_ms: f64,
     p90_ms: f64,
+    /// Of these steps together.
+    traffic: Traffic,
     phases: Vec<PhaseRow>,
 }
 
@@ -76,7 +79,9 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, st
     }
     step_seconds(&mut trainer, warmup)?;
     let first_step = trainer.progress().step + 1;
+    let before = trainer.profile().traffic();
     let mut seconds = step_seconds(&mut trainer, steps)?;
+    let traffic = trainer.profile().traffic() - before;
     let last_step = trainer.progress().step;
     trainer.synchronise_phases();
     let before = trainer.profile().clone();
@@ -93,7 +98,8 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, st
     phases.push(row("other", total - Phase::ALL.into_iter().map(spent).sum::<f64>()));
     seconds.sort_by(f64::total_cmp);
     let p90 = seconds.get((seconds.len() * 9).div_ceil(10).saturating_sub(1)).copied().unwrap_or(0.0);
-    Ok(Row { run: plan.label(), first_step, last_step, median_ms: 1e3 * median(&seconds), p90_ms: 1e3 * p90, phases })
+    let (run, median_ms) = (plan.label(), 1e3 * median(&seconds));
+    Ok(Row { run, first_step, last_step, median_ms, p90_ms: 1e3 * p90, traffic, phases })
 }
 
 fn text(row: &Row) -> String {
@@ -102,12 +108,13 @@ fn text(row: &Row) -> String {
         table.row(vec![phase.phase.into(), format!("{:.2}", phase.ms), format!("{:.1} %", 100.0 * phase.share)]);
     }
     format!(
-        "\n{}, steps {} to {}: median {:.2} ms, 90 % below {:.2} ms\n\n{}",
+        "\n{}, steps {} to {}: median {:.2} ms, 90 % below {:.2} ms\nper step: {}\n\n{}",
         row.run,
         row.first_step,
         row.last_step,
         row.median_ms,
         row.p90_ms,
+        row.traffic.per_step(row.last_step + 1 - row.first_step),
         table.to_text()
     )
 }

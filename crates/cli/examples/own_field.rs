@@ -15,7 +15,7 @@ use burn::tensor::activation::{relu, sigmoid, softplus};
 use infonerf_experiment::save_png;
 use infonerf_field::{Field, FieldOutput, Points};
 use infonerf_metrics::to_rgb8;
-use infonerf_ops::{frequency_encode, from_host};
+use infonerf_ops::frequency_encode;
 use infonerf_procedural::load;
 use infonerf_scene::SceneRequest;
 use infonerf_schedule::Moment;
@@ -41,7 +41,7 @@ impl DiffuseMlp {
 
 impl Field for DiffuseMlp {
     fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
-        let position = frequency_encode(from_host(points.positions, 3, &self.device()), FREQUENCIES, &[]);
+        let position = frequency_encode(points.positions_on(&self.device()), FREQUENCIES, &[]);
         let hidden = relu(self.second.forward(relu(self.first.forward(position))));
         let out = self.last.forward(hidden);
         FieldOutput {

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
+use infonerf_ops::upload;
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -173,7 +174,7 @@ impl FactoredField {
         let [low, high] = self.bounds;
         let scale = [0, 1, 2].map(|axis| 1.0 / (high[axis] - low[axis]));
         if let Some(positions) = points.tracked {
-            let [low, scale] = [low, scale].map(|row| Tensor::<1>::from_floats(row, &self.device()).unsqueeze());
+            let [low, scale] = [low, scale].map(|row| upload(row.to_vec(), [1, 3], &self.device()));
             return ((positions.clone() - low) * scale).clamp(0.0, 1.0);
         }
         let mut positions = points.positions.to_vec();
@@ -183,7 +184,7 @@ impl FactoredField {
             }
         }
         let count = positions.len() / 3;
-        Tensor::from_data(TensorData::new(positions, [count, 3]), &self.device())
+        upload(positions, [count, 3], &self.device())
     }
 }
 

@@ -4,8 +4,9 @@ use std::fmt;
 
 use burn::module::{Module, Param};
 use burn::tensor::activation::{sigmoid, softplus};
-use burn::tensor::{Device, Int, Tensor, TensorData};
+use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::mlp::Precision;
+use infonerf_ops::upload;
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -216,8 +217,8 @@ impl HashGrid {
             }
         });
         let count = indices.len();
-        let indices = Tensor::<1, Int>::from_data(TensorData::new(indices, [count]), &device);
-        let weights = Tensor::<2>::from_data(TensorData::new(weights, [count, 1]), &device);
+        let indices = upload(indices, [count], &device);
+        let weights = upload(weights, [count, 1], &device);
         let weighted = self.tables.val().select(0, indices) * weights;
         weighted.reshape([samples * levels, CORNERS, features]).sum_dim(1).reshape([samples, levels * features])
     }

@@ -1,10 +1,10 @@
 //! The additive march of Neural Volumes, as optical depths.
 
-use burn::tensor::{FloatDType, Int, Tensor, TensorData};
+use burn::tensor::{FloatDType, Tensor};
 
-use crate::Segments;
 use crate::composite::{Padding, working_dtype};
 use crate::dispatch::dispatch;
+use crate::{Segments, upload};
 
 /// Optical depths τ′ whose [compositing](crate::composite()) is the additive march of Neural Volumes (Lombardi et al. 2019,
 /// Eq. 7), `[M]`, differentiable in `tau`.
@@ -66,7 +66,7 @@ pub fn plain(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
     let packed =
         segments.ranges().enumerate().flat_map(|(ray, range)| (0..range.len()).map(move |i| ray * longest + i));
     let packed: Vec<i32> = packed.map(|index| index as i32).collect();
-    let packed = Tensor::<1, Int>::from_data(TensorData::new(packed, [segments.samples()]), &device);
+    let packed = upload(packed, [segments.samples()], &device);
     depth.reshape([rays * longest]).select(0, packed).cast(FloatDType::F32)
 }
 

@@ -2,9 +2,10 @@
 
 use std::sync::Arc;
 
-use burn::tensor::{Int, Tensor, TensorData};
+use burn::tensor::Tensor;
 
 use crate::dispatch::dispatch;
+use crate::upload;
 
 /// Where maps are read: four rows of a table with their weights for each place.
 #[derive(Clone, Debug)]
@@ -84,8 +85,8 @@ pub fn plain(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
     let tap = |k: usize| {
         let rows: Vec<i32> = taps.rows.iter().map(|rows| rows[k] as i32).collect();
         let weights: Vec<f32> = taps.weights.iter().map(|weights| weights[k]).collect();
-        let rows = Tensor::<1, Int>::from_data(TensorData::new(rows, [count]), &device);
-        table.clone().select(0, rows) * Tensor::<2>::from_data(TensorData::new(weights, [count, 1]), &device)
+        let rows = upload(rows, [count], &device);
+        table.clone().select(0, rows) * upload(weights, [count, 1], &device)
     };
     tap(0) + tap(1) + tap(2) + tap(3)
 }
@@ -191,7 +192,7 @@ mod tests {
     fn table(device: &Device) -> Tensor<2> {
         let texel = |i: usize| (10 * (i / 6) + i % 6) as f32;
         let values = (0..12).flat_map(|i| [texel(i), texel(i).powi(2)]).collect();
-        Tensor::from_data(TensorData::new(values, [12, 2]), device)
+        upload(values, [12, 2], device)
     }
 
     fn places() -> Taps {

@@ -2,10 +2,10 @@
 
 #[cfg(feature = "ndarray")]
 use burn::backend::DispatchDevice;
-use burn::tensor::{Bool, Device, FloatDType, Int, Tensor, TensorData};
+use burn::tensor::{Bool, Device, FloatDType, Int, Tensor};
 
-use crate::Segments;
 use crate::dispatch::dispatch;
+use crate::{Segments, upload};
 
 /// Least Σα of a ray that hits something. Below it, entropy and divergence are 0 with zero gradient.
 ///
@@ -99,10 +99,7 @@ impl Padding {
         let shape = [segments.rays(), segments.longest()];
         let (indices, valid) = segments.padded();
         let empty: Vec<bool> = valid.iter().map(|valid| !valid).collect();
-        Self {
-            indices: Tensor::from_data(TensorData::new(indices, [shape[0] * shape[1]]), device),
-            empty: Tensor::from_data(TensorData::new(empty, shape), device),
-        }
+        Self { indices: upload(indices, [shape[0] * shape[1]], device), empty: upload(empty, shape, device) }
     }
 
     pub(crate) fn apply(&self, packed: Tensor<1>) -> Tensor<2> {

@@ -1,6 +1,6 @@
 //! Divergence of the distributions along neighbouring rays: InfoNeRF's information gain.
 
-use burn::tensor::{FloatDType, Tensor, TensorData};
+use burn::tensor::{FloatDType, Tensor};
 
 use crate::Segments;
 use crate::composite::{MIN_ALPHA_SUM, Padding, plain_alpha, working_dtype};
@@ -34,7 +34,7 @@ pub fn ray_divergence(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsi
 pub fn plain(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
     let device = tau.device();
     if segments.longest() == 0 {
-        return Tensor::from_data(TensorData::new(vec![0f32; segments.rays()], [segments.rays()]), &device);
+        return Tensor::zeros([segments.rays()], &device);
     }
     let padding = Padding::new(segments, &device);
     let density = |tau: Tensor<1>| {

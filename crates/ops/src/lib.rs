@@ -71,6 +71,7 @@ mod segments;
 #[cfg(feature = "flex")]
 mod simd;
 mod split;
+mod traffic;
 pub mod trilinear;
 
 pub use additive::additive_depth;
@@ -86,23 +87,13 @@ pub use integrated::integrated_encode;
 pub use mlp::radiance_mlp;
 pub use rotation::rotate;
 pub use segments::Segments;
+pub use traffic::{HostNumber, Traffic, from_host, to_host, upload};
 pub use trilinear::trilinear;
 
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::Device;
 use dispatch::dispatch;
 
 /// Whether tensors on `device` are served by the host kernels.
 pub fn has_host_kernels(device: &Device) -> bool {
     dispatch! { device; host => true, plain => false }
-}
-
-/// Rows of `columns` numbers, moved to `device`.
-pub fn from_host(rows: &[f32], columns: usize, device: &Device) -> Tensor<2> {
-    Tensor::from_data(TensorData::new(rows.to_vec(), [rows.len() / columns, columns]), device)
-}
-
-/// A tensor's numbers on the host, row-major, in single precision.
-pub fn to_host<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    let data = tensor.into_data().convert::<f32>();
-    data.try_to_vec().expect("the data were just converted to f32")
 }

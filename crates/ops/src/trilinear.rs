@@ -1,8 +1,9 @@
 //! Trilinear reading of voxel grids, differentiable in the voxels and in the places.
 
-use burn::tensor::{Device, Int, Tensor, TensorData};
+use burn::tensor::{Device, Int, Tensor};
 
 use crate::dispatch::dispatch;
+use crate::upload;
 
 /// Grids of one size whose voxels are the rows of a table: grid by grid, and in each of them x runs fastest, z slowest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,7 +89,7 @@ pub fn plain(table: Tensor<2>, places: Tensor<2>, voxels: Voxels) -> Tensor<2> {
 fn grid_of_places(count: usize, voxels: Voxels, device: &Device) -> Tensor<2, Int> {
     let size = voxels.rows() / voxels.grids;
     let first: Vec<i32> = (0..count).map(|place| (place % voxels.grids * size) as i32).collect();
-    Tensor::from_data(TensorData::new(first, [count, 1]), device)
+    upload(first, [count, 1], device)
 }
 
 /// The voxels below and above each coordinate, and their weights, `[P, 1]` each.
@@ -276,7 +277,7 @@ mod tests {
         let device = device.clone().autodiff();
         let rows = voxels(beyond).rows();
         let values = (0..rows * CHANNELS).map(|i| (1.3 * i as f32).sin()).collect::<Vec<f32>>();
-        let table = Tensor::<2>::from_data(TensorData::new(values, [rows, CHANNELS]), &device).require_grad();
+        let table = upload(values, [rows, CHANNELS], &device).require_grad();
         let places = Tensor::<2>::from_floats(PLACES, &device).require_grad();
         let out = read(table.clone(), places.clone(), voxels(beyond));
         let grads = (out.clone() * out.clone().sin()).sum().backward();

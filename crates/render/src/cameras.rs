@@ -1,9 +1,9 @@
 //! Corrections of the training cameras, which are learnt with the field (BARF, Lin et al. 2021; NeRF−−, Wang et al. 2021).
 
 use burn::module::{Module, Param};
-use burn::tensor::{Device, Int, Tensor, TensorData};
+use burn::tensor::{Device, Tensor, TensorData};
 use glam::{DMat3, DMat4, DQuat, DVec3, Vec3};
-use infonerf_ops::{from_host, rotate, to_host};
+use infonerf_ops::{from_host, rotate, to_host, upload};
 use infonerf_scene::{Camera, PixelAt, Ray, Scene};
 use serde::{Deserialize, Serialize};
 
@@ -163,7 +163,7 @@ impl CameraRefinement {
     pub fn rays(&self, cameras: &[Camera], at: &[PixelAt]) -> TrackedRays {
         let device = self.poses.val().device();
         let views: Vec<i32> = at.iter().map(|pixel| pixel.view as i32).collect();
-        let views = Tensor::<1, Int>::from_data(TensorData::new(views, [at.len()]), &device);
+        let views = upload(views, [at.len()], &device);
         let cameras = self.refocused(cameras);
         let rows = |of: &dyn Fn(&PixelAt) -> DVec3| {
             let numbers: Vec<f32> = at.iter().flat_map(|pixel| of(pixel).as_vec3().to_array()).collect();
@@ -186,7 +186,7 @@ impl CameraRefinement {
         let [turns, shifts] = [0, 3].map(|first| motions.clone().narrow(1, first, 3));
         let Pivot { centre, scale } = self.pivot;
         let arms = rows(&|pixel| cameras[pixel.view].position_f64() - centre.as_dvec3());
-        let centre = Tensor::<1>::from_floats(centre.to_array(), &device).unsqueeze();
+        let centre = upload(centre.to_array().to_vec(), [1, 3], &device);
         TrackedRays {
             origins: rotate(arms, turns.clone()) + shifts * scale + centre,
             directions: rotate(directions, turns),

@@ -1,5 +1,6 @@
 use burn::module::{Module, Param};
-use burn::tensor::{Device, Int, Tensor, TensorData};
+use burn::tensor::{Device, Tensor, TensorData};
+use infonerf_ops::upload;
 
 /// A gain and a bias per training view and channel: exposure and white balance that differ between photographs of one scene.
 ///
@@ -42,9 +43,9 @@ impl Exposure {
     pub fn apply(&self, color: Tensor<2>, acc: Tensor<1>, background: [f32; 3], views: &[usize]) -> Tensor<2> {
         let device = color.device();
         let views: Vec<i32> = views.iter().map(|&view| view as i32).collect();
-        let views = Tensor::<1, Int>::from_data(TensorData::new(views, [color.dims()[0]]), &device);
+        let views = upload(views, [color.dims()[0]], &device);
         let [gain, bias] = [&self.gain, &self.bias].map(|values| values.val().select(0, views.clone()));
-        let background = Tensor::<1>::from_floats(background, &device).unsqueeze::<2>();
+        let background = upload(background.to_vec(), [1, 3], &device);
         let behind = (acc.neg() + 1.0).unsqueeze_dim::<2>(1) * background;
         (color - behind.clone()) * gain + bias + behind
     }

@@ -1,5 +1,5 @@
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::Segments;
+use infonerf_ops::{Segments, upload};
 
 use crate::{Exposure, Samples};
 
@@ -48,7 +48,7 @@ impl RenderOutput {
     pub(crate) fn empty(samples: Samples, request: RenderRequest, background: [f32; 3], device: &Device) -> Self {
         let rays = samples.segments.rays();
         let zeros = Tensor::<1>::zeros([rays], device);
-        let behind = Tensor::<1>::from_floats(background, device).unsqueeze::<2>();
+        let behind = upload(background.to_vec(), [1, 3], device);
         Self {
             samples,
             tau: Tensor::empty([0], device),

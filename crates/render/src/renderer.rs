@@ -1,6 +1,6 @@
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use infonerf_field::Field;
-use infonerf_ops::{Composite, additive_depth, composite::composite};
+use infonerf_ops::{Composite, additive_depth, composite::composite, upload};
 use infonerf_scene::{Backdrop, Ray, Scene};
 use infonerf_schedule::Moment;
 
@@ -139,7 +139,7 @@ impl Renderer {
             Compositing::Exponential => tau,
             Compositing::Additive => additive_depth(tau, &samples.segments),
         };
-        let t = Tensor::<2>::from_data(TensorData::new(samples.t.clone(), [count, 1]), &device);
+        let t = upload(samples.t.clone(), [count, 1], &device);
         let values = match sampled.color {
             Some(color) => Tensor::cat(vec![color, t], 1),
             None => t,
@@ -147,7 +147,7 @@ impl Renderer {
         let Composite { values, acc } = composite(tau.clone(), values, &samples.segments);
         let color = request.color.then(|| {
             let behind = acc.clone().neg() + 1.0;
-            let background = Tensor::<1>::from_floats(background, &device).unsqueeze::<2>();
+            let background = upload(background.to_vec(), [1, 3], &device);
             values.clone().narrow(1, 0, 3) + behind.unsqueeze_dim::<2>(1).mul(background)
         });
         let depth = values.narrow(1, if request.color { 3 } else { 0 }, 1).reshape([rays]);
@@ -156,5 +156,5 @@ impl Renderer {
 }
 
 fn lengths(delta: &[f32], device: &Device) -> Tensor<1> {
-    Tensor::from_data(TensorData::new(delta.to_vec(), [delta.len()]), device)
+    upload(delta.to_vec(), [delta.len()], device)
 }

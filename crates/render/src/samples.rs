@@ -1,6 +1,6 @@
-use burn::tensor::{Int, Tensor, TensorData};
+use burn::tensor::Tensor;
 use infonerf_field::{Extent, Points};
-use infonerf_ops::Segments;
+use infonerf_ops::{Segments, upload};
 use infonerf_scene::Ray;
 use rayon::prelude::*;
 
@@ -60,8 +60,8 @@ impl Samples {
         let Some(rays) = bundle.tracked.filter(|_| !self.t.is_empty()) else { return self };
         let device = rays.origins.device();
         let samples = self.t.len();
-        let owners = Tensor::<1, Int>::from_data(TensorData::new(self.segments.owners(), [samples]), &device);
-        let t = Tensor::<2>::from_data(TensorData::new(self.t.clone(), [samples, 1]), &device);
+        let owners = upload(self.segments.owners(), [samples], &device);
+        let t = upload(self.t.clone(), [samples, 1], &device);
         let [origins, directions] =
             [&rays.origins, &rays.directions].map(|rows| rows.clone().select(0, owners.clone()));
         Self { tracked: Some(warp.points(origins + directions * t)), ..self }

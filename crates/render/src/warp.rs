@@ -2,6 +2,7 @@
 
 use burn::tensor::Tensor;
 use glam::{Mat4, Vec2, Vec3};
+use infonerf_ops::upload;
 use infonerf_scene::{Aabb, Camera, Layout, Range, Scene};
 use serde::{Deserialize, Serialize};
 
@@ -122,7 +123,7 @@ impl Warp {
     /// [`Self::point`] of each row, `[M, 3]`, differentiable.
     pub fn points(&self, p: Tensor<2>) -> Tensor<2> {
         let device = p.device();
-        let row = |v: [f32; 3]| Tensor::<1>::from_floats(v, &device).unsqueeze::<2>();
+        let row = |v: [f32; 3]| upload(v.to_vec(), [1, 3], &device);
         match self {
             Self::Identity => p,
             Self::Ndc { to_camera, scale, near } => {
@@ -130,7 +131,7 @@ impl Warp {
                 let p = p.matmul(Tensor::cat(vec![x, y, z], 0)) + origin;
                 let z = p.clone().narrow(1, 2, 1).neg().clamp_min(0.5 * near);
                 let across = p.narrow(1, 0, 2) / z.clone();
-                let across = across * Tensor::<1>::from_floats(scale.to_array(), &device).unsqueeze::<2>();
+                let across = across * upload(scale.to_array().to_vec(), [1, 2], &device);
                 Tensor::cat(vec![across, z.recip() * (-2.0 * near) + 1.0], 1)
             }
             Self::Contraction { centre, radius } => {

@@ -1,6 +1,7 @@
 use std::time::{Duration, Instant};
 
 use burn::tensor::Device;
+use infonerf_ops::Traffic;
 
 /// A part of a training step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,13 +41,14 @@ impl Phase {
     }
 }
 
-/// Wall clock spent in each phase.
+/// Wall clock spent in each phase, and what passed between the host and the device.
 ///
 /// A GPU is handed work and does it later: unless it is waited for, its time is booked where its results are first read.
 #[derive(Clone, Debug, Default)]
 pub struct Profile {
     spent: [Duration; Phase::ALL.len()],
     waits_for: Option<Device>,
+    traffic: Traffic,
 }
 
 impl Profile {
@@ -70,5 +72,16 @@ impl Profile {
     /// Time booked under `phase`.
     pub fn spent(&self, phase: Phase) -> Duration {
         self.spent[phase as usize]
+    }
+
+    /// Books what passed since `before`.
+    pub(crate) fn count_since(&mut self, before: Traffic) {
+        self.traffic = self.traffic + (Traffic::now() - before);
+    }
+
+    /// What passed between the host and the device in all steps. It is counted for the whole process: that of other fields
+    /// that are trained at the same time is included.
+    pub fn traffic(&self) -> Traffic {
+        self.traffic
     }
 }

@@ -2,10 +2,11 @@
 
 use std::borrow::Cow;
 
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::Device;
 use glam::DMat4;
 use infonerf_field::Field;
 use infonerf_loss::{Bundle, Need, NeighbourBundles, Picture, Renders, Target};
+use infonerf_ops::upload;
 use infonerf_render::{
     Counts, Model, Noise, OccupancyGrid, Passes, RandomStream, RayBundle, RenderOutput, RenderRequest,
 };
@@ -78,9 +79,9 @@ impl<F: Field> StepRenderer<'_, F> {
     }
 
     fn target(&self, seen: &SeenPixels) -> Target {
-        let channels = seen.rgba.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
+        let channels: Vec<f32> = seen.rgba.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
         Target {
-            rgb: Tensor::from_data(TensorData::new(channels, [seen.rgba.len(), 3]), &self.device()),
+            rgb: upload(channels, [seen.rgba.len(), 3], &self.device()),
             rgba: seen.rgba.clone(),
             coverage: seen.coverage.clone(),
             pixels: seen.pixels.at.clone(),

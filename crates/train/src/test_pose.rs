@@ -2,10 +2,9 @@
 
 use burn::module::Module;
 use burn::optim::{GradientsParams, ModuleOptimizer};
-use burn::tensor::{Tensor, TensorData};
 use infonerf_field::Field;
 use infonerf_loss::{Norm, photometric_loss};
-use infonerf_ops::adam::Adam;
+use infonerf_ops::{adam::Adam, upload};
 use infonerf_render::{CameraRefinement, Noise, Pivot, RandomStream, RayBundle, RenderRequest, Renderer, TrainedModel};
 use infonerf_scene::{PixelAt, Ray, Similarity, View};
 
@@ -47,8 +46,8 @@ pub fn fitted_to<F: Field>(
         let bundle = RayBundle { rays: &rays, tracked: Some(&refinement.rays(&cameras, &at)) };
         let request = RenderRequest { color: true, hidden: true };
         let passes = renderer.render(&model, bundle, request, None, trained.occupancy.as_ref(), trained.at);
-        let shown = drawn.iter().flat_map(|&index| image.rgb[index]).collect();
-        let target = Tensor::from_data(TensorData::new(shown, [RAYS, 3]), &device);
+        let shown: Vec<f32> = drawn.iter().flat_map(|&index| image.rgb[index]).collect();
+        let target = upload(shown, [RAYS, 3], &device);
         let loss = photometric_loss(passes.fine.color.expect("colour was asked for"), target, Norm::Mean);
         let gradients = GradientsParams::from_grads(loss.backward(), &refinement);
         let rate = RATE * (1.0 - step as f64 / steps as f64);

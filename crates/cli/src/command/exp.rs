@@ -250,6 +250,9 @@ fn print_profile(trainers: &[Trainer]) {
     if progress.pixels_skipped > 0 {
         outln!("    pixels: {} draws rejected as well fitted", progress.pixels_skipped);
     }
+    if let [trainer] = trainers {
+        outln!("    per step: {}", trainer.profile().traffic().per_step(trainer.progress().step));
+    }
     for phase in Phase::ALL {
         let spent = trainers.iter().map(|trainer| trainer.profile().spent(phase).as_secs_f64()).sum::<f64>();
         outln!(

@@ -1,6 +1,7 @@
 use burn::module::{Module, Param};
 use burn::tensor::activation::relu;
 use burn::tensor::{Device, IndexingUpdateOp, Int, Tensor, TensorData};
+use infonerf_ops::upload;
 use rand::Rng;
 
 use super::sites::{REACH, Sites};
@@ -138,9 +139,8 @@ impl Encoder {
     /// The volumes of `codes`, `[vertices, code]`: of each level `[cells, channels]`, x fastest, 0 where there is no site.
     pub(super) fn volumes(&self, codes: Tensor<2>, plan: &Plan) -> Vec<Tensor<2>> {
         let device = codes.device();
-        let int =
-            |values: &[i32]| Tensor::<1, Int>::from_data(TensorData::new(values.to_vec(), [values.len()]), &device);
-        let shares = Tensor::<2>::from_data(TensorData::new(plan.shares.clone(), [plan.shares.len(), 1]), &device);
+        let int = |values: &[i32]| upload(values.to_vec(), [values.len()], &device);
+        let shares = upload(plan.shares.clone(), [plan.shares.len(), 1], &device);
         // The mean of the codes of the vertices at each site.
         let mut features = Tensor::zeros([plan.stages[0].sites.len(), codes.dims()[1]], &device).select_assign(
             0,
@@ -208,9 +208,9 @@ mod tests {
             let neighbours = sites.neighbours(&out, stride);
             let count = neighbours.len();
             let got = convolve(
-                Tensor::from_data(TensorData::new(features.clone(), [sites.len(), CHANNELS[0]]), device),
-                Tensor::from_data(TensorData::new(weight.clone(), [REACH * CHANNELS[0], CHANNELS[1]]), device),
-                Tensor::from_data(TensorData::new(neighbours, [count]), device),
+                upload(features.clone(), [sites.len(), CHANNELS[0]], device),
+                upload(weight.clone(), [REACH * CHANNELS[0], CHANNELS[1]], device),
+                upload(neighbours, [count], device),
             );
             assert_eq!(to_host(got), expected, "stride {stride}");
         }

@@ -13,8 +13,8 @@ use burn::nn::Linear;
 use burn::tensor::activation::{relu, sigmoid};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
-use infonerf_ops::from_host;
 use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
+use infonerf_ops::{from_host, upload};
 use infonerf_schedule::{Fault, Moment};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -235,7 +235,7 @@ impl NeuralBody {
             positions.chunks_exact(3).flat_map(|p| self.grid.in_voxels([p[0], p[1], p[2]])).collect();
         let places = from_host(&places, 3, &device);
         let read = |(volume, size): (&Tensor<2>, [usize; 3])| {
-            let stretch = Tensor::<2>::from_floats([self.grid.stretch(size)], &device);
+            let stretch = upload(self.grid.stretch(size).to_vec(), [1, 3], &device);
             let voxels = Voxels { grids: 1, size, beyond: Beyond::Zero };
             trilinear(volume.clone(), places.clone() * stretch, voxels)
         };
@@ -249,7 +249,7 @@ impl NeuralBody {
         let framed = self.framed.forward(Tensor::cat(vec![self.feature.forward(trunk), appearance], 1));
         let [of_position, of_direction] = self.frequencies;
         let direction = frequency_encode(from_host(&points.sample_directions(), 3, &device), of_direction, &[]);
-        let position = frequency_encode(from_host(points.positions, 3, &device), of_position, &[]);
+        let position = frequency_encode(points.positions_on(&device), of_position, &[]);
         let view = self.view.forward(Tensor::cat(vec![framed, direction, position], 1));
         sigmoid(self.rgb.forward(relu(view)))
     }

@@ -1,5 +1,6 @@
 use burn::module::Module;
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
+use infonerf_ops::upload;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -29,7 +30,7 @@ impl Code {
             Some(seed) => {
                 let [size] = mean.dims();
                 let drawn = normal(&mut ChaCha8Rng::seed_from_u64(seed), size);
-                let drawn = Tensor::<1>::from_data(TensorData::new(drawn, [size]), &mean.device());
+                let drawn = upload(drawn, [size], &mean.device());
                 mean + self.log_deviation.clone().exp() * drawn
             }
             None => mean,

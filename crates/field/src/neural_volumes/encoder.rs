@@ -6,6 +6,7 @@ use burn::nn::{Linear, PaddingConfig2d};
 use burn::tensor::activation::leaky_relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::bilinear::{Taps, bilinear};
+use infonerf_ops::upload;
 use infonerf_schedule::Fault;
 use rand::Rng;
 use serde::{Deserialize, Serialize};
@@ -143,7 +144,7 @@ impl Encoder {
 fn picture(view: &SourceView, [rows, columns]: [usize; 2], device: &Device) -> Tensor<4> {
     let (mean, deviation, white) = COLOR;
     let normalised: Vec<f32> = view.rgb.iter().flatten().map(|x| (white * x - mean) / deviation).collect();
-    let pixels = Tensor::<2>::from_data(TensorData::new(normalised, [view.rgb.len(), 3]), device);
+    let pixels = upload(normalised, [view.rgb.len(), 3], device);
     let resized = bilinear(pixels, &Taps::resize(1, (view.height, view.width), (rows, columns)));
     resized.reshape([1, rows, columns, 3]).permute([0, 3, 1, 2])
 }

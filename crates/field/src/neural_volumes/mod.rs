@@ -12,8 +12,9 @@ use std::fmt;
 
 use burn::module::Module;
 use burn::tensor::activation::softplus;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
+use infonerf_ops::upload;
 use infonerf_schedule::{Fault, Moment};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -186,7 +187,7 @@ impl NeuralVolumes {
         let inside = |p: &[f32]| if p.iter().all(|p| p.abs() < 1.0) { 1f32 } else { 0.0 };
         let inside: Vec<f32> = points.chunks_exact(3).map(inside).collect();
         let count = inside.len();
-        Tensor::from_data(TensorData::new(inside, [count, 1]), device)
+        upload(inside, [count, 1], device)
     }
 
     /// The mean over the template's voxels of √(1e-5 + |∇ ln(1e-5 + α)|²), where α is a voxel's opacity per unit of the cube,
@@ -213,7 +214,7 @@ impl Field for NeuralVolumes {
         let Decoded { voxels, warp, .. } = self.decoded();
         let cube = self.in_cube(points.positions);
         let inside = self.inside(&cube, &device);
-        let cube = Tensor::<2>::from_data(TensorData::new(cube, [samples, 3]), &device);
+        let cube = upload(cube, [samples, 3], &device);
         let warped = trilinear(warp.clone(), in_voxels(cube, self.warp.grid()), self.warp.grid());
         let template = Voxels { grids: 1, size: [self.resolution; 3], beyond: Beyond::Zero };
         let voxels = if color { voxels.clone() } else { voxels.clone().narrow(1, 3, 1) };

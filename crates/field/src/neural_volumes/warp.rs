@@ -1,8 +1,9 @@
 use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::activation::leaky_relu;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
+use infonerf_ops::upload;
 use rand::Rng;
 
 use super::{LEAKY_GAIN, SLOPE};
@@ -80,7 +81,7 @@ impl Warp {
     pub(super) fn field(&self, code: Tensor<2>) -> Tensor<2> {
         let (maps, voxels) = (self.maps, self.resolution.pow(3));
         let (linear, offset) = self.affine(code.clone());
-        let points = Tensor::<2>::from_data(TensorData::new(self.points(), [voxels, 3]), &code.device());
+        let points = upload(self.points(), [voxels, 3], &code.device());
         // Row v·maps + i is Aᵢ of voxel v.
         let mapped = (points.matmul(linear) + offset).reshape([voxels * maps, 3]);
         let weights = self.weights.forward(code).exp().reshape([maps * voxels, 1]);

@@ -6,6 +6,7 @@ use burn::nn::conv::{Conv2d, Conv2dConfig};
 use burn::tensor::ops::MaxPoolOptions;
 use burn::tensor::{Device, Tensor, TensorData, activation::relu, module::max_pool2d};
 use infonerf_ops::bilinear::{Taps, bilinear};
+use infonerf_ops::upload;
 use rand::Rng;
 
 use crate::{EncoderConfig, SourceView, init::uniform};
@@ -118,5 +119,5 @@ fn rows(maps: Tensor<4>) -> Tensor<2> {
 fn images(views: &[SourceView], device: &Device) -> Tensor<4> {
     let (height, width) = (views[0].height, views[0].width);
     let planes = views.iter().flat_map(|view| (0..3).flat_map(|c| view.rgb.iter().map(move |rgb| 2.0 * rgb[c] - 1.0)));
-    Tensor::from_data(TensorData::new(planes.collect::<Vec<f32>>(), [views.len(), 3, height, width]), device)
+    upload(planes.collect::<Vec<f32>>(), [views.len(), 3, height, width], device)
 }

@@ -1,5 +1,5 @@
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::{Intervals, ray_distortion};
+use infonerf_ops::{Intervals, ray_distortion, upload};
 use infonerf_render::Samples;
 use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Schedule};
@@ -47,7 +47,10 @@ impl Distortion {
         let range = self.far - self.near;
         let middle: Vec<f32> = samples.t.iter().map(|t| (t - self.near) / range).collect();
         let length: Vec<f32> = samples.delta.iter().map(|delta| (delta / range).min(1.0)).collect();
-        let [middle, length] = [middle, length].map(|values| Tensor::from_floats(values.as_slice(), device));
+        let [middle, length] = [middle, length].map(|values| {
+            let count = values.len();
+            upload(values, [count], device)
+        });
         Intervals { middle, length }
     }
 }

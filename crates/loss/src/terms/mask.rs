@@ -1,4 +1,5 @@
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
+use infonerf_ops::upload;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
@@ -32,7 +33,7 @@ impl Term for MaskConfig {
         let acc = renders.seen.output().acc.clone();
         let target = renders.seen.target.as_ref().expect("training images show colours");
         let alphas: Vec<f32> = target.rgba.iter().map(|pixel| pixel[3]).collect();
-        let alphas = Tensor::<1>::from_data(TensorData::new(alphas, [target.rgba.len()]), &acc.device());
+        let alphas = upload(alphas, [target.rgba.len()], &acc.device());
         (acc - alphas).square().mean()
     }
 }

@@ -1,4 +1,5 @@
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
+use infonerf_ops::upload;
 use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
@@ -63,7 +64,7 @@ impl Term for Occlusion {
             let counts: Vec<f32> = output.samples.t.iter().map(|t| if *t < self.reach { 1.0 } else { 0.0 }).collect();
             if counts.contains(&1.0) {
                 let length = counts.len();
-                let counts = Tensor::<1>::from_data(TensorData::new(counts, [length]), &output.tau.device());
+                let counts = upload(counts, [length], &output.tau.device());
                 sum = sum + (output.tau.clone() * counts).sum();
             }
         }

@@ -1,4 +1,5 @@
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
+use infonerf_ops::upload;
 use infonerf_scene::{Backdrop, Scene};
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
@@ -53,7 +54,7 @@ impl Term for SilhouetteConfig {
             (true, _) => -self.edge,
         };
         let signs: Vec<f32> = target.rgba.iter().zip(&target.coverage).map(sign).collect();
-        let signs = Tensor::<1>::from_data(TensorData::new(signs, [target.rgba.len()]), &acc.device());
+        let signs = upload(signs, [target.rgba.len()], &acc.device());
         (acc * signs).mean()
     }
 }

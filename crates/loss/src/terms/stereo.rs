@@ -1,8 +1,8 @@
 use std::ops::Range;
 use std::sync::OnceLock;
 
-use burn::tensor::{Tensor, TensorData};
-use infonerf_ops::composite;
+use burn::tensor::Tensor;
+use infonerf_ops::{composite, upload};
 use infonerf_scene::{PixelAt, Scene};
 use infonerf_schedule::{Fault, Schedule};
 use infonerf_stereo::{DepthMap, Settings, depth_maps};
@@ -133,9 +133,9 @@ impl Term for Stereo {
         let of_ray =
             |(range, end): (Range<usize>, &End)| output.samples.t[range].iter().map(|&t| end.value(t)).collect();
         let values: Vec<Vec<f32>> = segments.ranges().zip(&ends).map(of_ray).collect();
-        let values = Tensor::<2>::from_data(TensorData::new(values.concat(), [segments.samples(), 1]), &device);
-        let offsets = ends.iter().map(|end| end.offset()).collect();
-        let offsets = Tensor::<1>::from_data(TensorData::new(offsets, [ends.len()]), &device);
+        let values = upload(values.concat(), [segments.samples(), 1], &device);
+        let offsets: Vec<f32> = ends.iter().map(|end| end.offset()).collect();
+        let offsets = upload(offsets, [ends.len()], &device);
         let probability = composite(output.tau.clone(), values, segments).values.squeeze_dim(1) + offsets;
         let robust = probability.clamp_min(0.0) * (1.0 - self.outliers) + self.outliers;
         robust.log().mean() / self.outliers.ln()

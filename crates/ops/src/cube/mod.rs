@@ -37,6 +37,7 @@ pub(crate) use rays::{composite, divergence, entropy};
 pub(crate) use tables::features;
 
 use crate::graph::{self, Inputs, Operation};
+use crate::traffic::count_upload;
 
 /// A differentiable function of dense `f32` tensors on a GPU.
 trait CubeKernel: Debug + Send + Sync + 'static {
@@ -144,5 +145,6 @@ fn zeros(like: &CubeTensor, shape: impl Into<Shape>) -> CubeTensor {
 fn numbers(values: &[f32], like: &CubeTensor) -> CubeTensor {
     let values: Vec<f32> = values.iter().copied().chain([0.0]).collect();
     let count = values.len();
+    count_upload(size_of_val(values.as_slice()));
     CubeBackend::float_from_data(TensorData::new(values, [count]), &like.device)
 }

@@ -1,11 +1,12 @@
 //! The same field from plain tensor operations, on any backend.
 
 use burn::tensor::activation::{relu, sigmoid};
-use burn::tensor::{Int, Tensor, TensorData};
+use burn::tensor::{Int, Tensor};
 
 use super::Query;
 use super::layout::{Layout, Level, PLANES};
 use crate::split::{fill_up, parts, product};
+use crate::upload;
 
 /// [`factored_field`](super::factored_field) without any kernel.
 pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
@@ -47,7 +48,7 @@ pub(super) fn mlp(features: Tensor<2>, weights: Tensor<1>, layout: &Layout, quer
     }
     let mut color = x.clone().narrow(1, 1, 3);
     if layout.view_dependent {
-        let directions = Tensor::<3>::from_data(TensorData::new(query.directions.to_vec(), [samples, 1, 3]), &device);
+        let directions = upload(query.directions.to_vec(), [samples, 1, 3], &device);
         let slopes = x.narrow(1, 4, 9).reshape([samples, 3, 3]);
         color = color + (slopes * directions).sum_dim(2).reshape([samples, 3]);
     }

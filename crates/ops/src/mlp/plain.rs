@@ -1,10 +1,10 @@
 //! The same network from plain tensor operations, on any backend.
 
-use burn::tensor::{FloatDType, Int, Tensor, TensorData, activation::relu};
+use burn::tensor::{FloatDType, Tensor, activation::relu};
 
 use super::{ColorBranch, Dense, Precision, RadianceMlp};
 use crate::split::{fill_up, parts, product};
-use crate::{frequency_encode, from_host};
+use crate::{frequency_encode, from_host, upload};
 
 /// [`radiance_mlp`](super::radiance_mlp) without any kernel.
 pub fn plain(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
@@ -46,7 +46,7 @@ fn color(branch: &ColorBranch, trunk: Tensor<2>, apply: impl Fn(&Dense, Tensor<2
     // Rows that fill up belong to no ray: any will do.
     owners.resize(trunk.dims()[0], 0);
     let samples = owners.len();
-    let direction = rays.select(0, Tensor::<1, Int>::from_data(TensorData::new(owners, [samples]), &device));
+    let direction = rays.select(0, upload(owners, [samples], &device));
     let feature = apply(&branch.feature, trunk);
     let h = relu(apply(&branch.view, Tensor::cat(vec![feature, direction], 1)));
     apply(&branch.rgb, h)

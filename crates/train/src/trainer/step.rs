@@ -5,6 +5,7 @@ use std::time::Instant;
 use burn::module::Module;
 use burn::optim::GradientsParams;
 use infonerf_field::{Extent, Field};
+use infonerf_ops::Traffic;
 use infonerf_render::{Exposure, Noise, RandomStream};
 use infonerf_schedule::Moment;
 
@@ -62,6 +63,7 @@ impl<F: Field> Trainer<F> {
         if self.has_collapsed() || self.is_over() {
             return Ok(None);
         }
+        let before = Traffic::now();
         let at = Moment { step: self.progress.step, progress: self.done() };
         self.update_occupancy(at);
         let pixels = pixels(self, at);
@@ -80,6 +82,7 @@ impl<F: Field> Trainer<F> {
         if WeightAverage::<F>::takes(self.config.train.weight_averaging, self.progress.step, self.done()) {
             self.weight_average.add(self.model.valid());
         }
+        self.profile.count_since(before);
         Ok(Some(Taken { at, numbers, lr, rays, evaluated }))
     }
 

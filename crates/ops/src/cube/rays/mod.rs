@@ -12,6 +12,7 @@ use burn_cubecl::tensor::CubeTensor;
 use super::{CubeKernel, Pass, apply, empty, empty_like};
 use crate::Segments;
 use crate::composite::MIN_ALPHA_SUM;
+use crate::traffic::count_upload;
 
 /// [`composite`](crate::composite())'s results, packed: values and Σw, `[R, C + 1]`.
 pub(crate) fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Tensor<2> {
@@ -49,6 +50,7 @@ impl Rays {
         self.offsets.get_or_init(|| {
             let offsets: Vec<i32> = self.segments.offsets.iter().map(|offset| *offset as i32).collect();
             let count = offsets.len();
+            count_upload(size_of_val(offsets.as_slice()));
             CubeBackend::int_from_data(TensorData::new(offsets, [count]), &like.device)
         })
     }
