@@ -33,6 +33,11 @@ impl Points<'_> {
         self.tracked.cloned().unwrap_or_else(|| from_host(self.positions, 3, device))
     }
 
+    /// The unit view direction of each sample as a tensor, `[M, 3]`.
+    pub fn directions_on(&self, device: &Device) -> Tensor<2> {
+        from_host(&self.sample_directions(), 3, device)
+    }
+
     /// The view direction of each sample, `[M, 3]` row-major.
     pub fn sample_directions(&self) -> Vec<f32> {
         let mut directions = Vec::with_capacity(self.positions.len());

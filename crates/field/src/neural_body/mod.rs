@@ -248,7 +248,7 @@ impl NeuralBody {
         let appearance = appearance.clone().expand([samples, appearance.dims()[1]]);
         let framed = self.framed.forward(Tensor::cat(vec![self.feature.forward(trunk), appearance], 1));
         let [of_position, of_direction] = self.frequencies;
-        let direction = frequency_encode(from_host(&points.sample_directions(), 3, &device), of_direction, &[]);
+        let direction = frequency_encode(points.directions_on(&device), of_direction, &[]);
         let position = frequency_encode(points.positions_on(&device), of_position, &[]);
         let view = self.view.forward(Tensor::cat(vec![framed, direction, position], 1));
         sigmoid(self.rgb.forward(relu(view)))
