@@ -151,10 +151,14 @@ fn verdict(claim: &Claim, relation: Relation, difference: Interval) -> Verdict {
         (Some([low, high]), _) if lower_is_better => [-high, -low],
         (Some(bounds), _) => bounds,
     };
-    let limit = if relation == Relation::NotWorse { -claim.margin } else { 0.0 };
+    let [holds_above, fails_below] = match relation {
+        Relation::Better => [0.0, claim.margin],
+        Relation::NotWorse => [-claim.margin; 2],
+        Relation::Near => [0.0; 2],
+    };
     match in_favour {
-        [low, _] if low > limit => Verdict::Holds,
-        [_, high] if high < limit => Verdict::Fails,
+        [low, _] if low > holds_above => Verdict::Holds,
+        [_, high] if high < fails_below => Verdict::Fails,
         _ => Verdict::Undecided,
     }
 }

@@ -20,7 +20,8 @@ pub struct Claim {
     pub statement: String,
     /// What is compared.
     pub metric: Quantity,
-    /// What *not worse* allows for, in the metric's unit.
+    /// The smallest difference that matters, in the metric's unit: what *not worse* allows for, and what a *better* that fails
+    /// has been shown not to reach. 0 if none is given.
     pub margin: f64,
     /// Each of which has to hold.
     pub comparisons: Vec<Comparison>,
@@ -117,8 +118,10 @@ impl Claim {
     /// Tests the claim on `records`.
     ///
     /// Differences are taken within pairs of the same scene and view set (seed), so that hard scenes and lucky views
-    /// cancel. What decides is the 95 % confidence interval of their mean: *better* holds if all of it is above zero,
-    /// *not worse* if all of it is above −margin, and either fails if all of it is below. It is the interval over other
+    /// cancel. What decides is the 95 % confidence interval of their mean: *better* holds if all of it is above zero and
+    /// fails if all of it is below the margin, the smallest difference that matters (a gain of that size is excluded then,
+    /// as in a test of equivalence; 0 if none is given); *not worse* holds if all of it is above −margin and fails if all of
+    /// it is below. It is the interval over other
     /// view sets of *these scenes*, which is what a mean over a benchmark's scenes with its spread speaks of; the wider
     /// one over *scenes like these* (a mixed model) stands beside it, and decides where scenes have one view set each.
     /// Runs that collapsed count with what they show. A single pair decides nothing.
@@ -208,6 +211,7 @@ mod tests {
         assert_eq!(verdict("a", Relation::Better, "b"), Verdict::Fails);
         assert_eq!(verdict("a", Relation::NotWorse, "b"), Verdict::Fails);
         assert_eq!(verdict("a", Relation::Better, "c"), Verdict::Undecided);
+        assert_eq!(verdict("d", Relation::Better, "a"), Verdict::Fails, "a gain as large as the margin is excluded");
         assert_eq!(
             verdict("c", Relation::NotWorse, "a"),
             Verdict::Undecided,
