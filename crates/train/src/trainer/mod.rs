@@ -316,15 +316,18 @@ mod tests {
         let request = SceneRequest { image_size: Some(8), ..SceneRequest::default() };
         let scene = Arc::new(infonerf_procedural::load("knot", &request).unwrap());
         let device = Device::flex();
-        for (field, copied) in [
-            ("field.channels=1", false),
-            (r#"field={kind="nerf",layers=1,width=8,skip=1}"#, false),
-            (r#"field={kind="pixelnerf",encoder={width=2,blocks=[1],weights=""},blocks=1,pool_after=1,width=4}"#, true),
-        ] {
-            let config = Config::of(Preset::Fast, [field]).unwrap();
+        let encoder = [
+            "field={kind='pixelnerf',encoder={width=4,blocks=[1],weights=''},blocks=2,pool_after=1,width=8,\
+             frequencies=2,lowest_frequency=1.5,density='softplus'}",
+            "render.occupancy.enabled=false",
+        ];
+        for (preset, settings, copied) in
+            [(Preset::Fast, &[][..], false), (Preset::Paper, &[], false), (Preset::Paper, &encoder, true)]
+        {
+            let config = Config::of(preset, settings).unwrap();
             let trainer = Trainer::new(&config, scene.clone(), 0, None, &device).unwrap();
             let copies = &trainer.scenes[0].photographs.all().views;
-            assert_eq!(copies.len(), if copied { scene.train.len() } else { 0 }, "{field}");
+            assert_eq!(copies.len(), if copied { scene.train.len() } else { 0 }, "{settings:?}");
             assert!(Arc::ptr_eq(&trainer.scenes, &trainer.with_seed(1).unwrap().scenes));
         }
     }
