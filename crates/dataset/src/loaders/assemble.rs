@@ -176,7 +176,7 @@ fn pick<'f>(frames: &'f [Frame], positions: &[usize]) -> Vec<&'f Frame> {
 
 /// Refuses, before any is decoded, more images than memory should hold.
 fn check_memory(dir: &Path, (width, height): (u32, u32), views: usize, alpha: bool) -> Result<(), SceneError> {
-    let each = u64::from(width) * u64::from(height) * if alpha { 16 } else { 12 };
+    let each = (u64::from(width) * u64::from(height)).saturating_mul(if alpha { 16 } else { 12 });
     let size = each.saturating_mul(views as u64);
     if size > MOST_BYTES {
         let what = "the memory for the chosen images in bytes (choose fewer views or a smaller image size)";
