@@ -27,10 +27,7 @@ impl Exposure {
     #[must_use]
     pub fn centred(self) -> Self {
         let with_mean = |values: Param<Tensor<2>>, mean: f32| {
-            values.map(|values| {
-                let values = values.detach();
-                (values.clone() - values.mean_dim(0) + mean).require_grad()
-            })
+            values.map(|values| (values.clone() - values.mean_dim(0) + mean).detach().require_grad())
         };
         Self { gain: with_mean(self.gain, 1.0), bias: with_mean(self.bias, 0.0) }
     }
