@@ -40,11 +40,12 @@ pub(super) fn frequencies_backward(
     let (sample, axis) = (ABSOLUTE_POS / 3, ABSOLUTE_POS % 3);
     let start = sample * out.shape(1);
     let mut sum = 2.0f32 * grad[start + axis];
-    let mut slope = std::f32::consts::PI;
+    // A mutable that begins as a named constant is no variable to CubeCL, which then refuses to compile `*=`.
+    let mut scale = 1.0f32;
     for frequency in 0..frequencies {
         let sine = start + 3 + frequency * 6 + axis * 2;
-        sum += slope * (grad[sine] * out[sine + 1] - grad[sine + 1] * out[sine]);
-        slope *= 2.0f32;
+        sum += std::f32::consts::PI * scale * (grad[sine] * out[sine + 1] - grad[sine + 1] * out[sine]);
+        scale *= 2.0f32;
     }
     dpositions[ABSOLUTE_POS] = sum;
 }
