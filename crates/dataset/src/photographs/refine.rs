@@ -110,11 +110,11 @@ mod tests {
     #[test]
     fn cameras_of_a_built_in_scene_are_refined() {
         let train = ViewSelection::Narrow { count: 4, angle_deg: 40.0, seed: 0 };
-        let scene = scene(&SceneSource::Procedural("bookshelf".into()), train, 160).disturbed(2.0, 0.03, 0);
+        let scene = scene(&SceneSource::Procedural("table".into()), train, 200).disturbed(2.0, 0.03, 0);
         let refined = with_refined_cameras(scene.clone(), false);
         let (before, after) = (error(&scene), error(&refined));
-        assert!(after.rotation_deg < 0.3 * before.rotation_deg, "{before:?} {after:?}");
-        assert!(after.translation_percent < 0.3 * before.translation_percent, "{before:?} {after:?}");
+        assert!(after.rotation_deg < 0.4 * before.rotation_deg, "{before:?} {after:?}");
+        assert!(after.translation_percent < 0.4 * before.translation_percent, "{before:?} {after:?}");
         assert_eq!(refined.unrefined_cameras.as_ref(), Some(&scene.given_cameras()));
         assert!(refined.warnings[0].starts_with("4 of 4 training cameras were refined by "), "{:?}", refined.warnings);
         let mut bent = scene.clone();
