@@ -110,7 +110,7 @@ mod tests {
     #[test]
     fn cameras_of_a_built_in_scene_are_refined() {
         let train = ViewSelection::Narrow { count: 4, angle_deg: 40.0, seed: 0 };
-        let scene = scene(&SceneSource::Procedural("table".into()), train, 200).disturbed(2.0, 0.03, 0);
+        let scene = scene(&SceneSource::Procedural("castle".into()), train, 252).disturbed(2.0, 0.03, 0);
         let refined = with_refined_cameras(scene.clone(), false);
         let (before, after) = (error(&scene), error(&refined));
         assert!(after.rotation_deg < 0.4 * before.rotation_deg, "{before:?} {after:?}");

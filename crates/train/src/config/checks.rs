@@ -156,7 +156,7 @@ mod tests {
                 "render.occupancy.carve: expected false where cameras are learnt",
             ),
             (&[matches, "train.cameras.focal=each"], "train.cameras.focal: expected \"fixed\" or \"shared\" with"),
-            (&["train.cameras.refine=true"], "train.cameras.refine: expected one of none, matches, photometric, both"),
+            (&["train.cameras.refine=true"], "train.cameras.refine: expected a name in quotes"),
             (&["train.cameras.lr=-1"], "train.cameras.lr: expected a number from 0 to 1"),
             (&["train.cameras.focal=some"], "train.cameras.focal: expected one of fixed, shared, each, found"),
             (&["scene.disturb.degrees=200"], "scene.disturb.degrees: expected a number from 0 to 180"),
