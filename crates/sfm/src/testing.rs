@@ -35,7 +35,7 @@ pub(crate) fn disturb(points: &mut [Point], noise: f64, wrong: usize) {
         if (i + 1) % wrong == 0 {
             *pixel = DVec2::new(random.random_range(0.0..1000.0), random.random_range(0.0..800.0));
         } else {
-            *pixel += DVec2::new(random.random_range(-noise..noise), random.random_range(-noise..noise));
+            *pixel += DVec2::new(random.random_range(-noise..=noise), random.random_range(-noise..=noise));
         }
     }
 }
