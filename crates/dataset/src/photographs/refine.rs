@@ -106,7 +106,7 @@ mod tests {
         load(source, &request).unwrap()
     }
 
-    /// Also behind a lens that bends: the same pictures, taken for those of another lens, have other cameras.
+    /// Lenses have a part in it: with a distortion that the pictures do not have, the same pictures give worse cameras.
     #[test]
     fn cameras_of_a_built_in_scene_are_refined() {
         let train = ViewSelection::Narrow { count: 4, angle_deg: 40.0, seed: 0 };
@@ -120,7 +120,8 @@ mod tests {
         let mut bent = scene.clone();
         let lens = Lens::radial_tangential([0.4, 0.0, 0.0, 0.0], [0.0; 2]);
         bent.train.iter_mut().for_each(|view| view.camera = view.camera.with_lens(lens));
-        assert!(error(&with_refined_cameras(bent, false)) != after);
+        let bent = error(&with_refined_cameras(bent, false));
+        assert!(bent.rotation_deg > 1.5 * after.rotation_deg, "{after:?} {bent:?}");
     }
 
     #[test]
@@ -134,7 +135,8 @@ mod tests {
         assert_eq!(refined.warnings.iter().filter(|line| stays(line)).count(), 2, "{:?}", refined.warnings);
     }
 
-    /// Prints the table of errors in docs/cameras.md: of published captures and, of 40° of them, of built-in scenes.
+    /// Prints the table of errors in docs/cameras.md: of published captures, and of built-in scenes with views
+    /// within 40° of each other.
     #[test]
     #[ignore = "needs published captures: INFONERF_DATA=DIR"]
     fn errors_of_refined_cameras() {
