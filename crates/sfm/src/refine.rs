@@ -1,6 +1,8 @@
 //! Cameras that are known roughly, refined by what their photographs share.
 
-use glam::DVec2;
+use std::f64::consts::SQRT_2;
+
+use glam::{DQuat, DVec2};
 use rayon::prelude::*;
 
 use crate::bundle::{Point, PosePrior, Prior};
@@ -11,6 +13,7 @@ use crate::matching::matches_of_pairs;
 use crate::reconstruction::Settings;
 use crate::sift::{Features, LENGTH, features};
 use crate::tracks::tracks;
+use crate::triangulate::triangulate;
 use crate::two_view::verified;
 
 /// Points may always fall this many pixels from where they are seen.
@@ -38,6 +41,23 @@ pub struct Uncertainty {
     pub focal: f64,
 }
 
+/// Deviations that a relative pose may be from the given one: a texture that repeats agrees on a pose far from it.
+const MOST_DEVIATIONS: f64 = 4.0;
+
+impl Uncertainty {
+    /// Whether two cameras that are thought to be at `given` may be at the relative pose `found`, whose translation is known up
+    /// to its length: within [`MOST_DEVIATIONS`] in rotation, and in the direction of the translation.
+    fn allows(&self, found: &Pose, given: [Pose; 2]) -> bool {
+        let [first, second] = given;
+        let rotation = second.rotation * first.rotation.transpose();
+        let translation = second.translation - rotation * first.translation;
+        let turned = DQuat::from_mat3(&found.rotation).angle_between(DQuat::from_mat3(&rotation));
+        let [turn, shift] = [self.turn, self.shift].map(|of_one| SQRT_2 * of_one);
+        turned <= MOST_DEVIATIONS * turn
+            && found.translation.angle_between(translation) <= MOST_DEVIATIONS * (turn + shift / translation.length())
+    }
+}
+
 /// Refined cameras.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Refined {
@@ -47,6 +67,9 @@ pub struct Refined {
     pub focal: f64,
     /// What two or more photographs see.
     pub points: Vec<Point>,
+    /// Median distance, in pixels, between where points are seen and where they fall: by the given cameras, which place them
+    /// anew, and by the refined ones.
+    pub errors: [f64; 2],
 }
 
 /// Bundle adjustment of `photographs` and the points that they share, which begins at the poses given and is drawn to them by
@@ -57,17 +80,39 @@ pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty, s
     let longer = photographs.iter().map(|p| p.image.width.max(p.image.height)).max().unwrap_or(0);
     let tolerance = (settings.tolerance * longer as f64).max(LEAST_TOLERANCE);
     let lens = Lens { focal, k1: 0.0, centre: DVec2::ZERO };
-    let agreed = verified(&features, &matches_of_pairs(&features), &lens, tolerance, settings.seed);
-    let tracks = tracks(&features, &agreed.into_iter().map(|(matches, _)| matches).collect::<Vec<_>>());
+    let agreed = verified(&features, &matches_of_pairs(&features), &lens, tolerance, settings.seed)
+        .into_iter()
+        .filter(|(matches, found)| uncertainty.allows(&found.pose, [matches.a, matches.b].map(|i| photographs[i].pose)))
+        .map(|(matches, _)| matches)
+        .collect::<Vec<_>>();
+    let tracks = tracks(&features, &agreed);
     let prior = Prior { focal, focal_deviation: uncertainty.focal, k1_deviation: 0.0 };
     let expected = PosePrior {
         poses: photographs.iter().map(|photograph| photograph.pose).collect(),
         turn_deviation: uncertainty.turn,
         shift_deviation: uncertainty.shift,
     };
+    let given: Vec<Result<Pose, String>> = expected.poses.iter().copied().map(Ok).collect();
     let found = Mapper::at(&tracks, (lens, prior), tolerance, expected, settings.seed).refine();
     let points = found.points();
-    Refined { focal: found.lens.focal / focal, poses: found.poses, points }
+    let errors = [(lens, &given), (found.lens, &found.poses)].map(|(lens, poses)| median_error(&lens, poses, &points));
+    Refined { focal: found.lens.focal / focal, poses: found.poses, points, errors }
+}
+
+/// Median distance, in pixels, between where `points` are seen and where they fall when these cameras alone place them:
+/// infinite for points that they cannot place, and 0 without points.
+fn median_error(lens: &Lens, poses: &[Result<Pose, String>], points: &[Point]) -> f64 {
+    let errors_of = |point: &Point| -> Vec<f64> {
+        let view = |&(i, pixel): &(usize, DVec2)| Some((*poses[i].as_ref().ok()?, pixel));
+        let seen: Vec<(Pose, DVec2)> = point.seen.iter().filter_map(view).collect();
+        let rays: Vec<(Pose, DVec2)> = seen.iter().map(|(pose, pixel)| (*pose, lens.unproject(*pixel))).collect();
+        let place = triangulate(&rays);
+        let falls = |pose: &Pose| place.and_then(|place| lens.project(pose.transform(place)));
+        seen.iter().map(|(pose, pixel)| falls(pose).map_or(f64::INFINITY, |p| p.distance(*pixel))).collect()
+    };
+    let mut errors: Vec<f64> = points.iter().flat_map(errors_of).collect();
+    errors.sort_unstable_by(f64::total_cmp);
+    errors.get(errors.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// The features of a photograph, as a lens of that focal length without distortion sees them.
@@ -81,4 +126,31 @@ fn seen(photograph: &Posed<'_>, focal: f64, most: usize) -> Features {
         }
     }
     seen
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+
+    #[test]
+    fn relative_poses_far_from_the_given_ones_are_refused() {
+        let uncertainty = Uncertainty { turn: 0.035, shift: 0.1, focal: 0.0 };
+        let at = |turned: f64, x: f64| Pose {
+            rotation: DMat3::from_rotation_y(turned),
+            translation: DVec3::new(x, 0.2, 0.0),
+        };
+        let given = [at(0.3, 1.0), at(0.5, 3.0)];
+        let relative = |turned: f64, direction: f64| {
+            let rotation = DMat3::from_rotation_y(0.2 + turned);
+            let translation = given[1].translation - DMat3::from_rotation_y(0.2) * given[0].translation;
+            Pose { rotation, translation: (DMat3::from_rotation_z(direction) * translation).normalize() }
+        };
+        for (turned, direction, allowed) in
+            [(0.0, 0.0, true), (0.15, 0.0, true), (-0.25, 0.0, false), (0.0, 0.3, true), (0.0, -0.8, false)]
+        {
+            assert_eq!(uncertainty.allows(&relative(turned, direction), given), allowed, "{turned} {direction}");
+        }
+    }
 }
