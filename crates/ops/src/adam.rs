@@ -155,7 +155,7 @@ mod host {
 
     impl Job for Chunk<'_> {
         #[inline(always)]
-        fn run<const FMA: bool>(self) {
+        fn run<const FMA: bool, const WIDE: bool>(self) {
             let Self { step, x, g, m, v } = self;
             for (((x, m), v), &g) in x.iter_mut().zip(m).zip(v).zip(g) {
                 *m = *m * step.beta1 + g * (1.0 - step.beta1);

@@ -1,6 +1,6 @@
-//! Matrix products within slices, one thread each.
+//! Matrix products within slices, one thread each, in tiles of the result that stay in registers.
 
-use gemm::{Parallelism, gemm};
+use crate::simd::{self, Job};
 
 /// Where a matrix stands in a slice: element (r, c) at `start` + r·`row` + c·`column`.
 #[derive(Clone, Copy, Debug)]
@@ -11,6 +11,11 @@ pub(crate) struct Matrix {
 }
 
 impl Matrix {
+    /// Rows of numbers side by side, `row` apart.
+    pub(crate) fn rows(start: usize, row: usize) -> Self {
+        Self { start, row, column: 1 }
+    }
+
     pub(crate) fn transposed(self) -> Self {
         Self { row: self.column, column: self.row, ..self }
     }
@@ -19,29 +24,31 @@ impl Matrix {
     fn fits(self, rows: usize, columns: usize, length: usize) -> bool {
         self.start + (rows - 1) * self.row + (columns - 1) * self.column < length
     }
-
-    /// Whether no two of its elements are the same number.
-    fn is_injective(self, rows: usize, columns: usize) -> bool {
-        (self.column > 0 && self.row >= columns * self.column) || (self.row > 0 && self.column >= rows * self.row)
-    }
 }
 
 /// What a product is written onto.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Onto {
+pub(crate) enum Onto<'a> {
     /// Whatever was there is gone.
     Nothing,
     /// It is added to what was there.
     Sum,
+    /// Whatever was there is gone, and these are added to each row.
+    Bias(&'a [f32]),
 }
 
-/// y = a b, or y += a b, with y `[m, n]`, a `[m, k]` and b `[k, n]` for sizes `[m, n, k]`.
+/// The least number of columns at a time.
+pub(crate) const COLUMNS: usize = 16;
+
+/// y = a b, y += a b or y = bias + a b, with y `[m, n]`, a `[m, k]` and b `[k, n]` for sizes `[m, n, k]`.
+///
+/// Each element is one sum in the order of k. Fastest where n is a multiple of [`COLUMNS`].
 ///
 /// # Panics
-/// If a matrix reaches beyond its slice, or elements of y overlap.
+/// If columns of y or b are apart, rows of y overlap, or a matrix reaches beyond its slice.
 pub(crate) fn product(
     [m, n, k]: [usize; 3],
-    onto: Onto,
+    onto: Onto<'_>,
     (y, y_at): (&mut [f32], Matrix),
     (a, a_at): (&[f32], Matrix),
     (b, b_at): (&[f32], Matrix),
@@ -50,35 +57,110 @@ pub(crate) fn product(
         assert!(k > 0 || onto == Onto::Sum, "an empty sum is not written");
         return;
     }
+    assert!(y_at.column == 1 && b_at.column == 1 && y_at.row >= n, "rows of numbers side by side");
     assert!(y_at.fits(m, n, y.len()) && a_at.fits(m, k, a.len()) && b_at.fits(k, n, b.len()), "matrices within slices");
-    assert!(y_at.is_injective(m, n), "one place for each element");
-    let stride = |at: Matrix| (at.column as isize, at.row as isize);
-    let ((y_column, y_row), (a_column, a_row), (b_column, b_row)) = (stride(y_at), stride(a_at), stride(b_at));
-    // SAFETY: the first and the last element of each matrix are within its slice by the assertion, so all are; y is
-    // borrowed mutably, so that it overlaps neither a nor b.
-    #[allow(unsafe_code, reason = "the library takes pointers")]
-    unsafe {
-        gemm(
-            m,
-            n,
-            k,
-            y.as_mut_ptr().add(y_at.start),
-            y_column,
-            y_row,
-            onto == Onto::Sum,
-            a.as_ptr().add(a_at.start),
-            a_column,
-            a_row,
-            b.as_ptr().add(b_at.start),
-            b_column,
-            b_row,
-            1.0,
-            1.0,
-            false,
-            false,
-            false,
-            Parallelism::None,
-        );
+    let whole = n - n % COLUMNS;
+    simd::run(Product { sizes: [m, whole, k], onto, y: (y, y_at), a: (a, a_at), b: (b, b_at) });
+    if whole == n {
+        return;
+    }
+    // The last columns, filled up.
+    let filled = |from: &[f32], at: Matrix, rows: usize| -> Vec<f32> {
+        let row = |r: usize| &from[at.start + r * at.row + whole..at.start + r * at.row + n];
+        let padding = std::iter::repeat_n(0.0, COLUMNS - (n - whole));
+        (0..rows).flat_map(|r| row(r).iter().copied().chain(padding.clone())).collect()
+    };
+    let rows = Matrix::rows(0, COLUMNS);
+    let (mut last, b) = (filled(y, y_at, m), filled(b, b_at, k));
+    let bias = if let Onto::Bias(bias) = onto { filled(bias, rows, 1) } else { Vec::new() };
+    let onto = if let Onto::Bias(_) = onto { Onto::Bias(&bias) } else { onto };
+    simd::run(Product { sizes: [m, COLUMNS, k], onto, y: (&mut last, rows), a: (a, a_at), b: (&b, rows) });
+    for (r, last) in last.chunks_exact(COLUMNS).enumerate() {
+        y[y_at.start + r * y_at.row..][whole..n].copy_from_slice(&last[..n - whole]);
+    }
+}
+
+/// A product whose matrices are known to lie within their slices.
+struct Product<'a> {
+    sizes: [usize; 3],
+    onto: Onto<'a>,
+    y: (&'a mut [f32], Matrix),
+    a: (&'a [f32], Matrix),
+    b: (&'a [f32], Matrix),
+}
+
+impl Job for Product<'_> {
+    #[inline(always)]
+    fn run<const FMA: bool, const WIDE: bool>(mut self) {
+        let mut column = 0;
+        while column < self.sizes[1] {
+            // As many sums as registers hold beside a row of b and a number of a.
+            column += match (WIDE, FMA) {
+                (true, _) if column + 32 <= self.sizes[1] => self.strip::<FMA, 12, 32>(column),
+                (true, _) => self.strip::<FMA, 12, 16>(column),
+                (false, true) => self.strip::<FMA, 6, 16>(column),
+                (false, false) => self.strip::<FMA, 3, 16>(column),
+            };
+        }
+    }
+}
+
+impl Product<'_> {
+    /// All rows of `N` columns of y from `column` on.
+    #[inline(always)]
+    fn strip<const FMA: bool, const R: usize, const N: usize>(&mut self, column: usize) -> usize {
+        let rows = self.sizes[0];
+        let mut row = 0;
+        while row + R <= rows {
+            self.tile::<FMA, R, N>(row, column);
+            row += R;
+        }
+        while row + 4 <= rows && R > 4 {
+            self.tile::<FMA, 4, N>(row, column);
+            row += 4;
+        }
+        while row < rows {
+            self.tile::<FMA, 1, N>(row, column);
+            row += 1;
+        }
+        N
+    }
+
+    /// `R` rows of a strip. Rows are copied whole, and b by value: the compiler then keeps all sums in registers.
+    #[inline(always)]
+    fn tile<const FMA: bool, const R: usize, const N: usize>(&mut self, row: usize, column: usize) {
+        let ((y, y_at), (a, a_at), (b, b_at)) = (&mut self.y, self.a, self.b);
+        let (a_start, b_start) = (a_at.start + row * a_at.row, b_at.start + column);
+        let y = &mut y[y_at.start + row * y_at.row + column..];
+        let mut sums = [[0f32; N]; R];
+        match self.onto {
+            Onto::Nothing => {}
+            Onto::Sum => {
+                for r in 0..R {
+                    sums[r].copy_from_slice(&y[r * y_at.row..r * y_at.row + N]);
+                }
+            }
+            Onto::Bias(bias) => {
+                for r in 0..R {
+                    sums[r].copy_from_slice(&bias[column..column + N]);
+                }
+            }
+        }
+        for i in 0..self.sizes[2] {
+            // SAFETY: the last row and column of both matrices are within their slices: asserted before a `Product` is made.
+            #[allow(unsafe_code, reason = "checks would take longer than the sums")]
+            let b: [f32; N] = unsafe { *b.as_ptr().add(b_start + i * b_at.row).cast() };
+            for r in 0..R {
+                #[allow(unsafe_code, reason = "as above")]
+                let a = unsafe { *a.get_unchecked(a_start + r * a_at.row + i * a_at.column) };
+                for c in 0..N {
+                    sums[r][c] = if FMA { a.mul_add(b[c], sums[r][c]) } else { sums[r][c] + a * b[c] };
+                }
+            }
+        }
+        for r in 0..R {
+            y[r * y_at.row..r * y_at.row + N].copy_from_slice(&sums[r]);
+        }
     }
 }
 
@@ -87,22 +169,37 @@ mod tests {
     use super::*;
 
     #[test]
-    fn products_within_larger_matrices() {
-        // a is the upper left 2×3 of a 4×4 matrix, b the transpose of a 2×3 one, y the right half of a 2×4 one.
-        let a: Vec<f32> = (0..16).map(|x| x as f32).collect();
-        let b = [1.0, 0.0, -1.0, 2.0, 1.0, 0.5];
-        let mut y = [10.0; 8];
-        let at = |start, row| Matrix { start, row, column: 1 };
-        product([2, 2, 3], Onto::Sum, (&mut y, at(2, 4)), (&a, at(0, 4)), (&b, at(0, 3).transposed()));
-        assert_eq!(y, [10.0, 10.0, 8.0, 12.0, 10.0, 10.0, 8.0, 26.0]);
-        product([2, 2, 3], Onto::Nothing, (&mut y, at(2, 4)), (&a, at(0, 4)), (&b, at(0, 3).transposed()));
-        assert_eq!(y, [10.0, 10.0, -2.0, 2.0, 10.0, 10.0, -2.0, 16.0]);
+    fn products_of_every_size_and_order() {
+        let number = |i: usize| ((i * 37 + 11) % 19) as f32 - 9.0;
+        for [m, n, k] in [[1, 16, 1], [3, 32, 5], [13, 48, 69], [40, 69, 33], [5, 3, 2]] {
+            let numbers = |count: usize| (0..count).map(number).collect::<Vec<f32>>();
+            let (a, b, bias) = (numbers((m + 2) * (k + 3)), numbers(2 + k * (n + 5)), numbers(n));
+            let b_at = Matrix::rows(2, n + 5);
+            for a_at in [Matrix::rows(1, k + 3), Matrix::rows(1, m + 2).transposed()] {
+                for onto in [Onto::Nothing, Onto::Sum, Onto::Bias(&bias)] {
+                    let mut y = vec![1.0; 3 + m * (n + 1)];
+                    let at = |matrix: Matrix, r: usize, c: usize| matrix.start + r * matrix.row + c * matrix.column;
+                    let y_at = Matrix::rows(3, n + 1);
+                    product([m, n, k], onto, (&mut y, y_at), (&a, a_at), (&b, b_at));
+                    for (r, c) in (0..m).flat_map(|r| (0..n).map(move |c| (r, c))) {
+                        let before = match onto {
+                            Onto::Nothing => 0.0,
+                            Onto::Sum => 1.0,
+                            Onto::Bias(bias) => bias[c],
+                        };
+                        let sum: f32 = (0..k).map(|i| a[at(a_at, r, i)] * b[at(b_at, i, c)]).sum();
+                        assert_eq!(y[at(y_at, r, c)], before + sum, "{m} {n} {k} {onto:?} at {r}, {c}");
+                    }
+                    assert!((0..m).all(|r| y[at(y_at, r, 0) - 1] == 1.0), "nothing beside it is written");
+                }
+            }
+        }
     }
 
     #[test]
     #[should_panic(expected = "matrices within slices")]
     fn what_reaches_out_is_refused() {
-        let at = Matrix { start: 0, row: 2, column: 1 };
-        product([2, 2, 2], Onto::Sum, (&mut [0.0; 4], at), (&[0.0; 3], at), (&[0.0; 4], at));
+        let at = Matrix::rows(0, 16);
+        product([2, 16, 2], Onto::Nothing, (&mut [0.0; 32], at), (&[0.0; 3], Matrix::rows(0, 2)), (&[0.0; 32], at));
     }
 }

@@ -9,7 +9,7 @@ pub fn alpha(tau: f32) -> f32 {
 }
 
 #[cfg(feature = "flex")]
-pub(crate) use vector::{Opacity, ln, log_ratio};
+pub(crate) use vector::{Opacity, ln, log_ratio, sigmoid, softplus};
 
 #[cfg(feature = "flex")]
 #[allow(clippy::inline_always, reason = "inlined into a function compiled for the processor's instruction set")]
@@ -92,6 +92,46 @@ mod vector {
         fma::<FMA>(e, LN2_HIGH, fma::<FMA>(e, LN2_LOW, fma::<FMA>(s * z, series, 2.0 * s)))
     }
 
+    /// e^−|x| in `f32`; below e^−87, that.
+    #[inline(always)]
+    fn fading(x: f32) -> f32 {
+        const LN2_HIGH: f32 = 0.693_359_4;
+        const LN2_LOW: f32 = -2.121_944_4e-4;
+        /// As for `f64`.
+        const ROUND: f32 = 12_582_912.0 + 127.0;
+        const DEEPEST: f32 = -87.0;
+        let x = -x.abs();
+        let x = if x < DEEPEST { DEEPEST } else { x };
+        let rounded = x * std::f32::consts::LOG2_E + ROUND;
+        let k = rounded - ROUND;
+        let r = (x - k * LN2_HIGH) - k * LN2_LOW;
+        // Taylor: the first term left out is 5e-9 at |r| = ln 2 / 2.
+        let series = [1.0 / 5040.0, 1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
+        f32::from_bits(rounded.to_bits() << 23) * series.into_iter().fold(0.0, |sum, factor| sum * r + factor)
+    }
+
+    /// 1/(1 + e^−x) of each, in place.
+    #[inline(always)]
+    pub(crate) fn sigmoid(values: &mut [f32]) {
+        for x in values {
+            let e = fading(*x);
+            *x = if *x < 0.0 { e } else { 1.0 } / (1.0 + e);
+        }
+    }
+
+    /// ln(1 + e^x) of each, in place: max(x, 0) + ln(1 + e) with e = e^−|x| and ln(1 + e) = 2 artanh(e/(2 + e)).
+    #[inline(always)]
+    pub(crate) fn softplus(values: &mut [f32]) {
+        for x in values {
+            let e = fading(*x);
+            let z = e / (2.0 + e);
+            // The first term left out is 1e-9 at e = 1.
+            let series = [15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0, 1.0];
+            let series = series.into_iter().fold(0.0, |sum, n| sum * (z * z) + 2.0 / n);
+            *x = if *x < 0.0 { 0.0 } else { *x } + z * series;
+        }
+    }
+
     /// What packed samples stop of a ray, and what they let through.
     #[derive(Debug, Default)]
     pub(crate) struct Opacity {
@@ -165,6 +205,26 @@ mod vector {
             for (alpha, through) in [opacity::<false>(f32::NAN), opacity::<true>(f32::NAN)] {
                 assert!(alpha.is_nan() && through.is_nan(), "{alpha}, {through}");
             }
+        }
+
+        #[test]
+        fn softplus_and_sigmoid_keep_their_digits() {
+            for x in exponents(-30..9).chain([0.0]).flat_map(|x| [x as f32, -x as f32]) {
+                let (mut densities, mut shares) = ([x], [x]);
+                softplus(&mut densities);
+                sigmoid(&mut shares);
+                let fading = (-f64::from(x).abs()).exp();
+                let density = f64::from(x).max(0.0) + fading.ln_1p();
+                let share = if x < 0.0 { fading } else { 1.0 } / (1.0 + fading);
+                for (got, want) in [(densities[0], density), (shares[0], share)] {
+                    assert!((f64::from(got) - want).abs() <= 3e-7 * want + 2e-38, "{got:e} for {want:e}, of {x}");
+                }
+            }
+            let [mut limits, mut shares] = [[f32::INFINITY, f32::NEG_INFINITY, f32::NAN]; 2];
+            softplus(&mut limits);
+            sigmoid(&mut shares);
+            assert!(limits[0] == f32::INFINITY && limits[1] < 2e-38 && limits[2].is_nan(), "{limits:?}");
+            assert!(shares[0] == 1.0 && shares[1] < 2e-38 && shares[2].is_nan(), "{shares:?}");
         }
 
         #[test]

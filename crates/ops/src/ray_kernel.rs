@@ -105,7 +105,7 @@ struct Forward<'a, K, const N: usize> {
 
 impl<K: RayKernel<N>, const N: usize> Job for Forward<'_, K, N> {
     #[inline(always)]
-    fn run<const FMA: bool>(self) {
+    fn run<const FMA: bool, const WIDE: bool>(self) {
         self.kernel.forward::<FMA>(self.group, self.inputs, self.out);
     }
 }
@@ -120,7 +120,7 @@ struct Backward<'a, K, const N: usize> {
 
 impl<K: RayKernel<N>, const N: usize> Job for Backward<'_, K, N> {
     #[inline(always)]
-    fn run<const FMA: bool>(self) {
+    fn run<const FMA: bool, const WIDE: bool>(self) {
         self.kernel.backward::<FMA>(self.group, self.inputs, self.grad, self.gradients);
     }
 }

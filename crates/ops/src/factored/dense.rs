@@ -1,58 +1,87 @@
 //! Dense layers over a block of samples that stays in cache.
 //!
-//! Everything is feature-major: row `f` of a block holds feature `f` of its [`BLOCK`] samples, so that interpolation fills
-//! vectors with samples.
+//! A matrix has a row per sample, padded to whole vectors; what a layer makes of the padding is 0.
 
 use super::layout::Layer;
-use crate::matmul::{Matrix, Onto, product};
+use crate::matmul::{COLUMNS, Matrix, Onto, product};
 
 /// Samples in a block.
 pub(super) const BLOCK: usize = 240;
 
-/// Samples × features.
-const SAMPLES: Matrix = Matrix { start: 0, row: 1, column: BLOCK };
-
-/// Weights `[outputs, inputs]` without those of the first `skipped` inputs.
-fn weights(layer: &Layer, skipped: usize) -> Matrix {
-    Matrix { start: layer.weight + skipped, row: layer.inputs, column: 1 }
+/// Length of a row of `columns` numbers.
+pub(super) const fn padded(columns: usize) -> usize {
+    columns.next_multiple_of(COLUMNS)
 }
 
-/// y = relu?(w x + bias) for the first `samples` samples, and as many outputs as `y` has rows.
+/// A layer's weights `[inputs, padded outputs]` with its biases as another row.
+pub(super) fn packed(parameters: &[f32], layer: &Layer) -> Vec<f32> {
+    let width = padded(layer.outputs);
+    let mut packed = vec![0.0; (layer.inputs + 1) * width];
+    for output in 0..layer.outputs {
+        for input in 0..layer.inputs {
+            packed[input * width + output] = parameters[layer.weight + output * layer.inputs + input];
+        }
+        packed[layer.inputs * width + output] = parameters[layer.bias() + output];
+    }
+    packed
+}
+
+/// The same numbers in the order of the parameters, added to these.
+pub(super) fn unpacked(packed: &[f32], layer: &Layer, parameters: &mut [f32]) {
+    let width = padded(layer.outputs);
+    for output in 0..layer.outputs {
+        for input in 0..layer.inputs {
+            parameters[layer.weight + output * layer.inputs + input] += packed[input * width + output];
+        }
+        parameters[layer.bias() + output] += packed[layer.inputs * width + output];
+    }
+}
+
+/// A layer's weights `[outputs, padded inputs]` without those of the first `skipped` inputs.
+pub(super) fn rows(parameters: &[f32], layer: &Layer, skipped: usize) -> Vec<f32> {
+    let width = padded(layer.inputs - skipped);
+    let mut rows = vec![0.0; layer.outputs * width];
+    for (row, weights) in rows.chunks_exact_mut(width.max(1)).zip(parameters[layer.weight..].chunks_exact(layer.inputs))
+    {
+        row[..layer.inputs - skipped].copy_from_slice(&weights[skipped..]);
+    }
+    rows
+}
+
+/// y = relu?(w x + bias) for the first `samples` rows.
 #[inline(always)]
-pub(super) fn forward(parameters: &[f32], layer: &Layer, x: &[f32], y: &mut [f32], samples: usize, relu: bool) {
-    let sizes = [samples, y.len() / BLOCK, layer.inputs];
-    product(sizes, Onto::Nothing, (y, SAMPLES), (x, SAMPLES), (parameters, weights(layer, 0).transposed()));
-    for (row, bias) in y.chunks_exact_mut(BLOCK).zip(&parameters[layer.bias()..layer.end()]) {
-        for y in &mut row[..samples] {
-            let sum = *y + bias;
+pub(super) fn forward(packed: &[f32], layer: &Layer, x: &[f32], y: &mut [f32], samples: usize, relu: bool) {
+    let (width, x_width) = (padded(layer.outputs), padded(layer.inputs));
+    let bias = Onto::Bias(&packed[layer.inputs * width..]);
+    let (y_at, x_at) = (Matrix::rows(0, width), Matrix::rows(0, x_width));
+    product([samples, width, layer.inputs], bias, (y, y_at), (x, x_at), (packed, y_at));
+    if relu {
+        for y in &mut y[..samples * width] {
             // Not `f32::max`, which would turn NaN into 0.
-            *y = if relu && sum < 0.0 { 0.0 } else { sum };
+            *y = if *y < 0.0 { 0.0 } else { *y };
         }
     }
 }
 
-/// Adds the gradient of a layer's weights and biases to `dparameters`, given that of its outputs before activation.
+/// Adds the gradient of a layer's weights and biases to `dpacked`, given that of its outputs before activation.
 #[inline(always)]
-pub(super) fn weight_gradient(dparameters: &mut [f32], layer: &Layer, dy: &[f32], x: &[f32], samples: usize) {
-    let sizes = [dy.len() / BLOCK, layer.inputs, samples];
-    product(sizes, Onto::Sum, (dparameters, weights(layer, 0)), (dy, SAMPLES.transposed()), (x, SAMPLES));
-    for (db, dy) in dparameters[layer.bias()..layer.end()].iter_mut().zip(dy.chunks_exact(BLOCK)) {
-        *db += dy[..samples].iter().sum::<f32>();
+pub(super) fn weight_gradient(dpacked: &mut [f32], layer: &Layer, dy: &[f32], x: &[f32], samples: usize) {
+    let width = padded(layer.outputs);
+    let (dy_at, x_at) = (Matrix::rows(0, width), Matrix::rows(0, padded(layer.inputs)).transposed());
+    product([layer.inputs, width, samples], Onto::Sum, (dpacked, dy_at), (x, x_at), (dy, dy_at));
+    let bias = &mut dpacked[layer.inputs * width..];
+    for dy in dy[..samples * width].chunks_exact(width) {
+        for (db, dy) in bias.iter_mut().zip(dy) {
+            *db += dy;
+        }
     }
 }
 
-/// dx = wᵀ dy, without the first `skipped` inputs.
-#[inline(always)]
-pub(super) fn input_gradient(
-    parameters: &[f32],
-    layer: &Layer,
-    skipped: usize,
-    dy: &[f32],
-    dx: &mut [f32],
-    samples: usize,
-) {
-    let sizes = [samples, layer.inputs - skipped, dy.len() / BLOCK];
-    product(sizes, Onto::Nothing, (dx, SAMPLES), (dy, SAMPLES), (parameters, weights(layer, skipped)));
+/// dx = wᵀ dy, without the inputs that `rows` leaves out; `used` outputs have a gradient.
+pub(super) fn input_gradient(rows: &[f32], layer: &Layer, used: usize, dy: &[f32], dx: &mut [f32], samples: usize) {
+    let width = rows.len() / layer.outputs;
+    let (dy_at, dx_at) = (Matrix::rows(0, padded(layer.outputs)), Matrix::rows(0, width));
+    product([samples, width, used], Onto::Nothing, (dx, dx_at), (dy, dy_at), (rows, dx_at));
 }
 
 /// dy ← dy where the ReLU's output y is positive, else 0.

@@ -1,4 +1,4 @@
-//! From positions to the MLP's input, feature-major over a block; and back into the tables.
+//! From positions to the MLP's input, a row per sample; and back into the tables.
 
 use super::dense::BLOCK;
 use super::layout::{Level, PLANES};
@@ -19,7 +19,7 @@ pub(super) fn block(positions: &[f32]) -> Block {
 
 /// The texel before `u` along an axis, and how far behind it `u` is.
 #[inline(always)]
-pub(super) fn texel(u: f32, resolution: usize) -> (usize, f32) {
+fn texel(u: f32, resolution: usize) -> (usize, f32) {
     let last = (resolution - 1) as f32;
     // Texel centres lie at (i + ½)/res. NaN becomes 0.
     let v = (u * resolution as f32 - 0.5).min(last - 1e-3).max(0.0);
@@ -34,42 +34,49 @@ fn pace(u: f32, resolution: usize) -> f32 {
     if v > 0.0 && v < (resolution - 1) as f32 - 1e-3 { resolution as f32 } else { 0.0 }
 }
 
-/// Position and its frequencies: rows x, y, z, then for each frequency sin and cos of 2^k π (u − ½) of each axis.
+/// Position and its frequencies into the first columns of `x`, whose rows are `stride` apart: x, y, z, then for each
+/// frequency sin and cos of 2^k π (u − ½) of each axis.
 #[inline(always)]
-pub(super) fn frequencies(positions: &Block, weights: &[f32], x: &mut [f32], samples: usize) {
+pub(super) fn frequencies(positions: &Block, weights: &[f32], x: &mut [f32], stride: usize, samples: usize) {
+    let (mut sine, mut cosine) = ([0.0; BLOCK], [0.0; BLOCK]);
     for axis in 0..3 {
         for s in 0..samples {
-            x[axis * BLOCK + s] = 2.0 * positions[axis][s] - 1.0;
+            x[s * stride + axis] = 2.0 * positions[axis][s] - 1.0;
         }
-        for s in 0..samples {
-            let (mut sin, mut cos) = sin_cos_pi(positions[axis][s] - 0.5);
-            for (frequency, weight) in weights.iter().enumerate() {
-                let row = 3 + frequency * 6 + axis * 2;
-                x[row * BLOCK + s] = sin * weight;
-                x[(row + 1) * BLOCK + s] = cos * weight;
+        if weights.is_empty() {
+            continue;
+        }
+        for s in 0..BLOCK {
+            (sine[s], cosine[s]) = sin_cos_pi(positions[axis][s] - 0.5);
+        }
+        for (frequency, weight) in weights.iter().enumerate() {
+            let column = 3 + frequency * 6 + axis * 2;
+            for s in 0..samples {
+                x[s * stride + column] = sine[s] * weight;
+                x[s * stride + column + 1] = cosine[s] * weight;
+            }
+            for s in 0..BLOCK {
                 // Double the angle.
-                (sin, cos) = (2.0 * sin * cos, 1.0 - 2.0 * sin * sin);
+                (sine[s], cosine[s]) = (2.0 * sine[s] * cosine[s], 1.0 - 2.0 * sine[s] * sine[s]);
             }
         }
     }
 }
 
-/// Gradient with respect to the positions, of what [`frequencies`] made of them: `x`, given its own gradient `dx`.
+/// Gradient with respect to the positions, of what [`frequencies`] made of them: `x`, given its own gradient `dx`; rows of
+/// both are `stride` apart.
 #[inline(always)]
-pub(super) fn frequency_gradient(x: &[f32], dx: &[f32], frequencies: usize, samples: usize) -> Block {
+pub(super) fn frequency_gradient(x: &[f32], dx: &[f32], frequencies: usize, stride: usize, samples: usize) -> Block {
     let mut gradient = [[0.0; BLOCK]; 3];
-    for axis in 0..3 {
-        for s in 0..samples {
-            gradient[axis][s] = 2.0 * dx[axis * BLOCK + s];
-        }
-        let mut slope = std::f32::consts::PI;
-        for frequency in 0..frequencies {
-            let sine = (3 + frequency * 6 + axis * 2) * BLOCK;
-            let cosine = sine + BLOCK;
-            for s in 0..samples {
-                gradient[axis][s] += slope * (dx[sine + s] * x[cosine + s] - dx[cosine + s] * x[sine + s]);
+    for (s, (x, dx)) in x.chunks(stride).zip(dx.chunks(stride)).take(samples).enumerate() {
+        for axis in 0..3 {
+            let (mut sum, mut slope) = (2.0 * dx[axis], std::f32::consts::PI);
+            for frequency in 0..frequencies {
+                let sine = 3 + frequency * 6 + axis * 2;
+                sum += slope * (dx[sine] * x[sine + 1] - dx[sine + 1] * x[sine]);
+                slope *= 2.0;
             }
-            slope *= 2.0;
+            gradient[axis][s] = sum;
         }
     }
     gradient
@@ -88,135 +95,170 @@ fn sin_cos_pi(x: f32) -> (f32, f32) {
     (if quarter & 2 != 0 { -a } else { a }, if (quarter + 1) & 2 != 0 { -b } else { b })
 }
 
-/// Four texels of a plane around a point, with their weights.
-struct Corners {
-    at: [usize; 2],
-    weights: [f32; 4],
+/// Where the samples of a block are among the texels of a level: the texel before each along an axis, and how far behind
+/// it the sample is.
+pub(super) struct Places {
+    before: [[u32; BLOCK]; 3],
+    behind: Block,
 }
 
+/// The places of a block on a level of this resolution.
 #[inline(always)]
-fn corners<const C: usize>(resolution: usize, (i, a): (usize, f32), (j, b): (usize, f32)) -> Corners {
-    let first = (j * resolution + i) * C;
-    Corners {
-        at: [first, first + resolution * C],
-        weights: [(1.0 - a) * (1.0 - b), a * (1.0 - b), (1.0 - a) * b, a * b],
+pub(super) fn places(positions: &Block, resolution: usize) -> Places {
+    let mut places = Places { before: [[0; BLOCK]; 3], behind: [[0.0; BLOCK]; 3] };
+    for axis in 0..3 {
+        for s in 0..BLOCK {
+            let (i, f) = texel(positions[axis][s], resolution);
+            (places.before[axis][s], places.behind[axis][s]) = (i as u32, f);
+        }
+    }
+    places
+}
+
+/// A place along one axis: the texel before it, and how far behind that it is.
+type Place = (usize, f32);
+
+impl Places {
+    #[inline(always)]
+    fn at(&self, axis: usize, sample: usize) -> Place {
+        (self.before[axis][sample] as usize, self.behind[axis][sample])
     }
 }
 
+/// The `C` channels of two neighbouring texels, mixed by how far behind the first a place is.
 #[inline(always)]
-fn bilinear<const C: usize>(plane: &[f32], corners: &Corners) -> [f32; C] {
-    let (near, far) = (&plane[corners.at[0]..corners.at[0] + 2 * C], &plane[corners.at[1]..corners.at[1] + 2 * C]);
-    let w = corners.weights;
+fn mixed<const C: usize>(texels: &[f32], behind: f32) -> [f32; C] {
     // A loop, not `from_fn`: closures are not compiled for the instruction set chosen at run time.
     let mut out = [0.0; C];
     for c in 0..C {
-        out[c] = w[0] * near[c] + w[1] * near[C + c] + w[2] * far[c] + w[3] * far[C + c];
+        out[c] = texels[c] + behind * (texels[C + c] - texels[c]);
     }
     out
+}
+
+/// The two texels from `first` on.
+#[inline(always)]
+fn pair<const C: usize>(table: &[f32], first: usize) -> &[f32] {
+    &table[first * C..(first + 2) * C]
 }
 
 #[inline(always)]
-fn linear<const C: usize>(line: &[f32], (i, a): (usize, f32)) -> [f32; C] {
-    let row = &line[i * C..(i + 2) * C];
-    let mut out = [0.0; C];
-    for c in 0..C {
-        out[c] = row[c] + a * (row[C + c] - row[c]);
-    }
-    out
+fn linear<const C: usize>(line: &[f32], (i, t): Place) -> [f32; C] {
+    mixed(pair::<C>(line, i), t)
 }
 
-/// Features of one level into rows `0..3C` of `x`.
+#[inline(always)]
+fn bilinear<const C: usize>(plane: &[f32], resolution: usize, (i, a): Place, (j, b): Place) -> [f32; C] {
+    let (near, far) = (pair::<C>(plane, j * resolution + i), pair::<C>(plane, (j + 1) * resolution + i));
+    let mut columns = [[0.0; C]; 2];
+    for side in 0..2 {
+        for c in 0..C {
+            columns[side][c] = near[side * C + c] + b * (far[side * C + c] - near[side * C + c]);
+        }
+    }
+    mixed(columns.as_flattened(), a)
+}
+
+/// The tables of plane `p` of a level and of its line.
+#[inline(always)]
+pub(super) fn tables_of<'a>(tables: &'a [f32], level: &Level, p: usize) -> (&'a [f32], &'a [f32]) {
+    let plane = &tables[level.plane(p)..level.plane(p) + level.plane_len()];
+    (plane, &tables[level.line(p)..level.line(p) + level.line_len()])
+}
+
+/// Features of one level into `3C` columns of `x`, whose rows are `stride` apart.
 #[inline(always)]
 pub(super) fn level_features<const C: usize>(
-    level: &Level,
-    weight: f32,
+    (level, weight): (&Level, f32),
     tables: &[f32],
-    positions: &Block,
-    x: &mut [f32],
+    places: &Places,
+    (x, stride): (&mut [f32], usize),
     samples: usize,
 ) {
-    let res = level.resolution;
+    let tables = [tables_of(tables, level, 0), tables_of(tables, level, 1), tables_of(tables, level, 2)];
     for s in 0..samples {
-        let at = [texel(positions[0][s], res), texel(positions[1][s], res), texel(positions[2][s], res)];
-        for (p, [a, b, c]) in PLANES.into_iter().enumerate() {
-            let plane = bilinear::<C>(
-                &tables[level.plane(p)..level.plane(p) + level.plane_len()],
-                &corners::<C>(res, at[a], at[b]),
-            );
-            let line = linear::<C>(&tables[level.line(p)..level.line(p) + level.line_len()], at[c]);
+        let row = &mut x[s * stride + level.feature..][..3 * C];
+        let at = [places.at(0, s), places.at(1, s), places.at(2, s)];
+        for p in 0..3 {
+            let [a, b, c] = PLANES[p];
+            let plane = bilinear::<C>(tables[p].0, level.resolution, at[a], at[b]);
+            let line = linear::<C>(tables[p].1, at[c]);
             for k in 0..C {
-                x[(p * C + k) * BLOCK + s] = weight * plane[k] * line[k];
+                row[p * C + k] = weight * plane[k] * line[k];
             }
         }
     }
 }
 
-/// Gradient of one plane and its line, from rows `p·C..(p + 1)·C` of the level's features (`dx`).
+/// Adds `g` of a place's value to the gradients of the two texels that it mixes.
+#[inline(always)]
+fn spread<const C: usize>(texels: &mut [f32], g: &[f32; C], behind: f32) {
+    for c in 0..C {
+        texels[c] += g[c] - behind * g[c];
+    }
+    for c in 0..C {
+        texels[C + c] += behind * g[c];
+    }
+}
+
+/// Gradient of one plane and its line, from columns `p·C..(p + 1)·C` of the level's features (`dx`, whose rows are `stride`
+/// apart).
 #[inline(always)]
 pub(super) fn plane_gradient<const C: usize>(
     (resolution, axes, weight): (usize, [usize; 3], f32),
     (plane, line): (&[f32], &[f32]),
-    positions: &[f32],
-    dx: &[f32],
+    places: &Places,
+    (dx, stride): (&[f32], usize),
     (dplane, dline): (&mut [f32], &mut [f32]),
+    samples: usize,
 ) {
     let [a, b, c] = axes;
-    for (s, u) in positions.chunks_exact(3).enumerate() {
-        let mut d = [0.0; C];
+    for s in 0..samples {
+        let dx = &dx[s * stride..][..C];
+        let ((i, along), (j, across), at) = (places.at(a, s), places.at(b, s), places.at(c, s));
+        let on_plane = bilinear::<C>(plane, resolution, (i, along), (j, across));
+        let on_line = linear::<C>(line, at);
+        let (mut near, mut far, mut of_line) = ([0.0; C], [0.0; C], [0.0; C]);
         for k in 0..C {
-            d[k] = weight * dx[k * BLOCK + s];
+            let d = weight * dx[k];
+            far[k] = across * (d * on_line[k]);
+            near[k] = d * on_line[k] - far[k];
+            of_line[k] = d * on_plane[k];
         }
-        let corners = corners::<C>(resolution, texel(u[a], resolution), texel(u[b], resolution));
-        let (i, t) = texel(u[c], resolution);
-        let (on_plane, on_line) = (bilinear::<C>(plane, &corners), linear::<C>(line, (i, t)));
-        let w = corners.weights;
-        for (at, [near, far]) in corners.at.into_iter().zip([[w[0], w[1]], [w[2], w[3]]]) {
-            let out = &mut dplane[at..at + 2 * C];
-            for k in 0..C {
-                out[k] += near * d[k] * on_line[k];
-            }
-            for k in 0..C {
-                out[C + k] += far * d[k] * on_line[k];
-            }
-        }
-        let out = &mut dline[i * C..(i + 2) * C];
-        for k in 0..C {
-            out[k] += (1.0 - t) * d[k] * on_plane[k];
-        }
-        for k in 0..C {
-            out[C + k] += t * d[k] * on_plane[k];
-        }
+        let first = j * resolution + i;
+        spread(&mut dplane[first * C..(first + 2) * C], &near, along);
+        spread(&mut dplane[(first + resolution) * C..(first + resolution + 2) * C], &far, along);
+        spread(&mut dline[at.0 * C..(at.0 + 2) * C], &of_line, at.1);
     }
 }
 
 /// Adds the gradient of one level's features with respect to the positions, given the features' own (`dx`).
 #[inline(always)]
 pub(super) fn position_gradient<const C: usize>(
-    level: &Level,
-    weight: f32,
+    (level, weight): (&Level, f32),
     tables: &[f32],
     positions: &Block,
-    dx: &[f32],
+    (dx, stride): (&[f32], usize),
     samples: usize,
     gradient: &mut Block,
 ) {
     let res = level.resolution;
+    let places = places(positions, res);
     for s in 0..samples {
-        let at = [0, 1, 2].map(|axis| texel(positions[axis][s], res));
-        for (p, [a, b, c]) in PLANES.into_iter().enumerate() {
-            let plane = &tables[level.plane(p)..level.plane(p) + level.plane_len()];
-            let line = &tables[level.line(p)..level.line(p) + level.line_len()];
-            let corners = corners::<C>(res, at[a], at[b]);
-            let (on_plane, on_line) = (bilinear::<C>(plane, &corners), linear::<C>(line, at[c]));
-            let (near, far) = (&plane[corners.at[0]..], &plane[corners.at[1]..]);
-            let ends = &line[at[c].0 * C..];
+        for p in 0..3 {
+            let [a, b, c] = PLANES[p];
+            let (plane, line) = tables_of(tables, level, p);
+            let ((i, along), (j, across), at) = (places.at(a, s), places.at(b, s), places.at(c, s));
+            let (near, far) = (pair::<C>(plane, j * res + i), pair::<C>(plane, (j + 1) * res + i));
+            let on_plane = bilinear::<C>(plane, res, (i, along), (j, across));
+            let (on_line, ends) = (linear::<C>(line, at), pair::<C>(line, at.0));
             let mut slopes = [0.0; 3];
             for k in 0..C {
-                let d = weight * dx[(p * C + k) * BLOCK + s];
-                let (across, along) = (far[C + k] - far[k], near[C + k] - near[k]);
-                slopes[0] += d * on_line[k] * (along + at[b].1 * (across - along));
-                let (across, along) = (far[C + k] - near[C + k], far[k] - near[k]);
-                slopes[1] += d * on_line[k] * (along + at[a].1 * (across - along));
+                let d = weight * dx[s * stride + level.feature + p * C + k];
+                let (beside, behind) = (near[C + k] - near[k], far[C + k] - far[k]);
+                slopes[0] += d * on_line[k] * (beside + across * (behind - beside));
+                let (beside, behind) = (far[k] - near[k], far[C + k] - near[C + k]);
+                slopes[1] += d * on_line[k] * (beside + along * (behind - beside));
                 slopes[2] += d * on_plane[k] * (ends[C + k] - ends[k]);
             }
             for (axis, slope) in [a, b, c].into_iter().zip(slopes) {

@@ -5,10 +5,11 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::Query;
-use super::dense::{self, BLOCK};
-use super::encode::{self, level_features, plane_gradient, position_gradient, with_channels};
+use super::dense::{self, BLOCK, padded};
+use super::encode::{self, Block, level_features, plane_gradient, position_gradient, with_channels};
 use super::layout::{Layout, OUTPUTS, PLANES, RAW};
 use crate::kernel::{Kernel, Pass};
+use crate::numeric::{Opacity, sigmoid, softplus};
 use crate::simd::{self, Job};
 
 #[derive(Debug)]
@@ -25,15 +26,6 @@ impl FactoredKernel {
         if self.query.color { OUTPUTS } else { 1 }
     }
 
-    /// Rows of the last layer that are computed.
-    fn raw(&self) -> usize {
-        match (self.query.color, self.layout.view_dependent) {
-            (false, _) => 1,
-            (true, false) => OUTPUTS,
-            (true, true) => RAW,
-        }
-    }
-
     /// View directions of the samples from `start` on; none if colour does not depend on them.
     fn directions(&self, start: usize) -> Option<&[f32]> {
         (self.query.color && self.layout.view_dependent).then(|| &self.query.directions[3 * start..])
@@ -41,8 +33,12 @@ impl FactoredKernel {
 
     /// Numbers that a block's activations take: the MLP's input and each hidden layer's output.
     fn activations(&self) -> usize {
-        let hidden: usize = self.layout.layers.iter().rev().skip(1).map(|layer| layer.outputs).sum();
-        (self.layout.features() + hidden) * BLOCK
+        self.layout.layers.iter().map(|layer| padded(layer.inputs)).sum::<usize>() * BLOCK
+    }
+
+    /// Positions as the field is evaluated at them, block by block.
+    fn blocks(positions: &[f32]) -> Vec<Block> {
+        positions.par_chunks(3 * BLOCK).map(encode::block).collect()
     }
 }
 
@@ -55,9 +51,10 @@ impl Kernel for FactoredKernel {
         let &[tables, weights, positions] = inputs else { unreachable!("a factored field has three inputs") };
         let samples = positions.len() / 3;
         let mut out = vec![0.0; samples * self.outputs()];
+        let layers: Vec<Vec<f32>> = self.layout.layers.iter().map(|layer| dense::packed(weights, layer)).collect();
         let job = |(block, positions): (usize, &[f32]), activations: &mut [f32], out: &mut [f32]| {
             let directions = self.directions(block * BLOCK);
-            simd::run(Forward { kernel: self, tables, weights, positions, directions, activations, out });
+            simd::run(Forward { kernel: self, tables, layers: &layers, positions, directions, activations, out });
         };
         let positions = positions.par_chunks(3 * BLOCK).enumerate();
         let blocks = positions.zip(out.par_chunks_mut(BLOCK * self.outputs()));
@@ -86,49 +83,47 @@ impl Kernel for FactoredKernel {
             Some(level) => level.feature,
             None => layout.features(),
         };
-        let dx_len = (layout.features() - first) * BLOCK;
+        let stride = padded(layout.features() - first);
         let blocks = samples.div_ceil(BLOCK);
         let per_group = blocks.div_ceil(GROUPS).max(1);
+        let skipped = |index: usize| if index == 0 { first } else { 0 };
+        let layers = layout.layers.iter().enumerate();
+        let layers: Vec<Vec<f32>> = layers.map(|(index, layer)| dense::rows(weights, layer, skipped(index))).collect();
 
         // The MLP, block by block; the gradient of its input is kept for all samples.
-        let mut dx = vec![0.0; blocks * dx_len];
-        let groups: Vec<Vec<f32>> = dx
-            .par_chunks_mut((per_group * dx_len).max(1))
+        let mut dx = vec![0.0; blocks * BLOCK * stride];
+        let groups: Vec<Vec<Vec<f32>>> = dx
+            .par_chunks_mut((per_group * BLOCK * stride).max(1))
             .enumerate()
             .map(|(group, dx)| {
-                let mut dweights = vec![0.0; layout.weight_len()];
                 let mut scratch = Scratch::new(layout);
-                for (index, dx) in dx.chunks_mut(dx_len.max(1)).enumerate() {
+                for (index, dx) in dx.chunks_mut((BLOCK * stride).max(1)).enumerate() {
                     let block = group * per_group + index;
                     let rows = block * BLOCK..((block + 1) * BLOCK).min(samples);
                     let numbers = rows.start * self.outputs()..rows.end * self.outputs();
                     simd::run(Backward {
                         kernel: self,
-                        weights,
+                        layers: &layers,
                         activations: &pass.saved[block * self.activations()..(block + 1) * self.activations()],
                         output: &pass.output[numbers.clone()],
                         grad: &pass.grad[numbers],
                         directions: self.directions(rows.start),
                         samples: rows.len(),
-                        first,
                         scratch: &mut scratch,
-                        dweights: &mut dweights,
                         dx,
                     });
                 }
-                dweights
+                scratch.dweights
             })
             .collect();
         let dweights = wanted[1].then(|| {
             let mut sum = vec![0.0; layout.weight_len()];
-            for group in groups {
-                for (sum, part) in sum.iter_mut().zip(group) {
-                    *sum += part;
-                }
+            for (packed, layer) in groups.iter().flat_map(|group| group.iter().zip(&layout.layers)) {
+                dense::unpacked(packed, layer, &mut sum);
             }
             sum
         });
-        let dtables = wanted[0].then(|| self.table_gradient(tables, positions, &dx, dx_len, first));
+        let dtables = wanted[0].then(|| self.table_gradient(tables, positions, &dx, (first, stride)));
         let dpositions = wanted[2].then(|| self.position_gradient(tables, positions, pass.saved, &dx));
         vec![dtables, dweights, dpositions]
     }
@@ -136,7 +131,14 @@ impl Kernel for FactoredKernel {
 
 impl FactoredKernel {
     /// One task for each plane with its line: no two write to the same place, and the order of sums is fixed.
-    fn table_gradient(&self, tables: &[f32], positions: &[f32], dx: &[f32], dx_len: usize, first: usize) -> Vec<f32> {
+    fn table_gradient(
+        &self,
+        tables: &[f32],
+        positions: &[f32],
+        dx: &[f32],
+        (first, stride): (usize, usize),
+    ) -> Vec<f32> {
+        let blocks = Self::blocks(positions);
         let mut dtables = vec![0.0; tables.len()];
         let mut rest = dtables.as_mut_slice();
         let mut tasks = Vec::new();
@@ -150,15 +152,13 @@ impl FactoredKernel {
             }
         }
         tasks.into_par_iter().for_each(|(level, weight, p, dplane, dline)| {
-            let row = level.feature - first + p * level.channels;
             simd::run(PlaneGradient {
                 channels: level.channels,
                 how: (level.resolution, PLANES[p], weight),
-                plane: &tables[level.plane(p)..level.plane(p) + level.plane_len()],
-                line: &tables[level.line(p)..level.line(p) + level.line_len()],
-                positions,
-                dx: &dx[row * BLOCK..],
-                dx_len,
+                tables: encode::tables_of(tables, level, p),
+                blocks: &blocks,
+                samples: positions.len() / 3,
+                dx: (&dx[level.feature - first + p * level.channels..], stride),
                 dplane,
                 dline,
             });
@@ -169,7 +169,7 @@ impl FactoredKernel {
     /// From the gradient of the MLP's whole input, block by block.
     fn position_gradient(&self, tables: &[f32], positions: &[f32], saved: &[f32], dx: &[f32]) -> Vec<f32> {
         let mut dpositions = vec![0.0; positions.len()];
-        let dx = dx.par_chunks(self.layout.features() * BLOCK).zip(saved.par_chunks(self.activations()));
+        let dx = dx.par_chunks(padded(self.layout.features()) * BLOCK).zip(saved.par_chunks(self.activations()));
         let blocks = positions.par_chunks(3 * BLOCK).zip(dpositions.par_chunks_mut(3 * BLOCK)).zip(dx);
         blocks.for_each(|((positions, dpositions), (dx, features))| {
             simd::run(PositionGradient { kernel: self, tables, positions, features, dx, dpositions });
@@ -181,7 +181,8 @@ impl FactoredKernel {
 struct Forward<'a> {
     kernel: &'a FactoredKernel,
     tables: &'a [f32],
-    weights: &'a [f32],
+    /// Each layer, packed.
+    layers: &'a [Vec<f32>],
     /// `[samples, 3]` of this block.
     positions: &'a [f32],
     /// `[samples, 3]`, if colour depends on them.
@@ -192,132 +193,139 @@ struct Forward<'a> {
 
 impl Job for Forward<'_> {
     #[inline(always)]
-    fn run<const FMA: bool>(self) {
-        let Self { kernel, tables, weights, positions, directions, activations, out } = self;
+    fn run<const FMA: bool, const WIDE: bool>(self) {
+        let Self { kernel, tables, layers, positions, directions, activations, out } = self;
         let (layout, query) = (&kernel.layout, &kernel.query);
         let samples = positions.len() / 3;
         let block = encode::block(positions);
-        let (input, hidden) = activations.split_at_mut(layout.features() * BLOCK);
-        encode::frequencies(&block, &query.frequency_weights, input, samples);
+        let stride = padded(layout.features());
+        let (mut x, mut rest) = activations.split_at_mut(stride * BLOCK);
+        encode::frequencies(&block, &query.frequency_weights, x, stride, samples);
         for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {
-            let rows = &mut input[level.feature * BLOCK..(level.feature + 3 * level.channels) * BLOCK];
             if weight == 0.0 {
-                rows.fill(0.0);
+                for row in x.chunks_exact_mut(stride) {
+                    row[level.feature..level.feature + 3 * level.channels].fill(0.0);
+                }
                 continue;
             }
-            with_channels!(level.channels, level_features, level, weight, tables, &block, rows, samples);
+            let places = encode::places(&block, level.resolution);
+            let rows = (&mut *x, stride);
+            with_channels!(level.channels, level_features, (level, weight), tables, &places, rows, samples);
         }
-        let mut raw = [0.0; RAW * BLOCK];
-        let raw = &mut raw[..kernel.raw() * BLOCK];
-        let (mut x, mut rest): (&[f32], &mut [f32]) = (input, hidden);
-        for (index, layer) in layout.layers.iter().enumerate() {
+        let mut raw = [0.0; padded(RAW) * BLOCK];
+        for (index, (layer, packed)) in layout.layers.iter().zip(layers).enumerate() {
             if index + 1 == layout.layers.len() {
-                dense::forward(weights, layer, x, raw, samples, false);
+                dense::forward(packed, layer, x, &mut raw, samples, false);
             } else {
-                let (y, others) = rest.split_at_mut(layer.outputs * BLOCK);
-                dense::forward(weights, layer, x, y, samples, true);
+                let (y, others) = rest.split_at_mut(padded(layer.outputs) * BLOCK);
+                dense::forward(packed, layer, x, y, samples, true);
                 (x, rest) = (y, others);
             }
         }
-        let outputs = kernel.outputs();
-        for (s, out) in out.chunks_exact_mut(outputs).enumerate() {
-            out[0] = softplus(raw[s] + layout.density_bias) * layout.density_scale;
-            for (k, out) in out.iter_mut().enumerate().skip(1) {
-                let mut x = raw[k * BLOCK + s];
+        let raw = raw.as_chunks::<{ padded(RAW) }>().0;
+        let mut sigma = [0.0; BLOCK];
+        for s in 0..samples {
+            sigma[s] = raw[s][0] + layout.density_bias;
+        }
+        softplus(&mut sigma);
+        if !query.color {
+            for (out, sigma) in out.iter_mut().zip(sigma) {
+                *out = sigma * layout.density_scale;
+            }
+            return;
+        }
+        let mut color = [[0.0; 3]; BLOCK];
+        for s in 0..samples {
+            for k in 0..3 {
+                color[s][k] = raw[s][1 + k];
                 if let Some(directions) = directions {
                     for axis in 0..3 {
-                        x += raw[(OUTPUTS + 3 * (k - 1) + axis) * BLOCK + s] * directions[3 * s + axis];
+                        color[s][k] += raw[s][OUTPUTS + 3 * k + axis] * directions[3 * s + axis];
                     }
                 }
-                *out = sigmoid(x);
             }
+        }
+        sigmoid(color.as_flattened_mut());
+        for (s, out) in out.chunks_exact_mut(OUTPUTS).enumerate() {
+            out[0] = sigma[s] * layout.density_scale;
+            out[1..].copy_from_slice(&color[s]);
         }
     }
 }
 
-fn softplus(x: f32) -> f32 {
-    x.max(0.0) + (-x.abs()).exp().ln_1p()
-}
-
-fn sigmoid(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
-}
-
-/// Gradients that travel back through the layers of one block.
+/// What a group of blocks adds up, and gradients that travel back through the layers of one block.
 struct Scratch {
-    dout: Vec<f32>,
+    /// Of each layer, packed.
+    dweights: Vec<Vec<f32>>,
     dhidden: [Vec<f32>; 2],
 }
 
 impl Scratch {
     fn new(layout: &Layout) -> Self {
-        let widest = layout.layers.iter().map(|layer| layer.inputs.max(layer.outputs)).max().unwrap_or(0);
-        Self { dout: vec![0.0; RAW * BLOCK], dhidden: [vec![0.0; widest * BLOCK], vec![0.0; widest * BLOCK]] }
+        let widest = layout.layers.iter().map(|layer| padded(layer.inputs.max(layer.outputs))).max().unwrap_or(0);
+        let zeros = |layer: &super::Layer| vec![0.0; (layer.inputs + 1) * padded(layer.outputs)];
+        Self {
+            dweights: layout.layers.iter().map(zeros).collect(),
+            dhidden: [vec![0.0; widest * BLOCK], vec![0.0; widest * BLOCK]],
+        }
     }
 }
 
 struct Backward<'a> {
     kernel: &'a FactoredKernel,
-    weights: &'a [f32],
+    /// Each layer's rows.
+    layers: &'a [Vec<f32>],
     activations: &'a [f32],
     output: &'a [f32],
     grad: &'a [f32],
     directions: Option<&'a [f32]>,
     samples: usize,
-    /// The first feature whose gradient is needed.
-    first: usize,
     scratch: &'a mut Scratch,
-    dweights: &'a mut [f32],
     dx: &'a mut [f32],
 }
 
 impl Job for Backward<'_> {
     #[inline(always)]
-    fn run<const FMA: bool>(self) {
-        let Self { kernel, weights, activations, output, grad, directions, samples, first, scratch, dweights, dx } =
-            self;
+    fn run<const FMA: bool, const WIDE: bool>(self) {
+        let Self { kernel, layers, activations, output, grad, directions, samples, scratch, dx } = self;
         let layout = &kernel.layout;
         let outputs = kernel.outputs();
-        let dout = &mut scratch.dout[..kernel.raw() * BLOCK];
-        dout.fill(0.0);
-        for (s, (y, g)) in output.chunks_exact(outputs).zip(grad.chunks_exact(outputs)).enumerate() {
-            // softplus′ = sigmoid = 1 − e^−softplus, from the output itself.
-            dout[s] = -g[0] * layout.density_scale * (-y[0] / layout.density_scale).exp_m1();
+        let [dy, spare] = &mut scratch.dhidden;
+        let width = padded(layout.layers[layout.layers.len() - 1].outputs);
+        // softplus′ = sigmoid = 1 − e^−softplus, from the output itself.
+        let mut depths = [0.0; BLOCK];
+        for s in 0..samples {
+            depths[s] = output[s * outputs] / layout.density_scale;
+        }
+        let slopes = Opacity::of::<FMA>(&depths[..samples]).alpha;
+        for (s, dout) in dy.chunks_exact_mut(width).take(samples).enumerate() {
+            dout.fill(0.0);
+            let (y, g) = (&output[s * outputs..][..outputs], &grad[s * outputs..][..outputs]);
+            dout[0] = g[0] * layout.density_scale * slopes[s] as f32;
             for k in 1..outputs {
                 let slope = g[k] * y[k] * (1.0 - y[k]);
-                dout[k * BLOCK + s] = slope;
+                dout[k] = slope;
                 if let Some(directions) = directions {
                     for axis in 0..3 {
-                        dout[(OUTPUTS + 3 * (k - 1) + axis) * BLOCK + s] = slope * directions[3 * s + axis];
+                        dout[OUTPUTS + 3 * (k - 1) + axis] = slope * directions[3 * s + axis];
                     }
                 }
             }
         }
-        let (input, hidden) = activations.split_at(layout.features() * BLOCK);
-        let mut ends = Vec::with_capacity(layout.layers.len());
-        let mut end = 0;
-        for layer in &layout.layers[..layout.layers.len() - 1] {
-            ends.push(end..end + layer.outputs * BLOCK);
-            end += layer.outputs * BLOCK;
-        }
-        let [ping, pong] = &mut scratch.dhidden;
-        let (mut dy, mut spare): (&mut [f32], &mut [f32]) = (ping, pong);
-        dy[..dout.len()].copy_from_slice(dout);
+        let mut end = activations.len();
+        let (mut dy, mut spare): (&mut [f32], &mut [f32]) = (dy, spare);
         for (index, layer) in layout.layers.iter().enumerate().rev() {
-            let x = if index == 0 { input } else { &hidden[ends[index - 1].clone()] };
-            // Without colour only the first row of the last layer was computed.
-            let used = if index + 1 == layout.layers.len() { kernel.raw() } else { layer.outputs };
-            let above = &dy[..used * BLOCK];
-            dense::weight_gradient(dweights, layer, above, x, samples);
+            let x = &activations[end - padded(layer.inputs) * BLOCK..end];
+            end -= x.len();
+            dense::weight_gradient(&mut scratch.dweights[index], layer, dy, x, samples);
+            // Without colour only the density has a gradient.
+            let used = if index + 1 == layout.layers.len() && !kernel.query.color { 1 } else { layer.outputs };
             if index == 0 {
-                dense::input_gradient(weights, layer, first, above, dx, samples);
+                dense::input_gradient(&layers[0], layer, used, dy, dx, samples);
                 break;
             }
-            let below = &mut spare[..layer.inputs * BLOCK];
-            dense::input_gradient(weights, layer, 0, above, below, samples);
-            for (row, y) in below.chunks_exact_mut(BLOCK).zip(x.chunks_exact(BLOCK)) {
-                dense::relu_gradient(&y[..samples], &mut row[..samples]);
-            }
+            dense::input_gradient(&layers[index], layer, used, dy, spare, samples);
+            dense::relu_gradient(&x[..samples * padded(layer.inputs)], spare);
             std::mem::swap(&mut dy, &mut spare);
         }
     }
@@ -326,24 +334,26 @@ impl Job for Backward<'_> {
 struct PlaneGradient<'a> {
     channels: usize,
     how: (usize, [usize; 3], f32),
-    plane: &'a [f32],
-    line: &'a [f32],
-    positions: &'a [f32],
-    dx: &'a [f32],
-    /// Numbers of a block in `dx`.
-    dx_len: usize,
+    /// The plane and its line.
+    tables: (&'a [f32], &'a [f32]),
+    blocks: &'a [Block],
+    samples: usize,
+    /// Gradient of the features of all samples, and how far apart its rows are.
+    dx: (&'a [f32], usize),
     dplane: &'a mut [f32],
     dline: &'a mut [f32],
 }
 
 impl Job for PlaneGradient<'_> {
     #[inline(always)]
-    fn run<const FMA: bool>(self) {
-        for (block, positions) in self.positions.chunks(3 * BLOCK).enumerate() {
-            let dx = &self.dx[block * self.dx_len..];
-            let tables = (self.plane, self.line);
+    fn run<const FMA: bool, const WIDE: bool>(self) {
+        let (dx, stride) = self.dx;
+        for (index, block) in self.blocks.iter().enumerate() {
+            let samples = BLOCK.min(self.samples - index * BLOCK);
+            let places = encode::places(block, self.how.0);
+            let dx = (&dx[index * BLOCK * stride..], stride);
             let gradients = (&mut *self.dplane, &mut *self.dline);
-            with_channels!(self.channels, plane_gradient, self.how, tables, positions, dx, gradients);
+            with_channels!(self.channels, plane_gradient, self.how, self.tables, &places, dx, gradients, samples);
         }
     }
 }
@@ -360,25 +370,16 @@ struct PositionGradient<'a> {
 
 impl Job for PositionGradient<'_> {
     #[inline(always)]
-    fn run<const FMA: bool>(self) {
+    fn run<const FMA: bool, const WIDE: bool>(self) {
         let Self { kernel, tables, positions, features, dx, dpositions } = self;
         let (layout, query) = (&kernel.layout, &kernel.query);
         let samples = positions.len() / 3;
         let block = encode::block(positions);
-        let mut gradient = encode::frequency_gradient(features, dx, query.frequency_weights.len(), samples);
+        let stride = padded(layout.features());
+        let mut gradient = encode::frequency_gradient(features, dx, query.frequency_weights.len(), stride, samples);
         for (level, &weight) in layout.levels.iter().zip(&query.level_weights).filter(|(_, weight)| **weight != 0.0) {
-            let dx = &dx[level.feature * BLOCK..];
-            with_channels!(
-                level.channels,
-                position_gradient,
-                level,
-                weight,
-                tables,
-                &block,
-                dx,
-                samples,
-                &mut gradient
-            );
+            let (level, dx) = ((level, weight), (dx, stride));
+            with_channels!(level.0.channels, position_gradient, level, tables, &block, dx, samples, &mut gradient);
         }
         for (s, dposition) in dpositions.chunks_exact_mut(3).enumerate() {
             for axis in 0..3 {

@@ -50,7 +50,7 @@ struct Place {
 
 impl Place {
     fn matrix(self) -> Matrix {
-        Matrix { start: self.start, row: self.stride, column: 1 }
+        Matrix::rows(self.start, self.stride)
     }
 
     fn row(self, sample: usize) -> std::ops::Range<usize> {
@@ -85,7 +85,7 @@ impl Layer {
     }
 
     fn weights(&self) -> Matrix {
-        Matrix { start: self.weight, row: self.y.columns, column: 1 }
+        Matrix::rows(self.weight, self.y.columns)
     }
 }
 
@@ -178,12 +178,11 @@ impl MlpKernel {
             let y = Place { start: 0, ..layer.y };
             let sizes = [samples, layer.y.columns, layer.x.columns];
             let (x, w) = ((&*before, layer.x.matrix()), (weights, layer.weights()));
-            product(sizes, Onto::Nothing, (after, y.matrix()), x, w);
-            for s in 0..samples {
-                for (y, bias) in after[y.row(s)].iter_mut().zip(bias) {
-                    let sum = *y + bias;
+            product(sizes, Onto::Bias(bias), (after, y.matrix()), x, w);
+            for s in (0..samples).filter(|_| layer.relu) {
+                for y in &mut after[y.row(s)] {
                     // Not `f32::max`, which would turn NaN into 0.
-                    *y = if layer.relu && sum < 0.0 { 0.0 } else { sum };
+                    *y = if *y < 0.0 { 0.0 } else { *y };
                 }
             }
         }
@@ -192,8 +191,29 @@ impl MlpKernel {
         }
     }
 
+    /// Each layer's weights `[outputs, inputs]`, where they stand as `[inputs, outputs]` in `weights`.
+    fn transposed(&self, weights: &[f32]) -> Vec<f32> {
+        let mut transposed = vec![0.0; weights.len()];
+        for layer in &self.layers {
+            let (inputs, outputs) = (layer.x.columns, layer.y.columns);
+            for (input, row) in weights[layer.weight..layer.bias()].chunks_exact(outputs).enumerate() {
+                for (output, weight) in row.iter().enumerate() {
+                    transposed[layer.weight + output * inputs + input] = *weight;
+                }
+            }
+        }
+        transposed
+    }
+
     /// Adds a block's part to the gradients; its samples are those of `rows`, counted within the group.
-    fn backward_block(&self, weights: &[f32], block: &[f32], grad: &[f32], rows: &[usize], sums: &mut GroupGradients) {
+    fn backward_block(
+        &self,
+        transposed: &[f32],
+        block: &[f32],
+        grad: &[f32],
+        rows: &[usize],
+        sums: &mut GroupGradients,
+    ) {
         let GroupGradients { dweights, dencoded, gradients } = sums;
         let samples = grad.len() / self.output.columns;
         for (s, grad) in grad.chunks_exact(self.output.columns).enumerate() {
@@ -219,9 +239,9 @@ impl MlpKernel {
             let own = self.encoded.iter().any(|place| place.start == layer.x.start);
             let skipped = if own && dencoded.is_none() { self.encoded[0].columns } else { 0 };
             let dx = layer.x.part(skipped, layer.x.columns - skipped);
-            let w = Matrix { start: layer.weight + skipped * layer.y.columns, ..layer.weights() }.transposed();
+            let w = Matrix::rows(layer.weight + skipped, layer.x.columns);
             let onto = if layer.shared { Onto::Sum } else { Onto::Nothing };
-            product([samples, dx.columns, layer.y.columns], onto, (below, dx.matrix()), dy, (weights, w));
+            product([samples, dx.columns, layer.y.columns], onto, (below, dx.matrix()), dy, (transposed, w));
         }
         if let Some(dencoded) = dencoded {
             let width = self.encoded[0].columns;
@@ -235,11 +255,11 @@ impl MlpKernel {
 
     /// The gradients of consecutive blocks. Samples whose output has no gradient add exactly 0 and are left out: behind
     /// ReLU densities, whose gradient vanishes in empty space, that is most of a scene.
-    fn backward_group(&self, weights: &[f32], saved: &[f32], grad: &[f32], dencoded: bool) -> GroupGradients {
+    fn backward_group(&self, transposed: &[f32], saved: &[f32], grad: &[f32], dencoded: bool) -> GroupGradients {
         let outputs = self.output.columns;
         let width = self.encoded[0].columns;
         let mut sums = GroupGradients {
-            dweights: vec![0.0; weights.len()],
+            dweights: vec![0.0; transposed.len()],
             dencoded: dencoded.then(|| vec![0.0; grad.len() / outputs * width]),
             gradients: vec![0.0; self.activations],
         };
@@ -252,18 +272,18 @@ impl MlpKernel {
                 || (0..grad.len() / outputs).filter(|s| grad[s * outputs..][..outputs].iter().any(|g| *g != 0.0));
             if rows().count() * outputs == grad.len() {
                 let rows: Vec<usize> = rows().map(|s| first + s).collect();
-                self.backward_block(weights, block, grad, &rows, &mut sums);
+                self.backward_block(transposed, block, grad, &rows, &mut sums);
                 continue;
             }
             for s in rows() {
                 reached.push(&self.matrices, block, &grad[s * outputs..][..outputs], s, first + s);
                 if reached.rows.len() == BLOCK {
-                    self.backward_block(weights, &reached.block, &reached.grad, &reached.rows, &mut sums);
+                    self.backward_block(transposed, &reached.block, &reached.grad, &reached.rows, &mut sums);
                     reached.clear();
                 }
             }
         }
-        self.backward_block(weights, &reached.block, &reached.grad, &reached.rows, &mut sums);
+        self.backward_block(transposed, &reached.block, &reached.grad, &reached.rows, &mut sums);
         sums
     }
 }
@@ -332,10 +352,11 @@ impl Kernel for MlpKernel {
     fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
         let &[_, weights] = pass.inputs else { unreachable!("a network has two inputs") };
         let per_group = (pass.saved.len() / self.activations).div_ceil(GROUPS).max(1);
+        let transposed = self.transposed(weights);
         let grads = pass.grad.par_chunks(self.output.columns * BLOCK * per_group);
         let groups: Vec<GroupGradients> = grads
             .zip(pass.saved.par_chunks(self.activations * per_group))
-            .map(|(grad, saved)| self.backward_group(weights, saved, grad, wanted[0]))
+            .map(|(grad, saved)| self.backward_group(&transposed, saved, grad, wanted[0]))
             .collect();
         let dencoded =
             wanted[0].then(|| groups.iter().filter_map(|part| part.dencoded.as_deref()).flatten().copied().collect());
