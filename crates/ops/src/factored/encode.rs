@@ -19,11 +19,11 @@ pub(super) fn block(positions: &[f32]) -> Block {
 
 /// The texel before `u` along an axis, and how far behind it `u` is.
 #[inline(always)]
-fn texel(u: f32, resolution: usize) -> (usize, f32) {
+fn texel(u: f32, resolution: usize) -> (i32, f32) {
     let last = (resolution - 1) as f32;
     // Texel centres lie at (i + ½)/res. NaN becomes 0.
     let v = (u * resolution as f32 - 0.5).min(last - 1e-3).max(0.0);
-    let i = v as usize;
+    let i = v as i32;
     (i, v - i as f32)
 }
 
@@ -98,7 +98,7 @@ fn sin_cos_pi(x: f32) -> (f32, f32) {
 /// Where the samples of a block are among the texels of a level: the texel before each along an axis, and how far behind
 /// it the sample is.
 pub(super) struct Places {
-    before: [[u32; BLOCK]; 3],
+    before: [[i32; BLOCK]; 3],
     behind: Block,
 }
 
@@ -108,8 +108,7 @@ pub(super) fn places(positions: &Block, resolution: usize) -> Places {
     let mut places = Places { before: [[0; BLOCK]; 3], behind: [[0.0; BLOCK]; 3] };
     for axis in 0..3 {
         for s in 0..BLOCK {
-            let (i, f) = texel(positions[axis][s], resolution);
-            (places.before[axis][s], places.behind[axis][s]) = (i as u32, f);
+            (places.before[axis][s], places.behind[axis][s]) = texel(positions[axis][s], resolution);
         }
     }
     places
@@ -201,20 +200,18 @@ fn spread<const C: usize>(texels: &mut [f32], g: &[f32; C], behind: f32) {
     }
 }
 
-/// Gradient of one plane and its line, from columns `p·C..(p + 1)·C` of the level's features (`dx`, whose rows are `stride`
-/// apart).
+/// Gradient of one plane and its line, from that of their features, `dx` `[samples, C]`.
 #[inline(always)]
 pub(super) fn plane_gradient<const C: usize>(
     (resolution, axes, weight): (usize, [usize; 3], f32),
     (plane, line): (&[f32], &[f32]),
     places: &Places,
-    (dx, stride): (&[f32], usize),
+    dx: &[f32],
     (dplane, dline): (&mut [f32], &mut [f32]),
     samples: usize,
 ) {
     let [a, b, c] = axes;
-    for s in 0..samples {
-        let dx = &dx[s * stride..][..C];
+    for (s, dx) in dx.as_chunks::<C>().0.iter().enumerate().take(samples) {
         let ((i, along), (j, across), at) = (places.at(a, s), places.at(b, s), places.at(c, s));
         let on_plane = bilinear::<C>(plane, resolution, (i, along), (j, across));
         let on_line = linear::<C>(line, at);

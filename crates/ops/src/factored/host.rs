@@ -36,9 +36,14 @@ impl FactoredKernel {
         self.layout.layers.iter().map(|layer| padded(layer.inputs)).sum::<usize>() * BLOCK
     }
 
-    /// Positions as the field is evaluated at them, block by block.
-    fn blocks(positions: &[f32]) -> Vec<Block> {
-        positions.par_chunks(3 * BLOCK).map(encode::block).collect()
+    /// Features before those that come from tables.
+    fn before_tables(&self) -> usize {
+        self.layout.levels.first().map_or(self.layout.features(), |level| level.feature)
+    }
+
+    /// Features that come from tables.
+    fn of_tables(&self) -> usize {
+        self.layout.features() - self.before_tables()
     }
 }
 
@@ -78,40 +83,46 @@ impl Kernel for FactoredKernel {
         let layout = &self.layout;
         let samples = positions.len() / 3;
         // The first feature whose gradient is needed: the frequencies' lead to positions alone.
-        let first = match layout.levels.first() {
-            _ if wanted[2] => 0,
-            Some(level) => level.feature,
-            None => layout.features(),
-        };
-        let stride = padded(layout.features() - first);
+        let first = if wanted[2] { 0 } else { self.before_tables() };
         let blocks = samples.div_ceil(BLOCK);
         let per_group = blocks.div_ceil(GROUPS).max(1);
         let skipped = |index: usize| if index == 0 { first } else { 0 };
         let layers = layout.layers.iter().enumerate();
         let layers: Vec<Vec<f32>> = layers.map(|(index, layer)| dense::rows(weights, layer, skipped(index))).collect();
 
-        // The MLP, block by block; the gradient of its input is kept for all samples.
-        let mut dx = vec![0.0; blocks * BLOCK * stride];
-        let groups: Vec<Vec<Vec<f32>>> = dx
-            .par_chunks_mut((per_group * BLOCK * stride).max(1))
+        // The MLP, block by block; the gradient of what comes from tables is kept for all samples.
+        let of_tables = self.of_tables() * BLOCK;
+        let mut dfeatures = vec![0.0; blocks * of_tables];
+        let mut dpositions = vec![0.0; positions.len()];
+        let groups: Vec<Vec<Vec<f32>>> = dfeatures
+            .par_chunks_mut((per_group * of_tables).max(1))
+            .zip(dpositions.par_chunks_mut(per_group * 3 * BLOCK))
             .enumerate()
-            .map(|(group, dx)| {
+            .map(|(group, (dfeatures, dpositions))| {
                 let mut scratch = Scratch::new(layout);
-                for (index, dx) in dx.chunks_mut((BLOCK * stride).max(1)).enumerate() {
+                let blocks = dfeatures.chunks_mut(of_tables.max(1)).zip(dpositions.chunks_mut(3 * BLOCK));
+                for (index, (dfeatures, dpositions)) in blocks.enumerate() {
                     let block = group * per_group + index;
                     let rows = block * BLOCK..((block + 1) * BLOCK).min(samples);
                     let numbers = rows.start * self.outputs()..rows.end * self.outputs();
+                    let activations = &pass.saved[block * self.activations()..(block + 1) * self.activations()];
                     simd::run(Backward {
                         kernel: self,
                         layers: &layers,
-                        activations: &pass.saved[block * self.activations()..(block + 1) * self.activations()],
+                        activations,
                         output: &pass.output[numbers.clone()],
                         grad: &pass.grad[numbers],
                         directions: self.directions(rows.start),
                         samples: rows.len(),
+                        first,
                         scratch: &mut scratch,
-                        dx,
+                        dfeatures,
                     });
+                    if wanted[2] {
+                        let positions = &positions[3 * rows.start..3 * rows.end];
+                        let (features, dx) = (activations, &scratch.dx);
+                        simd::run(PositionGradient { kernel: self, tables, positions, features, dx, dpositions });
+                    }
                 }
                 scratch.dweights
             })
@@ -123,22 +134,15 @@ impl Kernel for FactoredKernel {
             }
             sum
         });
-        let dtables = wanted[0].then(|| self.table_gradient(tables, positions, &dx, (first, stride)));
-        let dpositions = wanted[2].then(|| self.position_gradient(tables, positions, pass.saved, &dx));
-        vec![dtables, dweights, dpositions]
+        let dtables = wanted[0].then(|| self.table_gradient(tables, positions, &dfeatures));
+        vec![dtables, dweights, wanted[2].then_some(dpositions)]
     }
 }
 
 impl FactoredKernel {
     /// One task for each plane with its line: no two write to the same place, and the order of sums is fixed.
-    fn table_gradient(
-        &self,
-        tables: &[f32],
-        positions: &[f32],
-        dx: &[f32],
-        (first, stride): (usize, usize),
-    ) -> Vec<f32> {
-        let blocks = Self::blocks(positions);
+    fn table_gradient(&self, tables: &[f32], positions: &[f32], dfeatures: &[f32]) -> Vec<f32> {
+        let blocks: Vec<Block> = positions.par_chunks(3 * BLOCK).map(encode::block).collect();
         let mut dtables = vec![0.0; tables.len()];
         let mut rest = dtables.as_mut_slice();
         let mut tasks = Vec::new();
@@ -158,23 +162,14 @@ impl FactoredKernel {
                 tables: encode::tables_of(tables, level, p),
                 blocks: &blocks,
                 samples: positions.len() / 3,
-                dx: (&dx[level.feature - first + p * level.channels..], stride),
+                dfeatures,
+                first: (level.feature - self.before_tables() + p * level.channels) * BLOCK,
+                of_block: self.of_tables() * BLOCK,
                 dplane,
                 dline,
             });
         });
         dtables
-    }
-
-    /// From the gradient of the MLP's whole input, block by block.
-    fn position_gradient(&self, tables: &[f32], positions: &[f32], saved: &[f32], dx: &[f32]) -> Vec<f32> {
-        let mut dpositions = vec![0.0; positions.len()];
-        let dx = dx.par_chunks(padded(self.layout.features()) * BLOCK).zip(saved.par_chunks(self.activations()));
-        let blocks = positions.par_chunks(3 * BLOCK).zip(dpositions.par_chunks_mut(3 * BLOCK)).zip(dx);
-        blocks.for_each(|((positions, dpositions), (dx, features))| {
-            simd::run(PositionGradient { kernel: self, tables, positions, features, dx, dpositions });
-        });
-        dpositions
     }
 }
 
@@ -258,6 +253,8 @@ struct Scratch {
     /// Of each layer, packed.
     dweights: Vec<Vec<f32>>,
     dhidden: [Vec<f32>; 2],
+    /// Gradient of the MLP's input, without that of its first features if nobody asks for it.
+    dx: Vec<f32>,
 }
 
 impl Scratch {
@@ -267,6 +264,7 @@ impl Scratch {
         Self {
             dweights: layout.layers.iter().map(zeros).collect(),
             dhidden: [vec![0.0; widest * BLOCK], vec![0.0; widest * BLOCK]],
+            dx: vec![0.0; padded(layout.features()) * BLOCK],
         }
     }
 }
@@ -280,14 +278,17 @@ struct Backward<'a> {
     grad: &'a [f32],
     directions: Option<&'a [f32]>,
     samples: usize,
+    /// The first feature whose gradient is needed.
+    first: usize,
     scratch: &'a mut Scratch,
-    dx: &'a mut [f32],
+    /// For each plane `[BLOCK, channels]`.
+    dfeatures: &'a mut [f32],
 }
 
 impl Job for Backward<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
-        let Self { kernel, layers, activations, output, grad, directions, samples, scratch, dx } = self;
+        let Self { kernel, layers, activations, output, grad, directions, samples, first, scratch, dfeatures } = self;
         let layout = &kernel.layout;
         let outputs = kernel.outputs();
         let [dy, spare] = &mut scratch.dhidden;
@@ -321,13 +322,31 @@ impl Job for Backward<'_> {
             // Without colour only the density has a gradient.
             let used = if index + 1 == layout.layers.len() && !kernel.query.color { 1 } else { layer.outputs };
             if index == 0 {
-                dense::input_gradient(&layers[0], layer, used, dy, dx, samples);
+                dense::input_gradient(&layers[0], layer, used, dy, &mut scratch.dx, samples);
                 break;
             }
             dense::input_gradient(&layers[index], layer, used, dy, spare, samples);
             dense::relu_gradient(&x[..samples * padded(layer.inputs)], spare);
             std::mem::swap(&mut dy, &mut spare);
         }
+        let stride = padded(layout.features() - first);
+        let mut rest = dfeatures;
+        for level in &layout.levels {
+            for p in 0..3 {
+                let (plane, others) = std::mem::take(&mut rest).split_at_mut(BLOCK * level.channels);
+                rest = others;
+                let dx = &scratch.dx[level.feature - first + p * level.channels..];
+                with_channels!(level.channels, gathered, dx, stride, plane, samples);
+            }
+        }
+    }
+}
+
+/// The first `C` numbers of each row of `dx`, side by side.
+#[inline(always)]
+fn gathered<const C: usize>(dx: &[f32], stride: usize, plane: &mut [f32], samples: usize) {
+    for (s, out) in plane.as_chunks_mut::<C>().0.iter_mut().take(samples).enumerate() {
+        out.copy_from_slice(&dx[s * stride..s * stride + C]);
     }
 }
 
@@ -338,8 +357,12 @@ struct PlaneGradient<'a> {
     tables: (&'a [f32], &'a [f32]),
     blocks: &'a [Block],
     samples: usize,
-    /// Gradient of the features of all samples, and how far apart its rows are.
-    dx: (&'a [f32], usize),
+    /// Gradient of the features of all blocks.
+    dfeatures: &'a [f32],
+    /// Where the plane's are in a block.
+    first: usize,
+    /// Numbers of a block.
+    of_block: usize,
     dplane: &'a mut [f32],
     dline: &'a mut [f32],
 }
@@ -347,11 +370,10 @@ struct PlaneGradient<'a> {
 impl Job for PlaneGradient<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
-        let (dx, stride) = self.dx;
         for (index, block) in self.blocks.iter().enumerate() {
             let samples = BLOCK.min(self.samples - index * BLOCK);
             let places = encode::places(block, self.how.0);
-            let dx = (&dx[index * BLOCK * stride..], stride);
+            let dx = &self.dfeatures[index * self.of_block + self.first..];
             let gradients = (&mut *self.dplane, &mut *self.dline);
             with_channels!(self.channels, plane_gradient, self.how, self.tables, &places, dx, gradients, samples);
         }
