@@ -1,6 +1,7 @@
 use infonerf_field::Field;
-use infonerf_ops::to_host;
+use infonerf_ops::{has_host_kernels, to_host};
 use infonerf_scene::{Backdrop, Camera, Ray};
+use rayon::prelude::*;
 
 use crate::fill::filled;
 use crate::march::march;
@@ -25,6 +26,8 @@ pub struct RenderedImage {
 
 /// Rays that march at a time: bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
+/// The same on the host, where several march side by side.
+const HOST_CHUNK: usize = 1 << 12;
 
 /// Renders the picture of one member.
 pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
@@ -38,7 +41,8 @@ pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F
 /// The picture of a camera in the model's own frame.
 fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
     let rays: Vec<Ray> = (0..camera.height)
-        .flat_map(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))
+        .into_par_iter()
+        .flat_map_iter(|y| (0..camera.width).map(move |x| (x as f32 + 0.5, y as f32 + 0.5)))
         .map(|(x, y)| camera.ray(x, y))
         .collect();
     let mut image = RenderedImage {
@@ -50,8 +54,12 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
         counts: Counts::default(),
     };
     if renderer.sampler().config().marches() {
-        for rays in rays.chunks(CHUNK) {
-            let (marched, counts) = march(renderer, trained, rays);
+        let march = |rays: &[Ray]| march(renderer, trained, rays);
+        let parts: Vec<_> = match has_host_kernels(&trained.model.fine.device()) {
+            true => rays.par_chunks(HOST_CHUNK).map(march).collect(),
+            false => rays.chunks(CHUNK).map(march).collect(),
+        };
+        for (marched, counts) in parts {
             image.counts += counts;
             for ray in marched {
                 image.push(ray.rgb, ray.depth, 1.0 - ray.trans);

@@ -24,7 +24,7 @@ pub(crate) struct Marched {
 }
 
 /// Samples per ray and round: few, as rays stop soon after a surface.
-const ROUND: usize = 8;
+const ROUND: usize = 4;
 
 /// Colour on the background, distance and transmittance of each of `rays`, and the numbers of samples.
 pub(crate) fn march<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, rays: &[Ray]) -> (Vec<Marched>, Counts) {

@@ -26,6 +26,8 @@ pub struct OccupancyGrid {
     updated: bool,
     /// The smallest box around all occupied cells.
     tight: Aabb,
+    /// How many cells around each are empty with it, along every axis and diagonal: 0, 1, 3 or 7; 0 if it is occupied.
+    clearance: Vec<u8>,
 }
 
 impl OccupancyGrid {
@@ -41,6 +43,7 @@ impl OccupancyGrid {
             carved: vec![false; cells],
             updated: false,
             tight: bounds,
+            clearance: vec![0; cells],
         }
     }
 
@@ -58,7 +61,7 @@ impl OccupancyGrid {
             *known |= carved;
             *occupied &= !*known;
         }
-        self.tighten();
+        self.derive();
     }
 
     /// Whether an update is due at `step`.
@@ -91,7 +94,7 @@ impl OccupancyGrid {
                 self.occupied[cell] = true;
             }
         }
-        self.tighten();
+        self.derive();
         alive
     }
 
@@ -158,7 +161,7 @@ impl OccupancyGrid {
         }
         fine.occupied = fine.density.iter().map(|density| *density > threshold).collect();
         fine.updated = true;
-        fine.tighten();
+        fine.derive();
         fine
     }
 
@@ -180,6 +183,45 @@ impl OccupancyGrid {
     /// The smallest box around all occupied cells.
     pub fn tight_bounds(&self) -> Aabb {
         self.tight
+    }
+
+    /// How far a ray can go from `p` without meeting an occupied cell, in cells along the axis on which it passes most of
+    /// them; 0 outside the box and in an occupied cell.
+    pub(crate) fn clearance(&self, p: Vec3) -> u8 {
+        self.cell(p).map_or(0, |cell| self.clearance[cell])
+    }
+
+    /// Cells that a ray passes per unit of length, along the axis on which they are most.
+    pub(crate) fn pace(&self, ray: &Ray) -> f32 {
+        (ray.direction * self.cells_per_unit).abs().max_element()
+    }
+
+    /// What follows from which cells are occupied.
+    fn derive(&mut self) {
+        self.tighten();
+        let mut near: Vec<u8> = self.occupied.iter().map(|&occupied| u8::from(occupied)).collect();
+        self.clearance = vec![0; near.len()];
+        let mut reach = 0;
+        for further in [0, 1, 2, 4] {
+            (0..further).for_each(|_| self.widen(&mut near));
+            reach += further as u8;
+            for (clearance, near) in self.clearance.iter_mut().zip(&near) {
+                *clearance = if *near == 0 { reach } else { *clearance };
+            }
+        }
+    }
+
+    /// Marks the neighbours of all marked cells, also those across an edge or a corner.
+    fn widen(&self, marks: &mut Vec<u8>) {
+        let n = self.config.resolution;
+        for stride in [1, n, n * n] {
+            let before = marks.clone();
+            let pairs = |from: &[u8], to: &mut [u8]| to.iter_mut().zip(from).for_each(|(to, from)| *to |= from);
+            for (before, marks) in before.chunks_exact(stride * n).zip(marks.chunks_exact_mut(stride * n)) {
+                pairs(&before[stride..], &mut marks[..(n - 1) * stride]);
+                pairs(&before[..(n - 1) * stride], &mut marks[stride..]);
+            }
+        }
     }
 
     fn tighten(&mut self) {
@@ -236,7 +278,7 @@ impl OccupancyGrid {
             return Err(self.density.len());
         }
         (self.density, self.occupied, self.updated) = (density, occupied, updated);
-        self.tighten();
+        self.derive();
         Ok(())
     }
 
@@ -346,6 +388,32 @@ mod tests {
                 let alpha = -(-sigma(p) * step).exp_m1();
                 prop_assert!(alpha < alpha_threshold * (1.0 + 1e-5) || grid.is_occupied(p), "alpha {alpha} was dropped");
             }
+        }
+    }
+
+    proptest! {
+        /// A sample that clearance passes over is in an empty cell.
+        #[test]
+        fn nothing_occupied_is_passed_over(
+            seed in any::<u64>(),
+            share in 0.0f32..0.02,
+            from in prop::array::uniform3(-1f32..1.0),
+            to in prop::array::uniform3(-1f32..1.0),
+        ) {
+            let mut grid = OccupancyGrid::new(&config(), Aabb { min: Vec3::NEG_ONE, max: Vec3::new(1.0, 3.0, 2.0) });
+            let noise = Noise::new(seed, 0, RandomStream::Occupancy);
+            let occupied: Vec<bool> = (0..grid.occupied.len()).map(|cell| noise.uniform(cell, 0) < share).collect();
+            let cells = occupied.len();
+            grid.restore(vec![1.0; cells], occupied, true).unwrap();
+            let direction = (Vec3::from(to) - Vec3::from(from)).normalize_or(Vec3::X);
+            let ray = Ray::new(Vec3::from(from), direction);
+            let clear = f32::from(grid.clearance(ray.at(0.0)));
+            let reach = 0.999 * clear / grid.pace(&ray);
+            for i in 0..=100 {
+                let p = ray.at(reach * i as f32 / 100.0);
+                prop_assert!(clear == 0.0 || grid.cell(p).is_none_or(|cell| !grid.occupied[cell]));
+            }
+            prop_assert_eq!(clear == 0.0, grid.is_occupied(ray.at(0.0)));
         }
     }
 

@@ -98,7 +98,21 @@ impl Sampler {
         } else {
             (0, count as usize)
         };
-        self.visible((first.saturating_sub(1)..last).map(at), ray, grid, skip.hidden_depth)
+        // Where space is not warped, steps through wide empty space are passed over many at a time.
+        let pace = if self.warp.is_identity() { grid.pace(ray) * length } else { f32::INFINITY };
+        let mut next = first.saturating_sub(1);
+        let candidates = std::iter::from_fn(|| {
+            while next < last {
+                let step = at(next);
+                let clearance = grid.clearance(ray.at(step.0));
+                next += 1 + (0.999 * f32::from(clearance) / pace) as usize;
+                if clearance == 0 || pace == f32::INFINITY {
+                    return Some(step);
+                }
+            }
+            None
+        });
+        self.visible(candidates, ray, grid, skip.hidden_depth)
     }
 
     /// Stratified distances of each ray, for the coarse pass or the only one.

@@ -2,11 +2,12 @@
 
 use std::time::Instant;
 
-use burn::module::Module;
+use burn::module::{Module, ModuleMapper, Param};
 use burn::optim::GradientsParams;
+use burn::tensor::Tensor;
 use infonerf_field::{Extent, Field};
 use infonerf_ops::Traffic;
-use infonerf_render::{Exposure, Noise, RandomStream};
+use infonerf_render::{Exposure, Model, Noise, RandomStream};
 use infonerf_schedule::Moment;
 
 use super::forward::Forward;
@@ -26,6 +27,18 @@ pub(crate) struct Taken {
     rays: usize,
     /// Share of the candidate samples that a field evaluated.
     evaluated: f64,
+}
+
+/// The model, which leaves one without numbers behind: weights that nobody else holds are changed where they are.
+fn taken<F: Field>(model: &mut Model<F>) -> Model<F> {
+    struct Emptied;
+    impl ModuleMapper for Emptied {
+        fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+            param.map(|weights| Tensor::empty([0; D], &weights.device()))
+        }
+    }
+    let emptied = model.clone().map(&mut Emptied);
+    std::mem::replace(model, emptied)
 }
 
 impl<F: Field> Trainer<F> {
@@ -73,7 +86,7 @@ impl<F: Field> Trainer<F> {
         let evaluated = counts.evaluated as f64 / counts.total.max(1) as f64;
         let grads = self.profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), &self.model));
         let rates = learning_rates(&self.config.train, at);
-        let (optimiser, model) = (&mut self.optimiser, self.model.clone());
+        let (optimiser, model) = (&mut self.optimiser, taken(&mut self.model));
         self.model = self.profile.time(Phase::Optimiser, || optimiser.step(rates, model, grads));
         self.model.exposure = self.model.exposure.take().map(Exposure::centred);
         self.progress.count(counts, samples_per_ray);
