@@ -36,6 +36,7 @@ mod output;
 mod pareto;
 mod published;
 mod render;
+mod roofline;
 mod scale;
 mod skip;
 mod step;

@@ -1,4 +1,4 @@
-//! Where the time of a training step goes.
+//! Where the time of a training step goes, and how far that is from what the machine can do.
 
 use std::path::Path;
 
@@ -11,6 +11,7 @@ use serde::Serialize;
 use super::context::Bench;
 use super::options::Options;
 use super::output::{TextTable, median};
+use super::roofline::{self, Part};
 use super::trial::{step_seconds, with_settings};
 use infonerf_experiment::RunPlan;
 
@@ -31,6 +32,7 @@ struct Row {
     /// Of these steps together.
     traffic: Traffic,
     phases: Vec<PhaseRow>,
+    roofline: Vec<Part>,
 }
 
 #[derive(Serialize)]
@@ -84,8 +86,9 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, st
     let traffic = trainer.profile().traffic() - before;
     let last_step = trainer.progress().step;
     trainer.synchronise_phases();
-    let before = trainer.profile().clone();
+    let (before, samples) = (trainer.profile().clone(), trainer.progress().samples_evaluated);
     let synchronised = step_seconds(&mut trainer, steps)?;
+    let samples = (trainer.progress().samples_evaluated - samples) as f64 / synchronised.len().max(1) as f64;
     ensure!(!synchronised.is_empty(), "bench step: the run is over before there is a step to measure");
     let total: f64 = synchronised.iter().sum();
     let row = |phase: &'static str, spent: f64| PhaseRow {
@@ -96,10 +99,11 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, st
     let spent = |phase: Phase| (trainer.profile().spent(phase) - before.spent(phase)).as_secs_f64();
     let mut phases: Vec<PhaseRow> = Phase::ALL.into_iter().map(|phase| row(phase.name(), spent(phase))).collect();
     phases.push(row("other", total - Phase::ALL.into_iter().map(spent).sum::<f64>()));
+    let roofline = roofline::parts(&trainer, samples, |phase| 1e3 * spent(phase) / synchronised.len() as f64);
     seconds.sort_by(f64::total_cmp);
     let p90 = seconds.get((seconds.len() * 9).div_ceil(10).saturating_sub(1)).copied().unwrap_or(0.0);
     let (run, median_ms) = (plan.label(), 1e3 * median(&seconds));
-    Ok(Row { run, first_step, last_step, median_ms, p90_ms: 1e3 * p90, traffic, phases })
+    Ok(Row { run, first_step, last_step, median_ms, p90_ms: 1e3 * p90, traffic, phases, roofline })
 }
 
 fn text(row: &Row) -> String {
@@ -108,14 +112,15 @@ fn text(row: &Row) -> String {
         table.row(vec![phase.phase.into(), format!("{:.2}", phase.ms), format!("{:.1} %", 100.0 * phase.share)]);
     }
     format!(
-        "\n{}, steps {} to {}: median {:.2} ms, 90 % below {:.2} ms\nper step: {}\n\n{}",
+        "\n{}, steps {} to {}: median {:.2} ms, 90 % below {:.2} ms\nper step: {}\n\n{}{}",
         row.run,
         row.first_step,
         row.last_step,
         row.median_ms,
         row.p90_ms,
         row.traffic.per_step(row.last_step + 1 - row.first_step),
-        table.to_text()
+        table.to_text(),
+        roofline::text(&row.roofline)
     )
 }
 

@@ -64,6 +64,8 @@ mod matmul;
 pub mod mlp;
 pub mod numeric;
 #[cfg(feature = "flex")]
+mod peak;
+#[cfg(feature = "flex")]
 mod ray_kernel;
 pub mod reference;
 pub mod rotation;
@@ -85,6 +87,8 @@ pub use frequency::frequency_encode;
 pub use frustum::frustum_gaussian;
 pub use integrated::integrated_encode;
 pub use mlp::radiance_mlp;
+#[cfg(feature = "flex")]
+pub use peak::Peak;
 pub use rotation::rotate;
 pub use segments::Segments;
 pub use traffic::{HostNumber, Traffic, from_host, to_host, upload};

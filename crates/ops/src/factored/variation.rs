@@ -49,6 +49,7 @@ mod host {
 
     use super::{Layout, weight};
     use crate::kernel::{Kernel, Pass};
+    use crate::simd::{self, Job};
 
     #[derive(Debug)]
     pub(super) struct VariationKernel {
@@ -65,17 +66,82 @@ mod host {
     }
 
     /// Σ (a − b)², in as many running sums as fit a vector.
+    #[inline(always)]
     fn squares(a: &[f32], b: &[f32]) -> f64 {
-        const LANES: usize = 8;
+        const LANES: usize = 16;
         let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
         let mut sums = [0f32; LANES];
         for (a, b) in a.iter().zip(b) {
-            for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
-                *sum += (a - b) * (a - b);
+            for lane in 0..LANES {
+                sums[lane] += (a[lane] - b[lane]) * (a[lane] - b[lane]);
             }
         }
-        let rest = a_rest.iter().zip(b_rest).map(|(a, b)| (a - b) * (a - b));
-        sums.into_iter().chain(rest).map(f64::from).sum()
+        let mut sum = 0.0;
+        for (a, b) in a_rest.iter().zip(b_rest) {
+            sum += f64::from((a - b) * (a - b));
+        }
+        for lane in sums {
+            sum += f64::from(lane);
+        }
+        sum
+    }
+
+    /// Σ over neighbours in a plane whose rows are of `width` numbers, `step` of them a texel.
+    struct Squares<'a> {
+        plane: &'a [f32],
+        width: usize,
+        step: usize,
+        sum: &'a mut f64,
+    }
+
+    impl Job for Squares<'_> {
+        #[inline(always)]
+        fn run<const FMA: bool, const WIDE: bool>(self) {
+            // Row by row, so that each sum in `f32` is short.
+            for row in self.plane.chunks_exact(self.width) {
+                *self.sum += squares(&row[self.step..], &row[..self.width - self.step]);
+            }
+            for (above, row) in
+                self.plane.chunks_exact(self.width).zip(self.plane[self.width..].chunks_exact(self.width))
+            {
+                *self.sum += squares(row, above);
+            }
+        }
+    }
+
+    /// Its gradient times half of `factor`, added to `out`.
+    struct Pulls<'a> {
+        plane: &'a [f32],
+        width: usize,
+        step: usize,
+        factor: f32,
+        out: &'a mut [f32],
+    }
+
+    /// out += k (from − to).
+    #[inline(always)]
+    fn pull(out: &mut [f32], k: f32, from: &[f32], to: &[f32]) {
+        for ((out, a), b) in out.iter_mut().zip(from).zip(to) {
+            *out += k * (a - b);
+        }
+    }
+
+    impl Job for Pulls<'_> {
+        #[inline(always)]
+        fn run<const FMA: bool, const WIDE: bool>(self) {
+            let Self { plane, width, step, factor, out } = self;
+            for (y, out) in out.chunks_exact_mut(width).enumerate() {
+                let row = &plane[y * width..(y + 1) * width];
+                pull(&mut out[..width - step], factor, row, &row[step..]);
+                pull(&mut out[step..], factor, &row[step..], row);
+                if y > 0 {
+                    pull(out, factor, row, &plane[(y - 1) * width..y * width]);
+                }
+                if (y + 2) * width <= plane.len() {
+                    pull(out, factor, row, &plane[(y + 1) * width..(y + 2) * width]);
+                }
+            }
+        }
     }
 
     impl Kernel for VariationKernel {
@@ -88,11 +154,10 @@ mod host {
                 .planes()
                 .into_par_iter()
                 .map(|(start, r, c)| {
+                    let mut sum = 0.0;
                     let plane = &inputs[0][start..start + r * r * c];
-                    let rows: Vec<&[f32]> = plane.chunks_exact(r * c).collect();
-                    let along: f64 = rows.iter().map(|row| squares(&row[c..], &row[..(r - 1) * c])).sum();
-                    let across: f64 = rows.windows(2).map(|rows| squares(rows[1], rows[0])).sum();
-                    (along + across) * f64::from(weight(r))
+                    simd::run(Squares { plane, width: r * c, step: c, sum: &mut sum });
+                    sum * f64::from(weight(r))
                 })
                 .collect();
             vec![parts.iter().sum::<f64>() as f32]
@@ -112,25 +177,8 @@ mod host {
             }
             tasks.into_par_iter().for_each(|(start, r, c, out)| {
                 let plane = &tables[start..start + r * r * c];
-                let k = 2.0 * weight(r) * pass.grad[0];
-                let pull = |out: &mut [f32], from: &[f32], to: &[f32]| {
-                    for ((out, a), b) in out.iter_mut().zip(from).zip(to) {
-                        *out += k * (a - b);
-                    }
-                };
-                let width = r * c;
-                for y in 0..r {
-                    let row = &plane[y * width..(y + 1) * width];
-                    let out = &mut out[y * width..(y + 1) * width];
-                    pull(&mut out[..width - c], row, &row[c..]);
-                    pull(&mut out[c..], &row[c..], row);
-                    if y > 0 {
-                        pull(out, row, &plane[(y - 1) * width..y * width]);
-                    }
-                    if y + 1 < r {
-                        pull(out, row, &plane[(y + 1) * width..(y + 2) * width]);
-                    }
-                }
+                let factor = 2.0 * weight(r) * pass.grad[0];
+                simd::run(Pulls { plane, width: r * c, step: c, factor, out });
             });
             vec![Some(grad)]
         }
