@@ -10,7 +10,6 @@ use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Dispatch, Flex, TensorMetadata, backend_extension};
 use burn::tensor::{DType, Tensor, TensorData};
-use rayon::prelude::*;
 
 use crate::graph::{self, Inputs, Operation};
 
@@ -123,29 +122,19 @@ impl Operation<Flex> for HostOperation {
     }
 }
 
-/// Zeros, written by all threads: one alone takes longer for megabytes of them than what is then added.
-pub(crate) fn zeros(length: usize) -> Vec<f32> {
-    const PIECE: usize = 16;
-    let pieces = (0..length.div_ceil(PIECE)).into_par_iter().with_min_len(1 << 12).map(|_| [0.0; PIECE]);
-    let mut zeros = pieces.collect::<Vec<_>>().into_flattened();
-    zeros.truncate(length);
-    zeros
-}
-
-/// Numbers that a pass keeps, most often a forward pass for the backward one.
+/// Numbers that a forward pass keeps for the backward one.
 ///
 /// Buffers are reused by later passes: for tens of megabytes in every step, having the system map and clear pages takes
 /// longer than filling them.
 #[derive(Debug)]
-pub(crate) struct Kept(pub(crate) Vec<f32>);
+struct Kept(Vec<f32>);
 
 /// Most buffers that are kept for another pass.
 const SPARE_BUFFERS: usize = 4;
 static SPARE: Mutex<Vec<Vec<f32>>> = Mutex::new(Vec::new());
 
 impl Kept {
-    /// A buffer that may hold the numbers of an earlier pass.
-    pub(crate) fn new() -> Self {
+    fn new() -> Self {
         Self(SPARE.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default())
     }
 }

@@ -8,7 +8,7 @@ use super::Query;
 use super::dense::{self, BLOCK, padded};
 use super::encode::{self, Block, level_features, plane_gradient, position_gradient, with_channels};
 use super::layout::{Layout, OUTPUTS, PLANES, RAW};
-use crate::kernel::{Kept, Kernel, Pass, zeros};
+use crate::kernel::{Kernel, Pass};
 use crate::numeric::{Opacity, sigmoid, softplus};
 use crate::simd::{self, Job};
 
@@ -92,8 +92,7 @@ impl Kernel for FactoredKernel {
 
         // The MLP, block by block; the gradient of what comes from tables is kept for all samples.
         let of_tables = self.of_tables() * BLOCK;
-        let Kept(dfeatures) = &mut Kept::new();
-        dfeatures.resize(blocks * of_tables, 0.0);
+        let mut dfeatures = vec![0.0; blocks * of_tables];
         let mut dpositions = vec![0.0; positions.len()];
         let groups: Vec<Vec<Vec<f32>>> = dfeatures
             .par_chunks_mut((per_group * of_tables).max(1))
@@ -135,7 +134,7 @@ impl Kernel for FactoredKernel {
             }
             sum
         });
-        let dtables = wanted[0].then(|| self.table_gradient(tables, positions, dfeatures));
+        let dtables = wanted[0].then(|| self.table_gradient(tables, positions, &dfeatures));
         vec![dtables, dweights, wanted[2].then_some(dpositions)]
     }
 }
@@ -144,7 +143,7 @@ impl FactoredKernel {
     /// One task for each plane with its line: no two write to the same place, and the order of sums is fixed.
     fn table_gradient(&self, tables: &[f32], positions: &[f32], dfeatures: &[f32]) -> Vec<f32> {
         let blocks: Vec<Block> = positions.par_chunks(3 * BLOCK).map(encode::block).collect();
-        let mut dtables = zeros(tables.len());
+        let mut dtables = vec![0.0; tables.len()];
         let mut rest = dtables.as_mut_slice();
         let mut tasks = Vec::new();
         for (level, &weight) in self.layout.levels.iter().zip(&self.query.level_weights) {

@@ -48,7 +48,7 @@ mod host {
     use rayon::prelude::*;
 
     use super::{Layout, weight};
-    use crate::kernel::{Kernel, Pass, zeros};
+    use crate::kernel::{Kernel, Pass};
     use crate::simd::{self, Job};
 
     #[derive(Debug)]
@@ -165,7 +165,7 @@ mod host {
 
         fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
             let tables = pass.inputs[0];
-            let mut grad = zeros(tables.len());
+            let mut grad = vec![0.0; tables.len()];
             let mut rest = grad.as_mut_slice();
             let mut tasks = Vec::new();
             for level in &self.layout.levels {
