@@ -5,7 +5,9 @@
 use burn::tensor::{Device, Tensor};
 use glam::Vec3;
 use infonerf_field::{FieldSetup, FieldSpec};
-use infonerf_ops::{RayDistribution, from_host, frustum_gaussian, integrated_encode, ray_entropy, to_host};
+use infonerf_ops::{
+    RayDistribution, RayGaussians, from_host, frustum_gaussians, integrated_encode, ray_entropy, to_host,
+};
 use infonerf_render::{Model, RenderOutput, RenderRequest, Renderer};
 use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
@@ -115,16 +117,18 @@ fn frusta_and_their_encoding_agree_with_jax() {
     let direction = vector(&fixture["direction"]);
     for (index, row) in fixture["frusta"].as_array().unwrap().iter().enumerate() {
         let [t0, t1, radius] = ["t0", "t1", "radius"].map(|key| row[key].as_f64().unwrap());
-        let gaussian = frustum_gaussian((0.5 * (t0 + t1)) as f32, (t1 - t0) as f32, radius as f32);
-        let moments = [gaussian.mean, gaussian.along, gaussian.across];
-        for (got, want) in moments.into_iter().zip(floats(&row["moments"])) {
+        let [t, delta, radii] =
+            [0.5 * (t0 + t1), t1 - t0, radius].map(|number| Tensor::from_floats([number as f32], &Device::flex()));
+        let RayGaussians { mean, along, across } = frustum_gaussians(t, delta, radii);
+        let [mean, along, across] = [mean, along, across].map(|tensor| to_host(tensor)[0]);
+        for (got, want) in [mean, along, across].into_iter().zip(floats(&row["moments"])) {
             compare_relative(got, want, &format!("frustum {index}"));
         }
         // From the stored Gaussian: at 900 units f32 cannot even hold the phase of the highest frequency.
         let single = |key: &str| floats(&row[key]).into_iter().map(|x| x as f32).collect::<Vec<_>>();
         let (mean, variance) = (single("mean"), single("variance"));
         for (axis, d) in direction.to_array().into_iter().enumerate() {
-            let want = gaussian.along * d * d + gaussian.across * (1.0 - d * d);
+            let want = along * d * d + across * (1.0 - d * d);
             compare_relative(want, variance[axis].into(), &format!("frustum {index}, variance"));
         }
         if t0 < 10.0 {
@@ -154,10 +158,11 @@ fn check(device: &Device) {
     let request = RenderRequest { color: true, hidden: true };
     let passes = renderer(fixture).render(&model, &rays, request, None, None, Moment::END);
     let (coarse, fine) = (passes.coarse.unwrap(), passes.fine);
+    let delta = to_host(fine.samples.delta.clone());
     for (index, row) in rows.iter().enumerate() {
         let range = fine.samples.segments.range(index);
-        let mut edges: Vec<f32> = range.clone().map(|i| fine.samples.t[i] - 0.5 * fine.samples.delta[i]).collect();
-        edges.push(fine.samples.t[range.end - 1] + 0.5 * fine.samples.delta[range.end - 1]);
+        let mut edges: Vec<f32> = range.clone().map(|i| fine.samples.t[i] - 0.5 * delta[i]).collect();
+        edges.push(fine.samples.t[range.end - 1] + 0.5 * delta[range.end - 1]);
         compare(&edges, &row["edges"], &format!("ray {index}, edges"));
         compare_output(&fine, index, &row["fine"], &format!("ray {index}, fine"));
         compare_output(&coarse, index, &row["coarse"], &format!("ray {index}, coarse"));

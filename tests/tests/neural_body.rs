@@ -72,12 +72,11 @@ fn check(device: &Device) {
     assert_eq!(parameters, 2 + 17 * 3 + 8 * 2);
     let field = original.conditioned(&Sources { views: [].into(), middle: [0.0; 3] }, None);
     let (positions, directions) = (numbers(&fixture["points"]), numbers(&fixture["directions"]));
-    let segments = Segments::from_counts(vec![1; positions.len() / 3]);
-    let extent = Extent::Ball { variance: 0.0 };
-    let points = Points { positions: &positions, directions: &directions, segments: &segments, extent, tracked: None };
+    let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, device));
+    let points = Points::scattered(positions, Extent::Ball { variance: 0.0 }).seen_along(directions);
     let (sigma, rgb) = (numbers(&fixture["sigma"]), numbers(&fixture["rgb"]));
-    close(&to_host(field.evaluate(points, false, Moment::END).sigma), &sigma, "density alone");
-    let sampled = field.evaluate(points, true, Moment::END);
+    close(&to_host(field.evaluate(&points, false, Moment::END).sigma), &sigma, "density alone");
+    let sampled = field.evaluate(&points, true, Moment::END);
     let color = sampled.color.unwrap();
     close(&to_host(sampled.sigma.clone()), &sigma, "density");
     close(&to_host(color.clone()), &rgb, "colour");
@@ -119,17 +118,10 @@ fn a_body_of_full_size_fits() {
     let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body };
     let sizes = NeuralBodyConfig { voxel: 0.005, ..config(&fixture("neural_body")) };
     let field = RadianceField::new(&FieldConfig::NeuralBody(sizes.clone()), &setup).unwrap();
-    let segments = Segments::from_counts([1, 1]);
-    let far = [5.0, 0.0, 0.0];
-    let points = Points {
-        positions: &[vertices[0], far].concat(),
-        directions: &[[0.0, 0.0, 1.0]; 2].concat(),
-        segments: &segments,
-        extent: Extent::Ball { variance: 0.0 },
-        tracked: None,
-    };
+    let positions = Tensor::from_floats([vertices[0], [5.0, 0.0, 0.0]], device);
+    let points = Points::scattered(positions, Extent::Ball { variance: 0.0 });
     let field = field.conditioned(&Sources { views: [].into(), middle: [0.0; 3] }, None);
-    let sampled = field.evaluate(points, true, Moment::END);
+    let sampled = field.evaluate(&points, true, Moment::END);
     assert!(to_host(sampled.color.unwrap()).iter().all(|c| c.is_finite()));
     let tiny = NeuralBodyConfig { voxel: 0.001, ..sizes };
     let message = RadianceField::new(&FieldConfig::NeuralBody(tiny), &setup).unwrap_err().to_string();

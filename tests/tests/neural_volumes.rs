@@ -130,15 +130,9 @@ fn check(fixture: &Value, expected: &Value, original: &RadianceField, sources: &
     let counts: Vec<usize> = numbers(&fixture["counts"]).iter().map(|count| *count as usize).collect();
     let segments = Segments::from_counts(counts.iter().copied());
     let (positions, deltas) = (numbers(&fixture["positions"]), numbers(&fixture["deltas"]));
-    let points = Points {
-        positions: &positions,
-        directions: &[0.0, 0.0, 1.0].repeat(counts.len()),
-        segments: &segments,
-        extent: Extent::Ball { variance: 0.0 },
-        tracked: None,
-    };
-    let sampled = field.evaluate(points, true, Moment::END);
-    let alone = field.evaluate(points, false, Moment::END);
+    let points = Points::scattered(from_host(&positions, 3, device), Extent::Ball { variance: 0.0 });
+    let sampled = field.evaluate(&points, true, Moment::END);
+    let alone = field.evaluate(&points, false, Moment::END);
     assert!(alone.color.is_none());
     close(&to_host(alone.sigma), &numbers(&expected["sigma"]), "density alone");
 
@@ -207,11 +201,8 @@ fn gain_and_bias_agree_with_pytorch_on_every_device() {
 /// Densities of the fixture's points once the field has looked at `sources`.
 fn densities(fixture: &Value, field: &RadianceField, sources: &Sources, seed: Option<u64>) -> Vec<f32> {
     let positions = numbers(&fixture["positions"]);
-    let segments = Segments::uniform(1, positions.len() / 3);
-    let extent = Extent::Ball { variance: 0.0 };
-    let points =
-        Points { positions: &positions, directions: &[0.0, 0.0, 1.0], segments: &segments, extent, tracked: None };
-    to_host(field.conditioned(sources, seed).evaluate(points, false, Moment::END).sigma)
+    let points = Points::scattered(from_host(&positions, 3, &field.device()), Extent::Ball { variance: 0.0 });
+    to_host(field.conditioned(sources, seed).evaluate(&points, false, Moment::END).sigma)
 }
 
 /// The encoder looks at the first photographs, each through its own tower.

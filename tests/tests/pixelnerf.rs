@@ -178,15 +178,10 @@ fn check(device: &Device) {
         fixture["counts"].as_array().unwrap().iter().map(|count| count.as_u64().unwrap() as usize).collect();
     let firsts = counts.iter().scan(0, |sum, count| Some(std::mem::replace(sum, *sum + count)));
     let directions: Vec<f32> = firsts.flat_map(|first| directions[3 * first..3 * first + 3].to_vec()).collect();
-    let segments = Segments::from_counts(counts.clone());
-    let points = Points {
-        positions: &positions,
-        directions: &directions,
-        segments: &segments,
-        extent: Extent::Ball { variance: 0.0 },
-        tracked: None,
-    };
-    let sampled = field.conditioned(&sources, None).evaluate(points, true, Moment::END);
+    let [positions, directions] = [positions, directions].map(|rows| from_host(&rows, 3, &field.device()));
+    let (segments, extent) = (Segments::from_counts(counts.clone()), Extent::Ball { variance: 0.0 });
+    let points = Points { positions, directions, segments, extent };
+    let sampled = field.conditioned(&sources, None).evaluate(&points, true, Moment::END);
     let color = sampled.color.unwrap();
     let gradients = (color.clone().sum() + sampled.sigma.clone().sum()).backward();
     compare(to_host(color), &floats(fixture, "rgb"), "colour");

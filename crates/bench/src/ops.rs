@@ -163,7 +163,7 @@ impl Input {
                 feature: dense(11, [WIDTH, WIDTH]),
                 view: dense(12, [WIDTH + direction, WIDTH / 2]),
                 rgb: dense(13, [WIDTH / 2, 3]),
-                directions: numbers(14, 3 * MLP_RAYS).into(),
+                directions: from_host(&numbers(14, 3 * MLP_RAYS), 3, device),
                 frequencies: FREQUENCIES[1],
                 segments: Segments::uniform(MLP_RAYS, MLP_SAMPLES),
             }),
@@ -180,7 +180,7 @@ impl Input {
             values: tensor(numbers(8, 4 * samples)).reshape([samples, 4]),
             query: Query {
                 positions: from_host(&numbers(4, 3 * samples), 3, device),
-                directions: centred(numbers(5, 3 * samples)).into(),
+                directions: Some(from_host(&centred(numbers(5, 3 * samples)), 3, device)),
                 frequency_weights: vec![1.0; 3],
                 level_weights: vec![1.0; 4],
                 color: true,

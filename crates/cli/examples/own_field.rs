@@ -40,8 +40,8 @@ impl DiffuseMlp {
 }
 
 impl Field for DiffuseMlp {
-    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
-        let position = frequency_encode(points.positions_on(&self.device()), FREQUENCIES, &[]);
+    fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
+        let position = frequency_encode(points.positions.clone(), FREQUENCIES, &[]);
         let hidden = relu(self.second.forward(relu(self.first.forward(position))));
         let out = self.last.forward(hidden);
         FieldOutput {

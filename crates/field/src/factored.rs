@@ -6,7 +6,7 @@ use std::sync::Arc;
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
-use infonerf_ops::upload;
+use infonerf_ops::unit_box;
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -168,35 +168,16 @@ impl FactoredField {
         let levels = part_weights(self.layout.levels.len(), 1.0, detail);
         (part_weights(self.config.frequencies, 2.0, detail), levels)
     }
-
-    /// Positions in [0, 1]³ over the box, clamped to it.
-    fn normalised(&self, points: Points<'_>) -> Tensor<2> {
-        let [low, high] = self.bounds;
-        let scale = [0, 1, 2].map(|axis| 1.0 / (high[axis] - low[axis]));
-        if let Some(positions) = points.tracked {
-            let [low, scale] = [low, scale].map(|row| upload(row.to_vec(), [1, 3], &self.device()));
-            return ((positions.clone() - low) * scale).clamp(0.0, 1.0);
-        }
-        let mut positions = points.positions.to_vec();
-        for p in positions.chunks_exact_mut(3) {
-            for axis in 0..3 {
-                p[axis] = ((p[axis] - low[axis]) * scale[axis]).clamp(0.0, 1.0);
-            }
-        }
-        let count = positions.len() / 3;
-        upload(positions, [count, 3], &self.device())
-    }
 }
 
 impl Field for FactoredField {
-    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
+    fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
         let samples = points.len();
         let (frequency_weights, level_weights) = self.detail(at);
         let v = self.config.view_dependence;
-        let directions = if color && v > 0.0 { points.sample_directions() } else { Vec::new() };
         let query = Query {
-            positions: self.normalised(points),
-            directions: directions.into_iter().map(|d| v * d).collect(),
+            positions: unit_box(points.positions.clone(), self.bounds),
+            directions: (color && v > 0.0).then(|| points.of_samples(points.directions.clone() * v)),
             frequency_weights,
             level_weights,
             color,

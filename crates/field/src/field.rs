@@ -13,14 +13,14 @@ use crate::{FieldOutput, Penalty, Points, Sources};
 pub trait Field: Module + ModuleDisplay + Sync + 'static {
     /// Density σ(x), and colour c(x, d) if `color`, differentiable in the parameters.
     ///
-    /// Where [`Points::tracked`] is given, differentiable in it too, with view directions held fixed, if the field's config
+    /// Differentiable in the positions too, with view directions held fixed, if the field's config
     /// [says so](FieldSpec::tracks_positions).
     ///
     /// `at` is the moment of the run, for fields that anneal detail; at [`Moment::END`] all of it is in use.
     ///
     /// # Panics
     /// May panic if the field needs to be [conditioned](Self::conditioned) and is not.
-    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput;
+    fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput;
 
     /// The device that holds the parameters.
     fn device(&self) -> Device;
@@ -119,7 +119,7 @@ pub trait FieldSpec: fmt::Display {
         false
     }
 
-    /// Whether density and colour are differentiable in [`Points::tracked`], as `train.cameras.refine` needs.
+    /// Whether density and colour are differentiable in [`Points::positions`], as `train.cameras.refine` needs.
     fn tracks_positions(&self) -> bool {
         false
     }

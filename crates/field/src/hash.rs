@@ -6,7 +6,7 @@ use burn::module::{Module, Param};
 use burn::tensor::activation::{sigmoid, softplus};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::mlp::Precision;
-use infonerf_ops::upload;
+use infonerf_ops::{to_host, unit_box, upload};
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -197,17 +197,18 @@ pub struct HashGrid {
 
 impl HashGrid {
     /// Trilinearly interpolated features of all levels, `[M, levels · features]`.
-    fn encode(&self, positions: &[f32], detail: f64) -> Tensor<2> {
+    fn encode(&self, positions: Tensor<2>, detail: f64) -> Tensor<2> {
         let (levels, features) = (self.levels.len(), self.config.features);
         let device = self.device();
-        let [low, high] = self.bounds;
         let present = part_weights(levels, 1.0, detail);
+        // Cells are looked up on the host.
+        let positions = to_host(unit_box(positions, self.bounds));
         let samples = positions.len() / 3;
         let mut indices = vec![0i32; samples * levels * CORNERS];
         let mut weights = vec![0f32; indices.len()];
         let rows = indices.par_chunks_mut(levels * CORNERS).zip(weights.par_chunks_mut(levels * CORNERS));
         rows.zip(positions.par_chunks_exact(3)).for_each(|((indices, weights), p)| {
-            let u = [0, 1, 2].map(|axis| ((p[axis] - low[axis]) / (high[axis] - low[axis])).clamp(0.0, 1.0));
+            let u = [p[0], p[1], p[2]];
             let corners =
                 self.levels.iter().zip(&present).flat_map(|(level, present)| {
                     level.corners(u).map(|(entry, weight)| (entry as i32, weight * present))
@@ -225,8 +226,8 @@ impl HashGrid {
 }
 
 impl Field for HashGrid {
-    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
-        let encoded = self.encode(points.positions, self.config.detail.at(at));
+    fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
+        let encoded = self.encode(points.positions.clone(), self.config.detail.at(at));
         let (sigma, color) = self.mlp.forward(encoded, points, color);
         let sigma = softplus(sigma + self.config.density_bias, 1.0) * self.density_scale;
         FieldOutput { sigma, color: color.map(sigmoid) }
@@ -239,8 +240,6 @@ impl Field for HashGrid {
 
 #[cfg(test)]
 mod tests {
-    use infonerf_ops::{Segments, to_host};
-
     use super::*;
     use crate::Extent;
 
@@ -292,27 +291,22 @@ mod tests {
     fn gradients_reach_the_entries_of_a_cell() {
         let device = Device::flex().autodiff();
         let field = field(&device);
-        let positions = [0.1, -0.4, 0.7, 0.95, 0.2, -0.9];
-        let gradients = field.encode(&positions, 1.0).sum().backward();
+        let positions = Tensor::from_floats([[0.1, -0.4, 0.7], [0.95, 0.2, -0.9]], &device);
+        let gradients = field.encode(positions.clone(), 1.0).sum().backward();
         let gradient = to_host(field.tables.val().grad(&gradients).unwrap());
         let entries = gradient.chunks(2).filter(|entry| entry[0] != 0.0).count();
         assert!(entries <= 2 * 3 * CORNERS, "{entries}");
         // Each point spreads a weight of 1 over each level, for each feature.
         assert!((gradient.iter().sum::<f32>() - 2.0 * 3.0 * 2.0).abs() < 1e-4);
-        assert!((to_host(field.encode(&positions, 0.0)).iter().skip(2).take(4).sum::<f32>()).abs() < 1e-9);
+        assert!((to_host(field.encode(positions, 0.0)).iter().skip(2).take(4).sum::<f32>()).abs() < 1e-9);
     }
 
     #[test]
     fn density_is_never_negative_and_colour_in_range() {
-        let rays = Segments::from_counts([2, 1]);
-        let points = Points {
-            positions: &[0.0, 0.0, 0.0, 5.0, -5.0, 0.1, 0.3, 0.2, 0.1],
-            directions: &[1.0, 0.0, 0.0, 0.0, 0.0, 1.0],
-            segments: &rays,
-            extent: Extent::Ball { variance: 1e-4 },
-            tracked: None,
-        };
-        let sampled = field(&Device::flex()).evaluate(points, true, Moment::END);
+        let device = Device::flex();
+        let positions = Tensor::from_floats([[0.0, 0.0, 0.0], [5.0, -5.0, 0.1], [0.3, 0.2, 0.1]], &device);
+        let points = Points::scattered(positions, Extent::Ball { variance: 1e-4 });
+        let sampled = field(&device).evaluate(&points, true, Moment::END);
         assert!(to_host(sampled.sigma).iter().all(|sigma| *sigma > 0.0 && sigma.is_finite()));
         assert!(to_host(sampled.color.unwrap()).iter().all(|c| (0.0..=1.0).contains(c)));
     }

@@ -8,9 +8,8 @@
 //!
 //! ```
 //! # #[cfg(feature = "flex")] {
-//! use burn::tensor::Device;
+//! use burn::tensor::{Device, Tensor};
 //! use infonerf_field::{Extent, Field, FieldConfig, FieldSetup, Points, RadianceField};
-//! use infonerf_ops::Segments;
 //! use infonerf_schedule::Moment;
 //!
 //! let config: FieldConfig = toml::from_str(
@@ -18,17 +17,12 @@
 //!      density = 'softplus'\ndetail = 1.0",
 //! )
 //! .unwrap();
-//! let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device: &Device::flex(), body: None };
+//! let device = Device::flex();
+//! let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device: &device, body: None };
 //! let field = RadianceField::new(&config, &setup)?;
-//! let rays = Segments::from_counts([2]);
-//! let points = Points {
-//!     positions: &[0.0, 0.0, 0.0, 0.1, 0.0, 0.0],
-//!     directions: &[1.0, 0.0, 0.0],
-//!     segments: &rays,
-//!     extent: Extent::Ball { variance: 1e-4 },
-//!     tracked: None,
-//! };
-//! let sampled = field.evaluate(points, true, Moment::END);
+//! let positions = Tensor::from_floats([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]], &device);
+//! let points = Points::scattered(positions, Extent::Ball { variance: 1e-4 });
+//! let sampled = field.evaluate(&points, true, Moment::END);
 //! assert_eq!(sampled.sigma.dims(), [2]);
 //! assert_eq!(sampled.color.unwrap().dims(), [2, 3]);
 //! # }

@@ -90,7 +90,7 @@ macro_rules! fields {
         }
 
         impl Field for RadianceField {
-            fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
+            fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
                 match self { $(Self::$name(field) => field.evaluate(points, color, at),)* }
             }
 

@@ -3,10 +3,10 @@
 use std::fmt;
 
 use burn::module::Module;
-use burn::tensor::{Device, activation::sigmoid};
+use burn::tensor::{Device, Tensor, activation::sigmoid};
 use infonerf_ops::integrated::{integrated_encode, integrated_width};
 use infonerf_ops::mlp::Precision;
-use infonerf_ops::{from_host, frustum_gaussian};
+use infonerf_ops::{RayGaussians, frustum_gaussians};
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -97,11 +97,10 @@ pub struct MipNerf {
 const COLOR_PADDING: f32 = 0.001;
 
 impl Field for MipNerf {
-    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
+    fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
         let frequencies = self.config.position_frequencies;
         let window = frequency_window(frequencies, self.config.detail.at(at));
         let (means, variances) = gaussians(points);
-        let [means, variances] = [means, variances].map(|rows| from_host(&rows, 3, &self.device()));
         let encoded = integrated_encode(means, variances, frequencies, &window);
         let (sigma, color) = self.mlp.forward(encoded, points, color);
         FieldOutput {
@@ -116,32 +115,23 @@ impl Field for MipNerf {
 }
 
 /// Mean and variance along each axis of the Gaussians that `points` stand for, both `[M, 3]` (mip-NeRF, Eq. 8 and 16).
-fn gaussians(points: Points<'_>) -> (Vec<f32>, Vec<f32>) {
-    let mut means = points.positions.to_vec();
-    let (t, delta, radii) = match points.extent {
-        Extent::Ball { variance } => {
-            let variances = vec![variance; means.len()];
-            return (means, variances);
-        }
-        Extent::Cones { t, delta, radii } => (t, delta, radii),
+fn gaussians(points: &Points) -> (Tensor<2>, Tensor<2>) {
+    let positions = points.positions.clone();
+    let (t, delta, radii) = match &points.extent {
+        Extent::Ball { variance } => return (positions.clone(), positions.full_like(*variance)),
+        Extent::Cones { t, delta, radii } => (t.clone(), delta.clone(), radii.clone()),
     };
-    let mut variances = vec![0.0; means.len()];
-    let rays = points.directions.chunks_exact(3).zip(radii).zip(points.segments.ranges());
-    for ((direction, &radius), range) in rays {
-        for sample in range {
-            let gaussian = frustum_gaussian(t[sample], delta[sample], radius);
-            for (axis, &d) in direction.iter().enumerate() {
-                means[3 * sample + axis] += (gaussian.mean - t[sample]) * d;
-                variances[3 * sample + axis] = gaussian.along * d * d + gaussian.across * (1.0 - d * d).max(0.0);
-            }
-        }
-    }
-    (means, variances)
+    let radii = points.of_samples(radii.unsqueeze_dim(1)).squeeze_dim(1);
+    let RayGaussians { mean, along, across } = frustum_gaussians(t.clone(), delta, radii);
+    let directions = points.sample_directions();
+    let squares = directions.clone().square();
+    let across = (squares.clone().neg() + 1.0).clamp_min(0.0) * across.unsqueeze_dim(1);
+    (positions + directions * (mean - t).unsqueeze_dim(1), squares * along.unsqueeze_dim(1) + across)
 }
 
 #[cfg(test)]
 mod tests {
-    use infonerf_ops::Segments;
+    use infonerf_ops::{Segments, to_host};
 
     use super::*;
 
@@ -149,23 +139,26 @@ mod tests {
     #[test]
     fn gaussians_by_hand() {
         let (half, root) = (0.5f32, 0.5f32.sqrt());
-        let segments = Segments::from_counts([1, 1]);
+        let device = Device::flex();
+        let [t, delta, radii] = [[2.0, 2.0], [1.0, 1.0], [0.1, 0.2]].map(|row| Tensor::from_floats(row, &device));
+        let frusta = frustum_gaussians(t.clone(), delta.clone(), radii.clone());
+        let [mean, along, across] = [frusta.mean, frusta.along, frusta.across].map(to_host);
         let points = Points {
-            positions: &[0.0, 2.0, 0.0, 2.0 * root, 2.0 * root, 0.0],
-            directions: &[0.0, 1.0, 0.0, root, root, 0.0],
-            segments: &segments,
-            extent: Extent::Cones { t: &[2.0, 2.0], delta: &[1.0, 1.0], radii: &[0.1, 0.2] },
-            tracked: None,
+            positions: Tensor::from_floats([[0.0, 2.0, 0.0], [2.0 * root, 2.0 * root, 0.0]], &device),
+            directions: Tensor::from_floats([[0.0, 1.0, 0.0], [root, root, 0.0]], &device),
+            segments: Segments::from_counts([1, 1]),
+            extent: Extent::Cones { t, delta, radii },
         };
-        let (means, variances) = gaussians(points);
-        let [straight, diagonal] = [0.1, 0.2].map(|radius| frustum_gaussian(2.0, 1.0, radius));
-        let want_means = [0.0, straight.mean, 0.0, diagonal.mean * root, diagonal.mean * root, 0.0];
-        let slanted = half * (diagonal.along + diagonal.across);
-        let want = [straight.across, straight.along, straight.across, slanted, slanted, diagonal.across];
-        for (got, want) in means.iter().zip(want_means).chain(variances.iter().zip(want)) {
-            approx::assert_abs_diff_eq!(*got, want, epsilon = 1e-6);
+        let (means, variances) = gaussians(&points);
+        let want_means = [0.0, mean[0], 0.0, mean[1] * root, mean[1] * root, 0.0];
+        let slanted = half * (along[1] + across[1]);
+        let want = [across[0], along[0], across[0], slanted, slanted, across[1]];
+        let found = [to_host(means), to_host(variances)].concat();
+        for (got, want) in found.iter().zip(want_means.iter().chain(&want)) {
+            approx::assert_abs_diff_eq!(got, want, epsilon = 1e-6);
         }
-        let ball = gaussians(Points { extent: Extent::Ball { variance: 0.3 }, ..points });
-        assert_eq!(ball, (points.positions.to_vec(), vec![0.3; 6]));
+        let ball = Points { extent: Extent::Ball { variance: 0.3 }, ..points };
+        let (means, variances) = gaussians(&ball);
+        assert_eq!((to_host(means), to_host(variances)), (to_host(ball.positions), vec![0.3; 6]));
     }
 }

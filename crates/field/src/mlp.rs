@@ -68,12 +68,7 @@ impl Mlp {
     }
 
     /// From encoded positions `[M, inputs]` to density `[M]` and, if `color`, colour `[M, 3]`, both before activation.
-    pub(crate) fn forward(
-        &self,
-        encoded: Tensor<2>,
-        points: Points<'_>,
-        color: bool,
-    ) -> (Tensor<1>, Option<Tensor<2>>) {
+    pub(crate) fn forward(&self, encoded: Tensor<2>, points: &Points, color: bool) -> (Tensor<1>, Option<Tensor<2>>) {
         let network = RadianceMlp {
             trunk: self.trunk.iter().map(dense).collect(),
             skip: self.skip,
@@ -82,7 +77,7 @@ impl Mlp {
                 feature: dense(&self.feature),
                 view: dense(&self.view),
                 rgb: dense(&self.rgb),
-                directions: points.directions.into(),
+                directions: points.directions.clone(),
                 frequencies: self.direction_frequencies,
                 segments: points.segments.clone(),
             }),

@@ -88,10 +88,10 @@ pub struct NerfMlp {
 }
 
 impl Field for NerfMlp {
-    fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
+    fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
         let c = &self.config;
         let window = frequency_window(c.position_frequencies, c.detail.at(at));
-        let encoded = frequency_encode(points.positions_on(&self.device()), c.position_frequencies, &window);
+        let encoded = frequency_encode(points.positions.clone(), c.position_frequencies, &window);
         let (sigma, color) = self.mlp.forward(encoded, points, color);
         FieldOutput { sigma: c.density.apply(sigma), color: color.map(sigmoid) }
     }

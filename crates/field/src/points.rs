@@ -1,66 +1,72 @@
-use burn::tensor::{Device, Tensor};
-use infonerf_ops::{Segments, from_host};
+use burn::tensor::Tensor;
+use infonerf_ops::{Segments, upload};
 
-/// Where a field is evaluated, on the host; the positions as a tensor too where a gradient is to reach them.
-#[derive(Clone, Copy, Debug)]
-pub struct Points<'a> {
-    /// Sample positions in scene units, `[M, 3]` row-major.
-    pub positions: &'a [f32],
-    /// Unit view direction of each ray, `[R, 3]` row-major.
-    pub directions: &'a [f32],
+/// Where a field is evaluated: packed samples of rays, or points on no ray.
+#[derive(Clone, Debug)]
+pub struct Points {
+    /// Positions of the samples, `[M, 3]`, scene units. A gradient reaches them if they are in an autodiff graph and the field
+    /// [tracks positions](crate::FieldSpec::tracks_positions).
+    pub positions: Tensor<2>,
+    /// Unit view direction of each ray, `[R, 3]`, held fixed.
+    pub directions: Tensor<2>,
     /// Which samples belong to which ray.
-    pub segments: &'a Segments,
+    pub segments: Segments,
     /// The space around its position that each sample represents.
-    pub extent: Extent<'a>,
-    /// The positions as a tensor `[M, 3]` in an autodiff graph, if a gradient with respect to them is wanted: see
-    /// [`FieldSpec::tracks_positions`](crate::FieldSpec::tracks_positions).
-    pub tracked: Option<&'a Tensor<2>>,
+    pub extent: Extent,
 }
 
-impl Points<'_> {
+impl Points {
+    /// Points on no ray, `[M, 3]`, seen along +z.
+    pub fn scattered(positions: Tensor<2>, extent: Extent) -> Self {
+        let directions = Tensor::from_floats([[0.0, 0.0, 1.0]], &positions.device());
+        let segments = Segments::uniform(1, positions.dims()[0]);
+        Self { positions, directions, segments, extent }
+    }
+
+    /// The same points, each seen along its own of `directions`, `[M, 3]`.
+    pub fn seen_along(self, directions: Tensor<2>) -> Self {
+        Self { segments: Segments::uniform(self.len(), 1), directions, ..self }
+    }
+
     /// Number of samples `M`.
     pub fn len(&self) -> usize {
-        self.positions.len() / 3
+        self.segments.samples()
     }
 
     /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
-        self.positions.is_empty()
+        self.len() == 0
     }
 
-    /// The positions as a tensor, `[M, 3]`: the tracked ones, if there are any.
-    pub fn positions_on(&self, device: &Device) -> Tensor<2> {
-        self.tracked.cloned().unwrap_or_else(|| from_host(self.positions, 3, device))
+    /// The unit view direction of each sample, `[M, 3]`.
+    pub fn sample_directions(&self) -> Tensor<2> {
+        self.of_samples(self.directions.clone())
     }
 
-    /// The unit view direction of each sample as a tensor, `[M, 3]`.
-    pub fn directions_on(&self, device: &Device) -> Tensor<2> {
-        from_host(&self.sample_directions(), 3, device)
-    }
-
-    /// The view direction of each sample, `[M, 3]` row-major.
-    pub fn sample_directions(&self) -> Vec<f32> {
-        let mut directions = Vec::with_capacity(self.positions.len());
-        for (ray, range) in self.directions.chunks_exact(3).zip(self.segments.ranges()) {
-            for _ in range {
-                directions.extend_from_slice(ray);
-            }
-        }
-        directions
+    /// Rows of rays, `[R, C]`, as rows of their samples, `[M, C]`.
+    pub(crate) fn of_samples(&self, rays: Tensor<2>) -> Tensor<2> {
+        let owners = self.segments.owners(&rays.device());
+        rays.select(0, owners)
     }
 }
 
+/// Components of vectors `[M, 3]` along three `axes`.
+pub(crate) fn along_axes(vectors: Tensor<2>, axes: [[f32; 3]; 3]) -> Tensor<2> {
+    let axes: Tensor<3> = upload(axes.concat(), [1, 3, 3], &vectors.device());
+    (vectors.unsqueeze_dim(1) * axes).sum_dim(2).squeeze_dim(2)
+}
+
 /// The space that a sample represents. Fields of points ignore it; mip-NeRF averages over it.
-#[derive(Clone, Copy, Debug)]
-pub enum Extent<'a> {
+#[derive(Clone, Debug)]
+pub enum Extent {
     /// Conical frusta around the rays: sample `i`, at distance `t[i]`, is the middle of an interval of length `delta[i]`.
     Cones {
         /// Distance of each sample along its ray, `[M]`, scene units.
-        t: &'a [f32],
+        t: Tensor<1>,
         /// Length of each sample's interval, `[M]`, scene units.
-        delta: &'a [f32],
+        delta: Tensor<1>,
         /// Radius of each ray's cone at distance 1, `[R]`.
-        radii: &'a [f32],
+        radii: Tensor<1>,
     },
     /// The same ball around each position, for points not on rays.
     Ball {

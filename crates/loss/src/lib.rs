@@ -72,13 +72,13 @@ pub(crate) mod testing {
         let output = RenderOutput {
             samples: Samples {
                 segments,
-                delta: vec![1.0; count],
-                positions: vec![0.0; 3 * count],
-                directions: vec![0.0; 3 * rays],
-                radii: vec![0.0; rays],
+                distance: Tensor::from_floats(t.as_slice(), &device),
+                delta: Tensor::ones([count], &device),
+                positions: Tensor::zeros([count, 3], &device),
+                directions: Tensor::zeros([rays, 3], &device),
+                radii: Tensor::zeros([rays], &device),
                 candidates: count,
                 t,
-                tracked: None,
             },
             tau,
             color: Some(composite.values),

@@ -16,6 +16,7 @@ pub(crate) enum Inputs<B: Backend> {
     One(FloatTensor<B>),
     Two(FloatTensor<B>, FloatTensor<B>),
     Three(FloatTensor<B>, FloatTensor<B>, FloatTensor<B>),
+    Four(FloatTensor<B>, FloatTensor<B>, FloatTensor<B>, FloatTensor<B>),
 }
 
 impl<B: Backend> Inputs<B> {
@@ -25,6 +26,7 @@ impl<B: Backend> Inputs<B> {
             Self::One(a) => vec![a],
             Self::Two(a, b) => vec![a, b],
             Self::Three(a, b, c) => vec![a, b, c],
+            Self::Four(a, b, c, d) => vec![a, b, c, d],
         }
     }
 }
@@ -44,6 +46,14 @@ impl<const A: usize, const B: usize> From<(Tensor<A>, Tensor<B>)> for Inputs<Dis
 impl<const A: usize, const B: usize, const C: usize> From<(Tensor<A>, Tensor<B>, Tensor<C>)> for Inputs<Dispatch> {
     fn from((a, b, c): (Tensor<A>, Tensor<B>, Tensor<C>)) -> Self {
         Self::Three(a.into_dispatch(), b.into_dispatch(), c.into_dispatch())
+    }
+}
+
+impl<const A: usize, const B: usize, const C: usize, const D: usize> From<(Tensor<A>, Tensor<B>, Tensor<C>, Tensor<D>)>
+    for Inputs<Dispatch>
+{
+    fn from((a, b, c, d): (Tensor<A>, Tensor<B>, Tensor<C>, Tensor<D>)) -> Self {
+        Self::Four(a.into_dispatch(), b.into_dispatch(), c.into_dispatch(), d.into_dispatch())
     }
 }
 
@@ -87,6 +97,7 @@ pub(crate) fn tracked<B: Backend, C: CheckpointStrategy, O: Operation<B>>(
         Inputs::One(a) => record::<B, C, O, 1>(operation, [a]),
         Inputs::Two(a, b) => record::<B, C, O, 2>(operation, [a, b]),
         Inputs::Three(a, b, c) => record::<B, C, O, 3>(operation, [a, b, c]),
+        Inputs::Four(a, b, c, d) => record::<B, C, O, 4>(operation, [a, b, c, d]),
     }
 }
 

@@ -75,6 +75,7 @@ mod simd;
 mod split;
 mod traffic;
 pub mod trilinear;
+pub mod unit_box;
 
 pub use additive::additive_depth;
 pub use bilinear::bilinear;
@@ -84,7 +85,7 @@ pub use divergence::ray_divergence;
 pub use entropy::{RayDistribution, RayEntropy, ray_entropy};
 pub use factored::{factored_field, plane_variation};
 pub use frequency::frequency_encode;
-pub use frustum::frustum_gaussian;
+pub use frustum::{RayGaussians, frustum_gaussians};
 pub use integrated::integrated_encode;
 pub use mlp::radiance_mlp;
 #[cfg(feature = "flex")]
@@ -93,6 +94,7 @@ pub use rotation::rotate;
 pub use segments::Segments;
 pub use traffic::{HostNumber, Traffic, from_host, to_host, upload};
 pub use trilinear::trilinear;
+pub use unit_box::unit_box;
 
 use burn::tensor::Device;
 use dispatch::dispatch;

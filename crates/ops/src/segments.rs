@@ -1,12 +1,30 @@
+use std::fmt;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
+
+use burn::tensor::{Device, Int, Tensor};
+
+use crate::upload;
 
 /// Which packed samples each ray owns: ray `r` owns `offsets[r]..offsets[r + 1]`.
 ///
-/// Cheap to clone. Rays may own no sample at all.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// Cheap to clone. Clones share what has been moved to a device, which happens once. Rays may own no sample at all.
+#[derive(Clone)]
 pub struct Segments {
     pub(crate) offsets: Arc<[u32]>,
+    owners: Arc<OnceLock<Tensor<1, Int>>>,
+}
+
+impl PartialEq for Segments {
+    fn eq(&self, other: &Self) -> bool {
+        self.offsets == other.offsets
+    }
+}
+
+impl fmt::Debug for Segments {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_tuple("Segments").field(&self.offsets).finish()
+    }
 }
 
 impl Segments {
@@ -28,7 +46,7 @@ impl Segments {
                 .expect("a batch holds fewer than 2^32 samples");
             total
         });
-        Self { offsets: std::iter::once(0).chain(ends.collect::<Vec<_>>()).collect() }
+        Self { offsets: std::iter::once(0).chain(ends.collect::<Vec<_>>()).collect(), owners: Arc::default() }
     }
 
     /// Number of rays `R`.
@@ -57,7 +75,16 @@ impl Segments {
     }
 
     /// The ray that owns each sample, `[M]`.
-    pub fn owners(&self) -> Vec<i32> {
+    pub fn owners(&self, device: &Device) -> Tensor<1, Int> {
+        let kept = self.owners.get_or_init(|| self.owners_on(device));
+        if kept.device() == *device { kept.clone() } else { self.owners_on(device) }
+    }
+
+    fn owners_on(&self, device: &Device) -> Tensor<1, Int> {
+        upload(self.host_owners(), [self.samples()], device)
+    }
+
+    pub(crate) fn host_owners(&self) -> Vec<i32> {
         self.ranges().enumerate().flat_map(|(ray, range)| std::iter::repeat_n(ray as i32, range.len())).collect()
     }
 

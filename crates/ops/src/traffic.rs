@@ -30,6 +30,9 @@ impl HostNumber for bool {
 /// # Panics
 /// If `shape` is of another number of values.
 pub fn upload<E: HostNumber, const D: usize>(values: Vec<E>, shape: [usize; D], device: &Device) -> Tensor<D, E::Kind> {
+    if values.is_empty() {
+        return Tensor::empty(shape, device);
+    }
     count_upload(size_of_val(values.as_slice()));
     Tensor::from_data(TensorData::new(values, shape), device)
 }

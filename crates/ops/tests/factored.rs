@@ -39,7 +39,7 @@ fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> C
     let layout = Arc::new(Layout::new(2, &levels, (2, 9), view_dependent, (10.0, -1.0)));
     let query = Query {
         positions: Tensor::zeros([0, 3], &Device::flex()),
-        directions: if color && view_dependent { numbers(3 * samples, 2).into() } else { Arc::new([]) },
+        directions: (color && view_dependent).then(|| matrix(&numbers(3 * samples, 2), 3, &Device::flex())),
         frequency_weights: vec![1.0, 0.5],
         level_weights: vec![1.0, 0.4, 0.0],
         color,
@@ -60,7 +60,8 @@ fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout>, query: Que
 fn run(case: &Case, device: &Device, body: Body) -> [Vec<f32>; 4] {
     let device = device.clone().autodiff();
     let [tables, weights, positions] = case.inputs.each_ref().map(|values| vector(values, &device).require_grad());
-    let query = Query { positions: positions.clone().reshape([-1, 3]), ..case.query.clone() };
+    let directions = case.query.directions.clone().map(|rows| matrix(&to_host(rows), 3, &device));
+    let query = Query { positions: positions.clone().reshape([-1, 3]), directions, ..case.query.clone() };
     let out = body(tables.clone(), weights.clone(), &case.layout, query);
     let [rows, columns] = out.dims();
     let u = matrix(&numbers(rows * columns, 5), columns, &device);

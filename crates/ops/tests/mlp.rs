@@ -48,11 +48,11 @@ fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> Case {
 }
 
 impl Case {
-    fn network(&self, dense: &mut impl FnMut([usize; 2], &[f32], &[f32]) -> Dense) -> RadianceMlp {
+    fn network(&self, device: &Device, dense: &mut impl FnMut([usize; 2], &[f32], &[f32]) -> Dense) -> RadianceMlp {
         let mut layers: Vec<Dense> = self.layers.iter().map(|(size, w, b)| dense(*size, w, b)).collect();
         let heads = layers.split_off(layers.len() - 4);
         let [sigma, feature, view, rgb] = <[Dense; 4]>::try_from(heads).unwrap();
-        let directions = self.directions.as_slice().into();
+        let directions = matrix(&self.directions, 3, device);
         let (frequencies, segments) = (self.frequencies, self.segments.clone());
         let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, frequencies, segments });
         RadianceMlp { trunk: layers, skip: self.skip, sigma, color, precision: Precision::F32 }
@@ -62,7 +62,7 @@ impl Case {
     fn run(&self, device: &Device, body: impl Fn(Tensor<2>, &RadianceMlp) -> Tensor<2>) -> [Vec<f32>; 3] {
         let device = device.clone().autodiff();
         let mut parameters = Vec::new();
-        let network = self.network(&mut |[_, outputs], w, b| {
+        let network = self.network(&device, &mut |[_, outputs], w, b| {
             let weight = matrix(w, outputs, &device).require_grad();
             let bias = vector(b, &device).require_grad();
             parameters.push((weight.clone(), bias.clone()));

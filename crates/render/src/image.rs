@@ -132,8 +132,9 @@ mod tests {
     }
 
     impl Field for Grey {
-        fn evaluate(&self, points: Points<'_>, color: bool, at: Moment) -> FieldOutput {
-            let sigma: Vec<f32> = points.positions.chunks_exact(3).map(|p| (self.sigma)(Vec3::from_slice(p))).collect();
+        fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
+            let positions = to_host(points.positions.clone());
+            let sigma: Vec<f32> = positions.chunks_exact(3).map(|p| (self.sigma)(Vec3::from_slice(p))).collect();
             let count = sigma.len();
             let color = color.then(|| Tensor::full([count, 3], at.progress, &self.device()));
             FieldOutput { sigma: Tensor::from_data(TensorData::new(sigma, [count]), &self.device()), color }

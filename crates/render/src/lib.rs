@@ -24,7 +24,7 @@
 //! }
 //!
 //! impl Field for Fog {
-//!     fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
+//!     fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
 //!         let sigma = self.density.clone().expand([points.segments.samples()]);
 //!         let blue = Tensor::<2>::from_floats([[0.0, 0.0, 1.0]], &self.device());
 //!         FieldOutput { color: color.then(|| blue.expand([points.segments.samples(), 3])), sigma }

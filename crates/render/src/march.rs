@@ -4,7 +4,7 @@
 //! `render.early_stop_transmittance`: the weights of skipped samples sum to no more than that.
 
 use infonerf_field::{Extent, Field, Points};
-use infonerf_ops::{Segments, numeric, to_host};
+use infonerf_ops::{Segments, numeric, to_host, upload};
 use infonerf_scene::Ray;
 use rayon::prelude::*;
 
@@ -29,6 +29,7 @@ const ROUND: usize = 4;
 /// Colour on the background, distance and transmittance of each of `rays`, and the numbers of samples.
 pub(crate) fn march<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, rays: &[Ray]) -> (Vec<Marched>, Counts) {
     let sampler = renderer.sampler();
+    let field = &trained.model.fine;
     let (longest, step) = (sampler.longest(), sampler.step_length(trained.at));
     let (least, compositing) = (sampler.config().early_stop_transmittance, sampler.config().compositing);
     let skip = Skip { grid: trained.occupancy.as_ref(), hidden_depth: f32::INFINITY };
@@ -52,14 +53,18 @@ pub(crate) fn march<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, ra
         let (t, delta): (Vec<f32>, Vec<f32>) = active.iter().enumerate().flat_map(steps_of).copied().unzip();
         let directions: Vec<f32> = active.iter().flat_map(|&ray| rays[ray].direction.to_array()).collect();
         let radii: Vec<f32> = active.iter().map(|&ray| rays[ray].radius).collect();
+        let (samples, device) = (segments.samples(), field.device());
         let points = Points {
-            positions: &positions,
-            directions: &directions,
-            segments: &segments,
-            extent: Extent::Cones { t: &t, delta: &delta, radii: &radii },
-            tracked: None,
+            positions: upload(positions, [samples, 3], &device),
+            directions: upload(directions, [active.len(), 3], &device),
+            segments: segments.clone(),
+            extent: Extent::Cones {
+                t: upload(t, [samples], &device),
+                delta: upload(delta, [samples], &device),
+                radii: upload(radii, [active.len()], &device),
+            },
         };
-        let sampled = trained.model.fine.evaluate(points, true, trained.at);
+        let sampled = field.evaluate(&points, true, trained.at);
         let sigma = to_host(sampled.sigma);
         let color = to_host(sampled.color.expect("colour was asked for"));
         let mut advancing = active.iter().copied().enumerate().peekable();

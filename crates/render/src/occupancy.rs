@@ -73,12 +73,12 @@ impl OccupancyGrid {
 
     /// Updates densities and occupancy. `sigma` maps positions `[M, 3]` to densities `[M]`; `step_length` is the length of a
     /// sample's interval. Returns whether any cell is occupied; if none is, all cells are opened.
-    pub fn update(&mut self, noise: Noise, step_length: f32, mut sigma: impl FnMut(&[f32]) -> Vec<f32>) -> bool {
+    pub fn update(&mut self, noise: Noise, step_length: f32, mut sigma: impl FnMut(Vec<f32>) -> Vec<f32>) -> bool {
         let open: Vec<usize> = (0..self.density.len()).filter(|&cell| !self.carved[cell]).collect();
         let evaluated: Vec<usize> = open.iter().copied().filter(|&cell| self.is_evaluated(cell, noise)).collect();
         for cells in evaluated.chunks(CHUNK) {
             let points: Vec<f32> = cells.par_iter().flat_map_iter(|&cell| self.random_point(cell, noise, 0)).collect();
-            for (&cell, sigma) in cells.iter().zip(sigma(&points)) {
+            for (&cell, sigma) in cells.iter().zip(sigma(points)) {
                 self.density[cell] = (self.density[cell] * self.config.decay).max(sigma);
             }
         }
@@ -141,7 +141,7 @@ impl OccupancyGrid {
         factor: usize,
         noise: Noise,
         step_length: f32,
-        mut sigma: impl FnMut(&[f32]) -> Vec<f32>,
+        mut sigma: impl FnMut(Vec<f32>) -> Vec<f32>,
     ) -> Self {
         let threshold = self.config.threshold(step_length).min(0.5 * self.mean_density());
         let coarse = self.config.resolution;
@@ -155,7 +155,7 @@ impl OccupancyGrid {
             let grid = &fine;
             let of_cell = |&cell: &usize| (0..PROBES).flat_map(move |probe| grid.random_point(cell, noise, probe));
             let points: Vec<f32> = cells.par_iter().flat_map_iter(of_cell).collect();
-            for (&cell, sigma) in cells.iter().zip(sigma(&points).chunks_exact(PROBES)) {
+            for (&cell, sigma) in cells.iter().zip(sigma(points).chunks_exact(PROBES)) {
                 fine.density[cell] = sigma.iter().copied().fold(0.0, f32::max);
             }
         }

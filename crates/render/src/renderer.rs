@@ -1,10 +1,10 @@
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use infonerf_field::Field;
 use infonerf_ops::{Composite, additive_depth, composite::composite, upload};
 use infonerf_scene::{Backdrop, Ray, Scene};
 use infonerf_schedule::Moment;
 
-use crate::sampler::{Sampler, Skip};
+use crate::sampler::{Candidates, Sampler, Skip};
 use crate::{
     Compositing, Model, Noise, OccupancyGrid, Passes, RandomStream, RayBundle, RenderConfig, RenderOutput,
     RenderRequest, Samples, Warp,
@@ -88,24 +88,26 @@ impl Renderer {
             self.evaluate(field, samples.tracked(bundle, self.warp()), request, background, at)
         };
         if config.marches() {
-            let samples = self.sampler.marched(rays, noise, skip, at);
+            let samples = self.sampler.marched(rays, noise, skip, at, &model.fine.device());
             return Passes { coarse: None, fine: evaluate(&model.fine, samples) };
         }
         let candidates = self.sampler.coarse(rays, noise, at);
-        let samples = self.sampler.pack(rays, &candidates, skip);
+        let render = |field: &F, candidates: &[Candidates]| {
+            evaluate(field, self.sampler.pack(rays, candidates, skip, &field.device()))
+        };
         if !config.is_hierarchical() {
-            return Passes { coarse: None, fine: evaluate(&model.fine, samples) };
+            return Passes { coarse: None, fine: render(&model.fine, &candidates) };
         }
         let coarse_field = model.coarse.as_ref().unwrap_or(&model.fine);
         let coarse = if request.color {
-            evaluate(coarse_field, samples)
+            render(coarse_field, &candidates)
         } else {
-            self.evaluate(&coarse_field.valid(), samples, request, background, at)
+            let field = coarse_field.valid();
+            let samples = self.sampler.pack(rays, &candidates, skip, &field.device());
+            self.evaluate(&field, samples, request, background, at)
         };
         let fine = self.sampler.fine(&candidates, &coarse, noise);
-        let samples = self.sampler.pack(rays, &fine, skip);
-        let fine = evaluate(&model.fine, samples);
-        Passes { coarse: Some(coarse), fine }
+        Passes { coarse: Some(coarse), fine: render(&model.fine, &fine) }
     }
 
     /// Density of `field` along other `rays` at the distances of `output`: samples are paired one by one.
@@ -129,17 +131,16 @@ impl Renderer {
     ) -> RenderOutput {
         let device = field.device();
         let rays = samples.segments.rays();
-        let count = samples.segments.samples();
-        if count == 0 {
+        if samples.segments.samples() == 0 {
             return RenderOutput::empty(samples, request, background, &device);
         }
-        let sampled = field.evaluate(samples.points(), request.color, at);
-        let tau = sampled.sigma * lengths(&samples.delta, &device);
+        let sampled = field.evaluate(&samples.points(), request.color, at);
+        let tau = sampled.sigma * samples.delta.clone();
         let tau = match self.sampler.config().compositing {
             Compositing::Exponential => tau,
             Compositing::Additive => additive_depth(tau, &samples.segments),
         };
-        let t = upload(samples.t.clone(), [count, 1], &device);
+        let t = samples.distance.clone().unsqueeze_dim(1);
         let values = match sampled.color {
             Some(color) => Tensor::cat(vec![color, t], 1),
             None => t,
@@ -153,8 +154,4 @@ impl Renderer {
         let depth = values.narrow(1, if request.color { 3 } else { 0 }, 1).reshape([rays]);
         RenderOutput { samples, tau, color, depth, acc, background }
     }
-}
-
-fn lengths(delta: &[f32], device: &Device) -> Tensor<1> {
-    upload(delta.to_vec(), [delta.len()], device)
 }

@@ -1,5 +1,6 @@
 //! Where along each ray a field is evaluated: candidate distances, minus what is known to be empty or hidden.
 
+use burn::tensor::Device;
 use infonerf_ops::composite::weights;
 use infonerf_ops::to_host;
 use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
@@ -75,9 +76,16 @@ impl Sampler {
 
     /// Samples of a single pass with steps of one length, in the middle of each step or, jittered, all samples of a ray
     /// shifted alike.
-    pub(crate) fn marched(&self, rays: &[Ray], noise: Option<Noise>, skip: Skip<'_>, at: Moment) -> Samples {
+    pub(crate) fn marched(
+        &self,
+        rays: &[Ray],
+        noise: Option<Noise>,
+        skip: Skip<'_>,
+        at: Moment,
+        device: &Device,
+    ) -> Samples {
         let (step, most) = (self.step_length(at), self.most(at));
-        Samples::pack(rays, &self.warp, |index| {
+        Samples::pack(rays, &self.warp, device, |index| {
             let shift = noise.map_or(0.5, |noise| noise.uniform(index, 0));
             (self.steps(&rays[index], step, shift, skip), most)
         })
@@ -154,9 +162,9 @@ impl Sampler {
     }
 
     /// Candidates with their intervals, less what is skipped.
-    pub(crate) fn pack(&self, rays: &[Ray], candidates: &[Candidates], skip: Skip<'_>) -> Samples {
+    pub(crate) fn pack(&self, rays: &[Ray], candidates: &[Candidates], skip: Skip<'_>, device: &Device) -> Samples {
         let longest = candidates.iter().flatten().map(|(t, ..)| t.len()).max().unwrap_or(0);
-        Samples::pack(rays, &self.warp, |index| {
+        Samples::pack(rays, &self.warp, device, |index| {
             let Some((t, near, far)) = &candidates[index] else { return (Vec::new(), longest) };
             let samples = self.placed(t, *near, *far);
             let candidates = samples.len();

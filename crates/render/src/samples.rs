@@ -1,4 +1,4 @@
-use burn::tensor::Tensor;
+use burn::tensor::{Device, Tensor};
 use infonerf_field::{Extent, Points};
 use infonerf_ops::{Segments, upload};
 use infonerf_scene::Ray;
@@ -13,23 +13,29 @@ pub struct Samples {
     pub segments: Segments,
     /// Distance of each sample along its ray, `[M]`, scene units.
     pub t: Vec<f32>,
+    /// The same on the device of the field.
+    pub distance: Tensor<1>,
     /// Length of each sample's interval, `[M]`: in scene units, or in warped space in units of [`Warp::coordinate`].
-    pub delta: Vec<f32>,
-    /// Where the field is evaluated, `[M, 3]` row-major: world positions mapped by the [`Warp`].
-    pub positions: Vec<f32>,
-    /// Direction of each ray, `[R, 3]` row-major.
-    pub directions: Vec<f32>,
+    pub delta: Tensor<1>,
+    /// Where the field is evaluated, `[M, 3]`: world positions mapped by the [`Warp`]. In an autodiff graph where a gradient is
+    /// to reach the rays.
+    pub positions: Tensor<2>,
+    /// Direction of each ray, `[R, 3]`.
+    pub directions: Tensor<2>,
     /// Radius of each ray's cone at distance 1, `[R]`.
-    pub radii: Vec<f32>,
+    pub radii: Tensor<1>,
     /// Number of candidates before skipping.
     pub candidates: usize,
-    /// `positions` in an autodiff graph, `[M, 3]`, where a gradient is to reach the rays.
-    pub tracked: Option<Tensor<2>>,
 }
 
 impl Samples {
     /// Packs the samples of each ray: `of(ray index)` returns the kept `(t, delta)` and the number of candidates.
-    pub(crate) fn pack(rays: &[Ray], warp: &Warp, of: impl Fn(usize) -> (Vec<(f32, f32)>, usize) + Sync) -> Self {
+    pub(crate) fn pack(
+        rays: &[Ray],
+        warp: &Warp,
+        device: &Device,
+        of: impl Fn(usize) -> (Vec<(f32, f32)>, usize) + Sync,
+    ) -> Self {
         const CHUNK: usize = 128;
         let parts: Vec<Part> = (0..rays.len().div_ceil(CHUNK))
             .into_par_iter()
@@ -41,16 +47,19 @@ impl Samples {
                 part
             })
             .collect();
-        let join = |pick: fn(&Part) -> &Vec<f32>| parts.iter().flat_map(|part| pick(part).iter().copied()).collect();
+        let join = |pick: fn(&Part) -> &[f32]| parts.iter().map(pick).collect::<Vec<_>>().concat();
+        let segments = Segments::from_counts(parts.iter().flat_map(|part| part.counts.iter().copied()));
+        let (count, t) = (segments.samples(), join(|part| &part.t));
+        let (directions, radii) = on_device(rays, device);
         Self {
-            segments: Segments::from_counts(parts.iter().flat_map(|part| part.counts.iter().copied())),
-            t: join(|part| &part.t),
-            delta: join(|part| &part.delta),
-            positions: join(|part| &part.positions),
-            directions: rays.iter().flat_map(|ray| ray.direction.to_array()).collect(),
-            radii: rays.iter().map(|ray| ray.radius).collect(),
+            distance: upload(t.clone(), [count], device),
+            delta: upload(join(|part| &part.delta), [count], device),
+            positions: upload(join(|part| &part.positions), [count, 3], device),
             candidates: parts.iter().map(|part| part.candidates).sum(),
-            tracked: None,
+            segments,
+            t,
+            directions,
+            radii,
         }
     }
 
@@ -58,38 +67,43 @@ impl Samples {
     /// distances t are taken as given.
     pub(crate) fn tracked(self, bundle: RayBundle<'_>, warp: &Warp) -> Self {
         let Some(rays) = bundle.tracked.filter(|_| !self.t.is_empty()) else { return self };
-        let device = rays.origins.device();
-        let samples = self.t.len();
-        let owners = upload(self.segments.owners(), [samples], &device);
-        let t = upload(self.t.clone(), [samples, 1], &device);
+        let owners = self.segments.owners(&rays.origins.device());
         let [origins, directions] =
             [&rays.origins, &rays.directions].map(|rows| rows.clone().select(0, owners.clone()));
-        Self { tracked: Some(warp.points(origins + directions * t)), ..self }
+        let positions = warp.points(origins + directions * self.distance.clone().unsqueeze_dim(1));
+        Self { positions, ..self }
     }
 
     /// The same distances along other rays.
     pub(crate) fn along(&self, rays: &[Ray], warp: &Warp) -> Self {
-        let positions = self
+        let positions: Vec<f32> = self
             .segments
             .ranges()
             .zip(rays)
             .flat_map(|(range, ray)| self.t[range].iter().flat_map(|&t| warp.point(ray.at(t)).to_array()))
             .collect();
-        let directions = rays.iter().flat_map(|ray| ray.direction.to_array()).collect();
-        let radii = rays.iter().map(|ray| ray.radius).collect();
-        Self { positions, directions, radii, tracked: None, ..self.clone() }
+        let device = self.distance.device();
+        let (directions, radii) = on_device(rays, &device);
+        Self { positions: upload(positions, [self.t.len(), 3], &device), directions, radii, ..self.clone() }
     }
 
     /// The points at which a field is evaluated.
-    pub(crate) fn points(&self) -> Points<'_> {
+    pub(crate) fn points(&self) -> Points {
+        let (t, delta, radii) = (self.distance.clone(), self.delta.clone(), self.radii.clone());
         Points {
-            positions: &self.positions,
-            directions: &self.directions,
-            segments: &self.segments,
-            extent: Extent::Cones { t: &self.t, delta: &self.delta, radii: &self.radii },
-            tracked: self.tracked.as_ref(),
+            positions: self.positions.clone(),
+            directions: self.directions.clone(),
+            segments: self.segments.clone(),
+            extent: Extent::Cones { t, delta, radii },
         }
     }
+}
+
+/// Directions `[R, 3]` and radii `[R]` of rays.
+fn on_device(rays: &[Ray], device: &Device) -> (Tensor<2>, Tensor<1>) {
+    let directions = rays.iter().flat_map(|ray| ray.direction.to_array()).collect();
+    let radii = rays.iter().map(|ray| ray.radius).collect();
+    (upload(directions, [rays.len(), 3], device), upload(radii, [rays.len()], device))
 }
 
 /// Samples of some of the rays.

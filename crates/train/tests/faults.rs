@@ -148,7 +148,7 @@ struct NotANumber {
 }
 
 impl Field for NotANumber {
-    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
+    fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
         let (samples, device) = (points.len(), self.device());
         let sigma = self.density.val().expand([samples]) * f32::NAN;
         FieldOutput { sigma, color: color.then(|| Tensor::zeros([samples, 3], &device)) }

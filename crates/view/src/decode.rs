@@ -176,16 +176,11 @@ fn what_the_shader_reads_is_the_field() {
         for _ in 0..40 {
             let u = [draw(), draw(), draw()];
             let direction = glam::Vec3::new(draw() - 0.5, draw() - 0.5, draw() - 0.7).normalize().to_array();
-            let rays = Segments::from_counts([1]);
             let position = [3.0 * u[0] - 1.5, 2.5 * u[1] - 1.5, 3.0 * u[2] - 1.5];
-            let points = Points {
-                positions: &position,
-                directions: &direction,
-                segments: &rays,
-                extent: Extent::Ball { variance: 0.0 },
-                tracked: None,
-            };
-            let sampled = trained.model.fine.evaluate(points, true, trained.at);
+            let field = &trained.model.fine;
+            let [position, seen_along] = [position, direction].map(|v| Tensor::from_floats([v], &field.device()));
+            let points = Points::scattered(position, Extent::Ball { variance: 0.0 }).seen_along(seen_along);
+            let sampled = field.evaluate(&points, true, trained.at);
             let expected = [to_host(sampled.sigma), to_host(sampled.color.unwrap())].concat();
             let found = decoded.evaluate(u, direction);
             assert!((found[0] / expected[0] - 1.0).abs() < 0.02, "{set:?} at {u:?}: {found:?} for {expected:?}");

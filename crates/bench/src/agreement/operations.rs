@@ -100,7 +100,7 @@ fn factored(rng: &mut Rng) -> Vec<Operation> {
             let [tables, weights, positions] = [&tables, &weights, &positions].map(|input| leaf(input, device));
             let query = Query {
                 positions: rows(&positions),
-                directions: directions.as_slice().into(),
+                directions: Some(from_host(&directions, 3, device)),
                 frequency_weights: vec![1.0, 1.0, 0.5],
                 level_weights: vec![1.0, 0.5],
                 color,

@@ -8,7 +8,7 @@ use infonerf_loss::{Norm, photometric_loss};
 use infonerf_ops::factored::{Layout, Query, reference};
 use infonerf_ops::frequency::encoded_width;
 use infonerf_ops::{
-    factored_field, frequency_encode, from_host, frustum_gaussian, integrated_encode, plane_variation,
+    RayGaussians, factored_field, frequency_encode, from_host, frustum_gaussians, integrated_encode, plane_variation,
     reference as oracle, to_host,
 };
 
@@ -70,17 +70,20 @@ pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rn
 }
 
 /// Pieces of cones, from the apex to far away: mean and variances.
-pub(super) fn frustums(count: usize, rng: &mut Rng) -> Errors {
+pub(super) fn frustums(count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let mut errors = Errors::default();
-    for _ in 0..count {
-        let (t, radius) = (log_uniform(rng, -6.0, 6.0), log_uniform(rng, -5.0, -1.0));
-        // A piece does not reach behind the apex.
-        let delta = t * log_uniform(rng, -6.0, 0.3).min(2.0);
-        let got = frustum_gaussian(t, delta, radius);
-        let (t, half) = (f64::from(t), 0.5 * f64::from(delta));
-        let want = oracle::frustum_moments(t - half, t + half, f64::from(radius));
-        for (got, want) in [got.mean, got.along, got.across].into_iter().zip(want) {
-            errors.value(got, want);
+    let t = draw(rng, count, |rng| log_uniform(rng, -6.0, 6.0));
+    // A piece does not reach behind the apex.
+    let delta: Vec<f32> = t.iter().map(|t| t * log_uniform(rng, -6.0, 0.3).min(2.0)).collect();
+    let radii = draw(rng, count, |rng| log_uniform(rng, -5.0, -1.0));
+    let [a, b, c] = [&t, &delta, &radii].map(|numbers| Tensor::from_floats(numbers.as_slice(), device));
+    let RayGaussians { mean, along, across } = frustum_gaussians(a, b, c);
+    let found = [mean, along, across].map(to_host);
+    for i in 0..count {
+        let (t, half) = (f64::from(t[i]), 0.5 * f64::from(delta[i]));
+        let want = oracle::frustum_moments(t - half, t + half, f64::from(radii[i]));
+        for (got, want) in found.iter().zip(want) {
+            errors.value(got[i], want);
         }
     }
     errors
@@ -142,9 +145,10 @@ pub(super) fn field(contents: &Contents, count: usize, device: &Device, rng: &mu
             d.map(|x| x / length)
         };
         let positions: Vec<f32> = (0..3 * SAMPLES).map(|_| coordinate(rng)).collect();
+        let directions: Vec<f32> = (0..SAMPLES).flat_map(|_| direction(rng)).collect();
         let query = Query {
             positions: from_host(&positions, 3, &device),
-            directions: (0..SAMPLES).flat_map(|_| direction(rng)).collect(),
+            directions: Some(from_host(&directions, 3, &device)),
             frequency_weights: vec![1.0; layout.frequencies],
             level_weights: vec![1.0; layout.levels.len()],
             color: true,

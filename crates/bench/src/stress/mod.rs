@@ -157,7 +157,7 @@ fn measure(bench: &Bench, device: &Device, name: DeviceName, count: usize) -> Re
     for (case, draw) in field::COORDINATES {
         rows.push(Row::new(name, "integrated encoding", case, 0, field::integrated(draw, few, device, rng)));
     }
-    rows.push(Row::new(name, "frustums", "1e-6 to 1e6 units away", 0, field::frustums(count, rng)));
+    rows.push(Row::new(name, "frustums", "1e-6 to 1e6 units away", 0, field::frustums(count, device, rng)));
     for contents in field::CONTENTS {
         rows.push(Row::new(name, "factored field", contents.name, 0, field::field(&contents, few, device, rng)));
     }

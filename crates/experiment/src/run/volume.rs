@@ -3,7 +3,7 @@
 use glam::Vec3;
 use infonerf_export::Volume;
 use infonerf_field::{Extent, Field, FieldOutput, Points};
-use infonerf_ops::{Segments, to_host};
+use infonerf_ops::{to_host, upload};
 use infonerf_render::{TrainedModel, Warp};
 use infonerf_scene::Aabb;
 
@@ -94,15 +94,13 @@ impl TrainedVolume {
 
     /// Asks a field at points on no ray, each of which stands for the space of a step.
     fn ask(&self, model: &TrainedModel, points: &[Vec3], directions: &[Vec3], color: bool) -> FieldOutput {
-        let numbers = |vectors: &[Vec3]| -> Vec<f32> { vectors.iter().flat_map(|v| v.to_array()).collect() };
-        let points = Points {
-            positions: &numbers(points),
-            directions: &numbers(directions),
-            segments: &Segments::uniform(points.len(), 1),
-            extent: Extent::Ball { variance: self.step * self.step / 12.0 },
-            tracked: None,
+        let field = &model.model.fine;
+        let rows = |vectors: &[Vec3]| {
+            upload(vectors.iter().flat_map(|v| v.to_array()).collect(), [vectors.len(), 3], &field.device())
         };
-        model.model.fine.evaluate(points, color, model.at)
+        let extent = Extent::Ball { variance: self.step * self.step / 12.0 };
+        let points = Points::scattered(rows(points), extent).seen_along(rows(directions));
+        field.evaluate(&points, color, model.at)
     }
 
     /// How much the coordinate in which densities are measured grows per scene unit at `p`, for the nearest training

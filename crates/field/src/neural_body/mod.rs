@@ -14,7 +14,7 @@ use burn::tensor::activation::{relu, sigmoid};
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
 use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
-use infonerf_ops::{from_host, upload};
+use infonerf_ops::upload;
 use infonerf_schedule::{Fault, Moment};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -22,6 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::check;
 use crate::init::{Init, normal};
+use crate::points::along_axes;
 use crate::{Body, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, Sources};
 use encoder::{Encoder, Plan, channels};
 
@@ -186,6 +187,12 @@ impl Grid {
         [0, 1, 2].map(|axis| (framed[axis] - self.low[axis]) / self.voxel)
     }
 
+    /// [`Self::in_voxels`] of each row, `[M, 3]`.
+    fn places(&self, points: Tensor<2>) -> Tensor<2> {
+        let row = |numbers: [f32; 3]| upload(numbers.to_vec(), [1, 3], &points.device());
+        (along_axes(points.clone() - row(self.origin), self.axes) - row(self.low)) / self.voxel
+    }
+
     /// The voxel that a vertex is nearest to.
     fn cell(&self, vertex: [f32; 3]) -> [usize; 3] {
         self.in_voxels(vertex).map(|x| x.round() as usize)
@@ -228,12 +235,10 @@ pub struct NeuralBody {
 
 impl NeuralBody {
     /// Features of points `[M, 3]` from all levels side by side, `[M, channels]`. Far from the body they are 0.
-    fn features(&self, positions: &[f32]) -> Tensor<2> {
+    fn features(&self, positions: Tensor<2>) -> Tensor<2> {
         let volumes = self.volumes.as_ref().expect("Neural Body is conditioned before it is evaluated");
         let device = self.device();
-        let places: Vec<f32> =
-            positions.chunks_exact(3).flat_map(|p| self.grid.in_voxels([p[0], p[1], p[2]])).collect();
-        let places = from_host(&places, 3, &device);
+        let places = self.grid.places(positions);
         let read = |(volume, size): (&Tensor<2>, [usize; 3])| {
             let stretch = upload(self.grid.stretch(size).to_vec(), [1, 3], &device);
             let voxels = Voxels { grids: 1, size, beyond: Beyond::Zero };
@@ -242,14 +247,14 @@ impl NeuralBody {
         Tensor::cat(volumes.iter().zip(self.plan.sizes()).map(read).collect(), 1)
     }
 
-    fn color(&self, trunk: Tensor<2>, points: Points<'_>) -> Tensor<2> {
-        let (device, [samples, _]) = (self.device(), trunk.dims());
+    fn color(&self, trunk: Tensor<2>, points: &Points) -> Tensor<2> {
+        let [samples, _] = trunk.dims();
         let appearance = self.appearance.val();
         let appearance = appearance.clone().expand([samples, appearance.dims()[1]]);
         let framed = self.framed.forward(Tensor::cat(vec![self.feature.forward(trunk), appearance], 1));
         let [of_position, of_direction] = self.frequencies;
-        let direction = frequency_encode(points.directions_on(&device), of_direction, &[]);
-        let position = frequency_encode(points.positions_on(&device), of_position, &[]);
+        let direction = frequency_encode(points.sample_directions(), of_direction, &[]);
+        let position = frequency_encode(points.positions.clone(), of_position, &[]);
         let view = self.view.forward(Tensor::cat(vec![framed, direction, position], 1));
         sigmoid(self.rgb.forward(relu(view)))
     }
@@ -258,8 +263,8 @@ impl NeuralBody {
 impl Field for NeuralBody {
     /// # Panics
     /// If the field was not [conditioned](Field::conditioned).
-    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
-        let features = self.features(points.positions);
+    fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
+        let features = self.features(points.positions.clone());
         let trunk = self.trunk.iter().fold(features, |x, layer| relu(layer.forward(x)));
         let sigma = relu(self.sigma.forward(trunk.clone())).squeeze_dim(1);
         FieldOutput { sigma, color: color.then(|| self.color(trunk, points)) }

@@ -176,18 +176,10 @@ impl NeuralVolumes {
         self.decoded.as_ref().expect("Neural Volumes are conditioned before they are evaluated")
     }
 
-    /// `position`s in the cube [−1, 1]³, `[M, 3]` row-major.
-    fn in_cube(&self, positions: &[f32]) -> Vec<f32> {
-        let scaled = |(index, p): (usize, &f32)| (p - self.middle[index % 3]) / self.half_side;
-        positions.iter().enumerate().map(scaled).collect()
-    }
-
-    /// Whether each of the points `[M, 3]` is in the open cube: 1 or 0, `[M, 1]`.
-    fn inside(&self, points: &[f32], device: &Device) -> Tensor<2> {
-        let inside = |p: &[f32]| if p.iter().all(|p| p.abs() < 1.0) { 1f32 } else { 0.0 };
-        let inside: Vec<f32> = points.chunks_exact(3).map(inside).collect();
-        let count = inside.len();
-        upload(inside, [count, 1], device)
+    /// Positions `[M, 3]` in the cube [−1, 1]³.
+    fn in_cube(&self, positions: Tensor<2>) -> Tensor<2> {
+        let middle = upload(self.middle.to_vec(), [1, 3], &positions.device());
+        (positions - middle) / self.half_side
     }
 
     /// The mean over the template's voxels of √(1e-5 + |∇ ln(1e-5 + α)|²), where α is a voxel's opacity per unit of the cube,
@@ -209,12 +201,12 @@ impl NeuralVolumes {
 impl Field for NeuralVolumes {
     /// # Panics
     /// If the field was not [conditioned](Field::conditioned).
-    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
-        let (device, samples) = (self.device(), points.len());
+    fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
+        let samples = points.len();
         let Decoded { voxels, warp, .. } = self.decoded();
-        let cube = self.in_cube(points.positions);
-        let inside = self.inside(&cube, &device);
-        let cube = upload(cube, [samples, 3], &device);
+        let cube = self.in_cube(points.positions.clone());
+        // 1 in the open cube, else 0.
+        let inside = cube.clone().abs().max_dim(1).lower_elem(1.0).float();
         let warped = trilinear(warp.clone(), in_voxels(cube, self.warp.grid()), self.warp.grid());
         let template = Voxels { grids: 1, size: [self.resolution; 3], beyond: Beyond::Zero };
         let voxels = if color { voxels.clone() } else { voxels.clone().narrow(1, 3, 1) };

@@ -12,7 +12,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Tensor, activation::sigmoid};
 use infonerf_ops::bilinear::{Taps, bilinear};
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
-use infonerf_ops::from_host;
+use infonerf_ops::to_host;
 use infonerf_schedule::{Fault, Moment};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -22,7 +22,7 @@ use crate::check::check;
 use crate::{DensityActivation, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, SourceView, Sources};
 use encoder::Encoder;
 use mlp::ResnetMlp;
-use project::{ViewPoints, view_points};
+use project::view_points;
 
 /// Sizes of [`PixelNerf`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -143,15 +143,13 @@ impl PixelNerf {
 impl Field for PixelNerf {
     /// # Panics
     /// If the field was not [conditioned](Field::conditioned) on any photographs.
-    fn evaluate(&self, points: Points<'_>, color: bool, _at: Moment) -> FieldOutput {
-        let device = self.device();
+    fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
         let seen = self.seen.as_ref().expect("a PixelNeRF is conditioned on photographs before it is evaluated");
         let (views, samples) = (&seen.sources.views[..], points.len());
-        let ViewPoints { positions, directions } =
-            view_points(views, points, seen.sources.middle, self.config.lowest_frequency);
-        let directions = from_host(&directions, 3, &device);
-        let encoded = frequency_encode(from_host(&positions, 3, &device), self.config.frequencies, &[]);
-        let injected = bilinear(seen.injected.clone(), &taps(&project::pixels(views, points.positions), views));
+        let (positions, directions) = view_points(views, points, seen.sources.middle, self.config.lowest_frequency);
+        let encoded = frequency_encode(positions, self.config.frequencies, &[]);
+        let pixels = project::pixels(views, &to_host(points.positions.clone()));
+        let injected = bilinear(seen.injected.clone(), &taps(&pixels, views));
         let out = self.mlp.forward(Tensor::cat(vec![encoded, directions], 1), injected, views.len());
         let raw = out.clone().narrow(1, 3, 1).reshape([samples]);
         FieldOutput { sigma: self.config.density.apply(raw), color: color.then(|| sigmoid(out.narrow(1, 0, 3))) }

@@ -1,16 +1,11 @@
-//! From world points to each source view's pixels and axes: pure functions on the host.
+//! From world points to each source view's pixels and axes.
 
+use burn::tensor::Tensor;
+use infonerf_ops::upload;
 use rayon::prelude::*;
 
+use crate::points::along_axes;
 use crate::{Points, SourceView};
-
-/// Points and directions in the axes of each view, `[V·M, 3]` row-major, view by view.
-pub(super) struct ViewPoints {
-    /// ω·R (x − middle).
-    pub(super) positions: Vec<f32>,
-    /// R d, one per sample.
-    pub(super) directions: Vec<f32>,
-}
 
 /// Least depth before a camera, scene units: points beside or behind it are projected as if at that depth.
 const LEAST_DEPTH: f32 = 1e-3;
@@ -38,24 +33,27 @@ pub(super) fn pixels(views: &[SourceView], positions: &[f32]) -> Vec<(usize, f32
     views.par_iter().enumerate().flat_map_iter(of_view).collect()
 }
 
-/// Positions about `middle`, scaled by `frequency`, and directions, both in each view's axes.
-pub(super) fn view_points(views: &[SourceView], points: Points<'_>, middle: [f32; 3], frequency: f32) -> ViewPoints {
-    let position = |view: &SourceView, p: [f32; 3]| {
-        rotate(view, [0, 1, 2].map(|axis| p[axis] - middle[axis])).map(|x| frequency * x)
+/// ω·R (x − middle) of each position x and R d of its direction d, in the axes R of each view, `[V·M, 3]` each, view by view;
+/// ω is `frequency`.
+pub(super) fn view_points(
+    views: &[SourceView],
+    points: &Points,
+    middle: [f32; 3],
+    frequency: f32,
+) -> (Tensor<2>, Tensor<2>) {
+    let middle = upload(middle.to_vec(), [1, 3], &points.positions.device());
+    let positions = (points.positions.clone() - middle) * frequency;
+    let in_views = |vectors: Tensor<2>| {
+        let in_view = |view: &SourceView| along_axes(vectors.clone(), view.to_camera.map(|[x, y, z, _]| [x, y, z]));
+        Tensor::cat(views.iter().map(in_view).collect(), 0)
     };
-    let positions: Vec<f32> =
-        views.par_iter().flat_map_iter(|view| triples(points.positions).flat_map(move |p| position(view, p))).collect();
-    let of_view = |view: &SourceView| -> Vec<f32> {
-        let rays = triples(points.directions).map(|d| rotate(view, d)).zip(points.segments.ranges());
-        rays.flat_map(|(d, range)| range.flat_map(move |_| d)).collect()
-    };
-    let directions = views.par_iter().flat_map_iter(of_view).collect();
-    ViewPoints { positions, directions }
+    (in_views(positions), in_views(points.sample_directions()))
 }
 
 #[cfg(test)]
 mod tests {
-    use infonerf_ops::Segments;
+    use burn::tensor::Device;
+    use infonerf_ops::{Segments, to_host};
 
     use super::*;
     use crate::Extent;
@@ -89,14 +87,15 @@ mod tests {
 
     #[test]
     fn every_sample_has_its_rays_direction() {
-        let segments = Segments::from_counts([2, 1]);
-        let positions = [1.0, 2.0, 3.0, 1.0, 2.0, 4.0, 0.0, 0.0, 0.0];
-        let directions = [0.0, 0.0, 1.0, 0.0, 1.0, 0.0];
-        let extent = Extent::Ball { variance: 0.0 };
-        let points =
-            Points { positions: &positions, directions: &directions, segments: &segments, extent, tracked: None };
-        let got = view_points(&[view()], points, [1.0, 1.0, 1.0], 2.0);
-        assert_eq!(got.directions, [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0]);
-        assert_eq!(got.positions, [0.0, 2.0, 4.0, 0.0, 2.0, 6.0, -2.0, -2.0, -2.0]);
+        let device = Device::flex();
+        let points = Points {
+            positions: Tensor::from_floats([[1.0, 2.0, 3.0], [1.0, 2.0, 4.0], [0.0, 0.0, 0.0]], &device),
+            directions: Tensor::from_floats([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]], &device),
+            segments: Segments::from_counts([2, 1]),
+            extent: Extent::Ball { variance: 0.0 },
+        };
+        let (positions, directions) = view_points(&[view()], &points, [1.0, 1.0, 1.0], 2.0);
+        assert_eq!(to_host(directions), [0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0]);
+        assert_eq!(to_host(positions), [0.0, 2.0, 4.0, 0.0, 2.0, 6.0, -2.0, -2.0, -2.0]);
     }
 }

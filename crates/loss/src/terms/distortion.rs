@@ -1,5 +1,5 @@
-use burn::tensor::{Device, Tensor};
-use infonerf_ops::{Intervals, ray_distortion, upload};
+use burn::tensor::Tensor;
+use infonerf_ops::{Intervals, ray_distortion};
 use infonerf_render::Samples;
 use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Schedule};
@@ -43,23 +43,19 @@ struct Distortion {
 
 impl Distortion {
     /// Intervals as shares of [near, far], at most 1.
-    fn intervals(&self, samples: &Samples, device: &Device) -> Intervals {
+    fn intervals(&self, samples: &Samples) -> Intervals {
         let range = self.far - self.near;
-        let middle: Vec<f32> = samples.t.iter().map(|t| (t - self.near) / range).collect();
-        let length: Vec<f32> = samples.delta.iter().map(|delta| (delta / range).min(1.0)).collect();
-        let [middle, length] = [middle, length].map(|values| {
-            let count = values.len();
-            upload(values, [count], device)
-        });
-        Intervals { middle, length }
+        Intervals {
+            middle: (samples.distance.clone() - self.near) / range,
+            length: (samples.delta.clone() / range).clamp_max(1.0),
+        }
     }
 }
 
 impl Term for Distortion {
     fn value(&self, renders: &Renders) -> Tensor<1> {
         renders.mean(renders.outputs(self.rays), |output| {
-            let intervals = self.intervals(&output.samples, &output.tau.device());
-            ray_distortion(output.tau.clone(), intervals, output.segments())
+            ray_distortion(output.tau.clone(), self.intervals(&output.samples), output.segments())
         })
     }
 }

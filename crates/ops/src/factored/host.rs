@@ -26,9 +26,9 @@ impl FactoredKernel {
         if self.query.color { OUTPUTS } else { 1 }
     }
 
-    /// View directions of the samples from `start` on; none if colour does not depend on them.
-    fn directions(&self, start: usize) -> Option<&[f32]> {
-        (self.query.color && self.layout.view_dependent).then(|| &self.query.directions[3 * start..])
+    /// Whether directions are an input.
+    pub(super) fn sees_directions(&self) -> bool {
+        self.query.color && self.layout.view_dependent
     }
 
     /// Numbers that a block's activations take: the MLP's input and each hidden layer's output.
@@ -53,12 +53,12 @@ impl Kernel for FactoredKernel {
     }
 
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-        let &[tables, weights, positions] = inputs else { unreachable!("a factored field has three inputs") };
+        let &[tables, weights, positions, ref directions @ ..] = inputs else { unreachable!("three inputs at least") };
         let samples = positions.len() / 3;
         let mut out = vec![0.0; samples * self.outputs()];
         let layers: Vec<Vec<f32>> = self.layout.layers.iter().map(|layer| dense::packed(weights, layer)).collect();
         let job = |(block, positions): (usize, &[f32]), activations: &mut [f32], out: &mut [f32]| {
-            let directions = self.directions(block * BLOCK);
+            let directions = directions.first().map(|directions| &directions[3 * block * BLOCK..]);
             simd::run(Forward { kernel: self, tables, layers: &layers, positions, directions, activations, out });
         };
         let positions = positions.par_chunks(3 * BLOCK).enumerate();
@@ -79,7 +79,9 @@ impl Kernel for FactoredKernel {
     }
 
     fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-        let &[tables, weights, positions] = pass.inputs else { unreachable!("a factored field has three inputs") };
+        let &[tables, weights, positions, ref directions @ ..] = pass.inputs else {
+            unreachable!("three inputs at least")
+        };
         let layout = &self.layout;
         let samples = positions.len() / 3;
         // The first feature whose gradient is needed: the frequencies' lead to positions alone.
@@ -112,7 +114,7 @@ impl Kernel for FactoredKernel {
                         activations,
                         output: &pass.output[numbers.clone()],
                         grad: &pass.grad[numbers],
-                        directions: self.directions(rows.start),
+                        directions: directions.first().map(|directions| &directions[3 * rows.start..]),
                         samples: rows.len(),
                         first,
                         scratch: &mut scratch,
@@ -135,7 +137,7 @@ impl Kernel for FactoredKernel {
             sum
         });
         let dtables = wanted[0].then(|| self.table_gradient(tables, positions, &dfeatures));
-        vec![dtables, dweights, wanted[2].then_some(dpositions)]
+        vec![dtables, dweights, wanted[2].then_some(dpositions), None]
     }
 }
 

@@ -36,8 +36,8 @@ use crate::dispatch::dispatch;
 pub struct Query {
     /// Positions, each coordinate in [0, 1] over the field's box, `[M, 3]`.
     pub positions: Tensor<2>,
-    /// Unit view direction of each sample, `[M, 3]` row-major; empty where there is no colour, or none that depends on it.
-    pub directions: Arc<[f32]>,
+    /// View direction of each sample, `[M, 3]`, for colour that depends on it. It has no gradient.
+    pub directions: Option<Tensor<2>>,
     /// Weight of each frequency of the position's encoding, for annealing; as many as the layout has.
     pub frequency_weights: Vec<f32>,
     /// Weight of each level's features, for annealing; as many as the layout has. A level of weight 0 is skipped.
@@ -60,7 +60,7 @@ impl Query {
 /// beyond the outermost texels' centres). σ is in 1/unit of `layout.density_scale`.
 ///
 /// # Panics
-/// If a length does not match `layout`.
+/// If a length does not match `layout`, or there is no direction where colour depends on it.
 pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout>, query: Query) -> Tensor<2> {
     assert_eq!(tables.dims(), [layout.table_len()], "tables hold every plane and line of the layout");
     assert_eq!(weights.dims(), [layout.weight_len()], "weights hold every layer of the layout");
@@ -69,8 +69,12 @@ pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout
     dispatch! {
         &tables.device();
         host => {
-            let positions = query.positions.clone();
-            crate::kernel::apply(host::FactoredKernel { layout: layout.clone(), query }, (tables, weights, positions))
+            let (positions, directions) = (query.positions.clone(), query.directions.clone());
+            let kernel = host::FactoredKernel { layout: layout.clone(), query };
+            match directions.filter(|_| kernel.sees_directions()) {
+                Some(directions) => crate::kernel::apply(kernel, (tables, weights, positions, directions)),
+                None => crate::kernel::apply(kernel, (tables, weights, positions)),
+            }
         },
         cube if query.samples() > 0 => {
             plain::mlp(crate::cube::features(tables, layout, &query), weights, layout, &query)

@@ -6,7 +6,6 @@ use burn::tensor::{Int, Tensor};
 use super::Query;
 use super::layout::{Layout, Level, PLANES};
 use crate::split::{fill_up, parts, product};
-use crate::upload;
 
 /// [`factored_field`](super::factored_field) without any kernel.
 pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
@@ -26,9 +25,8 @@ fn features(tables: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
 
 /// Density and colour, given the MLP's input.
 pub(super) fn mlp(features: Tensor<2>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
-    let device = features.device();
     let samples = query.samples();
-    let parts = parts(samples, &device);
+    let parts = parts(samples, &features.device());
     let mut x = fill_up(features, parts);
     for (index, layer) in layout.layers.iter().enumerate() {
         let w = weights
@@ -48,9 +46,9 @@ pub(super) fn mlp(features: Tensor<2>, weights: Tensor<1>, layout: &Layout, quer
     }
     let mut color = x.clone().narrow(1, 1, 3);
     if layout.view_dependent {
-        let directions = upload(query.directions.to_vec(), [samples, 1, 3], &device);
+        let directions = query.directions.clone().expect("colour depends on directions").detach();
         let slopes = x.narrow(1, 4, 9).reshape([samples, 3, 3]);
-        color = color + (slopes * directions).sum_dim(2).reshape([samples, 3]);
+        color = color + (slopes * directions.unsqueeze_dim(1)).sum_dim(2).reshape([samples, 3]);
     }
     Tensor::cat(vec![sigma, sigmoid(color)], 1).reshape([samples, 4])
 }

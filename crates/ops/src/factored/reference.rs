@@ -2,10 +2,11 @@
 
 use super::Query;
 use super::layout::{Layout, Level, OUTPUTS, PLANES};
+use crate::to_host;
 
 /// [`factored_field`](super::factored_field) at `positions`, with everything else as in `query`.
 pub fn value(tables: &[f64], weights: &[f64], positions: &[f64], layout: &Layout, query: &Query) -> Vec<f64> {
-    let field = Field { tables, weights, positions, layout, query };
+    let field = Field { tables, weights, positions, directions: directions(query), layout, query };
     (0..positions.len() / 3).flat_map(|sample| field.outputs(sample, &field.trace(sample))).collect()
 }
 
@@ -18,7 +19,7 @@ pub fn gradient(
     query: &Query,
     grad: &[f64],
 ) -> [Vec<f64>; 3] {
-    let field = Field { tables, weights, positions, layout, query };
+    let field = Field { tables, weights, positions, directions: directions(query), layout, query };
     let [mut dtables, mut dweights, mut dpositions] = [tables, weights, positions].map(|input| vec![0.0; input.len()]);
     for (sample, grad) in grad.chunks_exact(if query.color { OUTPUTS } else { 1 }).enumerate() {
         let trace = field.trace(sample);
@@ -33,8 +34,13 @@ struct Field<'a> {
     tables: &'a [f64],
     weights: &'a [f64],
     positions: &'a [f64],
+    directions: Vec<f64>,
     layout: &'a Layout,
     query: &'a Query,
+}
+
+fn directions(query: &Query) -> Vec<f64> {
+    query.directions.clone().map(to_host).unwrap_or_default().into_iter().map(f64::from).collect()
 }
 
 /// What an interpolation adds up: places in the tables with their weights.
@@ -119,7 +125,7 @@ impl Field<'_> {
 
     /// Factor of each raw number in the colour: 1, or a component of the view direction.
     fn direction(&self, sample: usize, axis: usize) -> f64 {
-        f64::from(self.query.directions[3 * sample + axis])
+        self.directions[3 * sample + axis]
     }
 
     fn raw_color(&self, sample: usize, raw: &[f64], channel: usize) -> f64 {

@@ -4,7 +4,7 @@ use burn::tensor::Tensor;
 use rayon::prelude::*;
 
 use super::{Dense, RadianceMlp};
-use crate::frequency::{encode_rows, encoded_width};
+use crate::frequency::encoded_width;
 use crate::kernel::{Kernel, Pass};
 use crate::matmul::{Matrix, Onto, product};
 
@@ -28,9 +28,7 @@ pub(super) struct MlpKernel {
     encoded: Vec<Place>,
     /// Where the encoded directions stand.
     direction: Option<Place>,
-    /// Encoded direction of each ray.
-    directions: Vec<f32>,
-    /// The ray of each sample.
+    /// The ray of each sample, where directions are seen.
     owners: Vec<i32>,
     /// Where the result stands.
     output: Place,
@@ -131,7 +129,7 @@ impl MlpKernel {
             builder.layer(dense, x, next.part(before, outputs), true);
             x = next;
         }
-        let (mut direction, mut directions, mut owners) = (None, Vec::new(), Vec::new());
+        let (mut direction, mut owners) = (None, Vec::new());
         let view = network.color.as_ref().map(|branch| {
             let [_, features] = branch.feature.weight.dims();
             let [_, outputs] = branch.view.weight.dims();
@@ -141,8 +139,7 @@ impl MlpKernel {
             builder.layer(&branch.feature, x, both.part(0, features), false);
             builder.layer(&branch.view, both, view, true);
             direction = Some(both.part(features, columns));
-            directions = encode_rows(&branch.directions, 3, &vec![1.0; branch.frequencies]);
-            owners = branch.segments.owners();
+            owners = branch.segments.host_owners();
             assert_eq!(owners.len(), samples, "a ray for every sample");
             (view, branch)
         });
@@ -152,12 +149,13 @@ impl MlpKernel {
             builder.layer(&branch.rgb, view, output.part(1, 3), false);
         }
         let Builder { layers, weights, matrices, activations } = builder;
-        let kernel = Self { layers, encoded, direction, directions, owners, output, matrices, activations };
+        let kernel = Self { layers, encoded, direction, owners, output, matrices, activations };
         (kernel, Tensor::cat(weights, 0))
     }
 
-    /// A block whose first sample is `first`.
-    fn forward_block(&self, weights: &[f32], encoded: &[f32], first: usize, block: &mut [f32], out: &mut [f32]) {
+    /// A block whose first sample is `first`; `inputs` are the weights and the encoded direction of each ray.
+    fn forward_block(&self, inputs: &[&[f32]], encoded: &[f32], first: usize, block: &mut [f32], out: &mut [f32]) {
+        let weights = inputs[0];
         let width = self.encoded[0].columns;
         let samples = encoded.len() / width;
         for place in &self.encoded {
@@ -167,7 +165,7 @@ impl MlpKernel {
         }
         if let Some(place) = self.direction {
             for (s, &owner) in self.owners[first..first + samples].iter().enumerate() {
-                let direction = &self.directions[owner as usize * place.columns..][..place.columns];
+                let direction = &inputs[1][owner as usize * place.columns..][..place.columns];
                 block[place.row(s)].copy_from_slice(direction);
             }
         }
@@ -329,7 +327,7 @@ impl Kernel for MlpKernel {
     }
 
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-        let &[encoded, weights] = inputs else { unreachable!("a network has two inputs") };
+        let (encoded, inputs) = inputs.split_first().expect("encoded positions come first");
         let (width, outputs) = (self.encoded[0].columns, self.output.columns);
         let samples = encoded.len() / width;
         let mut out = vec![0.0; samples * outputs];
@@ -338,19 +336,19 @@ impl Kernel for MlpKernel {
             Some(saved) => {
                 saved.resize(samples.div_ceil(BLOCK) * self.activations, 0.0);
                 blocks.zip(saved.par_chunks_mut(self.activations)).for_each(|((index, (x, out)), block)| {
-                    self.forward_block(weights, x, index * BLOCK, block, out);
+                    self.forward_block(inputs, x, index * BLOCK, block, out);
                 });
             }
             None => blocks.for_each_init(
                 || vec![0.0; self.activations],
-                |block, (index, (x, out))| self.forward_block(weights, x, index * BLOCK, block, out),
+                |block, (index, (x, out))| self.forward_block(inputs, x, index * BLOCK, block, out),
             ),
         }
         out
     }
 
     fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-        let &[_, weights] = pass.inputs else { unreachable!("a network has two inputs") };
+        let weights = pass.inputs[1];
         let per_group = (pass.saved.len() / self.activations).div_ceil(GROUPS).max(1);
         let transposed = self.transposed(weights);
         let grads = pass.grad.par_chunks(self.output.columns * BLOCK * per_group);
@@ -367,6 +365,6 @@ impl Kernel for MlpKernel {
             }
             sum
         });
-        vec![dencoded, dweights]
+        vec![dencoded, dweights, None]
     }
 }

@@ -7,13 +7,11 @@ mod host;
 
 pub use plain::plain;
 
-use std::sync::Arc;
-
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
-use crate::Segments;
 use crate::dispatch::dispatch;
+use crate::{Segments, frequency_encode};
 
 /// How exact a network's matrix products are. Weights, sums of products and everything else are single precision.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -60,12 +58,18 @@ pub struct ColorBranch {
     pub view: Dense,
     /// From there to red, green and blue.
     pub rgb: Dense,
-    /// Unit direction of each ray, `[R, 3]` row-major.
-    pub directions: Arc<[f32]>,
+    /// Unit direction of each ray, `[R, 3]`. It has no gradient.
+    pub directions: Tensor<2>,
     /// Frequencies of its encoding.
     pub frequencies: usize,
     /// Which samples belong to which ray.
     pub segments: Segments,
+}
+
+impl ColorBranch {
+    fn encoded_directions(&self) -> Tensor<2> {
+        frequency_encode(self.directions.clone().detach(), self.frequencies, &[])
+    }
 }
 
 /// What the network says of encoded positions `[M, E]`, before activation: `[M, 4]` of (σ, r, g, b), or `[M, 1]` of σ
@@ -78,7 +82,10 @@ pub fn radiance_mlp(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
         &encoded.device();
         host if network.precision == Precision::F32 => {
             let (kernel, weights) = host::MlpKernel::new(encoded.dims(), network);
-            crate::kernel::apply(kernel, (encoded, weights))
+            match &network.color {
+                Some(branch) => crate::kernel::apply(kernel, (encoded, weights, branch.encoded_directions())),
+                None => crate::kernel::apply(kernel, (encoded, weights)),
+            }
         },
         plain => plain(encoded, network),
     }

@@ -4,7 +4,6 @@ use burn::tensor::{FloatDType, Tensor, activation::relu};
 
 use super::{ColorBranch, Dense, Precision, RadianceMlp};
 use crate::split::{fill_up, parts, product};
-use crate::{frequency_encode, from_host, upload};
 
 /// [`radiance_mlp`](super::radiance_mlp) without any kernel.
 pub fn plain(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
@@ -21,7 +20,7 @@ pub fn plain(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
     }
     let sigma = apply(&network.sigma, h.clone());
     let out = match &network.color {
-        Some(branch) => Tensor::cat(vec![sigma, color(branch, h, apply)], 1),
+        Some(branch) => Tensor::cat(vec![sigma, color(branch, h, parts, apply)], 1),
         None => sigma,
     };
     out.narrow(0, 0, samples)
@@ -38,15 +37,15 @@ fn apply(layer: &Dense, x: Tensor<2>, precision: Precision, parts: usize) -> Ten
     product + layer.bias.clone().unsqueeze()
 }
 
-fn color(branch: &ColorBranch, trunk: Tensor<2>, apply: impl Fn(&Dense, Tensor<2>) -> Tensor<2>) -> Tensor<2> {
+fn color(
+    branch: &ColorBranch,
+    trunk: Tensor<2>,
+    parts: usize,
+    apply: impl Fn(&Dense, Tensor<2>) -> Tensor<2>,
+) -> Tensor<2> {
     // One encoded row per ray, repeated for each of its samples.
-    let device = trunk.device();
-    let rays = frequency_encode(from_host(&branch.directions, 3, &device), branch.frequencies, &[]);
-    let mut owners = branch.segments.owners();
-    // Rows that fill up belong to no ray: any will do.
-    owners.resize(trunk.dims()[0], 0);
-    let samples = owners.len();
-    let direction = rays.select(0, upload(owners, [samples], &device));
+    let direction = branch.encoded_directions().select(0, branch.segments.owners(&trunk.device()));
+    let direction = fill_up(direction, parts);
     let feature = apply(&branch.feature, trunk);
     let h = relu(apply(&branch.view, Tensor::cat(vec![feature, direction], 1)));
     apply(&branch.rgb, h)

@@ -8,7 +8,7 @@ use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use infonerf_field::{Extent, Field, Points, RadianceField};
-use infonerf_ops::{Segments, to_host};
+use infonerf_ops::{to_host, upload};
 use infonerf_render::{Model, Noise, OccupancyGrid, RandomStream, Renderer, TrainedModel, Warp};
 use infonerf_scene::{Aabb, Camera, Scene, Similarity};
 use infonerf_schedule::{Fault, Moment};
@@ -264,7 +264,7 @@ impl<F: Field> Trainer<F> {
             let noise = Noise::new(self.seed, self.progress.step as u64, RandomStream::RefinedOccupancy);
             let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
             let length = self.renderer().step_length(at);
-            grid.refined(factor, noise, length, |points| densities(&model.fine, points, extent, at))
+            grid.refined(factor, noise, length, |points| densities(&model.fine, points, &extent, at))
         });
         TrainedModel { model, occupancy, at, frame }
     }
@@ -297,10 +297,10 @@ fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
 }
 
 /// Densities of points on no ray, for the occupancy grid.
-pub(super) fn densities<F: Field>(field: &F, positions: &[f32], extent: Extent<'_>, at: Moment) -> Vec<f32> {
-    let segments = Segments::uniform(1, positions.len() / 3);
-    let points = Points { positions, directions: &[0.0, 0.0, 1.0], segments: &segments, extent, tracked: None };
-    to_host(field.evaluate(points, false, at).sigma)
+pub(super) fn densities<F: Field>(field: &F, positions: Vec<f32>, extent: &Extent, at: Moment) -> Vec<f32> {
+    let count = positions.len() / 3;
+    let points = Points::scattered(upload(positions, [count, 3], &field.device()), extent.clone());
+    to_host(field.evaluate(&points, false, at).sigma)
 }
 
 #[cfg(test)]

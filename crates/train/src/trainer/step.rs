@@ -176,7 +176,7 @@ impl<F: Field> Trainer<F> {
         let length = scene.renderer.step_length(at);
         let extent = Extent::Ball { variance: grid.cell_variance() };
         self.profile.time(Phase::Occupancy, || {
-            grid.update(noise, length, |positions| densities(&field, positions, extent, at))
+            grid.update(noise, length, |positions| densities(&field, positions, &extent, at))
         });
     }
 }

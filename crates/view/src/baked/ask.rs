@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use infonerf_field::{Extent, Field, FieldOutput, Points};
-use infonerf_ops::{Segments, to_host};
+use infonerf_ops::{to_host, upload};
 use infonerf_render::{TrainedModel, Warp};
 use infonerf_scene::Scene;
 
@@ -91,7 +91,6 @@ impl<'a> Ask<'a> {
     /// The field at points that stand for cubes: as large as what a pixel of the nearest training camera covers there, or as a
     /// voxel if that is larger. Only fields of volumes take notice, and these are not warped.
     fn evaluate(&self, points: &[Vec3], directions: &[Vec3], voxel: f32, color: bool) -> FieldOutput {
-        let numbers = |vectors: &[Vec3]| -> Vec<f32> { vectors.iter().flat_map(|v| v.to_array()).collect() };
         let distance = |p: &Vec3| {
             let nearest = self.cameras.iter().map(|camera| camera.distance(*p)).reduce(f32::min);
             nearest.unwrap_or(1.0).max(self.nearest)
@@ -100,14 +99,13 @@ impl<'a> Ask<'a> {
         let edges: Vec<f32> = t.iter().map(|t| (self.pixel * t).max(voxel)).collect();
         // A cone whose variance across is that along: edge²/12.
         let radii: Vec<f32> = t.iter().zip(&edges).map(|(t, edge)| edge / (3f32.sqrt() * t)).collect();
-        let points = Points {
-            positions: &numbers(points),
-            directions: &numbers(directions),
-            segments: &Segments::uniform(points.len(), 1),
-            extent: Extent::Cones { t: &t, delta: &edges, radii: &radii },
-            tracked: None,
-        };
-        self.trained.model.fine.evaluate(points, color, self.trained.at)
+        let (field, count) = (&self.trained.model.fine, points.len());
+        let device = field.device();
+        let rows = |vectors: &[Vec3]| upload(vectors.iter().flat_map(|v| v.to_array()).collect(), [count, 3], &device);
+        let [t, delta, radii] = [t, edges, radii].map(|numbers| upload(numbers, [count], &device));
+        let extent = Extent::Cones { t, delta, radii };
+        let points = Points::scattered(rows(points), extent).seen_along(rows(directions));
+        field.evaluate(&points, color, self.trained.at)
     }
 }
 

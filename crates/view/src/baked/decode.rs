@@ -106,14 +106,10 @@ fn from_rows(stored: &[u8]) -> Vec<u8> {
 
 /// The field itself at a point.
 fn exact(trained: &TrainedModel, p: Vec3, direction: Vec3) -> (f32, Vec<f32>) {
-    let points = Points {
-        positions: &p.to_array(),
-        directions: &direction.to_array(),
-        segments: &Segments::from_counts([1]),
-        extent: Extent::Ball { variance: 0.0 },
-        tracked: None,
-    };
-    let sampled = trained.model.fine.evaluate(points, true, trained.at);
+    let field = &trained.model.fine;
+    let [p, direction] = [p, direction].map(|v| Tensor::from_floats([v.to_array()], &field.device()));
+    let points = Points::scattered(p, Extent::Ball { variance: 0.0 }).seen_along(direction);
+    let sampled = field.evaluate(&points, true, trained.at);
     (to_host(sampled.sigma)[0], to_host(sampled.color.unwrap()))
 }
 
