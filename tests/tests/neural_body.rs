@@ -5,11 +5,11 @@
 
 use std::path::PathBuf;
 
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
 use infonerf_field::{
     Body, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralBodyConfig, Points, RadianceField, Sources,
 };
-use infonerf_ops::{Segments, to_host};
+use infonerf_ops::{from_host, to_host};
 use infonerf_schedule::Moment;
 use infonerf_tests::{compare, fixture, gradients_of, hashed, largest, numbers, overwritten};
 use serde_json::Value;

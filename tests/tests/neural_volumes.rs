@@ -9,7 +9,7 @@ use infonerf_field::{
     CodeEncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, NeuralVolumesConfig, Penalty, Points,
     RadianceField, SourceView, Sources,
 };
-use infonerf_ops::{Segments, additive_depth, composite, to_host};
+use infonerf_ops::{Segments, additive_depth, composite, from_host, to_host};
 use infonerf_procedural::load;
 use infonerf_render::Exposure;
 use infonerf_scene::{SceneRequest, TestProtocol};

@@ -10,7 +10,7 @@ use infonerf_field::{
     DensityActivation, EncoderConfig, Extent, Field, FieldConfig, FieldSetup, FieldSpec, PixelNerfConfig, Points,
     RadianceField, SourceView, Sources,
 };
-use infonerf_ops::{Segments, to_host};
+use infonerf_ops::{Segments, from_host, to_host};
 use infonerf_schedule::Moment;
 use infonerf_tests::{fixture, gradients_of, hashed, picture, with_parameters, write_weights};
 use serde_json::Value;

@@ -92,7 +92,7 @@ pub use mlp::radiance_mlp;
 pub use peak::Peak;
 pub use rotation::rotate;
 pub use segments::Segments;
-pub use traffic::{HostNumber, Traffic, from_host, to_host, upload};
+pub use traffic::{HostNumber, Traffic, from_host, to_host, upload, upload_together};
 pub use trilinear::trilinear;
 pub use unit_box::unit_box;
 

@@ -13,6 +13,8 @@ use crate::upload;
 pub struct Segments {
     pub(crate) offsets: Arc<[u32]>,
     owners: Arc<OnceLock<Tensor<1, Int>>>,
+    #[cfg(feature = "cube")]
+    pub(crate) on_gpu: Arc<OnceLock<burn_cubecl::tensor::CubeTensor>>,
 }
 
 impl PartialEq for Segments {
@@ -46,7 +48,12 @@ impl Segments {
                 .expect("a batch holds fewer than 2^32 samples");
             total
         });
-        Self { offsets: std::iter::once(0).chain(ends.collect::<Vec<_>>()).collect(), owners: Arc::default() }
+        Self {
+            offsets: std::iter::once(0).chain(ends.collect::<Vec<_>>()).collect(),
+            owners: Arc::default(),
+            #[cfg(feature = "cube")]
+            on_gpu: Arc::default(),
+        }
     }
 
     /// Number of rays `R`.

@@ -7,6 +7,8 @@ use burn::tensor::kind::Basic;
 use burn::tensor::{Bool, Device, Element, Float, Int, Tensor, TensorData};
 use serde::Serialize;
 
+use crate::dispatch::dispatch;
+
 /// A type of numbers on the host, and the kind of tensor that they make.
 pub trait HostNumber: Element {
     /// The kind of tensor.
@@ -35,6 +37,22 @@ pub fn upload<E: HostNumber, const D: usize>(values: Vec<E>, shape: [usize; D], 
     }
     count_upload(size_of_val(values.as_slice()));
     Tensor::from_data(TensorData::new(values, shape), device)
+}
+
+/// Each of `arrays` as a tensor on `device`: on a GPU moved there at once, as parts of one buffer.
+pub fn upload_together<const N: usize>(arrays: [Vec<f32>; N], device: &Device) -> [Tensor<1>; N] {
+    let one_by_one = |arrays: [Vec<f32>; N]| {
+        arrays.map(|array| {
+            let count = array.len();
+            upload(array, [count], device)
+        })
+    };
+    dispatch! {
+        device;
+        host => one_by_one(arrays),
+        cube => crate::cube::together(arrays, device),
+        plain => one_by_one(arrays),
+    }
 }
 
 /// Rows of `columns` numbers, copied to `device`.

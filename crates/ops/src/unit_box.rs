@@ -12,6 +12,7 @@ pub fn unit_box(positions: Tensor<2>, [low, high]: [[f32; 3]; 2]) -> Tensor<2> {
     dispatch! {
         &positions.device();
         host => crate::kernel::apply(host::UnitBoxKernel { low, scale }, positions),
+        cube if positions.dims()[0] > 0 => crate::cube::unit_box(positions, low, scale),
         plain => plain(positions, low, scale),
     }
 }

@@ -1,6 +1,6 @@
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{Extent, Points};
-use infonerf_ops::{Segments, upload};
+use infonerf_ops::{Segments, upload_together};
 use infonerf_scene::Ray;
 use rayon::prelude::*;
 
@@ -49,16 +49,18 @@ impl Samples {
             .collect();
         let join = |pick: fn(&Part) -> &[f32]| parts.iter().map(pick).collect::<Vec<_>>().concat();
         let segments = Segments::from_counts(parts.iter().flat_map(|part| part.counts.iter().copied()));
-        let (count, t) = (segments.samples(), join(|part| &part.t));
-        let (directions, radii) = on_device(rays, device);
+        let t = join(|part| &part.t);
+        let (positions, delta) = (join(|part| &part.positions), join(|part| &part.delta));
+        let [positions, distance, delta, directions, radii] =
+            upload_together([positions, t.clone(), delta, directions(rays), radii(rays)], device);
         Self {
-            distance: upload(t.clone(), [count], device),
-            delta: upload(join(|part| &part.delta), [count], device),
-            positions: upload(join(|part| &part.positions), [count, 3], device),
             candidates: parts.iter().map(|part| part.candidates).sum(),
+            positions: positions.reshape([t.len(), 3]),
+            directions: directions.reshape([rays.len(), 3]),
             segments,
             t,
-            directions,
+            distance,
+            delta,
             radii,
         }
     }
@@ -82,9 +84,10 @@ impl Samples {
             .zip(rays)
             .flat_map(|(range, ray)| self.t[range].iter().flat_map(|&t| warp.point(ray.at(t)).to_array()))
             .collect();
-        let device = self.distance.device();
-        let (directions, radii) = on_device(rays, &device);
-        Self { positions: upload(positions, [self.t.len(), 3], &device), directions, radii, ..self.clone() }
+        let arrays = [positions, directions(rays), radii(rays)];
+        let [positions, directions, radii] = upload_together(arrays, &self.distance.device());
+        let positions = positions.reshape([self.t.len(), 3]);
+        Self { positions, directions: directions.reshape([rays.len(), 3]), radii, ..self.clone() }
     }
 
     /// The points at which a field is evaluated.
@@ -99,11 +102,12 @@ impl Samples {
     }
 }
 
-/// Directions `[R, 3]` and radii `[R]` of rays.
-fn on_device(rays: &[Ray], device: &Device) -> (Tensor<2>, Tensor<1>) {
-    let directions = rays.iter().flat_map(|ray| ray.direction.to_array()).collect();
-    let radii = rays.iter().map(|ray| ray.radius).collect();
-    (upload(directions, [rays.len(), 3], device), upload(radii, [rays.len()], device))
+fn directions(rays: &[Ray]) -> Vec<f32> {
+    rays.iter().flat_map(|ray| ray.direction.to_array()).collect()
+}
+
+fn radii(rays: &[Ray]) -> Vec<f32> {
+    rays.iter().map(|ray| ray.radius).collect()
 }
 
 /// Samples of some of the rays.

@@ -3,10 +3,11 @@
 use std::io::Read;
 
 use base64::prelude::{BASE64_STANDARD, Engine};
+use burn::tensor::Tensor;
 use flate2::read::ZlibDecoder;
 use infonerf_experiment::{DeviceName, open};
 use infonerf_field::{Extent, Field, FieldConfig, FieldSetup, Points, RadianceField};
-use infonerf_ops::{Segments, to_host};
+use infonerf_ops::to_host;
 use infonerf_render::{Model, OccupancyGrid, RenderConfig, Renderer, TrainedModel};
 use infonerf_scene::Scene;
 use infonerf_schedule::Moment;

@@ -16,6 +16,9 @@ mod adam;
 mod encode;
 mod rays;
 mod tables;
+mod together;
+mod unit_box;
+mod variation;
 
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -34,7 +37,10 @@ use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use encode::{frequency, integrated};
 pub(crate) use rays::{composite, divergence, entropy};
-pub(crate) use tables::features;
+pub(crate) use tables::{features, network};
+pub(crate) use together::together;
+pub(crate) use unit_box::unit_box;
+pub(crate) use variation::variation;
 
 use crate::graph::{self, Inputs, Operation};
 use crate::traffic::count_upload;
@@ -42,6 +48,11 @@ use crate::traffic::count_upload;
 /// A differentiable function of dense `f32` tensors on a GPU.
 trait CubeKernel: Debug + Send + Sync + 'static {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor;
+
+    /// The same with what the backward pass needs beside inputs and output.
+    fn forward_keeping(&self, inputs: &[CubeTensor]) -> (CubeTensor, Vec<CubeTensor>) {
+        (self.forward(inputs), Vec::new())
+    }
 
     /// For each input that is `wanted`, and perhaps for others, the gradient of ⟨`grad`, output⟩ with respect to it.
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>>;
@@ -51,6 +62,7 @@ trait CubeKernel: Debug + Send + Sync + 'static {
 struct Pass<'a> {
     inputs: &'a [CubeTensor],
     output: &'a CubeTensor,
+    kept: &'a [CubeTensor],
     grad: &'a CubeTensor,
     wanted: &'a [bool],
 }
@@ -82,7 +94,7 @@ fn apply<const D: usize>(kernel: impl CubeKernel, inputs: impl Into<Inputs<Dispa
 struct CubeOperation(Arc<dyn CubeKernel>);
 
 impl Operation<CubeBackend> for CubeOperation {
-    type Kept = ();
+    type Kept = Vec<CubeTensor>;
 
     fn prepare(tensor: CubeTensor) -> CubeTensor {
         into_contiguous(tensor)
@@ -92,19 +104,19 @@ impl Operation<CubeBackend> for CubeOperation {
         self.0.forward(inputs)
     }
 
-    fn forward(&self, inputs: &[CubeTensor]) -> (CubeTensor, ()) {
-        (self.0.forward(inputs), ())
+    fn forward(&self, inputs: &[CubeTensor]) -> (CubeTensor, Vec<CubeTensor>) {
+        self.0.forward_keeping(inputs)
     }
 
     fn backward(
         &self,
         inputs: &[CubeTensor],
         output: CubeTensor,
-        (): (),
+        kept: Vec<CubeTensor>,
         grad: CubeTensor,
         wanted: &[bool],
     ) -> Vec<Option<CubeTensor>> {
-        self.0.backward(Pass { inputs, output: &output, grad: &grad, wanted })
+        self.0.backward(Pass { inputs, output: &output, kept: &kept, grad: &grad, wanted })
     }
 }
 

@@ -24,6 +24,8 @@ mod host;
 pub use layout::{Layer, Layout, Level, PLANES};
 pub use plain::plain;
 pub use variation::{plain as plain_variation, plane_variation};
+#[cfg(feature = "cube")]
+pub(crate) use {layout::OUTPUTS, variation::weight as variation_weight};
 
 use std::sync::Arc;
 
@@ -77,7 +79,10 @@ pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout
             }
         },
         cube if query.samples() > 0 => {
-            plain::mlp(crate::cube::features(tables, layout, &query), weights, layout, &query)
+            let parts = crate::split::parts(query.samples(), &tables.device());
+            let features = crate::cube::features(tables, layout, &query, query.samples().next_multiple_of(parts));
+            let directions = query.directions.clone().filter(|_| query.color && layout.view_dependent);
+            crate::cube::network(features, weights, directions, layout, [query.samples(), parts], query.color)
         },
         plain => plain(tables, weights, layout, &query),
     }

@@ -24,7 +24,7 @@ fn features(tables: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
 }
 
 /// Density and colour, given the MLP's input.
-pub(super) fn mlp(features: Tensor<2>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
+fn mlp(features: Tensor<2>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
     let samples = query.samples();
     let parts = parts(samples, &features.device());
     let mut x = fill_up(features, parts);

@@ -18,12 +18,13 @@ pub fn plane_variation(tables: Tensor<1>, layout: &Arc<Layout>) -> Tensor<1> {
     dispatch! {
         &tables.device();
         host => crate::kernel::apply(host::VariationKernel { layout: layout.clone() }, tables),
+        cube => crate::cube::variation(tables, layout),
         plain => plain(tables, layout),
     }
 }
 
 /// Weight of a level's squared differences.
-fn weight(resolution: usize) -> f32 {
+pub(crate) fn weight(resolution: usize) -> f32 {
     1.0 / (64.0 * 3.0 * resolution as f32)
 }
 

@@ -1,8 +1,9 @@
 //! A baked package read back and evaluated as the shader does: the oracle for packing.
 
+use burn::tensor::Tensor;
 use glam::Vec3;
 use infonerf_field::{Extent, Field, Points};
-use infonerf_ops::{Segments, to_host};
+use infonerf_ops::to_host;
 use infonerf_render::{OccupancyGrid, TrainedModel};
 use infonerf_scene::Aabb;
 use infonerf_train::{Config, Preset};

@@ -2,8 +2,6 @@
 
 mod kernels;
 
-use std::sync::OnceLock;
-
 use burn::backend::ops::IntTensorOps;
 use burn::tensor::{Tensor, TensorData};
 use burn_cubecl::CubeBackend;
@@ -29,30 +27,29 @@ pub(crate) fn divergence(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, e
     apply(Divergence { rays: Rays::new(segments), epsilon }, (tau, near))
 }
 
-/// Which samples each ray owns: on the host, and on the device from first use.
+/// Which samples each ray owns.
 #[derive(Debug)]
-struct Rays {
-    segments: Segments,
-    offsets: OnceLock<CubeTensor>,
-}
+struct Rays(Segments);
 
 impl Rays {
     fn new(segments: &Segments) -> Self {
-        Self { segments: segments.clone(), offsets: OnceLock::new() }
+        Self(segments.clone())
     }
 
     fn count(&self) -> usize {
-        self.segments.rays()
+        self.0.rays()
     }
 
-    /// The offsets, `[R + 1]`.
-    fn offsets(&self, like: &CubeTensor) -> &CubeTensor {
-        self.offsets.get_or_init(|| {
-            let offsets: Vec<i32> = self.segments.offsets.iter().map(|offset| *offset as i32).collect();
+    /// The offsets, `[R + 1]`, which stay on the device that is the first to be asked for them.
+    fn offsets(&self, like: &CubeTensor) -> CubeTensor {
+        let moved = || {
+            let offsets: Vec<i32> = self.0.offsets.iter().map(|offset| *offset as i32).collect();
             let count = offsets.len();
             count_upload(size_of_val(offsets.as_slice()));
             CubeBackend::int_from_data(TensorData::new(offsets, [count]), &like.device)
-        })
+        };
+        let kept = self.0.on_gpu.get_or_init(moved);
+        if kept.device == like.device { kept.clone() } else { moved() }
     }
 }
 
@@ -68,7 +65,7 @@ impl CubeKernel for Composite {
         let out = empty(tau, [self.rays.count(), channels + 1]);
         launch!(
             kernels::composite_forward::launch, self.rays.count();
-            tau, values, self.rays.offsets(tau), &out;
+            tau, values, &self.rays.offsets(tau), &out;
             channels
         );
         out
@@ -79,7 +76,7 @@ impl CubeKernel for Composite {
         let (dtau, dvalues) = (empty_like(tau), empty_like(values));
         launch!(
             kernels::composite_backward::launch, self.rays.count();
-            tau, values, self.rays.offsets(tau), pass.grad, &dtau, &dvalues;
+            tau, values, &self.rays.offsets(tau), pass.grad, &dtau, &dvalues;
             values.meta.shape()[1]
         );
         vec![Some(dtau), Some(dvalues)]
@@ -98,7 +95,7 @@ impl CubeKernel for Entropy {
         let out = empty(tau, [self.rays.count(), 2]);
         launch!(
             kernels::entropy_forward::launch, self.rays.count();
-            tau, self.rays.offsets(tau), &out;
+            tau, &self.rays.offsets(tau), &out;
             self.epsilon, MIN_ALPHA_SUM
         );
         out
@@ -109,7 +106,7 @@ impl CubeKernel for Entropy {
         let dtau = empty_like(tau);
         launch!(
             kernels::entropy_backward::launch, self.rays.count();
-            tau, self.rays.offsets(tau), pass.grad, &dtau;
+            tau, &self.rays.offsets(tau), pass.grad, &dtau;
             self.epsilon, MIN_ALPHA_SUM
         );
         vec![Some(dtau)]
@@ -128,7 +125,7 @@ impl CubeKernel for Divergence {
         let out = empty(tau, [self.rays.count()]);
         launch!(
             kernels::divergence_forward::launch, self.rays.count();
-            tau, near, self.rays.offsets(tau), &out;
+            tau, near, &self.rays.offsets(tau), &out;
             self.epsilon, MIN_ALPHA_SUM
         );
         out
@@ -139,7 +136,7 @@ impl CubeKernel for Divergence {
         let (dtau, dnear) = (empty_like(tau), empty_like(near));
         launch!(
             kernels::divergence_backward::launch, self.rays.count();
-            tau, near, self.rays.offsets(tau), pass.grad, &dtau, &dnear;
+            tau, near, &self.rays.offsets(tau), pass.grad, &dtau, &dnear;
             self.epsilon, MIN_ALPHA_SUM
         );
         vec![Some(dtau), Some(dnear)]

@@ -1,6 +1,7 @@
 //! Reading of planes and lines, and the frequencies of the position: all that goes into a factored field's MLP.
 
 mod kernels;
+mod network;
 
 use std::sync::Arc;
 
@@ -13,9 +14,13 @@ use self::kernels::{Exchange, Native};
 use super::{CubeKernel, Pass, apply, empty_like, numbers, zeros};
 use crate::factored::{Layout, Level, PLANES, Query};
 
-/// The MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
-pub(crate) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2> {
+pub(crate) use network::network;
+
+/// The MLP's input at the points of `query`, `[rows, layout.features()]`, zero from the last point on; differentiable in `tables`
+/// and positions.
+pub(crate) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query, rows: usize) -> Tensor<2> {
     let kernel = Features {
+        rows,
         layout: layout.clone(),
         frequency_weights: query.frequency_weights.clone(),
         level_weights: query.level_weights.clone(),
@@ -26,6 +31,7 @@ pub(crate) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -
 /// Of tables and positions.
 #[derive(Debug)]
 struct Features {
+    rows: usize,
     layout: Arc<Layout>,
     frequency_weights: Vec<f32>,
     level_weights: Vec<f32>,
@@ -43,7 +49,7 @@ impl CubeKernel for Features {
         let [tables, positions] = inputs else { unreachable!("tables are read at positions") };
         let samples = positions.meta.shape()[0];
         // Zero where a level does not count.
-        let out = zeros(tables, [samples, self.layout.features()]);
+        let out = zeros(tables, [self.rows, self.layout.features()]);
         let weights = numbers(&self.frequency_weights, tables);
         launch!(kernels::frequencies::launch, samples * 3; positions, &weights, &out; self.layout.frequencies);
         for (level, weight) in self.levels() {
