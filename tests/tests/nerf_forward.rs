@@ -205,7 +205,8 @@ fn check(device: &Device) {
         let tau = column(ray.0.tau.clone());
         let count = fixture["n_coarse"].as_u64().unwrap() as usize;
         // The last interval is left out: infinite, it is no factor to divide by.
-        let sigma: Vec<f64> = (0..count - 1).map(|i| tau[i] / f64::from(ray.0.samples.delta[i])).collect();
+        let delta = to_host(ray.0.samples.delta.clone());
+        let sigma: Vec<f64> = (0..count - 1).map(|i| tau[i] / f64::from(delta[i])).collect();
         let want = floats(&fixture["ray0_coarse_sigma"]["f64"]);
         compare(&sigma, &want[..count - 1], SIGMA_TOLERANCE, "coarse density");
     }

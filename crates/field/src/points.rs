@@ -58,6 +58,7 @@ pub(crate) fn along_axes(vectors: Tensor<2>, axes: [[f32; 3]; 3]) -> Tensor<2> {
 
 /// The space that a sample represents. Fields of points ignore it; mip-NeRF averages over it.
 #[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "there is one per batch of samples")]
 pub enum Extent {
     /// Conical frusta around the rays: sample `i`, at distance `t[i]`, is the middle of an interval of length `delta[i]`.
     Cones {

@@ -349,7 +349,7 @@ mod tests {
     #[test]
     fn keeps_a_ball_and_drops_the_rest() {
         let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
-        let ball = |points: &[f32]| -> Vec<f32> {
+        let ball = |points: Vec<f32>| -> Vec<f32> {
             points.chunks(3).map(|p| if Vec3::from_slice(p).length() < 0.5 { 20.0 } else { 0.0 }).collect()
         };
         assert_eq!(grid.fraction(), 1.0);
@@ -428,7 +428,7 @@ mod tests {
     #[test]
     fn fog_that_is_trained_is_in_pictures() {
         let (step, threshold) = (0.02, config().threshold(0.02));
-        let fog = |points: &[f32]| points.chunks(3).map(|p| threshold * (0.9 + 0.05 * p[0])).collect::<Vec<f32>>();
+        let fog = |points: Vec<f32>| points.chunks(3).map(|p| threshold * (0.9 + 0.05 * p[0])).collect::<Vec<f32>>();
         let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
         assert!(grid.update(Noise::new(0, 0, RandomStream::Occupancy), step, fog));
         let refined = grid.refined(2, Noise::new(0, 0, RandomStream::RefinedOccupancy), step, fog);
@@ -446,7 +446,7 @@ mod tests {
         let asked = [first, second].map(|mut grid| {
             let mut asked = Vec::new();
             grid.update(noise(1), 0.02, |points| {
-                asked.extend_from_slice(points);
+                asked.extend_from_slice(&points);
                 vec![0.0; points.len() / 3]
             });
             asked
@@ -458,7 +458,7 @@ mod tests {
     #[test]
     fn an_interval_is_kept_for_any_part_of_it() {
         let mut grid = OccupancyGrid::new(&config(), Aabb::cube(Vec3::ZERO, 1.0));
-        let wall = |points: &[f32]| -> Vec<f32> {
+        let wall = |points: Vec<f32>| -> Vec<f32> {
             points.chunks(3).map(|p| if p[0] > 0.5 && p[0] < 0.625 { 20.0 } else { 0.0 }).collect()
         };
         assert!(grid.update(Noise::new(0, 0, RandomStream::Occupancy), 0.02, wall));

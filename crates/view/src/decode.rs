@@ -3,11 +3,10 @@
 use std::io::Read;
 
 use base64::prelude::{BASE64_STANDARD, Engine};
-use burn::tensor::Tensor;
 use flate2::read::ZlibDecoder;
 use infonerf_experiment::{DeviceName, open};
 use infonerf_field::{Extent, Field, FieldConfig, FieldSetup, Points, RadianceField};
-use infonerf_ops::to_host;
+use infonerf_ops::{from_host, to_host};
 use infonerf_render::{Model, OccupancyGrid, RenderConfig, Renderer, TrainedModel};
 use infonerf_scene::Scene;
 use infonerf_schedule::Moment;
@@ -179,7 +178,7 @@ fn what_the_shader_reads_is_the_field() {
             let direction = glam::Vec3::new(draw() - 0.5, draw() - 0.5, draw() - 0.7).normalize().to_array();
             let position = [3.0 * u[0] - 1.5, 2.5 * u[1] - 1.5, 3.0 * u[2] - 1.5];
             let field = &trained.model.fine;
-            let [position, seen_along] = [position, direction].map(|v| Tensor::from_floats([v], &field.device()));
+            let [position, seen_along] = [position, direction].map(|v| from_host(&v, 3, &field.device()));
             let points = Points::scattered(position, Extent::Ball { variance: 0.0 }).seen_along(seen_along);
             let sampled = field.evaluate(&points, true, trained.at);
             let expected = [to_host(sampled.sigma), to_host(sampled.color.unwrap())].concat();

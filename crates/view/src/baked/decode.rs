@@ -1,9 +1,8 @@
 //! A baked package read back and evaluated as the shader does: the oracle for packing.
 
-use burn::tensor::Tensor;
 use glam::Vec3;
 use infonerf_field::{Extent, Field, Points};
-use infonerf_ops::to_host;
+use infonerf_ops::{from_host, to_host};
 use infonerf_render::{OccupancyGrid, TrainedModel};
 use infonerf_scene::Aabb;
 use infonerf_train::{Config, Preset};
@@ -108,7 +107,7 @@ fn from_rows(stored: &[u8]) -> Vec<u8> {
 /// The field itself at a point.
 fn exact(trained: &TrainedModel, p: Vec3, direction: Vec3) -> (f32, Vec<f32>) {
     let field = &trained.model.fine;
-    let [p, direction] = [p, direction].map(|v| Tensor::from_floats([v.to_array()], &field.device()));
+    let [p, direction] = [p, direction].map(|v| from_host(&v.to_array(), 3, &field.device()));
     let points = Points::scattered(p, Extent::Ball { variance: 0.0 }).seen_along(direction);
     let sampled = field.evaluate(&points, true, trained.at);
     (to_host(sampled.sigma)[0], to_host(sampled.color.unwrap()))

@@ -18,7 +18,7 @@ fn alpha_of(tau: f32) -> f32 {
 
 /// ln(1 + x) for x > −1.
 #[cube]
-fn ln_1p(x: f32) -> f32 {
+pub(in crate::cube) fn ln_1p(x: f32) -> f32 {
     let mut ln = f32::ln(1.0f32 + x);
     if f32::abs(x) < 0.1f32 {
         let tail = 1.0f32 / 5.0f32 - x * (1.0f32 / 6.0f32 - x * (1.0f32 / 7.0f32 - x / 8.0f32));

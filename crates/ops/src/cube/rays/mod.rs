@@ -7,6 +7,7 @@ use burn::tensor::{Tensor, TensorData};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
+pub(super) use self::kernels::ln_1p;
 use super::{CubeKernel, Pass, apply, empty, empty_like};
 use crate::Segments;
 use crate::composite::MIN_ALPHA_SUM;

@@ -10,6 +10,7 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::reshape;
 use burn_cubecl::tensor::CubeTensor;
 
+use crate::cube::rays::ln_1p;
 use crate::cube::{CubeKernel, Pass, apply, empty};
 use crate::factored::{Layer, Layout, OUTPUTS};
 
@@ -134,7 +135,7 @@ fn bias_relu(y: &mut Tensor<f32>, weights: &Tensor<f32>, bias: usize, columns: u
 /// ln(1 + e^x).
 #[cube]
 fn softplus(x: f32) -> f32 {
-    f32::max(x, 0.0f32) + f32::log1p(f32::exp(-f32::abs(x)))
+    f32::max(x, 0.0f32) + ln_1p(f32::exp(-f32::abs(x)))
 }
 
 #[cube]
