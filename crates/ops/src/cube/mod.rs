@@ -136,7 +136,7 @@ fn arg(tensor: &CubeTensor) -> TensorArg {
 }
 
 /// Dense memory with whatever is in it.
-fn empty(like: &CubeTensor, shape: impl Into<Shape>) -> CubeTensor {
+fn empty<S: Into<Shape>>(like: &CubeTensor, shape: S) -> CubeTensor {
     empty_device_contiguous_dtype(like.client.clone(), like.device.clone(), shape.into(), DType::F32)
 }
 
@@ -146,7 +146,7 @@ fn empty_like(like: &CubeTensor) -> CubeTensor {
 }
 
 /// Dense zeros.
-fn zeros(like: &CubeTensor, shape: impl Into<Shape>) -> CubeTensor {
+fn zeros<S: Into<Shape>>(like: &CubeTensor, shape: S) -> CubeTensor {
     let shape = shape.into();
     // A single row is never padded.
     let row = zeros_client(like.client.clone(), like.device.clone(), [shape.num_elements()].into(), DType::F32);

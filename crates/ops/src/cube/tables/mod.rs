@@ -11,7 +11,7 @@ use burn::tensor::Tensor;
 use burn_cubecl::tensor::CubeTensor;
 
 use self::kernels::{Exchange, Native};
-use super::{CubeKernel, Pass, apply, empty_like, numbers, zeros};
+use super::{CubeKernel, Pass, apply, empty, empty_like, numbers, zeros};
 use crate::factored::{Layout, Level, PLANES, Query};
 
 pub(crate) use network::network;
@@ -48,8 +48,10 @@ impl CubeKernel for Features {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let [tables, positions] = inputs else { unreachable!("tables are read at positions") };
         let samples = positions.meta.shape()[0];
-        // Zero where a level does not count.
-        let out = zeros(tables, [self.rows, self.layout.features()]);
+        // Zero where a level does not count, and in rows that fill up.
+        let is_filled = self.rows == samples && self.levels().count() == self.layout.levels.len();
+        let allocate = if is_filled { empty::<[usize; 2]> } else { zeros::<[usize; 2]> };
+        let out = allocate(tables, [self.rows, self.layout.features()]);
         let weights = numbers(&self.frequency_weights, tables);
         launch!(kernels::frequencies::launch, samples * 3; positions, &weights, &out; self.layout.frequencies);
         for (level, weight) in self.levels() {

@@ -43,8 +43,21 @@ struct Network {
 }
 
 impl Network {
-    /// W of a layer, `[outputs, inputs]`.
+    /// W of a layer, `[outputs, inputs]`: where a buffer may begin there, without a copy.
     fn matrix(layer: &Layer, weights: &CubeTensor) -> CubeTensor {
+        let [start, behind] =
+            [layer.weight, weights.meta.num_elements() - layer.bias()].map(|numbers| 4 * numbers as u64);
+        if start.is_multiple_of(weights.client.properties().memory.alignment) {
+            let CubeTensor { client, device, handle, dtype, .. } = weights.clone();
+            let handle = handle.offset_start(start).offset_end(behind);
+            return CubeTensor::new_contiguous(
+                client,
+                device,
+                Shape::new([layer.outputs, layer.inputs]),
+                handle,
+                dtype,
+            );
+        }
         let range = Slice::from(layer.weight..layer.bias());
         reshape(CubeBackend::float_slice(weights.clone(), &[range]), Shape::new([layer.outputs, layer.inputs]))
     }
@@ -59,13 +72,14 @@ impl CubeKernel for Network {
         self.forward_keeping(inputs).0
     }
 
-    /// Keeps each layer's output before its own activation is applied to the last one.
+    /// Keeps each layer's output, the last one's as the product alone, and then their matrices.
     fn forward_keeping(&self, inputs: &[CubeTensor]) -> (CubeTensor, Vec<CubeTensor>) {
         let weights = &inputs[1];
-        let mut kept: Vec<CubeTensor> = Vec::with_capacity(self.layout.layers.len());
-        for (index, layer) in self.layout.layers.iter().enumerate() {
+        let mut kept: Vec<CubeTensor> = Vec::with_capacity(2 * self.layout.layers.len());
+        let matrices: Vec<CubeTensor> = self.layout.layers.iter().map(|layer| Self::matrix(layer, weights)).collect();
+        for (index, (layer, matrix)) in self.layout.layers.iter().zip(&matrices).enumerate() {
             let x = kept.last().unwrap_or(&inputs[0]).clone();
-            let matrix = CubeBackend::float_transpose(Self::matrix(layer, weights));
+            let matrix = CubeBackend::float_transpose(matrix.clone());
             let y = into_contiguous(CubeBackend::float_matmul(x, matrix));
             if index + 1 < self.layout.layers.len() {
                 let count = y.meta.num_elements();
@@ -80,6 +94,7 @@ impl CubeKernel for Network {
             head::launch, self.samples; raw, weights, inputs.get(2).unwrap_or(raw), &out;
             last.bias(), scale, bias, self.color, self.color && self.layout.view_dependent
         );
+        kept.extend(matrices);
         (out, kept)
     }
 
@@ -113,7 +128,7 @@ impl CubeKernel for Network {
                 add_up::launch, layer.end() - layer.weight; &parts, &sums, &dweights;
                 layer.weight, layer.bias() - layer.weight, layer.outputs, self.parts, SUMS
             );
-            dy = into_contiguous(CubeBackend::float_matmul(dy, Self::matrix(layer, weights)));
+            dy = into_contiguous(CubeBackend::float_matmul(dy, pass.kept[layers.len() + index].clone()));
         }
         vec![Some(dy), Some(dweights), None]
     }
