@@ -15,9 +15,11 @@ fn a_step_uploads_its_samples_and_pixels_and_reads_twice() {
         assert_eq!(steps(&mut trainer, 1).len(), 1);
         let traffic = trainer.profile().traffic() - before;
         let samples = trainer.progress().samples_evaluated - evaluated;
-        // Of each pass the positions, lengths and distances of its samples, and the background; the pixels' colours.
-        assert_eq!(traffic.uploads, 2 * 4 + 1, "step {step}");
-        assert_eq!(traffic.uploaded_bytes, 4 * ((3 + 1 + 1) * samples + 2 * 3 + 3 * 24), "step {step}");
+        // Of each pass the positions, lengths and distances of its samples, the directions and radii of its rays (which a GPU is
+        // given at once), and the background; the pixels' colours.
+        assert_eq!(traffic.uploads, 2 * 6 + 1, "step {step}");
+        let of_rays = 2 * (3 + 1) * 24 + 3 * 24;
+        assert_eq!(traffic.uploaded_bytes, 4 * ((3 + 1 + 1) * samples + of_rays + 2 * 3), "step {step}");
         // The coarse pass's optical depths, and the step's numbers.
         assert_eq!((traffic.reads, traffic.launches), (2, 0), "step {step}");
     }
