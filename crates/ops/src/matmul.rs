@@ -127,6 +127,10 @@ impl Product<'_> {
     }
 
     /// `R` rows of a strip. Rows are copied whole, and b by value: the compiler then keeps all sums in registers.
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "iterators are not compiled for the instruction set chosen at run time"
+    )]
     #[inline(always)]
     fn tile<const FMA: bool, const R: usize, const N: usize>(&mut self, row: usize, column: usize) {
         let ((y, y_at), (a, a_at), (b, b_at)) = (&mut self.y, self.a, self.b);

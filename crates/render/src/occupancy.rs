@@ -212,10 +212,10 @@ impl OccupancyGrid {
     }
 
     /// Marks the neighbours of all marked cells, also those across an edge or a corner.
-    fn widen(&self, marks: &mut Vec<u8>) {
+    fn widen(&self, marks: &mut [u8]) {
         let n = self.config.resolution;
         for stride in [1, n, n * n] {
-            let before = marks.clone();
+            let before = marks.to_vec();
             let pairs = |from: &[u8], to: &mut [u8]| to.iter_mut().zip(from).for_each(|(to, from)| *to |= from);
             for (before, marks) in before.chunks_exact(stride * n).zip(marks.chunks_exact_mut(stride * n)) {
                 pairs(&before[stride..], &mut marks[..(n - 1) * stride]);

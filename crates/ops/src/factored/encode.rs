@@ -103,6 +103,7 @@ pub(super) struct Places {
 }
 
 /// The places of a block on a level of this resolution.
+#[allow(clippy::needless_range_loop, reason = "iterators are not compiled for the instruction set chosen at run time")]
 #[inline(always)]
 pub(super) fn places(positions: &Block, resolution: usize) -> Places {
     let mut places = Places { before: [[0; BLOCK]; 3], behind: [[0.0; BLOCK]; 3] };
