@@ -103,9 +103,9 @@ fn show_run(dir: &Path, page: Option<&Path>) -> Result<()> {
         let error = PoseError::of(of, from, scene.space.centre.as_dvec3());
         format!("{:.2}° and {:.2} % of their distance", error.rotation_deg, error.translation_percent)
     };
-    outln!("learnt cameras are {} from the given ones", apart(&learnt, &given));
+    outln!("learnt cameras: {} from the given ones", apart(&learnt, &given));
     if let Some(exact) = &scene.exact_cameras {
-        outln!("from the exact ones were {} the given, are {} the learnt", apart(&given, exact), apart(&learnt, exact));
+        outln!("error of the given cameras: {}; of the learnt ones: {}", apart(&given, exact), apart(&learnt, exact));
     }
     if let Some(page) = page {
         let exact = scene.exact_cameras.as_ref().unwrap_or(&given);
