@@ -201,6 +201,22 @@ mod tests {
     }
 
     #[test]
+    fn every_instruction_set_gives_the_same_product() {
+        let [m, n, k] = [29, 48, 7];
+        let a: Vec<f32> = (0..m * k).map(|i| (i % 23) as f32 - 11.0).collect();
+        let b: Vec<f32> = (0..k * n).map(|i| (i % 17) as f32 - 8.0).collect();
+        let sum = |i: usize| (0..k).map(|j| a[i / n * k + j] * b[j * n + i % n]).sum::<f32>();
+        for instructions in simd::Instructions::ALL.into_iter().filter(|instructions| instructions.present()) {
+            let mut y = vec![f32::NAN; m * n];
+            let [y_at, a_at, b_at] = [n, k, n].map(|row| Matrix::rows(0, row));
+            let whole =
+                Product { sizes: [m, n, k], onto: Onto::Nothing, y: (&mut y, y_at), a: (&a, a_at), b: (&b, b_at) };
+            instructions.run(whole);
+            assert!((0..m * n).all(|i| y[i] == sum(i)), "{instructions:?}");
+        }
+    }
+
+    #[test]
     #[should_panic(expected = "matrices within slices")]
     fn what_reaches_out_is_refused() {
         let at = Matrix::rows(0, 16);

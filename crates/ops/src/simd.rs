@@ -7,32 +7,78 @@ pub(crate) trait Job {
     fn run<const FMA: bool, const WIDE: bool>(self);
 }
 
-/// Does `job` with the widest vectors that this processor has.
-pub(crate) fn run(job: impl Job) {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if is_x86_feature_detected!("avx512f")
-            && is_x86_feature_detected!("avx512dq")
-            && is_x86_feature_detected!("avx512bw")
-            && is_x86_feature_detected!("avx512vl")
-        {
-            #[target_feature(enable = "avx2,fma,avx512f,avx512dq,avx512bw,avx512vl")]
-            fn widest(job: impl Job) {
-                job.run::<true, true>();
+/// What code is compiled for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Instructions {
+    /// AVX-512 with its F, DQ, BW and VL parts.
+    Avx512,
+    /// AVX2 and FMA.
+    Avx2,
+    /// Those that every processor of the target has.
+    Baseline,
+}
+
+impl Instructions {
+    /// Widest first.
+    pub(crate) const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Baseline];
+
+    /// Whether this processor has them.
+    pub(crate) fn present(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                is_x86_feature_detected!("avx512f")
+                    && is_x86_feature_detected!("avx512dq")
+                    && is_x86_feature_detected!("avx512bw")
+                    && is_x86_feature_detected!("avx512vl")
             }
-            // SAFETY: the features that `widest` is compiled for were just detected.
-            #[allow(unsafe_code, reason = "the only way to call code for a detected instruction set")]
-            return unsafe { widest(job) };
-        }
-        if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") {
-            #[target_feature(enable = "avx2,fma")]
-            fn wide(job: impl Job) {
-                job.run::<true, false>();
-            }
-            // SAFETY: the features that `wide` is compiled for were just detected.
-            #[allow(unsafe_code, reason = "the only way to call code for a detected instruction set")]
-            return unsafe { wide(job) };
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma"),
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Avx512 | Self::Avx2 => false,
+            Self::Baseline => true,
         }
     }
-    if cfg!(target_arch = "aarch64") { job.run::<true, false>() } else { job.run::<false, false>() }
+
+    /// Does `job` with them.
+    ///
+    /// # Panics
+    /// If this processor does not have them.
+    pub(crate) fn run(self, job: impl Job) {
+        assert!(self.present(), "{self:?}: not on this processor");
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                #[target_feature(enable = "avx2,fma,avx512f,avx512dq,avx512bw,avx512vl")]
+                fn widest(job: impl Job) {
+                    job.run::<true, true>();
+                }
+                // SAFETY: the features that `widest` is compiled for are present.
+                #[allow(unsafe_code, reason = "the only way to call code for a detected instruction set")]
+                unsafe {
+                    widest(job);
+                }
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => {
+                #[target_feature(enable = "avx2,fma")]
+                fn wide(job: impl Job) {
+                    job.run::<true, false>();
+                }
+                // SAFETY: the features that `wide` is compiled for are present.
+                #[allow(unsafe_code, reason = "the only way to call code for a detected instruction set")]
+                unsafe {
+                    wide(job);
+                }
+            }
+            _ if cfg!(target_arch = "aarch64") => job.run::<true, false>(),
+            _ => job.run::<false, false>(),
+        }
+    }
+}
+
+/// Does `job` with the widest vectors that this processor has.
+pub(crate) fn run(job: impl Job) {
+    let widest = Instructions::ALL.into_iter().find(|instructions| instructions.present());
+    widest.expect("every processor has the baseline").run(job);
 }
