@@ -93,8 +93,10 @@ pub(crate) mod testing {
             pixels: vec![infonerf_scene::PixelAt { view: 0, x: 0.5, y: 0.5 }; rays],
             background: [1.0; 3],
         };
+        let seen = Bundle { passes: Passes { coarse: None, fine: output }, target: Some(target) };
         Renders {
-            seen: Bundle { passes: Passes { coarse: None, fine: output }, target: Some(target) },
+            squared_error: seen.squared_error(),
+            seen,
             unseen: None,
             neighbours: NeighbourBundles::default(),
             picture: None,

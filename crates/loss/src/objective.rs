@@ -90,13 +90,15 @@ pub fn needs(terms: &[DueTerm<'_>]) -> Vec<Need> {
 impl LossValues {
     /// Evaluates `terms` on the renders that they need.
     pub fn of(terms: &[DueTerm<'_>], renders: &Renders) -> Self {
-        let mut total = renders.zero();
-        let mut values = Vec::with_capacity(terms.len());
-        for due in terms {
-            let value = due.term.value(renders);
-            total = total + value.clone() * due.weight;
-            values.push((due.name, value));
-        }
+        let values: Vec<(&'static str, Tensor<1>)> =
+            terms.iter().map(|due| (due.name, due.term.value(renders))).collect();
+        let weighted = values.iter().zip(terms).map(|((_, value), due)| scaled(value.clone(), due.weight));
+        let total = weighted.reduce(|sum, value| sum + value).unwrap_or_else(|| renders.zero());
         Self { total, values }
     }
+}
+
+/// `value` times a `factor` that often is 1: each product is a kernel to launch on a GPU, and one more on the way back.
+pub(crate) fn scaled(value: Tensor<1>, factor: f32) -> Tensor<1> {
+    if factor == 1.0 { value } else { value * factor }
 }

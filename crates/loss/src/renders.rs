@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use burn::tensor::Tensor;
 use infonerf_field::Penalty;
+use infonerf_ops::means::mean_squared_difference;
 use infonerf_render::{Passes, RenderOutput};
 use infonerf_scene::PixelAt;
 use serde::{Deserialize, Serialize};
@@ -135,6 +136,12 @@ impl Bundle {
     pub fn rays(&self) -> usize {
         self.output().segments().rays()
     }
+
+    /// Mean squared error of the colours over rays and channels, where these were rendered and there are pixels.
+    pub fn squared_error(&self) -> Option<Tensor<1>> {
+        let (color, target) = (self.output().color.clone()?, self.target.as_ref()?.rgb.clone());
+        Some(mean_squared_difference(color, target))
+    }
 }
 
 /// Density along neighbouring rays, paired with those of a bundle by index.
@@ -162,6 +169,8 @@ pub struct Picture {
 pub struct Renders {
     /// Rays of training images.
     pub seen: Bundle,
+    /// [`Bundle::squared_error`] of these, which is both minimised and reported.
+    pub squared_error: Option<Tensor<1>>,
     /// Rays of an unseen pose, if requested.
     pub unseen: Option<Bundle>,
     /// Neighbours, if requested.
@@ -198,12 +207,15 @@ impl Renders {
         outputs: impl Iterator<Item = &'a RenderOutput>,
         of: impl Fn(&RenderOutput) -> Tensor<1>,
     ) -> Tensor<1> {
-        let (mut sum, mut rays) = (self.zero(), 0);
-        for output in outputs {
-            sum = sum + of(output).sum();
-            rays += output.segments().rays();
+        self.mean_of_sums(outputs.map(|output| (of(output).sum(), output.segments().rays())))
+    }
+
+    /// Mean over all rays, given sums with the number of rays of each; 0 without rays.
+    pub fn mean_of_sums(&self, sums: impl Iterator<Item = (Tensor<1>, usize)>) -> Tensor<1> {
+        match sums.reduce(|(sum, rays), (more, more_rays)| (sum + more, rays + more_rays)) {
+            Some((sum, rays)) => sum / rays.max(1) as f32,
+            None => self.zero(),
         }
-        sum / rays.max(1) as f32
     }
 
     /// The outputs of `rays`.

@@ -42,14 +42,78 @@ pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Comp
     dispatch! {
         &tau.device();
         host => split(crate::ray_kernel::apply(host::CompositeKernel { segments: segments.clone(), channels }, (tau, values)), channels),
-        cube if samples > 0 => split(crate::cube::composite(tau, values, segments), channels),
+        cube if samples > 0 => {
+            let (values, _, acc) = crate::cube::composite(tau, Some(values), None, None, segments);
+            Composite { values: values.expect("values were given"), acc }
+        },
         plain => plain(tau, values, segments),
     }
 }
 
-#[cfg(any(feature = "flex", feature = "cube"))]
+#[cfg(feature = "flex")]
 fn split(packed: Tensor<2>, channels: usize) -> Composite {
     Composite { acc: packed.clone().narrow(1, channels, 1).squeeze_dim(1), values: packed.narrow(1, 0, channels) }
+}
+
+/// The result of [`composite_over`], one row per ray.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// Σ wᵢ cᵢ + (1 − Σ wᵢ) · background, `[R, 3]`, where colours were given.
+    pub color: Option<Tensor<2>>,
+    /// Σ wᵢ tᵢ, `[R]`.
+    pub depth: Tensor<1>,
+    /// Σ wᵢ, `[R]`.
+    pub acc: Tensor<1>,
+}
+
+/// Composites the colours of packed samples, `[M, 3]`, over a background, and their `distances`, `[M]`, which have no gradient.
+/// Otherwise as [`composite`].
+///
+/// # Panics
+/// If the shapes do not match `segments`.
+pub fn composite_over(
+    tau: Tensor<1>,
+    color: Option<Tensor<2>>,
+    distances: Tensor<1>,
+    background: [f32; 3],
+    segments: &Segments,
+) -> Seen {
+    let samples = segments.samples();
+    assert_eq!([tau.dims(), distances.dims()], [[samples]; 2], "τ and distance are one number per packed sample");
+    dispatch! {
+        &tau.device();
+        host => over(tau, color, distances, background, segments),
+        cube if samples > 0 => {
+            let background = color.is_some().then_some(background);
+            let (color, depth, acc) = crate::cube::composite(tau, color, Some(distances), background, segments);
+            Seen { color, depth, acc }
+        },
+        plain => over(tau, color, distances, background, segments),
+    }
+}
+
+/// [`composite_over`] by way of [`composite`].
+fn over(
+    tau: Tensor<1>,
+    color: Option<Tensor<2>>,
+    distances: Tensor<1>,
+    background: [f32; 3],
+    segments: &Segments,
+) -> Seen {
+    let (device, is_colored) = (tau.device(), color.is_some());
+    let t = distances.detach().unsqueeze_dim(1);
+    let values = match color {
+        Some(color) => Tensor::cat(vec![color, t], 1),
+        None => t,
+    };
+    let Composite { values, acc } = composite(tau, values, segments);
+    let color = is_colored.then(|| {
+        let behind = acc.clone().neg() + 1.0;
+        let background = upload(background.to_vec(), [1, 3], &device);
+        values.clone().narrow(1, 0, 3) + behind.unsqueeze_dim::<2>(1).mul(background)
+    });
+    let depth = values.narrow(1, if is_colored { 3 } else { 0 }, 1).reshape([segments.rays()]);
+    Seen { color, depth, acc }
 }
 
 /// Compositing weights `w` of packed samples on the host, `[M]`, without a gradient: for importance sampling.

@@ -64,12 +64,15 @@ pub fn ray_entropy(tau: Tensor<1>, segments: &Segments, distribution: RayDistrib
     dispatch! {
         &tau.device();
         host => split(crate::ray_kernel::apply(host::EntropyKernel { segments: segments.clone(), distribution, epsilon }, tau)),
-        cube if segments.samples() > 0 && distribution == RayDistribution::Alpha => split(crate::cube::entropy(tau, segments, epsilon)),
+        cube if segments.samples() > 0 && distribution == RayDistribution::Alpha => {
+            let [bits, alpha_sum] = crate::cube::entropy(tau, segments, epsilon);
+            RayEntropy { bits, alpha_sum }
+        },
         plain => plain(tau, segments, distribution, epsilon),
     }
 }
 
-#[cfg(any(feature = "flex", feature = "cube"))]
+#[cfg(feature = "flex")]
 fn split(packed: Tensor<2>) -> RayEntropy {
     let column = |i: usize| packed.clone().narrow(1, i, 1).squeeze_dim::<1>(1);
     RayEntropy { bits: column(0), alpha_sum: column(1) }

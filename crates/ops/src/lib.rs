@@ -61,6 +61,7 @@ pub mod integrated;
 pub mod kernel;
 #[cfg(feature = "flex")]
 mod matmul;
+pub mod means;
 pub mod mlp;
 pub mod numeric;
 #[cfg(feature = "flex")]
@@ -79,7 +80,7 @@ pub mod unit_box;
 
 pub use additive::additive_depth;
 pub use bilinear::bilinear;
-pub use composite::{Composite, composite};
+pub use composite::{Composite, Seen, composite, composite_over};
 pub use distortion::{Intervals, ray_distortion};
 pub use divergence::ray_divergence;
 pub use entropy::{RayDistribution, RayEntropy, ray_entropy};
@@ -92,7 +93,7 @@ pub use mlp::radiance_mlp;
 pub use peak::Peak;
 pub use rotation::rotate;
 pub use segments::Segments;
-pub use traffic::{HostNumber, Traffic, from_host, to_host, upload, upload_together};
+pub use traffic::{HostNumber, Traffic, from_host, to_host, to_host_together, upload, upload_together};
 pub use trilinear::trilinear;
 pub use unit_box::unit_box;
 

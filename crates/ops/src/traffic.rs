@@ -4,7 +4,7 @@ use std::ops::{Add, Sub};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use burn::tensor::kind::Basic;
-use burn::tensor::{Bool, Device, Element, Float, Int, Tensor, TensorData};
+use burn::tensor::{Bool, Device, Element, Float, Int, Tensor, TensorData, Transaction};
 use serde::Serialize;
 
 use crate::dispatch::dispatch;
@@ -62,10 +62,25 @@ pub fn from_host(rows: &[f32], columns: usize, device: &Device) -> Tensor<2> {
 
 /// A tensor's numbers on the host, row-major, in single precision.
 pub fn to_host<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    let data = tensor.into_data();
+    read(vec![tensor.into_data()])
+}
+
+/// The numbers of several tensors, one after the other, read at once: a GPU is waited for once.
+pub fn to_host_together(tensors: impl IntoIterator<Item = Tensor<1>>) -> Vec<f32> {
+    read(tensors.into_iter().fold(Transaction::default(), |all, tensor| all.register(tensor.inner())).execute())
+}
+
+fn read(data: Vec<TensorData>) -> Vec<f32> {
+    let bytes: usize = data.iter().map(|data| data.bytes().len()).sum();
     COUNTERS.reads.fetch_add(1, Ordering::Relaxed);
-    COUNTERS.read_bytes.fetch_add(data.bytes().len() as u64, Ordering::Relaxed);
-    data.convert::<f32>().try_to_vec().expect("the data were just converted to f32")
+    COUNTERS.read_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+    let floats = |data: TensorData| data.convert::<f32>().try_to_vec().expect("the data were just converted to f32");
+    let mut parts = data.into_iter().map(floats);
+    let first = parts.next().unwrap_or_default();
+    parts.fold(first, |mut all, part| {
+        all.extend::<Vec<f32>>(part);
+        all
+    })
 }
 
 /// What has passed between the host and its devices; differences are of what passed in between.

@@ -1,6 +1,5 @@
-use burn::tensor::Tensor;
 use infonerf_field::Field;
-use infonerf_ops::{Composite, additive_depth, composite::composite, upload};
+use infonerf_ops::{Seen, additive_depth, composite_over};
 use infonerf_scene::{Backdrop, Ray, Scene};
 use infonerf_schedule::Moment;
 
@@ -130,7 +129,6 @@ impl Renderer {
         at: Moment,
     ) -> RenderOutput {
         let device = field.device();
-        let rays = samples.segments.rays();
         if samples.segments.samples() == 0 {
             return RenderOutput::empty(samples, request, background, &device);
         }
@@ -140,18 +138,9 @@ impl Renderer {
             Compositing::Exponential => tau,
             Compositing::Additive => additive_depth(tau, &samples.segments),
         };
-        let t = samples.distance.clone().unsqueeze_dim(1);
-        let values = match sampled.color {
-            Some(color) => Tensor::cat(vec![color, t], 1),
-            None => t,
-        };
-        let Composite { values, acc } = composite(tau.clone(), values, &samples.segments);
-        let color = request.color.then(|| {
-            let behind = acc.clone().neg() + 1.0;
-            let background = upload(background.to_vec(), [1, 3], &device);
-            values.clone().narrow(1, 0, 3) + behind.unsqueeze_dim::<2>(1).mul(background)
-        });
-        let depth = values.narrow(1, if request.color { 3 } else { 0 }, 1).reshape([rays]);
+        let distances = samples.distance.clone();
+        let Seen { color, depth, acc } =
+            composite_over(tau.clone(), sampled.color, distances, background, &samples.segments);
         RenderOutput { samples, tau, color, depth, acc, background }
     }
 }

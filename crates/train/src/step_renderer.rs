@@ -70,6 +70,7 @@ impl<F: Field> StepRenderer<'_, F> {
         };
         let size = needs.iter().find_map(|need| if let Need::Picture { size } = need { Some(*size) } else { None });
         Renders {
+            squared_error: seen_bundle.squared_error(),
             seen: seen_bundle,
             unseen: unseen.map(|(_, bundle)| bundle),
             neighbours,

@@ -1,4 +1,5 @@
 use burn::tensor::Tensor;
+use infonerf_ops::means::{mask_above, sum_above};
 use infonerf_ops::{RayDistribution, ray_entropy};
 use infonerf_render::RenderOutput;
 use infonerf_schedule::{Fault, Schedule};
@@ -65,21 +66,40 @@ impl TermSpec for EntropyConfig {
 impl Term for EntropyConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let neighbours = renders.neighbours(self.rays).filter(|_| self.neighbours);
-        renders.mean(renders.outputs(self.rays).chain(neighbours), |output| {
-            masked_entropy(output, self.distribution, self.mask, self.epsilon)
-        })
+        let outputs = renders.outputs(self.rays).chain(neighbours);
+        renders.mean_of_sums(outputs.map(|output| {
+            let (bits, measure) = entropy(output, self.distribution, self.mask, self.epsilon);
+            let sum = match measure {
+                Some(measure) => sum_above(bits, measure, self.mask.threshold),
+                None => bits.sum(),
+            };
+            (sum, output.segments().rays())
+        }))
     }
 }
 
 /// M(r)·H(r) of each ray in bits (InfoNeRF, Eq. 5 and 6), `[R]`. The mask has no gradient.
 pub fn masked_entropy(output: &RenderOutput, distribution: RayDistribution, mask: HitMask, epsilon: f32) -> Tensor<1> {
+    match entropy(output, distribution, mask, epsilon) {
+        (bits, Some(measure)) => mask_above(bits, measure, mask.threshold),
+        (bits, None) => bits,
+    }
+}
+
+/// H(r) of each ray in bits, `[R]`, and what is compared with the mask's threshold, `[R]`, unless every ray counts.
+fn entropy(
+    output: &RenderOutput,
+    distribution: RayDistribution,
+    mask: HitMask,
+    epsilon: f32,
+) -> (Tensor<1>, Option<Tensor<1>>) {
     let entropy = ray_entropy(output.tau.clone(), output.segments(), distribution, epsilon);
     let measure = match mask.rule {
-        HitRule::Acc => output.acc.clone(),
-        HitRule::AlphaSum => entropy.alpha_sum,
-        HitRule::All => return entropy.bits,
+        HitRule::Acc => Some(output.acc.clone()),
+        HitRule::AlphaSum => Some(entropy.alpha_sum),
+        HitRule::All => None,
     };
-    entropy.bits * measure.detach().greater_elem(mask.threshold).float()
+    (entropy.bits, measure)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use infonerf_render::RenderOutput;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::{Bundle, Need, RaySet, Renders, Term, TermSetup, TermSpec};
 
 /// Information gain reduction (InfoNeRF, Sec. 4.3): the divergence of each ray's distribution from its neighbour's, in
 /// nats, mean over all pairs.
@@ -63,12 +63,9 @@ impl TermSpec for KlConfig {
 
 impl Term for KlConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let (mut sum, mut pairs) = (renders.zero(), 0);
-        for (bundle, near) in renders.pairs(self.rays) {
-            sum = sum + self.divergence(bundle.output(), near).sum();
-            pairs += bundle.rays();
-        }
-        sum / pairs.max(1) as f32
+        let divergence =
+            |(bundle, near): (&Bundle, &RenderOutput)| (self.divergence(bundle.output(), near).sum(), bundle.rays());
+        renders.mean_of_sums(renders.pairs(self.rays).map(divergence))
     }
 }
 

@@ -1,7 +1,9 @@
 use burn::tensor::Tensor;
+use infonerf_ops::means::mean_squared_difference;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
+use crate::objective::scaled;
 use crate::{Need, Renders, Term, TermSetup, TermSpec};
 
 /// L_RGB (InfoNeRF, Eq. 3): mean over the rays of training images.
@@ -42,26 +44,28 @@ impl TermSpec for PhotometricConfig {
 
 impl Term for PhotometricConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let passes = &renders.seen.passes;
+        let fine = renders.squared_error.clone().expect("colour was asked for");
+        let fine = self.norm.of_mean(fine);
+        let Some(coarse) = &renders.seen.passes.coarse else { return fine };
         let target = &renders.seen.target.as_ref().expect("training images show colours").rgb;
-        let of = |color: &Option<Tensor<2>>| {
-            photometric_loss(color.clone().expect("colour was asked for"), target.clone(), self.norm)
-        };
-        let fine = of(&passes.fine.color);
-        match &passes.coarse {
-            Some(coarse) => fine + of(&coarse.color) * self.coarse,
-            None => fine,
+        let color = coarse.color.clone().expect("colour was asked for");
+        fine + scaled(photometric_loss(color, target.clone(), self.norm), self.coarse)
+    }
+}
+
+impl Norm {
+    /// The loss, given its mean over rays and channels.
+    fn of_mean(self, mean: Tensor<1>) -> Tensor<1> {
+        match self {
+            Self::Mean => mean,
+            Self::Squared => mean * 3.0,
         }
     }
 }
 
 /// L_RGB of rendered `color` against `target`, both `[R, 3]` in [0, 1] (InfoNeRF, Eq. 3); a scalar.
 pub fn photometric_loss(color: Tensor<2>, target: Tensor<2>, norm: Norm) -> Tensor<1> {
-    let mean = (color - target).square().mean();
-    match norm {
-        Norm::Mean => mean,
-        Norm::Squared => mean * 3.0,
-    }
+    norm.of_mean(mean_squared_difference(color, target))
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@ use infonerf_field::Penalty;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
+use crate::objective::scaled;
 use crate::{Need, Renders, Term, TermSetup, TermSpec};
 
 /// Total variation of a field's tables (planes, grids), as the field defines its mean; 0 for a field without tables.
@@ -22,7 +23,7 @@ pub struct TvConfig {
 /// Total variation times a factor that depends on the scene.
 #[derive(Debug)]
 struct Tv {
-    factor: f64,
+    factor: f32,
 }
 
 impl TermSpec for TvConfig {
@@ -31,13 +32,13 @@ impl TermSpec for TvConfig {
     }
 
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
-        Ok(Box::new(Tv { factor: factor(self.views, setup.scene.train.len()) }))
+        Ok(Box::new(Tv { factor: factor(self.views, setup.scene.train.len()) as f32 }))
     }
 }
 
 impl Term for Tv {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        renders.penalty(Penalty::TOTAL_VARIATION) * self.factor
+        scaled(renders.penalty(Penalty::TOTAL_VARIATION), self.factor)
     }
 }
 
@@ -55,7 +56,7 @@ mod tests {
     fn twice_as_many_views_halve_it() {
         assert_eq!([factor(4, 2), factor(4, 4), factor(4, 8), factor(0, 8)], [2.0, 1.0, 0.5, 1.0]);
         let mut renders = testing::renders(&[&[0.5]]);
-        let term = Tv { factor: factor(4, 8) };
+        let term = Tv { factor: factor(4, 8) as f32 };
         assert_eq!(term.value(&renders).into_scalar::<f32>(), 0.0);
         renders.penalties.insert(Penalty::TOTAL_VARIATION, renders.zero() + 3.0);
         assert_eq!(term.value(&renders).into_scalar::<f32>(), 1.5);

@@ -14,6 +14,8 @@ macro_rules! launch {
 
 mod adam;
 mod encode;
+mod means;
+mod outputs;
 mod rays;
 mod tables;
 mod together;
@@ -36,6 +38,7 @@ use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use encode::{frequency, integrated};
+pub(crate) use means::{Summand, sum};
 pub(crate) use rays::{composite, divergence, entropy};
 pub(crate) use tables::{features, network};
 pub(crate) use together::together;

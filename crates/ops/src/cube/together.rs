@@ -3,11 +3,9 @@
 use burn::tensor::{self, Device};
 use burn_cubecl::tensor::CubeTensor;
 
+use super::outputs::{ALIGNMENT, part};
 use super::{CubeKernel, Pass, apply};
 use crate::upload;
-
-/// Numbers to whose multiples an array's start is rounded up: half a kilobyte, which every device can begin a buffer at.
-const ALIGNMENT: usize = 128;
 
 /// Each of `arrays` as a tensor, all of them parts of one buffer.
 pub(crate) fn together<const N: usize>(arrays: [Vec<f32>; N], device: &Device) -> [tensor::Tensor<1>; N] {
@@ -35,11 +33,7 @@ struct Part {
 
 impl CubeKernel for Part {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        let all = inputs[0].clone();
-        let bytes = |numbers: usize| (numbers * size_of::<f32>()) as u64;
-        let behind = all.meta.num_elements() - self.start - self.count;
-        let handle = all.handle.offset_start(bytes(self.start)).offset_end(bytes(behind));
-        CubeTensor::new_contiguous(all.client, all.device, [self.count].into(), handle, all.dtype)
+        part(inputs[0].clone(), self.start, [self.count])
     }
 
     fn backward(&self, _pass: Pass<'_>) -> Vec<Option<CubeTensor>> {

@@ -1,8 +1,7 @@
 use std::collections::BTreeMap;
 
-use burn::tensor::Tensor;
-use infonerf_loss::{LossValues, Norm, Renders, photometric_loss};
-use infonerf_ops::to_host;
+use infonerf_loss::{LossValues, Renders};
+use infonerf_ops::to_host_together;
 
 use crate::TrainError;
 
@@ -26,13 +25,10 @@ impl Numbers {
     pub(super) fn read(losses: &LossValues, renders: &Renders, step: usize) -> Result<Self, TrainError> {
         let (output, target) = (renders.seen.output(), renders.seen.target.as_ref());
         let target = target.expect("training images show colours");
-        let mse = match &output.color {
-            Some(color) => photometric_loss(color.clone(), target.rgb.clone(), Norm::Mean),
-            None => renders.zero(),
-        };
+        let mse = renders.squared_error.clone().unwrap_or_else(|| renders.zero());
         let scalars = [losses.total.clone(), mse, output.acc.clone().mean()];
         let terms = losses.values.iter().map(|(_, value)| value.clone());
-        let values = to_host(Tensor::cat(scalars.into_iter().chain(terms).map(Tensor::detach).collect(), 0));
+        let values = to_host_together(scalars.into_iter().chain(terms));
         let named = losses.values.iter().map(|(name, _)| *name).zip(values[3..].iter().copied());
         let named: Vec<(&str, f32)> = named.collect();
         if let Some((term, value)) = named.iter().chain([&("total", values[0])]).find(|(_, value)| !value.is_finite()) {

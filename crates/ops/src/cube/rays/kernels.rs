@@ -91,73 +91,117 @@ fn ln_density(alpha: f32, place: usize, ray: &Ray, epsilon: f32) -> f32 {
     ln
 }
 
-/// Row `ray` of `out`: its integrated values and Σw.
+/// What is seen along a ray: its integrated values, on the background as far as it lets through, distances and Σw.
 #[cube(launch)]
 pub(super) fn composite_forward(
     tau: &Tensor<f32>,
     values: &Tensor<f32>,
+    distances: &Tensor<f32>,
     offsets: &Tensor<i32>,
     out: &mut Tensor<f32>,
+    depth: &mut Tensor<f32>,
+    acc: &mut Tensor<f32>,
+    red: f32,
+    green: f32,
+    blue: f32,
     #[comptime] channels: usize,
+    #[comptime] on_background: bool,
+    #[comptime] has_distances: bool,
 ) {
     let place = ABSOLUTE_POS;
-    if place >= out.shape(0) {
+    if place >= acc.shape(0) {
         terminate!();
     }
     let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
-    let row = place * (channels + 1);
+    let row = place * channels;
     for c in 0..channels {
         out[row + c] = 0.0f32;
     }
     let mut trans = 1.0f32;
-    let mut acc = 0.0f32;
+    let mut sum = 0.0f32;
+    let mut distance = 0.0f32;
     for i in start..end {
         let w = trans * alpha_of(tau[i]);
         trans *= f32::exp(-tau[i]);
-        acc += w;
+        sum += w;
         for c in 0..channels {
             out[row + c] += w * values[i * channels + c];
         }
+        if has_distances {
+            distance += w * distances[i];
+        }
     }
-    out[row + channels] = acc;
+    if on_background {
+        out[row] += (1.0f32 - sum) * red;
+        out[row + 1] += (1.0f32 - sum) * green;
+        out[row + 2] += (1.0f32 - sum) * blue;
+    }
+    acc[place] = sum;
+    depth[place] = distance;
 }
 
-/// Gradients with respect to τ and the values.
+/// Gradients with respect to τ and the values, given those of what is seen as far as it has one.
 #[cube(launch)]
 pub(super) fn composite_backward(
     tau: &Tensor<f32>,
     values: &Tensor<f32>,
+    distances: &Tensor<f32>,
     offsets: &Tensor<i32>,
-    grad: &Tensor<f32>,
+    dout: &Tensor<f32>,
+    ddepth: &Tensor<f32>,
+    dacc: &Tensor<f32>,
     dtau: &mut Tensor<f32>,
     dvalues: &mut Tensor<f32>,
+    red: f32,
+    green: f32,
+    blue: f32,
     #[comptime] channels: usize,
+    #[comptime] on_background: bool,
+    #[comptime] has_dout: bool,
+    #[comptime] has_ddepth: bool,
+    #[comptime] has_dacc: bool,
 ) {
     let place = ABSOLUTE_POS;
-    if place >= grad.shape(0) {
+    if place >= offsets.shape(0) - 1 {
         terminate!();
     }
     let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
-    let row = place * (channels + 1);
-    let dacc = grad[row + channels];
+    let row = place * channels;
     // T_{i+1} is kept in dtau until the second pass replaces it.
     let mut trans = 1.0f32;
     for i in start..end {
         let w = trans * alpha_of(tau[i]);
         for c in 0..channels {
-            dvalues[i * channels + c] = w * grad[row + c];
+            let mut slope = 0.0f32;
+            if has_dout {
+                slope = w * dout[row + c];
+            }
+            dvalues[i * channels + c] = slope;
         }
         trans *= f32::exp(-tau[i]);
         dtau[i] = trans;
+    }
+    // What each sample is worth whatever it shows.
+    let mut common = 0.0f32;
+    if has_dacc {
+        common += dacc[place];
+    }
+    if on_background && has_dout {
+        common -= dout[row] * red + dout[row + 1] * green + dout[row + 2] * blue;
     }
     // As on the host: how much more a sample is worth than what lies behind it.
     let mut behind = 0.0f32;
     let mut worth = 0.0f32;
     for step in 0..end - start {
         let i = end - 1 - step;
-        let mut u = dacc;
-        for c in 0..channels {
-            u += grad[row + c] * values[i * channels + c];
+        let mut u = common;
+        if has_dout {
+            for c in 0..channels {
+                u += dout[row + c] * values[i * channels + c];
+            }
+        }
+        if has_ddepth {
+            u += ddepth[place] * distances[i];
         }
         worth += u - behind;
         behind = u;
@@ -166,31 +210,32 @@ pub(super) fn composite_backward(
     }
 }
 
-/// Row `ray` of `out`: its entropy in bits and Σα.
+/// A ray's entropy in bits and Σα.
 #[cube(launch)]
 pub(super) fn entropy_forward(
     tau: &Tensor<f32>,
     offsets: &Tensor<i32>,
-    out: &mut Tensor<f32>,
+    bits: &mut Tensor<f32>,
+    alpha_sum: &mut Tensor<f32>,
     epsilon: f32,
     least: f32,
 ) {
     let place = ABSOLUTE_POS;
-    if place >= out.shape(0) {
+    if place >= bits.shape(0) {
         terminate!();
     }
     let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
     let ray = ray_of(tau, start, end);
     let missed = ray.sum < least;
-    let mut bits = 0.0f32;
+    let mut entropy = 0.0f32;
     if !missed {
         for i in start..end {
             let alpha = alpha_of(tau[i]);
-            bits -= alpha / ray.sum * ln_density(alpha, i, &ray, epsilon) * std::f32::consts::LOG2_E;
+            entropy -= alpha / ray.sum * ln_density(alpha, i, &ray, epsilon) * std::f32::consts::LOG2_E;
         }
     }
-    out[place * 2] = bits;
-    out[place * 2 + 1] = ray.sum;
+    bits[place] = entropy;
+    alpha_sum[place] = ray.sum;
 }
 
 /// Gradient with respect to τ.
@@ -198,24 +243,30 @@ pub(super) fn entropy_forward(
 pub(super) fn entropy_backward(
     tau: &Tensor<f32>,
     offsets: &Tensor<i32>,
-    grad: &Tensor<f32>,
+    dbits: &Tensor<f32>,
+    dalpha_sum: &Tensor<f32>,
     dtau: &mut Tensor<f32>,
     epsilon: f32,
     least: f32,
+    #[comptime] has_dbits: bool,
+    #[comptime] has_dalpha_sum: bool,
 ) {
     let place = ABSOLUTE_POS;
-    if place >= grad.shape(0) {
+    if place >= offsets.shape(0) - 1 {
         terminate!();
     }
     let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
     let ray = ray_of(tau, start, end);
-    let dalpha_sum = grad[place * 2 + 1];
+    let mut along = 0.0f32;
+    if has_dalpha_sum {
+        along = dalpha_sum[place];
+    }
     for i in start..end {
-        dtau[i] = dalpha_sum * f32::exp(-tau[i]);
+        dtau[i] = along * f32::exp(-tau[i]);
     }
     let missed = ray.sum < least;
-    if !missed {
-        let scale = grad[place * 2] * std::f32::consts::LOG2_E;
+    if !missed && has_dbits {
+        let scale = dbits[place] * std::f32::consts::LOG2_E;
         let common = entropy_slope(tau[ray.top], ray.top, &ray, epsilon);
         let mut mean = 0.0f32;
         for i in start..end {

@@ -2,25 +2,47 @@
 
 mod kernels;
 
+use std::sync::Arc;
+
 use burn::backend::ops::IntTensorOps;
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::{Shape, Tensor, TensorData};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
 pub(super) use self::kernels::ln_1p;
+use super::outputs::Outputs;
 use super::{CubeKernel, Pass, apply, empty, empty_like};
 use crate::Segments;
 use crate::composite::MIN_ALPHA_SUM;
 use crate::traffic::count_upload;
 
-/// [`composite`](crate::composite())'s results, packed: values and Σw, `[R, C + 1]`.
-pub(crate) fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Tensor<2> {
-    apply(Composite { rays: Rays::new(segments) }, (tau, values))
+/// What [`composite`](crate::composite()) or, of three values on `background` and with `distances`,
+/// [`composite_over`](crate::composite_over()) gives: values, distances and Σw.
+pub(crate) fn composite(
+    tau: Tensor<1>,
+    values: Option<Tensor<2>>,
+    distances: Option<Tensor<1>>,
+    background: Option<[f32; 3]>,
+    segments: &Segments,
+) -> (Option<Tensor<2>>, Tensor<1>, Tensor<1>) {
+    let (rays, channels) = (segments.rays(), values.as_ref().map_or(0, |values| values.dims()[1]));
+    // Not even of no values is a buffer empty.
+    let outputs = Outputs::new([Shape::new([rays, channels.max(1)]), Shape::new([rays]), Shape::new([rays])]);
+    let has_distances = distances.is_some();
+    let distances = distances.unwrap_or_else(|| tau.clone()).detach();
+    let is_colored = values.is_some();
+    let values = values.unwrap_or_else(|| tau.clone().detach().unsqueeze_dim(1));
+    let kernel = Composite { rays: Rays::new(segments), outputs: outputs.clone(), channels, has_distances, background };
+    let buffer = apply(kernel, (tau, values, distances));
+    let values = is_colored.then(|| outputs.output(&buffer, 0));
+    (values, outputs.output(&buffer, 1), outputs.output(&buffer, 2))
 }
 
-/// [`ray_entropy`](crate::ray_entropy)'s results for α/Σα, packed: bits and Σα, `[R, 2]`.
-pub(crate) fn entropy(tau: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<2> {
-    apply(Entropy { rays: Rays::new(segments), epsilon }, tau)
+/// [`ray_entropy`](crate::ray_entropy)'s results for α/Σα: bits and Σα, `[R]` each.
+pub(crate) fn entropy(tau: Tensor<1>, segments: &Segments, epsilon: f32) -> [Tensor<1>; 2] {
+    let outputs = Outputs::new([0, 1].map(|_| Shape::new([segments.rays()])));
+    let buffer = apply(Entropy { rays: Rays::new(segments), outputs: outputs.clone(), epsilon }, tau);
+    [0, 1].map(|index| outputs.output(&buffer, index))
 }
 
 /// [`ray_divergence`](crate::ray_divergence), `[R]`.
@@ -57,58 +79,71 @@ impl Rays {
 #[derive(Debug)]
 struct Composite {
     rays: Rays,
+    outputs: Arc<Outputs<3>>,
+    /// Columns of the values; 0 for none.
+    channels: usize,
+    has_distances: bool,
+    background: Option<[f32; 3]>,
 }
 
 impl CubeKernel for Composite {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        let [tau, values] = inputs else { unreachable!("composite has two inputs") };
-        let channels = values.meta.shape()[1];
-        let out = empty(tau, [self.rays.count(), channels + 1]);
+        let [tau, values, distances] = inputs else { unreachable!("composite has three inputs") };
+        let buffer = self.outputs.buffer(tau);
+        let [out, depth, acc] = self.outputs.parts(&buffer);
+        let [red, green, blue] = self.background.unwrap_or_default();
         launch!(
             kernels::composite_forward::launch, self.rays.count();
-            tau, values, &self.rays.offsets(tau), &out;
-            channels
+            tau, values, distances, &self.rays.offsets(tau), &out, &depth, &acc;
+            red, green, blue, self.channels, self.background.is_some(), self.has_distances
         );
-        out
+        buffer
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
-        let [tau, values] = pass.inputs else { unreachable!("composite has two inputs") };
+        let [tau, values, distances] = pass.inputs else { unreachable!("composite has three inputs") };
         let (dtau, dvalues) = (empty_like(tau), empty_like(values));
+        let [dout, ddepth, dacc] = self.outputs.gradients();
+        let [red, green, blue] = self.background.unwrap_or_default();
+        let of = |grad: &Option<CubeTensor>| grad.clone().unwrap_or_else(|| tau.clone());
         launch!(
             kernels::composite_backward::launch, self.rays.count();
-            tau, values, &self.rays.offsets(tau), pass.grad, &dtau, &dvalues;
-            values.meta.shape()[1]
+            tau, values, distances, &self.rays.offsets(tau), &of(&dout), &of(&ddepth), &of(&dacc), &dtau, &dvalues;
+            red, green, blue, self.channels, self.background.is_some(), dout.is_some(), ddepth.is_some(), dacc.is_some()
         );
-        vec![Some(dtau), Some(dvalues)]
+        vec![Some(dtau), Some(dvalues).filter(|_| self.channels > 0), None]
     }
 }
 
 #[derive(Debug)]
 struct Entropy {
     rays: Rays,
+    outputs: Arc<Outputs<2>>,
     epsilon: f32,
 }
 
 impl CubeKernel for Entropy {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let tau = &inputs[0];
-        let out = empty(tau, [self.rays.count(), 2]);
+        let buffer = self.outputs.buffer(tau);
+        let [bits, alpha_sum] = self.outputs.parts(&buffer);
         launch!(
             kernels::entropy_forward::launch, self.rays.count();
-            tau, &self.rays.offsets(tau), &out;
+            tau, &self.rays.offsets(tau), &bits, &alpha_sum;
             self.epsilon, MIN_ALPHA_SUM
         );
-        out
+        buffer
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let tau = &pass.inputs[0];
         let dtau = empty_like(tau);
+        let [dbits, dsum] = self.outputs.gradients();
+        let of = |grad: &Option<CubeTensor>| grad.clone().unwrap_or_else(|| tau.clone());
         launch!(
             kernels::entropy_backward::launch, self.rays.count();
-            tau, &self.rays.offsets(tau), pass.grad, &dtau;
-            self.epsilon, MIN_ALPHA_SUM
+            tau, &self.rays.offsets(tau), &of(&dbits), &of(&dsum), &dtau;
+            self.epsilon, MIN_ALPHA_SUM, dbits.is_some(), dsum.is_some()
         );
         vec![Some(dtau)]
     }
