@@ -1,4 +1,5 @@
-use burn::tensor::{Tensor, activation};
+use burn::tensor::Tensor;
+use infonerf_ops::mlp::Activation;
 use serde::{Deserialize, Serialize};
 
 /// Activation from raw network output to density σ ≥ 0.
@@ -14,9 +15,15 @@ pub enum DensityActivation {
 impl DensityActivation {
     /// Applies the activation.
     pub fn apply<const D: usize>(self, raw: Tensor<D>) -> Tensor<D> {
-        match self {
-            Self::Relu => activation::relu(raw),
-            Self::Softplus => activation::softplus(raw - 1.0, 1.0),
+        Activation::from(self).apply(raw)
+    }
+}
+
+impl From<DensityActivation> for Activation {
+    fn from(density: DensityActivation) -> Self {
+        match density {
+            DensityActivation::Relu => Self::Relu,
+            DensityActivation::Softplus => Self::ShiftedSoftplus,
         }
     }
 }

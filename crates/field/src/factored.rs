@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
+use infonerf_ops::factored::{Layout, Query, density_and_color, plane_variation};
 use infonerf_ops::unit_box;
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
@@ -172,18 +172,17 @@ impl FactoredField {
 
 impl Field for FactoredField {
     fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
-        let samples = points.len();
         let (frequency_weights, level_weights) = self.detail(at);
         let v = self.config.view_dependence;
         let query = Query {
             positions: unit_box(points.positions.clone(), self.bounds),
-            directions: (color && v > 0.0).then(|| points.of_samples(points.directions.clone() * v)),
+            directions: (color && v > 0.0).then(|| points.segments.spread(points.directions.clone() * v)),
             frequency_weights,
             level_weights,
             color,
         };
-        let out = factored_field(self.tables.val(), self.weights.val(), &self.layout, query);
-        FieldOutput { sigma: out.clone().narrow(1, 0, 1).reshape([samples]), color: color.then(|| out.narrow(1, 1, 3)) }
+        let (sigma, color) = density_and_color(self.tables.val(), self.weights.val(), &self.layout, query);
+        FieldOutput { sigma, color }
     }
 
     fn device(&self) -> Device {

@@ -3,9 +3,9 @@
 use std::fmt;
 
 use burn::module::{Module, Param};
-use burn::tensor::activation::{sigmoid, softplus};
+use burn::tensor::activation::softplus;
 use burn::tensor::{Device, Tensor, TensorData};
-use infonerf_ops::mlp::Precision;
+use infonerf_ops::mlp::{Activation, Precision};
 use infonerf_ops::{to_host, unit_box, upload};
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
@@ -228,9 +228,8 @@ impl HashGrid {
 impl Field for HashGrid {
     fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
         let encoded = self.encode(points.positions.clone(), self.config.detail.at(at));
-        let (sigma, color) = self.mlp.forward(encoded, points, color);
-        let sigma = softplus(sigma + self.config.density_bias, 1.0) * self.density_scale;
-        FieldOutput { sigma, color: color.map(sigmoid) }
+        let out = self.mlp.forward(encoded, points, color, Activation::None);
+        FieldOutput { sigma: softplus(out.sigma + self.config.density_bias, 1.0) * self.density_scale, ..out }
     }
 
     fn device(&self) -> Device {

@@ -3,9 +3,9 @@
 use std::fmt;
 
 use burn::module::Module;
-use burn::tensor::{Device, Tensor, activation::sigmoid};
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::integrated::{integrated_encode, integrated_width};
-use infonerf_ops::mlp::Precision;
+use infonerf_ops::mlp::{Activation, Precision};
 use infonerf_ops::{RayGaussians, frustum_gaussians};
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
@@ -16,7 +16,7 @@ use crate::check::{check, check_detail, check_mlp, check_precision};
 use crate::detail::frequency_window;
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
-use crate::{DensityActivation, Extent, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
+use crate::{Extent, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
 
 /// Sizes of [`MipNerf`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -102,11 +102,8 @@ impl Field for MipNerf {
         let window = frequency_window(frequencies, self.config.detail.at(at));
         let (means, variances) = gaussians(points);
         let encoded = integrated_encode(means, variances, frequencies, &window);
-        let (sigma, color) = self.mlp.forward(encoded, points, color);
-        FieldOutput {
-            sigma: DensityActivation::Softplus.apply(sigma),
-            color: color.map(|raw| sigmoid(raw) * (1.0 + 2.0 * COLOR_PADDING) - COLOR_PADDING),
-        }
+        let out = self.mlp.forward(encoded, points, color, Activation::ShiftedSoftplus);
+        FieldOutput { color: out.color.map(|color| color * (1.0 + 2.0 * COLOR_PADDING) - COLOR_PADDING), ..out }
     }
 
     fn device(&self) -> Device {
@@ -121,7 +118,7 @@ fn gaussians(points: &Points) -> (Tensor<2>, Tensor<2>) {
         Extent::Ball { variance } => return (positions.clone(), positions.full_like(*variance)),
         Extent::Cones { t, delta, radii } => (t.clone(), delta.clone(), radii.clone()),
     };
-    let radii = points.of_samples(radii.unsqueeze_dim(1)).squeeze_dim(1);
+    let radii = points.segments.spread(radii.unsqueeze_dim(1)).squeeze_dim(1);
     let RayGaussians { mean, along, across } = frustum_gaussians(t.clone(), delta, radii);
     let directions = points.sample_directions();
     let squares = directions.clone().square();

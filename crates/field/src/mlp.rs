@@ -4,10 +4,11 @@ use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::frequency::encoded_width;
-use infonerf_ops::mlp::{ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
+use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
 use rand::Rng;
 
-use crate::{Points, init::Init};
+use crate::init::Init;
+use crate::{FieldOutput, Points};
 
 /// Sizes of [`Mlp`].
 #[derive(Clone, Copy, Debug)]
@@ -67,8 +68,14 @@ impl Mlp {
         }
     }
 
-    /// From encoded positions `[M, inputs]` to density `[M]` and, if `color`, colour `[M, 3]`, both before activation.
-    pub(crate) fn forward(&self, encoded: Tensor<2>, points: &Points, color: bool) -> (Tensor<1>, Option<Tensor<2>>) {
+    /// From encoded positions `[M, inputs]` to density `[M]`, by its `activation`, and, if `color`, colour `[M, 3]`, by a sigmoid.
+    pub(crate) fn forward(
+        &self,
+        encoded: Tensor<2>,
+        points: &Points,
+        color: bool,
+        activation: Activation,
+    ) -> FieldOutput {
         let network = RadianceMlp {
             trunk: self.trunk.iter().map(dense).collect(),
             skip: self.skip,
@@ -83,9 +90,8 @@ impl Mlp {
             }),
             precision: self.precision,
         };
-        let raw = radiance_mlp(encoded, &network);
-        let sigma = raw.clone().narrow(1, 0, 1).squeeze_dim(1);
-        (sigma, color.then(|| raw.narrow(1, 1, 3)))
+        let (sigma, color) = density_and_color(encoded, &network, activation);
+        FieldOutput { sigma, color }
     }
 
     pub(crate) fn device(&self) -> Device {

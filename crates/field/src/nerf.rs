@@ -3,7 +3,7 @@
 use std::fmt;
 
 use burn::module::Module;
-use burn::tensor::{Device, activation::sigmoid};
+use burn::tensor::Device;
 use infonerf_ops::frequency::{encoded_width, frequency_encode};
 use infonerf_ops::mlp::Precision;
 use infonerf_schedule::{Fault, Moment, Schedule};
@@ -92,8 +92,7 @@ impl Field for NerfMlp {
         let c = &self.config;
         let window = frequency_window(c.position_frequencies, c.detail.at(at));
         let encoded = frequency_encode(points.positions.clone(), c.position_frequencies, &window);
-        let (sigma, color) = self.mlp.forward(encoded, points, color);
-        FieldOutput { sigma: c.density.apply(sigma), color: color.map(sigmoid) }
+        self.mlp.forward(encoded, points, color, c.density.into())
     }
 
     fn device(&self) -> Device {

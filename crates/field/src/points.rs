@@ -40,13 +40,7 @@ impl Points {
 
     /// The unit view direction of each sample, `[M, 3]`.
     pub fn sample_directions(&self) -> Tensor<2> {
-        self.of_samples(self.directions.clone())
-    }
-
-    /// Rows of rays, `[R, C]`, as rows of their samples, `[M, C]`.
-    pub(crate) fn of_samples(&self, rays: Tensor<2>) -> Tensor<2> {
-        let owners = self.segments.owners(&rays.device());
-        rays.select(0, owners)
+        self.segments.spread(self.directions.clone())
     }
 }
 

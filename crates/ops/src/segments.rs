@@ -4,6 +4,7 @@ use std::sync::{Arc, OnceLock};
 
 use burn::tensor::{Device, Int, Tensor};
 
+use crate::dispatch::dispatch;
 use crate::upload;
 
 /// Which packed samples each ray owns: ray `r` owns `offsets[r]..offsets[r + 1]`.
@@ -81,8 +82,24 @@ impl Segments {
         self.ranges().map(|range| range.len()).max().unwrap_or(0)
     }
 
+    /// Rows of rays, `[R, C]`, as rows of their samples, `[M, C]`. Differentiable.
+    pub fn spread(&self, rows: Tensor<2>) -> Tensor<2> {
+        dispatch! {
+            &rows.device();
+            host => self.selected(rows),
+            cube if self.samples() > 0 => crate::cube::spread(rows, self),
+            plain => self.selected(rows),
+        }
+    }
+
+    /// [`Self::spread`] from plain tensor operations.
+    fn selected(&self, rows: Tensor<2>) -> Tensor<2> {
+        let owners = self.owners(&rows.device());
+        rows.select(0, owners)
+    }
+
     /// The ray that owns each sample, `[M]`.
-    pub fn owners(&self, device: &Device) -> Tensor<1, Int> {
+    fn owners(&self, device: &Device) -> Tensor<1, Int> {
         let kept = self.owners.get_or_init(|| self.owners_on(device));
         if kept.device() == *device { kept.clone() } else { self.owners_on(device) }
     }

@@ -7,6 +7,7 @@ use burn::tensor::kind::Basic;
 use burn::tensor::{Bool, Device, Element, Float, Int, Tensor, TensorData, Transaction};
 use serde::Serialize;
 
+use crate::Segments;
 use crate::dispatch::dispatch;
 
 /// A type of numbers on the host, and the kind of tensor that they make.
@@ -39,8 +40,13 @@ pub fn upload<E: HostNumber, const D: usize>(values: Vec<E>, shape: [usize; D], 
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
-/// Each of `arrays` as a tensor on `device`: on a GPU moved there at once, as parts of one buffer.
-pub fn upload_together<const N: usize>(arrays: [Vec<f32>; N], device: &Device) -> [Tensor<1>; N] {
+/// Each of `arrays` as a tensor on `device`: on a GPU moved there at once, as parts of one buffer, together with what
+/// operations along the rays of `segments` will ask for.
+pub fn upload_together<const N: usize>(
+    arrays: [Vec<f32>; N],
+    segments: Option<&Segments>,
+    device: &Device,
+) -> [Tensor<1>; N] {
     let one_by_one = |arrays: [Vec<f32>; N]| {
         arrays.map(|array| {
             let count = array.len();
@@ -50,7 +56,7 @@ pub fn upload_together<const N: usize>(arrays: [Vec<f32>; N], device: &Device) -
     dispatch! {
         device;
         host => one_by_one(arrays),
-        cube => crate::cube::together(arrays, device),
+        cube => crate::cube::together(arrays, segments, device),
         plain => one_by_one(arrays),
     }
 }

@@ -52,7 +52,7 @@ impl Samples {
         let t = join(|part| &part.t);
         let (positions, delta) = (join(|part| &part.positions), join(|part| &part.delta));
         let [positions, distance, delta, directions, radii] =
-            upload_together([positions, t.clone(), delta, directions(rays), radii(rays)], device);
+            upload_together([positions, t.clone(), delta, directions(rays), radii(rays)], Some(&segments), device);
         Self {
             candidates: parts.iter().map(|part| part.candidates).sum(),
             positions: positions.reshape([t.len(), 3]),
@@ -69,9 +69,7 @@ impl Samples {
     /// distances t are taken as given.
     pub(crate) fn tracked(self, bundle: RayBundle<'_>, warp: &Warp) -> Self {
         let Some(rays) = bundle.tracked.filter(|_| !self.t.is_empty()) else { return self };
-        let owners = self.segments.owners(&rays.origins.device());
-        let [origins, directions] =
-            [&rays.origins, &rays.directions].map(|rows| rows.clone().select(0, owners.clone()));
+        let [origins, directions] = [&rays.origins, &rays.directions].map(|rows| self.segments.spread(rows.clone()));
         let positions = warp.points(origins + directions * self.distance.clone().unsqueeze_dim(1));
         Self { positions, ..self }
     }
@@ -85,7 +83,7 @@ impl Samples {
             .flat_map(|(range, ray)| self.t[range].iter().flat_map(|&t| warp.point(ray.at(t)).to_array()))
             .collect();
         let arrays = [positions, directions(rays), radii(rays)];
-        let [positions, directions, radii] = upload_together(arrays, &self.distance.device());
+        let [positions, directions, radii] = upload_together(arrays, None, &self.distance.device());
         let positions = positions.reshape([self.t.len(), 3]);
         Self { positions, directions: directions.reshape([rays.len(), 3]), radii, ..self.clone() }
     }

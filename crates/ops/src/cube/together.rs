@@ -1,23 +1,33 @@
 //! Many arrays moved to a GPU at once.
 
-use burn::tensor::{self, Device};
+use burn::tensor::{self, DType, Device};
 use burn_cubecl::tensor::CubeTensor;
 
 use super::outputs::{ALIGNMENT, part};
 use super::{CubeKernel, Pass, apply};
-use crate::upload;
+use crate::{Segments, upload};
 
-/// Each of `arrays` as a tensor, all of them parts of one buffer.
-pub(crate) fn together<const N: usize>(arrays: [Vec<f32>; N], device: &Device) -> [tensor::Tensor<1>; N] {
+/// Each of `arrays` as a tensor, all of them parts of one buffer, of which the offsets of `segments` are another.
+pub(crate) fn together<const N: usize>(
+    arrays: [Vec<f32>; N],
+    segments: Option<&Segments>,
+    device: &Device,
+) -> [tensor::Tensor<1>; N] {
     let mut all = Vec::with_capacity(arrays.iter().map(|array| array.len().next_multiple_of(ALIGNMENT)).sum());
-    let parts = arrays.map(|array| {
-        let part = Part { start: all.len(), count: array.len() };
+    let mut add = |array: Vec<f32>| {
+        let (start, count) = (all.len(), array.len());
         all.extend(array);
         all.resize(all.len().next_multiple_of(ALIGNMENT), 0.0);
-        part
+        Part { start, count, segments: None }
+    };
+    let parts = arrays.map(&mut add);
+    let offsets = segments.map(|segments| {
+        let bits = segments.offsets.iter().map(|offset| f32::from_bits(*offset)).collect();
+        Part { segments: Some(segments.clone()), ..add(bits) }
     });
     let total = all.len();
     let all = upload(all, [total], device);
+    offsets.map(|part| apply::<1>(part, all.clone()));
     parts.map(|part| match part.count {
         0 => tensor::Tensor::empty([0], device),
         _ => apply(part, all.clone()),
@@ -29,11 +39,17 @@ pub(crate) fn together<const N: usize>(arrays: [Vec<f32>; N], device: &Device) -
 struct Part {
     start: usize,
     count: usize,
+    /// Whose offsets they are, as the bits of integers.
+    segments: Option<Segments>,
 }
 
 impl CubeKernel for Part {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        part(inputs[0].clone(), self.start, [self.count])
+        let part = part(inputs[0].clone(), self.start, [self.count]);
+        if let Some(segments) = &self.segments {
+            segments.on_gpu.get_or_init(|| CubeTensor { dtype: DType::I32, ..part.clone() });
+        }
+        part
     }
 
     fn backward(&self, _pass: Pass<'_>) -> Vec<Option<CubeTensor>> {

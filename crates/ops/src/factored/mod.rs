@@ -23,9 +23,9 @@ mod host;
 
 pub use layout::{Layer, Layout, Level, PLANES};
 pub use plain::plain;
-pub use variation::{plain as plain_variation, plane_variation};
 #[cfg(feature = "cube")]
-pub(crate) use {layout::OUTPUTS, variation::weight as variation_weight};
+pub(crate) use variation::weight as variation_weight;
+pub use variation::{plain as plain_variation, plane_variation};
 
 use std::sync::Arc;
 
@@ -78,12 +78,36 @@ pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout
                 None => crate::kernel::apply(kernel, (tables, weights, positions)),
             }
         },
+        cube if query.samples() > 0 => match density_and_color(tables, weights, layout, query) {
+            (density, Some(color)) => Tensor::cat(vec![density.unsqueeze_dim(1), color], 1),
+            (density, None) => density.unsqueeze_dim(1),
+        },
+        plain => plain(tables, weights, layout, &query),
+    }
+}
+
+/// The same as density `[M]` and colour `[M, 3]`, which on a GPU need not be put together first.
+///
+/// # Panics
+/// As [`factored_field`].
+pub fn density_and_color(
+    tables: Tensor<1>,
+    weights: Tensor<1>,
+    layout: &Arc<Layout>,
+    query: Query,
+) -> (Tensor<1>, Option<Tensor<2>>) {
+    let color = query.color;
+    let split =
+        |packed: Tensor<2>| (packed.clone().narrow(1, 0, 1).squeeze_dim(1), color.then(|| packed.narrow(1, 1, 3)));
+    dispatch! {
+        &tables.device();
+        host => split(factored_field(tables, weights, layout, query)),
         cube if query.samples() > 0 => {
             let parts = crate::split::parts(query.samples(), &tables.device());
             let features = crate::cube::features(tables, layout, &query, query.samples().next_multiple_of(parts));
-            let directions = query.directions.clone().filter(|_| query.color && layout.view_dependent);
-            crate::cube::network(features, weights, directions, layout, [query.samples(), parts], query.color)
+            let directions = query.directions.clone().filter(|_| color && layout.view_dependent);
+            crate::cube::network(features, weights, directions, layout, [query.samples(), parts], color)
         },
-        plain => plain(tables, weights, layout, &query),
+        plain => split(factored_field(tables, weights, layout, query)),
     }
 }

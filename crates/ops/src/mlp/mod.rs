@@ -1,10 +1,12 @@
 //! The layers that NeRF and mip-NeRF share (Mildenhall et al. 2020, Fig. 7), as one operation.
 
+mod activation;
 mod plain;
 
 #[cfg(feature = "flex")]
 mod host;
 
+pub use activation::Activation;
 pub use plain::plain;
 
 use burn::tensor::Tensor;
@@ -88,5 +90,29 @@ pub fn radiance_mlp(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
             }
         },
         plain => plain(encoded, network),
+    }
+}
+
+/// Density `[M]`, after its activation, and colour `[M, 3]`, after a sigmoid, where the network has it: see [`radiance_mlp`].
+///
+/// # Panics
+/// As [`radiance_mlp`].
+pub fn density_and_color(
+    encoded: Tensor<2>,
+    network: &RadianceMlp,
+    density: Activation,
+) -> (Tensor<1>, Option<Tensor<2>>) {
+    let split = |raw: Tensor<2>| {
+        let color = network.color.as_ref().map(|_| Activation::Sigmoid.apply(raw.clone().narrow(1, 1, 3)));
+        (density.apply(raw.narrow(1, 0, 1).squeeze_dim(1)), color)
+    };
+    dispatch! {
+        &encoded.device();
+        host => split(radiance_mlp(encoded, network)),
+        cube => {
+            let (density, color) = plain::layers(encoded, network, [density, Activation::Sigmoid]);
+            (density.squeeze_dim(1), color)
+        },
+        plain => split(radiance_mlp(encoded, network)),
     }
 }

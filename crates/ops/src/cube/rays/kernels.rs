@@ -7,7 +7,7 @@ use burn::cubecl::{self, prelude::*};
 
 /// 1 − e^−τ: by its series below 0.1, where the difference would cancel.
 #[cube]
-fn alpha_of(tau: f32) -> f32 {
+pub(in crate::cube) fn alpha_of(tau: f32) -> f32 {
     let mut alpha = 1.0f32 - f32::exp(-tau);
     if tau < 0.1f32 {
         let t = tau;
@@ -360,4 +360,41 @@ pub(super) fn divergence_backward(
             dnear[i] = grad[place] * (dnear[i] - mean_q) / other.sum * f32::exp(-near[i]);
         }
     }
+}
+
+/// Each sample's row is that of its ray: one thread per number.
+#[cube(launch)]
+pub(super) fn spread(rows: &Tensor<f32>, offsets: &Tensor<i32>, out: &mut Tensor<f32>) {
+    if ABSOLUTE_POS >= out.len() {
+        terminate!();
+    }
+    let columns = out.shape(1);
+    let sample = i32::cast_from(ABSOLUTE_POS / columns);
+    // The last ray that begins at or before the sample: those before it that begin there are empty.
+    let mut ray = 0usize * columns;
+    let mut behind = offsets.shape(0) - 1;
+    while behind - ray > 1 {
+        let middle = (ray + behind) / 2;
+        if offsets[middle] <= sample {
+            ray = middle;
+        } else {
+            behind = middle;
+        }
+    }
+    out[ABSOLUTE_POS] = rows[ray * columns + ABSOLUTE_POS % columns];
+}
+
+/// The sum over a ray's samples: one thread per number.
+#[cube(launch)]
+pub(super) fn gather(rows: &Tensor<f32>, offsets: &Tensor<i32>, out: &mut Tensor<f32>) {
+    if ABSOLUTE_POS >= out.len() {
+        terminate!();
+    }
+    let columns = out.shape(1);
+    let (ray, column) = (ABSOLUTE_POS / columns, ABSOLUTE_POS % columns);
+    let mut sum = 0.0f32;
+    for sample in usize::cast_from(offsets[ray])..usize::cast_from(offsets[ray + 1]) {
+        sum += rows[sample * columns + column];
+    }
+    out[ABSOLUTE_POS] = sum;
 }

@@ -9,7 +9,7 @@ use burn::tensor::{Shape, Tensor, TensorData};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-pub(super) use self::kernels::ln_1p;
+pub(super) use self::kernels::{alpha_of, ln_1p};
 use super::outputs::Outputs;
 use super::{CubeKernel, Pass, apply, empty, empty_like};
 use crate::Segments;
@@ -48,6 +48,29 @@ pub(crate) fn entropy(tau: Tensor<1>, segments: &Segments, epsilon: f32) -> [Ten
 /// [`ray_divergence`](crate::ray_divergence), `[R]`.
 pub(crate) fn divergence(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
     apply(Divergence { rays: Rays::new(segments), epsilon }, (tau, near))
+}
+
+/// [`Segments::spread`].
+pub(crate) fn spread(rows: Tensor<2>, segments: &Segments) -> Tensor<2> {
+    apply(Spread(Rays::new(segments)), rows)
+}
+
+#[derive(Debug)]
+struct Spread(Rays);
+
+impl CubeKernel for Spread {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        let rows = &inputs[0];
+        let out = empty(rows, [self.0.0.samples(), rows.meta.shape()[1]]);
+        launch!(kernels::spread::launch, out.meta.num_elements(); rows, &self.0.offsets(rows), &out;);
+        out
+    }
+
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        let drows = empty_like(&pass.inputs[0]);
+        launch!(kernels::gather::launch, drows.meta.num_elements(); pass.grad, &self.0.offsets(&drows), &drows;);
+        vec![Some(drows)]
+    }
 }
 
 /// Which samples each ray owns.

@@ -1,18 +1,20 @@
-//! The kernels: one thread per coordinate of a sample, or per plane that it reads.
+//! The kernels: one thread per coordinate of a sample, or per plane that it reads, for all levels, whose sizes are built in.
 
 use burn::cubecl::{self, prelude::*};
 
 use crate::cube::encode::{Angle, wave};
+use crate::factored::Level;
 
-/// 2u − 1 of each coordinate, and sines and cosines of 2ˡπ(u − ½).
-#[cube(launch)]
-pub(super) fn frequencies(positions: &Tensor<f32>, weights: &Tensor<f32>, out: &mut Tensor<f32>, frequencies: usize) {
-    if ABSOLUTE_POS >= positions.shape(0) * 3 {
-        terminate!();
-    }
-    let (sample, axis) = (ABSOLUTE_POS / 3, ABSOLUTE_POS % 3);
-    let start = sample * out.shape(1);
-    let u = positions[ABSOLUTE_POS];
+/// 2u − 1 of a coordinate, and sines and cosines of 2ˡπ(u − ½).
+#[cube]
+fn frequencies_of(
+    u: f32,
+    weights: &Tensor<f32>,
+    out: &mut Tensor<f32>,
+    start: usize,
+    axis: usize,
+    #[comptime] frequencies: usize,
+) {
     out[start + axis] = 2.0f32 * u - 1.0f32;
     // π(u − ½) is this many quarter turns, exactly.
     let angle = Angle { first: 2.0f32 * (u - 0.5f32), second: 0.0f32, third: 0.0f32, rest: 0.0f32 };
@@ -26,19 +28,15 @@ pub(super) fn frequencies(positions: &Tensor<f32>, weights: &Tensor<f32>, out: &
     }
 }
 
-/// Gradient of the same with respect to the positions, given their output and its gradient.
-#[cube(launch)]
-pub(super) fn frequencies_backward(
+/// Slope of the same along the coordinate, given the output and its gradient.
+#[cube]
+fn frequencies_slope(
     out: &Tensor<f32>,
     grad: &Tensor<f32>,
-    dpositions: &mut Tensor<f32>,
-    frequencies: usize,
-) {
-    if ABSOLUTE_POS >= dpositions.shape(0) * 3 {
-        terminate!();
-    }
-    let (sample, axis) = (ABSOLUTE_POS / 3, ABSOLUTE_POS % 3);
-    let start = sample * out.shape(1);
+    start: usize,
+    axis: usize,
+    #[comptime] frequencies: usize,
+) -> f32 {
     let mut sum = 2.0f32 * grad[start + axis];
     // A mutable that begins as a named constant is no variable to CubeCL, which then refuses to compile `*=`.
     let mut scale = 1.0f32;
@@ -47,7 +45,7 @@ pub(super) fn frequencies_backward(
         sum += std::f32::consts::PI * scale * (grad[sine] * out[sine + 1] - grad[sine + 1] * out[sine]);
         scale *= 2.0f32;
     }
-    dpositions[ABSOLUTE_POS] = sum;
+    sum
 }
 
 /// Where a coordinate lies among texels, the centres of which are at (i + ½)/res.
@@ -94,14 +92,10 @@ struct Reading {
 
 /// Plane `p` of (xy, xz, yz), and line `p` of (z, y, x).
 #[cube]
-fn reading(
-    positions: &Tensor<f32>,
-    sample: usize,
-    p: usize,
-    offset: usize,
-    resolution: usize,
-    #[comptime] channels: usize,
-) -> Reading {
+fn reading(positions: &Tensor<f32>, sample: usize, p: usize, #[comptime] level: Level) -> Reading {
+    let offset = comptime!(level.offset);
+    let resolution = comptime!(level.resolution);
+    let channels = comptime!(level.channels);
     let a = texel(positions[3 * sample + p / 2], resolution);
     let b = texel(positions[3 * sample + 1 + (p + 1) / 2], resolution);
     let c = texel(positions[3 * sample + 2 - p], resolution);
@@ -132,26 +126,44 @@ fn on_line(tables: &Tensor<f32>, read: &Reading, k: usize, #[comptime] channels:
     (1.0f32 - read.c) * tables[read.end + k] + read.c * tables[read.end + k + channels]
 }
 
-/// The features of one level.
+/// All that goes into the MLP: one thread per row and axis, or plane. Rows behind the last position are filled with zeros.
+/// `weights` are those of the frequencies, then of the levels.
 #[cube(launch)]
-pub(super) fn products(
+pub(super) fn features(
     tables: &Tensor<f32>,
     positions: &Tensor<f32>,
+    weights: &Tensor<f32>,
     out: &mut Tensor<f32>,
-    offset: usize,
-    feature: usize,
-    resolution: usize,
-    weight: f32,
-    #[comptime] channels: usize,
+    #[comptime] frequencies: usize,
+    #[comptime] levels: Vec<Level>,
 ) {
-    if ABSOLUTE_POS >= positions.shape(0) * 3 {
+    if ABSOLUTE_POS >= out.shape(0) * 3 {
         terminate!();
     }
     let (sample, p) = (ABSOLUTE_POS / 3, ABSOLUTE_POS % 3);
-    let read = reading(positions, sample, p, offset, resolution, channels);
-    let place = sample * out.shape(1) + feature + p * channels;
-    for k in 0..channels {
-        out[place + k] = weight * on_plane(tables, &read, k, channels) * on_line(tables, &read, k, channels);
+    let start = sample * out.shape(1);
+    if sample < positions.shape(0) {
+        frequencies_of(positions[ABSOLUTE_POS], weights, out, start, p, frequencies);
+        #[unroll]
+        for l in 0..levels.len() {
+            let channels = comptime!(levels[l].channels);
+            let read = reading(positions, sample, p, comptime!(levels[l].clone()));
+            let place = start + comptime!(levels[l].feature) + p * channels;
+            let weight = weights[frequencies + l];
+            for k in 0..channels {
+                let mut feature = 0.0f32;
+                if weight != 0.0f32 {
+                    feature = weight * on_plane(tables, &read, k, channels) * on_line(tables, &read, k, channels);
+                }
+                out[place + k] = feature;
+            }
+        }
+    } else {
+        let mut column = ABSOLUTE_POS % 3;
+        while column < out.shape(1) {
+            out[start + column] = 0.0f32;
+            column += 3;
+        }
     }
 }
 
@@ -197,82 +209,92 @@ impl Accumulate for Exchange {
     }
 }
 
-/// The gradient with respect to the tables of one level.
+/// The gradient with respect to the tables.
 #[cube(launch)]
-pub(super) fn products_backward<A: Accumulate>(
+pub(super) fn table_gradient<A: Accumulate>(
     tables: &Tensor<f32>,
     positions: &Tensor<f32>,
+    weights: &Tensor<f32>,
     grad: &Tensor<f32>,
     dtables: &mut Tensor<Atomic<A::Word>>,
-    offset: usize,
-    feature: usize,
-    resolution: usize,
-    weight: f32,
-    #[comptime] channels: usize,
+    #[comptime] frequencies: usize,
+    #[comptime] levels: Vec<Level>,
 ) {
     if ABSOLUTE_POS >= positions.shape(0) * 3 {
         terminate!();
     }
     let (sample, p) = (ABSOLUTE_POS / 3, ABSOLUTE_POS % 3);
-    let read = reading(positions, sample, p, offset, resolution, channels);
-    let place = sample * grad.shape(1) + feature + p * channels;
-    for k in 0..channels {
-        let g = weight * grad[place + k];
-        if g != 0.0f32 {
-            let dplane = g * on_line(tables, &read, k, channels);
-            let dline = g * on_plane(tables, &read, k, channels);
-            let first = read.corner + k;
-            let second = first + read.row;
-            A::add(&mut dtables[first], (1.0f32 - read.a) * (1.0f32 - read.b) * dplane);
-            A::add(&mut dtables[first + channels], read.a * (1.0f32 - read.b) * dplane);
-            A::add(&mut dtables[second], (1.0f32 - read.a) * read.b * dplane);
-            A::add(&mut dtables[second + channels], read.a * read.b * dplane);
-            A::add(&mut dtables[read.end + k], (1.0f32 - read.c) * dline);
-            A::add(&mut dtables[read.end + k + channels], read.c * dline);
+    #[unroll]
+    for l in 0..levels.len() {
+        let channels = comptime!(levels[l].channels);
+        let read = reading(positions, sample, p, comptime!(levels[l].clone()));
+        let place = sample * grad.shape(1) + comptime!(levels[l].feature) + p * channels;
+        for k in 0..channels {
+            let g = weights[frequencies + l] * grad[place + k];
+            if g != 0.0f32 {
+                let dplane = g * on_line(tables, &read, k, channels);
+                let dline = g * on_plane(tables, &read, k, channels);
+                let first = read.corner + k;
+                let second = first + read.row;
+                A::add(&mut dtables[first], (1.0f32 - read.a) * (1.0f32 - read.b) * dplane);
+                A::add(&mut dtables[first + channels], read.a * (1.0f32 - read.b) * dplane);
+                A::add(&mut dtables[second], (1.0f32 - read.a) * read.b * dplane);
+                A::add(&mut dtables[second + channels], read.a * read.b * dplane);
+                A::add(&mut dtables[read.end + k], (1.0f32 - read.c) * dline);
+                A::add(&mut dtables[read.end + k + channels], read.c * dline);
+            }
         }
     }
 }
 
-/// Adds the gradient of one level's features with respect to the positions.
+/// The gradient with respect to the positions: one thread per sample.
 #[cube(launch)]
-pub(super) fn products_backward_in_positions(
+pub(super) fn position_gradient(
     tables: &Tensor<f32>,
     positions: &Tensor<f32>,
+    weights: &Tensor<f32>,
+    out: &Tensor<f32>,
     grad: &Tensor<f32>,
     dpositions: &mut Tensor<f32>,
-    offset: usize,
-    feature: usize,
-    resolution: usize,
-    weight: f32,
-    #[comptime] channels: usize,
+    #[comptime] frequencies: usize,
+    #[comptime] levels: Vec<Level>,
 ) {
     let sample = ABSOLUTE_POS;
     if sample >= positions.shape(0) {
         terminate!();
     }
-    for p in 0..3usize {
-        let read = reading(positions, sample, p, offset, resolution, channels);
-        let place = sample * grad.shape(1) + feature + p * channels;
-        let mut along_a = 0.0f32;
-        let mut along_b = 0.0f32;
-        let mut along_c = 0.0f32;
-        for k in 0..channels {
-            let g = weight * grad[place + k];
-            let first = read.corner + k;
-            let second = first + read.row;
-            let dplane = g * on_line(tables, &read, k, channels);
-            along_a += dplane
-                * ((1.0f32 - read.b) * (tables[first + channels] - tables[first])
-                    + read.b * (tables[second + channels] - tables[second]));
-            along_b += dplane
-                * ((1.0f32 - read.a) * (tables[second] - tables[first])
-                    + read.a * (tables[second + channels] - tables[first + channels]));
-            along_c +=
-                g * on_plane(tables, &read, k, channels) * (tables[read.end + k + channels] - tables[read.end + k]);
+    let start = sample * grad.shape(1);
+    for axis in 0..3usize {
+        dpositions[3 * sample + axis] = frequencies_slope(out, grad, start, axis, frequencies);
+    }
+    #[unroll]
+    for l in 0..levels.len() {
+        let channels = comptime!(levels[l].channels);
+        let resolution = comptime!(levels[l].resolution);
+        for p in 0..3usize {
+            let read = reading(positions, sample, p, comptime!(levels[l].clone()));
+            let place = start + comptime!(levels[l].feature) + p * channels;
+            let mut along_a = 0.0f32;
+            let mut along_b = 0.0f32;
+            let mut along_c = 0.0f32;
+            for k in 0..channels {
+                let g = weights[frequencies + l] * grad[place + k];
+                let first = read.corner + k;
+                let second = first + read.row;
+                let dplane = g * on_line(tables, &read, k, channels);
+                along_a += dplane
+                    * ((1.0f32 - read.b) * (tables[first + channels] - tables[first])
+                        + read.b * (tables[second + channels] - tables[second]));
+                along_b += dplane
+                    * ((1.0f32 - read.a) * (tables[second] - tables[first])
+                        + read.a * (tables[second + channels] - tables[first + channels]));
+                along_c +=
+                    g * on_plane(tables, &read, k, channels) * (tables[read.end + k + channels] - tables[read.end + k]);
+            }
+            let (a, b, c) = (3 * sample + p / 2, 3 * sample + 1 + (p + 1) / 2, 3 * sample + 2 - p);
+            dpositions[a] += along_a * pace(positions[a], resolution);
+            dpositions[b] += along_b * pace(positions[b], resolution);
+            dpositions[c] += along_c * pace(positions[c], resolution);
         }
-        let (a, b, c) = (3 * sample + p / 2, 3 * sample + 1 + (p + 1) / 2, 3 * sample + 2 - p);
-        dpositions[a] += along_a * pace(positions[a], resolution);
-        dpositions[b] += along_b * pace(positions[b], resolution);
-        dpositions[c] += along_c * pace(positions[c], resolution);
     }
 }

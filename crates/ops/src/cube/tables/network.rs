@@ -10,15 +10,16 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::reshape;
 use burn_cubecl::tensor::CubeTensor;
 
+use crate::cube::outputs::Outputs;
 use crate::cube::rays::ln_1p;
 use crate::cube::{CubeKernel, Pass, apply, empty};
-use crate::factored::{Layer, Layout, OUTPUTS};
+use crate::factored::{Layer, Layout};
 
 /// Partial sums of a layer's bias gradient.
 const SUMS: usize = 64;
 
-/// Density and colour `[samples, 4]`, or density alone `[samples, 1]`, of the MLP's input `[M, layout.features()]`, whose rows
-/// from `samples` on are zero and M a multiple of `parts`.
+/// Density `[samples]` and, if asked for, colour `[samples, 3]` of the MLP's input `[M, layout.features()]`, whose rows from
+/// `samples` on are zero and M a multiple of `parts`.
 pub(crate) fn network(
     features: tensor::Tensor<2>,
     weights: tensor::Tensor<1>,
@@ -26,18 +27,21 @@ pub(crate) fn network(
     layout: &Arc<Layout>,
     [samples, parts]: [usize; 2],
     color: bool,
-) -> tensor::Tensor<2> {
-    let kernel = Network { layout: layout.clone(), samples, parts, color };
-    match directions {
+) -> (tensor::Tensor<1>, Option<tensor::Tensor<2>>) {
+    // Not even of no colours is a buffer empty.
+    let outputs = Outputs::new([Shape::new([samples]), Shape::new([if color { samples } else { 1 }, 3])]);
+    let kernel = Network { layout: layout.clone(), outputs: outputs.clone(), parts, color };
+    let buffer = match directions {
         Some(directions) => apply(kernel, (features, weights, directions)),
         None => apply(kernel, (features, weights)),
-    }
+    };
+    (outputs.output(&buffer, 0), color.then(|| outputs.output(&buffer, 1)))
 }
 
 #[derive(Debug)]
 struct Network {
     layout: Arc<Layout>,
-    samples: usize,
+    outputs: Arc<Outputs<2>>,
     parts: usize,
     color: bool,
 }
@@ -60,10 +64,6 @@ impl Network {
         }
         let range = Slice::from(layer.weight..layer.bias());
         reshape(CubeBackend::float_slice(weights.clone(), &[range]), Shape::new([layer.outputs, layer.inputs]))
-    }
-
-    fn outputs(&self) -> usize {
-        if self.color { OUTPUTS } else { 1 }
     }
 }
 
@@ -88,14 +88,16 @@ impl CubeKernel for Network {
             kept.push(y);
         }
         let (raw, last) = (&kept[kept.len() - 1], &self.layout.layers[kept.len() - 1]);
-        let out = empty(raw, [self.samples, self.outputs()]);
+        let buffer = self.outputs.buffer(raw);
+        let [density, color] = self.outputs.parts(&buffer);
         let (scale, bias) = (self.layout.density_scale, self.layout.density_bias);
         launch!(
-            head::launch, self.samples; raw, weights, inputs.get(2).unwrap_or(raw), &out;
+            head::launch, density.meta.num_elements();
+            raw, weights, inputs.get(2).unwrap_or(raw), &density, &color;
             last.bias(), scale, bias, self.color, self.color && self.layout.view_dependent
         );
         kept.extend(matrices);
-        (out, kept)
+        (buffer, kept)
     }
 
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
@@ -104,10 +106,14 @@ impl CubeKernel for Network {
         let raw = &pass.kept[layers.len() - 1];
         let last = &layers[layers.len() - 1];
         let mut dy = empty(raw, [rows, last.outputs]);
+        let [density, color] = self.outputs.parts(pass.output);
+        let [ddensity, dcolor] = self.outputs.gradients();
+        let of = |grad: &Option<CubeTensor>| grad.clone().unwrap_or_else(|| raw.clone());
         launch!(
-            head_backward::launch, rows; raw, weights, pass.inputs.get(2).unwrap_or(raw), pass.output, pass.grad, &dy;
-            last.bias(), self.samples, self.layout.density_scale, self.layout.density_bias,
-            self.color, self.color && self.layout.view_dependent
+            head_backward::launch, rows;
+            raw, weights, pass.inputs.get(2).unwrap_or(raw), &color, &of(&ddensity), &of(&dcolor), &dy;
+            last.bias(), density.meta.num_elements(), self.layout.density_scale, self.layout.density_bias,
+            ddensity.is_some(), dcolor.is_some(), self.layout.view_dependent
         );
         let dweights = empty(weights, [self.layout.weight_len()]);
         for (index, layer) in layers.iter().enumerate().rev() {
@@ -149,12 +155,12 @@ fn bias_relu(y: &mut Tensor<f32>, weights: &Tensor<f32>, bias: usize, columns: u
 
 /// ln(1 + e^x).
 #[cube]
-fn softplus(x: f32) -> f32 {
+pub(in crate::cube) fn softplus(x: f32) -> f32 {
     f32::max(x, 0.0f32) + ln_1p(f32::exp(-f32::abs(x)))
 }
 
 #[cube]
-fn sigmoid(x: f32) -> f32 {
+pub(in crate::cube) fn sigmoid(x: f32) -> f32 {
     1.0f32 / (1.0f32 + f32::exp(-x))
 }
 
@@ -164,7 +170,8 @@ fn head(
     raw: &Tensor<f32>,
     weights: &Tensor<f32>,
     directions: &Tensor<f32>,
-    out: &mut Tensor<f32>,
+    density: &mut Tensor<f32>,
+    colors: &mut Tensor<f32>,
     bias: usize,
     scale: f32,
     offset: f32,
@@ -172,12 +179,11 @@ fn head(
     #[comptime] views: bool,
 ) {
     let (sample, columns) = (ABSOLUTE_POS, raw.shape(1));
-    if sample >= out.shape(0) {
+    if sample >= density.len() {
         terminate!();
     }
     let first = sample * columns;
-    let place = sample * out.shape(1);
-    out[place] = softplus(raw[first] + weights[bias] + offset) * scale;
+    density[sample] = softplus(raw[first] + weights[bias] + offset) * scale;
     if color {
         for k in 0..3usize {
             let mut x = raw[first + 1 + k] + weights[bias + 1 + k];
@@ -187,7 +193,7 @@ fn head(
                     x += (raw[first + at] + weights[bias + at]) * directions[3 * sample + axis];
                 }
             }
-            out[place + 1 + k] = sigmoid(x);
+            colors[3 * sample + k] = sigmoid(x);
         }
     }
 }
@@ -198,14 +204,16 @@ fn head_backward(
     raw: &Tensor<f32>,
     weights: &Tensor<f32>,
     directions: &Tensor<f32>,
-    output: &Tensor<f32>,
-    grad: &Tensor<f32>,
+    colors: &Tensor<f32>,
+    ddensity: &Tensor<f32>,
+    dcolors: &Tensor<f32>,
     draw: &mut Tensor<f32>,
     bias: usize,
     samples: usize,
     scale: f32,
     offset: f32,
-    #[comptime] color: bool,
+    #[comptime] has_ddensity: bool,
+    #[comptime] has_dcolors: bool,
     #[comptime] views: bool,
 ) {
     let (sample, columns) = (ABSOLUTE_POS, draw.shape(1));
@@ -217,12 +225,13 @@ fn head_backward(
         draw[first + column] = 0.0f32;
     }
     if sample < samples {
-        let place = sample * grad.shape(1);
-        draw[first] = grad[place] * scale * sigmoid(raw[first] + weights[bias] + offset);
-        if color {
+        if has_ddensity {
+            draw[first] = ddensity[sample] * scale * sigmoid(raw[first] + weights[bias] + offset);
+        }
+        if has_dcolors {
             for k in 0..3usize {
-                let y = output[place + 1 + k];
-                let slope = grad[place + 1 + k] * y * (1.0f32 - y);
+                let y = colors[3 * sample + k];
+                let slope = dcolors[3 * sample + k] * y * (1.0f32 - y);
                 draw[first + 1 + k] = slope;
                 if views {
                     for axis in 0..3usize {
