@@ -2,7 +2,7 @@
 //!
 //! Burn's own Adam makes about ten passes over memory a step, which costs more than the rest of a step where a field
 //! keeps a table of millions of numbers, and a dozen launches per parameter on a GPU. On `flex` this one reads and writes
-//! each number once, and on GPUs it is one launch per parameter; elsewhere it is plain tensor arithmetic.
+//! each number once, and on GPUs it is one launch for many parameters; elsewhere it is plain tensor arithmetic.
 
 #[cfg(any(feature = "flex", feature = "cube"))]
 use burn::backend::{Backend, backend_extension, tensor::FloatTensor};
@@ -31,7 +31,7 @@ impl Default for Adam {
 }
 
 /// What one step needs beside the tensors, bias corrections folded in.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Step {
     pub(crate) beta1: f32,
     pub(crate) beta2: f32,
@@ -76,6 +76,15 @@ impl Optimizer for Adam {
     fn to_device<const D: usize>(state: Self::State<D>, device: &Device) -> Self::State<D> {
         AdamState::new(state.momentum.to_device(device))
     }
+}
+
+/// Runs `work`, which steps a module. A GPU takes the steps of all its parameters together, by few launches, when `work` is
+/// done: until then nobody may look at their results.
+pub fn together<T>(work: impl FnOnce() -> T) -> T {
+    #[cfg(feature = "cube")]
+    return crate::cube::adam_together(work);
+    #[cfg(not(feature = "cube"))]
+    work()
 }
 
 type Update<const D: usize> = (Tensor<D>, Tensor<D>, Tensor<D>);

@@ -33,3 +33,30 @@ pub fn sum_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tenso
 pub fn mask_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tensor<1> {
     values * measure.detach().greater_elem(threshold).float()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{from_host, to_host};
+    use burn::tensor::Device;
+
+    #[test]
+    #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
+    fn sums_and_slopes_by_hand() {
+        for device in [Device::flex(), Device::ndarray()] {
+            let device = device.autodiff();
+            let a = from_host(&[1.0, 2.0, 4.0, 8.0], 2, &device).require_grad();
+            let b = from_host(&[0.0, 2.0, 6.0, 8.5], 2, &device).require_grad();
+            let mean = mean_squared_difference(a.clone(), b.clone());
+            let grads = mean.clone().backward();
+            assert_eq!(to_host(mean), [(1.0 + 4.0 + 0.25) / 4.0]);
+            assert_eq!(to_host(a.grad(&grads).unwrap()), [0.5, 0.0, -1.0, -0.25]);
+            assert!(b.grad(&grads).is_none());
+            let flat = a.clone().flatten(0, 1);
+            let sum = sum_above(flat, Tensor::from_floats([0.0, 0.5, 0.6, 9.0], &device), 0.5);
+            let grads = sum.clone().backward();
+            assert_eq!(to_host(sum), [12.0]);
+            assert_eq!(to_host(a.grad(&grads).unwrap()), [0.0, 0.0, 1.0, 1.0]);
+        }
+    }
+}

@@ -42,6 +42,7 @@ pub fn upload<E: HostNumber, const D: usize>(values: Vec<E>, shape: [usize; D], 
 
 /// Each of `arrays` as a tensor on `device`: on a GPU moved there at once, as parts of one buffer, together with what
 /// operations along the rays of `segments` will ask for.
+#[cfg_attr(not(feature = "cube"), allow(unused_variables, reason = "only kernels of GPUs ask for offsets"))]
 pub fn upload_together<const N: usize>(
     arrays: [Vec<f32>; N],
     segments: Option<&Segments>,

@@ -5,7 +5,7 @@ mod common;
 
 use burn::tensor::{Tensor, TensorData};
 use common::{Body, DISTRIBUTIONS, Draws, Rays, floats, matrix, vector, wide};
-use infonerf_ops::{Intervals, RayDistribution, Segments, reference};
+use infonerf_ops::{Intervals, RayDistribution, Segments, composite_over, reference};
 use serde_json::Value;
 
 /// Error of values that are at most about 1: a few roundings of `f32`.
@@ -111,6 +111,48 @@ fn composite_gradients(body: Body, segments: &Segments, tau: &[f32], values: &[f
         for (i, w) in range.zip(&reference::weights(&row)) {
             for c in 0..CHANNELS {
                 close(dvalues[i * CHANNELS + c], w * g(c), UNIT, &|| format!("{body:?}, ray {row:?}, values"));
+            }
+        }
+    }
+}
+
+/// Colours over a background are the same integrals: what a sample is worth is how much it differs from what is behind it.
+fn check_composite_over(rays: &Rays, draws: &mut Draws) {
+    const BACKGROUND: [f32; 3] = [0.25, 0.5, 1.0];
+    let Rays { segments, tau } = rays;
+    let mut signed = |count: usize| -> Vec<f32> { (0..count).map(|_| draws.signed()).collect() };
+    let (colors, distances) = (signed(3 * tau.len()), signed(tau.len()));
+    let (dcolor, ddepth, dacc) = (signed(3 * segments.rays()), signed(segments.rays()), signed(segments.rays()));
+    for device in [Body::Kernel, Body::PlainNdarray].map(|body| body.device().autodiff()) {
+        let (t, c) = (vector(tau, &device).require_grad(), matrix(&colors, 3, &device).require_grad());
+        let out = composite_over(t.clone(), Some(c.clone()), vector(&distances, &device), BACKGROUND, segments);
+        let color = out.color.unwrap();
+        let pulled = (color.clone() * matrix(&dcolor, 3, &device)).sum()
+            + (out.depth.clone() * vector(&ddepth, &device)).sum()
+            + (out.acc * vector(&dacc, &device)).sum();
+        let grads = pulled.backward();
+        let (dtau, dcolors) = (floats(t.grad(&grads).unwrap()), floats(c.grad(&grads).unwrap()));
+        let (color, depth) = (floats(color.detach()), floats(out.depth.detach()));
+        for (ray, range) in segments.ranges().enumerate() {
+            let row = wide(&tau[range.clone()]);
+            let (w, what) = (reference::weights(&row), || format!("over a background, ray {row:?}"));
+            let integral = |of: &dyn Fn(usize) -> f32| -> f64 {
+                w.iter().zip(range.clone()).map(|(w, i)| w * f64::from(of(i))).sum()
+            };
+            let behind = 1.0 - w.iter().sum::<f64>();
+            for (k, background) in BACKGROUND.into_iter().enumerate() {
+                let want = integral(&|i| colors[3 * i + k]) + behind * f64::from(background);
+                close(color[3 * ray + k], want, UNIT, &what);
+            }
+            close(depth[ray], integral(&|i| distances[i]), UNIT, &what);
+            let worth = |i: usize| {
+                let color = (0..3).map(|k| dcolor[3 * ray + k] * (colors[3 * i + k] - BACKGROUND[k])).sum::<f32>();
+                f64::from(color + ddepth[ray] * distances[i] + dacc[ray])
+            };
+            let want = reference::weights_vjp(&row, &range.clone().map(worth).collect::<Vec<_>>());
+            check_gradient(&dtau[range.clone()], &want, 0.0, |_| false, &what);
+            for (i, w) in range.zip(&w) {
+                (0..3).for_each(|k| close(dcolors[3 * i + k], w * f64::from(dcolor[3 * ray + k]), UNIT, &what));
             }
         }
     }
@@ -247,6 +289,13 @@ fn random_rays() {
             check_distortion(body, &rays, &mut draws);
         }
     }
+}
+
+#[test]
+fn colours_over_a_background() {
+    let mut draws = Draws(4);
+    check_composite_over(&Rays::random(&mut draws, 61), &mut draws);
+    check_composite_over(&Rays::extreme(), &mut draws);
 }
 
 #[test]

@@ -7,9 +7,11 @@ use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
 use infonerf_ops::adam::Adam;
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
+use infonerf_ops::means::{mean_squared_difference, sum_above};
+use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
 use infonerf_ops::{
-    Intervals, RayDistribution, Segments, composite, frequency_encode, from_host, integrated_encode, ray_distortion,
-    ray_divergence, ray_entropy, to_host,
+    Intervals, RayDistribution, Segments, composite, composite_over, frequency_encode, from_host, integrated_encode,
+    ray_distortion, ray_divergence, ray_entropy, to_host,
 };
 
 /// Largest error of a value or gradient, over the largest of its array.
@@ -34,6 +36,7 @@ pub(super) fn all() -> Vec<Operation> {
     let rng = &mut Rng::with_seed(SEED);
     let mut operations = along_rays(rng);
     operations.extend(factored(rng));
+    operations.extend([losses(rng), network(rng)]);
     operations.extend(encodings(rng));
     operations.extend([padded(rng), adam(rng)]);
     operations
@@ -55,6 +58,16 @@ fn along_rays(rng: &mut Rng) -> Vec<Operation> {
             let (tau, values) = (leaf(&tau, device), leaf(&values, device));
             let out = composite(tau.clone(), values.clone().reshape([-1, 4]), &segments);
             pulled(Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1)], 1), &[&tau, &values])
+        }));
+    }
+    {
+        let (segments, tau) = (segments.clone(), tau.clone());
+        let (color, distances) = (numbers(rng, 3 * tau.len(), 0.0, 1.0), numbers(rng, tau.len(), 1.0, 5.0));
+        operations.push(operation("compositing over a background", move |device| {
+            let [tau, color, distances] = [&tau, &color, &distances].map(|input| leaf(input, device));
+            let out = composite_over(tau.clone(), Some(rows(&color)), distances, [0.2, 0.5, 1.0], &segments);
+            let color_out = out.color.expect("colours were given").flatten::<1>(0, 1);
+            pulled(Tensor::cat(vec![color_out, out.depth, out.acc], 0), &[&tau, &color])
         }));
     }
     for of in [RayDistribution::Alpha, RayDistribution::AlphaBackground, RayDistribution::Termination] {
@@ -81,6 +94,54 @@ fn along_rays(rng: &mut Rng) -> Vec<Operation> {
         pulled(ray_divergence(tau.clone(), near.clone(), &segments, 1e-10), &[&tau, &near])
     }));
     operations
+}
+
+/// The sums that make losses.
+fn losses(rng: &mut Rng) -> Operation {
+    let [a, b] = [0, 1].map(|_| numbers(rng, 3000, 0.0, 1.0));
+    operation("squared differences and masked sums", move |device| {
+        let [a, b] = [&a, &b].map(|input| leaf(input, device));
+        let out = vec![mean_squared_difference(rows(&a), rows(&b)), sum_above(a.clone(), b, 0.3)];
+        pulled(Tensor::cat(out, 0), &[&a])
+    })
+}
+
+/// A network of density and colour, with directions of rays of which some are empty.
+fn network(rng: &mut Rng) -> Operation {
+    const INPUTS: usize = 12;
+    const WIDTH: usize = 16;
+    const OCTAVES: usize = 1;
+    let segments = Segments::from_counts((0..60).map(|_| rng.usize(0..9)));
+    let encoded = numbers(rng, INPUTS * segments.samples(), -1.0, 1.0);
+    let directions = numbers(rng, 3 * segments.rays(), -1.0, 1.0);
+    let sizes = [(INPUTS, WIDTH), (WIDTH, 1), (WIDTH, WIDTH), (WIDTH + 3 + 6 * OCTAVES, WIDTH / 2), (WIDTH / 2, 3)];
+    let layers = sizes.map(|(inputs, outputs)| (outputs, numbers(rng, (inputs + 1) * outputs, -0.5, 0.5)));
+    operation("radiance network", move |device| {
+        let encoded = leaf(&encoded, device);
+        let leaves = layers.each_ref().map(|(_, numbers)| leaf(numbers, device));
+        let [trunk, sigma, feature, view, rgb] = [0, 1, 2, 3, 4].map(|index| {
+            let (all, outputs) = (leaves[index].clone(), layers[index].0);
+            let weights = all.dims()[0] - outputs;
+            Dense {
+                weight: all.clone().narrow(0, 0, weights).reshape([-1, outputs as i32]),
+                bias: all.narrow(0, weights, outputs),
+            }
+        });
+        let color = ColorBranch {
+            feature,
+            view,
+            rgb,
+            directions: from_host(&directions, 3, device),
+            frequencies: OCTAVES,
+            segments: segments.clone(),
+        };
+        let network = RadianceMlp { trunk: vec![trunk], skip: 0, sigma, color: Some(color), precision: Precision::F32 };
+        let points = encoded.clone().reshape([-1, INPUTS as i32]);
+        let (density, color) = density_and_color(points, &network, Activation::ShiftedSoftplus);
+        let color = color.expect("the network has colour").flatten::<1>(0, 1);
+        let [trunk, sigma, feature, view, rgb] = &leaves;
+        pulled(Tensor::cat(vec![density, color], 0), &[&encoded, trunk, sigma, feature, view, rgb])
+    })
 }
 
 /// A factored field, and the variation of its planes.

@@ -1,35 +1,104 @@
-//! A step of Adam as one launch per parameter.
+//! Steps of Adam: one launch for many parameters.
+
+use std::cell::RefCell;
 
 use burn::cubecl::{self, prelude::*};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::empty_like;
+use super::{arg, empty_like, threads};
 use crate::adam::{AdamOps, Step};
 
-/// One thread per number. The moments are replaced where they are.
+/// Most parameters of a launch: a thread looks for its own among them.
+const MOST: usize = 24;
+/// Tensors of a parameter.
+const TENSORS: usize = 5;
+
+/// One thread per number of all parameters. The moments are replaced where they are.
 #[cube(launch)]
 fn update(
-    x: &Tensor<f32>,
-    g: &Tensor<f32>,
-    m: &mut Tensor<f32>,
-    v: &mut Tensor<f32>,
-    next: &mut Tensor<f32>,
+    x: &Sequence<OwnedTensor<f32>>,
+    g: &Sequence<OwnedTensor<f32>>,
+    m: &mut Sequence<OwnedTensor<f32>>,
+    v: &mut Sequence<OwnedTensor<f32>>,
+    next: &mut Sequence<OwnedTensor<f32>>,
     beta1: f32,
     beta2: f32,
     rate: f32,
     epsilon: f32,
+    #[comptime] parameters: usize,
 ) {
-    if ABSOLUTE_POS >= x.len() {
-        terminate!();
+    let mut start = ABSOLUTE_POS - ABSOLUTE_POS;
+    #[unroll]
+    for i in 0..parameters {
+        let x = x.index(i);
+        if ABSOLUTE_POS >= start && ABSOLUTE_POS < start + x.len() {
+            let at = ABSOLUTE_POS - start;
+            let g = g.index(i)[at];
+            let (m, v) = (m.index_mut(i), v.index_mut(i));
+            let mean = m[at] * beta1 + g * (1.0f32 - beta1);
+            let square = v[at] * beta2 + g * g * (1.0f32 - beta2);
+            m[at] = mean;
+            v[at] = square;
+            next.index_mut(i)[at] = x[at] - mean * rate / (f32::sqrt(square) + epsilon);
+        }
+        start += x.len();
     }
-    let g = g[ABSOLUTE_POS];
-    let mean = m[ABSOLUTE_POS] * beta1 + g * (1.0f32 - beta1);
-    let square = v[ABSOLUTE_POS] * beta2 + g * g * (1.0f32 - beta2);
-    m[ABSOLUTE_POS] = mean;
-    v[ABSOLUTE_POS] = square;
-    next[ABSOLUTE_POS] = x[ABSOLUTE_POS] - mean * rate / (f32::sqrt(square) + epsilon);
+}
+
+/// A step of a parameter that was not launched yet: x, g, m, v and the next x.
+type Pending = (Step, [CubeTensor; TENSORS]);
+
+thread_local! {
+    /// Steps that this thread holds back.
+    static HELD: RefCell<Option<Vec<Pending>>> = const { RefCell::new(None) };
+}
+
+/// Runs `work`, in which nobody may look at what a step gives, and takes all its steps together.
+pub(crate) fn adam_together<T>(work: impl FnOnce() -> T) -> T {
+    struct Release;
+    impl Drop for Release {
+        fn drop(&mut self) {
+            launch_all(HELD.take().unwrap_or_default());
+        }
+    }
+    HELD.set(Some(Vec::new()));
+    let _release = Release;
+    work()
+}
+
+fn launch_all(mut pending: Vec<Pending>) {
+    while let Some((step, [like, ..])) = pending.first().cloned() {
+        let most = (like.client.properties().hardware.max_bindings as usize / TENSORS).clamp(1, MOST);
+        let mut taken = Vec::new();
+        pending.retain(|(other, tensors)| {
+            let takes = *other == step && tensors[0].device == like.device && taken.len() < most;
+            if takes {
+                taken.push(tensors.clone());
+            }
+            !takes
+        });
+        let numbers = taken.iter().map(|[x, ..]| x.meta.num_elements()).sum();
+        let (count, dim) = threads(&like, numbers);
+        let all =
+            |index: usize| taken.iter().map(|tensors| arg(&tensors[index])).collect::<SequenceArg<OwnedTensor<f32>>>();
+        update::launch(
+            &like.client,
+            count,
+            dim,
+            all(0),
+            all(1),
+            all(2),
+            all(3),
+            all(4),
+            step.beta1,
+            step.beta2,
+            step.rate,
+            step.epsilon,
+            taken.len(),
+        );
+    }
 }
 
 impl AdamOps for CubeBackend {
@@ -45,11 +114,11 @@ impl AdamOps for CubeBackend {
         let own = |moment: CubeTensor| if moment.can_mut() { moment } else { moment.copy() };
         let [m, v] = [m, v].map(own).map(into_contiguous);
         let next = empty_like(&x);
-        launch!(
-            update::launch, x.meta.num_elements();
-            &x, &g, &m, &v, &next;
-            step.beta1, step.beta2, step.rate, step.epsilon
-        );
+        let pending = (step, [x, g, m.clone(), v.clone(), next.clone()]);
+        HELD.with_borrow_mut(|held| match held {
+            Some(held) => held.push(pending),
+            None => launch_all(vec![pending]),
+        });
         (next, m, v)
     }
 }

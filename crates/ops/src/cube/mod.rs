@@ -40,6 +40,7 @@ use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use activation::activation;
+pub(crate) use adam::adam_together;
 pub(crate) use encode::{frequency, integrated};
 pub(crate) use means::{Summand, sum};
 pub(crate) use rays::{composite, divergence, entropy, spread};

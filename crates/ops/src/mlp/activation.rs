@@ -38,3 +38,35 @@ impl Activation {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{from_host, to_host};
+    use burn::tensor::Device;
+
+    /// Values of x + b, and slopes that reach b.
+    #[test]
+    fn functions_of_a_sum_by_hand() {
+        let device = Device::flex().autodiff();
+        let (e, sigmoid) = (1f32.exp(), |x: f32| 1.0 / (1.0 + (-x).exp()));
+        for (function, values, slope) in [
+            (Activation::None, [-1.0, 2.0], 2.0),
+            (Activation::Relu, [0.0, 2.0], 1.0),
+            (Activation::ShiftedSoftplus, [(-2f32).exp().ln_1p(), e.ln_1p()], sigmoid(-2.0) + sigmoid(1.0)),
+            (
+                Activation::Sigmoid,
+                [sigmoid(-1.0), sigmoid(2.0)],
+                [-1.0, 2.0].map(|x| sigmoid(x) * sigmoid(-x)).iter().sum(),
+            ),
+        ] {
+            let y = from_host(&[-2.0, 1.0], 1, &device);
+            let bias = Tensor::<1>::from_floats([1.0], &device).require_grad();
+            let out = function.of_biased(y, bias.clone());
+            let slopes = to_host(bias.grad(&out.clone().sum().backward()).unwrap());
+            for (found, want) in to_host(out).into_iter().zip(values).chain([(slopes[0], slope)]) {
+                approx::assert_abs_diff_eq!(found, want, epsilon = 1e-6);
+            }
+        }
+    }
+}

@@ -7,6 +7,7 @@ use burn::optim::GradientsParams;
 use burn::tensor::Tensor;
 use infonerf_field::{Extent, Field};
 use infonerf_ops::Traffic;
+use infonerf_ops::adam::together;
 use infonerf_render::{Exposure, Model, Noise, RandomStream};
 use infonerf_schedule::Moment;
 
@@ -87,7 +88,7 @@ impl<F: Field> Trainer<F> {
         let grads = self.profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), &self.model));
         let rates = learning_rates(&self.config.train, at);
         let (optimiser, model) = (&mut self.optimiser, taken(&mut self.model));
-        self.model = self.profile.time(Phase::Optimiser, || optimiser.step(rates, model, grads));
+        self.model = self.profile.time(Phase::Optimiser, || together(|| optimiser.step(rates, model, grads)));
         self.model.exposure = self.model.exposure.take().map(Exposure::centred);
         self.progress.count(counts, samples_per_ray);
         self.progress.step += 1;
