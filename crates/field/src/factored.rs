@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use infonerf_ops::factored::{Layout, Query, density_and_color, plane_variation};
-use infonerf_ops::unit_box;
+use infonerf_ops::HostField;
+use infonerf_ops::factored::{Layout, Query, density_and_color, on_host, plane_variation};
+use infonerf_ops::unit_box::{share_of_box, unit_box};
 use infonerf_schedule::{Fault, Moment, Schedule};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -189,7 +190,67 @@ impl Field for FactoredField {
         self.tables.val().device()
     }
 
+    fn on_host(&self, at: Moment) -> Option<HostField> {
+        let (bounds, v) = (self.bounds, self.config.view_dependence);
+        let field = on_host(self.tables.val(), self.weights.val(), &self.layout, self.detail(at))?;
+        Some(Box::new(move |positions, directions| {
+            let positions: Vec<[f32; 3]> = positions.iter().map(|&p| share_of_box(p, bounds)).collect();
+            let directions: Vec<[f32; 3]> = directions.iter().map(|d| d.map(|d| d * v)).collect();
+            field(&positions, &directions)
+        }))
+    }
+
     fn penalty(&self, name: Penalty) -> Option<Tensor<1>> {
         (name == Penalty::TOTAL_VARIATION).then(|| plane_variation(self.tables.val(), &self.layout))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_ops::to_host;
+
+    use super::*;
+    use crate::Extent;
+
+    fn field(view_dependence: f32, device: &Device) -> FactoredField {
+        let config = FactoredConfig {
+            resolutions: vec![4, 9],
+            channels: 4,
+            frequencies: 2,
+            layers: 1,
+            width: 8,
+            view_dependence,
+            density_scale: 10.0,
+            density_bias: -1.0,
+            detail: 0.7.into(),
+        };
+        config.build(&FieldSetup { bounds: [[-1.0; 3], [1.0, 2.0, 3.0]], seed: 0, device, body: None }).unwrap()
+    }
+
+    #[test]
+    fn without_tensors_it_is_the_same() {
+        let device = Device::flex();
+        // More than a block, some beyond the box.
+        let points: Vec<[f32; 3]> =
+            (0..75).map(|i| [0, 1, 2].map(|axis| ((i * 7 + axis * 5) % 23) as f32 / 8.0 - 1.2)).collect();
+        let directions: Vec<[f32; 3]> = points.iter().map(|p| [p[1], -p[0], 0.5]).collect();
+        let upload = |rows: &[[f32; 3]]| infonerf_ops::upload(rows.as_flattened().to_vec(), [rows.len(), 3], &device);
+        for view_dependence in [0.0, 0.5] {
+            let field = field(view_dependence, &device);
+            let at = Points::scattered(upload(&points), Extent::Ball { variance: 0.0 }).seen_along(upload(&directions));
+            let FieldOutput { sigma, color } = field.evaluate(&at, true, Moment::START);
+            let (sigma, color) = (to_host(sigma), to_host(color.unwrap()));
+            let got = field.on_host(Moment::START).unwrap()(&points, &directions);
+            for (i, got) in got.iter().enumerate() {
+                let want = [sigma[i], color[3 * i], color[3 * i + 1], color[3 * i + 2]];
+                assert!(
+                    got.iter().zip(want).all(|(got, want)| (got - want).abs() <= 1e-6 * want.abs()),
+                    "{i}: {got:?}, {want:?}"
+                );
+            }
+        }
+        #[allow(deprecated, reason = "a CPU backend without our kernels")]
+        let plain = field(0.5, &Device::ndarray());
+        assert!(plain.on_host(Moment::START).is_none());
     }
 }

@@ -3,6 +3,7 @@ use std::path::PathBuf;
 
 use burn::module::{Module, ModuleDisplay};
 use burn::tensor::{Device, Tensor};
+use infonerf_ops::HostField;
 use infonerf_schedule::{Fault, Moment};
 
 use crate::{FieldOutput, Penalty, Points, Sources};
@@ -24,6 +25,12 @@ pub trait Field: Module + ModuleDisplay + Sync + 'static {
 
     /// The device that holds the parameters.
     fn device(&self) -> Device;
+
+    /// The field at a moment of the run, of positions in scene units and unit directions, without tensors: pictures then
+    /// take less time. None where there is no such way.
+    fn on_host(&self, _at: Moment) -> Option<HostField> {
+        None
+    }
 
     /// The field conditioned on `sources`, its photographs: with everything computed that is shared by all evaluations of a
     /// step or picture, such as an image encoder's features or a decoded volume. Gradients flow through it, and it is

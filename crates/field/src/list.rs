@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
+use infonerf_ops::HostField;
 use infonerf_schedule::{Fault, Moment};
 use serde::{Deserialize, Serialize};
 
@@ -96,6 +97,10 @@ macro_rules! fields {
 
             fn device(&self) -> Device {
                 match self { $(Self::$name(field) => field.device(),)* }
+            }
+
+            fn on_host(&self, at: Moment) -> Option<HostField> {
+                match self { $(Self::$name(field) => field.on_host(at),)* }
             }
 
             fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {

@@ -84,7 +84,7 @@ pub use composite::{Composite, Seen, composite, composite_over};
 pub use distortion::{Intervals, ray_distortion};
 pub use divergence::ray_divergence;
 pub use entropy::{RayDistribution, RayEntropy, ray_entropy};
-pub use factored::{factored_field, plane_variation};
+pub use factored::{HostField, factored_field, plane_variation};
 pub use frequency::frequency_encode;
 pub use frustum::{RayGaussians, frustum_gaussians};
 pub use integrated::integrated_encode;

@@ -17,6 +17,12 @@ pub fn unit_box(positions: Tensor<2>, [low, high]: [[f32; 3]; 2]) -> Tensor<2> {
     }
 }
 
+/// [`unit_box`] of one position.
+#[inline]
+pub fn share_of_box(position: [f32; 3], [low, high]: [[f32; 3]; 2]) -> [f32; 3] {
+    [0, 1, 2].map(|axis| ((position[axis] - low[axis]) * (1.0 / (high[axis] - low[axis]))).clamp(0.0, 1.0))
+}
+
 fn plain(positions: Tensor<2>, low: [f32; 3], scale: [f32; 3]) -> Tensor<2> {
     let row = |row: [f32; 3], device: &Device| upload(row.to_vec(), [1, 3], device);
     let device = positions.device();

@@ -54,7 +54,8 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
         counts: Counts::default(),
     };
     if renderer.sampler().config().marches() {
-        let march = |rays: &[Ray]| march(renderer, trained, rays);
+        let host = trained.model.fine.on_host(trained.at);
+        let march = |rays: &[Ray]| march(renderer, trained, host.as_ref(), rays);
         let parts: Vec<_> = match has_host_kernels(&trained.model.fine.device()) {
             true => rays.par_chunks(HOST_CHUNK).map(march).collect(),
             false => rays.chunks(CHUNK).map(march).collect(),

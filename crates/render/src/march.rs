@@ -4,111 +4,194 @@
 //! `render.early_stop_transmittance`: the weights of skipped samples sum to no more than that.
 
 use infonerf_field::{Extent, Field, Points};
-use infonerf_ops::{Segments, numeric, to_host, upload};
+use infonerf_ops::{HostField, Segments, numeric, to_host, upload};
 use infonerf_scene::Ray;
+use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
-use crate::sampler::Skip;
+use crate::sampler::Steps;
 use crate::{Compositing, Counts, Renderer, TrainedModel};
 
-/// A ray with what it has accumulated so far.
-#[derive(Clone, Debug, Default)]
+/// What a ray has accumulated so far.
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Marched {
     pub(crate) rgb: [f32; 3],
     /// Σ w t.
     pub(crate) depth: f32,
     /// Transmittance so far.
     pub(crate) trans: f32,
-    steps: Vec<(f32, f32)>,
-    next: usize,
 }
 
 /// Samples per ray and round: few, as rays stop soon after a surface.
 const ROUND: usize = 4;
+/// Rays of a [`Part`].
+const PART: usize = 1 << 10;
 
 /// Colour on the background, distance and transmittance of each of `rays`, and the numbers of samples.
-pub(crate) fn march<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, rays: &[Ray]) -> (Vec<Marched>, Counts) {
-    let sampler = renderer.sampler();
-    let field = &trained.model.fine;
-    let (longest, step) = (sampler.longest(), sampler.step_length(trained.at));
-    let (least, compositing) = (sampler.config().early_stop_transmittance, sampler.config().compositing);
-    let skip = Skip { grid: trained.occupancy.as_ref(), hidden_depth: f32::INFINITY };
-    let mut counts = Counts { total: (rays.len() as f32 * longest / step) as u64, evaluated: 0 };
-    let mut marched: Vec<Marched> = rays
-        .par_iter()
-        .map(|ray| Marched { trans: 1.0, steps: sampler.steps(ray, step, 0.5, skip), ..Marched::default() })
-        .collect();
-    let mut active: Vec<usize> = (0..rays.len()).filter(|&ray| !marched[ray].steps.is_empty()).collect();
-    while !active.is_empty() {
-        let lengths = active.iter().map(|&ray| ROUND.min(marched[ray].steps.len() - marched[ray].next));
-        let segments = Segments::from_counts(lengths);
-        counts.evaluated += segments.samples() as u64;
-        let steps_of = |(index, &ray): (usize, &usize)| {
-            let (from, count) = (marched[ray].next, segments.range(index).len());
-            marched[ray].steps[from..from + count].iter()
-        };
-        let position =
-            |(index, ray)| steps_of((index, ray)).flat_map(|(t, _)| sampler.warp().point(rays[*ray].at(*t)).to_array());
-        let positions: Vec<f32> = active.par_iter().enumerate().flat_map_iter(position).collect();
-        let (t, delta): (Vec<f32>, Vec<f32>) = active.iter().enumerate().flat_map(steps_of).copied().unzip();
-        let directions: Vec<f32> = active.iter().flat_map(|&ray| rays[ray].direction.to_array()).collect();
-        let radii: Vec<f32> = active.iter().map(|&ray| rays[ray].radius).collect();
-        let (samples, device) = (segments.samples(), field.device());
-        let points = Points {
-            positions: upload(positions, [samples, 3], &device),
-            directions: upload(directions, [active.len(), 3], &device),
-            segments: segments.clone(),
-            extent: Extent::Cones {
-                t: upload(t, [samples], &device),
-                delta: upload(delta, [samples], &device),
-                radii: upload(radii, [active.len()], &device),
-            },
-        };
-        let sampled = field.evaluate(&points, true, trained.at);
-        let sigma = to_host(sampled.sigma);
-        let color = to_host(sampled.color.expect("colour was asked for"));
-        let mut advancing = active.iter().copied().enumerate().peekable();
-        let in_turn: Vec<(usize, &mut Marched)> = marched
-            .iter_mut()
-            .enumerate()
-            .filter_map(|(ray, marched)| {
-                let (index, _) = advancing.next_if(|(_, active)| *active == ray)?;
-                Some((index, marched))
+///
+/// All parts go a round at a time, and the field is evaluated once for all of them; on the host, where `host` is the field,
+/// each part goes alone.
+pub(crate) fn march<F: Field>(
+    renderer: &Renderer,
+    trained: &TrainedModel<F>,
+    host: Option<&HostField>,
+    rays: &[Ray],
+) -> (Vec<Marched>, Counts) {
+    let parts = rays.par_chunks(PART).map(|rays| Part::new(renderer, trained, rays));
+    let parts: Vec<Part<'_>> = match host {
+        Some(host) => parts
+            .map(|mut part| {
+                while let Some(round) = part.take() {
+                    part.advance(&round, &host(&round.positions, &round.sample_directions()));
+                }
+                part
             })
-            .collect();
-        in_turn.into_par_iter().for_each(|(index, ray)| {
-            let range = segments.range(index);
-            ray.advance(compositing, &sigma[range.clone()], &color[3 * range.start..3 * range.end]);
-        });
-        active.retain(|&ray| {
-            let ray = &marched[ray];
-            ray.next < ray.steps.len() && ray.trans > least
-        });
-    }
+            .collect(),
+        None => {
+            let mut parts: Vec<Part<'_>> = parts.collect();
+            loop {
+                let rounds: Vec<_> =
+                    parts.par_iter_mut().filter_map(|part| part.take().map(|round| (part, round))).collect();
+                if rounds.is_empty() {
+                    break;
+                }
+                let values = evaluate(&trained.model.fine, rounds.iter().map(|(_, round)| round), trained.at);
+                let mut values = values.as_slice();
+                let values: Vec<_> = rounds.iter().map(|(_, round)| values.split_off(..round.t.len())).collect();
+                rounds.into_par_iter().zip(values).for_each(|((part, round), values)| {
+                    part.advance(&round, values.expect("a value of each sample"));
+                });
+            }
+            parts
+        }
+    };
+    let sampler = renderer.sampler();
+    let total = (rays.len() as f32 * sampler.longest() / sampler.step_length(trained.at)) as u64;
+    let counts = Counts { total, evaluated: parts.iter().map(|part| part.evaluated).sum() };
     let background = renderer.background();
-    for ray in &mut marched {
-        for (value, behind) in ray.rgb.iter_mut().zip(background) {
-            *value += ray.trans * behind;
+    let behind = |mut ray: Marched| {
+        ray.rgb.iter_mut().zip(background).for_each(|(value, behind)| *value += ray.trans * behind);
+        ray
+    };
+    (parts.into_iter().flat_map(|part| part.marched).map(behind).collect(), counts)
+}
+
+/// σ, r, g, b of each sample of `rounds`.
+fn evaluate<'a, F: Field>(field: &F, rounds: impl Iterator<Item = &'a Round> + Clone, at: Moment) -> Vec<[f32; 4]> {
+    let device = field.device();
+    let rays = rounds.clone().flat_map(|round| &round.rays);
+    let join = |of: fn(&Round) -> &[f32]| rounds.clone().map(of).collect::<Vec<_>>().concat();
+    let segments = Segments::from_counts(rounds.clone().flat_map(|round| round.counts.iter().copied()));
+    let (samples, count) = (segments.samples(), segments.rays());
+    let points = Points {
+        positions: upload(join(|round| round.positions.as_flattened()), [samples, 3], &device),
+        directions: upload(rays.clone().flat_map(|ray| ray.direction.to_array()).collect(), [count, 3], &device),
+        segments,
+        extent: Extent::Cones {
+            t: upload(join(|round| &round.t), [samples], &device),
+            delta: upload(join(|round| &round.delta), [samples], &device),
+            radii: upload(rays.map(|ray| ray.radius).collect(), [count], &device),
+        },
+    };
+    let sampled = field.evaluate(&points, true, at);
+    let color = to_host(sampled.color.expect("colour was asked for"));
+    let values = to_host(sampled.sigma).into_iter().zip(color.as_chunks::<3>().0);
+    values.map(|(sigma, &[r, g, b])| [sigma, r, g, b]).collect()
+}
+
+/// Some rays that march.
+struct Part<'a> {
+    renderer: &'a Renderer,
+    rays: &'a [Ray],
+    steps: Vec<Steps<'a>>,
+    marched: Vec<Marched>,
+    /// Those that have not stopped.
+    active: Vec<usize>,
+    evaluated: u64,
+}
+
+/// The next samples of the rays of a part.
+#[derive(Default)]
+struct Round {
+    /// Samples of each ray that has not stopped.
+    counts: Vec<usize>,
+    /// That ray.
+    rays: Vec<Ray>,
+    /// Of each sample.
+    t: Vec<f32>,
+    delta: Vec<f32>,
+    positions: Vec<[f32; 3]>,
+}
+
+impl Round {
+    fn sample_directions(&self) -> Vec<[f32; 3]> {
+        let rays = self.rays.iter().zip(&self.counts);
+        rays.flat_map(|(ray, &count)| std::iter::repeat_n(ray.direction.to_array(), count)).collect()
+    }
+}
+
+impl<'a> Part<'a> {
+    fn new<F: Field>(renderer: &'a Renderer, trained: &'a TrainedModel<F>, rays: &'a [Ray]) -> Self {
+        let (sampler, grid) = (renderer.sampler(), trained.occupancy.as_ref());
+        let step = sampler.step_length(trained.at);
+        Self {
+            renderer,
+            rays,
+            steps: rays.iter().map(|ray| sampler.steps(ray, step, 0.5, grid)).collect(),
+            marched: vec![Marched { rgb: [0.0; 3], depth: 0.0, trans: 1.0 }; rays.len()],
+            active: (0..rays.len()).collect(),
+            evaluated: 0,
         }
     }
-    (marched, counts)
+
+    /// The next samples, unless all rays have stopped.
+    fn take(&mut self) -> Option<Round> {
+        let mut round = Round::default();
+        let warp = self.renderer.warp();
+        self.active.retain(|&index| {
+            let (ray, before) = (&self.rays[index], round.t.len());
+            for (t, delta) in self.steps[index].by_ref().take(ROUND) {
+                round.t.push(t);
+                round.delta.push(delta);
+                round.positions.push(warp.point(ray.at(t)).to_array());
+            }
+            let count = round.t.len() - before;
+            if count > 0 {
+                round.counts.push(count);
+                round.rays.push(*ray);
+            }
+            count > 0
+        });
+        self.evaluated += round.t.len() as u64;
+        (!self.active.is_empty()).then_some(round)
+    }
+
+    /// Composites the samples of a round, of which `values` are σ, r, g, b.
+    fn advance(&mut self, round: &Round, values: &[[f32; 4]]) {
+        let config = self.renderer.sampler().config();
+        let mut samples = round.t.iter().zip(&round.delta).zip(values);
+        let mut counts = round.counts.iter();
+        self.active.retain(|&index| {
+            let ray = &mut self.marched[index];
+            for ((&t, delta), &[sigma, ref color @ ..]) in samples.by_ref().take(*counts.next().expect("one per ray")) {
+                ray.add(config.compositing, sigma * delta, t, *color);
+            }
+            ray.trans > config.early_stop_transmittance
+        });
+    }
 }
 
 impl Marched {
-    fn advance(&mut self, compositing: Compositing, sigma: &[f32], color: &[f32]) {
-        let steps = &self.steps[self.next..self.next + sigma.len()];
-        for ((&(t, delta), sigma), color) in steps.iter().zip(sigma).zip(color.chunks_exact(3)) {
-            let tau = sigma * delta;
-            let (w, trans) = match compositing {
-                Compositing::Exponential => (self.trans * numeric::alpha(tau), self.trans * (-tau).exp()),
-                Compositing::Additive => (tau.min(self.trans), (self.trans - tau).max(0.0)),
-            };
-            for (sum, c) in self.rgb.iter_mut().zip(color) {
-                *sum += w * c;
-            }
-            self.depth += w * t;
-            self.trans = trans;
+    /// Composites a sample of optical depth `tau` at distance `t` behind what is there.
+    fn add(&mut self, compositing: Compositing, tau: f32, t: f32, color: [f32; 3]) {
+        let w = match compositing {
+            Compositing::Exponential => self.trans * numeric::alpha(tau),
+            Compositing::Additive => tau.min(self.trans),
+        };
+        for (sum, c) in self.rgb.iter_mut().zip(color) {
+            *sum += w * c;
         }
-        self.next += sigma.len();
+        self.depth += w * t;
+        self.trans -= w;
     }
 }

@@ -8,6 +8,8 @@ use crate::{Noise, OccupancyConfig};
 const CHUNK: usize = 1 << 16;
 /// Points that [`OccupancyGrid::refined`] evaluates per cell.
 const PROBES: usize = 8;
+/// Largest distance to occupied cells that is told from larger ones.
+const REACH: u8 = 16;
 
 /// Which cells of the scene's box are empty.
 ///
@@ -26,8 +28,8 @@ pub struct OccupancyGrid {
     updated: bool,
     /// The smallest box around all occupied cells.
     tight: Aabb,
-    /// How many cells around each are empty with it, along every axis and diagonal: 0, 1, 3 or 7.
-    clearance: Vec<u8>,
+    /// Cells from each to the nearest occupied one, along the axis on which they are most: 0 to [`REACH`].
+    distance: Vec<u8>,
 }
 
 impl OccupancyGrid {
@@ -43,7 +45,7 @@ impl OccupancyGrid {
             carved: vec![false; cells],
             updated: false,
             tight: bounds,
-            clearance: vec![0; cells],
+            distance: vec![0; cells],
         }
     }
 
@@ -185,10 +187,10 @@ impl OccupancyGrid {
         self.tight
     }
 
-    /// How far a ray can go from `p` without meeting an occupied cell, in cells along the axis on which it passes most of
-    /// them; 0 outside the box, in an occupied cell and beside one.
-    pub(crate) fn clearance(&self, p: Vec3) -> u8 {
-        self.cell(p).map_or(0, |cell| self.clearance[cell])
+    /// Cells from that of `p` to the nearest occupied one, along the axis on which they are most, at most [`REACH`]; 0 in an
+    /// occupied cell and outside the box.
+    pub(crate) fn distance(&self, p: Vec3) -> u8 {
+        self.cell(p).map_or(0, |cell| self.distance[cell])
     }
 
     /// Cells that a ray passes per unit of length, along the axis on which they are most.
@@ -200,14 +202,10 @@ impl OccupancyGrid {
     fn derive(&mut self) {
         self.tighten();
         let mut near: Vec<u8> = self.occupied.iter().map(|&occupied| u8::from(occupied)).collect();
-        self.clearance = vec![0; near.len()];
-        let mut reach = 0;
-        for further in [0, 1, 2, 4] {
-            (0..further).for_each(|_| self.widen(&mut near));
-            reach += further as u8;
-            for (clearance, near) in self.clearance.iter_mut().zip(&near) {
-                *clearance = if *near == 0 { reach } else { *clearance };
-            }
+        self.distance = vec![0; near.len()];
+        for _ in 0..REACH {
+            self.distance.iter_mut().zip(&near).for_each(|(distance, near)| *distance += 1 - near);
+            self.widen(&mut near);
         }
     }
 
@@ -358,7 +356,7 @@ mod tests {
         }
         assert!(grid.is_occupied(Vec3::ZERO) && grid.is_occupied(Vec3::new(0.45, 0.0, 0.0)));
         assert!(!grid.is_occupied(Vec3::splat(0.9)));
-        assert!(grid.clearance(Vec3::splat(0.9)) > 0 && grid.clearance(Vec3::ZERO) == 0);
+        assert!(grid.distance(Vec3::splat(0.9)) > 1 && grid.distance(Vec3::ZERO) == 0);
         assert!(grid.is_occupied(Vec3::splat(7.0)), "outside nothing is known");
         assert!(grid.is_occupied(Vec3::splat(f32::NAN)));
         assert!(grid.fraction() < 0.2);
@@ -393,7 +391,7 @@ mod tests {
     }
 
     proptest! {
-        /// A sample that clearance passes over is in an empty cell.
+        /// A sample that is passed over is in an empty cell.
         #[test]
         fn nothing_occupied_is_passed_over(
             seed in any::<u64>(),
@@ -408,11 +406,11 @@ mod tests {
             grid.restore(vec![1.0; cells], occupied, true).unwrap();
             let direction = (Vec3::from(to) - Vec3::from(from)).normalize_or(Vec3::X);
             let ray = Ray::new(Vec3::from(from), direction);
-            let clear = f32::from(grid.clearance(ray.at(0.0)));
-            let reach = 0.999 * clear / grid.pace(&ray);
+            let distance = grid.distance(ray.at(0.0));
+            let reach = 0.999 * f32::from(distance.saturating_sub(1)) / grid.pace(&ray);
             for i in 0..=100 {
                 let p = ray.at(reach * i as f32 / 100.0);
-                prop_assert!(clear == 0.0 || grid.cell(p).is_none_or(|cell| !grid.occupied[cell]));
+                prop_assert!(distance == 0 || grid.cell(p).is_none_or(|cell| !grid.occupied[cell]));
             }
         }
     }

@@ -87,40 +87,39 @@ impl Sampler {
         let (step, most) = (self.step_length(at), self.most(at));
         Samples::pack(rays, &self.warp, device, |index| {
             let shift = noise.map_or(0.5, |noise| noise.uniform(index, 0));
-            (self.steps(&rays[index], step, shift, skip), most)
+            let steps = self.steps(&rays[index], step, shift, skip.grid);
+            let kept = match skip.grid {
+                Some(grid) => self.visible(steps, &rays[index], grid, skip.hidden_depth),
+                None => steps.collect(),
+            };
+            (kept, most)
         })
     }
 
-    /// `(distance, length)` of the steps of one ray that are not skipped.
-    pub(crate) fn steps(&self, ray: &Ray, step: f32, shift: f32, skip: Skip<'_>) -> Vec<(f32, f32)> {
-        let Some((near, far)) = self.interval(ray) else { return Vec::new() };
+    /// The steps of one ray but those in cells that `grid` knows to be empty.
+    pub(crate) fn steps<'a>(
+        &'a self,
+        ray: &'a Ray,
+        step: f32,
+        shift: f32,
+        grid: Option<&'a OccupancyGrid>,
+    ) -> Steps<'a> {
+        let warp = &self.warp;
+        let nothing = Steps { ray, warp, grid, near: 0.0, length: step, shift, pace: f32::INFINITY, next: 0, last: 0 };
+        let Some((near, far)) = self.interval(ray) else { return nothing };
         let count = ((far - near) / step).ceil().max(1.0);
         let length = (far - near) / count;
-        let at = |i: usize| (self.warp.distance(near + (i as f32 + shift) * length), length);
-        let Some(grid) = skip.grid else { return (0..count as usize).map(at).collect() };
+        let all = Steps { near, length, last: count as usize, ..nothing };
+        let Some(grid) = grid else { return all };
+        let pace = if warp.is_identity() { grid.pace(ray) * length } else { f32::INFINITY };
+        if !self.clips() {
+            return Steps { pace, ..all };
+        }
         // Steps before and behind everything need no look at the grid.
-        let (first, last) = if self.clips() {
-            let Some((enter, leave)) = grid.tight_bounds().intersect(ray) else { return Vec::new() };
-            let index = |t: f32| ((t - near) / length).max(0.0);
-            (index(enter).floor() as usize, (index(leave).ceil() as usize + 1).min(count as usize))
-        } else {
-            (0, count as usize)
-        };
-        // Where space is not warped, steps through wide empty space are passed over many at a time.
-        let pace = if self.warp.is_identity() { grid.pace(ray) * length } else { f32::INFINITY };
-        let mut next = first.saturating_sub(1);
-        let candidates = std::iter::from_fn(|| {
-            while next < last {
-                let step = at(next);
-                let clearance = grid.clearance(ray.at(step.0));
-                next += 1 + (0.999 * f32::from(clearance) / pace) as usize;
-                if clearance == 0 || pace == f32::INFINITY {
-                    return Some(step);
-                }
-            }
-            None
-        });
-        self.visible(candidates, ray, grid, skip.hidden_depth)
+        let Some((enter, leave)) = grid.tight_bounds().intersect(ray) else { return Steps { last: 0, ..all } };
+        let index = |t: f32| ((t - near) / length).max(0.0);
+        let (first, last) = (index(enter).floor() as usize, index(leave).ceil() as usize + 1);
+        Steps { pace, next: first.saturating_sub(1), last: last.min(all.last), ..all }
     }
 
     /// Stratified distances of each ray, for the coarse pass or the only one.
@@ -228,5 +227,40 @@ impl Sampler {
             kept.push((t, delta));
         }
         kept
+    }
+}
+
+/// `(distance, length)` of steps of one length along a ray, less those in empty cells of a grid, front to back.
+#[derive(Clone, Debug)]
+pub(crate) struct Steps<'a> {
+    ray: &'a Ray,
+    warp: &'a Warp,
+    grid: Option<&'a OccupancyGrid>,
+    /// Coordinate where the first step begins.
+    near: f32,
+    /// Length of a step, in coordinates.
+    length: f32,
+    /// Where in a step its sample is, 0 to 1.
+    shift: f32,
+    /// Cells that a step passes, along the axis on which they are most; infinite where space is warped.
+    pace: f32,
+    next: usize,
+    last: usize,
+}
+
+impl Iterator for Steps<'_> {
+    type Item = (f32, f32);
+
+    fn next(&mut self) -> Option<(f32, f32)> {
+        while self.next < self.last {
+            let t = self.warp.distance(self.near + (self.next as f32 + self.shift) * self.length);
+            let away = self.grid.map_or(0, |grid| grid.distance(self.warp.point(self.ray.at(t))));
+            // Steps through wide empty space are passed over many at a time.
+            self.next += 1 + (0.999 * f32::from(away.saturating_sub(1)) / self.pace) as usize;
+            if away == 0 {
+                return Some((t, self.length));
+            }
+        }
+        None
     }
 }

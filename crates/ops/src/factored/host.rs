@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::Query;
 use super::dense::{self, BLOCK, padded};
 use super::encode::{self, Block, level_features, plane_gradient, position_gradient, with_channels};
 use super::layout::{Layout, OUTPUTS, PLANES, RAW};
+use super::{HostField, Query};
 use crate::kernel::{Kernel, Pass};
 use crate::numeric::{Opacity, sigmoid, softplus};
 use crate::simd::{self, Job};
@@ -31,11 +31,6 @@ impl FactoredKernel {
         self.query.color && self.layout.view_dependent
     }
 
-    /// Numbers that a block's activations take: the MLP's input and each hidden layer's output.
-    fn activations(&self) -> usize {
-        self.layout.layers.iter().map(|layer| padded(layer.inputs)).sum::<usize>() * BLOCK
-    }
-
     /// Features before those that come from tables.
     fn before_tables(&self) -> usize {
         self.layout.levels.first().map_or(self.layout.features(), |level| level.feature)
@@ -56,22 +51,29 @@ impl Kernel for FactoredKernel {
         let &[tables, weights, positions, ref directions @ ..] = inputs else { unreachable!("three inputs at least") };
         let samples = positions.len() / 3;
         let mut out = vec![0.0; samples * self.outputs()];
-        let layers: Vec<Vec<f32>> = self.layout.layers.iter().map(|layer| dense::packed(weights, layer)).collect();
+        let layers = packed(&self.layout, weights);
+        let query = &self.query;
+        let field = Parameters {
+            layout: &self.layout,
+            tables,
+            layers: &layers,
+            detail: (&query.frequency_weights, &query.level_weights),
+        };
         let job = |(block, positions): (usize, &[f32]), activations: &mut [f32], out: &mut [f32]| {
             let directions = directions.first().map(|directions| &directions[3 * block * BLOCK..]);
-            simd::run(Forward { kernel: self, tables, layers: &layers, positions, directions, activations, out });
+            simd::run(Forward { field, color: query.color, positions, directions, activations, out });
         };
         let positions = positions.par_chunks(3 * BLOCK).enumerate();
         let blocks = positions.zip(out.par_chunks_mut(BLOCK * self.outputs()));
         match saved {
             Some(saved) => {
-                saved.resize(samples.div_ceil(BLOCK) * self.activations(), 0.0);
+                saved.resize(samples.div_ceil(BLOCK) * activations(&self.layout), 0.0);
                 blocks
-                    .zip(saved.par_chunks_mut(self.activations()))
+                    .zip(saved.par_chunks_mut(activations(&self.layout)))
                     .for_each(|((positions, out), activations)| job(positions, activations, out));
             }
             None => blocks.for_each_init(
-                || vec![0.0; self.activations()],
+                || vec![0.0; activations(&self.layout)],
                 |activations, (positions, out)| job(positions, activations, out),
             ),
         }
@@ -107,7 +109,8 @@ impl Kernel for FactoredKernel {
                     let block = group * per_group + index;
                     let rows = block * BLOCK..((block + 1) * BLOCK).min(samples);
                     let numbers = rows.start * self.outputs()..rows.end * self.outputs();
-                    let activations = &pass.saved[block * self.activations()..(block + 1) * self.activations()];
+                    let activations =
+                        &pass.saved[block * activations(&self.layout)..(block + 1) * activations(&self.layout)];
                     simd::run(Backward {
                         kernel: self,
                         layers: &layers,
@@ -175,11 +178,58 @@ impl FactoredKernel {
     }
 }
 
-struct Forward<'a> {
-    kernel: &'a FactoredKernel,
+/// Numbers that a block's activations take: the MLP's input and each hidden layer's output.
+fn activations(layout: &Layout) -> usize {
+    layout.layers.iter().map(|layer| padded(layer.inputs)).sum::<usize>() * BLOCK
+}
+
+/// Each layer, packed.
+fn packed(layout: &Layout, weights: &[f32]) -> Vec<Vec<f32>> {
+    layout.layers.iter().map(|layer| dense::packed(weights, layer)).collect()
+}
+
+/// [`super::on_host`] of these parameters.
+pub(super) fn field(
+    tables: Vec<f32>,
+    weights: &[f32],
+    layout: Arc<Layout>,
+    (frequencies, levels): (Vec<f32>, Vec<f32>),
+) -> HostField {
+    let layers = packed(&layout, weights);
+    Box::new(move |positions, directions| {
+        let field = Parameters { layout: &layout, tables: &tables, layers: &layers, detail: (&frequencies, &levels) };
+        let mut activations = vec![0.0; activations(&layout)];
+        let mut out = vec![[0.0; OUTPUTS]; positions.len()];
+        let blocks = positions.chunks(BLOCK).zip(directions.chunks(BLOCK)).zip(out.chunks_mut(BLOCK));
+        for ((positions, directions), out) in blocks {
+            simd::run(Forward {
+                field,
+                color: true,
+                positions: positions.as_flattened(),
+                directions: layout.view_dependent.then_some(directions.as_flattened()),
+                activations: &mut activations,
+                out: out.as_flattened_mut(),
+            });
+        }
+        out
+    })
+}
+
+/// What a field is evaluated from.
+#[derive(Clone, Copy)]
+struct Parameters<'a> {
+    layout: &'a Layout,
     tables: &'a [f32],
     /// Each layer, packed.
     layers: &'a [Vec<f32>],
+    /// Weights of frequencies and of levels.
+    detail: (&'a [f32], &'a [f32]),
+}
+
+struct Forward<'a> {
+    field: Parameters<'a>,
+    /// Whether to compute colour beside density.
+    color: bool,
     /// `[samples, 3]` of this block.
     positions: &'a [f32],
     /// `[samples, 3]`, if colour depends on them.
@@ -191,14 +241,14 @@ struct Forward<'a> {
 impl Job for Forward<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
-        let Self { kernel, tables, layers, positions, directions, activations, out } = self;
-        let (layout, query) = (&kernel.layout, &kernel.query);
+        let Self { field, color, positions, directions, activations, out } = self;
+        let Parameters { layout, tables, layers, detail: (frequencies, levels) } = field;
         let samples = positions.len() / 3;
         let block = encode::block(positions);
         let stride = padded(layout.features());
         let (mut x, mut rest) = activations.split_at_mut(stride * BLOCK);
-        encode::frequencies(&block, &query.frequency_weights, x, stride, samples);
-        for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {
+        encode::frequencies(&block, frequencies, x, stride, samples);
+        for (level, &weight) in layout.levels.iter().zip(levels) {
             if weight == 0.0 {
                 for row in x.chunks_exact_mut(stride) {
                     row[level.feature..level.feature + 3 * level.channels].fill(0.0);
@@ -225,7 +275,7 @@ impl Job for Forward<'_> {
             sigma[s] = raw[s][0] + layout.density_bias;
         }
         softplus(&mut sigma);
-        if !query.color {
+        if !color {
             for (out, sigma) in out.iter_mut().zip(sigma) {
                 *out = sigma * layout.density_scale;
             }

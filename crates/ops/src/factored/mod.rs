@@ -64,10 +64,7 @@ impl Query {
 /// # Panics
 /// If a length does not match `layout`, or there is no direction where colour depends on it.
 pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout>, query: Query) -> Tensor<2> {
-    assert_eq!(tables.dims(), [layout.table_len()], "tables hold every plane and line of the layout");
-    assert_eq!(weights.dims(), [layout.weight_len()], "weights hold every layer of the layout");
-    assert_eq!(query.frequency_weights.len(), layout.frequencies, "one weight per frequency");
-    assert_eq!(query.level_weights.len(), layout.levels.len(), "one weight per level");
+    check(&tables, &weights, layout, (&query.frequency_weights, &query.level_weights));
     dispatch! {
         &tables.device();
         host => {
@@ -110,4 +107,33 @@ pub fn density_and_color(
         },
         plain => split(factored_field(tables, weights, layout, query)),
     }
+}
+
+/// σ, r, g, b at positions seen along directions, one of each, without tensors.
+pub type HostField = Box<dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> Vec<[f32; 4]> + Send + Sync>;
+
+/// [`factored_field`] with colour and these weights of frequencies and levels, from parameters that are laid out once: for
+/// pictures, on devices that the host kernels serve. Work is in one thread.
+///
+/// # Panics
+/// As [`factored_field`] does.
+pub fn on_host(
+    tables: Tensor<1>,
+    weights: Tensor<1>,
+    layout: &Arc<Layout>,
+    detail: (Vec<f32>, Vec<f32>),
+) -> Option<HostField> {
+    check(&tables, &weights, layout, (&detail.0, &detail.1));
+    dispatch! {
+        &tables.device();
+        host => Some(host::field(crate::to_host(tables), &crate::to_host(weights), layout.clone(), detail)),
+        plain => None,
+    }
+}
+
+fn check(tables: &Tensor<1>, weights: &Tensor<1>, layout: &Layout, (frequencies, levels): (&[f32], &[f32])) {
+    assert_eq!(tables.dims(), [layout.table_len()], "tables hold every plane and line of the layout");
+    assert_eq!(weights.dims(), [layout.weight_len()], "weights hold every layer of the layout");
+    assert_eq!(frequencies.len(), layout.frequencies, "one weight per frequency");
+    assert_eq!(levels.len(), layout.levels.len(), "one weight per level");
 }
