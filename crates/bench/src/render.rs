@@ -12,6 +12,7 @@ use serde::Serialize;
 use super::context::Bench;
 use super::options::Options;
 use super::output::{TextTable, median};
+use super::roofline::{self, Part};
 use super::trial::{train, with_settings};
 use infonerf_experiment::RunPlan;
 
@@ -39,17 +40,23 @@ pub(super) struct Row {
 struct Results<'a> {
     train_iterations: u32,
     rows: &'a [Row],
+    /// Of the last row.
+    roofline: &'a [Part],
 }
 
 pub(super) fn run(bench: &Bench, options: &Options, say: &mut dyn FnMut(&str)) -> Result<()> {
     let steps = options.steps.unwrap_or(STEPS);
     let mut rows = Vec::new();
     let mut series = Vec::new();
+    let mut roofline = Vec::new();
     for plan in &bench.plans {
         let trainer = trained(bench, plan, steps)?;
         let own = frames(&trainer, plan, &options.sizes)?;
         let points = own.iter().map(|row| (f64::from(row.width.max(row.height)), row.seconds_per_frame)).collect();
         series.push(Series { name: plan.label(), points });
+        if let Some(Row { samples_evaluated, seconds_per_frame, .. }) = own.last() {
+            roofline = roofline::of_frame(&trainer, &plan.config, *samples_evaluated as f64, 1e3 * seconds_per_frame);
+        }
         rows.extend(own);
     }
     let mut table = TextTable::new(&["run", "size", "s/frame", "frames/s", "samples", "evaluated"]);
@@ -63,10 +70,10 @@ pub(super) fn run(bench: &Bench, options: &Options, say: &mut dyn FnMut(&str)) -
             format!("{:.2} M", row.samples_evaluated as f64 / 1e6),
         ]);
     }
-    say(&format!("\nafter {steps} steps\n\n{}", table.to_text()));
+    say(&format!("\nafter {steps} steps\n\n{}{}", table.to_text(), roofline::text(&roofline)));
     let frame = Frame::new("Rendering", "longest side (pixels)", "seconds per frame");
     bench.save_chart("render", &power_law_chart(&frame, &series)?)?;
-    bench.save_results(PROTOCOL, &Results { train_iterations: steps, rows: &rows })
+    bench.save_results(PROTOCOL, &Results { train_iterations: steps, rows: &rows, roofline: &roofline })
 }
 
 /// `plan` after `steps` steps, which are its whole schedule.

@@ -1,14 +1,15 @@
-//! How far the parts of a factored field's step are from what the machine can do.
+//! How far a step and a frame are from what the machine can do.
 
-use infonerf_field::RadianceField;
+use burn::module::Module;
+use infonerf_field::{FieldSpec, RadianceField};
 use infonerf_ops::Peak;
 use infonerf_ops::factored::Layout;
-use infonerf_train::{Phase, Trainer};
+use infonerf_train::{Config, Phase, Trainer};
 use serde::Serialize;
 
 use super::output::TextTable;
 
-/// A part of a step, held against the peaks of a product of matrices and of a copy in the same run.
+/// A part of a step or a frame, held against the peaks of a product of matrices and of a copy in the same run.
 #[derive(Serialize)]
 pub(super) struct Part {
     part: &'static str,
@@ -20,40 +21,82 @@ pub(super) struct Part {
     share_of_bytes: f64,
 }
 
-/// The parts of a step of `samples` samples whose phases took `ms`; none for other fields than the factored one.
-pub(super) fn parts(trainer: &Trainer, samples: f64, ms: impl Fn(Phase) -> f64) -> Vec<Part> {
-    let RadianceField::Factored(field) = &trainer.model().fine else { return Vec::new() };
+/// The parts of a step of `samples` samples whose phases took `ms`; none for fields whose operations are not counted.
+pub(super) fn of_step(trainer: &Trainer, config: &Config, samples: f64, ms: impl Fn(Phase) -> f64) -> Vec<Part> {
+    let Some(cost) = Cost::of(trainer, config) else { return Vec::new() };
     let peak = Peak::measured();
-    let layout = field.layout();
-    let parameters = (layout.table_len() + layout.weight_len()) as f64;
     let rendering = ms(Phase::Seen) + ms(Phase::Unseen) + ms(Phase::Neighbours);
-    let [forward, backward] = of_sample(layout).map(|(flops, bytes)| (samples * flops, samples * bytes));
+    let of_samples = |(flops, bytes): (f64, f64)| (samples * flops, samples * bytes);
     // Number, gradient and two moments are read, three of them written.
-    let adam = (12.0 * parameters, 28.0 * parameters);
-    let parts = [
-        ("rendering", forward, rendering),
-        ("backward", backward, ms(Phase::Backward)),
-        ("optimiser", adam, ms(Phase::Optimiser)),
-    ];
-    let part = |(part, (flops, bytes), ms): (&'static str, (f64, f64), f64)| {
-        let share = |amount: f64, peak: f64| 1e3 * amount / (ms * peak);
-        let (share_of_flops, share_of_bytes) = (share(flops, peak.flops), share(bytes, peak.bytes));
-        Part { part, flops, bytes, ms, share_of_flops, share_of_bytes }
-    };
-    parts.into_iter().map(part).collect()
+    let adam = (12.0 * cost.parameters, 28.0 * cost.parameters);
+    vec![
+        Part::new("rendering", of_samples(cost.forward), rendering, &peak),
+        Part::new("backward", of_samples(cost.backward), ms(Phase::Backward), &peak),
+        Part::new("optimiser", adam, ms(Phase::Optimiser), &peak),
+    ]
 }
 
-/// Operations and bytes of a sample, forward and backward.
-fn of_sample(layout: &Layout) -> [(f64, f64); 2] {
-    let channels: usize = layout.levels.iter().map(|level| 3 * level.channels).sum();
-    let weights: usize = layout.layers.iter().map(|layer| layer.inputs * layer.outputs).sum();
-    let kept: usize = layout.layers.iter().map(|layer| layer.inputs).sum();
-    let [channels, weights, kept] = [channels, weights, kept].map(|count| count as f64);
-    // Of a channel, four texels of a plane and two of a line are mixed in 14 operations; their gradient takes 24 more, and is
-    // added to all six.
-    let forward = (2.0 * weights + 14.0 * channels, 4.0 * (6.0 * channels + kept));
-    let backward = (4.0 * weights + 38.0 * channels, 4.0 * (6.0 * channels + 12.0 * channels + 2.0 * channels + kept));
-    [forward, backward]
+/// The same of a frame of `samples` samples.
+pub(super) fn of_frame(trainer: &Trainer, config: &Config, samples: f64, ms: f64) -> Vec<Part> {
+    let part = |Cost { forward: (flops, bytes), .. }| {
+        Part::new("frame", (samples * flops, samples * bytes), ms, &Peak::measured())
+    };
+    Cost::of(trainer, config).map(part).into_iter().collect()
+}
+
+impl Part {
+    fn new(part: &'static str, (flops, bytes): (f64, f64), ms: f64, peak: &Peak) -> Self {
+        let share = |amount: f64, peak: f64| 1e3 * amount / (ms * peak);
+        Self {
+            part,
+            flops,
+            bytes,
+            ms,
+            share_of_flops: share(flops, peak.flops),
+            share_of_bytes: share(bytes, peak.bytes),
+        }
+    }
+}
+
+/// Operations and bytes of a sample, forward and backward, and the field's parameters.
+struct Cost {
+    forward: (f64, f64),
+    backward: (f64, f64),
+    parameters: f64,
+}
+
+impl Cost {
+    /// Of the factored field and of the MLPs of NeRF and mip-NeRF.
+    fn of(trainer: &Trainer, config: &Config) -> Option<Self> {
+        match &trainer.model().fine {
+            RadianceField::Factored(field) => Some(Self::of_tables(field.layout())),
+            field @ (RadianceField::Nerf(_) | RadianceField::Mip(_)) => {
+                let weights = field.num_params() as f64;
+                let kept = 4.0 * config.field.footprint().per_sample as f64;
+                let networks = if trainer.model().coarse.is_some() { 2.0 } else { 1.0 };
+                Some(Self {
+                    forward: (2.0 * weights, kept),
+                    backward: (4.0 * weights, 2.0 * kept),
+                    parameters: networks * weights,
+                })
+            }
+            _ => None,
+        }
+    }
+
+    fn of_tables(layout: &Layout) -> Self {
+        let channels: usize = layout.levels.iter().map(|level| 3 * level.channels).sum();
+        let weights: usize = layout.layers.iter().map(|layer| layer.inputs * layer.outputs).sum();
+        let kept: usize = layout.layers.iter().map(|layer| layer.inputs).sum();
+        let [channels, weights, kept] = [channels, weights, kept].map(|count| count as f64);
+        // Of a channel, four texels of a plane and two of a line are mixed in 14 operations; their gradient takes 24 more, and
+        // is added to all six.
+        Self {
+            forward: (2.0 * weights + 14.0 * channels, 4.0 * (6.0 * channels + kept)),
+            backward: (4.0 * weights + 38.0 * channels, 4.0 * (20.0 * channels + kept)),
+            parameters: (layout.table_len() + layout.weight_len()) as f64,
+        }
+    }
 }
 
 /// As a table.

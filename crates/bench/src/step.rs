@@ -99,7 +99,8 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, st
     let spent = |phase: Phase| (trainer.profile().spent(phase) - before.spent(phase)).as_secs_f64();
     let mut phases: Vec<PhaseRow> = Phase::ALL.into_iter().map(|phase| row(phase.name(), spent(phase))).collect();
     phases.push(row("other", total - Phase::ALL.into_iter().map(spent).sum::<f64>()));
-    let roofline = roofline::parts(&trainer, samples, |phase| 1e3 * spent(phase) / synchronised.len() as f64);
+    let roofline =
+        roofline::of_step(&trainer, &plan.config, samples, |phase| 1e3 * spent(phase) / synchronised.len() as f64);
     seconds.sort_by(f64::total_cmp);
     let p90 = seconds.get((seconds.len() * 9).div_ceil(10).saturating_sub(1)).copied().unwrap_or(0.0);
     let (run, median_ms) = (plan.label(), 1e3 * median(&seconds));

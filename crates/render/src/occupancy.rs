@@ -169,7 +169,7 @@ impl OccupancyGrid {
 
     /// Whether the cell at `p` is occupied; true outside the box.
     pub fn is_occupied(&self, p: Vec3) -> bool {
-        self.cell(p).is_none_or(|cell| self.occupied[cell])
+        self.cell(self.in_cells(p)).is_none_or(|cell| self.occupied[cell])
     }
 
     /// Cells along each axis.
@@ -187,15 +187,20 @@ impl OccupancyGrid {
         self.tight
     }
 
-    /// Cells from that of `p` to the nearest occupied one, along the axis on which they are most, at most [`REACH`]; 0 in an
-    /// occupied cell and outside the box.
-    pub(crate) fn distance(&self, p: Vec3) -> u8 {
-        self.cell(p).map_or(0, |cell| self.distance[cell])
+    /// A point in units of cells, from the corner of the box.
+    pub(crate) fn in_cells(&self, p: Vec3) -> Vec3 {
+        self.cells_along(p - self.bounds.min)
     }
 
-    /// Cells that a ray passes per unit of length, along the axis on which they are most.
-    pub(crate) fn pace(&self, ray: &Ray) -> f32 {
-        (ray.direction * self.cells_per_unit).abs().max_element()
+    /// A way in units of cells.
+    pub(crate) fn cells_along(&self, way: Vec3) -> Vec3 {
+        way * self.cells_per_unit
+    }
+
+    /// Cells from that of `p`, [in cells](Self::in_cells), to the nearest occupied one, along the axis on which they are most,
+    /// at most [`REACH`]; 0 in an occupied cell and outside the box.
+    pub(crate) fn distance(&self, p: Vec3) -> u8 {
+        self.cell(p).map_or(0, |cell| self.distance[cell])
     }
 
     /// What follows from which cells are occupied.
@@ -236,7 +241,7 @@ impl OccupancyGrid {
 
     /// Density of the cell at `p`, none if it is empty; 0 outside the box.
     pub fn occupied_density(&self, p: Vec3) -> Option<f32> {
-        match self.cell(p) {
+        match self.cell(self.in_cells(p)) {
             Some(cell) => self.occupied[cell].then(|| self.density[cell]),
             None => Some(0.0),
         }
@@ -299,9 +304,9 @@ impl OccupancyGrid {
         (self.bounds.min + (self.coordinates(cell) + jitter) * self.cell_size()).to_array()
     }
 
-    fn cell(&self, p: Vec3) -> Option<usize> {
+    /// The cell that holds a point in units of cells.
+    fn cell(&self, c: Vec3) -> Option<usize> {
         let n = self.config.resolution;
-        let c = (p - self.bounds.min) * self.cells_per_unit;
         // Written so that NaN is outside.
         let inside = c.cmpge(Vec3::ZERO).all() && c.cmplt(Vec3::splat(n as f32)).all();
         inside.then(|| c.x as usize + n * (c.y as usize + n * c.z as usize))
@@ -356,7 +361,8 @@ mod tests {
         }
         assert!(grid.is_occupied(Vec3::ZERO) && grid.is_occupied(Vec3::new(0.45, 0.0, 0.0)));
         assert!(!grid.is_occupied(Vec3::splat(0.9)));
-        assert!(grid.distance(Vec3::splat(0.9)) > 1 && grid.distance(Vec3::ZERO) == 0);
+        let distance = |p: Vec3| grid.distance(grid.in_cells(p));
+        assert!(distance(Vec3::splat(0.9)) > 1 && distance(Vec3::ZERO) == 0);
         assert!(grid.is_occupied(Vec3::splat(7.0)), "outside nothing is known");
         assert!(grid.is_occupied(Vec3::splat(f32::NAN)));
         assert!(grid.fraction() < 0.2);
@@ -406,11 +412,12 @@ mod tests {
             grid.restore(vec![1.0; cells], occupied, true).unwrap();
             let direction = (Vec3::from(to) - Vec3::from(from)).normalize_or(Vec3::X);
             let ray = Ray::new(Vec3::from(from), direction);
-            let distance = grid.distance(ray.at(0.0));
-            let reach = 0.999 * f32::from(distance.saturating_sub(1)) / grid.pace(&ray);
+            let distance = grid.distance(grid.in_cells(ray.origin));
+            let pace = grid.cells_along(ray.direction).abs().max_element();
+            let reach = 0.999 * f32::from(distance.saturating_sub(1)) / pace;
             for i in 0..=100 {
                 let p = ray.at(reach * i as f32 / 100.0);
-                prop_assert!(distance == 0 || grid.cell(p).is_none_or(|cell| !grid.occupied[cell]));
+                prop_assert!(distance == 0 || grid.cell(grid.in_cells(p)).is_none_or(|cell| !grid.occupied[cell]));
             }
         }
     }

@@ -1,6 +1,7 @@
 //! Where along each ray a field is evaluated: candidate distances, minus what is known to be empty or hidden.
 
 use burn::tensor::Device;
+use glam::Vec3;
 use infonerf_ops::composite::weights;
 use infonerf_ops::to_host;
 use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
@@ -105,21 +106,24 @@ impl Sampler {
         grid: Option<&'a OccupancyGrid>,
     ) -> Steps<'a> {
         let warp = &self.warp;
-        let nothing = Steps { ray, warp, grid, near: 0.0, length: step, shift, pace: f32::INFINITY, next: 0, last: 0 };
+        let nothing = Steps { ray, warp, grid, cells: None, near: 0.0, length: step, shift, next: 0, last: 0 };
         let Some((near, far)) = self.interval(ray) else { return nothing };
         let count = ((far - near) / step).ceil().max(1.0);
         let length = (far - near) / count;
         let all = Steps { near, length, last: count as usize, ..nothing };
         let Some(grid) = grid else { return all };
-        let pace = if warp.is_identity() { grid.pace(ray) * length } else { f32::INFINITY };
+        let cells = warp.is_identity().then(|| {
+            let [from, step] = [grid.in_cells(ray.at(near)), grid.cells_along(ray.direction * length)];
+            CellLine { from, step, steps_per_cell: 0.999 / step.abs().max_element() }
+        });
         if !self.clips() {
-            return Steps { pace, ..all };
+            return Steps { cells, ..all };
         }
         // Steps before and behind everything need no look at the grid.
         let Some((enter, leave)) = grid.tight_bounds().intersect(ray) else { return Steps { last: 0, ..all } };
         let index = |t: f32| ((t - near) / length).max(0.0);
         let (first, last) = (index(enter).floor() as usize, index(leave).ceil() as usize + 1);
-        Steps { pace, next: first.saturating_sub(1), last: last.min(all.last), ..all }
+        Steps { cells, next: first.saturating_sub(1), last: last.min(all.last), ..all }
     }
 
     /// Stratified distances of each ray, for the coarse pass or the only one.
@@ -242,10 +246,20 @@ pub(crate) struct Steps<'a> {
     length: f32,
     /// Where in a step its sample is, 0 to 1.
     shift: f32,
-    /// Cells that a step passes, along the axis on which they are most; infinite where space is warped.
-    pace: f32,
+    /// The ray among the cells of the grid, unless space is warped.
+    cells: Option<CellLine>,
     next: usize,
     last: usize,
+}
+
+/// A ray in units of a grid's cells.
+#[derive(Clone, Copy, Debug)]
+struct CellLine {
+    from: Vec3,
+    /// Along one step.
+    step: Vec3,
+    /// Steps that pass a cell along no axis, or hardly.
+    steps_per_cell: f32,
 }
 
 impl Iterator for Steps<'_> {
@@ -253,12 +267,17 @@ impl Iterator for Steps<'_> {
 
     fn next(&mut self) -> Option<(f32, f32)> {
         while self.next < self.last {
-            let t = self.warp.distance(self.near + (self.next as f32 + self.shift) * self.length);
-            let away = self.grid.map_or(0, |grid| grid.distance(self.warp.point(self.ray.at(t))));
+            let at = self.next as f32 + self.shift;
+            let t = || self.warp.distance(self.near + at * self.length);
+            let (away, steps_per_cell) = match (self.grid, self.cells) {
+                (Some(grid), Some(line)) => (grid.distance(line.from + at * line.step), line.steps_per_cell),
+                (Some(grid), None) => (grid.distance(grid.in_cells(self.warp.point(self.ray.at(t())))), 0.0),
+                (None, _) => (0, 0.0),
+            };
             // Steps through wide empty space are passed over many at a time.
-            self.next += 1 + (0.999 * f32::from(away.saturating_sub(1)) / self.pace) as usize;
+            self.next += 1 + (f32::from(away.saturating_sub(1)) * steps_per_cell) as usize;
             if away == 0 {
-                return Some((t, self.length));
+                return Some((t(), self.length));
             }
         }
         None

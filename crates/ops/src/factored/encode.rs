@@ -21,9 +21,11 @@ pub(super) fn block(positions: &[f32]) -> Block {
 #[inline(always)]
 fn texel(u: f32, resolution: usize) -> (i32, f32) {
     let last = (resolution - 1) as f32;
-    // Texel centres lie at (i + ½)/res. NaN becomes 0.
+    // Texel centres lie at (i + ½)/res. NaN becomes the last.
     let v = (u * resolution as f32 - 0.5).min(last - 1e-3).max(0.0);
-    let i = v as i32;
+    // SAFETY: v lies between 0 and the last texel.
+    #[allow(unsafe_code, reason = "a checked conversion is not vectorised")]
+    let i = unsafe { v.to_int_unchecked::<i32>() };
     (i, v - i as f32)
 }
 
@@ -82,15 +84,18 @@ pub(super) fn frequency_gradient(x: &[f32], dx: &[f32], frequencies: usize, stri
     gradient
 }
 
-/// sin πx and cos πx.
+/// sin πx and cos πx, for |x| < 2^20.
 #[inline(always)]
 fn sin_cos_pi(x: f32) -> (f32, f32) {
-    let quarters = (x * 2.0).round_ties_even();
+    // The spacing of numbers about 1.5 × 2^23 is 1, and the last bits are those of the integer.
+    const ROUNDING: f32 = 12_582_912.0;
+    let rounded = x * 2.0 + ROUNDING;
+    let quarters = rounded - ROUNDING;
     let r = (x - quarters * 0.5) * std::f32::consts::PI;
     let r2 = r * r;
     let s = r * (1.0 + r2 * (-1.0 / 6.0 + r2 * (1.0 / 120.0 + r2 * (-1.0 / 5040.0 + r2 / 362_880.0))));
     let c = 1.0 + r2 * (-0.5 + r2 * (1.0 / 24.0 + r2 * (-1.0 / 720.0 + r2 / 40_320.0)));
-    let quarter = quarters as i32;
+    let quarter = rounded.to_bits();
     let (a, b) = if quarter & 1 == 0 { (s, c) } else { (c, s) };
     (if quarter & 2 != 0 { -a } else { a }, if (quarter + 1) & 2 != 0 { -b } else { b })
 }
@@ -98,6 +103,7 @@ fn sin_cos_pi(x: f32) -> (f32, f32) {
 /// Where the samples of a block are among the texels of a level: the texel before each along an axis, and how far behind
 /// it the sample is.
 pub(super) struct Places {
+    resolution: usize,
     before: [[i32; BLOCK]; 3],
     behind: Block,
 }
@@ -106,7 +112,7 @@ pub(super) struct Places {
 #[allow(clippy::needless_range_loop, reason = "iterators are not compiled for the instruction set chosen at run time")]
 #[inline(always)]
 pub(super) fn places(positions: &Block, resolution: usize) -> Places {
-    let mut places = Places { before: [[0; BLOCK]; 3], behind: [[0.0; BLOCK]; 3] };
+    let mut places = Places { resolution, before: [[0; BLOCK]; 3], behind: [[0.0; BLOCK]; 3] };
     for axis in 0..3 {
         for s in 0..BLOCK {
             (places.before[axis][s], places.behind[axis][s]) = texel(positions[axis][s], resolution);
@@ -115,10 +121,19 @@ pub(super) fn places(positions: &Block, resolution: usize) -> Places {
     places
 }
 
-/// A place along one axis: the texel before it, and how far behind that it is.
+/// A place along one axis: the texel before it, which is not the last, and how far behind that it is.
 type Place = (usize, f32);
 
 impl Places {
+    /// Tables of this many numbers hold both texels of all places, in every row.
+    #[inline(always)]
+    fn check<const C: usize>(&self, plane: &[f32], line: &[f32]) {
+        let [row, all] = [self.resolution * C, self.resolution * self.resolution * C];
+        // Beyond, the place before the last texel is not a number of its own.
+        assert!((2..=1 << 13).contains(&self.resolution), "2 to 8192 texels along each axis");
+        assert!(line.len() == row && plane.len() == all, "tables of {} texels along each axis", self.resolution);
+    }
+
     #[inline(always)]
     fn at(&self, axis: usize, sample: usize) -> Place {
         (self.before[axis][sample] as usize, self.behind[axis][sample])
@@ -136,10 +151,15 @@ fn mixed<const C: usize>(texels: &[f32], behind: f32) -> [f32; C] {
     out
 }
 
-/// The two texels from `first` on.
+/// The two texels from `first` on, which is the place in a plane or line of tables that were [checked](Places::check).
 #[inline(always)]
 fn pair<const C: usize>(table: &[f32], first: usize) -> &[f32] {
-    &table[first * C..(first + 2) * C]
+    debug_assert!((first + 2) * C <= table.len());
+    // SAFETY: a place's texel is not the last of its axis, and the tables have the places' resolution.
+    #[allow(unsafe_code, reason = "checks would take as long as the sums")]
+    unsafe {
+        table.get_unchecked(first * C..first * C + 2 * C)
+    }
 }
 
 #[inline(always)]
@@ -176,12 +196,15 @@ pub(super) fn level_features<const C: usize>(
     samples: usize,
 ) {
     let tables = [tables_of(tables, level, 0), tables_of(tables, level, 1), tables_of(tables, level, 2)];
+    for (plane, line) in tables {
+        places.check::<C>(plane, line);
+    }
     for s in 0..samples {
         let row = &mut x[s * stride + level.feature..][..3 * C];
         let at = [places.at(0, s), places.at(1, s), places.at(2, s)];
         for p in 0..3 {
             let [a, b, c] = PLANES[p];
-            let plane = bilinear::<C>(tables[p].0, level.resolution, at[a], at[b]);
+            let plane = bilinear::<C>(tables[p].0, places.resolution, at[a], at[b]);
             let line = linear::<C>(tables[p].1, at[c]);
             for k in 0..C {
                 row[p * C + k] = weight * plane[k] * line[k];
@@ -204,14 +227,15 @@ fn spread<const C: usize>(texels: &mut [f32], g: &[f32; C], behind: f32) {
 /// Gradient of one plane and its line, from that of their features, `dx` `[samples, C]`.
 #[inline(always)]
 pub(super) fn plane_gradient<const C: usize>(
-    (resolution, axes, weight): (usize, [usize; 3], f32),
+    (axes, weight): ([usize; 3], f32),
     (plane, line): (&[f32], &[f32]),
     places: &Places,
     dx: &[f32],
     (dplane, dline): (&mut [f32], &mut [f32]),
     samples: usize,
 ) {
-    let [a, b, c] = axes;
+    let ([a, b, c], resolution) = (axes, places.resolution);
+    places.check::<C>(plane, line);
     for (s, dx) in dx.as_chunks::<C>().0.iter().enumerate().take(samples) {
         let ((i, along), (j, across), at) = (places.at(a, s), places.at(b, s), places.at(c, s));
         let on_plane = bilinear::<C>(plane, resolution, (i, along), (j, across));
@@ -240,12 +264,15 @@ pub(super) fn position_gradient<const C: usize>(
     samples: usize,
     gradient: &mut Block,
 ) {
-    let res = level.resolution;
-    let places = places(positions, res);
+    let places = places(positions, level.resolution);
+    let res = places.resolution;
+    let tables = [tables_of(tables, level, 0), tables_of(tables, level, 1), tables_of(tables, level, 2)];
+    for (plane, line) in tables {
+        places.check::<C>(plane, line);
+    }
     for s in 0..samples {
         for p in 0..3 {
-            let [a, b, c] = PLANES[p];
-            let (plane, line) = tables_of(tables, level, p);
+            let ([a, b, c], (plane, line)) = (PLANES[p], tables[p]);
             let ((i, along), (j, across), at) = (places.at(a, s), places.at(b, s), places.at(c, s));
             let (near, far) = (pair::<C>(plane, j * res + i), pair::<C>(plane, (j + 1) * res + i));
             let on_plane = bilinear::<C>(plane, res, (i, along), (j, across));

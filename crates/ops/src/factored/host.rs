@@ -163,7 +163,8 @@ impl FactoredKernel {
         tasks.into_par_iter().for_each(|(level, weight, p, dplane, dline)| {
             simd::run(PlaneGradient {
                 channels: level.channels,
-                how: (level.resolution, PLANES[p], weight),
+                resolution: level.resolution,
+                how: (PLANES[p], weight),
                 tables: encode::tables_of(tables, level, p),
                 blocks: &blocks,
                 samples: positions.len() / 3,
@@ -404,7 +405,9 @@ fn gathered<const C: usize>(dx: &[f32], stride: usize, plane: &mut [f32], sample
 
 struct PlaneGradient<'a> {
     channels: usize,
-    how: (usize, [usize; 3], f32),
+    resolution: usize,
+    /// Axes and weight.
+    how: ([usize; 3], f32),
     /// The plane and its line.
     tables: (&'a [f32], &'a [f32]),
     blocks: &'a [Block],
@@ -424,7 +427,7 @@ impl Job for PlaneGradient<'_> {
     fn run<const FMA: bool, const WIDE: bool>(self) {
         for (index, block) in self.blocks.iter().enumerate() {
             let samples = BLOCK.min(self.samples - index * BLOCK);
-            let places = encode::places(block, self.how.0);
+            let places = encode::places(block, self.resolution);
             let dx = &self.dfeatures[index * self.of_block + self.first..];
             let gradients = (&mut *self.dplane, &mut *self.dline);
             with_channels!(self.channels, plane_gradient, self.how, self.tables, &places, dx, gradients, samples);
