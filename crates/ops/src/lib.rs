@@ -59,8 +59,7 @@ mod groups;
 pub mod integrated;
 #[cfg(feature = "flex")]
 pub mod kernel;
-#[cfg(feature = "flex")]
-mod matmul;
+pub mod matmul;
 pub mod means;
 pub mod mlp;
 pub mod numeric;
@@ -71,8 +70,7 @@ mod ray_kernel;
 pub mod reference;
 pub mod rotation;
 mod segments;
-#[cfg(feature = "flex")]
-mod simd;
+pub mod simd;
 mod split;
 mod traffic;
 pub mod trilinear;

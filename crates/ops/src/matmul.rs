@@ -4,19 +4,24 @@ use crate::simd::{self, Job};
 
 /// Where a matrix stands in a slice: element (r, c) at `start` + r·`row` + c·`column`.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Matrix {
-    pub(crate) start: usize,
-    pub(crate) row: usize,
-    pub(crate) column: usize,
+pub struct Matrix {
+    /// Where its first element is.
+    pub start: usize,
+    /// From a row to the next.
+    pub row: usize,
+    /// From a column to the next.
+    pub column: usize,
 }
 
 impl Matrix {
     /// Rows of numbers side by side, `row` apart.
-    pub(crate) fn rows(start: usize, row: usize) -> Self {
+    pub fn rows(start: usize, row: usize) -> Self {
         Self { start, row, column: 1 }
     }
 
-    pub(crate) fn transposed(self) -> Self {
+    /// The same numbers with rows as columns.
+    #[must_use]
+    pub fn transposed(self) -> Self {
         Self { row: self.column, column: self.row, ..self }
     }
 
@@ -28,7 +33,7 @@ impl Matrix {
 
 /// What a product is written onto.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Onto<'a> {
+pub enum Onto<'a> {
     /// Whatever was there is gone.
     Nothing,
     /// It is added to what was there.
@@ -38,7 +43,7 @@ pub(crate) enum Onto<'a> {
 }
 
 /// The least number of columns at a time.
-pub(crate) const COLUMNS: usize = 16;
+pub const COLUMNS: usize = 16;
 
 /// y = a b, y += a b or y = bias + a b, with y `[m, n]`, a `[m, k]` and b `[k, n]` for sizes `[m, n, k]`.
 ///
@@ -46,7 +51,7 @@ pub(crate) const COLUMNS: usize = 16;
 ///
 /// # Panics
 /// If columns of y or b are apart, rows of y overlap, or a matrix reaches beyond its slice.
-pub(crate) fn product(
+pub fn product(
     [m, n, k]: [usize; 3],
     onto: Onto<'_>,
     (y, y_at): (&mut [f32], Matrix),
@@ -80,6 +85,9 @@ pub(crate) fn product(
     }
 }
 
+/// Rows of the result from which on columns of b are copied side by side first.
+const PACKED: usize = 48;
+
 /// A product whose matrices are known to lie within their slices.
 struct Product<'a> {
     sizes: [usize; 3],
@@ -93,13 +101,14 @@ impl Job for Product<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(mut self) {
         let mut column = 0;
+        let mut panel = Vec::new();
         while column < self.sizes[1] {
             // As many sums as registers hold beside a row of b and a number of a.
             column += match (WIDE, FMA) {
-                (true, _) if column + 32 <= self.sizes[1] => self.strip::<FMA, 12, 32>(column),
-                (true, _) => self.strip::<FMA, 12, 16>(column),
-                (false, true) => self.strip::<FMA, 6, 16>(column),
-                (false, false) => self.strip::<FMA, 3, 16>(column),
+                (true, _) if column + 32 <= self.sizes[1] => self.strip::<FMA, 12, 32>(column, &mut panel),
+                (true, _) => self.strip::<FMA, 12, 16>(column, &mut panel),
+                (false, true) => self.strip::<FMA, 6, 16>(column, &mut panel),
+                (false, false) => self.strip::<FMA, 3, 16>(column, &mut panel),
             };
         }
     }
@@ -108,19 +117,29 @@ impl Job for Product<'_> {
 impl Product<'_> {
     /// All rows of `N` columns of y from `column` on.
     #[inline(always)]
-    fn strip<const FMA: bool, const R: usize, const N: usize>(&mut self, column: usize) -> usize {
+    fn strip<const FMA: bool, const R: usize, const N: usize>(&mut self, column: usize, panel: &mut Vec<f32>) -> usize {
         let rows = self.sizes[0];
+        let (b, b_at) = self.b;
+        let mut from = (b, Matrix { start: b_at.start + column, ..b_at });
+        if rows >= PACKED && b_at.row > N {
+            panel.clear();
+            for i in 0..self.sizes[2] {
+                let start = from.1.start + i * b_at.row;
+                panel.extend_from_slice(&b[start..start + N]);
+            }
+            from = (panel, Matrix::rows(0, N));
+        }
         let mut row = 0;
         while row + R <= rows {
-            self.tile::<FMA, R, N>(row, column);
+            self.tile::<FMA, R, N>(row, column, from);
             row += R;
         }
         while row + 4 <= rows && R > 4 {
-            self.tile::<FMA, 4, N>(row, column);
+            self.tile::<FMA, 4, N>(row, column, from);
             row += 4;
         }
         while row < rows {
-            self.tile::<FMA, 1, N>(row, column);
+            self.tile::<FMA, 1, N>(row, column, from);
             row += 1;
         }
         N
@@ -132,9 +151,14 @@ impl Product<'_> {
         reason = "iterators are not compiled for the instruction set chosen at run time"
     )]
     #[inline(always)]
-    fn tile<const FMA: bool, const R: usize, const N: usize>(&mut self, row: usize, column: usize) {
-        let ((y, y_at), (a, a_at), (b, b_at)) = (&mut self.y, self.a, self.b);
-        let (a_start, b_start) = (a_at.start + row * a_at.row, b_at.start + column);
+    fn tile<const FMA: bool, const R: usize, const N: usize>(
+        &mut self,
+        row: usize,
+        column: usize,
+        (b, b_at): (&[f32], Matrix),
+    ) {
+        let ((y, y_at), (a, a_at)) = (&mut self.y, self.a);
+        let (a_start, b_start) = (a_at.start + row * a_at.row, b_at.start);
         let y = &mut y[y_at.start + row * y_at.row + column..];
         let mut sums = [[0f32; N]; R];
         match self.onto {

@@ -1,7 +1,7 @@
 //! Code compiled for several instruction sets, chosen at run time.
 
 /// Work whose loops the compiler vectorises for the processor at hand.
-pub(crate) trait Job {
+pub trait Job {
     /// Does the work; mark the implementation `#[inline(always)]`. `FMA` says that fused multiply-add is one instruction,
     /// `WIDE` that there are 32 registers of 16 numbers.
     fn run<const FMA: bool, const WIDE: bool>(self);
@@ -78,7 +78,7 @@ impl Instructions {
 }
 
 /// Does `job` with the widest vectors that this processor has.
-pub(crate) fn run(job: impl Job) {
+pub fn run(job: impl Job) {
     let widest = Instructions::ALL.into_iter().find(|instructions| instructions.present());
     widest.expect("every processor has the baseline").run(job);
 }

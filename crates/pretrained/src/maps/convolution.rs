@@ -3,7 +3,7 @@ use burn::tensor::module::conv2d;
 use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_ops::has_host_kernels;
-use nalgebra::{DMatrixView, DMatrixViewMut};
+use infonerf_ops::matmul::{Matrix, Onto, product};
 use rayon::prelude::*;
 
 use super::winograd::Winograd;
@@ -93,13 +93,9 @@ impl Convolution {
                 let count = values.len() / outputs;
                 let rows = &mut rows[..count * row];
                 self.unfold(x, [height, width], index * group, rows);
-                // Row-major matrices are the transposes of nalgebra's: yᵀ = Wᵀ xᵀ.
-                let mut y = DMatrixViewMut::from_slice(values, outputs, count);
-                let (w, x) = (DMatrixView::from_slice(weight, outputs, row), DMatrixView::from_slice(rows, row, count));
-                y.gemm(1.0, &w, &x, 0.0);
-                for pixel in values.chunks_exact_mut(outputs) {
-                    pixel.iter_mut().zip(bias).for_each(|(value, bias)| *value = (*value + bias).max(0.0));
-                }
+                let (y_at, x_at) = (Matrix::rows(0, outputs), Matrix::rows(0, row));
+                product([count, outputs, row], Onto::Bias(bias), (values, y_at), (rows, x_at), (weight, y_at));
+                values.iter_mut().for_each(|value| *value = value.max(0.0));
             },
         );
         HostMaps::new(values, shape)

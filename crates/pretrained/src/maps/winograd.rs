@@ -5,7 +5,8 @@
 
 use std::array::from_fn;
 
-use nalgebra::{DMatrixView, DMatrixViewMut};
+use infonerf_ops::matmul::{Matrix, Onto, product};
+use infonerf_ops::simd::{self, Job};
 use rayon::prelude::*;
 
 use super::HostMaps;
@@ -76,37 +77,87 @@ impl Winograd {
         let [inputs, outputs] = self.channels;
         let width = x.shape[2];
         let height = out.len() / (width * outputs);
-        let across = width.div_ceil(OUT);
-        let tiles = across * height.div_ceil(OUT);
+        let tiles = width.div_ceil(OUT) * height.div_ceil(OUT);
         v.resize(SIDE * SIDE * tiles * inputs, 0.0);
         m.resize(SIDE * SIDE * tiles * outputs, 0.0);
+        simd::run(Inputs { x, n, top, tiles, v });
+        let products = m.chunks_exact_mut(tiles * outputs).zip(v.chunks_exact(tiles * inputs));
+        for ((m, v), weight) in products.zip(self.weight.chunks_exact(inputs * outputs)) {
+            let [m_at, v_at] = [outputs, inputs].map(|row| Matrix::rows(0, row));
+            product([tiles, outputs, inputs], Onto::Nothing, (m, m_at), (v, v_at), (weight, m_at));
+        }
+        simd::run(Outputs { m, bias: &self.bias, width, tiles, out });
+    }
+}
+
+/// `Bᵀ d B` of the tiles below those of a band, `[36, tiles, inputs]`.
+struct Inputs<'a> {
+    x: &'a HostMaps,
+    n: usize,
+    top: usize,
+    tiles: usize,
+    v: &'a mut [f32],
+}
+
+impl Job for Inputs<'_> {
+    #[inline(always)]
+    fn run<const FMA: bool, const WIDE: bool>(self) {
+        let Self { x, n, top, tiles, v } = self;
+        let ([height, width], inputs) = (x.size(), x.channels());
+        let across = width.div_ceil(OUT);
         for tile in 0..tiles {
-            let corner = [top + tile / across * OUT, tile % across * OUT];
+            let (row, column) = (top + tile / across * OUT, tile % across * OUT);
             for first in (0..inputs).step_by(LANES) {
-                let turned = turn::<SIDE, SIDE>(patch(x, n, corner, first), input);
+                let mut patch = [[[0.0; LANES]; SIDE]; SIDE];
+                for (dy, patch) in patch.iter_mut().enumerate() {
+                    for (dx, patch) in patch.iter_mut().enumerate() {
+                        // Padded by one pixel.
+                        let (row, column) = ((row + dy).wrapping_sub(1), (column + dx).wrapping_sub(1));
+                        if row < height && column < width {
+                            patch.copy_from_slice(&x.pixel(n, row, column)[first..first + LANES]);
+                        }
+                    }
+                }
+                let turned = turn::<SIDE, SIDE>(&patch, input);
                 for (place, lanes) in turned.as_flattened().iter().enumerate() {
                     v[(place * tiles + tile) * inputs + first..][..LANES].copy_from_slice(lanes);
                 }
             }
         }
-        let products = m.chunks_exact_mut(tiles * outputs).zip(v.chunks_exact(tiles * inputs));
-        for ((m, v), weight) in products.zip(self.weight.chunks_exact(inputs * outputs)) {
-            // Row-major matrices are the transposes of nalgebra's: mᵀ = Wᵀ vᵀ.
-            let mut m = DMatrixViewMut::from_slice(m, outputs, tiles);
-            let (w, v) = (DMatrixView::from_slice(weight, outputs, inputs), DMatrixView::from_slice(v, inputs, tiles));
-            m.gemm(1.0, &w, &v, 0.0);
-        }
+    }
+}
+
+/// `max(0, Aᵀ m A + b)` of the products m, `[36, tiles, outputs]`.
+struct Outputs<'a> {
+    m: &'a [f32],
+    bias: &'a [f32],
+    width: usize,
+    tiles: usize,
+    /// Rows of pixels of a band.
+    out: &'a mut [f32],
+}
+
+impl Job for Outputs<'_> {
+    #[inline(always)]
+    fn run<const FMA: bool, const WIDE: bool>(self) {
+        let Self { m, bias, width, tiles, out } = self;
+        let outputs = bias.len();
+        let (across, height) = (width.div_ceil(OUT), out.len() / (width * outputs));
         for tile in 0..tiles {
             let [y, x] = [tile / across * OUT, tile % across * OUT];
             for first in (0..outputs).step_by(LANES) {
-                let product = |place: usize| lanes(&m[(place * tiles + tile) * outputs + first..]);
-                let turned = turn::<SIDE, OUT>(from_fn(|y| from_fn(|x| product(SIDE * y + x))), output);
-                let bias = lanes(&self.bias[first..]);
+                let mut products = [[[0.0; LANES]; SIDE]; SIDE];
+                for (place, lanes) in products.as_flattened_mut().iter_mut().enumerate() {
+                    lanes.copy_from_slice(&m[(place * tiles + tile) * outputs + first..][..LANES]);
+                }
+                let turned = turn::<SIDE, OUT>(&products, output);
+                let bias = &bias[first..first + LANES];
                 for (dy, row) in turned.iter().enumerate().take(height - y) {
                     for (dx, sums) in row.iter().enumerate().take(width - x) {
                         let pixel = &mut out[((y + dy) * width + x + dx) * outputs + first..][..LANES];
-                        let sums = sums.iter().zip(bias);
-                        pixel.iter_mut().zip(sums).for_each(|(pixel, (sum, bias))| *pixel = (sum + bias).max(0.0));
+                        for lane in 0..LANES {
+                            pixel[lane] = (sums[lane] + bias[lane]).max(0.0);
+                        }
                     }
                 }
             }
@@ -114,39 +165,40 @@ impl Winograd {
     }
 }
 
-/// The channels from the `first` on of the 6×6 pixels below the output tile at `corner` (row, column); 0 outside.
-fn patch(x: &HostMaps, n: usize, corner: [usize; 2], first: usize) -> [[Lanes; SIDE]; SIDE] {
-    let [height, width] = x.size();
-    let inside = |at: usize, side: usize| at.checked_sub(1).filter(|at| *at < side);
-    from_fn(|dy| {
-        from_fn(|dx| match (inside(corner[0] + dy, height), inside(corner[1] + dx, width)) {
-            (Some(row), Some(column)) => lanes(&x.pixel(n, row, column)[first..]),
-            _ => [0.0; LANES],
-        })
-    })
-}
-
-fn lanes(values: &[f32]) -> Lanes {
-    values[..LANES].try_into().expect("as many as there are lanes")
-}
-
 /// `T d Tᵀ` of each lane, for `transform(x) = T x`.
 #[inline(always)]
 fn turn<const I: usize, const O: usize>(
-    tile: [[Lanes; I]; I],
+    tile: &[[Lanes; I]; I],
     transform: impl Fn([f32; I]) -> [f32; O],
 ) -> [[Lanes; O]; O] {
-    let line = |line: [&Lanes; I]| {
-        let mut turned = [[0.0; LANES]; O];
+    // Loops: iterators are not compiled for the instruction set chosen at run time.
+    let mut rows = [[[0.0; LANES]; O]; I];
+    for y in 0..I {
         for lane in 0..LANES {
-            let values = transform(from_fn(|at| line[at][lane]));
-            turned.iter_mut().zip(values).for_each(|(turned, value)| turned[lane] = value);
+            let mut line = [0.0; I];
+            for x in 0..I {
+                line[x] = tile[y][x][lane];
+            }
+            let line = transform(line);
+            for x in 0..O {
+                rows[y][x][lane] = line[x];
+            }
         }
-        turned
-    };
-    let rows: [[Lanes; O]; I] = from_fn(|y| line(from_fn(|x| &tile[y][x])));
-    let columns: [[Lanes; O]; O] = from_fn(|x| line(from_fn(|y| &rows[y][x])));
-    from_fn(|y| from_fn(|x| columns[x][y]))
+    }
+    let mut turned = [[[0.0; LANES]; O]; O];
+    for x in 0..O {
+        for lane in 0..LANES {
+            let mut line = [0.0; I];
+            for y in 0..I {
+                line[y] = rows[y][x][lane];
+            }
+            let line = transform(line);
+            for y in 0..O {
+                turned[y][x][lane] = line[y];
+            }
+        }
+    }
+    turned
 }
 
 /// G x.
