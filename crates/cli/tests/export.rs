@@ -168,6 +168,8 @@ fn frames(folder: &Path) -> usize {
 #[test]
 fn cameras_follow_every_path() {
     let place = with_run();
+    place.run(&["render", RUN, "--frames", "5", "--normals"]).succeeds();
+    assert_eq!(frames(&place.path(RUN).join("render/normals")), 5);
     for path in ["orbit", "spiral", "figure-eight", "interpolate"] {
         let said = text(&place.run(&["render", RUN, "--path", path, "--frames", "3"]).succeeds().stdout);
         let animation = format!("{path}.gif");
@@ -175,6 +177,7 @@ fn cameras_follow_every_path() {
         let folder = place.path(RUN).join("render");
         assert_eq!(frames(&folder), 3);
         // Those of the path before are gone.
+        assert_eq!(frames(&folder.join("normals")), 0);
         let animations = fs::read_dir(&folder)
             .unwrap()
             .filter(|entry| entry.as_ref().unwrap().file_name().to_string_lossy().ends_with(".gif"));

@@ -78,10 +78,6 @@ impl FieldSpec for FactoredConfig {
         // Position, direction, distance, interval, density and colour; the kernel works through the rest in blocks.
         Footprint { parameters: 3 * self.channels as u64 * texels, per_sample: 12 }
     }
-
-    fn tracks_positions(&self) -> bool {
-        true
-    }
 }
 
 /// Planes ⊙ lines → features → MLP → density and colour, in one operation: see [`infonerf_ops::factored`].

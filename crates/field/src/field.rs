@@ -15,7 +15,7 @@ pub trait Field: Module + ModuleDisplay + Sync + 'static {
     /// Density σ(x), and colour c(x, d) if `color`, differentiable in the parameters.
     ///
     /// Differentiable in the positions too, with view directions held fixed, if the field's config
-    /// [says so](FieldSpec::tracks_positions).
+    /// [says so](FieldSpec::tracks_positions); otherwise no gradient reaches them.
     ///
     /// `at` is the moment of the run, for fields that anneal detail; at [`Moment::END`] all of it is in use.
     ///
@@ -126,9 +126,9 @@ pub trait FieldSpec: fmt::Display {
         false
     }
 
-    /// Whether density and colour are differentiable in [`Points::positions`], as `train.cameras.refine` needs.
+    /// Whether density and colour are differentiable in [`Points::positions`], as `train.cameras.refine` and normals need.
     fn tracks_positions(&self) -> bool {
-        false
+        true
     }
 
     /// The file of initial weights, if the field can read one: its key within `[field]`, and its path, which is empty for

@@ -160,20 +160,20 @@ impl LevelTable {
         self.first + index
     }
 
-    /// The entries at the corners of the cell around `u` ∈ [0, 1]³, with their trilinear weights, which sum to 1.
-    fn corners(self, u: [f32; 3]) -> [(usize, f32); CORNERS] {
-        let scaled = u.map(|u| u * self.cells as f32);
+    /// The entries at the corners of the cell around `u` ∈ [0, 1]³, with their trilinear weights, which sum to 1, and the
+    /// slopes of these along each axis.
+    fn corners(self, u: [f32; 3]) -> [(usize, f32, [f32; 3]); CORNERS] {
+        let cells = self.cells as f32;
+        let scaled = u.map(|u| u * cells);
         let low = scaled.map(|x| (x as usize).min(self.cells - 1));
         std::array::from_fn(|corner| {
-            let mut vertex = low;
-            let mut weight = 1.0;
-            for axis in 0..3 {
+            let upper = [0, 1, 2].map(|axis| corner >> axis & 1);
+            let [x, y, z] = [0, 1, 2].map(|axis| {
                 let above = scaled[axis] - low[axis] as f32;
-                let upper = corner >> axis & 1;
-                vertex[axis] += upper;
-                weight *= if upper == 1 { above } else { 1.0 - above };
-            }
-            (self.entry(vertex), weight)
+                if upper[axis] == 1 { (above, cells) } else { (1.0 - above, -cells) }
+            });
+            let slopes = [x.1 * y.0 * z.0, x.0 * y.1 * z.0, x.0 * y.0 * z.1];
+            (self.entry([0, 1, 2].map(|axis| low[axis] + upper[axis])), x.0 * y.0 * z.0, slopes)
         })
     }
 }
@@ -202,26 +202,45 @@ impl HashGrid {
         let device = self.device();
         let present = part_weights(levels, 1.0, detail);
         // Cells are looked up on the host.
-        let positions = to_host(unit_box(positions, self.bounds));
+        let shares = unit_box(positions, self.bounds);
+        let positions = to_host(shares.clone());
         let samples = positions.len() / 3;
         let mut indices = vec![0i32; samples * levels * CORNERS];
         let mut weights = vec![0f32; indices.len()];
         let rows = indices.par_chunks_mut(levels * CORNERS).zip(weights.par_chunks_mut(levels * CORNERS));
         rows.zip(positions.par_chunks_exact(3)).for_each(|((indices, weights), p)| {
             let u = [p[0], p[1], p[2]];
-            let corners =
-                self.levels.iter().zip(&present).flat_map(|(level, present)| {
-                    level.corners(u).map(|(entry, weight)| (entry as i32, weight * present))
-                });
+            let corners = self.levels.iter().zip(&present).flat_map(|(level, present)| {
+                level.corners(u).map(|(entry, weight, _)| (entry as i32, weight * present))
+            });
             for ((index, weight), corner) in indices.iter_mut().zip(weights).zip(corners) {
                 (*index, *weight) = corner;
             }
         });
         let count = indices.len();
         let indices = upload(indices, [count], &device);
-        let weights = upload(weights, [count, 1], &device);
+        let mut weights = upload(weights, [count, 1], &device);
+        if shares.is_tracked() {
+            // Zero, with the weights' slopes.
+            let moved = shares.clone() - shares.detach();
+            let slopes = upload(self.slopes(&positions, &present), [samples, levels * CORNERS, 3], &device);
+            weights = weights + (slopes * moved.unsqueeze_dim(1)).sum_dim(2).reshape([count, 1]);
+        }
         let weighted = self.tables.val().select(0, indices) * weights;
         weighted.reshape([samples * levels, CORNERS, features]).sum_dim(1).reshape([samples, levels * features])
+    }
+}
+
+impl HashGrid {
+    /// Slopes of the weights of all corners at `positions` (shares of the box, `[M, 3]` row-major), of levels that are `present`
+    /// by so much: `[M, levels · 8, 3]`.
+    fn slopes(&self, positions: &[f32], present: &[f32]) -> Vec<f32> {
+        let of_point = |p: &[f32]| {
+            let u = [p[0], p[1], p[2]];
+            let levels = self.levels.iter().zip(present);
+            levels.flat_map(move |(level, present)| level.corners(u).map(|(_, _, slopes)| slopes.map(|s| s * present)))
+        };
+        positions.par_chunks_exact(3).flat_map_iter(of_point).flatten_iter().collect()
     }
 }
 
@@ -275,14 +294,15 @@ mod tests {
         for level in config().level_tables() {
             for u in [[0.0; 3], [1.0; 3], [0.3, 0.71, 0.5], [0.25, 0.25, 0.999]] {
                 let corners = level.corners(u);
-                assert!((corners.iter().map(|(_, weight)| weight).sum::<f32>() - 1.0).abs() < 1e-6);
-                assert!(corners.iter().all(|(entry, _)| (level.first..level.first + level.entries).contains(entry)));
+                assert!((corners.iter().map(|(_, weight, _)| weight).sum::<f32>() - 1.0).abs() < 1e-6);
+                assert!(corners.iter().all(|(entry, ..)| (level.first..level.first + level.entries).contains(entry)));
             }
         }
         // A vertex has its own entry alone.
         let dense = config().level_tables()[0];
-        let at_vertex: Vec<_> = dense.corners([0.5, 0.25, 1.0]).into_iter().filter(|(_, w)| *w > 0.0).collect();
-        assert_eq!(at_vertex, [((4 * 5 + 1) * 5 + 2, 1.0)]);
+        let at_vertex: Vec<_> = dense.corners([0.5, 0.25, 1.0]).into_iter().filter(|(_, w, _)| *w > 0.0).collect();
+        assert_eq!(at_vertex.len(), 1);
+        assert_eq!((at_vertex[0].0, at_vertex[0].1), ((4 * 5 + 1) * 5 + 2, 1.0));
     }
 
     /// A directional derivative of the encoding against finite differences: it is linear in the tables.

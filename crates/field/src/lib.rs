@@ -31,6 +31,7 @@
 
 mod activation;
 mod check;
+mod density_gradient;
 mod detail;
 mod factored;
 mod field;
@@ -48,6 +49,7 @@ mod points;
 mod sources;
 
 pub use activation::DensityActivation;
+pub use density_gradient::density_gradient;
 pub use factored::{FactoredConfig, FactoredField};
 pub use field::{Body, Field, FieldSetup, FieldSpec, Footprint};
 pub use hash::{HashConfig, HashGrid};

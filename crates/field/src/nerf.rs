@@ -73,10 +73,6 @@ impl FieldSpec for NerfConfig {
     fn footprint(&self) -> Footprint {
         Footprint::dense(self.layers, self.width)
     }
-
-    fn tracks_positions(&self) -> bool {
-        true
-    }
 }
 
 /// Positional encoding → MLP → density and colour.

@@ -113,6 +113,23 @@ impl RenderedImage {
 pub(crate) const HIT: f32 = 0.5;
 
 #[cfg(test)]
+pub(crate) mod testing {
+    use crate::{Placement, RenderConfig};
+
+    pub(crate) fn config(placement: Placement) -> RenderConfig {
+        serde_json::from_value(serde_json::json!({
+            "compositing": "exponential", "samples": 32, "fine_samples": 0, "placement": placement, "last_interval": "finite",
+            "jitter": false, "space": "auto", "clip_to_bounds": false, "early_stop_transmittance": 1e-3, "hidden_depth": 1.0,
+            "occupancy": {
+                "enabled": true, "resolution": 2, "warmup": 0, "every": 1, "alpha_threshold": 0.01, "decay": 1.0,
+                "refine": 1, "carve": false,
+            },
+        }))
+        .unwrap()
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use burn::module::Module;
     use burn::tensor::{Device, Tensor, TensorData};
@@ -121,8 +138,9 @@ mod tests {
     use infonerf_scene::Scene;
     use infonerf_schedule::Moment;
 
+    use super::testing::config;
     use super::*;
-    use crate::{Model, OccupancyGrid, Placement, RenderConfig};
+    use crate::{Model, OccupancyGrid, Placement};
 
     /// As grey as the run is far, with any density.
     #[derive(Module, Debug)]
@@ -144,18 +162,6 @@ mod tests {
         fn device(&self) -> Device {
             self.none.device()
         }
-    }
-
-    fn config(placement: Placement) -> RenderConfig {
-        serde_json::from_value(serde_json::json!({
-            "compositing": "exponential", "samples": 32, "fine_samples": 0, "placement": placement, "last_interval": "finite",
-            "jitter": false, "space": "auto", "clip_to_bounds": false, "early_stop_transmittance": 1e-3, "hidden_depth": 1.0,
-            "occupancy": {
-                "enabled": true, "resolution": 2, "warmup": 0, "every": 1, "alpha_threshold": 0.01, "decay": 1.0,
-                "refine": 1, "carve": false,
-            },
-        }))
-        .unwrap()
     }
 
     /// The same a quarter into the run, seen along −z in the middle of the box of 3 units, of which a grid remembers each half

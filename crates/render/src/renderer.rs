@@ -36,6 +36,11 @@ impl Renderer {
         (SAMPLES_AT_ONCE / self.sampler.most(at).max(1)).max(1)
     }
 
+    /// The same before black.
+    pub(crate) fn on_black(&self) -> Self {
+        Self { background: [0.0; 3], backdrop: Backdrop::Colour, ..self.clone() }
+    }
+
     pub(crate) fn sampler(&self) -> &Sampler {
         &self.sampler
     }

@@ -2,7 +2,7 @@
 
 use burn::tensor::Tensor;
 use glam::{Mat4, Vec2, Vec3};
-use infonerf_ops::upload;
+use infonerf_ops::{to_host, upload};
 use infonerf_scene::{Aabb, Camera, Layout, Range, Scene};
 use serde::{Deserialize, Serialize};
 
@@ -140,6 +140,20 @@ impl Warp {
                 x * (length.clone().recip().neg() + 2.0) / length
             }
         }
+    }
+
+    /// Jᵀ g of each row, `[M, 3]`, with the Jacobian J of [`Self::point`]: the gradient with respect to points of the world of
+    /// what has the gradient g at the points `q` that they are mapped to.
+    pub fn world_gradient(&self, q: &Tensor<2>, gradient: Tensor<2>) -> Tensor<2> {
+        if self.is_identity() {
+            return gradient;
+        }
+        let mapped = to_host(q.clone());
+        let world = mapped.chunks_exact(3).flat_map(|q| self.world(Vec3::from_slice(q)).to_array()).collect();
+        let world: Tensor<2> = upload(world, q.dims(), &q.device());
+        let world = world.autodiff().require_grad();
+        let gradients = (self.points(world.clone()) * gradient).sum().backward();
+        world.grad(&gradients).expect("the world is mapped")
     }
 
     /// The inverse of [`Self::point`], with distances clamped to the horizon.

@@ -80,6 +80,27 @@ pub fn depth_image(
     Ok(picture(&pixels, width))
 }
 
+/// Picture of normals in the usual colours: red is x, green y and blue z of (n + 1)/2, faded to white where little was hit.
+///
+/// `colour = A (n/|n| + 1)/2 + (1 − A)` with `A` the accumulated weight `acc`. `normals` of any length and `acc` are row-major
+/// `[height × width]`. A pixel without a normal is white.
+///
+/// # Errors
+/// [`MetricError::Length`] when `normals` or `acc` does not hold `width × height` values.
+pub fn normal_image(normals: &[[f32; 3]], acc: &[f32], width: u32, height: u32) -> Result<RgbImage, MetricError> {
+    check_length("normals", normals.len(), width, height)?;
+    check_length("acc", acc.len(), width, height)?;
+    let pixel = |(normal, &acc): (&[f32; 3], &f32)| {
+        let length = normal.iter().map(|n| n * n).sum::<f32>().sqrt();
+        if !(length > 0.0 && length.is_finite() && acc.is_finite()) {
+            return [1.0; 3];
+        }
+        let acc = acc.clamp(0.0, 1.0);
+        normal.map(|n| acc * 0.5 * (n / length + 1.0) + 1.0 - acc)
+    };
+    Ok(picture(&normals.iter().zip(acc).map(pixel).collect::<Vec<_>>(), width))
+}
+
 /// Picture of the mean absolute error over channels: dark is right, yellow is [`ERROR_FULL_SCALE`] off or more
 /// ([`viridis`]). A pixel that is not finite is white.
 ///
@@ -152,6 +173,15 @@ mod tests {
         assert_eq!(image.get_pixel(1, 0).0, to_bytes(turbo(0.0)));
         assert_eq!(image.get_pixel(0, 1).0, [255; 3]);
         assert_eq!(image.get_pixel(1, 1).0, [255; 3]);
+    }
+
+    #[test]
+    fn normals_towards_the_camera_are_blue() {
+        let normals = [[0.0, 0.0, 0.2], [3.0, 0.0, 0.0], [0.0, -0.5, 0.0], [0.0; 3]];
+        let image = normal_image(&normals, &[1.0, 1.0, 0.5, 1.0], 2, 2).unwrap();
+        let pixels: Vec<[u8; 3]> = image.pixels().map(|pixel| pixel.0).collect();
+        assert_eq!(pixels, [[128, 128, 255], [255, 128, 128], [191, 128, 191], [255; 3]]);
+        assert!(normal_image(&normals, &[1.0], 2, 2).is_err());
     }
 
     #[test]

@@ -10,7 +10,7 @@
 //! - [`write_collection`]: several experiments in one report.
 //! - [`write_tensorboard`]: training curves for TensorBoard.
 //! - [`RESULTS_SCHEMA`]: what `results.json` holds, as a JSON schema.
-//! - [`depth_image`] and [`error_image`]: the pictures of depth and error that a run stores beside its renders.
+//! - [`depth_image`] and [`error_image`]: the pictures of depth and error that a run stores beside its renders; [`normal_image`].
 //!
 //! ```
 //! use infonerf_report::{Emphasis, Quantity, Record, scene_table};
@@ -58,7 +58,7 @@ mod text;
 
 pub use claim::{Claim, Comparison, Finding, Interval, Relation, Side, TestedClaim, Verdict};
 pub use collection::{Chapter, Collection, write_collection};
-pub use colormap::{ERROR_FULL_SCALE, depth_image, error_image, turbo, viridis};
+pub use colormap::{ERROR_FULL_SCALE, depth_image, error_image, normal_image, turbo, viridis};
 pub use comparison::{ComparisonFiles, PictureComparison};
 pub use error::ReportError;
 pub use events::{Evaluation, Events, Step};

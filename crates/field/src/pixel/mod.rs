@@ -103,6 +103,10 @@ impl FieldSpec for PixelNerfConfig {
         true
     }
 
+    fn tracks_positions(&self) -> bool {
+        false
+    }
+
     fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
         Some(("encoder.weights", &mut self.encoder.weights))
     }
@@ -146,6 +150,8 @@ impl Field for PixelNerf {
     fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
         let seen = self.seen.as_ref().expect("a PixelNeRF is conditioned on photographs before it is evaluated");
         let (views, samples) = (&seen.sources.views[..], points.len());
+        // Features are read where the host says, without slopes: those of the rest would be a part of the truth.
+        let points = &Points { positions: points.positions.clone().detach(), ..points.clone() };
         let (positions, directions) = view_points(views, points, seen.sources.middle, self.config.lowest_frequency);
         let encoded = frequency_encode(positions, self.config.frequencies, &[]);
         let pixels = project::pixels(views, &to_host(points.positions.clone()));

@@ -26,8 +26,8 @@ pub fn of_config(config: &Config) -> Result<(), Fault> {
     Fault::unless_within(0.0..=1e6, "eval.pose_steps", eval.pose_steps as f64)?;
     let learnt = train.cameras.refine.is_photometric();
     if learnt || eval.pose_steps > 0 {
-        let expected = "`nerf` or `factored` where cameras are learnt (train.cameras.refine, eval.pose_steps): no other field \
-                        passes gradients on to positions yet";
+        let expected = "a field that passes gradients on to positions where cameras are learnt (train.cameras.refine, \
+                        eval.pose_steps), as all but `pixelnerf` do";
         Fault::unless(field.tracks_positions(), "field.kind", expected, field)?;
         let expected =
             "false where cameras are learnt (train.cameras.refine): space is carved once, by the cameras as they begin";
@@ -141,16 +141,16 @@ mod tests {
         let fault = |settings: &[&str]| Config::of(Preset::Paper, settings).err().map(|error| error.to_string());
         let mip =
             "field={kind='mip',layers=2,width=8,skip=0,position_frequencies=4,direction_frequencies=2,detail=1.0}";
+        let pixel = "field={kind='pixelnerf',encoder={width=4,blocks=[1],weights=''},blocks=1,pool_after=1,width=8,\
+                     frequencies=2,lowest_frequency=1.5,density='relu'}";
         let refine = "train.cameras.refine=photometric";
         let matches = "train.cameras.refine=matches";
         assert_eq!(fault(&[refine]), None);
+        assert_eq!(fault(&[mip, "render.placement=interval", refine]), None);
         assert_eq!(fault(&[mip, "render.placement=interval", matches, "train.cameras.focal=shared"]), None);
         for (settings, start) in [
-            (&[mip, "render.placement=interval", refine][..], "field.kind: expected `nerf` or `factored` where"),
-            (
-                &[mip, "render.placement=interval", "eval.pose_steps=3"],
-                "field.kind: expected `nerf` or `factored` where",
-            ),
+            (&[pixel, refine][..], "field.kind: expected a field that passes gradients on"),
+            (&[pixel, "eval.pose_steps=3"], "field.kind: expected a field that passes gradients on"),
             (
                 &["render.occupancy.carve=true", refine],
                 "render.occupancy.carve: expected false where cameras are learnt",

@@ -10,9 +10,10 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail};
 use clap::Args;
 use infonerf_experiment::{RunPlan, Trained, save_png};
+use infonerf_field::FieldSpec;
 use infonerf_metrics::to_rgb8;
-use infonerf_render::render_image;
-use infonerf_report::depth_image;
+use infonerf_render::{render_image, render_normals};
+use infonerf_report::{depth_image, normal_image};
 
 use crate::print::{errln, outln};
 use crate::selection::DeviceArgs;
@@ -32,7 +33,7 @@ Examples:
 A path of your own is JSON: {\"keyframes\": [{\"camera_to_world\": [16 numbers, row by row], \"fov\": 50}, ...],
 \"seconds\": 4, \"fps\": 20, \"is_cycle\": true, \"render_width\": 800, \"render_height\": 600}; all but the poses may be left out.";
 
-/// Render new views of a finished run along a camera path: PNG frames, an animated GIF and a video.
+/// Render new views of a finished run along a camera path: PNG frames with depth, an animated GIF, normals and a video.
 #[derive(Debug, Args)]
 #[command(after_help = RENDER_EXAMPLES)]
 pub(crate) struct RenderArgs {
@@ -47,6 +48,9 @@ pub(crate) struct RenderArgs {
     /// Longest side of the frames in pixels [default: as trained, or the JSON file's]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8192))]
     size: Option<u32>,
+    /// Also write pictures of normals, n as (n + 1)/2 in the camera's axes (x right, y up, z towards it); takes several times as long
+    #[arg(long)]
+    normals: bool,
     /// Also write a video, with the installed `ffmpeg`
     #[arg(long, value_enum)]
     video: Option<VideoName>,
@@ -66,7 +70,14 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     // What can be wrong with the arguments is said before anything is loaded.
     let film = args.video.map(Film::new).transpose()?;
     let route = Route::read(&args.path)?;
-    let trained = Trained::read(RunPlan::of_run(&args.run)?, &args.run, &open_device(args.device.device)?)?;
+    let plan = RunPlan::of_run(&args.run)?;
+    if args.normals && !plan.config.field.tracks_positions() {
+        bail!(
+            "--normals: expected a field whose density has a gradient with respect to positions, found {}",
+            plan.config.field
+        );
+    }
+    let trained = Trained::read(plan, &args.run, &open_device(args.device.device)?)?;
     for warning in &trained.warnings {
         errln!("warning: {warning}");
     }
@@ -89,6 +100,11 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
         let depth =
             depth_image(&image.depth, &image.acc, image.width, image.height, scene.space.near, scene.space.far)?;
         save_png(&depth, &out.join(format!("depth/{index:04}.png")))?;
+        if args.normals {
+            let image = render_normals(trained.renderer(), &models, camera);
+            let normals = normal_image(&image.rgb, &image.acc, image.width, image.height)?;
+            save_png(&normals, &out.join(format!("normals/{index:04}.png")))?;
+        }
         animation.add(&picture)?;
     }
     let seconds = start.elapsed().as_secs_f64();
@@ -107,7 +123,7 @@ fn clear(out: &Path, name: &str) -> Result<()> {
         Some((stem, extension)) => EXTENSIONS.contains(&extension) && (PATHS.contains(&stem) || stem == name),
         None => false,
     };
-    for folder in [out.to_owned(), out.join("depth")] {
+    for folder in [out.to_owned(), out.join("depth"), out.join("normals")] {
         let Ok(entries) = std::fs::read_dir(&folder) else { continue };
         for entry in entries.flatten().filter(|entry| is_ours(&entry.file_name().to_string_lossy())) {
             std::fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;

@@ -1,0 +1,141 @@
+//! Pictures of normals.
+
+use burn::module::Module;
+use burn::tensor::{Device, Tensor};
+use glam::Vec3;
+use infonerf_field::{Field, FieldOutput, Points, density_gradient};
+use infonerf_scene::Camera;
+use infonerf_schedule::Moment;
+
+use crate::ensemble::combine;
+use crate::image::render_one;
+use crate::{Model, RenderedImage, Renderer, TrainedModel, Warp};
+
+/// The picture of normals that `camera` sees: in place of colour Σ w n in the camera's axes (x right, y up, z towards the
+/// camera), with the compositing weights w of a picture and n = −∇σ/|∇σ| in the world, 0 where σ does not change. Of several
+/// members the mean.
+///
+/// # Panics
+/// If there are no members, or a field that does not [track positions](infonerf_field::FieldSpec::tracks_positions).
+pub fn render_normals<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], camera: &Camera) -> RenderedImage {
+    let black = renderer.on_black();
+    let of_member = |member: &TrainedModel<F>| {
+        let normals = |field: &F| Normals { field: field.clone(), warp: renderer.warp().clone() };
+        let coarse = member.model.coarse.as_ref().map(normals);
+        let model = Model { coarse, ..Model::of(normals(&member.model.fine)) };
+        let trained = TrainedModel { model, occupancy: member.occupancy.clone(), at: member.at, frame: member.frame };
+        let mut image = render_one(&black, &trained, camera);
+        let to_camera = member.camera(camera).rotation().transpose().as_mat3();
+        image.rgb.iter_mut().for_each(|normal| *normal = (to_camera * Vec3::from(*normal)).to_array());
+        image
+    };
+    combine(members.iter().map(of_member).collect())
+}
+
+/// A field whose colours are its normals in the world.
+#[derive(Module, Debug)]
+struct Normals<F: Module> {
+    field: F,
+    #[module(skip)]
+    warp: Warp,
+}
+
+impl<F: Field> Field for Normals<F> {
+    fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
+        if !color {
+            return self.field.evaluate(points, false, at);
+        }
+        let (sigma, gradient) = density_gradient(&self.field, points, at).expect("the field tracks positions");
+        let gradient = self.warp.world_gradient(&points.positions, gradient);
+        let steepness: Tensor<2> = gradient.clone().square().sum_dim(1).sqrt().clamp_min(f32::MIN_POSITIVE);
+        FieldOutput { sigma, color: Some(gradient.neg() / steepness) }
+    }
+
+    fn device(&self) -> Device {
+        self.field.device()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat4, DVec3};
+    use infonerf_ops::upload;
+    use infonerf_scene::{Scene, Similarity};
+
+    use super::*;
+    use crate::image::testing::config;
+    use crate::{Placement, Space};
+
+    /// A ball in the space of a warp: σ = 50·softplus(300 (1 − |p − centre|)).
+    #[derive(Module, Debug)]
+    struct Ball {
+        none: Tensor<1>,
+        #[module(skip)]
+        centre: Vec3,
+    }
+
+    impl Field for Ball {
+        fn evaluate(&self, points: &Points, _color: bool, _at: Moment) -> FieldOutput {
+            let centre: Tensor<2> = upload(self.centre.to_array().to_vec(), [1, 3], &self.device());
+            let distance = (points.positions.clone() - centre).square().sum_dim(1).sqrt().squeeze_dim(1);
+            let sigma = burn::tensor::activation::softplus((distance.neg() + 1.0) * 300.0, 1.0) * 50.0;
+            FieldOutput { sigma, color: None }
+        }
+
+        fn device(&self) -> Device {
+            self.none.device()
+        }
+    }
+
+    /// From a side, with a ray through the middle of each of 9 × 9 pixels: a sphere's normals are its points. Cameras of a model
+    /// in a turned frame see the same.
+    #[test]
+    fn a_sphere_has_its_points_as_normals() {
+        let rotation = glam::DMat3::from_rotation_x(0.3);
+        let turned = Similarity { rotation, scale: 1.0, translation: DVec3::ZERO };
+        let to_world = DMat4::from_rotation_y(0.7) * DMat4::from_translation(DVec3::new(0.0, 0.0, 4.0));
+        let camera = Camera::from_fov(9, 9, 0.6, to_world);
+        for (placement, frame) in [(Placement::Mid, None), (Placement::Left, Some(turned))] {
+            let config = crate::RenderConfig { samples: 512.0.into(), ..config(placement) };
+            let renderer = Renderer::new(&config, &Scene { background: [1.0; 3], ..Scene::default() });
+            let ball = Ball { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::ZERO };
+            let at = Moment::END;
+            let trained = TrainedModel { model: Model::of(ball), occupancy: None, at, frame };
+            let image = render_normals(&renderer, &[trained.clone(), trained], &camera);
+            for (pixel, (normal, &acc)) in image.rgb.iter().zip(&image.acc).enumerate() {
+                let ray = camera.ray((pixel % 9) as f32 + 0.5, (pixel / 9) as f32 + 0.5);
+                let (along, normal) = (-ray.origin.dot(ray.direction), Vec3::from(*normal));
+                let across = ray.at(along).length();
+                if across > 1.2 {
+                    assert!(normal.length() < 1e-3 && acc < 1e-3, "{pixel}: {normal}, {acc}");
+                } else if across < 0.9 {
+                    let met = ray.at(along - (1.0 - across * across).sqrt());
+                    let want = camera.rotation().as_mat3().transpose() * met;
+                    assert!(normal.distance(want) < 0.03, "{placement:?}, {pixel}: {normal} for {want}");
+                }
+            }
+        }
+    }
+
+    /// The sphere is one in contracted space: there its normals are across the gradient's own axes.
+    #[test]
+    fn normals_are_those_of_the_world() {
+        let mut scene = Scene::default();
+        scene.space.bounded = false;
+        let config =
+            crate::RenderConfig { space: Space::Contraction, samples: 2048.0.into(), ..config(Placement::Left) };
+        let renderer = Renderer::new(&config, &scene);
+        let warp = renderer.warp();
+        let field = Ball { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::new(0.0, 1.2, 0.0) };
+        let density = |p: Vec3| -f64::from(warp.point(p).distance(field.centre));
+        let camera = Camera::from_fov(1, 1, 0.1, DMat4::from_translation(DVec3::new(0.5, 3.0, 9.0)));
+        let trained = TrainedModel { model: Model::of(field.clone()), occupancy: None, at: Moment::END, frame: None };
+        let image = render_normals(&renderer, &[trained], &camera);
+        let met = camera.ray(0.5, 0.5).at(image.depth[0]);
+        let slope = Vec3::AXES.map(|axis| (density(met + 1e-2 * axis) - density(met - 1e-2 * axis)) as f32);
+        let want = camera.rotation().as_mat3().transpose() * -Vec3::from(slope).normalize();
+        assert!(Vec3::from(image.rgb[0]).distance(want) < 0.02, "{:?} for {want} at {met}", image.rgb[0]);
+        let own = (warp.point(met) - field.centre).normalize();
+        assert!(own.distance(want) > 0.05, "the warp matters: {own}, {want}");
+    }
+}
