@@ -370,7 +370,9 @@ fn weights_learned_on_many_scenes_begin_another_run() {
     }
     // A run holds its own weights.
     fs::remove_dir_all(place.path("out/pixelnerf-pretrain")).unwrap();
-    place.run("eval out/integration-pixelnerf/random-7/pixelnerf/seed0").succeeds();
+    let run = "out/integration-pixelnerf/random-7/pixelnerf/seed0";
+    place.run(&["eval", run]).succeeds();
+    place.run(&["render", run, "--normals"]).fails_with(&["--normals", "ResNet"]);
     pretrain().args("--seed 0..1").fails_with(&["one variant and one seed"]);
 }
 

@@ -58,6 +58,8 @@ fn a_page_of_the_papers_field_is_baked() {
                  --set train.rays=16 --set train.unseen_rays=16 --set render.samples=8 --set render.fine_samples=8 \
                  --set eval.test=first-1 --set eval.information_rays=16";
     place.run(small).args(&["--set", mlp]).succeeds();
+    place.run(&["render", RUN, "--frames", "1", "--normals"]).succeeds();
+    assert_eq!(frames(&place.path(RUN).join("render/normals")), 1);
     assert!(!place.path(RUN).join("viewer.html").exists(), "only what takes no time is left by `exp`");
     let said = text(&place.run(&["export", RUN, "--format", "html", "--resolution", "24"]).succeeds().stdout);
     assert!(said.contains("viewer.html") && said.contains("read by browsers"), "{said}");
