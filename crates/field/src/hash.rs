@@ -160,21 +160,37 @@ impl LevelTable {
         self.first + index
     }
 
-    /// The entries at the corners of the cell around `u` ∈ [0, 1]³, with their trilinear weights, which sum to 1, and the
-    /// slopes of these along each axis.
-    fn corners(self, u: [f32; 3]) -> [(usize, f32, [f32; 3]); CORNERS] {
-        let cells = self.cells as f32;
-        let scaled = u.map(|u| u * cells);
-        let low = scaled.map(|x| (x as usize).min(self.cells - 1));
+    /// The entries at the corners of the cell around `u` ∈ [0, 1]³, with their trilinear weights, which sum to 1.
+    fn corners(self, u: [f32; 3]) -> [(usize, f32); CORNERS] {
+        let (low, above) = self.cell(u);
         std::array::from_fn(|corner| {
-            let upper = [0, 1, 2].map(|axis| corner >> axis & 1);
-            let [x, y, z] = [0, 1, 2].map(|axis| {
-                let above = scaled[axis] - low[axis] as f32;
-                if upper[axis] == 1 { (above, cells) } else { (1.0 - above, -cells) }
-            });
-            let slopes = [x.1 * y.0 * z.0, x.0 * y.1 * z.0, x.0 * y.0 * z.1];
-            (self.entry([0, 1, 2].map(|axis| low[axis] + upper[axis])), x.0 * y.0 * z.0, slopes)
+            let mut vertex = low;
+            let mut weight = 1.0;
+            for axis in 0..3 {
+                let upper = corner >> axis & 1;
+                vertex[axis] += upper;
+                weight *= if upper == 1 { above[axis] } else { 1.0 - above[axis] };
+            }
+            (self.entry(vertex), weight)
         })
+    }
+
+    /// How fast the weights of [`Self::corners`] change with `u` along each axis.
+    fn slopes(self, u: [f32; 3]) -> [[f32; 3]; CORNERS] {
+        let (_, above) = self.cell(u);
+        let cells = self.cells as f32;
+        std::array::from_fn(|corner| {
+            let [x, y, z] = [0, 1, 2]
+                .map(|axis| if corner >> axis & 1 == 1 { (above[axis], cells) } else { (1.0 - above[axis], -cells) });
+            [x.1 * y.0 * z.0, x.0 * y.1 * z.0, x.0 * y.0 * z.1]
+        })
+    }
+
+    /// The lowest corner of the cell around `u`, and how far above it that is, in cells.
+    fn cell(self, u: [f32; 3]) -> ([usize; 3], [f32; 3]) {
+        let scaled = u.map(|u| u * self.cells as f32);
+        let low = scaled.map(|x| (x as usize).min(self.cells - 1));
+        (low, [0, 1, 2].map(|axis| scaled[axis] - low[axis] as f32))
     }
 }
 
@@ -210,9 +226,10 @@ impl HashGrid {
         let rows = indices.par_chunks_mut(levels * CORNERS).zip(weights.par_chunks_mut(levels * CORNERS));
         rows.zip(positions.par_chunks_exact(3)).for_each(|((indices, weights), p)| {
             let u = [p[0], p[1], p[2]];
-            let corners = self.levels.iter().zip(&present).flat_map(|(level, present)| {
-                level.corners(u).map(|(entry, weight, _)| (entry as i32, weight * present))
-            });
+            let corners =
+                self.levels.iter().zip(&present).flat_map(|(level, present)| {
+                    level.corners(u).map(|(entry, weight)| (entry as i32, weight * present))
+                });
             for ((index, weight), corner) in indices.iter_mut().zip(weights).zip(corners) {
                 (*index, *weight) = corner;
             }
@@ -238,7 +255,7 @@ impl HashGrid {
         let of_point = |p: &[f32]| {
             let u = [p[0], p[1], p[2]];
             let levels = self.levels.iter().zip(present);
-            levels.flat_map(move |(level, present)| level.corners(u).map(|(_, _, slopes)| slopes.map(|s| s * present)))
+            levels.flat_map(move |(level, present)| level.slopes(u).map(|slopes| slopes.map(|s| s * present)))
         };
         positions.par_chunks_exact(3).flat_map_iter(of_point).flatten_iter().collect()
     }
@@ -294,15 +311,14 @@ mod tests {
         for level in config().level_tables() {
             for u in [[0.0; 3], [1.0; 3], [0.3, 0.71, 0.5], [0.25, 0.25, 0.999]] {
                 let corners = level.corners(u);
-                assert!((corners.iter().map(|(_, weight, _)| weight).sum::<f32>() - 1.0).abs() < 1e-6);
-                assert!(corners.iter().all(|(entry, ..)| (level.first..level.first + level.entries).contains(entry)));
+                assert!((corners.iter().map(|(_, weight)| weight).sum::<f32>() - 1.0).abs() < 1e-6);
+                assert!(corners.iter().all(|(entry, _)| (level.first..level.first + level.entries).contains(entry)));
             }
         }
         // A vertex has its own entry alone.
         let dense = config().level_tables()[0];
-        let at_vertex: Vec<_> = dense.corners([0.5, 0.25, 1.0]).into_iter().filter(|(_, w, _)| *w > 0.0).collect();
-        assert_eq!(at_vertex.len(), 1);
-        assert_eq!((at_vertex[0].0, at_vertex[0].1), ((4 * 5 + 1) * 5 + 2, 1.0));
+        let at_vertex: Vec<_> = dense.corners([0.5, 0.25, 1.0]).into_iter().filter(|(_, w)| *w > 0.0).collect();
+        assert_eq!(at_vertex, [((4 * 5 + 1) * 5 + 2, 1.0)]);
     }
 
     /// A directional derivative of the encoding against finite differences: it is linear in the tables.
