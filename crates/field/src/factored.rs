@@ -228,7 +228,7 @@ mod tests {
         let device = Device::flex();
         // More than a block, some beyond the box.
         let points: Vec<[f32; 3]> =
-            (0..75).map(|i| [0, 1, 2].map(|axis| ((i * 7 + axis * 5) % 23) as f32 / 8.0 - 1.2)).collect();
+            (0..300).map(|i| [0, 1, 2].map(|axis| ((i * 7 + axis * 5) % 23) as f32 / 8.0 - 1.2)).collect();
         let directions: Vec<[f32; 3]> = points.iter().map(|p| [p[1], -p[0], 0.5]).collect();
         let upload = |rows: &[[f32; 3]]| infonerf_ops::upload(rows.as_flattened().to_vec(), [rows.len(), 3], &device);
         for view_dependence in [0.0, 0.5] {

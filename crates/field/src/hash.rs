@@ -238,7 +238,7 @@ impl HashGrid {
         let indices = upload(indices, [count], &device);
         let mut weights = upload(weights, [count, 1], &device);
         if shares.is_tracked() {
-            // Zero, with the weights' slopes.
+            // Its value is zero; its gradient carries the slopes of the weights.
             let moved = shares.clone() - shares.detach();
             let slopes = upload(self.slopes(&positions, &present), [samples, levels * CORNERS, 3], &device);
             weights = weights + (slopes * moved.unsqueeze_dim(1)).sum_dim(2).reshape([count, 1]);
@@ -249,8 +249,8 @@ impl HashGrid {
 }
 
 impl HashGrid {
-    /// Slopes of the weights of all corners at `positions` (shares of the box, `[M, 3]` row-major), of levels that are `present`
-    /// by so much: `[M, levels · 8, 3]`.
+    /// Slopes of the weights of all corners at `positions` (shares of the box, `[M, 3]` row-major), times each level's share in
+    /// `present`: `[M, levels · 8, 3]`.
     fn slopes(&self, positions: &[f32], present: &[f32]) -> Vec<f32> {
         let of_point = |p: &[f32]| {
             let u = [p[0], p[1], p[2]];

@@ -43,11 +43,11 @@ pub enum Onto<'a> {
 }
 
 /// The least number of columns at a time.
-pub const COLUMNS: usize = 16;
+pub(crate) const COLUMNS: usize = 16;
 
 /// y = a b, y += a b or y = bias + a b, with y `[m, n]`, a `[m, k]` and b `[k, n]` for sizes `[m, n, k]`.
 ///
-/// Each element is one sum in the order of k. Fastest where n is a multiple of [`COLUMNS`].
+/// Each element is one sum in the order of k. Fastest where n is a multiple of 16.
 ///
 /// # Panics
 /// If columns of y or b are apart, rows of y overlap, or a matrix reaches beyond its slice.

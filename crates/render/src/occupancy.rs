@@ -192,9 +192,9 @@ impl OccupancyGrid {
         self.cells_along(p - self.bounds.min)
     }
 
-    /// A way in units of cells.
-    pub(crate) fn cells_along(&self, way: Vec3) -> Vec3 {
-        way * self.cells_per_unit
+    /// A displacement in units of cells.
+    pub(crate) fn cells_along(&self, displacement: Vec3) -> Vec3 {
+        displacement * self.cells_per_unit
     }
 
     /// Cells from that of `p`, [in cells](Self::in_cells), to the nearest occupied one, along the axis on which they are most,

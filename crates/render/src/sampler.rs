@@ -258,7 +258,7 @@ struct CellLine {
     from: Vec3,
     /// Along one step.
     step: Vec3,
-    /// Steps that pass a cell along no axis, or hardly.
+    /// Steps in the width of a cell, along the axis on which the ray passes cells fastest; rounded down a little.
     steps_per_cell: f32,
 }
 

@@ -150,7 +150,8 @@ impl Field for PixelNerf {
     fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
         let seen = self.seen.as_ref().expect("a PixelNeRF is conditioned on photographs before it is evaluated");
         let (views, samples) = (&seen.sources.views[..], points.len());
-        // Features are read where the host says, without slopes: those of the rest would be a part of the truth.
+        // Features are looked up on the host, which passes no gradient on to positions; that of the encoding alone would be
+        // incomplete.
         let points = &Points { positions: points.positions.clone().detach(), ..points.clone() };
         let (positions, directions) = view_points(views, points, seen.sources.middle, self.config.lowest_frequency);
         let encoded = frequency_encode(positions, self.config.frequencies, &[]);

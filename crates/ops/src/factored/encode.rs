@@ -125,11 +125,21 @@ pub(super) fn places(positions: &Block, resolution: usize) -> Places {
 type Place = (usize, f32);
 
 impl Places {
-    /// Tables of this many numbers hold both texels of all places, in every row.
+    /// Each plane of a level with its line, after [`Self::check`].
+    #[inline(always)]
+    fn checked<'a, const C: usize>(&self, tables: &'a [f32], level: &Level) -> [(&'a [f32], &'a [f32]); 3] {
+        let tables = [tables_of(tables, level, 0), tables_of(tables, level, 1), tables_of(tables, level, 2)];
+        for (plane, line) in tables {
+            self.check::<C>(plane, line);
+        }
+        tables
+    }
+
+    /// Panics unless a plane and its line have the resolution of these places, so that both texels of each are inside.
     #[inline(always)]
     fn check<const C: usize>(&self, plane: &[f32], line: &[f32]) {
         let [row, all] = [self.resolution * C, self.resolution * self.resolution * C];
-        // Beyond, the place before the last texel is not a number of its own.
+        // Beyond, `f32` does not tell places before the last texel from the texel itself.
         assert!((2..=1 << 13).contains(&self.resolution), "2 to 8192 texels along each axis");
         assert!(line.len() == row && plane.len() == all, "tables of {} texels along each axis", self.resolution);
     }
@@ -195,10 +205,7 @@ pub(super) fn level_features<const C: usize>(
     (x, stride): (&mut [f32], usize),
     samples: usize,
 ) {
-    let tables = [tables_of(tables, level, 0), tables_of(tables, level, 1), tables_of(tables, level, 2)];
-    for (plane, line) in tables {
-        places.check::<C>(plane, line);
-    }
+    let tables = places.checked::<C>(tables, level);
     for s in 0..samples {
         let row = &mut x[s * stride + level.feature..][..3 * C];
         let at = [places.at(0, s), places.at(1, s), places.at(2, s)];
@@ -266,10 +273,7 @@ pub(super) fn position_gradient<const C: usize>(
 ) {
     let places = places(positions, level.resolution);
     let res = places.resolution;
-    let tables = [tables_of(tables, level, 0), tables_of(tables, level, 1), tables_of(tables, level, 2)];
-    for (plane, line) in tables {
-        places.check::<C>(plane, line);
-    }
+    let tables = places.checked::<C>(tables, level);
     for s in 0..samples {
         for p in 0..3 {
             let ([a, b, c], (plane, line)) = (PLANES[p], tables[p]);

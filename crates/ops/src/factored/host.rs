@@ -164,7 +164,8 @@ impl FactoredKernel {
             simd::run(PlaneGradient {
                 channels: level.channels,
                 resolution: level.resolution,
-                how: (PLANES[p], weight),
+                axes: PLANES[p],
+                weight,
                 tables: encode::tables_of(tables, level, p),
                 blocks: &blocks,
                 samples: positions.len() / 3,
@@ -406,8 +407,9 @@ fn gathered<const C: usize>(dx: &[f32], stride: usize, plane: &mut [f32], sample
 struct PlaneGradient<'a> {
     channels: usize,
     resolution: usize,
-    /// Axes and weight.
-    how: ([usize; 3], f32),
+    /// Of the plane, then of its line.
+    axes: [usize; 3],
+    weight: f32,
     /// The plane and its line.
     tables: (&'a [f32], &'a [f32]),
     blocks: &'a [Block],
@@ -430,7 +432,8 @@ impl Job for PlaneGradient<'_> {
             let places = encode::places(block, self.resolution);
             let dx = &self.dfeatures[index * self.of_block + self.first..];
             let gradients = (&mut *self.dplane, &mut *self.dline);
-            with_channels!(self.channels, plane_gradient, self.how, self.tables, &places, dx, gradients, samples);
+            let how = (self.axes, self.weight);
+            with_channels!(self.channels, plane_gradient, how, self.tables, &places, dx, gradients, samples);
         }
     }
 }
