@@ -1,5 +1,5 @@
 use infonerf_field::Field;
-use infonerf_ops::{has_host_kernels, to_host};
+use infonerf_ops::{has_host_kernels, to_host, upload};
 use infonerf_scene::{Backdrop, Camera, Ray};
 use rayon::prelude::*;
 
@@ -31,7 +31,13 @@ const HOST_CHUNK: usize = 1 << 12;
 
 /// Renders the picture of one member.
 pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
-    let mut image = render_in_frame(renderer, trained, &trained.camera(camera));
+    let camera = trained.camera(camera);
+    let mut image = render_in_frame(renderer, trained, &camera);
+    if let Some(residuals) = &trained.residuals {
+        let render =
+            |view: usize, camera: &Camera| render_in_frame(renderer, trained, camera).exposed(renderer, trained, view);
+        residuals.add_to(&mut image, &camera, render);
+    }
     if let Some(frame) = trained.frame {
         image.depth.iter_mut().for_each(|depth| *depth /= frame.scale as f32);
     }
@@ -92,6 +98,18 @@ impl RenderedImage {
         self
     }
 
+    /// The same as training view `view` shows it: with its exposure, where those are learnt.
+    fn exposed<F: Field>(mut self, renderer: &Renderer, trained: &TrainedModel<F>, view: usize) -> Self {
+        if let Some(exposure) = &trained.model.exposure {
+            let (rays, device) = (self.rgb.len(), trained.model.fine.device());
+            let color = upload(self.rgb.as_flattened().to_vec(), [rays, 3], &device);
+            let acc = upload(self.acc.clone(), [rays], &device);
+            let exposed = to_host(exposure.apply(color, acc, renderer.background(), &vec![view; rays]));
+            self.rgb = exposed.as_chunks().0.to_vec();
+        }
+        self
+    }
+
     fn append(&mut self, output: &RenderOutput) {
         let rgb = to_host(output.color.clone().expect("colour was asked for"));
         let acc = to_host(output.acc.clone());
@@ -119,7 +137,7 @@ pub(crate) mod testing {
     pub(crate) fn config(placement: Placement) -> RenderConfig {
         serde_json::from_value(serde_json::json!({
             "compositing": "exponential", "samples": 32, "fine_samples": 0, "placement": placement, "last_interval": "finite",
-            "jitter": false, "space": "auto", "clip_to_bounds": false, "early_stop_transmittance": 1e-3, "hidden_depth": 1.0,
+            "jitter": false, "space": "auto", "clip_to_bounds": false, "early_stop_transmittance": 1e-3, "hidden_depth": 1.0, "residuals": false,
             "occupancy": {
                 "enabled": true, "resolution": 2, "warmup": 0, "every": 1, "alpha_threshold": 0.01, "decay": 1.0,
                 "refine": 1, "carve": false,
@@ -174,7 +192,11 @@ mod tests {
         let model = Model::of(Grey { none: Tensor::zeros([1], &Device::flex()), sigma });
         let camera = Camera::from_fov(1, 1, 0.1, DMat4::from_translation(DVec3::new(0.1, 0.1, 4.0)));
         let at = Moment { step: 10, progress: 0.25 };
-        (Renderer::new(&config, &scene), TrainedModel { model, occupancy: Some(grid), at, frame: None }, camera)
+        (
+            Renderer::new(&config, &scene),
+            TrainedModel { model, occupancy: Some(grid), at, frame: None, residuals: None },
+            camera,
+        )
     }
 
     #[test]

@@ -48,6 +48,7 @@
 //!     clip_to_bounds: false,
 //!     early_stop_transmittance: 0.0,
 //!     hidden_depth: 0.0,
+//!     residuals: false,
 //!     occupancy: OccupancyConfig {
 //!         enabled: false,
 //!         resolution: 2,
@@ -60,7 +61,7 @@
 //!     },
 //! };
 //! let fog = Fog { density: Tensor::from_floats([100.0], &Device::flex()) };
-//! let trained = TrainedModel { model: Model::of(fog), occupancy: None, at: Moment::START, frame: None };
+//! let trained = TrainedModel { model: Model::of(fog), occupancy: None, at: Moment::START, frame: None, residuals: None };
 //! let picture = render_image(&Renderer::new(&config, &scene), &[trained], &scene.test[0].camera);
 //! assert_eq!((picture.width, picture.rgb[0]), (8, [0.0, 0.0, 1.0]));
 //! ```
@@ -79,6 +80,7 @@ mod normals;
 mod occupancy;
 mod output;
 mod renderer;
+mod residuals;
 mod sampler;
 mod samples;
 mod warp;
@@ -94,5 +96,6 @@ pub use normals::render_normals;
 pub use occupancy::OccupancyGrid;
 pub use output::{Counts, Passes, RenderOutput, RenderRequest};
 pub use renderer::Renderer;
+pub use residuals::Residuals;
 pub use samples::Samples;
 pub use warp::{Space, Warp};

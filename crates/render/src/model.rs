@@ -1,9 +1,11 @@
+use std::sync::Arc;
+
 use burn::module::Module;
 use infonerf_field::{Field, RadianceField, Sources};
 use infonerf_scene::{Camera, Similarity};
 use infonerf_schedule::Moment;
 
-use crate::{CameraRefinement, Exposure, OccupancyGrid};
+use crate::{CameraRefinement, Exposure, OccupancyGrid, Residuals};
 
 /// The trained fields: one, or a coarse and a fine one (NeRF's hierarchical sampling).
 #[derive(Module, Debug)]
@@ -46,6 +48,8 @@ pub struct TrainedModel<F: Field = RadianceField> {
     pub at: Moment,
     /// From the scene's frame to that of the cameras that the model was trained with; none if these are the scene's own.
     pub frame: Option<Similarity>,
+    /// What pictures add to the field's; none for its own pictures.
+    pub residuals: Option<Arc<Residuals>>,
 }
 
 impl<F: Field> TrainedModel<F> {

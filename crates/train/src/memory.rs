@@ -22,11 +22,13 @@ const DRAWN: f64 = 5.0;
 const SEEN: u64 = 3;
 /// Bytes of a cell of an occupancy grid: its density, and two flags.
 const CELL: u64 = 6;
+/// Floats of a pixel that pictures take residuals from: RGB and distance.
+const RESIDUAL: u64 = 4;
 
 /// Memory of a run's parts, in bytes, as they are held at the same time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MemoryPlan {
-    parts: [(&'static str, u64); 5],
+    parts: [(&'static str, u64); 6],
 }
 
 impl MemoryPlan {
@@ -45,6 +47,7 @@ impl MemoryPlan {
         let drawn = pixels.train.saturating_mul((DRAWN * areas) as u64 + errors + seen);
         let occupancy = &config.render.occupancy;
         let cells = if occupancy.enabled { (occupancy.resolution as u64).pow(3) } else { 0 };
+        let residuals = if config.render.residuals { fields.saturating_mul(pixels.train) } else { 0 };
         Self {
             parts: [
                 ("field (its parameters, their gradients and Adam's moments)", copies * networks * parameters * FLOAT),
@@ -58,6 +61,7 @@ impl MemoryPlan {
                     drawn.saturating_mul(FLOAT),
                 ),
                 ("render.occupancy.resolution (the grid)", fields * cells * CELL),
+                ("render.residuals (of the training images)", residuals.saturating_mul(RESIDUAL * FLOAT)),
             ],
         }
     }

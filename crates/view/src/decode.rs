@@ -143,7 +143,13 @@ pub(crate) fn model(field: &FieldConfig) -> TrainedModel {
     let device = open(DeviceName::Flex).unwrap().device;
     let setup = FieldSetup { bounds: [[-1.5; 3], [1.5, 1.0, 1.5]], seed: 3, device: &device, body: None };
     let fine = RadianceField::new(field, &setup).unwrap();
-    TrainedModel { model: Model::of(fine), occupancy: None, at: Moment { step: 50, progress: 0.5 }, frame: None }
+    TrainedModel {
+        model: Model::of(fine),
+        occupancy: None,
+        at: Moment { step: 50, progress: 0.5 },
+        frame: None,
+        residuals: None,
+    }
 }
 
 /// The package in a scene without views; what is baked has `voxels` along its box at most.

@@ -9,7 +9,7 @@ use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use infonerf_field::{Extent, Field, Points, RadianceField};
 use infonerf_ops::{to_host, upload};
-use infonerf_render::{Model, Noise, OccupancyGrid, RandomStream, Renderer, TrainedModel, Warp};
+use infonerf_render::{Model, Noise, OccupancyGrid, RandomStream, Renderer, Residuals, TrainedModel, Warp};
 use infonerf_scene::{Aabb, Camera, Scene, Similarity};
 use infonerf_schedule::{Fault, Moment};
 
@@ -229,7 +229,7 @@ impl<F: Field> Trainer<F> {
     /// The model and its occupancy grid as training has them.
     pub fn snapshot(&self) -> TrainedModel<F> {
         let occupancy = self.occupancy().cloned();
-        TrainedModel { model: self.model(), occupancy, at: self.progress.at, frame: self.frame() }
+        TrainedModel { model: self.model(), occupancy, at: self.progress.at, frame: self.frame(), residuals: None }
     }
 
     /// The training cameras as they are learnt, in the model's own frame; the scene's if they are not.
@@ -255,7 +255,7 @@ impl<F: Field> Trainer<F> {
     /// What pictures are rendered from: the [snapshot](Self::snapshot), with a finer grid if `render.occupancy.refine` says
     /// so. The field is then asked where it is empty: worth keeping.
     pub fn trained(&self) -> TrainedModel<F> {
-        let TrainedModel { model, occupancy, at, frame } = self.snapshot();
+        let TrainedModel { model, occupancy, at, frame, .. } = self.snapshot();
         let factor = self.config.render.occupancy.refine;
         let occupancy = occupancy.map(|grid| {
             if factor == 1 {
@@ -266,7 +266,9 @@ impl<F: Field> Trainer<F> {
             let length = self.renderer().step_length(at);
             grid.refined(factor, noise, length, |points| densities(&model.fine, points, &extent, at))
         });
-        TrainedModel { model, occupancy, at, frame }
+        let residuals =
+            self.config.render.residuals.then(|| Arc::new(Residuals::new(self.scene().clone(), self.cameras())));
+        TrainedModel { model, occupancy, at, frame, residuals }
     }
 
     /// Share of the run that is done, in [0, 1]: of its time if there is a budget, else of its steps.

@@ -1,0 +1,160 @@
+//! What training photographs show beyond a field's pictures of them, added to new pictures.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::Vec3;
+use infonerf_scene::{Camera, Scene};
+use rayon::prelude::*;
+
+use crate::RenderedImage;
+
+/// Photographs that a picture takes residuals from: those nearest to it, which see most of it.
+const NEAREST: usize = 6;
+/// θ₀: the angle between two rays to a point at which a photograph counts a quarter, radians.
+const ANGLE: f32 = 0.03;
+/// c: a photograph alone counts a half where its weight is this, which it is at 0.27 rad.
+const PRIOR: f32 = 0.01;
+/// ε: the relative difference of distances from which a point is taken to be hidden.
+const TOLERANCE: f32 = 0.02;
+/// Columns and rows between the pixels that choose the nearest photographs.
+const STRIDE: usize = 16;
+
+/// The training photographs' residuals: photograph less picture of the field.
+///
+/// A pixel that the field shows in colour C at distance t, at the point x, becomes `C + Σ wᵢ rᵢ / (Σ wᵢ + c)`, where rᵢ is
+/// the residual of photograph i where it sees x, and `wᵢ = (θ₀ / (θ₀ + θᵢ))² exp(−(dᵢ/ε)²)`: θᵢ is the angle at x between
+/// the pixel's ray and photograph i's, and dᵢ the relative difference between x's distance from i and the distance that the
+/// field has there, which tells whether i sees x. This is image-based rendering (the unstructured lumigraph of Buehler et
+/// al. 2001, without its penalty of resolution) of what the field leaves over: detail finer than its tables, gloss, exposure.
+/// Rays that meet nothing stay as they are.
+///
+/// All cameras are in the frame of the model.
+#[derive(Debug)]
+pub struct Residuals {
+    scene: Arc<Scene>,
+    cameras: Vec<Camera>,
+    sources: Vec<OnceLock<Source>>,
+}
+
+/// A photograph's residual and the distances that the field has there, row-major; infinite where the photograph says nothing.
+#[derive(Debug)]
+struct Source {
+    residual: Vec<[f32; 3]>,
+    depth: Vec<f32>,
+}
+
+impl Residuals {
+    /// Those of `scene`'s training views, seen by `cameras`. Each is computed when a picture first needs it.
+    ///
+    /// # Panics
+    /// If views and cameras differ in number.
+    pub fn new(scene: Arc<Scene>, cameras: Vec<Camera>) -> Self {
+        assert_eq!(scene.train.len(), cameras.len(), "a camera for each view");
+        let sources = cameras.iter().map(|_| OnceLock::new()).collect();
+        Self { scene, cameras, sources }
+    }
+
+    /// Adds them to the field's picture of `camera`. `render` makes the field's picture of a training view.
+    pub(crate) fn add_to(
+        &self,
+        picture: &mut RenderedImage,
+        camera: &Camera,
+        render: impl Fn(usize, &Camera) -> RenderedImage,
+    ) {
+        let sources: Vec<(&Camera, &Source)> = self
+            .nearest(picture, camera)
+            .into_iter()
+            .map(|view| {
+                let source = self.sources[view].get_or_init(|| self.source(view, &render(view, &self.cameras[view])));
+                (&self.cameras[view], source)
+            })
+            .collect();
+        let (width, depth) = (picture.width as usize, &picture.depth);
+        picture.rgb.par_iter_mut().enumerate().filter(|(pixel, _)| depth[*pixel].is_finite()).for_each(
+            |(pixel, rgb)| {
+                let ray = camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
+                let point = ray.origin + depth[pixel] * ray.direction;
+                let (mut sum, mut total) = (Vec3::ZERO, 0.0);
+                for (camera, source) in &sources {
+                    if let Some((residual, weight)) = source.at(camera, point, ray.direction) {
+                        sum += weight * residual;
+                        total += weight;
+                    }
+                }
+                *rgb = (Vec3::from_array(*rgb) + sum / (total + PRIOR)).to_array();
+            },
+        );
+    }
+
+    /// The photographs with the greatest sums of weights over some of the picture's pixels, whoever is hidden.
+    fn nearest(&self, picture: &RenderedImage, camera: &Camera) -> Vec<usize> {
+        let (width, height) = (picture.width as usize, picture.height as usize);
+        let rows = (STRIDE / 2..height.max(STRIDE / 2 + 1)).step_by(STRIDE).map(|y| y.min(height - 1));
+        let pixels: Vec<(Vec3, Vec3)> = rows
+            .flat_map(|y| (STRIDE / 2..width.max(STRIDE / 2 + 1)).step_by(STRIDE).map(move |x| (x.min(width - 1), y)))
+            .filter_map(|(x, y)| {
+                let (ray, depth) = (camera.ray(x as f32 + 0.5, y as f32 + 0.5), picture.depth[y * width + x]);
+                depth.is_finite().then(|| (ray.origin + depth * ray.direction, ray.direction))
+            })
+            .collect();
+        let seen = |camera: &Camera, (point, direction): &(Vec3, Vec3)| {
+            seen_at(camera, *point).map_or(0.0, |_| angular_weight(camera, *point, *direction))
+        };
+        let score = |camera: &Camera| pixels.iter().map(|pixel| seen(camera, pixel)).sum::<f32>();
+        let mut scores: Vec<(usize, f32)> = self.cameras.par_iter().map(score).enumerate().collect();
+        scores.sort_by(|a, b| b.1.total_cmp(&a.1));
+        scores.into_iter().take(NEAREST).filter(|(_, score)| *score > 0.0).map(|(view, _)| view).collect()
+    }
+
+    fn source(&self, view: usize, picture: &RenderedImage) -> Source {
+        let view = &self.scene.train[view];
+        let residual = |(photograph, shown): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| photograph[c] - shown[c]);
+        let usable = |pixel: usize| view.valid.as_ref().is_none_or(|valid| valid[pixel]);
+        let depth = |(pixel, &depth)| if usable(pixel) { depth } else { f32::INFINITY };
+        Source {
+            residual: view.image.rgb.iter().zip(&picture.rgb).map(residual).collect(),
+            depth: picture.depth.iter().enumerate().map(depth).collect(),
+        }
+    }
+}
+
+impl Source {
+    /// Residual and weight of `point` on a ray along `direction`; none where `camera` does not see it.
+    fn at(&self, camera: &Camera, point: Vec3, direction: Vec3) -> Option<(Vec3, f32)> {
+        let at = seen_at(camera, point)?;
+        let distance = point.distance(camera.position());
+        let apart = (self.mean(camera, at, |pixel| self.depth[pixel]) - distance) / (TOLERANCE * distance);
+        let weight = angular_weight(camera, point, direction) * (-apart * apart).exp();
+        // Beside a pixel without a distance the mean is infinite or no number.
+        (weight > 1e-9).then(|| (self.mean(camera, at, |pixel| Vec3::from_array(self.residual[pixel])), weight))
+    }
+
+    /// The bilinear mean of four pixels at `(x, y)`.
+    fn mean<T: std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>>(
+        &self,
+        camera: &Camera,
+        (x, y): (f32, f32),
+        value: impl Fn(usize) -> T,
+    ) -> T {
+        let (width, height) = (camera.width as usize, camera.height as usize);
+        let (x, y) = ((x - 0.5).max(0.0), (y - 0.5).max(0.0));
+        let (left, top) = ((x as usize).min(width - 1), (y as usize).min(height - 1));
+        let (right, bottom) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
+        let (u, v) = ((x - left as f32).min(1.0), (y - top as f32).min(1.0));
+        let row = |y: usize| value(y * width + left) * (1.0 - u) + value(y * width + right) * u;
+        row(top) * (1.0 - v) + row(bottom) * v
+    }
+}
+
+/// Where `camera` has `point` in its picture, half a pixel within its edges.
+fn seen_at(camera: &Camera, point: Vec3) -> Option<(f32, f32)> {
+    let at = camera.project(point)?;
+    let inside = |at: f32, size: u32| (0.5..=size as f32 - 0.5).contains(&at);
+    (inside(at.x, camera.width) && inside(at.y, camera.height)).then_some((at.x, at.y))
+}
+
+/// (θ₀ / (θ₀ + θ))², θ between `direction` and the ray of `camera` to `point`.
+fn angular_weight(camera: &Camera, point: Vec3, direction: Vec3) -> f32 {
+    let angle = (point - camera.position()).angle_between(direction);
+    (ANGLE / (ANGLE + angle)).powi(2)
+}
