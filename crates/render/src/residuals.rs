@@ -158,3 +158,111 @@ fn angular_weight(camera: &Camera, point: Vec3, direction: Vec3) -> f32 {
     let angle = (point - camera.position()).angle_between(direction);
     (ANGLE / (ANGLE + angle)).powi(2)
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat4, DVec3};
+    use infonerf_scene::{Image, View};
+
+    use super::*;
+    use crate::Counts;
+
+    const SIZE: u32 = 48;
+    const GREY: f32 = 0.5;
+
+    /// A camera above the plane z = 0, which it looks down at.
+    fn camera(x: f64) -> Camera {
+        Camera::from_fov(SIZE, SIZE, 0.8, DMat4::from_translation(DVec3::new(x, 0.0, 2.0)))
+    }
+
+    /// Points of the plane that the camera's pixels see, with their distances.
+    fn plane(camera: &Camera) -> impl Iterator<Item = (Vec3, f32)> {
+        let pixels = (0..SIZE * SIZE).map(|i| ((i % SIZE) as f32 + 0.5, (i / SIZE) as f32 + 0.5));
+        pixels.map(|(x, y)| {
+            let ray = camera.ray(x, y);
+            let distance = -ray.origin.z / ray.direction.z;
+            (ray.origin + distance * ray.direction, distance)
+        })
+    }
+
+    /// The field's picture: a grey plane whose distances are `factor` of the true ones.
+    fn picture(camera: &Camera, factor: f32) -> RenderedImage {
+        let depth: Vec<f32> = plane(camera).map(|(_, distance)| factor * distance).collect();
+        let (rgb, acc) = (vec![[GREY; 3]; depth.len()], vec![1.0; depth.len()]);
+        RenderedImage { width: SIZE, height: SIZE, rgb, depth, acc, counts: Counts::default() }
+    }
+
+    /// What the plane shows beyond the field.
+    fn pattern(point: Vec3) -> f32 {
+        0.2 * (5.0 * point.x).sin() * (4.0 * point.y).cos()
+    }
+
+    /// A scene with one photograph of the plane with the pattern on it.
+    fn photographed() -> Scene {
+        let camera = camera(0.0);
+        let rgb = plane(&camera).map(|(point, _)| [GREY + pattern(point); 3]).collect();
+        let image = Image { width: SIZE, height: SIZE, rgb, alpha: None };
+        Scene { train: vec![View::new(0, "photograph", camera, image)], ..Scene::default() }
+    }
+
+    /// How far a picture by the residuals of `scene` is from the grey one, with what the photograph's pattern is at the
+    /// same points. The field has `factor` of the photograph's true distances.
+    fn added(scene: Scene, at: &Camera, factor: f32) -> Vec<(f32, f32)> {
+        let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let mut shown = picture(at, 1.0);
+        shown.depth[0] = f32::INFINITY;
+        Residuals::new(Arc::new(scene), cameras).add_to(&mut shown, at, |_, camera| picture(camera, factor));
+        assert_eq!(shown.rgb[0], [GREY; 3], "a ray that meets nothing");
+        let patterns = plane(at).map(|(point, _)| pattern(point));
+        shown.rgb.iter().map(|rgb| rgb[0] - GREY).zip(patterns).skip(1).collect()
+    }
+
+    #[test]
+    fn a_picture_from_where_the_photograph_was_taken_is_the_photograph() {
+        for (added, pattern) in added(photographed(), &camera(0.0), 1.0) {
+            assert!((added - pattern / (1.0 + PRIOR)).abs() < 1e-3, "{added} {pattern}");
+        }
+    }
+
+    #[test]
+    fn beside_it_the_residual_is_where_its_point_is_and_weighs_less() {
+        let at = camera(0.2);
+        let photograph = camera(0.0);
+        let points: Vec<Vec3> = plane(&at).map(|(point, _)| point).skip(1).collect();
+        let mut seen = 0;
+        for ((added, pattern), point) in added(photographed(), &at, 1.0).into_iter().zip(points) {
+            let angle = (point - at.position()).angle_between(point - photograph.position());
+            let weight = (ANGLE / (ANGLE + angle)).powi(2);
+            let expected =
+                if seen_at(&photograph, point).is_some() { weight / (weight + PRIOR) * pattern } else { 0.0 };
+            seen += usize::from(expected != 0.0);
+            assert!((added - expected).abs() < 2e-3, "{added} {expected}");
+        }
+        assert!(seen > 1500, "{seen}");
+    }
+
+    #[test]
+    fn nothing_is_added_that_the_photograph_does_not_see() {
+        let unchanged = |scene, factor| added(scene, &camera(0.1), factor).iter().all(|(added, _)| *added == 0.0);
+        assert!(!unchanged(photographed(), 1.0));
+        assert!(unchanged(photographed(), 0.8), "something before the plane hides it");
+        let mut scene = photographed();
+        scene.train[0].valid = Some(vec![false; (SIZE * SIZE) as usize].into());
+        assert!(unchanged(scene, 1.0), "pixels that do not count");
+    }
+
+    #[test]
+    fn only_the_nearest_photographs_are_looked_at() {
+        let mut scene = photographed();
+        for i in 1..=NEAREST {
+            let view = View { camera: camera(0.1 * i as f64), ..scene.train[0].clone() };
+            scene.train.push(view);
+        }
+        let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let residuals = Residuals::new(Arc::new(scene), cameras);
+        let at = camera(0.0);
+        residuals.add_to(&mut picture(&at, 1.0), &at, |_, camera| picture(camera, 1.0));
+        let looked_at: Vec<bool> = residuals.sources.iter().map(|source| source.get().is_some()).collect();
+        assert!(looked_at[..NEAREST].iter().all(|&used| used) && !looked_at[NEAREST], "{looked_at:?}");
+    }
+}

@@ -144,6 +144,9 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     } else if plan.config.train.cameras.refine.is_photometric() {
         notes.push("training cameras were learnt; test cameras are aligned with them by a similarity".into());
     }
+    if plan.config.render.residuals {
+        notes.push("pictures add what the training photographs show beyond the field (render.residuals)".into());
+    }
     if plan.config.eval.pose_steps > 0 {
         notes.push(format!(
             "the pose of each test view was fitted to its photograph in {} steps before it was measured",
@@ -191,6 +194,7 @@ mod tests {
             ("render.early_stop_transmittance", "render.placement=left"),
             ("render.early_stop_transmittance", "render.fine_samples=8"),
             ("render.hidden_depth", "render.occupancy.enabled=false"),
+            ("render.residuals", "render.residuals=true"),
         ] {
             assert!(noted(key, &[set]) && !noted(key, &[]), "{key} with {set}");
         }
