@@ -106,7 +106,7 @@ mod tests {
             let renderer = Renderer::new(&config, &Scene { background: [1.0; 3], ..Scene::default() });
             let ball = Ball { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::ZERO };
             let at = Moment::END;
-            let trained = TrainedModel { model: Model::of(ball), occupancy: None, at, frame };
+            let trained = TrainedModel { model: Model::of(ball), occupancy: None, at, frame, residuals: None };
             let image = render_normals(&renderer, &[trained.clone(), trained], &camera);
             for (pixel, (normal, &acc)) in image.rgb.iter().zip(&image.acc).enumerate() {
                 let ray = camera.ray((pixel % 9) as f32 + 0.5, (pixel / 9) as f32 + 0.5);
