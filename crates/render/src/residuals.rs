@@ -146,10 +146,10 @@ impl Source {
     }
 }
 
-/// Where `camera` has `point` in its picture, half a pixel within its edges.
+/// Where `camera` has `point` in its picture, on or within the centres of the pixels at its edges, to rounding.
 fn seen_at(camera: &Camera, point: Vec3) -> Option<(f32, f32)> {
     let at = camera.project(point)?;
-    let inside = |at: f32, size: u32| (0.5..=size as f32 - 0.5).contains(&at);
+    let inside = |at: f32, size: u32| (0.49..=size as f32 - 0.49).contains(&at);
     (inside(at.x, camera.width) && inside(at.y, camera.height)).then_some((at.x, at.y))
 }
 
