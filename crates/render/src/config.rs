@@ -32,7 +32,8 @@ pub struct RenderConfig {
     /// maxima over cells, so that a ray may pass beside the matter that they stand for: 16 is a safe value. Pictures
     /// evaluate hidden samples.
     pub hidden_depth: f32,
-    /// Whether pictures add what training photographs show beyond the field's pictures of them: [`Residuals`](crate::Residuals).
+    /// Whether pictures add the residuals of the training views nearest to them: [`Residuals`](crate::Residuals).
+    #[serde(default)]
     pub residuals: bool,
     /// Skipping of empty space.
     pub occupancy: OccupancyConfig,

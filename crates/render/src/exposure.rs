@@ -1,6 +1,8 @@
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
-use infonerf_ops::upload;
+use infonerf_ops::{to_host, upload};
+
+use crate::RenderedImage;
 
 /// A gain and a bias per training view and channel: exposure and white balance that differ between photographs of one scene.
 ///
@@ -45,5 +47,30 @@ impl Exposure {
         let background = upload(background.to_vec(), [1, 3], &device);
         let behind = (acc.neg() + 1.0).unsqueeze_dim::<2>(1) * background;
         (color - behind.clone()) * gain + bias + behind
+    }
+
+    /// `picture`, on `background`, as training view `view` shows it.
+    pub(crate) fn expose(&self, picture: RenderedImage, background: [f32; 3], view: usize) -> RenderedImage {
+        let (rays, device) = (picture.rgb.len(), self.gain.device());
+        let color = upload(picture.rgb.as_flattened().to_vec(), [rays, 3], &device);
+        let acc = upload(picture.acc.clone(), [rays], &device);
+        let exposed = to_host(self.apply(color, acc, background, &vec![view; rays]));
+        RenderedImage { rgb: exposed.as_chunks().0.to_vec(), ..picture }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Counts;
+
+    #[test]
+    fn a_picture_is_exposed_as_its_view_is() {
+        let device = Device::flex();
+        let parameter = |values: [f32; 6]| Param::from_data(TensorData::new(values.to_vec(), [2, 3]), &device);
+        let (gain, bias) = (parameter([1.0, 1.0, 1.0, 2.0, 1.0, 0.5]), parameter([0.0, 0.0, 0.0, 0.0, 0.25, 0.0]));
+        let (rgb, depth, acc) = (vec![[0.25; 3]; 2], vec![1.0; 2], vec![1.0; 2]);
+        let picture = RenderedImage { width: 2, height: 1, rgb, depth, acc, counts: Counts::default() };
+        assert_eq!(Exposure { gain, bias }.expose(picture, [1.0; 3], 1).rgb, [[0.5, 0.5, 0.125]; 2]);
     }
 }

@@ -1,5 +1,6 @@
+use glam::Vec3;
 use infonerf_field::Field;
-use infonerf_ops::{has_host_kernels, to_host, upload};
+use infonerf_ops::{has_host_kernels, to_host};
 use infonerf_scene::{Backdrop, Camera, Ray};
 use rayon::prelude::*;
 
@@ -34,8 +35,13 @@ pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F
     let camera = trained.camera(camera);
     let mut image = render_in_frame(renderer, trained, &camera);
     if let Some(residuals) = &trained.residuals {
-        let render =
-            |view: usize, camera: &Camera| render_in_frame(renderer, trained, camera).exposed(renderer, trained, view);
+        let render = |view: usize, camera: &Camera| {
+            let picture = render_in_frame(renderer, trained, camera);
+            match &trained.model.exposure {
+                Some(exposure) => exposure.expose(picture, renderer.background(), view),
+                None => picture,
+            }
+        };
         residuals.add_to(&mut image, &camera, render);
     }
     if let Some(frame) = trained.frame {
@@ -98,16 +104,11 @@ impl RenderedImage {
         self
     }
 
-    /// The same as training view `view` shows it: with its exposure, where those are learnt.
-    fn exposed<F: Field>(mut self, renderer: &Renderer, trained: &TrainedModel<F>, view: usize) -> Self {
-        if let Some(exposure) = &trained.model.exposure {
-            let (rays, device) = (self.rgb.len(), trained.model.fine.device());
-            let color = upload(self.rgb.as_flattened().to_vec(), [rays, 3], &device);
-            let acc = upload(self.acc.clone(), [rays], &device);
-            let exposed = to_host(exposure.apply(color, acc, renderer.background(), &vec![view; rays]));
-            self.rgb = exposed.as_chunks().0.to_vec();
-        }
-        self
+    /// Where the ray of `pixel` ends, and its direction; none if it hits nothing.
+    pub(crate) fn point(&self, camera: &Camera, pixel: usize) -> Option<(Vec3, Vec3)> {
+        let (width, depth) = (self.width as usize, self.depth[pixel]);
+        let ray = camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
+        depth.is_finite().then(|| (ray.origin + depth * ray.direction, ray.direction))
     }
 
     fn append(&mut self, output: &RenderOutput) {
@@ -151,7 +152,7 @@ pub(crate) mod testing {
 mod tests {
     use burn::module::Module;
     use burn::tensor::{Device, Tensor, TensorData};
-    use glam::{DMat4, DVec3, Vec3};
+    use glam::{DMat4, DVec3};
     use infonerf_field::{FieldOutput, Points};
     use infonerf_scene::Scene;
     use infonerf_schedule::Moment;

@@ -48,7 +48,7 @@ pub struct TrainedModel<F: Field = RadianceField> {
     pub at: Moment,
     /// From the scene's frame to that of the cameras that the model was trained with; none if these are the scene's own.
     pub frame: Option<Similarity>,
-    /// What pictures add to the field's; none for its own pictures.
+    /// Residuals that pictures add to what the field shows; none for the field alone.
     pub residuals: Option<Arc<Residuals>>,
 }
 

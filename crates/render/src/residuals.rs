@@ -1,34 +1,34 @@
-//! What training photographs show beyond a field's pictures of them, added to new pictures.
+//! Image-based rendering of what the field fails to fit: residuals of the training views, added to pictures.
 
 use std::sync::{Arc, OnceLock};
 
 use glam::Vec3;
-use infonerf_scene::{Camera, Scene};
+use infonerf_scene::{Camera, Scene, bilinear};
 use rayon::prelude::*;
 
 use crate::RenderedImage;
 
-/// Photographs that a picture takes residuals from: those nearest to it, which see most of it.
+/// How many photographs contribute to a picture: the nearest ones.
 const NEAREST: usize = 6;
-/// θ₀: the angle between two rays to a point at which a photograph counts a quarter, radians.
+/// θ₀, radians.
 const ANGLE: f32 = 0.03;
-/// c: a photograph alone counts a half where its weight is this, which it is at 0.27 rad.
+/// c: a single photograph contributes half of its residual where its weight is c, which it is at θ = 0.27.
 const PRIOR: f32 = 0.01;
-/// ε: the relative difference of distances from which a point is taken to be hidden.
+/// ε: relative difference of distances.
 const TOLERANCE: f32 = 0.02;
-/// Columns and rows between the pixels that choose the nearest photographs.
-const STRIDE: usize = 16;
+/// Step between the pixels that decide which photographs are the nearest; prime, so that they spread over the columns.
+const STRIDE: usize = 257;
 
-/// The training photographs' residuals: photograph less picture of the field.
+/// Residuals of the training views, photograph minus the field's picture of it, to be added to pictures of new views.
 ///
-/// A pixel that the field shows in colour C at distance t, at the point x, becomes `C + Σ wᵢ rᵢ / (Σ wᵢ + c)`, where rᵢ is
-/// the residual of photograph i where it sees x, and `wᵢ = (θ₀ / (θ₀ + θᵢ))² exp(−(dᵢ/ε)²)`: θᵢ is the angle at x between
-/// the pixel's ray and photograph i's, and dᵢ the relative difference between x's distance from i and the distance that the
-/// field has there, which tells whether i sees x. This is image-based rendering (the unstructured lumigraph of Buehler et
-/// al. 2001, without its penalty of resolution) of what the field leaves over: detail finer than its tables, gloss, exposure.
-/// Rays that meet nothing stay as they are.
+/// A pixel of colour C, whose ray ends at the point x (at its expected distance), becomes `C + Σᵢ wᵢ rᵢ / (Σᵢ wᵢ + c)`, where rᵢ is the
+/// residual of training view i at the projection of x, and `wᵢ = (θ₀ / (θ₀ + θᵢ))² exp(−(dᵢ/ε)²)`. θᵢ is the angle between the
+/// pixel's ray and view i's ray to x. dᵢ is the relative difference between the distance of x from camera i and the distance
+/// that the field renders there: it is large where x is hidden from view i. Both are interpolated bilinearly. Rays that hit
+/// nothing are left alone.
 ///
-/// All cameras are in the frame of the model.
+/// This is the unstructured lumigraph (Buehler et al. 2001; without its penalty for resolution) of what the field fails to fit:
+/// detail finer than its tables, gloss, exposure.
 #[derive(Debug)]
 pub struct Residuals {
     scene: Arc<Scene>,
@@ -36,7 +36,8 @@ pub struct Residuals {
     sources: Vec<OnceLock<Source>>,
 }
 
-/// A photograph's residual and the distances that the field has there, row-major; infinite where the photograph says nothing.
+/// A training view's residual and the distance that the field renders, row-major; infinite where the ray hits nothing or the
+/// pixel is not valid.
 #[derive(Debug)]
 struct Source {
     residual: Vec<[f32; 3]>,
@@ -44,7 +45,8 @@ struct Source {
 }
 
 impl Residuals {
-    /// Those of `scene`'s training views, seen by `cameras`. Each is computed when a picture first needs it.
+    /// The residuals of `scene`'s training views, taken by `cameras` in the frame of the model. Each is computed, and then kept,
+    /// when a picture first needs it.
     ///
     /// # Panics
     /// If views and cameras differ in number.
@@ -54,7 +56,7 @@ impl Residuals {
         Self { scene, cameras, sources }
     }
 
-    /// Adds them to the field's picture of `camera`. `render` makes the field's picture of a training view.
+    /// Adds the residuals to `picture`, the field's picture of `camera`. `render` makes that of a training view.
     pub(crate) fn add_to(
         &self,
         picture: &mut RenderedImage,
@@ -69,38 +71,28 @@ impl Residuals {
                 (&self.cameras[view], source)
             })
             .collect();
-        let (width, depth) = (picture.width as usize, &picture.depth);
-        picture.rgb.par_iter_mut().enumerate().filter(|(pixel, _)| depth[*pixel].is_finite()).for_each(
-            |(pixel, rgb)| {
-                let ray = camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
-                let point = ray.origin + depth[pixel] * ray.direction;
-                let (mut sum, mut total) = (Vec3::ZERO, 0.0);
-                for (camera, source) in &sources {
-                    if let Some((residual, weight)) = source.at(camera, point, ray.direction) {
-                        sum += weight * residual;
-                        total += weight;
-                    }
-                }
-                *rgb = (Vec3::from_array(*rgb) + sum / (total + PRIOR)).to_array();
-            },
-        );
+        let correction = |pixel: usize| {
+            let (point, direction) = picture.point(camera, pixel)?;
+            let seen = sources.iter().filter_map(|(camera, source)| source.at(camera, point, direction));
+            let (sum, total) = seen
+                .fold((Vec3::ZERO, 0.0), |(sum, total), (residual, weight)| (sum + weight * residual, total + weight));
+            Some(sum / (total + PRIOR))
+        };
+        let corrections: Vec<Option<Vec3>> = (0..picture.rgb.len()).into_par_iter().map(correction).collect();
+        for (rgb, correction) in picture.rgb.iter_mut().zip(corrections) {
+            *rgb = (Vec3::from_array(*rgb) + correction.unwrap_or_default()).to_array();
+        }
     }
 
-    /// The photographs with the greatest sums of weights over some of the picture's pixels, whoever is hidden.
+    /// The photographs with the greatest sums of angular weights over every [`STRIDE`]th pixel, whether the field hides its
+    /// point from them or not.
     fn nearest(&self, picture: &RenderedImage, camera: &Camera) -> Vec<usize> {
-        let (width, height) = (picture.width as usize, picture.height as usize);
-        let rows = (STRIDE / 2..height.max(STRIDE / 2 + 1)).step_by(STRIDE).map(|y| y.min(height - 1));
-        let pixels: Vec<(Vec3, Vec3)> = rows
-            .flat_map(|y| (STRIDE / 2..width.max(STRIDE / 2 + 1)).step_by(STRIDE).map(move |x| (x.min(width - 1), y)))
-            .filter_map(|(x, y)| {
-                let (ray, depth) = (camera.ray(x as f32 + 0.5, y as f32 + 0.5), picture.depth[y * width + x]);
-                depth.is_finite().then(|| (ray.origin + depth * ray.direction, ray.direction))
-            })
-            .collect();
-        let seen = |camera: &Camera, (point, direction): &(Vec3, Vec3)| {
-            seen_at(camera, *point).map_or(0.0, |_| angular_weight(camera, *point, *direction))
+        let hits = (0..picture.depth.len()).step_by(STRIDE).filter_map(|pixel| picture.point(camera, pixel));
+        let hits: Vec<(Vec3, Vec3)> = hits.collect();
+        let score = |camera: &Camera| {
+            let seen = hits.iter().filter(|(point, _)| seen_at(camera, *point).is_some());
+            seen.map(|(point, direction)| angular_weight(camera, *point, *direction)).sum::<f32>()
         };
-        let score = |camera: &Camera| pixels.iter().map(|pixel| seen(camera, pixel)).sum::<f32>();
         let mut scores: Vec<(usize, f32)> = self.cameras.par_iter().map(score).enumerate().collect();
         scores.sort_by(|a, b| b.1.total_cmp(&a.1));
         scores.into_iter().take(NEAREST).filter(|(_, score)| *score > 0.0).map(|(view, _)| view).collect()
@@ -121,28 +113,12 @@ impl Residuals {
 impl Source {
     /// Residual and weight of `point` on a ray along `direction`; none where `camera` does not see it.
     fn at(&self, camera: &Camera, point: Vec3, direction: Vec3) -> Option<(Vec3, f32)> {
-        let at = seen_at(camera, point)?;
+        let (at, size) = (seen_at(camera, point)?, [camera.width as usize, camera.height as usize]);
         let distance = point.distance(camera.position());
-        let apart = (self.mean(camera, at, |pixel| self.depth[pixel]) - distance) / (TOLERANCE * distance);
+        let apart = (bilinear(size, at, |pixel| self.depth[pixel]) - distance) / (TOLERANCE * distance);
         let weight = angular_weight(camera, point, direction) * (-apart * apart).exp();
-        // Beside a pixel without a distance the mean is infinite or no number.
-        (weight > 1e-9).then(|| (self.mean(camera, at, |pixel| Vec3::from_array(self.residual[pixel])), weight))
-    }
-
-    /// The bilinear mean of four pixels at `(x, y)`.
-    fn mean<T: std::ops::Mul<f32, Output = T> + std::ops::Add<Output = T>>(
-        &self,
-        camera: &Camera,
-        (x, y): (f32, f32),
-        value: impl Fn(usize) -> T,
-    ) -> T {
-        let (width, height) = (camera.width as usize, camera.height as usize);
-        let (x, y) = ((x - 0.5).max(0.0), (y - 0.5).max(0.0));
-        let (left, top) = ((x as usize).min(width - 1), (y as usize).min(height - 1));
-        let (right, bottom) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
-        let (u, v) = ((x - left as f32).min(1.0), (y - top as f32).min(1.0));
-        let row = |y: usize| value(y * width + left) * (1.0 - u) + value(y * width + right) * u;
-        row(top) * (1.0 - v) + row(bottom) * v
+        // Beside a pixel without a distance `apart` is infinite or NaN, and the weight 0 or NaN.
+        (weight > 0.0).then(|| (bilinear(size, at, |pixel| Vec3::from_array(self.residual[pixel])), weight))
     }
 }
 

@@ -47,7 +47,7 @@ pub use bounds::Aabb;
 pub use camera::{Camera, look_along};
 pub use error::SceneError;
 pub use format::{Backdrop, Format};
-pub use image::{Image, Rgba8, RgbaImage, resized_dimensions, round_to_u8};
+pub use image::{Image, Rgba8, RgbaImage, bilinear, resized_dimensions, round_to_u8};
 pub use layout::Layout;
 pub use lens::{Lens, LensModel};
 pub use pixel::PixelAt;

@@ -1,4 +1,4 @@
-use infonerf_scene::{Image, resized_dimensions};
+use infonerf_scene::{Image, bilinear, resized_dimensions};
 
 /// A grey picture, row-major.
 #[derive(Clone, Debug)]
@@ -23,14 +23,7 @@ impl Grey {
         if !(x >= 0.0 && y >= 0.0 && x <= self.width as f32 && y <= self.height as f32) {
             return f32::NAN;
         }
-        let (x, y) = ((x - 0.5).clamp(0.0, (self.width - 1) as f32), (y - 0.5).clamp(0.0, (self.height - 1) as f32));
-        let (left, top) = (x as usize, y as usize);
-        let (right, bottom) = ((left + 1).min(self.width - 1), (top + 1).min(self.height - 1));
-        let (u, v) = (x - left as f32, y - top as f32);
-        let value = |column: usize, row: usize| self.values[row * self.width + column];
-        let above = value(left, top) * (1.0 - u) + value(right, top) * u;
-        let below = value(left, bottom) * (1.0 - u) + value(right, bottom) * u;
-        above * (1.0 - v) + below * v
+        bilinear([self.width, self.height], (x, y), |pixel| self.values[pixel])
     }
 }
 

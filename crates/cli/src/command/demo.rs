@@ -116,6 +116,6 @@ fn first_test_view(trainer: &Trainer) -> Result<&View> {
 }
 
 fn rendered(trainer: &Trainer, view: &View) -> Result<RgbImage> {
-    let image = render_image(trainer.renderer(), &[trainer.trained()], &view.camera);
+    let image = render_image(trainer.renderer(), &[trainer.trained_with_residuals()], &view.camera);
     Ok(to_rgb8(&image.rgb, image.width, image.height)?)
 }

@@ -25,7 +25,7 @@ pub(super) fn evaluate(
     watch: &mut Watch<'_>,
 ) -> Result<Option<Record>> {
     let (scene, renderer) = (trainers[0].scene(), trainers[0].renderer());
-    let members: Vec<TrainedModel> = trainers.iter().map(Trainer::trained).collect();
+    let members: Vec<TrainedModel> = trainers.iter().map(Trainer::trained_with_residuals).collect();
     let protocol = plan.config.eval.metric_protocol();
     let mut evaluation = Evaluation::new(&session.networks, &protocol);
     for (index, view) in scene.test.iter().enumerate() {
@@ -145,7 +145,7 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
         notes.push("training cameras were learnt; test cameras are aligned with them by a similarity".into());
     }
     if plan.config.render.residuals {
-        notes.push("pictures add what the training photographs show beyond the field (render.residuals)".into());
+        notes.push("pictures add the residuals of the training views nearest to them (render.residuals)".into());
     }
     if plan.config.eval.pose_steps > 0 {
         notes.push(format!(

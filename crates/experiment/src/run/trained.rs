@@ -68,9 +68,14 @@ impl Trained {
         self.trainers[0].renderer()
     }
 
-    /// What pictures are rendered from. Worth keeping.
+    /// What pictures are rendered from: the fields alone. Worth keeping.
     pub fn models(&self) -> Vec<TrainedModel> {
         self.trainers.iter().map(Trainer::trained).collect()
+    }
+
+    /// The same with the residuals of the training views, if `render.residuals` says so.
+    pub fn models_with_residuals(&self) -> Vec<TrainedModel> {
+        self.trainers.iter().map(Trainer::trained_with_residuals).collect()
     }
 }
 

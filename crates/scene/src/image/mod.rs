@@ -9,6 +9,7 @@ pub use codec::{decode_bytes, dimensions, has_alpha, heic_error, is_heic, read_r
 pub use resize::resized_dimensions;
 pub use rgba::{Rgba8, RgbaImage};
 
+use std::ops::{Add, Mul};
 use std::path::Path;
 
 use crate::SceneError;
@@ -105,6 +106,21 @@ pub fn resized_mask(mask: &[bool], from: (u32, u32), to: (u32, u32)) -> Vec<bool
 pub fn round_to_u8(v: f32) -> u8 {
     // `as` saturates, and takes NaN to 0.
     (v * 255.0 + 0.5) as u8
+}
+
+/// The bilinear mean of `value` at the four pixels around the continuous position `(x, y)`, of an image of `[width, height]`
+/// pixels, row-major. Beyond the outermost centres it is the value at the edge.
+pub fn bilinear<T: Add<Output = T> + Mul<f32, Output = T>>(
+    [width, height]: [usize; 2],
+    (x, y): (f32, f32),
+    value: impl Fn(usize) -> T,
+) -> T {
+    let (x, y) = ((x - 0.5).clamp(0.0, (width - 1) as f32), (y - 0.5).clamp(0.0, (height - 1) as f32));
+    let (left, top) = (x as usize, y as usize);
+    let (right, bottom) = ((left + 1).min(width - 1), (top + 1).min(height - 1));
+    let (u, v) = (x - left as f32, y - top as f32);
+    let row = |row: usize| value(row * width + left) * (1.0 - u) + value(row * width + right) * u;
+    row(top) * (1.0 - v) + row(bottom) * v
 }
 
 #[cfg(test)]

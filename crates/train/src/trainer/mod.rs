@@ -266,9 +266,13 @@ impl<F: Field> Trainer<F> {
             let length = self.renderer().step_length(at);
             grid.refined(factor, noise, length, |points| densities(&model.fine, points, &extent, at))
         });
-        let residuals =
-            self.config.render.residuals.then(|| Arc::new(Residuals::new(self.scene().clone(), self.cameras())));
-        TrainedModel { model, occupancy, at, frame, residuals }
+        TrainedModel { model, occupancy, at, frame, residuals: None }
+    }
+
+    /// The same with the residuals of the training views, if `render.residuals` says so.
+    pub fn trained_with_residuals(&self) -> TrainedModel<F> {
+        let residuals = || Arc::new(Residuals::new(self.scene().clone(), self.cameras()));
+        TrainedModel { residuals: self.config.render.residuals.then(residuals), ..self.trained() }
     }
 
     /// Share of the run that is done, in [0, 1]: of its time if there is a budget, else of its steps.

@@ -36,7 +36,7 @@ pub(super) fn run(args: &EvalArgs) -> Result<ExitCode> {
         }
         let (label, test) = (trained.plan.label(), &trained.plan.config.eval.test);
         outln!("{label}: {} test views ({test})", trained.scene().test.len());
-        let models = trained.models();
+        let models = trained.models_with_residuals();
         if args.scales.is_empty() {
             each_view(&trained, &models, &networks)?;
         } else {

@@ -91,7 +91,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     clear(&out, route.name())?;
     std::fs::create_dir_all(&out).with_context(|| out.display().to_string())?;
     let mut animation = Animation::new(&out.join(format!("{}.gif", route.name())), route.fps())?;
-    let models = trained.models();
+    let models = trained.models_with_residuals();
     let start = Instant::now();
     for (index, camera) in cameras.iter().enumerate() {
         let image = render_image(trained.renderer(), &models, camera);

@@ -1,0 +1,33 @@
+//! Pictures with the residuals of the training views.
+
+mod common;
+
+use burn::tensor::Device;
+use common::{configs, scene, steps};
+use infonerf_render::render_image;
+use infonerf_train::Trainer;
+use infonerf_train::config::Refine;
+
+/// Also where photographs have exposures of their own: what is left is the photograph's difference from the exposed picture.
+#[test]
+fn a_training_view_with_residuals_is_nearer_to_its_photograph() {
+    let [_, _, mut config, ..] = configs();
+    config.train.cameras.refine = Refine::None;
+    config.train.iterations = 200;
+    config.train.target_samples = 0;
+    let errors = |residuals: bool| {
+        let mut config = config.clone();
+        config.render.residuals = residuals;
+        let mut trainer = Trainer::new(&config, scene(), 0, None, &Device::flex()).unwrap();
+        steps(&mut trainer, 200);
+        let view = &trainer.scene().train[0];
+        let picture = render_image(trainer.renderer(), &[trainer.trained_with_residuals()], &view.camera);
+        let hit = picture.depth.iter().map(|depth| depth.is_finite());
+        let errors = picture.rgb.iter().zip(&view.image.rgb).zip(hit.clone()).filter(|(_, hit)| *hit);
+        let squares: f32 = errors.flat_map(|((a, b), _)| a.iter().zip(b)).map(|(a, b)| (a - b).powi(2)).sum();
+        (squares, hit.filter(|hit| *hit).count())
+    };
+    let ((without, hits), (with, _)) = (errors(false), errors(true));
+    assert!(hits > 20, "{hits} of the pixels hit something");
+    assert!(with < 0.25 * without, "{without} to {with}");
+}
