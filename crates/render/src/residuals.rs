@@ -16,8 +16,8 @@ const ANGLE: f32 = 0.03;
 const PRIOR: f32 = 0.01;
 /// ε: relative difference of distances.
 const TOLERANCE: f32 = 0.02;
-/// Step between the pixels that decide which photographs are the nearest; prime, so that they spread over the columns.
-const STRIDE: usize = 257;
+/// About how many pixels decide which photographs are the nearest.
+const PROBES: usize = 500;
 
 /// Residuals of the training views, photograph minus the field's picture of it, to be added to pictures of new views.
 ///
@@ -25,7 +25,7 @@ const STRIDE: usize = 257;
 /// residual of training view i at the projection of x, and `wᵢ = (θ₀ / (θ₀ + θᵢ))² exp(−(dᵢ/ε)²)`. θᵢ is the angle between the
 /// pixel's ray and view i's ray to x. dᵢ is the relative difference between the distance of x from camera i and the distance
 /// that the field renders there: it is large where x is hidden from view i. Both are interpolated bilinearly. Rays that hit
-/// nothing are left alone.
+/// nothing are left alone, and a view has no residual beside its pixels that hit nothing.
 ///
 /// This is the unstructured lumigraph (Buehler et al. 2001; without its penalty for resolution) of what the field fails to fit:
 /// detail finer than its tables, gloss, exposure.
@@ -84,11 +84,14 @@ impl Residuals {
         }
     }
 
-    /// The photographs with the greatest sums of angular weights over every [`STRIDE`]th pixel, whether the field hides its
-    /// point from them or not.
+    /// The photographs with the greatest sums of angular weights over some pixels spread over the picture, whether the field
+    /// hides their points or not.
     fn nearest(&self, picture: &RenderedImage, camera: &Camera) -> Vec<usize> {
-        let hits = (0..picture.depth.len()).step_by(STRIDE).filter_map(|pixel| picture.point(camera, pixel));
-        let hits: Vec<(Vec3, Vec3)> = hits.collect();
+        let pixels = picture.depth.len();
+        // Odd, as widths seldom are: otherwise the same few columns would come again and again.
+        let step = (pixels / PROBES) | 1;
+        let hits: Vec<(Vec3, Vec3)> =
+            (0..pixels).step_by(step).filter_map(|pixel| picture.point(camera, pixel)).collect();
         let score = |camera: &Camera| {
             let seen = hits.iter().filter(|(point, _)| seen_at(camera, *point).is_some());
             seen.map(|(point, direction)| angular_weight(camera, *point, *direction)).sum::<f32>()
