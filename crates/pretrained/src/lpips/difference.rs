@@ -1,4 +1,5 @@
 use burn::tensor::{Tensor, TensorData};
+use infonerf_ops::simd::{self, Job};
 use infonerf_ops::to_host;
 use rayon::prelude::*;
 
@@ -6,6 +7,8 @@ use crate::maps::Maps;
 
 /// Keeps the length of a vector of zeros from 0.
 const EPSILON: f32 = 1e-10;
+/// Sums of channels side by side.
+const LANES: usize = 16;
 
 /// `mean_hw Σ_c w_c (x̂_hwc − ŷ_hwc)²` for each pair of the first and the second half of the maps.
 pub(super) fn difference(maps: &Maps, weights: &[f32]) -> Vec<f64> {
@@ -23,16 +26,59 @@ pub(super) fn difference(maps: &Maps, weights: &[f32]) -> Vec<f64> {
 fn on_host(render: &[f32], truth: &[f32], weights: &[f32]) -> f64 {
     const GROUP: usize = 4096;
     let channels = weights.len();
-    let scale = |pixel: &[f32]| 1.0 / (pixel.iter().map(|value| value * value).sum::<f32>().sqrt() + EPSILON);
-    let of_pixel = |(x, y): (&[f32], &[f32])| {
-        let (scale_x, scale_y) = (scale(x), scale(y));
-        let squares = x.iter().zip(y).zip(weights).map(|((x, y), w)| w * (x * scale_x - y * scale_y).powi(2));
-        f64::from(squares.sum::<f32>())
-    };
     let groups = render.par_chunks(GROUP * channels).zip(truth.par_chunks(GROUP * channels));
-    let sums: Vec<f64> =
-        groups.map(|(x, y)| x.chunks_exact(channels).zip(y.chunks_exact(channels)).map(of_pixel).sum()).collect();
+    let of_group = |(render, truth)| {
+        let mut sum = 0.0;
+        simd::run(Group { render, truth, weights, sum: &mut sum });
+        sum
+    };
+    let sums: Vec<f64> = groups.map(of_group).collect();
     sums.iter().sum::<f64>() / (render.len() / channels) as f64
+}
+
+/// `Σ_hw Σ_c w_c (x̂_hwc − ŷ_hwc)²` of some pixels.
+struct Group<'a> {
+    render: &'a [f32],
+    truth: &'a [f32],
+    weights: &'a [f32],
+    sum: &'a mut f64,
+}
+
+impl Job for Group<'_> {
+    #[inline(always)]
+    fn run<const FMA: bool, const WIDE: bool>(self) {
+        let channels = self.weights.len();
+        for (x, y) in self.render.chunks_exact(channels).zip(self.truth.chunks_exact(channels)) {
+            let scale_x = 1.0 / (summed(x, y, x, |x, _, _| x * x).sqrt() + EPSILON);
+            let scale_y = 1.0 / (summed(y, x, y, |y, _, _| y * y).sqrt() + EPSILON);
+            *self.sum += f64::from(summed(x, y, self.weights, |x, y, w| {
+                let difference = x * scale_x - y * scale_y;
+                w * difference * difference
+            }));
+        }
+    }
+}
+
+/// Σ `of`(a, b, c) of numbers at the same places.
+#[inline(always)]
+fn summed(a: &[f32], b: &[f32], c: &[f32], of: impl Fn(f32, f32, f32) -> f32) -> f32 {
+    // Loops: iterators are not compiled for the instruction set chosen at run time.
+    let ((a, a_rest), (b, b_rest), (c, c_rest)) =
+        (a.as_chunks::<LANES>(), b.as_chunks::<LANES>(), c.as_chunks::<LANES>());
+    let mut lanes = [0.0; LANES];
+    for i in 0..a.len().min(b.len()).min(c.len()) {
+        for lane in 0..LANES {
+            lanes[lane] += of(a[i][lane], b[i][lane], c[i][lane]);
+        }
+    }
+    let mut sum = 0.0;
+    for i in 0..a_rest.len() {
+        sum += of(a_rest[i], b_rest[i], c_rest[i]);
+    }
+    for lane in lanes {
+        sum += lane;
+    }
+    sum
 }
 
 fn on_device(maps: Tensor<4>, weights: &[f32]) -> Vec<f64> {

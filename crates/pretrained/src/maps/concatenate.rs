@@ -24,7 +24,7 @@ pub(crate) fn concatenate<const N: usize>(parts: [Maps; N]) -> Maps {
     let mut values = Vec::with_capacity(n * height * width * channels);
     for pixel in 0..n * height * width {
         for part in &host {
-            values.extend_from_slice(&part.values[pixel * part.channels()..][..part.channels()]);
+            values.extend_from_slice(&part.values()[pixel * part.channels()..][..part.channels()]);
         }
     }
     Maps::Host(HostMaps::new(values, [n, height, width, channels]))

@@ -86,8 +86,8 @@ impl Convolution {
         let shape = [x.shape[0], height, width, outputs];
         let pixels = x.shape[0] * height * width;
         let group = (COLUMNS / row).min(pixels.div_ceil(4 * rayon::current_num_threads())).max(16);
-        let mut values = vec![0.0; pixels * outputs];
-        values.par_chunks_mut(group * outputs).enumerate().for_each_init(
+        let mut maps = HostMaps::of(shape);
+        maps.values_mut().par_chunks_mut(group * outputs).enumerate().for_each_init(
             || vec![0.0; group * row],
             |rows, (index, values)| {
                 let count = values.len() / outputs;
@@ -98,7 +98,7 @@ impl Convolution {
                 values.iter_mut().for_each(|value| *value = value.max(0.0));
             },
         );
-        HostMaps::new(values, shape)
+        maps
     }
 
     /// The windows of output pixels from `first` on, one after another, `[kh, kw, inputs]` each; 0 outside the maps.
@@ -113,7 +113,7 @@ impl Convolution {
             row.fill(0.0);
             for (line, source) in row.chunks_exact_mut(line).skip(above).zip(lines) {
                 let at = ((n * x.size()[0] + source) * x.size()[1] + columns.start) * x.channels();
-                line[start..start + length].copy_from_slice(&x.values[at..at + length]);
+                line[start..start + length].copy_from_slice(&x.values()[at..at + length]);
             }
         }
     }

@@ -60,7 +60,7 @@ pub(crate) mod tests {
         let tensor = match maps {
             Maps::Device(tensor) => tensor.clone(),
             Maps::Host(maps) => {
-                let data = TensorData::new(maps.values.clone(), maps.shape);
+                let data = TensorData::new(maps.values().to_vec(), maps.shape);
                 Tensor::<4>::from_data(data, &devices()[1]).permute([0, 3, 1, 2])
             }
         };

@@ -70,9 +70,10 @@ fn pooled(
     let size = x.size();
     let [height, width] = window.output(size).expect("maps are as large as the window");
     let shape = [x.shape[0], height, width, x.channels()];
-    let mut values = vec![initial; shape.iter().product()];
-    values.par_chunks_mut(width * x.channels()).enumerate().for_each(|(line, values)| {
+    let mut maps = HostMaps::of(shape);
+    maps.values_mut().par_chunks_mut(width * x.channels()).enumerate().for_each(|(line, values)| {
         let (lines, _) = window.seen(0, line % height, size[0]);
+        values.fill(initial);
         for (column, pixel) in values.chunks_exact_mut(x.channels()).enumerate() {
             let (columns, _) = window.seen(1, column, size[1]);
             for (y, x_at) in lines.clone().flat_map(|y| columns.clone().map(move |x| (y, x))) {
@@ -83,5 +84,5 @@ fn pooled(
             pixel.iter_mut().for_each(|value| *value = finish(*value, count));
         }
     });
-    HostMaps::new(values, shape)
+    maps
 }

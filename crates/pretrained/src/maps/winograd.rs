@@ -4,6 +4,7 @@
 //! g. Summed over channels, each of the 36 products is a matrix product of tiles and weights.
 
 use std::array::from_fn;
+use std::cell::RefCell;
 
 use infonerf_ops::matmul::{Matrix, Onto, product};
 use infonerf_ops::simd::{self, Job};
@@ -17,10 +18,12 @@ const LANES: usize = 16;
 const SIDE: usize = 6;
 /// Side of a tile of the output.
 const OUT: usize = 4;
-/// Numbers of transformed tiles, inputs and outputs, that a thread holds at a time.
-const HELD: usize = 1 << 20;
-/// Fewest tiles that are multiplied with the weights at a time, which are read once for all of them.
-const FEWEST: usize = 128;
+/// Outputs whose weights are side by side: as many as a product works on at a time.
+const STRIP: usize = 32;
+/// Numbers of transformed tiles, inputs and outputs, that a thread holds at a time: half of a cache of 2 MiB.
+const HELD: usize = 1 << 18;
+/// Most tiles beyond these that are multiplied with the weights at a time, which are read once for all of them.
+const MOST: usize = 192;
 
 type Lanes = [f32; LANES];
 
@@ -28,7 +31,7 @@ type Lanes = [f32; LANES];
 pub(super) struct Winograd {
     /// Inputs and outputs.
     channels: [usize; 2],
-    /// `G g Gᵀ`, `[36, inputs, outputs]`.
+    /// `G g Gᵀ`, `[36, outputs / STRIP, inputs, STRIP]`, the last strip as wide as what is left: read in one run.
     weight: Vec<f32>,
     bias: Vec<f32>,
 }
@@ -47,8 +50,11 @@ impl Winograd {
             let rows: [[f64; SIDE]; 3] =
                 from_fn(|y| kernel(from_fn(|x| f64::from(weight[(3 * y + x) * pairs + pair]))));
             for x in 0..SIDE {
+                let (input, output) = (pair / outputs, pair % outputs);
+                let first = output - output % STRIP;
+                let at = first * inputs + input * STRIP.min(outputs - first) + output % STRIP;
                 for (y, value) in kernel(from_fn(|y| rows[y][x])).into_iter().enumerate() {
-                    turned[(SIDE * y + x) * pairs + pair] = value as f32;
+                    turned[(SIDE * y + x) * pairs + at] = value as f32;
                 }
             }
         }
@@ -60,16 +66,19 @@ impl Winograd {
         let [inputs, outputs] = self.channels;
         let [count, height, width, _] = x.shape;
         let across = width.div_ceil(OUT);
-        let tiles = (HELD / (SIDE * SIDE * (inputs + outputs))).max(FEWEST);
+        let tiles = (HELD / (SIDE * SIDE * (inputs + outputs))).max((inputs * outputs / 256).min(MOST));
         let rows = OUT * tiles.div_ceil(across).max(1);
-        let mut values = vec![0.0; count * height * width * outputs];
-        values.par_chunks_mut(height * width * outputs).enumerate().for_each(|(n, picture)| {
-            picture.par_chunks_mut(rows * width * outputs).enumerate().for_each_init(
-                || (Vec::new(), Vec::new()),
-                |(v, m), (band, out)| self.band(x, [n, band * rows], out, v, m),
-            );
+        let mut maps = HostMaps::of([count, height, width, outputs]);
+        maps.values_mut().par_chunks_mut(height * width * outputs).enumerate().for_each(|(n, picture)| {
+            picture.par_chunks_mut(rows * width * outputs).enumerate().for_each(|(band, out)| {
+                // Kept from layer to layer: fresh pages take long.
+                thread_local!(static ROOM: RefCell<[Vec<f32>; 2]> = const { RefCell::new([const { Vec::new() }; 2]) });
+                let [mut v, mut m] = ROOM.take();
+                self.band(x, [n, band * rows], out, &mut v, &mut m);
+                ROOM.set([v, m]);
+            });
         });
-        HostMaps::new(values, [count, height, width, outputs])
+        maps
     }
 
     /// The output of picture `n` from row `top` on, with room for what is between.
@@ -78,13 +87,19 @@ impl Winograd {
         let width = x.shape[2];
         let height = out.len() / (width * outputs);
         let tiles = width.div_ceil(OUT) * height.div_ceil(OUT);
-        v.resize(SIDE * SIDE * tiles * inputs, 0.0);
-        m.resize(SIDE * SIDE * tiles * outputs, 0.0);
+        let [v, m] = [(v, inputs), (m, outputs)].map(|(room, channels)| {
+            let count = SIDE * SIDE * tiles * channels;
+            room.resize(count.max(room.len()), 0.0);
+            &mut room[..count]
+        });
         simd::run(Inputs { x, n, top, tiles, v });
         let products = m.chunks_exact_mut(tiles * outputs).zip(v.chunks_exact(tiles * inputs));
         for ((m, v), weight) in products.zip(self.weight.chunks_exact(inputs * outputs)) {
-            let [m_at, v_at] = [outputs, inputs].map(|row| Matrix::rows(0, row));
-            product([tiles, outputs, inputs], Onto::Nothing, (m, m_at), (v, v_at), (weight, m_at));
+            for (strip, weight) in weight.chunks(inputs * STRIP).enumerate() {
+                let (width, m_at) = (weight.len() / inputs, Matrix::rows(strip * STRIP, outputs));
+                let [v_at, weight_at] = [inputs, width].map(|row| Matrix::rows(0, row));
+                product([tiles, width, inputs], Onto::Nothing, (m, m_at), (v, v_at), (weight, weight_at));
+            }
         }
         simd::run(Outputs { m, bias: &self.bias, width, tiles, out });
     }
