@@ -122,9 +122,10 @@ pub(crate) mod tests {
     fn tiles_and_what_they_reach_beyond_agree() {
         for size in [[4, 4], [13, 9], [70, 61]] {
             // Sums of 144 products of up to 1, of which little is left: 1e-5 of their absolute values.
+            // 48 outputs: a strip of weights and half of one.
             compare_within(2e-4, [2, size[0], size[1], 16], |x, device| {
-                let weights = (numbers(32 * 16 * 9, 2), numbers(32, 3));
-                Convolution::new(Window::square(3, 1, 1), [16, 32], weights, device).forward(x)
+                let weights = (numbers(48 * 16 * 9, 2), numbers(48, 3));
+                Convolution::new(Window::square(3, 1, 1), [16, 48], weights, device).forward(x)
             });
         }
     }
@@ -139,6 +140,15 @@ pub(crate) mod tests {
             devices().map(|device| means(&Maps::new(numbers(2 * 6 * 5 * 3, 4), [2, 6, 5, 3], &device)));
         for (host, expected) in host.iter().flatten().zip(expected.iter().flatten()) {
             approx::assert_abs_diff_eq!(host, expected, epsilon = 1e-6);
+        }
+    }
+
+    #[test]
+    fn what_was_in_a_room_is_gone() {
+        for _ in 0..2 {
+            drop(HostMaps::new(vec![f32::NAN; 4096], [1, 64, 64, 1]));
+            compare([1, 16, 16, 4], |x, _| max_pool(x, Window::square(3, 1, 1)));
+            compare([1, 16, 16, 4], |x, _| mean_pool(x, Window::square(3, 1, 1)));
         }
     }
 
