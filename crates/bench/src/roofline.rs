@@ -1,9 +1,10 @@
 //! How far a step and a frame are from what the machine can do.
 
 use burn::module::Module;
-use infonerf_field::{FieldSpec, RadianceField};
+use infonerf_field::{FieldConfig, FieldSpec, RadianceField};
 use infonerf_ops::Peak;
 use infonerf_ops::factored::Layout;
+use infonerf_ops::mlp::Precision;
 use infonerf_train::{Config, Phase, Trainer};
 use serde::Serialize;
 
@@ -19,12 +20,16 @@ pub(super) struct Part {
     ms: f64,
     share_of_flops: f64,
     share_of_bytes: f64,
+    /// The peaks: operations per second of products of this precision, and bytes per second.
+    precision: Precision,
+    peak_flops: f64,
+    peak_bytes: f64,
 }
 
 /// The parts of a step of `samples` samples whose phases took `ms`; none for fields whose operations are not counted.
 pub(super) fn of_step(trainer: &Trainer, config: &Config, samples: f64, ms: impl Fn(Phase) -> f64) -> Vec<Part> {
     let Some(cost) = Cost::of(trainer, config) else { return Vec::new() };
-    let peak = Peak::measured();
+    let peak = Peak::measured(precision(config));
     let rendering = ms(Phase::Seen) + ms(Phase::Unseen) + ms(Phase::Neighbours);
     let of_samples = |(flops, bytes): (f64, f64)| (samples * flops, samples * bytes);
     // Number, gradient and two moments are read, three of them written.
@@ -39,9 +44,18 @@ pub(super) fn of_step(trainer: &Trainer, config: &Config, samples: f64, ms: impl
 /// The same of a frame of `samples` samples.
 pub(super) fn of_frame(trainer: &Trainer, config: &Config, samples: f64, ms: f64) -> Vec<Part> {
     let part = |Cost { forward: (flops, bytes), .. }| {
-        Part::new("frame", (samples * flops, samples * bytes), ms, &Peak::measured())
+        Part::new("frame", (samples * flops, samples * bytes), ms, &Peak::measured(precision(config)))
     };
     Cost::of(trainer, config).map(part).into_iter().collect()
+}
+
+/// Of the products of the field.
+fn precision(config: &Config) -> Precision {
+    match &config.field {
+        FieldConfig::Nerf(field) => field.precision,
+        FieldConfig::Mip(field) => field.precision,
+        _ => Precision::F32,
+    }
 }
 
 impl Part {
@@ -54,6 +68,9 @@ impl Part {
             ms,
             share_of_flops: share(flops, peak.flops),
             share_of_bytes: share(bytes, peak.bytes),
+            precision: peak.precision,
+            peak_flops: peak.flops,
+            peak_bytes: peak.bytes,
         }
     }
 }
@@ -72,7 +89,11 @@ impl Cost {
             RadianceField::Factored(field) => Some(Self::of_tables(field.layout())),
             field @ (RadianceField::Nerf(_) | RadianceField::Mip(_)) => {
                 let weights = field.num_params() as f64;
-                let kept = 4.0 * config.field.footprint().per_sample as f64;
+                // In bfloat16 activations stay in the cache.
+                let kept = match precision(config) {
+                    Precision::F32 => 4.0 * config.field.footprint().per_sample as f64,
+                    Precision::Bf16 => 0.0,
+                };
                 let networks = if trainer.model().coarse.is_some() { 2.0 } else { 1.0 };
                 Some(Self {
                     forward: (2.0 * weights, kept),
@@ -101,9 +122,8 @@ impl Cost {
 
 /// As a table.
 pub(super) fn text(parts: &[Part]) -> String {
-    if parts.is_empty() {
-        return String::new();
-    }
+    let Some(Part { precision, peak_flops, peak_bytes, .. }) = parts.first() else { return String::new() };
+    let precision = format!("{precision:?}").to_lowercase();
     let mut table = TextTable::new(&["field", "MFLOP", "MB", "GFLOP/s", "of peak", "GB/s", "of peak"]);
     for part in parts {
         let rate = |amount: f64| format!("{:.1}", 1e-6 * amount / part.ms);
@@ -118,5 +138,6 @@ pub(super) fn text(parts: &[Part]) -> String {
             share(part.share_of_bytes),
         ]);
     }
-    format!("\n{}", table.to_text())
+    let peaks = format!("{:.0} GFLOP/s in {precision}, {:.1} GB/s", 1e-9 * peak_flops, 1e-9 * peak_bytes);
+    format!("\n{}peaks: {peaks}\n", table.to_text())
 }

@@ -1,6 +1,7 @@
 //! Checks of sizes that fields share.
 
 use burn::tensor::{Device, FloatDType};
+use infonerf_ops::has_host_kernels;
 use infonerf_ops::mlp::Precision;
 use infonerf_schedule::{Fault, Schedule};
 
@@ -18,7 +19,7 @@ pub(crate) fn check_mlp(layers: usize, width: usize, direction_frequencies: usiz
 
 /// Whether the device supports the precision.
 pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(), Fault> {
-    let good = precision == Precision::F32 || device.supports_dtype(FloatDType::BF16);
+    let good = precision == Precision::F32 || has_host_kernels(device) || device.supports_dtype(FloatDType::BF16);
     check("precision", "\"f32\", as this device has no bf16", "bf16", good)
 }
 

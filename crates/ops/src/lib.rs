@@ -39,6 +39,8 @@
 
 pub mod adam;
 pub mod additive;
+#[cfg(feature = "flex")]
+mod bf16;
 pub mod bilinear;
 pub mod composite;
 #[cfg(feature = "cube")]

@@ -25,6 +25,8 @@ struct Case {
     directions: Vec<f32>,
     /// One sample in so many has a gradient.
     reached: usize,
+    /// Whether gradients of the result are −1, 0 and 1.
+    whole: bool,
     /// `[inputs, outputs]` and the weights, then the biases, of every layer: trunk, σ, features, view, rgb.
     layers: Vec<([usize; 2], Vec<f32>, Vec<f32>)>,
 }
@@ -44,7 +46,7 @@ fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> Case {
     let layers = trunk.chain(heads).map(|size| (size, numbers(size[0] * size[1]), numbers(size[1]))).collect();
     let x = numbers(segments.samples() * encoded);
     let directions = numbers(3 * counts.len());
-    Case { encoded, skip, segments, frequencies, color, x, directions, reached: 1, layers }
+    Case { encoded, skip, segments, frequencies, color, x, directions, reached: 1, whole: false, layers }
 }
 
 impl Case {
@@ -84,6 +86,7 @@ impl Case {
     fn u(&self, columns: usize) -> Vec<f32> {
         let mut draws = Draws(99);
         let draws = (0..self.segments.samples() * columns).map(|_| draws.signed());
+        let draws = draws.map(|u| if self.whole { (1.6 * u).trunc() } else { u });
         draws.enumerate().map(|(i, u)| if (i / columns).is_multiple_of(self.reached) { u } else { 0.0 }).collect()
     }
 
@@ -178,11 +181,38 @@ fn products_in_bf16_are_near() {
     }
 }
 
+/// Of whole numbers that 8 bits hold, products in bf16 are those of single precision, forward and backward.
+#[test]
+fn whole_numbers_are_exact_in_bf16() {
+    let mut draws = Draws(5);
+    let mut whole = |count: usize| -> Vec<f32> { (0..count).map(|_| (1.4 * draws.signed()).trunc()).collect() };
+    for mut case in cases() {
+        case.frequencies = 0;
+        let view = case.layers.len() - 2;
+        case.layers[view].0[0] = 10 + 3;
+        case.layers.iter_mut().for_each(|(size, w, b)| (*w, *b) = (whole(size[0] * size[1]), vec![1.0; size[1]]));
+        (case.x, case.directions) = (whole(case.x.len()), whole(case.directions.len()));
+        case.whole = true;
+        let exact = case.run(&Device::flex(), radiance_mlp);
+        let rounded = case.run(&Device::flex(), |encoded, network| {
+            radiance_mlp(encoded, &RadianceMlp { precision: Precision::Bf16, ..network.clone() })
+        });
+        for (exact, rounded) in exact.iter().zip(&rounded) {
+            assert!(exact.iter().any(|x| *x != 0.0), "something is computed");
+            assert_eq!(exact, rounded);
+        }
+    }
+}
+
 #[test]
 fn without_samples_there_is_nothing_to_learn() {
-    let [value, dx, dweights] = case(4, &[0, 0], 2, true).run(&Device::flex(), radiance_mlp);
-    assert!(value.is_empty() && dx.is_empty());
-    assert!(!dweights.is_empty() && dweights.iter().all(|d| *d == 0.0));
+    for precision in [Precision::F32, Precision::Bf16] {
+        let [value, dx, dweights] = case(4, &[0, 0], 2, true).run(&Device::flex(), |encoded, network| {
+            radiance_mlp(encoded, &RadianceMlp { precision, ..network.clone() })
+        });
+        assert!(value.is_empty() && dx.is_empty());
+        assert!(!dweights.is_empty() && dweights.iter().all(|d| *d == 0.0));
+    }
 }
 
 #[test]

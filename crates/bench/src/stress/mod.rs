@@ -176,7 +176,7 @@ fn measure(bench: &Bench, device: &Device, name: DeviceName, count: usize) -> Re
             rows.push(Row::new(name, "render", &case, few / 4, errors));
         }
     }
-    if device.supports_dtype(FloatDType::BF16) {
+    if infonerf_ops::has_host_kernels(device) || device.supports_dtype(FloatDType::BF16) {
         let errors = network::rounded(few, device, rng);
         rows.push(Row::new(name, network::OPERATION, network::CASE, 0, errors));
     }

@@ -5,6 +5,8 @@ mod plain;
 
 #[cfg(feature = "flex")]
 mod host;
+#[cfg(feature = "flex")]
+mod rounded;
 
 pub use activation::Activation;
 pub use plain::plain;
@@ -82,14 +84,24 @@ impl ColorBranch {
 pub fn radiance_mlp(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
     dispatch! {
         &encoded.device();
-        host if network.precision == Precision::F32 => {
-            let (kernel, weights) = host::MlpKernel::new(encoded.dims(), network);
-            match &network.color {
-                Some(branch) => crate::kernel::apply(kernel, (encoded, weights, branch.encoded_directions())),
-                None => crate::kernel::apply(kernel, (encoded, weights)),
-            }
+        host => match network.precision {
+            Precision::F32 => on_host(host::MlpKernel::new(encoded.dims(), network), encoded, network),
+            Precision::Bf16 => on_host(rounded::RoundedKernel::new(encoded.dims(), network), encoded, network),
         },
         plain => plain(encoded, network),
+    }
+}
+
+/// A kernel of x, all weights and encoded directions.
+#[cfg(feature = "flex")]
+fn on_host(
+    (kernel, weights): (impl crate::kernel::Kernel, Tensor<1>),
+    encoded: Tensor<2>,
+    network: &RadianceMlp,
+) -> Tensor<2> {
+    match &network.color {
+        Some(branch) => crate::kernel::apply(kernel, (encoded, weights, branch.encoded_directions())),
+        None => crate::kernel::apply(kernel, (encoded, weights)),
     }
 }
 

@@ -1,0 +1,340 @@
+//! Products of matrices rounded to bfloat16, added in single precision, by the fastest instructions of the processor.
+//!
+//! What is computed is the same everywhere: factors rounded to the nearest bfloat16, ties to even, and the sum of their exact
+//! products in `f32`. Instruction sets differ in the order of the sum, and those of x86 take numbers below 2⁻¹²⁶, factors or
+//! sums, for 0.
+//!
+//! All of them multiply *pairs*, the 32 bits of two bfloat16: y `[m, n]` is Σⱼ of the two products of a `[m, k/2]` and b
+//! `[k/2, n]`. Of 32 numbers along k, the first 16 are the low halves and the others the high ones, so that pairs are made
+//! from vectors of numbers without moving any within a vector. Sizes are multiples of 32 throughout.
+
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+use std::sync::OnceLock;
+
+use crate::simd::{self, Job};
+
+/// Sizes are multiples of this.
+pub(crate) const GRAIN: usize = 32;
+const HALF: usize = GRAIN / 2;
+
+/// Two bfloat16, the first in the low half.
+pub(crate) type Pair = u32;
+
+/// x rounded to bfloat16, in the upper half of the bits; what is in the lower half has no meaning. NaN stays NaN.
+#[inline(always)]
+fn rounded(x: f32) -> u32 {
+    let bits = x.to_bits();
+    if x.is_nan() { bits | 1 << 22 } else { bits + 0x7fff + (bits >> 16 & 1) }
+}
+
+#[inline(always)]
+fn pair(low: f32, high: f32) -> Pair {
+    rounded(low) >> 16 | rounded(high) & 0xffff_0000
+}
+
+/// A matrix as factor of products: rounded, as the left one with pairs along its columns, as the right one along its rows.
+///
+/// 32 rows follow 32 rows. Of them, 32 columns follow 32 columns, as two *tiles* of 16 rows of 16 pairs: the upper and the
+/// lower half of a left factor, columns from 0 and from 16 on of a right one.
+#[derive(Debug, Default)]
+pub(crate) struct Factor {
+    pub(crate) columns: usize,
+    /// Empty if it is not wanted.
+    left: Vec<Pair>,
+    right: Vec<Pair>,
+}
+
+/// Pairs of a tile, and of the two that are 32 × 32 numbers.
+const TILE: usize = HALF * HALF;
+const BOTH: usize = 2 * TILE;
+
+impl Factor {
+    /// Of zeros, to stand on these sides.
+    pub(crate) fn new(rows: usize, columns: usize, left: bool, right: bool) -> Self {
+        let pairs = |wanted: bool| vec![0; if wanted { rows * columns / 2 } else { 0 }];
+        Self { columns, left: pairs(left), right: pairs(right) }
+    }
+
+    /// Rounds all rows of `matrix`.
+    pub(crate) fn of(matrix: &[f32], columns: usize, left: bool, right: bool) -> Self {
+        let mut factor = Self::new(matrix.len() / columns, columns, left, right);
+        for (index, strip) in matrix.chunks_exact(GRAIN * columns).enumerate() {
+            factor.set(GRAIN * index, strip);
+        }
+        factor
+    }
+
+    /// Rounds the 32 rows from `row` on, a multiple of 32.
+    pub(crate) fn set(&mut self, row: usize, strip: &[f32]) {
+        let Self { columns, left, right } = self;
+        let pairs = row / 2 * *columns..(row + GRAIN) / 2 * *columns;
+        let [left, right] = [left, right].map(|side| side.get_mut(pairs.clone()).unwrap_or_default());
+        simd::run(Round { strip: &strip[..GRAIN * *columns], columns: *columns, left, right });
+    }
+
+    /// From an element on, whose indices are multiples of 32, as the left factor.
+    pub(crate) fn left(&self, row: usize, column: usize) -> Side<'_> {
+        self.side(&self.left, row, column)
+    }
+
+    /// The same as the right factor.
+    pub(crate) fn right(&self, row: usize, column: usize) -> Side<'_> {
+        self.side(&self.right, row, column)
+    }
+
+    fn side<'a>(&self, pairs: &'a [Pair], row: usize, column: usize) -> Side<'a> {
+        Side { pairs: &pairs[row / 2 * self.columns + column / GRAIN * BOTH..], step: HALF * self.columns }
+    }
+}
+
+/// A factor of a product.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Side<'a> {
+    pairs: &'a [Pair],
+    /// From 32 rows to the next.
+    step: usize,
+}
+
+impl Side<'_> {
+    /// Whether `rows` × `columns` numbers of it are there.
+    fn has(self, rows: usize, columns: usize) -> bool {
+        (rows / GRAIN - 1) * self.step + columns / GRAIN * BOTH <= self.pairs.len()
+    }
+}
+
+struct Round<'a> {
+    strip: &'a [f32],
+    columns: usize,
+    left: &'a mut [Pair],
+    right: &'a mut [Pair],
+}
+
+impl Job for Round<'_> {
+    #[inline(always)]
+    fn run<const FMA: bool, const WIDE: bool>(self) {
+        let Self { strip, columns, left, right } = self;
+        let row = |r: usize, column: usize| &strip[r * columns + column..][..HALF];
+        for (block, left) in left.chunks_exact_mut(BOTH).enumerate() {
+            for (r, pairs) in left.chunks_exact_mut(HALF).enumerate() {
+                let (low, high) = (row(r, GRAIN * block), row(r, GRAIN * block + HALF));
+                for i in 0..HALF {
+                    pairs[i] = pair(low[i], high[i]);
+                }
+            }
+        }
+        for (tile, right) in right.chunks_exact_mut(TILE).enumerate() {
+            for (r, pairs) in right.chunks_exact_mut(HALF).enumerate() {
+                let (low, high) = (row(r, HALF * tile), row(HALF + r, HALF * tile));
+                for i in 0..HALF {
+                    pairs[i] = pair(low[i], high[i]);
+                }
+            }
+        }
+    }
+}
+
+/// y = a b, or y += a b if `add`, of sizes `[m, n, k]`; y with the distance of its rows.
+///
+/// # Panics
+/// If a size is no multiple of 32, or a matrix reaches beyond its slice.
+pub(crate) fn product(sizes: [usize; 3], add: bool, y: (&mut [f32], usize), a: Side<'_>, b: Side<'_>) {
+    static FASTEST: OnceLock<Instructions> = OnceLock::new();
+    let fastest = || Instructions::ALL.into_iter().find(|instructions| instructions.present());
+    let instructions = FASTEST.get_or_init(|| fastest().expect("every processor has the baseline"));
+    instructions.run(Product { sizes, add, y, a, b });
+}
+
+/// What multiplies pairs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Instructions {
+    /// Tiles of 16 rows (AMX).
+    Tiles,
+    /// Vectors of 16 pairs (AVX512_BF16).
+    Pairs,
+    /// Vectors of `f32`, on every processor.
+    Singles,
+}
+
+impl Instructions {
+    /// Fastest first.
+    const ALL: [Self; 3] = [Self::Tiles, Self::Pairs, Self::Singles];
+
+    /// Whether this machine has them.
+    fn present(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Tiles => x86::has_tiles(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Pairs => x86::has_pairs(),
+            #[cfg(not(target_arch = "x86_64"))]
+            Self::Tiles | Self::Pairs => false,
+            Self::Singles => true,
+        }
+    }
+
+    fn run(self, product: Product<'_>) {
+        let Product { sizes: [m, n, k], y, a, b, .. } = &product;
+        assert!([m, n, k].iter().all(|size| size.is_multiple_of(GRAIN) && **size > 0), "multiples of {GRAIN}");
+        assert!(y.1 >= *n && (m - 1) * y.1 + n <= y.0.len(), "the product within its slice");
+        assert!(a.has(*m, *k) && b.has(*k, *n), "factors within slices");
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Tiles => x86::tiles(product),
+            #[cfg(target_arch = "x86_64")]
+            Self::Pairs => x86::pairs(product),
+            _ => simd::run(product),
+        }
+    }
+}
+
+/// A product whose sizes are multiples of 32, and whose matrices are known to lie within their slices.
+struct Product<'a> {
+    sizes: [usize; 3],
+    add: bool,
+    y: (&'a mut [f32], usize),
+    a: Side<'a>,
+    b: Side<'a>,
+}
+
+impl Job for Product<'_> {
+    #[inline(always)]
+    fn run<const FMA: bool, const WIDE: bool>(self) {
+        // As many sums as registers hold beside a row of b and a number of a.
+        match (FMA, WIDE) {
+            (_, true) => self.singles::<FMA, 8, 32>(),
+            (true, false) => self.singles::<FMA, 4, 16>(),
+            (false, false) => self.singles::<FMA, 2, 16>(),
+        }
+    }
+}
+
+impl Product<'_> {
+    #[allow(
+        clippy::needless_range_loop,
+        reason = "iterators are not compiled for the instruction set chosen at run time"
+    )]
+    #[inline(always)]
+    fn singles<const FMA: bool, const R: usize, const N: usize>(self) {
+        let Self { sizes: [m, n, k], add, y: (y, y_row), a, b } = self;
+        for (row, column) in (0..m).step_by(R).flat_map(|row| (0..n).step_by(N).map(move |column| (row, column))) {
+            let mut sums = [[0f32; N]; R];
+            for r in 0..if add { R } else { 0 } {
+                sums[r].copy_from_slice(&y[(row + r) * y_row + column..][..N]);
+            }
+            for j in 0..k / 2 {
+                let (block, within) = (j / HALF, j % HALF);
+                let (mut low, mut high) = ([0f32; N], [0f32; N]);
+                for tile in 0..N / HALF {
+                    let pairs = &b.pairs[block * b.step + (column / HALF + tile) * TILE + HALF * within..][..HALF];
+                    for c in 0..HALF {
+                        (low[HALF * tile + c], high[HALF * tile + c]) = numbers(pairs[c]);
+                    }
+                }
+                let pairs = &a.pairs[row / GRAIN * a.step + block * BOTH + row % GRAIN * HALF + within..];
+                for r in 0..R {
+                    let (first, second) = numbers(pairs[HALF * r]);
+                    for c in 0..N {
+                        let add = |a: f32, b: f32, sum: f32| if FMA { a.mul_add(b, sum) } else { sum + a * b };
+                        sums[r][c] = add(second, high[c], add(first, low[c], sums[r][c]));
+                    }
+                }
+            }
+            for r in 0..R {
+                y[(row + r) * y_row + column..][..N].copy_from_slice(&sums[r]);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn numbers(pair: Pair) -> (f32, f32) {
+    (f32::from_bits(pair << 16), f32::from_bits(pair & 0xffff_0000))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers of many sizes and both signs.
+    fn drawn(count: usize, seed: u32) -> Vec<f32> {
+        let mut state = seed;
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 23) as f32 - 1.0
+        };
+        (0..count).map(|_| next() * (4.0 * next()).exp2()).collect()
+    }
+
+    /// What `factor` holds on each side, in the order of rows.
+    fn sides(factor: &Factor, rows: usize) -> [Vec<f32>; 2] {
+        let of = |pair: Pair, k: usize| if k % GRAIN < HALF { numbers(pair).0 } else { numbers(pair).1 };
+        let columns = factor.columns;
+        let all = || (0..rows).flat_map(|r| (0..columns).map(move |c| (r, c)));
+        let block = |r: usize, c: usize| r / GRAIN * HALF * columns + c / GRAIN * BOTH;
+        let left = |(r, c)| of(factor.left[block(r, c) + r % GRAIN * HALF + c % HALF], c);
+        let right = |(r, c)| of(factor.right[block(r, c) + c % GRAIN / HALF * TILE + r % HALF * HALF + c % HALF], r);
+        [all().map(left).collect(), all().map(right).collect()]
+    }
+
+    #[test]
+    fn numbers_are_rounded_to_the_nearest_and_ties_to_even() {
+        let one = 2f32.powi(-7);
+        let cases = [
+            (1.0 + 0.49 * one, 1.0),
+            (1.0 + 0.51 * one, 1.0 + one),
+            (1.0 + 0.5 * one, 1.0),
+            (1.0 + 1.5 * one, 1.0 + 2.0 * one),
+            (2f32.powi(-130), 2f32.powi(-130)),
+            (f32::MAX, f32::INFINITY),
+            (f32::NEG_INFINITY, f32::NEG_INFINITY),
+        ];
+        for (x, want) in cases {
+            assert_eq!(numbers(pair(x, -x)), (want, -want), "{x}");
+        }
+        assert!(numbers(pair(f32::from_bits(0x7f80_0001), 0.0)).0.is_nan(), "not infinite");
+    }
+
+    /// Against `f64` of the rounded factors, within what `f32` loses in a sum of k; strips of wider matrices, sums onto others.
+    #[test]
+    fn products_by_all_instructions() {
+        for [m, n, k] in [[32, 32, 32], [32, 96, 64], [64, 32, 320], [96, 160, 128]] {
+            // One strip more each way, which must not be read.
+            let (wide_a, wide_b, wide_y) = (k + GRAIN, n + GRAIN, n + 5);
+            let a = Factor::of(&drawn((m + GRAIN) * wide_a, 1), wide_a, true, true);
+            let b = Factor::of(&drawn((k + GRAIN) * wide_b, 2), wide_b, true, true);
+            let [[a_left, a_right], [b_left, b_right]] = [sides(&a, m + GRAIN), sides(&b, k + GRAIN)];
+            assert!(a_left == a_right && b_left == b_right, "both sides hold the same");
+            for instructions in Instructions::ALL.into_iter().filter(|instructions| instructions.present()) {
+                for add in [false, true] {
+                    let mut y = vec![0.5; m * wide_y];
+                    let (a, b) = (a.left(GRAIN, GRAIN), b.right(GRAIN, GRAIN));
+                    instructions.run(Product { sizes: [m, n, k], add, y: (&mut y, wide_y), a, b });
+                    for (r, c) in (0..m).flat_map(|r| (0..wide_y).map(move |c| (r, c))) {
+                        let term = |i: usize| {
+                            let a = a_left[(GRAIN + r) * wide_a + GRAIN + i];
+                            f64::from(a) * f64::from(b_left[(GRAIN + i) * wide_b + GRAIN + c])
+                        };
+                        let got = f64::from(y[r * wide_y + c]);
+                        let (want, size) = if c < n {
+                            let onto = if add { 0.5 } else { 0.0 };
+                            ((0..k).map(term).sum::<f64>() + onto, (0..k).map(|i| term(i).abs()).sum::<f64>() + onto)
+                        } else {
+                            (0.5, 0.0)
+                        };
+                        let bound = k as f64 * f64::from(f32::EPSILON) / 2.0 * size;
+                        assert!((got - want).abs() <= bound, "{instructions:?} {m} {n} {k}: {got} {want} at {r}, {c}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "factors within slices")]
+    fn what_reaches_out_is_refused() {
+        let factor = Factor::new(64, 64, true, true);
+        product([32, 64, 64], false, (&mut [0.0; 32 * 64], 64), factor.left(32, 0), factor.right(0, 32));
+    }
+}
