@@ -24,8 +24,9 @@ pub enum Precision {
     /// Single precision.
     #[default]
     F32,
-    /// Factors and results rounded to bfloat16, which has 8 bits and the exponents of single precision, so that gradients
-    /// need no scaling: the products that the tensor cores of GPUs are fast at.
+    /// Factors rounded to bfloat16, which has 8 bits and the exponents of single precision, so that gradients need no scaling:
+    /// the products that AMX, AVX512_BF16 and the tensor cores of GPUs are fast at. On the host a forward pass then keeps no
+    /// activations, as the backward one computes them again; GPUs round the products' results too.
     Bf16,
 }
 
