@@ -12,6 +12,7 @@ use anyhow::{Context, Result};
 use burn::tensor::{Device, FloatDType};
 use fastrand::Rng;
 use infonerf_experiment::{DeviceName, OpenDevice, open};
+use infonerf_ops::has_host_kernels;
 use infonerf_report::chart::{Frame, heat_map};
 use serde::Serialize;
 
@@ -49,7 +50,7 @@ const CANCELLED: &str = "terms of 1e5 cancel within the MLP before an exponentia
 
 /// A factor of 8 bits is off by up to 2⁻⁹. Values carry a few times that through the layers; gradients carry more, as their
 /// sums cancel and some ReLUs switch sides.
-const ROUNDED: &str = "factors and results of the matrix products have 8 bits";
+const ROUNDED: &str = "factors of the matrix products have 8 bits";
 
 const EXCEPTIONS: [Exception; 3] = [
     exception(network::OPERATION, network::CASE, "flex", (0.02, 0.3), ROUNDED),
@@ -176,7 +177,7 @@ fn measure(bench: &Bench, device: &Device, name: DeviceName, count: usize) -> Re
             rows.push(Row::new(name, "render", &case, few / 4, errors));
         }
     }
-    if infonerf_ops::has_host_kernels(device) || device.supports_dtype(FloatDType::BF16) {
+    if has_host_kernels(device) || device.supports_dtype(FloatDType::BF16) {
         let errors = network::rounded(few, device, rng);
         rows.push(Row::new(name, network::OPERATION, network::CASE, 0, errors));
     }
