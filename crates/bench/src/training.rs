@@ -196,9 +196,10 @@ impl Row {
                 Err(error) => return Err(error.into()),
             }
         };
-        let view = &trainer.scene().train[0];
+        let view = &trainer.scene().train[0].clone();
         // A checkpoint is refused if a weight is not finite, an evaluation if a pixel is not.
-        let rendered = trainer.checkpoint().and_then(|_| evaluate_view(trainer.renderer(), &[trainer.trained()], view));
+        let rendered = trainer.checkpoint(&mut |_| ());
+        let rendered = rendered.and_then(|_| evaluate_view(trainer.renderer(), &[trainer.trained()], view));
         let Ok(rendered) = rendered else {
             self.not_finite += 1;
             return Ok(None);

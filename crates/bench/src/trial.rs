@@ -1,12 +1,13 @@
 //! Training and evaluating in memory, without a run folder: only the measurements are kept.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use anyhow::{Context, Result};
 use infonerf_experiment::{RunPlan, total_progress};
 use infonerf_metrics::{METRICS, Values};
 use infonerf_render::TrainedModel;
-use infonerf_train::{Config, Evaluation, Outcome, Trainer, config, step_side_by_side, without_collapsed};
+use infonerf_train::{Config, Evaluation, Event, Outcome, Trainer, config, step_side_by_side, without_collapsed};
 use serde::Serialize;
 
 use super::context::Bench;
@@ -108,14 +109,23 @@ pub(super) fn train(trainer: &mut Trainer) -> Result<Outcome> {
     }
 }
 
-/// Takes `count` steps and tells how many seconds each took. Ends early where the run does.
+/// Takes `count` steps and tells how many seconds each took: an equal share of those that are reported together. Ends early
+/// where the run does.
 pub(super) fn step_seconds(trainer: &mut Trainer, count: usize) -> Result<Vec<f64>> {
     let mut seconds = Vec::with_capacity(count);
-    for _ in 0..count {
-        let before = trainer.progress().seconds;
-        let outcome = trainer.step(&mut |_| ())?;
-        seconds.push(trainer.progress().seconds - before);
-        if outcome != Outcome::Running {
+    let mut start = Instant::now();
+    for step in 1..=count {
+        let mut reported = 0;
+        let mut report = |event| reported += usize::from(matches!(event, Event::Step { .. }));
+        let is_last = trainer.step(&mut report)? != Outcome::Running || step == count;
+        if is_last {
+            trainer.catch_up(&mut report)?;
+        }
+        if reported > 0 {
+            seconds.extend(std::iter::repeat_n(start.elapsed().as_secs_f64() / reported as f64, reported));
+            start = Instant::now();
+        }
+        if is_last {
             break;
         }
     }

@@ -23,6 +23,11 @@ macro_rules! dispatch {
 }
 pub(crate) use dispatch;
 
+/// Whether `device` works on its own time, so that the host waits where it reads something back.
+pub fn is_gpu(device: &Device) -> bool {
+    dispatch! { device; host => false, cube => true, plain => false }
+}
+
 /// Which kernels a device runs.
 pub(crate) enum Body {
     #[cfg(feature = "flex")]

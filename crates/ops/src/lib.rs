@@ -99,6 +99,7 @@ pub use unit_box::unit_box;
 
 use burn::tensor::Device;
 use dispatch::dispatch;
+pub use dispatch::is_gpu;
 
 /// Whether tensors on `device` are served by the host kernels.
 pub fn has_host_kernels(device: &Device) -> bool {

@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Tensor};
 
-use crate::dispatch::dispatch;
+use crate::dispatch::is_gpu;
 
 /// Least rows of a part.
 const ROWS: usize = 2048;
@@ -14,8 +14,7 @@ const PARTS: usize = 32;
 /// The gradient of a layer's weights is a sum over all samples, `xᵀ dy` of `[k, M]·[M, n]`: with k and n of 256 it is a few
 /// tiles, for which most of a large GPU would idle. Taken in parts, `Σ_b x_bᵀ dy_b`, there are as many times more tiles.
 pub(crate) fn parts(rows: usize, device: &Device) -> usize {
-    let is_gpu = dispatch! { device; host => false, cube => true, plain => false };
-    if is_gpu { (rows / ROWS).clamp(1, PARTS) } else { 1 }
+    if is_gpu(device) { (rows / ROWS).clamp(1, PARTS) } else { 1 }
 }
 
 /// `x` with as many rows of zeros after it as make `parts` equal parts of it.

@@ -45,9 +45,9 @@ pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<Step
         _ => trainers.par_iter_mut().map(|trainer| trainer.take_drawn_step()).collect(),
     };
     let share = start.elapsed().as_secs_f64() / trainers.len() as f64;
-    let count = |(trainer, taken): (&mut &mut Trainer<F>, Result<_, _>)| {
+    let count = |(trainer, taken): (&mut &mut Trainer<F>, bool)| {
         let mut events = Vec::new();
-        let outcome = taken.and_then(|taken| trainer.count_step(taken, share, &mut |event| events.push(event)));
+        let outcome = trainer.count_step(taken, share, &mut |event| events.push(event));
         (events, outcome)
     };
     trainers.iter_mut().zip(taken).map(count).collect()

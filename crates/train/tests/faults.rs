@@ -9,7 +9,7 @@ use std::path::Path;
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
-use common::{config, devices, scene, steps, trainer};
+use common::{config, devices, scene, steps, timeless, trainer};
 use infonerf_field::{Field, FieldOutput, Points};
 use infonerf_ops::to_host;
 use infonerf_schedule::Moment;
@@ -20,7 +20,7 @@ fn saved(folder: &Path) {
     let mut trainer = trainer(&config(&[]), 1, &devices()[0]);
     for _ in 0..2 {
         steps(&mut trainer, 1);
-        trainer.checkpoint().unwrap().save(folder).unwrap();
+        trainer.checkpoint(&mut |_| ()).unwrap().save(folder).unwrap();
     }
 }
 
@@ -115,7 +115,7 @@ fn a_loss_that_is_not_finite_stops_the_run() {
         let config = config(&["train.rays=64"]);
         let mut trainer = Trainer::new(&config, poisoned.clone(), 1, None, &device).unwrap();
         steps(&mut trainer, 2);
-        let good = trainer.checkpoint().unwrap();
+        let good = trainer.checkpoint(&mut |_| ()).unwrap();
 
         for view in &mut poisoned.train {
             Arc::make_mut(&mut view.image).rgb.fill([f32::NAN; 3]);
@@ -136,7 +136,7 @@ fn a_loss_that_is_not_finite_stops_the_run() {
         let folder = tempfile::tempdir().unwrap();
         good.save(folder.path()).unwrap();
         let before = fs::read(folder.path().join("checkpoint/model.bpk")).unwrap();
-        trainer.checkpoint().unwrap().save(folder.path()).unwrap();
+        trainer.checkpoint(&mut |_| ()).unwrap().save(folder.path()).unwrap();
         assert!(before == fs::read(folder.path().join("checkpoint/model.bpk")).unwrap(), "the weights have changed");
     }
 }
@@ -168,6 +168,55 @@ fn a_density_that_is_not_a_number_stops_the_step_that_meets_it() {
         let error = trainer.step(&mut |_| panic!("a step was reported")).unwrap_err();
         assert!(matches!(error, TrainError::NonFinite { step: 0, .. }), "{error}");
         assert_eq!(to_host(trainer.model().fine.density.val()), [1.0], "the weights are as they were");
+    }
+}
+
+/// Everywhere as dense as its parameter says; in step 3 not a number.
+#[derive(Module, Debug)]
+struct OnceNotANumber {
+    density: Param<Tensor<1>>,
+}
+
+impl Field for OnceNotANumber {
+    fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
+        let (samples, device) = (points.len(), self.device());
+        let sigma = self.density.val().expand([samples]) * if at.step == 3 { f32::NAN } else { 1.0 };
+        FieldOutput { sigma, color: color.then(|| Tensor::zeros([samples, 3], &device)) }
+    }
+
+    fn device(&self) -> Device {
+        self.density.val().device()
+    }
+}
+
+/// Whether losses are read each step or later: the steps before are reported, and none after changes the weights.
+#[test]
+fn a_loss_that_is_not_finite_is_found_later_all_the_same() {
+    for device in devices() {
+        let config = config(&["render.occupancy.enabled=false", "train.lr=1e-2"]);
+        let build = |_, device: &Device| OnceNotANumber { density: Param::from_data([1.0f32], device) };
+        let run = |read_every, asked: usize| {
+            let mut trainer = Trainer::with_field(&config, scene(), 1, None, &device, build).unwrap();
+            trainer.read_every(read_every);
+            let mut events = Vec::new();
+            let mut report = |event| events.push(timeless(event));
+            let mut stepped = (0..asked).map(|_| trainer.step(&mut report).map(drop));
+            let result = stepped.find(Result::is_err).unwrap_or(Ok(()));
+            let result = result.and_then(|()| trainer.checkpoint(&mut report).map(drop));
+            (
+                result.map_err(|e| e.to_string()),
+                events,
+                to_host(trainer.model().fine.density.val()),
+                trainer.progress().step,
+            )
+        };
+        let (good, before) = (run(1, 3), run(1, 8));
+        assert_ne!(good.2, [1.0]);
+        assert!(good.0.is_ok() && before.0.as_ref().unwrap_err().contains("step 3"), "{before:?}");
+        assert_eq!((&before.1, &before.2, before.3), (&good.1, &good.2, 3));
+        // By a read that is due, and by a checkpoint.
+        assert_eq!(run(5, 8), before);
+        assert_eq!(run(16, 8), before);
     }
 }
 

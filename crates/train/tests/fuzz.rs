@@ -113,7 +113,7 @@ fn checkpoints() {
     let folder = tempfile::tempdir().unwrap();
     let mut trainer = trainer(&config(&[]), 1, &devices()[0]);
     steps(&mut trainer, 1);
-    trainer.checkpoint().unwrap().save(folder.path()).unwrap();
+    trainer.checkpoint(&mut |_| ()).unwrap().save(folder.path()).unwrap();
     let parts = ["manifest.json", "model.bpk", "optimiser.bpk", "occupancy.bin"];
     let path = |part: &str| folder.path().join("checkpoint").join(part);
     let whole: Vec<Vec<u8>> = parts.iter().map(|part| fs::read(path(part)).unwrap()).collect();

@@ -58,7 +58,7 @@ fn a_broken_off_run_ends_as_an_unbroken_one() {
     let mut first = pretrainer(&config);
     assert_eq!(lessons(&mut first, 4), losses[..4]);
     let mut second = pretrainer(&config);
-    second.resume(&first.checkpoint().unwrap()).unwrap();
+    second.resume(&first.checkpoint(&mut |_| ()).unwrap()).unwrap();
     assert_eq!(lessons(&mut second, 20), losses[4..]);
 }
 
@@ -71,7 +71,7 @@ fn what_was_learned_serves_a_scene_that_was_not_seen() {
     assert!(mean(&losses[130..]) < 0.6 * mean(&losses[..20]), "{losses:?}");
 
     let run = tempfile::tempdir().unwrap();
-    pretrainer.checkpoint().unwrap().save(run.path()).unwrap();
+    pretrainer.checkpoint(&mut |_| ()).unwrap().save(run.path()).unwrap();
     let init = format!("train.init={:?}", run.path());
     let psnr = |config: &Config| {
         let trainer = Trainer::new(config, scene_of("random-9", 1), 0, None, &Device::flex()).unwrap();
@@ -86,7 +86,7 @@ fn a_run_begins_with_the_weights_it_is_told_to() {
     let run = tempfile::tempdir().unwrap();
     let mut first = trainer(&pixel_config(&[]), 1, &Device::flex());
     steps(&mut first, 3);
-    first.checkpoint().unwrap().save(run.path()).unwrap();
+    first.checkpoint(&mut |_| ()).unwrap().save(run.path()).unwrap();
     let init = format!("train.init={:?}", run.path());
     let second = trainer(&pixel_config(&[&init]), 2, &Device::flex());
     assert_eq!(picture(&second), picture(&first));
@@ -103,7 +103,7 @@ fn weights_that_do_not_fit_are_refused() {
     let init = format!("train.init={:?}", run.path());
     let message = fault(&pixel_config(&[&init]));
     assert!(message.starts_with("train.init: ") && message.contains("infonerf pretrain"), "{message}");
-    trainer(&pixel_config(&[]), 1, &Device::flex()).checkpoint().unwrap().save(run.path()).unwrap();
+    trainer(&pixel_config(&[]), 1, &Device::flex()).checkpoint(&mut |_| ()).unwrap().save(run.path()).unwrap();
     for config in [pixel_config(&[&init, "field.width=12"]), config(&[&init])] {
         let message = fault(&config);
         assert!(message.starts_with("train.init: ") && message.lines().count() == 1, "{message}");

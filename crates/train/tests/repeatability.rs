@@ -138,7 +138,7 @@ fn a_broken_run_goes_on_to_the_same_numbers() {
             let folder = tempfile::tempdir().unwrap();
             let mut first = trainer(&config, 1, &device);
             let mut seen = steps(&mut first, broken_after);
-            first.checkpoint().unwrap().save(folder.path()).unwrap();
+            first.checkpoint(&mut |_| ()).unwrap().save(folder.path()).unwrap();
             drop(first);
 
             let (checkpoint, refused) = Checkpoint::load(folder.path()).unwrap();
@@ -156,6 +156,32 @@ fn a_broken_run_goes_on_to_the_same_numbers() {
             assert_eq!(straight.progress().samples_evaluated, second.progress().samples_evaluated);
             assert_eq!(second.step(&mut |_| ()).unwrap(), Outcome::Finished);
         }
+    }
+}
+
+/// Losses that are read later are the same, and so are the steps.
+#[test]
+fn it_does_not_matter_when_losses_are_read() {
+    for (config, device) in cases() {
+        let run = |read_every, broken_after: Option<usize>| {
+            let mut first = trainer(&config, 1, &device);
+            first.read_every(read_every);
+            let mut events = Vec::new();
+            if let Some(count) = broken_after {
+                events.extend(steps(&mut first, count));
+                let checkpoint = first.checkpoint(&mut |event| events.push(timeless(event))).unwrap();
+                assert_eq!(events.len(), count);
+                first = trainer(&config, 1, &device);
+                first.read_every(read_every);
+                first.resume(&checkpoint).unwrap();
+            }
+            events.extend(steps(&mut first, STEPS));
+            (events, evaluation(&first, &config, 1))
+        };
+        let expected = run(1, None);
+        assert_eq!(expected.0.len(), STEPS);
+        assert_eq!(run(5, None), expected);
+        assert_eq!(run(5, Some(7)), expected);
     }
 }
 
@@ -214,6 +240,14 @@ fn a_run_that_stopped_early_is_over() {
     let [flex, _] = devices();
     let settings = ["train.batch=pixels", "train.iterations=40", "train.early_stopping={patience=5,min_delta=1.0}"];
     let config = config(&settings);
+    // Where losses are read in the middle of a window, the plateau is noticed later.
+    for (read_every, end) in [(1, 10), (4, 12)] {
+        let mut late = trainer(&config, 1, &flex);
+        late.read_every(read_every);
+        let events = steps(&mut late, 40);
+        assert!(events.contains(&Event::Plateau { step: 10 }));
+        assert_eq!((events.len(), late.progress().step), (end + 1, end));
+    }
     let mut first = trainer(&config, 1, &flex);
     let mut events = Vec::new();
     while first.step(&mut |event| events.push(event)).unwrap() == Outcome::Running {}
@@ -221,7 +255,7 @@ fn a_run_that_stopped_early_is_over() {
     assert_eq!(events.last(), Some(&Event::Plateau { step: 10 }));
 
     let mut again = trainer(&config, 1, &flex);
-    again.resume(&first.checkpoint().unwrap()).unwrap();
+    again.resume(&first.checkpoint(&mut |_| ()).unwrap()).unwrap();
     assert_eq!(again.step(&mut |_| ()).unwrap(), Outcome::Finished);
     assert_eq!(again.progress().step, 10);
 }

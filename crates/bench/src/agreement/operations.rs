@@ -5,7 +5,7 @@ use std::sync::Arc;
 use burn::optim::Optimizer;
 use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
-use infonerf_ops::adam::Adam;
+use infonerf_ops::adam::{Adam, finite_after, step_if};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
 use infonerf_ops::means::{mean_squared_difference, sum_above};
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
@@ -246,11 +246,17 @@ fn adam(rng: &mut Rng) -> Operation {
     operation("Adam", move |device| {
         let slopes = from_host(&slopes, 3, device);
         let (mut x, mut state) = (from_host(&start, 3, device), None);
-        for _ in 0..5 {
+        let mut finite = None;
+        // The last two are not taken.
+        for loss in [1.0, -f32::MAX, 0.0, 1.0, 2.0, f32::NAN, 1.0] {
             let gradient = x.clone() * slopes.clone();
-            (x, state) = Adam::default().step(1e-2, x, gradient, state);
+            let flag = finite_after(finite, Tensor::from_floats([loss], device));
+            let step = |(x, state)| Adam::default().step(1e-2, x, gradient, state);
+            (x, state) = step_if(flag.clone(), (x, state), step);
+            finite = Some(flag);
         }
-        vec![to_host(x)]
+        let infinite = finite_after(None, Tensor::from_floats([f32::NEG_INFINITY], device));
+        vec![to_host(x), to_host(infinite)]
     })
 }
 

@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use infonerf_train::{Checkpoint, Outcome, Stepped, Trainer, step_side_by_side};
+use infonerf_train::{Checkpoint, Event, Outcome, Stepped, Trainer, step_side_by_side};
 
 use super::log::Log;
 use crate::{Control, RunEvent, Watch};
@@ -54,14 +54,29 @@ impl Training {
         (self.trainer, self.ended.unwrap_or(Ended::Stopped))
     }
 
-    fn save(&mut self) -> Result<()> {
+    /// Saves the field, and logs what is found out about its last steps.
+    fn save(&mut self, watch: &mut Watch<'_>) -> Result<Control> {
+        let mut events = Vec::new();
+        let checkpoint = self.trainer.checkpoint(&mut |event| events.push(event));
+        let control = self.tell(&events, watch)?;
         self.log.flush()?;
-        Ok(self.trainer.checkpoint()?.save(&self.folder)?)
+        checkpoint.with_context(|| self.folder.display().to_string())?.save(&self.folder)?;
+        Ok(control)
     }
 
-    fn end(&mut self, ended: Ended) -> Result<()> {
+    fn end(&mut self, ended: Ended, watch: &mut Watch<'_>) -> Result<Control> {
         self.ended = Some(ended);
-        self.save()
+        self.save(watch)
+    }
+
+    /// Logs events and tells `watch`, whose answer is returned.
+    fn tell(&mut self, events: &[Event], watch: &mut Watch<'_>) -> Result<Control> {
+        let mut control = Control::Continue;
+        for event in events {
+            self.log.write(event)?;
+            control = control.max(watch(RunEvent::Training { event, trainer: &self.trainer }));
+        }
+        Ok(control)
     }
 
     /// Logs a step and tells `watch`, whose answer is returned; ends or saves the field where that is due.
@@ -72,11 +87,7 @@ impl Training {
         until: Option<f64>,
         watch: &mut Watch<'_>,
     ) -> Result<Control> {
-        let mut control = Control::Continue;
-        for event in &events {
-            self.log.write(event)?;
-            control = control.max(watch(RunEvent::Training { event, trainer: &self.trainer }));
-        }
+        let control = self.tell(&events, watch)?;
         let outcome = match outcome {
             Ok(outcome) => outcome,
             Err(error) => {
@@ -85,14 +96,16 @@ impl Training {
             }
         };
         let step = self.trainer.progress().step;
-        if outcome != Outcome::Running {
-            self.end(Ended::Over)?;
+        let more = if outcome != Outcome::Running {
+            self.end(Ended::Over, watch)?
         } else if control < Control::Stop && self.has_reached(until) {
-            self.end(Ended::Until)?;
+            self.end(Ended::Until, watch)?
         } else if control == Control::Save || (checkpoint_every > 0 && step.is_multiple_of(checkpoint_every)) {
-            self.save()?;
-        }
-        Ok(control)
+            self.save(watch)?
+        } else {
+            Control::Continue
+        };
+        Ok(control.max(more))
     }
 
     fn has_reached(&self, until: Option<f64>) -> bool {
@@ -151,7 +164,7 @@ fn train_watched(
         }
         if stop || failed.is_some() {
             for field in active.into_iter().filter(|field| field.ended.is_none()) {
-                field.end(Ended::Stopped)?;
+                field.end(Ended::Stopped, watch)?;
             }
         }
         if let Some(error) = failed {

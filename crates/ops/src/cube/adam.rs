@@ -3,11 +3,12 @@
 use std::cell::RefCell;
 
 use burn::cubecl::{self, prelude::*};
+use burn::tensor;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{arg, empty_like, threads};
+use super::{CubeKernel, Pass, apply, arg, empty_like, numbers, threads, untracked};
 use crate::adam::{AdamOps, Step};
 
 /// Most parameters of a launch: a thread looks for its own among them.
@@ -15,7 +16,7 @@ const MOST: usize = 24;
 /// Tensors of a parameter.
 const TENSORS: usize = 5;
 
-/// One thread per number of all parameters. The moments are replaced where they are.
+/// One thread per number of all parameters. The moments are replaced where they are. Nothing changes where `finite` is 0.
 #[cube(launch)]
 fn update(
     x: &Sequence<OwnedTensor<f32>>,
@@ -23,6 +24,7 @@ fn update(
     m: &mut Sequence<OwnedTensor<f32>>,
     v: &mut Sequence<OwnedTensor<f32>>,
     next: &mut Sequence<OwnedTensor<f32>>,
+    finite: &Tensor<f32>,
     beta1: f32,
     beta2: f32,
     rate: f32,
@@ -37,40 +39,89 @@ fn update(
             let at = ABSOLUTE_POS - start;
             let g = g.index(i)[at];
             let (m, v) = (m.index_mut(i), v.index_mut(i));
-            let mean = m[at] * beta1 + g * (1.0f32 - beta1);
-            let square = v[at] * beta2 + g * g * (1.0f32 - beta2);
-            m[at] = mean;
-            v[at] = square;
-            next.index_mut(i)[at] = x[at] - mean * rate / (f32::sqrt(square) + epsilon);
+            let next = next.index_mut(i);
+            if finite[0] == 0.0f32 {
+                next[at] = x[at];
+            } else {
+                let mean = m[at] * beta1 + g * (1.0f32 - beta1);
+                let square = v[at] * beta2 + g * g * (1.0f32 - beta2);
+                m[at] = mean;
+                v[at] = square;
+                next[at] = x[at] - mean * rate / (f32::sqrt(square) + epsilon);
+            }
         }
         start += x.len();
+    }
+}
+
+/// 1 if `value` is finite and `before` is not 0, else 0. By its bits: a shader may take for granted that all numbers are finite.
+#[cube(launch)]
+fn check(value: &Tensor<f32>, before: &Tensor<f32>, out: &mut Tensor<f32>, #[comptime] is_first: bool) {
+    let mut finite = 1.0f32;
+    if (value[0].to_bits() & 0x7f80_0000u32) == 0x7f80_0000u32 {
+        finite = 0.0f32;
+    }
+    if comptime!(!is_first) {
+        finite *= before[0];
+    }
+    out[0] = finite;
+}
+
+/// [`finite_after`](crate::adam::finite_after).
+pub(crate) fn finite_after(before: Option<tensor::Tensor<1>>, value: tensor::Tensor<1>) -> tensor::Tensor<1> {
+    apply(Check { is_first: before.is_none() }, (value.clone(), before.unwrap_or(value)))
+}
+
+#[derive(Debug)]
+struct Check {
+    is_first: bool,
+}
+
+impl CubeKernel for Check {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        let [value, before] = inputs else { unreachable!("a number and a flag") };
+        let out = empty_like(value);
+        launch!(check::launch, 1; value, before, &out; self.is_first);
+        out
+    }
+
+    fn backward(&self, _pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        vec![None, None]
     }
 }
 
 /// A step of a parameter that was not launched yet: x, g, m, v and the next x.
 type Pending = (Step, [CubeTensor; TENSORS]);
 
-thread_local! {
-    /// Steps that this thread holds back.
-    static HELD: RefCell<Option<Vec<Pending>>> = const { RefCell::new(None) };
+/// Steps that a thread holds back, and the flag that decides whether they are taken.
+struct Held {
+    finite: CubeTensor,
+    steps: Vec<Pending>,
 }
 
-/// Runs `work`, in which nobody may look at what a step gives, and takes all its steps together.
-pub(crate) fn adam_together<T>(work: impl FnOnce() -> T) -> T {
+thread_local! {
+    static HELD: RefCell<Option<Held>> = const { RefCell::new(None) };
+}
+
+/// Runs `work`, in which nobody may look at what a step gives, and takes all its steps together unless `finite` is 0.
+pub(crate) fn adam_together<T>(finite: tensor::Tensor<1>, work: impl FnOnce() -> T) -> T {
     struct Release;
     impl Drop for Release {
         fn drop(&mut self) {
-            launch_all(HELD.take().unwrap_or_default());
+            if let Some(Held { finite, steps }) = HELD.take() {
+                launch_all(&finite, steps);
+            }
         }
     }
-    HELD.set(Some(Vec::new()));
+    HELD.set(Some(Held { finite: untracked(finite), steps: Vec::new() }));
     let _release = Release;
     work()
 }
 
-fn launch_all(mut pending: Vec<Pending>) {
+fn launch_all(finite: &CubeTensor, mut pending: Vec<Pending>) {
     while let Some((step, [like, ..])) = pending.first().cloned() {
-        let most = (like.client.properties().hardware.max_bindings as usize / TENSORS).clamp(1, MOST);
+        // One binding is the flag's.
+        let most = ((like.client.properties().hardware.max_bindings as usize - 1) / TENSORS).clamp(1, MOST);
         let mut taken = Vec::new();
         pending.retain(|(other, tensors)| {
             let takes = *other == step && tensors[0].device == like.device && taken.len() < most;
@@ -92,6 +143,7 @@ fn launch_all(mut pending: Vec<Pending>) {
             all(2),
             all(3),
             all(4),
+            arg(finite),
             step.beta1,
             step.beta2,
             step.rate,
@@ -116,8 +168,8 @@ impl AdamOps for CubeBackend {
         let next = empty_like(&x);
         let pending = (step, [x, g, m.clone(), v.clone(), next.clone()]);
         HELD.with_borrow_mut(|held| match held {
-            Some(held) => held.push(pending),
-            None => launch_all(vec![pending]),
+            Some(held) => held.steps.push(pending),
+            None => launch_all(&numbers(&[1.0], &next), vec![pending]),
         });
         (next, m, v)
     }

@@ -30,7 +30,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use burn::backend::autodiff::checkpoint::strategy::CheckpointStrategy;
 use burn::backend::ops::FloatTensorOps;
 use burn::backend::tensor::FloatTensor;
-use burn::backend::{Autodiff, Backend, Dispatch, backend_extension};
+use burn::backend::{Autodiff, Backend, Dispatch, DispatchTensorKind, backend_extension};
 use burn::cubecl::calculate_cube_count_elemwise;
 use burn::cubecl::prelude::*;
 use burn::tensor::{DType, Shape, Tensor, TensorData};
@@ -40,7 +40,7 @@ use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use activation::activation;
-pub(crate) use adam::adam_together;
+pub(crate) use adam::{adam_together, finite_after};
 pub(crate) use encode::{frequency, integrated};
 pub(crate) use means::{Summand, sum};
 pub(crate) use rays::{composite, divergence, entropy, spread};
@@ -94,6 +94,14 @@ impl<C: CheckpointStrategy> CubeOps for Autodiff<CubeBackend, C> {
 /// `kernel(inputs)` as a tensor of rank `D`.
 fn apply<const D: usize>(kernel: impl CubeKernel, inputs: impl Into<Inputs<Dispatch>>) -> Tensor<D> {
     Tensor::from_dispatch(<Dispatch as CubeOps>::cube(inputs.into(), CubeOperation(Arc::new(kernel))))
+}
+
+/// What a tensor is made of that is in no graph.
+fn untracked<const D: usize>(tensor: Tensor<D>) -> CubeTensor {
+    match tensor.into_dispatch().kind {
+        DispatchTensorKind::Cube(tensor) => into_contiguous(tensor.float()),
+        other => unreachable!("{other:?} is no tensor of a GPU without a graph"),
+    }
 }
 
 /// A kernel on tensors of a GPU.

@@ -8,11 +8,11 @@ use infonerf_schedule::Moment;
 
 use super::Trainer;
 use super::numbers::Numbers;
+use crate::Phase;
 use crate::pixels::{UnseenViews, rotation};
 use crate::step_pixels::StepPixels;
 use crate::step_renderer::StepRenderer;
 use crate::training_images::SeenPixels;
-use crate::{Phase, TrainError};
 
 /// What a step's forward pass gives.
 pub(super) struct Forward {
@@ -54,7 +54,7 @@ impl<F: Field> Trainer<F> {
     }
 
     /// Renders the rays of `pixels` and evaluates the objective.
-    pub(super) fn forward(&mut self, at: Moment, pixels: &StepPixels) -> Result<Forward, TrainError> {
+    pub(super) fn forward(&mut self, at: Moment, pixels: &StepPixels) -> Forward {
         let noise = Noise::new(self.seed, at.step as u64, RandomStream::Sources);
         let scene = &self.scenes[pixels.scene];
         let terms = scene.objective.due(at);
@@ -82,15 +82,15 @@ impl<F: Field> Trainer<F> {
             losses.total = losses.total + prior.clone() * self.config.train.cameras.prior;
             losses.values.push(("cameras", prior));
         }
-        let numbers = Numbers::read(&losses, &renders, at.step)?;
+        let numbers = Numbers::of(&losses, &renders);
         self.remember(&pixels.seen, &renders);
-        Ok(Forward {
+        Forward {
             total: losses.total,
             numbers,
             counts,
             rays,
             samples_per_ray: renders.seen.output().segments().samples() as f64 / renders.seen.rays() as f64,
-        })
+        }
     }
 
     /// Keeps the errors of the pixels of a step, if later ones are to draw by them.

@@ -13,13 +13,14 @@ use infonerf_render::{Model, Noise, OccupancyGrid, RandomStream, Renderer, Resid
 use infonerf_scene::{Aabb, Camera, Scene, Similarity};
 use infonerf_schedule::{Fault, Moment};
 
+use self::step::Taken;
 use crate::checkpoint::State;
 use crate::config::checks;
 use crate::error_sampling::PixelErrors;
 use crate::model::{FieldBuilder, optimiser};
 use crate::training_scene::TrainingScene;
 use crate::weight_averaging::WeightAverage;
-use crate::{Checkpoint, Config, Profile, Progress, TrainError};
+use crate::{Checkpoint, Config, Event, Profile, Progress, TrainError};
 
 /// The training of one field, of one scene or, for a field that looks at photographs, of many.
 pub struct Trainer<F: Field = RadianceField> {
@@ -36,6 +37,9 @@ pub struct Trainer<F: Field = RadianceField> {
     occupancy: Option<OccupancyGrid>,
     pixel_errors: PixelErrors,
     progress: Progress,
+    /// Steps that were taken and whose losses nobody knows yet.
+    unreported: Vec<Taken>,
+    read_every: usize,
     profile: Profile,
 }
 
@@ -139,12 +143,14 @@ impl<F: Field> Trainer<F> {
             model: builder.model(&config, &scenes[0].scene, seed, &device)?,
             optimiser: optimiser(&config),
             occupancy: occupancy_grid(&config, &scenes[0].scene),
+            read_every: step::read_every(&device),
             config,
             scenes,
             seed,
             budget,
             device,
             builder,
+            unreported: Vec::new(),
             weight_average: WeightAverage::default(),
             pixel_errors: PixelErrors::default(),
             progress: Progress::default(),
@@ -165,14 +171,16 @@ impl<F: Field> Trainer<F> {
         }
         self.pixel_errors = checkpoint.restore_pixel_errors()?;
         self.progress = checkpoint.progress().clone();
+        self.unreported.clear();
         Ok(())
     }
 
-    /// Everything needed to resume the run later, or to initialise another.
+    /// Everything needed to resume the run later, or to initialise another. Steps that are not reported yet are reported first.
     ///
     /// # Errors
-    /// If the weights cannot be encoded.
-    pub fn checkpoint(&self) -> Result<Checkpoint, TrainError> {
+    /// If the weights cannot be encoded, or a loss of such a step is not finite.
+    pub fn checkpoint(&mut self, report: &mut impl FnMut(Event)) -> Result<Checkpoint, TrainError> {
+        self.catch_up(report)?;
         Checkpoint::take(State {
             progress: &self.progress,
             model: &self.model,
@@ -191,6 +199,12 @@ impl<F: Field> Trainer<F> {
     /// Whether the field went empty with no fresh start left: there is nothing to see in it.
     pub fn has_collapsed(&self) -> bool {
         self.progress.empty_steps.are_collapse()
+    }
+
+    /// Reads the losses of `steps` steps at once from here on, 1 or more: by default each step's on a CPU, and those of 16 on a
+    /// GPU, which idles while it is waited for. No number depends on it.
+    pub fn read_every(&mut self, steps: usize) {
+        self.read_every = steps;
     }
 
     /// Waits for the device at the end of each phase of a step from here on, so that [`Self::profile`] is of what a GPU spends
