@@ -225,10 +225,11 @@ fn a_loss_that_is_not_finite_is_found_later_all_the_same() {
 fn an_empty_field_starts_over() {
     // Nothing is learned, and the density of a ReLU field of this size is 0 everywhere for some seeds.
     let field = "field={kind=\"nerf\",layers=1,width=2,skip=1,position_frequencies=0,direction_frequencies=0,density=\"relu\",detail=1.0}";
-    let run = |seed, restarts: usize| {
+    let run = |seed, restarts: usize, read_every| {
         let restarts = format!("train.restarts={restarts}");
         let settings = [field, &restarts, "train.lr=0.0", "train.iterations=60", "render.occupancy.enabled=false"];
         let mut trainer = trainer(&config(&settings), seed, &devices()[0]);
+        trainer.read_every(read_every);
         let mut collapses = Vec::new();
         let mut report = |event| {
             if let Event::Collapse { step, restarted } = event {
@@ -244,10 +245,13 @@ fn an_empty_field_starts_over() {
         (outcome, collapses, trainer.progress().restarts)
     };
     let collapsed: Vec<u64> =
-        (0..10).filter(|&seed| run(seed, 0) == (Outcome::Collapsed, vec![(50, false)], 0)).collect();
+        (0..10).filter(|&seed| run(seed, 0, 1) == (Outcome::Collapsed, vec![(50, false)], 0)).collect();
     assert!(!collapsed.is_empty(), "no seed gives an empty field");
     for seed in collapsed {
-        let (_, collapses, restarts) = run(seed, 1);
+        // What is read of steps after the collapse is of the field that was given up.
+        assert_eq!(run(seed, 0, 16), run(seed, 0, 1));
+        assert_eq!(run(seed, 1, 16), run(seed, 1, 1), "seed {seed}");
+        let (_, collapses, restarts) = run(seed, 1, 1);
         assert_eq!((collapses[0], restarts), ((50, true), 1), "seed {seed}");
     }
 }

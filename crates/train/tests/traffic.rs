@@ -23,4 +23,8 @@ fn a_step_uploads_its_samples_and_pixels_and_reads_twice() {
         // The coarse pass's optical depths, and the step's numbers.
         assert_eq!((traffic.reads, traffic.launches), (2, 0), "step {step}");
     }
+    let before = trainer.profile().traffic();
+    trainer.read_every(4);
+    assert_eq!(steps(&mut trainer, 9).len(), 9, "the ninth is the last");
+    assert_eq!((trainer.profile().traffic() - before).reads, 9 + 3);
 }

@@ -142,8 +142,10 @@ impl<F: Field> Trainer<F> {
     /// # Errors
     /// As [`Self::step`].
     pub fn catch_up(&mut self, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
+        let before = Traffic::now();
         let mut unreported = std::mem::take(&mut self.unreported);
         Numbers::read(unreported.iter_mut().map(|taken| &mut taken.numbers));
+        self.profile.count_since(before);
         let rays: usize = unreported.iter().map(|taken| taken.rays).sum();
         let rays_per_second = rays as f64 / unreported.iter().map(|taken| taken.seconds[0]).sum::<f64>();
         for Taken { at, numbers, lr, evaluated, seconds, .. } in unreported {
