@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use glam::Vec3;
+use glam::{Vec2, Vec3, Vec4};
 use infonerf_scene::{Camera, Scene, bilinear};
 use rayon::prelude::*;
 
@@ -24,8 +24,8 @@ const PROBES: usize = 500;
 /// A pixel of colour C, whose ray ends at the point x (at its expected distance), becomes `C + Σᵢ wᵢ rᵢ / (Σᵢ wᵢ + c)`, where rᵢ is the
 /// residual of training view i at the projection of x, and `wᵢ = (θ₀ / (θ₀ + θᵢ))² exp(−(dᵢ/ε)²)`. θᵢ is the angle between the
 /// pixel's ray and view i's ray to x. dᵢ is the relative difference between the distance of x from camera i and the distance
-/// that the field renders there: it is large where x is hidden from view i. Both are interpolated bilinearly. Rays that hit
-/// nothing are left alone, and a view has no residual beside its pixels that hit nothing.
+/// that the field renders there: it is large where x is hidden from view i. Both are interpolated bilinearly, residuals between
+/// the pixels that are valid, distances between those whose rays hit something as well. Rays that hit nothing are left alone.
 ///
 /// This is the unstructured lumigraph (Buehler et al. 2001; without its penalty for resolution) of what the field fails to fit:
 /// detail finer than its tables, gloss, exposure.
@@ -36,12 +36,12 @@ pub struct Residuals {
     sources: Vec<OnceLock<Source>>,
 }
 
-/// A training view's residual and the distance that the field renders, row-major; infinite where the ray hits nothing or the
-/// pixel is not valid.
+/// A training view's residual and the distance that the field renders, row-major, each with 1 after it; 0 and 0 where there is
+/// none.
 #[derive(Debug)]
 struct Source {
-    residual: Vec<[f32; 3]>,
-    depth: Vec<f32>,
+    residual: Vec<Vec4>,
+    distance: Vec<Vec2>,
 }
 
 impl Residuals {
@@ -103,13 +103,13 @@ impl Residuals {
 
     fn source(&self, view: usize, picture: &RenderedImage) -> Source {
         let view = &self.scene.train[view];
-        let residual = |(photograph, shown): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|c| photograph[c] - shown[c]);
-        let usable = |pixel: usize| view.valid.as_ref().is_none_or(|valid| valid[pixel]);
-        let depth = |(pixel, &depth)| if usable(pixel) { depth } else { f32::INFINITY };
-        Source {
-            residual: view.image.rgb.iter().zip(&picture.rgb).map(residual).collect(),
-            depth: picture.depth.iter().enumerate().map(depth).collect(),
-        }
+        let is_valid = |pixel: usize| view.valid.as_ref().is_none_or(|valid| valid[pixel]);
+        let difference = |pixel: usize| Vec3::from_array(view.image.rgb[pixel]) - Vec3::from_array(picture.rgb[pixel]);
+        let residual = |pixel| if is_valid(pixel) { difference(pixel).extend(1.0) } else { Vec4::ZERO };
+        let hits = |pixel: usize| is_valid(pixel) && picture.depth[pixel].is_finite();
+        let distance = |pixel| if hits(pixel) { Vec2::new(picture.depth[pixel], 1.0) } else { Vec2::ZERO };
+        let pixels = 0..picture.rgb.len();
+        Source { residual: pixels.clone().map(residual).collect(), distance: pixels.map(distance).collect() }
     }
 }
 
@@ -117,11 +117,15 @@ impl Source {
     /// Residual and weight of `point` on a ray along `direction`; none where `camera` does not see it.
     fn at(&self, camera: &Camera, point: Vec3, direction: Vec3) -> Option<(Vec3, f32)> {
         let (at, size) = (seen_at(camera, point)?, [camera.width as usize, camera.height as usize]);
+        let seen = bilinear(size, at, |pixel| self.distance[pixel]);
         let distance = point.distance(camera.position());
-        let apart = (bilinear(size, at, |pixel| self.depth[pixel]) - distance) / (TOLERANCE * distance);
+        let apart = (seen.x / seen.y - distance) / (TOLERANCE * distance);
         let weight = angular_weight(camera, point, direction) * (-apart * apart).exp();
-        // Beside a pixel without a distance `apart` is infinite or NaN, and the weight 0 or NaN.
-        (weight > 0.0).then(|| (bilinear(size, at, |pixel| Vec3::from_array(self.residual[pixel])), weight))
+        // Without a distance `apart` is NaN, and so is the weight.
+        (weight > 0.0).then(|| {
+            let residual = bilinear(size, at, |pixel| self.residual[pixel]);
+            (residual.truncate() / residual.w, weight)
+        })
     }
 }
 

@@ -34,16 +34,17 @@ impl Numbers {
         }
     }
 
-    /// Reads the numbers of several steps in one transfer: a GPU has to be waited for each time.
-    pub(super) fn read<'a>(steps: impl Iterator<Item = &'a mut Self>) {
+    /// Reads the numbers of several steps in one transfer: a GPU has to be waited for each time. Tells whether any was not read yet.
+    pub(super) fn read<'a>(steps: impl Iterator<Item = &'a mut Self>) -> bool {
         let mut steps: Vec<&mut Self> = steps.filter(|numbers| !numbers.is_read()).collect();
         if steps.is_empty() {
-            return;
+            return false;
         }
         let mut values = to_host_together(steps.iter_mut().flat_map(|numbers| numbers.on_device.drain(..))).into_iter();
         for numbers in steps {
             numbers.values = values.by_ref().take(3 + numbers.names.len()).collect();
         }
+        true
     }
 
     pub(super) fn is_read(&self) -> bool {

@@ -142,9 +142,14 @@ impl<F: Field> Trainer<F> {
     /// # Errors
     /// As [`Self::step`].
     pub fn catch_up(&mut self, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
-        let before = Traffic::now();
+        let (before, start) = (Traffic::now(), Instant::now());
         let mut unreported = std::mem::take(&mut self.unreported);
-        Numbers::read(unreported.iter_mut().map(|taken| &mut taken.numbers));
+        if Numbers::read(unreported.iter_mut().map(|taken| &mut taken.numbers)) {
+            // What a device had left to do is training, too.
+            let waited = start.elapsed().as_secs_f64();
+            self.progress.seconds += waited;
+            unreported.last_mut().expect("is read").seconds[0] += waited;
+        }
         self.profile.count_since(before);
         let rays: usize = unreported.iter().map(|taken| taken.rays).sum();
         let rays_per_second = rays as f64 / unreported.iter().map(|taken| taken.seconds[0]).sum::<f64>();
