@@ -156,7 +156,7 @@ fn check(device: &Device) {
     };
     let rays: Vec<Ray> = rows.iter().map(ray).collect();
     let request = RenderRequest { color: true, hidden: true };
-    let passes = renderer(fixture).render(&model, &rays, request, None, None, Moment::END);
+    let passes = renderer(fixture).render(&model, &rays, request, None, Moment::END);
     let (coarse, fine) = (passes.coarse.unwrap(), passes.fine);
     let delta = to_host(fine.samples.delta.clone());
     for (index, row) in rows.iter().enumerate() {

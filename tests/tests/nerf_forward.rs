@@ -175,7 +175,7 @@ fn check(device: &Device) {
         let renderer = renderer(fixture, last_interval);
         let render = |origin, direction| {
             let rays = rays(fixture, origin, direction);
-            let passes = renderer.render(&model, &rays, request, None, None, Moment::END);
+            let passes = renderer.render(&model, &rays, request, None, Moment::END);
             (passes.coarse.unwrap(), passes.fine)
         };
         let ray = render("origin", "dir");

@@ -71,6 +71,7 @@ mod peak;
 mod ray_kernel;
 pub mod reference;
 pub mod rotation;
+mod rows;
 mod segments;
 pub mod simd;
 mod split;
@@ -92,6 +93,7 @@ pub use mlp::radiance_mlp;
 #[cfg(feature = "flex")]
 pub use peak::Peak;
 pub use rotation::rotate;
+pub use rows::split_rows;
 pub use segments::Segments;
 pub use traffic::{HostNumber, Traffic, from_host, to_host, to_host_together, upload, upload_together};
 pub use trilinear::trilinear;

@@ -57,6 +57,23 @@ impl Segments {
         }
     }
 
+    /// Those of the first `counts[0]` rays, of the next `counts[1]`, and so on. What has been moved to a GPU is theirs too.
+    pub fn split(&self, counts: &[usize]) -> Vec<Self> {
+        let mut end = 0;
+        let part = |&count: &usize| {
+            let first = end;
+            end += count;
+            let part = Self::from_counts((first..end).map(|ray| self.range(ray).len()));
+            #[cfg(feature = "cube")]
+            if let Some(offsets) = self.on_gpu.get() {
+                let own = crate::cube::part_or_copy(offsets, first, [count + 1]);
+                part.on_gpu.get_or_init(|| own);
+            }
+            part
+        };
+        counts.iter().map(part).collect()
+    }
+
     /// Number of rays `R`.
     pub fn rays(&self) -> usize {
         self.offsets.len() - 1

@@ -7,6 +7,8 @@ use infonerf_ops::{from_host, rotate, to_host, upload};
 use infonerf_scene::{Camera, PixelAt, Ray, Scene};
 use serde::{Deserialize, Serialize};
 
+use crate::Noise;
+
 /// Which focal lengths are learnt.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -74,11 +76,16 @@ pub struct RayBundle<'a> {
     pub rays: &'a [Ray],
     /// The same as tensors.
     pub tracked: Option<&'a TrackedRays>,
+    /// By what samples along each ray are jittered; nothing for samples that are evenly spaced.
+    pub draws: &'a [Draw],
 }
+
+/// A ray's random numbers: a stream, and the ray's index in it.
+pub type Draw = (Noise, usize);
 
 impl<'a> From<&'a [Ray]> for RayBundle<'a> {
     fn from(rays: &'a [Ray]) -> Self {
-        Self { rays, tracked: None }
+        Self { rays, tracked: None, draws: &[] }
     }
 }
 

@@ -82,7 +82,7 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
     }
     for rays in rays.chunks(renderer.rays_at_once(trained.at)) {
         let request = RenderRequest { color: true, hidden: true };
-        let passes = renderer.render(&trained.model, rays, request, None, trained.occupancy.as_ref(), trained.at);
+        let passes = renderer.render(&trained.model, rays, request, trained.occupancy.as_ref(), trained.at);
         image.append(&passes.fine);
         image.counts += passes.counts();
     }
@@ -150,16 +150,19 @@ pub(crate) mod testing {
 
 #[cfg(test)]
 mod tests {
+    use std::ops::Range;
+
     use burn::module::Module;
     use burn::tensor::{Device, Tensor, TensorData};
     use glam::{DMat4, DVec3};
     use infonerf_field::{FieldOutput, Points};
+    use infonerf_ops::to_host_together;
     use infonerf_scene::Scene;
     use infonerf_schedule::Moment;
 
     use super::testing::config;
     use super::*;
-    use crate::{Model, OccupancyGrid, Placement};
+    use crate::{Draw, Model, Noise, OccupancyGrid, Placement, RandomStream, RayBundle, RenderConfig};
 
     /// As grey as the run is far, with any density.
     #[derive(Module, Debug)]
@@ -208,6 +211,35 @@ mod tests {
         }
     }
 
+    /// In training, with random numbers of each, some rays of which miss the box.
+    #[test]
+    fn bundles_rendered_as_one_are_what_they_are_alone() {
+        let (_, trained, camera) = seen(|p| 2.0 + p.x, Placement::Left);
+        let config = RenderConfig { fine_samples: 5, clip_to_bounds: true, jitter: true, ..config(Placement::Left) };
+        let renderer = Renderer::new(&config, &Scene::default());
+        let rays: Vec<Ray> = (0..7).map(|x| camera.ray(x as f32 * 1.5, 0.5)).collect();
+        let noise = |step| Noise::new(0, step, RandomStream::Samples);
+        let draws: Vec<Draw> = (0..3).map(|ray| (noise(0), ray)).chain((0..4).map(|ray| (noise(1), ray))).collect();
+        let request = RenderRequest { color: true, hidden: false };
+        let render = |part: Range<usize>| {
+            let bundle = RayBundle { rays: &rays[part.clone()], tracked: None, draws: &draws[part] };
+            renderer.render(&trained.model, bundle, request, trained.occupancy.as_ref(), trained.at)
+        };
+        let alone = [render(0..3), render(3..7)];
+        for (part, alone) in render(0..7).split(&[3, 4]).into_iter().zip(alone) {
+            for (part, alone) in [(part.fine, alone.fine), (part.coarse.unwrap(), alone.coarse.unwrap())] {
+                assert_eq!(part.segments(), alone.segments());
+                assert_eq!(part.samples.t, alone.samples.t);
+                assert_eq!(part.samples.candidates, alone.samples.candidates);
+                let numbers = |of: &RenderOutput| {
+                    let color = of.color.clone().unwrap().flatten(0, 1);
+                    to_host_together([of.tau.clone(), of.depth.clone(), of.acc.clone(), color])
+                };
+                assert_eq!(numbers(&part), numbers(&alone));
+            }
+        }
+    }
+
     /// A ray passes a cell with an opaque part beside that, to something behind.
     #[test]
     fn a_picture_shows_what_training_takes_to_be_hidden() {
@@ -216,7 +248,7 @@ mod tests {
             let training = RenderRequest { color: false, hidden: false };
             let rays = [camera.ray(0.5, 0.5)];
             let grid = trained.occupancy.as_ref();
-            let passes = renderer.render(&trained.model, &rays, training, None, grid, trained.at);
+            let passes = renderer.render(&trained.model, &rays, training, grid, trained.at);
             assert_eq!(passes.fine.acc.into_scalar::<f32>(), 0.0, "{placement:?}");
             assert_eq!(render_one(&renderer, &trained, &camera).acc, [1.0], "{placement:?}");
         }

@@ -85,7 +85,7 @@ mod sampler;
 mod samples;
 mod warp;
 
-pub use cameras::{CameraRefinement, Focal, Pivot, RayBundle, TrackedRays};
+pub use cameras::{CameraRefinement, Draw, Focal, Pivot, RayBundle, TrackedRays};
 pub use config::{Compositing, LastInterval, OccupancyConfig, Placement, RenderConfig};
 pub use ensemble::render_image;
 pub use exposure::Exposure;

@@ -1,5 +1,5 @@
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::{Segments, upload};
+use infonerf_ops::{Segments, split_rows, upload};
 
 use crate::{Exposure, Samples};
 
@@ -44,6 +44,27 @@ impl RenderOutput {
         Self { color, ..self }
     }
 
+    /// Those of the first `counts[0]` rays, of the next `counts[1]`, and so on.
+    fn split(self, counts: &[usize]) -> Vec<Self> {
+        if counts.len() == 1 {
+            return vec![self];
+        }
+        let samples = self.samples.split(counts);
+        let sizes: Vec<usize> = samples.iter().map(|samples| samples.segments.samples()).collect();
+        let (tau, background) = (split_rows(self.tau, &sizes), self.background);
+        let color = self.color.map(|color| split_rows(color, counts));
+        let [depth, acc] = [self.depth, self.acc].map(|numbers| split_rows(numbers, counts));
+        let part = |(index, samples): (usize, Samples)| Self {
+            samples,
+            tau: tau[index].clone(),
+            color: color.as_ref().map(|color| color[index].clone()),
+            depth: depth[index].clone(),
+            acc: acc[index].clone(),
+            background,
+        };
+        samples.into_iter().enumerate().map(part).collect()
+    }
+
     /// The output of rays without samples.
     pub(crate) fn empty(samples: Samples, request: RenderRequest, background: [f32; 3], device: &Device) -> Self {
         let rays = samples.segments.rays();
@@ -76,6 +97,13 @@ impl Passes {
             coarse: self.coarse.map(|coarse| coarse.exposed(exposure, views)),
             fine: self.fine.exposed(exposure, views),
         }
+    }
+
+    /// The passes over the first `counts[0]` rays, over the next `counts[1]`, and so on.
+    pub fn split(self, counts: &[usize]) -> Vec<Self> {
+        let mut coarse = self.coarse.map(|coarse| coarse.split(counts).into_iter());
+        let mut coarse = || coarse.as_mut().and_then(Iterator::next);
+        self.fine.split(counts).into_iter().map(|fine| Self { coarse: coarse(), fine }).collect()
     }
 
     /// Samples of both passes before and after skipping.

@@ -1,11 +1,11 @@
-use infonerf_field::Field;
+use infonerf_field::{Field, Points};
 use infonerf_ops::{Seen, additive_depth, composite_over};
 use infonerf_scene::{Backdrop, Ray, Scene};
 use infonerf_schedule::Moment;
 
 use crate::sampler::{Candidates, Sampler, Skip};
 use crate::{
-    Compositing, Model, Noise, OccupancyGrid, Passes, RandomStream, RayBundle, RenderConfig, RenderOutput,
+    Compositing, Draw, Model, OccupancyGrid, Passes, RandomStream, RayBundle, RenderConfig, RenderOutput,
     RenderRequest, Samples, Warp,
 };
 
@@ -60,9 +60,9 @@ impl Renderer {
 
     /// The background colour. In training with an unknown backdrop it is random per bundle, so that the field learns to be
     /// opaque.
-    fn behind(&self, noise: Option<Noise>) -> [f32; 3] {
-        match (self.backdrop, noise) {
-            (Backdrop::Unknown, Some(noise)) => {
+    fn behind(&self, draws: &[Draw]) -> [f32; 3] {
+        match (self.backdrop, draws.first()) {
+            (Backdrop::Unknown, Some((noise, _))) => {
                 let noise = noise.child(RandomStream::Background);
                 [0, 1, 2].map(|channel| noise.uniform(0, channel))
             }
@@ -70,32 +70,33 @@ impl Renderer {
         }
     }
 
-    /// Renders `rays`, with samples jittered by `noise` (training) or evenly spaced without it (evaluation). Fields are
-    /// evaluated at the moment `at` of the run. Without colour, a coarse pass has no gradient.
+    /// Renders `rays`. Fields are evaluated at the moment `at` of the run. Without colour, a coarse pass has no gradient.
     pub fn render<'a, F: Field>(
         &self,
         model: &Model<F>,
         rays: impl Into<RayBundle<'a>>,
         request: RenderRequest,
-        noise: Option<Noise>,
         occupancy: Option<&OccupancyGrid>,
         at: Moment,
     ) -> Passes {
         let config = self.sampler.config();
         let bundle = rays.into();
-        let rays = bundle.rays;
-        let background = self.behind(noise);
+        let RayBundle { rays, tracked, draws } = bundle;
+        let background = self.behind(draws);
         let hidden_depth = if request.hidden { f32::INFINITY } else { config.hidden_depth() };
         let skip = Skip { grid: occupancy, hidden_depth };
-        let noise = noise.filter(|_| config.jitter);
-        let evaluate = |field: &F, samples: Samples| {
-            self.evaluate(field, samples.tracked(bundle, self.warp()), request, background, at)
+        let draws = if config.jitter { draws } else { &[] };
+        let evaluate = |field: &F, (samples, mut points): (Samples, Points)| {
+            if let Some(rays) = tracked.filter(|_| !points.is_empty()) {
+                points.positions = samples.tracked(rays, self.warp());
+            }
+            self.evaluate(field, samples, &points, request, background, at)
         };
         if config.marches() {
-            let samples = self.sampler.marched(rays, noise, skip, at, &model.fine.device());
+            let samples = self.sampler.marched(rays, draws, skip, at, &model.fine.device());
             return Passes { coarse: None, fine: evaluate(&model.fine, samples) };
         }
-        let candidates = self.sampler.coarse(rays, noise, at);
+        let candidates = self.sampler.coarse(rays, draws, at);
         let render = |field: &F, candidates: &[Candidates]| {
             evaluate(field, self.sampler.pack(rays, candidates, skip, &field.device()))
         };
@@ -107,10 +108,10 @@ impl Renderer {
             render(coarse_field, &candidates)
         } else {
             let field = coarse_field.valid();
-            let samples = self.sampler.pack(rays, &candidates, skip, &field.device());
-            self.evaluate(&field, samples, request, background, at)
+            let (samples, points) = self.sampler.pack(rays, &candidates, skip, &field.device());
+            self.evaluate(&field, samples, &points, request, background, at)
         };
-        let fine = self.sampler.fine(&candidates, &coarse, noise);
+        let fine = self.sampler.fine(&candidates, &coarse, draws);
         Passes { coarse: Some(coarse), fine: render(&model.fine, &fine) }
     }
 
@@ -118,7 +119,8 @@ impl Renderer {
     pub fn along<F: Field>(&self, field: &F, output: &RenderOutput, rays: &[Ray], at: Moment) -> RenderOutput {
         self.evaluate(
             field,
-            output.samples.along(rays, self.sampler.warp()),
+            output.samples.clone(),
+            &output.samples.along(rays, self.sampler.warp()),
             RenderRequest { color: false, hidden: true },
             self.background,
             at,
@@ -129,6 +131,7 @@ impl Renderer {
         &self,
         field: &F,
         samples: Samples,
+        points: &Points,
         request: RenderRequest,
         background: [f32; 3],
         at: Moment,
@@ -137,7 +140,7 @@ impl Renderer {
         if samples.segments.samples() == 0 {
             return RenderOutput::empty(samples, request, background, &device);
         }
-        let sampled = field.evaluate(&samples.points(), request.color, at);
+        let sampled = field.evaluate(points, request.color, at);
         let tau = sampled.sigma * samples.delta.clone();
         let tau = match self.sampler.config().compositing {
             Compositing::Exponential => tau,

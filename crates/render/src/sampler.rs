@@ -2,6 +2,7 @@
 
 use burn::tensor::Device;
 use glam::Vec3;
+use infonerf_field::Points;
 use infonerf_ops::composite::weights;
 use infonerf_ops::to_host;
 use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
@@ -9,7 +10,7 @@ use infonerf_schedule::Moment;
 
 use crate::distances::{blurred, importance, intervals, resample, stratified};
 use crate::noise::RandomStream;
-use crate::{Noise, OccupancyGrid, Placement, RenderConfig, RenderOutput, Samples, Warp};
+use crate::{Draw, OccupancyGrid, Placement, RenderConfig, RenderOutput, Samples, Warp};
 
 /// Sorted coordinates (edges under [`Placement::Interval`]) of one ray's samples with the ends of its interval; none if it
 /// misses the bounds. A coordinate is the distance, unless space is warped ([`Warp::coordinate`]).
@@ -80,14 +81,14 @@ impl Sampler {
     pub(crate) fn marched(
         &self,
         rays: &[Ray],
-        noise: Option<Noise>,
+        draws: &[Draw],
         skip: Skip<'_>,
         at: Moment,
         device: &Device,
-    ) -> Samples {
+    ) -> (Samples, Points) {
         let (step, most) = (self.step_length(at), self.most(at));
         Samples::pack(rays, &self.warp, device, |index| {
-            let shift = noise.map_or(0.5, |noise| noise.uniform(index, 0));
+            let shift = draws.get(index).map_or(0.5, |(noise, ray)| noise.uniform(*ray, 0));
             let steps = self.steps(&rays[index], step, shift, skip.grid);
             let kept = match skip.grid {
                 Some(grid) => self.visible(steps, &rays[index], grid, skip.hidden_depth),
@@ -127,23 +128,22 @@ impl Sampler {
     }
 
     /// Stratified distances of each ray, for the coarse pass or the only one.
-    pub(crate) fn coarse(&self, rays: &[Ray], noise: Option<Noise>, at: Moment) -> Vec<Candidates> {
+    pub(crate) fn coarse(&self, rays: &[Ray], draws: &[Draw], at: Moment) -> Vec<Candidates> {
         let count = self.config.samples.at(at).round() as usize;
         rays.iter()
             .enumerate()
             .map(|(index, ray)| {
                 let (near, far) = self.interval(ray)?;
-                let t = stratified(near, far, count, self.config.placement, noise.map(|noise| (noise, index)));
+                let t = stratified(near, far, count, self.config.placement, draws.get(index).copied());
                 Some((t, near, far))
             })
             .collect()
     }
 
     /// Distances of the fine pass, drawn from the coarse weights. A coarse sample that was skipped has weight 0.
-    pub(crate) fn fine(&self, coarse: &[Candidates], output: &RenderOutput, noise: Option<Noise>) -> Vec<Candidates> {
+    pub(crate) fn fine(&self, coarse: &[Candidates], output: &RenderOutput, draws: &[Draw]) -> Vec<Candidates> {
         let c = &self.config;
         let weights = weights(&to_host(output.tau.clone()), output.segments());
-        let noise = noise.map(|noise| noise.child(RandomStream::FineSamples));
         coarse
             .iter()
             .enumerate()
@@ -154,7 +154,7 @@ impl Sampler {
                 let mut kept = output.samples.t[range.clone()].iter().zip(&weights[range]).peekable();
                 let mut weight = |t: f32| kept.next_if(|(kept, _)| **kept == t).map_or(0.0, |(_, weight)| *weight);
                 let dense: Vec<f32> = self.placed(t, *near, *far).map(|(t, _)| weight(t)).collect();
-                let jitter = noise.map(|noise| (noise, index));
+                let jitter = draws.get(index).map(|(noise, ray)| (noise.child(RandomStream::FineSamples), *ray));
                 let t = match c.placement {
                     Placement::Interval => resample(t, &blurred(&dense), c.fine_samples, jitter),
                     Placement::Left | Placement::Mid => importance(t, &dense, c.fine_samples, jitter),
@@ -165,7 +165,13 @@ impl Sampler {
     }
 
     /// Candidates with their intervals, less what is skipped.
-    pub(crate) fn pack(&self, rays: &[Ray], candidates: &[Candidates], skip: Skip<'_>, device: &Device) -> Samples {
+    pub(crate) fn pack(
+        &self,
+        rays: &[Ray],
+        candidates: &[Candidates],
+        skip: Skip<'_>,
+        device: &Device,
+    ) -> (Samples, Points) {
         let longest = candidates.iter().flatten().map(|(t, ..)| t.len()).max().unwrap_or(0);
         Samples::pack(rays, &self.warp, device, |index| {
             let Some((t, near, far)) = &candidates[index] else { return (Vec::new(), longest) };

@@ -1,10 +1,10 @@
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{Extent, Points};
-use infonerf_ops::{Segments, upload_together};
+use infonerf_ops::{Segments, split_rows, upload_together};
 use infonerf_scene::Ray;
 use rayon::prelude::*;
 
-use crate::{RayBundle, Warp};
+use crate::{TrackedRays, Warp};
 
 /// Packed samples of a bundle of rays.
 #[derive(Clone, Debug)]
@@ -17,25 +17,19 @@ pub struct Samples {
     pub distance: Tensor<1>,
     /// Length of each sample's interval, `[M]`: in scene units, or in warped space in units of [`Warp::coordinate`].
     pub delta: Tensor<1>,
-    /// Where the field is evaluated, `[M, 3]`: world positions mapped by the [`Warp`]. In an autodiff graph where a gradient is
-    /// to reach the rays.
-    pub positions: Tensor<2>,
-    /// Direction of each ray, `[R, 3]`.
-    pub directions: Tensor<2>,
-    /// Radius of each ray's cone at distance 1, `[R]`.
-    pub radii: Tensor<1>,
     /// Number of candidates before skipping.
     pub candidates: usize,
 }
 
 impl Samples {
-    /// Packs the samples of each ray: `of(ray index)` returns the kept `(t, delta)` and the number of candidates.
+    /// Packs the samples of each ray, with the points at which a field is evaluated: world positions mapped by `warp`.
+    /// `of(ray index)` returns the kept `(t, delta)` and the number of candidates.
     pub(crate) fn pack(
         rays: &[Ray],
         warp: &Warp,
         device: &Device,
         of: impl Fn(usize) -> (Vec<(f32, f32)>, usize) + Sync,
-    ) -> Self {
+    ) -> (Self, Points) {
         const CHUNK: usize = 128;
         let parts: Vec<Part> = (0..rays.len().div_ceil(CHUNK))
             .into_par_iter()
@@ -53,29 +47,20 @@ impl Samples {
         let (positions, delta) = (join(|part| &part.positions), join(|part| &part.delta));
         let [positions, distance, delta, directions, radii] =
             upload_together([positions, t.clone(), delta, directions(rays), radii(rays)], Some(&segments), device);
-        Self {
-            candidates: parts.iter().map(|part| part.candidates).sum(),
-            positions: positions.reshape([t.len(), 3]),
-            directions: directions.reshape([rays.len(), 3]),
-            segments,
-            t,
-            distance,
-            delta,
-            radii,
-        }
+        let candidates = parts.iter().map(|part| part.candidates).sum();
+        let samples = Self { segments, t, distance, delta, candidates };
+        let points = samples.points(positions, directions, radii);
+        (samples, points)
     }
 
-    /// The same with positions `warp(o + t d)` that are differentiable in the rays of `bundle`, if these are tracked. The
-    /// distances t are taken as given.
-    pub(crate) fn tracked(self, bundle: RayBundle<'_>, warp: &Warp) -> Self {
-        let Some(rays) = bundle.tracked.filter(|_| !self.t.is_empty()) else { return self };
+    /// Positions `warp(o + t d)` that are differentiable in `rays`, `[M, 3]`. The distances t are taken as given.
+    pub(crate) fn tracked(&self, rays: &TrackedRays, warp: &Warp) -> Tensor<2> {
         let [origins, directions] = [&rays.origins, &rays.directions].map(|rows| self.segments.spread(rows.clone()));
-        let positions = warp.points(origins + directions * self.distance.clone().unsqueeze_dim(1));
-        Self { positions, ..self }
+        warp.points(origins + directions * self.distance.clone().unsqueeze_dim(1))
     }
 
-    /// The same distances along other rays.
-    pub(crate) fn along(&self, rays: &[Ray], warp: &Warp) -> Self {
+    /// The points at the same distances along other rays.
+    pub(crate) fn along(&self, rays: &[Ray], warp: &Warp) -> Points {
         let positions: Vec<f32> = self
             .segments
             .ranges()
@@ -84,19 +69,33 @@ impl Samples {
             .collect();
         let arrays = [positions, directions(rays), radii(rays)];
         let [positions, directions, radii] = upload_together(arrays, None, &self.distance.device());
-        let positions = positions.reshape([self.t.len(), 3]);
-        Self { positions, directions: directions.reshape([rays.len(), 3]), radii, ..self.clone() }
+        self.points(positions, directions, radii)
     }
 
-    /// The points at which a field is evaluated.
-    pub(crate) fn points(&self) -> Points {
-        let (t, delta, radii) = (self.distance.clone(), self.delta.clone(), self.radii.clone());
+    /// The points of these samples at `positions`, given the direction of each ray, three numbers each, and its cone's radius at
+    /// distance 1.
+    fn points(&self, positions: Tensor<1>, directions: Tensor<1>, radii: Tensor<1>) -> Points {
         Points {
-            positions: self.positions.clone(),
-            directions: self.directions.clone(),
+            positions: positions.reshape([self.segments.samples(), 3]),
+            directions: directions.reshape([self.segments.rays(), 3]),
             segments: self.segments.clone(),
-            extent: Extent::Cones { t, delta, radii },
+            extent: Extent::Cones { t: self.distance.clone(), delta: self.delta.clone(), radii },
         }
+    }
+
+    /// Those of the first `counts[0]` rays, of the next `counts[1]`, and so on.
+    pub(crate) fn split(&self, counts: &[usize]) -> Vec<Self> {
+        let segments = self.segments.split(counts);
+        let sizes: Vec<usize> = segments.iter().map(Segments::samples).collect();
+        let [distances, deltas] = [&self.distance, &self.delta].map(|numbers| split_rows(numbers.clone(), &sizes));
+        let mut t = self.t.as_slice();
+        let parts = segments.into_iter().zip(counts).zip(distances.into_iter().zip(deltas));
+        let part = |((segments, count), (distance, delta)): ((Segments, &usize), (Tensor<1>, Tensor<1>))| {
+            let own = t.split_off(..segments.samples()).expect("a distance of each sample");
+            let candidates = self.candidates * count / self.segments.rays();
+            Self { t: own.to_vec(), candidates, segments, distance, delta }
+        };
+        parts.map(part).collect()
     }
 }
 

@@ -43,9 +43,9 @@ pub fn fitted_to<F: Field>(
         let at: Vec<PixelAt> = drawn.iter().map(position).collect();
         let camera = refinement.apply(&cameras).remove(0);
         let rays: Vec<Ray> = at.iter().map(|pixel| camera.ray(pixel.x, pixel.y)).collect();
-        let bundle = RayBundle { rays: &rays, tracked: Some(&refinement.rays(&cameras, &at)) };
+        let bundle = RayBundle { rays: &rays, tracked: Some(&refinement.rays(&cameras, &at)), draws: &[] };
         let request = RenderRequest { color: true, hidden: true };
-        let passes = renderer.render(&model, bundle, request, None, trained.occupancy.as_ref(), trained.at);
+        let passes = renderer.render(&model, bundle, request, trained.occupancy.as_ref(), trained.at);
         let shown: Vec<f32> = drawn.iter().flat_map(|&index| image.rgb[index]).collect();
         let target = upload(shown, [RAYS, 3], &device);
         let loss = photometric_loss(passes.fine.color.expect("colour was asked for"), target, Norm::Mean);

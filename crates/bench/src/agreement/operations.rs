@@ -11,7 +11,7 @@ use infonerf_ops::means::{mean_squared_difference, sum_above};
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
 use infonerf_ops::{
     Intervals, RayDistribution, Segments, composite, composite_over, frequency_encode, from_host, integrated_encode,
-    ray_distortion, ray_divergence, ray_entropy, to_host,
+    ray_distortion, ray_divergence, ray_entropy, split_rows, to_host,
 };
 
 /// Largest error of a value or gradient, over the largest of its array.
@@ -87,6 +87,20 @@ fn along_rays(rng: &mut Rng) -> Vec<Operation> {
             let [tau, middle, length] = [&tau, &middle, &length].map(|input| leaf(input, device));
             let intervals = Intervals { middle: middle.clone(), length: length.clone() };
             pulled(ray_distortion(tau.clone(), intervals, &segments), &[&tau, &middle, &length])
+        }));
+    }
+    {
+        let (segments, tau) = (segments.clone(), tau.clone());
+        operations.push(operation("entropy of parts of a bundle", move |device| {
+            const COUNTS: [usize; 3] = [101, 150, RAYS - 251];
+            let tau = leaf(&tau, device);
+            let bits = |tau, segments: &Segments| ray_entropy(tau, segments, RayDistribution::Alpha, 0.0).bits;
+            // Parts share what is moved for the whole.
+            let mut out = vec![bits(tau.clone(), &segments)];
+            let parts = segments.split(&COUNTS);
+            let sizes: Vec<usize> = parts.iter().map(Segments::samples).collect();
+            out.extend(split_rows(tau.clone(), &sizes).into_iter().zip(&parts).map(|(tau, part)| bits(tau, part)));
+            pulled(Tensor::cat(out, 0), &[&tau])
         }));
     }
     operations.push(operation("divergence", move |device| {

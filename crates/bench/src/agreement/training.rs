@@ -79,6 +79,10 @@ pub(super) const KINDS: [Kind; 4] = [
             "render.fine_samples=4",
             "train.batch=held-out",
             "train.sources=2",
+            // Four bundles of rays are one on GPUs.
+            "render.occupancy.enabled=false",
+            "train.neighbours.sampling=own",
+            "loss.kl.rays=all",
         ],
     },
 ];

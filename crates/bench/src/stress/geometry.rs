@@ -122,7 +122,7 @@ pub(super) fn rendered(
     let trainer = Trainer::new(&plan.config, scene, plan.seed, None, device)?;
     let rays = rays(draw, scale, count, rng);
     let request = RenderRequest { color: true, hidden: true };
-    let output = trainer.renderer().render(&trainer.model(), &rays, request, None, None, Moment::START).fine;
+    let output = trainer.renderer().render(&trainer.model(), &rays, request, None, Moment::START).fine;
     let [acc, depth] = [&output.acc, &output.depth].map(|tensor| to_host(tensor.clone()));
     let tau = to_host(output.tau.clone());
     let mut errors = Errors::default();

@@ -4,6 +4,8 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use burn::tensor::{self, Shape};
+use burn_cubecl::kernel::slice;
+use burn_cubecl::ops::reshape;
 use burn_cubecl::tensor::CubeTensor;
 
 use super::{CubeKernel, Pass, apply, empty};
@@ -20,25 +22,54 @@ pub(super) fn part<S: Into<Shape>>(buffer: CubeTensor, start: usize, shape: S) -
     CubeTensor::new_contiguous(buffer.client, buffer.device, shape, handle, buffer.dtype)
 }
 
+/// The same of a buffer that is there to be read: a copy where the device cannot begin a buffer at `start`.
+pub(crate) fn part_or_copy<S: Into<Shape>>(buffer: &CubeTensor, start: usize, shape: S) -> CubeTensor {
+    let (buffer, shape) = (buffer.clone(), shape.into());
+    let alignment = buffer.client.properties().memory.alignment as usize;
+    if (start * size_of::<f32>()).is_multiple_of(alignment) {
+        return part(buffer, start, shape);
+    }
+    reshape(slice(buffer, &[start..start + shape.num_elements()]), shape)
+}
+
 /// Where the outputs of an operation lie in its buffer, and on the way back their gradients.
 #[derive(Debug)]
 pub(super) struct Outputs<const N: usize> {
+    starts: [usize; N],
     shapes: [Shape; N],
     grads: Mutex<[Option<CubeTensor>; N]>,
 }
 
 impl<const N: usize> Outputs<N> {
+    /// Each at a multiple of [`ALIGNMENT`].
     pub(super) fn new(shapes: [Shape; N]) -> Arc<Self> {
-        Arc::new(Self { shapes, grads: Mutex::new([const { None }; N]) })
+        Self::at_multiples_of(ALIGNMENT, shapes)
     }
 
-    fn start(&self, index: usize) -> usize {
-        self.shapes[..index].iter().map(|shape| shape.num_elements().next_multiple_of(ALIGNMENT)).sum()
+    /// One right after the other. Parts that no device can begin a buffer at are copied.
+    pub(super) fn dense(shapes: [Shape; N]) -> Arc<Self> {
+        Self::at_multiples_of(1, shapes)
+    }
+
+    fn at_multiples_of(alignment: usize, shapes: [Shape; N]) -> Arc<Self> {
+        let mut end = 0;
+        let starts = shapes.each_ref().map(|shape| {
+            let start = end;
+            end += shape.num_elements().next_multiple_of(alignment);
+            start
+        });
+        Arc::new(Self { starts, shapes, grads: Mutex::new([const { None }; N]) })
+    }
+
+    /// The number at which each begins.
+    pub(super) fn starts(&self) -> [usize; N] {
+        self.starts
     }
 
     /// A buffer for all of them.
     pub(super) fn buffer(&self, like: &CubeTensor) -> CubeTensor {
-        empty(like, [self.start(N)])
+        let last = &self.shapes[N - 1];
+        empty(like, [self.starts[N - 1] + last.num_elements().next_multiple_of(ALIGNMENT)])
     }
 
     /// Each of them.
@@ -47,7 +78,7 @@ impl<const N: usize> Outputs<N> {
     }
 
     fn part(&self, buffer: &CubeTensor, index: usize) -> CubeTensor {
-        part(buffer.clone(), self.start(index), self.shapes[index].clone())
+        part_or_copy(buffer, self.starts[index], self.shapes[index].clone())
     }
 
     /// An output of the operation that filled the `buffer`.

@@ -91,6 +91,12 @@ fn ln_density(alpha: f32, place: usize, ray: &Ray, epsilon: f32) -> f32 {
     ln
 }
 
+/// The first sample of a ray among those of the rays that `offsets` are of: a part of more offsets, they need not begin at 0.
+#[cube]
+fn own(offsets: &Tensor<i32>, ray: usize) -> usize {
+    usize::cast_from(offsets[ray] - offsets[0])
+}
+
 /// What is seen along a ray: its integrated values, on the background as far as it lets through, distances and Σw.
 #[cube(launch)]
 pub(super) fn composite_forward(
@@ -112,7 +118,7 @@ pub(super) fn composite_forward(
     if place >= acc.shape(0) {
         terminate!();
     }
-    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let (start, end) = (own(offsets, place), own(offsets, place + 1));
     let row = place * channels;
     for c in 0..channels {
         out[row + c] = 0.0f32;
@@ -165,7 +171,7 @@ pub(super) fn composite_backward(
     if place >= offsets.shape(0) - 1 {
         terminate!();
     }
-    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let (start, end) = (own(offsets, place), own(offsets, place + 1));
     let row = place * channels;
     // T_{i+1} is kept in dtau until the second pass replaces it.
     let mut trans = 1.0f32;
@@ -224,7 +230,7 @@ pub(super) fn entropy_forward(
     if place >= bits.shape(0) {
         terminate!();
     }
-    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let (start, end) = (own(offsets, place), own(offsets, place + 1));
     let ray = ray_of(tau, start, end);
     let missed = ray.sum < least;
     let mut entropy = 0.0f32;
@@ -255,7 +261,7 @@ pub(super) fn entropy_backward(
     if place >= offsets.shape(0) - 1 {
         terminate!();
     }
-    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let (start, end) = (own(offsets, place), own(offsets, place + 1));
     let ray = ray_of(tau, start, end);
     let mut along = 0.0f32;
     if has_dalpha_sum {
@@ -305,7 +311,7 @@ pub(super) fn divergence_forward(
     if place >= out.shape(0) {
         terminate!();
     }
-    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let (start, end) = (own(offsets, place), own(offsets, place + 1));
     let (ray, other) = (ray_of(tau, start, end), ray_of(near, start, end));
     let missed = ray.sum < least || other.sum < least;
     let mut divergence = 0.0f32;
@@ -336,7 +342,7 @@ pub(super) fn divergence_backward(
     if place >= grad.shape(0) {
         terminate!();
     }
-    let (start, end) = (usize::cast_from(offsets[place]), usize::cast_from(offsets[place + 1]));
+    let (start, end) = (own(offsets, place), own(offsets, place + 1));
     let (ray, other) = (ray_of(tau, start, end), ray_of(near, start, end));
     let missed = ray.sum < least || other.sum < least;
     // The slopes are kept in the results until their mean is known.
@@ -369,13 +375,13 @@ pub(super) fn spread(rows: &Tensor<f32>, offsets: &Tensor<i32>, out: &mut Tensor
         terminate!();
     }
     let columns = out.shape(1);
-    let sample = i32::cast_from(ABSOLUTE_POS / columns);
+    let sample = ABSOLUTE_POS / columns;
     // The last ray that begins at or before the sample: those before it that begin there are empty.
     let mut ray = 0usize * columns;
     let mut behind = offsets.shape(0) - 1;
     while behind - ray > 1 {
         let middle = (ray + behind) / 2;
-        if offsets[middle] <= sample {
+        if own(offsets, middle) <= sample {
             ray = middle;
         } else {
             behind = middle;
@@ -393,7 +399,7 @@ pub(super) fn gather(rows: &Tensor<f32>, offsets: &Tensor<i32>, out: &mut Tensor
     let columns = out.shape(1);
     let (ray, column) = (ABSOLUTE_POS / columns, ABSOLUTE_POS % columns);
     let mut sum = 0.0f32;
-    for sample in usize::cast_from(offsets[ray])..usize::cast_from(offsets[ray + 1]) {
+    for sample in own(offsets, ray)..own(offsets, ray + 1) {
         sum += rows[sample * columns + column];
     }
     out[ABSOLUTE_POS] = sum;
