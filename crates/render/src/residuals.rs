@@ -234,6 +234,25 @@ mod tests {
         assert!(unchanged(scene, 1.0), "pixels that do not count");
     }
 
+    /// Between the last pixel that the field fills in the photograph and the next one, what is beyond counts as not seen.
+    #[test]
+    fn residuals_reach_up_to_silhouettes() {
+        let (photograph, at) = (camera(0.0), camera(0.004));
+        let half = SIZE as usize / 2;
+        let with_half_a_plane = |camera: &Camera| {
+            let mut shown = picture(camera, 1.0);
+            shown.depth.chunks_mut(SIZE as usize).for_each(|row| row[half..].fill(f32::INFINITY));
+            shown
+        };
+        let mut shown = picture(&at, 1.0);
+        let residuals = Residuals::new(Arc::new(photographed()), vec![photograph]);
+        residuals.add_to(&mut shown, &at, |_, camera| with_half_a_plane(camera));
+        for (pixel, ((point, _), rgb)) in plane(&at).zip(&shown.rgb).enumerate() {
+            let expected = if pixel % (SIZE as usize) < half { pattern(point) } else { 0.0 };
+            assert!((rgb[0] - GREY - expected).abs() < 0.01, "{pixel}: {rgb:?} {expected}");
+        }
+    }
+
     #[test]
     fn only_the_nearest_photographs_are_looked_at() {
         let mut scene = photographed();
