@@ -70,13 +70,12 @@ pub(crate) mod testing {
         let values = Tensor::<2>::zeros([count, 3], &device);
         let composite = composite(tau.clone(), values, &segments);
         let output = RenderOutput {
-            samples: Samples {
+            samples: Samples::new(
                 segments,
-                distance: Tensor::from_floats(t.as_slice(), &device),
-                delta: Tensor::ones([count], &device),
-                candidates: count,
-                t,
-            },
+                Tensor::from_floats(t.as_slice(), &device),
+                Tensor::ones([count], &device),
+                count,
+            ),
             tau,
             color: Some(composite.values),
             depth: Tensor::zeros([rays], &device),

@@ -67,11 +67,13 @@ pub mod mlp;
 pub mod numeric;
 #[cfg(feature = "flex")]
 mod peak;
+pub mod random;
 #[cfg(feature = "flex")]
 mod ray_kernel;
 pub mod reference;
 pub mod rotation;
 mod rows;
+pub mod sampling;
 mod segments;
 pub mod simd;
 mod split;

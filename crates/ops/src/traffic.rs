@@ -41,11 +41,11 @@ pub fn upload<E: HostNumber, const D: usize>(values: Vec<E>, shape: [usize; D], 
 }
 
 /// Each of `arrays` as a tensor on `device`: on a GPU moved there at once, as parts of one buffer, together with what
-/// operations along the rays of `segments` will ask for.
+/// operations along the rays of each of `segments` will ask for.
 #[cfg_attr(not(feature = "cube"), allow(unused_variables, reason = "only kernels of GPUs ask for offsets"))]
 pub fn upload_together<const N: usize>(
     arrays: [Vec<f32>; N],
-    segments: Option<&Segments>,
+    segments: &[&Segments],
     device: &Device,
 ) -> [Tensor<1>; N] {
     let one_by_one = |arrays: [Vec<f32>; N]| {

@@ -1,3 +1,4 @@
+use infonerf_ops::sampling::{LastInterval, Placement};
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
@@ -37,29 +38,6 @@ pub struct RenderConfig {
     pub residuals: bool,
     /// Skipping of empty space.
     pub occupancy: OccupancyConfig,
-}
-
-/// Where in its interval a sample lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Placement {
-    /// At the near end, as in NeRF: stratified distances, and interval i reaches from sample i to sample i + 1.
-    Left,
-    /// In the middle. A single pass has steps of one length for all rays.
-    Mid,
-    /// Over the whole interval (mip-NeRF): `samples + 1` edges bound `samples` intervals, and the fine
-    /// pass has `fine_samples` intervals of its own, drawn from blurred weights and not merged with the coarse ones.
-    Interval,
-}
-
-/// Length of a ray's last interval under [`Placement::Left`]; otherwise it ends where the ray does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum LastInterval {
-    /// As long as the one before it.
-    Finite,
-    /// 1e10, as in the released code: any density there gives α ≈ 1.
-    Infinite,
 }
 
 /// How the optical depths τ = σδ of a ray's samples become weights.

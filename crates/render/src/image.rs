@@ -229,7 +229,7 @@ mod tests {
         for (part, alone) in render(0..7).split(&[3, 4]).into_iter().zip(alone) {
             for (part, alone) in [(part.fine, alone.fine), (part.coarse.unwrap(), alone.coarse.unwrap())] {
                 assert_eq!(part.segments(), alone.segments());
-                assert_eq!(part.samples.t, alone.samples.t);
+                assert_eq!(part.samples.t(), alone.samples.t());
                 assert_eq!(part.samples.candidates, alone.samples.candidates);
                 let numbers = |of: &RenderOutput| {
                     let color = of.color.clone().unwrap().flatten(0, 1);

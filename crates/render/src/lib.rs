@@ -68,7 +68,6 @@
 
 mod cameras;
 mod config;
-mod distances;
 mod ensemble;
 mod exposure;
 mod fill;
@@ -78,6 +77,7 @@ mod model;
 mod noise;
 mod normals;
 mod occupancy;
+mod on_device;
 mod output;
 mod renderer;
 mod residuals;
@@ -86,10 +86,11 @@ mod samples;
 mod warp;
 
 pub use cameras::{CameraRefinement, Draw, Focal, Pivot, RayBundle, TrackedRays};
-pub use config::{Compositing, LastInterval, OccupancyConfig, Placement, RenderConfig};
+pub use config::{Compositing, OccupancyConfig, RenderConfig};
 pub use ensemble::render_image;
 pub use exposure::Exposure;
 pub use image::RenderedImage;
+pub use infonerf_ops::sampling::{LastInterval, Placement};
 pub use model::{Model, TrainedModel};
 pub use noise::{Noise, RandomStream};
 pub use normals::render_normals;

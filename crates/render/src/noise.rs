@@ -1,5 +1,7 @@
 //! Counter-based random numbers: they depend on what they are for, and not on the order or number of threads.
 
+use infonerf_ops::random::{Stream, mix, number};
+
 /// The purpose of a stream of random numbers. Each use in the workspace has its own variant, so that no two share numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u64)]
@@ -78,12 +80,12 @@ impl Noise {
 
     /// Uniform in [0, 1).
     pub fn uniform(self, item: usize, index: usize) -> f32 {
-        (self.number(item, index) >> 40) as f32 / (1u64 << 24) as f32
+        self.stream(item).uniform(index)
     }
 
     /// Uniform in 0..`count`.
     pub fn below(self, item: usize, index: usize, count: usize) -> usize {
-        ((u128::from(self.number(item, index)) * count as u128) >> 64) as usize
+        ((u128::from(number(self.seed, item, index)) * count as u128) >> 64) as usize
     }
 
     /// The stream's own seed, for generators that need one.
@@ -91,17 +93,10 @@ impl Noise {
         self.seed
     }
 
-    fn number(self, item: usize, index: usize) -> u64 {
-        mix(self.seed ^ mix(((item as u64) << 24) ^ index as u64))
+    /// The numbers of one item.
+    pub(crate) fn stream(self, item: usize) -> Stream {
+        Stream { key: self.seed, item }
     }
-}
-
-/// The finaliser of SplitMix64 (Steele et al. 2014) after its increment.
-fn mix(x: u64) -> u64 {
-    let mut z = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }
 
 #[cfg(test)]

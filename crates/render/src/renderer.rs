@@ -96,8 +96,8 @@ impl Renderer {
             let samples = self.sampler.marched(rays, draws, skip, at, &model.fine.device());
             return Passes { coarse: None, fine: evaluate(&model.fine, samples) };
         }
-        let candidates = self.sampler.coarse(rays, draws, at);
-        let render = |field: &F, candidates: &[Candidates]| {
+        let candidates = self.sampler.coarse(rays, draws, occupancy, at, &model.fine.device());
+        let render = |field: &F, candidates: &Candidates| {
             evaluate(field, self.sampler.pack(rays, candidates, skip, &field.device()))
         };
         if !config.is_hierarchical() {

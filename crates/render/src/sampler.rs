@@ -4,17 +4,24 @@ use burn::tensor::Device;
 use glam::Vec3;
 use infonerf_field::Points;
 use infonerf_ops::composite::weights;
-use infonerf_ops::to_host;
+use infonerf_ops::sampling::distances::{blurred, importance, intervals, resample, stratified};
+use infonerf_ops::{is_gpu, to_host};
 use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
 
-use crate::distances::{blurred, importance, intervals, resample, stratified};
 use crate::noise::RandomStream;
+use crate::on_device::CandidatesOnDevice;
 use crate::{Draw, OccupancyGrid, Placement, RenderConfig, RenderOutput, Samples, Warp};
 
-/// Sorted coordinates (edges under [`Placement::Interval`]) of one ray's samples with the ends of its interval; none if it
-/// misses the bounds. A coordinate is the distance, unless space is warped ([`Warp::coordinate`]).
-pub(crate) type Candidates = Option<(Vec<f32>, f32, f32)>;
+/// Where the samples of a pass can be, before any is skipped.
+#[derive(Clone, Debug)]
+pub(crate) enum Candidates {
+    /// Of each ray, its samples' sorted coordinates (edges under [`Placement::Interval`]) with the ends of its interval; none if
+    /// it misses the bounds. A coordinate is the distance, unless space is warped ([`Warp::coordinate`]).
+    OnHost(Vec<Option<(Vec<f32>, f32, f32)>>),
+    /// The same on a GPU, where nothing is skipped.
+    OnDevice(CandidatesOnDevice),
+}
 
 /// What to skip along rays.
 #[derive(Clone, Copy, Debug)]
@@ -127,52 +134,70 @@ impl Sampler {
         Steps { cells, next: first.saturating_sub(1), last: last.min(all.last), ..all }
     }
 
-    /// Stratified distances of each ray, for the coarse pass or the only one.
-    pub(crate) fn coarse(&self, rays: &[Ray], draws: &[Draw], at: Moment) -> Vec<Candidates> {
+    /// Stratified distances of each ray, for the coarse pass or the only one: of a field on a GPU without a `grid` placed there.
+    pub(crate) fn coarse(
+        &self,
+        rays: &[Ray],
+        draws: &[Draw],
+        grid: Option<&OccupancyGrid>,
+        at: Moment,
+        device: &Device,
+    ) -> Candidates {
+        if is_gpu(device) && grid.is_none() {
+            let placed = CandidatesOnDevice::stratified(self, rays, draws, at, device);
+            if let Some(placed) = placed {
+                return Candidates::OnDevice(placed);
+            }
+        }
         let count = self.config.samples.at(at).round() as usize;
-        rays.iter()
-            .enumerate()
-            .map(|(index, ray)| {
-                let (near, far) = self.interval(ray)?;
-                let t = stratified(near, far, count, self.config.placement, draws.get(index).copied());
-                Some((t, near, far))
-            })
-            .collect()
+        let of_ray = |(index, ray): (usize, &Ray)| {
+            let (near, far) = self.interval(ray)?;
+            let jitter = draws.get(index).map(|(noise, ray)| noise.stream(*ray));
+            Some((stratified(near, far, count, self.config.placement, jitter), near, far))
+        };
+        Candidates::OnHost(rays.iter().enumerate().map(of_ray).collect())
     }
 
     /// Distances of the fine pass, drawn from the coarse weights. A coarse sample that was skipped has weight 0.
-    pub(crate) fn fine(&self, coarse: &[Candidates], output: &RenderOutput, draws: &[Draw]) -> Vec<Candidates> {
+    pub(crate) fn fine(&self, coarse: &Candidates, output: &RenderOutput, draws: &[Draw]) -> Candidates {
         let c = &self.config;
+        let coarse = match coarse {
+            Candidates::OnHost(coarse) => coarse,
+            Candidates::OnDevice(coarse) => return Candidates::OnDevice(coarse.fine(self, output)),
+        };
         let weights = weights(&to_host(output.tau.clone()), output.segments());
-        coarse
-            .iter()
-            .enumerate()
-            .map(|(index, candidates)| {
-                let (t, near, far) = candidates.as_ref()?;
-                let range = output.segments().range(index);
-                // Both lists are sorted and the kept distances are copies of candidates.
-                let mut kept = output.samples.t[range.clone()].iter().zip(&weights[range]).peekable();
-                let mut weight = |t: f32| kept.next_if(|(kept, _)| **kept == t).map_or(0.0, |(_, weight)| *weight);
-                let dense: Vec<f32> = self.placed(t, *near, *far).map(|(t, _)| weight(t)).collect();
-                let jitter = draws.get(index).map(|(noise, ray)| (noise.child(RandomStream::FineSamples), *ray));
-                let t = match c.placement {
-                    Placement::Interval => resample(t, &blurred(&dense), c.fine_samples, jitter),
-                    Placement::Left | Placement::Mid => importance(t, &dense, c.fine_samples, jitter),
-                };
-                Some((t, *near, *far))
-            })
-            .collect()
+        let distances = output.samples.t();
+        let of_ray = |(index, candidates): (usize, &Option<(Vec<f32>, f32, f32)>)| {
+            let (t, near, far) = candidates.as_ref()?;
+            let range = output.segments().range(index);
+            // Both lists are sorted and the kept distances are copies of candidates.
+            let mut kept = distances[range.clone()].iter().zip(&weights[range]).peekable();
+            let mut weight = |t: f32| kept.next_if(|(kept, _)| **kept == t).map_or(0.0, |(_, weight)| *weight);
+            let dense: Vec<f32> = self.placed(t, *near, *far).map(|(t, _)| weight(t)).collect();
+            let jitter = draws.get(index).map(|(noise, ray)| noise.child(RandomStream::FineSamples).stream(*ray));
+            let t = match c.placement {
+                Placement::Interval => resample(t, &blurred(&dense), c.fine_samples, jitter),
+                Placement::Left | Placement::Mid => importance(t, &dense, c.fine_samples, jitter),
+            };
+            Some((t, *near, *far))
+        };
+        Candidates::OnHost(coarse.iter().enumerate().map(of_ray).collect())
     }
 
     /// Candidates with their intervals, less what is skipped.
     pub(crate) fn pack(
         &self,
         rays: &[Ray],
-        candidates: &[Candidates],
+        candidates: &Candidates,
         skip: Skip<'_>,
         device: &Device,
     ) -> (Samples, Points) {
-        let longest = candidates.iter().flatten().map(|(t, ..)| t.len()).max().unwrap_or(0);
+        let candidates = match candidates {
+            Candidates::OnHost(candidates) => candidates,
+            Candidates::OnDevice(candidates) => return candidates.pack(self, device),
+        };
+        let samples = |t: &[f32]| t.len() - self.config.placement.numbers(0);
+        let longest = candidates.iter().flatten().map(|(t, ..)| samples(t)).max().unwrap_or(0);
         Samples::pack(rays, &self.warp, device, |index| {
             let Some((t, near, far)) = &candidates[index] else { return (Vec::new(), longest) };
             let samples = self.placed(t, *near, *far);
@@ -197,7 +222,7 @@ impl Sampler {
     }
 
     /// The part of a ray that can hold content, in coordinates.
-    fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
+    pub(crate) fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
         let within = self.range.along(ray);
         let (mut near, mut far) = match self.warp.horizon() {
             // Content extends behind what the cameras look at, and beside it.

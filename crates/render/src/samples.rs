@@ -1,6 +1,9 @@
+use std::sync::{Arc, OnceLock};
+
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{Extent, Points};
-use infonerf_ops::{Segments, split_rows, upload_together};
+use infonerf_ops::sampling::points_on_rays;
+use infonerf_ops::{Segments, split_rows, to_host, upload_together};
 use infonerf_scene::Ray;
 use rayon::prelude::*;
 
@@ -12,9 +15,9 @@ pub struct Samples {
     /// Which samples belong to which ray.
     pub segments: Segments,
     /// Distance of each sample along its ray, `[M]`, scene units.
-    pub t: Vec<f32>,
-    /// The same on the device of the field.
     pub distance: Tensor<1>,
+    /// The same on the host, once somebody asks.
+    on_host: Arc<OnceLock<Vec<f32>>>,
     /// Length of each sample's interval, `[M]`: in scene units, or in warped space in units of [`Warp::coordinate`].
     pub delta: Tensor<1>,
     /// Number of candidates before skipping.
@@ -22,6 +25,16 @@ pub struct Samples {
 }
 
 impl Samples {
+    /// Samples at `distance`, `[M]`, with intervals of length `delta`, `[M]`, of so many candidates.
+    pub fn new(segments: Segments, distance: Tensor<1>, delta: Tensor<1>, candidates: usize) -> Self {
+        Self { segments, distance, on_host: Arc::default(), delta, candidates }
+    }
+
+    /// Distance of each sample along its ray, `[M]`, scene units. A device that placed them is asked once.
+    pub fn t(&self) -> &[f32] {
+        self.on_host.get_or_init(|| to_host(self.distance.clone()))
+    }
+
     /// Packs the samples of each ray, with the points at which a field is evaluated: world positions mapped by `warp`.
     /// `of(ray index)` returns the kept `(t, delta)` and the number of candidates.
     pub(crate) fn pack(
@@ -46,17 +59,17 @@ impl Samples {
         let t = join(|part| &part.t);
         let (positions, delta) = (join(|part| &part.positions), join(|part| &part.delta));
         let [positions, distance, delta, directions, radii] =
-            upload_together([positions, t.clone(), delta, directions(rays), radii(rays)], Some(&segments), device);
+            upload_together([positions, t.clone(), delta, directions(rays), radii(rays)], &[&segments], device);
         let candidates = parts.iter().map(|part| part.candidates).sum();
-        let samples = Self { segments, t, distance, delta, candidates };
+        let samples = Self { segments, distance, on_host: Arc::new(t.into()), delta, candidates };
         let points = samples.points(positions, directions, radii);
         (samples, points)
     }
 
     /// Positions `warp(o + t d)` that are differentiable in `rays`, `[M, 3]`. The distances t are taken as given.
     pub(crate) fn tracked(&self, rays: &TrackedRays, warp: &Warp) -> Tensor<2> {
-        let [origins, directions] = [&rays.origins, &rays.directions].map(|rows| self.segments.spread(rows.clone()));
-        warp.points(origins + directions * self.distance.clone().unsqueeze_dim(1))
+        let TrackedRays { origins, directions } = rays.clone();
+        warp.points(points_on_rays(origins, directions, self.distance.clone(), &self.segments))
     }
 
     /// The points at the same distances along other rays.
@@ -65,10 +78,10 @@ impl Samples {
             .segments
             .ranges()
             .zip(rays)
-            .flat_map(|(range, ray)| self.t[range].iter().flat_map(|&t| warp.point(ray.at(t)).to_array()))
+            .flat_map(|(range, ray)| self.t()[range].iter().flat_map(|&t| warp.point(ray.at(t)).to_array()))
             .collect();
         let arrays = [positions, directions(rays), radii(rays)];
-        let [positions, directions, radii] = upload_together(arrays, None, &self.distance.device());
+        let [positions, directions, radii] = upload_together(arrays, &[], &self.distance.device());
         self.points(positions, directions, radii)
     }
 
@@ -88,12 +101,13 @@ impl Samples {
         let segments = self.segments.split(counts);
         let sizes: Vec<usize> = segments.iter().map(Segments::samples).collect();
         let [distances, deltas] = [&self.distance, &self.delta].map(|numbers| split_rows(numbers.clone(), &sizes));
-        let mut t = self.t.as_slice();
+        let mut known = self.on_host.get().map(Vec::as_slice);
         let parts = segments.into_iter().zip(counts).zip(distances.into_iter().zip(deltas));
         let part = |((segments, count), (distance, delta)): ((Segments, &usize), (Tensor<1>, Tensor<1>))| {
-            let own = t.split_off(..segments.samples()).expect("a distance of each sample");
+            let own = known.as_mut().and_then(|known| known.split_off(..segments.samples()));
+            let on_host = own.map_or_else(OnceLock::new, |own| own.to_vec().into());
             let candidates = self.candidates * count / self.segments.rays();
-            Self { t: own.to_vec(), candidates, segments, distance, delta }
+            Self { on_host: Arc::new(on_host), candidates, segments, distance, delta }
         };
         parts.map(part).collect()
     }

@@ -142,6 +142,18 @@ impl Warp {
         }
     }
 
+    /// [`Self::distance`] of each coordinate, `[M]`.
+    pub(crate) fn distances(&self, s: Tensor<1>) -> Tensor<1> {
+        match self {
+            Self::Identity => s,
+            Self::Ndc { near, .. } => (s.neg() / REACH + 1.0).clamp_min(1.0 / HORIZON).recip() * *near,
+            Self::Contraction { radius, .. } => {
+                let far = (s.clone().neg() + REACH).clamp_min(4.0 / HORIZON).recip() * 4.0;
+                s.clone().mask_where(s.greater_elem(2.0), far) * *radius
+            }
+        }
+    }
+
     /// Jᵀ g of each row, `[M, 3]`, with the Jacobian J of [`Self::point`]: the gradient with respect to points of the world of
     /// what has the gradient g at the points `q` that they are mapped to.
     pub fn world_gradient(&self, q: &Tensor<2>, gradient: Tensor<2>) -> Tensor<2> {

@@ -9,15 +9,21 @@ use infonerf_ops::adam::{Adam, finite_after, step_if};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
 use infonerf_ops::means::{mean_squared_difference, sum_above};
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
+use infonerf_ops::random::Stream;
+use infonerf_ops::sampling::{
+    LastInterval, Placement, Streams, importance, intervals, points_on_rays, resample, stratified,
+};
 use infonerf_ops::{
     Intervals, RayDistribution, Segments, composite, composite_over, frequency_encode, from_host, integrated_encode,
-    ray_distortion, ray_divergence, ray_entropy, split_rows, to_host,
+    ray_distortion, ray_divergence, ray_entropy, split_rows, to_host, to_host_together,
 };
 
 /// Largest error of a value or gradient, over the largest of its array.
 const OPERATION: f64 = 1e-4;
 /// The same of sines and cosines of phases up to 3·2¹⁶.
 const ENCODING: f64 = 1e-6;
+/// The same of distances: in bins of almost no weight, a step of the sum that places a sample is its last few digits.
+const DISTANCE: f64 = 1e-3;
 const SEED: u64 = 11;
 
 /// An operation on inputs of its own.
@@ -36,6 +42,7 @@ pub(super) fn all() -> Vec<Operation> {
     let rng = &mut Rng::with_seed(SEED);
     let mut operations = along_rays(rng);
     operations.extend(factored(rng));
+    operations.extend(placing(rng));
     operations.extend([losses(rng), network(rng)]);
     operations.extend(encodings(rng));
     operations.extend([padded(rng), adam(rng)]);
@@ -106,6 +113,47 @@ fn along_rays(rng: &mut Rng) -> Vec<Operation> {
     operations.push(operation("divergence", move |device| {
         let (tau, near) = (leaf(&tau, device), leaf(&near, device));
         pulled(ray_divergence(tau.clone(), near.clone(), &segments, 1e-10), &[&tau, &near])
+    }));
+    operations
+}
+
+/// Where samples are, with and without jitter, and the points that they are: of a number of rays that no group of threads has.
+fn placing(rng: &mut Rng) -> Vec<Operation> {
+    const RAYS: usize = 301;
+    const SAMPLES: usize = 21;
+    const FINE: usize = 34;
+    let ends: Vec<f32> = (0..RAYS).flat_map(|_| [1.0 + rng.f32(), 3.0 + rng.f32()]).collect();
+    let streams: Vec<Stream> = (0..RAYS).map(|_| Stream { key: rng.u64(..), item: rng.u32(..) as usize }).collect();
+    let tau: Vec<f32> = numbers(rng, RAYS * SAMPLES, -14.0, 3.0).into_iter().map(f32::exp).collect();
+    let mut operations = Vec::new();
+    for placement in [Placement::Left, Placement::Mid, Placement::Interval] {
+        for jittered in [true, false] {
+            let (ends, streams, tau) = (ends.clone(), streams.clone(), tau.clone());
+            let answer = move |device: &Device| {
+                let ends = from_host(&ends, 2, device);
+                let tau = Tensor::from_floats(tau.as_slice(), device);
+                let streams = Streams(Tensor::from_floats(Streams::bits(streams.iter().copied()).as_slice(), device));
+                let jitter = Some(&streams).filter(|_| jittered);
+                let t = stratified(ends.clone(), SAMPLES, placement, jitter);
+                let fine = match placement {
+                    Placement::Interval => resample(t.clone(), tau, FINE, jitter),
+                    _ => importance(t.clone(), tau, FINE, jitter),
+                };
+                let [distance, length] = intervals(t.clone(), ends, placement, LastInterval::Finite);
+                vec![to_host_together([t.flatten(0, 1), fine.flatten(0, 1), distance, length])]
+            };
+            let kind = if jittered { "jittered" } else { "even" };
+            let name = format!("samples {placement:?}, {kind}");
+            operations.push(Operation { name, bound: DISTANCE, answer: Box::new(answer) });
+        }
+    }
+    let segments = Segments::from_counts((0..RAYS).map(|_| rng.usize(0..9)));
+    let rays = [0, 1].map(|_| numbers(rng, 3 * RAYS, -1.0, 1.0));
+    let t = numbers(rng, segments.samples(), 1.0, 5.0);
+    operations.push(operation("points on rays", move |device| {
+        let [origins, directions] = rays.each_ref().map(|numbers| leaf(numbers, device));
+        let out = points_on_rays(rows(&origins), rows(&directions), leaf(&t, device), &segments);
+        pulled(out, &[&origins, &directions])
     }));
     operations
 }

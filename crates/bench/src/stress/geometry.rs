@@ -130,7 +130,7 @@ pub(super) fn rendered(
         let row: Vec<f64> = tau[range.clone()].iter().copied().map(f64::from).collect();
         let w = reference::weights(&row);
         errors.value(acc[ray], reference::opacity(&row));
-        errors.value(depth[ray], w.iter().zip(&output.samples.t[range]).map(|(w, &t)| w * f64::from(t)).sum());
+        errors.value(depth[ray], w.iter().zip(&output.samples.t()[range]).map(|(w, &t)| w * f64::from(t)).sum());
     }
     if let Some(color) = &output.color {
         for got in to_host(color.clone()) {

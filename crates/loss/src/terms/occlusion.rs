@@ -1,5 +1,4 @@
 use burn::tensor::Tensor;
-use infonerf_ops::upload;
 use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
@@ -61,11 +60,9 @@ impl Term for Occlusion {
         let (mut sum, mut rays) = (renders.zero(), 0);
         for output in renders.bundles(self.rays).map(|bundle| bundle.output()) {
             rays += output.segments().rays();
-            let counts: Vec<f32> = output.samples.t.iter().map(|t| if *t < self.reach { 1.0 } else { 0.0 }).collect();
-            if counts.contains(&1.0) {
-                let length = counts.len();
-                let counts = upload(counts, [length], &output.tau.device());
-                sum = sum + (output.tau.clone() * counts).sum();
+            if output.segments().samples() > 0 {
+                let is_near = output.samples.distance.clone().lower_elem(self.reach).float();
+                sum = sum + (output.tau.clone() * is_near).sum();
             }
         }
         sum / rays.max(1) as f32

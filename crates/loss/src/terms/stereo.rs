@@ -131,7 +131,7 @@ impl Term for Stereo {
         let segments = output.segments();
         let ends: Vec<End> = target.pixels.iter().map(|&pixel| self.end(pixel)).collect();
         let of_ray =
-            |(range, end): (Range<usize>, &End)| output.samples.t[range].iter().map(|&t| end.value(t)).collect();
+            |(range, end): (Range<usize>, &End)| output.samples.t()[range].iter().map(|&t| end.value(t)).collect();
         let values: Vec<Vec<f32>> = segments.ranges().zip(&ends).map(of_ray).collect();
         let values = upload(values.concat(), [segments.samples(), 1], &device);
         let offsets: Vec<f32> = ends.iter().map(|end| end.offset()).collect();

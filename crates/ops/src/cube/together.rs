@@ -7,10 +7,10 @@ use super::outputs::{ALIGNMENT, part};
 use super::{CubeKernel, Pass, apply};
 use crate::{Segments, upload};
 
-/// Each of `arrays` as a tensor, all of them parts of one buffer, of which the offsets of `segments` are another.
+/// Each of `arrays` as a tensor, all of them parts of one buffer, of which the offsets of `segments` are others.
 pub(crate) fn together<const N: usize>(
     arrays: [Vec<f32>; N],
-    segments: Option<&Segments>,
+    segments: &[&Segments],
     device: &Device,
 ) -> [tensor::Tensor<1>; N] {
     let mut all = Vec::with_capacity(arrays.iter().map(|array| array.len().next_multiple_of(ALIGNMENT)).sum());
@@ -21,13 +21,16 @@ pub(crate) fn together<const N: usize>(
         Part { start, count, segments: None }
     };
     let parts = arrays.map(&mut add);
-    let offsets = segments.map(|segments| {
+    let offsets = segments.iter().map(|&segments| {
         let bits = segments.offsets.iter().map(|offset| f32::from_bits(*offset)).collect();
         Part { segments: Some(segments.clone()), ..add(bits) }
     });
+    let offsets: Vec<Part> = offsets.collect();
     let total = all.len();
     let all = upload(all, [total], device);
-    offsets.map(|part| apply::<1>(part, all.clone()));
+    for part in offsets {
+        apply::<1>(part, all.clone());
+    }
     parts.map(|part| match part.count {
         0 => tensor::Tensor::empty([0], device),
         _ => apply(part, all.clone()),

@@ -375,9 +375,14 @@ pub(super) fn spread(rows: &Tensor<f32>, offsets: &Tensor<i32>, out: &mut Tensor
         terminate!();
     }
     let columns = out.shape(1);
-    let sample = ABSOLUTE_POS / columns;
-    // The last ray that begins at or before the sample: those before it that begin there are empty.
-    let mut ray = 0usize * columns;
+    let ray = owner(offsets, ABSOLUTE_POS / columns);
+    out[ABSOLUTE_POS] = rows[ray * columns + ABSOLUTE_POS % columns];
+}
+
+/// The ray of a sample: the last that begins at or before it, as those before that begin there too are empty.
+#[cube]
+fn owner(offsets: &Tensor<i32>, sample: usize) -> usize {
+    let mut ray = sample - sample;
     let mut behind = offsets.shape(0) - 1;
     while behind - ray > 1 {
         let middle = (ray + behind) / 2;
@@ -387,7 +392,49 @@ pub(super) fn spread(rows: &Tensor<f32>, offsets: &Tensor<i32>, out: &mut Tensor
             behind = middle;
         }
     }
-    out[ABSOLUTE_POS] = rows[ray * columns + ABSOLUTE_POS % columns];
+    ray
+}
+
+/// o + t d of each sample: one thread per coordinate.
+#[cube(launch)]
+pub(super) fn points_forward(
+    origins: &Tensor<f32>,
+    directions: &Tensor<f32>,
+    t: &Tensor<f32>,
+    offsets: &Tensor<i32>,
+    out: &mut Tensor<f32>,
+) {
+    let at = ABSOLUTE_POS;
+    if at >= out.len() {
+        terminate!();
+    }
+    let row = 3 * owner(offsets, at / 3) + at % 3;
+    out[at] = origins[row] + t[at / 3] * directions[row];
+}
+
+/// Σ g and Σ t g over a ray's samples: one thread per coordinate of a ray.
+#[cube(launch)]
+pub(super) fn points_backward(
+    t: &Tensor<f32>,
+    offsets: &Tensor<i32>,
+    grad: &Tensor<f32>,
+    dorigins: &mut Tensor<f32>,
+    ddirections: &mut Tensor<f32>,
+) {
+    let at = ABSOLUTE_POS;
+    if at >= dorigins.len() {
+        terminate!();
+    }
+    let (ray, axis) = (at / 3, at % 3);
+    let mut sum = 0.0f32;
+    let mut turned = 0.0f32;
+    for sample in own(offsets, ray)..own(offsets, ray + 1) {
+        let g = grad[3 * sample + axis];
+        sum += g;
+        turned += t[sample] * g;
+    }
+    dorigins[at] = sum;
+    ddirections[at] = turned;
 }
 
 /// The sum over a ray's samples: one thread per number.

@@ -55,6 +55,35 @@ pub(crate) fn spread(rows: Tensor<2>, segments: &Segments) -> Tensor<2> {
     apply(Spread(Rays::new(segments)), rows)
 }
 
+/// [`points_on_rays`](crate::sampling::points_on_rays).
+pub(crate) fn points(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, segments: &Segments) -> Tensor<2> {
+    apply(Points(Rays::new(segments)), (origins, directions, t.detach()))
+}
+
+#[derive(Debug)]
+struct Points(Rays);
+
+impl CubeKernel for Points {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        let [origins, directions, t] = inputs else { unreachable!("points have three inputs") };
+        let out = empty(t, [self.0.0.samples(), 3]);
+        let offsets = self.0.offsets(t);
+        launch!(kernels::points_forward::launch, out.meta.num_elements(); origins, directions, t, &offsets, &out;);
+        out
+    }
+
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        let [origins, directions, t] = pass.inputs else { unreachable!("points have three inputs") };
+        let (dorigins, ddirections) = (empty_like(origins), empty_like(directions));
+        let offsets = self.0.offsets(t);
+        launch!(
+            kernels::points_backward::launch, dorigins.meta.num_elements();
+            t, &offsets, pass.grad, &dorigins, &ddirections;
+        );
+        vec![Some(dorigins), Some(ddirections), None]
+    }
+}
+
 #[derive(Debug)]
 struct Spread(Rays);
 

@@ -1,21 +1,16 @@
 //! Distances of samples along a ray, as pure functions.
 
-use crate::{LastInterval, Noise, Placement};
+use super::{LastInterval, Placement};
+use crate::random::Stream;
 
 /// `count` distances that divide [near, far]: with jitter one at random in each stratum, else evenly spaced.
 ///
 /// [`Placement::Left`]: NeRF's rule, `linspace(near, far, count)`, each jittered between the midpoints beside it.
 /// [`Placement::Mid`]: `count` equal intervals, one sample in the middle of each, or anywhere in it if jittered.
 /// [`Placement::Interval`]: the `count + 1` edges of `count` intervals, by NeRF's rule.
-pub(crate) fn stratified(
-    near: f32,
-    far: f32,
-    count: usize,
-    placement: Placement,
-    jitter: Option<(Noise, usize)>,
-) -> Vec<f32> {
+pub fn stratified(near: f32, far: f32, count: usize, placement: Placement, jitter: Option<Stream>) -> Vec<f32> {
     let at = |u: f32| near * (1.0 - u) + far * u;
-    let draw = |i: usize| jitter.map(|(noise, ray)| noise.uniform(ray, i));
+    let draw = |i: usize| jitter.map(|stream| stream.uniform(i));
     match placement {
         Placement::Left | Placement::Interval => {
             let count = if placement == Placement::Interval { count + 1 } else { count };
@@ -40,15 +35,15 @@ pub(crate) fn stratified(
 /// [`Placement::Left`]: from the sample to the next; the last one by `last`. [`Placement::Mid`]: between the midpoints
 /// to both neighbours, the first from `near` and the last to `far`. [`Placement::Interval`]: distances are edges, one more
 /// than samples.
-pub(crate) fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, last: LastInterval) -> Vec<(f32, f32)> {
+pub fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, last: LastInterval) -> Vec<(f32, f32)> {
     let n = t.len();
     match placement {
         Placement::Left => (0..n)
-            .map(|i| match (t.get(i + 1), last) {
+            .map(|i| match (t.get(i + 1), last.length()) {
                 (Some(next), _) => (t[i], next - t[i]),
-                (None, LastInterval::Infinite) => (t[i], 1e10),
-                (None, LastInterval::Finite) if n > 1 => (t[i], t[n - 1] - t[n - 2]),
-                (None, LastInterval::Finite) => (t[i], far - t[i]),
+                (None, Some(length)) => (t[i], length),
+                (None, None) if n > 1 => (t[i], t[n - 1] - t[n - 2]),
+                (None, None) => (t[i], far - t[i]),
             })
             .collect(),
         Placement::Mid => {
@@ -67,7 +62,7 @@ pub(crate) fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, la
 ///
 /// NeRF's inverse transform (Mildenhall et al., Sec. 5.2): bins between the midpoints of `t`, weights of the inner
 /// samples + 1e-5, `u` even in [0, 1] or jittered. Returns sorted distances, `[t.len() + count]`.
-pub(crate) fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Option<(Noise, usize)>) -> Vec<f32> {
+pub fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Option<Stream>) -> Vec<f32> {
     let n = t.len();
     let mids: Vec<f32> = t.windows(2).map(|pair| 0.5 * (pair[0] + pair[1])).collect();
     let inner = &weights[1..n - 1];
@@ -80,10 +75,12 @@ pub(crate) fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Optio
         sum += (f64::from(w) + 1e-5) / total;
         cdf.push(sum);
     }
+    // So that u = 1 is at the end on every device, whatever the sum is rounded to.
+    cdf[n - 2] = 1.0;
     let mut merged = t.to_vec();
     merged.extend((0..count).map(|i| {
         let u = match jitter {
-            Some((noise, ray)) => f64::from(noise.uniform(ray, i)),
+            Some(stream) => f64::from(stream.uniform(i)),
             None => i as f64 / (count.max(2) - 1) as f64,
         };
         let above = cdf.partition_point(|&c| c <= u);
@@ -98,7 +95,7 @@ pub(crate) fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Optio
 
 /// Coarse weights as mip-NeRF resamples them (Eq. 18): the mean of the maxima over each pair of neighbours, + 0.01, so that
 /// a surface that moves from one interval to the next is not missed.
-pub(crate) fn blurred(weights: &[f32]) -> Vec<f32> {
+pub fn blurred(weights: &[f32]) -> Vec<f32> {
     const PADDING: f32 = 0.01;
     let at = |i: usize| weights[i.min(weights.len() - 1)];
     (0..weights.len()).map(|i| 0.5 * (at(i.saturating_sub(1)).max(at(i)) + at(i).max(at(i + 1))) + PADDING).collect()
@@ -108,7 +105,7 @@ pub(crate) fn blurred(weights: &[f32]) -> Vec<f32> {
 ///
 /// mip-NeRF's inverse transform (Sec. 3.1, released code): `u` even in [0, 1), or jittered one in each stratum, so that
 /// edges are sorted; weights that sum to less than 1e-5 are padded evenly.
-pub(crate) fn resample(edges: &[f32], weights: &[f32], count: usize, jitter: Option<(Noise, usize)>) -> Vec<f32> {
+pub fn resample(edges: &[f32], weights: &[f32], count: usize, jitter: Option<Stream>) -> Vec<f32> {
     const LEAST: f32 = 1e-5;
     const LAST: f32 = 1.0 - f32::EPSILON;
     let n = weights.len();
@@ -126,7 +123,7 @@ pub(crate) fn resample(edges: &[f32], weights: &[f32], count: usize, jitter: Opt
     (0..=count)
         .map(|i| {
             let u = match jitter {
-                Some((noise, ray)) => ((i as f32 + noise.uniform(ray, i)) / (count + 1) as f32).min(LAST),
+                Some(stream) => ((i as f32 + stream.uniform(i)) / (count + 1) as f32).min(LAST),
                 None => i as f32 / count as f32 * LAST,
             };
             // u is in [0, 1), and so in one of the intervals.
@@ -142,7 +139,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::RandomStream;
 
     #[test]
     fn even_samples_of_both_placements() {
@@ -161,7 +157,8 @@ mod tests {
     /// Values made by `tests/fixtures/mip_forward.py`.
     #[test]
     fn resampling_agrees_with_jax() {
-        let cases: Vec<serde_json::Value> = serde_json::from_str(include_str!("../fixtures/resampling.json")).unwrap();
+        let cases: Vec<serde_json::Value> =
+            serde_json::from_str(include_str!("../../fixtures/resampling.json")).unwrap();
         for case in &cases {
             let floats = |key: &str| -> Vec<f32> {
                 case[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
@@ -206,8 +203,7 @@ mod tests {
             weights in prop::collection::vec(0f32..1.0, 40),
         ) {
             let far = near + length;
-            let noise = Noise::new(seed, 0, RandomStream::Samples);
-            let jitter = Some((noise, 3));
+            let jitter = Some(Stream { key: seed, item: 3 });
             for placement in [Placement::Left, Placement::Mid, Placement::Interval] {
                 let t = stratified(near, far, count, placement, jitter);
                 let drawn = match placement {

@@ -1,0 +1,331 @@
+//! The kernels. Rows are those of rays with samples, each row of one length.
+
+use burn::cubecl::{self, prelude::*};
+
+use crate::cube::rays::alpha_of;
+
+/// 64 bits: WGSL may lack integers of that size.
+#[derive(CubeType, Clone, Copy)]
+struct Bits {
+    high: u32,
+    low: u32,
+}
+
+/// a + b, modulo 2⁶⁴.
+#[cube]
+fn plus(a: Bits, high: u32, low: u32) -> Bits {
+    let sum = a.low + low;
+    Bits { high: a.high + high + select(sum < low, 1u32, 0u32), low: sum }
+}
+
+/// a · b, modulo 2⁶⁴.
+#[cube]
+fn times(a: Bits, high: u32, low: u32) -> Bits {
+    Bits { high: u32::mul_hi(a.low, low) + a.low * high + a.high * low, low: a.low * low }
+}
+
+/// z ^ (z >> shift), for a shift of 1 to 31.
+#[cube]
+fn folded(z: Bits, #[comptime] shift: u32) -> Bits {
+    Bits { high: z.high ^ (z.high >> shift), low: z.low ^ ((z.low >> shift) | (z.high << (32u32 - shift))) }
+}
+
+/// [`mix`](crate::random::mix).
+#[cube]
+fn mix(x: Bits) -> Bits {
+    let z = folded(plus(x, 0x9e37_79b9u32, 0x7f4a_7c15u32), 30u32);
+    let z = folded(times(z, 0xbf58_476du32, 0x1ce4_e5b9u32), 27u32);
+    folded(times(z, 0x94d0_49bbu32, 0x1331_11ebu32), 31u32)
+}
+
+/// Number `index` of a row's stream, uniform in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
+#[cube]
+fn uniform(streams: &Tensor<u32>, row: usize, index: usize) -> f32 {
+    let item = streams[3 * row + 2];
+    let inner = mix(Bits { high: item >> 8u32, low: (item << 24u32) ^ u32::cast_from(index) });
+    let z = mix(Bits { high: streams[3 * row + 1] ^ inner.high, low: streams[3 * row] ^ inner.low });
+    f32::cast_from(z.high >> 8u32) / 16_777_216.0f32
+}
+
+/// Distance of the share `u` of [near, far].
+#[cube]
+fn between(ends: &Tensor<f32>, row: usize, u: f32) -> f32 {
+    ends[2 * row] * (1.0f32 - u) + ends[2 * row + 1] * u
+}
+
+/// Stratified distances: of samples in the middle of equal intervals, or else by NeRF's rule.
+#[cube(launch)]
+pub(super) fn stratified(
+    ends: &Tensor<f32>,
+    streams: &Tensor<u32>,
+    out: &mut Tensor<f32>,
+    #[comptime] in_middle: bool,
+    #[comptime] jitter: bool,
+) {
+    let at = ABSOLUTE_POS;
+    if at >= out.len() {
+        terminate!();
+    }
+    let count = out.shape(1);
+    let (row, i) = (at / count, at % count);
+    let place = f32::cast_from(i);
+    if comptime!(in_middle) {
+        let mut u = 0.5f32;
+        if comptime!(jitter) {
+            u = uniform(streams, row, i);
+        }
+        out[at] = between(ends, row, (place + u) / f32::cast_from(count));
+    } else {
+        let last = f32::cast_from(count - 1);
+        let even = between(ends, row, place / last);
+        let mut t = even;
+        if comptime!(jitter) {
+            let mut lower = even;
+            if i > 0 {
+                lower = 0.5f32 * (between(ends, row, (place - 1.0f32) / last) + even);
+            }
+            let mut upper = even;
+            if i + 1 < count {
+                upper = 0.5f32 * (even + between(ends, row, (place + 1.0f32) / last));
+            }
+            t = lower + (upper - lower) * uniform(streams, row, i);
+        }
+        out[at] = t;
+    }
+}
+
+/// The cumulative distribution over the bins that importance samples are drawn from, one thread per row: of NeRF's bins
+/// between midpoints, with weights of the inner samples + 1e-5.
+#[cube(launch)]
+pub(super) fn importance_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
+    let row = ABSOLUTE_POS;
+    if row >= cdf.shape(0) {
+        terminate!();
+    }
+    let bins = cdf.shape(1);
+    let (from, to) = (row * (bins + 1), row * bins);
+    let mut trans = f32::exp(-tau[from]);
+    let mut total = 0.0f32;
+    for i in 1..bins {
+        let w = trans * alpha_of(tau[from + i]) + 1e-5f32;
+        trans *= f32::exp(-tau[from + i]);
+        cdf[to + i] = w;
+        total += w;
+    }
+    cdf[to] = 0.0f32;
+    let mut sum = 0.0f32;
+    for i in 1..bins {
+        sum += cdf[to + i] / total;
+        cdf[to + i] = f32::min(sum, 1.0f32);
+    }
+    cdf[to + bins - 1] = 1.0f32;
+}
+
+/// The same over mip-NeRF's intervals: the mean of the maxima over each pair of neighbouring weights, + 0.01.
+#[cube(launch)]
+pub(super) fn blurred_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
+    let row = ABSOLUTE_POS;
+    if row >= cdf.shape(0) {
+        terminate!();
+    }
+    let edges = cdf.shape(1);
+    let intervals = edges - 1;
+    let (from, to) = (row * intervals, row * edges);
+    let mut trans = f32::exp(-tau[from]);
+    let mut before = alpha_of(tau[from]);
+    let mut here = before;
+    let mut total = 0.0f32;
+    for i in 0..intervals {
+        let mut next = here;
+        if i + 1 < intervals {
+            next = trans * alpha_of(tau[from + i + 1]);
+            trans *= f32::exp(-tau[from + i + 1]);
+        }
+        let w = 0.5f32 * (f32::max(before, here) + f32::max(here, next)) + 0.01f32;
+        cdf[to + i + 1] = w;
+        total += w;
+        before = here;
+        here = next;
+    }
+    cdf[to] = 0.0f32;
+    let mut sum = 0.0f32;
+    for i in 1..edges {
+        sum += cdf[to + i] / total;
+        cdf[to + i] = f32::min(sum, 1.0f32);
+    }
+    cdf[to + intervals] = 1.0f32;
+}
+
+/// How many of the first `count` numbers of a row from `start` on, which are sorted, are at most `u`.
+#[cube]
+fn at_most(sorted: &Tensor<f32>, start: usize, count: usize, u: f32) -> usize {
+    let mut low = 0usize;
+    let mut high = count;
+    while low < high {
+        let middle = (low + high) / 2;
+        if sorted[start + middle] <= u {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    low
+}
+
+/// Distances by NeRF's inverse transform, in the order of their random numbers.
+#[cube(launch)]
+pub(super) fn importance_draw(
+    t: &Tensor<f32>,
+    cdf: &Tensor<f32>,
+    streams: &Tensor<u32>,
+    out: &mut Tensor<f32>,
+    #[comptime] jitter: bool,
+) {
+    let at = ABSOLUTE_POS;
+    if at >= out.len() {
+        terminate!();
+    }
+    let (row, i) = (at / out.shape(1), at % out.shape(1));
+    let bins = cdf.shape(1);
+    let (start, first) = (row * bins, row * (bins + 1));
+    let mut u = 0.0f32;
+    if comptime!(jitter) {
+        u = uniform(streams, row, i);
+    } else if out.shape(1) > 1 {
+        u = f32::cast_from(i) / f32::cast_from(out.shape(1) - 1);
+    }
+    let count = at_most(cdf, start, bins, u);
+    // The first number is 0, and so at most u.
+    let below = count - 1;
+    let above = usize::min(count, bins - 1);
+    let mut width = cdf[start + above] - cdf[start + below];
+    let fraction = u - cdf[start + below];
+    if width < 1e-5f32 {
+        width = 1.0f32;
+    }
+    let low = 0.5f32 * (t[first + below] + t[first + below + 1]);
+    let high = 0.5f32 * (t[first + above] + t[first + above + 1]);
+    out[at] = low + fraction / width * (high - low);
+}
+
+/// The numbers of both, sorted, one thread for each of them: `t` is sorted already.
+#[cube(launch)]
+pub(super) fn merge(t: &Tensor<f32>, drawn: &Tensor<f32>, out: &mut Tensor<f32>) {
+    let at = ABSOLUTE_POS;
+    if at >= out.len() {
+        terminate!();
+    }
+    let (known, fresh) = (t.shape(1), drawn.shape(1));
+    let both = known + fresh;
+    let (row, i) = (at / both, at % both);
+    // Of equal numbers those of `t` come first, and then in the order of drawing.
+    let (is_known, own) = (i < known, usize::saturating_sub(i, known));
+    let mut value = drawn[row * fresh + own];
+    if is_known {
+        value = t[row * known + i];
+    }
+    let mut place = i;
+    if !is_known {
+        place = at_most(t, row * known, known, value);
+    }
+    for j in 0..fresh {
+        let other = drawn[row * fresh + j];
+        if other < value || (other == value && !is_known && j < own) {
+            place += 1;
+        }
+    }
+    out[row * both + place] = value;
+}
+
+/// Edges by mip-NeRF's inverse transform, which are sorted.
+#[cube(launch)]
+pub(super) fn resample_draw(
+    edges: &Tensor<f32>,
+    cdf: &Tensor<f32>,
+    streams: &Tensor<u32>,
+    out: &mut Tensor<f32>,
+    #[comptime] jitter: bool,
+) {
+    let at = ABSOLUTE_POS;
+    if at >= out.len() {
+        terminate!();
+    }
+    let count = out.shape(1);
+    let (row, i) = (at / count, at % count);
+    let start = row * cdf.shape(1);
+    // The largest number below 1.
+    let last = 0.999_999_9f32;
+    let mut u = f32::cast_from(i) / f32::cast_from(count - 1) * last;
+    if comptime!(jitter) {
+        u = f32::min((f32::cast_from(i) + uniform(streams, row, i)) / f32::cast_from(count), last);
+    }
+    let interval = at_most(cdf, start, cdf.shape(1), u) - 1;
+    let (below, above) = (start + interval, start + interval + 1);
+    let fraction = (u - cdf[below]) / (cdf[above] - cdf[below]);
+    let share = f32::min(f32::max(fraction, 0.0f32), 1.0f32);
+    out[at] = edges[below] + share * (edges[above] - edges[below]);
+}
+
+/// Distance and length of each sample, for samples at the near end of their intervals, the last one's length being `last`, or
+/// the one before if that is 0.
+#[cube(launch)]
+pub(super) fn lengths_left(
+    t: &Tensor<f32>,
+    ends: &Tensor<f32>,
+    distance: &mut Tensor<f32>,
+    length: &mut Tensor<f32>,
+    last: f32,
+) {
+    let at = ABSOLUTE_POS;
+    if at >= length.len() {
+        terminate!();
+    }
+    let count = t.shape(1);
+    let (row, i) = (at / count, at % count);
+    let mut own = last;
+    if i + 1 < count {
+        own = t[at + 1] - t[at];
+    } else if last == 0.0f32 {
+        if count > 1 {
+            own = t[at] - t[at - 1];
+        } else {
+            own = ends[2 * row + 1] - t[at];
+        }
+    }
+    distance[at] = t[at];
+    length[at] = own;
+}
+
+/// The same for samples in the middle: between the midpoints to both neighbours.
+#[cube(launch)]
+pub(super) fn lengths_mid(t: &Tensor<f32>, ends: &Tensor<f32>, distance: &mut Tensor<f32>, length: &mut Tensor<f32>) {
+    let at = ABSOLUTE_POS;
+    if at >= length.len() {
+        terminate!();
+    }
+    let count = t.shape(1);
+    let (row, i) = (at / count, at % count);
+    let mut lower = ends[2 * row];
+    if i > 0 {
+        lower = 0.5f32 * (t[at - 1] + t[at]);
+    }
+    let mut upper = ends[2 * row + 1];
+    if i + 1 < count {
+        upper = 0.5f32 * (t[at] + t[at + 1]);
+    }
+    distance[at] = t[at];
+    length[at] = f32::max(upper - lower, 0.0f32);
+}
+
+/// The same of whole intervals, `t` being their edges, one more in each row.
+#[cube(launch)]
+pub(super) fn lengths_between(t: &Tensor<f32>, distance: &mut Tensor<f32>, length: &mut Tensor<f32>) {
+    let at = ABSOLUTE_POS;
+    if at >= length.len() {
+        terminate!();
+    }
+    let count = t.shape(1) - 1;
+    let edge = at / count * (count + 1) + at % count;
+    distance[at] = 0.5f32 * (t[edge] + t[edge + 1]);
+    length[at] = t[edge + 1] - t[edge];
+}

@@ -1,0 +1,121 @@
+//! Distances of samples, drawn on the device: one thread per sample, or per ray for a cumulative distribution.
+
+mod kernels;
+
+use std::sync::Arc;
+
+use burn::tensor::{DType, Shape, Tensor};
+use burn_cubecl::tensor::CubeTensor;
+
+use super::outputs::Outputs;
+use super::{CubeKernel, Pass, apply, empty};
+use crate::sampling::{LastInterval, Placement, Streams};
+
+/// [`stratified`](crate::sampling::stratified) of `columns` distances.
+pub(crate) fn stratified(ends: Tensor<2>, columns: usize, placement: Placement, jitter: Option<&Streams>) -> Tensor<2> {
+    let streams = streams_or(jitter, &ends);
+    apply(Sampling::Stratified { columns, placement, jitter: jitter.is_some() }, (ends, streams))
+}
+
+/// [`importance`](crate::sampling::importance).
+pub(crate) fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
+    let streams = streams_or(jitter, &t);
+    apply(Sampling::Importance { count, jitter: jitter.is_some() }, (t, tau.detach(), streams))
+}
+
+/// [`resample`](crate::sampling::resample).
+pub(crate) fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
+    let streams = streams_or(jitter, &edges);
+    apply(Sampling::Resample { count, jitter: jitter.is_some() }, (edges, tau.detach(), streams))
+}
+
+/// [`intervals`](crate::sampling::intervals).
+pub(crate) fn intervals(t: Tensor<2>, ends: Tensor<2>, placement: Placement, last: LastInterval) -> [Tensor<1>; 2] {
+    let [rays, columns] = t.dims();
+    let samples = rays * if placement == Placement::Interval { columns - 1 } else { columns };
+    let outputs = Outputs::new([0, 1].map(|_| Shape::new([samples])));
+    let buffer = apply(Sampling::Intervals { outputs: outputs.clone(), placement, last }, (t, ends));
+    [0, 1].map(|index| outputs.output(&buffer, index))
+}
+
+/// The random numbers, or something in their place where there are none.
+fn streams_or(jitter: Option<&Streams>, other: &Tensor<2>) -> Tensor<1> {
+    jitter.map_or_else(|| other.clone().flatten(0, 1), |streams| streams.0.clone())
+}
+
+/// What is done without a gradient.
+#[derive(Debug)]
+enum Sampling {
+    Stratified { columns: usize, placement: Placement, jitter: bool },
+    Importance { count: usize, jitter: bool },
+    Resample { count: usize, jitter: bool },
+    Intervals { outputs: Arc<Outputs<2>>, placement: Placement, last: LastInterval },
+}
+
+impl CubeKernel for Sampling {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        let first = &inputs[0];
+        let rays = first.meta.shape()[0];
+        // The numbers of streams are the bits of integers.
+        let streams = || CubeTensor { dtype: DType::U32, ..inputs.last().expect("streams are last").clone() };
+        match self {
+            Self::Stratified { columns, placement, jitter } => {
+                let out = empty(first, [rays, *columns]);
+                launch!(
+                    kernels::stratified::launch, out.meta.num_elements();
+                    first, &streams(), &out;
+                    *placement == Placement::Mid, *jitter
+                );
+                out
+            }
+            Self::Importance { count, jitter } => {
+                let samples = first.meta.shape()[1];
+                let cdf = empty(first, [rays, samples - 1]);
+                launch!(kernels::importance_cdf::launch, rays; &inputs[1], &cdf;);
+                let drawn = empty(first, [rays, *count]);
+                launch!(
+                    kernels::importance_draw::launch, drawn.meta.num_elements();
+                    first, &cdf, &streams(), &drawn;
+                    *jitter
+                );
+                let out = empty(first, [rays, samples + count]);
+                launch!(kernels::merge::launch, out.meta.num_elements(); first, &drawn, &out;);
+                out
+            }
+            Self::Resample { count, jitter } => {
+                let cdf = empty(first, first.meta.shape().clone());
+                launch!(kernels::blurred_cdf::launch, rays; &inputs[1], &cdf;);
+                let out = empty(first, [rays, count + 1]);
+                launch!(
+                    kernels::resample_draw::launch, out.meta.num_elements();
+                    first, &cdf, &streams(), &out;
+                    *jitter
+                );
+                out
+            }
+            Self::Intervals { outputs, placement, last } => {
+                let buffer = outputs.buffer(first);
+                let [distance, length] = outputs.parts(&buffer);
+                let (count, ends) = (length.meta.num_elements(), &inputs[1]);
+                match placement {
+                    Placement::Left => launch!(
+                        kernels::lengths_left::launch, count;
+                        first, ends, &distance, &length;
+                        last.length().unwrap_or(0.0)
+                    ),
+                    Placement::Mid => {
+                        launch!(kernels::lengths_mid::launch, count; first, ends, &distance, &length;);
+                    }
+                    Placement::Interval => {
+                        launch!(kernels::lengths_between::launch, count; first, &distance, &length;);
+                    }
+                }
+                buffer
+            }
+        }
+    }
+
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        vec![None; pass.inputs.len()]
+    }
+}

@@ -1,0 +1,195 @@
+//! Distances of samples along rays, on the device that evaluates a field: stratified, or drawn from what another pass found.
+//!
+//! Each of `H` rays has an interval `[near, far]` and as many samples as the others. [`distances`] has the same of one ray on
+//! the host, which other devices than GPUs are served by.
+
+pub mod distances;
+
+use burn::tensor::{Device, Tensor};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::composite::weights;
+use crate::dispatch::dispatch;
+use crate::random::Stream;
+use crate::{Segments, to_host, upload};
+
+/// Where in its interval a sample lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Placement {
+    /// At the near end, as in NeRF: stratified distances, and interval i reaches from sample i to sample i + 1.
+    Left,
+    /// In the middle. A single pass has steps of one length for all rays.
+    Mid,
+    /// Over the whole interval (mip-NeRF): `samples + 1` edges bound `samples` intervals, and the fine
+    /// pass has `fine_samples` intervals of its own, drawn from blurred weights and not merged with the coarse ones.
+    Interval,
+}
+
+impl Placement {
+    /// Numbers that place `samples` samples of a ray: distances, or edges, of which there is one more.
+    pub fn numbers(self, samples: usize) -> usize {
+        samples + usize::from(self == Self::Interval)
+    }
+}
+
+/// Length of a ray's last interval under [`Placement::Left`]; otherwise it ends where the ray does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LastInterval {
+    /// As long as the one before it.
+    Finite,
+    /// 1e10, as in the released code: any density there gives α ≈ 1.
+    Infinite,
+}
+
+impl LastInterval {
+    /// The length, where it does not depend on the others.
+    pub fn length(self) -> Option<f32> {
+        (self == Self::Infinite).then_some(1e10)
+    }
+}
+
+/// The random numbers of rays, on their device: of each the low and high half of its stream's key, and its item, which is below
+/// 2³², as the bits of integers, `[3 H]`.
+#[derive(Clone, Debug)]
+pub struct Streams(pub Tensor<1>);
+
+impl Streams {
+    /// The numbers of such a tensor.
+    pub fn bits(streams: impl IntoIterator<Item = Stream>) -> Vec<f32> {
+        let of = |Stream { key, item }: Stream| [key as u32, (key >> 32) as u32, item as u32].map(f32::from_bits);
+        streams.into_iter().flat_map(of).collect()
+    }
+
+    fn on_host(&self) -> Vec<Stream> {
+        let of = |bits: &[f32; 3]| {
+            let [low, high, item] = bits.map(f32::to_bits);
+            Stream { key: u64::from(high) << 32 | u64::from(low), item: item as usize }
+        };
+        to_host(self.0.clone()).as_chunks().0.iter().map(of).collect()
+    }
+}
+
+/// `count` samples in [near, far] of each ray, as [`distances::stratified`]: `[H, N]`, N being [`Placement::numbers`].
+///
+/// - `ends`: near and far, `[H, 2]`.
+/// - `jitter`: random numbers; samples are evenly spaced without.
+pub fn stratified(ends: Tensor<2>, count: usize, placement: Placement, jitter: Option<&Streams>) -> Tensor<2> {
+    dispatch! {
+        &ends.device();
+        host => stratified_on_host(ends, count, placement, jitter),
+        cube => crate::cube::stratified(ends, placement.numbers(count), placement, jitter),
+        plain => stratified_on_host(ends, count, placement, jitter),
+    }
+}
+
+fn stratified_on_host(ends: Tensor<2>, count: usize, placement: Placement, jitter: Option<&Streams>) -> Tensor<2> {
+    let (device, streams) = (ends.device(), jitter.map(Streams::on_host));
+    let ends = to_host(ends);
+    rows(ends.len() / 2, &device, |ray| {
+        let stream = streams.as_ref().map(|streams| streams[ray]);
+        distances::stratified(ends[2 * ray], ends[2 * ray + 1], count, placement, stream)
+    })
+}
+
+/// `count` distances of each ray drawn from the weights of the samples at `t`, `[H, N]`, whose optical depths are `tau`, `[H N]`,
+/// and merged with them, as [`distances::importance`]: `[H, N + count]`, without a gradient.
+///
+/// A GPU sums the weights of a ray in `f32`, the host in `f64`.
+pub fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
+    dispatch! {
+        &t.device();
+        host => drawn_on_host(t, tau, jitter, |t, weights, stream| distances::importance(t, weights, count, stream)),
+        cube => crate::cube::importance(t, tau, count, jitter),
+        plain => drawn_on_host(t, tau, jitter, |t, weights, stream| distances::importance(t, weights, count, stream)),
+    }
+}
+
+/// The edges of `count` intervals of each ray drawn from the blurred weights of those between `edges`, `[H, N + 1]`, whose optical
+/// depths are `tau`, `[H N]`, as [`distances::resample`]: `[H, count + 1]`, without a gradient.
+pub fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
+    let one = |edges: &[f32], weights: &[f32], stream| {
+        distances::resample(edges, &distances::blurred(weights), count, stream)
+    };
+    dispatch! {
+        &edges.device();
+        host => drawn_on_host(edges, tau, jitter, one),
+        cube => crate::cube::resample(edges, tau, count, jitter),
+        plain => drawn_on_host(edges, tau, jitter, one),
+    }
+}
+
+fn drawn_on_host(
+    t: Tensor<2>,
+    tau: Tensor<1>,
+    jitter: Option<&Streams>,
+    draw: impl Fn(&[f32], &[f32], Option<Stream>) -> Vec<f32> + Sync,
+) -> Tensor<2> {
+    let ([rays, columns], device) = (t.dims(), t.device());
+    let streams = jitter.map(Streams::on_host);
+    let samples = tau.dims()[0] / rays;
+    let weights = weights(&to_host(tau), &Segments::uniform(rays, samples));
+    let t = to_host(t);
+    rows(rays, &device, |ray| {
+        let stream = streams.as_ref().map(|streams| streams[ray]);
+        draw(&t[ray * columns..][..columns], &weights[ray * samples..][..samples], stream)
+    })
+}
+
+/// Distance along its ray and length of the interval of each sample that `t`, `[H, N]`, places, as [`distances::intervals`]:
+/// `[M]` each.
+pub fn intervals(t: Tensor<2>, ends: Tensor<2>, placement: Placement, last: LastInterval) -> [Tensor<1>; 2] {
+    dispatch! {
+        &t.device();
+        host => intervals_on_host(t, ends, placement, last),
+        cube => crate::cube::intervals(t, ends, placement, last),
+        plain => intervals_on_host(t, ends, placement, last),
+    }
+}
+
+fn intervals_on_host(t: Tensor<2>, ends: Tensor<2>, placement: Placement, last: LastInterval) -> [Tensor<1>; 2] {
+    let ([_, columns], device) = (t.dims(), t.device());
+    let (t, ends) = (to_host(t), to_host(ends));
+    let of = |(t, ends): (&[f32], &[f32])| distances::intervals(t, ends[0], ends[1], placement, last);
+    let (distance, length): (Vec<f32>, Vec<f32>) = t.chunks(columns).zip(ends.chunks(2)).flat_map(of).unzip();
+    [distance, length].map(|numbers| {
+        let count = numbers.len();
+        upload(numbers, [count], &device)
+    })
+}
+
+/// o + t d of each sample, `[M, 3]`: differentiable in the rays' `origins` and `directions`, `[R, 3]`; the distances `t`, `[M]`,
+/// are taken as given.
+pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, segments: &Segments) -> Tensor<2> {
+    let plain =
+        |origins, directions, t: Tensor<1>| segments.spread(origins) + segments.spread(directions) * t.unsqueeze_dim(1);
+    dispatch! {
+        &t.device();
+        host => plain(origins, directions, t),
+        cube if segments.samples() > 0 => crate::cube::points(origins, directions, t, segments),
+        plain => plain(origins, directions, t),
+    }
+}
+
+/// The rows of `count` rays as a tensor.
+fn rows(count: usize, device: &Device, row: impl Fn(usize) -> Vec<f32> + Sync + Send) -> Tensor<2> {
+    let rows: Vec<Vec<f32>> = (0..count).into_par_iter().map(row).collect();
+    let columns = rows.first().map_or(0, Vec::len);
+    upload(rows.concat(), [count, columns], device)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn streams_keep_their_bits() {
+        let streams =
+            [Stream { key: u64::MAX - 7, item: 3 }, Stream { key: 0x7fa0_0001_ff80_0001, item: u32::MAX as usize }];
+        let bits = Streams::bits(streams);
+        let count = bits.len();
+        assert_eq!(Streams(upload(bits, [count], &Device::flex())).on_host(), streams);
+    }
+}
