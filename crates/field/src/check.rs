@@ -1,8 +1,8 @@
 //! Checks of sizes that fields share.
 
 use burn::tensor::{Device, FloatDType};
-use infonerf_ops::has_host_kernels;
 use infonerf_ops::mlp::Precision;
+use infonerf_ops::{has_host_kernels, has_tf32};
 use infonerf_schedule::{Fault, Schedule};
 
 /// Refuses what was `found` at `key` of `[field]` unless it is `good`.
@@ -19,8 +19,12 @@ pub(crate) fn check_mlp(layers: usize, width: usize, direction_frequencies: usiz
 
 /// Whether the device supports the precision.
 pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(), Fault> {
-    let good = precision == Precision::F32 || has_host_kernels(device) || device.supports_dtype(FloatDType::BF16);
-    check("precision", "\"f32\", as this device has no bf16", "bf16", good)
+    let (good, name) = match precision {
+        Precision::F32 => (true, "f32"),
+        Precision::Tf32 => (has_tf32(device), "tf32"),
+        Precision::Bf16 => (has_host_kernels(device) || device.supports_dtype(FloatDType::BF16), "bf16"),
+    };
+    check("precision", &format!("\"f32\", as this device has no {name}"), name, good)
 }
 
 /// Shares of detail.

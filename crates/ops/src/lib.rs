@@ -105,6 +105,13 @@ use burn::tensor::Device;
 use dispatch::dispatch;
 pub use dispatch::is_gpu;
 
+/// Whether products of single precision on `device` may be of factors rounded to TF32, where [`Precision::Tf32`] lets them.
+///
+/// [`Precision::Tf32`]: mlp::Precision::Tf32
+pub fn has_tf32(device: &Device) -> bool {
+    dispatch! { device; host => false, cube => cube::has_tf32(device), plain => false }
+}
+
 /// Whether tensors on `device` are served by the host kernels.
 pub fn has_host_kernels(device: &Device) -> bool {
     dispatch! { device; host => true, plain => false }

@@ -26,7 +26,7 @@ impl Peak {
             (0..TRIALS).map(trial).fold(0.0, f64::max)
         };
         let products = match precision {
-            Precision::F32 => products,
+            Precision::F32 | Precision::Tf32 => products,
             Precision::Bf16 => rounded_products,
         };
         Self { flops: best(products), precision, bytes: best(copies) }

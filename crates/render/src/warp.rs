@@ -128,7 +128,9 @@ impl Warp {
             Self::Identity => p,
             Self::Ndc { to_camera, scale, near } => {
                 let [x, y, z, origin] = to_camera.to_cols_array_2d().map(|[x, y, z, _]| row([x, y, z]));
-                let p = p.matmul(Tensor::cat(vec![x, y, z], 0)) + origin;
+                // Not as a product of matrices: a GPU may round the factors of those.
+                let [a, b, c] = [0, 1, 2].map(|axis| p.clone().narrow(1, axis, 1));
+                let p = a * x + b * y + c * z + origin;
                 let z = p.clone().narrow(1, 2, 1).neg().clamp_min(0.5 * near);
                 let across = p.narrow(1, 0, 2) / z.clone();
                 let across = across * upload(scale.to_array().to_vec(), [1, 2], &device);

@@ -24,6 +24,8 @@ pub enum Precision {
     /// Single precision.
     #[default]
     F32,
+    /// Factors rounded to 11 significant bits (TensorFloat-32) where a GPU's tuning finds its tensor cores faster.
+    Tf32,
     /// Factors rounded to bfloat16, which has 8 bits and the exponents of single precision, so that gradients need no scaling:
     /// the products that AMX, AVX512_BF16 and the tensor cores of GPUs are fast at. On the host a forward pass then keeps no
     /// activations, as the backward one computes them again; GPUs round the products' results too.
@@ -86,7 +88,7 @@ pub fn radiance_mlp(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
     dispatch! {
         &encoded.device();
         host => match network.precision {
-            Precision::F32 => on_host(host::MlpKernel::new(encoded.dims(), network), encoded, network),
+            Precision::F32 | Precision::Tf32 => on_host(host::MlpKernel::new(encoded.dims(), network), encoded, network),
             Precision::Bf16 => on_host(rounded::RoundedKernel::new(encoded.dims(), network), encoded, network),
         },
         plain => plain(encoded, network),

@@ -1,4 +1,4 @@
-//! The MLP of a factored field: matrix products are Burn's, what lies between them is fused.
+//! The MLP of a factored field: matrix products in `f32`, what lies between them is fused.
 
 use std::sync::Arc;
 
@@ -11,6 +11,7 @@ use burn_cubecl::ops::reshape;
 use burn_cubecl::tensor::CubeTensor;
 
 use crate::cube::outputs::Outputs;
+use crate::cube::product::multiplied;
 use crate::cube::rays::ln_1p;
 use crate::cube::{CubeKernel, Pass, apply, empty};
 use crate::factored::{Layer, Layout};
@@ -79,8 +80,7 @@ impl CubeKernel for Network {
         let matrices: Vec<CubeTensor> = self.layout.layers.iter().map(|layer| Self::matrix(layer, weights)).collect();
         for (index, (layer, matrix)) in self.layout.layers.iter().zip(&matrices).enumerate() {
             let x = kept.last().unwrap_or(&inputs[0]).clone();
-            let matrix = CubeBackend::float_transpose(matrix.clone());
-            let y = into_contiguous(CubeBackend::float_matmul(x, matrix));
+            let y = into_contiguous(multiplied(x, CubeBackend::float_transpose(matrix.clone())));
             if index + 1 < self.layout.layers.len() {
                 let count = y.meta.num_elements();
                 launch!(bias_relu::launch, count; &y, weights; layer.bias(), layer.outputs);
@@ -125,16 +125,15 @@ impl CubeKernel for Network {
             let split = |tensor: &CubeTensor, columns: usize| {
                 reshape(tensor.clone(), Shape::new([self.parts, rows / self.parts, columns]))
             };
-            let parts = CubeBackend::float_matmul(
+            let parts = into_contiguous(multiplied(
                 CubeBackend::float_swap_dims(split(&dy, layer.outputs), 1, 2),
                 split(x, layer.inputs),
-            );
-            let parts = into_contiguous(parts);
+            ));
             launch!(
                 add_up::launch, layer.end() - layer.weight; &parts, &sums, &dweights;
                 layer.weight, layer.bias() - layer.weight, layer.outputs, self.parts, SUMS
             );
-            dy = into_contiguous(CubeBackend::float_matmul(dy, pass.kept[layers.len() + index].clone()));
+            dy = into_contiguous(multiplied(dy, pass.kept[layers.len() + index].clone()));
         }
         vec![Some(dy), Some(dweights), None]
     }
