@@ -1,4 +1,5 @@
 use burn::tensor::Tensor;
+use infonerf_ops::means::weighted_sum;
 use infonerf_schedule::{Fault, Moment, Schedule};
 
 use crate::renders::union;
@@ -92,8 +93,8 @@ impl LossValues {
     pub fn of(terms: &[DueTerm<'_>], renders: &Renders) -> Self {
         let values: Vec<(&'static str, Tensor<1>)> =
             terms.iter().map(|due| (due.name, due.term.value(renders))).collect();
-        let weighted = values.iter().zip(terms).map(|((_, value), due)| scaled(value.clone(), due.weight));
-        let total = weighted.reduce(|sum, value| sum + value).unwrap_or_else(|| renders.zero());
+        let weighted = values.iter().zip(terms).map(|((_, value), due)| (value.clone(), due.weight));
+        let total = weighted_sum(weighted.collect()).unwrap_or_else(|| renders.zero());
         Self { total, values }
     }
 }

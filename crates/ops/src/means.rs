@@ -34,6 +34,21 @@ pub fn mask_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tens
     values * measure.detach().greater_elem(threshold).float()
 }
 
+/// Σ wᵢ xᵢ of `(xᵢ, wᵢ)`, xᵢ being `[1]` each; none of nothing. Differentiable.
+pub fn weighted_sum(terms: Vec<(Tensor<1>, f32)>) -> Option<Tensor<1>> {
+    let device = terms.first()?.0.device();
+    let plain = |terms: Vec<(Tensor<1>, f32)>| {
+        let scaled = |(x, weight): (Tensor<1>, f32)| if weight == 1.0 { x } else { x * weight };
+        terms.into_iter().map(scaled).reduce(|sum, x| sum + x)
+    };
+    dispatch! {
+        &device;
+        host => plain(terms),
+        cube if (2..=crate::cube::MOST_SCALARS).contains(&terms.len()) => Some(crate::cube::weighted_sum(terms)),
+        plain => plain(terms),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -57,6 +72,11 @@ mod tests {
             let grads = sum.clone().backward();
             assert_eq!(to_host(sum), [12.0]);
             assert_eq!(to_host(a.grad(&grads).unwrap()), [0.0, 0.0, 1.0, 1.0]);
+            let [x, y] = [3.0, 5.0].map(|x| Tensor::<1>::from_floats([x], &device).require_grad());
+            let sum = weighted_sum(vec![(x.clone(), 1.0), (y.clone(), -2.0)]).unwrap();
+            let grads = sum.clone().backward();
+            assert_eq!(to_host(sum), [-7.0]);
+            assert_eq!([x, y].map(|x| to_host(x.grad(&grads).unwrap())), [[1.0], [-2.0]]);
         }
     }
 }

@@ -7,7 +7,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
 use infonerf_ops::adam::{Adam, finite_after, step_if};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
-use infonerf_ops::means::{mean_squared_difference, sum_above};
+use infonerf_ops::means::{mean_squared_difference, sum_above, weighted_sum};
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
 use infonerf_ops::random::Stream;
 use infonerf_ops::sampling::{
@@ -163,8 +163,9 @@ fn losses(rng: &mut Rng) -> Operation {
     let [a, b] = [0, 1].map(|_| numbers(rng, 3000, 0.0, 1.0));
     operation("squared differences and masked sums", move |device| {
         let [a, b] = [&a, &b].map(|input| leaf(input, device));
-        let out = vec![mean_squared_difference(rows(&a), rows(&b)), sum_above(a.clone(), b, 0.3)];
-        pulled(Tensor::cat(out, 0), &[&a])
+        let [mean, sum] = [mean_squared_difference(rows(&a), rows(&b)), sum_above(a.clone(), b, 0.3)];
+        let both = weighted_sum(vec![(mean.clone(), 700.0), (sum.clone(), -0.5), (mean.clone(), 3.0)]);
+        pulled(Tensor::cat(vec![mean, sum, both.expect("there are terms")], 0), &[&a])
     })
 }
 

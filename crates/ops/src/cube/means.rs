@@ -1,9 +1,10 @@
-//! Sums over all numbers of a tensor that make a loss: one launch each way.
+//! Sums that make a loss, over all numbers of a tensor and of a few scalars: one launch each way.
 
 use burn::cubecl::{self, prelude::*};
-use burn::tensor;
+use burn::tensor::{self, Shape};
 use burn_cubecl::tensor::CubeTensor;
 
+use super::outputs::Outputs;
 use super::{CubeKernel, Pass, apply, arg, empty, empty_like};
 
 /// Threads that share a sum: all numbers of a batch of rays are few.
@@ -59,6 +60,83 @@ impl CubeKernel for Sum {
         launch!(slopes::launch, a.meta.num_elements(); a, b, pass.grad, &da; self.threshold, self.scale, self.summand);
         vec![Some(da), None]
     }
+}
+
+/// As many as an operation has inputs.
+pub(crate) const MOST_SCALARS: usize = 4;
+
+/// [`weighted_sum`](crate::means::weighted_sum) of two to [`MOST_SCALARS`].
+pub(crate) fn weighted_sum(terms: Vec<(tensor::Tensor<1>, f32)>) -> tensor::Tensor<1> {
+    let (scalars, mut weights): (Vec<_>, Vec<f32>) = terms.into_iter().unzip();
+    weights.resize(MOST_SCALARS, 0.0);
+    let kernel = WeightedSum(std::array::from_fn(|index| weights[index]));
+    match <[_; 2]>::try_from(scalars) {
+        Ok([a, b]) => apply(kernel, (a, b)),
+        Err(scalars) => match <[_; 3]>::try_from(scalars) {
+            Ok([a, b, c]) => apply(kernel, (a, b, c)),
+            Err(scalars) => match <[_; 4]>::try_from(scalars) {
+                Ok([a, b, c, d]) => apply(kernel, (a, b, c, d)),
+                Err(_) => unreachable!("two to four scalars are summed"),
+            },
+        },
+    }
+}
+
+#[derive(Debug)]
+struct WeightedSum([f32; MOST_SCALARS]);
+
+impl CubeKernel for WeightedSum {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        let out = empty(&inputs[0], [1]);
+        let of = |index: usize| inputs.get(index).unwrap_or(&inputs[0]);
+        let [a, b, c, d] = self.0;
+        launch!(weigh::launch, 1; of(0), of(1), of(2), of(3), &out; a, b, c, d, inputs.len());
+        out
+    }
+
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        let slopes = Outputs::new([0; MOST_SCALARS].map(|_| Shape::new([1])));
+        let buffer = slopes.buffer(pass.grad);
+        let [a, b, c, d] = self.0;
+        launch!(shares::launch, MOST_SCALARS; pass.grad, &buffer; a, b, c, d, slopes.starts()[1]);
+        slopes.parts(&buffer).into_iter().take(pass.inputs.len()).map(Some).collect()
+    }
+}
+
+#[cube(launch)]
+fn weigh(
+    a: &Tensor<f32>,
+    b: &Tensor<f32>,
+    c: &Tensor<f32>,
+    d: &Tensor<f32>,
+    out: &mut Tensor<f32>,
+    of_a: f32,
+    of_b: f32,
+    of_c: f32,
+    of_d: f32,
+    #[comptime] count: usize,
+) {
+    if ABSOLUTE_POS > 0 {
+        terminate!();
+    }
+    let mut sum = of_a * a[0] + of_b * b[0];
+    if comptime!(count > 2) {
+        sum += of_c * c[0];
+    }
+    if comptime!(count > 3) {
+        sum += of_d * d[0];
+    }
+    out[0] = sum;
+}
+
+/// The gradient of each scalar, `apart` numbers from the one before.
+#[cube(launch)]
+fn shares(grad: &Tensor<f32>, out: &mut Tensor<f32>, a: f32, b: f32, c: f32, d: f32, apart: usize) {
+    let place = ABSOLUTE_POS;
+    if place >= 4 {
+        terminate!();
+    }
+    out[place * apart] = grad[0] * select(place == 0, a, select(place == 1, b, select(place == 2, c, d)));
 }
 
 #[cube(launch)]

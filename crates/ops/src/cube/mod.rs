@@ -45,7 +45,7 @@ use burn_cubecl::tensor::CubeTensor;
 pub(crate) use adam::{adam_together, finite_after};
 pub(crate) use dense::dense;
 pub(crate) use encode::{frequency, integrated};
-pub(crate) use means::{Summand, sum};
+pub(crate) use means::{MOST_SCALARS, Summand, sum, weighted_sum};
 pub(crate) use outputs::part_or_copy;
 pub(crate) use product::has_tf32;
 pub(crate) use rays::{composite, divergence, entropy, points, spread};
