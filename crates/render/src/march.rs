@@ -2,8 +2,8 @@
 //!
 //! Rays advance a few samples at a time, and stop once their transmittance T is at most e =
 //! `render.early_stop_transmittance`: the weights of skipped samples sum to no more than that. Through thin fog, and behind much
-//! of it, they take longer steps: where the finer grid of pictures knows that the optical depth of a step is below 80 e/T, two
-//! steps are one sample in the middle of both, below 10 e/T four. A sample then has a weight of 160 e at most, and what it
+//! of it, they take longer steps: where the finer grid of pictures knows that the optical depth of a step is below 100 e/T, two
+//! steps are one sample in the middle of both, below 10 e/T four. A sample then has a weight of 200 e at most, and what it
 //! differs by from those that it stands for is a part of that. With e = 0 pictures are exact.
 
 use infonerf_field::{Extent, Field, Points};
@@ -28,7 +28,7 @@ pub(crate) struct Marched {
 /// Samples per ray and round: few, as rays stop soon after a surface.
 const ROUND: usize = 4;
 /// Optical depths of a step, in units of e/T, below which two are one sample, and four.
-const JOINED: [f32; 2] = [80.0, 10.0];
+const JOINED: [f32; 2] = [100.0, 10.0];
 /// Rays of a [`Part`].
 const PART: usize = 1 << 10;
 
