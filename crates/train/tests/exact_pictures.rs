@@ -7,6 +7,7 @@ use infonerf_train::{Config, Outcome, Preset, Trainer};
 
 /// Rays that stop early and take longer steps through thin fog, against all samples.
 #[test]
+#[allow(clippy::print_stdout, reason = "the figures of docs/numerics.md")]
 fn pictures_are_within_60_db_of_exact_ones() {
     for name in ["crane", "castle", "knot", "orrery"] {
         let mut config = Config::of(Preset::Fast, ["train.iterations=300"]).unwrap();
