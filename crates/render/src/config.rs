@@ -26,7 +26,8 @@ pub struct RenderConfig {
     /// Whether rays are clipped to the scene's box; only in unwarped space.
     pub clip_to_bounds: bool,
     /// In pictures of a single pass with [`Placement::Mid`]: transmittance at which a ray stops, which changes a colour by
-    /// no more than this; 0 evaluates all samples.
+    /// no more than this. With a finer grid, fog through which steps are thin beside it takes longer steps too (`march.rs`
+    /// says which). 0 evaluates all samples.
     pub early_stop_transmittance: f32,
     /// In training, and for the reported entropy and information gain: optical depth of the occupancy grid's densities
     /// behind which a ray's samples are skipped; 0 skips none, as does a run without a grid. Densities of the grid are

@@ -253,4 +253,30 @@ mod tests {
             assert_eq!(render_one(&renderer, &trained, &camera).acc, [1.0], "{placement:?}");
         }
     }
+
+    /// A wall behind fog of one density, all of it known to a finer grid.
+    #[test]
+    fn thin_fog_takes_fewer_samples_of_the_same_picture() {
+        let sigma = |p: Vec3| if p.z < 0.0 { 1e4 } else { 0.4 };
+        let (_, mut trained, camera) = seen(sigma, Placement::Mid);
+        let step = Renderer::new(&config(Placement::Mid), &Scene::default()).step_length(trained.at);
+        let noise = Noise::new(0, 0, RandomStream::RefinedOccupancy);
+        let known = |points: Vec<f32>| points.chunks_exact(3).map(|p| sigma(Vec3::from_slice(p))).collect();
+        trained.occupancy = trained.occupancy.map(|grid| grid.refined(8, noise, step, known));
+        let picture = |early_stop_transmittance: f32| {
+            let config = RenderConfig { early_stop_transmittance, clip_to_bounds: true, ..config(Placement::Mid) };
+            render_one(&Renderer::new(&config, &Scene::default()), &trained, &camera)
+        };
+        let [exact, still, joined] = [0.0, 1e-5, 1e-3].map(picture);
+        // The optical depth of a step of the fog is 0.063.
+        let in_fog = |picture: &RenderedImage| picture.counts.evaluated - 1;
+        assert!(
+            in_fog(&still) >= 8 && in_fog(&joined) <= in_fog(&still) / 2 + 2,
+            "{:?} {:?}",
+            still.counts,
+            joined.counts
+        );
+        assert!((exact.acc[0] - joined.acc[0]).abs() < 1e-5, "{} {}", exact.acc[0], joined.acc[0]);
+        assert!((exact.depth[0] - joined.depth[0]).abs() < 0.1 * step, "{} {}", exact.depth[0], joined.depth[0]);
+    }
 }

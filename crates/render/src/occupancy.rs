@@ -1,4 +1,4 @@
-use glam::Vec3;
+use glam::{I64Vec3, Vec3};
 use infonerf_scene::{Aabb, Ray, View};
 use rayon::prelude::*;
 
@@ -9,7 +9,37 @@ const CHUNK: usize = 1 << 16;
 /// Points that [`OccupancyGrid::refined`] evaluates per cell.
 const PROBES: usize = 8;
 /// Largest distance to occupied cells that is told from larger ones.
-const REACH: u8 = 16;
+const REACH: u16 = 16;
+
+/// Bits of the fraction in a fixed-point place.
+const FRACTION: u32 = 32;
+
+/// A place or displacement in units of 2^-32 of a cell: looks along a ray take a few additions.
+pub(crate) fn fixed(in_cells: Vec3) -> I64Vec3 {
+    (in_cells.as_dvec3() * (1u64 << FRACTION) as f64).as_i64vec3()
+}
+
+/// What a grid says of a place. If that is occupied: the density at most, as the upper half of an `f32`, which orders numbers
+/// that are not negative. If it is empty: [`Self::EMPTY`] and the cells to the nearest occupied one.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub(crate) struct Look(u16);
+
+impl Look {
+    const EMPTY: u16 = 1 << 15;
+    /// Occupied by whatever density.
+    const UNKNOWN: Self = Self(Self::EMPTY - 1);
+
+    /// An occupied place where the density is less than this looks less than this.
+    pub(crate) fn of_density(density: f32) -> Self {
+        Self((density.to_bits() >> 16) as u16)
+    }
+
+    /// Cells from here to the nearest occupied one, along the axis on which they are most, at most [`REACH`]; 0 in an occupied
+    /// cell and outside the box.
+    pub(crate) fn distance(self) -> u16 {
+        self.0.saturating_sub(Self::EMPTY)
+    }
+}
 
 /// Which cells of the scene's box are empty.
 ///
@@ -28,8 +58,8 @@ pub struct OccupancyGrid {
     updated: bool,
     /// The smallest box around all occupied cells.
     tight: Aabb,
-    /// Cells from each to the nearest occupied one, along the axis on which they are most: 0 to [`REACH`].
-    distance: Vec<u8>,
+    /// Of each cell.
+    looks: Vec<Look>,
 }
 
 impl OccupancyGrid {
@@ -45,7 +75,7 @@ impl OccupancyGrid {
             carved: vec![false; cells],
             updated: false,
             tight: bounds,
-            distance: vec![0; cells],
+            looks: vec![Look::UNKNOWN; cells],
         }
     }
 
@@ -63,7 +93,7 @@ impl OccupancyGrid {
             *known |= carved;
             *occupied &= !*known;
         }
-        self.derive();
+        self.derive(None);
     }
 
     /// Whether an update is due at `step`.
@@ -96,7 +126,7 @@ impl OccupancyGrid {
                 self.occupied[cell] = true;
             }
         }
-        self.derive();
+        self.derive(None);
         alive
     }
 
@@ -163,7 +193,9 @@ impl OccupancyGrid {
         }
         fine.occupied = fine.density.iter().map(|density| *density > threshold).collect();
         fine.updated = true;
-        fine.derive();
+        let mut nearby = fine.density.clone();
+        fine.widen(&mut nearby);
+        fine.derive(Some(&nearby));
         fine
     }
 
@@ -197,32 +229,47 @@ impl OccupancyGrid {
         displacement * self.cells_per_unit
     }
 
-    /// Cells from that of `p`, [in cells](Self::in_cells), to the nearest occupied one, along the axis on which they are most,
-    /// at most [`REACH`]; 0 in an occupied cell and outside the box.
-    pub(crate) fn distance(&self, p: Vec3) -> u8 {
-        self.cell(p).map_or(0, |cell| self.distance[cell])
+    /// What is at `p`, [in cells](Self::in_cells).
+    pub(crate) fn look(&self, p: Vec3) -> Look {
+        self.look_at(fixed(p))
     }
 
-    /// What follows from which cells are occupied.
-    fn derive(&mut self) {
+    /// What is at a [fixed-point](fixed) place.
+    #[inline]
+    pub(crate) fn look_at(&self, place: I64Vec3) -> Look {
+        let n = self.config.resolution;
+        let [x, y, z] = place.to_array().map(|c| (c >> FRACTION) as usize);
+        if x < n && y < n && z < n { self.looks[x + n * (y + n * z)] } else { Look::UNKNOWN }
+    }
+
+    /// What follows from which cells are occupied, and from the density near each where that is known.
+    fn derive(&mut self, nearby: Option<&[f32]>) {
         self.tighten();
-        let mut near: Vec<u8> = self.occupied.iter().map(|&occupied| u8::from(occupied)).collect();
-        self.distance = vec![0; near.len()];
+        let mut near: Vec<u16> = self.occupied.iter().map(|&occupied| u16::from(occupied)).collect();
+        let mut distance = vec![0; near.len()];
         for _ in 0..REACH {
-            self.distance.iter_mut().zip(&near).for_each(|(distance, near)| *distance += 1 - near);
+            distance.iter_mut().zip(&near).for_each(|(distance, near)| *distance += 1 - near);
             self.widen(&mut near);
         }
+        let look = |(cell, distance)| match (distance, nearby) {
+            (0, Some(density)) => Look::of_density(density[cell]),
+            (0, None) => Look::UNKNOWN,
+            _ => Look(Look::EMPTY + distance),
+        };
+        self.looks = distance.into_iter().enumerate().map(look).collect();
     }
 
-    /// Marks the neighbours of all marked cells, also those across an edge or a corner.
-    fn widen(&self, marks: &mut [u8]) {
+    /// Each cell gets the largest number of itself and its neighbours, also those across an edge or a corner.
+    fn widen<T: Copy + PartialOrd>(&self, numbers: &mut [T]) {
         let n = self.config.resolution;
         for stride in [1, n, n * n] {
-            let before = marks.to_vec();
-            let pairs = |from: &[u8], to: &mut [u8]| to.iter_mut().zip(from).for_each(|(to, from)| *to |= from);
-            for (before, marks) in before.chunks_exact(stride * n).zip(marks.chunks_exact_mut(stride * n)) {
-                pairs(&before[stride..], &mut marks[..(n - 1) * stride]);
-                pairs(&before[..(n - 1) * stride], &mut marks[stride..]);
+            let before = numbers.to_vec();
+            let pairs = |from: &[T], to: &mut [T]| {
+                to.iter_mut().zip(from).for_each(|(to, from)| *to = if from > to { *from } else { *to });
+            };
+            for (before, numbers) in before.chunks_exact(stride * n).zip(numbers.chunks_exact_mut(stride * n)) {
+                pairs(&before[stride..], &mut numbers[..(n - 1) * stride]);
+                pairs(&before[..(n - 1) * stride], &mut numbers[stride..]);
             }
         }
     }
@@ -281,7 +328,7 @@ impl OccupancyGrid {
             return Err(self.density.len());
         }
         (self.density, self.occupied, self.updated) = (density, occupied, updated);
-        self.derive();
+        self.derive(None);
         Ok(())
     }
 
@@ -361,7 +408,7 @@ mod tests {
         }
         assert!(grid.is_occupied(Vec3::ZERO) && grid.is_occupied(Vec3::new(0.45, 0.0, 0.0)));
         assert!(!grid.is_occupied(Vec3::splat(0.9)));
-        let distance = |p: Vec3| grid.distance(grid.in_cells(p));
+        let distance = |p: Vec3| grid.look(grid.in_cells(p)).distance();
         assert!(distance(Vec3::splat(0.9)) > 1 && distance(Vec3::ZERO) == 0);
         assert!(grid.is_occupied(Vec3::splat(7.0)), "outside nothing is known");
         assert!(grid.is_occupied(Vec3::splat(f32::NAN)));
@@ -412,7 +459,7 @@ mod tests {
             grid.restore(vec![1.0; cells], occupied, true).unwrap();
             let direction = (Vec3::from(to) - Vec3::from(from)).normalize_or(Vec3::X);
             let ray = Ray::new(Vec3::from(from), direction);
-            let distance = grid.distance(grid.in_cells(ray.origin));
+            let distance = grid.look(grid.in_cells(ray.origin)).distance();
             let pace = grid.cells_along(ray.direction).abs().max_element();
             let reach = 0.999 * f32::from(distance.saturating_sub(1)) / pace;
             for i in 0..=100 {

@@ -1,7 +1,7 @@
 //! Where along each ray a field is evaluated: candidate distances, minus what is known to be empty or hidden.
 
 use burn::tensor::Device;
-use glam::Vec3;
+use glam::I64Vec3;
 use infonerf_field::Points;
 use infonerf_ops::composite::weights;
 use infonerf_ops::sampling::distances::{blurred, importance, intervals, resample, stratified};
@@ -10,6 +10,7 @@ use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
 
 use crate::noise::RandomStream;
+use crate::occupancy::{Look, fixed};
 use crate::on_device::CandidatesOnDevice;
 use crate::{Draw, OccupancyGrid, Placement, RenderConfig, RenderOutput, Samples, Warp};
 
@@ -114,7 +115,8 @@ impl Sampler {
         grid: Option<&'a OccupancyGrid>,
     ) -> Steps<'a> {
         let warp = &self.warp;
-        let nothing = Steps { ray, warp, grid, cells: None, near: 0.0, length: step, shift, next: 0, last: 0 };
+        let joined = [Look::of_density(0.0); 2];
+        let nothing = Steps { ray, warp, grid, cells: None, near: 0.0, length: step, shift, joined, next: 0, last: 0 };
         let Some((near, far)) = self.interval(ray) else { return nothing };
         let count = ((far - near) / step).ceil().max(1.0);
         let length = (far - near) / count;
@@ -122,7 +124,8 @@ impl Sampler {
         let Some(grid) = grid else { return all };
         let cells = warp.is_identity().then(|| {
             let [from, step] = [grid.in_cells(ray.at(near)), grid.cells_along(ray.direction * length)];
-            CellLine { from, step, steps_per_cell: 0.999 / step.abs().max_element() }
+            let steps_per_cell = 0.999 / step.abs().max_element();
+            CellLine { from: fixed(from + shift * step), step: fixed(step), steps_per_cell }
         });
         if !self.clips() {
             return Steps { cells, ..all };
@@ -265,7 +268,8 @@ impl Sampler {
     }
 }
 
-/// `(distance, length)` of steps of one length along a ray, less those in empty cells of a grid, front to back.
+/// `(distance, length)` of samples along a ray, front to back: steps of one length less those in empty cells of a grid, where
+/// [`Self::join`] says so two or four as one.
 #[derive(Clone, Debug)]
 pub(crate) struct Steps<'a> {
     ray: &'a Ray,
@@ -279,18 +283,57 @@ pub(crate) struct Steps<'a> {
     shift: f32,
     /// The ray among the cells of the grid, unless space is warped.
     cells: Option<CellLine>,
+    /// Two steps are one sample where both look less than the first of these, four where all look less than the second.
+    joined: [Look; 2],
     next: usize,
     last: usize,
 }
 
-/// A ray in units of a grid's cells.
+/// A ray among a grid's cells, in fixed point.
 #[derive(Clone, Copy, Debug)]
 struct CellLine {
-    from: Vec3,
+    /// The first sample.
+    from: I64Vec3,
     /// Along one step.
-    step: Vec3,
+    step: I64Vec3,
     /// Steps in the width of a cell, along the axis on which the ray passes cells fastest; rounded down a little.
     steps_per_cell: f32,
+}
+
+impl Steps<'_> {
+    /// From here on, makes one sample of two steps that the grid knows to be less deep than `depths[0]` each, and of four below
+    /// `depths[1]`, which is less.
+    pub(crate) fn join(&mut self, depths: [f32; 2]) {
+        self.joined = depths.map(|depth| Look::of_density(depth / self.length));
+    }
+
+    /// Distance of a place in units of steps.
+    fn distance(&self, at: f32) -> f32 {
+        self.warp.distance(self.near + at * self.length)
+    }
+
+    /// What is at the sample of a step.
+    #[inline]
+    fn look(&self, grid: &OccupancyGrid, step: usize) -> Look {
+        match self.cells {
+            Some(line) => grid.look_at(line.from + step as i64 * line.step),
+            None => {
+                let t = self.distance(step as f32 + self.shift);
+                grid.look(grid.in_cells(self.warp.point(self.ray.at(t))))
+            }
+        }
+    }
+
+    /// The number of steps from the next on, which looks like `first`, that are one sample.
+    fn together(&self, grid: &OccupancyGrid, first: Look) -> usize {
+        let [two, four] = self.joined;
+        let thin = |ahead: usize, most: Look| self.look(grid, self.next + ahead) < most;
+        match self.last - self.next {
+            4.. if first < four && (1..4).all(|ahead| thin(ahead, four)) => 4,
+            2.. if first < two && thin(1, two) => 2,
+            _ => 1,
+        }
+    }
 }
 
 impl Iterator for Steps<'_> {
@@ -298,18 +341,20 @@ impl Iterator for Steps<'_> {
 
     fn next(&mut self) -> Option<(f32, f32)> {
         while self.next < self.last {
-            let at = self.next as f32 + self.shift;
-            let t = || self.warp.distance(self.near + at * self.length);
-            let (away, steps_per_cell) = match (self.grid, self.cells) {
-                (Some(grid), Some(line)) => (grid.distance(line.from + at * line.step), line.steps_per_cell),
-                (Some(grid), None) => (grid.distance(grid.in_cells(self.warp.point(self.ray.at(t())))), 0.0),
-                (None, _) => (0, 0.0),
-            };
-            // Steps through wide empty space are passed over many at a time.
-            self.next += 1 + (f32::from(away.saturating_sub(1)) * steps_per_cell) as usize;
-            if away == 0 {
-                return Some((t(), self.length));
+            let mut count = 1;
+            if let Some(grid) = self.grid {
+                let look = self.look(grid, self.next);
+                if let Some(away) = look.distance().checked_sub(1) {
+                    // Steps through wide empty space are passed over many at a time.
+                    let pace = self.cells.map_or(0.0, |line| line.steps_per_cell);
+                    self.next += 1 + (f32::from(away) * pace) as usize;
+                    continue;
+                }
+                count = self.together(grid, look);
             }
+            let at = self.next as f32 + self.shift + 0.5 * (count - 1) as f32;
+            self.next += count;
+            return Some((self.distance(at), count as f32 * self.length));
         }
         None
     }

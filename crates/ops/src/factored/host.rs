@@ -1,5 +1,6 @@
 //! The rayon body: blocks of samples go through encoding and MLP without leaving the cache.
 
+use std::cell::RefCell;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -200,7 +201,10 @@ pub(super) fn field(
     let layers = packed(&layout, weights);
     Box::new(move |positions, directions| {
         let field = Parameters { layout: &layout, tables: &tables, layers: &layers, detail: (&frequencies, &levels) };
-        let mut activations = vec![0.0; activations(&layout)];
+        // Kept from call to call: zeros take long.
+        thread_local!(static ROOM: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) });
+        let mut activations = ROOM.take();
+        activations.resize(self::activations(&layout), 0.0);
         let mut out = vec![[0.0; OUTPUTS]; positions.len()];
         let blocks = positions.chunks(BLOCK).zip(directions.chunks(BLOCK)).zip(out.chunks_mut(BLOCK));
         for ((positions, directions), out) in blocks {
@@ -213,6 +217,7 @@ pub(super) fn field(
                 out: out.as_flattened_mut(),
             });
         }
+        ROOM.set(activations);
         out
     })
 }
