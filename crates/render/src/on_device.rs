@@ -172,7 +172,7 @@ mod tests {
                     let host = sampler.coarse(&rays, draws, None, at, &device);
                     assert!(matches!(host, Candidates::OnHost(_)));
                     let there = CandidatesOnDevice::stratified(&sampler, &rays, draws, at, &device).unwrap();
-                    let mut pairs = vec![(host, Candidates::OnDevice(there))];
+                    let mut pairs = vec![(host, Candidates::OnDevice(Box::new(there)))];
                     for pass in 0..2 {
                         let (host, there) = &pairs[pass];
                         let [host_pack, pack] =

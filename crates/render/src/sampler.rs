@@ -19,10 +19,13 @@ use crate::{Draw, OccupancyGrid, Placement, RenderConfig, RenderOutput, Samples,
 pub(crate) enum Candidates {
     /// Of each ray, its samples' sorted coordinates (edges under [`Placement::Interval`]) with the ends of its interval; none if
     /// it misses the bounds. A coordinate is the distance, unless space is warped ([`Warp::coordinate`]).
-    OnHost(Vec<Option<(Vec<f32>, f32, f32)>>),
+    OnHost(Vec<Option<OfRay>>),
     /// The same on a GPU, where nothing is skipped.
-    OnDevice(CandidatesOnDevice),
+    OnDevice(Box<CandidatesOnDevice>),
 }
+
+/// Coordinates of a ray's samples, and those of its near and far end.
+type OfRay = (Vec<f32>, f32, f32);
 
 /// What to skip along rays.
 #[derive(Clone, Copy, Debug)]
@@ -149,7 +152,7 @@ impl Sampler {
         if is_gpu(device) && grid.is_none() {
             let placed = CandidatesOnDevice::stratified(self, rays, draws, at, device);
             if let Some(placed) = placed {
-                return Candidates::OnDevice(placed);
+                return Candidates::OnDevice(Box::new(placed));
             }
         }
         let count = self.config.samples.at(at).round() as usize;
@@ -166,11 +169,11 @@ impl Sampler {
         let c = &self.config;
         let coarse = match coarse {
             Candidates::OnHost(coarse) => coarse,
-            Candidates::OnDevice(coarse) => return Candidates::OnDevice(coarse.fine(self, output)),
+            Candidates::OnDevice(coarse) => return Candidates::OnDevice(Box::new(coarse.fine(self, output))),
         };
         let weights = weights(&to_host(output.tau.clone()), output.segments());
         let distances = output.samples.t();
-        let of_ray = |(index, candidates): (usize, &Option<(Vec<f32>, f32, f32)>)| {
+        let of_ray = |(index, candidates): (usize, &Option<OfRay>)| {
             let (t, near, far) = candidates.as_ref()?;
             let range = output.segments().range(index);
             // Both lists are sorted and the kept distances are copies of candidates.

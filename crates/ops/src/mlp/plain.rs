@@ -44,6 +44,7 @@ pub(super) fn layers(
 }
 
 /// The `activation` of a layer of `x`, `[M, N]`, M being a multiple of `parts`.
+#[cfg_attr(not(feature = "cube"), allow(unused_variables, reason = "only GPUs take parts"))]
 fn dense(x: Tensor<2>, layer: &Dense, activation: Activation, precision: Precision, parts: usize) -> Tensor<2> {
     let Dense { weight, bias } = layer.clone();
     dispatch! {
