@@ -161,8 +161,8 @@ fn check(device: &Device) {
     let delta = to_host(fine.samples.delta.clone());
     for (index, row) in rows.iter().enumerate() {
         let range = fine.samples.segments.range(index);
-        let mut edges: Vec<f32> = range.clone().map(|i| fine.samples.t[i] - 0.5 * delta[i]).collect();
-        edges.push(fine.samples.t[range.end - 1] + 0.5 * delta[range.end - 1]);
+        let mut edges: Vec<f32> = range.clone().map(|i| fine.samples.t()[i] - 0.5 * delta[i]).collect();
+        edges.push(fine.samples.t()[range.end - 1] + 0.5 * delta[range.end - 1]);
         compare(&edges, &row["edges"], &format!("ray {index}, edges"));
         compare_output(&fine, index, &row["fine"], &format!("ray {index}, fine"));
         compare_output(&coarse, index, &row["coarse"], &format!("ray {index}, coarse"));
