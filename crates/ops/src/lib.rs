@@ -5,7 +5,7 @@
 //! | body | where it runs | why it is there |
 //! |---|---|---|
 //! | host kernel ([`kernel::Kernel`]) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
-//! | CubeCL kernel (`cube`, with the feature of that name) | GPUs: compositing, entropy, KL divergence, sums of losses, planes and lines with their network and variation, activations, encodings, Adam | few launches |
+//! | CubeCL kernel (`cube`, with the feature of that name) | GPUs: placing samples, compositing, entropy, KL divergence, sums of losses, planes and lines with their network and variation, dense layers, encodings, Adam | few launches |
 //! | plain tensors (`plain` of each file) | every backend | portability, and an oracle for the kernels |
 //! | [`mod@reference`] in `f64` | tests | bounds the error of both |
 //!

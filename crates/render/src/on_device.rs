@@ -186,9 +186,13 @@ mod tests {
                                 approx::assert_relative_eq!(*a, *b, epsilon = 1e-5, max_relative = 1e-5);
                             }
                         };
-                        near(samples.t(), host_pack.0.t());
                         near(&to_host(samples.delta.clone()), &to_host(host_pack.0.delta.clone()));
                         near(&to_host(points.positions.clone()), &to_host(host_pack.1.positions.clone()));
+                        let beside: Vec<Ray> = rays.iter().map(|&ray| Ray { radius: 0.2, ..ray }).rev().collect();
+                        let [along, host_along] =
+                            [samples, &host_pack.0].map(|samples| samples.along(&beside, sampler.warp()).positions);
+                        near(&to_host(along), &to_host(host_along));
+                        near(samples.t(), host_pack.0.t());
                         if pass == 0 {
                             let tau = (0..samples.segments.samples()).map(|i| (i % 4) as f32 * 0.3);
                             let tau = Tensor::from_floats(tau.collect::<Vec<_>>().as_slice(), &device);

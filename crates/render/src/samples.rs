@@ -72,16 +72,23 @@ impl Samples {
         warp.points(points_on_rays(origins, directions, self.distance.clone(), &self.segments))
     }
 
-    /// The points at the same distances along other rays.
+    /// The points at the same distances along other rays: made where the distances are known.
     pub(crate) fn along(&self, rays: &[Ray], warp: &Warp) -> Points {
+        let device = self.distance.device();
+        let Some(t) = self.on_host.get() else {
+            let origins = rays.iter().flat_map(|ray| ray.origin.to_array()).collect();
+            let [origins, directions, radii] = upload_together([origins, directions(rays), radii(rays)], &[], &device);
+            let rows = |numbers: &Tensor<1>| numbers.clone().reshape([rays.len(), 3]);
+            let rays = TrackedRays { origins: rows(&origins), directions: rows(&directions) };
+            return self.points(self.tracked(&rays, warp).flatten(0, 1), directions, radii);
+        };
         let positions: Vec<f32> = self
             .segments
             .ranges()
             .zip(rays)
-            .flat_map(|(range, ray)| self.t()[range].iter().flat_map(|&t| warp.point(ray.at(t)).to_array()))
+            .flat_map(|(range, ray)| t[range].iter().flat_map(|&t| warp.point(ray.at(t)).to_array()))
             .collect();
-        let arrays = [positions, directions(rays), radii(rays)];
-        let [positions, directions, radii] = upload_together(arrays, &[], &self.distance.device());
+        let [positions, directions, radii] = upload_together([positions, directions(rays), radii(rays)], &[], &device);
         self.points(positions, directions, radii)
     }
 
