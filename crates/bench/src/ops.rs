@@ -168,6 +168,7 @@ impl Input {
                 segments: Segments::uniform(MLP_RAYS, MLP_SAMPLES),
             }),
             precision: Precision::F32,
+            negligible: 0.0,
         };
         let centred = |values: Vec<f32>| values.into_iter().map(|x| x - 0.5).collect::<Vec<f32>>();
         let tensor = |values: Vec<f32>| {
@@ -184,6 +185,7 @@ impl Input {
                 frequency_weights: vec![1.0; 3],
                 level_weights: vec![1.0; 4],
                 color: true,
+                negligible: 0.0,
             },
             tables: tensor(centred(numbers(6, layout.table_len()))),
             weights: tensor(centred(numbers(7, layout.weight_len()))),

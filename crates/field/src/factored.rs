@@ -13,7 +13,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_detail};
+use crate::check::{check, check_detail, check_negligible};
 use crate::detail::part_weights;
 use crate::init::uniform;
 use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points};
@@ -43,6 +43,10 @@ pub struct FactoredConfig {
     pub density_bias: f32,
     /// Share of the finer levels and higher frequencies in use, coarsest first; 1 for all.
     pub detail: Schedule,
+    /// Share of the sum of all samples' slopes that the backward pass may leave out, of those that are the least: 0 to 0.1, 0 for
+    /// none but zeros. GPUs leave none out.
+    #[serde(default)]
+    pub negligible: f32,
 }
 
 impl fmt::Display for FactoredConfig {
@@ -66,6 +70,7 @@ impl FieldSpec for FactoredConfig {
         let scale = self.density_scale;
         check("density_scale", "above 0, at most 1e6", scale, scale > 0.0 && scale <= 1e6)?;
         check("density_bias", "-50 to 50", self.density_bias, (-50.0..=50.0).contains(&self.density_bias))?;
+        check_negligible(self.negligible)?;
         check_detail(&self.detail)
     }
 
@@ -177,6 +182,7 @@ impl Field for FactoredField {
             frequency_weights,
             level_weights,
             color,
+            negligible: self.config.negligible,
         };
         let (sigma, color) = density_and_color(self.tables.val(), self.weights.val(), &self.layout, query);
         FieldOutput { sigma, color }
@@ -219,6 +225,7 @@ mod tests {
             density_scale: 10.0,
             density_bias: -1.0,
             detail: 0.7.into(),
+            negligible: 0.0,
         };
         config.build(&FieldSetup { bounds: [[-1.0; 3], [1.0, 2.0, 3.0]], seed: 0, device, body: None }).unwrap()
     }

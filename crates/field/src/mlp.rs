@@ -25,6 +25,8 @@ pub(crate) struct MlpSize {
     pub(crate) direction_frequencies: usize,
     /// Precision of the matrix products.
     pub(crate) precision: Precision,
+    /// Share of all slopes that the backward pass may leave out.
+    pub(crate) negligible: f32,
 }
 
 /// Encoded position → trunk of ReLU layers with one skip → density; trunk features and encoded direction → colour.
@@ -41,11 +43,13 @@ pub(crate) struct Mlp {
     direction_frequencies: usize,
     #[module(skip)]
     precision: Precision,
+    #[module(skip)]
+    negligible: f32,
 }
 
 impl Mlp {
     pub(crate) fn new(size: MlpSize, init: Init, rng: &mut impl Rng, device: &Device) -> Self {
-        let MlpSize { inputs, layers, width, skip, direction_frequencies, precision } = size;
+        let MlpSize { inputs, layers, width, skip, direction_frequencies, precision, negligible } = size;
         let trunk = (0..layers)
             .map(|layer| {
                 let fan_in = match layer {
@@ -65,6 +69,7 @@ impl Mlp {
             skip,
             direction_frequencies,
             precision,
+            negligible,
         }
     }
 
@@ -89,6 +94,7 @@ impl Mlp {
                 segments: points.segments.clone(),
             }),
             precision: self.precision,
+            negligible: self.negligible,
         };
         let (sigma, color) = density_and_color(encoded, &network, activation);
         FieldOutput { sigma, color }

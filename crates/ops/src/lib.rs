@@ -64,7 +64,11 @@ pub mod kernel;
 pub mod matmul;
 pub mod means;
 pub mod mlp;
+#[cfg(feature = "flex")]
+mod negligible;
 pub mod numeric;
+#[cfg(feature = "flex")]
+mod parts;
 #[cfg(feature = "flex")]
 mod peak;
 pub mod random;

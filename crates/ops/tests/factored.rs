@@ -43,6 +43,7 @@ fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> C
         frequency_weights: vec![1.0, 0.5],
         level_weights: vec![1.0, 0.4, 0.0],
         color,
+        negligible: 0.0,
     };
     let tables = numbers(layout.table_len(), 3);
     let weights = numbers(layout.weight_len(), 4).into_iter().map(|w| 0.7 * w).collect();

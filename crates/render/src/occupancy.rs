@@ -106,8 +106,8 @@ impl OccupancyGrid {
     /// Updates densities and occupancy. `sigma` maps positions `[M, 3]` to densities `[M]`; `step_length` is the length of a
     /// sample's interval. Returns whether any cell is occupied; if none is, all cells are opened.
     pub fn update(&mut self, noise: Noise, step_length: f32, mut sigma: impl FnMut(Vec<f32>) -> Vec<f32>) -> bool {
-        let open: Vec<usize> = (0..self.density.len()).filter(|&cell| !self.carved[cell]).collect();
-        let evaluated: Vec<usize> = open.iter().copied().filter(|&cell| self.is_evaluated(cell, noise)).collect();
+        let open: Vec<usize> = (0..self.density.len()).into_par_iter().filter(|&cell| !self.carved[cell]).collect();
+        let evaluated: Vec<usize> = open.par_iter().copied().filter(|&cell| self.is_evaluated(cell, noise)).collect();
         for cells in evaluated.chunks(CHUNK) {
             let points: Vec<f32> = cells.par_iter().flat_map_iter(|&cell| self.random_point(cell, noise, 0)).collect();
             for (&cell, sigma) in cells.iter().zip(sigma(points)) {
@@ -245,8 +245,8 @@ impl OccupancyGrid {
     /// What follows from which cells are occupied, and from the density near each where that is known.
     fn derive(&mut self, nearby: Option<&[f32]>) {
         self.tighten();
-        let mut near: Vec<u16> = self.occupied.iter().map(|&occupied| u16::from(occupied)).collect();
-        let mut distance = vec![0; near.len()];
+        let mut near: Vec<u8> = self.occupied.iter().map(|&occupied| u8::from(occupied)).collect();
+        let mut distance = vec![0u8; near.len()];
         for _ in 0..REACH {
             distance.iter_mut().zip(&near).for_each(|(distance, near)| *distance += 1 - near);
             self.widen(&mut near);
@@ -254,7 +254,7 @@ impl OccupancyGrid {
         let look = |(cell, distance)| match (distance, nearby) {
             (0, Some(density)) => Look::of_density(density[cell]),
             (0, None) => Look::UNKNOWN,
-            _ => Look(Look::EMPTY + distance),
+            _ => Look(Look::EMPTY + u16::from(distance)),
         };
         self.looks = distance.into_iter().enumerate().map(look).collect();
     }

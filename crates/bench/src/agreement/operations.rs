@@ -198,7 +198,14 @@ fn network(rng: &mut Rng) -> Operation {
             frequencies: OCTAVES,
             segments: segments.clone(),
         };
-        let network = RadianceMlp { trunk: vec![trunk], skip: 0, sigma, color: Some(color), precision: Precision::F32 };
+        let network = RadianceMlp {
+            trunk: vec![trunk],
+            skip: 0,
+            sigma,
+            color: Some(color),
+            precision: Precision::F32,
+            negligible: 0.0,
+        };
         let points = encoded.clone().reshape([-1, INPUTS as i32]);
         let (density, color) = density_and_color(points, &network, Activation::ShiftedSoftplus);
         let color = color.expect("the network has colour").flatten::<1>(0, 1);
@@ -228,6 +235,7 @@ fn factored(rng: &mut Rng) -> Vec<Operation> {
                 frequency_weights: vec![1.0, 1.0, 0.5],
                 level_weights: vec![1.0, 0.5],
                 color,
+                negligible: 0.0,
             };
             let out = factored_field(tables.clone(), weights.clone(), &layout, query);
             pulled(out, &[&tables, &weights, &positions])

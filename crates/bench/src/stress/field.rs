@@ -152,6 +152,7 @@ pub(super) fn field(contents: &Contents, count: usize, device: &Device, rng: &mu
             frequency_weights: vec![1.0; layout.frequencies],
             level_weights: vec![1.0; layout.levels.len()],
             color: true,
+            negligible: 0.0,
         };
         let parameter =
             |values: &[f32]| Tensor::<1>::from_data(TensorData::new(values.to_vec(), [values.len()]), &device);

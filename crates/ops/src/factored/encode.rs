@@ -6,10 +6,10 @@ use super::layout::{Level, PLANES};
 /// Positions of a block, one row per axis.
 pub(super) type Block = [[f32; BLOCK]; 3];
 
-/// Positions `[samples, 3]` of a block, one row per axis.
-pub(super) fn block(positions: &[f32]) -> Block {
+/// The positions of a block, one row per axis.
+pub(super) fn block<'a>(positions: impl Iterator<Item = &'a [f32]>) -> Block {
     let mut block = [[0.0; BLOCK]; 3];
-    for (s, u) in positions.chunks_exact(3).enumerate() {
+    for (s, u) in positions.enumerate() {
         for axis in 0..3 {
             block[axis][s] = u[axis];
         }

@@ -10,7 +10,9 @@ use super::encode::{self, Block, level_features, plane_gradient, position_gradie
 use super::layout::{Layout, OUTPUTS, PLANES, RAW};
 use super::{HostField, Query};
 use crate::kernel::{Kernel, Pass};
+use crate::negligible;
 use crate::numeric::{Opacity, sigmoid, softplus};
+use crate::parts::{Part, in_parts};
 use crate::simd::{self, Job};
 
 #[derive(Debug)]
@@ -82,52 +84,38 @@ impl Kernel for FactoredKernel {
     }
 
     fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-        let &[tables, weights, positions, ref directions @ ..] = pass.inputs else {
-            unreachable!("three inputs at least")
-        };
+        let &[tables, weights, positions, ..] = pass.inputs else { unreachable!("three inputs at least") };
         let layout = &self.layout;
-        let samples = positions.len() / 3;
         // The first feature whose gradient is needed: the frequencies' lead to positions alone.
         let first = if wanted[2] { 0 } else { self.before_tables() };
-        let blocks = samples.div_ceil(BLOCK);
-        let per_group = blocks.div_ceil(GROUPS).max(1);
         let skipped = |index: usize| if index == 0 { first } else { 0 };
         let layers = layout.layers.iter().enumerate();
         let layers: Vec<Vec<f32>> = layers.map(|(index, layer)| dense::rows(weights, layer, skipped(index))).collect();
+        let kept = self.kept(pass);
+        let position = |s: &usize| &positions[3 * s..3 * s + 3];
+        let blocks: Vec<Block> = kept.par_chunks(BLOCK).map(|rows| encode::block(rows.iter().map(position))).collect();
+        let per_group = blocks.len().div_ceil(GROUPS).max(1);
 
         // The MLP, block by block; the gradient of what comes from tables is kept for all samples.
         let of_tables = self.of_tables() * BLOCK;
-        let mut dfeatures = vec![0.0; blocks * of_tables];
-        let mut dpositions = vec![0.0; positions.len()];
+        let mut dfeatures = vec![0.0; blocks.len() * of_tables];
+        let mut dpositions = vec![0.0; 3 * kept.len()];
         let groups: Vec<Vec<Vec<f32>>> = dfeatures
             .par_chunks_mut((per_group * of_tables).max(1))
             .zip(dpositions.par_chunks_mut(per_group * 3 * BLOCK))
-            .enumerate()
-            .map(|(group, (dfeatures, dpositions))| {
+            .zip(kept.par_chunks(per_group * BLOCK).zip(blocks.par_chunks(per_group)))
+            .map(|((dfeatures, dpositions), (kept, blocks))| {
                 let mut scratch = Scratch::new(layout);
-                let blocks = dfeatures.chunks_mut(of_tables.max(1)).zip(dpositions.chunks_mut(3 * BLOCK));
-                for (index, (dfeatures, dpositions)) in blocks.enumerate() {
-                    let block = group * per_group + index;
-                    let rows = block * BLOCK..((block + 1) * BLOCK).min(samples);
-                    let numbers = rows.start * self.outputs()..rows.end * self.outputs();
-                    let activations =
-                        &pass.saved[block * activations(&self.layout)..(block + 1) * activations(&self.layout)];
-                    simd::run(Backward {
-                        kernel: self,
-                        layers: &layers,
-                        activations,
-                        output: &pass.output[numbers.clone()],
-                        grad: &pass.grad[numbers],
-                        directions: directions.first().map(|directions| &directions[3 * rows.start..]),
-                        samples: rows.len(),
-                        first,
-                        scratch: &mut scratch,
-                        dfeatures,
-                    });
+                let mut reached = Reached::default();
+                let results = dfeatures.chunks_mut(of_tables.max(1)).zip(dpositions.chunks_mut(3 * BLOCK));
+                for ((rows, block), (dfeatures, dpositions)) in kept.chunks(BLOCK).zip(blocks).zip(results) {
+                    reached.gather(self, pass, rows);
+                    let scratch = &mut scratch;
+                    let reached = &reached;
+                    simd::run(Backward { kernel: self, layers: &layers, reached, first, scratch, dfeatures });
                     if wanted[2] {
-                        let positions = &positions[3 * rows.start..3 * rows.end];
-                        let (features, dx) = (activations, &scratch.dx);
-                        simd::run(PositionGradient { kernel: self, tables, positions, features, dx, dpositions });
+                        let (features, dx) = (&reached.activations, &scratch.dx);
+                        simd::run(PositionGradient { kernel: self, tables, block, features, dx, dpositions });
                     }
                 }
                 scratch.dweights
@@ -140,44 +128,66 @@ impl Kernel for FactoredKernel {
             }
             sum
         });
-        let dtables = wanted[0].then(|| self.table_gradient(tables, positions, &dfeatures));
-        vec![dtables, dweights, wanted[2].then_some(dpositions), None]
+        let dtables = wanted[0].then(|| self.table_gradient(tables, (&blocks, kept.len()), &dfeatures));
+        let dpositions = wanted[2].then(|| {
+            let mut all = vec![0.0; positions.len()];
+            for (s, dposition) in kept.iter().zip(dpositions.chunks_exact(3)) {
+                all[3 * s..3 * s + 3].copy_from_slice(dposition);
+            }
+            all
+        });
+        vec![dtables, dweights, dpositions, None]
     }
 }
 
 impl FactoredKernel {
+    /// The samples whose gradients are not [`negligible`], where the slopes of a sample are those with respect to what its
+    /// softplus and sigmoids are given, with the bound min(1, y) for softplus' slope 1 − e^−y at the value y.
+    fn kept(&self, pass: Pass<'_>) -> Vec<usize> {
+        let scale = self.layout.density_scale;
+        let rows = pass.output.par_chunks_exact(self.outputs()).zip(pass.grad.par_chunks_exact(self.outputs()));
+        let size = |(y, g): (&[f32], &[f32])| {
+            let colors = y[1..].iter().zip(&g[1..]).map(|(y, g)| (g * y * (1.0 - y)).abs());
+            (g[0] * scale.min(y[0])).abs() + colors.sum::<f32>()
+        };
+        let sizes: Vec<f32> = rows.with_min_len(1024).map(size).collect();
+        let least = negligible::least_kept(&sizes, self.query.negligible);
+        (0..sizes.len()).filter(|&s| negligible::is_kept(sizes[s], least)).collect()
+    }
+
     /// One task for each plane with its line: no two write to the same place, and the order of sums is fixed.
-    fn table_gradient(&self, tables: &[f32], positions: &[f32], dfeatures: &[f32]) -> Vec<f32> {
-        let blocks: Vec<Block> = positions.par_chunks(3 * BLOCK).map(encode::block).collect();
-        let mut dtables = vec![0.0; tables.len()];
-        let mut rest = dtables.as_mut_slice();
-        let mut tasks = Vec::new();
-        for (level, &weight) in self.layout.levels.iter().zip(&self.query.level_weights) {
-            let (own, others) = std::mem::take(&mut rest).split_at_mut(level.len());
-            rest = others;
-            let (planes, lines) = own.split_at_mut(3 * level.plane_len());
-            let pairs = planes.chunks_exact_mut(level.plane_len()).zip(lines.chunks_exact_mut(level.line_len()));
-            if weight != 0.0 {
-                tasks.extend(pairs.enumerate().map(|(p, (dplane, dline))| (level, weight, p, dplane, dline)));
+    fn table_gradient(&self, tables: &[f32], (blocks, samples): (&[Block], usize), dfeatures: &[f32]) -> Vec<f32> {
+        let levels = &self.layout.levels;
+        let lengths = levels.iter().flat_map(|level| [[level.plane_len(); 3], [level.line_len(); 3]]).flatten();
+        in_parts(lengths, |parts| {
+            let mut parts = parts.into_iter();
+            let mut tasks = Vec::new();
+            for (level, &weight) in levels.iter().zip(&self.query.level_weights) {
+                let planes: Vec<Part<'_>> = parts.by_ref().take(3).collect();
+                let pairs = planes.into_iter().zip(parts.by_ref().take(3)).enumerate();
+                tasks.extend(pairs.map(|(p, tables)| (level, weight, p, tables)));
             }
-        }
-        tasks.into_par_iter().for_each(|(level, weight, p, dplane, dline)| {
-            simd::run(PlaneGradient {
-                channels: level.channels,
-                resolution: level.resolution,
-                axes: PLANES[p],
-                weight,
-                tables: encode::tables_of(tables, level, p),
-                blocks: &blocks,
-                samples: positions.len() / 3,
-                dfeatures,
-                first: (level.feature - self.before_tables() + p * level.channels) * BLOCK,
-                of_block: self.of_tables() * BLOCK,
-                dplane,
-                dline,
+            tasks.into_par_iter().for_each(|(level, weight, p, (dplane, dline))| {
+                let (dplane, dline) = (dplane.zeros(), dline.zeros());
+                if weight == 0.0 {
+                    return;
+                }
+                simd::run(PlaneGradient {
+                    channels: level.channels,
+                    resolution: level.resolution,
+                    axes: PLANES[p],
+                    weight,
+                    tables: encode::tables_of(tables, level, p),
+                    blocks,
+                    samples,
+                    dfeatures,
+                    first: (level.feature - self.before_tables() + p * level.channels) * BLOCK,
+                    of_block: self.of_tables() * BLOCK,
+                    dplane,
+                    dline,
+                });
             });
-        });
-        dtables
+        })
     }
 }
 
@@ -251,7 +261,7 @@ impl Job for Forward<'_> {
         let Self { field, color, positions, directions, activations, out } = self;
         let Parameters { layout, tables, layers, detail: (frequencies, levels) } = field;
         let samples = positions.len() / 3;
-        let block = encode::block(positions);
+        let block = encode::block(positions.chunks_exact(3));
         let stride = padded(layout.features());
         let (mut x, mut rest) = activations.split_at_mut(stride * BLOCK);
         encode::frequencies(&block, frequencies, x, stride, samples);
@@ -328,15 +338,48 @@ impl Scratch {
     }
 }
 
+/// What the backward pass of a block of samples starts from, gathered from wherever these are.
+#[derive(Default)]
+struct Reached {
+    samples: usize,
+    activations: Vec<f32>,
+    output: Vec<f32>,
+    grad: Vec<f32>,
+    /// Empty unless they are an input.
+    directions: Vec<f32>,
+}
+
+impl Reached {
+    /// Of the samples `rows`, at most [`BLOCK`].
+    fn gather(&mut self, kernel: &FactoredKernel, pass: Pass<'_>, rows: &[usize]) {
+        let of_block = activations(&kernel.layout);
+        self.samples = rows.len();
+        self.activations.resize(of_block, 0.0);
+        let mut start = 0;
+        for width in kernel.layout.layers.iter().map(|layer| padded(layer.inputs)) {
+            for (to, s) in self.activations[start..].chunks_exact_mut(width).zip(rows) {
+                let from = s / BLOCK * of_block + start + s % BLOCK * width;
+                to.copy_from_slice(&pass.saved[from..from + width]);
+            }
+            start += BLOCK * width;
+        }
+        let collect = |to: &mut Vec<f32>, from: &[f32], width: usize| {
+            to.clear();
+            rows.iter().for_each(|s| to.extend_from_slice(&from[s * width..(s + 1) * width]));
+        };
+        collect(&mut self.output, pass.output, kernel.outputs());
+        collect(&mut self.grad, pass.grad, kernel.outputs());
+        if let Some(directions) = pass.inputs.get(3) {
+            collect(&mut self.directions, directions, 3);
+        }
+    }
+}
+
 struct Backward<'a> {
     kernel: &'a FactoredKernel,
     /// Each layer's rows.
     layers: &'a [Vec<f32>],
-    activations: &'a [f32],
-    output: &'a [f32],
-    grad: &'a [f32],
-    directions: Option<&'a [f32]>,
-    samples: usize,
+    reached: &'a Reached,
     /// The first feature whose gradient is needed.
     first: usize,
     scratch: &'a mut Scratch,
@@ -347,8 +390,9 @@ struct Backward<'a> {
 impl Job for Backward<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
-        let Self { kernel, layers, activations, output, grad, directions, samples, first, scratch, dfeatures } = self;
-        let layout = &kernel.layout;
+        let Self { kernel, layers, reached, first, scratch, dfeatures } = self;
+        let Reached { samples, activations, output, grad, directions } = reached;
+        let (layout, samples) = (&kernel.layout, *samples);
         let outputs = kernel.outputs();
         let [dy, spare] = &mut scratch.dhidden;
         let width = padded(layout.layers[layout.layers.len() - 1].outputs);
@@ -365,7 +409,7 @@ impl Job for Backward<'_> {
             for k in 1..outputs {
                 let slope = g[k] * y[k] * (1.0 - y[k]);
                 dout[k] = slope;
-                if let Some(directions) = directions {
+                if !directions.is_empty() {
                     for axis in 0..3 {
                         dout[OUTPUTS + 3 * (k - 1) + axis] = slope * directions[3 * s + axis];
                     }
@@ -446,7 +490,7 @@ impl Job for PlaneGradient<'_> {
 struct PositionGradient<'a> {
     kernel: &'a FactoredKernel,
     tables: &'a [f32],
-    positions: &'a [f32],
+    block: &'a Block,
     /// The MLP's input, and the gradient with respect to it.
     features: &'a [f32],
     dx: &'a [f32],
@@ -456,15 +500,14 @@ struct PositionGradient<'a> {
 impl Job for PositionGradient<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
-        let Self { kernel, tables, positions, features, dx, dpositions } = self;
+        let Self { kernel, tables, block, features, dx, dpositions } = self;
         let (layout, query) = (&kernel.layout, &kernel.query);
-        let samples = positions.len() / 3;
-        let block = encode::block(positions);
+        let samples = dpositions.len() / 3;
         let stride = padded(layout.features());
         let mut gradient = encode::frequency_gradient(features, dx, query.frequency_weights.len(), stride, samples);
         for (level, &weight) in layout.levels.iter().zip(&query.level_weights).filter(|(_, weight)| **weight != 0.0) {
             let (level, dx) = ((level, weight), (dx, stride));
-            with_channels!(level.0.channels, position_gradient, level, tables, &block, dx, samples, &mut gradient);
+            with_channels!(level.0.channels, position_gradient, level, tables, block, dx, samples, &mut gradient);
         }
         for (s, dposition) in dpositions.chunks_exact_mut(3).enumerate() {
             for axis in 0..3 {

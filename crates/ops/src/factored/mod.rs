@@ -46,6 +46,9 @@ pub struct Query {
     pub level_weights: Vec<f32>,
     /// Whether to compute colour beside density.
     pub color: bool,
+    /// Share of the sum of all samples' slopes that those which the backward pass leaves out may have; the body for CPUs alone
+    /// leaves any out.
+    pub negligible: f32,
 }
 
 impl Query {

@@ -50,6 +50,7 @@ mod host {
 
     use super::{Layout, weight};
     use crate::kernel::{Kernel, Pass};
+    use crate::parts::in_parts;
     use crate::simd::{self, Job};
 
     #[derive(Debug)]
@@ -166,20 +167,25 @@ mod host {
 
         fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
             let tables = pass.inputs[0];
-            let mut grad = vec![0.0; tables.len()];
-            let mut rest = grad.as_mut_slice();
-            let mut tasks = Vec::new();
-            for level in &self.layout.levels {
-                let (own, others) = std::mem::take(&mut rest).split_at_mut(level.len());
-                rest = others;
-                let planes = own[..].chunks_exact_mut(level.plane_len()).take(3);
-                tasks
-                    .extend(planes.enumerate().map(|(p, out)| (level.plane(p), level.resolution, level.channels, out)));
-            }
-            tasks.into_par_iter().for_each(|(start, r, c, out)| {
-                let plane = &tables[start..start + r * r * c];
-                let factor = 2.0 * weight(r) * pass.grad[0];
-                simd::run(Pulls { plane, width: r * c, step: c, factor, out });
+            let lengths =
+                self.layout.levels.iter().flat_map(|level| [[level.plane_len(); 3], [level.line_len(); 3]]).flatten();
+            let grad = in_parts(lengths, |parts| {
+                let mut parts = parts.into_iter();
+                let mut tasks = Vec::new();
+                for level in &self.layout.levels {
+                    let planes = parts.by_ref().take(3).enumerate();
+                    tasks.extend(
+                        planes.map(|(p, part)| (part, Some((level.plane(p), level.resolution, level.channels)))),
+                    );
+                    tasks.extend(parts.by_ref().take(3).map(|line| (line, None)));
+                }
+                tasks.into_par_iter().for_each(|(part, plane)| {
+                    let out = part.zeros();
+                    let Some((start, r, c)) = plane else { return };
+                    let plane = &tables[start..start + r * r * c];
+                    let factor = 2.0 * weight(r) * pass.grad[0];
+                    simd::run(Pulls { plane, width: r * c, step: c, factor, out });
+                });
             });
             vec![Some(grad)]
         }

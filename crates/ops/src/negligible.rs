@@ -1,0 +1,114 @@
+//! Samples that a backward pass may leave out, as their gradients hardly count.
+//!
+//! Most samples of a scene that is nearly learnt lie in empty space or behind a surface: half of them have a thousandth of all
+//! slopes. What leaving them out changes is bounded, which a threshold on weights, of which entropy takes no notice, would
+//! not be: the gradient of a parameter is Σ_s J_sᵀ g_s, where g_s are the slopes of sample s, so that the error is at most
+//! `share` Σ_s |g_s| times the largest ‖J_s‖.
+
+use crate::kernel::{Kernel, Pass};
+
+/// The least size of a sample that is kept, given |g_s| of all: those below it have at most `share` of their sum.
+///
+/// Slopes of 0 are never kept, whatever the share, and such as are not finite always are. Sizes are told apart by their
+/// exponent and the first three bits that follow, so that one pass will do.
+pub(crate) fn least_kept(sizes: &[f32], share: f32) -> f32 {
+    const SHIFT: u32 = 20;
+    let mut sums = vec![0f64; 1 << (32 - SHIFT)];
+    for size in sizes {
+        sums[(size.to_bits() >> SHIFT) as usize] += f64::from(*size);
+    }
+    let most = f64::from(share) * sums.iter().sum::<f64>();
+    let mut below = 0.0;
+    for (bin, sum) in sums.into_iter().enumerate() {
+        below += sum;
+        // A sum that is not finite may not be left out either.
+        if sum != 0.0 && !(below <= most && most.is_finite()) {
+            return f32::from_bits(((bin as u32) << SHIFT).max(1));
+        }
+    }
+    f32::INFINITY
+}
+
+/// Whether a sample of this size is kept, given the [least](least_kept).
+pub(crate) fn is_kept(size: f32, least: f32) -> bool {
+    size.is_nan() || size >= least
+}
+
+/// A kernel whose output has rows of `columns` numbers, and whose backward pass, which leaves out what has no slope, leaves out
+/// negligible rows too.
+#[derive(Debug)]
+pub(crate) struct WithoutNegligible<K> {
+    pub(crate) kernel: K,
+    pub(crate) columns: usize,
+    pub(crate) share: f32,
+}
+
+impl<K: Kernel> Kernel for WithoutNegligible<K> {
+    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
+        self.kernel.shape(inputs)
+    }
+
+    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
+        self.kernel.forward(inputs, saved)
+    }
+
+    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+        let grad = without_negligible(pass.grad, self.columns, self.share);
+        self.kernel.backward(Pass { grad: &grad, ..pass }, wanted)
+    }
+}
+
+/// `slopes`, rows of `columns` numbers, with 0 in place of those rows that are [not kept](least_kept).
+fn without_negligible(slopes: &[f32], columns: usize, share: f32) -> Vec<f32> {
+    let sizes: Vec<f32> = slopes.chunks_exact(columns).map(|row| row.iter().map(|g| g.abs()).sum()).collect();
+    let least = least_kept(&sizes, share);
+    let mut kept = slopes.to_vec();
+    for (row, _) in kept.chunks_exact_mut(columns).zip(sizes).filter(|(_, size)| !is_kept(*size, least)) {
+        row.fill(0.0);
+    }
+    kept
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kept(sizes: &[f32], share: f32) -> Vec<f32> {
+        let least = least_kept(sizes, share);
+        sizes.iter().copied().filter(|size| is_kept(*size, least)).collect()
+    }
+
+    #[test]
+    fn what_is_left_out_is_at_most_a_share() {
+        let sizes: Vec<f32> = (0..1000).map(|i| ((i * 619) % 1000) as f32 * 1e-3).map(|x| x.powi(12)).collect();
+        let sum = |sizes: &[f32]| sizes.iter().map(|size| f64::from(*size)).sum::<f64>();
+        for share in [1e-6, 1e-3, 0.1] {
+            let kept = kept(&sizes, share);
+            let left_out = sum(&sizes) - sum(&kept);
+            let most = f64::from(share) * sum(&sizes);
+            assert!(left_out <= most * (1.0 + 1e-12) && left_out > 0.5 * most, "{share}: {left_out} of {most}");
+            assert!(kept.len() < sizes.len());
+        }
+    }
+
+    #[test]
+    fn without_a_share_only_nothing_is_left_out() {
+        let tiny = f32::from_bits(1);
+        assert_eq!(kept(&[0.0, 1.0, tiny, 0.0], 0.0), [1.0, tiny]);
+        assert!(kept(&[0.0; 3], 0.5).is_empty());
+    }
+
+    #[test]
+    fn what_is_not_finite_is_kept() {
+        assert_eq!(kept(&[1e-9, f32::INFINITY, 0.0], 0.1), [1e-9, f32::INFINITY]);
+        let [tiny, nan] = kept(&[1e-9, f32::NAN], 0.1)[..] else { panic!("both are kept") };
+        assert!(tiny == 1e-9 && nan.is_nan());
+    }
+
+    #[test]
+    fn rows_are_left_out_whole() {
+        let slopes = [1.0, -2.0, 1e-5, 1e-5, 0.0, 3.0];
+        assert_eq!(without_negligible(&slopes, 2, 1e-3), [1.0, -2.0, 0.0, 0.0, 0.0, 3.0]);
+        assert_eq!(without_negligible(&slopes, 2, 0.0), slopes);
+    }
+}
