@@ -168,7 +168,6 @@ impl Input {
                 segments: Segments::uniform(MLP_RAYS, MLP_SAMPLES),
             }),
             precision: Precision::F32,
-            negligible: 0.0,
         };
         let centred = |values: Vec<f32>| values.into_iter().map(|x| x - 0.5).collect::<Vec<f32>>();
         let tensor = |values: Vec<f32>| {

@@ -111,7 +111,6 @@ impl FieldSpec for HashConfig {
             skip: self.layers,
             direction_frequencies: self.direction_frequencies,
             precision: Precision::F32,
-            negligible: 0.0,
         };
         let [low, high] = setup.bounds;
         let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f32::max);

@@ -25,8 +25,6 @@ pub(crate) struct MlpSize {
     pub(crate) direction_frequencies: usize,
     /// Precision of the matrix products.
     pub(crate) precision: Precision,
-    /// Share of all slopes that the backward pass may leave out.
-    pub(crate) negligible: f32,
 }
 
 /// Encoded position → trunk of ReLU layers with one skip → density; trunk features and encoded direction → colour.
@@ -43,13 +41,11 @@ pub(crate) struct Mlp {
     direction_frequencies: usize,
     #[module(skip)]
     precision: Precision,
-    #[module(skip)]
-    negligible: f32,
 }
 
 impl Mlp {
     pub(crate) fn new(size: MlpSize, init: Init, rng: &mut impl Rng, device: &Device) -> Self {
-        let MlpSize { inputs, layers, width, skip, direction_frequencies, precision, negligible } = size;
+        let MlpSize { inputs, layers, width, skip, direction_frequencies, precision } = size;
         let trunk = (0..layers)
             .map(|layer| {
                 let fan_in = match layer {
@@ -69,7 +65,6 @@ impl Mlp {
             skip,
             direction_frequencies,
             precision,
-            negligible,
         }
     }
 
@@ -94,7 +89,6 @@ impl Mlp {
                 segments: points.segments.clone(),
             }),
             precision: self.precision,
-            negligible: self.negligible,
         };
         let (sigma, color) = density_and_color(encoded, &network, activation);
         FieldOutput { sigma, color }

@@ -11,7 +11,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_detail, check_mlp, check_negligible, check_precision};
+use crate::check::{check, check_detail, check_mlp, check_precision};
 use crate::detail::frequency_window;
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
@@ -39,10 +39,6 @@ pub struct NerfConfig {
     /// `ndarray`) or "tf32" (to 11 bits, if tuning finds that faster; on GPUs that can).
     #[serde(default)]
     pub precision: Precision,
-    /// Share of the sum of all samples' slopes that the backward pass may leave out, of those that are the least: 0 to 0.1, 0 for
-    /// none but zeros. GPUs leave none out.
-    #[serde(default)]
-    pub negligible: f32,
 }
 
 impl fmt::Display for NerfConfig {
@@ -56,7 +52,6 @@ impl FieldSpec for NerfConfig {
 
     fn validate(&self) -> Result<(), Fault> {
         check_mlp(self.layers, self.width, self.direction_frequencies)?;
-        check_negligible(self.negligible)?;
         let frequencies = self.position_frequencies;
         check("position_frequencies", "0 to 20", frequencies, frequencies <= 20)?;
         check_detail(&self.detail)
@@ -71,7 +66,6 @@ impl FieldSpec for NerfConfig {
             skip: self.skip,
             direction_frequencies: self.direction_frequencies,
             precision: self.precision,
-            negligible: self.negligible,
         };
         let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
         Ok(NerfMlp { mlp: Mlp::new(size, Init::FanIn, &mut rng, setup.device), config: self.clone() })

@@ -64,8 +64,6 @@ pub mod kernel;
 pub mod matmul;
 pub mod means;
 pub mod mlp;
-#[cfg(feature = "flex")]
-mod negligible;
 pub mod numeric;
 #[cfg(feature = "flex")]
 mod parts;

@@ -59,13 +59,18 @@ fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout>, query: Que
 
 /// Value, and gradients of ⟨u, value⟩ for fixed u.
 fn run(case: &Case, device: &Device, body: Body) -> [Vec<f32>; 4] {
+    run_along(case, device, body, |count| numbers(count, 5))
+}
+
+/// The same for as many numbers u as the value has.
+fn run_along(case: &Case, device: &Device, body: Body, u: impl Fn(usize) -> Vec<f32>) -> [Vec<f32>; 4] {
     let device = device.clone().autodiff();
     let [tables, weights, positions] = case.inputs.each_ref().map(|values| vector(values, &device).require_grad());
     let directions = case.query.directions.clone().map(|rows| matrix(&to_host(rows), 3, &device));
     let query = Query { positions: positions.clone().reshape([-1, 3]), directions, ..case.query.clone() };
     let out = body(tables.clone(), weights.clone(), &case.layout, query);
     let [rows, columns] = out.dims();
-    let u = matrix(&numbers(rows * columns, 5), columns, &device);
+    let u = matrix(&u(rows * columns), columns, &device);
     let grads = (out.clone() * u).sum().backward();
     let [dtables, dweights, dpositions] =
         [tables, weights, positions].map(|input| to_host(input.grad(&grads).unwrap()));
@@ -118,6 +123,30 @@ fn gradients_match_the_oracle_and_its_differences() {
                 INPUTS[place]
             );
         }
+    }
+}
+
+/// More than two blocks of samples, of which two in three have slopes of a millionth.
+#[test]
+fn negligible_slopes_are_left_out_and_no_others() {
+    let mut case = case(600, true, true, 4);
+    let u = |small: f32| {
+        move |count: usize| -> Vec<f32> {
+            let scale = |i: usize| if i / 4 % 3 == 0 { 1.0 } else { small };
+            numbers(count, 5).into_iter().enumerate().map(|(i, u)| scale(i) * u).collect()
+        }
+    };
+    let device = Device::flex();
+    let exact = run_along(&case, &device, factored_field, u(1e-6));
+    let without = run_along(&case, &device, factored_field, u(0.0));
+    case.query.negligible = 1e-4;
+    let found = run_along(&case, &device, factored_field, u(1e-6));
+    assert_eq!(found, without);
+    assert_ne!(found, exact);
+    for (found, exact) in found.iter().zip(&exact) {
+        let size = |numbers: &mut dyn Iterator<Item = f32>| numbers.map(|x| f64::from(x.abs())).sum::<f64>();
+        let error = size(&mut found.iter().zip(exact).map(|(a, b)| a - b));
+        assert!(error <= 1e-4 * size(&mut exact.iter().copied()), "{error}");
     }
 }
 

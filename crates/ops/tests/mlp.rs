@@ -57,7 +57,7 @@ impl Case {
         let directions = matrix(&self.directions, 3, device);
         let (frequencies, segments) = (self.frequencies, self.segments.clone());
         let color = self.color.then(|| ColorBranch { feature, view, rgb, directions, frequencies, segments });
-        RadianceMlp { trunk: layers, skip: self.skip, sigma, color, precision: Precision::F32, negligible: 0.0 }
+        RadianceMlp { trunk: layers, skip: self.skip, sigma, color, precision: Precision::F32 }
     }
 
     /// Value, gradient of ⟨u, value⟩ with respect to x, and with respect to all weights that have one.

@@ -198,14 +198,7 @@ fn network(rng: &mut Rng) -> Operation {
             frequencies: OCTAVES,
             segments: segments.clone(),
         };
-        let network = RadianceMlp {
-            trunk: vec![trunk],
-            skip: 0,
-            sigma,
-            color: Some(color),
-            precision: Precision::F32,
-            negligible: 0.0,
-        };
+        let network = RadianceMlp { trunk: vec![trunk], skip: 0, sigma, color: Some(color), precision: Precision::F32 };
         let points = encoded.clone().reshape([-1, INPUTS as i32]);
         let (density, color) = density_and_color(points, &network, Activation::ShiftedSoftplus);
         let color = color.expect("the network has colour").flatten::<1>(0, 1);

@@ -37,7 +37,7 @@ pub(super) fn rounded(count: usize, device: &Device, rng: &mut Rng) -> Errors {
         let mut trunk: Vec<Dense> = weights.iter().zip(&sizes).map(layer).collect();
         let parameters: Vec<Tensor<2>> = trunk.iter().map(|dense| dense.weight.clone()).collect();
         let sigma = trunk.pop().expect("there is a last layer");
-        let network = RadianceMlp { trunk, skip: 0, sigma, color: None, precision, negligible: 0.0 };
+        let network = RadianceMlp { trunk, skip: 0, sigma, color: None, precision };
         let out = radiance_mlp(matrix(&encoded, ENCODED), &network);
         let grads = (out.clone() * matrix(&upstream, 1)).sum().backward();
         let gradients = parameters.iter().map(|weight| weight.grad(&grads).map(to_host).unwrap_or_default());

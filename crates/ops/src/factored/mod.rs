@@ -20,6 +20,8 @@ mod dense;
 mod encode;
 #[cfg(feature = "flex")]
 mod host;
+#[cfg(feature = "flex")]
+mod negligible;
 
 pub use layout::{Layer, Layout, Level, PLANES};
 pub use plain::plain;
@@ -46,7 +48,7 @@ pub struct Query {
     pub level_weights: Vec<f32>,
     /// Whether to compute colour beside density.
     pub color: bool,
-    /// Share of the sum of all samples' slopes that those which the backward pass leaves out may have; the body for CPUs alone
+    /// Share of the sum of all samples' slopes that those which the backward pass leaves out may have. Only the body for CPUs
     /// leaves any out.
     pub negligible: f32,
 }

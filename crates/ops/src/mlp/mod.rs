@@ -15,8 +15,6 @@ use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 
 use crate::dispatch::dispatch;
-#[cfg(feature = "flex")]
-use crate::negligible::WithoutNegligible;
 use crate::{Segments, frequency_encode};
 
 /// How exact a network's matrix products are. Weights, sums of products and everything else are single precision.
@@ -56,9 +54,6 @@ pub struct RadianceMlp {
     pub color: Option<ColorBranch>,
     /// Of the matrix products.
     pub precision: Precision,
-    /// Share of the sum of all samples' slopes that those which the backward pass leaves out may have; the bodies for CPUs alone
-    /// leave any out.
-    pub negligible: f32,
 }
 
 /// Trunk → features; features and encoded direction → a ReLU layer → colour.
@@ -107,8 +102,6 @@ fn on_host(
     encoded: Tensor<2>,
     network: &RadianceMlp,
 ) -> Tensor<2> {
-    let columns = if network.color.is_some() { 4 } else { 1 };
-    let kernel = WithoutNegligible { kernel, columns, share: network.negligible };
     match &network.color {
         Some(branch) => crate::kernel::apply(kernel, (encoded, weights, branch.encoded_directions())),
         None => crate::kernel::apply(kernel, (encoded, weights)),

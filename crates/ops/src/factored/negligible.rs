@@ -1,17 +1,15 @@
 //! Samples that a backward pass may leave out, as their gradients hardly count.
 //!
 //! Most samples of a scene that is nearly learnt lie in empty space or behind a surface: half of them have a thousandth of all
-//! slopes. What leaving them out changes is bounded, which a threshold on weights, of which entropy takes no notice, would
-//! not be: the gradient of a parameter is Σ_s J_sᵀ g_s, where g_s are the slopes of sample s, so that the error is at most
-//! `share` Σ_s |g_s| times the largest ‖J_s‖.
-
-use crate::kernel::{Kernel, Pass};
+//! slopes. The gradient of a parameter is Σ_s J_sᵀ g_s, where g_s are the slopes of sample s with respect to what the field
+//! makes of it; without the least of them, its error is at most `share` Σ_s |g_s| times the largest ‖J_s‖. A threshold on
+//! weights would bound nothing, as the entropy of a ray has slopes where nothing is seen.
 
 /// The least size of a sample that is kept, given |g_s| of all: those below it have at most `share` of their sum.
 ///
 /// Slopes of 0 are never kept, whatever the share, and such as are not finite always are. Sizes are told apart by their
 /// exponent and the first three bits that follow, so that one pass will do.
-pub(crate) fn least_kept(sizes: &[f32], share: f32) -> f32 {
+pub(super) fn least_kept(sizes: &[f32], share: f32) -> f32 {
     const SHIFT: u32 = 20;
     let mut sums = vec![0f64; 1 << (32 - SHIFT)];
     for size in sizes {
@@ -30,43 +28,8 @@ pub(crate) fn least_kept(sizes: &[f32], share: f32) -> f32 {
 }
 
 /// Whether a sample of this size is kept, given the [least](least_kept).
-pub(crate) fn is_kept(size: f32, least: f32) -> bool {
+pub(super) fn is_kept(size: f32, least: f32) -> bool {
     size.is_nan() || size >= least
-}
-
-/// A kernel whose output has rows of `columns` numbers, and whose backward pass, which leaves out what has no slope, leaves out
-/// negligible rows too.
-#[derive(Debug)]
-pub(crate) struct WithoutNegligible<K> {
-    pub(crate) kernel: K,
-    pub(crate) columns: usize,
-    pub(crate) share: f32,
-}
-
-impl<K: Kernel> Kernel for WithoutNegligible<K> {
-    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
-        self.kernel.shape(inputs)
-    }
-
-    fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-        self.kernel.forward(inputs, saved)
-    }
-
-    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-        let grad = without_negligible(pass.grad, self.columns, self.share);
-        self.kernel.backward(Pass { grad: &grad, ..pass }, wanted)
-    }
-}
-
-/// `slopes`, rows of `columns` numbers, with 0 in place of those rows that are [not kept](least_kept).
-fn without_negligible(slopes: &[f32], columns: usize, share: f32) -> Vec<f32> {
-    let sizes: Vec<f32> = slopes.chunks_exact(columns).map(|row| row.iter().map(|g| g.abs()).sum()).collect();
-    let least = least_kept(&sizes, share);
-    let mut kept = slopes.to_vec();
-    for (row, _) in kept.chunks_exact_mut(columns).zip(sizes).filter(|(_, size)| !is_kept(*size, least)) {
-        row.fill(0.0);
-    }
-    kept
 }
 
 #[cfg(test)]
@@ -103,12 +66,5 @@ mod tests {
         assert_eq!(kept(&[1e-9, f32::INFINITY, 0.0], 0.1), [1e-9, f32::INFINITY]);
         let [tiny, nan] = kept(&[1e-9, f32::NAN], 0.1)[..] else { panic!("both are kept") };
         assert!(tiny == 1e-9 && nan.is_nan());
-    }
-
-    #[test]
-    fn rows_are_left_out_whole() {
-        let slopes = [1.0, -2.0, 1e-5, 1e-5, 0.0, 3.0];
-        assert_eq!(without_negligible(&slopes, 2, 1e-3), [1.0, -2.0, 0.0, 0.0, 0.0, 3.0]);
-        assert_eq!(without_negligible(&slopes, 2, 0.0), slopes);
     }
 }
