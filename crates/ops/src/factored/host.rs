@@ -157,8 +157,7 @@ impl FactoredKernel {
     /// One task for each plane with its line: no two write to the same place, and the order of sums is fixed.
     fn table_gradient(&self, tables: &[f32], (blocks, samples): (&[Block], usize), dfeatures: &[f32]) -> Vec<f32> {
         let levels = &self.layout.levels;
-        let lengths = levels.iter().flat_map(|level| [[level.plane_len(); 3], [level.line_len(); 3]]).flatten();
-        in_parts(lengths, |parts| {
+        in_parts(self.layout.table_parts(), |parts| {
             let mut parts = parts.into_iter();
             let mut tasks = Vec::new();
             for (level, &weight) in levels.iter().zip(&self.query.level_weights) {

@@ -131,6 +131,12 @@ impl Layout {
         self.levels.iter().map(Level::len).sum()
     }
 
+    /// Numbers in each plane and line as they lie: of every level three planes, then three lines.
+    #[cfg(feature = "flex")]
+    pub(super) fn table_parts(&self) -> impl Iterator<Item = usize> {
+        self.levels.iter().flat_map(|level| [[level.plane_len(); 3], [level.line_len(); 3]]).flatten()
+    }
+
     /// Numbers in the MLP.
     pub fn weight_len(&self) -> usize {
         self.layers.last().map_or(0, Layer::end)

@@ -167,9 +167,7 @@ mod host {
 
         fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
             let tables = pass.inputs[0];
-            let lengths =
-                self.layout.levels.iter().flat_map(|level| [[level.plane_len(); 3], [level.line_len(); 3]]).flatten();
-            let grad = in_parts(lengths, |parts| {
+            let grad = in_parts(self.layout.table_parts(), |parts| {
                 let mut parts = parts.into_iter();
                 let mut tasks = Vec::new();
                 for level in &self.layout.levels {
