@@ -132,7 +132,7 @@ fn negligible_slopes_are_left_out_and_no_others() {
     let mut case = case(600, true, true, 4);
     let u = |small: f32| {
         move |count: usize| -> Vec<f32> {
-            let scale = |i: usize| if i / 4 % 3 == 0 { 1.0 } else { small };
+            let scale = |i: usize| if (i / 4).is_multiple_of(3) { 1.0 } else { small };
             numbers(count, 5).into_iter().enumerate().map(|(i, u)| scale(i) * u).collect()
         }
     };
