@@ -27,11 +27,6 @@ pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(
     check("precision", &format!("\"f32\", as this device has no {name}"), name, good)
 }
 
-/// A share of slopes to leave out.
-pub(crate) fn check_negligible(share: f32) -> Result<(), Fault> {
-    check("negligible", "0 to 0.1", share, (0.0..=0.1).contains(&share))
-}
-
 /// Shares of detail.
 pub(crate) fn check_detail(detail: &Schedule) -> Result<(), Fault> {
     let range = format!("{} to {}", detail.least(), detail.largest());

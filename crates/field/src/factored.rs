@@ -13,7 +13,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_detail, check_negligible};
+use crate::check::{check, check_detail};
 use crate::detail::part_weights;
 use crate::init::uniform;
 use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points};
@@ -43,8 +43,8 @@ pub struct FactoredConfig {
     pub density_bias: f32,
     /// Share of the finer levels and higher frequencies in use, coarsest first; 1 for all.
     pub detail: Schedule,
-    /// Share of the sum of all samples' slopes that the backward pass may leave out, of those that are the least: 0 to 0.1, 0 for
-    /// none but zeros. GPUs leave none out.
+    /// The backward pass skips the samples of the smallest gradients, as long as these add up to at most this share of the sum
+    /// over all samples: 0 to 0.1, where 0 skips zeros alone. CPUs only: GPUs skip none.
     #[serde(default)]
     pub negligible: f32,
 }
@@ -70,7 +70,7 @@ impl FieldSpec for FactoredConfig {
         let scale = self.density_scale;
         check("density_scale", "above 0, at most 1e6", scale, scale > 0.0 && scale <= 1e6)?;
         check("density_bias", "-50 to 50", self.density_bias, (-50.0..=50.0).contains(&self.density_bias))?;
-        check_negligible(self.negligible)?;
+        check("negligible", "0 to 0.1", self.negligible, (0.0..=0.1).contains(&self.negligible))?;
         check_detail(&self.detail)
     }
 

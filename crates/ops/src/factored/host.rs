@@ -140,8 +140,8 @@ impl Kernel for FactoredKernel {
 }
 
 impl FactoredKernel {
-    /// The samples whose gradients are not [`negligible`], where the slopes of a sample are those with respect to what its
-    /// softplus and sigmoids are given, with the bound min(1, y) for softplus' slope 1 − e^−y at the value y.
+    /// The samples whose gradients are not [`negligible`]. A sample's is taken before its activations: for the softplus, whose
+    /// slope at the value y is 1 − e^−y, with the bound min(1, y).
     fn kept(&self, pass: Pass<'_>) -> Vec<usize> {
         let scale = self.layout.density_scale;
         let rows = pass.output.par_chunks_exact(self.outputs()).zip(pass.grad.par_chunks_exact(self.outputs()));

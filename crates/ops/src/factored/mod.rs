@@ -48,8 +48,8 @@ pub struct Query {
     pub level_weights: Vec<f32>,
     /// Whether to compute colour beside density.
     pub color: bool,
-    /// Share of the sum of all samples' slopes that those which the backward pass leaves out may have. Only the body for CPUs
-    /// leaves any out.
+    /// The backward pass skips the samples of the smallest output gradients, as long as these add up to at most this share of
+    /// the sum over all samples; 0 skips zeros alone. Only the host kernel skips any.
     pub negligible: f32,
 }
 

@@ -1,14 +1,14 @@
-//! Samples that a backward pass may leave out, as their gradients hardly count.
+//! Samples that a backward pass skips, as their gradients hardly count.
 //!
-//! Most samples of a scene that is nearly learnt lie in empty space or behind a surface: half of them have a thousandth of all
-//! slopes. The gradient of a parameter is Σ_s J_sᵀ g_s, where g_s are the slopes of sample s with respect to what the field
-//! makes of it; without the least of them, its error is at most `share` Σ_s |g_s| times the largest ‖J_s‖. A threshold on
-//! weights would bound nothing, as the entropy of a ray has slopes where nothing is seen.
+//! Many samples of a scene that is nearly learnt lie in empty space or behind a surface. The gradient of a parameter is
+//! Σ_s J_sᵀ g_s, where g_s is the gradient of the loss with respect to the outputs of sample s, before their activations. Without
+//! the samples of the smallest g_s its error is at most `share` · Σ_s |g_s| · max ‖J_s‖. A threshold on weights would bound
+//! nothing, as the entropy of a ray has gradients where nothing is seen.
 
-/// The least size of a sample that is kept, given |g_s| of all: those below it have at most `share` of their sum.
+/// The smallest |g_s| that is kept, given those of all samples: smaller ones add up to at most `share` of the sum.
 ///
-/// Slopes of 0 are never kept, whatever the share, and such as are not finite always are. Sizes are told apart by their
-/// exponent and the first three bits that follow, so that one pass will do.
+/// Zeros are never kept, whatever the share; numbers that are not finite always are. Sizes are told apart by their exponent and
+/// the first three bits of the mantissa, so that one pass will do.
 pub(super) fn least_kept(sizes: &[f32], share: f32) -> f32 {
     const SHIFT: u32 = 20;
     let mut sums = vec![0f64; 1 << (32 - SHIFT)];
