@@ -50,6 +50,7 @@ pub mod distortion;
 #[cfg(feature = "flex")]
 mod distribution;
 pub mod divergence;
+pub mod drawing;
 pub mod entropy;
 pub mod factored;
 pub mod frequency;

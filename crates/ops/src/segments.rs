@@ -14,6 +14,8 @@ use crate::upload;
 pub struct Segments {
     pub(crate) offsets: Arc<[u32]>,
     owners: Arc<OnceLock<Tensor<1, Int>>>,
+    /// The parts of the first split, and how many rays each has.
+    parts: Arc<OnceLock<(Vec<usize>, Vec<Segments>)>>,
     #[cfg(feature = "cube")]
     pub(crate) on_gpu: Arc<OnceLock<burn_cubecl::tensor::CubeTensor>>,
 }
@@ -52,6 +54,7 @@ impl Segments {
         Self {
             offsets: std::iter::once(0).chain(ends.collect::<Vec<_>>()).collect(),
             owners: Arc::default(),
+            parts: Arc::default(),
             #[cfg(feature = "cube")]
             on_gpu: Arc::default(),
         }
@@ -59,6 +62,11 @@ impl Segments {
 
     /// Those of the first `counts[0]` rays, of the next `counts[1]`, and so on. What has been moved to a GPU is theirs too.
     pub fn split(&self, counts: &[usize]) -> Vec<Self> {
+        let (of, parts) = self.parts.get_or_init(|| (counts.to_vec(), self.parts(counts)));
+        if of == counts { parts.clone() } else { self.parts(counts) }
+    }
+
+    fn parts(&self, counts: &[usize]) -> Vec<Self> {
         let mut end = 0;
         let part = |&count: &usize| {
             let first = end;

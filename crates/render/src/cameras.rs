@@ -3,6 +3,7 @@
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::{DMat3, DMat4, DQuat, DVec3, Vec3};
+use infonerf_ops::drawing::DrawnRays;
 use infonerf_ops::{from_host, rotate, to_host, upload};
 use infonerf_scene::{Camera, PixelAt, Ray, Scene};
 use serde::{Deserialize, Serialize};
@@ -76,6 +77,8 @@ pub struct RayBundle<'a> {
     pub rays: &'a [Ray],
     /// The same as tensors.
     pub tracked: Option<&'a TrackedRays>,
+    /// The same where they were drawn on the device of the field: a GPU then places samples along these.
+    pub drawn: Option<&'a DrawnRays>,
     /// By what samples along each ray are jittered; nothing for samples that are evenly spaced.
     pub draws: &'a [Draw],
 }
@@ -85,7 +88,7 @@ pub type Draw = (Noise, usize);
 
 impl<'a> From<&'a [Ray]> for RayBundle<'a> {
     fn from(rays: &'a [Ray]) -> Self {
-        Self { rays, tracked: None, draws: &[] }
+        Self { rays, tracked: None, drawn: None, draws: &[] }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Counter-based random numbers: they depend on what they are for, and not on the order or number of threads.
 
-use infonerf_ops::random::{Stream, mix, number};
+use infonerf_ops::random::{Stream, below, mix};
 
 /// The purpose of a stream of random numbers. Each use in the workspace has its own variant, so that no two share numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,7 +85,7 @@ impl Noise {
 
     /// Uniform in 0..`count`.
     pub fn below(self, item: usize, index: usize, count: usize) -> usize {
-        ((u128::from(number(self.seed, item, index)) * count as u128) >> 64) as usize
+        below(self.seed, item, index, count)
     }
 
     /// The stream's own seed, for generators that need one.

@@ -96,6 +96,11 @@ impl OccupancyGrid {
         self.derive(None);
     }
 
+    /// Whether training uses it in `step`: once it was updated, or from the first step on if photographs have carved it.
+    pub fn is_used_in(&self, step: usize) -> bool {
+        self.config.carve || step >= self.config.warmup
+    }
+
     /// Whether an update is due at `step`.
     pub fn is_due(&self, step: usize) -> bool {
         self.config.enabled

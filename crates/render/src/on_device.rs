@@ -1,15 +1,18 @@
 //! Samples that are placed on the device of the field: the host says which rays have samples, and never sees where.
 
+use std::sync::{Arc, Mutex, PoisonError};
+
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{Extent, Points};
+use infonerf_ops::drawing::DrawnRays;
 use infonerf_ops::random::Stream;
 use infonerf_ops::sampling::{self, Placement, Streams};
-use infonerf_ops::{Segments, upload_together};
+use infonerf_ops::{Segments, upload, upload_together};
 use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
 
 use crate::sampler::Sampler;
-use crate::{Draw, RandomStream, RenderOutput, Samples, TrackedRays};
+use crate::{Draw, RandomStream, RayBundle, RenderOutput, Samples, TrackedRays};
 
 /// A bundle of `R` rays on a device, of which `H` pass what can hold content. No tensor is in a graph.
 #[derive(Clone, Debug)]
@@ -17,9 +20,9 @@ pub(crate) struct RaysOnDevice {
     rays: TrackedRays,
     /// Radius of each ray's cone at distance 1, `[R]`.
     radii: Tensor<1>,
-    /// Coordinates of near and far of each ray with samples, `[H, 2]`.
+    /// Coordinates of near and far of each ray with samples, `[H, 2]`, or `[1, 2]` if they are those of all.
     ends: Tensor<2>,
-    /// Random numbers of these rays, for the first and the fine pass; none for samples that are evenly spaced.
+    /// Random numbers of the rays with samples, for the first and the fine pass; none for samples that are evenly spaced.
     streams: Option<[Streams; 2]>,
     /// Samples of the first and the fine pass.
     segments: [Segments; 2],
@@ -34,31 +37,85 @@ pub(crate) struct CandidatesOnDevice {
     pass: usize,
 }
 
+/// The segments of the last bundle whose rays all had samples: those of the next are often the same, and on the device already.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct KeptSegments(Arc<Mutex<Option<[Segments; 2]>>>);
+
+impl KeptSegments {
+    /// Those of `rays` rays with so many samples each in either pass.
+    fn uniform(&self, rays: usize, samples: [usize; 2]) -> [Segments; 2] {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let wanted = samples.map(|samples| samples * rays);
+        match kept.as_ref().filter(|kept| kept[0].rays() == rays && kept.each_ref().map(Segments::samples) == wanted) {
+            Some(kept) => kept.clone(),
+            None => kept.insert(samples.map(|samples| Segments::uniform(rays, samples))).clone(),
+        }
+    }
+}
+
 impl CandidatesOnDevice {
     /// The stratified samples of the first pass, or nothing if no ray has any.
-    pub(crate) fn stratified(
-        sampler: &Sampler,
-        rays: &[Ray],
-        draws: &[Draw],
-        at: Moment,
-        device: &Device,
-    ) -> Option<Self> {
+    pub(crate) fn stratified(sampler: &Sampler, bundle: RayBundle<'_>, at: Moment, device: &Device) -> Option<Self> {
         let config = sampler.config();
         let count = config.samples.at(at).round() as usize;
         let all = match config.placement {
             Placement::Interval => config.fine_samples,
             Placement::Left | Placement::Mid => count + config.fine_samples,
         };
-        let intervals: Vec<Option<(f32, f32)>> = rays.iter().map(|ray| sampler.interval(ray)).collect();
-        let segments = [count, all].map(|samples| {
-            Segments::from_counts(intervals.iter().map(|interval| if interval.is_some() { samples } else { 0 }))
-        });
-        let ends: Vec<f32> = intervals.iter().flatten().flat_map(|&(near, far)| [near, far]).collect();
-        if ends.is_empty() {
+        let intervals: Vec<Option<(f32, f32)>> = bundle.rays.iter().map(|ray| sampler.interval(ray)).collect();
+        let hit = intervals.iter().flatten().count();
+        if hit == 0 {
             return None;
         }
+        let device = device.clone().inner();
+        let rays = match bundle.drawn.filter(|_| hit == intervals.len()) {
+            Some(drawn) => {
+                let segments = sampler.kept().uniform(hit, [count, all]);
+                Self::drawn(drawn, &intervals, segments, !bundle.draws.is_empty(), &device)
+            }
+            None => {
+                let segments = [count, all].map(|samples| {
+                    let counts = intervals.iter().map(|interval| if interval.is_some() { samples } else { 0 });
+                    Segments::from_counts(counts)
+                });
+                Self::uploaded(bundle, &intervals, segments, &device)
+            }
+        };
+        let jitter = rays.streams.as_ref().map(|[first, _]| first);
+        let t = sampling::stratified(rays.ends.clone(), [hit, count], config.placement, jitter);
+        Some(Self { rays, t, pass: 0 })
+    }
+
+    /// Rays that are there already, all of which have samples.
+    fn drawn(
+        drawn: &DrawnRays,
+        intervals: &[Option<(f32, f32)>],
+        segments: [Segments; 2],
+        jittered: bool,
+        device: &Device,
+    ) -> RaysOnDevice {
+        let is_common = intervals.iter().all(|interval| *interval == intervals[0]);
+        let distinct = if is_common { &intervals[..1] } else { intervals };
+        let ends = distinct.iter().flatten().flat_map(|&(near, far)| [near, far]).collect();
+        let DrawnRays { origins, directions, radii, streams, .. } = drawn.clone();
+        RaysOnDevice {
+            rays: TrackedRays { origins, directions },
+            radii,
+            ends: upload(ends, [distinct.len(), 2], device),
+            streams: jittered.then_some(streams),
+            segments,
+        }
+    }
+
+    fn uploaded(
+        bundle: RayBundle<'_>,
+        intervals: &[Option<(f32, f32)>],
+        segments: [Segments; 2],
+        device: &Device,
+    ) -> RaysOnDevice {
+        let RayBundle { rays, draws, .. } = bundle;
         let streams = |of: fn(&Draw) -> Stream| {
-            Streams::bits(draws.iter().zip(&intervals).filter(|(_, interval)| interval.is_some()).map(|(d, _)| of(d)))
+            Streams::bits(draws.iter().zip(intervals).filter(|(_, interval)| interval.is_some()).map(|(d, _)| of(d)))
         };
         let (first, fine) = (
             streams(|(noise, ray)| noise.stream(*ray)),
@@ -69,19 +126,19 @@ impl CandidatesOnDevice {
             triples(|ray| ray.origin.to_array()),
             triples(|ray| ray.direction.to_array()),
             rays.iter().map(|ray| ray.radius).collect(),
-            ends,
+            intervals.iter().flatten().flat_map(|&(near, far)| [near, far]).collect(),
             first,
             fine,
         ];
-        let [origins, directions, radii, ends, first, fine] =
-            upload_together(arrays, &segments.each_ref(), &device.clone().inner());
+        let [origins, directions, radii, ends, first, fine] = upload_together(arrays, &segments.each_ref(), device);
         let [origins, directions] = [origins, directions].map(|numbers| numbers.reshape([rays.len(), 3]));
-        let ends = ends.reshape([-1, 2]);
-        let streams = (!draws.is_empty()).then(|| [first, fine].map(Streams));
-        let jitter = streams.as_ref().map(|[first, _]| first);
-        let t = sampling::stratified(ends.clone(), count, config.placement, jitter);
-        let rays = RaysOnDevice { rays: TrackedRays { origins, directions }, radii, ends, streams, segments };
-        Some(Self { rays, t, pass: 0 })
+        RaysOnDevice {
+            rays: TrackedRays { origins, directions },
+            radii,
+            ends: ends.reshape([-1, 2]),
+            streams: (!draws.is_empty()).then(|| [first, fine].map(Streams)),
+            segments,
+        }
     }
 
     /// Samples of the fine pass, drawn from the weights of `output`, which is of these.
@@ -103,7 +160,7 @@ impl CandidatesOnDevice {
         let segments = self.rays.segments[self.pass].clone();
         let [s, delta] = sampling::intervals(self.t.clone(), ends.clone(), config.placement, config.last_interval);
         let distance = warp.distances(s);
-        let per_ray = segments.samples() / ends.dims()[0];
+        let per_ray = segments.samples() / self.t.dims()[0];
         let candidates = segments.rays() * per_ray;
         let positions = Samples::new(segments.clone(), distance.clone(), delta.clone(), candidates).tracked(rays, warp);
         let tracked = device.is_autodiff();
@@ -169,9 +226,10 @@ mod tests {
                 let sampler = Sampler::new(&config(placement, space), &scene);
                 for draws in [draws.as_slice(), &[]] {
                     let at = Moment::START;
-                    let host = sampler.coarse(&rays, draws, None, at, &device);
+                    let bundle = RayBundle { draws, ..RayBundle::from(&rays) };
+                    let host = sampler.coarse(bundle, None, at, &device);
                     assert!(matches!(host, Candidates::OnHost(_)));
-                    let there = CandidatesOnDevice::stratified(&sampler, &rays, draws, at, &device).unwrap();
+                    let there = CandidatesOnDevice::stratified(&sampler, bundle, at, &device).unwrap();
                     let mut pairs = vec![(host, Candidates::OnDevice(Box::new(there)))];
                     for pass in 0..2 {
                         let (host, there) = &pairs[pass];
@@ -189,8 +247,8 @@ mod tests {
                         near(&to_host(samples.delta.clone()), &to_host(host_pack.0.delta.clone()));
                         near(&to_host(points.positions.clone()), &to_host(host_pack.1.positions.clone()));
                         let beside: Vec<Ray> = rays.iter().map(|&ray| Ray { radius: 0.2, ..ray }).rev().collect();
-                        let [along, host_along] =
-                            [samples, &host_pack.0].map(|samples| samples.along(&beside, sampler.warp()).positions);
+                        let [along, host_along] = [samples, &host_pack.0]
+                            .map(|samples| samples.along((&beside).into(), sampler.warp()).positions);
                         near(&to_host(along), &to_host(host_along));
                         near(samples.t(), host_pack.0.t());
                         if pass == 0 {
@@ -215,7 +273,7 @@ mod tests {
         let scene = Scene::default();
         let sampler = Sampler::new(&config(Placement::Left, WarpSpace::Box), &scene);
         let away = Ray::new(Vec3::splat(1e6), Vec3::X);
-        let placed = CandidatesOnDevice::stratified(&sampler, &[away], &[], Moment::START, &Device::flex());
+        let placed = CandidatesOnDevice::stratified(&sampler, (&[away]).into(), Moment::START, &Device::flex());
         assert!(placed.is_none());
     }
 }

@@ -1,6 +1,7 @@
+use burn::tensor::Device;
 use infonerf_field::{Field, Points};
-use infonerf_ops::{Seen, additive_depth, composite_over};
-use infonerf_scene::{Backdrop, Ray, Scene};
+use infonerf_ops::{Seen, additive_depth, composite_over, is_gpu};
+use infonerf_scene::{Backdrop, Scene};
 use infonerf_schedule::Moment;
 
 use crate::sampler::{Candidates, Sampler, Skip};
@@ -81,7 +82,7 @@ impl Renderer {
     ) -> Passes {
         let config = self.sampler.config();
         let bundle = rays.into();
-        let RayBundle { rays, tracked, draws } = bundle;
+        let RayBundle { rays, tracked, draws, .. } = bundle;
         let background = self.behind(draws);
         let hidden_depth = if request.hidden { f32::INFINITY } else { config.hidden_depth() };
         let skip = Skip { grid: occupancy, hidden_depth };
@@ -96,7 +97,7 @@ impl Renderer {
             let samples = self.sampler.marched(rays, draws, skip, at, &model.fine.device());
             return Passes { coarse: None, fine: evaluate(&model.fine, samples) };
         }
-        let candidates = self.sampler.coarse(rays, draws, occupancy, at, &model.fine.device());
+        let candidates = self.sampler.coarse(RayBundle { draws, ..bundle }, occupancy, at, &model.fine.device());
         let render = |field: &F, candidates: &Candidates| {
             evaluate(field, self.sampler.pack(rays, candidates, skip, &field.device()))
         };
@@ -115,12 +116,23 @@ impl Renderer {
         Passes { coarse: Some(coarse), fine: render(&model.fine, &fine) }
     }
 
+    /// Whether samples of a field on `device` are placed there, where an `occupancy` grid may skip some.
+    pub fn places_on(&self, device: &Device, occupancy: Option<&OccupancyGrid>) -> bool {
+        is_gpu(device) && occupancy.is_none() && !self.sampler.config().marches()
+    }
+
     /// Density of `field` along other `rays` at the distances of `output`: samples are paired one by one.
-    pub fn along<F: Field>(&self, field: &F, output: &RenderOutput, rays: &[Ray], at: Moment) -> RenderOutput {
+    pub fn along<'a, F: Field>(
+        &self,
+        field: &F,
+        output: &RenderOutput,
+        rays: impl Into<RayBundle<'a>>,
+        at: Moment,
+    ) -> RenderOutput {
         self.evaluate(
             field,
             output.samples.clone(),
-            &output.samples.along(rays, self.sampler.warp()),
+            &output.samples.along(rays.into(), self.sampler.warp()),
             RenderRequest { color: false, hidden: true },
             self.background,
             at,

@@ -11,8 +11,8 @@ use infonerf_schedule::Moment;
 
 use crate::noise::RandomStream;
 use crate::occupancy::{Look, fixed};
-use crate::on_device::CandidatesOnDevice;
-use crate::{Draw, OccupancyGrid, Placement, RenderConfig, RenderOutput, Samples, Warp};
+use crate::on_device::{CandidatesOnDevice, KeptSegments};
+use crate::{Draw, OccupancyGrid, Placement, RayBundle, RenderConfig, RenderOutput, Samples, Warp};
 
 /// Where the samples of a pass can be, before any is skipped.
 #[derive(Clone, Debug)]
@@ -46,6 +46,7 @@ pub(crate) struct Sampler {
     longest: f32,
     bounds: Aabb,
     warp: Warp,
+    kept: KeptSegments,
 }
 
 impl Sampler {
@@ -57,11 +58,16 @@ impl Sampler {
         } else {
             warp.coordinate(warp.horizon().unwrap_or(far)) - warp.coordinate(near)
         };
-        Self { config: config.clone(), range, near, longest, bounds, warp }
+        Self { config: config.clone(), range, near, longest, bounds, warp, kept: KeptSegments::default() }
     }
 
     pub(crate) fn warp(&self) -> &Warp {
         &self.warp
+    }
+
+    /// Segments of samples that are placed on a GPU.
+    pub(crate) fn kept(&self) -> &KeptSegments {
+        &self.kept
     }
 
     pub(crate) fn config(&self) -> &RenderConfig {
@@ -143,14 +149,13 @@ impl Sampler {
     /// Stratified distances of each ray, for the coarse pass or the only one: of a field on a GPU without a `grid` placed there.
     pub(crate) fn coarse(
         &self,
-        rays: &[Ray],
-        draws: &[Draw],
+        bundle: RayBundle<'_>,
         grid: Option<&OccupancyGrid>,
         at: Moment,
         device: &Device,
     ) -> Candidates {
         if is_gpu(device) && grid.is_none() {
-            let placed = CandidatesOnDevice::stratified(self, rays, draws, at, device);
+            let placed = CandidatesOnDevice::stratified(self, bundle, at, device);
             if let Some(placed) = placed {
                 return Candidates::OnDevice(Box::new(placed));
             }
@@ -158,10 +163,10 @@ impl Sampler {
         let count = self.config.samples.at(at).round() as usize;
         let of_ray = |(index, ray): (usize, &Ray)| {
             let (near, far) = self.interval(ray)?;
-            let jitter = draws.get(index).map(|(noise, ray)| noise.stream(*ray));
+            let jitter = bundle.draws.get(index).map(|(noise, ray)| noise.stream(*ray));
             Some((stratified(near, far, count, self.config.placement, jitter), near, far))
         };
-        Candidates::OnHost(rays.iter().enumerate().map(of_ray).collect())
+        Candidates::OnHost(bundle.rays.iter().enumerate().map(of_ray).collect())
     }
 
     /// Distances of the fine pass, drawn from the coarse weights. A coarse sample that was skipped has weight 0.

@@ -2,12 +2,13 @@ use std::sync::{Arc, OnceLock};
 
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{Extent, Points};
+use infonerf_ops::drawing::DrawnRays;
 use infonerf_ops::sampling::points_on_rays;
 use infonerf_ops::{Segments, split_rows, to_host, upload_together};
 use infonerf_scene::Ray;
 use rayon::prelude::*;
 
-use crate::{TrackedRays, Warp};
+use crate::{RayBundle, TrackedRays, Warp};
 
 /// Packed samples of a bundle of rays.
 #[derive(Clone, Debug)]
@@ -73,9 +74,16 @@ impl Samples {
     }
 
     /// The points at the same distances along other rays: made where the distances are known.
-    pub(crate) fn along(&self, rays: &[Ray], warp: &Warp) -> Points {
-        let device = self.distance.device();
+    pub(crate) fn along(&self, bundle: RayBundle<'_>, warp: &Warp) -> Points {
+        let (device, rays) = (self.distance.device(), bundle.rays);
         let Some(t) = self.on_host.get() else {
+            if let Some(DrawnRays { origins, directions, radii, .. }) = bundle.drawn {
+                let tracked =
+                    |rows: &Tensor<2>| if device.is_autodiff() { rows.clone().autodiff() } else { rows.clone() };
+                let rays = TrackedRays { origins: tracked(origins), directions: tracked(directions) };
+                let directions = rays.directions.clone().flatten(0, 1);
+                return self.points(self.tracked(&rays, warp).flatten(0, 1), directions, radii.clone());
+            }
             let origins = rays.iter().flat_map(|ray| ray.origin.to_array()).collect();
             let [origins, directions, radii] = upload_together([origins, directions(rays), radii(rays)], &[], &device);
             let rows = |numbers: &Tensor<1>| numbers.clone().reshape([rays.len(), 3]);

@@ -7,6 +7,7 @@
 mod checkpoint;
 mod collapse;
 pub mod config;
+mod device_pixels;
 mod early_stopping;
 mod ensemble;
 mod error;

@@ -29,6 +29,14 @@ impl RotationCentre {
     }
 }
 
+impl NeighbourConfig {
+    /// What takes the cameras of a step to those of neighbouring rays: a rotation about the centre of `about`.
+    pub(crate) fn motion(&self, rotation: DMat4, region: &ViewRegion) -> DMat4 {
+        let centre = self.about.of(region);
+        DMat4::from_translation(centre) * rotation * DMat4::from_translation(-centre)
+    }
+}
+
 impl Pixels {
     /// The view that the first pixel is of; that of all where a batch is of one image.
     pub(crate) fn view(&self) -> usize {

@@ -2,9 +2,11 @@
 
 use std::borrow::Cow;
 
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor};
+use glam::DMat4;
 use infonerf_field::Field;
 use infonerf_loss::{Bundle, Need, NeighbourBundles, Picture, Renders, Target};
+use infonerf_ops::drawing::{DrawnRays, PixelDraw, draw_rays};
 use infonerf_ops::{is_gpu, upload};
 use infonerf_render::{
     Counts, Draw, Model, Noise, OccupancyGrid, Passes, RandomStream, RayBundle, RenderOutput, RenderRequest,
@@ -14,6 +16,7 @@ use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
 
 use crate::config::NeighbourSampling;
+use crate::device_pixels::{DevicePixels, Drawn};
 use crate::pixels::Pixels;
 use crate::step_pixels::StepPixels;
 use crate::training_images::SeenPixels;
@@ -27,6 +30,8 @@ pub(crate) struct StepRenderer<'a, F: Field> {
     /// Conditioned on the photographs of the step.
     pub(crate) model: &'a Model<F>,
     pub(crate) occupancy: Option<&'a OccupancyGrid>,
+    /// Where a GPU draws the step's pixels itself: what from.
+    pub(crate) there: Option<&'a DevicePixels>,
     pub(crate) at: Moment,
     pub(crate) seed: u64,
     pub(crate) profile: &'a mut Profile,
@@ -42,7 +47,18 @@ struct Asked {
     rays: Vec<Ray>,
     tracked: Option<TrackedRays>,
     color: bool,
-    noise: Noise,
+    /// By which samples along the rays are jittered.
+    samples: Noise,
+}
+
+/// What a GPU drew for a step.
+struct DrawnThere {
+    /// The rays of all bundles to render.
+    rendered: DrawnRays,
+    /// The neighbours of seen and of unseen rays that are paired with them.
+    paired: [Option<DrawnRays>; 2],
+    /// What the seen pixels show.
+    colors: Tensor<2>,
 }
 
 impl<F: Field> StepRenderer<'_, F> {
@@ -66,13 +82,15 @@ impl<F: Field> StepRenderer<'_, F> {
             NeighbourSampling::Partner => ([None, None], near),
         };
 
+        let there = self.drawn_there(pixels, unseen, [&own, &paired].map(|near| near.each_ref().map(Option::is_some)));
         let color = needs.contains(&Need::SeenColor);
-        let of = |phase, rays, stream| Asked { phase, rays, tracked: None, color: false, noise: self.noise(stream) };
+        let of =
+            |phase, rays, stream| Asked { phase, rays, tracked: None, color: false, samples: self.samples(stream) };
         let of_seen = of(Phase::Seen, seen_pixels.rays(), RandomStream::SeenRays);
         let [own_seen, own_unseen] = own.map(|rays| Some(of(Phase::Neighbours, rays?, RandomStream::Neighbours)));
         let of_unseen = unseen.map(|unseen| of(Phase::Unseen, unseen.rays(), RandomStream::UnseenRays));
         let asked = [Some(Asked { tracked, color, ..of_seen }), of_unseen, own_seen, own_unseen];
-        let [passes, unseen, own_seen, own_unseen] = self.all(asked);
+        let [passes, unseen, own_seen, own_unseen] = self.all(asked, there.as_ref().map(|there| &there.rendered));
 
         let passes = passes.expect("seen rays are asked for");
         let passes = match &self.model.exposure {
@@ -80,9 +98,14 @@ impl<F: Field> StepRenderer<'_, F> {
             None => passes,
         };
         let [along_seen, along_unseen] = paired;
-        let along_seen = along_seen.map(|rays| self.along(&passes.fine, &rays));
-        let along_unseen = unseen.as_ref().zip(along_unseen).map(|(unseen, rays)| self.along(&unseen.fine, &rays));
-        let seen_bundle = Bundle { passes, target: Some(self.target(seen)) };
+        let [there_seen, there_unseen] = match &there {
+            Some(there) => there.paired.each_ref().map(Option::as_ref),
+            None => [None, None],
+        };
+        let along_seen = along_seen.map(|rays| self.along(&passes.fine, &rays, there_seen));
+        let along_unseen =
+            unseen.as_ref().zip(along_unseen).map(|(unseen, rays)| self.along(&unseen.fine, &rays, there_unseen));
+        let seen_bundle = Bundle { passes, target: Some(self.target(seen, there.map(|there| there.colors))) };
         let neighbours = NeighbourBundles {
             seen: own_seen.map(|own| own.fine).or(along_seen),
             unseen: own_unseen.map(|own| own.fine).or(along_unseen),
@@ -103,10 +126,55 @@ impl<F: Field> StepRenderer<'_, F> {
         }
     }
 
-    fn target(&self, seen: &SeenPixels) -> Target {
-        let channels: Vec<f32> = seen.rgba.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
+    /// Draws the pixels of a step on the GPU too, if it can: the photographs', those of an `unseen` pose, and the `neighbours` of
+    /// either, whose samples are their own or those of their partners.
+    fn drawn_there(
+        &self,
+        pixels: &StepPixels,
+        unseen: Option<&Pixels>,
+        [own, paired]: [[bool; 2]; 2],
+    ) -> Option<DrawnThere> {
+        let there = self.there?;
+        let (train, step) = (&self.config.train, self.at.step);
+        let motion = train.neighbours.motion(pixels.rotation, &self.scene.region);
+        let seen = |samples, motion| {
+            let noise = self.noise(RandomStream::SeenRays);
+            let drawn = Drawn { pixels: &pixels.seen.pixels, noise, samples: self.samples(samples), motion };
+            there.seen(drawn, train, step)
+        };
+        let of_unseen = |samples, motion| {
+            let noise = self.noise(RandomStream::UnseenRays);
+            Some(there.unseen(Drawn { pixels: unseen?, noise, samples: self.samples(samples), motion }, train, step))
+        };
+        let near = |[is_seen, is_unseen]: [bool; 2]| {
+            let seen = is_seen.then(|| seen(RandomStream::Neighbours, motion));
+            [seen, of_unseen(RandomStream::Neighbours, motion).filter(|_| is_unseen)]
+        };
+        let own_pose = DMat4::IDENTITY;
+        let of_seen = seen(RandomStream::SeenRays, own_pose);
+        let [own, paired] = [own, paired].map(near);
+        let rendered = [Some(of_seen), of_unseen(RandomStream::UnseenRays, own_pose), own[0], own[1]];
+        let bundles: Vec<PixelDraw> = rendered.iter().chain(&paired).flatten().copied().collect();
+        let drawn = draw_rays(&there.tables, &bundles);
+        let of = |bundles: &[Option<PixelDraw>]| bundles.iter().flatten().map(|draw| draw.rays).sum::<usize>();
+        let counts = [of(&rendered), of(&paired[..1]), of(&paired[1..])];
+        let colors = drawn.colors.clone();
+        let mut parts =
+            drawn.split(&counts.into_iter().filter(|count| *count > 0).collect::<Vec<_>>()).into_iter().peekable();
+        let [rendered, seen, unseen] = counts.map(|count| parts.next_if(|_| count > 0));
+        Some(DrawnThere { rendered: rendered.expect("there are seen rays"), paired: [seen, unseen], colors })
+    }
+
+    fn target(&self, seen: &SeenPixels, there: Option<Tensor<2>>) -> Target {
+        let channels = || seen.rgba.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
+        let device = self.device();
+        let rgb = match there {
+            Some(colors) if device.is_autodiff() => colors.autodiff(),
+            Some(colors) => colors,
+            None => upload(channels(), [seen.rgba.len(), 3], &device),
+        };
         Target {
-            rgb: upload(channels, [seen.rgba.len(), 3], &self.device()),
+            rgb,
             rgba: seen.rgba.clone(),
             coverage: seen.coverage.clone(),
             pixels: seen.pixels.at.clone(),
@@ -115,9 +183,9 @@ impl<F: Field> StepRenderer<'_, F> {
     }
 
     /// Density along `rays`, the neighbours of those of `output`, at their distances.
-    fn along(&mut self, output: &RenderOutput, rays: &[Ray]) -> RenderOutput {
-        let renderer = &self.scene.renderer;
-        let near = self.profile.time(Phase::Neighbours, || renderer.along(&self.model.fine, output, rays, self.at));
+    fn along(&mut self, output: &RenderOutput, rays: &[Ray], drawn: Option<&DrawnRays>) -> RenderOutput {
+        let (renderer, bundle) = (&self.scene.renderer, RayBundle { drawn, ..rays.into() });
+        let near = self.profile.time(Phase::Neighbours, || renderer.along(&self.model.fine, output, bundle, self.at));
         self.counts += Counts::from(&near.samples);
         self.rays += rays.len();
         near
@@ -126,8 +194,9 @@ impl<F: Field> StepRenderer<'_, F> {
     fn picture(&mut self, size: u32) -> Picture {
         let noise = self.noise(RandomStream::Picture);
         let (rays, size) = self.scene.unseen(self.config).picture(size, noise);
-        let asked = Asked { phase: Phase::Unseen, rays, tracked: None, color: true, noise };
-        let [passes] = self.all([Some(asked)]);
+        let samples = noise.child(RandomStream::Samples);
+        let asked = Asked { phase: Phase::Unseen, rays, tracked: None, color: true, samples };
+        let [passes] = self.all([Some(asked)], None);
         Picture {
             rgb: passes.expect("a picture is asked for").fine.color.expect("colour was asked for"),
             size,
@@ -136,24 +205,24 @@ impl<F: Field> StepRenderer<'_, F> {
     }
 
     /// The passes over each bundle of rays that is asked for. A GPU is given all of them at once, and so a fraction of the
-    /// launches; but a bundle on its own where its rays are in the graph.
-    fn all<const N: usize>(&mut self, asked: [Option<Asked>; N]) -> [Option<Passes>; N] {
+    /// launches; but a bundle on its own where its rays are in the graph. All of them may be `drawn` there.
+    fn all<const N: usize>(&mut self, asked: [Option<Asked>; N], drawn: Option<&DrawnRays>) -> [Option<Passes>; N] {
         let all: Vec<&Asked> = asked.iter().flatten().collect();
         let together = is_gpu(&self.device()) && self.model.cameras.is_none();
         let groups = all.chunks(if together { N } else { 1 });
-        let mut passes = groups.flat_map(|group| self.passes(group)).collect::<Vec<_>>().into_iter();
+        let mut passes = groups.flat_map(|group| self.passes(group, drawn)).collect::<Vec<_>>().into_iter();
         asked.each_ref().map(|asked| asked.as_ref().and_then(|_| passes.next()))
     }
 
     /// The passes over each bundle of a group, rendered as one.
-    fn passes(&mut self, group: &[&Asked]) -> Vec<Passes> {
+    fn passes(&mut self, group: &[&Asked], drawn: Option<&DrawnRays>) -> Vec<Passes> {
         let rays: Vec<Ray> = group.iter().flat_map(|asked| asked.rays.iter().copied()).collect();
         let draws = |asked: &&Asked| {
-            let noise = asked.noise.child(RandomStream::Samples);
+            let noise = asked.samples;
             (0..asked.rays.len()).map(move |ray| (noise, ray))
         };
         let draws: Vec<Draw> = group.iter().flat_map(draws).collect();
-        let bundle = RayBundle { rays: &rays, tracked: group[0].tracked.as_ref(), draws: &draws };
+        let bundle = RayBundle { rays: &rays, tracked: group[0].tracked.as_ref(), drawn, draws: &draws };
         let request = RenderRequest { color: group.iter().any(|asked| asked.color), hidden: false };
         let (renderer, model, occupancy, at) = (&self.scene.renderer, self.model, self.occupancy, self.at);
         let render = || renderer.render(model, bundle, request, occupancy, at);
@@ -161,6 +230,11 @@ impl<F: Field> StepRenderer<'_, F> {
         self.counts += passes.counts();
         self.rays += rays.len();
         passes.split(&group.iter().map(|asked| asked.rays.len()).collect::<Vec<_>>())
+    }
+
+    /// By which samples along the rays of `stream` are jittered.
+    fn samples(&self, stream: RandomStream) -> Noise {
+        self.noise(stream).child(RandomStream::Samples)
     }
 
     fn noise(&self, stream: RandomStream) -> Noise {

@@ -1,13 +1,14 @@
 //! The training images, and the pixels of them that a step learns from.
 
 use infonerf_loss::is_foreground;
+use infonerf_ops::random::permuted;
 use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
 use infonerf_schedule::Moment;
 
 use crate::config::{Batch, TrainConfig};
 use crate::error_sampling::PixelErrors;
-use crate::pixels::{Pixels, central_half, crop, generator};
+use crate::pixels::{Pixels, central_half, crop};
 
 /// Pixels of training images, with what they show.
 #[derive(Clone, Debug)]
@@ -161,6 +162,26 @@ impl Images {
         self.factor as f32
     }
 
+    /// How much smaller they are than at full size.
+    pub(crate) fn factor(&self) -> u32 {
+        self.factor
+    }
+
+    /// Their width and height.
+    pub(crate) fn size_in_pixels(&self) -> [usize; 2] {
+        [self.width as usize, self.height as usize]
+    }
+
+    /// Whether every pixel can be drawn.
+    pub(crate) fn are_all_valid(&self) -> bool {
+        self.valid.is_none()
+    }
+
+    /// Red, green and blue of each pixel of each view.
+    pub(crate) fn colors(&self) -> Vec<f32> {
+        self.rgba.iter().flatten().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect()
+    }
+
     /// Whether they have the full size.
     pub(crate) fn is_full_size(&self) -> bool {
         self.factor == 1
@@ -231,10 +252,7 @@ impl Images {
                 };
                 let candidates = if sampling.is_some() { PixelErrors::DRAWS * rays } else { rays };
                 let drawn: Vec<usize> =
-                    rand::seq::index::sample(&mut generator(column), pixels, candidates.min(pixels))
-                        .into_iter()
-                        .map(index)
-                        .collect();
+                    (0..candidates.min(pixels)).map(|place| index(permuted(column.bits(), place, pixels))).collect();
                 match sampling {
                     None => (drawn, 0),
                     Some(sampling) => errors.among(sampling, acceptance, &drawn, rays.min(pixels)),

@@ -6,6 +6,7 @@ use burn::optim::Optimizer;
 use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
 use infonerf_ops::adam::{Adam, finite_after, step_if};
+use infonerf_ops::drawing::{DrawnViews, PixelDraw, PixelTables, draw_rays};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
 use infonerf_ops::means::{mean_squared_difference, sum_above, weighted_sum};
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
@@ -45,7 +46,7 @@ pub(super) fn all() -> Vec<Operation> {
     operations.extend(placing(rng));
     operations.extend([losses(rng), network(rng)]);
     operations.extend(encodings(rng));
-    operations.extend([padded(rng), adam(rng)]);
+    operations.extend([padded(rng), adam(rng), drawing(rng)]);
     operations
 }
 
@@ -134,7 +135,7 @@ fn placing(rng: &mut Rng) -> Vec<Operation> {
                 let tau = Tensor::from_floats(tau.as_slice(), device);
                 let streams = Streams(Tensor::from_floats(Streams::bits(streams.iter().copied()).as_slice(), device));
                 let jitter = Some(&streams).filter(|_| jittered);
-                let t = stratified(ends.clone(), SAMPLES, placement, jitter);
+                let t = stratified(ends.clone(), [RAYS, SAMPLES], placement, jitter);
                 let fine = match placement {
                     Placement::Interval => resample(t.clone(), tau, FINE, jitter),
                     _ => importance(t.clone(), tau, FINE, jitter),
@@ -156,6 +157,43 @@ fn placing(rng: &mut Rng) -> Vec<Operation> {
         pulled(out, &[&origins, &directions])
     }));
     operations
+}
+
+/// Rays drawn for two bundles, of all views and of one, and the random numbers by which samples along them are jittered.
+fn drawing(rng: &mut Rng) -> Operation {
+    const WIDTH: usize = 23;
+    const HEIGHT: usize = 17;
+    const VIEWS: usize = 3;
+    let rays = numbers(rng, 4 * WIDTH * HEIGHT, -1.0, 1.0);
+    let (poses, colors) = (numbers(rng, 12 * VIEWS, -1.0, 1.0), numbers(rng, 3 * VIEWS * WIDTH * HEIGHT, 0.0, 1.0));
+    let bundle = PixelDraw {
+        rays: 301,
+        views: DrawnViews::All { count: VIEWS, key: rng.u64(..) },
+        keys: [rng.u64(..), rng.u64(..)],
+        columns: [3, 19],
+        rows: [1, 15],
+        first: 0,
+        size: [WIDTH, HEIGHT],
+        widening: 2.0,
+        motion: std::array::from_fn(|_| rng.f32()),
+        has_poses: true,
+        streams: [rng.u64(..), rng.u64(..)],
+    };
+    let one = PixelDraw { views: DrawnViews::One(2), rays: 150, has_poses: false, ..bundle };
+    let bundles = [bundle, one, PixelDraw { views: DrawnViews::One(1), keys: [rng.u64(..); 2], ..one }];
+    operation("rays of drawn pixels", move |device| {
+        let tables = PixelTables {
+            rays: from_host(&rays, 4, device),
+            poses: from_host(&poses, 12, device),
+            colors: from_host(&colors, 3, device),
+        };
+        let drawn = draw_rays(&tables, &bundles);
+        let ends = from_host(&[2.0, 6.0], 2, device);
+        let jittered =
+            drawn.streams.each_ref().map(|streams| stratified(ends.clone(), [601, 2], Placement::Mid, Some(streams)));
+        let rows = [drawn.origins, drawn.directions, drawn.colors].into_iter().chain(jittered);
+        vec![to_host_together(rows.map(|rows| rows.flatten(0, 1)).chain([drawn.radii]))]
+    })
 }
 
 /// The sums that make losses.

@@ -14,10 +14,12 @@ macro_rules! launch {
 
 mod adam;
 mod dense;
+mod drawing;
 mod encode;
 mod means;
 mod outputs;
 mod product;
+mod random;
 mod rays;
 mod rows;
 mod sampling;
@@ -44,6 +46,7 @@ use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use adam::{adam_together, finite_after};
 pub(crate) use dense::dense;
+pub(crate) use drawing::draw_rays;
 pub(crate) use encode::{frequency, integrated};
 pub(crate) use means::{MOST_SCALARS, Summand, sum, weighted_sum};
 pub(crate) use outputs::part_or_copy;

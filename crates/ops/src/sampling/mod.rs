@@ -72,25 +72,36 @@ impl Streams {
     }
 }
 
-/// `count` samples in [near, far] of each ray, as [`distances::stratified`]: `[H, N]`, N being [`Placement::numbers`].
+/// `count` samples in [near, far] of each of `rays` rays, as [`distances::stratified`]: `[H, N]`, N being [`Placement::numbers`].
 ///
-/// - `ends`: near and far, `[H, 2]`.
+/// - `ends`: near and far, `[H, 2]`, or `[1, 2]` if they are those of all rays.
 /// - `jitter`: random numbers; samples are evenly spaced without.
-pub fn stratified(ends: Tensor<2>, count: usize, placement: Placement, jitter: Option<&Streams>) -> Tensor<2> {
+pub fn stratified(
+    ends: Tensor<2>,
+    [rays, count]: [usize; 2],
+    placement: Placement,
+    jitter: Option<&Streams>,
+) -> Tensor<2> {
     dispatch! {
         &ends.device();
-        host => stratified_on_host(ends, count, placement, jitter),
-        cube => crate::cube::stratified(ends, placement.numbers(count), placement, jitter),
-        plain => stratified_on_host(ends, count, placement, jitter),
+        host => stratified_on_host(ends, [rays, count], placement, jitter),
+        cube => crate::cube::stratified(ends, [rays, placement.numbers(count)], placement, jitter),
+        plain => stratified_on_host(ends, [rays, count], placement, jitter),
     }
 }
 
-fn stratified_on_host(ends: Tensor<2>, count: usize, placement: Placement, jitter: Option<&Streams>) -> Tensor<2> {
+fn stratified_on_host(
+    ends: Tensor<2>,
+    [count, samples]: [usize; 2],
+    placement: Placement,
+    jitter: Option<&Streams>,
+) -> Tensor<2> {
     let (device, streams) = (ends.device(), jitter.map(Streams::on_host));
     let ends = to_host(ends);
-    rows(ends.len() / 2, &device, |ray| {
+    rows(count, &device, |ray| {
         let stream = streams.as_ref().map(|streams| streams[ray]);
-        distances::stratified(ends[2 * ray], ends[2 * ray + 1], count, placement, stream)
+        let [near, far] = [0, 1].map(|end| ends[(2 * ray + end) % ends.len()]);
+        distances::stratified(near, far, samples, placement, stream)
     })
 }
 
@@ -139,7 +150,7 @@ fn drawn_on_host(
 }
 
 /// Distance along its ray and length of the interval of each sample that `t`, `[H, N]`, places, as [`distances::intervals`]:
-/// `[M]` each.
+/// `[M]` each. The `ends` are those of [`stratified`].
 pub fn intervals(t: Tensor<2>, ends: Tensor<2>, placement: Placement, last: LastInterval) -> [Tensor<1>; 2] {
     dispatch! {
         &t.device();
@@ -153,7 +164,7 @@ fn intervals_on_host(t: Tensor<2>, ends: Tensor<2>, placement: Placement, last: 
     let ([_, columns], device) = (t.dims(), t.device());
     let (t, ends) = (to_host(t), to_host(ends));
     let of = |(t, ends): (&[f32], &[f32])| distances::intervals(t, ends[0], ends[1], placement, last);
-    let (distance, length): (Vec<f32>, Vec<f32>) = t.chunks(columns).zip(ends.chunks(2)).flat_map(of).unzip();
+    let (distance, length): (Vec<f32>, Vec<f32>) = t.chunks(columns).zip(ends.chunks(2).cycle()).flat_map(of).unzip();
     [distance, length].map(|numbers| {
         let count = numbers.len();
         upload(numbers, [count], &device)

@@ -9,6 +9,7 @@ use infonerf_schedule::Moment;
 use super::Trainer;
 use super::numbers::Numbers;
 use crate::Phase;
+use crate::device_pixels::DevicePixels;
 use crate::pixels::{UnseenViews, rotation};
 use crate::step_pixels::StepPixels;
 use crate::step_renderer::StepRenderer;
@@ -44,6 +45,14 @@ impl<F: Field> Trainer<F> {
             views.pixels(unseen_rays, images.pixel_width(), at.step, noise(RandomStream::UnseenRays))
         };
 
+        let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
+        let places =
+            self.scenes.len() == 1 && self.model.cameras.is_none() && scene.renderer.places_on(&self.device, occupancy);
+        if !places {
+            self.there = None;
+        } else if !self.there.as_ref().is_some_and(|there| there.are_of(images)) {
+            self.there = DevicePixels::new(&scene.scene, images, train, &self.device);
+        }
         self.pixel_errors.resize(images.size());
         self.profile.time(Phase::Rays, || StepPixels {
             scene: index,
@@ -62,12 +71,12 @@ impl<F: Field> Trainer<F> {
         let latent = Noise::new(self.seed, at.step as u64, RandomStream::Latent).bits();
         let model = self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)));
 
-        let config = &self.config.render.occupancy;
         let mut renderer = StepRenderer {
             config: &self.config,
             scene,
             model: &model,
-            occupancy: self.occupancy.as_ref().filter(|_| config.carve || at.step >= config.warmup),
+            occupancy: self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step)),
+            there: self.there.as_ref(),
             at,
             seed: self.seed,
             profile: &mut self.profile,

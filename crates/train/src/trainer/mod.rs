@@ -16,6 +16,7 @@ use infonerf_schedule::{Fault, Moment};
 use self::step::Taken;
 use crate::checkpoint::State;
 use crate::config::checks;
+use crate::device_pixels::DevicePixels;
 use crate::error_sampling::PixelErrors;
 use crate::model::{FieldBuilder, optimiser};
 use crate::training_scene::TrainingScene;
@@ -36,6 +37,8 @@ pub struct Trainer<F: Field = RadianceField> {
     optimiser: ModuleOptimizer,
     occupancy: Option<OccupancyGrid>,
     pixel_errors: PixelErrors,
+    /// The training images on a GPU that draws a step's pixels itself; none where these are the host's.
+    there: Option<DevicePixels>,
     progress: Progress,
     /// Steps that were taken and whose losses nobody knows yet.
     unreported: Vec<Taken>,
@@ -153,6 +156,7 @@ impl<F: Field> Trainer<F> {
             unreported: Vec::new(),
             weight_average: WeightAverage::default(),
             pixel_errors: PixelErrors::default(),
+            there: None,
             progress: Progress::default(),
             profile: Profile::default(),
         })

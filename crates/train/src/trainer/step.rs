@@ -74,7 +74,11 @@ impl<F: Field> Trainer<F> {
     /// # Panics
     /// If there is no such scene or camera, or no seen pixel.
     pub fn step_on(&mut self, pixels: StepPixels, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
-        self.step_with(|_, _| pixels, report)
+        let given = |trainer: &mut Self, _| {
+            trainer.there = None;
+            pixels
+        };
+        self.step_with(given, report)
     }
 
     fn step_with(

@@ -2,55 +2,26 @@
 
 use burn::cubecl::{self, prelude::*};
 
+use crate::cube::random::{self, Bits};
 use crate::cube::rays::alpha_of;
-
-/// 64 bits: WGSL may lack integers of that size.
-#[derive(CubeType, Clone, Copy)]
-struct Bits {
-    high: u32,
-    low: u32,
-}
-
-/// a + b, modulo 2⁶⁴.
-#[cube]
-fn plus(a: Bits, high: u32, low: u32) -> Bits {
-    let sum = a.low + low;
-    Bits { high: a.high + high + select(sum < low, 1u32, 0u32), low: sum }
-}
-
-/// a · b, modulo 2⁶⁴.
-#[cube]
-fn times(a: Bits, high: u32, low: u32) -> Bits {
-    Bits { high: u32::mul_hi(a.low, low) + a.low * high + a.high * low, low: a.low * low }
-}
-
-/// z ^ (z >> shift), for a shift of 1 to 31.
-#[cube]
-fn folded(z: Bits, #[comptime] shift: u32) -> Bits {
-    Bits { high: z.high ^ (z.high >> shift), low: z.low ^ ((z.low >> shift) | (z.high << (32u32 - shift))) }
-}
-
-/// [`mix`](crate::random::mix).
-#[cube]
-fn mix(x: Bits) -> Bits {
-    let z = folded(plus(x, 0x9e37_79b9u32, 0x7f4a_7c15u32), 30u32);
-    let z = folded(times(z, 0xbf58_476du32, 0x1ce4_e5b9u32), 27u32);
-    folded(times(z, 0x94d0_49bbu32, 0x1331_11ebu32), 31u32)
-}
 
 /// Number `index` of a row's stream, uniform in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
 #[cube]
 fn uniform(streams: &Tensor<u32>, row: usize, index: usize) -> f32 {
-    let item = streams[3 * row + 2];
-    let inner = mix(Bits { high: item >> 8u32, low: (item << 24u32) ^ u32::cast_from(index) });
-    let z = mix(Bits { high: streams[3 * row + 1] ^ inner.high, low: streams[3 * row] ^ inner.low });
-    f32::cast_from(z.high >> 8u32) / 16_777_216.0f32
+    let key = Bits { high: streams[3 * row + 1], low: streams[3 * row] };
+    random::uniform(&key, streams[3 * row + 2], u32::cast_from(index))
+}
+
+/// Near (0) or far (1) end of a row's interval; one interval is that of all.
+#[cube]
+fn end(ends: &Tensor<f32>, row: usize, which: usize) -> f32 {
+    ends[(2 * row + which) % ends.len()]
 }
 
 /// Distance of the share `u` of [near, far].
 #[cube]
 fn between(ends: &Tensor<f32>, row: usize, u: f32) -> f32 {
-    ends[2 * row] * (1.0f32 - u) + ends[2 * row + 1] * u
+    end(ends, row, 0) * (1.0f32 - u) + end(ends, row, 1) * u
 }
 
 /// Stratified distances: of samples in the middle of equal intervals, or else by NeRF's rule.
@@ -289,7 +260,7 @@ pub(super) fn lengths_left(
         if count > 1 {
             own = t[at] - t[at - 1];
         } else {
-            own = ends[2 * row + 1] - t[at];
+            own = end(ends, row, 1) - t[at];
         }
     }
     distance[at] = t[at];
@@ -305,11 +276,11 @@ pub(super) fn lengths_mid(t: &Tensor<f32>, ends: &Tensor<f32>, distance: &mut Te
     }
     let count = t.shape(1);
     let (row, i) = (at / count, at % count);
-    let mut lower = ends[2 * row];
+    let mut lower = end(ends, row, 0);
     if i > 0 {
         lower = 0.5f32 * (t[at - 1] + t[at]);
     }
-    let mut upper = ends[2 * row + 1];
+    let mut upper = end(ends, row, 1);
     if i + 1 < count {
         upper = 0.5f32 * (t[at] + t[at + 1]);
     }

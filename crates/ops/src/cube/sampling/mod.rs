@@ -11,10 +11,15 @@ use super::outputs::Outputs;
 use super::{CubeKernel, Pass, apply, empty};
 use crate::sampling::{LastInterval, Placement, Streams};
 
-/// [`stratified`](crate::sampling::stratified) of `columns` distances.
-pub(crate) fn stratified(ends: Tensor<2>, columns: usize, placement: Placement, jitter: Option<&Streams>) -> Tensor<2> {
+/// [`stratified`](crate::sampling::stratified) of `shape`.
+pub(crate) fn stratified(
+    ends: Tensor<2>,
+    shape: [usize; 2],
+    placement: Placement,
+    jitter: Option<&Streams>,
+) -> Tensor<2> {
     let streams = streams_or(jitter, &ends);
-    apply(Sampling::Stratified { columns, placement, jitter: jitter.is_some() }, (ends, streams))
+    apply(Sampling::Stratified { shape, placement, jitter: jitter.is_some() }, (ends, streams))
 }
 
 /// [`importance`](crate::sampling::importance).
@@ -46,7 +51,7 @@ fn streams_or(jitter: Option<&Streams>, other: &Tensor<2>) -> Tensor<1> {
 /// What is done without a gradient.
 #[derive(Debug)]
 enum Sampling {
-    Stratified { columns: usize, placement: Placement, jitter: bool },
+    Stratified { shape: [usize; 2], placement: Placement, jitter: bool },
     Importance { count: usize, jitter: bool },
     Resample { count: usize, jitter: bool },
     Intervals { outputs: Arc<Outputs<2>>, placement: Placement, last: LastInterval },
@@ -59,8 +64,8 @@ impl CubeKernel for Sampling {
         // The numbers of streams are the bits of integers.
         let streams = || CubeTensor { dtype: DType::U32, ..inputs.last().expect("streams are last").clone() };
         match self {
-            Self::Stratified { columns, placement, jitter } => {
-                let out = empty(first, [rays, *columns]);
+            Self::Stratified { shape, placement, jitter } => {
+                let out = empty(first, *shape);
                 launch!(
                     kernels::stratified::launch, out.meta.num_elements();
                     first, &streams(), &out;

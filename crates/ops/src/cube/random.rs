@@ -1,0 +1,82 @@
+//! [Counter-based random numbers](crate::random) in kernels.
+
+use burn::cubecl::{self, prelude::*};
+
+use crate::random::ROUNDS;
+
+/// 64 bits: WGSL may lack integers of that size.
+#[derive(CubeType, Clone, Copy)]
+pub(super) struct Bits {
+    pub(super) high: u32,
+    pub(super) low: u32,
+}
+
+/// a + b, modulo 2⁶⁴.
+#[cube]
+fn plus(a: Bits, high: u32, low: u32) -> Bits {
+    let sum = a.low + low;
+    Bits { high: a.high + high + select(sum < low, 1u32, 0u32), low: sum }
+}
+
+/// a · b, modulo 2⁶⁴.
+#[cube]
+fn times(a: Bits, high: u32, low: u32) -> Bits {
+    Bits { high: u32::mul_hi(a.low, low) + a.low * high + a.high * low, low: a.low * low }
+}
+
+/// z ^ (z >> shift), for a shift of 1 to 31.
+#[cube]
+fn folded(z: Bits, #[comptime] shift: u32) -> Bits {
+    Bits { high: z.high ^ (z.high >> shift), low: z.low ^ ((z.low >> shift) | (z.high << (32u32 - shift))) }
+}
+
+/// [`mix`](crate::random::mix).
+#[cube]
+fn mix(x: Bits) -> Bits {
+    let z = folded(plus(x, 0x9e37_79b9u32, 0x7f4a_7c15u32), 30u32);
+    let z = folded(times(z, 0xbf58_476du32, 0x1ce4_e5b9u32), 27u32);
+    folded(times(z, 0x94d0_49bbu32, 0x1331_11ebu32), 31u32)
+}
+
+/// [`number`](crate::random::number), of an item below 2³².
+#[cube]
+pub(super) fn number(key: &Bits, item: u32, index: u32) -> Bits {
+    let inner = mix(Bits { high: item >> 8u32, low: (item << 24u32) ^ index });
+    mix(Bits { high: key.high ^ inner.high, low: key.low ^ inner.low })
+}
+
+/// Its first 24 bits as a number in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
+#[cube]
+pub(super) fn uniform(key: &Bits, item: u32, index: u32) -> f32 {
+    f32::cast_from(number(key, item, index).high >> 8u32) / 16_777_216.0f32
+}
+
+/// [`below`](crate::random::below), of number 0 and less than 2³².
+#[cube]
+pub(super) fn below(key: &Bits, item: u32, count: u32) -> u32 {
+    let z = number(key, item, 0u32);
+    let low = z.high * count;
+    let sum = low + u32::mul_hi(z.low, count);
+    u32::mul_hi(z.high, count) + select(sum < low, 1u32, 0u32)
+}
+
+/// [`permuted`](crate::random::permuted), given b.
+#[cube]
+pub(super) fn permuted(key: &Bits, index: u32, count: u32, bits: u32) -> u32 {
+    let mask = (1u32 << bits) - 1u32;
+    let mut place = index;
+    let mut is_outside = true;
+    while is_outside {
+        let mut left = place >> bits;
+        let mut right = place & mask;
+        #[unroll]
+        for round in 0..comptime!(ROUNDS as u32) {
+            let before = right;
+            right = left ^ (number(key, right, round).low & mask);
+            left = before;
+        }
+        place = (left << bits) | right;
+        is_outside = place >= count;
+    }
+    place
+}
