@@ -291,6 +291,34 @@ fn evaluating_and_rendering_a_run() {
     assert!(fs::read_to_string(place.path("crane.html")).unwrap().contains("<title>crane/infonerf/seed0</title>"));
 }
 
+/// A capture that holds out views of one list is another one where training views are tested.
+#[test]
+fn a_run_is_not_tested_by_views_that_it_learnt_from() {
+    let place = Workplace::new();
+    place.run("scene export facade data/facade --format llff --size 24").succeeds();
+    place.tiny("exp fast-losses --data data --scene facade --variant nerf --set eval.test=split").succeeds();
+    let run = "runs/fast-losses/facade/nerf/seed0";
+    place.run(&["eval", run, "--test", "training"]).fails_with(&[
+        "--test: expected another protocol than training, found training",
+        "LLFF photographs are held out only where they are tested",
+    ]);
+    place.run(&["eval", run, "--test", "first-1"]).succeeds();
+}
+
+/// An earlier run is not removed for one that cannot be.
+#[test]
+fn what_is_overwritten_is_there_until_the_new_run_is_possible() {
+    let place = Workplace::new();
+    let exp = "exp fast-losses --scene crane --variant nerf";
+    place.tiny(exp).succeeds();
+    let run = place.path("runs/fast-losses/crane/nerf/seed0");
+    let before = files(&run);
+    place.tiny(exp).args("--overwrite --set render.space=ndc").fails_with(&["render.space"]);
+    assert_eq!(files(&run), before);
+    place.tiny(exp).args("--overwrite").succeeds();
+    assert_eq!(files(&run), before);
+}
+
 #[test]
 fn an_exported_scene_gives_the_numbers_of_the_built_in_one() {
     let place = Workplace::new();

@@ -44,7 +44,7 @@ pub use file::list;
 pub use identity::Identity;
 pub use plan::{About, Experiment, Selection};
 pub use pretrain::{Pretrained, pretrain};
-pub use run::{Finished, Trained, TrainedVolume, is_finished, save_png, total_progress};
+pub use run::{Finished, Trained, TrainedVolume, is_finished, picture_notes, save_png, total_progress};
 pub use run_plan::RunPlan;
 pub use seeds::parse_seeds;
 pub use session::{Control, Existing, RunEvent, Session, Watch};

@@ -2,6 +2,7 @@ use std::fmt::Debug;
 use std::path::PathBuf;
 
 use burn::tensor::{Device, Tensor};
+use infonerf_render::Warp;
 use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Moment, Schedule};
 
@@ -70,6 +71,8 @@ pub trait TermSpec: Weighted {
 pub struct TermSetup<'a> {
     /// The scene that is learned.
     pub scene: &'a Scene,
+    /// How the world is mapped into what a field sees.
+    pub warp: &'a Warp,
     /// Where the field is.
     pub device: &'a Device,
 }

@@ -122,7 +122,8 @@ impl RenderConfig {
     /// Keys that are set but have no effect beside the others, one line each.
     pub fn without_effect(&self) -> Vec<&'static str> {
         let stop = self.early_stop_transmittance > 0.0 && !self.marches();
-        let hidden = self.hidden_depth > 0.0 && !self.occupancy.enabled;
+        let [hidden, carve] =
+            [self.hidden_depth > 0.0, self.occupancy.carve].map(|is_set| is_set && !self.occupancy.enabled);
         [
             (
                 stop,
@@ -130,6 +131,7 @@ impl RenderConfig {
                     render.placement = \"mid\"",
             ),
             (hidden, "render.hidden_depth has no effect without render.occupancy.enabled"),
+            (carve, "render.occupancy.carve has no effect without render.occupancy.enabled"),
         ]
         .into_iter()
         .filter_map(|(applies, line)| applies.then_some(line))

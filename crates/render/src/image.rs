@@ -45,7 +45,7 @@ pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F
         residuals.add_to(&mut image, &camera, render);
     }
     if let Some(frame) = trained.frame {
-        image.depth.iter_mut().for_each(|depth| *depth /= frame.scale as f32);
+        image.depth.iter_mut().for_each(|depth| *depth /= frame.similarity.scale as f32);
     }
     image
 }

@@ -91,7 +91,7 @@ pub use ensemble::render_image;
 pub use exposure::Exposure;
 pub use image::RenderedImage;
 pub use infonerf_ops::sampling::{LastInterval, Placement};
-pub use model::{Model, TrainedModel};
+pub use model::{Frame, Model, TrainedModel};
 pub use noise::{Noise, RandomStream};
 pub use normals::render_normals;
 pub use occupancy::OccupancyGrid;

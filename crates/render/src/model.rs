@@ -1,6 +1,7 @@
 use std::sync::Arc;
 
 use burn::module::Module;
+use glam::DVec3;
 use infonerf_field::{Field, RadianceField, Sources};
 use infonerf_scene::{Camera, Similarity};
 use infonerf_schedule::Moment;
@@ -37,6 +38,37 @@ impl<F: Field> Model<F> {
     }
 }
 
+/// The world of the cameras that a model was trained with, as they were learnt, beside that of a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Frame {
+    /// From the scene's world.
+    pub similarity: Similarity,
+    /// How many times as long as the scene's focal lengths are.
+    pub zoom: f64,
+}
+
+impl Frame {
+    /// The frame of cameras that were `given` and are `learnt`: poses are aligned with those of `exact` cameras of the same views,
+    /// about the scene's `centre`; the zoom is the geometric mean over the cameras.
+    pub fn of(exact: &[Camera], given: &[Camera], learnt: &[Camera], centre: DVec3) -> Self {
+        let logs = given.iter().zip(learnt).map(|(given, learnt)| (learnt.fx / given.fx).ln());
+        let zoom = (logs.sum::<f64>() / given.len().max(1) as f64).exp();
+        Self { similarity: Similarity::between(exact, learnt, centre), zoom }
+    }
+
+    /// What a camera of the scene is here.
+    pub fn camera(&self, camera: &Camera) -> Camera {
+        let moved = self.similarity.camera(camera);
+        Camera { fx: self.zoom * moved.fx, fy: self.zoom * moved.fy, ..moved }
+    }
+}
+
+impl From<Similarity> for Frame {
+    fn from(similarity: Similarity) -> Self {
+        Self { similarity, zoom: 1.0 }
+    }
+}
+
 /// A trained model without gradients and its occupancy grid, from which pictures are rendered.
 #[derive(Clone, Debug)]
 pub struct TrainedModel<F: Field = RadianceField> {
@@ -47,7 +79,7 @@ pub struct TrainedModel<F: Field = RadianceField> {
     /// The moment of the last training step, at which the fields are evaluated: detail that fades in later is not learnt.
     pub at: Moment,
     /// From the scene's frame to that of the cameras that the model was trained with; none if these are the scene's own.
-    pub frame: Option<Similarity>,
+    pub frame: Option<Frame>,
     /// Residuals that pictures add to what the field shows; none for the field alone.
     pub residuals: Option<Arc<Residuals>>,
 }

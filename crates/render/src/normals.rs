@@ -101,7 +101,7 @@ mod tests {
         let turned = Similarity { rotation, scale: 1.0, translation: DVec3::ZERO };
         let to_world = DMat4::from_rotation_y(0.7) * DMat4::from_translation(DVec3::new(0.0, 0.0, 4.0));
         let camera = Camera::from_fov(9, 9, 0.6, to_world);
-        for (placement, frame) in [(Placement::Mid, None), (Placement::Left, Some(turned))] {
+        for (placement, frame) in [(Placement::Mid, None), (Placement::Left, Some(turned.into()))] {
             let config = crate::RenderConfig { samples: 512.0.into(), ..config(placement) };
             let renderer = Renderer::new(&config, &Scene { background: [1.0; 3], ..Scene::default() });
             let ball = Ball { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::ZERO };

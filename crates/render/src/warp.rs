@@ -156,6 +156,19 @@ impl Warp {
         }
     }
 
+    /// Lengths in scene units of intervals at `distance`, `[M]`, whose lengths in the coordinate are `delta`: δ dt/ds, the inverse
+    /// of [`Self::rate`].
+    pub fn lengths(&self, distance: &Tensor<1>, delta: Tensor<1>) -> Tensor<1> {
+        match self {
+            Self::Identity => delta,
+            Self::Ndc { near, .. } => delta * distance.clone().clamp_min(*near).square() / (REACH * near),
+            Self::Contraction { radius, .. } => {
+                let u = distance.clone() / *radius;
+                delta * (u.square() / 4.0).clamp_min(1.0) * *radius
+            }
+        }
+    }
+
     /// Jᵀ g of each row, `[M, 3]`, with the Jacobian J of [`Self::point`]: the gradient with respect to points of the world of
     /// what has the gradient g at the points `q` that they are mapped to.
     pub fn world_gradient(&self, q: &Tensor<2>, gradient: Tensor<2>) -> Tensor<2> {
@@ -321,6 +334,25 @@ mod tests {
                         assert!((slope - want).abs() < 1e-3, "{warp:?} at {point}: {slope} for {want}");
                     }
                 }
+            }
+        }
+    }
+
+    /// Short intervals have the lengths that they span, before, within and behind what a warp only scales.
+    #[test]
+    fn lengths_are_in_scene_units() {
+        use burn::tensor::Device;
+        use infonerf_ops::{from_host, to_host};
+
+        const SHORT: f32 = 1e-3;
+        let contraction = Warp::Contraction { centre: Vec3::ZERO, radius: 2.0 };
+        for warp in [Warp::Identity, Warp::of(&forward(), Space::Ndc), contraction] {
+            for t in [1.5f32, 3.9, 4.1, 20.0] {
+                let s = warp.coordinate(t);
+                let span = warp.distance(s + 0.5 * SHORT) - warp.distance(s - 0.5 * SHORT);
+                let [t, delta] = [t, SHORT].map(|number| from_host(&[number], 1, &Device::flex()).flatten(0, 1));
+                let length = to_host(warp.lengths(&t, delta))[0];
+                assert!((length / span - 1.0).abs() < 0.02, "{warp:?}: {length} for {span}");
             }
         }
     }

@@ -68,14 +68,16 @@ impl Schedule {
         self.largest() == 0.0 && self.least() == 0.0
     }
 
-    /// The largest value of a run, not counting warm-up.
+    /// The largest value of a run of any length.
     pub fn largest(&self) -> f64 {
-        self.curve.extremes().1
+        let largest = self.curve.extremes().1;
+        largest.max(largest * self.warm(0))
     }
 
-    /// The least value of a run, not counting warm-up.
+    /// The least value of a run of any length. A warm-up begins at a share of the curve.
     pub fn least(&self) -> f64 {
-        self.curve.extremes().0
+        let least = self.curve.extremes().0;
+        least.min(least * self.warm(0))
     }
 
     fn warm(&self, step: usize) -> f64 {
@@ -119,7 +121,11 @@ impl Curve {
             Self::Constant(value) => (*value, *value),
             Self::Linear { from, to, .. } | Self::Exponential { from, to, .. } => (from.min(*to), from.max(*to)),
             Self::Decay { from, factor, .. } => {
-                let last = if *factor < 1.0 { 0.0 } else { *from };
+                let last = match *factor {
+                    factor if factor < 1.0 || *from == 0.0 => 0.0,
+                    1.0 => *from,
+                    _ => from.signum() * f64::INFINITY,
+                };
                 (from.min(last), from.max(last))
             }
             Self::Steps(steps) => steps
@@ -194,5 +200,14 @@ mod tests {
         assert_eq!((ramp.least(), ramp.largest()), (0.0, 1.0));
         let steps = Schedule { curve: Curve::Steps(vec![(0.0, 3.0), (0.5, 1.0)]), warmup: 0 };
         assert_eq!((steps.least(), steps.largest()), (1.0, 3.0));
+        let decay =
+            |from, factor| Schedule { curve: Curve::Decay { from, factor, every: 10, stairs: false }, warmup: 0 };
+        let extremes = |schedule: Schedule| (schedule.least(), schedule.largest());
+        assert_eq!(extremes(decay(2.0, 0.5)), (0.0, 2.0));
+        assert_eq!(extremes(decay(2.0, 1.0)), (2.0, 2.0));
+        assert_eq!(extremes(decay(2.0, 2.0)), (2.0, f64::INFINITY));
+        assert_eq!(extremes(decay(-2.0, 2.0)), (f64::NEG_INFINITY, -2.0));
+        assert_eq!(extremes(Schedule { curve: Curve::Constant(64.0), warmup: 100 }), (0.64, 64.0));
+        assert_eq!(extremes(Schedule { curve: Curve::Constant(-1.0), warmup: 4 }), (-1.0, -0.25));
     }
 }

@@ -5,10 +5,10 @@ use std::time::Instant;
 
 use infonerf_field::Field;
 use infonerf_metrics::{Depths, Evaluator, METRICS, Mask, Measured, Metric, Networks, Pair, Picture, Protocol, Values};
-use infonerf_render::{RenderedImage, Renderer, TrainedModel, render_image};
+use infonerf_render::{Pivot, RenderedImage, Renderer, TrainedModel, render_image};
 use infonerf_scene::View;
 
-use crate::TrainError;
+use crate::{TrainError, fitted_to};
 
 /// A picture with less mean opacity than this shows nothing.
 const EMPTY_PICTURE: f32 = 1e-3;
@@ -74,6 +74,25 @@ impl<'a> Evaluation<'a> {
     pub fn of(metrics: &'a [&'static Metric], networks: &'a Networks, protocol: &'a Protocol) -> Self {
         let evaluator = Evaluator::new(metrics, networks, protocol);
         Self { evaluator, views: 0, seconds: 0.0, opacity: 0.0, shows_nothing: true }
+    }
+
+    /// The same after the pose of each member's camera was fitted to the photograph in so many `steps`, if any
+    /// ([`fitted_to`]).
+    ///
+    /// # Errors
+    /// As [`Self::add`].
+    pub fn add_fitted<F: Field>(
+        &mut self,
+        renderer: &Renderer,
+        members: &[TrainedModel<F>],
+        view: &View,
+        (pivot, steps): (Pivot, usize),
+    ) -> Result<TestView, TrainError> {
+        if steps == 0 {
+            return self.add(renderer, members, view);
+        }
+        let fitted: Vec<_> = members.iter().map(|member| fitted_to(renderer, member, view, pivot, steps)).collect();
+        self.add(renderer, &fitted, view)
     }
 
     /// Renders `view`, the mean of the members' pictures, and compares it with the photograph.

@@ -1,6 +1,7 @@
 //! An estimate of the memory that a run needs, from its sizes alone: a run that cannot fit is refused before anything is loaded.
 
 use infonerf_field::{FieldSpec, Footprint};
+use infonerf_loss::Need;
 use infonerf_scene::PixelCount;
 use infonerf_schedule::{Fault, Moment};
 use sysinfo::{CGroupLimits, MemoryRefreshKind, ProcessRefreshKind, ProcessesToUpdate, System, get_current_pid};
@@ -127,14 +128,28 @@ fn gib(bytes: u64) -> String {
     format!("{:.1} GiB", bytes as f64 / (1u64 << 30) as f64)
 }
 
-/// The most samples that a step asks a field for: as many as it aims for where it aims for a number, but for the first
-/// step, which knows of no empty space.
+/// The most samples that a step asks fields for, along the rays of all kinds that the terms need: as many as it aims for where
+/// it aims for a number, but for the first step, which knows of no empty space. A coarse pass has a gradient, and so keeps its
+/// activations, along seen rays alone.
 fn samples(config: &Config) -> u64 {
-    let train = &config.train;
-    let of_rays = |along: f64| train.rays as u64 * (along as u64 + config.render.fine_samples as u64);
+    let (train, render) = (&config.train, &config.render);
+    let needs = config.loss.needs();
+    let rays_of = |need: Need| match need {
+        Need::Unseen | Need::UnseenNeighbours => train.unseen_rays as u64,
+        Need::SeenNeighbours => train.rays as u64,
+        Need::Picture { size } => u64::from(size).pow(2),
+        Need::SeenColor | Need::Penalty(_) => 0,
+    };
+    let (seen, others) = (train.rays as u64, needs.into_iter().map(rays_of).sum::<u64>());
+    let of_rays = |along: f64| {
+        let coarse = if render.is_hierarchical() { seen.saturating_mul(along as u64) } else { 0 };
+        let fine = (seen + others).saturating_mul(along as u64 + render.fine_samples as u64);
+        coarse.saturating_add(fine)
+    };
     match train.target_samples as u64 {
-        0 => of_rays(config.render.samples.largest()),
-        target => target.max(of_rays(config.render.samples.at(Moment::START))),
+        0 => of_rays(render.samples.largest()),
+        // It is for seen rays.
+        target => (target + target * others / seen.max(1)).max(of_rays(render.samples.at(Moment::START))),
     }
 }
 
@@ -169,6 +184,24 @@ mod tests {
         assert_eq!(plan_of(&with(&[]), 2).total(), 2 * field + images);
         // The first step skips nothing.
         assert_eq!(plan_of(&with(&["train.rays=100"]), 1).total(), plan.total() + 5000 * 12 * 4);
+    }
+
+    /// Activations of every kind of ray, and those of the coarse pass along seen ones.
+    #[test]
+    fn every_ray_that_a_step_renders_counts() {
+        let samples = |settings: &[&str]| {
+            let sizes = ["train.rays=10", "train.unseen_rays=5", "render.samples=64", "render.fine_samples=128"];
+            let off = ["loss.entropy.weight=0", "loss.kl.weight=0"];
+            samples(&Config::of(Preset::Paper, [&sizes, &off, settings].concat()).unwrap())
+        };
+        let (coarse, fine) = (64, 64 + 128);
+        assert_eq!(samples(&[]), 10 * (coarse + fine));
+        let entropy = ["loss.entropy.weight=1e-3", "loss.entropy.rays=all"];
+        assert_eq!(samples(&entropy), 10 * (coarse + fine) + 5 * fine);
+        let both = [&entropy[..], &["loss.kl.weight=1e-3", "loss.kl.rays=all"]].concat();
+        assert_eq!(samples(&both), 10 * (coarse + fine) + (5 + 10 + 5) * fine);
+        let fast = ["render.fine_samples=0", "train.target_samples=5000", "render.samples=100"];
+        assert_eq!(samples(&[&fast[..], &entropy].concat()), 5000 + 2500);
     }
 
     #[test]

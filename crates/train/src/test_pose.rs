@@ -2,16 +2,22 @@
 
 use burn::module::Module;
 use burn::optim::{GradientsParams, ModuleOptimizer};
+use glam::{DMat3, DVec3};
 use infonerf_field::Field;
 use infonerf_loss::{Norm, photometric_loss};
 use infonerf_ops::{adam::Adam, upload};
-use infonerf_render::{CameraRefinement, Noise, Pivot, RandomStream, RayBundle, RenderRequest, Renderer, TrainedModel};
+use infonerf_render::{
+    CameraRefinement, Frame, Noise, Pivot, RandomStream, RayBundle, RenderRequest, Renderer, TrainedModel,
+};
 use infonerf_scene::{PixelAt, Ray, Similarity, View};
 
 /// Rays per step.
 const RAYS: usize = 512;
 /// Adam's learning rate at the first step; it falls linearly to 0.
 const RATE: f64 = 2e-3;
+/// The frame of cameras that are as given.
+const IDENTITY: Frame =
+    Frame { similarity: Similarity { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO }, zoom: 1.0 };
 
 /// `trained` with the frame in which it shows `view` best: the pose of the view's camera, in the model's frame as the
 /// training cameras align it, is fitted to the photograph in `steps` of Adam with the field held fixed. BARF (Lin et al.
@@ -54,8 +60,9 @@ pub fn fitted_to<F: Field>(
         refinement = optimiser.step(rate, refinement, gradients);
     }
     let fitted = refinement.apply(&cameras).remove(0);
-    let scale = trained.frame.map_or(1.0, |frame| frame.scale);
+    let Frame { similarity: Similarity { scale, .. }, zoom } = trained.frame.unwrap_or(IDENTITY);
     let rotation = fitted.rotation() * view.camera.rotation().transpose();
     let translation = fitted.position_f64() - scale * (rotation * view.camera.position_f64());
-    TrainedModel { frame: Some(Similarity { rotation, scale, translation }), ..trained.clone() }
+    let similarity = Similarity { rotation, scale, translation };
+    TrainedModel { frame: Some(Frame { similarity, zoom }), ..trained.clone() }
 }

@@ -29,9 +29,11 @@ impl TrainingScene {
     pub(crate) fn new(config: &Config, scene: Arc<Scene>, sees: bool, device: &Device) -> Result<Self, TrainError> {
         let cameras: Vec<_> = scene.train.iter().map(|view| view.camera.clone()).collect();
         checks::of_scene(config, &scene)?;
-        let objective = Objective::new(&config.loss, &TermSetup { scene: &scene, device })?;
+        let renderer = Renderer::new(&config.render, &scene);
+        let setup = TermSetup { scene: &scene, warp: renderer.warp(), device };
+        let objective = Objective::new(&config.loss, &setup)?;
         Ok(Self {
-            renderer: Renderer::new(&config.render, &scene),
+            renderer,
             region: ViewRegion::new(&cameras),
             images: TrainingImages::new(&scene, &config.train),
             photographs: Photographs::new(&scene, sees),

@@ -1,4 +1,4 @@
-//! `infonerf demo`: one scene in one minute, for a first look.
+//! `infonerf demo`: one scene in half a minute at most, for a first look.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -28,7 +28,7 @@ Examples:
   infonerf demo --scene castle --device wgpu
       another scene, on a GPU";
 
-/// Train on four views of a built-in scene in about a minute, and watch it appear.
+/// Train on four views of a built-in scene in ten to thirty seconds, and watch it appear.
 #[derive(Clone, Debug, Args)]
 #[command(after_help = DEMO_EXAMPLES)]
 pub(crate) struct DemoArgs {

@@ -1,5 +1,6 @@
 //! From lists of frames to a scene: selection, decoding, resizing, compositing.
 
+use std::collections::HashSet;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -116,9 +117,9 @@ pub(super) fn count_pixels(parts: &Parts<'_>, request: &SceneRequest) -> Result<
 /// All chosen images must have one size, and the size that their cameras are for, if that is known, its proportions. Test
 /// views without a valid pixel are left out, with a warning.
 pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene, SceneError> {
-    let Chosen { train, test, native, size, alpha } = choose(&parts, request)?;
-    check_memory(parts.dir, size, train.len() + test.len(), alpha)?;
-    check_sizes(train.iter().chain(&test))?;
+    let Chosen { train, test: chosen_test, native, size, alpha } = choose(&parts, request)?;
+    check_memory(parts.dir, size, train.len() + chosen_test.len(), alpha)?;
+    check_sizes(train.iter().chain(&chosen_test))?;
     let background = parts.background.unwrap_or(request.background);
     let read = |frames: &[&Frame]| -> Result<Vec<View>, SceneError> {
         let pixels = u64::from(native.0) * u64::from(native.1);
@@ -136,9 +137,15 @@ pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene
         Ok(views)
     };
     let scaled = train.iter().find_map(|frame| frame.stated_size().filter(|stated| *stated != native));
-    let (views, mut test) = (read(&train)?, read(&test)?);
+    let (views, mut test) = (read(&train)?, read(&chosen_test)?);
     let left_out = check_valid(&train, &views, &mut test)?;
     let train = views;
+    let tested: HashSet<&Path> = match request.test {
+        TestProtocol::Training => HashSet::new(),
+        _ => chosen_test.iter().map(|frame| frame.image.as_path()).collect(),
+    };
+    let others = parts.train.iter().filter(|frame| !tested.contains(frame.image.as_path()));
+    let all_train_cameras = others.map(|f| f.camera(native.0, native.1).resized(size.0, size.1)).collect();
     let mut warnings = parts.warnings;
     if let Some((width, height)) = scaled {
         let found = format!("{}×{}", native.0, native.1);
@@ -162,7 +169,7 @@ pub(super) fn assemble(parts: Parts<'_>, request: &SceneRequest) -> Result<Scene
         background,
         backdrop,
         space,
-        all_train_cameras: parts.train.iter().map(|f| f.camera(native.0, native.1).resized(size.0, size.1)).collect(),
+        all_train_cameras,
         exact_cameras: None,
         unrefined_cameras: None,
         warnings,

@@ -8,7 +8,7 @@ use infonerf_scene::{Aabb, Camera, Format, Layout, SceneError, SceneRequest, Spa
 
 use super::assemble::Parts;
 use super::extent::capture_space;
-use super::frames::{Frame, read_transforms};
+use super::frames::{cameras_of, read_transforms};
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "transforms_train.json";
@@ -31,7 +31,7 @@ pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, Sc
     let train = read_transforms(&dir.join(MARKER))?;
     let (test, val) = (dir.join("transforms_test.json"), dir.join("transforms_val.json"));
     let test = read_transforms(if !test.is_file() && val.is_file() { &val } else { &test })?;
-    let cameras: Vec<Camera> = train.frames.iter().map(Frame::nominal_camera).collect();
+    let cameras = cameras_of(&train.frames)?;
     let (space, warning) = if train.range.is_some() && train.bounds.is_some() {
         (Space::known(&cameras, RANGE, Aabb::cube(Vec3::ZERO, HALF_EDGE)), None)
     } else {

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use glam::{DMat4, Vec3};
-use infonerf_scene::image::is_heic;
+use infonerf_scene::image::{dimensions, is_heic};
 use infonerf_scene::{Aabb, Camera, Lens, SceneError};
 
 use super::json::{JsonFile, Node};
@@ -60,6 +60,16 @@ impl Frame {
     pub fn stated_size(&self) -> Option<(u32, u32)> {
         self.intrinsics.stated_size()
     }
+}
+
+/// The cameras of `frames`: one image tells the size of all that do not state theirs, where there is any.
+pub(super) fn cameras_of(frames: &[Frame]) -> Result<Vec<Camera>, SceneError> {
+    let size = frames.iter().find(|frame| frame.image.is_file()).map(|frame| dimensions(&frame.image)).transpose()?;
+    let camera = |frame: &Frame| match (frame.stated_size(), size) {
+        (None, Some((width, height))) => frame.camera(width, height),
+        _ => frame.nominal_camera(),
+    };
+    Ok(frames.iter().map(camera).collect())
 }
 
 /// The frames whose image is there, and a warning about those whose is not. Where none is, all: the error will name one.

@@ -3,12 +3,11 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use infonerf_scene::image::dimensions;
-use infonerf_scene::{Camera, Format, SceneError, SceneRequest};
+use infonerf_scene::{Format, SceneError, SceneRequest};
 
 use super::assemble::Parts;
 use super::extent::{capture_space, hold_out};
-use super::frames::{Frame, Split, numbered, present, read_transforms};
+use super::frames::{Frame, Split, cameras_of, numbered, present, read_transforms};
 
 /// The file that marks this format.
 pub(super) const MARKER: &str = "transforms.json";
@@ -24,8 +23,6 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
     let transforms = read_transforms(&path)?;
     let all: HashSet<String> = transforms.frames.iter().map(|f| f.name.clone()).collect();
     let (frames, warning) = present(transforms.frames);
-    // One image tells the size of all that do not state theirs.
-    let size = frames.iter().find(|f| f.image.is_file()).map(|f| dimensions(&f.image)).transpose()?;
     let (train, test) = match &transforms.split {
         Some(Split { train, test, test_field }) => {
             (named(&path, "train_filenames", &frames, &all, train)?, named(&path, test_field, &frames, &all, test)?)
@@ -35,13 +32,7 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
     if train.is_empty() {
         return Err(SceneError::field(&path, "train_filenames", "at least one frame with its image", "none"));
     }
-    let cameras: Vec<Camera> = train
-        .iter()
-        .map(|f| match (f.stated_size(), size) {
-            (None, Some((width, height))) => f.camera(width, height),
-            _ => f.nominal_camera(),
-        })
-        .collect();
+    let cameras = cameras_of(&train)?;
     let mut space = capture_space(&cameras, Vec::new(), Vec::new()).with(transforms.range, transforms.bounds);
     if let (Some(cube), None) = (transforms.cube, transforms.bounds) {
         space.bounds = cube;

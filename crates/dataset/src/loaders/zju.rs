@@ -334,6 +334,8 @@ mod tests {
         let scene = load(guard.path(), &second()).unwrap();
         assert_eq!(scene.train.iter().map(|v| v.id).collect::<Vec<_>>(), [0, 6]);
         assert_eq!(scene.test.iter().map(|v| v.id).collect::<Vec<_>>(), [1, 2, 3, 4, 5, 7]);
+        let of_training: Vec<&Camera> = scene.train.iter().map(|view| &view.camera).collect();
+        assert_eq!(scene.all_train_cameras.iter().collect::<Vec<_>>(), of_training, "no pose of a test view is known");
         for view in scene.train.iter().chain(&scene.test) {
             assert_same_rays(&view.camera, &cameras[view.id]);
             let shown = infonerf_procedural::render("knot", &cameras[view.id]).unwrap().rgba;

@@ -57,6 +57,11 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
                 }
             }
         }
+        // One factor for all: the cameras that no photograph here has refined are of the same lens.
+        let others = scene.test.iter_mut().map(|view| &mut view.camera).chain(&mut scene.all_train_cameras);
+        for camera in others {
+            (camera.fx, camera.fy) = (found.focal * camera.fx, found.focal * camera.fy);
+        }
         let now: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let by = PoseError::of(&now, &given, centre);
         scene.warnings.push(format!(

@@ -8,7 +8,7 @@ use infonerf_render::{Pivot, TrainedModel};
 use infonerf_report::{CameraErrors, Record, TestViews};
 use infonerf_scene::{Backdrop, Camera, PoseError, Scene, TestProtocol};
 use infonerf_train::config::{Disturbance, Unseen};
-use infonerf_train::{Evaluation, Information, InformationQuery, Progress, Trainer, fitted_to, information};
+use infonerf_train::{Config, Evaluation, Information, InformationQuery, Progress, Trainer, information};
 
 use super::pictures::write_pictures;
 use crate::{Control, RunEvent, RunPlan, Session, Watch};
@@ -32,10 +32,8 @@ pub(super) fn evaluate(
         if watch(RunEvent::Evaluating { view: index, views: scene.test.len() }) == Control::Stop {
             return Ok(None);
         }
-        let steps = plan.config.eval.pose_steps;
-        let fit = |trained: &TrainedModel| fitted_to(renderer, trained, view, Pivot::of(scene), steps);
-        let fitted: Option<Vec<TrainedModel>> = (steps > 0).then(|| members.iter().map(fit).collect());
-        let result = evaluation.add(renderer, fitted.as_ref().unwrap_or(&members), view)?;
+        let fit = (Pivot::of(scene), plan.config.eval.pose_steps);
+        let result = evaluation.add_fitted(renderer, &members, view, fit)?;
         write_pictures(folder, scene, view, &result)?;
     }
     let mut photographs = scene.train.iter().flat_map(|view| &view.image.rgb);
@@ -122,6 +120,18 @@ fn filled_note(scene: &Scene, opacity: f64) -> Option<String> {
     })
 }
 
+/// What pictures of test views have beside the field.
+pub fn picture_notes(config: &Config) -> Vec<String> {
+    let residuals = "pictures add the residuals of the training views nearest to them (render.residuals)";
+    let steps = config.eval.pose_steps;
+    let fitted =
+        || format!("the pose of each test view was fitted to its photograph in {steps} steps before it was measured");
+    let mut notes = Vec::new();
+    notes.extend(config.render.residuals.then(|| residuals.to_owned()));
+    notes.extend((steps > 0).then(fitted));
+    notes
+}
+
 /// What a reader of the numbers should know.
 fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     let mut notes = scene.warnings.clone();
@@ -132,7 +142,9 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
         notes.push(format!("trained for {budget} s by the clock: another machine takes another number of steps"));
     }
     if plan.config.train.unseen == Unseen::Dataset && plan.config.loss.needs().iter().any(Need::is_unseen) {
-        notes.push("unseen poses are those of all training images of the data set, chosen or not".into());
+        notes.push(
+            "unseen poses are those of all training images of the data set but the tested ones, chosen or not".into(),
+        );
     }
     let Disturbance { degrees, distance } = plan.config.scene.disturb;
     if scene.exact_cameras.is_some() {
@@ -144,15 +156,7 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     } else if plan.config.train.cameras.refine.is_photometric() {
         notes.push("training cameras were learnt; test cameras are aligned with them by a similarity".into());
     }
-    if plan.config.render.residuals {
-        notes.push("pictures add the residuals of the training views nearest to them (render.residuals)".into());
-    }
-    if plan.config.eval.pose_steps > 0 {
-        notes.push(format!(
-            "the pose of each test view was fitted to its photograph in {} steps before it was measured",
-            plan.config.eval.pose_steps
-        ));
-    }
+    notes.extend(picture_notes(&plan.config));
     if plan.config.eval.test.test() == TestProtocol::Training {
         notes.push(
             "tested on the training views: figures say how well these are fitted, and nothing of new views".into(),
@@ -164,6 +168,10 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     let taking_part = plan.config.loss.active().filter(|(_, spec)| spec.skip_reason(scene).is_none());
     let privileges = taking_part.filter_map(|(name, spec)| Some((name, spec.privilege()?)));
     notes.extend(privileges.map(|(name, privilege)| format!("loss.{name} knows {privilege}")));
+    let occupancy = &plan.config.render.occupancy;
+    if occupancy.enabled && occupancy.carve {
+        notes.push("render.occupancy.carve knows the alpha channel of the training images".into());
+    }
     notes.extend(plan.config.render.without_effect().into_iter().map(str::to_owned));
     notes.extend(plan.config.initial_weights());
     if restarts > 0 {
@@ -194,6 +202,7 @@ mod tests {
             ("render.early_stop_transmittance", "render.placement=left"),
             ("render.early_stop_transmittance", "render.fine_samples=8"),
             ("render.hidden_depth", "render.occupancy.enabled=false"),
+            ("render.occupancy.carve", "render.occupancy.carve=true"),
             ("render.residuals", "render.residuals=true"),
         ] {
             assert!(noted(key, &[set]) && !noted(key, &[]), "{key} with {set}");

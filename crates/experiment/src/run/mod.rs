@@ -19,6 +19,7 @@ use infonerf_report::{Record, read_records};
 use infonerf_train::{Trainer, without_collapsed};
 use toml::{Table, Value};
 
+pub use evaluate::picture_notes;
 pub use folder::is_finished;
 pub(crate) use folder::{clear, lock};
 pub(crate) use memory::PeakMemory;
@@ -63,17 +64,19 @@ impl Session {
         let (members, beside) = (plan.members(), self.device.name.fields_side_by_side());
         let loaded = self.loaded(plan);
         plan.check_memory(beside, loaded.is_some())?;
-        if !resumes {
-            clear(&folder)?;
-        }
-        infonerf_report::write_atomically(&folder.join("config.toml"), plan.to_toml()?.as_bytes())?;
-        identity.write(&folder)?;
         let memory = PeakMemory::start();
         watch(RunEvent::Loading);
         let scene = loaded.map_or_else(|| self.load(plan), Ok)?;
         for warning in &scene.warnings {
             watch(RunEvent::Warning(format!("{}: {warning}", plan.scene)));
         }
+        // What an earlier run left stays until this one is known to be possible.
+        let mut first_trainer = Some(plan.trainer(&scene, 0, None, &self.device.device)?);
+        if !resumes {
+            clear(&folder)?;
+        }
+        infonerf_report::write_atomically(&folder.join("config.toml"), plan.to_toml()?.as_bytes())?;
+        identity.write(&folder)?;
         let mut trainers = Vec::new();
         let mut stopped = false;
         for first in (0..members).step_by(beside) {
@@ -83,7 +86,10 @@ impl Session {
                 let folder = plan.member_folder(&folder, member);
                 fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
                 let other = trainers.first().or_else(|| training.first().map(Training::trainer));
-                let mut trainer = plan.trainer(&scene, member, other, &self.device.device)?;
+                let mut trainer = match first_trainer.take() {
+                    Some(trainer) => trainer,
+                    None => plan.trainer(&scene, member, other, &self.device.device)?,
+                };
                 if let Some(checkpoint) = load_checkpoint(&folder, watch)? {
                     trainer.resume(&checkpoint)?;
                 }

@@ -14,7 +14,8 @@ const CHUNK: usize = 1 << 15;
 /// What a field's colour counts for at least among others, where none of them has any opacity.
 const LEAST_WEIGHT: f32 = 1e-6;
 
-/// What the fields of a run answer together at points of the world. What pictures skip as empty is empty here too.
+/// What the fields of a run answer together at points of the scene's world, whatever cameras they learnt. What pictures skip as
+/// empty is empty here too.
 ///
 /// Several fields let through of a step of length h what they let through in the mean, `exp(−σh) = mean exp(−σᵢh)`, and
 /// show the mean of their colours with weights `1 − exp(−σᵢh)`: there is a surface where most of them have one.
@@ -47,8 +48,8 @@ impl Volume for TrainedVolume {
     }
 
     fn density(&self, points: &[Vec3]) -> Vec<f32> {
-        let warped: Vec<Vec3> = points.iter().map(|&p| self.warp.point(p)).collect();
-        let of_models: Vec<Vec<f32>> = self.models.iter().map(|model| self.densities(model, &warped)).collect();
+        let of_model = |model: &TrainedModel| self.densities(model, &self.warped(model, points));
+        let of_models: Vec<Vec<f32>> = self.models.iter().map(of_model).collect();
         let of_point = |(index, &p): (usize, &Vec3)| {
             mean_density(of_models.iter().map(|densities| densities[index]), self.step) * self.rate(p)
         };
@@ -56,11 +57,14 @@ impl Volume for TrainedVolume {
     }
 
     fn color(&self, points: &[Vec3], directions: &[Vec3]) -> Vec<[f32; 3]> {
-        let warped: Vec<Vec3> = points.iter().map(|&p| self.warp.point(p)).collect();
         let (mut sums, mut weights) = (vec![Vec3::ZERO; points.len()], vec![0.0; points.len()]);
         for model in &self.models {
             let mut start = 0;
-            for (points, directions) in warped.chunks(CHUNK).zip(directions.chunks(CHUNK)) {
+            let turned: Vec<Vec3> = match model.frame {
+                Some(frame) => directions.iter().map(|&d| frame.similarity.direction(d)).collect(),
+                None => directions.to_vec(),
+            };
+            for (points, directions) in self.warped(model, points).chunks(CHUNK).zip(turned.chunks(CHUNK)) {
                 let FieldOutput { sigma, color } = self.ask(model, points, directions, true);
                 let color = to_host(color.expect("colour was asked for"));
                 for (i, (sigma, color)) in to_host(sigma).into_iter().zip(color.chunks_exact(3)).enumerate() {
@@ -77,16 +81,23 @@ impl Volume for TrainedVolume {
 }
 
 impl TrainedVolume {
+    /// Points of the scene as a field sees them that was trained in a frame of its own.
+    fn warped(&self, model: &TrainedModel, points: &[Vec3]) -> Vec<Vec3> {
+        let there = |p: Vec3| model.frame.map_or(p, |frame| frame.similarity.point(p));
+        points.iter().map(|&p| self.warp.point(there(p))).collect()
+    }
+
     /// Densities of one field in the coordinate of the warp; 0 where its occupancy grid knows of nothing.
     fn densities(&self, model: &TrainedModel, warped: &[Vec3]) -> Vec<f32> {
         let is_open = |p: Vec3| model.occupancy.as_ref().is_none_or(|grid| grid.is_occupied(p));
         let open: Vec<usize> = (0..warped.len()).filter(|&index| is_open(warped[index])).collect();
+        let scale = model.frame.map_or(1.0, |frame| frame.similarity.scale as f32);
         let mut densities = vec![0.0; warped.len()];
         for asked in open.chunks(CHUNK) {
             let points: Vec<Vec3> = asked.iter().map(|&index| warped[index]).collect();
             let sigma = self.ask(model, &points, &vec![Vec3::Z; points.len()], false).sigma;
             for (&index, sigma) in asked.iter().zip(to_host(sigma)) {
-                densities[index] = sigma;
+                densities[index] = scale * sigma;
             }
         }
         densities

@@ -79,6 +79,7 @@ pub struct Prepared {
 /// Which items of a sweep are finished.
 pub struct State {
     folder: PathBuf,
+    device: DeviceName,
     missing: Vec<usize>,
     /// Bytes that the largest of the finished runs took.
     peak: Option<u64>,
@@ -185,16 +186,21 @@ impl Sweep {
         watch: &mut dyn FnMut(SweepEvent<'_>),
     ) -> Result<Execution> {
         let (folder, manifest) = (&prepared.state.folder, prepared.manifest());
-        let State { missing, peak, .. } = &prepared.state;
+        let State { missing, peak, device, .. } = &prepared.state;
         let mut queue = Queue { manifest: &manifest, workers, until: None };
         let (mut items, mut dropped) = ((0..self.items.len()).collect::<Vec<usize>>(), Vec::new());
         if let Some(keep) = self.halving {
             let settings: BTreeSet<&str> = self.items.iter().map(|item| item.plan.variant.as_str()).collect();
             for share in rungs(settings.len(), keep) {
-                let behind = |item: &usize| halving::score(folder, &self.items[*item].plan, share).is_none();
                 queue.until = Some(share);
                 let label = format!("to {:.1} %", 100.0 * share);
-                let todo = items.iter().copied().filter(behind).collect();
+                let mut todo = Vec::new();
+                for &item in &items {
+                    let plan = &self.items[item].plan;
+                    if is_stale(plan, folder, *device)? || halving::score(folder, plan, share).is_none() {
+                        todo.push(item);
+                    }
+                }
                 let Some(_) = self.run_items(&queue, todo, *peak, label, watch) else {
                     return Ok(Execution::Stopped);
                 };
@@ -233,7 +239,7 @@ impl Sweep {
     /// Which items are finished on `device`, below `out`.
     fn state(&self, out: &Path, device: DeviceName) -> Result<State> {
         let mut state =
-            State { folder: out.join(&self.about.name), missing: Vec::new(), peak: None, kept: 0, stale: 0 };
+            State { folder: out.join(&self.about.name), device, missing: Vec::new(), peak: None, kept: 0, stale: 0 };
         for (index, Item { plan, .. }) in self.items.iter().enumerate() {
             let run = state.folder.join(plan.directory());
             refuse_another_config(plan, &run)?;
@@ -275,6 +281,12 @@ impl Sweep {
         watch(SweepEvent::Ended);
         (stopped == 0 && !(queue.workers.stop)()).then_some(failed)
     }
+}
+
+/// Whether what a run logged is of other images, another program or another device than it would be now, and judges nothing.
+fn is_stale(plan: &RunPlan, folder: &Path, device: DeviceName) -> Result<bool> {
+    let run = folder.join(plan.directory());
+    Ok(run.join("config.toml").exists() && Identity::read(&run) != Some(Identity::of(plan, device.name())?))
 }
 
 /// A run of the same name with other settings is not overwritten.

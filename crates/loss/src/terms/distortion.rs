@@ -1,6 +1,6 @@
 use burn::tensor::Tensor;
 use infonerf_ops::{Intervals, ray_distortion};
-use infonerf_render::Samples;
+use infonerf_render::{Samples, Warp};
 use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
@@ -30,7 +30,8 @@ impl TermSpec for DistortionConfig {
     }
 
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
-        Ok(Box::new(Distortion { rays: self.rays, near: setup.scene.space.near, far: setup.scene.space.far }))
+        let (near, far) = (setup.scene.space.near, setup.scene.space.far);
+        Ok(Box::new(Distortion { rays: self.rays, near, far, warp: setup.warp.clone() }))
     }
 }
 
@@ -39,6 +40,8 @@ struct Distortion {
     rays: RaySet,
     near: f32,
     far: f32,
+    /// Intervals are measured in its coordinate.
+    warp: Warp,
 }
 
 impl Distortion {
@@ -47,7 +50,7 @@ impl Distortion {
         let range = self.far - self.near;
         Intervals {
             middle: (samples.distance.clone() - self.near) / range,
-            length: (samples.delta.clone() / range).clamp_max(1.0),
+            length: (self.warp.lengths(&samples.distance, samples.delta.clone()) / range).clamp_max(1.0),
         }
     }
 }
@@ -68,7 +71,7 @@ mod tests {
     /// One opaque sample is one interval's width; two that share a ray are further apart; an empty ray counts as 0.
     #[test]
     fn spread_costs_more_than_a_surface() {
-        let term = Distortion { rays: RaySet::Seen, near: 0.0, far: 2.0 };
+        let term = Distortion { rays: RaySet::Seen, near: 0.0, far: 2.0, warp: Warp::Identity };
         let value = |tau: &[&[f32]]| term.value(&testing::renders(tau)).into_scalar::<f32>();
         approx::assert_abs_diff_eq!(value(&[&[f32::INFINITY]]), 0.5 / 3.0, epsilon = 1e-6);
         approx::assert_abs_diff_eq!(value(&[&[f32::INFINITY], &[0.0]]), 0.25 / 3.0, epsilon = 1e-6);

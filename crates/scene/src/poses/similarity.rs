@@ -1,6 +1,6 @@
 //! Two sets of poses of the same cameras: how one frame maps to the other, and how far the poses are apart.
 
-use glam::{DMat3, DMat4, DVec3};
+use glam::{DMat3, DMat4, DVec3, Vec3};
 
 use crate::Camera;
 
@@ -52,6 +52,16 @@ impl Similarity {
     pub fn inverse(&self) -> Self {
         let (rotation, scale) = (self.rotation.transpose(), self.scale.recip());
         Self { rotation, scale, translation: -scale * (rotation * self.translation) }
+    }
+
+    /// Where a point goes.
+    pub fn point(&self, p: Vec3) -> Vec3 {
+        (self.scale * (self.rotation * p.as_dvec3()) + self.translation).as_vec3()
+    }
+
+    /// Where a direction goes.
+    pub fn direction(&self, d: Vec3) -> Vec3 {
+        (self.rotation * d.as_dvec3()).as_vec3()
     }
 
     /// The camera that sees of the mapped world what `camera` sees of the world.

@@ -9,8 +9,8 @@ use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
 use infonerf_field::{Extent, Field, Points, RadianceField};
 use infonerf_ops::{to_host, upload};
-use infonerf_render::{Model, Noise, OccupancyGrid, RandomStream, Renderer, Residuals, TrainedModel, Warp};
-use infonerf_scene::{Aabb, Camera, Scene, Similarity};
+use infonerf_render::{Frame, Model, Noise, OccupancyGrid, RandomStream, Renderer, Residuals, TrainedModel, Warp};
+use infonerf_scene::{Aabb, Camera, Scene};
 use infonerf_schedule::{Fault, Moment};
 
 use self::step::Taken;
@@ -263,11 +263,12 @@ impl<F: Field> Trainer<F> {
     }
 
     /// From the scene's frame, which is that of test views, to that of the cameras as they are learnt: none if both are one.
-    fn frame(&self) -> Option<Similarity> {
+    fn frame(&self) -> Option<Frame> {
         let exact = self.scene().exact_cameras.clone();
         let differ = exact.is_some() || self.model.cameras.is_some();
         let centre = self.scene().space.centre.as_dvec3();
-        differ.then(|| Similarity::between(&exact.unwrap_or_else(|| self.given_cameras()), &self.cameras(), centre))
+        let given = self.given_cameras();
+        differ.then(|| Frame::of(exact.as_ref().unwrap_or(&given), &given, &self.cameras(), centre))
     }
 
     /// What pictures are rendered from: the [snapshot](Self::snapshot), with a finer grid if `render.occupancy.refine` says

@@ -2,11 +2,11 @@
 
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
-use infonerf_experiment::{RunPlan, Trained};
+use anyhow::{Context, Result, ensure};
+use infonerf_experiment::{RunPlan, Trained, picture_notes};
 use infonerf_metrics::{METRICS, Metric, Networks, PSNR, Values};
-use infonerf_render::TrainedModel;
-use infonerf_scene::View;
+use infonerf_render::{Pivot, TrainedModel};
+use infonerf_scene::{TestProtocol, View};
 use infonerf_train::{Evaluated, Evaluation, TestView};
 
 use super::EvalArgs;
@@ -28,7 +28,7 @@ pub(super) fn run(args: &EvalArgs) -> Result<ExitCode> {
     for folder in &args.runs {
         let mut plan = RunPlan::of_run(folder)?;
         if let Some(test) = &args.test {
-            plan.config.eval.test = test.parse().map_err(|fault| anyhow::anyhow!("--test: {fault}"))?;
+            plan = tested_by(&plan, test)?;
         }
         let trained = Trained::read(plan, folder, &device)?;
         for warning in &trained.warnings {
@@ -49,6 +49,28 @@ pub(super) fn run(args: &EvalArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// `plan` with the test views of another protocol.
+///
+/// Some formats hold out views of one list, and all of them are for training where these are what is tested: a run is then of
+/// other views, in another space, than it would be by the other protocol, and is not tested by that.
+fn tested_by(plan: &RunPlan, test: &str) -> Result<RunPlan> {
+    let mut other = plan.clone();
+    other.config.eval.test = test.parse().map_err(|fault| anyhow::anyhow!("--test: {fault}"))?;
+    let [was, is] = [plan, &other].map(|plan| plan.config.eval.test.test() == TestProtocol::Training);
+    if was != is {
+        let [then, now] = [plan.load()?, other.load()?];
+        let same = then.given_cameras() == now.given_cameras() && then.space == now.space;
+        let expected = if was { "training" } else { "another protocol than training" };
+        ensure!(
+            same,
+            "--test: expected {expected}, found {test}: {} photographs are held out only where they are tested, and so the \
+             run learnt from others, in another space",
+            then.format
+        );
+    }
+    Ok(other)
+}
+
 /// Evaluates `views`, and shows each when it is there.
 fn evaluate(
     trained: &Trained,
@@ -57,8 +79,9 @@ fn evaluate(
     mut evaluation: Evaluation<'_>,
     mut show: impl FnMut(&View, &TestView),
 ) -> Result<Evaluated> {
+    let fit = (Pivot::of(trained.scene()), trained.plan.config.eval.pose_steps);
     for view in views {
-        show(view, &evaluation.add(trained.renderer(), models, view)?);
+        show(view, &evaluation.add_fitted(trained.renderer(), models, view, fit)?);
     }
     evaluation.finish().context("no test views")
 }
@@ -71,7 +94,8 @@ fn each_view(trained: &Trained, models: &[TrainedModel], networks: &Networks) ->
         outln!("{:16} {}{:.2} s", view.name, line(&result.values), result.seconds);
     })?;
     outln!("{:16} {}{:.2} s", "mean", line(&evaluated.measured.set), evaluated.seconds_per_image);
-    for note in &evaluated.measured.notes {
+    let notes = picture_notes(&trained.plan.config).into_iter();
+    for note in notes.chain(evaluated.measured.notes.iter().map(ToString::to_string)) {
         outln!("{note}");
     }
     Ok(())
@@ -96,7 +120,15 @@ fn line(values: &Values) -> String {
 fn scales(trained: &Trained, models: &[TrainedModel], factors: &[u32]) -> Result<Vec<f64>> {
     let (networks, protocol) = (Networks::none(), trained.plan.config.eval.metric_protocol());
     let at = |factor: u32| -> Result<f64> {
-        let views: Vec<View> = trained.scene().test.iter().map(|view| view.reduced(factor)).collect();
+        let reduced = trained.scene().test.iter().map(|view| view.reduced(factor));
+        let is_measured = |view: &View| {
+            let shows = view.valid.as_ref().is_none_or(|valid| valid.contains(&true));
+            if !shows {
+                errln!("warning: {} is left out at 1/{factor}: no pixel of it is valid there", view.name);
+            }
+            shows
+        };
+        let views: Vec<View> = reduced.filter(is_measured).collect();
         let evaluation = Evaluation::of(&[&PSNR], &networks, &protocol);
         let evaluated = evaluate(trained, models, &views, evaluation, |_, _| ())?;
         Ok(evaluated.measured.set[PSNR.key()].unwrap_or(f64::NAN))
