@@ -32,7 +32,7 @@ mod terms;
 
 pub use list::LossConfig;
 pub use objective::{DueTerm, LossValues, Objective, needs};
-pub use renders::{Bundle, Need, NeighbourBundles, Picture, RaySet, Renders, Target, is_foreground};
+pub use renders::{Bundle, Need, NeighbourBundles, Picture, RaySet, Renders, Target, is_foreground, pixel_class};
 pub use term::{Term, TermSetup, TermSpec, Weighted};
 pub use terms::distortion::DistortionConfig;
 pub use terms::entropy::{EntropyConfig, HitMask, HitRule};
@@ -86,6 +86,7 @@ pub(crate) mod testing {
             rgb: Tensor::zeros([rays, 3], &device),
             rgba: vec![[0.0, 0.0, 0.0, 1.0]; rays],
             coverage: vec![1.0; rays],
+            classes: None,
             pixels: vec![infonerf_scene::PixelAt { view: 0, x: 0.5, y: 0.5 }; rays],
             background: [1.0; 3],
         };

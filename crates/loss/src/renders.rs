@@ -98,6 +98,8 @@ pub struct Target {
     pub rgba: Vec<[f32; 4]>,
     /// Share of the 3 × 3 pixels about each that do not show the background: 1 within an object, less at its edge.
     pub coverage: Vec<f32>,
+    /// Where a GPU drew the pixels: the [class](pixel_class) of each there, `[R]`.
+    pub classes: Option<Tensor<1>>,
     /// Where each pixel is.
     pub pixels: Vec<PixelAt>,
     /// The scene's background.
@@ -115,6 +117,15 @@ impl Target {
 pub fn is_foreground(pixel: [f32; 4], background: [f32; 3]) -> bool {
     const TOLERANCE: f32 = 0.5 / 255.0;
     (0..3).any(|channel| (pixel[channel] - background[channel]).abs() >= TOLERANCE)
+}
+
+/// 0 of a pixel that shows the background, 1 of one at the edge of an object, 2 within, where the `coverage` around it is 1.
+pub fn pixel_class(pixel: [f32; 4], coverage: f32, background: [f32; 3]) -> f32 {
+    match (is_foreground(pixel, background), coverage) {
+        (false, _) => 0.0,
+        (true, 1.0) => 2.0,
+        (true, _) => 1.0,
+    }
 }
 
 /// Rays with the model's output along them.

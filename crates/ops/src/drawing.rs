@@ -16,8 +16,9 @@ pub struct PixelTables {
     pub rays: Tensor<2>,
     /// Camera to world of each view, the three upper rows, `[V, 12]`.
     pub poses: Tensor<2>,
-    /// Colour of each pixel of each view, `[V A, 3]`, `A` being the pixels of the images that are shown.
-    pub colors: Tensor<2>,
+    /// Red, green and blue of each pixel of each view, and a class of it (0, 1 or 2), `[V A, 4]`, `A` being the pixels of the
+    /// images that are shown.
+    pub shown: Tensor<2>,
 }
 
 /// Which views a bundle is of.
@@ -122,8 +123,10 @@ pub struct DrawnRays {
     pub directions: Tensor<2>,
     /// Radii of the pixels' cones at distance 1, `[R]`.
     pub radii: Tensor<1>,
-    /// What the pixels of the first bundle show, red, green and blue of each.
+    /// Red, green and blue of the pixels of the first bundle, `[S, 3]`.
     pub colors: Tensor<2>,
+    /// Their classes, `[S]`.
+    pub classes: Tensor<1>,
     /// By what the first and the fine samples of each ray are jittered.
     pub streams: [Streams; 2],
 }
@@ -134,7 +137,7 @@ impl DrawnRays {
         self.radii.dims()[0]
     }
 
-    /// The first `counts[0]` rays, the next `counts[1]`, and so on; each part has all colours.
+    /// The first `counts[0]` rays, the next `counts[1]`, and so on; each part has all colours and classes.
     pub fn split(self, counts: &[usize]) -> Vec<Self> {
         if counts[0] == self.rays() {
             return vec![self];
@@ -149,6 +152,7 @@ impl DrawnRays {
             directions: directions[index].clone(),
             radii: radii[index].clone(),
             colors: self.colors.clone(),
+            classes: self.classes.clone(),
             streams: [&first, &fine].map(|streams| Streams(streams[index].clone())),
         };
         (0..counts.len()).map(part).collect()
@@ -170,8 +174,9 @@ pub fn draw_rays(tables: &PixelTables, bundles: &[PixelDraw]) -> DrawnRays {
 
 fn on_host(tables: &PixelTables, bundles: &[PixelDraw]) -> DrawnRays {
     let device: Device = tables.rays.device();
-    let [rays, poses, shown] = [&tables.rays, &tables.poses, &tables.colors].map(|table| to_host(table.clone()));
-    let (mut origins, mut directions, mut radii, mut colors) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let [rays, poses, shown] = [&tables.rays, &tables.poses, &tables.shown].map(|table| to_host(table.clone()));
+    let (mut origins, mut directions, mut radii) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut colors, mut classes) = (Vec::new(), Vec::new());
     let mut streams = [Vec::new(), Vec::new()];
     for (index, bundle) in bundles.iter().enumerate() {
         let [width, height] = bundle.size;
@@ -189,7 +194,9 @@ fn on_host(tables: &PixelTables, bundles: &[PixelDraw]) -> DrawnRays {
             directions.extend(direction);
             radii.push(radius * bundle.widening);
             if index == 0 {
-                colors.extend_from_slice(&shown[3 * (view * width * height + pixel)..][..3]);
+                let at = 4 * (view * width * height + pixel);
+                colors.extend_from_slice(&shown[at..at + 3]);
+                classes.push(shown[at + 3]);
             }
             for (streams, key) in streams.iter_mut().zip(bundle.streams) {
                 streams.push(Stream { key, item: ray });
@@ -200,13 +207,17 @@ fn on_host(tables: &PixelTables, bundles: &[PixelDraw]) -> DrawnRays {
         let count = numbers.len() / 3;
         upload(numbers, [count, 3], &device)
     };
-    let count = radii.len();
+    let numbers = |numbers: Vec<f32>| {
+        let count = numbers.len();
+        upload(numbers, [count], &device)
+    };
     DrawnRays {
         origins: rows(origins),
         directions: rows(directions),
-        radii: upload(radii, [count], &device),
+        radii: numbers(radii),
         colors: rows(colors),
-        streams: streams.map(|streams| Streams(upload(Streams::bits(streams), [3 * count], &device))),
+        classes: numbers(classes),
+        streams: streams.map(|streams| Streams(numbers(Streams::bits(streams)))),
     }
 }
 

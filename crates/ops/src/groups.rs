@@ -12,15 +12,16 @@ pub(crate) const GROUP: usize = 64;
 impl Segments {
     /// The rays in groups of [`GROUP`], the last of which may be smaller.
     pub(crate) fn groups(&self) -> impl IndexedParallelIterator<Item = Group<'_>> {
-        let starts = (0..self.rays()).into_par_iter().step_by(GROUP);
-        starts.map(|start| Group { offsets: &self.offsets[start..=(start + GROUP).min(self.rays())] })
+        let (starts, offsets) = ((0..self.rays()).into_par_iter().step_by(GROUP), self.offsets());
+        starts.map(move |start| Group { offsets: &offsets[start..=(start + GROUP).min(self.rays())] })
     }
 
     /// Splits per-sample `values` (`width` numbers per sample) into one mutable slice per group.
     pub(crate) fn split_mut<'a, T>(&self, mut values: &'a mut [T], width: usize) -> Vec<&'a mut [T]> {
+        let offsets = self.offsets();
         let groups = (0..self.rays()).step_by(GROUP).map(|start| {
             let end = (start + GROUP).min(self.rays());
-            let samples = (self.offsets[end] - self.offsets[start]) as usize;
+            let samples = (offsets[end] - offsets[start]) as usize;
             let (head, tail) = std::mem::take(&mut values).split_at_mut(samples * width);
             values = tail;
             head

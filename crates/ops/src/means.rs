@@ -12,7 +12,7 @@ pub fn mean_squared_difference<const D: usize>(a: Tensor<D>, b: Tensor<D>) -> Te
         host => plain(a, b),
         cube if a.dims() == b.dims() && !a.dims().contains(&0) => {
             let count = a.dims().iter().product::<usize>() as f32;
-            crate::cube::sum([a, b], crate::cube::Summand::SquaredDifference, 0.0, 1.0 / count)
+            crate::cube::sum([a, b], crate::cube::Summand::SquaredDifference, [0.0; 3], 1.0 / count)
         },
         plain => plain(a, b),
     }
@@ -24,8 +24,28 @@ pub fn sum_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tenso
     dispatch! {
         &values.device();
         host => plain(values, measure),
-        cube if values.dims() != [0] => crate::cube::sum([values, measure], crate::cube::Summand::Above, threshold, 1.0),
+        cube if values.dims() != [0] => crate::cube::sum([values, measure], crate::cube::Summand::Above, [threshold, 0.0, 0.0], 1.0),
         plain => plain(values, measure),
+    }
+}
+
+/// Mean of `values` `[R]`, each times the weight of its class, `[1]`; differentiable in `values`.
+///
+/// - `classes`: 0, 1 or 2 of each, `[R]`.
+pub fn mean_by_class(values: Tensor<1>, classes: Tensor<1>, weights: [f32; 3]) -> Tensor<1> {
+    let plain = |values: Tensor<1>, classes: Tensor<1>| {
+        let weigh = |(class, weight): (usize, f32)| classes.clone().equal_elem(class as f32).float() * weight;
+        let weights = weights.into_iter().enumerate().map(weigh).reduce(|sum, weights| sum + weights);
+        (values * weights.expect("there are three classes")).mean()
+    };
+    dispatch! {
+        &values.device();
+        host => plain(values, classes),
+        cube if values.dims() != [0] => {
+            let scale = 1.0 / values.dims()[0] as f32;
+            crate::cube::sum([values, classes], crate::cube::Summand::OfClass, weights, scale)
+        },
+        plain => plain(values, classes),
     }
 }
 
@@ -72,6 +92,12 @@ mod tests {
             let grads = sum.clone().backward();
             assert_eq!(to_host(sum), [12.0]);
             assert_eq!(to_host(a.grad(&grads).unwrap()), [0.0, 0.0, 1.0, 1.0]);
+            let flat = a.clone().flatten(0, 1);
+            let classes = Tensor::from_floats([2.0, 0.0, 1.0, 2.0], &device);
+            let mean = mean_by_class(flat, classes, [0.5, -1.0, 2.0]);
+            let grads = mean.clone().backward();
+            assert_eq!(to_host(mean), [(2.0 + 1.0 - 4.0 + 16.0) / 4.0]);
+            assert_eq!(to_host(a.grad(&grads).unwrap()), [0.5, 0.125, -0.25, 0.5]);
             let [x, y] = [3.0, 5.0].map(|x| Tensor::<1>::from_floats([x], &device).require_grad());
             let sum = weighted_sum(vec![(x.clone(), 1.0), (y.clone(), -2.0)]).unwrap();
             let grads = sum.clone().backward();

@@ -10,9 +10,15 @@ use crate::upload;
 /// Which packed samples each ray owns: ray `r` owns `offsets[r]..offsets[r + 1]`.
 ///
 /// Cheap to clone. Clones share what has been moved to a device, which happens once. Rays may own no sample at all.
+///
+/// A GPU that has packed samples itself is the only one to know the offsets, until somebody on the host asks for them. There are
+/// then as many samples as there is room for: behind the last ray's there is a tail that is no ray's. Its τ is 0, and operations
+/// along rays give it a gradient of 0.
 #[derive(Clone)]
 pub struct Segments {
-    pub(crate) offsets: Arc<[u32]>,
+    rays: usize,
+    samples: usize,
+    on_host: Arc<OnceLock<Arc<[u32]>>>,
     owners: Arc<OnceLock<Tensor<1, Int>>>,
     /// The parts of the first split, and how many rays each has.
     parts: Arc<OnceLock<(Vec<usize>, Vec<Segments>)>>,
@@ -22,13 +28,18 @@ pub struct Segments {
 
 impl PartialEq for Segments {
     fn eq(&self, other: &Self) -> bool {
-        self.offsets == other.offsets
+        self.samples == other.samples && self.offsets() == other.offsets()
     }
 }
 
 impl fmt::Debug for Segments {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_tuple("Segments").field(&self.offsets).finish()
+        let Self { rays, samples, on_host, .. } = self;
+        f.debug_struct("Segments")
+            .field("rays", rays)
+            .field("samples", samples)
+            .field("offsets", &on_host.get())
+            .finish()
     }
 }
 
@@ -51,13 +62,44 @@ impl Segments {
                 .expect("a batch holds fewer than 2^32 samples");
             total
         });
+        let offsets: Arc<[u32]> = std::iter::once(0).chain(ends.collect::<Vec<_>>()).collect();
+        let segments = Self::unknown(offsets.len() - 1, total as usize);
+        segments.on_host.get_or_init(|| offsets);
+        segments
+    }
+
+    /// Ray `r` owns `counts[r]` of `samples` samples; what is left is the tail.
+    ///
+    /// # Panics
+    /// If there are not as many.
+    pub fn with_tail(counts: impl IntoIterator<Item = usize>, samples: usize) -> Self {
+        let whole = Self::from_counts(counts);
+        assert!(whole.samples <= samples, "rays have {} samples of {samples}", whole.samples);
+        Self { samples, ..whole }
+    }
+
+    /// Those of `rays` rays with `samples` samples and tail, whose offsets are yet to be said.
+    pub(crate) fn unknown(rays: usize, samples: usize) -> Self {
         Self {
-            offsets: std::iter::once(0).chain(ends.collect::<Vec<_>>()).collect(),
+            rays,
+            samples,
+            on_host: Arc::default(),
             owners: Arc::default(),
             parts: Arc::default(),
             #[cfg(feature = "cube")]
             on_gpu: Arc::default(),
         }
+    }
+
+    /// The offsets, `R + 1`. A device that packed the samples is asked once.
+    pub(crate) fn offsets(&self) -> &Arc<[u32]> {
+        self.on_host.get_or_init(|| {
+            #[cfg(feature = "cube")]
+            if let Some(offsets) = self.on_gpu.get() {
+                return crate::cube::read_offsets(offsets).into();
+            }
+            unreachable!("offsets are known on the host or on a device")
+        })
     }
 
     /// Those of the first `counts[0]` rays, of the next `counts[1]`, and so on. What has been moved to a GPU is theirs too.
@@ -84,17 +126,18 @@ impl Segments {
 
     /// Number of rays `R`.
     pub fn rays(&self) -> usize {
-        self.offsets.len() - 1
+        self.rays
     }
 
-    /// Number of packed samples `M`.
+    /// Number of packed samples `M`, with the tail.
     pub fn samples(&self) -> usize {
-        self.offsets[self.rays()] as usize
+        self.samples
     }
 
     /// The samples of ray `r`.
     pub fn range(&self, ray: usize) -> Range<usize> {
-        self.offsets[ray] as usize..self.offsets[ray + 1] as usize
+        let offsets = self.offsets();
+        offsets[ray] as usize..offsets[ray + 1] as usize
     }
 
     /// All ranges in order.
@@ -133,8 +176,12 @@ impl Segments {
         upload(self.host_owners(), [self.samples()], device)
     }
 
+    /// The same on the host; the tail is said to be the last ray's.
     pub(crate) fn host_owners(&self) -> Vec<i32> {
-        self.ranges().enumerate().flat_map(|(ray, range)| std::iter::repeat_n(ray as i32, range.len())).collect()
+        let of_ray = |(ray, range): (usize, Range<usize>)| std::iter::repeat_n(ray as i32, range.len());
+        let mut owners: Vec<i32> = self.ranges().enumerate().flat_map(of_ray).collect();
+        owners.resize(self.samples, self.rays as i32 - 1);
+        owners
     }
 
     /// `(indices, valid)` of the padded `[R, longest]` layout: where each cell reads from (0 if padding) and whether

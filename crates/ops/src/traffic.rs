@@ -78,9 +78,7 @@ pub fn to_host_together(tensors: impl IntoIterator<Item = Tensor<1>>) -> Vec<f32
 }
 
 fn read(data: Vec<TensorData>) -> Vec<f32> {
-    let bytes: usize = data.iter().map(|data| data.bytes().len()).sum();
-    COUNTERS.reads.fetch_add(1, Ordering::Relaxed);
-    COUNTERS.read_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+    count_read(data.iter().map(|data| data.bytes().len()).sum());
     let floats = |data: TensorData| data.convert::<f32>().try_to_vec().expect("the data were just converted to f32");
     let mut parts = data.into_iter().map(floats);
     let first = parts.next().unwrap_or_default();
@@ -188,6 +186,12 @@ static COUNTERS: Counters = Counters {
 pub(crate) fn count_upload(bytes: usize) {
     COUNTERS.uploads.fetch_add(1, Ordering::Relaxed);
     COUNTERS.uploaded_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+}
+
+/// Counts a read.
+pub(crate) fn count_read(bytes: usize) {
+    COUNTERS.reads.fetch_add(1, Ordering::Relaxed);
+    COUNTERS.read_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
 }
 
 #[cfg(feature = "cube")]

@@ -79,6 +79,8 @@ pub struct RayBundle<'a> {
     pub tracked: Option<&'a TrackedRays>,
     /// The same where they were drawn on the device of the field: a GPU then places samples along these.
     pub drawn: Option<&'a DrawnRays>,
+    /// Most samples that such a GPU places where it marches ([`Renderer::count_samples`](crate::Renderer::count_samples)).
+    pub capacity: usize,
     /// By what samples along each ray are jittered; nothing for samples that are evenly spaced.
     pub draws: &'a [Draw],
 }
@@ -88,7 +90,7 @@ pub type Draw = (Noise, usize);
 
 impl<'a> From<&'a [Ray]> for RayBundle<'a> {
     fn from(rays: &'a [Ray]) -> Self {
-        Self { rays, tracked: None, drawn: None, draws: &[] }
+        Self { rays, tracked: None, drawn: None, capacity: 0, draws: &[] }
     }
 }
 

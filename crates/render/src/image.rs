@@ -222,7 +222,8 @@ mod tests {
         let draws: Vec<Draw> = (0..3).map(|ray| (noise(0), ray)).chain((0..4).map(|ray| (noise(1), ray))).collect();
         let request = RenderRequest { color: true, hidden: false };
         let render = |part: Range<usize>| {
-            let bundle = RayBundle { rays: &rays[part.clone()], tracked: None, drawn: None, draws: &draws[part] };
+            let bundle =
+                RayBundle { rays: &rays[part.clone()], tracked: None, drawn: None, capacity: 0, draws: &draws[part] };
             renderer.render(&trained.model, bundle, request, trained.occupancy.as_ref(), trained.at)
         };
         let alone = [render(0..3), render(3..7)];

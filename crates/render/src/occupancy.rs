@@ -1,4 +1,9 @@
+use std::sync::OnceLock;
+
+use burn::tensor::{Device, Tensor};
 use glam::{I64Vec3, Vec3};
+use infonerf_ops::sampling::march::Cells;
+use infonerf_ops::upload;
 use infonerf_scene::{Aabb, Ray, View};
 use rayon::prelude::*;
 
@@ -60,6 +65,8 @@ pub struct OccupancyGrid {
     tight: Aabb,
     /// Of each cell.
     looks: Vec<Look>,
+    /// What a device was given of it last.
+    on_device: OnceLock<Tensor<1>>,
 }
 
 impl OccupancyGrid {
@@ -76,6 +83,7 @@ impl OccupancyGrid {
             updated: false,
             tight: bounds,
             looks: vec![Look::UNKNOWN; cells],
+            on_device: OnceLock::new(),
         }
     }
 
@@ -249,6 +257,7 @@ impl OccupancyGrid {
 
     /// What follows from which cells are occupied, and from the density near each where that is known.
     fn derive(&mut self, nearby: Option<&[f32]>) {
+        self.on_device = OnceLock::new();
         self.tighten();
         let mut near: Vec<u8> = self.occupied.iter().map(|&occupied| u8::from(occupied)).collect();
         let mut distance = vec![0u8; near.len()];
@@ -307,6 +316,22 @@ impl OccupancyGrid {
         let seen = (0..looks as usize).filter_map(|i| self.occupied_density(at(i)));
         let (count, sum) = seen.fold((0, 0.0), |(count, sum), density| (count + 1, sum + density));
         (count > 0).then(|| sum / looks)
+    }
+
+    /// The same on `device`, which is given it once after each change.
+    pub(crate) fn cells_on(&self, device: &Device) -> Cells {
+        let moved = || {
+            let known = self.density.iter().zip(&self.occupied);
+            let density: Vec<f32> = known.map(|(density, occupied)| if *occupied { *density } else { -1.0 }).collect();
+            upload(density, [self.density.len()], device)
+        };
+        let kept = self.on_device.get_or_init(moved);
+        Cells {
+            density: if kept.device() == *device { kept.clone() } else { moved() },
+            resolution: self.config.resolution,
+            corner: self.bounds.min.to_array(),
+            per_unit: self.cells_per_unit.to_array(),
+        }
     }
 
     /// Variance per axis of a uniform point in a cell, mean of the three axes, scene units².

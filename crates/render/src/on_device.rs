@@ -6,13 +6,37 @@ use burn::tensor::{Device, Tensor};
 use infonerf_field::{Extent, Points};
 use infonerf_ops::drawing::DrawnRays;
 use infonerf_ops::random::Stream;
+use infonerf_ops::sampling::march::{March, Marched};
 use infonerf_ops::sampling::{self, Placement, Streams};
 use infonerf_ops::{Segments, upload, upload_together};
 use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
 
 use crate::sampler::Sampler;
-use crate::{Draw, RandomStream, RayBundle, RenderOutput, Samples, TrackedRays};
+use crate::{Draw, OccupancyGrid, RandomStream, RayBundle, RenderOutput, Samples, TrackedRays};
+
+/// Samples of rays that were `drawn` on a device, which marches along them through the `grid`, of so many candidates. No tensor is
+/// in a graph.
+pub(crate) fn marched_on_device(
+    drawn: &DrawnRays,
+    grid: Option<&OccupancyGrid>,
+    march: &March,
+    candidates: usize,
+    device: &Device,
+) -> (Samples, Points) {
+    let DrawnRays { origins, directions, radii, streams: [streams, _], .. } = drawn;
+    let cells = grid.map(|grid| grid.cells_on(&device.clone().inner()));
+    let rays = [origins.clone(), directions.clone()];
+    let Marched { segments, distance, delta, positions } = sampling::march::march(rays, streams, cells.as_ref(), march);
+    let tracked = device.is_autodiff();
+    let [distance, delta, radii] =
+        [distance, delta, radii.clone()].map(|tensor| if tracked { tensor.autodiff() } else { tensor });
+    let [positions, directions] =
+        [positions, directions.clone()].map(|tensor| if tracked { tensor.autodiff() } else { tensor });
+    let extent = Extent::Cones { t: distance.clone(), delta: delta.clone(), radii };
+    let points = Points { positions, directions, segments: segments.clone(), extent };
+    (Samples::new(segments, distance, delta, candidates), points)
+}
 
 /// A bundle of `R` rays on a device, of which `H` pass what can hold content. No tensor is in a graph.
 #[derive(Clone, Debug)]
@@ -70,7 +94,7 @@ impl CandidatesOnDevice {
         let device = device.clone().inner();
         let rays = match bundle.drawn.filter(|_| hit == intervals.len()) {
             Some(drawn) => {
-                let segments = sampler.kept().uniform(hit, [count, all]);
+                let segments = sampler.kept_segments().uniform(hit, [count, all]);
                 Self::drawn(drawn, &intervals, segments, !bundle.draws.is_empty(), &device)
             }
             None => {

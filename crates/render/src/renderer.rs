@@ -1,7 +1,7 @@
 use burn::tensor::Device;
 use infonerf_field::{Field, Points};
 use infonerf_ops::{Seen, additive_depth, composite_over, is_gpu};
-use infonerf_scene::{Backdrop, Scene};
+use infonerf_scene::{Backdrop, Ray, Scene};
 use infonerf_schedule::Moment;
 
 use crate::sampler::{Candidates, Sampler, Skip};
@@ -94,7 +94,7 @@ impl Renderer {
             self.evaluate(field, samples, &points, request, background, at)
         };
         if config.marches() {
-            let samples = self.sampler.marched(rays, draws, skip, at, &model.fine.device());
+            let samples = self.sampler.marched(RayBundle { draws, ..bundle }, skip, at, &model.fine.device());
             return Passes { coarse: None, fine: evaluate(&model.fine, samples) };
         }
         let candidates = self.sampler.coarse(RayBundle { draws, ..bundle }, occupancy, at, &model.fine.device());
@@ -116,9 +116,22 @@ impl Renderer {
         Passes { coarse: Some(coarse), fine: render(&model.fine, &fine) }
     }
 
-    /// Whether samples of a field on `device` are placed there, where an `occupancy` grid may skip some.
-    pub fn places_on(&self, device: &Device, occupancy: Option<&OccupancyGrid>) -> bool {
-        is_gpu(device) && occupancy.is_none() && !self.sampler.config().marches()
+    /// Whether samples of a field on `device` are placed there, where an `occupancy` grid may skip some: not if it would have to
+    /// march through warped space, along cameras' depths, or along more than one of `bundles`, whose samples nobody could tell
+    /// apart on the host; nor in a hierarchical run with a grid.
+    pub fn places_on(&self, device: &Device, occupancy: Option<&OccupancyGrid>, bundles: usize) -> bool {
+        let can = if self.marches() { bundles == 1 && self.sampler.march(0.0).is_some() } else { occupancy.is_none() };
+        is_gpu(device) && can
+    }
+
+    /// Whether a single pass has steps of one length.
+    pub fn marches(&self) -> bool {
+        self.sampler.config().marches()
+    }
+
+    /// The number of samples that marching along `rays` gives in training.
+    pub fn count_samples(&self, rays: &[Ray], occupancy: Option<&OccupancyGrid>, at: Moment) -> usize {
+        self.sampler.count(rays, Skip { grid: occupancy, hidden_depth: self.sampler.config().hidden_depth() }, at)
     }
 
     /// Density of `field` along other `rays` at the distances of `output`: samples are paired one by one.

@@ -5,13 +5,15 @@ use glam::I64Vec3;
 use infonerf_field::Points;
 use infonerf_ops::composite::weights;
 use infonerf_ops::sampling::distances::{blurred, importance, intervals, resample, stratified};
+use infonerf_ops::sampling::march::{March, Reach};
 use infonerf_ops::{is_gpu, to_host};
 use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
 use infonerf_schedule::Moment;
+use rayon::prelude::*;
 
 use crate::noise::RandomStream;
 use crate::occupancy::{Look, fixed};
-use crate::on_device::{CandidatesOnDevice, KeptSegments};
+use crate::on_device::{CandidatesOnDevice, KeptSegments, marched_on_device};
 use crate::{Draw, OccupancyGrid, Placement, RayBundle, RenderConfig, RenderOutput, Samples, Warp};
 
 /// Where the samples of a pass can be, before any is skipped.
@@ -46,7 +48,7 @@ pub(crate) struct Sampler {
     longest: f32,
     bounds: Aabb,
     warp: Warp,
-    kept: KeptSegments,
+    kept_segments: KeptSegments,
 }
 
 impl Sampler {
@@ -58,7 +60,7 @@ impl Sampler {
         } else {
             warp.coordinate(warp.horizon().unwrap_or(far)) - warp.coordinate(near)
         };
-        Self { config: config.clone(), range, near, longest, bounds, warp, kept: KeptSegments::default() }
+        Self { config: config.clone(), range, near, longest, bounds, warp, kept_segments: KeptSegments::default() }
     }
 
     pub(crate) fn warp(&self) -> &Warp {
@@ -66,8 +68,8 @@ impl Sampler {
     }
 
     /// Segments of samples that are placed on a GPU.
-    pub(crate) fn kept(&self) -> &KeptSegments {
-        &self.kept
+    pub(crate) fn kept_segments(&self) -> &KeptSegments {
+        &self.kept_segments
     }
 
     pub(crate) fn config(&self) -> &RenderConfig {
@@ -97,22 +99,49 @@ impl Sampler {
     /// shifted alike.
     pub(crate) fn marched(
         &self,
-        rays: &[Ray],
-        draws: &[Draw],
+        bundle: RayBundle<'_>,
         skip: Skip<'_>,
         at: Moment,
         device: &Device,
     ) -> (Samples, Points) {
+        let RayBundle { rays, drawn, capacity, draws, .. } = bundle;
         let (step, most) = (self.step_length(at), self.most(at));
+        if let Some((drawn, march)) = drawn.zip(self.march(step)).filter(|_| is_gpu(device)) {
+            let march = March { jittered: !draws.is_empty(), hidden_depth: skip.hidden_depth, capacity, ..march };
+            return marched_on_device(drawn, skip.grid, &march, rays.len() * most, device);
+        }
         Samples::pack(rays, &self.warp, device, |index| {
             let shift = draws.get(index).map_or(0.5, |(noise, ray)| noise.uniform(*ray, 0));
-            let steps = self.steps(&rays[index], step, shift, skip.grid);
-            let kept = match skip.grid {
-                Some(grid) => self.visible(steps, &rays[index], grid, skip.hidden_depth),
-                None => steps.collect(),
-            };
-            (kept, most)
+            (self.kept(&rays[index], step, shift, skip), most)
         })
+    }
+
+    /// The number of samples in the middle of their steps.
+    pub(crate) fn count(&self, rays: &[Ray], skip: Skip<'_>, at: Moment) -> usize {
+        let step = self.step_length(at);
+        rays.par_iter().map(|ray| self.kept(ray, step, 0.5, skip).len()).sum()
+    }
+
+    /// Steps of one ray that are neither empty nor hidden.
+    fn kept(&self, ray: &Ray, step: f32, shift: f32, skip: Skip<'_>) -> Vec<(f32, f32)> {
+        let steps = self.steps(ray, step, shift, skip.grid);
+        match skip.grid {
+            Some(grid) => self.visible(steps, ray, grid, skip.hidden_depth),
+            None => steps.collect(),
+        }
+    }
+
+    /// How a GPU marches with steps of that length; none where only the host can.
+    pub(crate) fn march(&self, step: f32) -> Option<March> {
+        let reach = match self.range {
+            Range::Distance { near, far } => Reach::Distances { near, far },
+            Range::Sphere { centre, radius } => Reach::Sphere { centre: centre.to_array(), radius },
+            Range::Depth { .. } => return None,
+        };
+        let corners = [self.bounds.min, self.bounds.max].map(|corner| corner.to_array());
+        let bounds = self.clips().then_some(corners);
+        let march = March { reach, bounds, step, jittered: false, hidden_depth: f32::INFINITY, capacity: 0 };
+        self.warp.is_identity().then_some(march)
     }
 
     /// The steps of one ray but those in cells that `grid` knows to be empty.

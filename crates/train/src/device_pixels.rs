@@ -4,8 +4,9 @@ use burn::tensor::Device;
 use glam::{DMat4, Vec4};
 use infonerf_ops::drawing::{DrawnViews, PixelDraw, PixelTables};
 use infonerf_ops::from_host;
-use infonerf_render::{Noise, RandomStream};
-use infonerf_scene::{Camera, Scene};
+use infonerf_render::{Noise, OccupancyGrid, RandomStream, Renderer};
+use infonerf_scene::{Camera, Ray, Scene};
+use infonerf_schedule::Moment;
 
 use crate::config::{Batch, TrainConfig, Unseen};
 use crate::pixels::{Pixels, crop};
@@ -25,6 +26,35 @@ pub(crate) struct DevicePixels {
     /// The same at full size, of which unseen pixels are.
     full_size: [usize; 2],
     views: usize,
+}
+
+/// The number of samples along a ray that a GPU marches along, which does not tell: by the host's count of a step's rays, which
+/// holds until the grid changes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ExpectedSamples {
+    pub(crate) per_ray: f64,
+    /// Length of a step then.
+    step_length: f32,
+}
+
+impl ExpectedSamples {
+    /// Of `rays` in the step at `at`.
+    pub(crate) fn count(renderer: &Renderer, rays: &[Ray], occupancy: Option<&OccupancyGrid>, at: Moment) -> Self {
+        let per_ray = renderer.count_samples(rays, occupancy, at) as f64 / rays.len().max(1) as f64;
+        Self { per_ray, step_length: renderer.step_length(at) }
+    }
+
+    /// The same for steps of another length.
+    pub(crate) fn with_steps_of(self, step_length: f32) -> Self {
+        Self { per_ray: self.per_ray * f64::from(self.step_length / step_length), step_length }
+    }
+
+    /// Room for the samples of `rays` others: a quarter more than expected, and some. Rays are drawn at random, so that their
+    /// sum is that much more than its mean in one of far more steps than a run has.
+    pub(crate) fn capacity(self, rays: usize) -> usize {
+        const LEAST: usize = 1024;
+        (1.25 * self.per_ray * rays as f64) as usize + LEAST
+    }
 }
 
 /// A bundle of pixels, and by which noise they and the samples along their rays are drawn.
@@ -48,7 +78,7 @@ impl DevicePixels {
         let draws_any = images.are_all_valid() && !config.error_sampling.is_on() && config.batch != Batch::HeldOut;
         let (size, full_size) = (images.size_in_pixels(), [local.width as usize, local.height as usize]);
         let [area, full_area] = [size, full_size].map(|[width, height]| width * height);
-        let numbers = (3 * area * cameras.len()).max(4 * (full_area + area));
+        let numbers = 4 * (area * cameras.len()).max(full_area + area);
         if !are_alike || !draws_any || numbers * size_of::<f32>() > LARGEST {
             return None;
         }
@@ -61,7 +91,7 @@ impl DevicePixels {
         let tables = PixelTables {
             rays: from_host(&rays, 4, &device),
             poses: from_host(&poses, 12, &device),
-            colors: from_host(&images.colors(), 3, &device),
+            shown: from_host(&images.shown(scene.background), 4, &device),
         };
         Some(Self { tables, factor: images.factor(), size, full_size, views: cameras.len() })
     }
@@ -127,10 +157,10 @@ fn upper_rows(matrix: &DMat4) -> [f32; 12] {
 
 #[cfg(test)]
 mod tests {
+    use infonerf_loss::pixel_class;
     use infonerf_ops::drawing::{DrawnRays, draw_rays};
     use infonerf_ops::to_host;
     use infonerf_scene::ViewRegion;
-    use infonerf_schedule::Moment;
 
     use super::*;
     use crate::error_sampling::PixelErrors;
@@ -168,7 +198,7 @@ mod tests {
                 there.unseen(Drawn { pixels: &unseen, noise: unseen_noise, samples, motion }, &config, step)
             });
             let bundles = [of_seen[0], of_unseen[0], of_seen[1], of_unseen[1]];
-            let DrawnRays { origins, directions, radii, colors, .. } = draw_rays(&there.tables, &bundles);
+            let DrawnRays { origins, directions, radii, colors, classes, .. } = draw_rays(&there.tables, &bundles);
             let near = |pixels: &Pixels| pixels.neighbours(turn, &config.neighbours, &region);
             let rays = [seen.pixels.rays(), unseen.rays(), near(&seen.pixels), near(&unseen)].concat();
             let [origins, directions] = [origins, directions].map(to_host);
@@ -180,6 +210,9 @@ mod tests {
             }
             let shown: Vec<f32> = seen.rgba.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
             assert_eq!(to_host(colors), shown);
+            let pixels = seen.rgba.iter().zip(&seen.coverage);
+            let class = |(pixel, coverage): (&[f32; 4], &f32)| pixel_class(*pixel, *coverage, scene.background);
+            assert_eq!(to_host(classes), pixels.map(class).collect::<Vec<_>>());
         }
     }
 

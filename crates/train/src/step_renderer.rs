@@ -32,6 +32,8 @@ pub(crate) struct StepRenderer<'a, F: Field> {
     pub(crate) occupancy: Option<&'a OccupancyGrid>,
     /// Where a GPU draws the step's pixels itself: what from.
     pub(crate) there: Option<&'a DevicePixels>,
+    /// Most samples that such a GPU places where it marches.
+    pub(crate) capacity: usize,
     pub(crate) at: Moment,
     pub(crate) seed: u64,
     pub(crate) profile: &'a mut Profile,
@@ -59,6 +61,8 @@ struct DrawnThere {
     paired: [Option<DrawnRays>; 2],
     /// What the seen pixels show.
     colors: Tensor<2>,
+    /// The classes of these.
+    classes: Tensor<1>,
 }
 
 impl<F: Field> StepRenderer<'_, F> {
@@ -105,7 +109,8 @@ impl<F: Field> StepRenderer<'_, F> {
         let along_seen = along_seen.map(|rays| self.along(&passes.fine, &rays, there_seen));
         let along_unseen =
             unseen.as_ref().zip(along_unseen).map(|(unseen, rays)| self.along(&unseen.fine, &rays, there_unseen));
-        let seen_bundle = Bundle { passes, target: Some(self.target(seen, there.map(|there| there.colors))) };
+        let seen_bundle =
+            Bundle { passes, target: Some(self.target(seen, there.map(|there| (there.colors, there.classes)))) };
         let neighbours = NeighbourBundles {
             seen: own_seen.map(|own| own.fine).or(along_seen),
             unseen: own_unseen.map(|own| own.fine).or(along_unseen),
@@ -158,23 +163,26 @@ impl<F: Field> StepRenderer<'_, F> {
         let drawn = draw_rays(&there.tables, &bundles);
         let of = |bundles: &[Option<PixelDraw>]| bundles.iter().flatten().map(|draw| draw.rays).sum::<usize>();
         let counts = [of(&rendered), of(&paired[..1]), of(&paired[1..])];
-        let colors = drawn.colors.clone();
+        let (colors, classes) = (drawn.colors.clone(), drawn.classes.clone());
         let mut parts =
             drawn.split(&counts.into_iter().filter(|count| *count > 0).collect::<Vec<_>>()).into_iter().peekable();
         let [rendered, seen, unseen] = counts.map(|count| parts.next_if(|_| count > 0));
-        Some(DrawnThere { rendered: rendered.expect("there are seen rays"), paired: [seen, unseen], colors })
+        Some(DrawnThere { rendered: rendered.expect("there are seen rays"), paired: [seen, unseen], colors, classes })
     }
 
-    fn target(&self, seen: &SeenPixels, there: Option<Tensor<2>>) -> Target {
-        let channels = || seen.rgba.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
+    fn target(&self, seen: &SeenPixels, there: Option<(Tensor<2>, Tensor<1>)>) -> Target {
         let device = self.device();
-        let rgb = match there {
-            Some(colors) if device.is_autodiff() => colors.autodiff(),
-            Some(colors) => colors,
-            None => upload(channels(), [seen.rgba.len(), 3], &device),
+        let (rgb, classes) = match there {
+            Some((rgb, classes)) if device.is_autodiff() => (rgb.autodiff(), Some(classes.autodiff())),
+            Some((rgb, classes)) => (rgb, Some(classes)),
+            None => {
+                let channels = seen.rgba.iter().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect();
+                (upload(channels, [seen.rgba.len(), 3], &device), None)
+            }
         };
         Target {
             rgb,
+            classes,
             rgba: seen.rgba.clone(),
             coverage: seen.coverage.clone(),
             pixels: seen.pixels.at.clone(),
@@ -222,7 +230,13 @@ impl<F: Field> StepRenderer<'_, F> {
             (0..asked.rays.len()).map(move |ray| (noise, ray))
         };
         let draws: Vec<Draw> = group.iter().flat_map(draws).collect();
-        let bundle = RayBundle { rays: &rays, tracked: group[0].tracked.as_ref(), drawn, draws: &draws };
+        let bundle = RayBundle {
+            rays: &rays,
+            tracked: group[0].tracked.as_ref(),
+            drawn,
+            capacity: self.capacity,
+            draws: &draws,
+        };
         let request = RenderRequest { color: group.iter().any(|asked| asked.color), hidden: false };
         let (renderer, model, occupancy, at) = (&self.scene.renderer, self.model, self.occupancy, self.at);
         let render = || renderer.render(model, bundle, request, occupancy, at);

@@ -49,7 +49,13 @@ pub fn fitted_to<F: Field>(
         let at: Vec<PixelAt> = drawn.iter().map(position).collect();
         let camera = refinement.apply(&cameras).remove(0);
         let rays: Vec<Ray> = at.iter().map(|pixel| camera.ray(pixel.x, pixel.y)).collect();
-        let bundle = RayBundle { rays: &rays, tracked: Some(&refinement.rays(&cameras, &at)), drawn: None, draws: &[] };
+        let bundle = RayBundle {
+            rays: &rays,
+            tracked: Some(&refinement.rays(&cameras, &at)),
+            drawn: None,
+            capacity: 0,
+            draws: &[],
+        };
         let request = RenderRequest { color: true, hidden: true };
         let passes = renderer.render(&model, bundle, request, trained.occupancy.as_ref(), trained.at);
         let shown: Vec<f32> = drawn.iter().flat_map(|&index| image.rgb[index]).collect();

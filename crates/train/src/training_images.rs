@@ -1,6 +1,6 @@
 //! The training images, and the pixels of them that a step learns from.
 
-use infonerf_loss::is_foreground;
+use infonerf_loss::{is_foreground, pixel_class};
 use infonerf_ops::random::permuted;
 use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
@@ -177,9 +177,14 @@ impl Images {
         self.valid.is_none()
     }
 
-    /// Red, green and blue of each pixel of each view.
-    pub(crate) fn colors(&self) -> Vec<f32> {
-        self.rgba.iter().flatten().flat_map(|&[red, green, blue, _]| [red, green, blue]).collect()
+    /// Red, green, blue and [class](pixel_class) of each pixel of each view, before `background`.
+    pub(crate) fn shown(&self, background: [f32; 3]) -> Vec<f32> {
+        let pixels = self.rgba.iter().flatten().zip(self.coverage.iter().flatten());
+        let shown = |(&pixel, &coverage): (&[f32; 4], &f32)| {
+            let [red, green, blue, _] = pixel;
+            [red, green, blue, pixel_class(pixel, coverage, background)]
+        };
+        pixels.flat_map(shown).collect()
     }
 
     /// Whether they have the full size.

@@ -11,6 +11,7 @@ use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
 use infonerf_ops::means::{mean_squared_difference, sum_above, weighted_sum};
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
 use infonerf_ops::random::Stream;
+use infonerf_ops::sampling::march::{Cells, March, Marched, Reach, march};
 use infonerf_ops::sampling::{
     LastInterval, Placement, Streams, importance, intervals, points_on_rays, resample, stratified,
 };
@@ -47,6 +48,7 @@ pub(super) fn all() -> Vec<Operation> {
     operations.extend([losses(rng), network(rng)]);
     operations.extend(encodings(rng));
     operations.extend([padded(rng), adam(rng), drawing(rng)]);
+    operations.extend(marching(rng));
     operations
 }
 
@@ -165,7 +167,7 @@ fn drawing(rng: &mut Rng) -> Operation {
     const HEIGHT: usize = 17;
     const VIEWS: usize = 3;
     let rays = numbers(rng, 4 * WIDTH * HEIGHT, -1.0, 1.0);
-    let (poses, colors) = (numbers(rng, 12 * VIEWS, -1.0, 1.0), numbers(rng, 3 * VIEWS * WIDTH * HEIGHT, 0.0, 1.0));
+    let (poses, colors) = (numbers(rng, 12 * VIEWS, -1.0, 1.0), numbers(rng, 4 * VIEWS * WIDTH * HEIGHT, 0.0, 1.0));
     let bundle = PixelDraw {
         rays: 301,
         views: DrawnViews::All { count: VIEWS, key: rng.u64(..) },
@@ -185,15 +187,64 @@ fn drawing(rng: &mut Rng) -> Operation {
         let tables = PixelTables {
             rays: from_host(&rays, 4, device),
             poses: from_host(&poses, 12, device),
-            colors: from_host(&colors, 3, device),
+            shown: from_host(&colors, 4, device),
         };
         let drawn = draw_rays(&tables, &bundles);
         let ends = from_host(&[2.0, 6.0], 2, device);
         let jittered =
             drawn.streams.each_ref().map(|streams| stratified(ends.clone(), [601, 2], Placement::Mid, Some(streams)));
         let rows = [drawn.origins, drawn.directions, drawn.colors].into_iter().chain(jittered);
-        vec![to_host_together(rows.map(|rows| rows.flatten(0, 1)).chain([drawn.radii]))]
+        vec![to_host_together(rows.map(|rows| rows.flatten(0, 1)).chain([drawn.radii, drawn.classes]))]
     })
+}
+
+/// Samples along rays through a grid that is empty here and there, and gradients of what is made of them: with more room than they
+/// take, and with less.
+fn marching(rng: &mut Rng) -> Vec<Operation> {
+    const RAYS: usize = 301;
+    const CELLS: usize = 7;
+    let origins = numbers(rng, 3 * RAYS, 1.5, 2.5);
+    let towards: Vec<f32> = origins.iter().map(|o| rng.f32() - 0.5 - o).collect();
+    let unit = |v: &[f32; 3]| v.map(|x| x / v.iter().map(|x| x * x).sum::<f32>().sqrt());
+    let directions: Vec<f32> = towards.as_chunks().0.iter().flat_map(unit).collect();
+    let streams: Vec<Stream> = (0..RAYS).map(|_| Stream { key: rng.u64(..), item: rng.u32(..) as usize }).collect();
+    let density: Vec<f32> = (0..CELLS.pow(3)).map(|_| if rng.f32() < 0.4 { -1.0 } else { 9.0 * rng.f32() }).collect();
+    let base = March {
+        reach: Reach::Distances { near: 1.0, far: 5.0 },
+        bounds: Some([[-1.0; 3], [1.0, 1.1, 0.9]]),
+        step: 0.1,
+        jittered: true,
+        hidden_depth: 6.0,
+        capacity: 9000,
+    };
+    let sphere = Reach::Sphere { centre: [0.1, 0.0, -0.1], radius: 0.9 };
+    let all = [
+        ("", base),
+        (", less room", March { capacity: 1001, ..base }),
+        (", a sphere", March { reach: sphere, bounds: None, jittered: false, hidden_depth: f32::INFINITY, ..base }),
+    ];
+    all.map(|(name, marching)| {
+        let (origins, directions) = (origins.clone(), directions.clone());
+        let (streams, density) = (streams.clone(), density.clone());
+        let answer = move |device: &Device| {
+            let plain = device.clone().inner();
+            let rays = [&origins, &directions].map(|numbers| from_host(numbers, 3, &plain));
+            let streams = Streams(Tensor::from_floats(Streams::bits(streams.iter().copied()).as_slice(), &plain));
+            let density = Tensor::from_floats(density.as_slice(), &plain);
+            let cells = Cells { density, resolution: CELLS, corner: [-1.0; 3], per_unit: [3.5; 3] };
+            let Marched { segments, distance, delta, positions } = march(rays, &streams, Some(&cells), &marching);
+            let tau = leaf(&to_host(distance.clone() * delta.clone() * 3.0), device);
+            let color = (positions.clone() * 0.1 + 0.5).autodiff();
+            let seen = composite_over(tau.clone(), Some(color), distance.clone(), [0.2, 0.5, 1.0], &segments);
+            let bits = ray_entropy(tau.clone(), &segments, RayDistribution::Alpha, 0.0).bits;
+            let out = Tensor::cat(vec![seen.color.expect("colours were given").flatten(0, 1), seen.acc, bits], 0);
+            let mut answers = pulled(out, &[&tau]);
+            answers.push(to_host_together([distance, delta, positions.flatten(0, 1)]));
+            answers
+        };
+        Operation { name: format!("marching{name}"), bound: OPERATION, answer: Box::new(answer) }
+    })
+    .into()
 }
 
 /// The sums that make losses.

@@ -1,10 +1,11 @@
 use burn::tensor::Tensor;
+use infonerf_ops::means::mean_by_class;
 use infonerf_ops::upload;
 use infonerf_scene::{Backdrop, Scene};
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Renders, Term, TermSetup, TermSpec};
+use crate::{Renders, Term, TermSetup, TermSpec, pixel_class};
 
 /// Supervision of opacity by a known background colour: the mean over the rays of training images of `background`·acc for
 /// pixels of that colour, which most likely show the background, of −`edge`·acc for others with such a pixel among the 3 × 3
@@ -48,11 +49,12 @@ impl Term for SilhouetteConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let acc = renders.seen.output().acc.clone();
         let target = renders.seen.target.as_ref().expect("training images show colours");
-        let sign = |(pixel, coverage): (&[f32; 4], &f32)| match (target.is_foreground(*pixel), *coverage) {
-            (false, _) => self.background,
-            (true, 1.0) => -self.foreground,
-            (true, _) => -self.edge,
-        };
+        let signs = [self.background, -self.edge, -self.foreground];
+        if let Some(classes) = &target.classes {
+            return mean_by_class(acc, classes.clone(), signs);
+        }
+        let sign =
+            |(pixel, coverage): (&[f32; 4], &f32)| signs[pixel_class(*pixel, *coverage, target.background) as usize];
         let signs: Vec<f32> = target.rgba.iter().zip(&target.coverage).map(sign).collect();
         let signs = upload(signs, [target.rgba.len()], &acc.device());
         (acc * signs).mean()
@@ -74,6 +76,12 @@ mod tests {
         let config = SilhouetteConfig { weight: 1.0.into(), background: 2.0, foreground: 3.0, edge: 0.5 };
         let acc = [0.5f32, 1.0, 2.0].map(|tau| -(-tau).exp_m1());
         let want = (2.0 * acc[0] - 3.0 * acc[1] - 0.5 * acc[2]) / 3.0;
+        approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), want, epsilon = 1e-6);
+        // Where the classes are known.
+        let device = renders.seen.output().acc.device();
+        let target = renders.seen.target.as_mut().unwrap();
+        target.rgba.clear();
+        target.classes = Some(Tensor::from_floats([0.0, 2.0, 1.0], &device));
         approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), want, epsilon = 1e-6);
     }
 }

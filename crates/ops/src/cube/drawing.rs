@@ -19,23 +19,25 @@ pub(crate) fn draw_rays(tables: &PixelTables, bundles: &[PixelDraw]) -> DrawnRay
     let words: Vec<f32> = bundles.iter().flat_map(PixelDraw::words).map(f32::from_bits).collect();
     let words = upload(words, [bundles.len() * WORDS], &device);
     let rays = bundles.iter().map(|bundle| bundle.rays).sum();
-    let shapes = [[rays, 3], [rays, 3], [rays, 1], [bundles[0].rays, 3], [rays, 3], [rays, 3]];
+    let seen = bundles[0].rays;
+    let shapes = [[rays, 3], [rays, 3], [rays, 1], [seen, 3], [seen, 1], [rays, 3], [rays, 3]];
     let outputs = Outputs::new(shapes.map(|shape| Shape::new(shape)));
     let kernel = Draw { outputs: outputs.clone(), bundles: bundles.len() };
-    let inputs = (words, tables.rays.clone(), tables.poses.clone(), tables.colors.clone());
+    let inputs = (words, tables.rays.clone(), tables.poses.clone(), tables.shown.clone());
     let buffer: tensor::Tensor<1> = apply(kernel, inputs);
     DrawnRays {
         origins: outputs.output(&buffer, 0),
         directions: outputs.output(&buffer, 1),
         radii: outputs.output::<2>(&buffer, 2).flatten(0, 1),
         colors: outputs.output(&buffer, 3),
-        streams: [4, 5].map(|index| Streams(outputs.output::<2>(&buffer, index).flatten(0, 1))),
+        classes: outputs.output::<2>(&buffer, 4).flatten(0, 1),
+        streams: [5, 6].map(|index| Streams(outputs.output::<2>(&buffer, index).flatten(0, 1))),
     }
 }
 
 #[derive(Debug)]
 struct Draw {
-    outputs: Arc<Outputs<6>>,
+    outputs: Arc<Outputs<7>>,
     bundles: usize,
 }
 
@@ -44,11 +46,11 @@ impl CubeKernel for Draw {
         let [words, rays, poses, shown] = inputs else { unreachable!("bundles and three tables") };
         let integers = |tensor: &CubeTensor| CubeTensor { dtype: DType::U32, ..tensor.clone() };
         let buffer = self.outputs.buffer(rays);
-        let [origins, directions, radii, colors, first, fine] = self.outputs.parts(&buffer);
+        let [origins, directions, radii, colors, classes, first, fine] = self.outputs.parts(&buffer);
         launch!(
             draw::launch, radii.meta.num_elements();
-            &integers(words), rays, poses, shown, &origins, &directions, &radii, &colors, &integers(&first),
-            &integers(&fine);
+            &integers(words), rays, poses, shown, &origins, &directions, &radii, &colors, &classes,
+            &integers(&first), &integers(&fine);
             self.bundles
         );
         buffer
@@ -88,6 +90,7 @@ fn draw(
     directions: &mut Tensor<f32>,
     radii: &mut Tensor<f32>,
     colors: &mut Tensor<f32>,
+    classes: &mut Tensor<f32>,
     first: &mut Tensor<u32>,
     fine: &mut Tensor<u32>,
     #[comptime] bundles: usize,
@@ -153,11 +156,12 @@ fn draw(
         directions[3 * at + i] = turned_by_words(words, row, u, v, w);
     }
     if at < colors.shape(0) {
-        let image = usize::cast_from(view * width * height);
+        let image = 4 * (usize::cast_from(view * width * height) + pixel);
         #[unroll]
         for i in 0..3usize {
-            colors[3 * at + i] = shown[3 * (image + pixel) + i];
+            colors[3 * at + i] = shown[image + i];
         }
+        classes[at] = shown[image + 3];
     }
     first[3 * at] = words[bundle + 30];
     first[3 * at + 1] = words[bundle + 31];

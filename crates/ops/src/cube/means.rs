@@ -15,30 +15,33 @@ const THREADS: usize = 256;
 pub(crate) enum Summand {
     /// (a − b)².
     SquaredDifference,
-    /// a where b is above a threshold.
+    /// a where b is above the first of three numbers.
     Above,
+    /// a times the number whose index is b.
+    OfClass,
 }
 
 /// `scale` times the sum of what `a` and `b`, of the same shape, make up, `[1]`; differentiable in `a`.
 pub(crate) fn sum<const D: usize>(
     [a, b]: [tensor::Tensor<D>; 2],
     summand: Summand,
-    threshold: f32,
+    numbers: [f32; 3],
     scale: f32,
 ) -> tensor::Tensor<1> {
-    apply(Sum { summand, threshold, scale }, (a, b.detach()))
+    apply(Sum { summand, numbers, scale }, (a, b.detach()))
 }
 
 #[derive(Debug)]
 struct Sum {
     summand: Summand,
-    threshold: f32,
+    numbers: [f32; 3],
     scale: f32,
 }
 
 impl CubeKernel for Sum {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let out = empty(&inputs[0], [1]);
+        let [first, second, third] = self.numbers;
         add_up::launch(
             &out.client,
             CubeCount::new_single(),
@@ -46,7 +49,9 @@ impl CubeKernel for Sum {
             arg(&inputs[0]),
             arg(&inputs[1]),
             arg(&out),
-            self.threshold,
+            first,
+            second,
+            third,
             self.scale,
             self.summand,
             THREADS,
@@ -57,7 +62,12 @@ impl CubeKernel for Sum {
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let [a, b] = pass.inputs else { unreachable!("a sum is of two inputs") };
         let da = empty_like(a);
-        launch!(slopes::launch, a.meta.num_elements(); a, b, pass.grad, &da; self.threshold, self.scale, self.summand);
+        let [first, second, third] = self.numbers;
+        launch!(
+            slopes::launch, a.meta.num_elements();
+            a, b, pass.grad, &da;
+            first, second, third, self.scale, self.summand
+        );
         vec![Some(da), None]
     }
 }
@@ -139,12 +149,20 @@ fn shares(grad: &Tensor<f32>, out: &mut Tensor<f32>, a: f32, b: f32, c: f32, d: 
     out[place * apart] = grad[0] * select(place == 0, a, select(place == 1, b, select(place == 2, c, d)));
 }
 
+/// The number of a class: 0, 1 or 2.
+#[cube]
+fn of_class(class: f32, first: f32, second: f32, third: f32) -> f32 {
+    select(class < 0.5f32, first, select(class < 1.5f32, second, third))
+}
+
 #[cube(launch)]
 fn add_up(
     a: &Tensor<f32>,
     b: &Tensor<f32>,
     out: &mut Tensor<f32>,
-    threshold: f32,
+    first: f32,
+    second: f32,
+    third: f32,
     scale: f32,
     #[comptime] summand: Summand,
     #[comptime] threads: usize,
@@ -156,7 +174,9 @@ fn add_up(
         if comptime!(summand == Summand::SquaredDifference) {
             let difference = a[i] - b[i];
             sum += difference * difference;
-        } else if b[i] > threshold {
+        } else if comptime!(summand == Summand::OfClass) {
+            sum += a[i] * of_class(b[i], first, second, third);
+        } else if b[i] > first {
             sum += a[i];
         }
         i += CUBE_DIM as usize;
@@ -183,7 +203,9 @@ fn slopes(
     b: &Tensor<f32>,
     grad: &Tensor<f32>,
     da: &mut Tensor<f32>,
-    threshold: f32,
+    first: f32,
+    second: f32,
+    third: f32,
     scale: f32,
     #[comptime] summand: Summand,
 ) {
@@ -193,7 +215,9 @@ fn slopes(
     let mut slope = 0.0f32;
     if comptime!(summand == Summand::SquaredDifference) {
         slope = 2.0f32 * (a[ABSOLUTE_POS] - b[ABSOLUTE_POS]);
-    } else if b[ABSOLUTE_POS] > threshold {
+    } else if comptime!(summand == Summand::OfClass) {
+        slope = of_class(b[ABSOLUTE_POS], first, second, third);
+    } else if b[ABSOLUTE_POS] > first {
         slope = 1.0f32;
     }
     da[ABSOLUTE_POS] = grad[0] * scale * slope;

@@ -22,7 +22,7 @@ pub(crate) fn together<const N: usize>(
     };
     let parts = arrays.map(&mut add);
     let offsets = segments.iter().map(|&segments| {
-        let bits = segments.offsets.iter().map(|offset| f32::from_bits(*offset)).collect();
+        let bits = segments.offsets().iter().map(|offset| f32::from_bits(*offset)).collect();
         Part { segments: Some(segments.clone()), ..add(bits) }
     });
     let offsets: Vec<Part> = offsets.collect();

@@ -4,6 +4,7 @@
 //! the host, which other devices than GPUs are served by.
 
 pub mod distances;
+pub mod march;
 
 use burn::tensor::{Device, Tensor};
 use rayon::prelude::*;

@@ -9,7 +9,7 @@ use infonerf_schedule::Moment;
 use super::Trainer;
 use super::numbers::Numbers;
 use crate::Phase;
-use crate::device_pixels::DevicePixels;
+use crate::device_pixels::{DevicePixels, ExpectedSamples};
 use crate::pixels::{UnseenViews, rotation};
 use crate::step_pixels::StepPixels;
 use crate::step_renderer::StepRenderer;
@@ -45,21 +45,39 @@ impl<F: Field> Trainer<F> {
             views.pixels(unseen_rays, images.pixel_width(), at.step, noise(RandomStream::UnseenRays))
         };
 
-        let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
-        let places =
-            self.scenes.len() == 1 && self.model.cameras.is_none() && scene.renderer.places_on(&self.device, occupancy);
-        if !places {
-            self.there = None;
-        } else if !self.there.as_ref().is_some_and(|there| there.are_of(images)) {
-            self.there = DevicePixels::new(&scene.scene, images, train, &self.device);
-        }
         self.pixel_errors.resize(images.size());
-        self.profile.time(Phase::Rays, || StepPixels {
+        let pixels = self.profile.time(Phase::Rays, || StepPixels {
             scene: index,
             seen: scene.images.draw(train, rays, at, noise(RandomStream::SeenRays), &self.pixel_errors),
             unseen: unseen_is_needed.then(unseen),
             rotation: rotation(&train.neighbours, noise(RandomStream::Neighbours)),
-        })
+        });
+        self.leave_to_device(&pixels, at);
+        pixels
+    }
+
+    /// Decides whether a GPU draws these pixels too, and places the samples along their rays; if it can, nothing is moved there.
+    fn leave_to_device(&mut self, pixels: &StepPixels, at: Moment) {
+        let scene = &self.scenes[pixels.scene];
+        let (renderer, images) = (&scene.renderer, scene.images.at(&self.config.train, at));
+        let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
+        let is_apart = |need: &Need| need.is_unseen() || need.is_of_neighbours();
+        let bundles = 1 + needs(&scene.objective.due(at)).iter().filter(|need| is_apart(need)).count();
+        let serves = self.scenes.len() == 1
+            && self.model.cameras.is_none()
+            && renderer.places_on(&self.device, occupancy, bundles);
+        let kept = self.there.take().filter(|there| there.are_of(images));
+        if serves {
+            self.there = kept.or_else(|| DevicePixels::new(&scene.scene, images, &self.config.train, &self.device));
+        }
+        // Without a grid the count is exact, and as quick as that of rays.
+        let known = self.marched.take().filter(|_| occupancy.is_some());
+        if self.there.is_some() && renderer.marches() {
+            self.marched = Some(match known {
+                Some(known) => known.with_steps_of(renderer.step_length(at)),
+                None => ExpectedSamples::count(renderer, &pixels.seen.pixels.rays(), occupancy, at),
+            });
+        }
     }
 
     /// Renders the rays of `pixels` and evaluates the objective.
@@ -77,6 +95,7 @@ impl<F: Field> Trainer<F> {
             model: &model,
             occupancy: self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step)),
             there: self.there.as_ref(),
+            capacity: self.marched.map_or(0, |marched| marched.capacity(pixels.seen.pixels.at.len())),
             at,
             seed: self.seed,
             profile: &mut self.profile,
@@ -98,7 +117,10 @@ impl<F: Field> Trainer<F> {
             numbers,
             counts,
             rays,
-            samples_per_ray: renders.seen.output().segments().samples() as f64 / renders.seen.rays() as f64,
+            samples_per_ray: match self.marched {
+                Some(marched) => marched.per_ray,
+                None => renders.seen.output().segments().samples() as f64 / renders.seen.rays() as f64,
+            },
         }
     }
 

@@ -16,7 +16,7 @@ use infonerf_schedule::{Fault, Moment};
 use self::step::Taken;
 use crate::checkpoint::State;
 use crate::config::checks;
-use crate::device_pixels::DevicePixels;
+use crate::device_pixels::{DevicePixels, ExpectedSamples};
 use crate::error_sampling::PixelErrors;
 use crate::model::{FieldBuilder, optimiser};
 use crate::training_scene::TrainingScene;
@@ -39,6 +39,8 @@ pub struct Trainer<F: Field = RadianceField> {
     pixel_errors: PixelErrors,
     /// The training images on a GPU that draws a step's pixels itself; none where these are the host's.
     there: Option<DevicePixels>,
+    /// Samples of its rays, where it marches along them.
+    marched: Option<ExpectedSamples>,
     progress: Progress,
     /// Steps that were taken and whose losses nobody knows yet.
     unreported: Vec<Taken>,
@@ -157,6 +159,7 @@ impl<F: Field> Trainer<F> {
             weight_average: WeightAverage::default(),
             pixel_errors: PixelErrors::default(),
             there: None,
+            marched: None,
             progress: Progress::default(),
             profile: Profile::default(),
         })

@@ -75,7 +75,7 @@ impl<F: Field> Trainer<F> {
     /// If there is no such scene or camera, or no seen pixel.
     pub fn step_on(&mut self, pixels: StepPixels, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
         let given = |trainer: &mut Self, _| {
-            trainer.there = None;
+            (trainer.there, trainer.marched) = (None, None);
             pixels
         };
         self.step_with(given, report)
@@ -226,12 +226,14 @@ impl<F: Field> Trainer<F> {
         self.optimiser = optimiser(&self.config);
         self.occupancy = occupancy_grid(&self.config, &self.scenes[0].scene);
         self.pixel_errors = PixelErrors::default();
+        self.marched = None;
         self.progress = self.progress.restarted();
         Ok(())
     }
 
     fn update_occupancy(&mut self, at: Moment) {
         let Some(grid) = self.occupancy.as_mut().filter(|grid| grid.is_due(at.step)) else { return };
+        self.marched = None;
         let scene = &self.scenes[0];
         let noise = Noise::new(self.seed, at.step as u64, RandomStream::Occupancy);
         let field = self.model.fine.valid().conditioned(scene.photographs.all(), None);

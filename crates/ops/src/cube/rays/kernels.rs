@@ -97,6 +97,17 @@ fn own(offsets: &Tensor<i32>, ray: usize) -> usize {
     usize::cast_from(offsets[ray] - offsets[0])
 }
 
+/// Zeros for the samples behind the last ray's, `columns` numbers each: the rays share them.
+#[cube]
+fn clear_tail(out: &mut Tensor<f32>, offsets: &Tensor<i32>, columns: usize, ray: usize) {
+    let rays = offsets.shape(0) - 1;
+    let mut at = own(offsets, rays) * columns + ray;
+    while at < out.len() {
+        out[at] = 0.0f32;
+        at += rays;
+    }
+}
+
 /// What is seen along a ray: its integrated values, on the background as far as it lets through, distances and Σw.
 #[cube(launch)]
 pub(super) fn composite_forward(
@@ -172,6 +183,10 @@ pub(super) fn composite_backward(
         terminate!();
     }
     let (start, end) = (own(offsets, place), own(offsets, place + 1));
+    clear_tail(dtau, offsets, 1, place);
+    if comptime!(channels > 0) {
+        clear_tail(dvalues, offsets, channels, place);
+    }
     let row = place * channels;
     // T_{i+1} is kept in dtau until the second pass replaces it.
     let mut trans = 1.0f32;
@@ -263,6 +278,7 @@ pub(super) fn entropy_backward(
     }
     let (start, end) = (own(offsets, place), own(offsets, place + 1));
     let ray = ray_of(tau, start, end);
+    clear_tail(dtau, offsets, 1, place);
     let mut along = 0.0f32;
     if has_dalpha_sum {
         along = dalpha_sum[place];
@@ -345,6 +361,8 @@ pub(super) fn divergence_backward(
     let (start, end) = (own(offsets, place), own(offsets, place + 1));
     let (ray, other) = (ray_of(tau, start, end), ray_of(near, start, end));
     let missed = ray.sum < least || other.sum < least;
+    clear_tail(dtau, offsets, 1, place);
+    clear_tail(dnear, offsets, 1, place);
     // The slopes are kept in the results until their mean is known.
     let mut mean_p = 0.0f32;
     let mut mean_q = 0.0f32;

@@ -1,11 +1,14 @@
 //! Distances of samples, drawn on the device: one thread per sample, or per ray for a cumulative distribution.
 
 mod kernels;
+mod march;
 
 use std::sync::Arc;
 
 use burn::tensor::{DType, Shape, Tensor};
 use burn_cubecl::tensor::CubeTensor;
+
+pub(crate) use march::march;
 
 use super::outputs::Outputs;
 use super::{CubeKernel, Pass, apply, empty};
