@@ -192,7 +192,7 @@ mod tests {
         let samples = |settings: &[&str]| {
             let sizes = ["train.rays=10", "train.unseen_rays=5", "render.samples=64", "render.fine_samples=128"];
             let off = ["loss.entropy.weight=0", "loss.kl.weight=0"];
-            samples(&Config::of(Preset::Paper, [&sizes, &off, settings].concat()).unwrap())
+            samples(&Config::of(Preset::Paper, [&sizes[..], &off, settings].concat()).unwrap())
         };
         let (coarse, fine) = (64, 64 + 128);
         assert_eq!(samples(&[]), 10 * (coarse + fine));
