@@ -12,12 +12,15 @@ macro_rules! launch {
     }};
 }
 
+mod activation;
 mod adam;
 mod dense;
 mod encode;
+mod gemm;
 mod means;
 mod outputs;
-mod product;
+mod parameters;
+mod radiance;
 mod rays;
 mod rows;
 mod sampling;
@@ -43,11 +46,11 @@ use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use adam::{adam_together, finite_after};
-pub(crate) use dense::dense;
+pub(crate) use dense::{dense, has_tf32};
 pub(crate) use encode::{frequency, integrated};
 pub(crate) use means::{MOST_SCALARS, Summand, sum, weighted_sum};
 pub(crate) use outputs::part_or_copy;
-pub(crate) use product::has_tf32;
+pub(crate) use radiance::radiance;
 pub(crate) use rays::{composite, divergence, entropy, points, spread};
 pub(crate) use rows::{MOST_PARTS, split_rows};
 pub(crate) use sampling::{importance, intervals, resample, stratified};
