@@ -147,6 +147,7 @@ fn accumulate(left: &Shared<[Four]>, right: &Shared<[Four]>, sums: &mut Array<Fo
     let own_row = UNIT_POS as usize / comptime!(tile.column_threads);
     let own_column = UNIT_POS as usize % comptime!(tile.column_threads);
     let mut columns = Array::<Four>::new(comptime!(tile.column_fours));
+    #[unroll]
     for k in 0..comptime!(STEP) {
         let left_at = k * comptime!(options.left.pitch()) + own_row;
         let right_at = k * comptime!(options.right.pitch()) + own_column;

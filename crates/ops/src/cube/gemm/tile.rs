@@ -14,7 +14,7 @@ pub(super) struct Tile {
 }
 
 /// Terms of each sum that are in shared memory at once.
-pub(super) const STEP: usize = 16;
+pub(super) const STEP: usize = 8;
 
 /// From the narrowest to the widest. Each takes less than the 16 KiB of shared memory that every device has.
 const TILES: [Tile; 4] = [
