@@ -14,7 +14,12 @@ const PARTS: usize = 32;
 /// The gradient of a layer's weights is a sum over all samples, `xᵀ dy` of `[k, M]·[M, n]`: with k and n of 256 it is a few
 /// tiles, for which most of a large GPU would idle. Taken in parts, `Σ_b x_bᵀ dy_b`, there are as many times more tiles.
 pub(crate) fn parts(rows: usize, device: &Device) -> usize {
-    if is_gpu(device) { (rows / ROWS).clamp(1, PARTS) } else { 1 }
+    if is_gpu(device) { gpu_parts(rows) } else { 1 }
+}
+
+/// The same of a GPU.
+pub(crate) fn gpu_parts(rows: usize) -> usize {
+    (rows / ROWS).clamp(1, PARTS)
 }
 
 /// `x` with as many rows of zeros after it as make `parts` equal parts of it.

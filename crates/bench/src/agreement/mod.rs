@@ -1,6 +1,7 @@
 //! A device against flex, the CPU's backend whose kernels are held to the oracle: operations and their gradients, gradients of
 //! whole steps of every kind of field, and a few steps of training.
 
+mod networks;
 mod operations;
 mod training;
 

@@ -9,7 +9,6 @@ use infonerf_ops::adam::{Adam, finite_after, step_if};
 use infonerf_ops::drawing::{DrawnViews, PixelDraw, PixelTables, draw_rays};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
 use infonerf_ops::means::{mean_squared_difference, sum_above, weighted_sum};
-use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
 use infonerf_ops::random::Stream;
 use infonerf_ops::sampling::march::{Cells, March, Marched, Reach, march};
 use infonerf_ops::sampling::{
@@ -19,6 +18,8 @@ use infonerf_ops::{
     Intervals, RayDistribution, Segments, composite, composite_over, frequency_encode, from_host, integrated_encode,
     ray_distortion, ray_divergence, ray_entropy, split_rows, to_host, to_host_together,
 };
+
+use super::networks;
 
 /// Largest error of a value or gradient, over the largest of its array.
 const OPERATION: f64 = 1e-4;
@@ -45,10 +46,11 @@ pub(super) fn all() -> Vec<Operation> {
     let mut operations = along_rays(rng);
     operations.extend(factored(rng));
     operations.extend(placing(rng));
-    operations.extend([losses(rng), network(rng)]);
+    operations.push(losses(rng));
     operations.extend(encodings(rng));
     operations.extend([padded(rng), adam(rng), drawing(rng)]);
     operations.extend(marching(rng));
+    operations.extend(networks::all(rng));
     operations
 }
 
@@ -258,44 +260,6 @@ fn losses(rng: &mut Rng) -> Operation {
     })
 }
 
-/// A network of density and colour, with directions of rays of which some are empty.
-fn network(rng: &mut Rng) -> Operation {
-    const INPUTS: usize = 12;
-    const WIDTH: usize = 16;
-    const OCTAVES: usize = 1;
-    let segments = Segments::from_counts((0..60).map(|_| rng.usize(0..9)));
-    let encoded = numbers(rng, INPUTS * segments.samples(), -1.0, 1.0);
-    let directions = numbers(rng, 3 * segments.rays(), -1.0, 1.0);
-    let sizes = [(INPUTS, WIDTH), (WIDTH, 1), (WIDTH, WIDTH), (WIDTH + 3 + 6 * OCTAVES, WIDTH / 2), (WIDTH / 2, 3)];
-    let layers = sizes.map(|(inputs, outputs)| (outputs, numbers(rng, (inputs + 1) * outputs, -0.5, 0.5)));
-    operation("radiance network", move |device| {
-        let encoded = leaf(&encoded, device);
-        let leaves = layers.each_ref().map(|(_, numbers)| leaf(numbers, device));
-        let [trunk, sigma, feature, view, rgb] = [0, 1, 2, 3, 4].map(|index| {
-            let (all, outputs) = (leaves[index].clone(), layers[index].0);
-            let weights = all.dims()[0] - outputs;
-            Dense {
-                weight: all.clone().narrow(0, 0, weights).reshape([-1, outputs as i32]),
-                bias: all.narrow(0, weights, outputs),
-            }
-        });
-        let color = ColorBranch {
-            feature,
-            view,
-            rgb,
-            directions: from_host(&directions, 3, device),
-            frequencies: OCTAVES,
-            segments: segments.clone(),
-        };
-        let network = RadianceMlp { trunk: vec![trunk], skip: 0, sigma, color: Some(color), precision: Precision::F32 };
-        let points = encoded.clone().reshape([-1, INPUTS as i32]);
-        let (density, color) = density_and_color(points, &network, Activation::ShiftedSoftplus);
-        let color = color.expect("the network has colour").flatten::<1>(0, 1);
-        let [trunk, sigma, feature, view, rgb] = &leaves;
-        pulled(Tensor::cat(vec![density, color], 0), &[&encoded, trunk, sigma, feature, view, rgb])
-    })
-}
-
 /// A factored field, and the variation of its planes.
 fn factored(rng: &mut Rng) -> Vec<Operation> {
     const SAMPLES: usize = 700;
@@ -413,21 +377,21 @@ fn adam(rng: &mut Rng) -> Operation {
     })
 }
 
-fn operation(name: &str, answer: impl Fn(&Device) -> Vec<Vec<f32>> + 'static) -> Operation {
+pub(super) fn operation(name: &str, answer: impl Fn(&Device) -> Vec<Vec<f32>> + 'static) -> Operation {
     Operation { name: name.into(), bound: OPERATION, answer: Box::new(answer) }
 }
 
 /// `count` numbers in [`low`, `high`).
-fn numbers(rng: &mut Rng, count: usize, low: f32, high: f32) -> Vec<f32> {
+pub(super) fn numbers(rng: &mut Rng, count: usize, low: f32, high: f32) -> Vec<f32> {
     (0..count).map(|_| low + (high - low) * rng.f32()).collect()
 }
 
-fn leaf(values: &[f32], device: &Device) -> Tensor<1> {
+pub(super) fn leaf(values: &[f32], device: &Device) -> Tensor<1> {
     Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), &device.clone().autodiff()).require_grad()
 }
 
 /// The output, and the gradient of Σ uᵢ outᵢ with respect to each input, u in [−1, 1).
-fn pulled<const D: usize>(out: Tensor<D>, inputs: &[&Tensor<1>]) -> Vec<Vec<f32>> {
+pub(super) fn pulled<const D: usize>(out: Tensor<D>, inputs: &[&Tensor<1>]) -> Vec<Vec<f32>> {
     let out = out.flatten::<1>(0, D - 1);
     let count = out.dims()[0];
     let pull = TensorData::new(numbers(&mut Rng::with_seed(SEED), count, -1.0, 1.0), [count]);

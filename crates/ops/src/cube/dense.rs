@@ -1,21 +1,26 @@
-//! A dense layer: a product, its bias and activation in one launch more, and four on the way back.
+//! A dense layer whose product's factors may be rounded: Burn's product, its bias and activation in one launch more, and four on
+//! the way back.
 
 use burn::backend::ops::FloatTensorOps;
-use burn::cubecl::{self, prelude::*};
-use burn::tensor::{self, FloatDType, Shape};
+use burn::cubecl::{self, prelude::*, tf32};
+use burn::tensor::{self, Device, FloatDType, Shape};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::reshape;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::product::multiplied;
-use super::rays::alpha_of;
-use super::tables::{sigmoid, softplus};
-use super::{CubeKernel, Pass, apply, empty, empty_like};
+use super::activation::{activated, before_activation};
+use super::{CubeKernel, Pass, apply, empty, empty_like, untracked};
 use crate::mlp::{Activation, Precision};
 
 /// Threads that share the sums of a bias's gradient.
 const THREADS: usize = 1 << 14;
+
+/// Whether `device` may round the factors of Burn's products of `f32` to TF32.
+pub(crate) fn has_tf32(device: &Device) -> bool {
+    let tensor = untracked(tensor::Tensor::<1>::empty([1], &device.clone().inner()));
+    tensor.client.properties().supports_type(tf32::elem_type_native())
+}
 
 /// The `function` of x W + b of a layer `(W, b)`, `[M, k]·[k, n]` and `[n]`, M being a multiple of `parts`, of which there are as many
 /// sums of the matrix's gradient ([`split`](crate::split)).
@@ -37,11 +42,10 @@ struct Dense {
 }
 
 impl Dense {
-    /// The product of matrices, or of as many, as exact as is asked for.
+    /// The product of matrices, or of as many, no more exact than is asked for.
     fn product(&self, a: CubeTensor, b: CubeTensor) -> CubeTensor {
         let product = match self.precision {
-            Precision::F32 => multiplied(a, b),
-            Precision::Tf32 => CubeBackend::float_matmul(a, b),
+            Precision::F32 | Precision::Tf32 => CubeBackend::float_matmul(a, b),
             Precision::Bf16 => {
                 let [a, b] = [a, b].map(|factor| CubeBackend::float_cast(factor, FloatDType::BF16));
                 CubeBackend::float_cast(CubeBackend::float_matmul(a, b), FloatDType::F32)
@@ -118,18 +122,7 @@ fn activate(y: &mut Tensor<f32>, bias: &Tensor<f32>, #[comptime] function: Activ
         terminate!();
     }
     let x = y[ABSOLUTE_POS] + bias[ABSOLUTE_POS % y.shape(1)];
-    let mut value = x + 0.0f32;
-    match comptime!(function) {
-        Activation::None => {}
-        Activation::Relu => {
-            if x < 0.0f32 {
-                value = 0.0f32;
-            }
-        }
-        Activation::ShiftedSoftplus => value = softplus(x - 1.0f32),
-        Activation::Sigmoid => value = sigmoid(x),
-    }
-    y[ABSOLUTE_POS] = value;
+    y[ABSOLUTE_POS] = activated(x, function);
 }
 
 /// The gradient with respect to y + b, and its sums over every `sums`-th row.
@@ -150,18 +143,7 @@ fn activate_backward(
     let mut row = ABSOLUTE_POS / columns;
     while row < dy.shape(0) {
         let at = row * columns + ABSOLUTE_POS % columns;
-        let y = out[at];
-        let mut slope = grad[at] + 0.0f32;
-        match comptime!(function) {
-            Activation::None => {}
-            Activation::Relu => {
-                if y <= 0.0f32 {
-                    slope = 0.0f32;
-                }
-            }
-            Activation::ShiftedSoftplus => slope *= alpha_of(y),
-            Activation::Sigmoid => slope *= y * (1.0f32 - y),
-        }
+        let slope = before_activation(out[at], grad[at], function);
         dy[at] = slope;
         sum += slope;
         row += sums;

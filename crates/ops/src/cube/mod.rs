@@ -12,13 +12,16 @@ macro_rules! launch {
     }};
 }
 
+mod activation;
 mod adam;
 mod dense;
 mod drawing;
 mod encode;
+mod gemm;
 mod means;
 mod outputs;
-mod product;
+mod parameters;
+mod radiance;
 mod random;
 mod rays;
 mod rows;
@@ -45,12 +48,12 @@ use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
 use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use adam::{adam_together, finite_after};
-pub(crate) use dense::dense;
+pub(crate) use dense::{dense, has_tf32};
 pub(crate) use drawing::draw_rays;
 pub(crate) use encode::{frequency, integrated};
 pub(crate) use means::{MOST_SCALARS, Summand, sum, weighted_sum};
 pub(crate) use outputs::part_or_copy;
-pub(crate) use product::has_tf32;
+pub(crate) use radiance::radiance;
 pub(crate) use rays::{composite, divergence, entropy, points, read_offsets, spread};
 pub(crate) use rows::{MOST_PARTS, split_rows};
 pub(crate) use sampling::{importance, intervals, march, resample, stratified};

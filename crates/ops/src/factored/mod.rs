@@ -105,10 +105,9 @@ pub fn density_and_color(
         &tables.device();
         host => split(factored_field(tables, weights, layout, query)),
         cube if query.samples() > 0 => {
-            let parts = crate::split::parts(query.samples(), &tables.device());
-            let features = crate::cube::features(tables, layout, &query, query.samples().next_multiple_of(parts));
+            let features = crate::cube::features(tables, layout, &query);
             let directions = query.directions.clone().filter(|_| color && layout.view_dependent);
-            crate::cube::network(features, weights, directions, layout, [query.samples(), parts], color)
+            crate::cube::network(features, weights, directions, layout, color)
         },
         plain => split(factored_field(tables, weights, layout, query)),
     }

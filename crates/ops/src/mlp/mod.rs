@@ -74,7 +74,7 @@ pub struct ColorBranch {
 }
 
 impl ColorBranch {
-    fn encoded_directions(&self) -> Tensor<2> {
+    pub(crate) fn encoded_directions(&self) -> Tensor<2> {
         frequency_encode(self.directions.clone().detach(), self.frequencies, &[])
     }
 }
@@ -91,7 +91,22 @@ pub fn radiance_mlp(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
             Precision::F32 | Precision::Tf32 => on_host(host::MlpKernel::new(encoded.dims(), network), encoded, network),
             Precision::Bf16 => on_host(rounded::RoundedKernel::new(encoded.dims(), network), encoded, network),
         },
+        cube => match on_gpu(encoded, network, [Activation::None; 2]) {
+            (sigma, Some(color)) => Tensor::cat(vec![sigma, color], 1),
+            (sigma, None) => sigma,
+        },
         plain => plain(encoded, network),
+    }
+}
+
+/// Density `[M, 1]` and colour `[M, 3]`, after `functions` of each.
+#[cfg(feature = "cube")]
+fn on_gpu(encoded: Tensor<2>, network: &RadianceMlp, functions: [Activation; 2]) -> (Tensor<2>, Option<Tensor<2>>) {
+    let is_fused = network.precision == Precision::F32 && encoded.dims()[0] > 0 && !network.trunk.is_empty();
+    if is_fused {
+        crate::cube::radiance(encoded, network, functions)
+    } else {
+        plain::layers(encoded, network, functions)
     }
 }
 
@@ -125,7 +140,7 @@ pub fn density_and_color(
         &encoded.device();
         host => split(radiance_mlp(encoded, network)),
         cube => {
-            let (density, color) = plain::layers(encoded, network, [density, Activation::Sigmoid]);
+            let (density, color) = on_gpu(encoded, network, [density, Activation::Sigmoid]);
             (density.squeeze_dim(1), color)
         },
         plain => split(radiance_mlp(encoded, network)),

@@ -50,7 +50,7 @@ fn dense(x: Tensor<2>, layer: &Dense, activation: Activation, precision: Precisi
     dispatch! {
         &x.device();
         host => activation.apply(product(x, weight, precision) + bias.unsqueeze()),
-        cube if x.dims()[0] > 0 => crate::cube::dense(x, (weight, bias), activation, precision, parts),
+        cube if x.dims()[0] > 0 && precision != Precision::F32 => crate::cube::dense(x, (weight, bias), activation, precision, parts),
         plain => activation.apply(product(x, weight, precision) + bias.unsqueeze()),
     }
 }

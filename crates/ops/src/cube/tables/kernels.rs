@@ -126,7 +126,7 @@ fn on_line(tables: &Tensor<f32>, read: &Reading, k: usize, #[comptime] channels:
     (1.0f32 - read.c) * tables[read.end + k] + read.c * tables[read.end + k + channels]
 }
 
-/// All that goes into the MLP: one thread per row and axis, or plane. Rows behind the last position are filled with zeros.
+/// All that goes into the MLP: one thread per sample and axis, or plane.
 /// `weights` are those of the frequencies, then of the levels.
 #[cube(launch)]
 pub(super) fn features(
@@ -142,27 +142,19 @@ pub(super) fn features(
     }
     let (sample, p) = (ABSOLUTE_POS / 3, ABSOLUTE_POS % 3);
     let start = sample * out.shape(1);
-    if sample < positions.shape(0) {
-        frequencies_of(positions[ABSOLUTE_POS], weights, out, start, p, frequencies);
-        #[unroll]
-        for l in 0..levels.len() {
-            let channels = comptime!(levels[l].channels);
-            let read = reading(positions, sample, p, comptime!(levels[l].clone()));
-            let place = start + comptime!(levels[l].feature) + p * channels;
-            let weight = weights[frequencies + l];
-            for k in 0..channels {
-                let mut feature = 0.0f32;
-                if weight != 0.0f32 {
-                    feature = weight * on_plane(tables, &read, k, channels) * on_line(tables, &read, k, channels);
-                }
-                out[place + k] = feature;
+    frequencies_of(positions[ABSOLUTE_POS], weights, out, start, p, frequencies);
+    #[unroll]
+    for l in 0..levels.len() {
+        let channels = comptime!(levels[l].channels);
+        let read = reading(positions, sample, p, comptime!(levels[l].clone()));
+        let place = start + comptime!(levels[l].feature) + p * channels;
+        let weight = weights[frequencies + l];
+        for k in 0..channels {
+            let mut feature = 0.0f32;
+            if weight != 0.0f32 {
+                feature = weight * on_plane(tables, &read, k, channels) * on_line(tables, &read, k, channels);
             }
-        }
-    } else {
-        let mut column = ABSOLUTE_POS % 3;
-        while column < out.shape(1) {
-            out[start + column] = 0.0f32;
-            column += 3;
+            out[place + k] = feature;
         }
     }
 }

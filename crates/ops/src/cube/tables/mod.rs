@@ -15,20 +15,17 @@ use super::{CubeKernel, Pass, apply, empty, empty_like, numbers, zeros};
 use crate::factored::{Layout, Level, PLANES, Query};
 
 pub(crate) use network::network;
-pub(super) use network::{sigmoid, softplus};
 
-/// The MLP's input at the points of `query`, `[rows, layout.features()]`, zero from the last point on; differentiable in `tables`
-/// and positions.
-pub(crate) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query, rows: usize) -> Tensor<2> {
+/// The MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
+pub(crate) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2> {
     let weights = [query.frequency_weights.as_slice(), &query.level_weights].concat();
-    let kernel = Features { rows, layout: layout.clone(), weights };
+    let kernel = Features { layout: layout.clone(), weights };
     apply(kernel, (tables, query.positions.clone()))
 }
 
 /// Of tables and positions.
 #[derive(Debug)]
 struct Features {
-    rows: usize,
     layout: Arc<Layout>,
     /// Of the frequencies, then of the levels.
     weights: Vec<f32>,
@@ -48,10 +45,11 @@ impl CubeKernel for Features {
     /// Keeps the weights.
     fn forward_keeping(&self, inputs: &[CubeTensor]) -> (CubeTensor, Vec<CubeTensor>) {
         let [tables, positions] = inputs else { unreachable!("tables are read at positions") };
-        let out = empty(tables, [self.rows, self.layout.features()]);
+        let samples = positions.meta.shape()[0];
+        let out = empty(tables, [samples, self.layout.features()]);
         let weights = numbers(&self.weights, tables);
         let (frequencies, levels) = self.sizes();
-        launch!(kernels::features::launch, self.rows * PLANES.len(); tables, positions, &weights, &out; frequencies, levels);
+        launch!(kernels::features::launch, samples * PLANES.len(); tables, positions, &weights, &out; frequencies, levels);
         (out, vec![weights])
     }
 
