@@ -69,7 +69,7 @@ wheel *ARGS:
 ci:
     .ci/run
 
-# Measure speed: just bench pareto, skip, step, scale or render
+# Measure: just bench pareto, skip, step, scale, render, ops, agreement, stress or stress-training
 bench NAME *ARGS:
     {{ run }} bench "$@"
 

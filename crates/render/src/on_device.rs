@@ -292,6 +292,57 @@ mod tests {
         RenderOutput { tau, ..RenderOutput::empty(samples, request, [0.0; 3], device) }
     }
 
+    /// Through a grid with holes and behind what hides, along rays of which one misses the scene; behind the last sample there is
+    /// nothing.
+    #[test]
+    fn marching_gives_the_hosts_samples() {
+        let device = Device::flex();
+        let scene = Scene::default();
+        let mut config =
+            RenderConfig { samples: 40.0.into(), fine_samples: 0, ..config(Placement::Mid, WarpSpace::Box) };
+        config.occupancy.resolution = 8;
+        let sampler = Sampler::new(&config, &scene);
+        let mut grid = OccupancyGrid::new(&config.occupancy, scene.space.bounds);
+        let noise = Noise::new(3, 0, RandomStream::Occupancy);
+        let (density, occupied) =
+            (0..512).map(|cell| (4.0 * noise.uniform(cell, 0), noise.uniform(cell, 1) < 0.6)).unzip();
+        grid.restore(density, occupied, true).unwrap();
+        let ray = |x: f32, y: f32| Ray::new(Vec3::new(x, y, 4.0), Vec3::new(-0.05, 0.1, -1.0).normalize());
+        let rays = [ray(0.3, -0.2), ray(9.0, 9.0), ray(-0.7, 0.6), ray(0.0, 0.0)];
+        let draws: Vec<Draw> = (0..4).map(|ray| (noise, 7 * ray)).collect();
+        let rows = |of: fn(&Ray) -> Vec3| {
+            let numbers: Vec<f32> = rays.iter().flat_map(|ray| of(ray).to_array()).collect();
+            infonerf_ops::from_host(&numbers, 3, &device)
+        };
+        let streams = Streams::bits(draws.iter().map(|(noise, ray)| noise.stream(*ray)));
+        let streams = Streams(Tensor::from_floats(streams.as_slice(), &device));
+        let drawn = DrawnRays {
+            origins: rows(|ray| ray.origin),
+            directions: rows(|ray| ray.direction),
+            radii: Tensor::zeros([4], &device),
+            colors: Tensor::zeros([4, 3], &device),
+            classes: Tensor::zeros([4], &device),
+            streams: [streams.clone(), streams],
+        };
+        for (grid, hidden_depth, draws) in
+            [(None, f32::INFINITY, &draws[..]), (Some(&grid), 0.5, &draws), (Some(&grid), 9.0, &[])]
+        {
+            let (at, skip) = (Moment::START, Skip { grid, hidden_depth });
+            let (host, _) = sampler.marched(RayBundle { draws, ..(&rays).into() }, skip, at, &device);
+            let samples = host.segments.samples();
+            let march = sampler.march(sampler.step_length(at)).unwrap();
+            let march = March { jittered: !draws.is_empty(), hidden_depth, capacity: samples + 7, ..march };
+            let (there, points) = marched_on_device(&drawn, grid, &march, host.candidates, &device);
+            assert!(samples > 20 && there.segments.ranges().eq(host.segments.ranges()), "{samples}");
+            assert_eq!(sampler.count(&rays, Skip { grid: None, ..skip }, at) > samples, grid.is_some());
+            let positions = to_host(points.positions);
+            let tail = positions[3 * samples..].iter().chain(&there.t()[samples..]);
+            assert!(tail.chain(&to_host(there.delta.clone())[samples..]).all(|number| *number == 0.0));
+            let distances = there.t().iter().zip(host.t());
+            distances.for_each(|(there, host)| approx::assert_abs_diff_eq!(there, host, epsilon = 1e-5));
+        }
+    }
+
     #[test]
     fn rays_that_all_miss_are_the_hosts() {
         let scene = Scene::default();

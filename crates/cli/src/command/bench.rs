@@ -15,7 +15,7 @@ use crate::units::parse_time;
 const BENCH_EXAMPLES: &str = "\
 Examples:
   infonerf bench pareto --budgets 5s,10s,20s,40s,60s
-      NeRF and InfoNeRF on a built-in scene: quality against training time
+      every variant of fast-losses on a built-in scene: quality against training time
   infonerf bench skip --data nerf_synthetic --scene lego --steps 500
       time, samples and quality with each way of skipping switched off
   infonerf bench step --preset released --set scene.size=100 --steps 3 --warmup 1

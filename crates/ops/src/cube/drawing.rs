@@ -21,7 +21,7 @@ pub(crate) fn draw_rays(tables: &PixelTables, bundles: &[PixelDraw]) -> DrawnRay
     let rays = bundles.iter().map(|bundle| bundle.rays).sum();
     let seen = bundles[0].rays;
     let shapes = [[rays, 3], [rays, 3], [rays, 1], [seen, 3], [seen, 1], [rays, 3], [rays, 3]];
-    let outputs = Outputs::new(shapes.map(|shape| Shape::new(shape)));
+    let outputs = Outputs::new(shapes.map(Shape::new));
     let kernel = Draw { outputs: outputs.clone(), bundles: bundles.len() };
     let inputs = (words, tables.rays.clone(), tables.poses.clone(), tables.shown.clone());
     let buffer: tensor::Tensor<1> = apply(kernel, inputs);

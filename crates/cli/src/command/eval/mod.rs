@@ -30,7 +30,7 @@ pub(crate) struct EvalArgs {
     runs: Vec<PathBuf>,
     #[command(flatten)]
     pictures: PicturesArgs,
-    /// Test views: all, split, every-8, first-3, 0,8,16 or a published protocol [default: the run's]
+    /// Test views: all, split, every-8, first-3, 0,8,16, training or a published protocol [default: the run's]
     #[arg(long, value_name = "PROTOCOL")]
     test: Option<String>,
     /// Also render at smaller sizes, such as 1/2,1/4,1/8, against area-averaged test views
