@@ -30,7 +30,7 @@ pub fn below(key: u64, item: usize, index: usize, count: usize) -> usize {
 /// Place of `index` in a permutation of 0..`count` that `key` chooses, `count` being at most 2³². The places of the first few
 /// indices are thus as many distinct numbers, each of which is found by itself, which shuffling cannot do.
 ///
-/// A Feistel network of [`ROUNDS`] rounds permutes 0..4ᵇ, the least such range that has all indices, and is applied until it
+/// A Feistel network of six rounds permutes 0..4ᵇ, the least such range that has all indices, and is applied until it
 /// leads into 0..`count`: less than 4 times in the mean (Mitchell et al. 2021, "Bandwidth-Optimal Random Shuffling for GPUs").
 ///
 /// # Panics

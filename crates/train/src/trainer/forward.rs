@@ -9,6 +9,7 @@ use infonerf_schedule::Moment;
 use super::Trainer;
 use super::numbers::Numbers;
 use crate::Phase;
+use crate::config::Batch;
 use crate::device_pixels::{DevicePixels, ExpectedSamples};
 use crate::pixels::{UnseenViews, rotation};
 use crate::step_pixels::StepPixels;
@@ -66,13 +67,15 @@ impl<F: Field> Trainer<F> {
         let serves = self.scenes.len() == 1
             && self.model.cameras.is_none()
             && renderer.places_on(&self.device, occupancy, bundles);
-        let kept = self.there.take().filter(|there| there.are_of(images));
-        if serves {
-            self.there = kept.or_else(|| DevicePixels::new(&scene.scene, images, &self.config.train, &self.device));
+        // They stay for later steps where one is left to the host.
+        if serves && !self.device_pixels.as_ref().is_some_and(|pixels| pixels.are_of(images)) {
+            self.device_pixels = DevicePixels::new(&scene.scene, images, &self.config.train, &self.device);
         }
-        // Without a grid the count is exact, and as quick as that of rays.
-        let known = self.marched.take().filter(|_| occupancy.is_some());
-        if self.there.is_some() && renderer.marches() {
+        self.draws_there = serves && self.device_pixels.is_some();
+        // Without a grid the count is exact, and as quick as that of rays. One image may show much more than another.
+        let holds = occupancy.is_some() && self.config.train.batch == Batch::Pixels;
+        let known = self.marched.take().filter(|_| holds);
+        if self.draws_there && renderer.marches() {
             self.marched = Some(match known {
                 Some(known) => known.with_steps_of(renderer.step_length(at)),
                 None => ExpectedSamples::count(renderer, &pixels.seen.pixels.rays(), occupancy, at),
@@ -94,7 +97,7 @@ impl<F: Field> Trainer<F> {
             scene,
             model: &model,
             occupancy: self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step)),
-            there: self.there.as_ref(),
+            there: self.device_pixels.as_ref().filter(|_| self.draws_there),
             capacity: self.marched.map_or(0, |marched| marched.capacity(pixels.seen.pixels.at.len())),
             at,
             seed: self.seed,

@@ -37,8 +37,10 @@ pub struct Trainer<F: Field = RadianceField> {
     optimiser: ModuleOptimizer,
     occupancy: Option<OccupancyGrid>,
     pixel_errors: PixelErrors,
-    /// The training images on a GPU that draws a step's pixels itself; none where these are the host's.
-    there: Option<DevicePixels>,
+    /// The training images on a GPU that can draw pixels of them.
+    device_pixels: Option<DevicePixels>,
+    /// Whether it draws those of this step.
+    draws_there: bool,
     /// Samples of its rays, where it marches along them.
     marched: Option<ExpectedSamples>,
     progress: Progress,
@@ -158,7 +160,8 @@ impl<F: Field> Trainer<F> {
             unreported: Vec::new(),
             weight_average: WeightAverage::default(),
             pixel_errors: PixelErrors::default(),
-            there: None,
+            device_pixels: None,
+            draws_there: false,
             marched: None,
             progress: Progress::default(),
             profile: Profile::default(),
