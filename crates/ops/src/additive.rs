@@ -66,8 +66,13 @@ pub fn plain(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
     let packed =
         segments.ranges().enumerate().flat_map(|(ray, range)| (0..range.len()).map(move |i| ray * longest + i));
     let packed: Vec<i32> = packed.map(|index| index as i32).collect();
-    let packed = upload(packed, [segments.samples()], &device);
-    depth.reshape([rays * longest]).select(0, packed).cast(FloatDType::F32)
+    let count = packed.len();
+    let depth = depth.reshape([rays * longest]).select(0, upload(packed, [count], &device)).cast(FloatDType::F32);
+    match segments.samples() - count {
+        0 => depth,
+        // Samples of no ray.
+        tail => Tensor::cat(vec![depth, Tensor::zeros([tail], &device)], 0),
+    }
 }
 
 #[cfg(feature = "flex")]

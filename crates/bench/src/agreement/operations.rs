@@ -15,8 +15,8 @@ use infonerf_ops::sampling::{
     LastInterval, Placement, Streams, importance, intervals, points_on_rays, resample, stratified,
 };
 use infonerf_ops::{
-    Intervals, RayDistribution, Segments, composite, composite_over, frequency_encode, from_host, integrated_encode,
-    ray_distortion, ray_divergence, ray_entropy, split_rows, to_host, to_host_together,
+    Intervals, RayDistribution, Segments, additive_depth, composite, composite_over, frequency_encode, from_host,
+    integrated_encode, ray_distortion, ray_divergence, ray_entropy, split_rows, to_host, to_host_together,
 };
 
 use super::networks;
@@ -239,7 +239,12 @@ fn marching(rng: &mut Rng) -> Vec<Operation> {
             let color = (positions.clone() * 0.1 + 0.5).autodiff();
             let seen = composite_over(tau.clone(), Some(color), distance.clone(), [0.2, 0.5, 1.0], &segments);
             let bits = ray_entropy(tau.clone(), &segments, RayDistribution::Alpha, 0.0).bits;
-            let out = Tensor::cat(vec![seen.color.expect("colours were given").flatten(0, 1), seen.acc, bits], 0);
+            // Bodies of plain tensors ask for the offsets.
+            let intervals = Intervals { middle: distance.clone(), length: delta.clone() };
+            let distortion = ray_distortion(tau.clone(), intervals, &segments);
+            let depths = additive_depth(tau.clone() * 0.02, &segments);
+            let color = seen.color.expect("colours were given").flatten(0, 1);
+            let out = Tensor::cat(vec![color, seen.acc, bits, distortion, depths], 0);
             let mut answers = pulled(out, &[&tau]);
             answers.push(to_host_together([distance, delta, positions.flatten(0, 1)]));
             answers
