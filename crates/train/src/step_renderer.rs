@@ -31,7 +31,7 @@ pub(crate) struct StepRenderer<'a, F: Field> {
     pub(crate) model: &'a Model<F>,
     pub(crate) occupancy: Option<&'a OccupancyGrid>,
     /// Where a GPU draws the step's pixels itself: what from.
-    pub(crate) there: Option<&'a DevicePixels>,
+    pub(crate) device_pixels: Option<&'a DevicePixels>,
     /// Most samples that such a GPU places where it marches.
     pub(crate) capacity: usize,
     pub(crate) at: Moment,
@@ -54,7 +54,7 @@ struct Asked {
 }
 
 /// What a GPU drew for a step.
-struct DrawnThere {
+struct DrawnOnDevice {
     /// The rays of all bundles to render.
     rendered: DrawnRays,
     /// The neighbours of seen and of unseen rays that are paired with them.
@@ -86,7 +86,8 @@ impl<F: Field> StepRenderer<'_, F> {
             NeighbourSampling::Partner => ([None, None], near),
         };
 
-        let there = self.drawn_there(pixels, unseen, [&own, &paired].map(|near| near.each_ref().map(Option::is_some)));
+        let on_device =
+            self.draw_on_device(pixels, unseen, [&own, &paired].map(|near| near.each_ref().map(Option::is_some)));
         let color = needs.contains(&Need::SeenColor);
         let of =
             |phase, rays, stream| Asked { phase, rays, tracked: None, color: false, samples: self.samples(stream) };
@@ -94,7 +95,7 @@ impl<F: Field> StepRenderer<'_, F> {
         let [own_seen, own_unseen] = own.map(|rays| Some(of(Phase::Neighbours, rays?, RandomStream::Neighbours)));
         let of_unseen = unseen.map(|unseen| of(Phase::Unseen, unseen.rays(), RandomStream::UnseenRays));
         let asked = [Some(Asked { tracked, color, ..of_seen }), of_unseen, own_seen, own_unseen];
-        let [passes, unseen, own_seen, own_unseen] = self.all(asked, there.as_ref().map(|there| &there.rendered));
+        let [passes, unseen, own_seen, own_unseen] = self.all(asked, on_device.as_ref().map(|drawn| &drawn.rendered));
 
         let passes = passes.expect("seen rays are asked for");
         let passes = match &self.model.exposure {
@@ -102,15 +103,15 @@ impl<F: Field> StepRenderer<'_, F> {
             None => passes,
         };
         let [along_seen, along_unseen] = paired;
-        let [there_seen, there_unseen] = match &there {
-            Some(there) => there.paired.each_ref().map(Option::as_ref),
+        let [drawn_seen, drawn_unseen] = match &on_device {
+            Some(drawn) => drawn.paired.each_ref().map(Option::as_ref),
             None => [None, None],
         };
-        let along_seen = along_seen.map(|rays| self.along(&passes.fine, &rays, there_seen));
+        let along_seen = along_seen.map(|rays| self.along(&passes.fine, &rays, drawn_seen));
         let along_unseen =
-            unseen.as_ref().zip(along_unseen).map(|(unseen, rays)| self.along(&unseen.fine, &rays, there_unseen));
+            unseen.as_ref().zip(along_unseen).map(|(unseen, rays)| self.along(&unseen.fine, &rays, drawn_unseen));
         let seen_bundle =
-            Bundle { passes, target: Some(self.target(seen, there.map(|there| (there.colors, there.classes)))) };
+            Bundle { passes, target: Some(self.target(seen, on_device.map(|drawn| (drawn.colors, drawn.classes)))) };
         let neighbours = NeighbourBundles {
             seen: own_seen.map(|own| own.fine).or(along_seen),
             unseen: own_unseen.map(|own| own.fine).or(along_unseen),
@@ -133,23 +134,23 @@ impl<F: Field> StepRenderer<'_, F> {
 
     /// Draws the pixels of a step on the GPU too, if it can: the photographs', those of an `unseen` pose, and the `neighbours` of
     /// either, whose samples are their own or those of their partners.
-    fn drawn_there(
+    fn draw_on_device(
         &self,
         pixels: &StepPixels,
         unseen: Option<&Pixels>,
         [own, paired]: [[bool; 2]; 2],
-    ) -> Option<DrawnThere> {
-        let there = self.there?;
+    ) -> Option<DrawnOnDevice> {
+        let images = self.device_pixels?;
         let (train, step) = (&self.config.train, self.at.step);
         let motion = train.neighbours.motion(pixels.rotation, &self.scene.region);
         let seen = |samples, motion| {
             let noise = self.noise(RandomStream::SeenRays);
             let drawn = Drawn { pixels: &pixels.seen.pixels, noise, samples: self.samples(samples), motion };
-            there.seen(drawn, train, step)
+            images.seen(drawn, train, step)
         };
         let of_unseen = |samples, motion| {
             let noise = self.noise(RandomStream::UnseenRays);
-            Some(there.unseen(Drawn { pixels: unseen?, noise, samples: self.samples(samples), motion }, train, step))
+            Some(images.unseen(Drawn { pixels: unseen?, noise, samples: self.samples(samples), motion }, train, step))
         };
         let near = |[is_seen, is_unseen]: [bool; 2]| {
             let seen = is_seen.then(|| seen(RandomStream::Neighbours, motion));
@@ -160,19 +161,24 @@ impl<F: Field> StepRenderer<'_, F> {
         let [own, paired] = [own, paired].map(near);
         let rendered = [Some(of_seen), of_unseen(RandomStream::UnseenRays, own_pose), own[0], own[1]];
         let bundles: Vec<PixelDraw> = rendered.iter().chain(&paired).flatten().copied().collect();
-        let drawn = draw_rays(&there.tables, &bundles);
+        let drawn = draw_rays(&images.tables, &bundles);
         let of = |bundles: &[Option<PixelDraw>]| bundles.iter().flatten().map(|draw| draw.rays).sum::<usize>();
         let counts = [of(&rendered), of(&paired[..1]), of(&paired[1..])];
         let (colors, classes) = (drawn.colors.clone(), drawn.classes.clone());
         let mut parts =
             drawn.split(&counts.into_iter().filter(|count| *count > 0).collect::<Vec<_>>()).into_iter().peekable();
         let [rendered, seen, unseen] = counts.map(|count| parts.next_if(|_| count > 0));
-        Some(DrawnThere { rendered: rendered.expect("there are seen rays"), paired: [seen, unseen], colors, classes })
+        Some(DrawnOnDevice {
+            rendered: rendered.expect("there are seen rays"),
+            paired: [seen, unseen],
+            colors,
+            classes,
+        })
     }
 
-    fn target(&self, seen: &SeenPixels, there: Option<(Tensor<2>, Tensor<1>)>) -> Target {
+    fn target(&self, seen: &SeenPixels, on_device: Option<(Tensor<2>, Tensor<1>)>) -> Target {
         let device = self.device();
-        let (rgb, classes) = match there {
+        let (rgb, classes) = match on_device {
             Some((rgb, classes)) if device.is_autodiff() => (rgb.autodiff(), Some(classes.autodiff())),
             Some((rgb, classes)) => (rgb, Some(classes)),
             None => {

@@ -53,12 +53,12 @@ impl<F: Field> Trainer<F> {
             unseen: unseen_is_needed.then(unseen),
             rotation: rotation(&train.neighbours, noise(RandomStream::Neighbours)),
         });
-        self.leave_to_device(&pixels, at);
+        self.plan_device_drawing(&pixels, at);
         pixels
     }
 
     /// Decides whether a GPU draws these pixels too, and places the samples along their rays; if it can, nothing is moved there.
-    fn leave_to_device(&mut self, pixels: &StepPixels, at: Moment) {
+    fn plan_device_drawing(&mut self, pixels: &StepPixels, at: Moment) {
         let scene = &self.scenes[pixels.scene];
         let (renderer, images) = (&scene.renderer, scene.images.at(&self.config.train, at));
         let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
@@ -71,11 +71,11 @@ impl<F: Field> Trainer<F> {
         if serves && !self.device_pixels.as_ref().is_some_and(|pixels| pixels.are_of(images)) {
             self.device_pixels = DevicePixels::new(&scene.scene, images, &self.config.train, &self.device);
         }
-        self.draws_there = serves && self.device_pixels.is_some();
+        self.draws_on_device = serves && self.device_pixels.is_some();
         // Without a grid the count is exact, and as quick as that of rays. One image may show much more than another.
         let holds = occupancy.is_some() && self.config.train.batch == Batch::Pixels;
         let known = self.marched.take().filter(|_| holds);
-        if self.draws_there && renderer.marches() {
+        if self.draws_on_device && renderer.marches() {
             self.marched = Some(match known {
                 Some(known) => known.with_steps_of(renderer.step_length(at)),
                 None => ExpectedSamples::count(renderer, &pixels.seen.pixels.rays(), occupancy, at),
@@ -97,7 +97,7 @@ impl<F: Field> Trainer<F> {
             scene,
             model: &model,
             occupancy: self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step)),
-            there: self.device_pixels.as_ref().filter(|_| self.draws_there),
+            device_pixels: self.device_pixels.as_ref().filter(|_| self.draws_on_device),
             capacity: self.marched.map_or(0, |marched| marched.capacity(pixels.seen.pixels.at.len())),
             at,
             seed: self.seed,

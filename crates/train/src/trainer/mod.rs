@@ -40,7 +40,7 @@ pub struct Trainer<F: Field = RadianceField> {
     /// The training images on a GPU that can draw pixels of them.
     device_pixels: Option<DevicePixels>,
     /// Whether it draws those of this step.
-    draws_there: bool,
+    draws_on_device: bool,
     /// Samples of its rays, where it marches along them.
     marched: Option<ExpectedSamples>,
     progress: Progress,
@@ -161,7 +161,7 @@ impl<F: Field> Trainer<F> {
             weight_average: WeightAverage::default(),
             pixel_errors: PixelErrors::default(),
             device_pixels: None,
-            draws_there: false,
+            draws_on_device: false,
             marched: None,
             progress: Progress::default(),
             profile: Profile::default(),

@@ -75,7 +75,7 @@ impl<F: Field> Trainer<F> {
     /// If there is no such scene or camera, or no seen pixel.
     pub fn step_on(&mut self, pixels: StepPixels, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
         let given = |trainer: &mut Self, _| {
-            (trainer.draws_there, trainer.marched) = (false, None);
+            (trainer.draws_on_device, trainer.marched) = (false, None);
             pixels
         };
         self.step_with(given, report)
