@@ -39,7 +39,7 @@ test-slurm:
     export SLURM_CONF=/tmp/infonerf-slurm/slurm.conf
     scripts/slurm-node start
     trap 'scripts/slurm-node stop' EXIT
-    cargo test --release --workspace --test slurm -- --ignored
+    cargo test --release --workspace --test all slurm:: -- --ignored
 
 # Formatting and lints
 lint:
@@ -59,7 +59,7 @@ python:
     python3 -m venv {{ environment }}
     {{ environment }}/bin/pip install --quiet mypy numpy pandas pandas-stubs
     {{ environment }}/bin/mypy
-    PYTHON={{ environment }}/bin/python cargo test --release --workspace --test python -- --nocapture
+    PYTHON={{ environment }}/bin/python cargo test --release --workspace --test all python:: -- --nocapture
 
 # A wheel with the program and the Python package, in dist/: needs maturin (pip install maturin)
 wheel *ARGS:
@@ -81,7 +81,7 @@ bench-gpu DEVICE *ARGS: (test-gpu DEVICE)
 
 # Exported pages and the live viewer in headless Chromium: needs it (Debian: apt-get install chromium), on the PATH or named by CHROMIUM
 test-view:
-    cargo test --release --workspace --test browser -- --ignored --test-threads 1 --nocapture
+    cargo test --release --workspace --test all browser:: -- --ignored --test-threads 1 --nocapture
 
 # For a GPU machine without network or compiler: programs and a script that measures, in one archive of at most 60 MiB
 gpu-bundle *FEATURES:
@@ -94,5 +94,5 @@ test-wgpu: (test-gpu "wgpu")
 test-gpu DEVICE:
     @command -v vulkaninfo >/dev/null && vulkaninfo --summary 2>/dev/null | grep deviceName || \
         echo "No Vulkan device seen. On Linux install a driver: mesa-vulkan-drivers (it has the software device lavapipe) or NVIDIA's; vulkan-tools shows what is there. macOS and Windows need nothing." >&2
-    cargo test --release -p infonerf -p infonerf-tests --features infonerf/{{ DEVICE }},infonerf-tests/{{ DEVICE }} --test gpu --test nerf_forward --test mip_forward --test pixelnerf
+    cargo test --release -p infonerf -p infonerf-tests --features infonerf/{{ DEVICE }},infonerf-tests/{{ DEVICE }} --test all -- gpu:: nerf_forward:: mip_forward:: pixelnerf::
     {{ program }} bench stress --device {{ DEVICE }} --rays 5000

@@ -1,4 +1,4 @@
-"""The package against the program: `just python`, or `cargo test --release --workspace --test python`."""
+"""The package against the program: `just python`, or `cargo test --release --workspace --test all python::`."""
 
 import sys
 import tempfile

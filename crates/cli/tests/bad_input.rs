@@ -1,11 +1,9 @@
 //! Bad input gives one clear line that names the file and the field, and exit code 2; never a panic.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::Workplace;
+use crate::common::Workplace;
 use serde_json::{Value, json};
 
 /// A scene on disk.

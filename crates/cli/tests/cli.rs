@@ -1,7 +1,5 @@
 //! The program as a person uses it, with tiny settings.
 
-mod common;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::io;
@@ -9,7 +7,7 @@ use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use common::{Invocation, Workplace, events, records, text, without_times};
+use crate::common::{Invocation, Workplace, events, records, text, without_times};
 use infonerf_metrics::METRICS;
 use serde_json::Value;
 

@@ -1,11 +1,9 @@
 //! `infonerf export`, and `infonerf render` along camera paths, as a user runs them.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{Workplace, text};
+use crate::common::{Workplace, text};
 use infonerf_procedural::train_cameras;
 use serde_json::{Value, json};
 

@@ -1,9 +1,7 @@
 //! The command line on a GPU, or on a software device in its place.
 #![cfg(any(feature = "wgpu", feature = "vulkan", feature = "cuda"))]
 
-mod common;
-
-use common::{Workplace, records, text};
+use crate::common::{Workplace, records, text};
 
 const DEVICE: &str = if cfg!(feature = "cuda") {
     "cuda"

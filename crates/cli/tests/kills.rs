@@ -1,17 +1,15 @@
 //! Runs that are killed, starved of disk or of memory, or run twice at once: resumed, they reach the unbroken run's numbers, or
 //! say in one line what is wrong.
 //!
-//! `INFONERF_KILLS=50 cargo test --release --workspace --test kills -- --nocapture` is the long form.
+//! `INFONERF_KILLS=50 cargo test --release --workspace --test all kills:: -- --nocapture` is the long form.
 
 #![cfg(unix)]
-
-mod common;
 
 use std::fs;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use common::{Workplace, events, records, text, without_times};
+use crate::common::{Workplace, events, records, text, without_times};
 use serde_json::Value;
 
 /// A checkpoint after every step: most of the run's life is spent writing.

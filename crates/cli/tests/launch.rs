@@ -2,14 +2,12 @@
 
 #![cfg(unix)]
 
-mod common;
-
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use common::{Invocation, SWEEP, Workplace, records, text, without_times};
+use crate::common::{Invocation, SWEEP, Workplace, records, text, without_times};
 use serde_json::Value;
 
 /// A folder whose schedulers are those of `tests/schedulers`.

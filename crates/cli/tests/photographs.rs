@@ -1,11 +1,9 @@
 //! Photographs without poses.
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{Workplace, text};
+use crate::common::{Workplace, text};
 use glam::{DMat3, DMat4};
 use infonerf_dataset::colmap::Reconstruction;
 use infonerf_dataset::{SceneSource, load};

@@ -1,10 +1,8 @@
 //! `infonerf eval --renders`, `infonerf weights` and `infonerf scene`, as a user runs them.
 
-mod common;
-
 use std::fs;
 
-use common::{Workplace, text};
+use crate::common::{Workplace, text};
 use serde_json::Value;
 
 #[test]

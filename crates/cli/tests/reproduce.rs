@@ -1,10 +1,8 @@
 //! Every table of the paper in one report, at a size that takes seconds.
 
-mod common;
-
 use std::fs;
 
-use common::{Invocation, Workplace, records, text};
+use crate::common::{Invocation, Workplace, records, text};
 
 /// A network of a few neurons and a few steps of a few rays.
 const TINY: &str = "--set scene.size=16 --set field.layers=1 --set field.width=8 --set field.density=softplus \

@@ -2,14 +2,12 @@
 
 #![cfg(unix)]
 
-mod common;
-
 use std::fs;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use common::{Workplace, records, text, without_times};
+use crate::common::{Workplace, records, text, without_times};
 use serde_json::Value;
 
 const LOGS: &str = "launch";

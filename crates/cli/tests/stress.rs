@@ -1,10 +1,8 @@
 //! The stress benchmarks, in small: bounds hold, and every number is finite.
 
-mod common;
-
 use std::fs;
 
-use common::{Workplace, text};
+use crate::common::{Workplace, text};
 use serde_json::Value;
 
 fn results(place: &Workplace, name: &str) -> Value {

@@ -1,14 +1,12 @@
 //! Sweeps: every combination once, whatever happens on the way.
 
-mod common;
-
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::{Duration, Instant, SystemTime};
 
-use common::{Invocation, SWEEP, Workplace, records, text, without_times};
+use crate::common::{Invocation, SWEEP, Workplace, records, text, without_times};
 use serde_json::Value;
 
 const RUNS: usize = 8;

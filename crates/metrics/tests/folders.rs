@@ -1,10 +1,8 @@
 //! Comparing folders of pictures: the same numbers as in memory, and one line for everything that is wrong.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 
-use common::pictures;
+use crate::common::pictures;
 use image::{GrayImage, Luma, Rgba, RgbaImage};
 use infonerf_metrics::protocol::{Background, Sizes};
 use infonerf_metrics::{

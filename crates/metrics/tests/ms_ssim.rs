@@ -1,8 +1,6 @@
 //! MS-SSIM against SciPy (`ms_ssim.json`, made by `ms_ssim.py`).
 
-mod common;
-
-use common::pictures;
+use crate::common::pictures;
 use infonerf_metrics::{Networks, Pair, Protocol, evaluate};
 use serde_json::Value;
 

@@ -1,9 +1,7 @@
 //! Metrics against scikit-image, SciPy and NumPy (`reference.json`, made by `reference.py`), and on arbitrary input.
 
-mod common;
-
+use crate::common::pictures;
 use approx::assert_abs_diff_eq;
-use common::pictures;
 use infonerf_metrics::protocol::{Ssim, SsimWindow};
 use infonerf_metrics::{
     Depths, Mask, MetricError, Networks, Pair, Picture, Protocol, depth_error, evaluate, gmsd, psnr, sharpness,

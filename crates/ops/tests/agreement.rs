@@ -1,10 +1,8 @@
 //! Every body of compositing (also additive), ray entropy and ray divergence against the oracle in `f64`: values and gradients, random rays and
 //! extreme ones. The oracle itself against finite differences and against values from arbitrary-precision arithmetic.
 
-mod common;
-
+use crate::common::{Body, DISTRIBUTIONS, Draws, Rays, floats, matrix, vector, wide};
 use burn::tensor::{Tensor, TensorData};
-use common::{Body, DISTRIBUTIONS, Draws, Rays, floats, matrix, vector, wide};
 use infonerf_ops::{Intervals, RayDistribution, Segments, composite_over, reference};
 use serde_json::Value;
 

@@ -1,10 +1,8 @@
 //! Encodings and their gradients with respect to positions and variances: every body against the oracle in `f64`, and the
 //! oracle against finite differences.
 
-mod common;
-
+use crate::common::{Body, Draws, floats, matrix, wide};
 use burn::tensor::Tensor;
-use common::{Body, Draws, floats, matrix, wide};
 use infonerf_ops::{frequency, frequency_encode, integrated, integrated_encode, reference};
 
 /// Error of a sine; the same of a gradient relative to the highest frequency, whose sines it is made of.

@@ -3,12 +3,10 @@
 
 #![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
 
-mod common;
-
 use std::sync::Arc;
 
+use crate::common::{Draws, assert_close, matrix, vector, wide};
 use burn::tensor::{Device, Tensor};
-use common::{Draws, assert_close, matrix, vector, wide};
 use infonerf_ops::factored::{self, Layout, Query, factored_field, plane_variation, reference};
 use infonerf_ops::to_host;
 

@@ -3,10 +3,9 @@
 
 #![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
 
-mod common;
-
+use crate::common;
+use crate::common::{Draws, assert_close, matrix, vector};
 use burn::tensor::{Device, Tensor};
-use common::{Draws, assert_close, matrix, vector};
 use infonerf_ops::mlp::{self, ColorBranch, Dense, Precision, RadianceMlp, radiance_mlp};
 use infonerf_ops::{Segments, to_host};
 

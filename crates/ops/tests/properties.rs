@@ -1,9 +1,7 @@
 //! Properties that hold for every ray, whatever its samples.
 
-mod common;
-
+use crate::common::{Body, DISTRIBUTIONS, floats, matrix, vector};
 use burn::tensor::Tensor;
-use common::{Body, DISTRIBUTIONS, floats, matrix, vector};
 use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, reference};
 use proptest::prelude::*;
 

@@ -1,13 +1,11 @@
 //! Inception's features against PyTorch and Pillow: a narrow network with weights by rule (`inception.json`, made by
 //! `inception.py`).
 
-mod common;
-
 use std::time::Instant;
 
+use crate::common::{devices, picture, write_weights};
 use approx::assert_abs_diff_eq;
 use burn::tensor::Device;
-use common::{devices, picture, write_weights};
 use infonerf_metrics::protocol::InceptionInput;
 use infonerf_metrics::{INCEPTION_NETWORK, Networks, Pair, Protocol, evaluate};
 use infonerf_pretrained::{Inception, InceptionConfig};

@@ -1,14 +1,12 @@
 //! LPIPS against PyTorch: narrow backbones with weights by rule (`lpips.json`, made by `lpips.py`), and the published
 //! weights on the pictures whose distances its authors publish.
 
-mod common;
-
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use crate::common::{devices, picture, write_weights};
 use approx::assert_relative_eq;
 use burn::tensor::Device;
-use common::{devices, picture, write_weights};
 use infonerf_metrics::protocol::LpipsInput;
 use infonerf_metrics::{Picture, PictureDistance, Protocol};
 use infonerf_pretrained::{Lpips, LpipsConfig, WeightFile};

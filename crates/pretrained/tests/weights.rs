@@ -1,10 +1,8 @@
 //! Weight files: both of PyTorch's formats, files that are broken, and importing.
 
-mod common;
-
 use std::path::Path;
 
-use common::{numbers, write_weights};
+use crate::common::{numbers, write_weights};
 use infonerf_metrics::{METRICS, select};
 use infonerf_pretrained::{
     ClipConfig, ClipVision, InceptionConfig, KNOWN_WEIGHTS, KnownWeights, LpipsConfig, Store, WeightFile,

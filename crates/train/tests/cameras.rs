@@ -1,11 +1,9 @@
 //! Cameras that are learnt.
 
-mod common;
-
 use std::sync::Arc;
 
+use crate::common::steps;
 use burn::tensor::Device;
-use common::steps;
 use glam::DVec3;
 use infonerf_render::Pivot;
 use infonerf_scene::{Camera, PoseError, Scene, SceneRequest, TestProtocol, View, ViewSelection};

@@ -1,11 +1,9 @@
 //! Photographs of changing exposure.
 
-mod common;
-
 use std::sync::Arc;
 
+use crate::common::{configs, scene_of, steps};
 use burn::tensor::{Device, Tensor};
-use common::{configs, scene_of, steps};
 use infonerf_ops::to_host;
 use infonerf_scene::Scene;
 use infonerf_train::config::Refine;

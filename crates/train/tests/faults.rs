@@ -1,15 +1,13 @@
 //! What happens when something breaks: a damaged checkpoint, a loss that is not finite, a field that goes empty.
 
-mod common;
-
 use std::sync::Arc;
 
 use std::fs;
 use std::path::Path;
 
+use crate::common::{config, devices, scene, steps, timeless, trainer};
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor};
-use common::{config, devices, scene, steps, timeless, trainer};
 use infonerf_field::{Field, FieldOutput, Points};
 use infonerf_ops::to_host;
 use infonerf_schedule::Moment;

@@ -2,11 +2,9 @@
 //!
 //! `INFONERF_FUZZ=1000000` sets their number.
 
-mod common;
-
 use std::fs;
 
-use common::{config, devices, steps, trainer};
+use crate::common::{config, devices, steps, trainer};
 use infonerf_train::{Checkpoint, Config, Preset, TrainError, config as layers};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

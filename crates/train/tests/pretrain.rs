@@ -1,11 +1,9 @@
 //! Learning from many scenes, beginning with what was learned, and a single view.
 
-mod common;
-
 use std::sync::Arc;
 
+use crate::common::{config, configs, devices, pixel_config, scene_of, steps, trainer};
 use burn::tensor::Device;
-use common::{config, configs, devices, pixel_config, scene_of, steps, trainer};
 use infonerf_render::TrainedModel;
 use infonerf_scene::Scene;
 use infonerf_train::{Config, Event, Outcome, TestView, Trainer, evaluate_view};

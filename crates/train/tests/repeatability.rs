@@ -1,12 +1,10 @@
 //! The same seed gives the same numbers, and a resumed run those of an unbroken one.
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::time::Instant;
 
+use crate::common::{config, configs, devices, scene, scene_of, steps, timeless, trainer};
 use burn::tensor::Device;
-use common::{config, configs, devices, scene, scene_of, steps, timeless, trainer};
 use infonerf_schedule::Moment;
 use infonerf_train::{
     Checkpoint, Config, Event, Information, InformationQuery, Outcome, TestView, Trainer, evaluate_view, information,

@@ -1,9 +1,7 @@
 //! Pictures with the residuals of the training views.
 
-mod common;
-
+use crate::common::{configs, scene, steps};
 use burn::tensor::Device;
-use common::{configs, scene, steps};
 use infonerf_render::render_image;
 use infonerf_train::Trainer;
 use infonerf_train::config::Refine;

@@ -1,7 +1,6 @@
 //! Pages in headless Chromium. `just test-view` runs them; `cargo test` alone leaves them out, as they need a browser.
 
-mod common;
-
+use crate::common;
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -9,8 +8,8 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
+use crate::common::{device, plan, plan_of, read, train};
 use base64::prelude::{BASE64_STANDARD, Engine};
-use common::{device, plan, plan_of, read, train};
 use glam::DVec3;
 use infonerf_experiment::{Existing, Trained};
 use infonerf_render::{RenderedImage, render_image};

@@ -1,14 +1,12 @@
 //! The server: what it answers, and that nothing asked of it does harm.
 
-mod common;
-
 use std::fs;
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use common::{TINY, device, plan, train};
+use crate::common::{TINY, device, plan, train};
 use http::Response;
 use infonerf_experiment::Existing;
 use infonerf_view::{Server, TrainingControl};

@@ -1,0 +1,8 @@
+//! Integration tests of infonerf-metrics, in one program.
+
+mod common;
+mod distribution;
+mod folders;
+mod ms_ssim;
+mod reference;
+mod speed;

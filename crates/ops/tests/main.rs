@@ -1,0 +1,9 @@
+//! Integration tests of infonerf-ops, in one program.
+
+mod agreement;
+mod common;
+mod dispatch;
+mod encodings;
+mod factored;
+mod mlp;
+mod properties;

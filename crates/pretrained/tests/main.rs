@@ -1,0 +1,6 @@
+//! Integration tests of infonerf-pretrained, in one program.
+
+mod common;
+mod inception;
+mod lpips;
+mod weights;

@@ -1,0 +1,6 @@
+//! Integration tests of infonerf-report, in one program.
+
+mod charts;
+mod report;
+mod schema;
+mod tensorboard;
