@@ -2,7 +2,7 @@
 
 use super::Query;
 use super::layout::{Layout, Level, OUTPUTS, PLANES};
-use crate::to_host;
+use crate::traffic::to_host;
 
 /// [`factored_field`](super::factored_field) at `positions`, with everything else as in `query`.
 pub fn value(tables: &[f64], weights: &[f64], positions: &[f64], layout: &Layout, query: &Query) -> Vec<f64> {

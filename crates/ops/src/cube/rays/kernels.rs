@@ -7,7 +7,7 @@ use burn::cubecl::{self, prelude::*};
 
 /// 1 − e^−τ: by its series below 0.1, where the difference would cancel.
 #[cube]
-pub(in crate::cube) fn alpha_of(tau: f32) -> f32 {
+pub(crate) fn alpha_of(tau: f32) -> f32 {
     let mut alpha = 1.0f32 - f32::exp(-tau);
     if tau < 0.1f32 {
         let t = tau;
@@ -18,7 +18,7 @@ pub(in crate::cube) fn alpha_of(tau: f32) -> f32 {
 
 /// ln(1 + x) for x > −1.
 #[cube]
-pub(in crate::cube) fn ln_1p(x: f32) -> f32 {
+pub(crate) fn ln_1p(x: f32) -> f32 {
     let mut ln = f32::ln(1.0f32 + x);
     if f32::abs(x) < 0.1f32 {
         let tail = 1.0f32 / 5.0f32 - x * (1.0f32 / 6.0f32 - x * (1.0f32 / 7.0f32 - x / 8.0f32));

@@ -9,7 +9,7 @@ use burn::tensor::{Shape, Tensor, TensorData};
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-pub(super) use self::kernels::{alpha_of, ln_1p};
+pub(crate) use self::kernels::{alpha_of, ln_1p};
 use super::outputs::Outputs;
 use super::{CubeKernel, Pass, apply, empty, empty_like};
 use crate::Segments;

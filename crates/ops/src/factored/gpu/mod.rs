@@ -1,7 +1,6 @@
-//! Reading of planes and lines, and the frequencies of the position: all that goes into a factored field's MLP.
+//! GPU kernels of the input of a factored field's MLP: planes, lines, and frequencies of the position.
 
 mod kernels;
-mod network;
 
 use std::sync::Arc;
 
@@ -10,24 +9,21 @@ use burn::cubecl::ir::{FloatKind, Type};
 use burn::tensor::Tensor;
 use burn_cubecl::tensor::CubeTensor;
 
-use self::kernels::{Exchange, Native};
-use super::{CubeKernel, Pass, apply, empty, empty_like, numbers, zeros};
-use crate::factored::{Layout, Level, PLANES, Query};
+use super::{Layout, Level, PLANES, Query};
+use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch, numbers, zeros};
+use kernels::{CompareExchange, Native};
 
-pub(crate) use network::network;
-
-/// The MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
-pub(crate) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2> {
+/// Computes the MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
+pub(super) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2> {
     let weights = [query.frequency_weights.as_slice(), &query.level_weights].concat();
     let kernel = Features { layout: layout.clone(), weights };
     apply(kernel, (tables, query.positions.clone()))
 }
 
-/// Of tables and positions.
 #[derive(Debug)]
 struct Features {
     layout: Arc<Layout>,
-    /// Of the frequencies, then of the levels.
+    /// Weights of the frequencies, then of the levels.
     weights: Vec<f32>,
 }
 
@@ -57,11 +53,11 @@ impl CubeKernel for Features {
         let [tables, positions] = pass.inputs else { unreachable!("tables are read at positions") };
         let (samples, weights) = (positions.meta.shape()[0], &pass.kept[0]);
         let in_tables = || {
-            // Many samples add to one number of the tables.
+            // Many samples add to one element of the tables.
             let usage = tables.client.properties().atomic_type_usage(Type::atomic(FloatKind::F32));
             let launch = match usage.contains(AtomicUsage::Add) {
                 true => kernels::table_gradient::launch::<Native>,
-                false => kernels::table_gradient::launch::<Exchange>,
+                false => kernels::table_gradient::launch::<CompareExchange>,
             };
             let dtables = zeros(tables, tables.meta.shape().clone());
             let (frequencies, levels) = self.sizes();

@@ -1,15 +1,15 @@
-//! The rayon body of products in bfloat16: a block of samples goes through all layers, and back, without leaving the cache.
+//! Host kernel of a radiance network with products in bfloat16: a block of samples goes through all layers, and back, without
+//! leaving the cache.
 //!
-//! The forward pass keeps nothing: the backward one computes the activations again, of those samples alone that a gradient
-//! reaches. That is one more product for every two, and saves gigabytes.
+//! The forward pass keeps nothing. The backward pass computes the activations again, of the samples that have a gradient, which
+//! costs one more product for every two and saves gigabytes.
 
-use burn::tensor::Tensor;
 use rayon::prelude::*;
 
-use super::{Dense, RadianceMlp};
-use crate::bf16::{Factor, GRAIN, product};
+use super::{Factor, GRAIN, product};
 use crate::frequency::encoded_width;
 use crate::kernel::{Kernel, Pass};
+use crate::mlp::{Dense, RadianceMlp, first_layer};
 use crate::simd::{self, Job};
 
 /// Samples in a block.
@@ -17,60 +17,64 @@ const BLOCK: usize = 256;
 /// Partial sums of the weights' gradient: a fixed number, so that the result does not depend on the number of threads.
 const GROUPS: usize = 16;
 
-/// The network as matrices of activations, each made from the one before:
+/// Network as matrices of activations, each computed from the one before:
 ///
 /// ```text
 /// x │ h₁ │ x h₂ │ … │ h_L │ σ feature direction │ h_view │ r g b
 /// ```
 ///
-/// A row is a sample. Each part is as wide as the next multiple of 32 and ends with zeros.
+/// Rows are samples. The width of each part is the next multiple of 32, filled up with zeros.
 #[derive(Debug)]
-pub(super) struct RoundedKernel {
+pub(crate) struct RoundedMlpKernel {
     stages: Vec<Stage>,
     /// Width of x, and of an encoded direction.
     widths: [usize; 2],
-    /// The ray of each sample, where directions are seen.
+    /// Ray of each sample, if directions are an input.
     owners: Vec<i32>,
-    /// Where the result's columns come from: a matrix, whose first columns they are, and how many.
+    /// Sources of the result's columns: a matrix, and how many of its first columns.
     outputs: Vec<(usize, usize)>,
 }
 
-/// A matrix of activations, and the layer that makes it.
+/// Matrix of activations, and the layer that computes it.
 #[derive(Debug, Default)]
 struct Stage {
     columns: usize,
-    /// The first of the columns that the layer makes, and how many there are.
+    /// First of the columns that the layer computes, and their number.
     made: (usize, usize),
-    /// The first column that the layer reads of the matrix before.
+    /// First column of the matrix before that the layer reads.
     reads: usize,
     relu: bool,
-    /// Where its weights `[inputs, outputs]` and its biases `[1, outputs]` stand.
+    /// Pieces of its weights `[inputs, outputs]`.
     weights: Vec<Piece>,
+    /// Pieces of its biases `[1, outputs]`.
     biases: Vec<Piece>,
-    /// What comes from outside, and at which column.
+    /// Input of the network that is copied into this matrix, and its first column.
     outside: Option<(Outside, usize)>,
 }
 
+/// Input of the network.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Outside {
     Encoded = 0,
     Direction = 1,
 }
 
-/// A matrix within the list of weights, and where it stands in one that is filled up with zeros.
+/// Rows of a parameter of the network, and their place in a matrix that is filled up with zeros.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
-    start: usize,
+    /// Index of the parameter, weights and biases of each layer alternating.
+    parameter: usize,
+    first_row: usize,
     rows: usize,
     columns: usize,
     at: [usize; 2],
 }
 
 impl Piece {
-    /// (place in the list, row, column) of every element.
+    /// Iterates over (element of the parameter, row, column).
     fn elements(self) -> impl Iterator<Item = (usize, usize, usize)> {
-        let Self { start, rows, columns, at } = self;
-        (0..rows * columns).map(move |i| (start + i, at[0] + i / columns, at[1] + i % columns))
+        let Self { first_row, rows, columns, at, .. } = self;
+        (0..rows * columns).map(move |i| (first_row * columns + i, at[0] + i / columns, at[1] + i % columns))
     }
 }
 
@@ -78,35 +82,25 @@ fn filled(columns: usize) -> usize {
     columns.next_multiple_of(GRAIN)
 }
 
-/// Weights as they come.
-#[derive(Default)]
-struct List {
-    tensors: Vec<Tensor<1>>,
-    length: usize,
-}
-
-impl List {
-    /// Pieces of a layer's weights, whose inputs are in parts of these widths, and of its biases; its outputs from `column` on.
-    fn dense(&mut self, dense: &Dense, inputs: &[usize], column: usize) -> (Vec<Piece>, Piece) {
-        let [rows, columns] = dense.weight.dims();
-        assert_eq!(rows, inputs.iter().sum::<usize>(), "layers fit on top of each other");
-        let (mut row, mut weights) = (0, Vec::new());
-        for &rows in inputs {
-            weights.push(Piece { start: self.length, rows, columns, at: [row, column] });
-            self.length += rows * columns;
-            row += filled(rows);
-        }
-        let bias = Piece { start: self.length, rows: 1, columns, at: [0, column] };
-        self.length += columns;
-        self.tensors.extend([dense.weight.clone().flatten(0, 1), dense.bias.clone()]);
-        (weights, bias)
+/// Returns the pieces of the weights of `dense`, whose inputs are in parts of these widths, and of its biases. `index` is the
+/// layer's among [`RadianceMlp::layers`]; its outputs begin at `column`.
+fn pieces(dense: &Dense, index: usize, inputs: &[usize], column: usize) -> (Vec<Piece>, Piece) {
+    let [rows, columns] = dense.weight.dims();
+    assert_eq!(rows, inputs.iter().sum::<usize>(), "layers fit on top of each other");
+    let (mut row, mut first_row, mut weights) = (0, 0, Vec::new());
+    for &rows in inputs {
+        weights.push(Piece { parameter: 2 * index, first_row, rows, columns, at: [row, column] });
+        first_row += rows;
+        row += filled(rows);
     }
+    (weights, Piece { parameter: 2 * index + 1, first_row: 0, rows: 1, columns, at: [0, column] })
 }
 
-impl RoundedKernel {
-    /// The kernel for input of `[samples, width]`, and all weights one after another.
-    pub(super) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> (Self, Tensor<1>) {
-        let mut list = List::default();
+impl RoundedMlpKernel {
+    /// Returns the kernel for input of `[samples, width]`. Its inputs are x, the encoded direction of each ray if the network has
+    /// colour, and weights and biases of each of [`RadianceMlp::layers`].
+    pub(crate) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> Self {
+        let trunk = network.trunk.len();
         let x = filled(width);
         let mut stages = vec![Stage { columns: x, outside: Some((Outside::Encoded, 0)), ..Stage::default() }];
         let mut inputs = vec![width];
@@ -115,7 +109,7 @@ impl RoundedKernel {
             // The next layer reads this one's output, with x before it where it skips.
             let skip = index + 1 == network.skip && network.skip < network.trunk.len();
             let first = if skip { x } else { 0 };
-            let (weights, bias) = list.dense(dense, &inputs, 0);
+            let (weights, bias) = pieces(dense, index, &inputs, 0);
             stages.push(Stage {
                 columns: first + filled(outputs),
                 made: (first, filled(outputs)),
@@ -127,7 +121,7 @@ impl RoundedKernel {
             });
             inputs = if skip { vec![width, outputs] } else { vec![outputs] };
         }
-        let (weights, bias) = list.dense(&network.sigma, &inputs, 0);
+        let (weights, bias) = pieces(&network.sigma, trunk + if network.color.is_some() { 2 } else { 0 }, &inputs, 0);
         let mut heads = Stage { columns: GRAIN, made: (0, GRAIN), weights, biases: vec![bias], ..Stage::default() };
         let (mut owners, mut directions, mut outputs) = (Vec::new(), 0, vec![(stages.len(), 1)]);
         if let Some(branch) = &network.color {
@@ -135,14 +129,14 @@ impl RoundedKernel {
             directions = encoded_width(3, branch.frequencies);
             owners = branch.segments.host_owners().to_vec();
             assert_eq!(owners.len(), samples, "a ray for every sample");
-            let (weights, bias) = list.dense(&branch.feature, &inputs, GRAIN);
+            let (weights, bias) = pieces(&branch.feature, trunk, &inputs, GRAIN);
             heads.weights.extend(weights);
             heads.biases.push(bias);
             let made = GRAIN + filled(features);
             heads.made.1 = made;
             heads.outside = Some((Outside::Direction, made));
             heads.columns = made + filled(directions);
-            let (weights, bias) = list.dense(&branch.view, &[features, directions], 0);
+            let (weights, bias) = pieces(&branch.view, trunk + 1, &[features, directions], 0);
             let view = Stage {
                 columns: filled(views),
                 made: (0, filled(views)),
@@ -152,35 +146,42 @@ impl RoundedKernel {
                 biases: vec![bias],
                 outside: None,
             };
-            let (weights, bias) = list.dense(&branch.rgb, &[views], 0);
+            let (weights, bias) = pieces(&branch.rgb, trunk + 3, &[views], 0);
             let rgb = Stage { columns: GRAIN, made: (0, GRAIN), weights, biases: vec![bias], ..Stage::default() };
             stages.extend([heads, view, rgb]);
             outputs.push((stages.len() - 1, 3));
         } else {
             stages.push(heads);
         }
-        (Self { stages, widths: [width, directions], owners, outputs }, Tensor::cat(list.tensors, 0))
+        Self { stages, widths: [width, directions], owners, outputs }
     }
 
-    /// Columns of the result.
+    /// Returns the number of columns of the result.
     fn width(&self) -> usize {
         self.outputs.iter().map(|(_, columns)| columns).sum()
     }
 
-    /// Rows of the matrix of weights that make `stage`.
+    /// Returns the parameters among the inputs.
+    fn parameters<'a>(&self, inputs: &'a [&'a [f32]]) -> &'a [&'a [f32]] {
+        &inputs[first_layer(self.outputs.len() > 1)..]
+    }
+
+    /// Returns the number of rows of the weights of `stage`.
     fn inputs(&self, stage: usize) -> usize {
         self.stages[stage - 1].columns - self.stages[stage].reads
     }
 
-    /// Rounded weights and the biases of each layer, for products from these sides.
-    fn layers(&self, weights: &[f32], left: bool) -> Vec<(Factor, Vec<f32>)> {
+    /// Rounds the weights of each layer, for products on the given side, and lists its biases.
+    fn layers(&self, parameters: &[&[f32]], left: bool) -> Vec<(Factor, Vec<f32>)> {
         let layer = |index: usize| {
             let stage = &self.stages[index];
             let outputs = stage.made.1;
             let spread = |pieces: &[Piece], rows: usize| {
                 let mut matrix = vec![0.0; rows * outputs];
-                for (from, row, column) in pieces.iter().flat_map(|piece| piece.elements()) {
-                    matrix[row * outputs + column] = weights[from];
+                for piece in pieces {
+                    for (from, row, column) in piece.elements() {
+                        matrix[row * outputs + column] = parameters[piece.parameter][from];
+                    }
                 }
                 matrix
             };
@@ -190,7 +191,7 @@ impl RoundedKernel {
         (1..self.stages.len()).into_par_iter().map(layer).collect()
     }
 
-    /// The activations of samples `rows`, and their results; `inputs` are x, the weights and the encoded direction of each ray.
+    /// Computes the activations of samples `rows`, and their results.
     fn forward_block(
         &self,
         layers: &[(Factor, Vec<f32>)],
@@ -217,7 +218,7 @@ impl RoundedKernel {
                     for (sample, y) in rows.clone().skip(strip).zip(y.chunks_exact_mut(columns)) {
                         let (from, row) = match outside {
                             Outside::Encoded => (inputs[0], sample),
-                            Outside::Direction => (inputs[2], self.owners[sample] as usize),
+                            Outside::Direction => (inputs[1], self.owners[sample] as usize),
                         };
                         y[at..at + width].copy_from_slice(&from[row * width..][..width]);
                     }
@@ -239,7 +240,7 @@ impl RoundedKernel {
         }
     }
 
-    /// Adds a block's part to the gradients, `rows` being counted within the group, and `grad` being theirs.
+    /// Adds a block's share to the gradients; `rows` are counted within the group, and `grad` are the gradients of their results.
     fn backward_block(
         &self,
         layers: &[(Factor, Vec<f32>)],
@@ -250,8 +251,8 @@ impl RoundedKernel {
     ) {
         let samples = filled(rows.len());
         for (index, stage) in self.stages.iter().enumerate().rev() {
-            let [slopes, slopes_above] = &mut block.slopes;
-            let above = self.stages.get(index + 1).map(|above| (above, &layers[index].0, &*slopes_above));
+            let [dy, dy_above] = &mut block.dy;
+            let above = self.stages.get(index + 1).map(|above| (above, &layers[index].0, &*dy_above));
             let x_wanted = matches!(stage.outside, Some((Outside::Encoded, _))) && sums.dencoded.is_some();
             let product_of = |column: usize, strip: &mut [f32]| match above {
                 Some((above, weights, dy)) if column >= above.reads => {
@@ -275,7 +276,7 @@ impl RoundedKernel {
                 break;
             }
             let (first, made) = stage.made;
-            slopes.columns = samples;
+            dy.columns = samples;
             for column in (0..made).step_by(GRAIN) {
                 product_of(first + column, strip);
                 let mut from = 0;
@@ -288,17 +289,17 @@ impl RoundedKernel {
                 }
                 let signs = stage.relu.then(|| &block.signs[index][column / GRAIN * BLOCK..][..samples]);
                 let db = &mut sums.biases[index - 1][column..column + GRAIN];
-                simd::run(Slopes { dy: strip, samples, signs, db });
-                slopes.set(column, strip);
+                simd::run(ReluGradient { dy: strip, samples, signs, db });
+                dy.set(column, strip);
             }
             let x = block.stages[index - 1].right(0, stage.reads);
             let sizes = [made, self.inputs(index), samples];
-            product(sizes, true, (&mut sums.weights[index - 1], sizes[1]), slopes.left(0, 0), x);
-            block.slopes.swap(0, 1);
+            product(sizes, true, (&mut sums.weights[index - 1], sizes[1]), dy.left(0, 0), x);
+            block.dy.swap(0, 1);
         }
     }
 
-    /// The gradients of a group of samples from `first` on. Samples whose output has no gradient add exactly 0 and are left out.
+    /// Computes the gradients of a group of samples from `first` on. Samples whose output has no gradient add exactly 0 and are left out.
     fn backward_group(
         &self,
         layers: &[(Factor, Vec<f32>)],
@@ -313,9 +314,9 @@ impl RoundedKernel {
             biases: self.stages[1..].iter().map(|stage| vec![0.0; stage.made.1]).collect(),
             dencoded: dencoded.then(|| vec![0.0; grad.len() / outputs * self.widths[0]]),
         };
-        // Not a number counts as reached.
-        let reached = grad.chunks_exact(outputs).enumerate().filter(|(_, grad)| grad.iter().any(|g| *g != 0.0));
-        let (rows, grads): (Vec<usize>, Vec<&[f32]>) = reached.unzip();
+        // NaN counts as a gradient.
+        let nonzero = grad.chunks_exact(outputs).enumerate().filter(|(_, grad)| grad.iter().any(|g| *g != 0.0));
+        let (rows, grads): (Vec<usize>, Vec<&[f32]>) = nonzero.unzip();
         let mut block = Block::new(&self.stages, true);
         for (rows, grads) in rows.chunks(BLOCK).zip(grads.chunks(BLOCK)) {
             self.forward_block(layers, inputs, rows.iter().map(|row| first + row), &mut block, None);
@@ -325,15 +326,15 @@ impl RoundedKernel {
     }
 }
 
-/// What a block of samples goes through.
+/// Buffers of a block of samples.
 struct Block {
-    /// 32 rows of whatever is at hand, before it is rounded.
+    /// 32 rows of the current matrix, before they are rounded.
     strip: Vec<f32>,
     stages: Vec<Factor>,
-    /// Bit f of number s of row r says whether a ReLU lets the gradient of feature 32 r + f of sample s pass.
+    /// Signs of each ReLU's outputs: bit f of element s of row r is 1 if the gradient of feature 32 r + f of sample s passes.
     signs: Vec<Vec<u32>>,
-    /// dy of the layer at hand and of the one above it, a row for each feature.
-    slopes: [Factor; 2],
+    /// dy of the current layer and of the layer above it, one row per feature.
+    dy: [Factor; 2],
 }
 
 impl Block {
@@ -344,30 +345,30 @@ impl Block {
             strip: vec![0.0; GRAIN * widest.max(BLOCK)],
             stages: stages.iter().map(|stage| Factor::new(BLOCK, stage.columns, true, backward)).collect(),
             signs: stages.iter().map(signs).collect(),
-            slopes: [(); 2].map(|()| if backward { Factor::new(widest, BLOCK, true, true) } else { Factor::default() }),
+            dy: [(); 2].map(|()| if backward { Factor::new(widest, BLOCK, true, true) } else { Factor::default() }),
         }
     }
 }
 
-/// The gradients of a group of samples.
+/// Gradients of a group of samples.
 struct Gradients {
-    /// Of each layer, `[outputs, inputs]`.
+    /// Gradient of each layer's weights, `[outputs, inputs]`.
     weights: Vec<Vec<f32>>,
     biases: Vec<Vec<f32>>,
-    /// With respect to x, if that is wanted.
+    /// Gradient with respect to x, if that is wanted.
     dencoded: Option<Vec<f32>>,
 }
 
-/// Adds biases to a strip of 32 rows, and bends it.
+/// Adds biases to a strip of 32 rows, and applies the ReLU.
 struct Finish<'a> {
     y: &'a mut [f32],
     columns: usize,
     first: usize,
     bias: &'a [f32],
     relu: bool,
-    /// The strip's first sample.
+    /// First sample of the strip.
     strip: usize,
-    /// Empty if no gradient will be asked for.
+    /// Signs of the outputs; empty if no backward pass follows.
     signs: &'a mut [u32],
 }
 
@@ -391,15 +392,15 @@ impl Job for Finish<'_> {
     }
 }
 
-/// Takes what does not pass a ReLU from the gradients of 32 features, and adds those of their biases.
-struct Slopes<'a> {
+/// Clears the gradients of 32 features where the ReLU is 0, and adds up the gradients of their biases.
+struct ReluGradient<'a> {
     dy: &'a mut [f32],
     samples: usize,
     signs: Option<&'a [u32]>,
     db: &'a mut [f32],
 }
 
-impl Job for Slopes<'_> {
+impl Job for ReluGradient<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
         let Self { dy, samples, signs, db } = self;
@@ -422,7 +423,7 @@ impl Job for Slopes<'_> {
     }
 }
 
-impl Kernel for RoundedKernel {
+impl Kernel for RoundedMlpKernel {
     fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
         vec![inputs[0][0], self.width()]
     }
@@ -431,7 +432,7 @@ impl Kernel for RoundedKernel {
         saved.into_iter().for_each(Vec::clear);
         let samples = inputs[0].len() / self.widths[0];
         let mut out = vec![0.0; samples * self.width()];
-        let layers = self.layers(inputs[1], false);
+        let layers = self.layers(self.parameters(inputs), false);
         out.par_chunks_mut(self.width() * BLOCK).enumerate().for_each_init(
             || Block::new(&self.stages, false),
             |block, (index, out)| {
@@ -444,8 +445,8 @@ impl Kernel for RoundedKernel {
     }
 
     fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-        let weights = pass.inputs[1];
-        let layers = self.layers(weights, true);
+        let parameters = self.parameters(pass.inputs);
+        let layers = self.layers(parameters, true);
         let samples = pass.grad.len() / self.width();
         let per_group = samples.div_ceil(BLOCK).div_ceil(GROUPS).max(1) * BLOCK;
         let grads = pass.grad.par_chunks(self.width() * per_group).enumerate();
@@ -454,22 +455,23 @@ impl Kernel for RoundedKernel {
             .collect();
         let dencoded =
             wanted[0].then(|| groups.iter().filter_map(|part| part.dencoded.as_deref()).flatten().copied().collect());
-        let dweights = wanted[1].then(|| {
-            let mut sum = vec![0.0; weights.len()];
-            for (index, stage) in self.stages.iter().enumerate().skip(1) {
-                let inputs = self.inputs(index);
-                for part in &groups {
-                    for (to, row, column) in stage.weights.iter().flat_map(|piece| piece.elements()) {
-                        sum[to] += part.weights[index - 1][column * inputs + row];
+        let mut sums: Vec<Vec<f32>> = parameters.iter().map(|parameter| vec![0.0; parameter.len()]).collect();
+        for (index, stage) in self.stages.iter().enumerate().skip(1) {
+            let inputs = self.inputs(index);
+            for part in &groups {
+                for piece in &stage.weights {
+                    for (to, row, column) in piece.elements() {
+                        sums[piece.parameter][to] += part.weights[index - 1][column * inputs + row];
                     }
-                    for (to, _, column) in stage.biases.iter().flat_map(|piece| piece.elements()) {
-                        sum[to] += part.biases[index - 1][column];
+                }
+                for piece in &stage.biases {
+                    for (to, _, column) in piece.elements() {
+                        sums[piece.parameter][to] += part.biases[index - 1][column];
                     }
                 }
             }
-            sum
-        });
-        let gradients = [dencoded, dweights, None];
-        gradients.into_iter().take(pass.inputs.len()).collect()
+        }
+        let directions = (self.outputs.len() > 1).then_some(None);
+        std::iter::once(dencoded).chain(directions).chain(sums.into_iter().map(Some)).collect()
     }
 }

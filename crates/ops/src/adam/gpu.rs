@@ -1,4 +1,4 @@
-//! Steps of Adam: one launch for many parameters.
+//! GPU kernel of [`Adam`](super::Adam): one launch updates many parameters.
 
 use std::cell::RefCell;
 
@@ -8,15 +8,15 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{CubeKernel, Pass, apply, arg, empty_like, numbers, threads, untracked};
-use crate::adam::{AdamOps, Step};
+use super::{AdamOps, Step};
+use crate::cube::{CubeKernel, Pass, apply, arg, empty_like, launch, numbers, threads, untracked};
 
-/// Most parameters of a launch: a thread looks for its own among them.
-const MOST: usize = 24;
+/// Parameters of a launch: each thread searches them for its own.
+const MAX_PARAMETERS: usize = 24;
 /// Tensors of a parameter.
 const TENSORS: usize = 5;
 
-/// One thread per number of all parameters. The moments are replaced where they are. Nothing changes where `finite` is 0.
+/// Updates one value of all parameters per thread, moments in place. Nothing changes if `finite` is 0.
 #[cube(launch)]
 fn update(
     x: &Sequence<OwnedTensor<f32>>,
@@ -54,7 +54,7 @@ fn update(
     }
 }
 
-/// 1 if `value` is finite and `before` is not 0, else 0. By its bits: a shader may take for granted that all numbers are finite.
+/// Writes 1 if `value` is finite and `before` is not 0, else 0. Tests the bits: a shader may assume that all values are finite.
 #[cube(launch)]
 fn check(value: &Tensor<f32>, before: &Tensor<f32>, out: &mut Tensor<f32>, #[comptime] is_first: bool) {
     let mut finite = 1.0f32;
@@ -67,8 +67,8 @@ fn check(value: &Tensor<f32>, before: &Tensor<f32>, out: &mut Tensor<f32>, #[com
     out[0] = finite;
 }
 
-/// [`finite_after`](crate::adam::finite_after).
-pub(crate) fn finite_after(before: Option<tensor::Tensor<1>>, value: tensor::Tensor<1>) -> tensor::Tensor<1> {
+/// Computes [`finite_after`](super::finite_after).
+pub(super) fn finite_after(before: Option<tensor::Tensor<1>>, value: tensor::Tensor<1>) -> tensor::Tensor<1> {
     apply(Check { is_first: before.is_none() }, (value.clone(), before.unwrap_or(value)))
 }
 
@@ -79,7 +79,7 @@ struct Check {
 
 impl CubeKernel for Check {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
-        let [value, before] = inputs else { unreachable!("a number and a flag") };
+        let [value, before] = inputs else { unreachable!("a value and a flag") };
         let out = empty_like(value);
         launch!(check::launch, 1; value, before, &out; self.is_first);
         out
@@ -90,38 +90,38 @@ impl CubeKernel for Check {
     }
 }
 
-/// A step of a parameter that was not launched yet: x, g, m, v and the next x.
-type Pending = (Step, [CubeTensor; TENSORS]);
+/// Step of a parameter that is not launched yet: x, g, m, v and the next x.
+type PendingUpdate = (Step, [CubeTensor; TENSORS]);
 
-/// Steps that a thread holds back, and the flag that decides whether they are taken.
-struct Held {
+/// Updates that a thread holds back, and the flag that decides whether they happen.
+struct HeldUpdates {
     finite: CubeTensor,
-    steps: Vec<Pending>,
+    steps: Vec<PendingUpdate>,
 }
 
 thread_local! {
-    static HELD: RefCell<Option<Held>> = const { RefCell::new(None) };
+    static HELD: RefCell<Option<HeldUpdates>> = const { RefCell::new(None) };
 }
 
-/// Runs `work`, in which nobody may look at what a step gives, and takes all its steps together unless `finite` is 0.
-pub(crate) fn adam_together<T>(finite: tensor::Tensor<1>, work: impl FnOnce() -> T) -> T {
+/// Runs `work`, in which nobody may read an updated parameter, then launches all its updates, which happen unless `finite` is 0.
+pub(super) fn step_together<T>(finite: tensor::Tensor<1>, work: impl FnOnce() -> T) -> T {
     struct Release;
     impl Drop for Release {
         fn drop(&mut self) {
-            if let Some(Held { finite, steps }) = HELD.take() {
+            if let Some(HeldUpdates { finite, steps }) = HELD.take() {
                 launch_all(&finite, steps);
             }
         }
     }
-    HELD.set(Some(Held { finite: untracked(finite), steps: Vec::new() }));
+    HELD.set(Some(HeldUpdates { finite: untracked(finite), steps: Vec::new() }));
     let _release = Release;
     work()
 }
 
-fn launch_all(finite: &CubeTensor, mut pending: Vec<Pending>) {
+fn launch_all(finite: &CubeTensor, mut pending: Vec<PendingUpdate>) {
     while let Some((step, [like, ..])) = pending.first().cloned() {
         // One binding is the flag's.
-        let most = ((like.client.properties().hardware.max_bindings as usize - 1) / TENSORS).clamp(1, MOST);
+        let most = ((like.client.properties().hardware.max_bindings as usize - 1) / TENSORS).clamp(1, MAX_PARAMETERS);
         let mut taken = Vec::new();
         pending.retain(|(other, tensors)| {
             let takes = *other == step && tensors[0].device == like.device && taken.len() < most;
@@ -130,8 +130,8 @@ fn launch_all(finite: &CubeTensor, mut pending: Vec<Pending>) {
             }
             !takes
         });
-        let numbers = taken.iter().map(|[x, ..]| x.meta.num_elements()).sum();
-        let (count, dim) = threads(&like, numbers);
+        let values = taken.iter().map(|[x, ..]| x.meta.num_elements()).sum();
+        let (count, dim) = threads(&like, values);
         let all =
             |index: usize| taken.iter().map(|tensors| arg(&tensors[index])).collect::<SequenceArg<OwnedTensor<f32>>>();
         update::launch(
@@ -162,7 +162,7 @@ impl AdamOps for CubeBackend {
         step: Step,
     ) -> (CubeTensor, CubeTensor, CubeTensor) {
         let [x, g] = [x, g].map(into_contiguous);
-        // The model has its parameters too while it is stepped; moments are the optimiser's own, unless it was cloned.
+        // The model has its parameters too while it is stepped; moments are the optimizer's own, unless it was cloned.
         let own = |moment: CubeTensor| if moment.can_mut() { moment } else { moment.copy() };
         let [m, v] = [m, v].map(own).map(into_contiguous);
         let next = empty_like(&x);

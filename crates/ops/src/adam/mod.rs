@@ -1,8 +1,13 @@
 //! Adam (Kingma & Ba 2015) as one fused pass over each parameter.
 //!
-//! Burn's own Adam makes about ten passes over memory a step, which costs more than the rest of a step where a field
-//! keeps a table of millions of numbers, and a dozen launches per parameter on a GPU. On `flex` this one reads and writes
-//! each number once, and on GPUs it is one launch for many parameters; elsewhere it is plain tensor arithmetic.
+//! Burn's own Adam makes about ten passes over memory a step, which costs more than the rest of a step if a field keeps a
+//! table of millions of values, and a dozen launches per parameter on a GPU. On `flex` this optimizer reads and writes each
+//! value once, on GPUs one launch serves many parameters, and other devices use plain tensor arithmetic.
+
+#[cfg(feature = "cube")]
+mod gpu;
+#[cfg(feature = "flex")]
+mod host;
 
 #[cfg(any(feature = "flex", feature = "cube"))]
 use burn::backend::{Backend, backend_extension, tensor::FloatTensor};
@@ -20,7 +25,7 @@ pub struct Adam {
     pub beta2: f32,
     /// ε, added to √v̂.
     pub epsilon: f32,
-    /// Factor on the learning rate, for a group of parameters that learns at another pace.
+    /// Factor on the learning rate of a group of parameters.
     pub rate: f64,
 }
 
@@ -30,7 +35,7 @@ impl Default for Adam {
     }
 }
 
-/// What one step needs beside the tensors, bias corrections folded in.
+/// Constants of one step, with bias corrections folded in.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Step {
     pub(crate) beta1: f32,
@@ -78,31 +83,29 @@ impl Optimizer for Adam {
     }
 }
 
-/// `module` after `step`, by which Adam changes it, or as it was where `finite`, `[1]`, is 0: then moments stay as well.
+/// Returns `step(module)`, in which Adam updates the module, unless the flag `finite`, `[1]`, is 0: then parameters and moments
+/// stay as they are.
 ///
-/// A GPU decides that itself, and takes the steps of all parameters together, by few launches, when `step` is done: until then
-/// nobody may look at their results.
+/// A GPU reads the flag itself and updates all parameters by few launches when `step` returns; until then nobody may read the
+/// updated parameters.
 pub fn step_if<T>(finite: Tensor<1>, module: T, step: impl FnOnce(T) -> T) -> T {
     dispatch! {
         &finite.device();
-        host => if is_set(finite) { step(module) } else { module },
-        cube => crate::cube::adam_together(finite, || step(module)),
+        cube => gpu::step_together(finite, || step(module)),
         plain => if is_set(finite) { step(module) } else { module },
     }
 }
 
-/// 1 if `value` is finite and `before`, which such a flag is, is not 0; else 0; `[1]` each, without a gradient.
+/// Returns the flag 1 if `value` is finite and the flag `before` is not 0, else 0; `[1]` each, without a gradient.
 pub fn finite_after(before: Option<Tensor<1>>, value: Tensor<1>) -> Tensor<1> {
     let (device, value) = (value.device().inner(), value.inner());
-    let on_host = |before: Option<Tensor<1>>, value: Tensor<1>| {
-        let finite = before.is_none_or(is_set) && value.into_scalar::<f32>().is_finite();
-        Tensor::from_floats([f32::from(finite)], &device)
-    };
     dispatch! {
         &device;
-        host => on_host(before, value),
-        cube => crate::cube::finite_after(before, value),
-        plain => on_host(before, value),
+        cube => gpu::finite_after(before, value),
+        plain => {
+            let finite = before.is_none_or(is_set) && value.into_scalar::<f32>().is_finite();
+            Tensor::from_floats([f32::from(finite)], &device)
+        },
     }
 }
 
@@ -128,7 +131,7 @@ fn plain<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v
     (x, m, v)
 }
 
-/// One pass over all numbers, by the host or by a GPU.
+/// Updates all values in one pass, by a kernel of the host or of a GPU.
 #[cfg(any(feature = "flex", feature = "cube"))]
 fn fused<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
     let [x, g, m, v] = [x, g, m, v].map(Tensor::into_dispatch);
@@ -136,7 +139,7 @@ fn fused<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v
     (Tensor::from_dispatch(x), Tensor::from_dispatch(m), Tensor::from_dispatch(v))
 }
 
-/// Extension point of the backends that have a kernel.
+/// Adam on the backends that have a kernel for it.
 #[cfg(any(feature = "flex", feature = "cube"))]
 #[backend_extension(Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"))]
 pub(crate) trait AdamOps: Backend {
@@ -149,62 +152,13 @@ pub(crate) trait AdamOps: Backend {
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
 }
 
-#[cfg(feature = "flex")]
-mod host {
-    use burn::backend::Flex;
-    use burn::backend::tensor::FloatTensor;
-    use rayon::prelude::*;
-
-    use super::{AdamOps, Step};
-    use crate::simd::{self, Job};
-
-    /// Elements per task: fewer are not worth a thread.
-    const CHUNK: usize = 1 << 14;
-
-    type Host = FloatTensor<Flex>;
-
-    impl AdamOps for Flex {
-        fn adam(x: Host, g: Host, m: Host, v: Host, step: Step) -> (Host, Host, Host) {
-            let [mut x, mut m, mut v] = [x, m, v].map(|t| t.to_contiguous());
-            let g = g.to_contiguous();
-            let slices = (x.storage_mut::<f32>(), m.storage_mut::<f32>(), v.storage_mut::<f32>());
-            (slices.0.par_chunks_mut(CHUNK))
-                .zip(slices.1.par_chunks_mut(CHUNK))
-                .zip(slices.2.par_chunks_mut(CHUNK))
-                .zip(g.storage::<f32>().par_chunks(CHUNK))
-                .for_each(|(((x, m), v), g)| simd::run(Chunk { step, x, g, m, v }));
-            (x, m, v)
-        }
-    }
-
-    struct Chunk<'a> {
-        step: Step,
-        x: &'a mut [f32],
-        g: &'a [f32],
-        m: &'a mut [f32],
-        v: &'a mut [f32],
-    }
-
-    impl Job for Chunk<'_> {
-        #[inline(always)]
-        fn run<const FMA: bool, const WIDE: bool>(self) {
-            let Self { step, x, g, m, v } = self;
-            for (((x, m), v), &g) in x.iter_mut().zip(m).zip(v).zip(g) {
-                *m = *m * step.beta1 + g * (1.0 - step.beta1);
-                *v = *v * step.beta2 + g * g * (1.0 - step.beta2);
-                *x -= *m * step.rate / (v.sqrt() + step.epsilon);
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
-    fn what_was_once_not_finite_stays_so() {
+    fn a_value_that_is_not_finite_stops_all_later_steps() {
         for device in [Device::flex(), Device::ndarray()] {
             let after = |before, value: f32| finite_after(before, Tensor::from_floats([value], &device));
             let good = after(Some(after(None, 1.0)), -f32::MAX);
@@ -215,10 +169,9 @@ mod tests {
         }
     }
 
-    /// Both bodies follow the textbook recursion in f64.
     #[test]
     #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
-    fn follows_the_recursion() {
+    fn bodies_follow_the_textbook_recursion_in_f64() {
         for device in [Device::flex(), Device::ndarray()] {
             let adam = Adam::default();
             let mut x = Tensor::<1>::from_floats([1.0, -2.0, 0.5], &device);

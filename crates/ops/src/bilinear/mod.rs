@@ -1,13 +1,16 @@
 //! Bilinear reading of feature maps at many places.
 
+#[cfg(feature = "flex")]
+mod host;
+
 use std::sync::Arc;
 
 use burn::tensor::Tensor;
 
 use crate::dispatch::dispatch;
-use crate::upload;
+use crate::traffic::upload;
 
-/// Where maps are read: four rows of a table with their weights for each place.
+/// Places at which maps are read: four rows of a table with their weights for each place.
 #[derive(Clone, Debug)]
 pub struct Taps {
     rows: Arc<[[u32; 4]]>,
@@ -15,7 +18,7 @@ pub struct Taps {
 }
 
 impl Taps {
-    /// Places `(map, x, y)` in a stack of `height × width` maps, whose texels are the rows of a table, map by map and
+    /// Creates taps at places `(map, x, y)` in a stack of `height × width` maps, whose texels are the rows of a table, map by map and
     /// row-major in each.
     ///
     /// `(0, 0)` is the centre of a map's first texel, `(width − 1, height − 1)` that of its last. A place beyond them reads
@@ -41,7 +44,7 @@ impl Taps {
         Self { rows: rows.into(), weights: weights.into() }
     }
 
-    /// The places at which each of `maps` maps of `from` = (height, width) texels is read to give it `to` texels, corners
+    /// Creates the taps that resize each of `maps` maps of `from` = (height, width) texels to `to` texels, corners
     /// on corners (PyTorch: `align_corners=True`).
     pub fn resize(maps: usize, from: (usize, usize), to: (usize, usize)) -> Self {
         let scale = |from: usize, to: usize| if to > 1 { (from - 1) as f32 / (to - 1) as f32 } else { 0.0 };
@@ -52,18 +55,18 @@ impl Taps {
         Self::new(places, from.0, from.1)
     }
 
-    /// Number of places.
+    /// Returns the number of places.
     pub fn len(&self) -> usize {
         self.rows.len()
     }
 
-    /// Whether there are no places.
+    /// Returns whether there are no places.
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()
     }
 }
 
-/// `out[n] = Σₖ weights[n][k] · table[rows[n][k]]`: `[P, C]` → `[N, C]`, differentiable in the table.
+/// Computes `out[n] = Σₖ weights[n][k] · table[rows[n][k]]`: `[P, C]` → `[N, C]`, differentiable in the table.
 ///
 /// # Panics
 /// If a tap lies beyond the table.
@@ -78,7 +81,7 @@ pub fn bilinear(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
     }
 }
 
-/// [`bilinear`] from plain tensor operations, on any backend.
+/// Computes [`bilinear`] by plain tensor operations, on any backend.
 pub fn plain(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
     let device = table.device();
     let count = taps.len();
@@ -91,102 +94,12 @@ pub fn plain(table: Tensor<2>, taps: &Taps) -> Tensor<2> {
     tap(0) + tap(1) + tap(2) + tap(3)
 }
 
-#[cfg(feature = "flex")]
-mod host {
-    use rayon::prelude::*;
-
-    use super::Taps;
-    use crate::kernel::{Kernel, Pass};
-
-    /// Rows that a thread takes at a time.
-    const CHUNK: usize = 256;
-
-    #[derive(Debug)]
-    pub(super) struct BilinearKernel {
-        pub(super) taps: Taps,
-        pub(super) rows: usize,
-        pub(super) channels: usize,
-    }
-
-    /// `sum += weight · row`.
-    fn add(sum: &mut [f32], row: &[f32], weight: f32) {
-        for (sum, value) in sum.iter_mut().zip(row) {
-            *sum += weight * value;
-        }
-    }
-
-    impl BilinearKernel {
-        /// For each row of the table the (place, weight) that read it, in the order of the places: the transpose of the
-        /// taps, so that each thread writes rows of its own and sums in one order.
-        fn readers(&self) -> (Vec<u32>, Vec<(u32, f32)>) {
-            let mut ends = vec![0u32; self.rows + 1];
-            for row in self.taps.rows.as_flattened() {
-                ends[*row as usize + 1] += 1;
-            }
-            for row in 0..self.rows {
-                ends[row + 1] += ends[row];
-            }
-            let mut next = ends.clone();
-            let mut readers = vec![(0, 0.0); 4 * self.taps.len()];
-            for (place, (rows, weights)) in self.taps.rows.iter().zip(self.taps.weights.iter()).enumerate() {
-                for (row, weight) in rows.iter().zip(weights) {
-                    let slot = &mut next[*row as usize];
-                    readers[*slot as usize] = (place as u32, *weight);
-                    *slot += 1;
-                }
-            }
-            (ends, readers)
-        }
-    }
-
-    impl Kernel for BilinearKernel {
-        fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
-            vec![self.taps.len(), self.channels]
-        }
-
-        fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-            let &[table] = inputs else { unreachable!("bilinear reading has one input") };
-            let channels = self.channels;
-            let mut out = vec![0.0; self.taps.len() * channels];
-            let taps = self.taps.rows.par_chunks(CHUNK).zip(self.taps.weights.par_chunks(CHUNK));
-            out.par_chunks_mut(CHUNK * channels).zip(taps).for_each(|(out, (rows, weights))| {
-                for ((out, rows), weights) in out.chunks_exact_mut(channels).zip(rows).zip(weights) {
-                    for (row, weight) in rows.iter().zip(weights) {
-                        let start = *row as usize * channels;
-                        add(out, &table[start..start + channels], *weight);
-                    }
-                }
-            });
-            out
-        }
-
-        fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-            if !wanted[0] {
-                return vec![None];
-            }
-            let (channels, grad) = (self.channels, pass.grad);
-            let (ends, readers) = self.readers();
-            let mut table = vec![0.0; self.rows * channels];
-            table.par_chunks_mut(CHUNK * channels).enumerate().for_each(|(chunk, part)| {
-                for (index, sum) in part.chunks_exact_mut(channels).enumerate() {
-                    let row = chunk * CHUNK + index;
-                    for (place, weight) in &readers[ends[row] as usize..ends[row + 1] as usize] {
-                        let start = *place as usize * channels;
-                        add(sum, &grad[start..start + channels], *weight);
-                    }
-                }
-            });
-            vec![Some(table)]
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::to_host;
+    use crate::traffic::to_host;
 
     /// Two maps of 2 × 3 texels with two channels: 10·map + texel, and its square.
     fn table(device: &Device) -> Tensor<2> {

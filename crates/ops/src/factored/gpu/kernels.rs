@@ -1,13 +1,13 @@
-//! The kernels: one thread per coordinate of a sample, or per plane that it reads, for all levels, whose sizes are built in.
+//! One thread per coordinate of a sample, or per plane that it reads, for all levels, whose sizes are compile-time constants.
 
 use burn::cubecl::{self, prelude::*};
 
-use crate::cube::encode::{Angle, wave};
 use crate::factored::Level;
+use crate::frequency::gpu::{Angle, wave};
 
-/// 2u − 1 of a coordinate, and sines and cosines of 2ˡπ(u − ½).
+/// Writes 2u − 1 of a coordinate, and sines and cosines of 2ˡπ(u − ½).
 #[cube]
-fn frequencies_of(
+fn encode_coordinate(
     u: f32,
     weights: &Tensor<f32>,
     out: &mut Tensor<f32>,
@@ -28,9 +28,9 @@ fn frequencies_of(
     }
 }
 
-/// Slope of the same along the coordinate, given the output and its gradient.
+/// Computes the gradient with respect to the coordinate, given the output and its gradient.
 #[cube]
-fn frequencies_slope(
+fn coordinate_gradient(
     out: &Tensor<f32>,
     grad: &Tensor<f32>,
     start: usize,
@@ -48,12 +48,12 @@ fn frequencies_slope(
     sum
 }
 
-/// Where a coordinate lies among texels, the centres of which are at (i + ½)/res.
+/// Place of a coordinate among texels, whose centres are at (i + ½)/res.
 #[derive(CubeType)]
 struct Texel {
-    /// The texel before it.
+    /// Texel before the coordinate.
     at: usize,
-    /// How far behind that it is.
+    /// Distance behind that texel, in texels.
     t: f32,
 }
 
@@ -65,32 +65,32 @@ fn texel(u: f32, resolution: usize) -> Texel {
     Texel { at, t: v - f32::cast_from(at) }
 }
 
-/// How fast it moves with `u`: not at all beyond the outermost centres.
+/// Computes the derivative of the place with respect to `u`: 0 beyond the outermost centres.
 #[cube]
-fn pace(u: f32, resolution: usize) -> f32 {
+fn texel_derivative(u: f32, resolution: usize) -> f32 {
     let v = u * f32::cast_from(resolution) - 0.5f32;
-    let mut pace = 0.0f32;
+    let mut derivative = 0.0f32;
     if v > 0.0f32 && v < f32::cast_from(resolution - 1) - 1e-3f32 {
-        pace = f32::cast_from(resolution);
+        derivative = f32::cast_from(resolution);
     }
-    pace
+    derivative
 }
 
-/// What a plane and its line are read at: the first feature of each of the four corners and two ends, with their shares.
+/// Places at which a plane and its line are read.
 #[derive(CubeType)]
 struct Reading {
-    /// Corner (0, 0).
+    /// First feature of the corner (0, 0) of the plane's four texels.
     corner: usize,
-    /// From a row of the plane to the next.
+    /// Distance between rows of the plane.
     row: usize,
     a: f32,
     b: f32,
-    /// The first end.
+    /// First feature of the first of the line's two texels.
     end: usize,
     c: f32,
 }
 
-/// Plane `p` of (xy, xz, yz), and line `p` of (z, y, x).
+/// Locates a sample in plane `p` of (xy, xz, yz), and in line `p` of (z, y, x).
 #[cube]
 fn reading(positions: &Tensor<f32>, sample: usize, p: usize, #[comptime] level: Level) -> Reading {
     let offset = comptime!(level.offset);
@@ -111,7 +111,7 @@ fn reading(positions: &Tensor<f32>, sample: usize, p: usize, #[comptime] level: 
     }
 }
 
-/// Feature `k` of the plane.
+/// Interpolates feature `k` of the plane.
 #[cube]
 fn on_plane(tables: &Tensor<f32>, read: &Reading, k: usize, #[comptime] channels: usize) -> f32 {
     let first = read.corner + k;
@@ -120,14 +120,14 @@ fn on_plane(tables: &Tensor<f32>, read: &Reading, k: usize, #[comptime] channels
         + read.b * ((1.0f32 - read.a) * tables[second] + read.a * tables[second + channels])
 }
 
-/// Feature `k` of the line.
+/// Interpolates feature `k` of the line.
 #[cube]
 fn on_line(tables: &Tensor<f32>, read: &Reading, k: usize, #[comptime] channels: usize) -> f32 {
     (1.0f32 - read.c) * tables[read.end + k] + read.c * tables[read.end + k + channels]
 }
 
-/// All that goes into the MLP: one thread per sample and axis, or plane.
-/// `weights` are those of the frequencies, then of the levels.
+/// Computes the MLP's input, one thread per sample and axis, or plane. `weights` has the weights of the frequencies, then of
+/// the levels.
 #[cube(launch)]
 pub(super) fn features(
     tables: &Tensor<f32>,
@@ -142,7 +142,7 @@ pub(super) fn features(
     }
     let (sample, p) = (ABSOLUTE_POS / 3, ABSOLUTE_POS % 3);
     let start = sample * out.shape(1);
-    frequencies_of(positions[ABSOLUTE_POS], weights, out, start, p, frequencies);
+    encode_coordinate(positions[ABSOLUTE_POS], weights, out, start, p, frequencies);
     #[unroll]
     for l in 0..levels.len() {
         let channels = comptime!(levels[l].channels);
@@ -159,16 +159,17 @@ pub(super) fn features(
     }
 }
 
-/// Adds to a number to which other threads add at the same time. The order of additions is the device's choice.
+/// Addition to an element to which other threads add at the same time, in whatever order the device chooses.
 #[cube]
 pub(super) trait Accumulate: Send + Sync + 'static {
-    /// What the number is kept as.
+    /// Representation of the element.
     type Word: Numeric;
 
+    /// Adds `value`.
     fn add(to: &mut Atomic<Self::Word>, value: f32);
 }
 
-/// By the device's own atomic addition of `f32`.
+/// Atomic addition of `f32` by the device.
 #[derive(CubeType)]
 pub(super) struct Native;
 
@@ -181,12 +182,12 @@ impl Accumulate for Native {
     }
 }
 
-/// By exchanging the number's bits until nobody came in between, for devices that lack it.
+/// Atomic addition by compare-and-exchange of the bits, for devices that lack one.
 #[derive(CubeType)]
-pub(super) struct Exchange;
+pub(super) struct CompareExchange;
 
 #[cube]
-impl Accumulate for Exchange {
+impl Accumulate for CompareExchange {
     type Word = u32;
 
     fn add(to: &mut Atomic<u32>, value: f32) {
@@ -201,7 +202,7 @@ impl Accumulate for Exchange {
     }
 }
 
-/// The gradient with respect to the tables.
+/// Adds the gradient with respect to the tables, one thread per sample and plane.
 #[cube(launch)]
 pub(super) fn table_gradient<A: Accumulate>(
     tables: &Tensor<f32>,
@@ -239,7 +240,7 @@ pub(super) fn table_gradient<A: Accumulate>(
     }
 }
 
-/// The gradient with respect to the positions: one thread per sample.
+/// Computes the gradient with respect to the positions, one thread per sample.
 #[cube(launch)]
 pub(super) fn position_gradient(
     tables: &Tensor<f32>,
@@ -257,7 +258,7 @@ pub(super) fn position_gradient(
     }
     let start = sample * grad.shape(1);
     for axis in 0..3usize {
-        dpositions[3 * sample + axis] = frequencies_slope(out, grad, start, axis, frequencies);
+        dpositions[3 * sample + axis] = coordinate_gradient(out, grad, start, axis, frequencies);
     }
     #[unroll]
     for l in 0..levels.len() {
@@ -284,9 +285,9 @@ pub(super) fn position_gradient(
                     g * on_plane(tables, &read, k, channels) * (tables[read.end + k + channels] - tables[read.end + k]);
             }
             let (a, b, c) = (3 * sample + p / 2, 3 * sample + 1 + (p + 1) / 2, 3 * sample + 2 - p);
-            dpositions[a] += along_a * pace(positions[a], resolution);
-            dpositions[b] += along_b * pace(positions[b], resolution);
-            dpositions[c] += along_c * pace(positions[c], resolution);
+            dpositions[a] += along_a * texel_derivative(positions[a], resolution);
+            dpositions[b] += along_b * texel_derivative(positions[b], resolution);
+            dpositions[c] += along_c * texel_derivative(positions[c], resolution);
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Total variation of planes: a launch for all levels, whose sizes are built in, and one to add up.
+//! GPU kernel of [`plane_variation`](super::plane_variation): one launch for all levels, whose sizes are compile-time constants.
 
 use std::sync::Arc;
 
@@ -8,14 +8,15 @@ use burn::tensor;
 use burn_cubecl::CubeBackend;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{CubeKernel, Pass, apply, empty, empty_like};
-use crate::factored::{Layout, Level, variation_weight};
+use super::{Layout, weight};
+use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch};
+use crate::factored::Level;
 
 /// Partial sums.
 const SUMS: usize = 4096;
 
-/// [`plane_variation`](crate::plane_variation), `[1]`.
-pub(crate) fn variation(tables: tensor::Tensor<1>, layout: &Arc<Layout>) -> tensor::Tensor<1> {
+/// Computes the variation, `[1]`.
+pub(super) fn variation(tables: tensor::Tensor<1>, layout: &Arc<Layout>) -> tensor::Tensor<1> {
     apply(Variation(layout.clone()), tables)
 }
 
@@ -33,12 +34,12 @@ impl CubeKernel for Variation {
     fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
         let tables = &pass.inputs[0];
         let dtables = empty_like(tables);
-        launch!(pull::launch, dtables.meta.num_elements(); tables, pass.grad, &dtables; self.0.levels.clone());
+        launch!(gradient::launch, dtables.meta.num_elements(); tables, pass.grad, &dtables; self.0.levels.clone());
         vec![Some(dtables)]
     }
 }
 
-/// Squared differences to the next texel along both axes, every so many-th number of each level's planes per thread.
+/// Sums squared differences to the next texel along both axes; each thread strides through the elements of every level.
 #[cube(launch)]
 fn squares(tables: &Tensor<f32>, sums: &mut Tensor<f32>, #[comptime] levels: Vec<Level>) {
     if ABSOLUTE_POS >= sums.len() {
@@ -65,19 +66,19 @@ fn squares(tables: &Tensor<f32>, sums: &mut Tensor<f32>, #[comptime] levels: Vec
             }
             at += sums.len();
         }
-        all += comptime!(variation_weight(levels[l].resolution)) * sum;
+        all += comptime!(weight(levels[l].resolution)) * sum;
     }
     sums[ABSOLUTE_POS] = all;
 }
 
-/// The gradient with respect to each number; 0 on lines.
+/// Computes the gradient with respect to each element; 0 on lines.
 #[cube(launch)]
-fn pull(tables: &Tensor<f32>, grad: &Tensor<f32>, dtables: &mut Tensor<f32>, #[comptime] levels: Vec<Level>) {
+fn gradient(tables: &Tensor<f32>, grad: &Tensor<f32>, dtables: &mut Tensor<f32>, #[comptime] levels: Vec<Level>) {
     let at = ABSOLUTE_POS;
     if at >= dtables.len() {
         terminate!();
     }
-    let mut slope = 0.0f32;
+    let mut d = 0.0f32;
     #[unroll]
     for l in 0..levels.len() {
         let offset = comptime!(levels[l].offset);
@@ -100,8 +101,8 @@ fn pull(tables: &Tensor<f32>, grad: &Tensor<f32>, dtables: &mut Tensor<f32>, #[c
             if y + 1 < resolution {
                 sum += here - tables[at + row];
             }
-            slope = comptime!(2.0 * variation_weight(levels[l].resolution)) * grad[0] * sum;
+            d = comptime!(2.0 * weight(levels[l].resolution)) * grad[0] * sum;
         }
     }
-    dtables[at] = slope;
+    dtables[at] = d;
 }
