@@ -252,7 +252,7 @@ impl MlpKernel {
         for (index, (grad, block)) in grad.chunks(outputs * BLOCK).zip(saved.chunks_exact(self.activations)).enumerate()
         {
             let first = index * BLOCK;
-            // Not a number counts as gathered.
+            // NaN counts as a gradient.
             let rows =
                 || (0..grad.len() / outputs).filter(|s| grad[s * outputs..][..outputs].iter().any(|g| *g != 0.0));
             if rows().count() * outputs == grad.len() {

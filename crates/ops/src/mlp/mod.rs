@@ -39,7 +39,8 @@ fn on_host(kernel: impl crate::kernel::Kernel, encoded: Tensor<2>, network: &Rad
     let directions = network.color.as_ref().map(|branch| branch.encoded_directions().into_dispatch());
     let parameters =
         network.layers().flat_map(|layer| [layer.weight.clone().into_dispatch(), layer.bias.clone().into_dispatch()]);
-    let inputs: Inputs<_> = std::iter::once(encoded.into_dispatch()).chain(directions).chain(parameters).collect();
+    let inputs: Inputs<burn::backend::Dispatch> =
+        std::iter::once(encoded.into_dispatch()).chain(directions).chain(parameters).collect();
     crate::kernel::apply(kernel, inputs)
 }
 
