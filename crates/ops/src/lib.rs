@@ -7,7 +7,7 @@
 //! | host kernel ([`kernel::Kernel`]) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
 //! | CubeCL kernel (`cube`, with the feature of that name) | GPUs: placing samples, compositing, entropy, KL divergence, sums of losses, planes and lines with their network and variation, dense layers, encodings, Adam | few launches |
 //! | plain tensors (`plain` of each file) | every backend | portability, and an oracle for the kernels |
-//! | [`mod@reference`] in `f64` | tests | bounds the error of both |
+//! | `infonerf-oracle` in `f64` | tests and benchmarks | bounds the error of all |
 //!
 //! The public function of each file picks the kernel for the device of its tensors, or the plain body where there is none.
 //!
@@ -57,8 +57,6 @@ pub mod frequency;
 pub mod frustum;
 #[cfg(any(feature = "flex", feature = "cube"))]
 mod graph;
-#[cfg(feature = "flex")]
-mod groups;
 pub mod integrated;
 #[cfg(feature = "flex")]
 pub mod kernel;
@@ -73,7 +71,6 @@ mod peak;
 pub mod random;
 #[cfg(feature = "flex")]
 mod ray_kernel;
-pub mod reference;
 pub mod rotation;
 mod rows;
 pub mod sampling;
@@ -86,7 +83,7 @@ pub mod unit_box;
 
 pub use additive::additive_depth;
 pub use bilinear::bilinear;
-pub use composite::{Composite, Seen, composite, composite_over};
+pub use composite::{Composite, CompositeOver, composite, composite_over};
 pub use distortion::{Intervals, ray_distortion};
 pub use divergence::ray_divergence;
 pub use entropy::{RayDistribution, RayEntropy, ray_entropy};

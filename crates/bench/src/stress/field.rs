@@ -9,7 +9,7 @@ use infonerf_ops::factored::{Layout, Query, reference};
 use infonerf_ops::frequency::encoded_width;
 use infonerf_ops::{
     RayGaussians, factored_field, frequency_encode, from_host, frustum_gaussians, integrated_encode, plane_variation,
-    reference as oracle, to_host,
+    to_host,
 };
 
 use super::errors::Errors;
@@ -81,7 +81,7 @@ pub(super) fn frustums(count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let found = [mean, along, across].map(to_host);
     for i in 0..count {
         let (t, half) = (f64::from(t[i]), 0.5 * f64::from(delta[i]));
-        let want = oracle::frustum_moments(t - half, t + half, f64::from(radii[i]));
+        let want = infonerf_oracle::frustum_moments(t - half, t + half, f64::from(radii[i]));
         for (got, want) in found.iter().zip(want) {
             errors.value(got[i], want);
         }

@@ -11,6 +11,7 @@ macro_rules! launch {
         $kernel(&like.client, count, dim, $crate::cube::arg(like), $($crate::cube::arg($tensor),)* $($scalar),*)
     }};
 }
+pub(crate) use launch;
 
 mod activation;
 mod adam;
@@ -19,11 +20,11 @@ mod drawing;
 mod encode;
 mod gemm;
 mod means;
-mod outputs;
+pub(crate) mod outputs;
 mod parameters;
 mod radiance;
 mod random;
-mod rays;
+pub(crate) mod rays;
 mod rows;
 mod sampling;
 mod tables;
@@ -54,7 +55,7 @@ pub(crate) use encode::{frequency, integrated};
 pub(crate) use means::{MOST_SCALARS, Summand, sum, weighted_sum};
 pub(crate) use outputs::part_or_copy;
 pub(crate) use radiance::radiance;
-pub(crate) use rays::{composite, divergence, entropy, points, read_offsets, spread};
+pub(crate) use rays::{points, read_offsets, spread};
 pub(crate) use rows::{MOST_PARTS, split_rows};
 pub(crate) use sampling::{importance, intervals, march, resample, stratified};
 pub(crate) use tables::{features, network};
@@ -66,7 +67,7 @@ use crate::graph::{self, Inputs, Operation};
 use crate::traffic::count_upload;
 
 /// A differentiable function of dense `f32` tensors on a GPU.
-trait CubeKernel: Debug + Send + Sync + 'static {
+pub(crate) trait CubeKernel: Debug + Send + Sync + 'static {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor;
 
     /// The same with what the backward pass needs beside inputs and output.
@@ -79,12 +80,12 @@ trait CubeKernel: Debug + Send + Sync + 'static {
 }
 
 /// The arguments of a backward pass.
-struct Pass<'a> {
-    inputs: &'a [CubeTensor],
-    output: &'a CubeTensor,
-    kept: &'a [CubeTensor],
-    grad: &'a CubeTensor,
-    wanted: &'a [bool],
+pub(crate) struct Pass<'a> {
+    pub(crate) inputs: &'a [CubeTensor],
+    pub(crate) output: &'a CubeTensor,
+    pub(crate) kept: &'a [CubeTensor],
+    pub(crate) grad: &'a CubeTensor,
+    pub(crate) wanted: &'a [bool],
 }
 
 #[backend_extension(Cube, Autodiff)]
@@ -105,7 +106,7 @@ impl<C: CheckpointStrategy> CubeOps for Autodiff<CubeBackend, C> {
 }
 
 /// `kernel(inputs)` as a tensor of rank `D`.
-fn apply<const D: usize>(kernel: impl CubeKernel, inputs: impl Into<Inputs<Dispatch>>) -> Tensor<D> {
+pub(crate) fn apply<const D: usize>(kernel: impl CubeKernel, inputs: impl Into<Inputs<Dispatch>>) -> Tensor<D> {
     Tensor::from_dispatch(<Dispatch as CubeOps>::cube(inputs.into(), CubeOperation(Arc::new(kernel))))
 }
 
@@ -149,7 +150,7 @@ impl Operation<CubeBackend> for CubeOperation {
 }
 
 /// One thread for each of `count` things.
-fn threads(like: &CubeTensor, count: usize) -> (CubeCount, CubeDim) {
+pub(crate) fn threads(like: &CubeTensor, count: usize) -> (CubeCount, CubeDim) {
     let dim = CubeDim::new(&like.client, count);
     (calculate_cube_count_elemwise(&like.client, count, dim), dim)
 }
@@ -158,18 +159,18 @@ fn threads(like: &CubeTensor, count: usize) -> (CubeCount, CubeDim) {
 ///
 /// # Panics
 /// If there is something between its rows, which kernels would take for numbers of the next row.
-fn arg(tensor: &CubeTensor) -> TensorArg {
+pub(crate) fn arg(tensor: &CubeTensor) -> TensorArg {
     assert!(tensor.is_contiguous(), "kernels index dense rows");
     tensor.clone().into_tensor_arg()
 }
 
 /// Dense memory with whatever is in it.
-fn empty<S: Into<Shape>>(like: &CubeTensor, shape: S) -> CubeTensor {
+pub(crate) fn empty<S: Into<Shape>>(like: &CubeTensor, shape: S) -> CubeTensor {
     empty_device_contiguous_dtype(like.client.clone(), like.device.clone(), shape.into(), DType::F32)
 }
 
 /// Memory of the shape of `like`, dense.
-fn empty_like(like: &CubeTensor) -> CubeTensor {
+pub(crate) fn empty_like(like: &CubeTensor) -> CubeTensor {
     empty(like, like.meta.shape().clone())
 }
 

@@ -34,7 +34,7 @@ pub(crate) fn part_or_copy<S: Into<Shape>>(buffer: &CubeTensor, start: usize, sh
 
 /// Where the outputs of an operation lie in its buffer, and on the way back their gradients.
 #[derive(Debug)]
-pub(super) struct Outputs<const N: usize> {
+pub(crate) struct Outputs<const N: usize> {
     starts: [usize; N],
     shapes: [Shape; N],
     grads: Mutex<[Option<CubeTensor>; N]>,
@@ -42,7 +42,7 @@ pub(super) struct Outputs<const N: usize> {
 
 impl<const N: usize> Outputs<N> {
     /// Each at a multiple of [`ALIGNMENT`].
-    pub(super) fn new(shapes: [Shape; N]) -> Arc<Self> {
+    pub(crate) fn new(shapes: [Shape; N]) -> Arc<Self> {
         Self::at_multiples_of(ALIGNMENT, shapes)
     }
 
@@ -67,13 +67,13 @@ impl<const N: usize> Outputs<N> {
     }
 
     /// A buffer for all of them.
-    pub(super) fn buffer(&self, like: &CubeTensor) -> CubeTensor {
+    pub(crate) fn buffer(&self, like: &CubeTensor) -> CubeTensor {
         let last = &self.shapes[N - 1];
         empty(like, [self.starts[N - 1] + last.num_elements().next_multiple_of(ALIGNMENT)])
     }
 
     /// Each of them.
-    pub(super) fn parts(&self, buffer: &CubeTensor) -> [CubeTensor; N] {
+    pub(crate) fn parts(&self, buffer: &CubeTensor) -> [CubeTensor; N] {
         std::array::from_fn(|index| self.part(buffer, index))
     }
 
@@ -82,7 +82,7 @@ impl<const N: usize> Outputs<N> {
     }
 
     /// An output of the operation that filled the `buffer`.
-    pub(super) fn output<const D: usize>(
+    pub(crate) fn output<const D: usize>(
         self: &Arc<Self>,
         buffer: &tensor::Tensor<1>,
         index: usize,
@@ -91,7 +91,7 @@ impl<const N: usize> Outputs<N> {
     }
 
     /// The gradient of each output, for the operation's backward pass; none of one that nothing depends on.
-    pub(super) fn gradients(&self) -> [Option<CubeTensor>; N] {
+    pub(crate) fn gradients(&self) -> [Option<CubeTensor>; N] {
         std::mem::replace(&mut *self.grads.lock().unwrap_or_else(PoisonError::into_inner), [const { None }; N])
     }
 }
