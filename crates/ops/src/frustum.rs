@@ -40,7 +40,6 @@ mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::reference;
     use crate::traffic::to_host;
 
     /// Returns mean, variance along, and variance across.
@@ -60,7 +59,7 @@ mod tests {
         fn gaussian_has_the_moments_of_the_frustum(near in 0f32..10.0, length in 0.01f32..10.0, radius in 1e-4f32..0.1) {
             let (t, delta) = (near + 0.5 * length, length);
             let edge = |side: f64| f64::from(t) + side * f64::from(delta);
-            let want = reference::frustum_moments(edge(-0.5).max(0.0), edge(0.5), radius.into());
+            let want = infonerf_oracle::frustum_moments(edge(-0.5).max(0.0), edge(0.5), radius.into());
             for (got, want) in moments(t, delta, radius).into_iter().zip(want) {
                 prop_assert!((f64::from(got) - want).abs() <= 1e-5 * want, "{got} against {want}");
             }

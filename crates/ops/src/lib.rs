@@ -1,7 +1,7 @@
 //! The hot tensor operations of a radiance field, as Burn backend extensions.
 //!
-//! Every operation is one file or folder, with up to three bodies that are tested against each other and against an oracle in
-//! `f64`:
+//! Every operation is one file or folder, with up to three bodies that are tested against each other and against
+//! `infonerf-oracle`, in `f64`:
 //!
 //! | body | device | purpose |
 //! |---|---|---|
@@ -58,8 +58,6 @@ pub mod frustum;
 #[cfg(any(feature = "flex", feature = "cube"))]
 mod graph;
 #[cfg(feature = "flex")]
-mod groups;
-#[cfg(feature = "flex")]
 pub mod kernel;
 pub mod matmul;
 pub mod means;
@@ -72,7 +70,6 @@ mod peak;
 pub mod random;
 #[cfg(feature = "flex")]
 mod ray_kernel;
-pub mod reference;
 pub mod rotation;
 mod rows;
 pub mod sampling;
@@ -86,7 +83,7 @@ pub mod unit_box;
 
 pub use additive::additive_depth;
 pub use bilinear::bilinear;
-pub use composite::{Composite, Seen, composite, composite_over};
+pub use composite::{Composite, CompositeOver, composite, composite_over};
 pub use dispatch::{has_host_kernels, is_gpu};
 pub use distortion::{Intervals, ray_distortion};
 pub use divergence::ray_divergence;

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crate::common::{Draws, assert_close, matrix, vector, wide};
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::factored::{self, Layout, Query, factored_field, plane_variation, reference};
+use infonerf_ops::factored::{self, Layout, Query, factored_field, plane_variation};
 use infonerf_ops::to_host;
 
 /// Largest difference between a directional derivative and a central difference of this step, relative to the sum of all
@@ -98,10 +98,10 @@ fn gradients_match_the_oracle_and_its_differences() {
     let u = wide(&numbers(value.len(), 5));
     let inputs = case.inputs.each_ref().map(|input| wide(input));
     let of = |inputs: &[Vec<f64>; 3]| -> f64 {
-        let values = reference::value(&inputs[0], &inputs[1], &inputs[2], &case.layout, &case.query);
+        let values = infonerf_oracle::factored::value(&inputs[0], &inputs[1], &inputs[2], &case.layout, &case.query);
         values.iter().zip(&u).map(|(y, u)| y * u).sum()
     };
-    let oracle = reference::gradient(&inputs[0], &inputs[1], &inputs[2], &case.layout, &case.query, &u);
+    let oracle = infonerf_oracle::factored::gradient(&inputs[0], &inputs[1], &inputs[2], &case.layout, &case.query, &u);
     for (place, (kernel, oracle)) in gradients.iter().zip(&oracle).enumerate() {
         assert_close(kernel, &oracle.iter().map(|g| *g as f32).collect::<Vec<f32>>(), INPUTS[place]);
         for salt in 6..12 {

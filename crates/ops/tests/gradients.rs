@@ -140,7 +140,7 @@ fn frustums() -> GradientCase {
         let moments: Vec<[f64; 3]> = (0..x[0].len())
             .map(|i| {
                 let (t, half) = (x[0][i], 0.5 * x[1][i]);
-                infonerf_ops::reference::frustum_moments(t - half, t + half, x[2][i])
+                infonerf_oracle::frustum_moments(t - half, t + half, x[2][i])
             })
             .collect();
         (0..3).flat_map(|k| moments.iter().map(move |moment| moment[k]).collect::<Vec<f64>>()).collect()

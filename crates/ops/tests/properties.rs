@@ -2,7 +2,7 @@
 
 use crate::common::{Body, DISTRIBUTIONS, floats, matrix, vector};
 use burn::tensor::Tensor;
-use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, reference};
+use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite};
 use proptest::prelude::*;
 
 /// Roundings of `f32` sums over a ray.
@@ -133,7 +133,7 @@ proptest! {
     #[test]
     fn divergence_bounds_the_distance_of_distributions(body in body(), pairs in prop::collection::vec((tau(), tau()), 2..40)) {
         let (p, q): (Vec<f32>, Vec<f32>) = pairs.into_iter().unzip();
-        let densities = [&p, &q].map(|tau| reference::ray_density(&tau.iter().copied().map(f64::from).collect::<Vec<_>>()));
+        let densities = [&p, &q].map(|tau| infonerf_oracle::ray_density(&tau.iter().copied().map(f64::from).collect::<Vec<_>>()));
         if let [Some(a), Some(b)] = densities {
             let distance: f64 = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).sum();
             let divergence = divergence(body, &p, &q);

@@ -14,9 +14,9 @@ macro_rules! launch {
 pub(crate) use launch;
 
 mod drawing;
-mod outputs;
+pub(crate) mod outputs;
 mod random;
-mod rays;
+pub(crate) mod rays;
 mod sampling;
 mod together;
 
@@ -36,7 +36,7 @@ use burn_cubecl::tensor::CubeTensor;
 
 pub(crate) use drawing::draw_rays;
 pub(crate) use outputs::part_or_copy;
-pub(crate) use rays::{alpha_of, composite, divergence, entropy, ln_1p, points, read_offsets, spread};
+pub(crate) use rays::{alpha_of, ln_1p, points, read_offsets, spread};
 pub(crate) use sampling::{importance, intervals, march, resample, stratified};
 pub(crate) use together::together;
 

@@ -10,7 +10,7 @@ use super::encode::{self, Block, level_features, plane_gradient, position_gradie
 use super::layout::{Layout, OUTPUTS, PLANES, RAW};
 use super::{HostField, Query, negligible};
 use crate::kernel::{Kernel, Pass};
-use crate::numeric::{Opacity, sigmoid, softplus};
+use crate::numeric::{SampleOpacity, sigmoid, softplus};
 use crate::parts::{UninitPart, in_parts};
 use crate::scratch::Scratch;
 use crate::simd::{self, Job};
@@ -398,7 +398,7 @@ impl Job for Backward<'_> {
         for s in 0..samples {
             depths[s] = output[s * outputs] / layout.density_scale;
         }
-        let derivatives = Opacity::of::<FMA>(&depths[..samples]).alpha;
+        let derivatives = SampleOpacity::new::<FMA>(&depths[..samples]).alpha;
         for (s, dout) in dy.chunks_exact_mut(width).take(samples).enumerate() {
             dout.fill(0.0);
             let (y, g) = (&output[s * outputs..][..outputs], &grad[s * outputs..][..outputs]);

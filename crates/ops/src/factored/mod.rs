@@ -21,7 +21,6 @@ mod layout;
 #[cfg(feature = "flex")]
 mod negligible;
 mod plain;
-pub mod reference;
 mod variation;
 
 pub use layout::{Layer, Layout, Level, PLANES};

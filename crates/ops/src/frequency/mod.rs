@@ -92,7 +92,6 @@ mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::reference;
     use crate::traffic::{from_host, to_host};
 
     fn encoded(x: &[f32], dims: usize, frequencies: usize, window: &[f32]) -> Vec<f32> {
@@ -139,7 +138,7 @@ mod tests {
             for (axis, (mean, variance)) in MEAN.into_iter().zip(variance).enumerate() {
                 let scale = 2f64.powi(frequency as i32);
                 let (mean, deviation) = (f64::from(mean) * scale, f64::from(variance).sqrt() * scale);
-                let expected = |f: fn(f64) -> f64| reference::gaussian_mean(mean, deviation, f);
+                let expected = |f: fn(f64) -> f64| infonerf_oracle::gaussian_mean(mean, deviation, f);
                 let base = frequency * 6 + axis;
                 approx::assert_abs_diff_eq!(f64::from(got[base]), expected(f64::sin), epsilon = 2e-6);
                 approx::assert_abs_diff_eq!(f64::from(got[base + 3]), expected(f64::cos), epsilon = 2e-6);

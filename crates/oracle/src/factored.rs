@@ -1,16 +1,18 @@
-//! The field in `f64`, one sample at a time: the oracle of the fused kernel and of the plain body.
+//! The factored field and the variation of its planes, one sample at a time.
 
-use super::Query;
-use super::layout::{Layout, Level, OUTPUTS, PLANES};
-use crate::traffic::to_host;
+use infonerf_ops::factored::{Layout, Level, PLANES, Query};
+use infonerf_ops::to_host;
 
-/// [`factored_field`](super::factored_field) at `positions`, with everything else as in `query`.
+/// Number of outputs: density and colour.
+const OUTPUTS: usize = 4;
+
+/// Evaluates [`factored_field`](infonerf_ops::factored_field) at `positions`, with everything else as in `query`.
 pub fn value(tables: &[f64], weights: &[f64], positions: &[f64], layout: &Layout, query: &Query) -> Vec<f64> {
-    let field = Field { tables, weights, positions, directions: directions(query), layout, query };
+    let field = FactoredField { tables, weights, positions, directions: directions(query), layout, query };
     (0..positions.len() / 3).flat_map(|sample| field.outputs(sample, &field.trace(sample))).collect()
 }
 
-/// The gradients of ⟨`grad`, output⟩ with respect to `tables`, `weights` and `positions`.
+/// Computes the gradients of ⟨`grad`, output⟩ with respect to `tables`, `weights` and `positions`.
 pub fn gradient(
     tables: &[f64],
     weights: &[f64],
@@ -19,7 +21,7 @@ pub fn gradient(
     query: &Query,
     grad: &[f64],
 ) -> [Vec<f64>; 3] {
-    let field = Field { tables, weights, positions, directions: directions(query), layout, query };
+    let field = FactoredField { tables, weights, positions, directions: directions(query), layout, query };
     let [mut dtables, mut dweights, mut dpositions] = [tables, weights, positions].map(|input| vec![0.0; input.len()]);
     for (sample, grad) in grad.chunks_exact(if query.color { OUTPUTS } else { 1 }).enumerate() {
         let trace = field.trace(sample);
@@ -30,7 +32,7 @@ pub fn gradient(
     [dtables, dweights, dpositions]
 }
 
-struct Field<'a> {
+struct FactoredField<'a> {
     tables: &'a [f64],
     weights: &'a [f64],
     positions: &'a [f64],
@@ -43,34 +45,34 @@ fn directions(query: &Query) -> Vec<f64> {
     query.directions.clone().map(to_host).unwrap_or_default().into_iter().map(f64::from).collect()
 }
 
-/// What an interpolation adds up: places in the tables with their weights.
+/// Terms of an interpolation: places in the tables with their weights.
 type Terms = Vec<(usize, f64)>;
 
-impl Field<'_> {
+impl FactoredField<'_> {
     fn position(&self, sample: usize, axis: usize) -> f64 {
         self.positions[3 * sample + axis]
     }
 
-    /// The two texels about a coordinate, with their weights.
+    /// Finds the two texels about a coordinate, with their weights.
     fn texels(&self, sample: usize, axis: usize, resolution: usize) -> [(usize, f64); 2] {
         let last = (resolution - 1) as f64;
         let v = (self.position(sample, axis) * resolution as f64 - 0.5).min(last - 1e-3).max(0.0);
         [(v as usize, 1.0 - v.fract()), (v as usize + 1, v.fract())]
     }
 
-    /// The same with how these weights change with the coordinate.
-    fn texel_slopes(&self, sample: usize, axis: usize, resolution: usize) -> [(usize, f64); 2] {
+    /// Finds the two texels about a coordinate, with the derivatives of their weights.
+    fn texel_derivatives(&self, sample: usize, axis: usize, resolution: usize) -> [(usize, f64); 2] {
         let v = self.position(sample, axis) * resolution as f64 - 0.5;
         let inside = v > 0.0 && v < (resolution - 1) as f64 - 1e-3;
-        let slope = if inside { resolution as f64 } else { 0.0 };
+        let derivative = if inside { resolution as f64 } else { 0.0 };
         let [(i, _), (j, _)] = self.texels(sample, axis, resolution);
-        [(i, -slope), (j, slope)]
+        [(i, -derivative), (j, derivative)]
     }
 
-    /// Terms of feature `k` of plane `p`, and of its line; with the weights along axis `moved` replaced by their slopes.
+    /// Lists the terms of feature `k` of plane `p`, and of its line; weights along axis `moved` are replaced by their derivatives.
     fn terms(&self, sample: usize, level: &Level, p: usize, k: usize, moved: Option<usize>) -> (Terms, Terms) {
         let [a, b, c] = PLANES[p].map(|axis| match moved {
-            Some(moved) if moved == axis => self.texel_slopes(sample, axis, level.resolution),
+            Some(moved) if moved == axis => self.texel_derivatives(sample, axis, level.resolution),
             _ => self.texels(sample, axis, level.resolution),
         });
         let place = |j: usize, i: usize| level.plane(p) + (j * level.resolution + i) * level.channels + k;
@@ -83,7 +85,7 @@ impl Field<'_> {
         terms.iter().map(|&(at, weight)| weight * self.tables[at]).sum()
     }
 
-    /// Every level with its weight, plane and feature: the place in the MLP's input and the terms that it is made of.
+    /// Lists all features: place in the MLP's input, weight of the level, terms of the plane and of the line.
     fn features(&self, sample: usize) -> impl Iterator<Item = (usize, f64, Terms, Terms)> + '_ {
         let levels = self.layout.levels.iter().zip(&self.query.level_weights);
         levels.flat_map(move |(level, &weight)| {
@@ -94,7 +96,7 @@ impl Field<'_> {
         })
     }
 
-    /// The MLP's input and the output of each of its layers, the last one raw.
+    /// Computes the MLP's input and the output of each layer, the last one before its activation.
     fn trace(&self, sample: usize) -> Vec<Vec<f64>> {
         let mut x = vec![0.0; self.layout.features()];
         for axis in 0..3 {
@@ -123,14 +125,14 @@ impl Field<'_> {
         trace
     }
 
-    /// Factor of each raw number in the colour: 1, or a component of the view direction.
+    /// Returns a component of the view direction.
     fn direction(&self, sample: usize, axis: usize) -> f64 {
         self.directions[3 * sample + axis]
     }
 
     fn raw_color(&self, sample: usize, raw: &[f64], channel: usize) -> f64 {
-        let slopes = if self.layout.view_dependent { 0..3 } else { 0..0 };
-        raw[1 + channel] + slopes.map(|axis| raw[4 + 3 * channel + axis] * self.direction(sample, axis)).sum::<f64>()
+        let axes = if self.layout.view_dependent { 0..3 } else { 0..0 };
+        raw[1 + channel] + axes.map(|axis| raw[4 + 3 * channel + axis] * self.direction(sample, axis)).sum::<f64>()
     }
 
     fn outputs(&self, sample: usize, trace: &[Vec<f64>]) -> Vec<f64> {
@@ -146,8 +148,8 @@ impl Field<'_> {
     fn raw_gradient(&self, sample: usize, trace: &[Vec<f64>], grad: &[f64]) -> Vec<f64> {
         let raw = &trace[trace.len() - 1];
         let mut draw = vec![0.0; raw.len()];
-        let slope = sigmoid(raw[0] + f64::from(self.layout.density_bias));
-        draw[0] = grad[0] * f64::from(self.layout.density_scale) * slope;
+        let derivative = sigmoid(raw[0] + f64::from(self.layout.density_bias));
+        draw[0] = grad[0] * f64::from(self.layout.density_scale) * derivative;
         for (channel, g) in grad[1..].iter().enumerate() {
             let x = self.raw_color(sample, raw, channel);
             let d = g * sigmoid(x) * sigmoid(-x);
@@ -161,7 +163,7 @@ impl Field<'_> {
         draw
     }
 
-    /// Adds to `dweights`, and returns the gradient of the MLP's input.
+    /// Adds the gradient of the weights to `dweights`, and returns the gradient of the MLP's input.
     fn mlp_gradient(&self, trace: &[Vec<f64>], mut dy: Vec<f64>, dweights: &mut [f64]) -> Vec<f64> {
         for (index, layer) in self.layout.layers.iter().enumerate().rev() {
             if index + 1 < self.layout.layers.len() {
@@ -188,15 +190,15 @@ impl Field<'_> {
             *out = 2.0 * dx[axis];
             for frequency in 0..self.query.frequency_weights.len() {
                 let (sine, cosine) = (3 + 6 * frequency + 2 * axis, 4 + 6 * frequency + 2 * axis);
-                let slope = (1u64 << frequency) as f64 * std::f64::consts::PI;
-                *out += slope * (dx[sine] * x[cosine] - dx[cosine] * x[sine]);
+                let scale = (1u64 << frequency) as f64 * std::f64::consts::PI;
+                *out += scale * (dx[sine] * x[cosine] - dx[cosine] * x[sine]);
             }
             for (level, &weight) in self.layout.levels.iter().zip(&self.query.level_weights) {
                 for f in 0..3 * level.channels {
                     // Each axis is either the plane's or the line's: the other factor stays.
                     let (plane, line) = self.terms(sample, level, f / level.channels, f % level.channels, Some(axis));
-                    let slope = self.interpolate(&plane) * self.interpolate(&line);
-                    *out += dx[level.feature + f] * f64::from(weight) * slope;
+                    let derivative = self.interpolate(&plane) * self.interpolate(&line);
+                    *out += dx[level.feature + f] * f64::from(weight) * derivative;
                 }
             }
         }
@@ -220,7 +222,7 @@ fn sigmoid(x: f64) -> f64 {
     1.0 / (1.0 + (-x).exp())
 }
 
-/// [`plane_variation`](super::plane_variation) and its gradient.
+/// Computes [`plane_variation`](infonerf_ops::plane_variation) and its gradient.
 pub fn variation(tables: &[f64], layout: &Layout) -> (f64, Vec<f64>) {
     let (mut sum, mut gradient) = (0.0, vec![0.0; tables.len()]);
     for level in &layout.levels {
