@@ -100,11 +100,11 @@ pub(crate) trait Operation<B: KernelBackend>: Debug + Send + Sync {
     fn forward(&self, inputs: &[FloatTensor<B>]) -> (FloatTensor<B>, B::Kept);
 
     /// Computes the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and perhaps to others.
-    fn backward(&self, pass: Pass<'_, B>) -> Vec<Option<FloatTensor<B>>>;
+    fn backward(&self, pass: BackwardPass<'_, B>) -> Vec<Option<FloatTensor<B>>>;
 }
 
 /// Arguments of a backward pass on backend `B`.
-pub(crate) struct Pass<'a, B: KernelBackend> {
+pub(crate) struct BackwardPass<'a, B: KernelBackend> {
     /// Inputs of the forward pass.
     pub(crate) inputs: &'a [FloatTensor<B>],
     /// Output of the forward pass.
@@ -206,7 +206,7 @@ impl<B: KernelBackend, const N: usize> Backward<B, N> for Recorded<B, N> {
         let Saved { operation, inputs, output, kept } = ops.state;
         let grad = B::prepare(grads.consume::<B>(&ops.node));
         let wanted: Vec<bool> = ops.parents.iter().take(inputs.len()).map(Option::is_some).collect();
-        let pass = Pass { inputs: &inputs, output: &output, kept: &kept, grad: &grad, wanted: &wanted };
+        let pass = BackwardPass { inputs: &inputs, output: &output, kept: &kept, grad: &grad, wanted: &wanted };
         for (parent, result) in ops.parents.into_iter().zip(operation.backward(pass)) {
             if let (Some(node), Some(gradient)) = (parent, result) {
                 grads.register::<B>(node.id, gradient);

@@ -94,7 +94,7 @@ impl<K: Kernel> Operation<Flex> for K {
         (output, Arc::new(saved))
     }
 
-    fn backward(&self, pass: graph::Pass<'_, Flex>) -> Vec<Option<Host>> {
+    fn backward(&self, pass: graph::BackwardPass<'_, Flex>) -> Vec<Option<Host>> {
         let slices: Vec<&[f32]> = pass.inputs.iter().map(slice).collect();
         let host_pass = Pass { inputs: &slices, output: slice(pass.output), saved: pass.kept, grad: slice(pass.grad) };
         let results = Kernel::backward(self, host_pass, pass.wanted).into_iter().zip(pass.inputs);

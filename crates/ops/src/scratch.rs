@@ -47,7 +47,7 @@ impl DerefMut for Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        /// Buffers that an optimisation step keeps at once, next to one of each thread.
+        /// Buffers that an optimizer step keeps at once, next to one of each thread.
         const OF_A_STEP: usize = 4;
         let mut pool = pool();
         if pool.len() < OF_A_STEP + rayon::current_num_threads() {

@@ -8,7 +8,7 @@ use burn_cubecl::CubeBackend;
 use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::tensor::CubeTensor;
 
-use super::{AdamOps, Step};
+use super::{AdamOps, AdamStep};
 use crate::cube::{CubeKernel, Pass, apply, arg, empty_like, launch, numbers, threads, untracked};
 
 /// Parameters of a launch: each thread searches them for its own.
@@ -91,7 +91,7 @@ impl CubeKernel for Check {
 }
 
 /// Step of a parameter that is not launched yet: x, g, m, v and the next x.
-type PendingUpdate = (Step, [CubeTensor; TENSORS]);
+type PendingUpdate = (AdamStep, [CubeTensor; TENSORS]);
 
 /// Updates that a thread holds back, and the flag that decides whether they happen.
 struct HeldUpdates {
@@ -159,7 +159,7 @@ impl AdamOps for CubeBackend {
         g: CubeTensor,
         m: CubeTensor,
         v: CubeTensor,
-        step: Step,
+        step: AdamStep,
     ) -> (CubeTensor, CubeTensor, CubeTensor) {
         let [x, g] = [x, g].map(into_contiguous);
         // The model has its parameters too while it is stepped; moments are the optimizer's own, unless it was cloned.

@@ -4,7 +4,7 @@ use burn::backend::Flex;
 use burn::backend::tensor::FloatTensor;
 use rayon::prelude::*;
 
-use super::{AdamOps, Step};
+use super::{AdamOps, AdamStep};
 use crate::simd::{self, Job};
 
 /// Elements per task: fewer are not worth a thread.
@@ -13,7 +13,7 @@ const CHUNK: usize = 1 << 14;
 type Host = FloatTensor<Flex>;
 
 impl AdamOps for Flex {
-    fn adam(x: Host, g: Host, m: Host, v: Host, step: Step) -> (Host, Host, Host) {
+    fn adam(x: Host, g: Host, m: Host, v: Host, step: AdamStep) -> (Host, Host, Host) {
         let [mut x, mut m, mut v] = [x, m, v].map(|t| t.to_contiguous());
         let g = g.to_contiguous();
         let slices = (x.storage_mut::<f32>(), m.storage_mut::<f32>(), v.storage_mut::<f32>());
@@ -27,7 +27,7 @@ impl AdamOps for Flex {
 }
 
 struct Chunk<'a> {
-    step: Step,
+    step: AdamStep,
     x: &'a mut [f32],
     g: &'a [f32],
     m: &'a mut [f32],

@@ -37,7 +37,7 @@ impl Default for Adam {
 
 /// Constants of one step, with bias corrections folded in.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Step {
+pub(crate) struct AdamStep {
     pub(crate) beta1: f32,
     pub(crate) beta2: f32,
     /// lr · √(1 − β₂ᵗ)/(1 − β₁ᵗ)
@@ -47,10 +47,10 @@ pub(crate) struct Step {
 }
 
 impl Adam {
-    fn at(&self, lr: f64, time: usize) -> Step {
+    fn at(&self, lr: f64, time: usize) -> AdamStep {
         let time = i32::try_from(time).unwrap_or(i32::MAX);
         let root = (1.0 - f64::from(self.beta2).powi(time)).sqrt();
-        Step {
+        AdamStep {
             beta1: self.beta1,
             beta2: self.beta2,
             rate: (lr * self.rate * root / (1.0 - f64::from(self.beta1).powi(time))) as f32,
@@ -115,7 +115,7 @@ fn is_set(flag: Tensor<1>) -> bool {
 
 type Update<const D: usize> = (Tensor<D>, Tensor<D>, Tensor<D>);
 
-fn update<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
+fn update<const D: usize>(step: AdamStep, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
     dispatch! {
         &x.device();
         host => fused(step, x, g, m, v),
@@ -124,7 +124,7 @@ fn update<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, 
     }
 }
 
-fn plain<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
+fn plain<const D: usize>(step: AdamStep, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
     let m = m * step.beta1 + g.clone() * (1.0 - step.beta1);
     let v = v * step.beta2 + g.square() * (1.0 - step.beta2);
     let x = x - m.clone() * step.rate / (v.clone().sqrt() + step.epsilon);
@@ -133,7 +133,7 @@ fn plain<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v
 
 /// Updates all values in one pass, by a kernel of the host or of a GPU.
 #[cfg(any(feature = "flex", feature = "cube"))]
-fn fused<const D: usize>(step: Step, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
+fn fused<const D: usize>(step: AdamStep, x: Tensor<D>, g: Tensor<D>, m: Tensor<D>, v: Tensor<D>) -> Update<D> {
     let [x, g, m, v] = [x, g, m, v].map(Tensor::into_dispatch);
     let (x, m, v) = <burn::backend::Dispatch as AdamOps>::adam(x, g, m, v, step);
     (Tensor::from_dispatch(x), Tensor::from_dispatch(m), Tensor::from_dispatch(v))
@@ -148,7 +148,7 @@ pub(crate) trait AdamOps: Backend {
         g: FloatTensor<Self>,
         m: FloatTensor<Self>,
         v: FloatTensor<Self>,
-        step: Step,
+        step: AdamStep,
     ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>);
 }
 

@@ -26,7 +26,7 @@ const GROUPS: usize = 16;
 /// Rows are samples. The width of each part is the next multiple of 32, filled up with zeros.
 #[derive(Debug)]
 pub(crate) struct RoundedMlpKernel {
-    stages: Vec<Stage>,
+    stages: Vec<MlpStage>,
     /// Width of x, and of an encoded direction.
     widths: [usize; 2],
     /// Ray of each sample, if directions are an input.
@@ -37,7 +37,7 @@ pub(crate) struct RoundedMlpKernel {
 
 /// Matrix of activations, and the layer that computes it.
 #[derive(Debug, Default)]
-struct Stage {
+struct MlpStage {
     columns: usize,
     /// First of the columns that the layer computes, and their number.
     made: (usize, usize),
@@ -102,7 +102,7 @@ impl RoundedMlpKernel {
     pub(crate) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> Self {
         let trunk = network.trunk.len();
         let x = filled(width);
-        let mut stages = vec![Stage { columns: x, outside: Some((Outside::Encoded, 0)), ..Stage::default() }];
+        let mut stages = vec![MlpStage { columns: x, outside: Some((Outside::Encoded, 0)), ..MlpStage::default() }];
         let mut inputs = vec![width];
         for (index, dense) in network.trunk.iter().enumerate() {
             let outputs = dense.bias.dims()[0];
@@ -110,19 +110,20 @@ impl RoundedMlpKernel {
             let skip = index + 1 == network.skip && network.skip < network.trunk.len();
             let first = if skip { x } else { 0 };
             let (weights, bias) = pieces(dense, index, &inputs, 0);
-            stages.push(Stage {
+            stages.push(MlpStage {
                 columns: first + filled(outputs),
                 made: (first, filled(outputs)),
                 relu: true,
                 weights,
                 biases: vec![bias],
                 outside: skip.then_some((Outside::Encoded, 0)),
-                ..Stage::default()
+                ..MlpStage::default()
             });
             inputs = if skip { vec![width, outputs] } else { vec![outputs] };
         }
         let (weights, bias) = pieces(&network.sigma, trunk + if network.color.is_some() { 2 } else { 0 }, &inputs, 0);
-        let mut heads = Stage { columns: GRAIN, made: (0, GRAIN), weights, biases: vec![bias], ..Stage::default() };
+        let mut heads =
+            MlpStage { columns: GRAIN, made: (0, GRAIN), weights, biases: vec![bias], ..MlpStage::default() };
         let (mut owners, mut directions, mut outputs) = (Vec::new(), 0, vec![(stages.len(), 1)]);
         if let Some(branch) = &network.color {
             let [features, views] = [&branch.feature, &branch.view].map(|dense| dense.bias.dims()[0]);
@@ -137,7 +138,7 @@ impl RoundedMlpKernel {
             heads.outside = Some((Outside::Direction, made));
             heads.columns = made + filled(directions);
             let (weights, bias) = pieces(&branch.view, trunk + 1, &[features, directions], 0);
-            let view = Stage {
+            let view = MlpStage {
                 columns: filled(views),
                 made: (0, filled(views)),
                 reads: GRAIN,
@@ -147,7 +148,7 @@ impl RoundedMlpKernel {
                 outside: None,
             };
             let (weights, bias) = pieces(&branch.rgb, trunk + 3, &[views], 0);
-            let rgb = Stage { columns: GRAIN, made: (0, GRAIN), weights, biases: vec![bias], ..Stage::default() };
+            let rgb = MlpStage { columns: GRAIN, made: (0, GRAIN), weights, biases: vec![bias], ..MlpStage::default() };
             stages.extend([heads, view, rgb]);
             outputs.push((stages.len() - 1, 3));
         } else {
@@ -197,7 +198,7 @@ impl RoundedMlpKernel {
         layers: &[(Factor, Vec<f32>)],
         inputs: &[&[f32]],
         rows: impl ExactSizeIterator<Item = usize> + Clone,
-        block: &mut Block,
+        block: &mut BlockBuffers,
         mut out: Option<&mut [f32]>,
     ) {
         let samples = rows.len();
@@ -246,7 +247,7 @@ impl RoundedMlpKernel {
         layers: &[(Factor, Vec<f32>)],
         grad: &[f32],
         rows: &[usize],
-        block: &mut Block,
+        block: &mut BlockBuffers,
         sums: &mut Gradients,
     ) {
         let samples = filled(rows.len());
@@ -317,7 +318,7 @@ impl RoundedMlpKernel {
         // NaN counts as a gradient.
         let nonzero = grad.chunks_exact(outputs).enumerate().filter(|(_, grad)| grad.iter().any(|g| *g != 0.0));
         let (rows, grads): (Vec<usize>, Vec<&[f32]>) = nonzero.unzip();
-        let mut block = Block::new(&self.stages, true);
+        let mut block = BlockBuffers::new(&self.stages, true);
         for (rows, grads) in rows.chunks(BLOCK).zip(grads.chunks(BLOCK)) {
             self.forward_block(layers, inputs, rows.iter().map(|row| first + row), &mut block, None);
             self.backward_block(layers, &grads.concat(), rows, &mut block, &mut sums);
@@ -327,7 +328,7 @@ impl RoundedMlpKernel {
 }
 
 /// Buffers of a block of samples.
-struct Block {
+struct BlockBuffers {
     /// 32 rows of the current matrix, before they are rounded.
     strip: Vec<f32>,
     stages: Vec<Factor>,
@@ -337,10 +338,10 @@ struct Block {
     dy: [Factor; 2],
 }
 
-impl Block {
-    fn new(stages: &[Stage], backward: bool) -> Self {
+impl BlockBuffers {
+    fn new(stages: &[MlpStage], backward: bool) -> Self {
         let widest = stages.iter().map(|stage| stage.columns).max().unwrap_or(0);
-        let signs = |stage: &Stage| vec![0; if backward && stage.relu { stage.made.1 / GRAIN * BLOCK } else { 0 }];
+        let signs = |stage: &MlpStage| vec![0; if backward && stage.relu { stage.made.1 / GRAIN * BLOCK } else { 0 }];
         Self {
             strip: vec![0.0; GRAIN * widest.max(BLOCK)],
             stages: stages.iter().map(|stage| Factor::new(BLOCK, stage.columns, true, backward)).collect(),
@@ -434,7 +435,7 @@ impl Kernel for RoundedMlpKernel {
         let mut out = vec![0.0; samples * self.width()];
         let layers = self.layers(self.parameters(inputs), false);
         out.par_chunks_mut(self.width() * BLOCK).enumerate().for_each_init(
-            || Block::new(&self.stages, false),
+            || BlockBuffers::new(&self.stages, false),
             |block, (index, out)| {
                 let first = index * BLOCK;
                 let rows = first..samples.min(first + BLOCK);

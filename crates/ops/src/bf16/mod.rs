@@ -75,47 +75,47 @@ impl Factor {
         let Self { columns, left, right } = self;
         let pairs = row / 2 * *columns..(row + GRAIN) / 2 * *columns;
         let [left, right] = [left, right].map(|side| side.get_mut(pairs.clone()).unwrap_or_default());
-        simd::run(Round { strip: &strip[..GRAIN * *columns], columns: *columns, left, right });
+        simd::run(RoundStrip { strip: &strip[..GRAIN * *columns], columns: *columns, left, right });
     }
 
     /// Returns the left factor from an element on, whose indices are multiples of 32.
-    pub(crate) fn left(&self, row: usize, column: usize) -> Side<'_> {
+    pub(crate) fn left(&self, row: usize, column: usize) -> FactorSide<'_> {
         self.side(&self.left, row, column)
     }
 
     /// Returns the right factor from an element on, whose indices are multiples of 32.
-    pub(crate) fn right(&self, row: usize, column: usize) -> Side<'_> {
+    pub(crate) fn right(&self, row: usize, column: usize) -> FactorSide<'_> {
         self.side(&self.right, row, column)
     }
 
-    fn side<'a>(&self, pairs: &'a [Pair], row: usize, column: usize) -> Side<'a> {
-        Side { pairs: &pairs[row / 2 * self.columns + column / GRAIN * BOTH..], step: HALF * self.columns }
+    fn side<'a>(&self, pairs: &'a [Pair], row: usize, column: usize) -> FactorSide<'a> {
+        FactorSide { pairs: &pairs[row / 2 * self.columns + column / GRAIN * BOTH..], step: HALF * self.columns }
     }
 }
 
 /// Part of a [`Factor`] on one side of a product.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Side<'a> {
+pub(crate) struct FactorSide<'a> {
     pairs: &'a [Pair],
     /// Distance from 32 rows to the next.
     step: usize,
 }
 
-impl Side<'_> {
+impl FactorSide<'_> {
     /// Returns whether it holds `rows` × `columns` elements.
     fn has(self, rows: usize, columns: usize) -> bool {
         (rows / GRAIN - 1) * self.step + columns / GRAIN * BOTH <= self.pairs.len()
     }
 }
 
-struct Round<'a> {
+struct RoundStrip<'a> {
     strip: &'a [f32],
     columns: usize,
     left: &'a mut [Pair],
     right: &'a mut [Pair],
 }
 
-impl Job for Round<'_> {
+impl Job for RoundStrip<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
         let Self { strip, columns, left, right } = self;
@@ -143,7 +143,7 @@ impl Job for Round<'_> {
 ///
 /// # Panics
 /// If a size is no multiple of 32, or a matrix reaches beyond its slice.
-pub(crate) fn product(sizes: [usize; 3], add: bool, y: (&mut [f32], usize), a: Side<'_>, b: Side<'_>) {
+pub(crate) fn product(sizes: [usize; 3], add: bool, y: (&mut [f32], usize), a: FactorSide<'_>, b: FactorSide<'_>) {
     static FASTEST: OnceLock<PairInstructions> = OnceLock::new();
     let fastest = || PairInstructions::ALL.into_iter().find(|instructions| instructions.present());
     let instructions = FASTEST.get_or_init(|| fastest().expect("every processor has the baseline"));
@@ -198,8 +198,8 @@ struct RoundedProduct<'a> {
     sizes: [usize; 3],
     add: bool,
     y: (&'a mut [f32], usize),
-    a: Side<'a>,
-    b: Side<'a>,
+    a: FactorSide<'a>,
+    b: FactorSide<'a>,
 }
 
 impl Job for RoundedProduct<'_> {

@@ -58,7 +58,7 @@ pub(crate) trait CubeKernel: Debug + Send + Sync + 'static {
 }
 
 /// Arguments of a backward pass on a GPU.
-pub(crate) type Pass<'a> = graph::Pass<'a, CubeBackend>;
+pub(crate) type Pass<'a> = graph::BackwardPass<'a, CubeBackend>;
 
 impl KernelBackend for CubeBackend {
     type Kept = Vec<CubeTensor>;

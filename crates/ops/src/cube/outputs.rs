@@ -72,7 +72,7 @@ impl<const N: usize> Outputs<N> {
         buffer: &tensor::Tensor<1>,
         index: usize,
     ) -> tensor::Tensor<D> {
-        apply(Output { outputs: self.clone(), index }, buffer.clone())
+        apply(OutputPart { outputs: self.clone(), index }, buffer.clone())
     }
 
     /// Takes the gradient of each output, for the operation's backward pass; `None` if nothing depends on an output.
@@ -81,14 +81,14 @@ impl<const N: usize> Outputs<N> {
     }
 }
 
-/// Output of the operation that filled its input.
+/// OutputPart of the operation that filled its input.
 #[derive(Debug)]
-struct Output<const N: usize> {
+struct OutputPart<const N: usize> {
     outputs: Arc<Outputs<N>>,
     index: usize,
 }
 
-impl<const N: usize> CubeKernel for Output<N> {
+impl<const N: usize> CubeKernel for OutputPart<N> {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         self.outputs.part(&inputs[0], self.index)
     }

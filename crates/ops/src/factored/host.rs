@@ -64,7 +64,7 @@ impl Kernel for FactoredKernel {
         };
         let job = |(block, positions): (usize, &[f32]), activations: &mut [f32], out: &mut [f32]| {
             let directions = directions.first().map(|directions| &directions[3 * block * BLOCK..]);
-            simd::run(Forward { field, color: query.color, positions, directions, activations, out });
+            simd::run(BlockForward { field, color: query.color, positions, directions, activations, out });
         };
         let positions = positions.par_chunks(3 * BLOCK).enumerate();
         let blocks = positions.zip(out.par_chunks_mut(BLOCK * self.outputs()));
@@ -112,7 +112,14 @@ impl Kernel for FactoredKernel {
                     gathered.gather(self, pass, rows);
                     let scratch = &mut scratch;
                     let samples = &gathered;
-                    simd::run(Backward { kernel: self, layers: &layers, gathered: samples, first, scratch, dfeatures });
+                    simd::run(BlockBackward {
+                        kernel: self,
+                        layers: &layers,
+                        gathered: samples,
+                        first,
+                        scratch,
+                        dfeatures,
+                    });
                     if wanted[2] {
                         let (features, dx) = (&samples.activations, &scratch.dx);
                         simd::run(PositionGradient { kernel: self, tables, block, features, dx, dpositions });
@@ -216,7 +223,7 @@ pub(super) fn field(
         let mut out = vec![[0.0; OUTPUTS]; positions.len()];
         let blocks = positions.chunks(BLOCK).zip(directions.chunks(BLOCK)).zip(out.chunks_mut(BLOCK));
         for ((positions, directions), out) in blocks {
-            simd::run(Forward {
+            simd::run(BlockForward {
                 field,
                 color: true,
                 positions: positions.as_flattened(),
@@ -240,7 +247,7 @@ struct FieldParameters<'a> {
     detail: (&'a [f32], &'a [f32]),
 }
 
-struct Forward<'a> {
+struct BlockForward<'a> {
     field: FieldParameters<'a>,
     /// Whether to compute colour in addition to density.
     color: bool,
@@ -252,7 +259,7 @@ struct Forward<'a> {
     out: &'a mut [f32],
 }
 
-impl Job for Forward<'_> {
+impl Job for BlockForward<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
         let Self { field, color, positions, directions, activations, out } = self;
@@ -372,7 +379,7 @@ impl GatheredSamples {
     }
 }
 
-struct Backward<'a> {
+struct BlockBackward<'a> {
     kernel: &'a FactoredKernel,
     /// Rows of each layer's weights.
     layers: &'a [Vec<f32>],
@@ -384,7 +391,7 @@ struct Backward<'a> {
     dfeatures: &'a mut [f32],
 }
 
-impl Job for Backward<'_> {
+impl Job for BlockBackward<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
         let Self { kernel, layers, gathered, first, scratch, dfeatures } = self;

@@ -84,13 +84,13 @@ impl PlacedLayer {
 
 /// Layers and matrices in the order of their construction.
 #[derive(Default)]
-struct Builder {
+struct LayerBuilder {
     layers: Vec<PlacedLayer>,
     matrices: Vec<Columns>,
     activations: usize,
 }
 
-impl Builder {
+impl LayerBuilder {
     fn matrix(&mut self, columns: usize) -> Columns {
         let place = Columns { start: self.activations, stride: columns, columns };
         self.activations += columns * BLOCK;
@@ -109,7 +109,7 @@ impl MlpKernel {
     /// Returns the kernel for input of `[samples, width]`. Its inputs are x, the encoded direction of each ray if the network has
     /// colour, and weights and biases of each of [`RadianceMlp::layers`].
     pub(super) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> Self {
-        let mut builder = Builder::default();
+        let mut builder = LayerBuilder::default();
         let mut x = builder.matrix(width);
         let mut encoded = vec![x];
         for (index, dense) in network.trunk.iter().enumerate() {
@@ -141,7 +141,7 @@ impl MlpKernel {
         if let Some((view, branch)) = view {
             builder.layer(&branch.rgb, view, output.part(1, 3), false);
         }
-        let Builder { layers, matrices, activations } = builder;
+        let LayerBuilder { layers, matrices, activations } = builder;
         Self { layers, encoded, direction, owners, output, matrices, activations }
     }
 

@@ -66,7 +66,7 @@ mod tests {
     fn activations_and_their_gradients_by_hand() {
         let device = Device::flex().autodiff();
         let (e, sigmoid) = (1f32.exp(), |x: f32| 1.0 / (1.0 + (-x).exp()));
-        for (function, values, slope) in [
+        for (function, values, gradient) in [
             (Activation::None, [-1.0, 2.0], 2.0),
             (Activation::Relu, [0.0, 2.0], 1.0),
             (Activation::ShiftedSoftplus, [(-2f32).exp().ln_1p(), e.ln_1p()], sigmoid(-2.0) + sigmoid(1.0)),
@@ -79,8 +79,8 @@ mod tests {
             let bias = Tensor::<1>::from_floats([1.0], &device).require_grad();
             let layer = Dense { weight: from_host(&[2.0], 1, &device), bias: bias.clone() };
             let out = dense(from_host(&[-1.0, 0.5], 1, &device), &layer, function, Precision::F32);
-            let slopes = to_host(bias.grad(&out.clone().sum().backward()).unwrap());
-            for (found, want) in to_host(out).into_iter().zip(values).chain([(slopes[0], slope)]) {
+            let gradients = to_host(bias.grad(&out.clone().sum().backward()).unwrap());
+            for (found, want) in to_host(out).into_iter().zip(values).chain([(gradients[0], gradient)]) {
                 approx::assert_abs_diff_eq!(found, want, epsilon = 1e-6);
             }
         }

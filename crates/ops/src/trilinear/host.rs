@@ -16,13 +16,13 @@ pub(super) struct TrilinearKernel {
 
 /// Place of a coordinate: the voxel below it, the fraction beyond that, and whether the value changes with the coordinate.
 #[derive(Clone, Copy)]
-struct Axis {
+struct GridAxis {
     below: isize,
     fraction: f32,
     moves: bool,
 }
 
-impl Axis {
+impl GridAxis {
     fn new(at: f32, size: usize, beyond: Beyond) -> Self {
         let last = (size - 1) as f32;
         let (least, largest) = match beyond {
@@ -36,7 +36,7 @@ impl Axis {
 }
 
 /// One of the eight voxels around a place: its row, its weight, and the derivative of the weight along each axis.
-struct Corner {
+struct VoxelCorner {
     row: usize,
     weight: f32,
     derivative: [f32; 3],
@@ -44,9 +44,9 @@ struct Corner {
 
 impl TrilinearKernel {
     /// Iterates over the voxels around a place that exist.
-    fn corners(&self, index: usize, place: &[f32]) -> impl Iterator<Item = Corner> {
+    fn corners(&self, index: usize, place: &[f32]) -> impl Iterator<Item = VoxelCorner> {
         let Voxels { grids, size, beyond } = self.voxels;
-        let axes = [0, 1, 2].map(|axis| Axis::new(place[axis], size[axis], beyond));
+        let axes = [0, 1, 2].map(|axis| GridAxis::new(place[axis], size[axis], beyond));
         let grid = index % grids * (size[0] * size[1] * size[2]);
         (0..8).filter_map(move |corner: usize| {
             let sides = [corner & 1, corner >> 1 & 1, corner >> 2];
@@ -56,14 +56,14 @@ impl TrilinearKernel {
             });
             let row = grid + (z? * size[1] + y?) * size[0] + x?;
             let weights = [0, 1, 2].map(|axis| {
-                let Axis { fraction, .. } = axes[axis];
+                let GridAxis { fraction, .. } = axes[axis];
                 if sides[axis] == 1 { fraction } else { 1.0 - fraction }
             });
             let derivative = [0, 1, 2].map(|axis| {
                 let sign = if sides[axis] == 1 { 1.0 } else { -1.0 };
                 if axes[axis].moves { sign * weights[(axis + 1) % 3] * weights[(axis + 2) % 3] } else { 0.0 }
             });
-            Some(Corner { row, weight: weights[0] * weights[1] * weights[2], derivative })
+            Some(VoxelCorner { row, weight: weights[0] * weights[1] * weights[2], derivative })
         })
     }
 

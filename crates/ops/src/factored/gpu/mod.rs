@@ -16,24 +16,24 @@ use kernels::{CompareExchange, Native};
 /// Computes the MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
 pub(super) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2> {
     let weights = [query.frequency_weights.as_slice(), &query.level_weights].concat();
-    let kernel = Features { layout: layout.clone(), weights };
+    let kernel = FeatureKernel { layout: layout.clone(), weights };
     apply(kernel, (tables, query.positions.clone()))
 }
 
 #[derive(Debug)]
-struct Features {
+struct FeatureKernel {
     layout: Arc<Layout>,
     /// Weights of the frequencies, then of the levels.
     weights: Vec<f32>,
 }
 
-impl Features {
+impl FeatureKernel {
     fn sizes(&self) -> (usize, Vec<Level>) {
         (self.layout.frequencies, self.layout.levels.clone())
     }
 }
 
-impl CubeKernel for Features {
+impl CubeKernel for FeatureKernel {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         self.forward_keeping(inputs).0
     }
