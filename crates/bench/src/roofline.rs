@@ -98,7 +98,7 @@ impl Cost {
                 let weights = field.num_params() as f64;
                 // In bfloat16 activations stay in the cache.
                 let kept = match precision(config) {
-                    Precision::F32 | Precision::Tf32 => 4.0 * config.field.footprint().per_sample as f64,
+                    Precision::F32 => 4.0 * config.field.footprint().per_sample as f64,
                     Precision::Bf16 => 0.0,
                 };
                 let networks = if trainer.model().coarse.is_some() { 2.0 } else { 1.0 };

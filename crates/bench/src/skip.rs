@@ -36,7 +36,7 @@ const EXTRAS: &[(&str, &[&str])] = &[
 ];
 
 /// Not a way of skipping: what the terms on unseen rays cost.
-const NO_TERMS: &[&str] = &["loss.entropy.weight=0", "loss.kl.weight=0", "loss.opacity.rays=seen"];
+const NO_TERMS: &[&str] = &["loss.entropy.weight=0", "loss.kl.weight=0"];
 
 /// The same rays in every run, however few samples they need.
 const FIXED: &str = "train.target_samples=0";

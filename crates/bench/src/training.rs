@@ -41,12 +41,11 @@ const TINY: [&str; 11] = [
 const FACTORED: [&str; 3] = ["field.resolutions=[8,16,32]", "field.channels=2", "field.width=16"];
 
 /// The paper's field and losses, smaller: ReLU density, a coarse network, no priors.
-const NERF: [&str; 8] = [
+const NERF: [&str; 7] = [
     "field={kind=\"nerf\",layers=3,width=32,skip=1,position_frequencies=6,direction_frequencies=2,density=\"relu\",detail=1.0}",
     "render.samples=16",
     "render.fine_samples=16",
     "render.occupancy.enabled=false",
-    "loss.opacity.weight=0.0",
     "loss.silhouette.weight=0.0",
     "loss.entropy.weight=1e-3",
     "train.lr=5e-4",
@@ -70,7 +69,7 @@ const fn nerf(name: &'static str, settings: &'static [&'static str]) -> Setting 
     Setting { name, field: &NERF, settings, change: keep }
 }
 
-const SETTINGS: [Setting; 28] = [
+const SETTINGS: [Setting; 27] = [
     fast("as configured", &[], keep),
     fast("lambda1 = 0", &["loss.entropy.weight=0"], keep),
     fast("lambda1 = 0.1", &["loss.entropy.weight=0.1"], keep),
@@ -94,7 +93,6 @@ const SETTINGS: [Setting; 28] = [
     }),
     fast("a scene of 1e-3 units", &[], |scene| scale(scene, 1e-3)),
     fast("a scene of 1e3 units", &[], |scene| scale(scene, 1e3)),
-    fast("opacity penalty of 1", &["loss.opacity.weight={from=1.0,to=0.0}"], keep),
     fast("silhouette of 1", &["loss.silhouette={weight=1.0,foreground=0.0}"], keep),
     nerf("NeRF MLP", &[]),
     nerf("NeRF MLP, lambda2 = 1 (the authors' default)", &["loss.kl.weight=1"]),

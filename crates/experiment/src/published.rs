@@ -220,7 +220,7 @@ mod tests {
     #[test]
     fn no_term_is_silently_missing() {
         let selection = Selection {
-            set: vec!["loss.semantic.weight=0.1".into(), "loss.tv.weight=1".into(), "loss.opacity.weight=0".into()],
+            set: vec!["loss.semantic.weight=0.1".into(), "loss.tv.weight=1".into(), "loss.silhouette.weight=0".into()],
             variants: vec!["nerf".into()],
             ..Selection::default()
         };

@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
-use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, ray_entropy, reference, to_host};
+use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, ray_entropy, to_host};
 use rayon::prelude::*;
 
 use super::errors::Errors;
@@ -131,7 +131,7 @@ fn compare(batch: &Batch, answer: &Answer) -> Vec<Errors> {
         let row: Vec<f64> = batch.tau[range.clone()].iter().copied().map(f64::from).collect();
         let value = |i: usize, channel: usize| f64::from(batch.values[i * CHANNELS + channel]);
         let along = |channel| range.clone().map(|i| value(i, channel)).collect::<Vec<f64>>();
-        let w = reference::weights(&row);
+        let w = infonerf_oracle::weights(&row);
         let integral = |channel: usize| w.iter().zip(along(channel)).map(|(w, v)| w * v).sum::<f64>();
         for (&got, &want) in answer.weights[range.clone()].iter().zip(&w) {
             errors[0].value(got, want);
@@ -139,24 +139,26 @@ fn compare(batch: &Batch, answer: &Answer) -> Vec<Errors> {
         for channel in 0..3 {
             errors[1].value(answer.color[3 * ray + channel], integral(channel));
         }
-        let entropies = ENTROPIES.map(|(of, epsilon)| reference::entropy(&row, of, f64::from(epsilon)));
-        let wants = [integral(3), reference::opacity(&row), reference::alpha_sum(&row)].into_iter().chain(entropies);
+        let entropies = ENTROPIES.map(|(of, epsilon)| infonerf_oracle::entropy(&row, of, f64::from(epsilon)));
+        let wants = [integral(3), infonerf_oracle::opacity(&row), infonerf_oracle::alpha_sum(&row)]
+            .into_iter()
+            .chain(entropies);
         for ((errors, column), want) in errors[2..].iter_mut().zip(&answer.columns).zip(wants) {
             errors.value(column[ray], want);
         }
         let upstream = |channel: usize| f64::from(batch.upstream[3 * ray + channel]);
         let worth = range.clone().map(|i| (0..3).map(|channel| upstream(channel) * value(i, channel)).sum());
         let integrals = [
-            reference::weights_vjp(&row, &worth.collect::<Vec<f64>>()),
-            reference::weights_vjp(&row, &along(3)),
-            reference::weights_vjp(&row, &vec![1.0; row.len()]),
+            infonerf_oracle::weights_vjp(&row, &worth.collect::<Vec<f64>>()),
+            infonerf_oracle::weights_vjp(&row, &along(3)),
+            infonerf_oracle::weights_vjp(&row, &vec![1.0; row.len()]),
             row.iter().map(|tau| (-tau).exp()).collect(),
         ];
         for (i, want) in integrals.iter().enumerate() {
             errors[1 + i].gradient(&answer.gradients[i][range.clone()], want, |_| false);
         }
         for (i, (of, epsilon)) in ENTROPIES.into_iter().enumerate() {
-            let want = reference::entropy_gradient(&row, of, f64::from(epsilon));
+            let want = infonerf_oracle::entropy_gradient(&row, of, f64::from(epsilon));
             // The exact entropy has an infinite slope where a sample is empty.
             let least = |sample: usize| if of == RayDistribution::Termination { w[sample] } else { row[sample] };
             let undefined = |sample: usize| epsilon == 0.0 && least(sample) < f64::from(f32::MIN_POSITIVE);

@@ -2,7 +2,7 @@
 
 use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
-use infonerf_ops::{Segments, ray_divergence, reference, to_host};
+use infonerf_ops::{Segments, ray_divergence, to_host};
 use rayon::prelude::*;
 
 use super::errors::Errors;
@@ -46,8 +46,8 @@ fn compare(rays: &[Vec<f32>], near: &[Vec<f32>], epsilon: f32, device: &Device) 
     let one = |mut errors: Errors, ray: usize| {
         let wide = |row: &[f32]| row.iter().copied().map(f64::from).collect::<Vec<f64>>();
         let (p, q, range) = (wide(&rays[ray]), wide(&near[ray]), segments.range(ray));
-        errors.value(values[ray], reference::divergence(&p, &q, f64::from(epsilon)));
-        let (want_p, want_q) = reference::divergence_gradient(&p, &q, f64::from(epsilon));
+        errors.value(values[ray], infonerf_oracle::divergence(&p, &q, f64::from(epsilon)));
+        let (want_p, want_q) = infonerf_oracle::divergence_gradient(&p, &q, f64::from(epsilon));
         errors.gradient(&dp[range.clone()], &want_p, |_| false);
         errors.gradient(&dq[range], &want_q, |_| false);
         errors

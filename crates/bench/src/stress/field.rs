@@ -5,11 +5,11 @@ use std::sync::Arc;
 use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
 use infonerf_loss::{Norm, photometric_loss};
-use infonerf_ops::factored::{Layout, Query, reference};
+use infonerf_ops::factored::{Layout, Query};
 use infonerf_ops::frequency::encoded_width;
 use infonerf_ops::{
     RayGaussians, factored_field, frequency_encode, from_host, frustum_gaussians, integrated_encode, plane_variation,
-    reference as oracle, to_host,
+    to_host,
 };
 
 use super::errors::Errors;
@@ -81,7 +81,7 @@ pub(super) fn frustums(count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let found = [mean, along, across].map(to_host);
     for i in 0..count {
         let (t, half) = (f64::from(t[i]), 0.5 * f64::from(delta[i]));
-        let want = oracle::frustum_moments(t - half, t + half, f64::from(radii[i]));
+        let want = infonerf_oracle::frustum_moments(t - half, t + half, f64::from(radii[i]));
         for (got, want) in found.iter().zip(want) {
             errors.value(got[i], want);
         }
@@ -161,12 +161,19 @@ pub(super) fn field(contents: &Contents, count: usize, device: &Device, rng: &mu
         let upstream = draw(rng, 4 * SAMPLES, signed);
         let weigh = Tensor::<2>::from_data(TensorData::new(upstream.clone(), [SAMPLES, 4]), &device);
         let (tables, weights) = (wide(&tables), wide(&weights));
-        let wants = reference::value(&tables, &weights, &wide(&positions), &layout, &query);
+        let wants = infonerf_oracle::factored::value(&tables, &weights, &wide(&positions), &layout, &query);
         for (&got, want) in to_host(out.clone().detach()).iter().zip(wants) {
             errors.value(got, want);
         }
         let grads = (out * weigh).sum().backward();
-        let [dt, dw, _] = reference::gradient(&tables, &weights, &wide(&positions), &layout, &query, &wide(&upstream));
+        let [dt, dw, _] = infonerf_oracle::factored::gradient(
+            &tables,
+            &weights,
+            &wide(&positions),
+            &layout,
+            &query,
+            &wide(&upstream),
+        );
         for (parameter, want) in [(&t, dt), (&w, dw)] {
             let got = parameter.grad(&grads).map(to_host).unwrap_or_default();
             errors.gradient(&got, &want, |_| false);
@@ -191,7 +198,7 @@ pub(super) fn variation(contents: Draw, count: usize, device: &Device, rng: &mut
         let data = TensorData::new(tables.clone(), [tables.len()]);
         let tensor = Tensor::<1>::from_data(data, &device.clone().autodiff()).require_grad();
         let sum = plane_variation(tensor.clone(), &layout);
-        let (want, gradient) = reference::variation(&wide(&tables), &layout);
+        let (want, gradient) = infonerf_oracle::factored::variation(&wide(&tables), &layout);
         errors.value(to_host(sum.clone().detach())[0], want);
         let got = tensor.grad(&sum.backward()).map(to_host).unwrap_or_default();
         errors.gradient(&got, &gradient, |_| false);

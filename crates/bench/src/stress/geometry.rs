@@ -4,7 +4,7 @@ use anyhow::Result;
 use burn::tensor::Device;
 use fastrand::Rng;
 use infonerf_experiment::RunPlan;
-use infonerf_ops::{reference, to_host};
+use infonerf_ops::to_host;
 use infonerf_render::RenderRequest;
 use infonerf_scene::{Aabb, Range, Ray, Space};
 use infonerf_schedule::Moment;
@@ -128,8 +128,8 @@ pub(super) fn rendered(
     let mut errors = Errors::default();
     for (ray, range) in output.segments().ranges().enumerate() {
         let row: Vec<f64> = tau[range.clone()].iter().copied().map(f64::from).collect();
-        let w = reference::weights(&row);
-        errors.value(acc[ray], reference::opacity(&row));
+        let w = infonerf_oracle::weights(&row);
+        errors.value(acc[ray], infonerf_oracle::opacity(&row));
         errors.value(depth[ray], w.iter().zip(&output.samples.t()[range]).map(|(w, &t)| w * f64::from(t)).sum());
     }
     if let Some(color) = &output.color {

@@ -71,7 +71,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let film = args.video.map(Film::new).transpose()?;
     let route = Route::read(&args.path)?;
     let plan = RunPlan::of_run(&args.run)?;
-    if args.normals && !plan.config.field.tracks_positions() {
+    if args.normals && !plan.config.field.traits().tracks_positions {
         bail!(
             "--normals: expected a field whose density has a gradient with respect to positions, found {}",
             plan.config.field
