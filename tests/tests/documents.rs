@@ -140,7 +140,7 @@ fn the_paper_is_covered() {
     }
 }
 
-/// What docs/paper.md names is in the file that it links, and its keys are those of a config.
+/// Items that docs/paper.md names are in the files that it links, and its keys are those of a config.
 #[test]
 fn the_paper_leads_to_code_and_keys() {
     let text = fs::read_to_string(root().join("docs/paper.md")).unwrap();
@@ -361,7 +361,7 @@ fn wrong_word(path: &Path, number: usize, line: &str) -> Option<String> {
     Some(format!("{}:{number}: {wrong}: expected {right}: {}", name_of(path), line.trim()))
 }
 
-/// As `just` says it, where that is installed; by the text of the justfile alone elsewhere.
+/// Compares the commands that `just` prints if it is installed; else the text of the justfile.
 #[test]
 fn just_builds_with_the_features_that_are_given() {
     for (args, expected) in [
