@@ -60,7 +60,7 @@ fn points(positions: &[f32], device: &Device) -> Points {
 }
 
 #[test]
-fn slopes_of_every_field_are_those_of_differences() {
+fn density_gradient_of_every_field_matches_differences() {
     const STEP: f32 = 1e-3;
     let at: [f32; 15] =
         [0.11, 0.23, 0.05, -0.31, -0.42, -0.17, 0.33, 0.38, 0.21, -0.13, 0.29, 0.37, 0.43, -0.07, -0.27];
@@ -89,7 +89,10 @@ fn slopes_of_every_field_are_those_of_differences() {
                 let sides = [difference(-STEP), difference(STEP)];
                 let (low, high) = (sides[0].min(sides[1]), sides[0].max(sides[1]));
                 let within = low - 5e-3 * steepest..=high + 5e-3 * steepest;
-                assert!(within.contains(&f64::from(derivative)), "{config} on {device:?}, {index}: {derivative}, {sides:?}");
+                assert!(
+                    within.contains(&f64::from(derivative)),
+                    "{config} on {device:?}, {index}: {derivative}, {sides:?}"
+                );
             }
         }
     }
