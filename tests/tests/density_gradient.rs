@@ -10,7 +10,7 @@ use infonerf_schedule::Moment;
 use infonerf_tests::{devices, overwritten};
 use serde_json::{Value, json};
 
-/// Configs of a small field of each kind, with part of its detail if that is annealed.
+/// A small field of each kind, with part of its detail where that is annealed.
 fn fields() -> [Value; 7] {
     [
         json!({"kind": "nerf", "layers": 2, "width": 16, "skip": 1, "position_frequencies": 3, "direction_frequencies": 1,
@@ -29,7 +29,7 @@ fn fields() -> [Value; 7] {
     ]
 }
 
-/// Builds the field with parameters that make it vary, conditioned on one image.
+/// The field, with parameters that make it vary, as it is for one photograph.
 fn built(config: &FieldConfig, device: &Device) -> RadianceField {
     let vertices = [[-0.4, -0.5, -0.3], [0.1, 0.1, 0.2], [0.4, 0.3, 0.4]];
     let body = Some(Body { vertices: &vertices, ..Body::default() });
@@ -60,7 +60,7 @@ fn points(positions: &[f32], device: &Device) -> Points {
 }
 
 #[test]
-fn density_gradient_of_every_field_matches_differences() {
+fn slopes_of_every_field_are_those_of_differences() {
     const STEP: f32 = 1e-3;
     let at: [f32; 15] =
         [0.11, 0.23, 0.05, -0.31, -0.42, -0.17, 0.33, 0.38, 0.21, -0.13, 0.29, 0.37, 0.43, -0.07, -0.27];
@@ -77,22 +77,19 @@ fn density_gradient_of_every_field_matches_differences() {
             let (density, gradient) = (to_host(density), to_host(gradient));
             let here = sigma(&at);
             assert!(density.iter().zip(&here).all(|(a, b)| (f64::from(*a) - b).abs() <= 1e-6 * b), "{config}");
-            let steepest = f64::from(gradient.iter().fold(0f32, |most, element| most.max(element.abs())));
+            let steepest = f64::from(gradient.iter().fold(0f32, |most, slope| most.max(slope.abs())));
             assert!(steepest > 0.1, "{config}: {gradient:?}");
-            for (index, &derivative) in gradient.iter().enumerate() {
+            for (index, &slope) in gradient.iter().enumerate() {
                 let difference = |step: f32| {
                     let mut moved = at;
                     moved[index] += step;
                     (sigma(&moved)[index / 3] - here[index / 3]) / f64::from(moved[index] - at[index])
                 };
-                // One-sided differences: they differ where a ReLU turns on or a texel ends in between.
+                // On both sides: they differ where a ReLU turns on or a texel ends in between.
                 let sides = [difference(-STEP), difference(STEP)];
                 let (low, high) = (sides[0].min(sides[1]), sides[0].max(sides[1]));
                 let within = low - 5e-3 * steepest..=high + 5e-3 * steepest;
-                assert!(
-                    within.contains(&f64::from(derivative)),
-                    "{config} on {device:?}, {index}: {derivative}, {sides:?}"
-                );
+                assert!(within.contains(&f64::from(slope)), "{config} on {device:?}, {index}: {slope}, {sides:?}");
             }
         }
     }
