@@ -342,7 +342,7 @@ fn begins_with(text: &str, words: &str) -> bool {
     text.strip_prefix(words).is_some_and(|rest| !rest.starts_with(|c: char| c.is_alphanumeric() || c == '_'))
 }
 
-/// A line's first word that another one replaces; lines have slopes, and so has an aspect.
+/// Returns a fault if a line has a word that another one replaces. Lines and leaky rectifiers do have slopes.
 fn wrong_word(path: &Path, number: usize, line: &str) -> Option<String> {
     let lower = line.to_lowercase();
     let boundary = |c: Option<char>| !c.is_some_and(|c| c.is_alphanumeric());
@@ -350,7 +350,7 @@ fn wrong_word(path: &Path, number: usize, line: &str) -> Option<String> {
         boundary(lower[..at].chars().next_back()) && boundary(lower[at + word.len()..].chars().next())
     };
     let has = |word: &str| lower.match_indices(word).any(|(at, _)| is_whole(at, word));
-    let of_a_line = ["line", "lines", "aspect"].into_iter().any(has);
+    let of_a_line = ["line", "lines", "aspect", "leaky"].into_iter().any(has);
     let word = WORDS.iter().find(|(word, _)| has(word) && !(word.starts_with("slope") && of_a_line));
     let prefix = || {
         PREFIXES.iter().find(|(prefix, _)| {
