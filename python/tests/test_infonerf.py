@@ -45,11 +45,11 @@ class Runs(unittest.TestCase):
         cls.out = Path(folder.name)
         cls.events = []
         cls.records = infonerf.run(
-            "fast-losses", scene="crane", variant=["nerf", "infonerf+"], set=TINY, out=cls.out, on_event=cls.events.append
+            "fast-losses", scene="crane", variant=["factored", "infonerf+"], set=TINY, out=cls.out, on_event=cls.events.append
         )
 
     def test_a_run_tells_its_events_and_returns_its_records(self) -> None:
-        self.assertEqual([record["variant"] for record in self.records], ["nerf", "infonerf+"])
+        self.assertEqual([record["variant"] for record in self.records], ["factored", "infonerf+"])
         self.assertEqual({record["iterations"] for record in self.records}, {40})
         kinds = [event["event"] for event in self.events]
         self.assertEqual((kinds[0], kinds[-1], kinds.count("record")), ("loading", "finished", 2))
@@ -98,7 +98,7 @@ class Runs(unittest.TestCase):
                 raise KeyboardInterrupt
 
         longer = {**TINY, "train.iterations": 500}
-        options: dict[str, Any] = {"scene": "crane", "variant": "nerf", "out": self.out / "stopped", "set": longer}
+        options: dict[str, Any] = {"scene": "crane", "variant": "factored", "out": self.out / "stopped", "set": longer}
         with self.assertRaises(KeyboardInterrupt):
             infonerf.run("fast-losses", on_event=stop, **options)
         if sys.platform != "win32":

@@ -7,12 +7,12 @@ use crate::common::{Workplace, text};
 use infonerf_procedural::train_cameras;
 use serde_json::{Value, json};
 
-const RUN: &str = "runs/fast-losses/knot/nerf/seed0";
+const RUN: &str = "runs/fast-losses/knot/factored/seed0";
 
 /// A run whose field is dense everywhere: its surface is that of the scene's box.
 fn with_run() -> Workplace {
     let place = Workplace::new();
-    let exp = "exp fast-losses --scene knot --variant nerf --set field.density_bias=5.0";
+    let exp = "exp fast-losses --scene knot --variant factored --set field.density_bias=5.0";
     place.tiny(exp).succeeds();
     place
 }
@@ -52,7 +52,7 @@ fn a_page_of_the_papers_field_is_baked() {
     let place = Workplace::new();
     let mlp = "field={kind=\"nerf\",layers=2,width=16,skip=9,position_frequencies=4,direction_frequencies=2,\
                density=\"softplus\",detail=1.0}";
-    let small = "exp fast-losses --scene knot --variant nerf --preset paper --set scene.size=24 --set train.iterations=2 \
+    let small = "exp fast-losses --scene knot --variant factored --preset paper --set scene.size=24 --set train.iterations=2 \
                  --set train.rays=16 --set train.unseen_rays=16 --set render.samples=8 --set render.fine_samples=8 \
                  --set eval.test=first-1 --set eval.information_rays=16";
     place.run(small).args(&["--set", mlp]).succeeds();
@@ -148,8 +148,8 @@ fn exports_that_cannot_be_made() {
     export("--out /proc/nowhere/mesh.ply").fails_with(&["/proc/nowhere"]);
     export("--device vulkan").fails_with(&["not built in"]);
     // Nothing is half opaque in a field that has only begun.
-    place.tiny("exp fast-losses --scene knot --variant nerf --out begun").succeeds();
-    let run = "begun/fast-losses/knot/nerf/seed0";
+    place.tiny("exp fast-losses --scene knot --variant factored --out begun").succeeds();
+    let run = "begun/fast-losses/knot/factored/seed0";
     place.run(&["export", run, "--format", "ply"]).fails_with(&["no surface", "expected at least 0.5"]);
     fs::remove_dir_all(place.path(run).join("checkpoint")).unwrap();
     fs::remove_dir_all(place.path(run).join("checkpoint.previous")).unwrap();

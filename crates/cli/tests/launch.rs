@@ -217,7 +217,7 @@ fn hyperqueue_runs_a_task_array_and_watching_it_ends_with_the_table() {
 #[test]
 fn an_experiment_is_launched_and_gives_what_it_gives_here() {
     let cluster = Cluster::new();
-    let args = "exp fast-losses --scene knot --variant nerf --variant infonerf --seed 0";
+    let args = "exp fast-losses --scene knot --variant factored --variant infonerf --seed 0";
     let run = |out: &str, more: &str| text(&cluster.run(args, out).args(more).succeeds().stdout);
     run("here", "");
     let said = run("there", "--launch slurm");

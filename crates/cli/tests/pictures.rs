@@ -8,8 +8,8 @@ use serde_json::Value;
 #[test]
 fn pictures_of_a_run_measure_as_its_record_says() {
     let place = Workplace::new();
-    place.tiny("exp fast-losses --scene knot --variant nerf").succeeds();
-    let run = place.path("runs/fast-losses/knot/nerf/seed0");
+    place.tiny("exp fast-losses --scene knot --variant factored").succeeds();
+    let run = place.path("runs/fast-losses/knot/factored/seed0");
     let (renders, truth) = (run.join("test"), run.join("truth"));
     let (renders, truth) = (renders.to_str().unwrap(), truth.to_str().unwrap());
     let output = place.run(&["eval", "--renders", renders, "--truth", truth, "--out", "compared"]).succeeds();

@@ -140,7 +140,7 @@ fn items_that_fail_take_too_long_or_are_cancelled() {
 fn what_slurm_refuses_is_told_in_one_line() {
     let place = Workplace::new();
     let sweep = |out: &str, more: &str| {
-        let args = "sweep fast-losses --scene knot --variant nerf --grid train.lr=1e-3,1e-2 --launch slurm";
+        let args = "sweep fast-losses --scene knot --variant factored --grid train.lr=1e-3,1e-2 --launch slurm";
         place.tiny(args).args(&["--out", out]).args(more)
     };
     sweep("runs", "--partition nowhere").fails_with(&["items 0 to 1 were not submitted", "nowhere"]);

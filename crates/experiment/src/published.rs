@@ -221,7 +221,7 @@ mod tests {
     fn no_term_is_silently_missing() {
         let selection = Selection {
             set: vec!["loss.semantic.weight=0.1".into(), "loss.tv.weight=1".into(), "loss.silhouette.weight=0".into()],
-            variants: vec!["nerf".into()],
+            variants: vec!["factored".into()],
             ..Selection::default()
         };
         let runs = Experiment::plan("fast-losses", &selection).unwrap().runs;

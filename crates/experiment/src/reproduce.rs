@@ -47,7 +47,7 @@ impl Chapter {
 }
 
 /// The variants of a capture.
-const CAPTURE: &[&str] = &["nerf", "entropy", "kl", "infonerf", "infonerf+"];
+const CAPTURE: &[&str] = &["factored", "entropy", "kl", "infonerf", "infonerf+"];
 
 /// What is reproduced, in the order of the report.
 const CHAPTERS: [Chapter; 11] = [

@@ -161,7 +161,7 @@ fn a_field_that_is_no_factored_one_is_baked() {
                 density=\"softplus\",detail=1.0}";
     let others = TINY.iter().filter(|setting| !setting.starts_with("field."));
     let set: Vec<&str> = others.copied().chain([nerf, "loss.tv.weight=0"]).collect();
-    let plan = plan("nerf", &set);
+    let plan = plan("factored", &set);
     // Coarsely while it trains.
     let folder = train(out.path(), &plan, Existing::Refuse, Some(2));
     let address = serve(&folder);

@@ -25,7 +25,7 @@ const RENDER_EXAMPLES: &str = "\
 Examples:
   infonerf render runs/synthetic-4view/castle/infonerf+/seed0
       once around the scene: PNG frames with depth, and orbit.gif
-  infonerf render runs/llff-3view/fern/nerf/seed0 --path spiral --video mp4
+  infonerf render runs/llff-3view/fern/infonerf+/seed0 --path spiral --video mp4
       LLFF's spiral, also as a video (needs `ffmpeg` on PATH)
   infonerf render runs/synthetic-4view/castle/infonerf+/seed0 --path camera_path.json
       the frames of nerfstudio's camera_path.json, in the scene's own coordinates
