@@ -161,7 +161,7 @@ class Viewer {
     this.changed();
   }
 
-  /** The view is another one: draws it again. */
+  /** Draws the scene anew, coarsely until nothing has changed for 150 ms: called where the camera, the mode or the scene changed. */
   changed() {
     this.dirty = true;
     this.movingUntil = performance.now() + 150;
@@ -196,28 +196,25 @@ class Viewer {
     const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
     const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    if (now < this.movingUntil) {
-      if (this.dirty) {
-        this.coarse.resize(Math.max(8, Math.round(width * this.scale)), Math.max(8, Math.round(height * this.scale)));
-        this.render(this.coarse, 0, this.coarse.height);
-        this.after((ms) => {
-          // About 30 frames a second.
-          this.scale = Math.max(0.08, Math.min(1, this.scale * Math.sqrt(Math.max(0.5, Math.min(1.3, 30 / ms)))));
-        });
-        [this.dirty, this.rows] = [false, 0];
+    if (this.dirty) {
+      this.coarse.resize(Math.max(8, Math.round(width * this.scale)), Math.max(8, Math.round(height * this.scale)));
+      this.render(this.coarse, 0, this.coarse.height);
+      this.after((ms) => {
+        // About 30 frames a second.
+        this.scale = Math.max(0.08, Math.min(1, this.scale * Math.sqrt(Math.max(0.5, Math.min(1.3, 30 / ms)))));
+      });
+      [this.dirty, this.rows] = [false, 0];
+    } else if (now >= this.movingUntil) {
+      if (this.fine.resize(width, height)) this.rows = 0;
+      if (this.rows < height) {
+        const rows = Math.max(4, Math.min(height - this.rows, Math.round(40 * this.rowsPerMs)));
+        this.render(this.fine, this.rows, rows);
+        this.after((ms) => (this.rowsPerMs = 0.5 * this.rowsPerMs + (0.5 * rows) / ms));
+        this.rows = Math.min(height, this.rows + rows);
       }
-      this.present(0);
-      return this.wake();
-    }
-    if (this.fine.resize(width, height)) this.rows = 0;
-    if (this.rows < height) {
-      const rows = Math.max(4, Math.min(height - this.rows, Math.round(40 * this.rowsPerMs)));
-      this.render(this.fine, this.rows, rows);
-      this.after((ms) => (this.rowsPerMs = 0.5 * this.rowsPerMs + (0.5 * rows) / ms));
-      this.rows = Math.min(height, this.rows + rows);
-      this.wake();
     }
     this.present(this.rows / height);
+    if (this.fence || this.rows < height) this.wake();
   }
 
   after(finished) {

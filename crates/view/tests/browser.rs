@@ -210,6 +210,66 @@ fn controls_move_the_camera() {
     assert_eq!((&seen["depth"]["frusta"], &seen["frusta"]["frusta"]), (&false.into(), &true.into()));
 }
 
+/// Script that turns to other cameras and modes while part of an image is drawn, with every fence 400 ms late, and counts the
+/// pixels at rest that differ from an image drawn in one go.
+const SLOW: &str = "
+    const { viewer } = stage, { gl, canvas } = viewer, ticking = setInterval(() => {}, 1), cases = [];
+    // Frames of the browser's own time.
+    self.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 16);
+    viewer.waiting = false;
+    const signalled = gl.clientWaitSync.bind(gl);
+    gl.clientWaitSync = (...of) =>
+      performance.now() - viewer.fence.started < 400 ? gl.TIMEOUT_EXPIRED : signalled(...of);
+    const until = (holds) => new Promise((done) => {
+      const poll = setInterval(() => holds() && done(clearInterval(poll)), 1);
+    });
+    const read = (target) => {
+      const bytes = new Uint8Array(4 * canvas.width * canvas.height);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
+      gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+      return bytes;
+    };
+    const different = (a, b) => a.reduce((count, byte, i) => count + (Math.abs(byte - b[i]) > 2), 0);
+    let last = null;
+    for (const [camera, mode] of [[1, 0], [1, 1], [2, 1], [2, 2], [0, 2], [0, 0]]) {
+      viewer.changed();
+      viewer.rowsPerMs = 1;
+      await until(() => viewer.fence && viewer.rows > 0 && viewer.rows < canvas.height);
+      stage.goTo(camera);
+      viewer.mode = mode;
+      viewer.rowsPerMs = 100;
+      stage.moved();
+      await until(() => !viewer.fence && viewer.rows === canvas.height);
+      const whole = viewer.target();
+      whole.resize(canvas.width, canvas.height);
+      viewer.render(whole, 0, canvas.height);
+      const [shown, expected] = [viewer.fine, whole].map(read);
+      cases.push({ camera, mode, mixed: different(shown, expected), changed: last ? different(expected, last) : 1 });
+      last = expected;
+    }
+    clearInterval(ticking);
+    root.dataset.cases = JSON.stringify(cases);
+";
+
+#[test]
+#[ignore = "needs a browser: just test-view"]
+fn image_at_rest_is_whole_where_drawing_is_slow() {
+    let out = tempfile::tempdir().unwrap();
+    let run = read(&train(out.path(), &plan("infonerf", common::TINY), Existing::Refuse, None));
+    let file = out.path().join("page.html");
+    let end = "} catch (error) {\n  showFallback(root, error, scene);";
+    let text = page(&run, None).unwrap();
+    assert_eq!(text.matches(end).count(), 1);
+    fs::write(&file, text.replace(end, &format!("{SLOW}{end}"))).unwrap();
+    let document = document(&format!("file://{}", file.display()), 6_000_000, &["--window-size=300,400"]);
+    let cases = attribute(&document, "data-cases").expect("the script ended").replace("&quot;", "\"");
+    let cases: Vec<serde_json::Value> = serde_json::from_str(&cases).unwrap();
+    assert_eq!(cases.len(), 6);
+    for case in cases {
+        assert!(case["mixed"] == 0 && case["changed"] != 0, "{case}");
+    }
+}
+
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn a_browser_that_cannot_draw_says_so_and_shows_the_pictures() {
