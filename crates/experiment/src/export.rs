@@ -20,8 +20,8 @@ use serde_json::Value;
 
 use crate::{RunPlan, Trained};
 
-/// Number of points on a surface that is compared with the exact one, and of pixels along a side of the cameras that find
-/// points of the latter: enough for distances of a fraction of a voxel.
+/// Number of points on a surface that is compared with the exact one, and of pixels along a side of the cameras that
+/// find points of the latter: enough for distances of a fraction of a voxel.
 const SURFACE_POINTS: usize = 100_000;
 const TRUTH_SIZE: u32 = 48;
 /// Maximum number of test views on which splats are measured.
@@ -44,8 +44,8 @@ pub struct SplatFidelity {
 }
 
 impl Trained {
-    /// Extracts the surface of the fields within the scene's box, at `resolution` voxels along its longest side: the isosurface
-    /// that looks most like the fields to the training cameras.
+    /// Extracts the surface of the fields within the scene's box, at `resolution` voxels along its longest side: the
+    /// isosurface that looks most like the fields to the training cameras.
     ///
     /// # Errors
     /// If the resolution is out of range, or the fields have no surface.
@@ -55,8 +55,8 @@ impl Trained {
         Surface::extract(&DensityGrid::sample(&volume, resolution, surface_density(&volume, &cameras)?)?)
     }
 
-    /// Makes gaussian splats on `surface`, fitted to images of the fields from the training cameras and from random poses in the
-    /// region that they span. Test views have no part in them.
+    /// Makes gaussian splats on `surface`, fitted to images of the fields from the training cameras and from random
+    /// poses in the region that they span. Test views have no part in them.
     pub fn splats(&self, surface: &Surface) -> Vec<Gaussian> {
         let (scene, models) = (self.scene(), self.models());
         let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
@@ -78,8 +78,8 @@ impl Trained {
         splats
     }
 
-    /// Measures `splats` and the fields on up to eight test views; `None` without test views or behind a lens, through which
-    /// splats are not rendered.
+    /// Measures `splats` and the fields on up to eight test views; `None` without test views or behind a lens, through
+    /// which splats are not rendered.
     ///
     /// # Errors
     /// If images cannot be compared.
@@ -101,8 +101,8 @@ impl Trained {
         Ok((count > 0).then_some(SplatFidelity { views: count, splats, fields }))
     }
 
-    /// Measures the distance of `surface` from the exact one that the training cameras see; `None` for other than built-in
-    /// scenes.
+    /// Measures the distance of `surface` from the exact one that the training cameras see; `None` for other than
+    /// built-in scenes.
     ///
     /// # Errors
     /// If there is no such built-in scene.
@@ -114,8 +114,8 @@ impl Trained {
 }
 
 impl RunPlan {
-    /// Describes how an export of the run in `folder` differs from what its record measures: `first_field` if it has only the
-    /// first of several fields, and no export has residuals. `None` if it does not differ.
+    /// Describes how an export of the run in `folder` differs from what its record measures: `first_field` if it has
+    /// only the first of several fields, and no export has residuals. `None` if it does not differ.
     pub fn export_note(&self, folder: &Path, first_field: bool) -> Option<String> {
         let several = first_field && self.members() > 1;
         let fields = several.then(|| format!("the first of {} fields alone", self.members()));
@@ -130,8 +130,8 @@ impl RunPlan {
         (!parts.is_empty()).then(|| format!("{}{whole}", parts.join(", ")))
     }
 
-    /// Returns the training and test cameras as the `transforms.json` of nerfstudio and instant-ngp, to stand next to the
-    /// scene's images: intrinsics at the size of the image files, each file once.
+    /// Returns the training and test cameras as the `transforms.json` of nerfstudio and instant-ngp, to stand next to
+    /// the scene's images: intrinsics at the size of the image files, each file once.
     ///
     /// # Errors
     /// If the scene cannot be loaded.
@@ -154,8 +154,8 @@ impl RunPlan {
     }
 }
 
-/// Scales the camera of `view` to the size of its image file below `folder`. A file of another shape, as one that EXIF turns, is
-/// left alone.
+/// Scales the camera of `view` to the size of its image file below `folder`. A file of another shape, as one that EXIF
+/// turns, is left alone.
 fn at_file_size(view: &mut View, folder: &Path) {
     let Ok((width, height)) = image::image_dimensions(folder.join(&view.file)) else { return };
     let camera = &view.camera;

@@ -28,8 +28,8 @@ pub struct DensityGrid {
 }
 
 impl DensityGrid {
-    /// Samples `volume` at `resolution` voxels along the longest side of its box and as many as it takes along the others. Its
-    /// surface has the density `level`, see [`surface_density`](crate::surface_density).
+    /// Samples `volume` at `resolution` voxels along the longest side of its box and as many as it takes along the
+    /// others. Its surface has the density `level`, see [`surface_density`](crate::surface_density).
     ///
     /// # Errors
     /// If the resolution is out of [`RESOLUTIONS`].

@@ -10,8 +10,8 @@ const RAYS: u32 = 32;
 const SAMPLES: usize = 384;
 /// Number of rays per query of the volume, which bounds the memory.
 const CHUNK: usize = 512;
-/// Factor between densities that are tried: from one that is half opaque over the whole box to one that is so over [`FINEST`] of
-/// it.
+/// Factor between densities that are tried: from one that is half opaque over the whole box to one that is so over
+/// [`FINEST`] of it.
 const FACTOR: f32 = 1.15;
 const FINEST: f32 = 1.0 / 2000.0;
 /// Share of the box at which distances are truncated.
@@ -30,10 +30,11 @@ struct RayDepths {
 
 /// Finds the density σ of the isosurface that looks most like `volume` to `cameras`, 1/scene unit.
 ///
-/// A ray that is stopped by half, `∫σ dt ≥ ln 2`, should meet the surface at its median depth, any other should miss it. The error
-/// of a density is the mean over rays of the distance between where σ is first reached and the median depth, truncated at 5 % of
-/// the box, which is also the error of a miss or a hit that should not be. Of the densities that are as good as the best, the
-/// middle one is taken. So the surface depends on the field, and not on the voxels that it is extracted from.
+/// A ray that is stopped by half, `∫σ dt ≥ ln 2`, should meet the surface at its median depth, any other should miss
+/// it. The error of a density is the mean over rays of the distance between where σ is first reached and the median
+/// depth, truncated at 5 % of the box, which is also the error of a miss or a hit that should not be. Of the densities
+/// that are as good as the best, the middle one is taken. So the surface depends on the field, and not on the voxels
+/// that it is extracted from.
 ///
 /// # Errors
 /// [`ExportError::Transparent`] if no ray is stopped by half.
@@ -91,8 +92,8 @@ fn ray_depths(volume: &dyn Volume, cameras: &[Camera]) -> Vec<RayDepths> {
     crossing.chunks(CHUNK).flat_map(of_chunk).collect()
 }
 
-/// Finds the depths of a ray through densities in the middle of intervals of length `step`, the first of which begins at
-/// `near`.
+/// Finds the depths of a ray through densities in the middle of intervals of length `step`, the first of which begins
+/// at `near`.
 fn depths_of(near: f32, step: f32, densities: &[f32]) -> RayDepths {
     let (mut tau, mut depth, mut peaks) = (0.0, None, Vec::new());
     let mut densest = 0.0;

@@ -5,8 +5,8 @@
 //!    └─► surface_density ─►┘             └─► Gaussian ─► refine ─► splat
 //! ```
 //!
-//! A field is anything that implements [`Volume`]: density and colour at points of the world. Writers are pure functions
-//! that return the bytes of the file.
+//! A field is anything that implements [`Volume`]: density and colour at points of the world. Writers are pure
+//! functions that return the bytes of the file.
 //!
 //! ```
 //! use glam::Vec3;

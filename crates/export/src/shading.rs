@@ -12,9 +12,9 @@ const STEPS: usize = 9;
 /// Number of vertices per query, which bounds the memory.
 const CHUNK: usize = 1 << 14;
 
-/// Returns the expected end Σ w x / Σ w of a ray against the normal of each vertex, over nine samples from one voxel in front
-/// of the surface to three behind it with the weights w of volume rendering. Renders show the colour there; at the vertex
-/// itself it is often still that of fog. Without any density it is the vertex.
+/// Returns the expected end Σ w x / Σ w of a ray against the normal of each vertex, over nine samples from one voxel in
+/// front of the surface to three behind it with the weights w of volume rendering. Renders show the colour there; at
+/// the vertex itself it is often still that of fog. Without any density it is the vertex.
 pub(crate) fn endpoints(surface: &Surface, volume: &dyn Volume) -> Vec<Vec3> {
     let step = STEP * surface.voxel;
     let depth = |i: usize| i as f32 * step - BEFORE * surface.voxel;
@@ -56,8 +56,8 @@ pub(crate) struct LinearColor {
 /// Directions of view to which a colour is fitted: their angle to the normal in degrees, and their number around it.
 const RINGS: [(f32, usize); 3] = [(0.0, 1), (30.0, 6), (60.0, 6)];
 
-/// Fits the colour of each vertex as a linear function of the direction of view, by least squares over 13 directions from its
-/// front.
+/// Fits the colour of each vertex as a linear function of the direction of view, by least squares over 13 directions
+/// from its front.
 pub(crate) fn linear(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<LinearColor> {
     let local: Vec<Vec3> = RINGS.iter().flat_map(|&(tilt, count)| ring(tilt.to_radians(), count)).collect();
     let weights = regression(&local);
@@ -101,7 +101,8 @@ fn ring(tilt: f32, count: usize) -> impl Iterator<Item = Vec3> {
     })
 }
 
-/// Returns the columns of `(AᵀA)⁻¹Aᵀ`, which give the coefficients of x, y, z and 1 of the least-squares fit of a linear function.
+/// Returns the columns of `(AᵀA)⁻¹Aᵀ`, which give the coefficients of x, y, z and 1 of the least-squares fit of a
+/// linear function.
 fn regression(directions: &[Vec3]) -> Vec<DVec4> {
     let rows: Vec<DVec4> = directions.iter().map(|d| d.as_dvec3().extend(1.0)).collect();
     let outer = |v: DVec4| DMat4::from_cols(v * v.x, v * v.y, v * v.z, v * v.w);

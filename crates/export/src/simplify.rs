@@ -7,9 +7,9 @@ use crate::components::without_small;
 use crate::surface::{Surface, normals};
 
 impl Surface {
-    /// Simplifies the surface to at most `triangles` triangles if its shape allows, by collapsing the edges that change it
-    /// least (quadric error metrics, Garland and Heckbert 1997, by meshoptimizer). It stays closed. A surface with no more
-    /// triangles is returned unchanged.
+    /// Simplifies the surface to at most `triangles` triangles if its shape allows, by collapsing the edges that change
+    /// it least (quadric error metrics, Garland and Heckbert 1997, by meshoptimizer). It stays closed. A surface with
+    /// no more triangles is returned unchanged.
     #[must_use]
     pub fn simplified(self, triangles: usize) -> Self {
         if self.triangles.len() <= triangles {

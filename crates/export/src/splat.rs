@@ -7,8 +7,8 @@ use crate::shading::{LinearColor, endpoints, frame, linear};
 use crate::surface::Surface;
 use crate::volume::Volume;
 
-/// Standard deviations of a gaussian in voxels: along the surface, where neighbours about a voxel apart must leave no holes, and
-/// across it.
+/// Standard deviations of a gaussian in voxels: along the surface, where neighbours about a voxel apart must leave no
+/// holes, and across it.
 const WIDTH: f32 = 0.7;
 const THICKNESS: f32 = 0.2;
 /// Opacity of a gaussian at its centre, the greatest that renderers allow.
@@ -25,8 +25,9 @@ pub struct Gaussian {
     pub rotation: Quat,
     /// Opacity at the centre.
     pub opacity: f32,
-    /// Spherical harmonics of red, green and blue, degrees 0 and 1, in the order and with the signs of 3DGS: along the unit
-    /// direction (x, y, z) from the eye `½ + √(1/4π) sh₀ + √(3/4π) (−y sh₁ + z sh₂ − x sh₃)`, see [`Gaussian::color`].
+    /// Spherical harmonics of red, green and blue, degrees 0 and 1, in the order and with the signs of 3DGS: along the
+    /// unit direction (x, y, z) from the eye `½ + √(1/4π) sh₀ + √(3/4π) (−y sh₁ + z sh₂ − x sh₃)`, see
+    /// [`Gaussian::color`].
     pub sh: [[f32; 4]; 3],
 }
 

@@ -8,8 +8,8 @@ use rayon::prelude::*;
 
 use crate::splat::Gaussian;
 
-/// Distance to the camera, in standard deviations, below which a gaussian is left out: the projection is linearised about its
-/// centre.
+/// Distance to the camera, in standard deviations, below which a gaussian is left out: the projection is linearised
+/// about its centre.
 const MIN_DISTANCE: f32 = 3.0;
 /// Addition to the projected variances, pixels², so that no gaussian falls between pixels.
 const MIN_VARIANCE: f32 = 0.3;
@@ -19,9 +19,9 @@ const MIN_ALPHA: f32 = 1.0 / 255.0;
 /// Transmittance below which nothing more is blended.
 const DONE: f32 = 1e-4;
 
-/// Renders the image of `gaussians` that `camera` sees, row-major, by EWA splatting as in 3DGS (Kerbl et al. 2023, Sec. 4 and 6): front
-/// to back, `α = min(0.99, opacity · exp(−½ dᵀ Σ′⁻¹ d))` with the projected covariance `Σ′ = J W Σ Wᵀ Jᵀ + 0.3 I`, on a
-/// background. The camera's lens is ignored. A reference: exact rather than fast.
+/// Renders the image of `gaussians` that `camera` sees, row-major, by EWA splatting as in 3DGS (Kerbl et al. 2023, Sec.
+/// 4 and 6): front to back, `α = min(0.99, opacity · exp(−½ dᵀ Σ′⁻¹ d))` with the projected covariance `Σ′ = J W Σ Wᵀ
+/// Jᵀ + 0.3 I`, on a background. The camera's lens is ignored. A reference: exact rather than fast.
 pub fn splat_image(gaussians: &[Gaussian], camera: &Camera, background: [f32; 3]) -> Vec<[f32; 3]> {
     let splats = Splats::project(gaussians, camera);
     let background = Vec3::from_array(background);
@@ -55,8 +55,8 @@ impl Splats {
         Self { list, rows, width: camera.width as usize }
     }
 
-    /// Blends row `y` front to back. Calls `visit(x, splat, α, T)` for each contribution, where T is the transmittance before it;
-    /// returns the transmittance of each pixel behind all of them.
+    /// Blends row `y` front to back. Calls `visit(x, splat, α, T)` for each contribution, where T is the transmittance
+    /// before it; returns the transmittance of each pixel behind all of them.
     pub(crate) fn blend(&self, y: usize, mut visit: impl FnMut(usize, usize, f32, f32)) -> Vec<f32> {
         let mut passes = vec![1.0; self.width];
         for &number in &self.rows[y] {

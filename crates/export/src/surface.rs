@@ -24,11 +24,12 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Extracts the surface on which `grid` has the density σ = [`DensityGrid::level`], by naive surface nets (Gibson 1998) on the opacity
-    /// `1 − 2^(−σ/level)`, which is bounded and so places the surface between voxels better than the density does.
+    /// Extracts the surface on which `grid` has the density σ = [`DensityGrid::level`], by naive surface nets (Gibson
+    /// 1998) on the opacity `1 − 2^(−σ/level)`, which is bounded and so places the surface between voxels better than
+    /// the density does.
     ///
-    /// The surface is closed at the grid's border. Cavities that cannot be reached from outside are filled, as no camera sees
-    /// into them, and components with less than a thousandth of the largest one's area are left out.
+    /// The surface is closed at the grid's border. Cavities that cannot be reached from outside are filled, as no
+    /// camera sees into them, and components with less than a thousandth of the largest one's area are left out.
     ///
     /// # Errors
     /// [`ExportError::NoSurface`] if no voxel reaches that density.
@@ -117,8 +118,8 @@ pub(crate) mod testing {
 
     use super::Surface;
 
-    /// Asserts that every edge is shared by two triangles that pass it in opposite directions (or by two such pairs, where
-    /// voxels touch at an edge).
+    /// Asserts that every edge is shared by two triangles that pass it in opposite directions (or by two such pairs,
+    /// where voxels touch at an edge).
     pub(crate) fn assert_closed(surface: &Surface) {
         let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
         for &[a, b, c] in &surface.triangles {

@@ -9,8 +9,8 @@ pub trait Volume: Sync {
     /// Evaluates the density σ ≥ 0 at each of `points`, 1/scene unit.
     fn density(&self, points: &[Vec3]) -> Vec<f32>;
 
-    /// Evaluates the display-encoded colour in [0, 1]³ at each of `points`, seen along the unit direction of the same index,
-    /// from the eye to the point.
+    /// Evaluates the display-encoded colour in [0, 1]³ at each of `points`, seen along the unit direction of the same
+    /// index, from the eye to the point.
     fn color(&self, points: &[Vec3], directions: &[Vec3]) -> Vec<[f32; 3]>;
 }
 
@@ -27,9 +27,8 @@ pub(crate) mod testing {
     use crate::grid::DensityGrid;
     use crate::surface::Surface;
 
-    /// Ball about the origin whose density rises smoothly through the surface:
-    /// `σ = sharpness · softplus(sharpness · (radius − |p|))`. Red, green and blue follow x, y and z, and red the direction
-    /// too.
+    /// Ball about the origin whose density rises smoothly through the surface: `σ = sharpness · softplus(sharpness ·
+    /// (radius − |p|))`. Red, green and blue follow x, y and z, and red the direction too.
     pub struct Ball {
         pub radius: f32,
         pub sharpness: f32,

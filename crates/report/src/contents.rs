@@ -139,7 +139,8 @@ fn panel<'a>(scenes: &'a [SceneContents<'a>]) -> Result<Option<Vec<u8>>, ReportE
     Ok(Some(png.into_inner()))
 }
 
-/// Returns `plots/<name>.svg` in ASCII: λ₁ becomes `lambda1`, and other characters than letters, digits, `-` and `_` become `-`.
+/// Returns `plots/<name>.svg` in ASCII: λ₁ becomes `lambda1`, and other characters than letters, digits, `-` and `_`
+/// become `-`.
 pub(crate) fn plot_path(figure: &Figure) -> String {
     let name = figure.name.replace('λ', "lambda").replace('₁', "1").replace('₂', "2");
     let safe = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '-' };

@@ -39,8 +39,8 @@ pub struct Events {
     pub steps: Vec<StepEvent>,
     /// Evaluations, in the order of the file.
     pub evaluations: Vec<EvaluationEvent>,
-    /// Number of lines that are not JSON, of an unknown event, or without a finite `step`, as the last line of a run that was
-    /// killed often is.
+    /// Number of lines that are not JSON, of an unknown event, or without a finite `step`, as the last line of a run
+    /// that was killed often is.
     pub skipped: usize,
 }
 

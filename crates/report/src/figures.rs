@@ -24,7 +24,8 @@ pub struct Figure {
     pub caption: String,
 }
 
-/// Draws bars of PSNR and ray entropy and the frontier of time against PSNR, over all variants; nothing for a single one.
+/// Draws bars of PSNR and ray entropy and the frontier of time against PSNR, over all variants; nothing for a single
+/// one.
 pub(crate) fn comparison_figures<R: AsRef<Record>>(records: &[R]) -> Result<Vec<Figure>, ReportError> {
     let scenes = distinct(records, |record| record.scene.clone());
     let groups = groups(records);

@@ -10,8 +10,8 @@ use std::{
 
 use crate::ReportError;
 
-/// Writes `bytes` to another name and renames it to `path`: a reader sees the old file or the new one, never a part. Missing
-/// folders are created; a link stays, and its target is replaced; a pipe or a device is written into.
+/// Writes `bytes` to another name and renames it to `path`: a reader sees the old file or the new one, never a part.
+/// Missing folders are created; a link stays, and its target is replaced; a pipe or a device is written into.
 ///
 /// # Errors
 /// If the file cannot be written; an old file stays.

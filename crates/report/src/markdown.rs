@@ -1,4 +1,5 @@
-//! `report.md`, the report for a repository, with links to the images of the runs; and the document of several experiments.
+//! `report.md`, the report for a repository, with links to the images of the runs; and the document of several
+//! experiments.
 
 use indexmap::IndexSet;
 
@@ -71,8 +72,8 @@ pub(crate) fn collection_page(title: &str, introduction: &str, chapters: &[Repor
     blocks.join("\n\n") + "\n"
 }
 
-/// Makes one Markdown document of the results of several experiments, so that no figure in it is typed by hand: for each its
-/// command and protocol, the notes of its records, the means over scenes, each scene's PSNR, and its claims.
+/// Makes one Markdown document of the results of several experiments, so that no figure in it is typed by hand: for
+/// each its command and protocol, the notes of its records, the means over scenes, each scene's PSNR, and its claims.
 pub fn results_document(title: &str, experiments: &[ReportInput]) -> String {
     let mut blocks = vec![format!("# {}", escape_markdown(title))];
     blocks.push("Written by `infonerf collect` from results files; not edited by hand.".into());

@@ -31,8 +31,9 @@ pub(crate) struct PanelRow<'a> {
     pub(crate) view: &'a GalleryView,
 }
 
-/// Draws the figure of the runs in `input`, whose folders lie below `root`: the lowest seed of each variant, and the test view
-/// of each scene with the id `view` (file `test/NNN.png` of a run) or else one from the middle. Missing images stay white.
+/// Draws the figure of the runs in `input`, whose folders lie below `root`: the lowest seed of each variant, and the
+/// test view of each scene with the id `view` (file `test/NNN.png` of a run) or else one from the middle. Missing
+/// images stay white.
 ///
 /// # Errors
 /// [`ReportError::NoPictures`] if no run has an image of that view, [`ReportError::Chart`] if the labels cannot be drawn.

@@ -5,8 +5,8 @@ const MAX_LISTED: usize = 8;
 /// Seeds, or other causes of a difference, that a line names one by one; it counts more of them.
 const MAX_EXPLAINED: usize = 32;
 
-/// Describes how `records` were obtained, in up to three lines: training views, test views, image size and seeds; preset,
-/// iterations and device; how images are measured.
+/// Describes how `records` were obtained, in up to three lines: training views, test views, image size and seeds;
+/// preset, iterations and device; how images are measured.
 ///
 /// Where records differ in one of these, the line names the value of each seed, scene, preset or variant
 /// (`train views seed 0: 26, 86, 2, 55; seed 1: 80, 84, 33, 81`), or lists them as `mixed` where none of the four

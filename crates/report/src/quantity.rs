@@ -6,8 +6,8 @@ use serde::{Deserialize, Deserializer, de};
 
 use crate::Record;
 
-/// Number of a [`Record`] that tables, charts and claims can show: a metric of [`METRICS`], a statistic of test rays, or a
-/// cost. Files name it by its key.
+/// Number of a [`Record`] that tables, charts and claims can show: a metric of [`METRICS`], a statistic of test rays,
+/// or a cost. Files name it by its key.
 #[derive(Clone, Copy)]
 pub struct Quantity {
     descriptor: Descriptor,
@@ -127,7 +127,8 @@ impl Quantity {
         self.descriptor.better
     }
 
-    /// Returns `value` as a distance from the best, in units of the last decimal shown: smaller is better, equal is a tie.
+    /// Returns `value` as a distance from the best, in units of the last decimal shown: smaller is better, equal is a
+    /// tie.
     pub(crate) fn rank(self, value: f64) -> f64 {
         self.descriptor.rank(value)
     }

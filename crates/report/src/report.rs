@@ -15,8 +15,8 @@ pub struct ReportFiles {
     pub missing: Vec<String>,
 }
 
-/// Writes `report.html`, `report.md`, `figure.png` and `plots/*.svg` into `root`, the experiment's folder, below which the runs
-/// lie.
+/// Writes `report.html`, `report.md`, `figure.png` and `plots/*.svg` into `root`, the experiment's folder, below which
+/// the runs lie.
 ///
 /// Images and events that are missing or cannot be read are left out and named in the report.
 ///
@@ -28,8 +28,8 @@ pub fn write_report(input: &ReportInput, root: &Path) -> Result<ReportFiles, Rep
     write_pages(root, &html::page(&contents), &markdown::page(&contents), contents.missing)
 }
 
-/// Writes `report.html` and `report.md` of several experiments into `root`, below which each has a folder of its name with its
-/// own report: the claims of all, then tables, charts and a test view of each experiment.
+/// Writes `report.html` and `report.md` of several experiments into `root`, below which each has a folder of its name
+/// with its own report: the claims of all, then tables, charts and a test view of each experiment.
 ///
 /// # Errors
 /// As [`write_report`].

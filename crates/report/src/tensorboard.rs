@@ -1,9 +1,10 @@
 //! Training curves for TensorBoard: event files with every scalar of a `metrics.jsonl`.
 //!
 //! A file is a sequence of records, each `length (u64), masked CRC of length, data, masked CRC of data`, little-endian
-//! ([TFRecord](https://www.tensorflow.org/tutorials/load_data/tfrecord#tfrecords_format_details)). The data is an `Event` in
-//! the encoding of Protocol Buffers ([event.proto](https://github.com/tensorflow/tensorboard/blob/master/tensorboard/compat/proto/event.proto)),
-//! of which scalars need five fields.
+//! ([TFRecord](https://www.tensorflow.org/tutorials/load_data/tfrecord#tfrecords_format_details)). The data is an
+//! `Event` in the encoding of Protocol Buffers
+//! ([event.proto](https://github.com/tensorflow/tensorboard/blob/master/tensorboard/compat/proto/event.proto)), of
+//! which scalars need five fields.
 
 use std::{
     fs,
@@ -20,8 +21,8 @@ const LOG: &str = "metrics.jsonl";
 /// Name of the event file next to a log: TensorBoard looks for `tfevents`.
 const EVENTS: &str = "events.out.tfevents.infonerf";
 
-/// Writes an event file next to each `metrics.jsonl` in `folder` or below, in the place of the last one, and returns them.
-/// Point TensorBoard's `--logdir` at `folder`.
+/// Writes an event file next to each `metrics.jsonl` in `folder` or below, in the place of the last one, and returns
+/// them. Point TensorBoard's `--logdir` at `folder`.
 ///
 /// Lines that are not JSON are left out, such as the last one of a run that was killed.
 ///
@@ -62,9 +63,9 @@ fn find(folder: &Path, logs: &mut Vec<PathBuf>) -> Result<(), ReportError> {
 
 /// Makes the event file of a `metrics.jsonl` whose last line was written at `end`.
 ///
-/// Each line becomes an event at its step. Each of its numbers becomes a scalar, called `train/KEY` in training steps and
-/// `EVENT/KEY` in others; a nested one is called like `train/losses/rgb`. An event's time is `end` less the seconds of
-/// training that the run still had before it, so that TensorBoard's axis of relative time shows seconds of training.
+/// Each line becomes an event at its step. Each of its numbers becomes a scalar, called `train/KEY` in training steps
+/// and `EVENT/KEY` in others; a nested one is called like `train/losses/rgb`. An event's time is `end` less the seconds
+/// of training that the run still had before it, so that TensorBoard's axis of relative time shows seconds of training.
 pub fn tensorboard_events(text: &str, end: SystemTime) -> Vec<u8> {
     let lines: Vec<Value> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     let seconds = |line: &Value| line.get("seconds").and_then(Value::as_f64);

@@ -21,8 +21,8 @@ const FIELD: &str = include_str!("../assets/tables.glsl");
 /// Number of bytes of uniforms that graphics cards have in practice; WebGL2 guarantees a quarter of it.
 const MAX_NETWORK: usize = 1 << 16;
 
-/// Returns whether a page holds fields of this kind as they are. Others are baked, which takes seconds to minutes; so is a factored
-/// field whose MLP does not fit into a shader's uniforms.
+/// Returns whether a page holds fields of this kind as they are. Others are baked, which takes seconds to minutes; so
+/// is a factored field whose MLP does not fit into a shader's uniforms.
 pub fn holds(field: &FieldConfig) -> bool {
     matches!(field, FieldConfig::Factored(_))
 }

@@ -4,7 +4,8 @@ use infonerf_ops::factored::{Layer, Layout};
 
 use crate::tables::groups;
 
-/// Input or output of a layer at a place of the shader's vector, and the factor of its weights; `None` for an empty place.
+/// Input or output of a layer at a place of the shader's vector, and the factor of its weights; `None` for an empty
+/// place.
 pub(crate) type Place = Option<(usize, f32)>;
 
 /// Weights of an MLP in the order of a uniform block.
@@ -20,8 +21,8 @@ pub(crate) struct PackedNetwork {
 impl PackedNetwork {
     /// Packs `weights`; `inputs` are the shader's inputs of the first layer, in vectors of four.
     ///
-    /// The last layer's first vector is density and colour; if colour depends on the direction, one follows for each of red,
-    /// green and blue, with its three derivatives, multiplied by `view_dependence`, and a zero.
+    /// The last layer's first vector is density and colour; if colour depends on the direction, one follows for each of
+    /// red, green and blue, with its three derivatives, multiplied by `view_dependence`, and a zero.
     pub(crate) fn pack(weights: &[f32], layout: &Layout, view_dependence: f32, inputs: &[Place]) -> Self {
         let mut packed = Self { matrices: Vec::new(), biases: Vec::new(), layers: Vec::new() };
         let mut inputs = inputs.to_vec();

@@ -17,7 +17,8 @@ use crate::{baked, factored};
 const POSTER: u32 = 256;
 const SMALL_POSTER: u32 = 96;
 
-/// Makes the JSON object of the run in `folder`: title, notes, shader, arrays, cameras. A field that a page cannot hold is baked to at most `resolution` voxels along the longest side of its box.
+/// Makes the JSON object of the run in `folder`: title, notes, shader, arrays, cameras. A field that a page cannot hold
+/// is baked to at most `resolution` voxels along the longest side of its box.
 ///
 /// # Errors
 /// If an image cannot be encoded.

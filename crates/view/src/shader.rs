@@ -32,7 +32,8 @@ pub(crate) struct FieldMarch<'a> {
 }
 
 impl FieldMarch<'_> {
-    /// Writes GLSL ES 3.00 around `field`, which has `float look(vec3 p)`, `float density()` and `vec3 emitted(vec3 direction)`.
+    /// Writes GLSL ES 3.00 around `field`, which has `float look(vec3 p)`, `float density()` and `vec3 emitted(vec3
+    /// direction)`.
     pub(crate) fn shader(&self, field: &str) -> String {
         TEMPLATE
             .replace("{{constants}}\n", &self.constants())

@@ -17,7 +17,8 @@ use infonerf_view::{Server, TrainingControl, page};
 
 const SIZE: u32 = 64;
 
-/// Returns the document of a page after `budget_ms` of the browser's own time, which passes faster where nothing is due.
+/// Returns the document of a page after `budget_ms` of the browser's own time, which passes faster where nothing is
+/// due.
 fn document(address: &str, budget_ms: u32, flags: &[&str]) -> String {
     let chosen = std::env::var("CHROMIUM").ok();
     let known = ["chromium", "chromium-browser", "google-chrome"];
@@ -243,8 +244,8 @@ fn forward_facing_scene_is_turned_no_farther_than_its_cameras() {
     }
 }
 
-/// Script that turns to other cameras and modes while part of an image is drawn, with every fence 400 ms late, and counts the
-/// pixels at rest that differ from an image drawn in one go.
+/// Script that turns to other cameras and modes while part of an image is drawn, with every fence 400 ms late, and
+/// counts the pixels at rest that differ from an image drawn in one go.
 const SLOW: &str = "
     const { viewer } = stage, { gl, canvas } = viewer, ticking = setInterval(() => {}, 1), cases = [];
     // Frames of the browser's own time.

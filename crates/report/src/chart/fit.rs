@@ -31,8 +31,8 @@ pub fn fit_power_law(points: &[(f64, f64)]) -> Option<PowerLaw> {
     (variance > 1e-12 && exponent.is_finite() && law.scale.is_finite()).then_some(law)
 }
 
-/// Returns the points that no other beats in both coordinates, where smaller `x` and larger `y` are better, sorted by `x`: the
-/// frontier of time against PSNR. Points that are not finite are left out.
+/// Returns the points that no other beats in both coordinates, where smaller `x` and larger `y` are better, sorted by
+/// `x`: the frontier of time against PSNR. Points that are not finite are left out.
 pub fn pareto_frontier(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let mut sorted: Vec<(f64, f64)> = points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)));

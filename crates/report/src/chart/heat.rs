@@ -14,8 +14,8 @@ use crate::{
     text::plain,
 };
 
-/// Draws a grid of coloured cells with their values written in: `values[row][column]`, the first row on top, dark is the
-/// smallest.
+/// Draws a grid of coloured cells with their values written in: `values[row][column]`, the first row on top, dark is
+/// the smallest.
 ///
 /// A value that is `None`, not finite or missing leaves its cell empty; values beyond the labels are not drawn.
 ///

@@ -27,8 +27,8 @@ pub fn line_chart(frame: &Frame, series: &[Series]) -> Result<String, ReportErro
     draw(frame, &lines)
 }
 
-/// Draws points on logarithmic axes with the [`fit_power_law`] of each series as a line, its exponent in the legend: `flex:
-/// x^0.98`.
+/// Draws points on logarithmic axes with the [`fit_power_law`] of each series as a line, its exponent in the legend:
+/// `flex: x^0.98`.
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
@@ -47,8 +47,8 @@ pub fn power_law_chart(frame: &Frame, series: &[Series]) -> Result<String, Repor
     draw(&frame, &lines)
 }
 
-/// Draws the points of each series; with `frontier`, a stepped line along the [`pareto_frontier`] of all of them (smaller `x`
-/// and larger `y` are better).
+/// Draws the points of each series; with `frontier`, a stepped line along the [`pareto_frontier`] of all of them
+/// (smaller `x` and larger `y` are better).
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
@@ -62,7 +62,8 @@ pub fn scatter_chart(frame: &Frame, series: &[Series], frontier: bool) -> Result
     draw(frame, &lines)
 }
 
-/// Returns the best `y` so far at each `x`: right along a point's level, then up to the next, on to the last of all points.
+/// Returns the best `y` so far at each `x`: right along a point's level, then up to the next, on to the last of all
+/// points.
 fn steps(frontier: &[(f64, f64)], all: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let corners = frontier.windows(2).flat_map(|pair| [pair[0], (pair[1].0, pair[0].1)]);
     let end = all.iter().map(|point| point.0).fold(f64::NEG_INFINITY, f64::max);
@@ -168,8 +169,8 @@ fn around((x, y): (i32, i32), reach: i32) -> [i32; 4] {
     [x - reach, y - reach, x + reach, y + reach]
 }
 
-/// Returns the upper left corner and the box of a label of `width` pixels right or left of a mark, on its line or up to three
-/// above or below: the first place on the sheet that overlaps none of `taken`.
+/// Returns the upper left corner and the box of a label of `width` pixels right or left of a mark, on its line or up to
+/// three above or below: the first place on the sheet that overlaps none of `taken`.
 fn free_place((x, y): (i32, i32), width: i32, zoom: i32, taken: &[[i32; 4]], sheet: i32) -> ((i32, i32), [i32; 4]) {
     let (gap, height) = (8 * zoom, 14 * zoom);
     let at = |left: i32, line: i32| {

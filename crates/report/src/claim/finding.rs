@@ -66,8 +66,8 @@ impl Finding {
         }
     }
 
-    /// Describes the difference, such as `+0.42 [+0.10, +0.74] on these 4 scenes × 5 view sets; +0.42 [-0.31, +1.15] on scenes like
-    /// them (mixed model, REML, Satterthwaite)`.
+    /// Describes the difference, such as `+0.42 [+0.10, +0.74] on these 4 scenes × 5 view sets; +0.42 [-0.31, +1.15] on
+    /// scenes like them (mixed model, REML, Satterthwaite)`.
     pub fn found(&self) -> String {
         let (Some(interval), Some(&first)) = (self.difference, self.pairs.first()) else { return "no runs".to_owned() };
         let (scenes, pairs) = (self.pairs.len(), self.pairs.iter().sum());
@@ -143,8 +143,8 @@ fn compared(quantity: Quantity, value: f64) -> f64 {
     if quantity.better() == Better::NearOne { (value - 1.0).abs() } else { value }
 }
 
-/// Returns left minus right of each scene's pairs; for *near* `|left| − ½ |right|` with the signs of the sides' means. A sign
-/// for each pair would take noise about 0 for a distance.
+/// Returns left minus right of each scene's pairs; for *near* `|left| − ½ |right|` with the signs of the sides' means.
+/// A sign for each pair would take noise about 0 for a distance.
 fn differences(relation: Relation, scenes: Vec<Vec<[f64; 2]>>) -> Vec<Vec<f64>> {
     let mean = |side: usize| {
         let of_scene = |pairs: &Vec<[f64; 2]>| pairs.iter().map(|pair| pair[side]).sum::<f64>() / pairs.len() as f64;

@@ -39,9 +39,9 @@ impl Interval {
         Self { mean, bounds: half.map(|half| [mean - half, mean + half]) }
     }
 
-    /// Estimates the mean over exactly these scenes, each with the same weight, over other view sets: a linear model with
-    /// the a scenes as fixed effects. SE = s √(Σ 1/n)/a, where s² = Σ (d − scene's mean)² / (N − a) is pooled over the scenes
-    /// and has N − a degrees of freedom. For a single scene it is Student's paired test.
+    /// Estimates the mean over exactly these scenes, each with the same weight, over other view sets: a linear model
+    /// with the a scenes as fixed effects. SE = s √(Σ 1/n)/a, where s² = Σ (d − scene's mean)² / (N − a) is pooled over
+    /// the scenes and has N − a degrees of freedom. For a single scene it is Student's paired test.
     ///
     /// View sets of one scene count as independent of those of another. The paper's spreads agree with that: NeRF's
     /// standard deviations on its eight scenes (Table 2) make 3.05/√8 = 1.08 dB for their mean, where Table 1 has 1.06.
@@ -62,9 +62,9 @@ impl Interval {
         })
     }
 
-    /// Estimates the mean over scenes like these: the mixed model d = μ + b_scene + e with independent normal b and e, fitted by
-    /// restricted maximum likelihood (REML), the degrees of freedom by Satterthwaite's method as in lmerTest. If all
-    /// scenes have as many pairs and differ by more than these do, it is Student's test of the scenes' means.
+    /// Estimates the mean over scenes like these: the mixed model d = μ + b_scene + e with independent normal b and e,
+    /// fitted by restricted maximum likelihood (REML), the degrees of freedom by Satterthwaite's method as in lmerTest.
+    /// If all scenes have as many pairs and differ by more than these do, it is Student's test of the scenes' means.
     ///
     /// `None` for a single scene.
     pub(super) fn on_scenes_alike(scenes: &Differences) -> Option<Self> {

@@ -20,8 +20,8 @@ pub struct Claim {
     pub statement: String,
     /// Quantity that is compared; one that is best at 1 by its distance from 1.
     pub metric: Quantity,
-    /// Smallest difference that matters, in the metric's unit: the allowance of *not worse*, and the gain that a *better* that
-    /// fails has been shown not to reach. 0 if none is given.
+    /// Smallest difference that matters, in the metric's unit: the allowance of *not worse*, and the gain that a
+    /// *better* that fails has been shown not to reach. 0 if none is given.
     pub margin: f64,
     /// Comparisons, each of which has to hold.
     pub comparisons: Vec<Comparison>,
@@ -118,13 +118,13 @@ impl Claim {
     /// Tests the claim on `records`.
     ///
     /// Differences are taken within pairs of the same scene and view set (seed), so that hard scenes and lucky views
-    /// cancel. The 95 % confidence interval of their mean decides: *better* holds if all of it is above zero and fails if
-    /// all of it is below the margin (a gain of that size is excluded then, as in a test of equivalence); *not worse* holds
-    /// if all of it is above −margin and fails if all of it is below; *near* holds if all of |left| − ½ |right| is below
-    /// zero, with the signs of the sides' means. It is the interval over other view sets of *these scenes*, as for a mean
-    /// over a benchmark's scenes with its spread; the wider one over *scenes like these* (a mixed model) is given as well,
-    /// and decides where scenes have one view set each. Runs that collapsed count as they are. A single pair decides
-    /// nothing.
+    /// cancel. The 95 % confidence interval of their mean decides: *better* holds if all of it is above zero and fails
+    /// if all of it is below the margin (a gain of that size is excluded then, as in a test of equivalence); *not
+    /// worse* holds if all of it is above −margin and fails if all of it is below; *near* holds if all of |left| − ½
+    /// |right| is below zero, with the signs of the sides' means. It is the interval over other view sets of *these
+    /// scenes*, as for a mean over a benchmark's scenes with its spread; the wider one over *scenes like these* (a
+    /// mixed model) is given as well, and decides where scenes have one view set each. Runs that collapsed count as
+    /// they are. A single pair decides nothing.
     pub fn test<R: AsRef<Record>>(&self, records: &[R], published: Option<&Published>) -> TestedClaim {
         let test = |comparison: &Comparison| Finding::of(self, comparison, records, published);
         let findings: Vec<Finding> = self.comparisons.iter().map(test).collect();
@@ -312,7 +312,8 @@ mod tests {
         assert_eq!(near.test(&list, None).verdict, Verdict::Holds);
     }
 
-    /// Two equal variants whose views differ by 0.9 either way are near each other, as the scenes' mean difference is 0.
+    /// Two equal variants whose views differ by 0.9 either way are near each other, as the scenes' mean difference is
+    /// 0.
     #[test]
     fn noise_about_zero_is_near() {
         let mut list = Vec::new();

@@ -67,8 +67,8 @@ pub struct TableRow {
 pub struct Cell {
     /// Mean and spread over seeds; `None` if nothing was measured.
     pub summary: Option<Summary>,
-    /// Whether it is the best of its column, to the decimals shown, among cells in which nothing collapsed. Never set in a
-    /// column whose values are all the same, or single.
+    /// Whether it is the best of its column, to the decimals shown, among cells in which nothing collapsed. Never set
+    /// in a column whose values are all the same, or single.
     pub best: bool,
     /// Whether it is the best, and its 95 % interval over seeds overlaps that of no other cell.
     pub clear: bool,
@@ -92,8 +92,8 @@ pub fn scene_table<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> Table
     assemble(quantity.heading(), records, columns, row)
 }
 
-/// Makes a table of variants against quantities, each the mean over all scenes as in [`scene_table`]. Quantities without any
-/// value are left out.
+/// Makes a table of variants against quantities, each the mean over all scenes as in [`scene_table`]. Quantities
+/// without any value are left out.
 pub fn overview_table<R: AsRef<Record>>(records: &[R], quantities: &[Quantity]) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
     let quantities: Vec<Quantity> =

@@ -39,8 +39,8 @@ impl Table {
         lines.join("\n") + "\n"
     }
 
-    /// Returns the table with as many columns of numbers as [`Table::to_text`] can put into `width` characters, the most
-    /// important first, and a note of the number left out.
+    /// Returns the table with as many columns of numbers as [`Table::to_text`] can put into `width` characters, the
+    /// most important first, and a note of the number left out.
     #[must_use]
     pub fn narrowed(&self, width: usize) -> Self {
         let widths = widths(&self.grid(Emphasis::Star));
@@ -79,7 +79,8 @@ impl Table {
         std::iter::once(headings.collect()).chain(self.rows.iter().map(row)).collect()
     }
 
-    /// Formats a cell. With [`Emphasis::Star`] every value of a column with a best keeps a place for the star, so that decimals align.
+    /// Formats a cell. With [`Emphasis::Star`] every value of a column with a best keeps a place for the star, so that
+    /// decimals align.
     fn plain(&self, cell: &Cell, column: usize, emphasis: Emphasis) -> String {
         let text = self.text(cell, column);
         let starred = self.rows.iter().filter_map(|row| row.cells.get(column)).any(|cell| cell.best);

@@ -1,12 +1,12 @@
 //! Fit of colours that are linear in the direction of view.
 //!
-//! A point's colour is `a + b·d` along the unit direction d from the eye, kept within [0, [`MAX_COLOR`]]: spherical harmonics of
-//! degree 1. It is fitted to the field's colours seen from a few [`eyes`](FieldProbe::eyes): with means c̄ and d̄, and eyes K,
-//! `b = (Σ (d − d̄)(d − d̄)ᵀ + ε K)⁻¹ Σ (d − d̄)(c − c̄)` and `a = c̄ − b·d̄`. ε keeps derivatives small in directions in which the eyes do
-//! not differ.
+//! A point's colour is `a + b·d` along the unit direction d from the eye, kept within [0, [`MAX_COLOR`]]: spherical
+//! harmonics of degree 1. It is fitted to the field's colours seen from a few [`eyes`](FieldProbe::eyes): with means c̄
+//! and d̄, and eyes K, `b = (Σ (d − d̄)(d − d̄)ᵀ + ε K)⁻¹ Σ (d − d̄)(c − c̄)` and `a = c̄ − b·d̄`. ε keeps derivatives
+//! small in directions in which the eyes do not differ.
 //!
-//! A coefficient is `low + step · byte`. Steps are as coarse as is invisible, which halves the size of irregular fields such as
-//! fog; with many points they are coarser.
+//! A coefficient is `low + step · byte`. Steps are as coarse as is invisible, which halves the size of irregular fields
+//! such as fog; with many points they are coarser.
 
 use glam::{Mat3, Vec3};
 use rayon::prelude::*;
@@ -63,8 +63,8 @@ impl Colors {
         Self { points: points.to_vec(), channels: tables.map(|table| Channel::of(&table, steps)) }
     }
 
-    /// Returns the four bytes of a channel at each point of the bricks, one plane `[bricks, 9, 9, 9]` after another. Hidden
-    /// points repeat the previous one of their row.
+    /// Returns the four bytes of a channel at each point of the bricks, one plane `[bricks, 9, 9, 9]` after another.
+    /// Hidden points repeat the previous one of their row.
     pub(super) fn planes(&self, channel: usize, bricks: &Bricks) -> Vec<u8> {
         let points = bricks.cells.par_iter().flat_map_iter(|&cell| bricks.lattice.points(cell));
         let places: Vec<Option<usize>> = points.map(|point| self.points.binary_search(&point).ok()).collect();

@@ -1,8 +1,8 @@
 //! Encoding of density in 8 bits.
 //!
-//! A byte is `255 √(α/α_max)` of a voxel's opacity `α = 1 − exp(−σ · voxel)`. Opacities lie between 0 and 1 whatever σ is; their
-//! root has finer steps for small opacities: the least above 0 is 1.5e-5, a step in the middle is 0.8 %, and nearly opaque
-//! voxels are as exact as is visible.
+//! A byte is `255 √(α/α_max)` of a voxel's opacity `α = 1 − exp(−σ · voxel)`. Opacities lie between 0 and 1 whatever σ
+//! is; their root has finer steps for small opacities: the least above 0 is 1.5e-5, a step in the middle is 0.8 %, and
+//! nearly opaque voxels are as exact as is visible.
 
 /// Greatest opacity of a voxel, that of optical depth 8.
 pub(super) const MAX_OPACITY: f32 = 0.999_664_5;

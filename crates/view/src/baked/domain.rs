@@ -6,7 +6,8 @@ use infonerf_scene::{Aabb, Scene};
 
 use crate::shader::clips;
 
-/// Distance from its centre to which a scene is baked if rays are not clipped to its box, in halves of its longest side.
+/// Distance from its centre to which a scene is baked if rays are not clipped to its box, in halves of its longest
+/// side.
 const MAX_REACH: f32 = 3.0;
 /// Share of the light that a density absorbs across the whole box, below which it counts as none.
 const MIN_SHARE: f32 = 0.02;
@@ -24,8 +25,9 @@ pub(super) struct Domain {
 }
 
 impl Domain {
-    /// Returns the scene's box if rays are clipped to it; otherwise also the region that the training cameras see beyond it
-    /// between near and far, within three times the box. In warped space it is the box or ball that the warp maps to.
+    /// Returns the scene's box if rays are clipped to it; otherwise also the region that the training cameras see
+    /// beyond it between near and far, within three times the box. In warped space it is the box or ball that the warp
+    /// maps to.
     pub(super) fn of(scene: &Scene, config: &RenderConfig, warp: &Warp) -> Self {
         let bounds = warp.bounds(scene);
         let (centre, side) = (bounds.centre(), bounds.size().max_element());

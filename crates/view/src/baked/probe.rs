@@ -48,8 +48,8 @@ impl<'a> FieldProbe<'a> {
         }
     }
 
-    /// Evaluates densities in the warp's coordinate at points that each represent a voxel; 0 where the occupancy grid is empty,
-    /// as in renders.
+    /// Evaluates densities in the warp's coordinate at points that each represent a voxel; 0 where the occupancy grid
+    /// is empty, as in renders.
     pub(super) fn densities(&self, points: &[Vec3], voxel: f32) -> Vec<f32> {
         let open: Vec<usize> = (0..points.len()).filter(|&index| self.is_open(points[index])).collect();
         let mut densities = vec![0.0; points.len()];
@@ -64,7 +64,8 @@ impl<'a> FieldProbe<'a> {
         densities
     }
 
-    /// Returns whether the occupancy grid is occupied at `p`; on and beyond the faces of a closed box, just inside of them.
+    /// Returns whether the occupancy grid is occupied at `p`; on and beyond the faces of a closed box, just inside of
+    /// them.
     fn is_open(&self, p: Vec3) -> bool {
         const WITHIN: f32 = 1.0 - 1e-5;
         let Some(grid) = &self.trained.occupancy else { return true };
@@ -88,8 +89,8 @@ impl<'a> FieldProbe<'a> {
         points.chunks((CHUNK / count).max(1)).flat_map(of_chunk).collect()
     }
 
-    /// Evaluates the field at points that represent cubes of the size of a pixel's footprint from the nearest training camera,
-    /// or of a voxel if that is larger. It matters to fields of volumes alone, which are not warped.
+    /// Evaluates the field at points that represent cubes of the size of a pixel's footprint from the nearest training
+    /// camera, or of a voxel if that is larger. It matters to fields of volumes alone, which are not warped.
     fn evaluate(&self, points: &[Vec3], directions: &[Vec3], voxel: f32, color: bool) -> FieldOutput {
         let distance = |p: &Vec3| {
             let nearest = self.cameras.iter().map(|camera| camera.distance(*p)).reduce(f32::min);
@@ -109,8 +110,8 @@ impl<'a> FieldProbe<'a> {
     }
 }
 
-/// Chooses viewpoints far apart: from the first training camera on, each is the camera farthest from those before it; without
-/// cameras, six around the scene.
+/// Chooses viewpoints far apart: from the first training camera on, each is the camera farthest from those before it;
+/// without cameras, six around the scene.
 fn eyes(scene: &Scene) -> Vec<Vec3> {
     let views = scene.train.iter().map(|view| view.camera.position());
     let places: Vec<Vec3> = views.chain(scene.all_train_cameras.iter().map(|camera| camera.position())).collect();

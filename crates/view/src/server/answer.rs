@@ -83,8 +83,8 @@ impl Answers {
     }
 }
 
-/// Collects curves of the first field's training, each point the mean over a range of steps: the total loss, its terms and
-/// PSNR; and the test views that have a render and a truth.
+/// Collects curves of the first field's training, each point the mean over a range of steps: the total loss, its terms
+/// and PSNR; and the test views that have a render and a truth.
 fn progress(run: &Path) -> Value {
     let steps = Events::read(&first_field(run).join("metrics.jsonl")).unwrap_or_default().steps;
     let chunks: Vec<&[StepEvent]> = steps.chunks(steps.len().div_ceil(MAX_POINTS).max(1)).collect();

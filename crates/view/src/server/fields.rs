@@ -55,8 +55,8 @@ impl Fields {
         Self { device, runs: Mutex::default() }
     }
 
-    /// Returns the package of a run's first field, from its newest checkpoint. A baked one has fewer voxels until the run is
-    /// finished.
+    /// Returns the package of a run's first field, from its newest checkpoint. A baked one has fewer voxels until the
+    /// run is finished.
     ///
     /// # Errors
     /// If the run has no checkpoint, or its scene cannot be read.

@@ -40,8 +40,8 @@ impl Guard {
         request.headers().get(TOKEN).is_some_and(|token| token.as_bytes() == self.token.as_bytes())
     }
 
-    /// Returns the reason why a request is refused; `None` if it is admitted. `linked` requests may come from a link on another
-    /// site.
+    /// Returns the reason why a request is refused; `None` if it is admitted. `linked` requests may come from a link on
+    /// another site.
     ///
     /// The host must be this server's: a site that points its own name at this machine (DNS rebinding) is another host.
     /// An origin, which browsers send along with what a page's script asks for, must be the same.
@@ -65,8 +65,8 @@ impl Guard {
         (elsewhere && !linked).then(|| format!("{SITE}: expected same-origin"))
     }
 
-    /// Returns whether `host:port` names this server: localhost, a loopback address or the one it listens on, which 0.0.0.0 and [::]
-    /// are for every address, and its port.
+    /// Returns whether `host:port` names this server: localhost, a loopback address or the one it listens on, which
+    /// 0.0.0.0 and [::] are for every address, and its port.
     fn is_own(&self, host: &str) -> bool {
         let Ok(authority) = host.parse::<Authority>() else { return false };
         let name = authority.host();

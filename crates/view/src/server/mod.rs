@@ -20,20 +20,21 @@ pub use control::TrainingControl;
 use guard::Guard;
 use runs::Roots;
 
-/// Server of a page that lists the runs below some folders and shows each: its field, curves, and test views next to their
-/// truth; or two of them under one camera.
+/// Server of a page that lists the runs below some folders and shows each: its field, curves, and test views next to
+/// their truth; or two of them under one camera.
 ///
-/// It reads only files of these runs, and keeps the package of a finished one next to its checkpoint. Other pages that are open
-/// in the browser are kept out: requests must name this server as their host and, if they have an origin, as their origin; no
-/// page can frame it; and commands (POST, where a training runs in this process) must carry a random token that the page holds.
+/// It reads only files of these runs, and keeps the package of a finished one next to its checkpoint. Other pages that
+/// are open in the browser are kept out: requests must name this server as their host and, if they have an origin, as
+/// their origin; no page can frame it; and commands (POST, where a training runs in this process) must carry a random
+/// token that the page holds.
 pub struct Server {
     address: SocketAddr,
     listening: JoinHandle<()>,
 }
 
 impl Server {
-    /// Serves `roots`, each a run or a folder that holds runs, on `address`. Port 0 is any that is free. With `control`, the
-    /// page can pause and stop the training in this process.
+    /// Serves `roots`, each a run or a folder that holds runs, on `address`. Port 0 is any that is free. With
+    /// `control`, the page can pause and stop the training in this process.
     ///
     /// # Errors
     /// If there is no such folder, the address cannot be listened on, or the system has no random numbers.
@@ -51,8 +52,8 @@ impl Server {
         Ok(Self { address, listening })
     }
 
-    /// Returns an address of the page that a browser can open: where the server listens on every address of this machine, the
-    /// one at which others reach it.
+    /// Returns an address of the page that a browser can open: where the server listens on every address of this
+    /// machine, the one at which others reach it.
     pub fn url(&self) -> String {
         let ip = if self.address.ip().is_unspecified() { own_ip(self.address.ip()) } else { self.address.ip() };
         format!("http://{}/", SocketAddr::new(ip, self.address.port()))
@@ -67,10 +68,11 @@ impl Server {
     }
 }
 
-/// Returns the address from which this machine reaches others, of the kind of `unspecified`; the loopback address without a
-/// network.
+/// Returns the address from which this machine reaches others, of the kind of `unspecified`; the loopback address
+/// without a network.
 fn own_ip(unspecified: IpAddr) -> IpAddr {
-    // Connecting a datagram socket sends nothing, but chooses the interface. The targets are documentation's (RFC 5737, 3849).
+    // Connecting a datagram socket sends nothing, but chooses the interface. The targets are documentation's (RFC 5737,
+    // 3849).
     let (loopback, target): (IpAddr, IpAddr) = match unspecified {
         IpAddr::V4(_) => (Ipv4Addr::LOCALHOST.into(), Ipv4Addr::new(192, 0, 2, 1).into()),
         IpAddr::V6(_) => (Ipv6Addr::LOCALHOST.into(), Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into()),

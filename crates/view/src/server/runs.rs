@@ -15,8 +15,8 @@ const MAX_LISTED: usize = 2000;
 /// Age of its log up to which a run counts as training.
 const LIVELY: Duration = Duration::from_secs(20);
 
-/// Served folders, each of which is a run or holds runs. The name of a run is its folder's number and its path below it, as in
-/// `0/castle/infonerf/seed0`, and `0/.` for the folder itself.
+/// Served folders, each of which is a run or holds runs. The name of a run is its folder's number and its path below
+/// it, as in `0/castle/infonerf/seed0`, and `0/.` for the folder itself.
 pub(super) struct Roots(Vec<Root>);
 
 struct Root {
@@ -54,7 +54,8 @@ impl Roots {
         self.0.iter().enumerate().flat_map(of_root).collect()
     }
 
-    /// Returns the folder of a run that the page named, links followed; `None` if it is no run or outside of the served folders.
+    /// Returns the folder of a run that the page named, links followed; `None` if it is no run or outside of the served
+    /// folders.
     pub(super) fn resolve(&self, run: &str) -> Option<PathBuf> {
         let (index, relative) = run.split_once('/')?;
         let root = &self.0.get(index.parse::<usize>().ok()?)?.folder;
