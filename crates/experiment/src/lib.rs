@@ -24,6 +24,7 @@
 
 mod built_in;
 mod device;
+mod export;
 mod file;
 mod identity;
 pub mod launch;
@@ -40,6 +41,7 @@ mod session;
 pub mod sweep;
 
 pub use device::{DeviceName, OpenDevice, networks, open};
+pub use export::SplatFidelity;
 pub use file::list;
 pub use identity::Identity;
 pub use plan::{About, Experiment, Selection};

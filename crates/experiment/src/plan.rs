@@ -283,9 +283,10 @@ impl About {
         known(name).or_else(swept).unwrap_or_else(|| Self { name: name.into(), title: name.into(), ..Self::default() })
     }
 
-    /// The same of a sweep: the paper has no figures for settings of ours.
+    /// Describes a sweep of the experiment: the paper has no figures for settings of ours.
     pub(crate) fn swept(self) -> Self {
-        Self { name: format!("{SWEEP}{}", self.name), paper: None, claims: Vec::new(), plot: None, ..self }
+        let title = format!("Sweep of {}", self.title);
+        Self { name: format!("{SWEEP}{}", self.name), title, paper: None, claims: Vec::new(), plot: None, ..self }
     }
 
     fn of(layers: &Layers, data: Option<PathBuf>) -> Self {

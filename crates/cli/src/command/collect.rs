@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Result, bail};
 use clap::Args;
 use infonerf_experiment::{About, RunPlan};
-use infonerf_report::{Results, read_records, results_document, run_directory, write_atomically};
+use infonerf_report::{ReportInput, read_records, results_document, run_directory, write_atomically};
 
 use crate::command_line;
 use crate::print::outln;
@@ -32,7 +32,7 @@ pub(crate) fn run(args: &CollectArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn read(folder: &Path) -> Result<Results> {
+fn read(folder: &Path) -> Result<ReportInput> {
     let path = folder.join("results.json");
     if !path.is_file() {
         bail!("{}: expected the folder of an experiment: it has no results.json", folder.display());
@@ -48,5 +48,5 @@ fn read(folder: &Path) -> Result<Results> {
     let mut about = About::of_results(&experiment);
     about.data.clone_from(&plans[0].data);
     let input = about.report_input(records, &plans.iter().collect::<Vec<_>>())?;
-    Ok(Results { input, command: command_line::read(folder) })
+    Ok(ReportInput { command: command_line::read(folder), ..input })
 }

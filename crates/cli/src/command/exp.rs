@@ -202,8 +202,9 @@ fn watched(
 /// Leaves the page that shows a run's scene beside the run, for the report to open.
 fn write_viewer(plan: &RunPlan, trainers: Vec<Trainer>, experiment: &Path) -> Result<()> {
     let run = Trained { plan: plan.clone(), trainers, warnings: Vec::new() };
-    match infonerf_view::page(&run, None) {
-        Ok(page) => write_atomically(&experiment.join(plan.directory()).join(VIEWER_PAGE), page.as_bytes())?,
+    let folder = experiment.join(plan.directory());
+    match infonerf_view::page(&run, &folder, None) {
+        Ok(page) => write_atomically(&folder.join(VIEWER_PAGE), page.as_bytes())?,
         Err(error) => errln!("warning: {}: no page in 3D: {error:#}", plan.label()),
     }
     Ok(())

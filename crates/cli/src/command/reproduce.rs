@@ -52,8 +52,8 @@ pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
     drive(&sweeps, &args.selection, &args.launch, &out, |outcomes| {
         outln!();
         outcomes.iter().for_each(|outcome| print_claims(&outcome.input));
-        let inputs = outcomes.into_iter().map(|outcome| outcome.input).collect();
-        outln!("\nreport: {}", write(inputs, &out)?.display());
+        let inputs: Vec<_> = outcomes.into_iter().map(|outcome| outcome.input).collect();
+        outln!("\nreport: {}", write(&inputs, &out)?.display());
         Ok(())
     })
 }

@@ -8,7 +8,7 @@ use std::collections::HashSet;
 use std::path::Path;
 
 use indexmap::IndexMap;
-use infonerf_report::{Events, Step};
+use infonerf_report::{Events, StepEvent};
 
 use super::plan::{Item, Sweep};
 use crate::RunPlan;
@@ -69,7 +69,7 @@ pub(super) fn score(folder: &Path, plan: &RunPlan, share: f64) -> Option<f64> {
 
 fn member_score(folder: &Path, plan: &RunPlan, share: f64) -> Option<f64> {
     let events = Events::read(&folder.join("metrics.jsonl")).ok()?;
-    let done = |step: &Step| match plan.member_budget() {
+    let done = |step: &StepEvent| match plan.member_budget() {
         Some(budget) => step.seconds.map(|seconds| seconds / budget),
         None => Some(step.step / plan.config.train.iterations as f64),
     };

@@ -1,6 +1,5 @@
 //! What a sweep writes from its records: `results.json`, tables and the report.
 
-use std::borrow::Cow;
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 use std::fs;
@@ -56,13 +55,7 @@ pub(super) fn write(
     input.claims.extend(claims);
     input.warnings.extend(warnings);
     let files = write_report(&input, folder)?;
-    let table = match input.shown() {
-        Cow::Borrowed(_) => table,
-        Cow::Owned(shown) => {
-            let records: Vec<Record> = shown.runs.into_iter().map(|run| run.record).collect();
-            overview_table(&records, &Quantity::all())
-        }
-    };
+    let table = overview_table(&input.shown_runs(), &Quantity::all());
     Ok(Some(Outcome { table, input, report: files.html, results: folder.join("results.json") }))
 }
 

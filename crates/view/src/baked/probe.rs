@@ -8,28 +8,28 @@ use infonerf_scene::Scene;
 
 use crate::subjects::Subjects;
 
-/// Points per query: bounds the memory.
+/// Number of points per query, which bounds the memory.
 const CHUNK: usize = 1 << 15;
-/// Viewpoints from which colours are evaluated.
+/// Maximum number of viewpoints from which colours are evaluated.
 const EYES: usize = 6;
-/// The least distance of a training camera that is used, in radii of the scene.
-const NEAREST: f32 = 1e-3;
+/// Minimum distance of a training camera that is used, in radii of the scene.
+const MIN_DISTANCE: f32 = 1e-3;
 
-/// A field that is queried in its warped space.
-pub(super) struct Ask<'a> {
+/// Probe of a field in its warped space.
+pub(super) struct FieldProbe<'a> {
     trained: &'a TrainedModel,
     warp: &'a Warp,
     /// Whether space is empty beyond the occupancy grid's box.
     closed: bool,
-    /// The viewpoints.
+    /// Viewpoints of colours.
     pub(super) eyes: Vec<Vec3>,
     cameras: Vec<Vec3>,
-    /// Edge of what a pixel covers at distance 1; the mean of the training cameras.
+    /// Edge of a pixel's footprint at distance 1, the mean of the training cameras.
     pixel: f32,
     nearest: f32,
 }
 
-impl<'a> Ask<'a> {
+impl<'a> FieldProbe<'a> {
     pub(super) fn new(subjects: &Subjects<'a>) -> Self {
         let scene = subjects.scene;
         // A cone's radius is 2/√12 of the pixel.
@@ -44,27 +44,28 @@ impl<'a> Ask<'a> {
             eyes: eyes(scene),
             cameras: scene.train.iter().map(|view| view.camera.position()).collect(),
             pixel: scene.train.iter().map(pixel).sum::<f32>() / scene.train.len().max(1) as f32,
-            nearest: NEAREST * scene.space.radius,
+            nearest: MIN_DISTANCE * scene.space.radius,
         }
     }
 
-    /// Densities in the warp's coordinate at points that each represent a voxel; 0 where the occupancy grid is empty, as in
-    /// pictures.
+    /// Evaluates densities in the warp's coordinate at points that each represent a voxel; 0 where the occupancy grid
+    /// is empty, as in renders.
     pub(super) fn densities(&self, points: &[Vec3], voxel: f32) -> Vec<f32> {
         let open: Vec<usize> = (0..points.len()).filter(|&index| self.is_open(points[index])).collect();
         let mut densities = vec![0.0; points.len()];
-        for asked in open.chunks(CHUNK) {
-            let positions: Vec<Vec3> = asked.iter().map(|&index| points[index]).collect();
-            let answer = self.evaluate(&positions, &vec![Vec3::Z; asked.len()], voxel, false);
-            for (&index, sigma) in asked.iter().zip(to_host(answer.sigma)) {
-                // Not what is no number.
+        for queried in open.chunks(CHUNK) {
+            let positions: Vec<Vec3> = queried.iter().map(|&index| points[index]).collect();
+            let answer = self.evaluate(&positions, &vec![Vec3::Z; queried.len()], voxel, false);
+            for (&index, sigma) in queried.iter().zip(to_host(answer.sigma)) {
+                // NaN becomes 0.
                 densities[index] = sigma.max(0.0);
             }
         }
         densities
     }
 
-    /// Whether the occupancy grid is occupied at `p`; on and beyond the faces of a closed box, just inside of them.
+    /// Returns whether the occupancy grid is occupied at `p`; on and beyond the faces of a closed box, just inside of
+    /// them.
     fn is_open(&self, p: Vec3) -> bool {
         const WITHIN: f32 = 1.0 - 1e-5;
         let Some(grid) = &self.trained.occupancy else { return true };
@@ -72,7 +73,7 @@ impl<'a> Ask<'a> {
         grid.is_occupied(if self.closed { centre + (p - centre).clamp(-half, half) } else { p })
     }
 
-    /// Direction and colour of each point as seen from each viewpoint, `[points, eyes]`.
+    /// Evaluates direction and colour of each point as seen from each viewpoint, `[points, eyes]`.
     pub(super) fn colors(&self, points: &[Vec3], voxel: f32) -> Vec<(Vec3, Vec3)> {
         let count = self.eyes.len();
         let of_chunk = |points: &[Vec3]| -> Vec<(Vec3, Vec3)> {
@@ -82,14 +83,14 @@ impl<'a> Ask<'a> {
                 self.eyes.iter().map(move |&eye| (place - eye).normalize_or(Vec3::Z))
             };
             let directions: Vec<Vec3> = points.iter().flat_map(direction).collect();
-            let color = self.evaluate(&places, &directions, voxel, true).color.expect("colour was asked for");
+            let color = self.evaluate(&places, &directions, voxel, true).color.expect("colour was requested");
             directions.into_iter().zip(to_host(color).chunks_exact(3).map(Vec3::from_slice)).collect()
         };
         points.chunks((CHUNK / count).max(1)).flat_map(of_chunk).collect()
     }
 
-    /// The field at points that stand for cubes: as large as what a pixel of the nearest training camera covers there, or as a
-    /// voxel if that is larger. Only fields of volumes take notice, and these are not warped.
+    /// Evaluates the field at points that represent cubes of the size of a pixel's footprint from the nearest training
+    /// camera, or of a voxel if that is larger. It matters to fields of volumes alone, which are not warped.
     fn evaluate(&self, points: &[Vec3], directions: &[Vec3], voxel: f32, color: bool) -> FieldOutput {
         let distance = |p: &Vec3| {
             let nearest = self.cameras.iter().map(|camera| camera.distance(*p)).reduce(f32::min);
@@ -97,7 +98,7 @@ impl<'a> Ask<'a> {
         };
         let t: Vec<f32> = points.iter().map(distance).collect();
         let edges: Vec<f32> = t.iter().map(|t| (self.pixel * t).max(voxel)).collect();
-        // A cone whose variance across is that along: edge²/12.
+        // A cone with the same variance across as along: edge²/12.
         let radii: Vec<f32> = t.iter().zip(&edges).map(|(t, edge)| edge / (3f32.sqrt() * t)).collect();
         let (field, count) = (&self.trained.model.fine, points.len());
         let device = field.device();
@@ -109,8 +110,8 @@ impl<'a> Ask<'a> {
     }
 }
 
-/// Viewpoints far apart: from the first training camera on, each is the camera farthest from those before it. Without cameras,
-/// six around the scene.
+/// Chooses viewpoints far apart: from the first training camera on, each is the camera farthest from those before it;
+/// without cameras, six around the scene.
 fn eyes(scene: &Scene) -> Vec<Vec3> {
     let views = scene.train.iter().map(|view| view.camera.position());
     let places: Vec<Vec3> = views.chain(scene.all_train_cameras.iter().map(|camera| camera.position())).collect();
