@@ -1,31 +1,41 @@
 //! The cameras of a scene in nerfstudio's format.
 
+use glam::{DVec3, Vec3};
 use infonerf_scene::{LensModel, Scene, View};
 use serde_json::{Value, json};
 
-/// What `transforms.json` of nerfstudio and instant-ngp says of the training and test views of `scene`: a frame for
+/// Returns `transforms.json` of nerfstudio and instant-ngp with the training and test views of `scene`: a frame for
 /// each with its own size, focal lengths, principal point and lens, the pose as OpenGL's camera-to-world matrix, and the
-/// path of its image; which are for training and which for test; near, far and the box.
+/// path of its image; which are for training and which for test; near, far and the box. Coordinates are those of the
+/// files that the scene was loaded from: [`Scene::origin`] is added.
 ///
 /// The images themselves are not part of it.
 pub fn transforms(scene: &Scene) -> Value {
     let names = |views: &[View]| -> Vec<String> { views.iter().map(|view| view.file.clone()).collect() };
-    let frames: Vec<Value> = scene.train.iter().chain(&scene.test).map(frame).collect();
+    let frames: Vec<Value> = scene.train.iter().chain(&scene.test).map(|view| frame(view, scene.origin)).collect();
+    let corner = |corner: Vec3| (corner.as_dvec3() + scene.origin).to_array();
+    let bounds = if scene.origin == DVec3::ZERO {
+        json!([scene.space.bounds.min.to_array(), scene.space.bounds.max.to_array()])
+    } else {
+        json!([corner(scene.space.bounds.min), corner(scene.space.bounds.max)])
+    };
     json!({
         "near": scene.space.near,
         "far": scene.space.far,
-        "aabb": [scene.space.bounds.min.to_array(), scene.space.bounds.max.to_array()],
+        "aabb": bounds,
         "train_filenames": names(&scene.train),
         "test_filenames": names(&scene.test),
         "frames": frames,
     })
 }
 
-fn frame(view: &View) -> Value {
+fn frame(view: &View, origin: DVec3) -> Value {
     let camera = &view.camera;
+    let mut pose = camera.to_world;
+    pose.w_axis += origin.extend(0.0);
     let mut frame = json!({
         "file_path": view.file,
-        "transform_matrix": camera.to_world.transpose().to_cols_array_2d(),
+        "transform_matrix": pose.transpose().to_cols_array_2d(),
         "w": camera.width,
         "h": camera.height,
         "fl_x": camera.fx,

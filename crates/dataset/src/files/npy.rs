@@ -7,15 +7,15 @@ use std::path::Path;
 use infonerf_scene::SceneError;
 use npyz::{AutoSerialize, Deserialize, NpyFile, Order, TypeChar, WriterBuilder};
 
-use crate::limits::read_file;
+use super::read_file;
 
 /// The largest file that is read, in bytes.
-const LARGEST: u64 = 1 << 30;
+const MAX_BYTES: u64 = 1 << 30;
 
 /// The longest header that is read, in bytes: NumPy's takes 118 for an array of numbers.
-const LONGEST_HEADER: usize = 1024;
+const MAX_HEADER: usize = 1024;
 /// Opening brackets in a header: an array of numbers has a dictionary and the tuple of its shape.
-const MOST_BRACKETS: usize = 4;
+const MAX_BRACKETS: usize = 4;
 
 /// A row-major array with its shape.
 pub(crate) struct Array<T> {
@@ -24,8 +24,8 @@ pub(crate) struct Array<T> {
 }
 
 /// Reads an array of `f32` or `f64` as `f64`; in Fortran's order if it is a matrix.
-pub(super) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError> {
-    decode(path, &read_file(path, expected, LARGEST)?, expected)
+pub(crate) fn read(path: &Path, expected: &str) -> Result<Array<f64>, SceneError> {
+    decode(path, &read_file(path, expected, MAX_BYTES)?, expected)
 }
 
 /// Decodes the bytes of the file at `path`.
@@ -58,11 +58,11 @@ pub(crate) fn decode(path: &Path, mut file: &[u8], expected: &str) -> Result<Arr
     Ok(Array { shape, values })
 }
 
-/// The header, if it is as short and simple as that of an array of numbers.
+/// Returns the header, if it is as short and simple as that of an array of numbers.
 ///
 /// The parser's time is exponential in how deeply brackets nest, and it allocates whatever length the header claims: a
 /// file of 160 bytes could keep it busy for hours.
-pub(super) fn header(file: &mut impl Read) -> io::Result<Cursor<Vec<u8>>> {
+pub(crate) fn header(file: &mut impl Read) -> io::Result<Cursor<Vec<u8>>> {
     // Magic number and version, then the text's length: 2 bytes in version 1, 4 from version 2.
     let mut header = vec![0; 8];
     file.read_exact(&mut header)?;
@@ -71,15 +71,15 @@ pub(super) fn header(file: &mut impl Read) -> io::Result<Cursor<Vec<u8>>> {
     file.read_exact(&mut length[..width])?;
     header.extend(&length[..width]);
     let length = u32::from_le_bytes(length) as usize;
-    if length > LONGEST_HEADER {
-        return Err(io::Error::other(format!("a header of {length} bytes, more than {LONGEST_HEADER}")));
+    if length > MAX_HEADER {
+        return Err(io::Error::other(format!("a header of {length} bytes, more than {MAX_HEADER}")));
     }
     let start = header.len();
     header.resize(start + length, 0);
     file.read_exact(&mut header[start..])?;
     let brackets = header[start..].iter().filter(|byte| b"([{".contains(byte)).count();
-    if brackets > MOST_BRACKETS {
-        return Err(io::Error::other(format!("a header with {brackets} brackets, more than {MOST_BRACKETS}")));
+    if brackets > MAX_BRACKETS {
+        return Err(io::Error::other(format!("a header with {brackets} brackets, more than {MAX_BRACKETS}")));
     }
     Ok(Cursor::new(header))
 }
@@ -94,7 +94,7 @@ pub(crate) fn write<T: AutoSerialize + Copy>(path: &Path, shape: &[u64], values:
     encode(shape, values).and_then(|bytes| fs::write(path, bytes)).map_err(|e| SceneError::io(path, e))
 }
 
-/// The bytes of a file with an array in C's order.
+/// Returns the bytes of a file with an array in C's order.
 pub(crate) fn encode<T: AutoSerialize + Copy>(shape: &[u64], values: &[T]) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     let mut writer = npyz::WriteOptions::new().default_dtype().shape(shape).writer(&mut bytes).begin_nd()?;

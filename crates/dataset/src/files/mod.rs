@@ -1,14 +1,20 @@
-//! Limits on what is read.
+//! Files of numbers: JSON, NumPy's arrays and archives, pickles; with limits on what is read.
+
+pub(crate) mod depth;
+pub(crate) mod json;
+pub(crate) mod npy;
+pub(crate) mod npz;
+pub(crate) mod pickle;
 
 use std::fs;
 use std::path::Path;
 
 use infonerf_scene::SceneError;
 
-/// The greatest coordinate of anything, scene units: beyond it `f32` has no precision left for a scene.
+/// Greatest coordinate that is read, scene units.
 pub(crate) const FARTHEST: f64 = 1e9;
 
-/// The contents of a file. One of more than `limit` bytes is refused without being read.
+/// Reads a file. One of more than `limit` bytes is refused unread.
 pub(crate) fn read_file(path: &Path, expected: &str, limit: u64) -> Result<Vec<u8>, SceneError> {
     if !path.is_file() {
         return Err(SceneError::NotFound { path: path.into(), expected: expected.into() });

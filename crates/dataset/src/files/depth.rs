@@ -7,7 +7,7 @@ use infonerf_scene::SceneError;
 use super::npy;
 
 /// Reads distances along the unit pixel rays, `[height, width]`; +∞ where a ray hits nothing.
-pub(super) fn read_depth(path: &Path, width: u32, height: u32) -> Result<Vec<f32>, SceneError> {
+pub(crate) fn read_depth(path: &Path, width: u32, height: u32) -> Result<Vec<f32>, SceneError> {
     let expected = format!("f32 ray distances of shape [{height}, {width}]");
     let array = npy::read(path, &expected)?;
     if array.shape != [u64::from(height), u64::from(width)] {

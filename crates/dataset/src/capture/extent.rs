@@ -1,43 +1,40 @@
-//! The space of a real capture (near, far, box, layout), estimated from its cameras and points; and which views to hold out.
+//! The space of a capture (near, far, box, layout), estimated from its cameras and points.
 
 use glam::Vec3;
 use infonerf_scene::poses::{ViewRegion, up_direction};
-use infonerf_scene::{Aabb, Camera, Layout, Range, Space, TestProtocol};
+use infonerf_scene::{Aabb, Camera, Layout, Range, Ray, Space};
 
-/// Every this many views one is held out for test, starting with the first.
-const HOLD_OUT: usize = 8;
 /// Rows and columns of rays that stand for an image.
 const GRID: usize = 5;
-/// The most points that are looked at for each camera.
-const MOST_POINTS: usize = 20_000;
-/// Fewer visible points than this say nothing of near and far.
-const FEWEST_POINTS: usize = 32;
+/// Most points that are projected into each camera.
+const MAX_POINTS: usize = 20_000;
+/// Fewer visible points than this do not show near and far.
+const MIN_POINTS: usize = 32;
+/// Distances beyond this many times the median are sky, or mistakes of a reconstruction.
+const BEYOND: f32 = 30.0;
+/// Points of the box are at most this many times as far from its middle as the median point.
+const OUTSIDE: f32 = 10.0;
+/// Cameras reach at most this many times as far from the middle as three quarters of them.
+const REACH: f32 = 3.0;
 
-/// Splits views into a training and a test pool: views 0, 8, 16, … are for test, unless a single view is all there is, or
-/// `protocol` tests training views.
-pub(super) fn hold_out<T>(views: Vec<T>, protocol: &TestProtocol) -> (Vec<T>, Vec<T>) {
-    let alone = views.len() == 1 || *protocol == TestProtocol::Training;
-    let (test, train): (Vec<_>, Vec<_>) = views.into_iter().enumerate().partition(|(i, _)| !alone && i % HOLD_OUT == 0);
-    let strip = |pool: Vec<(usize, T)>| pool.into_iter().map(|(_, view)| view).collect();
-    (strip(train), strip(test))
-}
-
-/// The space of a capture that says nothing of it itself.
+/// Estimates the space of a capture that does not state it.
 ///
 /// With points, near and far are 0.8 of the 0.5 % and 1.1 of the 99.5 % quantile of the distances from the cameras to the
-/// points that they see: `distances` where these are known, else to those that fall into their images. Without, and with `c` the point nearest to all optical axes and `r` the greatest distance of a
-/// camera from it: r / 20 and `r (1 + √3)`; for cameras that look outward, `s / 20` and `10 s` where `s` is how far they
-/// are from their mean, or 1.
+/// points that they see: `distances` if these are known, else to those that fall into their images; distances beyond
+/// [`BEYOND`] times the median are left out. Without points, and with `c` the point nearest to all optical axes and `r` the
+/// greatest distance of a camera from it (at most [`REACH`] times the 75 % quantile): r / 20 and `r (1 + √3)`; for cameras
+/// that look outward, `s / 20` and `10 s` with `s` the spread of the cameras about their mean, or 1.
 ///
 /// Around an object the bounds are the box of the points' 1 % to 99 % quantiles, a tenth wider, or the cube `c ± r`.
 /// Otherwise they hold all that the cameras see up to far.
-pub(super) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Vec<f32>) -> Space {
+pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Vec<f32>) -> Space {
     let region = ViewRegion::new(cameras);
     let focus = region.centre().as_vec3();
-    let reach = (region.radii().1 as f32).max(1e-3);
+    let reach = robust_greatest(cameras.iter().map(|camera| camera.position_f64().distance(region.centre()) as f32));
+    let reach = reach.max(1e-3);
     let layout = layout_with(cameras, &points, focus, reach);
     let mean = cameras.iter().map(Camera::position).sum::<Vec3>() / cameras.len().max(1) as f32;
-    let spread = cameras.iter().map(|c| c.position().distance(mean)).fold(0.0, f32::max);
+    let spread = robust_greatest(cameras.iter().map(|c| c.position().distance(mean)));
 
     let seen = ascending(distances).or_else(|| visible_distances(cameras, &points));
     let (near, far) = match (&seen, layout) {
@@ -51,7 +48,7 @@ pub(super) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
     let frusta = || frusta_bounds(cameras, Range::Distance { near, far });
     let cube = Aabb::cube(focus, reach);
     let bounds = match layout {
-        Layout::Object => point_box(&points).unwrap_or(cube),
+        Layout::Object => point_box(&points, focus).unwrap_or(cube),
         _ => frusta().unwrap_or(cube),
     };
     let (centre, radius) = match layout {
@@ -79,10 +76,17 @@ pub(super) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Ve
     }
 }
 
-/// How the cameras stand, where points may show that the content lies beyond them.
+/// Returns the greatest of some distances, or [`REACH`] times their 75 % quantile if that is less.
+fn robust_greatest(distances: impl Iterator<Item = f32>) -> f32 {
+    let mut sorted: Vec<f32> = distances.collect();
+    sorted.sort_by(f32::total_cmp);
+    sorted.last().map_or(0.0, |last| last.min(REACH * quantile(&sorted, 0.75).max(1e-3 * last)))
+}
+
+/// Returns the layout of the cameras; points may show that the content lies beyond them.
 fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> Layout {
     let layout = Layout::of(cameras);
-    if layout != Layout::Object || points.len() < FEWEST_POINTS {
+    if layout != Layout::Object || points.len() < MIN_POINTS {
         return layout;
     }
     let mut distances: Vec<f32> = points.iter().map(|p| p.distance(focus)).collect();
@@ -90,9 +94,9 @@ fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> 
     if quantile(&distances, 0.5) > reach { Layout::Inside } else { layout }
 }
 
-/// The distances, in ascending order, from each camera to the points that fall into its image; `None` for too few.
+/// Returns the distances, in ascending order, from each camera to the points that fall into its image; `None` for too few.
 fn visible_distances(cameras: &[Camera], points: &[Vec3]) -> Option<Vec<f32>> {
-    let step = points.len().div_ceil(MOST_POINTS).max(1);
+    let step = points.len().div_ceil(MAX_POINTS).max(1);
     let distances = cameras
         .iter()
         .flat_map(|camera| {
@@ -107,18 +111,25 @@ fn visible_distances(cameras: &[Camera], points: &[Vec3]) -> Option<Vec<f32>> {
     ascending(distances)
 }
 
-/// Distances that are finite and positive, sorted; `None` for too few.
+/// Sorts the distances that are finite, positive and at most [`BEYOND`] times their median; `None` for too few.
 fn ascending(mut distances: Vec<f32>) -> Option<Vec<f32>> {
     distances.retain(|d| d.is_finite() && *d > 0.0);
     distances.sort_by(f32::total_cmp);
-    (distances.len() >= FEWEST_POINTS).then_some(distances)
+    let limit = BEYOND * quantile(&distances, 0.5);
+    distances.retain(|d| *d <= limit);
+    (distances.len() >= MIN_POINTS).then_some(distances)
 }
 
-/// The box of the points' 1 % to 99 % quantiles on each axis, a tenth of its size wider on each side.
-fn point_box(points: &[Vec3]) -> Option<Aabb> {
-    if points.len() < FEWEST_POINTS {
+/// Returns the box of the points' 1 % to 99 % quantiles on each axis, a tenth of its size wider on each side. Points
+/// farther from `middle` than [`OUTSIDE`] times the median are left out. `None` for too few points.
+fn point_box(points: &[Vec3], middle: Vec3) -> Option<Aabb> {
+    if points.len() < MIN_POINTS {
         return None;
     }
+    let mut distances: Vec<f32> = points.iter().map(|p| p.distance(middle)).collect();
+    distances.sort_by(f32::total_cmp);
+    let limit = OUTSIDE * quantile(&distances, 0.5);
+    let points: Vec<Vec3> = points.iter().copied().filter(|p| p.distance(middle) <= limit).collect();
     let (mut min, mut max) = (Vec3::ZERO, Vec3::ZERO);
     for axis in 0..3 {
         let mut values: Vec<f32> = points.iter().map(|p| p[axis]).collect();
@@ -129,14 +140,14 @@ fn point_box(points: &[Vec3]) -> Option<Aabb> {
     Some(Aabb { min: min - margin, max: max + margin })
 }
 
-/// The value below which a share `q` of the ascending `sorted` lies, or 0 where there are none.
+/// Returns the value below which a share `q` of the ascending `sorted` lies, or 0 if they are empty.
 fn quantile(sorted: &[f32], q: f64) -> f32 {
     let last = sorted.len().saturating_sub(1);
     sorted.get((last as f64 * q).round() as usize).copied().unwrap_or(0.0)
 }
 
-/// The smallest box around what the cameras see within `range`, of a grid of rays through each.
-pub(super) fn frusta_bounds(cameras: &[Camera], range: Range) -> Option<Aabb> {
+/// Returns the smallest box around what the cameras see within `range`, by a grid of rays through each.
+pub(crate) fn frusta_bounds(cameras: &[Camera], range: Range) -> Option<Aabb> {
     let ends = cameras.iter().flat_map(grid).filter_map(|ray| {
         let (near, far) = range.along(&ray)?;
         Some([ray.at(near), ray.at(far)])
@@ -144,10 +155,48 @@ pub(super) fn frusta_bounds(cameras: &[Camera], range: Range) -> Option<Aabb> {
     Aabb::containing(ends.flatten().filter(|p: &Vec3| p.is_finite()))
 }
 
-/// Rays through a grid of pixel positions, the borders included.
-pub(crate) fn grid(camera: &Camera) -> impl Iterator<Item = infonerf_scene::Ray> + use<'_> {
+/// Returns rays through a grid of pixel positions, the borders included.
+pub(crate) fn grid(camera: &Camera) -> impl Iterator<Item = Ray> + use<'_> {
     let at = |i: usize, side: u32| i as f32 / (GRID - 1) as f32 * side as f32;
     (0..GRID * GRID).map(move |i| camera.ray(at(i % GRID, camera.width), at(i / GRID, camera.height)))
+}
+
+/// Returns the space in front of cameras that see content between two depths along their axes, `None` if it has no bounds.
+pub(super) fn space_of_depths(cameras: &[Camera], (near, far): (f32, f32)) -> Option<Space> {
+    let range = Range::Depth { near, far };
+    let bounds = frusta_bounds(cameras, range)?;
+    let farthest = cameras.iter().flat_map(grid).filter_map(|ray| range.along(&ray)).map(|r| r.1).fold(far, f32::max);
+    let mut space = Space::known(cameras, (near, farthest), bounds);
+    space.range = range;
+    space.bounded = false;
+    if space.layout == Layout::Forward {
+        // Half-way in inverse depth.
+        let middle = 2.0 / (1.0 / near + 1.0 / far);
+        let n = cameras.len().max(1) as f32;
+        let mean = cameras.iter().map(Camera::position).sum::<Vec3>() / n;
+        let ahead = cameras.iter().map(Camera::forward).sum::<Vec3>().normalize_or(Vec3::NEG_Z);
+        space = space.centred(mean + middle * ahead, cameras);
+    }
+    Some(space)
+}
+
+/// Returns the space of cameras around one object on transparent ground: the cube about their centre that the narrowest of
+/// them sees whole at its distance, and the distances that it lies between.
+pub(super) fn object_space(cameras: &[Camera]) -> Space {
+    let region = ViewRegion::new(cameras);
+    let centre = region.centre().as_vec3();
+    let (nearest, farthest) = (region.radii().0 as f32, (region.radii().1 as f32).max(1e-3));
+    let half = cameras
+        .iter()
+        .map(|c| {
+            let tangent = 0.5 * (f64::from(c.width) / c.fx).min(f64::from(c.height) / c.fy);
+            c.position().distance(centre) * tangent as f32
+        })
+        .fold(f32::INFINITY, f32::min);
+    let half = (1.05 * half).clamp(0.01 * farthest, farthest);
+    let corner = 3f32.sqrt() * half;
+    let near = (nearest - corner).max(0.05 * farthest);
+    Space::known(cameras, (near, farthest + corner), Aabb::cube(centre, half))
 }
 
 #[cfg(test)]
@@ -155,15 +204,6 @@ mod tests {
     use super::*;
     use glam::DVec3;
     use infonerf_scene::look_along;
-
-    #[test]
-    fn every_eighth_is_held_out() {
-        let (train, test) = hold_out((0..20).collect(), &TestProtocol::All);
-        assert_eq!(test, [0, 8, 16]);
-        assert_eq!(train.len(), 17);
-        assert_eq!(hold_out(vec![7], &TestProtocol::All), (vec![7], vec![]));
-        assert_eq!(hold_out(vec![7, 8], &TestProtocol::Training), (vec![7, 8], vec![]));
-    }
 
     #[test]
     fn frusta_of_one_camera() {

@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 use infonerf_scene::SceneError;
 use serde_json::Value;
 
-use crate::limits::read_file;
+use super::read_file;
 
-/// The largest file that is read, in bytes.
-const LARGEST: u64 = 256 << 20;
+/// Largest file that is read, in bytes.
+const MAX_BYTES: u64 = 256 << 20;
 
 /// Plausible focal lengths and image sides, in pixels.
-pub(super) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
+pub(crate) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
 
 /// A parsed JSON file.
 pub(crate) struct JsonFile {
@@ -21,20 +21,22 @@ pub(crate) struct JsonFile {
 }
 
 impl JsonFile {
-    /// Reads and parses a file, refusing one of more than [`LARGEST`] bytes unread.
+    /// Reads and parses a file, refusing one of more than [`MAX_BYTES`] bytes unread.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
-        Self::parse(path, &read_file(path, "a JSON file with camera poses", LARGEST)?)
+        Self::parse(path, &read_file(path, "a JSON file with camera poses", MAX_BYTES)?)
     }
 
-    /// Parses what the file at `path` holds. A byte-order mark, as Windows editors write it, is skipped.
+    /// Parses the contents of the file at `path`. A byte-order mark, as Windows editors write it, and comments are skipped;
+    /// Python's `NaN` and `Infinity` become null.
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, SceneError> {
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-        let root =
-            serde_json::from_slice(bytes).map_err(|e| SceneError::malformed(path, "JSON with finite numbers", e))?;
+        let root = serde_json::from_slice(bytes)
+            .or_else(|_| serde_json::from_slice(&strict(bytes)))
+            .map_err(|e| SceneError::malformed(path, "JSON", e))?;
         Ok(Self { path: path.into(), root })
     }
 
-    /// The outermost value.
+    /// Returns the outermost value.
     pub fn root(&self) -> Node<'_> {
         Node { file: &self.path, field: String::new(), value: &self.root }
     }
@@ -49,7 +51,7 @@ pub(crate) struct Node<'a> {
 }
 
 impl<'a> Node<'a> {
-    /// The field `key` of an object, which must be there.
+    /// Returns the field `key` of an object, which must be there.
     pub fn get(&self, key: &str, expected: &str) -> Result<Self, SceneError> {
         match self.find(key) {
             Some(node) => Ok(node),
@@ -57,36 +59,41 @@ impl<'a> Node<'a> {
         }
     }
 
-    /// The field `key`, if this is an object that has it and it is not null.
+    /// Returns the field `key`, if this is an object that has it and it is not null.
     pub fn find(&self, key: &str) -> Option<Self> {
         let value = self.value.get(key).filter(|v| !v.is_null())?;
         Some(Node { file: self.file, field: self.join(key), value })
     }
 
-    /// The elements of an array.
+    /// Returns the elements of an array.
     pub fn items(&self, expected: &str) -> Result<Vec<Self>, SceneError> {
         let items = self.value.as_array().ok_or_else(|| self.error(expected))?;
         let node = |(i, value)| Node { file: self.file, field: format!("{}[{i}]", self.field), value };
         Ok(items.iter().enumerate().map(node).collect())
     }
 
-    /// A finite number.
+    /// Whether this is null, or an array with a null among its elements.
+    pub fn holds_null(&self) -> bool {
+        self.value.is_null() || self.value.as_array().is_some_and(|items| items.iter().any(Value::is_null))
+    }
+
+    /// Returns a finite number.
     pub fn number(&self, expected: &str) -> Result<f64, SceneError> {
         self.value.as_f64().filter(|v| v.is_finite()).ok_or_else(|| self.error(expected))
     }
 
-    /// A finite number greater than 0.
+    /// Returns a finite number greater than 0.
     pub fn positive(&self, expected: &str) -> Result<f64, SceneError> {
         self.number(expected)?.gt(&0.0).then(|| self.value.as_f64()).flatten().ok_or_else(|| self.error(expected))
     }
 
-    /// A focal length or image side in pixels, which rays can be computed with.
+    /// Returns a focal length or image side in pixels, which rays can be computed with.
     pub fn pixels(&self, expected: &str) -> Result<f64, SceneError> {
         let value = self.number(expected)?;
         if PIXELS.contains(&value) { Ok(value) } else { Err(self.error(expected)) }
     }
 
-    /// An array of `N` finite numbers.
+    /// Returns an array of `N` finite numbers.
     pub fn numbers<const N: usize>(&self, expected: &str) -> Result<[f64; N], SceneError> {
         let items = self.items(expected)?;
         if items.len() != N {
@@ -99,22 +106,22 @@ impl<'a> Node<'a> {
         Ok(numbers)
     }
 
-    /// `true` or `false`.
+    /// Returns `true` or `false`.
     pub fn flag(&self, expected: &str) -> Result<bool, SceneError> {
         self.value.as_bool().ok_or_else(|| self.error(expected))
     }
 
-    /// A string that is not empty.
+    /// Returns a string that is not empty.
     pub fn text(&self, expected: &str) -> Result<&'a str, SceneError> {
         self.value.as_str().filter(|s| !s.is_empty()).ok_or_else(|| self.error(expected))
     }
 
-    /// An error that this value is not what was expected.
+    /// Returns an error that this value is not what was expected.
     pub fn error(&self, expected: impl Into<String>) -> SceneError {
         self.fault(expected, short(self.value))
     }
 
-    /// An error that this value is not what was expected, with a description of what it is.
+    /// Returns an error that this value is not what was expected, with a description of what it is.
     pub fn fault(&self, expected: impl Into<String>, found: impl std::fmt::Display) -> SceneError {
         SceneError::field(self.file, self.field.clone(), expected, found)
     }
@@ -124,7 +131,38 @@ impl<'a> Node<'a> {
     }
 }
 
-/// A short description of a value, for a line of text.
+/// Leaves out comments, `//` to the end of the line and `/* … */`, and replaces numbers that are not finite by null.
+fn strict(bytes: &[u8]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(bytes.len());
+    let mut rest = bytes;
+    while let Some(&first) = rest.first() {
+        let until = |mark: &[u8]| rest.windows(mark.len()).position(|part| part == mark);
+        let word = [&b"-Infinity"[..], b"Infinity", b"NaN"].into_iter().find(|word| rest.starts_with(word));
+        let (length, text) = if first == b'"' {
+            let mut escaped = false;
+            let ends = |byte: &u8| {
+                let ends = *byte == b'"' && !escaped;
+                escaped = *byte == b'\\' && !escaped;
+                ends
+            };
+            let length = rest[1..].iter().position(ends).map_or(rest.len(), |end| end + 2);
+            (length, &rest[..length])
+        } else if rest.starts_with(b"//") {
+            (until(b"\n").unwrap_or(rest.len()), &b""[..])
+        } else if rest.starts_with(b"/*") {
+            (until(b"*/").map_or(rest.len(), |end| end + 2), &b""[..])
+        } else if let Some(word) = word {
+            (word.len(), &b"null"[..])
+        } else {
+            (1, &rest[..1])
+        };
+        out.extend(text);
+        rest = &rest[length..];
+    }
+    out
+}
+
+/// Describes a value in a few words.
 fn short(value: &Value) -> String {
     match value {
         Value::Array(items) => format!("an array of {}", items.len()),
@@ -158,7 +196,7 @@ mod tests {
     fn broken_json_says_where() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.json");
-        for text in ["", "{", "{\"a\": NaN}", "{\"a\": 1e999}"] {
+        for text in ["", "{", "{\"a\": \"b}", "{\"a\": 1e999}", "/* {}"] {
             fs::write(&path, text).unwrap();
             let text = JsonFile::read(&path).err().unwrap().to_string();
             assert!(text.contains("a.json: expected JSON") && text.contains("line"), "{text}");
@@ -166,11 +204,21 @@ mod tests {
     }
 
     #[test]
+    fn comments_are_skipped_and_numbers_that_are_not_finite_are_null() {
+        let text = br#"{ // a rig's "poses"
+            "a": [1, NaN, -Infinity], /* "b": 2, */ "c": "// \" NaN /* */" }"#;
+        let file = JsonFile::parse(Path::new("a.json"), text).unwrap();
+        let (a, c) = (file.root().get("a", "").unwrap(), file.root().get("c", "").unwrap());
+        assert!(a.holds_null() && a.items("").unwrap()[0].number("").unwrap() == 1.0 && file.root().find("b").is_none());
+        assert_eq!(c.text("").unwrap(), "// \" NaN /* */");
+    }
+
+    #[test]
     fn huge_files_are_refused_unread() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.json");
         // Sparse: takes no space on disk.
-        fs::File::create(&path).unwrap().set_len(LARGEST + 1).unwrap();
+        fs::File::create(&path).unwrap().set_len(MAX_BYTES + 1).unwrap();
         assert!(matches!(JsonFile::read(&path), Err(SceneError::TooLarge { .. })));
     }
 }

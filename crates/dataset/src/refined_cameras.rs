@@ -1,26 +1,30 @@
 //! Cameras of a scene, refined by `infonerf-sfm`.
 
-use glam::{DMat3, DVec2, DVec3};
+use glam::DVec2;
+use infonerf_scene::image::GreyImage;
 use infonerf_scene::{Camera, PoseError, Scene, View};
-use infonerf_sfm::{Grey, Pose, Posed, Settings, Uncertainty, refine};
+use infonerf_sfm::{Pose, Posed, SfmSettings, Uncertainty, refine};
 
+use crate::capture::{camera_pose, ray};
 use crate::colmap::opengl;
 
-/// How far given cameras are thought to be off: radians, shares of the mean distance from the scene's centre, and shares of
-/// the focal length.
+/// Deviations of given cameras: radians, shares of the mean distance from the scene's centre, and shares of the focal
+/// length.
 const TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
 const SHIFT: f64 = 0.03;
 const FOCAL: f64 = 0.05;
-/// Given cameras stay where points fall within this many times their distance by refined ones: what is left is noise.
+/// Given cameras stay if points fall within this many times their distance by refined ones: what is left is noise.
 const AS_GOOD: f64 = 1.25;
+/// Given cameras by which points fall more pixels than this from where they are seen are not just inexact.
+const ABSURD: f64 = 50.0;
 
-/// `scene` with training cameras as matches between the training photographs correct them: bundle adjustment that begins at
-/// the given cameras and is weakly drawn to them ([`infonerf_sfm::refine`]), for all focal lengths one factor with `focal`.
-/// No test view has a part in it.
+/// Corrects the training cameras of `scene` by matches between the training photographs: bundle adjustment that begins at
+/// the given cameras and is weakly drawn to them ([`infonerf_sfm::refine`]), with one factor for all focal lengths if
+/// `focal`. No test view has a part in it.
 ///
 /// The pull also fixes the frame: no similarity of all refined cameras would be nearer to the given ones, in these deviations.
-/// A camera whose photograph shares too few points with others stays as it is, and so do all where the given ones explain what
-/// the photographs share as well: [`Scene::warnings`] say what was done. The given cameras are kept in
+/// A camera whose photograph shares too few points with others stays as it is, and so do all if the given ones explain what
+/// the photographs share as well: [`Scene::warnings`] hold what was done. The given cameras are kept in
 /// [`Scene::unrefined_cameras`].
 #[must_use]
 pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
@@ -35,11 +39,11 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
     };
     let unproject: Vec<_> = scene.train.iter().map(|view| move |pixel| point_at_depth_one(view, pixel)).collect();
     let posed = scene.train.iter().zip(&unproject).map(|(view, unproject)| {
-        let image = Grey::of_rgb(view.image.width as usize, view.image.height as usize, view.image.rgb.iter().copied());
-        Posed { image, pose: pose(&view.camera), unproject }
+        let image = GreyImage::luma(view.image.width as usize, view.image.height as usize, view.image.rgb.iter().copied());
+        Posed { image, pose: camera_pose(&view.camera.to_world), unproject }
     });
     let pixels = mean(&|camera| (camera.fx * camera.fy).sqrt());
-    let found = refine(&posed.collect::<Vec<_>>(), pixels, uncertainty, &Settings::default());
+    let found = refine(&posed.collect::<Vec<_>>(), pixels, uncertainty, &SfmSettings::default());
     let [before, after] = found.errors;
     let shared = format!("{} points that the photographs share are off by a median of", found.points.len());
     if found.poses.iter().all(Result::is_err) {
@@ -69,26 +73,27 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
              {before:.2}",
             by.rotation_deg, by.translation_percent
         ));
+        if before > ABSURD {
+            scene.warnings.push(
+                "the given cameras were far from what the photographs share: `infonerf scene check` looks for another \
+                 convention of the poses"
+                    .into(),
+            );
+        }
     }
     scene.unrefined_cameras = Some(given);
     scene
 }
 
-/// `(x, y) / z` of what a view sees at a pixel, if it is to be looked at.
+/// Returns `(x, y) / z` of what a view sees at a pixel, if the pixel is valid.
 fn point_at_depth_one(view: &View, pixel: DVec2) -> Option<DVec2> {
-    let Camera { width, height, fx, fy, cx, cy, ref lens, .. } = view.camera;
+    let (width, height) = (view.camera.width, view.camera.height);
     let [x, y] = [(pixel.x, width), (pixel.y, height)].map(|(v, size)| (v as usize).min(size as usize - 1));
     let valid = view.valid.as_ref().is_none_or(|valid| valid[y * width as usize + x]);
-    lens.undistort(DVec2::new((pixel.x - cx) / fx, (pixel.y - cy) / fy)).filter(|_| valid)
+    ray(&view.camera, pixel, 1.0).filter(|_| valid)
 }
 
-/// From camera-to-world in OpenGL's axes to world-to-camera in those of computer vision.
-fn pose(camera: &Camera) -> Pose {
-    let rotation = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)) * camera.rotation().transpose();
-    Pose { rotation, translation: -(rotation * camera.position_f64()) }
-}
-
-/// `camera` in another place, with focal lengths `factor` times as long.
+/// Moves `camera` to `pose`, with focal lengths `factor` times as long.
 fn refocused(camera: &Camera, factor: f64, pose: &Pose) -> Camera {
     let to_world = opengl(pose.rotation.transpose(), pose.centre());
     Camera { fx: factor * camera.fx, fy: factor * camera.fy, ..camera.with_pose(to_world) }
@@ -118,7 +123,7 @@ mod tests {
         load(source, &request).unwrap()
     }
 
-    /// Lenses have a part in it: with a distortion that the pictures do not have, the same pictures give worse cameras.
+    /// Refinement uses the lens: with a distortion that the images do not have, they give worse cameras.
     #[test]
     fn cameras_of_a_built_in_scene_are_refined() {
         let train = ViewSelection::Narrow { count: 4, angle_deg: 40.0, seed: 0 };

@@ -1,7 +1,7 @@
 //! The file readers applied to bytes: entry points for the fuzzers in `fuzz/` and for the tests that replay them.
 //!
-//! Each goes as far as it can without touching the disk, and returns whether the bytes were accepted: what fuzzing asks
-//! is that it returns at all, with finite numbers where it accepts.
+//! Each goes as far as it can without touching the disk, and returns whether the bytes were accepted: fuzzing asks
+//! that it returns at all, with finite numbers if it accepts.
 
 use std::path::Path;
 
@@ -11,53 +11,54 @@ use infonerf_scene::{Aabb, Camera, Range, ViewSelection};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::extent::{capture_space, frusta_bounds};
-use super::frames::transforms as read_transforms;
-use super::json::JsonFile;
-use super::{dtu, llff, npy, npz, zju};
+use crate::capture::{capture_space, frusta_bounds};
 use crate::colmap;
+use crate::files::json::JsonFile;
+use crate::files::{npy, npz};
+use crate::loaders::transforms::transforms as read_transforms;
+use crate::loaders::{dtu, llff, zju};
 
-/// The most frames that poses are derived from: time beyond that is the input's, not the reader's.
-const MOST_FRAMES: usize = 64;
+/// Most frames that poses are derived from: time beyond that is the input's, not the reader's.
+const MAX_FRAMES: usize = 64;
 
-/// A `transforms*.json`, with the cameras, rays and poses that follow from it.
+/// Returns a `transforms*.json`, with the cameras, rays and poses that follow from it.
 pub fn transforms(bytes: &[u8]) -> bool {
     let path = Path::new("transforms.json");
     let Ok(read) = JsonFile::parse(path, bytes).and_then(|file| read_transforms(path, &file)) else { return false };
-    let cameras: Vec<Camera> = read.frames.iter().take(MOST_FRAMES).map(|frame| frame.camera(8, 6)).collect();
+    let cameras: Vec<Camera> = read.frames.iter().take(MAX_FRAMES).map(|frame| frame.camera(8, 6)).collect();
     let space = capture_space(&cameras, Vec::new(), Vec::new()).with(read.range, read.bounds);
     assert!(space.near <= space.far, "near and far: {} {}", space.near, space.far);
     follow(&cameras, space.bounds);
     true
 }
 
-/// A `poses_bounds.npy`, with the cameras, rays and poses that follow from it.
+/// Returns a `poses_bounds.npy`, with the cameras, rays and poses that follow from it.
 pub fn poses_bounds(bytes: &[u8]) -> bool {
     let path = Path::new(llff::MARKER);
     let array = npy::decode(path, bytes, llff::EXPECTED);
     let placed = array.and_then(|array| llff::rows(path, array)).and_then(|rows| llff::placed(path, &rows));
     let Ok((poses, range)) = placed else { return false };
     let camera = |pose| Camera::pinhole((8, 6), [9.0; 2], [4.0, 3.0], pose);
-    let cameras: Vec<Camera> = poses.into_iter().take(MOST_FRAMES).map(camera).collect();
+    let cameras: Vec<Camera> = poses.into_iter().take(MAX_FRAMES).map(camera).collect();
     if let Some(bounds) = frusta_bounds(&cameras, Range::Depth { near: range.0, far: range.1 }) {
         follow(&cameras, bounds);
     }
     true
 }
 
-/// An `.npy` of depths.
+/// Returns an `.npy` of depths.
 pub fn depth(bytes: &[u8]) -> bool {
     npy::decode(Path::new("depth.npy"), bytes, "depths").is_ok()
 }
 
-/// A file of a COLMAP reconstruction, binary or text, whichever of the three it may be.
+/// Returns a file of a COLMAP reconstruction, binary or text, whichever of the three it may be.
 pub fn colmap(bytes: &[u8]) -> bool {
     let path = Path::new("colmap");
     let text = String::from_utf8_lossy(bytes);
     let cameras = [colmap::binary::cameras(path, bytes).ok(), colmap::text::cameras(path, &text).ok()];
     let images = [colmap::binary::images(path, bytes).ok(), colmap::text::images(path, &text).ok()];
     let points = [colmap::binary::points(path, bytes).is_ok(), colmap::text::points(path, &text).is_ok()];
-    for camera in cameras.iter().flatten().flat_map(|all| all.values()).take(MOST_FRAMES) {
+    for camera in cameras.iter().flatten().flat_map(|all| all.values()).take(MAX_FRAMES) {
         let poses = infonerf_procedural::train_cameras(8);
         let cameras: Vec<Camera> = poses[..3].iter().map(|c| camera.at(c.to_world)).collect();
         follow(&cameras, capture_space(&cameras, Vec::new(), Vec::new()).bounds);
@@ -68,7 +69,7 @@ pub fn colmap(bytes: &[u8]) -> bool {
     cameras.iter().any(Option::is_some) || images.iter().any(Option::is_some) || points.contains(&true)
 }
 
-/// A `cameras_sphere.npz`, with the cameras that follow from it.
+/// Returns a `cameras_sphere.npz`, with the cameras that follow from it.
 pub fn cameras_npz(bytes: &[u8]) -> bool {
     let path = Path::new("cameras_sphere.npz");
     let Ok(matrices) = npz::decode(path, bytes, dtu::EXPECTED, |_| true) else { return false };
@@ -77,16 +78,16 @@ pub fn cameras_npz(bytes: &[u8]) -> bool {
     !cameras.is_empty()
 }
 
-/// An `annots.npy`, with the cameras that follow from it.
+/// Returns an `annots.npy`, with the cameras that follow from it.
 pub fn annots(bytes: &[u8]) -> bool {
     let Ok(read) = zju::annotations(Path::new("annots.npy"), bytes, 0) else { return false };
     let size = |camera: &Camera| Camera { width: 8, height: 6, ..camera.clone() };
-    let cameras: Vec<Camera> = read.cameras.iter().take(MOST_FRAMES).map(size).collect();
+    let cameras: Vec<Camera> = read.cameras.iter().take(MAX_FRAMES).map(size).collect();
     follow(&cameras, capture_space(&cameras, Vec::new(), Vec::new()).bounds);
     true
 }
 
-/// A PNG or JPEG.
+/// Returns a PNG or JPEG.
 pub fn image(bytes: &[u8]) -> bool {
     let Ok(image) = decode_bytes(Path::new("image.png"), bytes) else { return false };
     assert_eq!(image.pixels.len(), image.width as usize * image.height as usize);
