@@ -8,7 +8,7 @@ use clap::Args;
 use image::{RgbImage, imageops};
 use infonerf_experiment::{Existing, Experiment, Finished, RunEvent, Selection, Session};
 use infonerf_metrics::to_rgb8;
-use infonerf_render::render_image;
+use infonerf_render::render_tested;
 use infonerf_report::{save_record, write_report};
 use infonerf_scene::View;
 use infonerf_train::Trainer;
@@ -116,6 +116,6 @@ fn first_test_view(trainer: &Trainer) -> Result<&View> {
 }
 
 fn rendered(trainer: &Trainer, view: &View) -> Result<RgbImage> {
-    let image = render_image(trainer.renderer(), &[trainer.trained_with_residuals()], &view.camera);
+    let image = render_tested(trainer.renderer(), &[trainer.trained_with_residuals()], view);
     Ok(to_rgb8(&image.rgb, image.width, image.height)?)
 }

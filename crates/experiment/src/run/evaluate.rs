@@ -159,7 +159,9 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     notes.extend(picture_notes(&plan.config));
     if plan.config.eval.test.test() == TestProtocol::Training {
         notes.push(
-            "tested on the training views: figures say how well these are fitted, and nothing of new views".into(),
+            "tested on the training views, each without its own residual: figures say how well these are fitted, and nothing \
+             of new views"
+                .into(),
         );
     }
     for (name, spec) in plan.config.loss.active() {

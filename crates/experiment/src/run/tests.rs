@@ -66,6 +66,21 @@ fn a_field_that_went_empty_has_no_part_in_the_pictures() {
     assert!(trained.trainers.len() == 1 && trained.warnings.len() == 1, "{:?}", trained.warnings);
 }
 
+/// With one training view the only residual there is, is that of the view which is tested.
+#[test]
+fn tested_view_gets_no_residual_of_its_own() {
+    let settings = ["eval.test=training", "scene.views.count=1"];
+    let psnr = |residuals: &str| {
+        let out = tempfile::tempdir().unwrap();
+        let plan = plan(&[&settings[..], &[residuals]].concat());
+        let (record, _) = record(out.path(), &plan, Existing::Refuse);
+        assert_eq!(record.test_views.ids, record.train_views);
+        assert!(record.notes.iter().any(|note| note.contains("each without its own residual")), "{:?}", record.notes);
+        record.metrics["psnr"].unwrap()
+    };
+    assert_eq!(psnr("render.residuals=true"), psnr("render.residuals=false"));
+}
+
 #[test]
 fn training_is_saved_when_its_watcher_panics() {
     let out = tempfile::tempdir().unwrap();

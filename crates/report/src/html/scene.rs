@@ -73,7 +73,9 @@ fn headings(scene: &Scene) -> String {
         format!("<div class=\"head\">{}{tag}<small>{}</small></div>", escape_html(label), scores(run))
     };
     let runs: String = scene.labels.iter().zip(&scene.gallery.runs).map(heading).collect();
-    format!("<div></div><div class=\"head\">Truth<small>test view</small></div>{runs}\n")
+    let trained_on = scene.gallery.runs.iter().all(|run| run.record.test_views.protocol == "training");
+    let view = if trained_on { "training view" } else { "test view" };
+    format!("<div></div><div class=\"head\">Truth<small>{view}</small></div>{runs}\n")
 }
 
 /// The run's means, such as `18.92 dB · SSIM 0.788 · seed 0`.
