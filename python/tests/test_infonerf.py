@@ -1,5 +1,9 @@
 """The package against the program: `just python`, or `cargo test --release --workspace --test all python::`."""
 
+import json
+import os
+import signal
+import subprocess
 import sys
 import tempfile
 import unittest
@@ -102,8 +106,33 @@ class Runs(unittest.TestCase):
         with self.assertRaises(KeyboardInterrupt):
             infonerf.run("fast-losses", on_event=stop, **options)
         if sys.platform != "win32":
-            (record,) = infonerf.run("fast-losses", resume=True, **options)
+            (record,) = infonerf.run("fast-losses", **options)
             self.assertEqual(record["iterations"], 500)
+            self.assertEqual(infonerf.run("fast-losses", **options), [record])
+
+    @unittest.skipIf(sys.platform == "win32", "signals of process groups are POSIX's")
+    def test_ctrl_c_of_a_terminal_saves_the_run(self) -> None:
+        """A terminal signals every process of the group: the program must be told to stop once, not twice."""
+        script = "import infonerf, json, sys; infonerf.run('fast-losses', on_event=print, **json.loads(sys.argv[1]))"
+        # The program saves when it is told to stop, and at no other time.
+        endless = {**TINY, "train.iterations": 10_000_000, "train.checkpoint_every": 0}
+        for attempt in range(3):
+            out = self.out / f"signalled-{attempt}"
+            options = {"scene": "crane", "variant": "nerf", "out": str(out), "set": endless}
+            caller = subprocess.Popen(
+                [sys.executable, "-u", "-c", script, json.dumps(options)],
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                text=True,
+                start_new_session=True,
+            )
+            assert caller.stdout is not None
+            with caller.stdout:
+                next(line for line in caller.stdout if "'step'" in line)
+                os.killpg(caller.pid, signal.SIGINT)
+                caller.wait(timeout=60)
+            run = out / "fast-losses" / "crane" / "nerf" / "seed0"
+            self.assertTrue((run / "checkpoint" / "manifest.json").is_file(), f"attempt {attempt}")
 
 
 class Options(unittest.TestCase):
@@ -111,14 +140,14 @@ class Options(unittest.TestCase):
         options: dict[str, Option] = {
             "scene": ["a", "b"],
             "seed": range(2),
-            "resume": True,
+            "overwrite": True,
             "quiet": False,
             "data": None,
             "submit_option": Path("x"),
             "set": {"eval.test": "all", "a.b": True, "c": {"from": 1e-3, "curve": "linear"}, "d": [1, 2]},
         }
         expected = (
-            "--scene=a --scene=b --seed=0 --seed=1 --resume --submit-option=x --set=eval.test=all --set=a.b=true"
+            "--scene=a --scene=b --seed=0 --seed=1 --overwrite --submit-option=x --set=eval.test=all --set=a.b=true"
         ).split() + ['--set=c={ from = 0.001, curve = "linear" }', "--set=d=[1, 2]"]
         self.assertEqual(arguments(options), expected)
 
