@@ -1,14 +1,15 @@
 //! What a run's numbers depend on: a run is only resumed if none of it has changed.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use infonerf_dataset::SceneSource;
 use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
 
 use crate::RunPlan;
 use crate::run_plan::file_paths;
@@ -70,17 +71,59 @@ impl Identity {
         Ok(infonerf_report::write_atomically(&folder.join(NAME), &text)?)
     }
 
+    /// Refuses to continue the run in `folder` unless it was begun with this identity, by `config`, the text of its
+    /// `config.toml`.
+    ///
+    /// # Errors
+    /// One line that names the first key whose value differs, or what else has changed, and what can be done.
+    pub(crate) fn refuse_another(&self, folder: &Path, config: &str) -> Result<()> {
+        let remedy = "--overwrite starts the run anew, another --out keeps it";
+        let path = folder.join("config.toml");
+        let begun = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        if begun != config {
+            let difference = match first_difference(&begun.parse()?, &config.parse()?) {
+                Some((key, then, now)) => format!("{key} was {then} and is {now}"),
+                None => "it is written differently".to_owned(),
+            };
+            bail!("{}: the run that is there has another config: {difference}; {remedy}", path.display());
+        }
+        let Some(then) = Self::read(folder) else {
+            bail!("{}: identity.json is missing or of another version; {remedy}", folder.display());
+        };
+        let changes = self.changes(&then);
+        if !changes.is_empty() {
+            bail!("{}: {} changed since the run began; {remedy}", folder.display(), changes.join(" and "));
+        }
+        Ok(())
+    }
+
     /// What differs from the run that was begun as `then`.
-    pub(crate) fn changes(&self, then: &Self) -> Vec<&'static str> {
+    fn changes(&self, then: &Self) -> Vec<&'static str> {
         let parts = [
-            ("its config", &self.config, &then.config),
+            ("the config", &self.config, &then.config),
             ("the scene's files", &self.data, &then.data),
             ("the program", &self.program, &then.program),
             ("the device", &self.device, &then.device),
-            ("the files that it is initialised from", &self.first_files, &then.first_files),
+            ("the files that the field is initialised from", &self.first_files, &then.first_files),
         ];
         parts.into_iter().filter(|(_, now, then)| now != then).map(|(what, ..)| what).collect()
     }
+}
+
+/// Returns the first key at which two configs differ, and its value in each.
+fn first_difference(then: &Table, now: &Table) -> Option<(String, String, String)> {
+    let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
+    keys.into_iter().find_map(|key| match (then.get(key), now.get(key)) {
+        (Some(Value::Table(then)), Some(Value::Table(now))) => {
+            let (rest, then, now) = first_difference(then, now)?;
+            Some((format!("{key}.{rest}"), then, now))
+        }
+        (then, now) if then == now => None,
+        (then, now) => {
+            let shown = |value: Option<&Value>| value.map_or_else(|| "absent".to_owned(), Value::to_string);
+            Some((key.clone(), shown(then), shown(now)))
+        }
+    })
 }
 
 fn checksum(bytes: &[u8]) -> String {
@@ -184,7 +227,7 @@ mod tests {
         let first = Identity::of(&plan("train.rays=64"), "flex").unwrap();
         assert_eq!(first, Identity::of(&plan("train.rays=64"), "flex").unwrap());
         let other = Identity::of(&plan("train.rays=65"), "ndarray").unwrap();
-        assert_eq!(other.changes(&first), ["its config", "the device"]);
+        assert_eq!(other.changes(&first), ["the config", "the device"]);
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Identity::read(folder.path()), None);
         first.write(folder.path()).unwrap();

@@ -13,7 +13,7 @@
 //!
 //! let selection = Selection { scenes: vec!["castle".into()], ..Selection::default() };
 //! let experiment = Experiment::plan("synthetic-4view", &selection)?;
-//! let session = Session::new(open(DeviceName::Auto)?, "runs", Existing::Refuse);
+//! let session = Session::new(open(DeviceName::Auto)?, "runs", Existing::Continue);
 //! for plan in &experiment.runs {
 //!     if let Finished::Record(record, _) = session.run(plan, &mut |_| Control::Continue)? {
 //!         println!("{}: {:?} dB", plan.label(), record.metrics["psnr"]);

@@ -2,12 +2,11 @@ use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex};
 
-use anyhow::{Result, bail};
+use anyhow::Result;
 use infonerf_metrics::Networks;
 use infonerf_scene::Scene;
 use infonerf_train::{Event, Trainer};
 
-use crate::run::is_finished;
 use crate::{OpenDevice, RunPlan};
 
 /// Where and how runs happen.
@@ -32,23 +31,13 @@ pub struct Session {
 }
 
 /// How to treat a run whose folder exists already.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Existing {
-    /// A finished run is an error; an unfinished one starts over.
-    Refuse,
-    /// It starts over, and its results are replaced.
+    /// Continues an unfinished run and keeps a finished one; an error if anything that its numbers depend on has changed.
+    #[default]
+    Continue,
+    /// Starts the run anew; its results are replaced.
     Overwrite,
-    /// It resumes, and a finished one is kept; an error if anything that its numbers depend on has changed.
-    Resume,
-    /// It resumes, and a finished one is kept; it starts over if anything that its numbers depend on has changed.
-    ResumeUnchanged,
-}
-
-impl Existing {
-    /// Whether an unfinished run is continued.
-    pub(crate) fn resumes(self) -> bool {
-        matches!(self, Self::Resume | Self::ResumeUnchanged)
-    }
 }
 
 /// Events of a run.
@@ -121,25 +110,6 @@ impl Session {
         Self { until, ..self }
     }
 
-    /// Refuses to replace results, before anything is run.
-    ///
-    /// # Errors
-    /// If a run of `plans` is finished and [`Existing::Refuse`] says that it must not be.
-    pub fn refuse_finished(&self, plans: &[RunPlan]) -> Result<()> {
-        let folders = plans.iter().map(|plan| self.run_folder(plan));
-        self.refuse(&folders.filter(|folder| is_finished(folder)).collect::<Vec<_>>())
-    }
-
-    /// Refuses to replace the results in the folders `finished`, if there are any.
-    pub(crate) fn refuse(&self, finished: &[PathBuf]) -> Result<()> {
-        let (Existing::Refuse, [first, others @ ..]) = (self.existing, finished) else { return Ok(()) };
-        let others = if others.is_empty() { String::new() } else { format!(", as are {} more", others.len()) };
-        bail!(
-            "{}: this run is finished{others}: --resume keeps its results, --overwrite replaces them",
-            first.display()
-        )
-    }
-
     /// Folder of a run.
     pub fn run_folder(&self, plan: &RunPlan) -> PathBuf {
         self.experiment_folder(&plan.experiment).join(plan.directory())
@@ -170,34 +140,4 @@ impl Session {
 fn scene_key(plan: &RunPlan) -> String {
     let config = &plan.config;
     format!("{:?} {:?} {:?} {:?} {}", plan.source, config.scene, config.train.cameras, config.eval.test, plan.seed)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{DeviceName, Experiment, Selection, open};
-
-    #[test]
-    fn finished_runs_are_replaced_only_on_request() {
-        let out = tempfile::tempdir().unwrap();
-        let selection = Selection { scenes: vec!["knot".into()], ..Selection::default() };
-        let plans = Experiment::plan("fast-losses", &selection).unwrap().runs;
-        let refusal = |existing: Existing| {
-            let session = Session::new(open(DeviceName::Flex).unwrap(), out.path(), existing);
-            session.refuse_finished(&plans).err().map(|error| error.to_string())
-        };
-        assert_eq!(refusal(Existing::Refuse), None);
-        for plan in &plans[..2] {
-            let folder = out.path().join(&plan.experiment).join(plan.directory());
-            std::fs::create_dir_all(&folder).unwrap();
-            // Also one of another preset, whose checkpoint would be replaced.
-            std::fs::write(folder.join("record-paper.json"), "").unwrap();
-        }
-        let message = refusal(Existing::Refuse).unwrap();
-        let parts = [plans[0].directory().to_str().unwrap(), "1 more", "--resume", "--overwrite"].map(str::to_owned);
-        assert!(parts.iter().all(|part| message.contains(part)), "{message}");
-        assert!(
-            [Existing::Overwrite, Existing::Resume, Existing::ResumeUnchanged].map(refusal).iter().all(Option::is_none)
-        );
-    }
 }

@@ -83,7 +83,7 @@ fn drawn_and_rendered(page: &Path, run: &Trained, view: usize) -> (Vec<u8>, Rend
 fn the_page_draws_what_the_program_renders() {
     let out = tempfile::tempdir().unwrap();
     let set = ["train.iterations=300", "scene.size=64", "eval.test=first-1"];
-    let folder = train(out.path(), &plan("infonerf+", &set), Existing::Refuse, None);
+    let folder = train(out.path(), &plan("infonerf+", &set), Existing::Continue, None);
     let run = read(&folder);
     let file = folder.join("page.html");
     fs::write(&file, page(&run, None).unwrap()).unwrap();
@@ -112,7 +112,7 @@ fn the_page_draws_what_is_baked() {
     {
         let out = tempfile::tempdir().unwrap();
         let set = ["train.iterations=300", "eval.test=first-1"];
-        let folder = train(out.path(), &plan_of(experiment, variant, &set), Existing::Refuse, None);
+        let folder = train(out.path(), &plan_of(experiment, variant, &set), Existing::Continue, None);
         let run = read(&folder);
         let file = folder.join("page.html");
         let start = Instant::now();
@@ -171,7 +171,7 @@ const CONTROLS: &str = "
 #[ignore = "needs a browser: just test-view"]
 fn controls_move_the_camera() {
     let out = tempfile::tempdir().unwrap();
-    let run = read(&train(out.path(), &plan("infonerf", common::TINY), Existing::Refuse, None));
+    let run = read(&train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None));
     let file = out.path().join("page.html");
     let before = "stage.viewer.stop();";
     let text = page(&run, None).unwrap();
@@ -214,7 +214,7 @@ fn controls_move_the_camera() {
 #[ignore = "needs a browser: just test-view"]
 fn a_browser_that_cannot_draw_says_so_and_shows_the_pictures() {
     let out = tempfile::tempdir().unwrap();
-    let run = read(&train(out.path(), &plan("infonerf", common::TINY), Existing::Refuse, None));
+    let run = read(&train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None));
     let file = out.path().join("page.html");
     fs::write(&file, page(&run, None).unwrap()).unwrap();
     let document = document(&format!("file://{}", file.display()), 10_000, &["--disable-3d-apis"]);
@@ -235,7 +235,7 @@ fn serve(root: &Path, training: Option<TrainingControl>) -> String {
 #[ignore = "needs a browser: just test-view"]
 fn the_live_page_shows_a_run() {
     let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Refuse, None);
+    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
     // Losses of 0 and less are drawn like others.
     let log = folder.join("metrics.jsonl");
     let step = |step: usize, value: f64| {
@@ -264,8 +264,8 @@ fn the_live_page_shows_a_run() {
 fn two_runs_are_compared_under_one_camera() {
     let out = tempfile::tempdir().unwrap();
     let set = ["train.iterations=150", "eval.test=first-1"];
-    let exact = train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), Existing::Refuse, None);
-    let baked = train(out.path(), &plan_of("integration", "mipnerf", &set), Existing::Refuse, None);
+    let exact = train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), Existing::Continue, None);
+    let baked = train(out.path(), &plan_of("integration", "mipnerf", &set), Existing::Continue, None);
     let url = serve(out.path(), None);
     let run = |folder: &Path| format!("0/{}", folder.strip_prefix(out.path()).unwrap().display());
     let query = format!("run={}&beside={}&camera=2&size={SIZE}", run(&exact), run(&baked));

@@ -129,7 +129,7 @@ fn other_pages_neither_read_nor_frame_the_page() {
 fn a_run_is_followed_while_it_trains() {
     let out = tempfile::tempdir().unwrap();
     let plan = plan("infonerf", TINY);
-    train(out.path(), &plan, Existing::Refuse, Some(2));
+    train(out.path(), &plan, Existing::Continue, Some(2));
     let address = serve(out.path());
     let (status, page) = get(address, "/");
     assert!(status == 200 && page.starts_with(b"<!doctype html>"));
@@ -142,7 +142,7 @@ fn a_run_is_followed_while_it_trains() {
     assert_eq!(field["cameras"].as_array().unwrap().len(), 4);
     assert_eq!(json(address, &format!("/progress?run={run}"))["steps"].as_array().unwrap().len(), 2);
 
-    train(out.path(), &plan, Existing::Resume, None);
+    train(out.path(), &plan, Existing::Continue, None);
     let after = json(address, "/runs");
     assert_eq!(after[0]["state"], "finished");
     assert_ne!(after[0]["stamp"], before[0]["stamp"]);
@@ -163,13 +163,13 @@ fn a_field_that_is_no_factored_one_is_baked() {
     let set: Vec<&str> = others.copied().chain([nerf, "loss.tv.weight=0"]).collect();
     let plan = plan("nerf", &set);
     // Coarsely while it trains.
-    let folder = train(out.path(), &plan, Existing::Refuse, Some(2));
+    let folder = train(out.path(), &plan, Existing::Continue, Some(2));
     let address = serve(&folder);
     let live = json(address, "/field?run=0/.");
     assert_eq!(live["voxels"], 96);
     assert_eq!(live["note"], "2 steps; not the field itself, but baked to 96 voxels along its box");
     assert_eq!(live["cameras"].as_array().unwrap().len(), 4);
-    train(out.path(), &plan, Existing::Resume, None);
+    train(out.path(), &plan, Existing::Continue, None);
     let finished = json(address, "/field?run=0/.");
     assert!(finished["voxels"].as_u64().unwrap() > 96 && finished["note"].as_str().unwrap().starts_with("4 steps"));
 }

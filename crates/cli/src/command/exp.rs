@@ -106,7 +106,6 @@ fn in_process(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
     };
     let folder = session.experiment_folder(&experiment.about.name);
     refuse_unreadable(&folder.join("results.json"))?;
-    session.refuse_finished(&experiment.runs)?;
     let live = args.view.map(|port| Live::start(&folder, port, session.device.clone())).transpose()?;
     interrupt::install()?;
     if output == Output::Text {
@@ -133,12 +132,12 @@ fn in_process(args: &ExpArgs, experiment: &Experiment) -> Result<ExitCode> {
                 records = save_record(&folder, &record)?;
             }
             Finished::Kept(record) => {
-                output.say(format_args!("{label}: finished before and kept"));
+                output.say(format_args!("{label}: {} (finished before)", summary(&record)));
                 output.tell(&json!({ "event": "record", "run": label, "record": &record }));
                 records = save_record(&folder, &record)?;
             }
             Finished::Stopped => {
-                output.say(format_args!("{label}: saved; the same command with --resume continues it"));
+                output.say(format_args!("{label}: saved; {} continues it", args.existing.same_command()));
                 output.tell(&json!({ "event": "stopped", "run": label }));
                 return Ok(ExitCode::from(INTERRUPTED));
             }

@@ -62,7 +62,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
         progress.watch(event)
     })?;
     if !pretrained.finished {
-        outln!("{}: saved; the same command with --resume continues it", about.name);
+        outln!("{}: saved; {} continues it", about.name, args.existing.same_command());
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let mean = last.iter().sum::<f32>() / last.len() as f32;

@@ -138,11 +138,8 @@ fn same_command(sweeps: &[Sweep]) -> &'static str {
 
 /// Says what there is to do.
 fn announce(sweep: &Sweep, prepared: &Prepared) {
-    let State { kept, stale, .. } = prepared.state();
+    let State { kept, .. } = prepared.state();
     outln!("{}: {} runs, {kept} of them finished before and kept", sweep.about.name, sweep.len());
-    if *stale > 0 {
-        outln!("{stale} finished before with other data, program, device or first weights: run again");
-    }
     if let Some(warning) = &prepared.warning {
         errln!("warning: {warning}");
     }

@@ -25,6 +25,11 @@ fn is_record(name: &OsStr) -> bool {
 
 /// Removes what an earlier run left.
 pub(crate) fn clear(folder: &Path) -> Result<()> {
+    // First: without a config the run counts as not begun, should this be interrupted.
+    let config = folder.join("config.toml");
+    if config.exists() {
+        fs::remove_file(&config).with_context(|| config.display().to_string())?;
+    }
     for name in FOLDERS {
         let path = folder.join(name);
         if path.exists() {

@@ -11,13 +11,11 @@ mod train;
 mod trained;
 mod volume;
 
-use std::collections::BTreeSet;
 use std::fs;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use infonerf_report::{Record, read_records};
 use infonerf_train::{Trainer, without_collapsed};
-use toml::{Table, Value};
 
 pub use evaluate::picture_notes;
 pub use folder::is_finished;
@@ -45,7 +43,7 @@ impl Session {
     ///
     /// # Errors
     /// If the scene cannot be read, training meets a number that is not finite, a file cannot be written, another process is
-    /// at work on the run, or it is there already and [`Existing`] refuses that.
+    /// at work on the run, or [`Existing::Continue`] finds it begun with another config, data, program or device.
     pub fn run(&self, plan: &RunPlan, watch: &mut Watch<'_>) -> Result<Finished> {
         let folder = self.run_folder(plan);
         fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
@@ -53,11 +51,14 @@ impl Session {
         if let Some(warning) = warning {
             watch(RunEvent::Warning(warning));
         }
-        self.refuse_finished(std::slice::from_ref(plan))?;
         let identity = Identity::of(plan, self.device.name.name())?;
-        let resumes = self.can_resume(plan, &folder, &identity)?;
+        let config = plan.to_toml()?;
+        let continues = self.existing == Existing::Continue && folder.join("config.toml").exists();
+        if continues {
+            identity.refuse_another(&folder, &config)?;
+        }
         let record = plan.record_path(&folder);
-        if resumes && record.exists() {
+        if continues && record.exists() {
             let record = read_records(&record)?.pop().with_context(|| format!("{}: no record", record.display()))?;
             return Ok(Finished::Kept(Box::new(record)));
         }
@@ -72,11 +73,12 @@ impl Session {
         }
         // What an earlier run left stays until this one is known to be possible.
         let mut first_trainer = Some(plan.trainer(&scene, 0, None, &self.device.device)?);
-        if !resumes {
+        if !continues {
             clear(&folder)?;
         }
-        infonerf_report::write_atomically(&folder.join("config.toml"), plan.to_toml()?.as_bytes())?;
+        // In this order: a run that has a config has an identity.
         identity.write(&folder)?;
+        infonerf_report::write_atomically(&folder.join("config.toml"), config.as_bytes())?;
         let mut trainers = Vec::new();
         let mut stopped = false;
         for first in (0..members).step_by(beside) {
@@ -126,54 +128,4 @@ impl Session {
             None => Finished::Stopped,
         })
     }
-
-    /// Whether the run in `folder` is resumed.
-    fn can_resume(&self, plan: &RunPlan, folder: &std::path::Path, identity: &Identity) -> Result<bool> {
-        let path = folder.join("config.toml");
-        if !self.existing.resumes() || !path.exists() {
-            return Ok(false);
-        }
-        let Some(then) = Identity::read(folder) else {
-            return match self.existing {
-                Existing::Resume => bail!(
-                    "{}: --resume needs the run's identity.json, which is missing or of another version",
-                    folder.display()
-                ),
-                _ => Ok(false),
-            };
-        };
-        let changes = identity.changes(&then);
-        if changes.is_empty() {
-            return Ok(true);
-        }
-        if self.existing == Existing::ResumeUnchanged {
-            return Ok(false);
-        }
-        let found = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
-        let difference = match first_difference(&found.parse()?, &plan.to_toml()?.parse()?) {
-            Some((key, then, now)) => format!(" ({}: {key} was {then} and is {now})", path.display()),
-            None => String::new(),
-        };
-        bail!(
-            "{}: --resume needs the run as it began, but {} changed{difference}",
-            folder.display(),
-            changes.join(" and ")
-        )
-    }
-}
-
-/// The first key at which two configs differ, and its value in each.
-fn first_difference(then: &Table, now: &Table) -> Option<(String, String, String)> {
-    let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
-    keys.into_iter().find_map(|key| match (then.get(key), now.get(key)) {
-        (Some(Value::Table(then)), Some(Value::Table(now))) => {
-            let (rest, then, now) = first_difference(then, now)?;
-            Some((format!("{key}.{rest}"), then, now))
-        }
-        (then, now) if then == now => None,
-        (then, now) => {
-            let shown = |value: Option<&Value>| value.map_or_else(|| "absent".to_owned(), Value::to_string);
-            Some((key.clone(), shown(then), shown(now)))
-        }
-    })
 }

@@ -47,7 +47,7 @@ fn record(out: &Path, plan: &RunPlan, existing: Existing) -> (Box<Record>, usize
 fn a_field_that_went_empty_has_no_part_in_the_pictures() {
     let out = tempfile::tempdir().unwrap();
     let plan = plan(&["train.ensemble.size=2"]);
-    let (both, fields) = record(out.path(), &plan, Existing::Refuse);
+    let (both, fields) = record(out.path(), &plan, Existing::Continue);
     assert_eq!(fields, 2);
     // The second field is made to have gone empty.
     let folder = out.path().join(&plan.experiment).join(plan.directory());
@@ -57,7 +57,7 @@ fn a_field_that_went_empty_has_no_part_in_the_pictures() {
     assert!(text.contains(full), "{text}");
     fs::write(&manifest, text.replace(full, empty)).unwrap();
 
-    let (one, fields) = record(out.path(), &plan, Existing::Resume);
+    let (one, fields) = record(out.path(), &plan, Existing::Continue);
     assert!(fields == 1 && !one.collapsed, "{fields} fields");
     assert_ne!(one.metrics["psnr"], both.metrics["psnr"]);
     assert_eq!(one.iterations, both.iterations);
@@ -73,7 +73,7 @@ fn tested_view_gets_no_residual_of_its_own() {
     let psnr = |residuals: &str| {
         let out = tempfile::tempdir().unwrap();
         let plan = plan(&[&settings[..], &[residuals]].concat());
-        let (record, _) = record(out.path(), &plan, Existing::Refuse);
+        let (record, _) = record(out.path(), &plan, Existing::Continue);
         assert_eq!(record.test_views.ids, record.train_views);
         assert!(record.notes.iter().any(|note| note.contains("each without its own residual")), "{:?}", record.notes);
         record.metrics["psnr"].unwrap()
@@ -89,7 +89,7 @@ fn training_is_saved_when_its_watcher_panics() {
         RunEvent::Training { trainer, .. } if trainer.progress().step == 2 => panic!("a closed pipe"),
         _ => Control::Continue,
     };
-    let ran = catch_unwind(AssertUnwindSafe(|| run(out.path(), &plan, Existing::Refuse, &mut watch)));
+    let ran = catch_unwind(AssertUnwindSafe(|| run(out.path(), &plan, Existing::Continue, &mut watch)));
     assert!(ran.is_err());
     let folder = out.path().join(&plan.experiment).join(plan.directory());
     assert_eq!(Checkpoint::load(&folder).unwrap().0.unwrap().progress().step, 2);
@@ -105,7 +105,7 @@ fn unseen_poses_of_the_data_set_are_noted() {
         (&["train.unseen=dataset", "loss.entropy.weight=0", "loss.kl.rays=all"], true),
     ] {
         let out = tempfile::tempdir().unwrap();
-        let (record, _) = record(out.path(), &plan(settings), Existing::Refuse);
+        let (record, _) = record(out.path(), &plan(settings), Existing::Continue);
         let found = record.notes.iter().any(|note| note.starts_with("unseen poses"));
         assert_eq!(found, noted, "{settings:?}: {:?}", record.notes);
     }

@@ -28,7 +28,7 @@ pub fn run_item(
     let Some((folder, out)) = folder.and_then(|folder| Some((folder, folder.parent()?))) else {
         bail!("{}: expected to be in the folder {}", path.display(), plan.experiment);
     };
-    let session = Session::new(device, out, Existing::ResumeUnchanged).until(until).with_networks(networks);
+    let session = Session::new(device, out, Existing::Continue).until(until).with_networks(networks);
     let finished = session.run(&plan, watch)?;
     if let Finished::Record(record, _) = &finished {
         save_own_record(folder, record)?;

@@ -85,8 +85,6 @@ pub struct State {
     peak: Option<u64>,
     /// Number of runs that were finished before and are kept.
     pub kept: usize,
-    /// Number of runs that were finished before and are run again, since what their numbers depend on has changed.
-    pub stale: usize,
 }
 
 impl Prepared {
@@ -228,10 +226,6 @@ impl Sweep {
         let locked = runs.map(|run| Ok((lock(&run, "run")?, run))).collect::<Result<Vec<_>>>()?;
         for (_lock, run) in &locked {
             clear(run)?;
-            let config = run.join("config.toml");
-            if config.exists() {
-                fs::remove_file(&config).with_context(|| config.display().to_string())?;
-            }
         }
         Ok(())
     }
@@ -239,19 +233,18 @@ impl Sweep {
     /// Which items are finished on `device`, below `out`.
     fn state(&self, out: &Path, device: DeviceName) -> Result<State> {
         let mut state =
-            State { folder: out.join(&self.about.name), device, missing: Vec::new(), peak: None, kept: 0, stale: 0 };
+            State { folder: out.join(&self.about.name), device, missing: Vec::new(), peak: None, kept: 0 };
         for (index, Item { plan, .. }) in self.items.iter().enumerate() {
             let run = state.folder.join(plan.directory());
-            refuse_another_config(plan, &run)?;
+            if run.join("config.toml").exists() {
+                Identity::of(plan, device.name())?.refuse_another(&run, &plan.to_toml()?)?;
+            }
             let record = plan.record_path(&run);
-            if !record.exists() {
-                state.missing.push(index);
-            } else if Identity::read(&run) == Some(Identity::of(plan, device.name())?) {
+            if record.exists() {
                 state.kept += 1;
                 let peaks = read_records(&record)?.into_iter().filter_map(|record| record.peak_rss_bytes);
                 state.peak = state.peak.max(peaks.max());
             } else {
-                state.stale += 1;
                 state.missing.push(index);
             }
         }
@@ -287,13 +280,4 @@ impl Sweep {
 fn is_stale(plan: &RunPlan, folder: &Path, device: DeviceName) -> Result<bool> {
     let run = folder.join(plan.directory());
     Ok(run.join("config.toml").exists() && Identity::read(&run) != Some(Identity::of(plan, device.name())?))
-}
-
-/// A run of the same name with other settings is not overwritten.
-fn refuse_another_config(plan: &RunPlan, run: &Path) -> Result<()> {
-    let path = run.join("config.toml");
-    if path.exists() && fs::read_to_string(&path).with_context(|| path.display().to_string())? != plan.to_toml()? {
-        bail!("{}: a run of this name has another config: choose another --out, or move it away", path.display());
-    }
-    Ok(())
 }
