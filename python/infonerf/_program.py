@@ -100,13 +100,6 @@ def _stop(child: subprocess.Popen[str]) -> None:
         child.kill()
 
 
-def call(*args: str) -> None:
-    """Runs the program without looking at what it prints."""
-    with tempfile.TemporaryFile() as errors:
-        child = subprocess.run([str(program()), *args], stdout=subprocess.DEVNULL, stderr=errors, check=False)
-        _check(child.returncode, errors)
-
-
 def arguments(options: Mapping[str, Option]) -> list[str]:
     """Options of the command line: `{"scene": ["a", "b"], "set": {"x": 1}, "overwrite": True}` as
     `--scene=a --scene=b --set=x=1 --overwrite`."""

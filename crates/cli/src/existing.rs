@@ -7,7 +7,7 @@ use infonerf_experiment::Existing;
 pub(crate) struct ExistingArgs {
     /// Start runs that exist already anew, instead of continuing them
     #[arg(long)]
-    pub(crate) overwrite: bool,
+    overwrite: bool,
 }
 
 impl ExistingArgs {

@@ -438,6 +438,7 @@ fn the_presets_of_the_paper_run() {
 fn help_can_be_learned_from() {
     let place = Workplace::new();
     let help = text(&place.run("--help").succeeds().stdout);
+    assert!(!help.contains("sweep-item"), "{help}");
     for command in ["exp", "eval", "render", "export", "view", "scene", "list"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command}: {help}");
     }
@@ -445,16 +446,44 @@ fn help_can_be_learned_from() {
     for part in ["--data", "--scene", "--seed", "--set", "--budget", "--overwrite", "Examples:"] {
         assert!(help.contains(part), "{part}: {help}");
     }
+    // Devices that are not built in are not offered, and internal commands are not listed.
+    assert!(help.contains("flex") && !help.contains("cuda"), "{help}");
+    let help = text(&place.run("eval --help").succeeds().stdout);
+    let (own, pictures) = help.split_once("Pictures of other programs:").unwrap();
+    assert!(own.contains("--device") && own.contains("--test") && pictures.contains("--renders"), "{help}");
     let whole = place.run("help").succeeds().stdout;
     assert_eq!(place.run("help --help").succeeds().stdout, whole);
 }
 
 #[test]
-fn shells_and_man_are_told_of_every_command() {
+fn experiments_and_their_settings_are_described() {
+    let place = Workplace::new();
+    let described = text(&place.run("list fast-losses").succeeds().stdout);
+    for part in ["variants  ", "infonerf+", "scenes    ", "castle", "data      built-in", "training  ", "[variants."] {
+        assert!(described.contains(part), "{part}: {described}");
+    }
+    place.run("list nothing").fails_with(&["nothing", "expected an experiment file or one of"]);
+    let config = "config fast-losses --variant infonerf --set train.rays=77";
+    let printed = text(&place.run(config).succeeds().stdout);
+    for (start, origin) in
+        [("train.rays = 77 ", "# --set"), ("scene.background = ", "# preset fast"), ("loss.entropy.weight", "# ")]
+    {
+        assert!(printed.lines().any(|line| line.starts_with(start) && line.contains(origin)), "{start}: {printed}");
+    }
+    // It is a part of an experiment file.
+    let file = format!("base = \"fast-losses\"\nscenes = [\"knot\"]\n{printed}");
+    fs::write(place.path("mine.toml"), file).unwrap();
+    let again = text(&place.run("config mine.toml --variant infonerf").succeeds().stdout);
+    assert!(again.lines().any(|line| line.starts_with("train.rays = 77 ") && line.contains("# mine.toml")), "{again}");
+    place.run("config fast-losses --variant best").fails_with(&["--variant best", "infonerf"]);
+}
+
+#[test]
+fn shells_and_man_have_every_command() {
     let place = Workplace::new();
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         let script = text(&place.run(&["completions", shell]).succeeds().stdout);
-        for part in ["infonerf", "exp", "sweep", "budget"] {
+        for part in ["infonerf", "exp", "sweep", "budget", "fast-losses", "orrery", "train.iterations="] {
             assert!(script.contains(part), "{shell}: {part}");
         }
     }

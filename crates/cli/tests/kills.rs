@@ -120,7 +120,8 @@ fn two_runs_in_one_folder() {
         assert!(patience.elapsed() < Duration::from_secs(60), "no checkpoint in a minute");
         std::thread::sleep(Duration::from_millis(3));
     }
-    place.tiny(RUN).fails_with(&["another process is at work on this run", FOLDER]);
+    let again = place.tiny(RUN).args("--set train.iterations=100000");
+    again.fails_with(&["another process is at work on this run", FOLDER]);
     first.kill().unwrap();
     first.wait().unwrap();
 }

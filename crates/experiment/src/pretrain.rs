@@ -62,20 +62,17 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     }
     watch(RunEvent::Started { fields: 0..1, of: 1 });
     let mut training = [Training::new(trainer, folder.clone())?];
-    train(&mut training, plan.config.train.checkpoint_every, session.until, watch)?;
+    train(&mut training, plan.config.train.checkpoint_every, watch)?;
     watch(RunEvent::Ended);
     let [field] = training;
-    let (trainer, ended) = field.into_parts();
-    let finished = matches!(ended, crate::run::Ended::Over);
-    Ok(Pretrained { folder, progress: trainer.progress().clone(), finished })
+    Ok(Pretrained { folder, progress: field.trainer().progress().clone(), finished: field.is_over() })
 }
 
 /// Returns how far the model in `folder` is, if there is nothing more to train.
 fn finished_progress(folder: &Path, plan: &RunPlan) -> Result<Option<Progress>> {
     let progress = Checkpoint::load(folder)?.0.map(|checkpoint| checkpoint.progress().clone());
-    let is_over = |progress: &Progress| {
-        progress.step >= plan.config.train.iterations || progress.early_stopping.plateaued
-    };
+    let is_over =
+        |progress: &Progress| progress.step >= plan.config.train.iterations || progress.early_stopping.plateaued;
     Ok(progress.filter(is_over))
 }
 

@@ -15,44 +15,6 @@ pub enum ReportError {
         /// The reason given.
         reason: io::Error,
     },
-    /// The file is not JSON, or not a list of records.
-    #[error("{}: not a list of records: {reason}", path.display())]
-    Syntax {
-        /// The file.
-        path: PathBuf,
-        /// What was expected, and where.
-        reason: String,
-    },
-    /// A record lacks a field, or holds something else in it.
-    #[error("{}: record {index}: field `{field}`: {reason}", path.display())]
-    Field {
-        /// The file.
-        path: PathBuf,
-        /// Position of the record in the file, from 0.
-        index: usize,
-        /// The field's name.
-        field: String,
-        /// What was expected.
-        reason: String,
-    },
-    /// A name of a record cannot be a folder's name.
-    #[error("{}: `{field}` is {value:?}: expected a name that can be a folder's: {reason}", path.display())]
-    Name {
-        /// The folder under which it would lie.
-        path: PathBuf,
-        /// `experiment`, `scene`, `variant` or `preset`.
-        field: &'static str,
-        /// The name.
-        value: String,
-        /// Why it cannot.
-        reason: String,
-    },
-    /// Other processes replaced the file again and again.
-    #[error("{}: other processes kept writing it; the record itself is saved, save any record again", path.display())]
-    Contended {
-        /// The file.
-        path: PathBuf,
-    },
     /// No run has a picture of a test view, or of any.
     #[error("{}: no run has a picture of {}", path.display(), view.map_or("any test view".to_owned(), |view| format!("test view {view}")))]
     NoPictures {

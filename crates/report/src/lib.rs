@@ -1,6 +1,6 @@
 //! Records of runs, and the tables, charts and reports made from them.
 //!
-//! - [`Record`]: one run as `results.json` holds it; [`save_record`] adds one safely while other processes do the same.
+//! - [`Record`]: one run as `results.json` holds it.
 //! - [`Table`]: variants against scenes or metrics, mean ± standard deviation over seeds, best in bold, as Markdown,
 //!   CSV, LaTeX or plain text, always below the [protocol](protocol_lines) that its numbers follow.
 //! - [`Published`]: a paper's own figures, and [`Claim`]: what it says about their order, tested on records.
@@ -51,7 +51,6 @@ mod report;
 mod results;
 mod run;
 mod schema;
-mod store;
 mod table;
 mod tensorboard;
 mod text;
@@ -76,7 +75,6 @@ pub use report::{ReportFiles, write_report};
 pub use results::{Results, results_document};
 pub use run::{Run, RunKey, VIEWER_PAGE, run_directory};
 pub use schema::RESULTS_SCHEMA;
-pub use store::{read_records, save_own_record, save_record, write_records};
 pub use table::{Cell, Column, Emphasis, Row, Table, overview_table, scene_table};
 pub use tensorboard::{tensorboard_events, write_tensorboard};
 pub use text::escape_html;

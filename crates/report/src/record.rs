@@ -122,13 +122,6 @@ impl Record {
         }
         self
     }
-
-    /// The first field that is not an optional metric and yet NaN or infinite.
-    pub(crate) fn non_finite_field(&self) -> Option<(&'static str, f64)> {
-        [("train_seconds", self.train_seconds), ("render_seconds_per_image", self.render_seconds_per_image)]
-            .into_iter()
-            .find(|(_, value)| !value.is_finite())
-    }
 }
 
 /// Of the keys that a record has beside its own, those of metrics, in the order of [`METRICS`].

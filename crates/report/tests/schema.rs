@@ -1,9 +1,7 @@
 //! The JSON schema of `results.json` says what records hold, and what reading them needs.
 
-use std::fs;
-
 use infonerf_metrics::METRICS;
-use infonerf_report::{CameraErrors, RESULTS_SCHEMA, Record, Setting, read_records};
+use infonerf_report::{CameraErrors, RESULTS_SCHEMA, Record, Setting};
 use serde_json::{Map, Value};
 
 /// A record in which everything has a value.
@@ -83,13 +81,11 @@ fn what_is_required_is_what_reading_needs() {
     let schema: Value = serde_json::from_str(RESULTS_SCHEMA).unwrap();
     let required: Vec<&str> =
         schema["items"]["required"].as_array().unwrap().iter().map(|key| key.as_str().unwrap()).collect();
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("results.json");
     let record = serde_json::to_value(full()).unwrap();
     for key in keys(&record) {
         let mut without = record.clone();
         without.as_object_mut().unwrap().remove(key);
-        fs::write(&path, serde_json::to_vec(&[without]).unwrap()).unwrap();
-        assert_eq!(read_records(&path).is_err(), required.contains(&key.as_str()), "{key}");
+        let read = serde_json::from_value::<Record>(without);
+        assert_eq!(read.is_err(), required.contains(&key.as_str()), "{key}");
     }
 }

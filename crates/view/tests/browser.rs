@@ -264,7 +264,8 @@ fn the_live_page_shows_a_run() {
 fn two_runs_are_compared_under_one_camera() {
     let out = tempfile::tempdir().unwrap();
     let set = ["train.iterations=150", "eval.test=first-1"];
-    let exact = train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), Existing::Continue, None);
+    let exact =
+        train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), Existing::Continue, None);
     let baked = train(out.path(), &plan_of("integration", "mipnerf", &set), Existing::Continue, None);
     let url = serve(out.path(), None);
     let run = |folder: &Path| format!("0/{}", folder.strip_prefix(out.path()).unwrap().display());

@@ -95,18 +95,26 @@ fn training_is_saved_when_its_watcher_panics() {
     assert_eq!(Checkpoint::load(&folder).unwrap().0.unwrap().progress().step, 2);
 }
 
-/// The note is there where a term looks at unseen poses of the data set, whichever term, and nowhere else.
+/// A part must not pass for the whole.
 #[test]
-fn unseen_poses_of_the_data_set_are_noted() {
-    for (settings, noted) in [
-        (&["train.unseen=dataset"][..], true),
-        (&["train.unseen=sphere"], false),
-        (&["train.unseen=dataset", "loss.entropy.rays=seen", "loss.kl.weight=0"], false),
-        (&["train.unseen=dataset", "loss.entropy.weight=0", "loss.kl.rays=all"], true),
-    ] {
-        let out = tempfile::tempdir().unwrap();
-        let (record, _) = record(out.path(), &plan(settings), Existing::Continue);
-        let found = record.notes.iter().any(|note| note.starts_with("unseen poses"));
-        assert_eq!(found, noted, "{settings:?}: {:?}", record.notes);
-    }
+fn missing_fields_and_unfinished_training_are_warned_of() {
+    let out = tempfile::tempdir().unwrap();
+    let plan = plan(&["train.ensemble.size=3", "train.checkpoint_every=1"]);
+    record(out.path(), &plan, Existing::Continue);
+    let folder = out.path().join(&plan.experiment).join(plan.directory());
+    fs::remove_dir_all(folder.join("member1")).unwrap();
+    let device = open(DeviceName::Flex).unwrap();
+    let trained = Trained::read(plan.clone(), &folder, &device).unwrap();
+    assert_eq!(trained.trainers.len(), 2, "the fields after the missing one take part");
+    assert!(matches!(&trained.warnings[..], [missing] if missing.contains("member1: no checkpoint: one of 3 fields")));
+
+    let other = tempfile::tempdir().unwrap();
+    let mut stop = |event: RunEvent<'_>| match event {
+        RunEvent::Training { trainer, .. } if trainer.progress().step == 1 => Control::Stop,
+        _ => Control::Continue,
+    };
+    assert!(matches!(run(other.path(), &plan, Existing::Continue, &mut stop), Finished::Stopped));
+    let folder = other.path().join(&plan.experiment).join(plan.directory());
+    let warnings = Trained::read(plan, &folder, &device).unwrap().warnings;
+    assert!(warnings.iter().any(|warning| warning.contains("unfinished: 33.3 %")), "{warnings:?}");
 }
