@@ -15,46 +15,8 @@ pub enum ReportError {
         /// Reason given.
         reason: io::Error,
     },
-    /// File that is not JSON, or not a list of records.
-    #[error("{}: not a list of records: {reason}", path.display())]
-    Syntax {
-        /// File.
-        path: PathBuf,
-        /// Expected contents, and their place.
-        reason: String,
-    },
-    /// Field of a record that is missing or holds something else.
-    #[error("{}: record {index}: field `{field}`: {reason}", path.display())]
-    Field {
-        /// File.
-        path: PathBuf,
-        /// Position of the record in the file, from 0.
-        index: usize,
-        /// Name of the field.
-        field: String,
-        /// Expected value.
-        reason: String,
-    },
-    /// Name of a record that cannot be a folder's name.
-    #[error("{}: `{field}` is {value:?}: expected a name that can be a folder's: {reason}", path.display())]
-    Name {
-        /// Folder under which it would lie.
-        path: PathBuf,
-        /// `experiment`, `scene`, `variant` or `preset`.
-        field: &'static str,
-        /// Name.
-        value: String,
-        /// Reason why it cannot.
-        reason: String,
-    },
-    /// File that other processes kept replacing.
-    #[error("{}: other processes kept writing it; the record itself is saved, save any record again", path.display())]
-    Contended {
-        /// File.
-        path: PathBuf,
-    },
     /// Test view, or any, of which no run has an image.
-    #[error("{}: no run has an image of {}", path.display(), view.map_or("any test view".to_owned(), |view| format!("test view {view}")))]
+    #[error("{}: no run has a picture of {}", path.display(), view.map_or("any test view".to_owned(), |view| format!("test view {view}")))]
     NoPictures {
         /// Folder of the experiment.
         path: PathBuf,

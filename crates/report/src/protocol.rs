@@ -1,4 +1,4 @@
-use crate::{Record, table::distinct};
+use crate::{Record, TestViews, table::distinct};
 
 /// Views, or values that nothing explains, that a line names one by one; it counts more of them.
 const MAX_LISTED: usize = 8;
@@ -24,7 +24,11 @@ pub fn protocol_lines<R: AsRef<Record>>(records: &[R]) -> Vec<String> {
             _ => joined(&record.train_views),
         }),
         described(records, "test views ", "", |record| {
-            format!("{} ({})", record.test_views.protocol, record.test_views.count)
+            let TestViews { protocol, count, .. } = &record.test_views;
+            match protocol.as_str() {
+                "training" => format!("training ({count}; how well these are fitted, nothing of new views)"),
+                _ => format!("{protocol} ({count})"),
+            }
         }),
         described(records, "", " pixels", |record| format!("{} × {}", record.image_size[0], record.image_size[1])),
         match seeds.len() {

@@ -129,13 +129,6 @@ impl Record {
         }
         self
     }
-
-    /// Returns the first field other than a metric that is NaN or infinite.
-    pub(crate) fn non_finite_field(&self) -> Option<(&'static str, f64)> {
-        [("train_seconds", self.train_seconds), ("render_seconds_per_image", self.render_seconds_per_image)]
-            .into_iter()
-            .find(|(_, value)| !value.is_finite())
-    }
 }
 
 /// Reads the metrics among the keys that are no field of a record, in the order of [`METRICS`].

@@ -84,7 +84,7 @@ fn drawn_and_rendered(page: &Path, run: &Trained, view: usize) -> (Vec<u8>, Rend
 fn page_draws_the_programs_renders() {
     let out = tempfile::tempdir().unwrap();
     let set = ["train.iterations=300", "scene.size=64", "eval.test=first-1"];
-    let folder = train(out.path(), &plan("infonerf+", &set), Existing::Refuse, None);
+    let folder = train(out.path(), &plan("infonerf+", &set), Existing::Continue, None);
     let run = read(&folder);
     let file = folder.join("page.html");
     fs::write(&file, page(&run, &folder, None).unwrap()).unwrap();
@@ -113,7 +113,7 @@ fn page_draws_baked_fields() {
     {
         let out = tempfile::tempdir().unwrap();
         let set = ["train.iterations=300", "eval.test=first-1"];
-        let folder = train(out.path(), &plan_of(experiment, variant, &set), Existing::Refuse, None);
+        let folder = train(out.path(), &plan_of(experiment, variant, &set), Existing::Continue, None);
         let run = read(&folder);
         let file = folder.join("page.html");
         let start = Instant::now();
@@ -172,7 +172,7 @@ const CONTROLS: &str = "
 #[ignore = "needs a browser: just test-view"]
 fn controls_move_the_camera() {
     let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Refuse, None);
+    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
     let run = read(&folder);
     let file = out.path().join("page.html");
     let before = "stage.viewer.stop();";
@@ -227,7 +227,7 @@ const TURN: &str = "
 #[ignore = "needs a browser: just test-view"]
 fn forward_facing_scene_is_turned_no_farther_than_its_cameras() {
     let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan_on("facade", "fast-losses", "infonerf", common::TINY), Existing::Refuse, None);
+    let folder = train(out.path(), &plan_on("facade", "fast-losses", "infonerf", common::TINY), Existing::Continue, None);
     let run = read(&folder);
     let file = out.path().join("page.html");
     let before = "stage.viewer.stop();";
@@ -289,7 +289,7 @@ const SLOW: &str = "
 #[ignore = "needs a browser: just test-view"]
 fn image_at_rest_is_whole_where_drawing_is_slow() {
     let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Refuse, None);
+    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
     let run = read(&folder);
     let file = out.path().join("page.html");
     let end = "} catch (error) {\n  showFallback(root, error, scene);";
@@ -309,7 +309,7 @@ fn image_at_rest_is_whole_where_drawing_is_slow() {
 #[ignore = "needs a browser: just test-view"]
 fn browser_without_webgl_shows_the_reason_and_the_images() {
     let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Refuse, None);
+    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
     let run = read(&folder);
     let file = out.path().join("page.html");
     fs::write(&file, page(&run, &folder, None).unwrap()).unwrap();
@@ -331,7 +331,7 @@ fn serve(root: &Path, training: Option<TrainingControl>) -> String {
 #[ignore = "needs a browser: just test-view"]
 fn live_page_shows_a_run() {
     let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Refuse, None);
+    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
     // Losses of 0 and less are drawn like others.
     let log = folder.join("metrics.jsonl");
     let step = |step: usize, value: f64| {
@@ -360,8 +360,9 @@ fn live_page_shows_a_run() {
 fn two_runs_are_compared_under_one_camera() {
     let out = tempfile::tempdir().unwrap();
     let set = ["train.iterations=150", "eval.test=first-1"];
-    let exact = train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), Existing::Refuse, None);
-    let baked = train(out.path(), &plan_of("integration", "mipnerf", &set), Existing::Refuse, None);
+    let exact =
+        train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), Existing::Continue, None);
+    let baked = train(out.path(), &plan_of("integration", "mipnerf", &set), Existing::Continue, None);
     let url = serve(out.path(), None);
     let run = |folder: &Path| format!("0/{}", folder.strip_prefix(out.path()).unwrap().display());
     let query = format!("run={}&beside={}&camera=2&size={SIZE}", run(&exact), run(&baked));

@@ -99,6 +99,7 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
             let search = PoseSearch { without_colmap: *without_colmap, focal };
             from_images(dir, &search, |line| outln!("{line}"))?;
             show(dir, false, None)?;
+            print_next(dir);
         }
         SceneCommand::Export { name, dir, format, size } => {
             export(name, *size, *format, dir)?;
@@ -106,6 +107,17 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Prints the command that trains on a capture whose poses are known.
+fn print_next(dir: &Path) {
+    let whole = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
+    if let (Some(data), Some(scene)) = (whole.parent(), whole.file_name().and_then(|name| name.to_str())) {
+        let data = if dir.parent().is_some_and(|parent| parent.as_os_str().is_empty()) { Path::new(".") } else { data };
+        let words = ["--data", &data.display().to_string(), "--scene", scene].map(str::to_owned);
+        let words = shlex::try_join(words.iter().map(String::as_str)).unwrap_or_default();
+        outln!("next: infonerf exp capture {words} --variant infonerf+ --set eval.test=training --budget 60s");
+    }
 }
 
 fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
@@ -127,29 +139,29 @@ fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
 /// How far the first field of a run has moved the training cameras.
 fn show_run(dir: &Path, page: Option<&Path>) -> Result<()> {
     let trained = Trained::read(RunPlan::of_run(dir)?, dir, &open_device(DeviceName::Auto)?)?;
-    let (scene, learnt) = (trained.scene(), trained.trainers[0].cameras());
+    let (scene, learned) = (trained.scene(), trained.trainers[0].cameras());
     let given = scene.given_cameras();
     let apart = |of: &[Camera], from: &[Camera]| {
         let error = PoseError::of(of, from, scene.space.centre.as_dvec3());
         format!("{:.2}° and {:.2} % of their distance", error.rotation_deg, error.translation_percent)
     };
-    outln!("learnt cameras: {} from the given ones", apart(&learnt, &given));
+    outln!("learned cameras: {} from the given ones", apart(&learned, &given));
     if let Some(exact) = &scene.exact_cameras {
-        outln!("error of the given cameras: {}; of the learnt ones: {}", apart(&given, exact), apart(&learnt, exact));
+        outln!("error of the given cameras: {}; of the learned ones: {}", apart(&given, exact), apart(&learned, exact));
     }
     if let Some(page) = page {
         let exact = scene.exact_cameras.as_ref().unwrap_or(&given);
-        let to_scene = Similarity::between(exact, &learnt, scene.space.centre.as_dvec3()).inverse();
-        let learnt: Vec<Camera> = learnt.iter().map(|camera| to_scene.camera(camera)).collect();
+        let to_scene = Similarity::between(exact, &learned, scene.space.centre.as_dvec3()).inverse();
+        let learned: Vec<Camera> = learned.iter().map(|camera| to_scene.camera(camera)).collect();
         let mut as_given = scene.as_ref().clone();
         as_given.train.iter_mut().zip(given).for_each(|(view, camera)| view.camera = camera);
-        write_page(page, &as_given, &learnt)?;
+        write_page(page, &as_given, &learned)?;
     }
     Ok(())
 }
 
-fn write_page(page: &Path, scene: &Scene, learnt: &[Camera]) -> Result<()> {
-    write_atomically(page, info_page(scene, learnt).as_bytes())?;
+fn write_page(page: &Path, scene: &Scene, learned: &[Camera]) -> Result<()> {
+    write_atomically(page, info_page(scene, learned).as_bytes())?;
     errln!("{}", page.display());
     Ok(())
 }
@@ -162,7 +174,7 @@ fn longest_side(dir: &Path) -> Result<u32> {
     Ok(width.max(height))
 }
 
-/// Prints what may be wrong, a line each; nothing is a good sign.
+/// Prints what may be wrong with a capture, a line each.
 fn warn(dir: &Path) -> Result<()> {
     let (views, warnings) = check_folder(dir).context("the scene cannot be loaded")?;
     for warning in &warnings {

@@ -55,7 +55,7 @@ pub(crate) fn run(args: &WeightsArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What each of the known weights is for, where it is published, and where it is here.
+/// Lists what each of the known weights is for, where it is published, and where it is here.
 fn list(store: &Store) {
     for Status { weights, path } in store.status() {
         let place = path.as_ref().map_or_else(|| "not here".to_owned(), |path| path.display().to_string());

@@ -6,9 +6,8 @@ use std::path::{Path, PathBuf};
 
 use infonerf_experiment::{
     Control, DeviceName, Existing, Experiment, Finished, OpenDevice, RunEvent, RunPlan, Selection, Session, Trained,
-    open,
+    open, save_record,
 };
-use infonerf_report::save_record;
 
 /// Settings of a run of a few steps, with a field of small tables.
 pub const TINY: &[&str] = &[
@@ -58,7 +57,7 @@ pub fn train(out: &Path, plan: &RunPlan, existing: Existing, stop: Option<usize>
     };
     let folder = session.experiment_folder(&plan.experiment);
     match session.run(plan, &mut watch).unwrap() {
-        Finished::Record(record, _) => drop(save_record(&folder, &record).unwrap()),
+        Finished::Record(record, _) => save_record(&folder, &record).unwrap(),
         Finished::Stopped => assert!(stop.is_some()),
         Finished::Kept(_) => panic!("the run was finished before"),
     }

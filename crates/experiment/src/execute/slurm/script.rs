@@ -1,4 +1,4 @@
-//! Shell scripts of jobs, with the scheduler's options as comments.
+//! Shell scripts of jobs, with Slurm's options as comments.
 
 use std::ffi::OsString;
 use std::fs;
@@ -8,14 +8,12 @@ use anyhow::{Context, Result, bail};
 
 /// A script that is being written.
 pub(super) struct Script {
-    /// How a line with an option begins, such as `#SBATCH`.
-    prefix: &'static str,
     text: String,
 }
 
 impl Script {
-    pub(super) fn new(prefix: &'static str) -> Self {
-        Self { prefix, text: "#!/bin/sh\n".to_owned() }
+    pub(super) fn new() -> Self {
+        Self { text: "#!/bin/sh\n".to_owned() }
     }
 
     /// Adds `--name="value"`.
@@ -24,13 +22,13 @@ impl Script {
             bail!("--{name} {value:?}: expected no line breaks or other control characters");
         }
         let value = value.replace('\\', "\\\\").replace('"', "\\\"");
-        self.text.push_str(&format!("{} --{name}=\"{value}\"\n", self.prefix));
+        self.text.push_str(&format!("#SBATCH --{name}=\"{value}\"\n"));
         Ok(())
     }
 
     /// Adds an option without a value.
     pub(super) fn flag(&mut self, name: &str) {
-        self.text.push_str(&format!("{} --{name}\n", self.prefix));
+        self.text.push_str(&format!("#SBATCH --{name}\n"));
     }
 
     /// Adds a line of shell.
@@ -63,7 +61,7 @@ mod tests {
 
     #[test]
     fn options_and_words_are_quoted() {
-        let mut script = Script::new("#SBATCH");
+        let mut script = Script::new();
         script.option("output", "a \"b\"/%A.log").unwrap();
         script.flag("requeue");
         assert_eq!(script.text, "#!/bin/sh\n#SBATCH --output=\"a \\\"b\\\"/%A.log\"\n#SBATCH --requeue\n");

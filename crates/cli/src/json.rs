@@ -1,57 +1,52 @@
-//! What a command prints on standard output: text, nothing, or events for other programs.
+//! Events of an experiment as JSON, one object per line, for other programs.
 
 use std::time::{Duration, Instant};
 
 use infonerf_experiment::RunEvent;
+use infonerf_experiment::execute::{PlanEvent, RunEnd};
 use infonerf_train::Event;
 use serde_json::{Value, json};
 
-use crate::print::outln;
-
-/// Time between two steps that are told.
+/// Time between two steps that are printed.
 const REFRESH: Duration = Duration::from_secs(1);
 
-/// How a command says what it does.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Output {
-    /// For people: lines and progress bars.
-    Text,
-    /// Not at all.
-    Quiet,
-    /// One JSON object per line.
-    Json,
-}
-
-impl Output {
-    /// Prints a line for people.
-    pub(crate) fn say(self, line: impl std::fmt::Display) {
-        if self == Self::Text {
-            outln!("{line}");
-        }
-    }
-
-    /// Prints an event for programs.
-    pub(crate) fn tell(self, event: &Value) {
-        if self == Self::Json {
-            outln!("{event}");
-        }
-    }
-}
-
-/// Tells the events of one run as JSON, steps once per second.
-pub(crate) struct Told<'a> {
-    label: &'a str,
+/// Turns events into JSON, steps once per second.
+#[derive(Default)]
+pub(crate) struct JsonEvents {
+    runs: usize,
     last: Option<Instant>,
 }
 
-impl<'a> Told<'a> {
-    pub(crate) fn new(label: &'a str) -> Self {
-        Self { label, last: None }
+impl JsonEvents {
+    /// The object to print for an event, if there is one.
+    pub(crate) fn event(&mut self, event: &PlanEvent<'_>) -> Option<Value> {
+        match event {
+            PlanEvent::Started(sweep, _) => {
+                self.runs = sweep.len();
+                None
+            }
+            PlanEvent::Run(index, plan, event) => {
+                let run = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
+                self.run_event(&run, event)
+            }
+            PlanEvent::RunEnded(index, plan, ended) => {
+                let run = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
+                self.last = None;
+                Some(match ended {
+                    RunEnd::Trained(record, _) | RunEnd::Kept(record) => {
+                        json!({ "event": "record", "run": run, "record": record })
+                    }
+                    RunEnd::Stopped => json!({ "event": "stopped", "run": run }),
+                    RunEnd::Finished(_) | RunEnd::Failed(_) => return None,
+                })
+            }
+            PlanEvent::Over => None,
+            PlanEvent::Written(_, outcome, _) => outcome
+                .map(|outcome| json!({ "event": "finished", "report": outcome.report, "numbers": outcome.results })),
+        }
     }
 
-    /// The event to print, if it is to be printed.
-    pub(crate) fn event(&mut self, event: &RunEvent<'_>) -> Option<Value> {
-        let run = self.label;
+    fn run_event(&mut self, run: &str, event: &RunEvent<'_>) -> Option<Value> {
         Some(match event {
             RunEvent::Loading => json!({ "event": "loading", "run": run }),
             RunEvent::Started { fields, of } => {

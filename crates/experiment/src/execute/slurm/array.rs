@@ -1,4 +1,4 @@
-//! Items as the tasks of arrays, whose ids have to be below a scheduler's limit.
+//! Items as the tasks of arrays, whose ids have to be below Slurm's limit.
 
 /// Items `base + task` for each of `tasks`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -10,7 +10,7 @@ pub struct Array {
 }
 
 impl Array {
-    /// The arrays of `items`, which rise: every id is below `limit`.
+    /// Puts `items`, which rise, into arrays in which every id is below `limit`.
     pub(super) fn of(items: &[usize], limit: usize) -> Vec<Self> {
         let limit = limit.max(1);
         let same = |a: &usize, b: &usize| a / limit == b / limit;
@@ -21,7 +21,7 @@ impl Array {
         items.chunk_by(same).map(array).collect()
     }
 
-    /// The ids as ranges, such as `0-3,7,9-12`: what Slurm and HyperQueue both read.
+    /// The ids as ranges, such as `0-3,7,9-12`.
     pub(super) fn ranges(&self) -> String {
         let runs = self.tasks.chunk_by(|a, b| a + 1 == *b);
         let range = |run: &[usize]| match run {
