@@ -65,7 +65,6 @@ fn metrics(psnr: f64) -> Values {
     let value = |key: &str| match key {
         "psnr" => Some(psnr),
         "ssim" => Some(0.4 + psnr / 50.0),
-        "gmsd" => Some(0.2),
         "sharpness" => Some(0.04 * psnr),
         "depth_error" => Some(6.0 / psnr),
         _ => None,

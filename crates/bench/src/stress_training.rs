@@ -3,26 +3,23 @@
 use std::sync::Arc;
 
 use anyhow::{Context, Result};
+use infonerf_experiment::RunPlan;
 use infonerf_report::chart::{Frame, heat_map};
 use infonerf_scene::{Range, Scene};
 use infonerf_train::{Event, Outcome, TrainError, Trainer, evaluate_view};
 use serde::Serialize;
+use serde_json::json;
 
-use super::context::Bench;
-use super::options::Options;
-use super::output::TextTable;
-use super::trial::with_settings;
-use infonerf_experiment::RunPlan;
-
-const SEEDS: u32 = 20;
-const STEPS: u32 = 80;
+use crate::context::Bench;
+use crate::output::{TextTable, number};
+use crate::trial::with_settings;
 
 const PROTOCOL: &str = "each row: one run per seed of a tiny field on 24-pixel images, with the other settings as the preset has \
                         them; train PSNR is of the first training view, rendered in the end; recovered: started over with \
-                        other weights and ended with a field that is not empty; faint: ended with empty pictures, \
+                        other weights and ended with a field that is not empty; faint: ended with empty renders, \
                         for which a run is reported as collapsed";
 
-/// Under which a run takes a second.
+/// Settings with which a run takes a second.
 const TINY: [&str; 11] = [
     "scene.size=24",
     "eval.test=first-1",
@@ -37,10 +34,10 @@ const TINY: [&str; 11] = [
     "render.occupancy.every=8",
 ];
 
-/// The fast field, smaller.
+/// Small factored field.
 const FACTORED: [&str; 3] = ["field.resolutions=[8,16,32]", "field.channels=2", "field.width=16"];
 
-/// The paper's field and losses, smaller: ReLU density, a coarse network, no priors.
+/// Small network with the paper's losses: ReLU density, a coarse network, no priors.
 const NERF: [&str; 7] = [
     "field={kind=\"nerf\",layers=3,width=32,skip=1,position_frequencies=6,direction_frequencies=2,density=\"relu\",detail=1.0}",
     "render.samples=16",
@@ -51,25 +48,25 @@ const NERF: [&str; 7] = [
     "train.lr=5e-4",
 ];
 
-/// What is done to the scene before training.
+/// Change of the scene before training.
 type Change = fn(&mut Scene);
 
-struct Setting {
+struct StressSetting {
     name: &'static str,
     field: &'static [&'static str],
     settings: &'static [&'static str],
     change: Change,
 }
 
-const fn fast(name: &'static str, settings: &'static [&'static str], change: Change) -> Setting {
-    Setting { name, field: &FACTORED, settings, change }
+const fn fast(name: &'static str, settings: &'static [&'static str], change: Change) -> StressSetting {
+    StressSetting { name, field: &FACTORED, settings, change }
 }
 
-const fn nerf(name: &'static str, settings: &'static [&'static str]) -> Setting {
-    Setting { name, field: &NERF, settings, change: keep }
+const fn nerf(name: &'static str, settings: &'static [&'static str]) -> StressSetting {
+    StressSetting { name, field: &NERF, settings, change: keep }
 }
 
-const SETTINGS: [Setting; 27] = [
+const SETTINGS: [StressSetting; 27] = [
     fast("as configured", &[], keep),
     fast("lambda1 = 0", &["loss.entropy.weight=0"], keep),
     fast("lambda1 = 0.1", &["loss.entropy.weight=0.1"], keep),
@@ -104,77 +101,81 @@ const SETTINGS: [Setting; 27] = [
     ),
 ];
 
-/// All seeds of one setting.
-#[derive(Serialize)]
-struct Row {
+/// Outcome of all seeds of one setting.
+#[derive(Default, Serialize)]
+struct SettingOutcome {
     setting: &'static str,
     runs: usize,
-    /// Stopped because a loss was not finite.
+    /// Runs stopped because a loss was not finite.
     stopped: usize,
-    /// Ended with weights that render something not finite.
+    /// Runs that ended with weights or renders that are not finite.
     not_finite: usize,
-    /// Ended as collapsed, and said so.
+    /// Runs that ended, and were reported, as collapsed.
     collapsed: usize,
-    /// Fresh starts, over all runs.
+    /// Restarts of all runs together.
     restarts: usize,
+    /// Runs that restarted and ended with a field that is not empty.
     recovered: usize,
+    /// Runs that ended with empty renders, which an experiment reports as collapsed.
     faint: usize,
     train_psnr: Option<f64>,
 }
 
-#[derive(Serialize)]
-struct Results<'a> {
-    steps: u32,
-    rows: &'a [Row],
-}
-
-/// Whether no number anywhere was other than finite, and no collapse went unnoticed.
-pub(super) fn run(bench: &Bench, options: &Options, say: &mut dyn FnMut(&str)) -> Result<bool> {
-    let (seeds, steps) = (u64::from(options.seeds.unwrap_or(SEEDS)), options.steps.unwrap_or(STEPS));
-    let plan = bench.plans.first().context("expected at least one run to measure")?;
+/// Returns whether all losses, weights and renders were finite.
+pub(crate) fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&str)) -> Result<bool> {
+    let plan = bench.first_plan();
     let mut rows = Vec::new();
     for setting in &SETTINGS {
         rows.push(measure(bench, plan, setting, seeds, steps)?);
-        // What is done so far stays if the rest is interrupted.
-        bench.save_results(PROTOCOL, &Results { steps, rows: &rows })?;
+        // Results so far stay if the rest is interrupted.
+        bench.save_results(PROTOCOL, &rows, json!({ "steps": steps }))?;
     }
-    let table = table(&rows);
-    say(&format!("\n{}", table.to_text()));
-    bench.save_csv("stress-training", &table)?;
+    let table = TextTable::new(
+        &rows,
+        &[
+            ("setting", |row: &SettingOutcome| row.setting.to_owned()),
+            ("runs", |row| row.runs.to_string()),
+            ("stopped", |row| row.stopped.to_string()),
+            ("not finite", |row| row.not_finite.to_string()),
+            ("collapsed", |row| row.collapsed.to_string()),
+            ("restarts", |row| row.restarts.to_string()),
+            ("recovered", |row| row.recovered.to_string()),
+            ("faint", |row| row.faint.to_string()),
+            ("train PSNR", |row| number(row.train_psnr, 2)),
+        ],
+    );
+    print(&format!("\n{}", table.to_text()));
+    bench.save_csv(&table)?;
     draw(bench, &rows)?;
     Ok(rows.iter().all(|row| row.stopped == 0 && row.not_finite == 0))
 }
 
-fn measure(bench: &Bench, plan: &RunPlan, setting: &'static Setting, seeds: u64, steps: u32) -> Result<Row> {
+fn measure(
+    bench: &Bench,
+    plan: &RunPlan,
+    setting: &'static StressSetting,
+    seeds: u32,
+    steps: u32,
+) -> Result<SettingOutcome> {
     let iterations = format!("train.iterations={steps}");
     let settings: Vec<&str> =
         TINY.iter().chain(setting.field).chain(setting.settings).copied().chain([iterations.as_str()]).collect();
     let plan = with_settings(plan, &settings).with_context(|| setting.name)?;
-    let mut row = Row {
-        setting: setting.name,
-        runs: 0,
-        stopped: 0,
-        not_finite: 0,
-        collapsed: 0,
-        restarts: 0,
-        recovered: 0,
-        faint: 0,
-        train_psnr: None,
-    };
+    let mut outcome = SettingOutcome { setting: setting.name, ..SettingOutcome::default() };
     let mut psnrs = Vec::new();
-    for seed in 0..seeds {
+    for seed in (0..seeds).map(u64::from) {
         let plan = RunPlan { seed, ..plan.clone() };
         let mut scene = plan.load()?;
         (setting.change)(&mut scene);
         let mut trainer = Trainer::new(&plan.config, scene, seed, None, &bench.device)?;
-        psnrs.extend(row.count(&mut trainer)?);
+        psnrs.extend(outcome.count(&mut trainer)?);
     }
-    row.train_psnr = (!psnrs.is_empty()).then(|| psnrs.iter().sum::<f64>() / psnrs.len() as f64);
-    Ok(row)
+    outcome.train_psnr = (!psnrs.is_empty()).then(|| psnrs.iter().sum::<f64>() / psnrs.len() as f64);
+    Ok(outcome)
 }
 
-impl Row {
-    /// Trains to the end and counts what came of it; returns the PSNR of the first training view.
+impl SettingOutcome {
+    /// Trains to the end and counts the outcome; returns the PSNR of the first training view.
     fn count(&mut self, trainer: &mut Trainer) -> Result<Option<f64>> {
         self.runs += 1;
         let outcome = loop {
@@ -195,7 +196,7 @@ impl Row {
             }
         };
         let view = &trainer.scene().train[0].clone();
-        // A checkpoint is refused if a weight is not finite, an evaluation if a pixel is not.
+        // A checkpoint refuses weights that are not finite, an evaluation refuses such pixels.
         let rendered = trainer.checkpoint(&mut |_| ());
         let rendered = rendered.and_then(|_| evaluate_view(trainer.renderer(), &[trainer.trained()], view));
         let Ok(rendered) = rendered else {
@@ -223,7 +224,7 @@ fn identical(scene: &mut Scene) {
     scene.train.iter_mut().for_each(|view| *view = first.clone());
 }
 
-/// Every camera turned about its own upright axis by half a turn.
+/// Turns every camera about its own upright axis by half a turn.
 fn looking_away(scene: &mut Scene) {
     for view in &mut scene.train {
         let pose = &mut view.camera.to_world;
@@ -237,13 +238,13 @@ fn paint(scene: &mut Scene, color: fn(usize) -> [f32; 3]) {
     }
 }
 
-/// Any colour, decided by its place.
+/// Returns a random colour that depends on the pixel alone.
 fn noise(pixel: usize) -> [f32; 3] {
     let mut rng = fastrand::Rng::with_seed(pixel as u64);
     [rng.f32(), rng.f32(), rng.f32()]
 }
 
-/// Everything `factor` times as large.
+/// Scales cameras, ranges and bounds by `factor`.
 fn scale(scene: &mut Scene, factor: f32) {
     let views = scene.train.iter_mut().chain(&mut scene.test).map(|view| &mut view.camera);
     for camera in views.chain(&mut scene.all_train_cameras) {
@@ -258,34 +259,13 @@ fn scale(scene: &mut Scene, factor: f32) {
     (space.bounds.min, space.bounds.max) = (space.bounds.min * factor, space.bounds.max * factor);
 }
 
-fn table(rows: &[Row]) -> TextTable {
-    let mut table = TextTable::new(&[
-        "setting",
-        "runs",
-        "stopped",
-        "not finite",
-        "collapsed",
-        "restarts",
-        "recovered",
-        "faint",
-        "train PSNR",
-    ]);
-    for row in rows {
-        let counts = [row.runs, row.stopped, row.not_finite, row.collapsed, row.restarts, row.recovered, row.faint]
-            .map(|n| n.to_string());
-        let psnr = row.train_psnr.map_or_else(|| "-".into(), |psnr| format!("{psnr:.2}"));
-        table.row([row.setting.to_owned()].into_iter().chain(counts).chain([psnr]).collect());
-    }
-    table
-}
-
-/// How many runs of each setting stopped, collapsed, recovered.
-fn draw(bench: &Bench, rows: &[Row]) -> Result<()> {
+/// Draws the number of runs of each setting by outcome.
+fn draw(bench: &Bench, rows: &[SettingOutcome]) -> Result<()> {
     let columns = ["stopped", "not finite", "collapsed", "recovered", "faint"].map(str::to_owned);
     let labels: Vec<String> = rows.iter().map(|row| row.setting.to_owned()).collect();
-    let counts = |row: &Row| [row.stopped, row.not_finite, row.collapsed, row.recovered, row.faint];
+    let counts = |row: &SettingOutcome| [row.stopped, row.not_finite, row.collapsed, row.recovered, row.faint];
     let values: Vec<Vec<Option<f64>>> =
         rows.iter().map(|row| counts(row).into_iter().map(|count| Some(count as f64)).collect()).collect();
-    let svg = heat_map(&Frame::new("runs, by what came of them", "", ""), &columns, &labels, &values)?;
+    let svg = heat_map(&Frame::new("runs by outcome", "", ""), &columns, &labels, &values)?;
     bench.save_chart("stress-training", &svg)
 }
