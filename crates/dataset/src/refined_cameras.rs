@@ -39,7 +39,8 @@ pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
     };
     let unproject: Vec<_> = scene.train.iter().map(|view| move |pixel| point_at_depth_one(view, pixel)).collect();
     let posed = scene.train.iter().zip(&unproject).map(|(view, unproject)| {
-        let image = GreyImage::luma(view.image.width as usize, view.image.height as usize, view.image.rgb.iter().copied());
+        let image =
+            GreyImage::luma(view.image.width as usize, view.image.height as usize, view.image.rgb.iter().copied());
         Posed { image, pose: camera_pose(&view.camera.to_world), unproject }
     });
     let pixels = mean(&|camera| (camera.fx * camera.fy).sqrt());

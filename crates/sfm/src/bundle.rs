@@ -4,7 +4,7 @@
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{DMatrix, DVector};
 
-use crate::camera::{SimpleRadial, Pose};
+use crate::camera::{Pose, SimpleRadial};
 
 /// Parameters of the lens: the logarithm of the focal length, and `k1`.
 const LENS: usize = 2;
@@ -338,7 +338,8 @@ mod tests {
         let moved = all.poses.iter().map(|pose| pose.moved(DVec3::ZERO, DVec3::X * 0.5)).collect();
         let expected = PosePrior { poses: moved, turn_deviation: 0.1, shift_deviation: 0.25 };
         assert!((cost(&all, longer, Some(&expected)) - 21.0).abs() < 1e-9, "and 2 · (0.5 / 0.25)²");
-        all.points[0].seen = vec![(0, all.lens.project(all.poses[0].transform(all.points[0].position)).unwrap() + 2.0 * DVec2::X)];
+        all.points[0].seen =
+            vec![(0, all.lens.project(all.poses[0].transform(all.points[0].position)).unwrap() + 2.0 * DVec2::X)];
         assert!((cost(&all, longer, Some(&expected)) - 21.0 - 5f64.ln()).abs() < 1e-9);
     }
 

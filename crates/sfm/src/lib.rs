@@ -25,7 +25,7 @@ mod triangulate;
 mod two_view;
 
 pub use bundle::Point;
-pub use camera::{SimpleRadial, Pose};
+pub use camera::{Pose, SimpleRadial};
 pub use pairs::{ImageMatches, explains, verified_matches};
-pub use reconstruction::{Photograph, SparseModel, SfmSettings, reconstruct};
+pub use reconstruction::{Photograph, SfmSettings, SparseModel, reconstruct};
 pub use refine::{Posed, Refined, Uncertainty, refine};

@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use crate::bundle::{Adjustment, Bundle, Point, PosePrior, Prior};
-use crate::camera::{SimpleRadial, Pose};
+use crate::camera::{Pose, SimpleRadial};
 use crate::p3p::p3p;
 use crate::ransac::Ransac;
 use crate::tracks::Track;
@@ -94,7 +94,8 @@ impl<'a> Mapper<'a> {
     fn keep_certain(mut self) -> Self {
         loop {
             let points = self.points();
-            let count = |photograph: usize| points.iter().filter(|p| p.seen.iter().any(|(i, _)| *i == photograph)).count();
+            let count =
+                |photograph: usize| points.iter().filter(|p| p.seen.iter().any(|(i, _)| *i == photograph)).count();
             let placed = (0..self.poses.len()).filter(|&i| self.poses[i].is_ok());
             let fewest = placed.map(|i| (count(i), i)).min();
             let Some((count, photograph)) = fewest.filter(|(count, _)| *count < MIN_POINTS) else { return self };

@@ -115,9 +115,9 @@ impl Best {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use infonerf_scene::image::GreyImage;
     use crate::sift::features;
     use glam::DVec2;
+    use infonerf_scene::image::GreyImage;
 
     /// Blobs of all sizes, drawn in a frame that is turned, scaled and moved.
     fn picture(to_picture: impl Fn(DVec2) -> DVec2, scale: f64) -> GreyImage {

@@ -4,13 +4,13 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use crate::bundle::{Point, Prior};
-use crate::camera::{SimpleRadial, Pose};
-use infonerf_scene::image::GreyImage;
+use crate::camera::{Pose, SimpleRadial};
 use crate::mapper::Mapper;
 use crate::matching::{FEWEST, Matches, matches_of_pairs};
 use crate::sift::{Features, features};
 use crate::tracks::tracks;
 use crate::two_view::{TwoView, verified};
+use infonerf_scene::image::GreyImage;
 
 /// Focal lengths that are tried where none is known, over the longer side: wide angle to short telephoto.
 const GUESSES: [f64; 4] = [0.65, 0.85, 1.15, 1.6];
@@ -165,13 +165,7 @@ enum Mapped {
 }
 
 /// Maps with one guess of the lens, and returns the best of the reconstructions from several pairs.
-fn map(
-    features: &[Features],
-    matched: &[Matches],
-    lens: (SimpleRadial, Prior),
-    tolerance: f64,
-    seed: u64,
-) -> Mapped {
+fn map(features: &[Features], matched: &[Matches], lens: (SimpleRadial, Prior), tolerance: f64, seed: u64) -> Mapped {
     let (agreed, views): (Vec<Matches>, Vec<TwoView>) =
         verified(features, matched, &lens.0, tolerance, seed).into_iter().unzip();
     let tracks = tracks(features, &agreed);

@@ -6,8 +6,7 @@ use glam::{DQuat, DVec2};
 use rayon::prelude::*;
 
 use crate::bundle::{Point, PosePrior, Prior};
-use crate::camera::{SimpleRadial, Pose};
-use infonerf_scene::image::GreyImage;
+use crate::camera::{Pose, SimpleRadial};
 use crate::mapper::Mapper;
 use crate::matching::matches_of_pairs;
 use crate::reconstruction::SfmSettings;
@@ -15,6 +14,7 @@ use crate::sift::{Features, LENGTH, features};
 use crate::tracks::tracks;
 use crate::triangulate::triangulate;
 use crate::two_view::verified;
+use infonerf_scene::image::GreyImage;
 
 /// Points may always fall this many pixels from where they are seen.
 const MIN_TOLERANCE: f64 = 1.0;

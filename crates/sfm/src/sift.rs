@@ -144,7 +144,8 @@ impl Octave {
             };
             let value = at(0, 0, 0);
             let unit = [(1, 0, 0), (0, 1, 0), (0, 0, 1)];
-            let derivative = |i: usize| 0.5 * (at(unit[i].0, unit[i].1, unit[i].2) - at(-unit[i].0, -unit[i].1, -unit[i].2));
+            let derivative =
+                |i: usize| 0.5 * (at(unit[i].0, unit[i].1, unit[i].2) - at(-unit[i].0, -unit[i].1, -unit[i].2));
             let bend = |i: usize, j: usize| {
                 let ((ax, ay, az), (bx, by, bz)) = (unit[i], unit[j]);
                 if i == j {
@@ -303,7 +304,8 @@ mod tests {
         let turned = found(&|x, _| 0.01 * if x.abs() < 3.0 { x } else { x.signum() * (6.0 - x.abs()) });
         assert!(turned.len() == 1 && turned[0] < 10.0, "{turned:?}");
         // 45° near the middle, 55° farther away.
-        let between = found(&|x, y| 0.01 * (y + if x.abs() < 3.0 { x } else { x.signum() * (3.0 + 0.7 * (x.abs() - 3.0)) }));
+        let between =
+            found(&|x, y| 0.01 * (y + if x.abs() < 3.0 { x } else { x.signum() * (3.0 + 0.7 * (x.abs() - 3.0)) }));
         assert!(between.len() == 1 && (46.0..50.0).contains(&between[0]), "{between:?}");
     }
 

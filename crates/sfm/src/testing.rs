@@ -5,7 +5,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::bundle::{Bundle, Point};
-use crate::camera::{SimpleRadial, Pose};
+use crate::camera::{Pose, SimpleRadial};
 
 /// Returns points in a box of side 2, seen without error from `cameras` places 4 away, in pictures of 1000 × 800.
 pub(crate) fn world(seed: u64, cameras: usize, points: usize) -> Bundle {

@@ -5,7 +5,7 @@ use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 
 use crate::bundle::{Adjustment, Bundle, Point, Prior};
-use crate::camera::{SimpleRadial, Pose};
+use crate::camera::{Pose, SimpleRadial};
 use crate::essential::{five_point, poses, sampson};
 use crate::matching::{FEWEST, Matches};
 use crate::ransac::Ransac;
@@ -75,7 +75,8 @@ pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &SimpleRadial, toleranc
 /// below `threshold`.
 fn flatness(rays: &[(DVec2, DVec2)], threshold: f64, seed: u64) -> f64 {
     let ransac = Ransac { sample: 4, threshold, most: HOMOGRAPHIES, seed };
-    let solve = |sample: &[usize]| homography(&sample.iter().map(|&i| rays[i]).collect::<Vec<_>>()).into_iter().collect();
+    let solve =
+        |sample: &[usize]| homography(&sample.iter().map(|&i| rays[i]).collect::<Vec<_>>()).into_iter().collect();
     let error = |h: &DMat3, i: usize| {
         let (from, to) = rays[i];
         let at = *h * from.extend(1.0);
@@ -170,12 +171,13 @@ mod tests {
         let all = world(2, 1, 100);
         let turned = all.poses[0].moved(DVec3::new(0.02, 0.15, 0.01), DVec3::ZERO);
         let turned = Pose { translation: turned.rotation * -all.poses[0].centre(), ..turned };
-        let matches: Vec<_> = all
-            .points
-            .iter()
-            .map(|p| (p.seen[0].1, all.lens.project(turned.transform(p.position)).unwrap()))
-            .collect();
-        let flat = |matches: &[(DVec2, DVec2)]| two_view(matches, &all.lens, 2.0, 0).map_or(1.0, |view| view.flat);
-        assert!(flat(&matches) > 0.95);
+        let ray = |pose: &Pose, point: DVec3| all.lens.unproject(all.lens.project(pose.transform(point)).unwrap());
+        let rays = |second: &Pose| -> Vec<(DVec2, DVec2)> {
+            all.points.iter().map(|p| (ray(&all.poses[0], p.position), ray(second, p.position))).collect()
+        };
+        let moved = turned.moved(DVec3::ZERO, DVec3::X);
+        let threshold = (2.0 / all.lens.focal).powi(2);
+        let [flat, deep] = [turned, moved].map(|second| flatness(&rays(&second), threshold, 0));
+        assert!(flat > 0.99 && deep < 0.5, "{flat} {deep}");
     }
 }

@@ -29,8 +29,8 @@ mod sweep;
 use infonerf_scene::image::resized_mask;
 use infonerf_scene::{Camera, Ray, Scene, View};
 
-use infonerf_scene::image::GreyImage;
 use crate::sweep::Sweep;
+use infonerf_scene::image::GreyImage;
 
 pub use map::DepthMap;
 

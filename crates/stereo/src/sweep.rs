@@ -4,8 +4,8 @@ use rayon::prelude::*;
 
 use crate::Disparities;
 use crate::correlation::Windows;
-use infonerf_scene::image::GreyImage;
 use crate::map::DepthMap;
+use infonerf_scene::image::GreyImage;
 
 /// Fewest planes that are tried.
 const MIN_PLANES: usize = 16;

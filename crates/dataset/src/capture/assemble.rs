@@ -14,7 +14,7 @@ use rayon::prelude::*;
 
 use super::mask::{check_valid, lens_mask, read_mask};
 use super::sizes::ImageScale;
-use super::{Capture, Found, same_proportions};
+use super::{Capture, Extent, Found, same_proportions};
 use crate::files::depth::read_depth;
 use crate::frame::{Frame, MaskRole};
 
@@ -41,7 +41,8 @@ struct Chosen<'f> {
 }
 
 /// Chooses views and their scale. A view that is in both pools and chosen for training is left out of the test, unless
-/// training views are to be tested. Views whose image is missing are not chosen unless they are asked for by id or name.
+/// training views are to be tested. Views of a capture whose image is missing are not chosen unless they are asked for by
+/// id or name; those of a data set, whose choice is published, are left out only if all are asked for.
 fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>, SceneError> {
     let mut warnings = Vec::new();
     let selection = by_image_names(&request.train, &found.train, &found.selections)?;
@@ -49,9 +50,10 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
     let mut train = select(&selection, &all, &found.selections)?;
     let is_there = |frame: &&Frame| frame.image.is_file();
     let there: Vec<&Frame> = all.iter().copied().filter(is_there).collect();
+    let is_capture = matches!(found.extent, Extent::Estimated(_));
     let is_explicit = matches!(selection, ViewSelection::Ids(_) | ViewSelection::Named(_));
     if let Some(lost) = train.iter().find(|frame| !is_there(frame))
-        && !is_explicit
+        && (selection == ViewSelection::All || is_capture && !is_explicit)
         && !there.is_empty()
     {
         warnings.push(format!(
@@ -72,10 +74,13 @@ fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>
         let lost: Vec<&Frame> = test.iter().copied().filter(|frame| !is_there(frame)).collect();
         if let Some(first) = lost.first()
             && lost.len() < test.len()
-            && !matches!(request.test, TestProtocol::Ids(_))
+            && (request.test == TestProtocol::All || is_capture && !matches!(request.test, TestProtocol::Ids(_)))
         {
             let (count, path) = (lost.len(), first.image.display());
-            warnings.push(format!("{count} of {} test images are not there, such as {path}: they are not tested", test.len()));
+            warnings.push(format!(
+                "{count} of {} test images are not there, such as {path}: they are not tested",
+                test.len()
+            ));
             test.retain(is_there);
         }
         test
@@ -179,7 +184,7 @@ pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene
     warnings.extend(check_valid(&train, &views, &mut test)?);
     let train_views = views;
     if request.test != TestProtocol::Training {
-        warnings.extend(leave_out_copies(&train_views, &mut test)?);
+        warnings.extend(leave_out_copies(&train_views, &mut test));
     }
     let tested: HashSet<&Path> = match request.test {
         TestProtocol::Training => HashSet::new(),
@@ -259,12 +264,9 @@ fn of_many_sizes(cameras: &[Camera], scale: &ImageScale) -> Option<String> {
     })
 }
 
-/// Leaves the test views out that show the photograph of a training view under another name, and warns of them, and of
-/// training views that show one photograph.
-///
-/// # Errors
-/// No test view is left.
-fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Result<Vec<String>, SceneError> {
+/// Leaves the test views out that show the photograph of a training view under another name, unless all do, and warns of
+/// them, and of training views that show one photograph.
+fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Vec<String> {
     let fingerprint = |view: &View| {
         let step = view.image.rgb.len().div_ceil(FINGERPRINT).max(1);
         view.image.rgb.iter().step_by(step).flatten().map(|value| value.to_bits()).collect::<Vec<u32>>()
@@ -281,8 +283,16 @@ fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Result<Vec<String>,
         }
     }
     let original = |view: &View| {
-        known.get(&fingerprint(view)).filter(|other| other.image == view.image && !is_blank(view)).map(|other| &other.name)
+        known
+            .get(&fingerprint(view))
+            .filter(|other| other.image == view.image && !is_blank(view))
+            .map(|other| &other.name)
     };
+    if test.iter().all(|view| original(view).is_some()) {
+        warnings
+            .push("all test views are copies of training views: they show nothing of how new views will look".into());
+        return warnings;
+    }
     test.retain(|view| match original(view) {
         Some(name) => {
             warnings.push(format!("{} is a copy of {name}, which is trained on: it is not tested", view.name));
@@ -290,10 +300,7 @@ fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Result<Vec<String>,
         }
         None => true,
     });
-    if test.is_empty() {
-        return Err(SceneError::request("test", "a view that is no copy of a training view", "none"));
-    }
-    Ok(warnings)
+    warnings
 }
 
 /// Refuses, before any is decoded, more images than memory should hold.
@@ -323,8 +330,7 @@ impl Reader<'_> {
         let at_once = (MAX_AT_ONCE / largest).clamp(1, 1 << 16) as usize;
         let mut views = Vec::with_capacity(frames.len());
         for (frames, cameras) in frames.chunks(at_once).zip(cameras.chunks(at_once)) {
-            let read: Vec<_> =
-                frames.par_iter().zip(cameras).map(|(frame, camera)| self.view(frame, camera)).collect();
+            let read: Vec<_> = frames.par_iter().zip(cameras).map(|(frame, camera)| self.view(frame, camera)).collect();
             // The first fault in the order of the views, whichever thread met it first.
             for view in read {
                 views.push(view?);

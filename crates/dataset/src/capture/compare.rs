@@ -58,8 +58,9 @@ pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> 
     let conventions = conventions(&poses, &names).into_iter().map(|(name, poses)| (share(&poses, 1.0), name));
     let mean = focal.iter().sum::<f64>() / focal.len() as f64;
     let longer = f64::from(cameras[0].width.max(cameras[0].height));
-    let focal_lengths = [0.5, 0.7, 0.9, 1.15, 1.5, 2.0, 3.0]
-        .map(|times| (share(&poses, times * longer / mean), format!("with focal lengths of about {times} image widths")));
+    let focal_lengths = [0.5, 0.7, 0.9, 1.15, 1.5, 2.0, 3.0].map(|times| {
+        (share(&poses, times * longer / mean), format!("with focal lengths of about {times} image widths"))
+    });
     let best = conventions.chain(focal_lengths).max_by(|a, b| a.0.total_cmp(&b.0));
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);
     let advice = match best {

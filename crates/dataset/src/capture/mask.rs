@@ -30,12 +30,12 @@ pub(super) fn find_masks(dir: &Path, format: Format, train: &mut [Frame], test: 
             frame.mask = Some((path, role));
         }
     }
-    let first = found.iter().min()?;
+    found.sort_unstable();
+    found.dedup();
+    let first = found.first()?;
     let mut images: Vec<&Path> = train.iter().chain(test.iter()).map(|frame| frame.image.as_path()).collect();
     images.sort_unstable();
     images.dedup();
-    found.sort_unstable();
-    found.dedup();
     let first = first.strip_prefix(dir).unwrap_or(first).display();
     Some(format!("{} of {} images have masks, such as {first}", found.len(), images.len()))
 }
@@ -76,7 +76,8 @@ pub(crate) fn read_mask(path: &Path, role: MaskRole, size: (u32, u32)) -> Result
         let expected = format!("a mask of {}×{} pixels like its image", size.0, size.1);
         return Err(SceneError::malformed(path, expected, format!("it has {}×{}", found.0, found.1)));
     }
-    let brightness = |&[r, g, b, a]: &[f32; 4]| if a > 0.0 { r.max(g).max(b) * if is_capture { a } else { 1.0 } } else { 0.0 };
+    let brightness =
+        |&[r, g, b, a]: &[f32; 4]| if a > 0.0 { r.max(g).max(b) * if is_capture { a } else { 1.0 } } else { 0.0 };
     let threshold = if is_capture { 0.5 * image.pixels.iter().map(brightness).fold(0.0, f32::max) } else { 0.0 };
     let counts = image.pixels.iter().map(|pixel| (brightness(pixel) > threshold) != (role == MaskRole::Dynamic));
     Ok(resized_mask(&counts.collect::<Vec<bool>>(), found, size))
@@ -145,12 +146,17 @@ mod tests {
         };
         let read = |role| read_mask(&path, role, (2, 1)).unwrap();
         // Labels of parts of a body, what JPEG leaves of black, and zeros and ones.
-        for (values, counts, capture) in
-            [([0, 9], [false, true], [false, true]), ([9, 255], [true; 2], [false, true]), ([0, 1], [false, true], [false, true])]
-        {
+        for (values, counts, capture) in [
+            ([0, 9], [false, true], [false, true]),
+            ([9, 255], [true; 2], [false, true]),
+            ([0, 1], [false, true], [false, true]),
+        ] {
             write(values);
             assert_eq!(read(MaskRole::Counts), counts);
-            assert_eq!((read(MaskRole::Capture), read(MaskRole::Dynamic)), (capture.to_vec(), capture.map(|c| !c).to_vec()));
+            assert_eq!(
+                (read(MaskRole::Capture), read(MaskRole::Dynamic)),
+                (capture.to_vec(), capture.map(|c| !c).to_vec())
+            );
         }
         assert_eq!(read_mask(&path, MaskRole::Capture, (4, 2)).unwrap()[4..], [false, false, true, true]);
         assert!(read_mask(&path, MaskRole::Counts, (4, 2)).unwrap_err().to_string().contains("it has 2×1"));

@@ -24,7 +24,8 @@ fn middle_and_spread(frames: &[Frame]) -> (DVec3, f64) {
         values.sort_by(f64::total_cmp);
         values.get(((values.len().max(1) - 1) as f64 * share).round() as usize).copied().unwrap_or(0.0)
     };
-    let middle = DVec3::from_array([0, 1, 2].map(|axis| median(frames.iter().map(|f| f.pose.w_axis[axis]).collect(), 0.5)));
+    let middle =
+        DVec3::from_array([0, 1, 2].map(|axis| median(frames.iter().map(|f| f.pose.w_axis[axis]).collect(), 0.5)));
     (middle, median(frames.iter().map(|f| place(f).distance(middle)).collect(), 0.75))
 }
 

@@ -3,7 +3,7 @@
 use infonerf_scene::{Camera, resized_dimensions};
 
 /// Images whose focal lengths in pixels differ by at most this share were taken at one scale: they are crops, or stand
-/// upright beside others that lie.
+/// upright among others that lie.
 const SAME_SCALE: f64 = 0.1;
 
 /// The scale at which the images of a scene are loaded: each in the middle of a canvas that all share.

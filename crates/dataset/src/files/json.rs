@@ -209,7 +209,9 @@ mod tests {
             "a": [1, NaN, -Infinity], /* "b": 2, */ "c": "// \" NaN /* */" }"#;
         let file = JsonFile::parse(Path::new("a.json"), text).unwrap();
         let (a, c) = (file.root().get("a", "").unwrap(), file.root().get("c", "").unwrap());
-        assert!(a.holds_null() && a.items("").unwrap()[0].number("").unwrap() == 1.0 && file.root().find("b").is_none());
+        assert!(
+            a.holds_null() && a.items("").unwrap()[0].number("").unwrap() == 1.0 && file.root().find("b").is_none()
+        );
         assert_eq!(c.text("").unwrap(), "// \" NaN /* */");
     }
 

@@ -151,7 +151,9 @@ impl<'a> Machine<'a> {
                     let items = if code == b'u' { self.above_mark()? } else { self.popped(2)? };
                     let (pairs, []) = items.as_chunks() else { return Err("a key without a value".into()) };
                     match self.top_object()? {
-                        Object::Dict(dict) => dict.extend(pairs.iter().map(|[key, value]| (key.clone(), value.clone()))),
+                        Object::Dict(dict) => {
+                            dict.extend(pairs.iter().map(|[key, value]| (key.clone(), value.clone())))
+                        }
                         _ => return Err("an entry for what is no dictionary".into()),
                     }
                     None

@@ -124,7 +124,11 @@ fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Opt
 fn off_the_box(scene: &Scene) -> Option<String> {
     let (centre, diagonal) = (scene.space.bounds.centre(), scene.space.bounds.size().length());
     let is_far = |camera: &Camera| camera.position().distance(centre) > FAR_OFF * diagonal;
-    faulty(scene, is_far, &format!("are more than {FAR_OFF} box diagonals away from the box (are scale and box right?)"))
+    faulty(
+        scene,
+        is_far,
+        &format!("are more than {FAR_OFF} box diagonals away from the box (are scale and box right?)"),
+    )
 }
 
 fn blind(scene: &Scene) -> Option<String> {
@@ -179,7 +183,8 @@ fn baseline(scene: &Scene) -> Option<String> {
 
 fn images(scene: &Scene) -> Vec<String> {
     let mut found = Vec::new();
-    let views = scene.train.iter().chain(scene.test.iter().filter(|test| scene.train.iter().all(|v| v.file != test.file)));
+    let views =
+        scene.train.iter().chain(scene.test.iter().filter(|test| scene.train.iter().all(|v| v.file != test.file)));
     let measured: Vec<(&View, f32, f32)> = views.map(|v| (v, detail(&v.image), spread(&v.image))).collect();
     let mut details: Vec<f32> = measured.iter().map(|m| m.1).collect();
     details.sort_by(f32::total_cmp);

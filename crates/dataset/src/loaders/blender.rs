@@ -47,7 +47,9 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         Err(SceneError::NotFound { .. }) => Vec::new(),
         // A list without frames, or with frames that have no pose.
         Err(SceneError::Field { field, found, .. }) if field == "frames" && found == "an array of 0" => Vec::new(),
-        Err(SceneError::Field { field, found, .. }) if field.ends_with("transform_matrix") && found == "nothing" => Vec::new(),
+        Err(SceneError::Field { field, found, .. }) if field.ends_with("transform_matrix") && found == "nothing" => {
+            Vec::new()
+        }
         Err(error) => return Err(error),
     };
     let mut found = if tested.is_empty() {
@@ -58,7 +60,7 @@ pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a
         }
         Found::new(dir, Format::Blender, numbered(train), numbered(test), extent)
     } else {
-        Found::new(dir, Format::Blender, numbered(train.frames), numbered(tested), extent)
+        Found::new(dir, Format::Blender, train.frames, tested, extent)
     };
     found.warnings = warnings;
     found.selections = selections;
@@ -87,7 +89,8 @@ fn extent(train: &Transforms, cameras: &[Camera], transparent: Option<bool>) -> 
         (None, Some(_)) => "near and far, which are",
         (Some(_), _) => "aabb, which is",
     };
-    let warning = format!("{MARKER} is not one of NeRF's synthetic scenes and has no {missing} estimated from the cameras");
+    let warning =
+        format!("{MARKER} is not one of NeRF's synthetic scenes and has no {missing} estimated from the cameras");
     let estimate = Estimate { range: train.range, bounds, transparent, ..Estimate::default() };
     (Extent::Estimated(estimate), Some(warning))
 }
@@ -254,7 +257,11 @@ mod tests {
             ("/frames/1/file_path", None, "`frames[1].file_path`"),
             ("/frames/1/file_path", Some(json!(3)), "`frames[1].file_path`"),
             ("/frames/1/file_path", Some(json!("")), "`frames[1].file_path`"),
-            (place, Some(json!([[1, 0, 0, 0]])), "rigid camera-to-world matrix (rotation and translation), found 1 rows"),
+            (
+                place,
+                Some(json!([[1, 0, 0, 0]])),
+                "rigid camera-to-world matrix (rotation and translation), found 1 rows",
+            ),
             ("/frames/1/transform_matrix/2/3", None, "`frames[1].transform_matrix[2]`"),
             ("/frames/1/transform_matrix/2/3", Some(json!("x")), "`frames[1].transform_matrix[2][3]`"),
             (place, Some(identity(0.0)), "found a singular matrix"),
@@ -285,11 +292,10 @@ mod tests {
     /// Without a test file, with an empty one, and with views that have no pose, every eighth view is held out.
     #[test]
     fn views_are_held_out_if_none_are_for_test() {
-        let change: [&dyn Fn(&std::path::Path); 3] = [
-            &|test| fs::remove_file(test).unwrap(),
-            &|test| edit(test, "/frames", Some(json!([]))),
-            &|test| (0..2).for_each(|i| edit(test, &format!("/frames/{i}/transform_matrix"), None)),
-        ];
+        let change: [&dyn Fn(&std::path::Path); 3] =
+            [&|test| fs::remove_file(test).unwrap(), &|test| edit(test, "/frames", Some(json!([]))), &|test| {
+                (0..2).for_each(|i| edit(test, &format!("/frames/{i}/transform_matrix"), None))
+            }];
         for change in change {
             let (_guard, dir) = folder();
             change(&dir.join("transforms_test.json"));

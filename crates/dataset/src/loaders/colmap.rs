@@ -216,11 +216,9 @@ mod tests {
     /// In `input`, named from the project's or another computer's folder, with other extensions.
     #[test]
     fn images_are_found_wherever_they_are() {
-        for (disk, named) in [
-            ("images/v", "/home/me/scan/images/v/0.png"),
-            ("images/v", "images\\v\\0.JPG"),
-            ("input/v", "v/0.png"),
-        ] {
+        for (disk, named) in
+            [("images/v", "/home/me/scan/images/v/0.png"), ("images/v", "images\\v\\0.JPG"), ("input/v", "v/0.png")]
+        {
             let guard = tempfile::tempdir().unwrap();
             folder(guard.path(), true);
             let mut all = Reconstruction::read(guard.path()).unwrap();
@@ -265,7 +263,8 @@ mod tests {
     #[ignore = "needs …/shared/data"]
     fn the_room_is_seen_from_within_or_around() {
         let dir = shared_data("colmap_room");
-        let crate::capture::Capture { found: parts, space, .. } = super::read(&dir, &request()).unwrap().understood().unwrap();
+        let crate::capture::Capture { found: parts, space, .. } =
+            super::read(&dir, &request()).unwrap().understood().unwrap();
         eprintln!("{:?} near {} far {} {:?} up {}", space.layout, space.near, space.far, space.bounds, space.up);
         assert_eq!(parts.train.len() + parts.test.len(), 41);
         assert!(!parts.train[0].lens.is_perspective() && parts.train[0].lens != Lens::PERSPECTIVE);

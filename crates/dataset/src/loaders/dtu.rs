@@ -199,8 +199,8 @@ mod tests {
     use zip::CompressionMethod;
 
     use super::super::testing::*;
-    use crate::files::npz::{self, NamedArray};
     use crate::export::projection;
+    use crate::files::npz::{self, NamedArray};
     use infonerf_scene::{Backdrop, Camera, Format, Layout, SceneRequest, TestProtocol, ViewSelection};
 
     /// Scale and translation of the unit sphere in the toy's world.

@@ -204,11 +204,11 @@ pub(crate) mod testing {
 
     /// A Blender folder with `train` and `test` views of 8×8 pixels.
     pub fn blender(dir: &Path, train: usize, test: usize) {
-        for (split, count) in [("train", train), ("test", test)] {
+        for (split, count, first) in [("train", train, 0), ("test", test, 100)] {
             fs::create_dir_all(dir.join(split)).unwrap();
             let frames: Vec<_> = (0..count)
                 .map(|i| {
-                    image(8, i as u8).write_png(&dir.join(format!("{split}/r_{i}.png"))).unwrap();
+                    image(8, first + i as u8).write_png(&dir.join(format!("{split}/r_{i}.png"))).unwrap();
                     json!({"file_path": format!("./{split}/r_{i}"), "transform_matrix": pose(i)})
                 })
                 .collect();

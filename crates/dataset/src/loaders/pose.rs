@@ -19,7 +19,7 @@ const EXPECTED_FLAT: &str = "16 numbers, the rows of a 4×4 rigid camera-to-worl
 const EXPECTED: &str = "a 4×4 rigid camera-to-world matrix (rotation and translation)";
 
 /// A pose that a file gives.
-pub(super) struct Pose {
+pub(super) struct GivenPose {
     /// Camera-to-world.
     pub matrix: DMat4,
     /// Whether its rotation had a scale, or axes not quite at right angles, that were taken off.
@@ -33,7 +33,7 @@ pub(super) struct Pose {
 /// # Errors
 /// The matrix has another shape, is singular, mirrored or sheared, its last row is not 0 0 0 1, or it is farther than
 /// [`FARTHEST`] from the origin.
-pub(super) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<Pose>, SceneError> {
+pub(super) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<GivenPose>, SceneError> {
     let Some(node) = frame.find(field) else { return Ok(None) };
     let rows = node.items(EXPECTED)?;
     if rows.iter().any(Node::holds_null) || node.holds_null() {
@@ -51,10 +51,10 @@ pub(super) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<Pose>, S
     }
     let given = DMat4::from_cols_array_2d(&values).transpose();
     if fault(&given).is_none() {
-        return Ok(Some(Pose { matrix: given, mended: false }));
+        return Ok(Some(GivenPose { matrix: given, mended: false }));
     }
     let matrix = mended(&given).unwrap_or(given);
-    rigid(&node, matrix).map(|matrix| Some(Pose { matrix, mended: true }))
+    rigid(&node, matrix).map(|matrix| Some(GivenPose { matrix, mended: true }))
 }
 
 /// Takes scale and slight shear off the rotation of `pose`; `None` if it has more of them.

@@ -7,7 +7,7 @@ use infonerf_scene::image::{find_image, is_image_name, unread_format};
 use infonerf_scene::{Aabb, SceneError};
 
 use super::optics::read_optics;
-use super::pose::{Pose, read_pose};
+use super::pose::{GivenPose, read_pose};
 use crate::files::FARTHEST;
 use crate::files::json::{JsonFile, Node};
 use crate::frame::{Frame, MaskRole, without_extension};
@@ -62,7 +62,7 @@ pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, Sce
     for (id, item) in items.iter().enumerate() {
         let name = item.get("file_path", "the path of an image")?.text("the path of an image")?;
         match read_pose(item, "transform_matrix")? {
-            Some(Pose { matrix, mended }) => {
+            Some(GivenPose { matrix, mended }) => {
                 scaled.extend(mended.then(|| name.to_owned()));
                 frames.push(Frame { id, pose: matrix, ..read_frame(dir, &root, item, name)? });
             }
@@ -70,13 +70,18 @@ pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, Sce
         }
     }
     if frames.is_empty() {
-        return Err(items[0].get("transform_matrix", "a 4×4 matrix").and_then(|node| Err(node.error("finite numbers")))?);
+        return items[0].get("transform_matrix", "a 4×4 matrix").and_then(|node| Err(node.error("finite numbers")));
     }
     check_applied(&root)?;
     let of = |names: &[String], what: &str| {
-        names.first().map(|first| format!("{} of {} frames of {} {what}, the first {first}", names.len(), items.len(), file_name(path)))
+        names.first().map(|first| {
+            format!("{} of {} frames of {} {what}, the first {first}", names.len(), items.len(), file_name(path))
+        })
     };
-    let warnings = [of(&lost, "have no pose and are left out"), of(&scaled, "have matrices that are no exact rotations and are corrected")];
+    let warnings = [
+        of(&lost, "have no pose and are left out"),
+        of(&scaled, "have matrices that are no exact rotations and are corrected"),
+    ];
     Ok(Transforms {
         frames,
         lost,
