@@ -48,6 +48,7 @@ fn poses_of_photographs_alone() {
     }
     let focal = found.camera(&found.images[0]).unwrap().fx / views[0].camera.fx;
     assert!((focal - 1.0).abs() < 0.05 && found.reprojection_error().unwrap() < 0.5, "{focal}");
+    assert!(said.contains("next: infonerf exp capture --data . --scene photos --variant infonerf+"), "{said}");
     place.run("scene info photos").succeeds();
     place.run(command).fails_with(&["sparse", "remove this one to make another"]);
 }

@@ -1,8 +1,8 @@
 //! Checks of sizes that fields share.
 
 use burn::tensor::{Device, FloatDType};
+use infonerf_ops::has_host_kernels;
 use infonerf_ops::mlp::Precision;
-use infonerf_ops::{has_host_kernels, has_tf32};
 use infonerf_schedule::{Fault, Schedule};
 
 /// Refuses the value `found` at `key` of `[field]` unless it is `good`.
@@ -12,12 +12,9 @@ pub(crate) fn check(key: &str, expected: &str, found: impl ToString, good: bool)
 
 /// Refuses a precision that the device does not support.
 pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(), Fault> {
-    let (good, name) = match precision {
-        Precision::F32 => (true, "f32"),
-        Precision::Tf32 => (has_tf32(device), "tf32"),
-        Precision::Bf16 => (has_host_kernels(device) || device.supports_dtype(FloatDType::BF16), "bf16"),
-    };
-    check("precision", &format!("\"f32\", as this device has no {name}"), name, good)
+    let supported = has_host_kernels(device) || device.supports_dtype(FloatDType::BF16);
+    let good = precision == Precision::F32 || supported;
+    check("precision", "\"f32\", as this device has no bf16", "bf16", good)
 }
 
 /// Refuses shares of detail outside [0, 1].

@@ -4,7 +4,7 @@ use std::fmt;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::integrated::{integrated_encode, integrated_width};
+use infonerf_ops::frequency::{integrated_encode, integrated_width};
 use infonerf_ops::mlp::{Activation, Precision};
 use infonerf_ops::{RayGaussians, frustum_gaussians};
 use infonerf_schedule::{Fault, Moment, Schedule};
@@ -33,8 +33,7 @@ pub struct MipConfig {
     pub direction_frequencies: usize,
     /// Share of the position's frequencies in use, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
     pub detail: Schedule,
-    /// Precision of the network's matrix products: "f32", "bf16" (factors rounded to 8 bits; not on
-    /// `ndarray`) or "tf32" (to 11 bits, if tuning finds that faster; on GPUs that can).
+    /// Precision of the factors of the network's matrix products: "f32", or "bf16" (8 significant bits; not on `ndarray`).
     #[serde(default)]
     pub precision: Precision,
 }

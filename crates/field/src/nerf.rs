@@ -46,8 +46,7 @@ pub struct NerfConfig {
     pub density_noise: f32,
     /// Share of the position's frequencies in use, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
     pub detail: Schedule,
-    /// Precision of the network's matrix products: "f32", "bf16" (factors rounded to 8 bits; not on
-    /// `ndarray`) or "tf32" (to 11 bits, if tuning finds that faster; on GPUs that can).
+    /// Precision of the factors of the network's matrix products: "f32", or "bf16" (8 significant bits; not on `ndarray`).
     #[serde(default)]
     pub precision: Precision,
 }

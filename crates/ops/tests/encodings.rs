@@ -3,7 +3,7 @@
 
 use crate::common::{Body, Draws, floats, matrix, wide};
 use burn::tensor::Tensor;
-use infonerf_ops::{frequency, frequency_encode, integrated, integrated_encode};
+use infonerf_ops::{frequency, frequency_encode, integrated_encode};
 
 /// Error of a sine; the same of a gradient relative to the highest frequency, whose sines it is made of.
 const WAVE: f64 = 3e-7;
@@ -14,8 +14,8 @@ fn encode(body: Body, integrate: bool, means: Tensor<2>, variances: Tensor<2>) -
     match (body, integrate) {
         (Body::Kernel, true) => integrated_encode(means, variances, WINDOW.len(), &WINDOW),
         (Body::Kernel, false) => frequency_encode(means, WINDOW.len(), &WINDOW),
-        (_, true) => integrated::plain(means, variances, &WINDOW),
-        (_, false) => frequency::plain(means, &WINDOW),
+        (_, true) => frequency::plain(means, Some(variances), &WINDOW),
+        (_, false) => frequency::plain(means, None, &WINDOW),
     }
 }
 

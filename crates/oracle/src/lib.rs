@@ -6,6 +6,7 @@
 //! compare the oracle with finite differences and values of arbitrary precision.
 
 mod encodings;
+pub mod factored;
 
 pub use encodings::{frustum_moments, gaussian_mean, waves, waves_gradient};
 use infonerf_ops::RayDistribution;

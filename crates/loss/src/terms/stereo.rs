@@ -5,7 +5,7 @@ use burn::tensor::Tensor;
 use infonerf_ops::{composite, upload};
 use infonerf_scene::{PixelAt, Scene};
 use infonerf_schedule::{Fault, Schedule};
-use infonerf_stereo::{DepthMap, Settings, depth_maps};
+use infonerf_stereo::{DepthMap, StereoSettings, depth_maps};
 use serde::{Deserialize, Serialize};
 
 use crate::renders::Renders;
@@ -101,11 +101,11 @@ impl RayEnd {
 
 /// Settings of the search for a number of views. Its cost grows with pixels times planes, and so with the cube of the
 /// image size: sizes that shrink with the cube root of the number of views keep it constant.
-fn search(views: usize) -> Settings {
-    let settings = Settings::default();
+fn search(views: usize) -> StereoSettings {
+    let settings = StereoSettings::default();
     let scale = (FULL_SIZE_VIEWS as f32 / views as f32).cbrt().min(1.0);
     let size = (settings.size as f32 * scale).round() as u32;
-    Settings { neighbours: (PAIRS / views).clamp(1, settings.neighbours), size, ..settings }
+    StereoSettings { neighbours: (PAIRS / views).clamp(1, settings.neighbours), size, ..settings }
 }
 
 impl Stereo {
