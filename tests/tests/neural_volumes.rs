@@ -255,7 +255,6 @@ fn trained(settings: &[&str]) -> f32 {
         "render.compositing=additive",
         "loss.rgb.weight=104.04",
         "loss.entropy.weight=0.0",
-        "loss.opacity.weight=0.0",
         "loss.silhouette.weight=0.0",
         "loss.opacity_prior.weight=0.01",
         "loss.tv.weight=0.01",
