@@ -26,9 +26,8 @@ pub(crate) struct CollectArgs {
 }
 
 pub(crate) fn run(args: &CollectArgs) -> Result<ExitCode> {
-    let experiments =
-        args.folders.iter().map(|folder| Ok(ReportInput { command: command_line::read(folder), ..collect(folder)? }));
-    let experiments = experiments.collect::<Result<Vec<_>>>()?;
+    let read = |folder: &PathBuf| Ok(ReportInput { command: command_line::read(folder), ..collect(folder)? });
+    let experiments = args.folders.iter().map(read).collect::<Result<Vec<_>>>()?;
     write_atomically(&args.out, results_document(&args.title, &experiments).as_bytes())?;
     outln!("{} experiments: {}", experiments.len(), args.out.display());
     Ok(ExitCode::SUCCESS)
