@@ -174,7 +174,6 @@ mod tests {
 
     use infonerf_report::Record;
 
-    use super::*;
     use crate::{Experiment, Selection};
 
     #[test]
