@@ -69,7 +69,7 @@ wheel *ARGS:
 ci:
     .ci/run
 
-# Measure: just bench pareto, skip, step, scale, render, ops, agreement, stress or stress-training
+# Measure: just bench pareto, skip, step, render, agreement, stress or stress-training
 bench NAME *ARGS:
     {{ run }} bench "$@"
 

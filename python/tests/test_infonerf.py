@@ -49,11 +49,11 @@ class Runs(unittest.TestCase):
         cls.out = Path(folder.name)
         cls.events = []
         cls.records = infonerf.run(
-            "fast-losses", scene="crane", variant=["nerf", "infonerf+"], set=TINY, out=cls.out, on_event=cls.events.append
+            "fast-losses", scene="crane", variant=["factored", "infonerf+"], set=TINY, out=cls.out, on_event=cls.events.append
         )
 
     def test_a_run_reports_events_and_returns_records(self) -> None:
-        self.assertEqual([record["variant"] for record in self.records], ["nerf", "infonerf+"])
+        self.assertEqual([record["variant"] for record in self.records], ["factored", "infonerf+"])
         self.assertEqual({record["iterations"] for record in self.records}, {40})
         kinds = [event["event"] for event in self.events]
         self.assertEqual((kinds[0], kinds[-1], kinds.count("record")), ("loading", "finished", 2))
@@ -91,7 +91,7 @@ class Runs(unittest.TestCase):
                 raise KeyboardInterrupt
 
         longer = {**TINY, "train.iterations": 500}
-        options: dict[str, Any] = {"scene": "crane", "variant": "nerf", "out": self.out / "stopped", "set": longer}
+        options: dict[str, Any] = {"scene": "crane", "variant": "factored", "out": self.out / "stopped", "set": longer}
         with self.assertRaises(KeyboardInterrupt):
             infonerf.run("fast-losses", on_event=stop, **options)
         if sys.platform != "win32":
@@ -107,7 +107,7 @@ class Runs(unittest.TestCase):
         endless = {**TINY, "train.iterations": 10_000_000, "train.checkpoint_every": 0}
         for attempt in range(3):
             out = self.out / f"signalled-{attempt}"
-            options = {"scene": "crane", "variant": "nerf", "out": str(out), "set": endless}
+            options = {"scene": "crane", "variant": "factored", "out": str(out), "set": endless}
             caller = subprocess.Popen(
                 [sys.executable, "-u", "-c", script, json.dumps(options)],
                 stdout=subprocess.PIPE,
@@ -120,7 +120,7 @@ class Runs(unittest.TestCase):
                 next(line for line in caller.stdout if "'step'" in line)
                 os.killpg(caller.pid, signal.SIGINT)
                 caller.wait(timeout=60)
-            run = out / "fast-losses" / "crane" / "nerf" / "seed0"
+            run = out / "fast-losses" / "crane" / "factored" / "seed0"
             self.assertTrue((run / "checkpoint" / "manifest.json").is_file(), f"attempt {attempt}")
 
 

@@ -55,7 +55,7 @@ fn an_experiment_leaves_everything_behind() {
     let said = text(&output.stdout);
     for part in [
         "no --data given",
-        "knot/nerf/seed0",
+        "knot/factored/seed0",
         "knot/infonerf/seed0",
         "knot/infonerf+/seed0",
         "PSNR",
@@ -80,7 +80,7 @@ fn an_experiment_leaves_everything_behind() {
         assert_eq!(record["train_views"], serde_json::json!([26, 86, 2, 55]));
         assert_eq!(record["test_views"]["protocol"], "first-2");
         assert_eq!(record["test_views"]["count"], 2);
-        for key in ["psnr", "ssim", "gmsd", "silhouette_iou", "ray_entropy_bits", "information_gain", "train_seconds"] {
+        for key in ["psnr", "ssim", "silhouette_iou", "ray_entropy_bits", "information_gain", "train_seconds"] {
             assert!(record[key].is_f64(), "{key}: {}", record[key]);
         }
         for null in keys().into_iter().filter(|key| record[*key].is_null()) {
@@ -93,7 +93,7 @@ fn an_experiment_leaves_everything_behind() {
     let places: Vec<usize> = keys().iter().map(|key| raw.find(&format!("\"{key}\":")).unwrap()).collect();
     assert!(places.is_sorted(), "{raw}");
 
-    for variant in ["nerf", "infonerf", "infonerf+"] {
+    for variant in ["factored", "infonerf", "infonerf+"] {
         let run = experiment.join(format!("knot/{variant}/seed0"));
         assert!(files(&run.join("checkpoint")).contains("manifest.json"));
         let config: toml::Table = fs::read_to_string(run.join("config.toml")).unwrap().parse().unwrap();
@@ -297,8 +297,8 @@ fn evaluating_and_rendering_a_run() {
 fn a_run_is_not_tested_by_views_that_it_learnt_from() {
     let place = Workplace::new();
     place.run("scene export facade data/facade --format llff --size 24").succeeds();
-    place.tiny("exp fast-losses --data data --scene facade --variant nerf --set eval.test=split").succeeds();
-    let run = "runs/fast-losses/facade/nerf/seed0";
+    place.tiny("exp fast-losses --data data --scene facade --variant factored --set eval.test=split").succeeds();
+    let run = "runs/fast-losses/facade/factored/seed0";
     place.run(&["eval", run, "--test", "training"]).fails_with(&[
         "--test: expected another protocol than training, found training",
         "LLFF photographs are held out only where they are tested",
@@ -310,9 +310,9 @@ fn a_run_is_not_tested_by_views_that_it_learnt_from() {
 #[test]
 fn what_is_overwritten_is_there_until_the_new_run_is_possible() {
     let place = Workplace::new();
-    let exp = "exp fast-losses --scene crane --variant nerf";
+    let exp = "exp fast-losses --scene crane --variant factored";
     place.tiny(exp).succeeds();
-    let run = place.path("runs/fast-losses/crane/nerf/seed0");
+    let run = place.path("runs/fast-losses/crane/factored/seed0");
     let before = files(&run);
     place.tiny(exp).args("--overwrite --set render.space=ndc").fails_with(&["render.space"]);
     assert_eq!(files(&run), before);
@@ -503,7 +503,7 @@ fn shells_and_man_have_every_command() {
 #[test]
 fn results_are_collected_into_one_document() {
     let place = Workplace::new();
-    place.tiny("exp fast-losses --scene knot --variant nerf --out results-of-mine").succeeds();
+    place.tiny("exp fast-losses --scene knot --variant factored --out results-of-mine").succeeds();
     place.run(&["collect", "results-of-mine/fast-losses", "--title", "All of it"]).succeeds();
     let document = fs::read_to_string(place.path("results.md")).unwrap();
     for part in ["# All of it", "infonerf exp", "--scene knot", "PSNR", "train views 26, 86, 2, 55"] {
@@ -512,8 +512,8 @@ fn results_are_collected_into_one_document() {
     assert!(!document.contains("results-of-mine"), "{document}");
     // A sweep, and an experiment of one's own.
     fs::write(place.path("mine.toml"), "base = \"fast-losses\"\ntitle = \"mine\"\n").unwrap();
-    place.tiny("sweep mine.toml --scene knot --variant nerf --grid train.lr=1e-3,2e-3").succeeds();
-    place.tiny("exp mine.toml --scene knot --variant nerf").succeeds();
+    place.tiny("sweep mine.toml --scene knot --variant factored --grid train.lr=1e-3,2e-3").succeeds();
+    place.tiny("exp mine.toml --scene knot --variant factored").succeeds();
     place.run("collect runs/sweep-mine runs/mine results-of-mine/fast-losses").succeeds();
     let document = fs::read_to_string(place.path("results.md")).unwrap();
     for part in ["## sweep-mine", "## mine", "mine.toml", "2e-3"] {
@@ -525,7 +525,7 @@ fn results_are_collected_into_one_document() {
 #[test]
 fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     let place = Workplace::new();
-    let run = "exp fast-losses --scene knot --variant nerf";
+    let run = "exp fast-losses --scene knot --variant factored";
     let output = place.tiny(run).args("--json").succeeds();
     let said = text(&output.stdout);
     let events: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -548,13 +548,13 @@ fn output_that_nobody_reads_loses_nothing() {
         let [(_, stdout), (_, stderr)] = [io::pipe().unwrap(), io::pipe().unwrap()];
         invocation.into_command().stdout(stdout).stderr(stderr).status().unwrap().code()
     };
-    let exp = |out: &str| place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", out]);
+    let exp = |out: &str| place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "factored", "--out", out]);
     assert_eq!(unread(exp("lines")), Some(0));
     assert_eq!(unread(exp("events").args("--json")), Some(0));
     for out in ["lines", "events"] {
         assert_eq!(records(&place.path(out).join("fast-losses")).len(), 1);
     }
-    let run = "lines/fast-losses/knot/nerf/seed0";
+    let run = "lines/fast-losses/knot/factored/seed0";
     for args in
         [&["list"][..], &["--help"], &["completions", "zsh"], &["eval", run], &["export", run, "--format", "cameras"]]
     {
@@ -572,7 +572,7 @@ fn output_that_nobody_reads_loses_nothing() {
 #[test]
 fn a_page_beside_training_says_where_to_look_afterwards() {
     let place = Workplace::new();
-    let exp = "exp fast-losses --scene knot --variant nerf --view=0";
+    let exp = "exp fast-losses --scene knot --variant factored --view=0";
     let output = place.tiny(exp).succeeds();
     let said = text(&output.stdout);
     assert!(said.contains("live at http://127.0.0.1:"), "{said}");

@@ -170,7 +170,7 @@ fn options_that_do_not_go_together() {
 #[test]
 fn an_experiment_is_launched_and_gives_what_it_gives_here() {
     let cluster = Cluster::new();
-    let args = "exp fast-losses --scene knot --variant nerf --variant infonerf --seed 0";
+    let args = "exp fast-losses --scene knot --variant factored --variant infonerf --seed 0";
     let run = |out: &str, more: &str| text(&cluster.run(args, out).args(more).succeeds().stdout);
     run("here", "");
     let said = run("there", "--launch slurm");
@@ -199,5 +199,5 @@ fn reproduce_is_launched_as_one() {
     assert!(cluster.task(101, 0).status.success());
     assert_eq!(cluster.task(102, 0).status.code(), Some(1), "most runs are not finished");
     let report = fs::read_to_string(cluster.0.path("runs/reproduce/report.md")).unwrap();
-    assert!(report.contains("What the paper says"), "{report}");
+    assert!(report.contains("Claims of the paper"), "{report}");
 }

@@ -95,7 +95,7 @@ fn two_at_a_time_give_the_same_numbers() {
 #[test]
 fn an_experiment_runs_two_at_a_time() {
     let place = Workplace::new();
-    let chosen = "exp fast-losses --scene knot --variant nerf --variant infonerf";
+    let chosen = "exp fast-losses --scene knot --variant factored --variant infonerf";
     let run = |out: &str| place.tiny(chosen).args(&["--out", out]);
     run("one").succeeds();
     let said = text(&run("two").args("--jobs 2").succeeds().stdout);
@@ -109,7 +109,7 @@ fn an_experiment_runs_two_at_a_time() {
 #[test]
 fn an_experiment_is_overwritten_in_processes_of_their_own() {
     let place = Workplace::new();
-    let exp = |steps: &str| place.tiny("exp fast-losses --scene knot --variant nerf --jobs 2").args(&["--set", steps]);
+    let exp = |steps: &str| place.tiny("exp fast-losses --scene knot --variant factored --jobs 2").args(&["--set", steps]);
     exp("train.iterations=3").args("--variant infonerf").succeeds();
     let listed = || finished(&place.path("runs/fast-losses"));
     let before = listed();
@@ -122,7 +122,7 @@ fn an_experiment_is_overwritten_in_processes_of_their_own() {
         let of = |(path, _): &&(PathBuf, SystemTime)| path.iter().any(|part| part == name);
         before.iter().find(of) == after.iter().find(of)
     };
-    assert!(same("infonerf") && !same("nerf"));
+    assert!(same("infonerf") && !same("factored"));
     let said = text(&exp("train.iterations=2").succeeds().stdout);
     assert!(said.contains("1 of them finished before"), "{said}");
 }
@@ -161,7 +161,7 @@ fn a_sweep_that_was_killed_goes_on() {
 #[test]
 fn a_run_that_takes_too_long_is_given_up_and_the_others_go_on() {
     let place = Workplace::new();
-    let args = "sweep fast-losses --scene knot --variant nerf --timeout 8s --grid train.iterations=3,100000000";
+    let args = "sweep fast-losses --scene knot --variant factored --timeout 8s --grid train.iterations=3,100000000";
     let output = place.tiny_without("train.iterations", args).into_command().output().unwrap();
     let (said, complaint) = (text(&output.stdout), text(&output.stderr));
     assert_eq!(output.status.code(), Some(1), "{said}\n{complaint}");
@@ -206,7 +206,7 @@ fn items_run_alone() {
 fn an_item_that_fails_is_reported_and_the_others_go_on() {
     let place = Workplace::new();
     // The scene has 100 views.
-    let args = "sweep fast-losses --scene knot --variant nerf \
+    let args = "sweep fast-losses --scene knot --variant factored \
                 --grid scene.views={kind='ids',ids=[1]},{kind='ids',ids=[1000]}";
     let output = place.tiny(args).into_command().output().unwrap();
     let (said, complaint) = (text(&output.stdout), text(&output.stderr));

@@ -27,6 +27,7 @@ mod built_in;
 mod described;
 mod device;
 pub mod execute;
+mod export;
 mod file;
 mod identity;
 mod plan;
@@ -45,6 +46,7 @@ mod testing;
 
 pub use described::{ConfigKey, Description, config_keys, config_origins, describe, variant_names};
 pub use device::{DeviceName, OpenDevice, networks, open};
+pub use export::SplatFidelity;
 pub use file::list;
 pub use identity::Identity;
 pub use plan::{About, Experiment, Selection};

@@ -219,8 +219,8 @@ mod tests {
     #[test]
     fn every_active_term_is_listed() {
         let selection = Selection {
-            set: vec!["loss.semantic.weight=0.1".into(), "loss.tv.weight=1".into(), "loss.opacity.weight=0".into()],
-            variants: vec!["nerf".into()],
+            set: vec!["loss.semantic.weight=0.1".into(), "loss.tv.weight=1".into(), "loss.silhouette.weight=0".into()],
+            variants: vec!["factored".into()],
             ..Selection::default()
         };
         let runs = Experiment::plan("fast-losses", &selection).unwrap().runs;

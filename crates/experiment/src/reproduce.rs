@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use infonerf_report::{Collection, ReportInput, write_collection};
+use infonerf_report::{ReportInput, write_collection};
 
 use crate::sweep::Sweep;
 use crate::{Experiment, Selection};
@@ -47,7 +47,7 @@ impl Chapter {
 }
 
 /// The variants of a capture.
-const CAPTURE: &[&str] = &["nerf", "entropy", "kl", "infonerf", "infonerf+"];
+const CAPTURE: &[&str] = &["factored", "entropy", "kl", "infonerf", "infonerf+"];
 
 /// The chapters, in the order of the report.
 const CHAPTERS: [Chapter; 11] = [
@@ -134,20 +134,13 @@ fn extended(chapter: &Chapter, plan: Plan, selection: Selection) -> Selection {
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn write(inputs: Vec<ReportInput>, out: &Path) -> Result<PathBuf> {
-    let chapter = |input: ReportInput| infonerf_report::Chapter { folder: input.experiment.clone(), input };
-    let collection = Collection {
-        title: "InfoNeRF's tables and figures, at a small scale".into(),
-        introduction: vec![
-            "The paper's tables and figures at a scale that suits a small machine, its own figures next to ours: the \
-             released code's regime on small networks and small images, but for the chapter of this program's fast \
-             field. The captures are built-in twins of LLFF, DTU and ZJU-MoCap unless their data was given. Footnotes \
-             name every difference of protocol: the absolute figures are not comparable, the order of the variants is."
-                .into(),
-        ],
-        chapters: inputs.into_iter().map(chapter).collect(),
-    };
-    Ok(write_collection(&collection, out)?.html)
+pub fn write(inputs: &[ReportInput], out: &Path) -> Result<PathBuf> {
+    let title = "InfoNeRF's tables and figures, at a small scale";
+    let introduction = "The paper's tables and figures at a scale that suits a small machine, its own figures next to ours: the released \
+         code's regime on small networks and small images, but for the chapter of this program's fast field. The captures \
+         are built-in twins of LLFF, DTU and ZJU-MoCap unless their data was given. Footnotes name every difference of \
+         protocol: the absolute figures are not comparable, the order of the variants is.";
+    Ok(write_collection(title, introduction, inputs, out)?.html)
 }
 
 #[cfg(test)]

@@ -251,7 +251,10 @@ fn named_by_key(error: SceneError) -> anyhow::Error {
 pub(crate) fn file_paths(config: &mut Config) -> Vec<&mut PathBuf> {
     let of_terms = config.loss.specs_mut().filter_map(|(_, term)| term.weights_file());
     let of_terms = of_terms.map(|(_, path)| path);
-    std::iter::once(&mut config.train.init).chain(of_terms).chain(config.field.files()).collect()
+    std::iter::once(&mut config.train.init)
+        .chain(of_terms)
+        .chain(config.field.files().into_iter().map(|file| file.path))
+        .collect()
 }
 
 fn absolute(path: &Path) -> PathBuf {

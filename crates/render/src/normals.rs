@@ -16,7 +16,7 @@ use crate::{Model, RenderedImage, Renderer, TrainedModel, Warp};
 /// members the mean.
 ///
 /// # Panics
-/// If there are no members, or a field that does not [track positions](infonerf_field::FieldSpec::tracks_positions).
+/// If there are no members, or a field that does not [track positions](infonerf_field::FieldTraits::tracks_positions).
 pub fn render_normals<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], camera: &Camera) -> RenderedImage {
     let black = renderer.on_black();
     let of_member = |member: &TrainedModel<F>| {

@@ -2,33 +2,33 @@ use std::{io, path::PathBuf};
 
 use thiserror::Error;
 
-/// Why a report, or a record of a run, could not be read or written. Each message is one line that names the file.
+/// Error of reading or writing a report or a record, in one line that names the file.
 #[derive(Debug, Error)]
 pub enum ReportError {
-    /// The file system refused.
+    /// Refusal by the file system.
     #[error("{}: cannot {action}: {reason}", path.display())]
     Io {
-        /// What was attempted, as a verb: `read`, `write`, `list`, `create`.
+        /// Attempted action, as a verb: `read`, `write`, `list`, `create`.
         action: &'static str,
-        /// The file or folder.
+        /// File or folder.
         path: PathBuf,
-        /// The reason given.
+        /// Reason given.
         reason: io::Error,
     },
-    /// No run has a picture of a test view, or of any.
+    /// Test view, or any, of which no run has an image.
     #[error("{}: no run has a picture of {}", path.display(), view.map_or("any test view".to_owned(), |view| format!("test view {view}")))]
     NoPictures {
-        /// The experiment's folder.
+        /// Folder of the experiment.
         path: PathBuf,
-        /// Id of the view.
+        /// Id of the view; `None` for any.
         view: Option<usize>,
     },
-    /// The drawing library refused a chart.
+    /// Chart that the drawing library refused.
     #[error("chart `{title}`: {reason}")]
     Chart {
         /// Title of the chart.
         title: String,
-        /// The reason given.
+        /// Reason given.
         reason: String,
     },
 }

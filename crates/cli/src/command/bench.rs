@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::{Args, Subcommand};
-use infonerf_bench::{Benchmark, Options};
+use infonerf_bench::{BenchOptions, Benchmark, StepTiming};
 
 use crate::print::outln;
 use crate::selection::SelectionArgs;
@@ -21,91 +21,91 @@ Examples:
   infonerf bench step --preset released --set scene.size=100 --steps 3 --warmup 1
       where the time of a step goes
   infonerf bench agreement --device cuda
-      whether a GPU computes what the CPU does
+      whether a GPU computes the same as the CPU
   infonerf bench stress
       errors of every operation against f64 over a million extreme rays per device";
 
-/// Measure speed and exactness
+/// Measure speed and exactness: time against error, what skipping saves, the cost of a step, agreement of devices.
 #[derive(Debug, Args)]
 #[command(after_help = BENCH_EXAMPLES)]
 pub(crate) struct BenchArgs {
     #[command(subcommand)]
-    benchmark: BenchCommand,
+    command: BenchCommand,
 }
 
 #[derive(Debug, Subcommand)]
 enum BenchCommand {
     /// Quality against training time, with the frontier
     Pareto {
-        #[command(flatten)]
-        common: CommonArgs,
         /// Training times, one run each
         #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = parse_time, default_value = "5s,10s,20s,40s,60s")]
         budgets: Vec<Duration>,
-    },
-    /// Savings of each way of skipping, and their cost in quality
-    Skip {
         #[command(flatten)]
-        common: CommonArgs,
+        runs: BenchRuns,
+    },
+    /// Time, samples and quality with each way of skipping switched off
+    Skip {
         /// Steps per run [default: as configured]
         #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
         steps: Option<u32>,
-    },
-    /// Milliseconds per step, by phase
-    Step {
         #[command(flatten)]
-        common: CommonArgs,
-        /// Steps that are measured [default: 50]
-        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-        steps: Option<u32>,
-        /// Steps before the measurement [default: 50]
-        #[arg(long, value_name = "N")]
-        warmup: Option<u32>,
-        /// Start from the weights and the occupancy grid of a finished run instead of an untrained field
+        runs: BenchRuns,
+    },
+    /// Milliseconds per training step, by phase
+    Step {
+        /// Steps measured
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 50)]
+        steps: u32,
+        /// Steps before the measurement
+        #[arg(long, value_name = "N", default_value_t = 50)]
+        warmup: u32,
+        /// Start from the weights and the occupancy grid of a run instead of an untrained field
         #[arg(long, value_name = "RUN")]
         from: Option<PathBuf>,
-    },
-    /// Seconds per frame by image size
-    Render {
         #[command(flatten)]
-        common: CommonArgs,
-        /// Steps per run [default: 300]
-        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-        steps: Option<u32>,
+        runs: BenchRuns,
+    },
+    /// Seconds per frame, by image size
+    Render {
+        /// Steps of training before rendering
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 300)]
+        steps: u32,
         /// Longest sides of the images in pixels
         #[arg(long, value_name = "SIZES", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=8192), default_value = "100,200,400,800")]
         sizes: Vec<u32>,
+        #[command(flatten)]
+        runs: BenchRuns,
     },
-    /// A device against flex: operations, gradients and training steps; fails if a bound is exceeded
+    /// Agreement of a device with flex: operations, gradients and training steps; fails if a bound is broken
     Agreement {
         #[command(flatten)]
-        common: CommonArgs,
+        runs: BenchRuns,
     },
-    /// Errors of every operation and loss on extreme inputs, against f64; fails if a bound is exceeded
+    /// Errors of every operation and loss on extreme inputs, against f64; fails if a bound is broken
     Stress {
+        /// Rays per kind
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..), default_value_t = 55_000)]
+        rays: u32,
         #[command(flatten)]
-        common: CommonArgs,
-        /// Rays per kind [default: 55000]
-        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..))]
-        rays: Option<u32>,
+        runs: BenchRuns,
     },
     /// Tiny runs with settings and scenes that make training diverge or collapse; fails if a value is not finite
     StressTraining {
+        /// Seeds per setting
+        #[arg(id = "runs_each", long = "seeds", value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 20)]
+        seeds: u32,
+        /// Steps per run
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 80)]
+        steps: u32,
         #[command(flatten)]
-        common: CommonArgs,
-        /// Steps per run [default: 80]
-        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-        steps: Option<u32>,
-        /// Seeds per setting [default: 20]
-        #[arg(id = "runs_each", long = "seeds", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-        seeds: Option<u32>,
+        runs: BenchRuns,
     },
 }
 
-/// The experiment that is trained, and the folder for results.
-#[derive(Debug, Args)]
-struct CommonArgs {
-    /// Experiment to train; without --scene and --variant on its first scene, and `infonerf` (pareto: all variants)
+/// Runs to measure, and the folder of results.
+#[derive(Clone, Debug, Args)]
+struct BenchRuns {
+    /// Experiment to train; by default its first scene and variant `infonerf` (pareto: all variants)
     #[arg(long, value_name = "NAME|FILE", default_value = "fast-losses")]
     experiment: String,
     #[command(flatten)]
@@ -115,49 +115,34 @@ struct CommonArgs {
     out: PathBuf,
 }
 
-impl CommonArgs {
-    fn options(&self, benchmark: Benchmark) -> Options {
-        Options {
-            benchmark,
-            experiment: self.experiment.clone(),
-            selection: self.selection.selection(None),
-            device: self.selection.device.device,
-            budgets: Vec::new(),
-            sizes: Vec::new(),
-            steps: None,
-            warmup: None,
-            from: None,
-            seeds: None,
-            rays: None,
-            weights: self.selection.networks.weights.clone(),
-            out: self.out.clone(),
-        }
-    }
-}
-
 impl BenchCommand {
-    fn options(&self) -> Options {
+    fn parts(&self) -> (Benchmark, &BenchRuns) {
         match self {
-            Self::Pareto { common, budgets } => {
-                Options { budgets: budgets.clone(), ..common.options(Benchmark::Pareto) }
+            Self::Pareto { budgets, runs } => (Benchmark::Pareto { budgets: budgets.clone() }, runs),
+            Self::Skip { steps, runs } => (Benchmark::Skip { steps: *steps }, runs),
+            Self::Step { steps, warmup, from, runs } => {
+                (Benchmark::Step(StepTiming { warmup: *warmup, steps: *steps, from: from.clone() }), runs)
             }
-            Self::Skip { common, steps } => Options { steps: *steps, ..common.options(Benchmark::Skip) },
-            Self::Step { common, steps, warmup, from } => {
-                Options { steps: *steps, warmup: *warmup, from: from.clone(), ..common.options(Benchmark::Step) }
-            }
-            Self::Render { common, steps, sizes } => {
-                Options { steps: *steps, sizes: sizes.clone(), ..common.options(Benchmark::Render) }
-            }
-            Self::Agreement { common } => common.options(Benchmark::Agreement),
-            Self::Stress { common, rays } => Options { rays: *rays, ..common.options(Benchmark::Stress) },
-            Self::StressTraining { common, steps, seeds } => {
-                Options { steps: *steps, seeds: *seeds, ..common.options(Benchmark::StressTraining) }
+            Self::Render { steps, sizes, runs } => (Benchmark::Render { steps: *steps, sizes: sizes.clone() }, runs),
+            Self::Agreement { runs } => (Benchmark::Agreement, runs),
+            Self::Stress { rays, runs } => (Benchmark::Stress { rays: *rays }, runs),
+            Self::StressTraining { seeds, steps, runs } => {
+                (Benchmark::StressTraining { seeds: *seeds, steps: *steps }, runs)
             }
         }
     }
 }
 
 pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
-    let holds = infonerf_bench::run(&args.benchmark.options(), &mut |text| outln!("{text}"))?;
+    let (benchmark, runs) = args.command.parts();
+    let options = BenchOptions {
+        benchmark,
+        experiment: runs.experiment.clone(),
+        selection: runs.selection.selection(None),
+        device: runs.selection.device.device,
+        weights: runs.selection.networks.weights.clone(),
+        out: runs.out.clone(),
+    };
+    let holds = infonerf_bench::run(&options, &mut |text| outln!("{text}"))?;
     Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }

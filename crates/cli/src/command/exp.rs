@@ -141,10 +141,10 @@ fn in_process(args: &ExpArgs, sweep: &Sweep) -> Result<ExitCode> {
 
 /// Leaves the page that shows a run's scene next to the run, for the report to open.
 fn write_viewer(plan: &RunPlan, trainers: Vec<Trainer>, experiment: &Path) {
-    let path = experiment.join(plan.directory()).join(VIEWER_PAGE);
+    let folder = experiment.join(plan.directory());
     let run = Trained { plan: plan.clone(), trainers, warnings: Vec::new() };
-    let page = infonerf_view::page(&run, None);
-    if let Err(error) = page.and_then(|page| Ok(write_atomically(&path, page.as_bytes())?)) {
+    let page = infonerf_view::page(&run, &folder, None);
+    if let Err(error) = page.and_then(|page| Ok(write_atomically(&folder.join(VIEWER_PAGE), page.as_bytes())?)) {
         errln!("warning: {}: no page in 3D: {error:#}", plan.label());
     }
 }

@@ -50,7 +50,7 @@ pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
     let out = args.out.join(folder);
     args.launch.run(sweeps, &args.selection, &out, |outcomes| {
         let inputs = outcomes.into_iter().map(|outcome| outcome.input).collect();
-        outln!("\nreport: {}", write(inputs, &out)?.display());
+        outln!("\nreport: {}", write(&inputs, &out)?.display());
         Ok(())
     })
 }

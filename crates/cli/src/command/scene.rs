@@ -5,11 +5,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::Subcommand;
-use infonerf_dataset::{SceneSource, check, export, from_images, info, info_page, load, outline};
+use infonerf_dataset::{PoseSearch, check_folder, export, from_images, info, info_page, outline};
 use infonerf_experiment::{DeviceName, RunPlan, Trained};
 use infonerf_procedural as procedural;
 use infonerf_report::write_atomically;
-use infonerf_scene::{Camera, Format, PoseError, Scene, SceneRequest, Similarity, TestProtocol, ViewSelection};
+use infonerf_scene::image::{dimensions, list_images};
+use infonerf_scene::{Camera, Format, PoseError, Scene, Similarity};
 
 use crate::print::{errln, outln};
 use crate::terminal::open_device;
@@ -30,7 +31,8 @@ pub(crate) enum SceneCommand {
         #[arg(long, value_name = "FILE")]
         page: Option<PathBuf>,
     },
-    /// Check a capture for what makes training fail: outlying cameras, blurred images, a doubtful up axis, a narrow baseline.
+    /// Check a capture for what makes training fail: outlying cameras, poses that do not fit the photographs, blurred images,
+    /// a doubtful up axis, a narrow baseline.
     Check {
         /// Folder of the scene
         dir: PathBuf,
@@ -42,6 +44,9 @@ pub(crate) enum SceneCommand {
         /// Do not look for `colmap`
         #[arg(long)]
         without_colmap: bool,
+        /// Focal length of the lens: image widths (of the longer side), or with a unit, `28mm` (at 35 mm) or `3100px`
+        #[arg(long, value_name = "LENGTH", value_parser = focal_length)]
+        focal: Option<FocalLength>,
     },
     /// Export a built-in scene in the format of a published data set.
     Export {
@@ -58,16 +63,41 @@ pub(crate) enum SceneCommand {
     },
 }
 
-/// Longest side of the images that are looked at for blur, in pixels: enough to tell, little to read.
-const CHECKED_SIZE: u32 = 512;
+/// Focal length as `--focal` takes it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum FocalLength {
+    /// Times the longer side of the image.
+    Widths(f64),
+    /// Pixels of the image file.
+    Pixels(f64),
+}
+
+/// Width of 35 mm film, mm.
+const FILM_WIDTH: f64 = 36.0;
+
+fn focal_length(text: &str) -> Result<FocalLength, String> {
+    let parse = |number: &str| number.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0);
+    let found = match (text.strip_suffix("mm"), text.strip_suffix("px")) {
+        (Some(number), _) => parse(number).map(|mm| FocalLength::Widths(mm / FILM_WIDTH)),
+        (_, Some(number)) => parse(number).map(FocalLength::Pixels),
+        _ => parse(text).filter(|widths| *widths < 20.0).map(FocalLength::Widths),
+    };
+    found.ok_or_else(|| "expected image widths such as 0.8, or `28mm` or `3100px`".into())
+}
 
 pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
     match command {
         SceneCommand::List => procedural::NAMES.iter().for_each(|name| outln!("{name}")),
         SceneCommand::Info { dir, json, page } => show(dir, *json, page.as_deref())?,
         SceneCommand::Check { dir } => warn(dir)?,
-        SceneCommand::FromImages { dir, without_colmap } => {
-            from_images(dir, *without_colmap, |line| outln!("{line}"))?;
+        SceneCommand::FromImages { dir, without_colmap, focal } => {
+            let focal = match focal {
+                Some(FocalLength::Pixels(pixels)) => Some(pixels / f64::from(longest_side(dir)?)),
+                Some(FocalLength::Widths(widths)) => Some(*widths),
+                None => None,
+            };
+            let search = PoseSearch { without_colmap: *without_colmap, focal };
+            from_images(dir, &search, |line| outln!("{line}"))?;
             show(dir, false, None)?;
             print_next(dir);
         }
@@ -136,21 +166,22 @@ fn write_page(page: &Path, scene: &Scene, learned: &[Camera]) -> Result<()> {
     Ok(())
 }
 
+/// Returns the longer side of the first photograph in `dir` or `dir/images`.
+fn longest_side(dir: &Path) -> Result<u32> {
+    let below = dir.join("images");
+    let first = list_images(if below.is_dir() { &below } else { dir })?.into_iter().next();
+    let (width, height) = dimensions(&first.with_context(|| format!("{}: no photographs", dir.display()))?)?;
+    Ok(width.max(height))
+}
+
 /// Prints what may be wrong with a capture, a line each.
 fn warn(dir: &Path) -> Result<()> {
-    let request = SceneRequest {
-        train: ViewSelection::All,
-        test: TestProtocol::All,
-        image_size: Some(CHECKED_SIZE),
-        ..SceneRequest::default()
-    };
-    let scene = load(&SceneSource::Folder { path: dir.to_owned() }, &request).context("the scene cannot be loaded")?;
-    let warnings = check(&scene);
+    let (views, warnings) = check_folder(dir).context("the scene cannot be loaded")?;
     for warning in &warnings {
         outln!("{warning}");
     }
     if warnings.is_empty() {
-        outln!("{}: {} views, nothing to warn of", dir.display(), scene.train.len() + scene.test.len());
+        outln!("{}: {views} views, nothing to warn of", dir.display());
     }
     Ok(())
 }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use anyhow::{Result, bail};
 use infonerf_render::{Renderer, TrainedModel};
 use infonerf_scene::Scene;
+use infonerf_schedule::Schedule;
 use infonerf_train::{Progress, Trainer, without_collapsed};
 
 use super::load_checkpoint;
@@ -46,6 +47,9 @@ impl Trained {
     /// If it has no checkpoint.
     pub fn on_scene(plan: RunPlan, scene: Arc<Scene>, folder: &Path, device: &OpenDevice) -> Result<Self> {
         let plan = RunPlan { config: plan.config.without_weight_files(), ..plan };
+        // Stereo matches the images for minutes before the first step, of which there is none.
+        let mut untrained = plan.clone();
+        untrained.config.loss.stereo.weight = Schedule::constant(0.0);
         let (mut trainers, mut warnings): (Vec<Trainer>, _) = (Vec::new(), Vec::new());
         let members = plan.members();
         for member in 0..members {
@@ -65,7 +69,7 @@ impl Trained {
                 }
                 continue;
             };
-            let mut trainer = plan.trainer(&scene, member, trainers.first(), &device.device)?;
+            let mut trainer = untrained.trainer(&scene, member, trainers.first(), &device.device)?;
             trainer.resume(&checkpoint)?;
             trainers.push(trainer);
         }

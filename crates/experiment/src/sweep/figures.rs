@@ -18,7 +18,7 @@ pub(super) type Means = HashMap<String, f64>;
 /// The mean of each variant with its values that has a PSNR.
 pub(super) fn means(records: &[Record]) -> Means {
     let table = overview_table(records, &[Quantity::PSNR]);
-    let mean = |row: &infonerf_report::Row| Some((row.label.clone(), row.cells.first()?.summary?.mean));
+    let mean = |row: &infonerf_report::TableRow| Some((row.label.clone(), row.cells.first()?.summary?.mean));
     table.rows.iter().filter_map(mean).collect()
 }
 

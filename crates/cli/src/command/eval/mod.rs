@@ -16,7 +16,7 @@ const EVAL_EXAMPLES: &str = "\
 Examples:
   infonerf eval runs/synthetic-4view/castle/infonerf+/seed0 --test all
       on all 200 test views
-  infonerf eval runs/scales/castle/nerf/seed0 runs/scales/castle/mipnerf/seed0 --scale 1/2,1/4,1/8
+  infonerf eval runs/integration/castle/nerf/seed0 runs/integration/castle/mipnerf/seed0 --scale 1/2,1/4,1/8
       compares two runs at smaller image sizes than they were trained at
   infonerf eval --renders their/renders --truth their/test --out compared
       compares PNG or JPEG pictures of equal names: a table, compared/comparison.json and a page with sliders";

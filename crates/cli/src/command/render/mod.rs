@@ -26,7 +26,7 @@ const RENDER_EXAMPLES: &str = "\
 Examples:
   infonerf render runs/synthetic-4view/castle/infonerf+/seed0
       once around the scene: PNG frames with depth, and orbit.gif
-  infonerf render runs/llff-3view/fern/nerf/seed0 --path spiral --video mp4
+  infonerf render runs/llff-3view/fern/infonerf+/seed0 --path spiral --video mp4
       LLFF's spiral, also as a video (needs `ffmpeg` on PATH)
   infonerf render runs/synthetic-4view/castle/infonerf+/seed0 --path camera_path.json
       the frames of nerfstudio's camera_path.json, in the scene's own coordinates
@@ -72,7 +72,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let film = args.video.map(Film::new).transpose()?;
     let route = Route::read(&args.path)?;
     let plan = RunPlan::of_run(&args.run)?;
-    if args.normals && !plan.config.field.tracks_positions() {
+    if args.normals && !plan.config.field.traits().tracks_positions {
         bail!(
             "--normals: expected a field whose density has a gradient with respect to positions, found {}",
             plan.config.field
