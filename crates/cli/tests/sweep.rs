@@ -109,7 +109,8 @@ fn an_experiment_runs_two_at_a_time() {
 #[test]
 fn an_experiment_is_overwritten_in_processes_of_their_own() {
     let place = Workplace::new();
-    let exp = |steps: &str| place.tiny("exp fast-losses --scene knot --variant factored --jobs 2").args(&["--set", steps]);
+    let exp =
+        |steps: &str| place.tiny("exp fast-losses --scene knot --variant factored --jobs 2").args(&["--set", steps]);
     exp("train.iterations=3").args("--variant infonerf").succeeds();
     let listed = || finished(&place.path("runs/fast-losses"));
     let before = listed();

@@ -227,7 +227,8 @@ const TURN: &str = "
 #[ignore = "needs a browser: just test-view"]
 fn forward_facing_scene_is_turned_no_farther_than_its_cameras() {
     let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan_on("facade", "fast-losses", "infonerf", common::TINY), Existing::Continue, None);
+    let folder =
+        train(out.path(), &plan_on("facade", "fast-losses", "infonerf", common::TINY), Existing::Continue, None);
     let run = read(&folder);
     let file = out.path().join("page.html");
     let before = "stage.viewer.stop();";
