@@ -85,7 +85,7 @@ class Runs(unittest.TestCase):
         with self.assertRaisesRegex(FileNotFoundError, "expected a results.json"):
             infonerf.rows(self.out / "fast-losses" / "crane")
 
-    def test_a_stopped_run_is_continued_by_the_same_call(self) -> None:
+    def test_stopped_runs_are_continued_by_the_same_call(self) -> None:
         def stop(event: Event) -> None:
             if event["event"] == "step":
                 raise KeyboardInterrupt

@@ -53,7 +53,7 @@ fn a_run_is_done_once() {
     let place = Workplace::new();
     let args = "--only loss-ablation --only information --scene knot --seed 0";
     let said = text(&tiny(&place, args).succeeds().stdout);
-    assert!(said.contains("2 runs are those of experiments above"), "{said}");
+    assert!(said.contains("2 of these runs are those of experiments above"), "{said}");
     let record = |experiment: &str, variant: &str| {
         let records = records(&place.path("runs/reproduce").join(experiment));
         records.into_iter().find(|record| record["variant"] == variant).unwrap()

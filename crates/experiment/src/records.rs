@@ -5,7 +5,7 @@
 //! in between. A record is on disk before its process first derives the list, so that the last process to rename
 //! `results.json` sees every record.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -83,14 +83,20 @@ pub(crate) fn list_records(folder: &Path, records: &[Record]) -> Result<()> {
     bail!("{}: other processes kept writing it; the records themselves are saved", path.display())
 }
 
-/// `listed` with `given`, else `stored`, in the place of the same key, or at the end in their order.
+/// `listed` with `given`, in their order, in the places of those that have their keys, and the rest of them at the end; so with
+/// `stored`, each in the place of its own key.
 fn merge(listed: Vec<Record>, given: &[Record], stored: Vec<Record>) -> Vec<Record> {
-    let mut new: BTreeMap<RunKey, Record> = stored.into_iter().map(|record| ((&record).into(), record)).collect();
-    new.extend(given.iter().map(|record| (record.into(), record.clone())));
-    let replace = |record: Record| new.remove(&(&record).into()).unwrap_or(record);
-    let mut merged: Vec<Record> = listed.into_iter().map(replace).collect();
-    merged.extend(given.iter().filter_map(|record| new.remove(&record.into())));
-    merged.extend(new.into_values());
+    let given_keys: BTreeSet<RunKey> = given.iter().map(RunKey::from).collect();
+    let keyed = stored.into_iter().map(|record| (RunKey::from(&record), record));
+    let mut stored: BTreeMap<RunKey, Record> = keyed.filter(|(key, _)| !given_keys.contains(key)).collect();
+    let mut given = given.iter().cloned();
+    let replace = |record: Record| {
+        let key = RunKey::from(&record);
+        if given_keys.contains(&key) { given.next() } else { Some(stored.remove(&key).unwrap_or(record)) }
+    };
+    let mut merged: Vec<Record> = listed.into_iter().filter_map(replace).collect();
+    merged.extend(given);
+    merged.extend(stored.into_values());
     merged
 }
 
@@ -193,6 +199,18 @@ mod tests {
         let paper = Record { preset: "paper".into(), ..first };
         save_record(folder.path(), &paper).unwrap();
         assert_eq!(listed(), [better, second, paper]);
+    }
+
+    /// A run that is finished after the others takes its place among them.
+    #[test]
+    fn records_are_listed_in_the_order_given() {
+        let folder = tempfile::tempdir().unwrap();
+        let own = ["a", "b", "c"].map(|variant| record("lego", variant, 0));
+        let other = record("fern", "a", 0);
+        list_records(folder.path(), std::slice::from_ref(&other)).unwrap();
+        list_records(folder.path(), &[own[0].clone(), own[2].clone()]).unwrap();
+        list_records(folder.path(), &own).unwrap();
+        assert_eq!(read_records(&folder.path().join(LIST)).unwrap(), [&[other], &own[..]].concat());
     }
 
     #[test]

@@ -94,7 +94,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let mut animation = Animation::new(&out.join(format!("{}.gif", route.name())), route.fps())?;
     let models = trained.models_with_residuals();
     let start = Instant::now();
-    outln!("{} frames of {width}×{height}; --size and --frames make fewer and smaller ones", cameras.len());
+    outln!("{} frames of {width}x{height}; --size and --frames make fewer and smaller ones", cameras.len());
     let bar = counting_bar("frames", cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         let image = render_image(trained.renderer(), &models, camera);
@@ -113,7 +113,7 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     }
     bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
-    outln!("{} frames of {width}×{height} in {seconds:.1} s: {}", cameras.len(), animation.finish()?.display());
+    outln!("{} frames of {width}x{height} in {seconds:.1} s: {}", cameras.len(), animation.finish()?.display());
     if let Some(film) = film {
         outln!("{}", film.write(&out, route.name(), route.fps())?.display());
     }
