@@ -44,7 +44,7 @@ pub(super) fn of_step(trainer: &Trainer, config: &Config, samples: f64, ms: impl
             ms(Phase::Backward),
             &peak,
         ),
-        Part::new("optimiser", adam, ms(Phase::Optimiser), &peak),
+        Part::new("optimiser", adam, ms(Phase::Optimizer), &peak),
     ]
 }
 

@@ -21,9 +21,9 @@ pub struct Session {
     pub existing: Existing,
     /// Share of each run after which it is stopped, to be resumed later.
     pub until: Option<f64>,
-    /// Whether the device is waited for after each phase of a step: see [`Trainer::synchronise_phases`].
+    /// Whether the device is waited for after each phase of a step: see [`Trainer::synchronize_phases`].
     ///
-    /// [`Trainer::synchronise_phases`]: infonerf_train::Trainer::synchronise_phases
+    /// [`Trainer::synchronize_phases`]: infonerf_train::Trainer::synchronize_phases
     pub profiled: bool,
     /// What learned metrics need: those without a network have no value.
     pub networks: Networks,

@@ -1,4 +1,4 @@
-//! Builds the model that a config describes, with its initial weights, and its optimiser.
+//! Builds the model that a config describes, with its initial weights, and its optimizer.
 
 use std::fmt;
 use std::sync::Arc;
@@ -13,8 +13,9 @@ use infonerf_render::{CameraRefinement, Exposure, Model, Pivot};
 use infonerf_scene::{self as scene, Aabb, Scene};
 use infonerf_schedule::{Fault, Moment};
 
-use crate::config::TrainConfig;
-use crate::{Checkpoint, Config, TrainError};
+use crate::checkpoint::Checkpoint;
+use crate::config::{Config, TrainConfig};
+use crate::error::TrainError;
 
 type Build<F> = dyn Fn(u64, &Device) -> Result<F, TrainError> + Send + Sync;
 
@@ -23,7 +24,7 @@ type Build<F> = dyn Fn(u64, &Device) -> Result<F, TrainError> + Send + Sync;
 pub(crate) struct FieldBuilder<F> {
     build: Arc<Build<F>>,
     shares_passes: bool,
-    sees_photographs: bool,
+    sees_images: bool,
 }
 
 impl<F> fmt::Debug for FieldBuilder<F> {
@@ -37,7 +38,7 @@ impl FieldBuilder<RadianceField> {
     pub(crate) fn configured(config: &Config, bounds: Aabb, body: Option<scene::Body>) -> Self {
         let bounds = [bounds.min.to_array(), bounds.max.to_array()];
         let config = config.field.clone();
-        let (shares_passes, sees_photographs) = (config.shares_passes(), sees_photographs(&config));
+        let (shares_passes, sees_images) = (config.shares_passes(), sees_images(&config));
         let vertices: Vec<[f32; 3]> = body.iter().flat_map(|body| &body.vertices).map(|v| v.to_array()).collect();
         let build = move |seed: u64, device: &Device| {
             let body = body.as_ref().map(|body| Body {
@@ -47,7 +48,7 @@ impl FieldBuilder<RadianceField> {
             });
             Ok(RadianceField::new(&config, &FieldSetup { bounds, seed, device, body })?)
         };
-        Self { build: Arc::new(build), shares_passes, sees_photographs }
+        Self { build: Arc::new(build), shares_passes, sees_images }
     }
 }
 
@@ -55,12 +56,12 @@ impl<F: Field> FieldBuilder<F> {
     /// Fields that `build` makes of a seed and a device.
     pub(crate) fn custom(build: impl Fn(u64, &Device) -> F + Send + Sync + 'static) -> Self {
         let build = move |seed: u64, device: &Device| Ok(build(seed, device));
-        Self { build: Arc::new(build), shares_passes: false, sees_photographs: true }
+        Self { build: Arc::new(build), shares_passes: false, sees_images: true }
     }
 
-    /// Whether the fields may look at photographs.
-    pub(crate) fn sees_photographs(&self) -> bool {
-        self.sees_photographs
+    /// Whether the fields may look at images.
+    pub(crate) fn sees_images(&self) -> bool {
+        self.sees_images
     }
 
     /// A model for `scene` with weights drawn from `seed`, or those of the run that `train.init` names.
@@ -82,8 +83,8 @@ impl<F: Field> FieldBuilder<F> {
     }
 }
 
-/// Whether a field of this config looks at photographs: at those that it is shown, or always at the first.
-pub(crate) fn sees_photographs(config: &FieldConfig) -> bool {
+/// Whether a field of this config looks at images: those that it is shown, or always the first.
+pub(crate) fn sees_images(config: &FieldConfig) -> bool {
     config.sees_photographs() || config.first_photographs().is_some()
 }
 
@@ -113,7 +114,7 @@ pub(crate) fn learning_rates(config: &TrainConfig, at: Moment) -> ModuleLearning
     ModuleLrScheduler::new(config.lr.at(at)).with_group(cameras, config.cameras.lr.at(at)).step()
 }
 
-pub(crate) fn optimiser(config: &Config) -> ModuleOptimizer {
+pub(crate) fn optimizer(config: &Config) -> ModuleOptimizer {
     let t = &config.train;
     let adam = Adam { epsilon: t.adam_epsilon, beta2: t.adam_beta2, ..Adam::default() };
     let tables = Adam { rate: t.grid_lr_multiplier, ..adam.clone() };

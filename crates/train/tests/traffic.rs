@@ -1,4 +1,4 @@
-//! What passes between host and device in a step. A file of its own: the counts are of the whole process.
+//! Traffic between host and device in a step. A file of its own: the counts are of the whole process.
 
 mod common;
 

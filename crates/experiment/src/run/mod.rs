@@ -94,7 +94,7 @@ impl Session {
                     trainer.resume(&checkpoint)?;
                 }
                 if self.profiled {
-                    trainer.synchronise_phases();
+                    trainer.synchronize_phases();
                 }
                 training.push(Training::new(trainer, folder)?);
             }

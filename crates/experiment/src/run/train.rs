@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use infonerf_train::{Checkpoint, Event, Outcome, Stepped, Trainer, step_side_by_side};
+use infonerf_train::{Checkpoint, Event, MemberStep, Outcome, Trainer, step_side_by_side};
 
 use super::log::Log;
 use crate::{Control, RunEvent, Watch};
@@ -82,7 +82,7 @@ impl Training {
     /// Logs a step and tells `watch`, whose answer is returned; ends or saves the field where that is due.
     fn follow(
         &mut self,
-        (events, outcome): Stepped,
+        (events, outcome): MemberStep,
         checkpoint_every: usize,
         until: Option<f64>,
         watch: &mut Watch<'_>,

@@ -16,7 +16,8 @@ pub struct EntropyConfig {
     pub weight: Schedule,
     /// The rays over which it is averaged (paper: all; released code: unseen).
     pub rays: RaySet,
-    /// Whether neighbours of these rays are included, as in the released code with the KL loss.
+    /// Whether neighbours are included: those of seen rays and, if `rays` includes unseen ones, of these, as in the released
+    /// code with the KL loss.
     pub neighbours: bool,
     /// The distribution along the ray.
     pub distribution: RayDistribution,
@@ -48,9 +49,19 @@ pub enum HitRule {
     All,
 }
 
+impl EntropyConfig {
+    /// The rays whose neighbours are included.
+    fn rays_with_neighbours(&self) -> RaySet {
+        if self.rays.unseen() { RaySet::All } else { RaySet::Seen }
+    }
+}
+
 impl TermSpec for EntropyConfig {
     fn needs(&self) -> Vec<Need> {
-        if self.neighbours { Need::neighbours_of(self.rays) } else { Need::of(self.rays) }
+        match self.neighbours {
+            true => Need::neighbours_of(self.rays_with_neighbours()),
+            false => Need::of(self.rays),
+        }
     }
 
     fn validate(&self) -> Result<(), Fault> {
@@ -65,7 +76,7 @@ impl TermSpec for EntropyConfig {
 
 impl Term for EntropyConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let neighbours = renders.neighbours(self.rays).filter(|_| self.neighbours);
+        let neighbours = renders.neighbours(self.rays_with_neighbours()).filter(|_| self.neighbours);
         let outputs = renders.outputs(self.rays).chain(neighbours);
         renders.mean_of_sums(outputs.map(|output| {
             let (bits, measure) = entropy(output, self.distribution, self.mask, self.epsilon);
@@ -121,6 +132,20 @@ mod tests {
             let value = config(RaySet::Seen, rule).value(&renders).into_scalar::<f32>();
             approx::assert_abs_diff_eq!(value, bits, epsilon = 1e-6);
         }
+    }
+
+    /// With rays of unseen poses, as in the released code: unseen rays, and the neighbours of seen and of unseen ones.
+    #[test]
+    fn neighbours_of_seen_rays_join_the_unseen_rays() {
+        let mut renders = testing::renders(&[&[1e-4, 1e-4]]);
+        renders.unseen = Some(testing::renders(&[&[3.0, 3.0]]).seen);
+        renders.neighbours.seen = Some(testing::renders(&[&[3.0], &[3.0]]).seen.passes.fine);
+        renders.neighbours.unseen = Some(testing::renders(&[&[3.0]]).seen.passes.fine);
+        let config = EntropyConfig { neighbours: true, ..config(RaySet::Unseen, HitRule::Acc) };
+        approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), 0.25, epsilon = 1e-6);
+        assert_eq!(config.needs(), [Need::Unseen, Need::SeenNeighbours, Need::UnseenNeighbours]);
+        let seen = EntropyConfig { rays: RaySet::Seen, ..config };
+        assert_eq!(seen.needs(), [Need::SeenNeighbours]);
     }
 
     /// The mean is over the rays of all bundles together, not over their means.

@@ -23,7 +23,7 @@ pub(super) fn part<S: Into<Shape>>(buffer: CubeTensor, start: usize, shape: S) -
 }
 
 /// The same of a buffer that is there to be read: a copy where the device cannot begin a buffer at `start`.
-pub(crate) fn part_or_copy<S: Into<Shape>>(buffer: &CubeTensor, start: usize, shape: S) -> CubeTensor {
+pub(super) fn part_or_copy<S: Into<Shape>>(buffer: &CubeTensor, start: usize, shape: S) -> CubeTensor {
     let (buffer, shape) = (buffer.clone(), shape.into());
     let alignment = buffer.client.properties().memory.alignment as usize;
     if (start * size_of::<f32>()).is_multiple_of(alignment) {
@@ -43,19 +43,10 @@ pub(super) struct Outputs<const N: usize> {
 impl<const N: usize> Outputs<N> {
     /// Each at a multiple of [`ALIGNMENT`].
     pub(super) fn new(shapes: [Shape; N]) -> Arc<Self> {
-        Self::at_multiples_of(ALIGNMENT, shapes)
-    }
-
-    /// One right after the other. Parts that no device can begin a buffer at are copied.
-    pub(super) fn dense(shapes: [Shape; N]) -> Arc<Self> {
-        Self::at_multiples_of(1, shapes)
-    }
-
-    fn at_multiples_of(alignment: usize, shapes: [Shape; N]) -> Arc<Self> {
         let mut end = 0;
         let starts = shapes.each_ref().map(|shape| {
             let start = end;
-            end += shape.num_elements().next_multiple_of(alignment);
+            end += shape.num_elements().next_multiple_of(ALIGNMENT);
             start
         });
         Arc::new(Self { starts, shapes, grads: Mutex::new([const { None }; N]) })

@@ -1,9 +1,9 @@
 //! Queries of a field at points that belong to no ray.
 
 use glam::Vec3;
-use infonerf_field::{Extent, Field, FieldOutput, Points};
+use infonerf_field::{Extent, Field, FieldOutput};
 use infonerf_ops::{to_host, upload};
-use infonerf_render::{TrainedModel, Warp};
+use infonerf_render::{TrainedModel, Warp, evaluate_at};
 use infonerf_scene::Scene;
 
 use crate::subjects::Subjects;
@@ -55,7 +55,7 @@ impl<'a> Ask<'a> {
         let mut densities = vec![0.0; points.len()];
         for asked in open.chunks(CHUNK) {
             let positions: Vec<Vec3> = asked.iter().map(|&index| points[index]).collect();
-            let answer = self.evaluate(&positions, &vec![Vec3::Z; asked.len()], voxel, false);
+            let answer = self.evaluate(&positions, None, voxel);
             for (&index, sigma) in asked.iter().zip(to_host(answer.sigma)) {
                 // Not what is no number.
                 densities[index] = sigma.max(0.0);
@@ -82,7 +82,7 @@ impl<'a> Ask<'a> {
                 self.eyes.iter().map(move |&eye| (place - eye).normalize_or(Vec3::Z))
             };
             let directions: Vec<Vec3> = points.iter().flat_map(direction).collect();
-            let color = self.evaluate(&places, &directions, voxel, true).color.expect("colour was asked for");
+            let color = self.evaluate(&places, Some(&directions), voxel).color.expect("colour was asked for");
             directions.into_iter().zip(to_host(color).chunks_exact(3).map(Vec3::from_slice)).collect()
         };
         points.chunks((CHUNK / count).max(1)).flat_map(of_chunk).collect()
@@ -90,7 +90,7 @@ impl<'a> Ask<'a> {
 
     /// The field at points that stand for cubes: as large as what a pixel of the nearest training camera covers there, or as a
     /// voxel if that is larger. Only fields of volumes take notice, and these are not warped.
-    fn evaluate(&self, points: &[Vec3], directions: &[Vec3], voxel: f32, color: bool) -> FieldOutput {
+    fn evaluate(&self, points: &[Vec3], directions: Option<&[Vec3]>, voxel: f32) -> FieldOutput {
         let distance = |p: &Vec3| {
             let nearest = self.cameras.iter().map(|camera| camera.distance(*p)).reduce(f32::min);
             nearest.unwrap_or(1.0).max(self.nearest)
@@ -101,11 +101,10 @@ impl<'a> Ask<'a> {
         let radii: Vec<f32> = t.iter().zip(&edges).map(|(t, edge)| edge / (3f32.sqrt() * t)).collect();
         let (field, count) = (&self.trained.model.fine, points.len());
         let device = field.device();
-        let rows = |vectors: &[Vec3]| upload(vectors.iter().flat_map(|v| v.to_array()).collect(), [count, 3], &device);
         let [t, delta, radii] = [t, edges, radii].map(|numbers| upload(numbers, [count], &device));
         let extent = Extent::Cones { t, delta, radii };
-        let points = Points::scattered(rows(points), extent).seen_along(rows(directions));
-        field.evaluate(&points, color, self.trained.at)
+        let positions = points.iter().flat_map(|p| p.to_array()).collect();
+        evaluate_at(field, positions, directions, extent, self.trained.at)
     }
 }
 

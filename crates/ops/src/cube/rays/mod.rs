@@ -14,7 +14,7 @@ use super::outputs::Outputs;
 use super::{CubeKernel, Pass, apply, empty, empty_like};
 use crate::Segments;
 use crate::composite::MIN_ALPHA_SUM;
-use crate::traffic::{count_read, count_upload};
+use crate::traffic::count_upload;
 
 /// What [`composite`](crate::composite()) or, of three values on `background` and with `distances`,
 /// [`composite_over`](crate::composite_over()) gives: values, distances and Σw.
@@ -102,19 +102,12 @@ impl CubeKernel for Spread {
     }
 }
 
-/// Offsets that were made on a GPU.
-pub(crate) fn read_offsets(offsets: &CubeTensor) -> Vec<u32> {
-    let data = burn::tensor::read_sync(CubeBackend::int_into_data(offsets.clone())).expect("a device can be read");
-    count_read(4 * offsets.meta.num_elements());
-    data.iter::<i32>().map(|offset| offset as u32).collect()
-}
-
-/// Which samples each ray owns.
+/// Offsets of each ray's samples, for kernels.
 #[derive(Debug)]
-struct Rays(Segments);
+pub(super) struct Rays(Segments);
 
 impl Rays {
-    fn new(segments: &Segments) -> Self {
+    pub(super) fn new(segments: &Segments) -> Self {
         Self(segments.clone())
     }
 
@@ -123,7 +116,7 @@ impl Rays {
     }
 
     /// The offsets, `[R + 1]`, which stay on the device that is the first to be asked for them.
-    fn offsets(&self, like: &CubeTensor) -> CubeTensor {
+    pub(super) fn offsets(&self, like: &CubeTensor) -> CubeTensor {
         let moved = || {
             let offsets: Vec<i32> = self.0.offsets().iter().map(|offset| *offset as i32).collect();
             let count = offsets.len();
