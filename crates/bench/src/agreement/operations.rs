@@ -15,8 +15,8 @@ use infonerf_ops::sampling::{
     stratified,
 };
 use infonerf_ops::{
-    Intervals, RayDistribution, Segments, additive_depth, composite, composite_over, frequency_encode, from_host,
-    integrated_encode, ray_distortion, ray_divergence, ray_entropy, to_host, to_host_together,
+    Intervals, RayDistribution, Segments, composite, composite_over, frequency_encode, from_host, integrated_encode,
+    ray_distortion, ray_divergence, ray_entropy, to_host, to_host_together,
 };
 
 use super::networks;

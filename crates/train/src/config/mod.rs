@@ -12,7 +12,6 @@ mod weights;
 pub use cameras::{CameraConfig, Refine};
 pub use layers::{Preset, assign, merge, parse_assignment};
 pub use protocol::{TestViews, Views};
-pub(crate) use train::MAX_ENSEMBLE;
 pub use train::{
     Batch, EarlyStoppingConfig, EnsembleConfig, ErrorSamplingConfig, NeighbourConfig, NeighbourSampling,
     RotationCentre, TrainConfig, Unseen,

@@ -352,7 +352,7 @@ mod tests {
         {
             let config = Config::of(preset, settings).unwrap();
             let trainer = Trainer::new(&config, scene.clone(), 0, None, &device).unwrap();
-            let copies = &trainer.scenes[0].sources.all().views;
+            let copies = &trainer.batches.scenes[0].sources.all().views;
             assert_eq!(copies.len(), if copied { scene.train.len() } else { 0 }, "{settings:?}");
             assert!(Arc::ptr_eq(&trainer.batches.scenes, &trainer.with_seed(1).unwrap().batches.scenes));
         }
