@@ -54,10 +54,10 @@ doc:
 book: doc
     scripts/book
 
-# The Python package: its tests, notebook and types, with NumPy and pandas in an environment of their own
+# The Python package: its tests, notebook and types, with pandas in an environment of their own
 python:
     python3 -m venv {{ environment }}
-    {{ environment }}/bin/pip install --quiet mypy numpy pandas pandas-stubs
+    {{ environment }}/bin/pip install --quiet mypy pandas pandas-stubs
     {{ environment }}/bin/mypy
     PYTHON={{ environment }}/bin/python cargo test --release --workspace --test all python:: -- --nocapture
 
@@ -69,7 +69,7 @@ wheel *ARGS:
 ci:
     .ci/run
 
-# Measure: just bench pareto, skip, step, scale, render, ops, agreement, stress or stress-training
+# Measure: just bench pareto, skip, step, render, agreement, stress or stress-training
 bench NAME *ARGS:
     {{ run }} bench "$@"
 

@@ -55,7 +55,8 @@ def run(experiment: str | Path, *, on_event: Callable[[Event], None] | None = No
 
     `options` are those of the command line (`infonerf exp --help`) with `_` for `-`: a list repeats an option, a mapping
     writes `KEY=VALUE`, True gives it without a value, and None or False leaves it out. `on_event` is given each event as it
-    comes; an exception that it raises, as Ctrl-C, stops the program, which saves its run first: `resume=True` resumes it.
+    comes; an exception that it raises, as Ctrl-C, stops the program, which saves its run first: the same call continues it,
+    and returns the records of runs that are finished. `overwrite=True` starts them anew.
 
     >>> infonerf.run("fast-losses", scene=["crane", "knot"], variant="infonerf+", set={"train.iterations": 200})
 
@@ -65,7 +66,11 @@ def run(experiment: str | Path, *, on_event: Callable[[Event], None] | None = No
     records: list[Row] = []
     folder = Path()
     with tempfile.TemporaryFile() as errors:
-        child = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, encoding="utf-8")
+        # A session of its own: the terminal's Ctrl-C reaches this process alone, which passes it on once. A second signal would
+        # stop the program before it has saved.
+        child = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=errors, encoding="utf-8", start_new_session=True
+        )
         assert child.stdout is not None
         try:
             for line in child.stdout:
@@ -77,8 +82,7 @@ def run(experiment: str | Path, *, on_event: Callable[[Event], None] | None = No
                 if on_event is not None:
                     on_event(event)
         except BaseException:
-            child.send_signal(signal.SIGINT if sys.platform != "win32" else signal.SIGTERM)
-            child.communicate()
+            _stop(child)
             raise
         finally:
             child.stdout.close()
@@ -87,16 +91,18 @@ def run(experiment: str | Path, *, on_event: Callable[[Event], None] | None = No
     return [located(record, folder) for record in records]
 
 
-def call(*args: str) -> None:
-    """Runs the program without looking at what it prints."""
-    with tempfile.TemporaryFile() as errors:
-        child = subprocess.run([str(program()), *args], stdout=subprocess.DEVNULL, stderr=errors, check=False)
-        _check(child.returncode, errors)
+def _stop(child: subprocess.Popen[str]) -> None:
+    """Lets the program save and end; a second Ctrl-C in the meantime ends it at once."""
+    child.send_signal(signal.SIGINT if sys.platform != "win32" else signal.SIGTERM)
+    try:
+        child.communicate()
+    except KeyboardInterrupt:
+        child.kill()
 
 
 def arguments(options: Mapping[str, Option]) -> list[str]:
-    """Options of the command line: `{"scene": ["a", "b"], "set": {"x": 1}, "resume": True}` as
-    `--scene=a --scene=b --set=x=1 --resume`."""
+    """Options of the command line: `{"scene": ["a", "b"], "set": {"x": 1}, "overwrite": True}` as
+    `--scene=a --scene=b --set=x=1 --overwrite`."""
     given = []
     for name, value in options.items():
         option = f"--{name.replace('_', '-')}"

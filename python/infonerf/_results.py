@@ -17,7 +17,7 @@ Row = dict[str, Any]
 def rows(path: str | os.PathLike[str]) -> list[Row]:
     """The records of all runs in `path`: a `results.json`, or a folder with some anywhere below it.
 
-    Each has one key beside those of `results.schema.json`: `folder`, where the run's pictures, curves and weights are.
+    Each has one key in addition to those of `results.schema.json`: `folder`, where the run's pictures, curves and weights are.
     Raises FileNotFoundError if there is no `results.json`.
     """
     path = Path(path)
@@ -29,11 +29,15 @@ def rows(path: str | os.PathLike[str]) -> list[Row]:
 
 
 def results(path: str | os.PathLike[str]) -> pandas.DataFrame:
-    """The same as a DataFrame, a row for each run; nested keys are joined by dots, such as `test_views.count`.
+    """The records of all runs in `path` as a DataFrame, a row for each; nested keys are joined by dots, such as
+    `test_views.count`.
 
-    Raises ImportError if pandas is not installed (`pip install 'infonerf[pandas]'`), and as `rows`.
+    Raises ImportError if pandas is not installed, and as `rows`.
     """
-    import pandas
+    try:
+        import pandas
+    except ModuleNotFoundError as error:
+        raise ImportError("infonerf.results needs pandas, which is not installed: pip install pandas") from error
 
     return pandas.json_normalize(rows(path))
 

@@ -1,4 +1,4 @@
-//! What tests across crates share: numbers that follow from a rule, so that fixtures need no weights.
+//! Helpers of the tests across crates: parameters that follow from a rule, so that fixtures need no weights.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,7 +8,7 @@ use burn::tensor::{Device, Gradients, Tensor, TensorData};
 use safetensors::{Dtype, tensor::TensorView};
 use serde_json::Value;
 
-/// Every device that the tests were built for: the CPU's, and with a GPU's feature that GPU or what plays one.
+/// Every device that the tests were built for: the CPU's, and with a GPU's feature that GPU or a software device.
 #[allow(deprecated, reason = "the older backend stays selectable, so it stays tested")]
 pub fn devices() -> Vec<Device> {
     vec![
@@ -19,7 +19,7 @@ pub fn devices() -> Vec<Device> {
     ]
 }
 
-/// The GPU, as the feature says.
+/// The GPU that the features choose.
 #[cfg(feature = "gpu")]
 pub fn gpu() -> Device {
     #[cfg(feature = "cuda")]
@@ -31,7 +31,7 @@ pub fn gpu() -> Device {
     gpu
 }
 
-/// Number `n` of tensor `l`, in [−1, 1): 24 bits of SplitMix64's finaliser, as `fixtures/hashed.py` has it.
+/// Element `n` of tensor `l`, in [−1, 1): 24 bits of SplitMix64's finaliser, as in `fixtures/hashed.py`.
 pub fn hashed(l: usize, n: usize) -> f64 {
     let mut z = (((l as u64) << 40) + n as u64).wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -40,17 +40,17 @@ pub fn hashed(l: usize, n: usize) -> f64 {
     (z >> 40) as f64 / (1u64 << 23) as f64 - 1.0
 }
 
-/// The document `fixtures/<name>.json`.
+/// Reads `fixtures/<name>.json`.
 ///
 /// # Panics
-/// If there is none, or it is not JSON.
+/// If the file is missing or not JSON.
 pub fn fixture(name: &str) -> Value {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name).with_extension("json");
     serde_json::from_slice(&std::fs::read(path).expect("a fixture")).expect("JSON")
 }
 
-/// `module` with other parameters, and how many it has: those of parameter `l` in the module's order are `values(l, shape)`, row
-/// by row; where that is none they stay.
+/// Returns `module` with new parameters and their number: parameter `l`, in the module's order, becomes `values(l, shape)`, row by
+/// row; it stays if that is `None`.
 pub fn with_parameters<M: Module>(module: M, values: impl FnMut(usize, &[usize]) -> Option<Vec<f32>>) -> (M, usize) {
     struct Overwrite<V> {
         values: V,
@@ -75,18 +75,18 @@ pub fn with_parameters<M: Module>(module: M, values: impl FnMut(usize, &[usize])
     (module, overwrite.next)
 }
 
-/// `module` with parameters that follow from a rule, and how many there are: number `n` of parameter `l`, in the module's
-/// order, is `rule(l, shape, hashed(l, n))`.
+/// Returns `module` with parameters that follow from a rule, and their number: element `n` of parameter `l`, in the module's order,
+/// is `rule(l, shape, hashed(l, n))`.
 pub fn overwritten<M: Module>(module: M, rule: impl Fn(usize, &[usize], f64) -> f64) -> (M, usize) {
     with_parameters(module, |l, shape| {
         Some((0..shape.iter().product()).map(|n| rule(l, shape, hashed(l, n)) as f32).collect())
     })
 }
 
-/// Rank of every parameter and its gradient, in the module's order.
+/// Returns the rank and gradient of every parameter, in the module's order.
 ///
 /// # Panics
-/// If a parameter has none.
+/// If a parameter has no gradient.
 pub fn gradients_of(module: &impl Module, gradients: &Gradients) -> Vec<(usize, Vec<f32>)> {
     struct Visitor<'a> {
         gradients: &'a Gradients,
@@ -105,24 +105,24 @@ pub fn gradients_of(module: &impl Module, gradients: &Gradients) -> Vec<(usize, 
     visitor.found
 }
 
-/// The numbers of a list in a fixture.
+/// Returns the elements of a fixture's list of numbers.
 ///
 /// # Panics
-/// If it is something else.
+/// If the value is not a list of numbers.
 pub fn numbers(value: &Value) -> Vec<f32> {
     let number = |x: &Value| x.as_f64().expect("a number") as f32;
     value.as_array().expect("a list").iter().map(number).collect()
 }
 
-/// The largest magnitude.
+/// Returns the largest magnitude.
 pub fn largest(values: &[f32]) -> f64 {
     values.iter().map(|x| f64::from(x.abs())).fold(0.0, f64::max)
 }
 
-/// Checks that no number is further than `tolerance` from what it should be.
+/// Checks that no element is further than `tolerance` from the expected one.
 ///
 /// # Panics
-/// If one is, or there are more or fewer.
+/// If an element is, or the lengths differ.
 pub fn compare(got: &[f32], want: &[f32], tolerance: f64, what: &str) {
     assert_eq!(got.len(), want.len(), "{what}");
     for (index, (got, want)) in got.iter().zip(want).enumerate() {
@@ -131,15 +131,15 @@ pub fn compare(got: &[f32], want: &[f32], tolerance: f64, what: &str) {
     }
 }
 
-/// Colours in [0, 1] of picture `k`, row-major.
+/// Returns the colours in [0, 1] of test image `k`, row-major.
 pub fn picture(k: usize, pixels: usize) -> Vec<[f32; 3]> {
     (0..pixels).map(|p| [0, 1, 2].map(|c| (0.5 + 0.5 * hashed(1000 + k, 3 * p + c)) as f32)).collect()
 }
 
-/// Writes `(name, shape, numbers)` as a safetensors file.
+/// Writes `(name, shape, elements)` as a safetensors file.
 ///
 /// # Panics
-/// If a shape does not fit its numbers, or the file cannot be written.
+/// If a shape does not fit its elements, or the file cannot be written.
 pub fn write_weights(path: &Path, tensors: impl Iterator<Item = (String, Vec<usize>, Vec<f32>)>) {
     let bytes: Vec<(String, Vec<usize>, Vec<u8>)> = tensors
         .map(|(name, shape, values)| (name, shape, values.iter().flat_map(|value| value.to_le_bytes()).collect()))

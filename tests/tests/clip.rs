@@ -14,7 +14,7 @@ use infonerf_tests::{fixture, hashed, picture, write_weights};
 use infonerf_train::{Config, Event, Preset, Trainer};
 use serde_json::Value;
 
-/// Embeddings have unit length, gradients reach 0.1.
+/// Tolerance: embeddings have unit length, gradients reach 0.1.
 const TOLERANCE: f32 = 1e-4;
 
 fn small(fixture: &Value) -> ClipConfig {
@@ -30,7 +30,7 @@ fn small(fixture: &Value) -> ClipConfig {
     }
 }
 
-/// The names and shapes of the published file, in the order of the rule.
+/// Names and shapes of the published file's tensors, in the order of the rule.
 fn tensors(config: ClipConfig) -> Vec<(String, Vec<usize>)> {
     let ClipConfig { image, patch, width, hidden, .. } = config;
     let mut all = vec![
@@ -78,7 +78,7 @@ fn encoder(path: &Path, config: ClipConfig, device: &Device) -> ClipVision {
     ClipVision::read(path, config, device).unwrap()
 }
 
-/// Picture `k` of the fixture and its height and width.
+/// Image `k` of the fixture with its height and width.
 fn pictured(fixture: &Value, k: usize, device: &Device) -> (Tensor<2>, (usize, usize)) {
     let side = |i: usize| fixture["pictures"][k][i].as_u64().unwrap() as usize;
     let (height, width) = (side(0), side(1));

@@ -1,17 +1,18 @@
-//! The gradient of density with respect to positions, of every field that configs can name.
+//! Gradients of every field that configs can name against finite differences: of density in positions, and of density and
+//! colour in each parameter.
 
 use burn::tensor::{Device, Tensor};
 use infonerf_field::{
-    Body, Extent, Field, FieldConfig, FieldSetup, FieldSpec, Points, RadianceField, SourceView, Sources,
+    Body, Extent, Field, FieldConfig, FieldSetup, FieldSpec, Penalty, Points, RadianceField, SourceView, Sources,
     density_gradient,
 };
 use infonerf_ops::{Segments, from_host, to_host, upload};
 use infonerf_schedule::Moment;
-use infonerf_tests::{devices, overwritten};
+use infonerf_tests::{devices, gradients_of, hashed, picture, with_parameters};
 use serde_json::{Value, json};
 
-/// A small field of each kind, with part of its detail where that is annealed.
-fn fields() -> [Value; 7] {
+/// A small field of each kind, with part of its detail if that is annealed.
+fn fields() -> [Value; 8] {
     [
         json!({"kind": "nerf", "layers": 2, "width": 16, "skip": 1, "position_frequencies": 3, "direction_frequencies": 1,
                "density": "softplus", "detail": 0.7}),
@@ -22,6 +23,8 @@ fn fields() -> [Value; 7] {
         json!({"kind": "hash", "levels": 3, "features": 2, "log2_table_size": 9, "coarsest": 3, "finest": 7, "layers": 1,
                "width": 16, "direction_frequencies": 1, "density_scale": 10.0, "density_bias": -1.0, "detail": 0.7}),
         json!({"kind": "neuralvolumes", "latent": 4, "resolution": 4, "width": 16, "maps": 2, "warp_resolution": 3}),
+        json!({"kind": "neuralvolumes", "latent": 4, "resolution": 4, "width": 16, "maps": 2, "warp_resolution": 3,
+               "encoder": {"images": 1, "size": [16, 16], "width": 1}}),
         json!({"kind": "neuralbody", "vertices": "", "voxel": 0.1, "code": 4, "channels": 4, "width": 16, "appearance": 4,
                "position_frequencies": 2, "direction_frequencies": 1}),
         json!({"kind": "pixelnerf", "encoder": {"width": 4, "blocks": [1], "weights": ""}, "blocks": 1, "pool_after": 1,
@@ -29,23 +32,32 @@ fn fields() -> [Value; 7] {
     ]
 }
 
-/// The field, with parameters that make it vary, as it is for one photograph.
-fn built(config: &FieldConfig, device: &Device) -> RadianceField {
-    let vertices = [[-0.4, -0.5, -0.3], [0.1, 0.1, 0.2], [0.4, 0.3, 0.4]];
-    let body = Some(Body { vertices: &vertices, ..Body::default() });
-    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0, 1.5, 2.0]], seed: 0, device, body };
+fn sources() -> Sources {
     let view = SourceView {
         width: 16,
         height: 16,
-        rgb: vec![[0.5; 3]; 256].into(),
+        rgb: picture(0, 256).into(),
         focal: [10.0; 2],
         centre: [8.0; 2],
         to_camera: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -5.0]],
     };
-    let gain = |shape: &[usize]| if shape.len() == 2 && shape[0] < 64 { (6.0 / shape[0] as f64).sqrt() } else { 1.0 };
-    let (field, _) = overwritten(RadianceField::new(config, &setup).unwrap(), |_, shape, number| gain(shape) * number);
-    field.conditioned(&Sources { views: vec![view].into(), middle: [0.0; 3] }, None)
+    Sources { views: vec![view].into(), middle: [0.0; 3] }
 }
+
+/// The field with parameters that make it vary. Element `n` of parameter `l` is moved by `moved(l, n)`.
+fn built(config: &FieldConfig, device: &Device, moved: impl Fn(usize, usize) -> f64) -> RadianceField {
+    let vertices = [[-0.4, -0.5, -0.3], [0.1, 0.1, 0.2], [0.4, 0.3, 0.4]];
+    let body = Some(Body { vertices: &vertices, ..Body::default() });
+    let setup = FieldSetup { bounds: [[-1.0; 3], [1.0, 1.5, 2.0]], seed: 0, device, body };
+    let gain = |shape: &[usize]| if shape.len() == 2 && shape[0] < 64 { (6.0 / shape[0] as f64).sqrt() } else { 1.0 };
+    let values = |l: usize, shape: &[usize]| {
+        Some((0..shape.iter().product()).map(|n| (gain(shape) * hashed(l, n) + moved(l, n)) as f32).collect())
+    };
+    with_parameters(RadianceField::new(config, &setup).unwrap(), values).0
+}
+
+/// Positions of five points.
+const AT: [f32; 15] = [0.11, 0.23, 0.05, -0.31, -0.42, -0.17, 0.33, 0.38, 0.21, -0.13, 0.29, 0.37, 0.43, -0.07, -0.27];
 
 /// Samples of two rays.
 fn points(positions: &[f32], device: &Device) -> Points {
@@ -60,36 +72,75 @@ fn points(positions: &[f32], device: &Device) -> Points {
 }
 
 #[test]
-fn slopes_of_every_field_are_those_of_differences() {
+fn gradients_in_positions_are_those_of_differences() {
     const STEP: f32 = 1e-3;
-    let at: [f32; 15] =
-        [0.11, 0.23, 0.05, -0.31, -0.42, -0.17, 0.33, 0.38, 0.21, -0.13, 0.29, 0.37, 0.43, -0.07, -0.27];
     for device in devices() {
         for config in fields().map(|field| serde_json::from_value::<FieldConfig>(field).unwrap()) {
-            let field = built(&config, &device);
+            let field = built(&config, &device, |_, _| 0.0).conditioned(&sources(), None);
             let sigma = |positions: &[f32]| {
                 let densities = field.evaluate(&points(positions, &device), false, Moment::END).sigma;
                 to_host(densities).into_iter().map(f64::from).collect::<Vec<_>>()
             };
-            let found = density_gradient(&field, &points(&at, &device), Moment::END);
-            assert_eq!(found.is_some(), config.tracks_positions(), "{config}");
+            let found = density_gradient(&field, &points(&AT, &device), Moment::END);
+            assert_eq!(found.is_some(), config.traits().tracks_positions, "{config}");
             let Some((density, gradient)) = found else { continue };
             let (density, gradient) = (to_host(density), to_host(gradient));
-            let here = sigma(&at);
+            let here = sigma(&AT);
             assert!(density.iter().zip(&here).all(|(a, b)| (f64::from(*a) - b).abs() <= 1e-6 * b), "{config}");
-            let steepest = f64::from(gradient.iter().fold(0f32, |most, slope| most.max(slope.abs())));
+            let steepest = f64::from(gradient.iter().fold(0f32, |most, g| most.max(g.abs())));
             assert!(steepest > 0.1, "{config}: {gradient:?}");
-            for (index, &slope) in gradient.iter().enumerate() {
+            for (index, &found) in gradient.iter().enumerate() {
                 let difference = |step: f32| {
-                    let mut moved = at;
+                    let mut moved = AT;
                     moved[index] += step;
-                    (sigma(&moved)[index / 3] - here[index / 3]) / f64::from(moved[index] - at[index])
+                    (sigma(&moved)[index / 3] - here[index / 3]) / f64::from(moved[index] - AT[index])
                 };
                 // On both sides: they differ where a ReLU turns on or a texel ends in between.
                 let sides = [difference(-STEP), difference(STEP)];
                 let (low, high) = (sides[0].min(sides[1]), sides[0].max(sides[1]));
                 let within = low - 5e-3 * steepest..=high + 5e-3 * steepest;
-                assert!(within.contains(&f64::from(slope)), "{config} on {device:?}, {index}: {slope}, {sides:?}");
+                assert!(within.contains(&f64::from(found)), "{config} on {device:?}, {index}: {found}, {sides:?}");
+            }
+        }
+    }
+}
+
+/// Derivatives along a random direction of each parameter tensor.
+#[test]
+fn gradients_in_parameters_are_those_of_differences() {
+    const STEP: f64 = 1e-3;
+    let direction = |l: usize, n: usize| hashed(100 + l, n);
+    for device in devices() {
+        for config in fields().map(|field| serde_json::from_value::<FieldConfig>(field).unwrap()) {
+            // Σ u σ + Σ v c and the field's penalties, in a training step.
+            let value = |field: &RadianceField, device: &Device| {
+                let field = field.conditioned(&sources(), Some(5));
+                let out = field.evaluate(&points(&AT, device), true, Moment::END);
+                let weights = |l: usize, n: usize| (0..n).map(|n| hashed(l, n) as f32).collect::<Vec<_>>();
+                let color = out.color.unwrap() * from_host(&weights(8, 15), 3, device);
+                let penalties = [Penalty::TOTAL_VARIATION, Penalty::LATENT_DIVERGENCE].map(|name| field.penalty(name));
+                let shown = (out.sigma * upload(weights(7, 5), [5], device)).sum() + color.sum();
+                penalties.into_iter().flatten().fold(shown, |sum, penalty| sum + penalty)
+            };
+            let tracked = built(&config, &device.clone().autodiff(), |_, _| 0.0);
+            let gradients = gradients_of(&tracked, &value(&tracked, &tracked.device()).backward());
+            let along = |(l, (_, gradient)): (usize, &(usize, Vec<f32>))| -> f64 {
+                gradient.iter().enumerate().map(|(n, g)| f64::from(*g) * direction(l, n)).sum()
+            };
+            let found: Vec<f64> = gradients.iter().enumerate().map(along).collect();
+            let steepest = found.iter().fold(0f64, |most, g| most.max(g.abs()));
+            for (l, &found) in found.iter().enumerate() {
+                let at = |step: f64| {
+                    let moved = |m: usize, n: usize| if m == l { step * direction(l, n) } else { 0.0 };
+                    f64::from(value(&built(&config, &device, moved), &device).into_scalar::<f32>())
+                };
+                let (below, here, above) = (at(-STEP), at(0.0), at(STEP));
+                // On both sides: they differ where a ReLU turns on in between.
+                let sides = [(here - below) / STEP, (above - here) / STEP];
+                let (low, high) = (sides[0].min(sides[1]), sides[0].max(sides[1]));
+                let within = low - 1e-2 * steepest..=high + 1e-2 * steepest;
+                assert!(within.contains(&found), "{config} on {device:?}, parameter {l}: {found}, {sides:?}");
+                assert!(gradients[l].1.iter().any(|g| *g != 0.0), "{config}, parameter {l} has no gradient");
             }
         }
     }

@@ -1,5 +1,5 @@
 //! The documents: links and anchors lead somewhere, experiments that they name exist, docs/paper.md covers the paper, the book has
-//! every page, the README stays short, and `just` runs what it says.
+//! every page, documents keep their size, `just` runs what it says; and the words of documents and source code.
 
 use std::fs;
 use std::io::{self, Write};
@@ -9,8 +9,61 @@ use std::process::Command;
 use infonerf_experiment::{Experiment, Selection};
 use infonerf_train::Preset;
 
-/// Most bytes of README.md.
-const README_BYTES: usize = 8 << 10;
+/// Bytes of all documents together.
+const MAX_BYTES: usize = 90 << 10;
+
+/// Bytes of each document.
+const MAX_SIZES: [(&str, usize); 19] = [
+    ("ARCHITECTURE.md", 8 << 10),
+    ("CHANGELOG.md", 1 << 10),
+    ("CONTRIBUTING.md", 2 << 10),
+    ("README.md", 7 << 10),
+    ("docs/SUMMARY.md", 1 << 10),
+    ("docs/cameras.md", 7 << 10),
+    ("docs/clusters.md", 2 << 10),
+    ("docs/devices.md", 6 << 10),
+    ("docs/glossary.md", 4 << 10),
+    ("docs/limits.md", 5 << 10),
+    ("docs/measurements.md", 8 << 10),
+    ("docs/numerics.md", 10 << 10),
+    ("docs/paper.md", 10 << 10),
+    ("docs/photographs.md", 5 << 10),
+    ("docs/protocol.md", 11 << 10),
+    ("docs/python.md", 3 << 10),
+    ("docs/recipe.md", 6 << 10),
+    ("docs/results.md", 8 << 10),
+    ("experiments/README.md", 4 << 10),
+];
+
+/// Lines of README.md, of one of its sections, and its sections.
+const README_MAX: (usize, usize, usize) = (100, 25, 6);
+
+/// Characters of a line of prose, without the targets of its links.
+const MAX_LINE: usize = 160;
+
+/// First words of a doc comment that is not understood when it is read alone.
+const ANAPHORA: [&str; 18] = [
+    "Of", "Those", "That", "The same", "Whose", "What", "Which", "It", "Its", "They", "Their", "He", "She", "This is",
+    "These", "And", "Or", "As above",
+];
+
+/// Words and their replacements.
+const WORDS: [(&str, &str); 4] = [
+    ("slope", "gradient or derivative"),
+    ("slopes", "gradients or derivatives"),
+    ("so many", "the number"),
+    ("learnt", "learned"),
+];
+
+/// Prefixes of constants and their replacements.
+const PREFIXES: [(&str, &str); 6] = [
+    ("MOST_", "MAX_"),
+    ("LARGEST_", "MAX_"),
+    ("LONGEST_", "MAX_"),
+    ("DEEPEST_", "MAX_"),
+    ("LEAST_", "MIN_"),
+    ("FEWEST_", "MIN_"),
+];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
@@ -18,7 +71,7 @@ fn root() -> PathBuf {
 
 /// Every Markdown document of the repository, with its path from the root.
 fn documents() -> Vec<(PathBuf, String)> {
-    let folders = ["", "docs", "docs/log", "experiments"].map(|folder| root().join(folder));
+    let folders = ["", "docs", "experiments"].map(|folder| root().join(folder));
     let files = folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()));
     let markdown = files.filter(|path| path.extension().is_some_and(|extension| extension == "md"));
     let documents: Vec<_> = markdown.map(|path| (path.clone(), fs::read_to_string(path).unwrap())).collect();
@@ -87,7 +140,7 @@ fn the_paper_is_covered() {
     }
 }
 
-/// What docs/paper.md names is in the file that it links, and its keys are those of a config.
+/// Items that docs/paper.md names are in the files that it links, and its keys are those of a config.
 #[test]
 fn the_paper_leads_to_code_and_keys() {
     let text = fs::read_to_string(root().join("docs/paper.md")).unwrap();
@@ -157,18 +210,164 @@ fn the_example_of_an_experiment_is_valid() {
 }
 
 #[test]
-fn the_readme_is_short() {
-    let length = fs::metadata(root().join("README.md")).unwrap().len() as usize;
-    assert!(length <= README_BYTES, "{length}");
+fn documents_keep_their_size() {
+    let mut total = 0;
+    for (path, text) in documents() {
+        let name = name_of(&path);
+        let limit = MAX_SIZES.iter().find(|(document, _)| *document == name);
+        let (_, limit) = limit.unwrap_or_else(|| panic!("{name}: expected a line in MAX_SIZES"));
+        assert!(text.len() <= *limit, "{name}: {} bytes, at most {limit}", text.len());
+        total += text.len();
+    }
+    assert!(total <= MAX_BYTES, "{total} bytes in all documents, at most {MAX_BYTES}");
 }
 
-/// As `just` says it, where that is installed; by the text of the justfile alone elsewhere.
+#[test]
+fn the_readme_is_short() {
+    let text = fs::read_to_string(root().join("README.md")).unwrap();
+    let (lines, section_lines, sections) = README_MAX;
+    assert!(text.lines().count() <= lines, "{} lines, at most {lines}", text.lines().count());
+    let parts: Vec<&str> = text.split("\n## ").collect();
+    assert!(parts.len() <= sections + 1, "{} sections, at most {sections}", parts.len() - 1);
+    for part in parts {
+        let count = part.lines().count();
+        assert!(count <= section_lines, "{}: {count} lines, at most {section_lines}", part.lines().next().unwrap());
+    }
+}
+
+#[test]
+fn lines_of_prose_are_short() {
+    let mut long = Vec::new();
+    for (path, text) in documents_and_readmes() {
+        // Written by `infonerf collect`.
+        if path.ends_with("docs/results.md") {
+            continue;
+        }
+        for (number, line) in prose(&text) {
+            let length = shown(line).chars().count();
+            if !line.starts_with('|') && length > MAX_LINE {
+                long.push(format!("{}:{number}: {length} characters, at most {MAX_LINE}", name_of(&path)));
+            }
+        }
+    }
+    assert!(long.is_empty(), "\n{}", long.join("\n"));
+}
+
+#[test]
+fn doc_comments_are_understood_alone() {
+    let mut found = Vec::new();
+    for (path, text) in sources() {
+        let mut before = "";
+        for (number, line) in (1..).zip(text.lines()) {
+            let comment = doc_comment(line);
+            if let Some(first) = comment.filter(|_| doc_comment(before).is_none())
+                && let Some(word) = ANAPHORA.iter().find(|word| begins_with(first, word))
+            {
+                found.push(format!("{}:{number}: begins with \"{word}\": {first}", name_of(&path)));
+            }
+            before = line;
+        }
+    }
+    assert!(found.is_empty(), "\n{}\n{} doc comments", found.join("\n"), found.len());
+}
+
+#[test]
+fn words_are_those_of_the_field() {
+    let mut found = Vec::new();
+    let own = Path::new(file!()).file_name().unwrap();
+    for (path, text) in sources().into_iter().filter(|(path, _)| path.file_name() != Some(own)) {
+        let lines = (1..).zip(text.lines());
+        found.extend(lines.filter_map(|(number, line)| wrong_word(&path, number, line)));
+    }
+    for (path, text) in documents_and_readmes() {
+        found.extend(prose(&text).filter_map(|(number, line)| wrong_word(&path, number, line)));
+    }
+    assert!(found.is_empty(), "\n{}\n{} words", found.join("\n"), found.len());
+}
+
+/// Documents, and the README of each crate.
+fn documents_and_readmes() -> Vec<(PathBuf, String)> {
+    let crates = fs::read_dir(root().join("crates")).unwrap().map(|entry| entry.unwrap().path().join("README.md"));
+    let readmes = crates.filter(|path| path.is_file()).map(|path| (path.clone(), fs::read_to_string(path).unwrap()));
+    documents().into_iter().chain(readmes).collect()
+}
+
+/// Every Rust file of the repository, in order.
+fn sources() -> Vec<(PathBuf, String)> {
+    let mut folders: Vec<PathBuf> = ["crates", "tests", "fuzz"].map(|folder| root().join(folder)).into();
+    let mut files = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for path in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
+            if path.is_dir() && !path.ends_with("target") {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                files.push((path.clone(), fs::read_to_string(path).unwrap()));
+            }
+        }
+    }
+    files.sort();
+    assert!(files.len() > 300, "{}", files.len());
+    files
+}
+
+/// A file's path from the root.
+fn name_of(path: &Path) -> String {
+    path.strip_prefix(root()).unwrap().display().to_string()
+}
+
+/// Numbered lines of a Markdown document outside of blocks of code.
+fn prose(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let mut code = false;
+    (1..).zip(text.lines()).filter(move |(_, line)| {
+        let fence = line.starts_with("```");
+        code ^= fence;
+        !fence && !code && !line.starts_with("    ")
+    })
+}
+
+/// A line of Markdown without the targets of its links.
+fn shown(line: &str) -> String {
+    let mut parts = line.split("](");
+    let first = parts.next().unwrap_or_default().to_owned();
+    parts.fold(first, |text, part| text + "]" + part.split_once(')').map_or("", |(_, rest)| rest))
+}
+
+/// The text of a line of a doc comment.
+fn doc_comment(line: &str) -> Option<&str> {
+    let line = line.trim_start();
+    line.strip_prefix("///").or_else(|| line.strip_prefix("//!")).map(str::trim)
+}
+
+fn begins_with(text: &str, words: &str) -> bool {
+    text.strip_prefix(words).is_some_and(|rest| !rest.starts_with(|c: char| c.is_alphanumeric() || c == '_'))
+}
+
+/// Returns a fault if a line has a word that another one replaces. Lines and leaky rectifiers do have slopes.
+fn wrong_word(path: &Path, number: usize, line: &str) -> Option<String> {
+    let lower = line.to_lowercase();
+    let boundary = |c: Option<char>| !c.is_some_and(|c| c.is_alphanumeric());
+    let is_whole = |at: usize, word: &str| {
+        boundary(lower[..at].chars().next_back()) && boundary(lower[at + word.len()..].chars().next())
+    };
+    let has = |word: &str| lower.match_indices(word).any(|(at, _)| is_whole(at, word));
+    let of_a_line = ["line", "lines", "aspect", "leaky"].into_iter().any(has);
+    let word = WORDS.iter().find(|(word, _)| has(word) && !(word.starts_with("slope") && of_a_line));
+    let prefix = || {
+        PREFIXES.iter().find(|(prefix, _)| {
+            line.match_indices(prefix).any(|(at, _)| !line[..at].ends_with(|c: char| c.is_alphanumeric() || c == '_'))
+        })
+    };
+    let (wrong, right) = word.or_else(prefix)?;
+    Some(format!("{}:{number}: {wrong}: expected {right}: {}", name_of(path), line.trim()))
+}
+
+/// Compares the commands that `just` prints if it is installed; else the text of the justfile.
 #[test]
 fn just_builds_with_the_features_that_are_given() {
     for (args, expected) in [
         (&["exp", "synthetic-4view"][..], "cargo run --release -- exp \"$@\""),
         (&["features=wgpu", "exp", "synthetic-4view"], "cargo run --release --features wgpu -- exp \"$@\""),
-        (&["features=wgpu,vulkan", "sweep", "fields"], "cargo run --release --features wgpu,vulkan -- sweep \"$@\""),
+        (&["features=wgpu,vulkan", "sweep", "recipe"], "cargo run --release --features wgpu,vulkan -- sweep \"$@\""),
     ] {
         match Command::new("just").arg("--dry-run").args(args).current_dir(root()).output() {
             Ok(output) => assert_eq!(String::from_utf8_lossy(&output.stderr).trim(), expected),

@@ -8,7 +8,7 @@ use std::process::Command;
 
 use serde_json::Value;
 
-/// Has no CUDA; its stress rows fail; its comparison with the CPU leaves results; the others leave none.
+/// Stand-in for the program: has no CUDA, fails its stress rows, and leaves results of the comparison with the CPU alone.
 const PROGRAM: &str = r#"#!/usr/bin/env bash
 all="$*"
 while (($#)); do

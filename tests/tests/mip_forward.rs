@@ -16,7 +16,7 @@ use infonerf_train::{Config, Preset};
 use serde_json::Value;
 
 const TOLERANCE: f64 = 1e-4;
-/// Trunk, density, feature, view, colour.
+/// Number of layers: trunk, density, feature, view, colour.
 const LAYERS: usize = 12;
 
 fn floats(value: &Value) -> Vec<f64> {
@@ -43,12 +43,12 @@ fn compare(got: &[f32], want: &Value, what: &str) {
     }
 }
 
-/// Relative, since variances span many orders of magnitude.
+/// Compares with relative errors, since variances span many orders of magnitude.
 fn compare_relative(got: f32, want: f64, what: &str) {
     assert!((f64::from(got) - want).abs() <= TOLERANCE * want.abs(), "{what}: {got} against {want}");
 }
 
-/// The fixture's rule: the numbers of parameter `l`, which is the weight or bias of layer ⌊l/2⌋.
+/// Returns parameter `l` by the fixture's rule: the weight or bias of layer ⌊l/2⌋.
 fn rule(fixture: &Value, l: usize, shape: &[usize]) -> Vec<f32> {
     let layer = l / 2;
     let [gain, bias] = ["gain", "bias0"].map(|key| fixture[key][layer].as_f64().unwrap());
@@ -71,7 +71,7 @@ fn rule(fixture: &Value, l: usize, shape: &[usize]) -> Vec<f32> {
     }
 }
 
-/// mip-NeRF as in its paper, without jitter.
+/// Config of mip-NeRF as in its paper, without jitter.
 fn config() -> Config {
     let field =
         "field={kind=\"mip\",layers=8,width=256,skip=5,position_frequencies=16,direction_frequencies=4,detail=1.0}";

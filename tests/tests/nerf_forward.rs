@@ -13,14 +13,14 @@ use infonerf_tests::{fixture, with_parameters};
 use infonerf_train::{Config, Preset};
 use serde_json::{Value, json};
 
-/// Colour, opacity, depth, entropy and divergence: the tolerance that the fixture was made for.
+/// Tolerance of colour, opacity, depth, entropy and divergence.
 const TOLERANCE: f64 = 1e-4;
-/// Raw density of the coarse network, up to 8 here.
+/// Tolerance of the coarse network's raw density, which reaches 8 here.
 const SIGMA_TOLERANCE: f64 = 5e-4;
-/// Weights follow from a rule in `f64`, whose sine may differ in the last place between libraries.
+/// Tolerance of weights: the rule's sine in `f64` may differ in the last place between libraries.
 const WEIGHT_TOLERANCE: f64 = 1e-7;
 
-/// The layers in the order in which the module is visited: trunk, density, feature, view, colour.
+/// Layers in the module's order: trunk, density, feature, view, colour.
 const LAYERS: usize = 12;
 const FREQUENCIES: usize = 10;
 
@@ -31,7 +31,7 @@ fn floats(value: &Value) -> Vec<f64> {
     }
 }
 
-/// The fixture's rule for a parameter; a few of its numbers are checked against the fixture.
+/// Returns a parameter by the fixture's rule; a few of its elements are checked against the fixture.
 struct Rule<'a> {
     fixture: &'a Value,
     net: usize,
@@ -97,7 +97,7 @@ impl Rule<'_> {
     }
 }
 
-/// The paper's network and sampling, without jitter.
+/// Config of the paper's network and sampling, without jitter.
 fn config(last_interval: &str) -> Config {
     let last_interval = format!("render.last_interval={last_interval}");
     Config::of(Preset::Paper, [&last_interval]).unwrap()
@@ -165,7 +165,7 @@ fn compare_output(output: &RenderOutput, epsilon: f32, ray: usize, want: &Value,
     }
 }
 
-/// Everything that the fixture has, on one device.
+/// Compares everything that the fixture holds on one device.
 fn check(device: &Device) {
     let fixture = &fixture("nerf_forward");
     let model = Model { coarse: Some(network(fixture, 0, device)), ..Model::of(network(fixture, 1, device)) };

@@ -15,8 +15,8 @@ use infonerf_tests::{compare, fixture, gradients_of, hashed, largest, numbers, o
 use serde_json::Value;
 
 const TOLERANCE: f64 = 1e-4;
-/// Gradients below this, of which the largest is 0.15, are compared beside it: they are sums of terms that cancel.
-const LEAST: f64 = 1e-3;
+/// Scale below which gradients are compared with it, as their terms cancel; the largest is 0.15.
+const MIN_SCALE: f64 = 1e-3;
 
 fn triples(value: &Value) -> Vec<[f32; 3]> {
     value.as_array().unwrap().iter().map(|row| numbers(row).try_into().unwrap()).collect()
@@ -36,7 +36,7 @@ fn config(fixture: &Value) -> NeuralBodyConfig {
     }
 }
 
-/// The fixture's rule.
+/// Returns a parameter by the fixture's rule.
 fn rule(l: usize, shape: &[usize], u: f64) -> f64 {
     match (shape, l) {
         ([_], _) => 0.4 + 0.1 * u,
@@ -45,7 +45,7 @@ fn rule(l: usize, shape: &[usize], u: f64) -> f64 {
     }
 }
 
-/// What the fixture holds of the gradient of parameter `l`.
+/// Summarises the gradient of parameter `l` as the fixture does.
 fn summed(l: usize, (rank, gradient): (usize, Vec<f32>)) -> Vec<f32> {
     if rank != 2 || l < 2 {
         return gradient;
@@ -54,7 +54,7 @@ fn summed(l: usize, (rank, gradient): (usize, Vec<f32>)) -> Vec<f32> {
     vec![terms.sum::<f64>() as f32]
 }
 
-/// Compares with errors beside the largest of the expected values.
+/// Compares with errors relative to the largest expected element.
 fn close(got: &[f32], want: &[f32], what: &str) {
     compare(got, want, TOLERANCE * largest(want), what);
 }
@@ -88,7 +88,7 @@ fn check(device: &Device) {
     assert_eq!(found.len(), expected.len());
     for (index, (got, want)) in found.into_iter().zip(&expected).enumerate() {
         let got = &summed(index, got);
-        compare(got, want, TOLERANCE * largest(want).max(LEAST), &format!("gradient of parameter {index}"));
+        compare(got, want, TOLERANCE * largest(want).max(MIN_SCALE), &format!("gradient of parameter {index}"));
     }
 }
 
@@ -108,7 +108,7 @@ fn without_a_body_it_says_which_file_it_wants() {
     assert!(message.contains("new_vertices/0.npy"), "{message}");
 }
 
-/// SMPL's 6,890 vertices, at the published voxel.
+/// Checks SMPL's 6,890 vertices at the published voxel.
 #[test]
 fn a_body_of_full_size_fits() {
     let device = &Device::flex();

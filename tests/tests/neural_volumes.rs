@@ -1,4 +1,4 @@
-//! Neural Volumes against PyTorch: a learned code and one of photographs, decoded voxels and warp as points read them, the
+//! Neural Volumes against PyTorch: a learned code and one of images, decoded voxels and warp as points read them, the
 //! additive march, its losses, gradients back to every bias and the latent code, and gain and bias of a view; and in training.
 //!
 //! `fixtures/neural_volumes.py` made the expected values; its head states the rule that gives every weight.
@@ -47,7 +47,7 @@ fn encoder(fixture: &Value) -> CodeEncoderConfig {
     CodeEncoderConfig { images: whole(&encoder["images"]), size: [size[0], size[1]], width: whole(&encoder["width"]) }
 }
 
-/// The fixture's rule for what is no code.
+/// Returns a parameter that is no code by the fixture's rule.
 fn rule(shape: &[usize], u: f64) -> f64 {
     match *shape {
         [_] => 0.1 * u,
@@ -57,7 +57,7 @@ fn rule(shape: &[usize], u: f64) -> f64 {
     }
 }
 
-/// The fixture's rule for a field whose first parameters are a code.
+/// Returns a parameter by the fixture's rule, of a field whose first parameters are a code.
 fn rule_of_learned(l: usize, shape: &[usize], u: f64) -> f64 {
     match l {
         0 => u,
@@ -75,17 +75,17 @@ fn built(fixture: &Value, config: NeuralVolumesConfig, device: &Device) -> Radia
     FieldConfig::NeuralVolumes(config).build(&setup).unwrap()
 }
 
-/// A dense layer, three transposed convolutions, and four branches of two dense layers.
+/// Number of the decoder's tensors: a dense layer, three transposed convolutions, and four branches of two dense layers.
 const DECODER: usize = 2 + 2 * 3 + 2 * 8;
 
-/// The field with a code that is a parameter.
+/// Builds the field whose code is a parameter.
 fn learned(fixture: &Value, device: &Device) -> RadianceField {
     let (field, parameters) = overwritten(built(fixture, sizes(fixture), device), rule_of_learned);
     assert_eq!(parameters, 2 + DECODER);
     field
 }
 
-/// The field whose code is of photographs.
+/// Builds the field whose code comes from images.
 fn encoded(fixture: &Value, device: &Device) -> RadianceField {
     let config = NeuralVolumesConfig { encoder: Some(encoder(fixture)), ..sizes(fixture) };
     let (field, parameters) = overwritten(built(fixture, config, device), |_, shape, u| rule(shape, u));
@@ -94,7 +94,7 @@ fn encoded(fixture: &Value, device: &Device) -> RadianceField {
     field
 }
 
-/// The fixture's photographs, and one more.
+/// The fixture's images, and one more.
 fn photographs(fixture: &Value) -> Sources {
     let size = wholes(&fixture["encoder"]["picture"]);
     let (height, width) = (size[0], size[1]);
@@ -113,17 +113,17 @@ fn no_photographs() -> Sources {
     Sources { views: [].into(), middle: [0.0; 3] }
 }
 
-/// Compares with errors beside the largest of the expected values.
+/// Compares with errors relative to the largest expected element.
 fn close(got: &[f32], want: &[f32], what: &str) {
     compare(got, want, TOLERANCE * largest(want), what);
 }
 
-/// Gradients of the parameters of a rank, in the order of the module.
+/// Returns the gradients of the parameters of a rank, in the module's order.
 fn of_rank(rank: usize, module: &impl Module, gradients: &Gradients) -> Vec<Vec<f32>> {
     gradients_of(module, gradients).into_iter().filter(|(found, _)| *found == rank).map(|(_, values)| values).collect()
 }
 
-/// Compares `original` with the `expected` values, once it has looked at `sources`.
+/// Compares `original`, conditioned on `sources`, with the `expected` values.
 fn check(fixture: &Value, expected: &Value, original: &RadianceField, sources: &Sources) {
     let device = &original.device();
     let field = original.conditioned(sources, None);
@@ -170,7 +170,7 @@ fn agrees_with_pytorch_on_every_device() {
     }
 }
 
-/// Gain and bias of views, and gradients of them and of what they are applied to.
+/// Checks gain and bias of views, their gradients, and those of the colours that they change.
 #[test]
 fn gain_and_bias_agree_with_pytorch_on_every_device() {
     let fixture = &fixture("neural_volumes")["exposed"];
@@ -198,14 +198,14 @@ fn gain_and_bias_agree_with_pytorch_on_every_device() {
     }
 }
 
-/// Densities of the fixture's points once the field has looked at `sources`.
+/// Returns the densities of the fixture's points from the field conditioned on `sources`.
 fn densities(fixture: &Value, field: &RadianceField, sources: &Sources, seed: Option<u64>) -> Vec<f32> {
     let positions = numbers(&fixture["positions"]);
     let points = Points::scattered(from_host(&positions, 3, &field.device()), Extent::Ball { variance: 0.0 });
     to_host(field.conditioned(sources, seed).evaluate(&points, false, Moment::END).sigma)
 }
 
-/// The encoder looks at the first photographs, each through its own tower.
+/// Checks that the encoder sees the first images, each through its own tower.
 #[test]
 fn the_first_photographs_make_the_code() {
     let fixture = &fixture("neural_volumes");
@@ -219,7 +219,7 @@ fn the_first_photographs_make_the_code() {
     assert_ne!(seen([0, 1, 2]), seen([0, 2, 1]));
 }
 
-/// A seed draws a code about the mean: the same one each time, another for another seed.
+/// Checks that a seed draws the same code each time, and another seed another one.
 #[test]
 fn a_seed_draws_the_code() {
     let fixture = &fixture("neural_volumes");
@@ -240,14 +240,14 @@ fn learns_its_training_views() {
     assert!(psnr >= 20.0, "{psnr} dB");
 }
 
-/// A code of photographs is learned more slowly, as its deviation begins at 1. Pictures of nothing have 13.3 dB.
+/// Checks that a code from images, which is learned more slowly as its deviation begins at 1, exceeds the 13.3 dB of empty renders.
 #[test]
 fn learns_its_training_views_through_the_encoder() {
     let psnr = trained(&["train.lr=1e-3", "field.encoder={images=3,size=[32,32],width=4}"]);
     assert!(psnr >= 15.5, "{psnr} dB");
 }
 
-/// PSNR of the last steps of a small run.
+/// Returns the PSNR of the last steps of a small run.
 fn trained(settings: &[&str]) -> f32 {
     let small = [
         "field={kind='neuralvolumes',latent=32,resolution=16,width=32,maps=4,warp_resolution=8}",
@@ -255,7 +255,6 @@ fn trained(settings: &[&str]) -> f32 {
         "render.compositing=additive",
         "loss.rgb.weight=104.04",
         "loss.entropy.weight=0.0",
-        "loss.opacity.weight=0.0",
         "loss.silhouette.weight=0.0",
         "loss.opacity_prior.weight=0.01",
         "loss.tv.weight=0.01",

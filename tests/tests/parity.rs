@@ -16,11 +16,11 @@ use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepBatch, Train
 use safetensors::SafeTensors;
 use serde_json::Value;
 
-/// Of each loss in each step, relative.
+/// Relative tolerance of each loss in each step.
 const LOSS_TOLERANCE: f64 = 1e-3;
-/// Of the weights of each network in the end, relative to how far they have moved.
+/// Tolerance of each network's final weights, relative to how far they have moved.
 const WEIGHT_TOLERANCE: f64 = 1e-2;
-/// Weight and bias of four layers of the trunk, then density, feature, view and colour.
+/// Number of tensors: weight and bias of four layers of the trunk, then of density, feature, view and colour.
 const TENSORS: usize = 16;
 const SIGMA: usize = 4;
 
@@ -32,8 +32,7 @@ fn number(value: &Value) -> usize {
     value.as_u64().unwrap() as usize
 }
 
-/// Numbers of a layer's weight in the order that Burn has, `[inputs, outputs]`, from PyTorch's `[outputs, inputs]`; those
-/// of a bias as they are.
+/// Transposes a layer's weight from PyTorch's `[outputs, inputs]` to Burn's `[inputs, outputs]`; a bias stays as it is.
 fn in_order<T>(shape: &[usize], at: impl Fn(usize) -> T) -> Vec<T> {
     match shape {
         &[inputs, outputs] => (0..inputs * outputs).map(|n| at(n % outputs * inputs + n / outputs)).collect(),
@@ -41,7 +40,7 @@ fn in_order<T>(shape: &[usize], at: impl Fn(usize) -> T) -> Vec<T> {
     }
 }
 
-/// Every parameter in turn: its shape, and its numbers.
+/// Returns the shape and elements of every parameter in turn.
 #[derive(Default)]
 struct Weights(Vec<(Vec<usize>, Vec<f32>)>);
 
@@ -75,7 +74,7 @@ impl Weights {
     }
 }
 
-/// A network of the fixture, with first weights by its rule: 0 is the coarse one, 1 the fine one.
+/// Builds a network of the fixture with its first weights: 0 is the coarse one, 1 the fine one.
 fn network(fixture: &Value, config: &Config, net: usize, device: &Device) -> RadianceField {
     let setup = FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None };
     let fact = |key: &str| fixture[key].as_f64().unwrap();
@@ -97,7 +96,7 @@ fn network(fixture: &Value, config: &Config, net: usize, device: &Device) -> Rad
     field
 }
 
-/// The preset of the released code at the fixture's size, with the weights of a run's losses.
+/// Config of preset `released` at the fixture's size, with the weights of a run's losses.
 fn configured(fixture: &Value, run: &Value) -> Config {
     let sizes = [
         ("field.layers", "layers"),
@@ -118,7 +117,7 @@ fn configured(fixture: &Value, run: &Value) -> Config {
     Config::of(Preset::Released, settings).unwrap()
 }
 
-/// The fixture's data set: four photographs, and the cameras of those and of others.
+/// Builds the fixture's data set: four images, their cameras and those of others.
 fn scene(fixture: &Value) -> Scene {
     let size = number(&fixture["size"]) as u32;
     let cameras: Vec<Camera> = fixture["poses"]
@@ -154,7 +153,7 @@ fn scene(fixture: &Value) -> Scene {
     }
 }
 
-/// What a step of the fixture looks at.
+/// Returns the pixels and poses of a step of the fixture.
 fn step_batch(scene: &Scene, step: &Value) -> StepBatch {
     let size = scene.train[0].image.width as usize;
     let pixels = |view: usize, numbers: &Value| {
@@ -186,7 +185,7 @@ fn step_batch(scene: &Scene, step: &Value) -> StepBatch {
     }
 }
 
-/// Takes the steps of a run and compares the losses of each with the fixture: the weights at first and at last.
+/// Takes the steps of a run and compares each step's losses, and the first and last weights, with the fixture.
 fn train(fixture: &Value, mode: &str, device: &Device) -> [Weights; 2] {
     let run = &fixture["runs"][mode];
     let config = configured(fixture, run);

@@ -15,7 +15,7 @@ use infonerf_schedule::Moment;
 use infonerf_tests::{fixture, gradients_of, hashed, picture, with_parameters, write_weights};
 use serde_json::Value;
 
-/// Features reach 19, density 6, gradients 0.4: an error of 1e-4 beside the larger of 1 and the value.
+/// Error relative to the larger of 1 and the value; features reach 19, density 6, gradients 0.4.
 const TOLERANCE: f64 = 1e-4;
 const STAGES: [usize; 3] = [3, 4, 6];
 const BLOCKS: usize = 5;
@@ -26,7 +26,7 @@ fn floats(fixture: &Value, key: &str) -> Vec<f32> {
     fixture[key].as_array().unwrap().iter().map(|x| x.as_f64().unwrap() as f32).collect()
 }
 
-/// torchvision's names and shapes of the tensors up to layer3, in order.
+/// Names and shapes that torchvision gives the tensors up to layer3, in order.
 fn tensors() -> Vec<(String, Vec<usize>)> {
     let mut all = Vec::new();
     let mut layer = |convolution: String, normalisation: String, shape: [usize; 4]| {
@@ -71,7 +71,7 @@ fn write_resnet34(path: &Path) {
     write_weights(path, filled);
 }
 
-/// The fixture's rule for the MLP's parameters, which come after the encoder's.
+/// Returns a parameter of the MLP, which come after the encoder's, by the fixture's rule.
 struct Rule {
     /// Number of the tensor in the rule's count.
     next: usize,
@@ -113,7 +113,7 @@ impl Rule {
     }
 }
 
-/// PixelNeRF knows no box: it works in the cameras' frames.
+/// Returns the field's setup; PixelNeRF works in the cameras' frames and ignores the bounds.
 fn setup(device: &Device) -> FieldSetup<'_> {
     FieldSetup { bounds: [[-1.0; 3], [1.0; 3]], seed: 0, device, body: None }
 }

@@ -1,4 +1,4 @@
-//! What all benchmarks share: the runs to measure, the device, the machine and the folder for results.
+//! Context of a benchmark: runs to measure, device, machine and folder of results.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -10,28 +10,28 @@ use infonerf_metrics::Networks;
 use infonerf_train::config::{TestViews, Views};
 use serde::Serialize;
 
-use super::options::{Benchmark, Options};
+use crate::options::{BenchOptions, Benchmark};
 
-/// The variant that is measured where one is enough.
-const USUAL_VARIANT: &str = "infonerf";
+/// Variant of benchmarks that measure one.
+const DEFAULT_VARIANT: &str = "infonerf";
 
-pub(super) struct Bench {
-    pub(super) plans: Vec<RunPlan>,
-    pub(super) device: Device,
-    /// Fields that are trained at a time.
-    pub(super) side_by_side: usize,
-    pub(super) networks: Networks,
-    pub(super) folder: PathBuf,
-    pub(super) about: About,
+pub(crate) struct Bench {
+    pub(crate) plans: Vec<RunPlan>,
+    pub(crate) device: Device,
+    /// Number of fields trained at a time.
+    pub(crate) side_by_side: usize,
+    pub(crate) networks: Networks,
+    pub(crate) folder: PathBuf,
+    pub(crate) conditions: Conditions,
 }
 
-/// What the numbers of a benchmark depend on; part of its `results.json`.
+/// Program, machine and runs; part of `results.json`.
 #[derive(Serialize)]
-pub(super) struct About {
-    benchmark: String,
+pub(crate) struct Conditions {
+    pub(crate) benchmark: &'static str,
     program: &'static str,
     cpu: Option<String>,
-    pub(super) cores: usize,
+    pub(crate) cores: usize,
     device: &'static str,
     experiment: String,
     preset: &'static str,
@@ -46,19 +46,19 @@ pub(super) struct About {
 }
 
 impl Bench {
-    pub(super) fn new(options: &Options) -> Result<Self> {
+    pub(crate) fn new(options: &BenchOptions) -> Result<Self> {
         let experiment = Experiment::plan(&options.experiment, &options.selection)?;
         let mut plans = experiment.runs;
         if options.selection.scenes.is_empty() {
             keep(&mut plans, |plan| &plan.scene, None);
         }
-        if options.selection.variants.is_empty() && options.benchmark != Benchmark::Pareto {
-            keep(&mut plans, |plan| &plan.variant, Some(USUAL_VARIANT));
+        if options.selection.variants.is_empty() && !matches!(options.benchmark, Benchmark::Pareto { .. }) {
+            keep(&mut plans, |plan| &plan.variant, Some(DEFAULT_VARIANT));
         }
         let device = open(options.device)?;
         let first = plans.first().context("expected at least one run to measure")?;
-        let name = options.benchmark.to_string();
-        let about = About {
+        let name = options.benchmark.name();
+        let conditions = Conditions {
             program: concat!("infonerf ", env!("CARGO_PKG_VERSION")),
             cpu: cpu(),
             cores: std::thread::available_parallelism().map_or(1, usize::from),
@@ -76,18 +76,23 @@ impl Bench {
             image_size: first.config.scene.size,
             train_views: first.config.scene.views.clone(),
             test_views: first.config.eval.test.clone(),
-            benchmark: name.clone(),
+            benchmark: name,
         };
         let networks = match options.benchmark {
-            Benchmark::Pareto | Benchmark::Skip => networks(options.weights.as_deref(), &device)?,
+            Benchmark::Pareto { .. } | Benchmark::Skip { .. } => networks(options.weights.as_deref(), &device)?,
             _ => Networks::none(),
         };
         let side_by_side = device.name.fields_side_by_side();
-        Ok(Self { plans, networks, side_by_side, device: device.device, folder: options.out.join(name), about })
+        Ok(Self { plans, networks, side_by_side, device: device.device, folder: options.out.join(name), conditions })
+    }
+
+    /// Returns the first run; there is always one.
+    pub(crate) fn first_plan(&self) -> &RunPlan {
+        &self.plans[0]
     }
 }
 
-/// Keeps the plans whose `key` is `wanted`, or the first plan's where none is.
+/// Keeps the plans whose `key` is `wanted`, or the first plan's if none is.
 fn keep(plans: &mut Vec<RunPlan>, key: fn(&RunPlan) -> &String, wanted: Option<&str>) {
     let Some(first) = plans.first() else { return };
     let wanted = plans.iter().find(|plan| wanted == Some(key(plan).as_str())).unwrap_or(first);
@@ -95,8 +100,8 @@ fn keep(plans: &mut Vec<RunPlan>, key: fn(&RunPlan) -> &String, wanted: Option<&
     plans.retain(|plan| *key(plan) == wanted);
 }
 
-/// The values of `key`, each once, in order of appearance.
-pub(super) fn distinct<I, T: PartialEq>(items: &[I], key: impl Fn(&I) -> T) -> Vec<T> {
+/// Lists the values of `key`, each once, in order of appearance.
+pub(crate) fn distinct<I, T: PartialEq>(items: &[I], key: impl Fn(&I) -> T) -> Vec<T> {
     let mut values = Vec::new();
     for value in items.iter().map(key) {
         if !values.contains(&value) {
@@ -106,7 +111,7 @@ pub(super) fn distinct<I, T: PartialEq>(items: &[I], key: impl Fn(&I) -> T) -> V
     values
 }
 
-/// Name of the processor, where the system tells.
+/// Returns the name of the processor, if the system has it.
 fn cpu() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;
     let line = text.lines().find(|line| line.starts_with("model name"))?;
@@ -115,10 +120,10 @@ fn cpu() -> Option<String> {
 
 impl fmt::Display for Bench {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let about = &self.about;
-        let cpu = about.cpu.as_deref().unwrap_or("processor not known");
+        let about = &self.conditions;
+        let cpu = about.cpu.as_deref().unwrap_or("unknown processor");
         let size = match about.image_size {
-            0 => "images as they are".into(),
+            0 => "images of their own size".into(),
             size => format!("images of {size} pixels"),
         };
         let seeds: Vec<String> = about.seeds.iter().map(u64::to_string).collect();

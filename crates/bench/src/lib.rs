@@ -1,25 +1,18 @@
-//! Benchmarks: how fast, what speed costs, how exact under stress, and whether devices agree.
+//! Benchmarks: speed, what speed costs, exactness under stress, and agreement of devices.
 //!
-//! Each benchmark is one file with one function that measures, says what it found, and writes `results.json` and charts.
-//! [`run`] runs one by name.
+//! Each benchmark is one file with one function that measures, prints what it found, and writes `results.json`, a table as
+//! CSV, and charts. [`run`] runs one of [`Benchmark`].
 //!
 //! ```no_run
-//! use infonerf_bench::{Benchmark, Options, run};
+//! use infonerf_bench::{Benchmark, BenchOptions, run};
 //! use infonerf_experiment::{DeviceName, Selection};
 //!
 //! // Errors of every operation on extreme inputs, against f64.
-//! let options = Options {
-//!     benchmark: Benchmark::Stress,
+//! let options = BenchOptions {
+//!     benchmark: Benchmark::Stress { rays: 64 },
 //!     experiment: "synthetic-4view".into(),
 //!     selection: Selection::default(),
 //!     device: DeviceName::Auto,
-//!     budgets: Vec::new(),
-//!     sizes: Vec::new(),
-//!     steps: None,
-//!     warmup: None,
-//!     from: None,
-//!     seeds: None,
-//!     rays: Some(64),
 //!     weights: None,
 //!     out: "runs/bench".into(),
 //! };
@@ -30,43 +23,39 @@
 
 mod agreement;
 mod context;
-mod ops;
 mod options;
 mod output;
 mod pareto;
 mod published;
 mod render;
 mod roofline;
-mod scale;
 mod skip;
 mod step;
 mod stress;
-mod training;
+mod stress_training;
 mod trial;
 
 use anyhow::Result;
 
 use context::Bench;
-pub use options::{Benchmark, Options};
+pub use options::{BenchOptions, Benchmark, StepTiming};
 
-/// Runs a benchmark; `say` is told its results as text. Returns whether everything that it asserts holds.
+/// Runs a benchmark; `print` receives its results as text. Returns whether every bound that it checks holds.
 ///
 /// # Errors
 /// If the experiment cannot be planned, a run fails, or a file cannot be written.
-pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> Result<bool> {
+pub fn run(options: &BenchOptions, print: &mut dyn FnMut(&str)) -> Result<bool> {
     let bench = Bench::new(options)?;
-    say(&bench.to_string());
-    let holds = match options.benchmark {
-        Benchmark::Pareto => pareto::run(&bench, options, say).map(|()| true),
-        Benchmark::Skip => skip::run(&bench, options, say).map(|()| true),
-        Benchmark::Step => step::run(&bench, options, say).map(|()| true),
-        Benchmark::Scale => scale::run(&bench, options, say).map(|()| true),
-        Benchmark::Render => render::run(&bench, options, say).map(|()| true),
-        Benchmark::Ops => ops::run(&bench, options, say).map(|()| true),
-        Benchmark::Agreement => agreement::run(&bench, options, say),
-        Benchmark::Stress => stress::run(&bench, options, say),
-        Benchmark::StressTraining => training::run(&bench, options, say),
+    print(&bench.to_string());
+    let holds = match &options.benchmark {
+        Benchmark::Pareto { budgets } => pareto::run(&bench, budgets, print).map(|()| true),
+        Benchmark::Skip { steps } => skip::run(&bench, *steps, print).map(|()| true),
+        Benchmark::Step(timing) => step::run(&bench, timing, print).map(|()| true),
+        Benchmark::Render { steps, sizes } => render::run(&bench, *steps, sizes, print).map(|()| true),
+        Benchmark::Agreement => agreement::run(&bench, options.device, print),
+        Benchmark::Stress { rays } => stress::run(&bench, options.device, *rays as usize, print),
+        Benchmark::StressTraining { seeds, steps } => stress_training::run(&bench, *seeds, *steps, print),
     }?;
-    say(&format!("\nresults: {}", bench.folder.display()));
+    print(&format!("\nresults: {}", bench.folder.display()));
     Ok(holds)
 }

@@ -1,78 +1,78 @@
-//! Few-shot figures of other systems, from `published.toml`.
+//! PublishedFigures few-shot figures of other systems, from `published.toml`.
 
 use anyhow::{Context, Result};
 use infonerf_report::chart::Mark;
 use serde::Deserialize;
 
-/// Figures that others report for a number of training views.
+/// PublishedFigures figures for a number of training views.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Published {
-    /// Training views.
+pub(crate) struct PublishedFigures {
+    /// Number of training views.
     views: usize,
-    /// The scenes of the data set.
+    /// Scenes of the data set.
     scenes: Vec<String>,
     #[serde(rename = "system")]
-    systems: Vec<System>,
+    systems: Vec<PublishedSystem>,
 }
 
-/// Metrics of one system.
+/// Figures of one system on a scene.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct System {
+struct PublishedSystem {
     name: String,
-    /// The scene; none for the mean over all.
+    /// Scene; `None` for the mean over all.
     scene: Option<String>,
     hardware: String,
-    /// Training time.
+    /// Training time in seconds.
     seconds: f64,
     psnr: Option<f64>,
     ssim: Option<f64>,
-    /// Where the figures are from.
+    /// Publication of the figures.
     source: String,
 }
 
-impl Published {
-    pub(super) fn read() -> Result<Self> {
+impl PublishedFigures {
+    pub(crate) fn read() -> Result<Self> {
         toml::from_str(include_str!("../published.toml")).context("published.toml")
     }
 
-    /// The systems that stand beside runs on `scenes` of so many training views: of a single scene their figures for it, and
-    /// else their means. None where the runs are of other scenes or views.
-    fn beside(&self, scenes: &[String], views: &[usize]) -> Vec<&System> {
+    /// Selects figures comparable with runs on `scenes` with numbers of training `views`: for a single scene those for it, and
+    /// otherwise means. Empty if the runs have other scenes or views.
+    fn comparable(&self, scenes: &[String], views: &[usize]) -> Vec<&PublishedSystem> {
         if scenes.iter().any(|scene| !self.scenes.contains(scene)) || views.iter().any(|views| *views != self.views) {
             return Vec::new();
         }
-        let own = |system: &&System| scenes.len() == 1 && system.scene.as_ref() == scenes.first();
+        let own = |system: &&PublishedSystem| scenes.len() == 1 && system.scene.as_ref() == scenes.first();
         let has_own = |name: &str| self.systems.iter().filter(own).any(|system| system.name == name);
-        let shown = |system: &&System| own(system) || system.scene.is_none() && !has_own(&system.name);
+        let shown = |system: &&PublishedSystem| own(system) || system.scene.is_none() && !has_own(&system.name);
         self.systems.iter().filter(shown).collect()
     }
 
-    /// Their points in a chart of training time against the metric `key`, with their hardware.
-    pub(super) fn marks(&self, scenes: &[String], views: &[usize], key: &str) -> Vec<Mark> {
-        let mark = |system: &System| {
+    /// Lists comparable systems in a chart of training time against the metric `key`, with their hardware.
+    pub(crate) fn marks(&self, scenes: &[String], views: &[usize], key: &str) -> Vec<Mark> {
+        let mark = |system: &PublishedSystem| {
             let value = system.metric(key)?;
             let other = if system.scene.is_none() && scenes.len() < self.scenes.len() { ", 8 scenes" } else { "" };
             let label = format!("{} ({}{other})", system.name, system.hardware);
             Some(Mark { label, point: (system.seconds, value) })
         };
-        self.beside(scenes, views).into_iter().filter_map(mark).collect()
+        self.comparable(scenes, views).into_iter().filter_map(mark).collect()
     }
 
-    /// A line for each, with its source.
-    pub(super) fn lines(&self, scenes: &[String], views: &[usize]) -> Vec<String> {
-        let line = |system: &System| {
+    /// Describes each comparable system in a line, with its source.
+    pub(crate) fn lines(&self, scenes: &[String], views: &[usize]) -> Vec<String> {
+        let line = |system: &PublishedSystem| {
             let psnr = system.psnr.map_or_else(|| "-".to_owned(), |psnr| format!("{psnr:.2}"));
-            let System { name, seconds, hardware, source, .. } = system;
+            let PublishedSystem { name, seconds, hardware, source, .. } = system;
             let scene = system.scene.as_deref().unwrap_or("mean of 8 scenes");
             format!("{name}, {scene}: {psnr} dB in {seconds} s on {hardware} ({source})")
         };
-        self.beside(scenes, views).into_iter().map(line).collect()
+        self.comparable(scenes, views).into_iter().map(line).collect()
     }
 }
 
-impl System {
+impl PublishedSystem {
     fn metric(&self, key: &str) -> Option<f64> {
         match key {
             "psnr" => self.psnr,
@@ -87,8 +87,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_runs_of_the_same_scenes_and_views_have_others_beside_them() {
-        let published = Published::read().unwrap();
+    fn published_figures_match_scenes_and_views() {
+        let published = PublishedFigures::read().unwrap();
         let marks = |scene: &str, views| published.marks(&[scene.to_owned()], &[views], "psnr");
         let point =
             |marks: &[Mark], label: &str| marks.iter().find(|mark| mark.label == label).map(|mark| mark.point.1);

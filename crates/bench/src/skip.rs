@@ -1,89 +1,84 @@
-//! What each way of skipping saves, and what it costs in quality: everything off, everything on, each off alone, and what is
-//! off by default on top.
+//! Time, samples and quality of each way of skipping: all off, all on, each off alone, and what is off by default on top.
 
 use anyhow::{Context, Result};
 use infonerf_report::chart::{Bar, Frame, bar_chart};
 use infonerf_train::Config;
 use serde::Serialize;
+use serde_json::json;
 
-use super::context::{Bench, distinct};
-use super::options::Options;
-use super::output::{TextTable, number};
-use super::trial::{Trial, mean, with_settings};
+use crate::context::Bench;
+use crate::output::{TextTable, number};
+use crate::trial::{Trial, mean, with_settings};
 
-/// A way of skipping, and the settings that switch it off.
+/// Way of skipping, and the settings that switch it off.
 struct Switch {
     name: &'static str,
-    /// Of a run's config.
+    /// Label of a bar without it.
+    label: &'static str,
     off: fn(&Config) -> Vec<String>,
 }
 
 const SWITCHES: &[Switch] = &[
-    Switch { name: "empty space", off: |_| settings(&["render.occupancy.enabled=false"]) },
+    Switch { name: "empty space", label: "−empty", off: |_| settings(&["render.occupancy.enabled=false"]) },
     Switch {
         name: "hidden samples",
+        label: "−hidden",
         off: |_| settings(&["render.hidden_depth=0", "render.early_stop_transmittance=0"]),
     },
-    Switch { name: "out of bounds", off: |_| settings(&["render.clip_to_bounds=false"]) },
-    Switch { name: "image pyramid", off: |_| settings(&["train.downscale=1"]) },
-    Switch { name: "sample ramp", off: |config| vec![format!("render.samples={}", config.render.samples.largest())] },
+    Switch { name: "out of bounds", label: "−bounds", off: |_| settings(&["render.clip_to_bounds=false"]) },
+    Switch { name: "image pyramid", label: "−pyramid", off: |_| settings(&["train.downscale=1"]) },
+    Switch {
+        name: "sample ramp",
+        label: "−ramp",
+        off: |config| vec![format!("render.samples={}", config.render.samples.largest())],
+    },
 ];
 
-/// Ways that are off in the presets, and the settings that switch them on.
-const EXTRAS: &[(&str, &[&str])] = &[
-    ("all, and error sampling", &["train.error_sampling={threshold=0.03,keep=0.25}"]),
-    ("all, and early stopping", &["train.early_stopping={patience=100,min_delta=0.02}"]),
+/// Name, label and settings of cases on top of all ways of skipping: two that are off in the presets, and the cost of the terms
+/// on unseen rays.
+const EXTRAS: &[(&str, &str, &[&str])] = &[
+    ("all, and error sampling", "+errors", &["train.error_sampling={threshold=0.03,keep=0.25}"]),
+    ("all, and early stopping", "+early stop", &["train.early_stopping={patience=100,min_delta=0.02}"]),
+    ("all, no unseen rays", "−unseen", &["loss.entropy.weight=0", "loss.kl.weight=0"]),
 ];
 
-/// Not a way of skipping: what the terms on unseen rays cost.
-const NO_TERMS: &[&str] = &["loss.entropy.weight=0", "loss.kl.weight=0", "loss.opacity.rays=seen"];
-
-/// The same rays in every run, however few samples they need.
-const FIXED: &str = "train.target_samples=0";
+/// Setting that gives every run the same number of rays, however few samples they need.
+const FIXED_RAYS: &str = "train.target_samples=0";
 
 const PROTOCOL: &str = "every run takes the same number of steps of the same number of rays (train.target_samples=0); factors \
                         compare with the run that skips nothing; means over scenes, variants and seeds";
 
+/// Case with its runs and their means.
 #[derive(Serialize)]
-struct Run {
+struct SkipCase {
     case: String,
+    #[serde(skip)]
+    label: &'static str,
     settings: Vec<String>,
-    trials: Vec<Trial>,
-}
-
-/// A line of the table.
-#[derive(Serialize)]
-struct Row {
-    case: String,
-    settings: Vec<String>,
+    iterations: f64,
     train_seconds: f64,
     render_seconds_per_image: f64,
     samples_total: f64,
     samples_evaluated: f64,
-    /// Evaluated over all, in this run.
+    /// Evaluated over all samples.
     evaluated_share: f64,
-    /// Samples evaluated without skipping over those here.
+    /// Samples evaluated without skipping over those of this case.
     fewer_samples: Option<f64>,
-    /// Training time without skipping over that here.
+    /// Training time without skipping over that of this case.
     less_time: Option<f64>,
     psnr: f64,
     ssim: Option<f64>,
+    collapsed: bool,
+    trials: Vec<Trial>,
 }
 
-#[derive(Serialize)]
-struct Results<'a> {
-    rows: &'a [Row],
-    runs: &'a [Run],
-}
-
-/// The cases in the order of the table with the settings of each, the one that skips nothing first.
-fn cases(config: &Config) -> Vec<(String, Vec<String>)> {
+/// Lists name, label and settings of each case, in the order of the table; the first one skips nothing.
+fn cases(config: &Config) -> Vec<(String, &'static str, Vec<String>)> {
     let nothing = SWITCHES.iter().flat_map(|switch| (switch.off)(config)).collect();
-    let all_but = |switch: &Switch| (format!("all but {}", switch.name), (switch.off)(config));
-    let mut cases = vec![("skip nothing".to_owned(), nothing), ("skip all".to_owned(), Vec::new())];
+    let all_but = |switch: &Switch| (format!("all but {}", switch.name), switch.label, (switch.off)(config));
+    let mut cases = vec![("skip nothing".into(), "nothing", nothing), ("skip all".into(), "all", Vec::new())];
     cases.extend(SWITCHES.iter().map(all_but));
-    cases.extend(EXTRAS.iter().map(|&(name, on)| (name.to_owned(), settings(on))));
-    cases.push(("all, no unseen rays".to_owned(), settings(NO_TERMS)));
+    cases.extend(EXTRAS.iter().map(|&(name, label, on)| (name.to_owned(), label, settings(on))));
     cases
 }
 
@@ -91,116 +86,97 @@ fn settings(settings: &[&str]) -> Vec<String> {
     settings.iter().map(|&setting| setting.to_owned()).collect()
 }
 
-pub(super) fn run(bench: &Bench, options: &Options, say: &mut dyn FnMut(&str)) -> Result<()> {
-    say("");
-    let mut runs: Vec<Run> = Vec::new();
-    let first = bench.plans.first().context("expected at least one run to measure")?;
-    for (case, settings) in cases(&first.config) {
+pub(crate) fn run(bench: &Bench, steps: Option<u32>, print: &mut dyn FnMut(&str)) -> Result<()> {
+    print("");
+    let mut rows: Vec<SkipCase> = Vec::new();
+    for (case, label, settings) in cases(&bench.first_plan().config) {
         let mut trials = Vec::new();
         for plan in &bench.plans {
-            let iterations = options.steps.map_or(plan.config.train.iterations, |steps| steps as usize);
-            let mut all = vec![FIXED.to_owned(), format!("train.iterations={iterations}")];
+            let iterations = steps.map_or(plan.config.train.iterations, |steps| steps as usize);
+            let mut all = vec![FIXED_RAYS.to_owned(), format!("train.iterations={iterations}")];
             all.extend(settings.iter().cloned());
             let plan = with_settings(plan, &all).with_context(|| case.clone())?;
             let trial = bench.trial(&plan)?;
             let (label, seconds, psnr) = (plan.label(), trial.train_seconds, trial.psnr());
-            say(&format!("{case}, {label}: {seconds:.1} s, {psnr:.2} dB"));
+            print(&format!("{case}, {label}: {seconds:.1} s, {psnr:.2} dB"));
             trials.push(trial);
         }
-        runs.push(Run { case, settings, trials });
-        save(bench, &runs)?;
+        rows.push(SkipCase::new((case, label, settings), trials, rows.first()));
+        save(bench, &rows)?;
     }
-    say(&text(&rows(&runs), &runs));
+    print(&text(&rows));
     Ok(())
 }
 
-fn rows(runs: &[Run]) -> Vec<Row> {
-    let of = |run: &Run, value: fn(&Trial) -> f64| {
-        mean(&run.trials.iter().collect::<Vec<_>>(), |trial| Some(value(trial))).unwrap_or(f64::NAN)
-    };
-    let row = |run: &Run| {
-        let over_nothing = |value: fn(&Trial) -> f64| {
-            let ratio = of(runs.first()?, value) / of(run, value);
-            ratio.is_finite().then_some(ratio)
-        };
-        Row {
-            case: run.case.clone(),
-            settings: run.settings.clone(),
-            train_seconds: of(run, |trial| trial.train_seconds),
-            render_seconds_per_image: of(run, |trial| trial.render_seconds_per_image),
-            samples_total: of(run, |trial| trial.samples_total as f64),
-            samples_evaluated: of(run, |trial| trial.samples_evaluated as f64),
-            evaluated_share: of(run, |trial| trial.samples_evaluated as f64)
-                / of(run, |trial| trial.samples_total as f64),
-            fewer_samples: over_nothing(|trial| trial.samples_evaluated as f64),
-            less_time: over_nothing(|trial| trial.train_seconds),
-            psnr: of(run, Trial::psnr),
-            ssim: mean(&run.trials.iter().collect::<Vec<_>>(), |trial| trial.metric("ssim")),
+impl SkipCase {
+    /// Averages `trials` and compares them with the case that skips nothing, if this is another one.
+    fn new(
+        (case, label, settings): (String, &'static str, Vec<String>),
+        trials: Vec<Trial>,
+        nothing: Option<&Self>,
+    ) -> Self {
+        let all: Vec<&Trial> = trials.iter().collect();
+        let of = |value: fn(&Trial) -> f64| mean(&all, |trial| Some(value(trial))).unwrap_or(f64::NAN);
+        let (samples_total, samples_evaluated) =
+            (of(|trial| trial.samples_total as f64), of(|trial| trial.samples_evaluated as f64));
+        let train_seconds = of(|trial| trial.train_seconds);
+        let ratio =
+            |without: Option<f64>, with: f64| Some(without.unwrap_or(with) / with).filter(|ratio| ratio.is_finite());
+        Self {
+            case,
+            label,
+            settings,
+            iterations: of(|trial| trial.iterations as f64),
+            train_seconds,
+            render_seconds_per_image: of(|trial| trial.render_seconds_per_image),
+            samples_total,
+            samples_evaluated,
+            evaluated_share: samples_evaluated / samples_total,
+            fewer_samples: ratio(nothing.map(|row| row.samples_evaluated), samples_evaluated),
+            less_time: ratio(nothing.map(|row| row.train_seconds), train_seconds),
+            psnr: of(Trial::psnr),
+            ssim: mean(&all, |trial| trial.metric("ssim")),
+            collapsed: all.iter().any(|trial| trial.collapsed),
+            trials,
         }
-    };
-    runs.iter().map(row).collect()
+    }
 }
 
-fn save(bench: &Bench, runs: &[Run]) -> Result<()> {
-    let rows = rows(runs);
-    bench.save_results(PROTOCOL, &Results { rows: &rows, runs })?;
+/// Writes all results so far, which stay if the rest is interrupted.
+fn save(bench: &Bench, rows: &[SkipCase]) -> Result<()> {
+    bench.save_results(PROTOCOL, rows, json!({}))?;
     for (name, title, value) in [
-        ("seconds", "Training time (s)", (|row| row.train_seconds) as fn(&Row) -> f64),
+        ("seconds", "Training time (s)", (|row| row.train_seconds) as fn(&SkipCase) -> f64),
         ("samples", "Samples evaluated (millions)", |row| row.samples_evaluated / 1e6),
         ("psnr", "PSNR (dB)", |row| row.psnr),
     ] {
-        let bars = rows.iter().enumerate().map(|(index, row)| Bar {
-            label: label(index, row),
-            value: value(row),
-            spread: None,
-        });
-        let bars: Vec<Bar> = bars.collect();
+        let bar = |row: &SkipCase| Bar { label: row.label.to_owned(), value: value(row), spread: None };
+        let bars: Vec<Bar> = rows.iter().map(bar).collect();
         bench.save_chart(&format!("skip-{name}"), &bar_chart(&Frame::new(title, "skipped", ""), &bars)?)?;
     }
     Ok(())
 }
 
-/// Short enough to stand below a bar.
-fn label(index: usize, row: &Row) -> String {
-    let short =
-        ["nothing", "all", "−empty", "−hidden", "−bounds", "−pyramid", "−ramp", "+errors", "+early stop", "−unseen"];
-    short.get(index).map_or_else(|| row.case.clone(), |&label| label.to_owned())
-}
-
-fn text(rows: &[Row], runs: &[Run]) -> String {
-    let mut table = TextTable::new(&[
-        "",
-        "training",
-        "ms/step",
-        "render",
-        "samples",
-        "evaluated",
-        "share",
-        "fewer",
-        "faster",
-        "PSNR",
-        "SSIM",
-    ]);
-    for (row, run) in rows.iter().zip(runs) {
-        let steps =
-            run.trials.iter().map(|trial| trial.iterations).sum::<usize>().max(1) as f64 / run.trials.len() as f64;
-        table.row(vec![
-            row.case.clone(),
-            format!("{:.1} s", row.train_seconds),
-            format!("{:.1}", 1e3 * row.train_seconds / steps),
-            format!("{:.2} s", row.render_seconds_per_image),
-            format!("{:.1} M", row.samples_total / 1e6),
-            format!("{:.1} M", row.samples_evaluated / 1e6),
-            format!("{:.1} %", 100.0 * row.evaluated_share),
-            number(row.fewer_samples, 1) + "x",
-            number(row.less_time, 1) + "x",
-            format!("{:.2}", row.psnr),
-            number(row.ssim, 4),
-        ]);
-    }
-    let collapsed = distinct(runs, |run| run.trials.iter().any(|trial| trial.collapsed).then(|| run.case.clone()));
-    let note = |case: String| format!("{case}: a run collapsed, its field went empty\n");
-    format!("\n{}", table.to_text()) + &collapsed.into_iter().flatten().map(note).collect::<String>()
+fn text(rows: &[SkipCase]) -> String {
+    let table = TextTable::new(
+        rows,
+        &[
+            ("", |row| row.case.clone()),
+            ("training", |row| format!("{:.1} s", row.train_seconds)),
+            ("ms/step", |row| format!("{:.1}", 1e3 * row.train_seconds / row.iterations.max(1.0))),
+            ("render", |row| format!("{:.2} s", row.render_seconds_per_image)),
+            ("samples", |row| format!("{:.1} M", row.samples_total / 1e6)),
+            ("evaluated", |row| format!("{:.1} M", row.samples_evaluated / 1e6)),
+            ("share", |row| format!("{:.1} %", 100.0 * row.evaluated_share)),
+            ("fewer", |row| number(row.fewer_samples, 1) + "x"),
+            ("faster", |row| number(row.less_time, 1) + "x"),
+            ("PSNR", |row| format!("{:.2}", row.psnr)),
+            ("SSIM", |row| number(row.ssim, 4)),
+        ],
+    );
+    let collapsed = rows.iter().filter(|row| row.collapsed);
+    let note = |row: &SkipCase| format!("{}: a run collapsed, its field went empty\n", row.case);
+    format!("\n{}", table.to_text()) + &collapsed.map(note).collect::<String>()
 }
 
 #[cfg(test)]
@@ -213,8 +189,8 @@ mod tests {
     fn every_switch_is_a_setting_of_every_preset() {
         for preset in Preset::ALL {
             let base = Config::from_table(preset.table()).unwrap();
-            for (case, settings) in cases(&base) {
-                let settings = settings.iter().map(String::as_str).chain([FIXED]);
+            for (case, _, settings) in cases(&base) {
+                let settings = settings.iter().map(String::as_str).chain([FIXED_RAYS]);
                 Config::of(preset, settings).unwrap_or_else(|error| panic!("{case}: {error}"));
             }
         }

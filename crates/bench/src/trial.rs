@@ -1,4 +1,4 @@
-//! Training and evaluating in memory, without a run folder: only the measurements are kept.
+//! Training and evaluation in memory, without a run folder.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -10,34 +10,33 @@ use infonerf_render::TrainedModel;
 use infonerf_train::{Config, Evaluation, Event, Outcome, Trainer, config, step_side_by_side, without_collapsed};
 use serde::Serialize;
 
-use super::context::Bench;
+use crate::context::Bench;
 
-/// A trained run and what its test views say.
+/// Measurements of a trained and evaluated run.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct Trial {
-    pub(super) scene: String,
-    pub(super) variant: String,
-    pub(super) seed: u64,
-    /// How many.
-    pub(super) train_views: usize,
-    pub(super) iterations: usize,
-    pub(super) train_seconds: f64,
-    pub(super) render_seconds_per_image: f64,
-    pub(super) samples_total: u64,
-    pub(super) samples_evaluated: u64,
-    pub(super) collapsed: bool,
+pub(crate) struct Trial {
+    pub(crate) scene: String,
+    pub(crate) variant: String,
+    pub(crate) seed: u64,
+    pub(crate) train_views: usize,
+    pub(crate) iterations: usize,
+    pub(crate) train_seconds: f64,
+    pub(crate) render_seconds_per_image: f64,
+    pub(crate) samples_total: u64,
+    pub(crate) samples_evaluated: u64,
+    pub(crate) collapsed: bool,
     #[serde(flatten)]
-    pub(super) metrics: Values,
+    pub(crate) metrics: Values,
 }
 
 impl Bench {
-    /// `plan` before its first step.
-    pub(super) fn trainer(&self, plan: &RunPlan) -> Result<Trainer> {
+    /// Prepares `plan` for its first step.
+    pub(crate) fn trainer(&self, plan: &RunPlan) -> Result<Trainer> {
         plan.trainer(&Arc::new(plan.load()?), 0, None, &self.device).with_context(|| plan.label())
     }
 
     /// Trains `plan` to its end and evaluates it on its test views.
-    pub(super) fn trial(&self, plan: &RunPlan) -> Result<Trial> {
+    pub(crate) fn trial(&self, plan: &RunPlan) -> Result<Trial> {
         let scene = Arc::new(plan.load()?);
         let mut trainers: Vec<Trainer> = Vec::new();
         for index in 0..plan.members() {
@@ -72,18 +71,23 @@ impl Bench {
 }
 
 impl Trial {
-    /// The metric of this key; none where it could not be computed.
-    pub(super) fn metric(&self, key: &str) -> Option<f64> {
-        self.metrics.get(key).copied().flatten()
+    /// Returns the metric `key`; `None` if it could not be computed.
+    pub(crate) fn metric(&self, key: &str) -> Option<f64> {
+        metric_of(&self.metrics, key)
     }
 
-    /// PSNR in dB.
-    pub(super) fn psnr(&self) -> f64 {
+    /// Returns the PSNR in dB.
+    pub(crate) fn psnr(&self) -> f64 {
         self.metric("psnr").unwrap_or(f64::NAN)
     }
 }
 
-/// Takes all steps of fields side by side.
+/// Returns the metric `key` of `values`; `None` if it could not be computed.
+pub(crate) fn metric_of(values: &Values, key: &str) -> Option<f64> {
+    values.get(key).copied().flatten()
+}
+
+/// Trains fields side by side to their ends.
 fn train_all(trainers: &mut [Trainer]) -> Result<()> {
     let mut active: Vec<&mut Trainer> = trainers.iter_mut().collect();
     while !active.is_empty() {
@@ -99,8 +103,8 @@ fn train_all(trainers: &mut [Trainer]) -> Result<()> {
     Ok(())
 }
 
-/// Takes all steps.
-pub(super) fn train(trainer: &mut Trainer) -> Result<Outcome> {
+/// Trains to the end.
+pub(crate) fn train(trainer: &mut Trainer) -> Result<Outcome> {
     loop {
         match trainer.step(&mut |_| ())? {
             Outcome::Running => {}
@@ -109,9 +113,9 @@ pub(super) fn train(trainer: &mut Trainer) -> Result<Outcome> {
     }
 }
 
-/// Takes `count` steps and tells how many seconds each took: an equal share of those that are reported together. Ends early
-/// where the run does.
-pub(super) fn step_seconds(trainer: &mut Trainer, count: usize) -> Result<Vec<f64>> {
+/// Takes `count` steps, or fewer if the run ends, and returns the seconds of each: steps that are reported together share
+/// their time equally.
+pub(crate) fn step_seconds(trainer: &mut Trainer, count: usize) -> Result<Vec<f64>> {
     let mut seconds = Vec::with_capacity(count);
     let mut start = Instant::now();
     for step in 1..=count {
@@ -132,8 +136,8 @@ pub(super) fn step_seconds(trainer: &mut Trainer, count: usize) -> Result<Vec<f6
     Ok(seconds)
 }
 
-/// The same run with some keys of its config changed.
-pub(super) fn with_settings<S: AsRef<str>>(plan: &RunPlan, settings: &[S]) -> Result<RunPlan> {
+/// Returns `plan` with some keys of its config changed.
+pub(crate) fn with_settings<S: AsRef<str>>(plan: &RunPlan, settings: &[S]) -> Result<RunPlan> {
     let mut table = toml::Table::try_from(&plan.config)?;
     for setting in settings {
         config::assign(&mut table, setting.as_ref())?;
@@ -141,14 +145,14 @@ pub(super) fn with_settings<S: AsRef<str>>(plan: &RunPlan, settings: &[S]) -> Re
     Ok(RunPlan { config: Config::from_table(table)?, ..plan.clone() })
 }
 
-/// Mean of a quantity over trials; none where a trial lacks it.
-pub(super) fn mean(trials: &[&Trial], value: impl Fn(&Trial) -> Option<f64>) -> Option<f64> {
+/// Computes the mean of a quantity over trials; `None` if a trial lacks it.
+pub(crate) fn mean(trials: &[&Trial], value: impl Fn(&Trial) -> Option<f64>) -> Option<f64> {
     let values: Option<Vec<f64>> = trials.iter().map(|trial| value(trial)).collect();
     let values = values.filter(|values| !values.is_empty())?;
     Some(values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// Mean of each metric over trials; none where a trial lacks it.
-pub(super) fn mean_metrics(trials: &[&Trial]) -> Values {
+/// Computes the mean of each metric over trials; `None` if a trial lacks it.
+pub(crate) fn mean_metrics(trials: &[&Trial]) -> Values {
     METRICS.iter().map(|metric| (metric.key().to_owned(), mean(trials, |trial| trial.metric(metric.key())))).collect()
 }

@@ -58,7 +58,7 @@ impl Field for DiffuseMlp {
 fn main() -> anyhow::Result<()> {
     // The fast preset's sampler and skipping, with L_RGB and the paper's entropy alone.
     let mut settings = Preset::Fast.table();
-    for setting in ["loss.opacity.weight=0", "loss.silhouette.weight=0", "loss.tv.weight=0", "train.iterations=400"] {
+    for setting in ["loss.silhouette.weight=0", "loss.tv.weight=0", "train.iterations=400"] {
         infonerf_train::config::assign(&mut settings, setting)?;
     }
     let config = Config::from_table(settings)?;

@@ -24,6 +24,7 @@ enum Command {
     Exp(exp::ExpArgs),
     Pretrain(pretrain::PretrainArgs),
     Sweep(sweep::SweepArgs),
+    #[command(hide = true)]
     SweepItem(sweep_item::SweepItemArgs),
     Reproduce(reproduce::ReproduceArgs),
     Tensorboard(tensorboard::TensorboardArgs),
@@ -37,6 +38,7 @@ enum Command {
     #[command(subcommand)]
     Scene(scene::SceneCommand),
     List(list::ListArgs),
+    Config(list::ConfigArgs),
     Collect(collect::CollectArgs),
     Completions(documentation::CompletionsArgs),
     Man(documentation::ManArgs),
@@ -61,7 +63,8 @@ impl Args {
             Command::Figure(args) => figure::run(args),
             Command::View(args) => view::run(args),
             Command::Scene(command) => scene::run(command),
-            Command::List(_) => list::run(),
+            Command::List(args) => list::run(args),
+            Command::Config(args) => list::config(args),
             Command::Collect(args) => collect::run(args),
             Command::Completions(args) => documentation::completions(args, &mut Self::command()),
             Command::Man(args) => documentation::man(args, Self::command()),

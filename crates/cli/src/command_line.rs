@@ -6,11 +6,13 @@ use std::path::Path;
 use anyhow::{Context, Result};
 use infonerf_report::write_atomically;
 
+use crate::print::errln;
+
 /// The file in an experiment's folder that holds its command line.
 const FILE: &str = "command.txt";
 
 /// Saves the command line in an experiment's folder, without `--out`.
-pub(crate) fn save(folder: &Path) -> Result<()> {
+fn save(folder: &Path) -> Result<()> {
     let mut words = vec!["infonerf".to_owned()];
     let mut args = std::env::args().skip(1);
     while let Some(word) = args.next() {
@@ -22,6 +24,13 @@ pub(crate) fn save(folder: &Path) -> Result<()> {
     }
     let line = shlex::try_join(words.iter().map(String::as_str)).context("the command line")?;
     Ok(write_atomically(&folder.join(FILE), line.as_bytes())?)
+}
+
+/// Saves the command line as [`save`] does, with a warning if that fails.
+pub(crate) fn save_or_warn(folder: &Path) {
+    if let Err(error) = save(folder) {
+        errln!("warning: {error:#}");
+    }
 }
 
 /// The command line in an experiment's folder, if there is one.

@@ -1,24 +1,22 @@
-//! `--resume` and `--overwrite`: what happens to existing runs.
+//! `--overwrite`: what happens to runs that exist already.
 
 use clap::Args;
 use infonerf_experiment::Existing;
 
 #[derive(Clone, Debug, Args)]
 pub(crate) struct ExistingArgs {
-    /// Resume runs that were interrupted, and keep finished ones.
-    #[arg(long, conflicts_with = "overwrite")]
-    resume: bool,
-    /// Replace the results of finished runs.
+    /// Start runs that exist already anew, instead of continuing them
     #[arg(long)]
-    pub(crate) overwrite: bool,
+    overwrite: bool,
 }
 
 impl ExistingArgs {
     pub(crate) fn existing(&self) -> Existing {
-        match (self.resume, self.overwrite) {
-            (true, _) => Existing::Resume,
-            (_, true) => Existing::Overwrite,
-            _ => Existing::Refuse,
-        }
+        if self.overwrite { Existing::Overwrite } else { Existing::Continue }
+    }
+
+    /// Names the command that continues a run: without `--overwrite`, which would start it anew.
+    pub(crate) fn same_command(&self) -> &'static str {
+        if self.overwrite { "the same command without --overwrite" } else { "the same command" }
     }
 }

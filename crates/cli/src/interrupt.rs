@@ -29,7 +29,7 @@ pub(crate) fn asked() -> bool {
     ASKED.load(Ordering::SeqCst)
 }
 
-/// What the user wants of a run.
+/// Returns what the user wants of a run.
 pub(crate) fn control() -> Control {
     if asked() { Control::Stop } else { Control::Continue }
 }

@@ -1,4 +1,4 @@
-//! The live page beside training.
+//! The live page of runs that train.
 
 use std::cell::Cell;
 use std::net::{Ipv4Addr, SocketAddr};
@@ -10,7 +10,7 @@ use infonerf_experiment::{Control, OpenDevice};
 use infonerf_view::{Server, TrainingControl};
 
 use crate::interrupt;
-use crate::output::Output;
+use crate::print::outln;
 use crate::terminal::is_terminal;
 
 /// How often a page that is open gets a newer field.
@@ -41,18 +41,21 @@ impl Live {
         self.server.url()
     }
 
-    /// Keeps serving the finished runs in `folder` until Ctrl-C where somebody is at the terminal; elsewhere says how to
-    /// look at them again.
-    pub(crate) fn keep(&self, folder: &Path, output: Output) {
+    /// Keeps serving the finished runs in `folder` until Ctrl-C if somebody is at the terminal, and prints how to look at them
+    /// again; neither unless output is `as_text`.
+    pub(crate) fn keep(&self, folder: &Path, as_text: bool) {
         self.control.end();
-        if output == Output::Text && is_terminal() {
-            output.say(format_args!("{} still shows the runs (Ctrl-C ends)", self.url()));
+        if !as_text {
+            return;
+        }
+        if is_terminal() {
+            outln!("{} still shows the runs (Ctrl-C ends)", self.url());
             interrupt::wait();
         }
-        output.say(format_args!("to look at the runs again: infonerf view {}", folder.display()));
+        outln!("to look at the runs again: infonerf view {}", folder.display());
     }
 
-    /// What the page wants, or Ctrl-C. Does not return while training is paused.
+    /// Returns what the page or Ctrl-C asks for; not before a pause ends.
     pub(crate) fn control(&self) -> Control {
         while self.control.is_paused() && !self.control.is_stopped() && !interrupt::asked() {
             std::thread::sleep(PAUSE);

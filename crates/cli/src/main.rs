@@ -8,13 +8,14 @@ mod command_line;
 mod existing;
 mod exit;
 mod interrupt;
+mod json;
 mod launch;
 mod live;
-mod output;
+mod names;
 mod print;
 mod progress;
+mod reporter;
 mod selection;
-mod summary;
 mod terminal;
 mod units;
 

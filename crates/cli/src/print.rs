@@ -4,16 +4,16 @@ use std::fmt;
 use std::io::{self, ErrorKind, Write};
 use std::sync::OnceLock;
 
-/// Why standard output could not be written to.
+/// The error of standard output, if it could not be written to.
 static FAULT: OnceLock<io::Error> = OnceLock::new();
 
-/// As `println!`, without its panic.
+/// Prints a line as `println!` does, without its panic.
 macro_rules! outln {
     () => { crate::print::out(format_args!("\n")) };
     ($($text:tt)*) => { crate::print::out(format_args!("{}\n", format_args!($($text)*))) };
 }
 
-/// As `eprintln!`, without its panic.
+/// Prints a line as `eprintln!` does, without its panic.
 macro_rules! errln {
     ($($text:tt)*) => { crate::print::err(format_args!("{}\n", format_args!($($text)*))) };
 }

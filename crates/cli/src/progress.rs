@@ -1,4 +1,4 @@
-//! The progress bar of a run.
+//! Progress bars.
 
 use std::time::{Duration, Instant};
 
@@ -13,53 +13,95 @@ use crate::terminal::columns_of_stderr;
 /// Time between two updates of the bar.
 const REFRESH: Duration = Duration::from_millis(100);
 
-/// Columns of the shortest bar, with the spaces beside it.
+/// Columns of the shortest bar, with the spaces next to it.
 const BAR: usize = 10;
 
-/// Shows the events of runs.
+/// Stages that are shorter than this are not reported.
+const BRIEF: Duration = Duration::from_secs(2);
+
+/// A bar of `count` things called `label`, with the time left once there is some to tell it from.
+pub(crate) fn counting_bar(label: &str, count: usize) -> ProgressBar {
+    let bar = ProgressBar::new(count as u64).with_prefix(label.to_owned());
+    if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} {elapsed}, {eta} left") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+/// Shows the events of a run.
 pub(crate) struct Progress {
     bar: ProgressBar,
     label: String,
     /// Fields that are trained at a time.
-    beside: usize,
+    at_once: usize,
     shown: Option<Instant>,
+    /// When the stage at hand began, and how long reading and training took.
+    stage: Instant,
+    reading: Duration,
+    training: Duration,
 }
 
 impl Progress {
-    /// A bar for runs called `label`.
-    pub(crate) fn new(label: &str) -> anyhow::Result<Self> {
-        let bar = ProgressBar::hidden();
-        bar.set_style(ProgressStyle::with_template("{prefix} {wide_bar} {msg}")?);
-        Ok(Self { bar, label: label.to_owned(), beside: 1, shown: None })
+    /// A bar for a run called `label`.
+    pub(crate) fn new(label: &str) -> Self {
+        let (stage, none) = (Instant::now(), Duration::ZERO);
+        let (bar, label) = (ProgressBar::hidden(), label.to_owned());
+        Self { bar, label, at_once: 1, shown: None, stage, reading: none, training: none }
     }
 
-    /// Shows `event`, and answers what the user wants.
+    /// Shows `event`, and returns what the user wants.
     pub(crate) fn watch(&mut self, event: RunEvent<'_>) -> Control {
+        self.show(event);
+        interrupt::control()
+    }
+
+    /// Shows `event`.
+    pub(crate) fn show(&mut self, event: RunEvent<'_>) {
         match event {
-            RunEvent::Loading => {}
+            RunEvent::Loading => {
+                self.bar = ProgressBar::new_spinner().with_message(format!("{}: reading the scene", self.label));
+                self.bar.enable_steady_tick(REFRESH);
+            }
             RunEvent::Started { fields, of } => {
+                self.bar.finish_and_clear();
+                let reading = self.next_stage();
+                self.reading += reading;
                 let which = match fields.len() {
                     _ if of == 1 => String::new(),
                     1 => format!(" field {} of {of}", fields.end),
                     _ => format!(" fields {} to {} of {of}", fields.start + 1, fields.end),
                 };
-                self.beside = fields.len();
-                self.begin(format!("{}{which}", self.label), 1000);
+                self.at_once = fields.len();
+                self.bar = ProgressBar::new(1000).with_prefix(format!("{}{which}", self.label));
+                if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {msg}") {
+                    self.bar.set_style(style);
+                }
             }
             RunEvent::Training { event, trainer } => self.training(event, trainer),
-            RunEvent::Ended => self.bar.finish_and_clear(),
+            RunEvent::Ended => {
+                self.bar.finish_and_clear();
+                let training = self.next_stage();
+                self.training += training;
+            }
             RunEvent::Evaluating { view, views } => {
                 if view == 0 {
-                    self.begin(format!("{} test views", self.label), views as u64);
+                    self.bar = counting_bar(&format!("{} test views", self.label), views);
                 }
-                self.bar.set_position(view as u64 + 1);
+                self.bar.set_position(view as u64);
                 if view + 1 == views {
                     self.bar.finish_and_clear();
                 }
             }
             RunEvent::Warning(warning) => self.bar.suspend(|| errln!("warning: {warning}")),
         }
-        interrupt::control()
+    }
+
+    /// How long the stages of the run took next to training, in brackets; empty if they were brief.
+    pub(crate) fn stages(&self) -> String {
+        let stages = [("reading the scene", self.reading), ("testing", self.stage.elapsed())];
+        let long = stages.iter().filter(|(_, time)| *time >= BRIEF);
+        let parts: Vec<String> = long.map(|(stage, time)| format!("{stage} {:.0} s", time.as_secs_f64())).collect();
+        if parts.is_empty() { String::new() } else { format!(" (and {})", parts.join(", ")) }
     }
 
     /// Does something that prints, with the bar out of the way.
@@ -67,10 +109,9 @@ impl Progress {
         self.bar.suspend(print)
     }
 
-    fn begin(&mut self, label: String, length: u64) {
-        let style = self.bar.style();
-        self.bar = ProgressBar::new(length).with_style(style);
-        self.bar.set_prefix(label);
+    fn next_stage(&mut self) -> Duration {
+        let now = Instant::now();
+        now.duration_since(std::mem::replace(&mut self.stage, now))
     }
 
     fn training(&mut self, event: &Event, trainer: &Trainer) {
@@ -80,13 +121,13 @@ impl Progress {
                 if self.shown.is_none_or(|shown| now.duration_since(shown) > REFRESH) {
                     self.shown = Some(now);
                     let done = trainer.done();
-                    let left = if done > 0.0 { self.beside as f64 * seconds * (1.0 - done) / done } else { f64::NAN };
+                    let left = if done > 0.0 { self.at_once as f64 * seconds * (1.0 - done) / done } else { f64::NAN };
                     self.bar.set_position((done * 1000.0) as u64);
                     self.bar.set_message(fitting(
                         columns_of_stderr().saturating_sub(self.bar.prefix().chars().count() + BAR),
                         [
-                            format!("PSNR {psnr:.1}"),
                             format!("{left:.0} s left"),
+                            format!("training PSNR {psnr:.1}"),
                             format!("step {step}"),
                             format!("loss {loss:.4}"),
                             format!("{:.0}k rays/s", rays_per_second / 1e3),
@@ -105,7 +146,7 @@ impl Progress {
     }
 }
 
-/// The first of `parts`, the most telling first, that fit into `columns` with two spaces between them.
+/// The first of `parts`, the most important first, that fit into `columns` with two spaces between them.
 fn fitting<const N: usize>(columns: usize, parts: [String; N]) -> String {
     let mut line = String::new();
     for part in parts {

@@ -9,17 +9,19 @@ use infonerf_experiment::{DeviceName, OpenDevice, Selection, parse_seeds};
 use infonerf_metrics::Networks;
 use infonerf_train::Preset;
 
-/// Which runs of an experiment, and what they change.
+use crate::names::{self, KnownNames};
+
+/// Runs of an experiment, and what they change.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct SelectionArgs {
     /// Folder with one subfolder per scene [default: the built-in procedural scenes]
     #[arg(long, value_name = "DIR")]
     pub(crate) data: Option<PathBuf>,
     /// Scene to run on; may be repeated [default: the experiment's, or all of --data]
-    #[arg(long = "scene", value_name = "S")]
+    #[arg(long = "scene", value_name = "S", value_parser = KnownNames(names::scenes), hide_possible_values = true)]
     pub(crate) scenes: Vec<String>,
     /// Variant to run; may be repeated [default: all of the experiment]
-    #[arg(long = "variant", value_name = "V")]
+    #[arg(long = "variant", value_name = "V", value_parser = KnownNames(names::variants), hide_possible_values = true)]
     pub(crate) variants: Vec<String>,
     /// Seed of the training views and of all random numbers, or a range such as 0..4 (0 to 4); may be repeated
     #[arg(long = "seed", value_name = "N", value_parser = parse_seeds)]
@@ -32,12 +34,17 @@ pub(crate) struct SelectionArgs {
     #[arg(long, value_enum)]
     pub(crate) preset: Option<Preset>,
     /// Set a key of the config, such as loss.entropy.weight=0; may be repeated
-    #[arg(long = "set", value_name = "KEY=VALUE")]
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = KnownNames(names::keys), hide_possible_values = true)]
     pub(crate) set: Vec<String>,
 }
 
 impl SelectionArgs {
-    /// The same with a time budget for each run.
+    /// Whether neither data nor scenes are named.
+    pub(crate) fn has_no_scene(&self) -> bool {
+        self.data.is_none() && self.scenes.is_empty()
+    }
+
+    /// The selection with a time budget for each run.
     pub(crate) fn selection(&self, budget: Option<Duration>) -> Selection {
         Selection {
             data: self.data.clone(),
@@ -54,7 +61,7 @@ impl SelectionArgs {
 /// Networks of learned metrics.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct NetworkArgs {
-    /// File or folder with weights of learned metrics, besides the folders that `infonerf weights` lists
+    /// File or folder with weights of learned metrics, in addition to the folders that `infonerf weights` lists
     #[arg(long, value_name = "PATH")]
     pub(crate) weights: Option<PathBuf>,
 }
@@ -69,7 +76,12 @@ impl NetworkArgs {
 /// Where to compute.
 #[derive(Clone, Copy, Debug, Args)]
 pub(crate) struct DeviceArgs {
-    /// Where to compute
-    #[arg(long, value_enum, value_name = "DEVICE", default_value_t)]
+    #[arg(long, value_enum, value_name = "DEVICE", default_value_t, hide_possible_values = true, help = device_help())]
     pub(crate) device: DeviceName,
+}
+
+/// Names the devices that are built in.
+fn device_help() -> String {
+    let names: Vec<&str> = DeviceName::all_built_in().map(DeviceName::name).collect();
+    format!("Where to compute: {}; auto is the fastest of them", names.join(", "))
 }

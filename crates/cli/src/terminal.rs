@@ -9,12 +9,12 @@ use terminal_size::{Height, Width, terminal_size_of};
 
 use crate::print::{errln, outln};
 
-/// Assumed size of a terminal that does not tell: columns and rows.
+/// Assumed size of a terminal of unknown size: columns and rows.
 const SIZE: (u16, u16) = (80, 24);
 /// Columns of a table that goes into a file or a pipe.
 const FILE_COLUMNS: usize = 100;
-/// Most columns of a picture, and rows of the terminal that it leaves to the lines around it.
-const MOST_COLUMNS: u16 = 64;
+/// Columns of an image, at most, and rows of the terminal that it leaves to the lines around it.
+const MAX_COLUMNS: u16 = 64;
 const LEFT_ROWS: u16 = 5;
 
 /// Whether standard output is a terminal.
@@ -49,7 +49,7 @@ pub(crate) fn show(picture: &RgbImage) {
         return;
     }
     let (columns, rows) = terminal_size_of(std::io::stdout()).map_or(SIZE, |(Width(w), Height(h))| (w, h));
-    let (columns, rows) = (columns.clamp(1, MOST_COLUMNS), rows.saturating_sub(LEFT_ROWS).max(1));
+    let (columns, rows) = (columns.clamp(1, MAX_COLUMNS), rows.saturating_sub(LEFT_ROWS).max(1));
     let (width, height) = shown_size(picture.dimensions(), columns, rows);
     let small = imageops::thumbnail(picture, width, height);
     for y in (0..small.height()).step_by(2) {
@@ -61,7 +61,7 @@ pub(crate) fn show(picture: &RgbImage) {
     }
 }
 
-/// Size in half blocks of a picture of `width` × `height` pixels, as large as so many columns and rows of text hold.
+/// Size in half blocks of an image of `width` × `height` pixels, as large as `columns` and `rows` of text hold.
 fn shown_size((width, height): (u32, u32), columns: u16, rows: u16) -> (u32, u32) {
     let scale = (f64::from(columns) / f64::from(width)).min(2.0 * f64::from(rows) / f64::from(height));
     let [width, height] = [width, height].map(|side| ((scale * f64::from(side)).round() as u32).max(1));

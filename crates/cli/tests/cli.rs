@@ -55,7 +55,7 @@ fn an_experiment_leaves_everything_behind() {
     let said = text(&output.stdout);
     for part in [
         "no --data given",
-        "knot/nerf/seed0",
+        "knot/factored/seed0",
         "knot/infonerf/seed0",
         "knot/infonerf+/seed0",
         "PSNR",
@@ -80,7 +80,7 @@ fn an_experiment_leaves_everything_behind() {
         assert_eq!(record["train_views"], serde_json::json!([26, 86, 2, 55]));
         assert_eq!(record["test_views"]["protocol"], "first-2");
         assert_eq!(record["test_views"]["count"], 2);
-        for key in ["psnr", "ssim", "gmsd", "silhouette_iou", "ray_entropy_bits", "information_gain", "train_seconds"] {
+        for key in ["psnr", "ssim", "silhouette_iou", "ray_entropy_bits", "information_gain", "train_seconds"] {
             assert!(record[key].is_f64(), "{key}: {}", record[key]);
         }
         for null in keys().into_iter().filter(|key| record[*key].is_null()) {
@@ -93,7 +93,7 @@ fn an_experiment_leaves_everything_behind() {
     let places: Vec<usize> = keys().iter().map(|key| raw.find(&format!("\"{key}\":")).unwrap()).collect();
     assert!(places.is_sorted(), "{raw}");
 
-    for variant in ["nerf", "infonerf", "infonerf+"] {
+    for variant in ["factored", "infonerf", "infonerf+"] {
         let run = experiment.join(format!("knot/{variant}/seed0"));
         assert!(files(&run.join("checkpoint")).contains("manifest.json"));
         let config: toml::Table = fs::read_to_string(run.join("config.toml")).unwrap().parse().unwrap();
@@ -177,7 +177,7 @@ fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
     interrupt(&child);
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));
-    assert!(text(&output.stdout).contains("--resume"), "{}", text(&output.stdout));
+    assert!(text(&output.stdout).contains("the same command continues it"), "{}", text(&output.stdout));
     assert!(!place.path("stopped/fast-losses/results.json").exists(), "the run had ended before it was stopped");
 
     // No time to say goodbye: the last checkpoint counts.
@@ -187,23 +187,26 @@ fn a_run_that_was_stopped_goes_on_to_the_same_numbers() {
     assert!(!place.path("killed/fast-losses/results.json").exists(), "the run had ended before it was killed");
 
     for out in ["stopped", "killed"] {
-        place.tiny(LONG).args(&["--out", out, "--resume"]).succeeds();
+        place.tiny(LONG).args(&["--out", out]).succeeds();
         assert_eq!(without_times(&unbroken), without_times(&records(&place.path(out).join("fast-losses"))), "{out}");
         let run = |out: &str| place.path(out).join(LONG_RUN);
         assert_eq!(events(&run("unbroken")), events(&run(out)), "{out}");
     }
 
-    // A finished run is kept as it is, and its numbers stay in the table.
+    // A finished run is kept as it is, and its results are printed.
     let results = place.path("killed/fast-losses/results.json");
     let before = fs::read_to_string(&results).unwrap();
-    let again = place.tiny(LONG).args("--out killed --resume").env("COLUMNS", "40");
+    let again = place.tiny(LONG).args("--out killed").env("COLUMNS", "40");
     let said = text(&again.succeeds().stdout);
-    assert!(said.contains("kept") && rule(&said) <= 40, "{said}");
+    assert!(said.contains(" dB") && said.contains("finished before") && rule(&said) <= 40, "{said}");
     assert_eq!(before, fs::read_to_string(&results).unwrap());
 
     // Another config is not the same run.
-    let other = place.tiny(LONG).args("--out killed --resume --set train.lr=1e-3");
-    other.fails_with(&["config.toml", "--resume", "lr"]);
+    let other = || place.tiny(LONG).args("--out killed --set train.lr=1e-3");
+    other().fails_with(&["config.toml", "train.lr was ", "and is 0.001", "--overwrite", "--out"]);
+    assert_eq!(before, fs::read_to_string(&results).unwrap());
+    other().args("--overwrite").succeeds();
+    assert_ne!(before, fs::read_to_string(&results).unwrap());
 }
 
 /// Three fields, more than some machines train side by side; stopped in the middle.
@@ -218,7 +221,7 @@ fn an_ensemble_goes_on_to_the_same_numbers() {
     let child = start(&place, ensemble, "stopped", "member0");
     interrupt(&child);
     assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
-    place.tiny(ensemble).args("--out stopped --resume").succeeds();
+    place.tiny(ensemble).args("--out stopped").succeeds();
     assert_eq!(without_times(&records(&place.path("stopped/fast-losses"))), unbroken);
     for field in ["member0", "member1", "member2"] {
         let log = |out: &str| events(&place.path(out).join(LONG_RUN).join(field));
@@ -242,7 +245,7 @@ fn a_damaged_checkpoint_is_told_of_and_the_one_before_is_used() {
     let model = run.join("checkpoint/model.bpk");
     let bytes = fs::read(&model).unwrap();
     fs::write(&model, &bytes[..bytes.len() / 2]).unwrap();
-    let output = place.tiny(LONG).args("--out stopped --resume").succeeds();
+    let output = place.tiny(LONG).args("--out stopped").succeeds();
     let warning = text(&output.stderr);
     assert!(warning.contains("model.bpk") && warning.contains("damaged"), "{warning}");
     let results = |out: &str| without_times(&records(&place.path(out).join("fast-losses")));
@@ -294,8 +297,8 @@ fn evaluating_and_rendering_a_run() {
 fn a_run_is_not_tested_by_views_that_it_learnt_from() {
     let place = Workplace::new();
     place.run("scene export facade data/facade --format llff --size 24").succeeds();
-    place.tiny("exp fast-losses --data data --scene facade --variant nerf --set eval.test=split").succeeds();
-    let run = "runs/fast-losses/facade/nerf/seed0";
+    place.tiny("exp fast-losses --data data --scene facade --variant factored --set eval.test=split").succeeds();
+    let run = "runs/fast-losses/facade/factored/seed0";
     place.run(&["eval", run, "--test", "training"]).fails_with(&[
         "--test: expected another protocol than training, found training",
         "LLFF photographs are held out only where they are tested",
@@ -307,9 +310,9 @@ fn a_run_is_not_tested_by_views_that_it_learnt_from() {
 #[test]
 fn what_is_overwritten_is_there_until_the_new_run_is_possible() {
     let place = Workplace::new();
-    let exp = "exp fast-losses --scene crane --variant nerf";
+    let exp = "exp fast-losses --scene crane --variant factored";
     place.tiny(exp).succeeds();
-    let run = place.path("runs/fast-losses/crane/nerf/seed0");
+    let run = place.path("runs/fast-losses/crane/factored/seed0");
     let before = files(&run);
     place.tiny(exp).args("--overwrite --set render.space=ndc").fails_with(&["render.space"]);
     assert_eq!(files(&run), before);
@@ -386,7 +389,11 @@ fn weights_learned_on_many_scenes_begin_another_run() {
     assert!(said.contains("3 scenes") && said.contains("train.init=out/pixelnerf-pretrain"), "{said}");
     let config = fs::read_to_string(place.path("out/pixelnerf-pretrain/config.toml")).unwrap();
     assert!(config.contains("scenes = [\"random-0\", \"random-1\", \"random-2\"]"), "{config}");
-    pretrain().fails_with(&["out/pixelnerf-pretrain", "--overwrite"]);
+    // Again: nothing is left to do. With other steps: another run.
+    let said = text(&pretrain().succeeds().stdout);
+    assert!(said.contains("4 steps in ") && said.contains("train.init=out/pixelnerf-pretrain"), "{said}");
+    let other = || pretrain().args("--set train.lr=1e-3");
+    other().fails_with(&["out/pixelnerf-pretrain/config.toml", "train.lr was ", "--overwrite"]);
     exp().succeeds();
     let records = records(&place.path("out/integration-pixelnerf"));
     assert_eq!(records.len(), 3);
@@ -431,23 +438,52 @@ fn the_presets_of_the_paper_run() {
 fn help_can_be_learned_from() {
     let place = Workplace::new();
     let help = text(&place.run("--help").succeeds().stdout);
+    assert!(!help.contains("sweep-item"), "{help}");
     for command in ["exp", "eval", "render", "export", "view", "scene", "list"] {
         assert!(help.lines().any(|line| line.trim_start().starts_with(command)), "{command}: {help}");
     }
     let help = text(&place.run("exp --help").succeeds().stdout);
-    for part in ["--data", "--scene", "--seed", "--set", "--budget", "--resume", "Examples:"] {
+    for part in ["--data", "--scene", "--seed", "--set", "--budget", "--overwrite", "Examples:"] {
         assert!(help.contains(part), "{part}: {help}");
     }
+    // Devices that are not built in are not offered, and internal commands are not listed.
+    assert!(help.contains("flex") && !help.contains("cuda"), "{help}");
+    let help = text(&place.run("eval --help").succeeds().stdout);
+    let (own, pictures) = help.split_once("Pictures of other programs:").unwrap();
+    assert!(own.contains("--device") && own.contains("--test") && pictures.contains("--renders"), "{help}");
     let whole = place.run("help").succeeds().stdout;
     assert_eq!(place.run("help --help").succeeds().stdout, whole);
 }
 
 #[test]
-fn shells_and_man_are_told_of_every_command() {
+fn experiments_and_their_settings_are_described() {
+    let place = Workplace::new();
+    let described = text(&place.run("list fast-losses").succeeds().stdout);
+    for part in ["variants  ", "infonerf+", "scenes    ", "castle", "data      built-in", "training  ", "[variants."] {
+        assert!(described.contains(part), "{part}: {described}");
+    }
+    place.run("list nothing").fails_with(&["nothing", "expected an experiment file or one of"]);
+    let config = "config fast-losses --variant infonerf --set train.rays=77";
+    let printed = text(&place.run(config).succeeds().stdout);
+    for (start, origin) in
+        [("train.rays = 77 ", "# --set"), ("scene.background = ", "# preset fast"), ("loss.entropy.weight", "# ")]
+    {
+        assert!(printed.lines().any(|line| line.starts_with(start) && line.contains(origin)), "{start}: {printed}");
+    }
+    // It is a part of an experiment file.
+    let file = format!("base = \"fast-losses\"\nscenes = [\"knot\"]\n{printed}");
+    fs::write(place.path("mine.toml"), file).unwrap();
+    let again = text(&place.run("config mine.toml --variant infonerf").succeeds().stdout);
+    assert!(again.lines().any(|line| line.starts_with("train.rays = 77 ") && line.contains("# mine.toml")), "{again}");
+    place.run("config fast-losses --variant best").fails_with(&["--variant best", "infonerf"]);
+}
+
+#[test]
+fn shells_and_man_have_every_command() {
     let place = Workplace::new();
     for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
         let script = text(&place.run(&["completions", shell]).succeeds().stdout);
-        for part in ["infonerf", "exp", "sweep", "budget"] {
+        for part in ["infonerf", "exp", "sweep", "budget", "fast-losses", "orrery", "train.iterations="] {
             assert!(script.contains(part), "{shell}: {part}");
         }
     }
@@ -462,7 +498,7 @@ fn shells_and_man_are_told_of_every_command() {
 #[test]
 fn results_are_collected_into_one_document() {
     let place = Workplace::new();
-    place.tiny("exp fast-losses --scene knot --variant nerf --out results-of-mine").succeeds();
+    place.tiny("exp fast-losses --scene knot --variant factored --out results-of-mine").succeeds();
     place.run(&["collect", "results-of-mine/fast-losses", "--title", "All of it"]).succeeds();
     let document = fs::read_to_string(place.path("results.md")).unwrap();
     for part in ["# All of it", "infonerf exp", "--scene knot", "PSNR", "train views 26, 86, 2, 55"] {
@@ -471,8 +507,8 @@ fn results_are_collected_into_one_document() {
     assert!(!document.contains("results-of-mine"), "{document}");
     // A sweep, and an experiment of one's own.
     fs::write(place.path("mine.toml"), "base = \"fast-losses\"\ntitle = \"mine\"\n").unwrap();
-    place.tiny("sweep mine.toml --scene knot --variant nerf --grid train.lr=1e-3,2e-3").succeeds();
-    place.tiny("exp mine.toml --scene knot --variant nerf").succeeds();
+    place.tiny("sweep mine.toml --scene knot --variant factored --grid train.lr=1e-3,2e-3").succeeds();
+    place.tiny("exp mine.toml --scene knot --variant factored").succeeds();
     place.run("collect runs/sweep-mine runs/mine results-of-mine/fast-losses").succeeds();
     let document = fs::read_to_string(place.path("results.md")).unwrap();
     for part in ["## sweep-mine", "## mine", "mine.toml", "2e-3"] {
@@ -484,7 +520,7 @@ fn results_are_collected_into_one_document() {
 #[test]
 fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     let place = Workplace::new();
-    let run = "exp fast-losses --scene knot --variant nerf";
+    let run = "exp fast-losses --scene knot --variant factored";
     let output = place.tiny(run).args("--json").succeeds();
     let said = text(&output.stdout);
     let events: Vec<Value> = said.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -495,8 +531,6 @@ fn other_programs_are_told_in_json_and_quiet_is_quiet() {
     }
     let record = events.iter().find(|event| event["event"] == "record").unwrap();
     assert!(record["record"]["psnr"].is_f64());
-    place.tiny(run).fails_with(&["knot/nerf/seed0: this run is finished", "--resume", "--overwrite"]);
-    place.tiny(run).args("--resume --overwrite").fails_with(&["--overwrite"]);
     assert!(place.tiny(run).args("--quiet --overwrite").succeeds().stdout.is_empty());
     place.tiny(run).args("--quiet --json").fails_with(&["--json"]);
 }
@@ -509,13 +543,13 @@ fn output_that_nobody_reads_loses_nothing() {
         let [(_, stdout), (_, stderr)] = [io::pipe().unwrap(), io::pipe().unwrap()];
         invocation.into_command().stdout(stdout).stderr(stderr).status().unwrap().code()
     };
-    let exp = |out: &str| place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "nerf", "--out", out]);
+    let exp = |out: &str| place.tiny(&["exp", "fast-losses", "--scene", "knot", "--variant", "factored", "--out", out]);
     assert_eq!(unread(exp("lines")), Some(0));
     assert_eq!(unread(exp("events").args("--json")), Some(0));
     for out in ["lines", "events"] {
         assert_eq!(records(&place.path(out).join("fast-losses")).len(), 1);
     }
-    let run = "lines/fast-losses/knot/nerf/seed0";
+    let run = "lines/fast-losses/knot/factored/seed0";
     for args in
         [&["list"][..], &["--help"], &["completions", "zsh"], &["eval", run], &["export", run, "--format", "cameras"]]
     {
@@ -533,7 +567,7 @@ fn output_that_nobody_reads_loses_nothing() {
 #[test]
 fn a_page_beside_training_says_where_to_look_afterwards() {
     let place = Workplace::new();
-    let exp = "exp fast-losses --scene knot --variant nerf --view=0";
+    let exp = "exp fast-losses --scene knot --variant factored --view=0";
     let output = place.tiny(exp).succeeds();
     let said = text(&output.stdout);
     assert!(said.contains("live at http://127.0.0.1:"), "{said}");

@@ -44,7 +44,7 @@ fn statements_are_tested_beside_the_papers_figures() {
     assert_ne!(list[0]["train_views"], list[4]["train_views"]);
 
     let again = text(&tiny(&place, args).succeeds().stdout);
-    assert!(again.contains("baseline: 8 runs, 8 of them finished before"), "{again}");
+    assert!(again.contains("(8 runs, 8 of them finished before)"), "{again}");
 }
 
 /// Two of the gain's three runs are the loss ablation's, under other names.
@@ -63,7 +63,7 @@ fn a_run_is_done_once() {
         assert_eq!((&ours["experiment"], &ours["psnr"]), (&"information".into(), &theirs["psnr"]));
     }
     let again = text(&tiny(&place, args).succeeds().stdout);
-    assert!(again.contains("information: 3 runs, 3 of them finished before"), "{again}");
+    assert!(again.contains("(3 runs, 3 of them finished before)"), "{again}");
 }
 
 #[test]

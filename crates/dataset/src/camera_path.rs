@@ -5,10 +5,11 @@ use std::path::Path;
 
 use infonerf_scene::{Keyframe, SceneError, interpolate_keyframes};
 
-use crate::loaders::{JsonFile, Node, read_flat_pose};
+use crate::files::json::{JsonFile, Node};
+use crate::loaders::read_flat_pose;
 
-/// The most keyframes or frames of a path.
-const MOST: usize = 10_000;
+/// Most keyframes or frames of a path.
+const MAX_FRAMES: usize = 10_000;
 /// Frames per second, and seconds, of a path whose file names none.
 const DEFAULT_FPS: f64 = 20.0;
 const DEFAULT_SECONDS: f64 = 4.0;
@@ -29,14 +30,14 @@ pub struct CameraPath {
 }
 
 impl CameraPath {
-    /// Reads a path in one of two forms, told apart by their list of cameras:
+    /// Reads a path in one of two forms, which their list of cameras distinguishes:
     ///
     /// - `camera_path`, as nerfstudio writes it (`camera_path.json`): every entry is a frame;
     /// - `keyframes`: entries are interpolated ([`interpolate_keyframes`]); the path takes `seconds` (4), and returns to its first
     ///   keyframe if `is_cycle` is true.
     ///
     /// An entry has `camera_to_world`, 16 numbers row by row in the scene's own coordinates with OpenGL's axes, and
-    /// may have `fov`, vertical and in degrees, which then all must have. Beside the list there may be `fps` (20),
+    /// may have `fov`, vertical and in degrees, which then all must have. Next to the list there may be `fps` (20),
     /// `render_width` and `render_height`. Other fields are ignored.
     ///
     /// # Errors
@@ -46,7 +47,7 @@ impl CameraPath {
         Self::of(&JsonFile::read(path)?.root())
     }
 
-    /// `n` frames along the path.
+    /// Returns `n` frames along the path.
     pub fn interpolated(&self, n: usize) -> Vec<Keyframe> {
         interpolate_keyframes(&self.keyframes, self.closed, n)
     }
@@ -64,7 +65,7 @@ impl CameraPath {
             None => (root.get("keyframes", &format!("{expected} (or in `camera_path`)"))?, false),
         };
         let items = list.items(expected)?;
-        if !(1..=MOST).contains(&items.len()) {
+        if !(1..=MAX_FRAMES).contains(&items.len()) {
             return Err(list.error(expected));
         }
         let keyframes = items.iter().map(keyframe).collect::<Result<Vec<_>, _>>()?;
@@ -75,7 +76,7 @@ impl CameraPath {
         }
         let fps = number_of(root, "fps", "0.001 to 1000 frames per second", 1e-3..=1e3)?.unwrap_or(DEFAULT_FPS);
         let seconds = number_of(root, "seconds", "0.001 to 10000 seconds", 1e-3..=1e4)?.unwrap_or(DEFAULT_SECONDS);
-        let frames = if complete { keyframes.len() } else { ((fps * seconds).round() as usize).clamp(1, MOST) };
+        let frames = if complete { keyframes.len() } else { ((fps * seconds).round() as usize).clamp(1, MAX_FRAMES) };
         let side = |key| number_of(root, key, "a side of 1 to 8192 pixels", 1.0..=8192.0);
         let size = side("render_width")?.zip(side("render_height")?);
         let size = size.map(|(width, height)| (width as u32, height as u32));
@@ -104,7 +105,7 @@ fn keyframe(node: &Node<'_>) -> Result<Keyframe, SceneError> {
     Ok(Keyframe { pose, fov_y })
 }
 
-/// The number in an optional field.
+/// Returns the number in an optional field.
 fn number_of(
     root: &Node<'_>,
     key: &str,

@@ -17,20 +17,22 @@
 //! ```
 
 mod camera_path;
+mod capture;
 pub mod colmap;
 mod export;
+mod files;
+mod frame;
+#[doc(hidden)]
+pub mod fuzzing;
 mod info;
-mod limits;
 mod loaders;
 mod photographs;
+mod refined_cameras;
 mod source;
-mod transforms;
 
 pub use camera_path::CameraPath;
-pub use export::export;
-pub use info::{Concern, Info, Warning, check, info, info_page, outline};
-#[doc(hidden)]
-pub use loaders::fuzzing;
-pub use photographs::{from_images, with_refined_cameras};
+pub use export::{export, transforms};
+pub use info::{Concern, Info, Warning, check, check_folder, info, info_page, outline};
+pub use photographs::{PoseSearch, from_images};
+pub use refined_cameras::with_refined_cameras;
 pub use source::{SceneSource, count_pixels, load};
-pub use transforms::transforms;

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use infonerf_procedural as procedural;
 use infonerf_scene::{PixelCount, Scene, SceneError, SceneRequest};
 
-use crate::loaders;
+use crate::{capture, loaders};
 
 /// Where a scene comes from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SceneSource {
     /// A built-in scene, one of [`infonerf_procedural::NAMES`] or `random-<seed>`.
     Procedural(String),
-    /// A folder in one of the known formats, told apart by its files, in this order:
+    /// A folder in one of the known formats, which its files show, looked for in this order:
     /// `transforms_train.json` (Blender), `transforms.json` (nerfstudio, instant-ngp), `poses_bounds.npy` (LLFF),
     /// `cameras_sphere.npz` or `cameras.npz` (DTU), `annots.npy` (ZJU-MoCap), a reconstruction of COLMAP.
     Folder {
@@ -27,23 +27,23 @@ pub enum SceneSource {
 ///
 /// # Errors
 /// Every fault of the data or of the request, as a [`SceneError`] of one line: a missing folder,
-/// file or field, a broken image, a pose that is not a rigid transform, images of different sizes,
+/// file or field, a broken image, a pose that is not a rigid transform, an image of other proportions than its camera,
 /// no views, ids out of range or given twice.
 pub fn load(source: &SceneSource, request: &SceneRequest) -> Result<Scene, SceneError> {
     match source {
         SceneSource::Procedural(name) => procedural::load(name, request),
-        SceneSource::Folder { path } => loaders::load(path, request),
+        SceneSource::Folder { path } => capture::assemble(loaders::read(path, request)?, request),
     }
 }
 
-/// How many pixels [`load`] would hold, from the headers of image files: nothing is decoded or rendered.
+/// Counts the pixels that [`load`] would hold, from the headers of image files: nothing is decoded or rendered.
 ///
 /// # Errors
 /// As [`load`], except for faults within images.
 pub fn count_pixels(source: &SceneSource, request: &SceneRequest) -> Result<PixelCount, SceneError> {
     match source {
         SceneSource::Procedural(name) => procedural::count_pixels(name, request),
-        SceneSource::Folder { path } => loaders::count_pixels(path, request),
+        SceneSource::Folder { path } => capture::count_pixels(loaders::read(path, request)?, request),
     }
 }
 
@@ -53,7 +53,6 @@ mod tests {
 
     use super::*;
 
-    /// What no photograph shows is best guessed by their mean.
     #[test]
     fn an_unknown_backdrop_is_the_mean_of_the_photographs() {
         let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..Default::default() };

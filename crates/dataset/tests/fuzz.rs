@@ -1,4 +1,4 @@
-//! What the fuzzers in `fuzz/` do, bounded: their seeds, what they found, and seeded mutations of both.
+//! A bounded run of the fuzzers in `fuzz/`: their seeds, their findings, and seeded mutations of both.
 //!
 //! `INFONERF_FUZZ=1000000` sets the number of mutations of each target.
 

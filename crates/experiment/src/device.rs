@@ -1,4 +1,4 @@
-//! Which backend computes: one of those that this program was built with.
+//! The backend that computes: one of those that this program was built with.
 
 use std::fmt;
 use std::path::Path;
@@ -85,9 +85,14 @@ impl DeviceName {
         matches!(self, Self::Flex | Self::Ndarray)
     }
 
+    /// The devices built in, fastest first.
+    pub fn all_built_in() -> impl Iterator<Item = Self> {
+        BUILT_IN.iter().copied()
+    }
+
     /// The devices built in that need no GPU.
     pub fn cpus() -> impl Iterator<Item = Self> {
-        BUILT_IN.iter().copied().filter(|device| device.is_cpu())
+        Self::all_built_in().filter(|device| device.is_cpu())
     }
 }
 
@@ -102,7 +107,7 @@ impl fmt::Display for DeviceName {
 pub struct OpenDevice {
     /// For tensors.
     pub device: Device,
-    /// Which one it is; never [`DeviceName::Auto`].
+    /// Name of the device; never [`DeviceName::Auto`].
     pub name: DeviceName,
     /// A GPU's own name.
     pub adapter: Option<String>,
@@ -152,7 +157,7 @@ fn keep_kernels() {
     let _ = CubeClRuntimeConfig::try_set(config);
 }
 
-/// Refuses what would end in a crash of the driver: CubeCL 0.11.3 declares shared memory wrongly on devices without
+/// Refuses a device on which the driver would crash: CubeCL 0.11.3 declares shared memory wrongly on devices without
 /// `VK_KHR_workgroup_memory_explicit_layout` (`lower_shared_implicit` of cubecl-spirv), of which Mesa's lavapipe is the one
 /// that we know. With `vulkan` built in, `wgpu` compiles to SPIR-V as well.
 fn check_spirv(name: DeviceName, adapter: &str, spirv: bool) -> Result<()> {

@@ -14,7 +14,7 @@ use crate::plot::Plot;
 use crate::published::Paper;
 
 /// Experiments in a row of which each changes the next, at most.
-const LONGEST_CHAIN: usize = 8;
+const MAX_CHAIN: usize = 8;
 
 /// An experiment file.
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -40,11 +40,11 @@ pub(crate) struct File {
     /// Laid over the preset.
     #[serde(default)]
     pub(crate) config: Table,
-    /// What is compared: each laid over `preset` and `config`, or over a `preset` of its own (`auto` for the one that suits
+    /// The variants that are compared: each laid over `preset` and `config`, or over a `preset` of its own (`auto` for the one that suits
     /// the scene). The place of a name in the file is its place in tables.
     #[serde(default)]
     variants: BTreeMap<Spanned<String>, Value>,
-    /// A paper's published figures, shown beside the results.
+    /// A paper's published figures, shown next to the results.
     pub(crate) paper: Option<Paper>,
     /// Statements on the order of the variants, to be tested.
     pub(crate) claims: Option<Vec<Claim>>,
@@ -52,56 +52,66 @@ pub(crate) struct File {
     pub(crate) plot: Option<Plot>,
 }
 
-/// An experiment file together with those that it changes.
+/// An experiment file with the files that it changes.
 pub(crate) struct Layers {
     /// The file's own name, without extension.
     pub(crate) name: String,
-    /// The furthest first.
-    files: Vec<File>,
+    /// The file's text.
+    pub(crate) text: String,
+    /// Each with the name that it was read by; the furthest first.
+    files: Vec<(String, File)>,
 }
 
 impl Layers {
     /// Reads the experiment called `name`: a built-in one, or the path of a file.
     pub(crate) fn read(name: &str) -> Result<Self> {
-        let (own_name, file) = read(name)?;
+        let (own_name, text, file) = read(name)?;
         let mut base = file.base.clone();
-        let mut files = vec![file];
+        let mut files = vec![(name.to_owned(), file)];
         while let Some(name) = base {
-            if files.len() > LONGEST_CHAIN {
-                bail!(
-                    "{own_name}: base: expected at most {LONGEST_CHAIN} experiments in a row, each changing the next"
-                );
+            if files.len() > MAX_CHAIN {
+                bail!("{own_name}: base: expected at most {MAX_CHAIN} experiments in a row, each changing the next");
             }
-            let (_, file) = read(&name).with_context(|| format!("{own_name}: base"))?;
+            let (_, _, file) = read(&name).with_context(|| format!("{own_name}: base"))?;
             base = file.base.clone();
-            files.push(file);
+            files.push((name, file));
         }
         files.reverse();
-        Ok(Self { name: own_name, files })
+        Ok(Self { name: own_name, text, files })
     }
 
-    /// Those of the built-in experiment called `name`, if there is one.
+    /// Reads the built-in experiment called `name`, if there is one.
     pub(crate) fn built_in(name: &str) -> Option<Self> {
         BUILT_IN.iter().any(|(known, _)| *known == name).then(|| Self::read(name).ok())?
     }
 
     /// The last file's own name for its results; by default its file name.
     pub(crate) fn result_name(&self) -> String {
-        self.files.last().and_then(|file| file.name.clone()).unwrap_or_else(|| self.name.clone())
+        self.files.last().and_then(|(_, file)| file.name.clone()).unwrap_or_else(|| self.name.clone())
     }
 
     /// The value in the last file that has one.
     pub(crate) fn last<T>(&self, pick: impl Fn(&File) -> Option<T>) -> Option<T> {
-        self.files.iter().rev().find_map(pick)
+        self.files.iter().rev().find_map(|(_, file)| pick(file))
     }
 
     /// The preset with the config of every file laid over it.
     pub(crate) fn config(&self, preset: Preset) -> Table {
         let mut table = preset.table();
-        for file in &self.files {
-            config::merge(&mut table, file.config.clone());
+        for (_, config) in self.configs() {
+            config::merge(&mut table, config.clone());
         }
         table
+    }
+
+    /// The config of every file, with the file's name; the furthest first.
+    pub(crate) fn configs(&self) -> impl Iterator<Item = (&str, &Table)> {
+        self.files.iter().map(|(name, file)| (name.as_str(), &file.config))
+    }
+
+    /// Names of the experiments that the file changes, the nearest first.
+    pub(crate) fn bases(&self) -> impl Iterator<Item = &str> {
+        self.files.iter().rev().skip(1).map(|(name, _)| name.as_str())
     }
 
     /// The variants in the order of the files, the base's first.
@@ -110,7 +120,7 @@ impl Layers {
     /// If one is no table, or its `preset` is unknown.
     pub(crate) fn variants(&self) -> Result<Vec<Variant>> {
         let (mut order, mut tables) = (Vec::new(), Table::new());
-        for file in &self.files {
+        for (_, file) in &self.files {
             let mut own: Vec<(&Spanned<String>, &Value)> = file.variants.iter().collect();
             own.sort_by_key(|(name, _)| name.span().start);
             for (name, value) in own {
@@ -134,7 +144,7 @@ pub(crate) struct Variant {
     pub(crate) changes: Table,
 }
 
-/// What the configs of a variant start from.
+/// Where the configs of a variant start.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Start {
     /// The experiment's preset and `config`.
@@ -168,9 +178,10 @@ pub fn list() -> Result<Vec<(&'static str, String)>> {
     Ok(files.into_iter().filter(runs).map(|(name, file)| (name, file.title.unwrap_or_default())).collect())
 }
 
-fn read(name: &str) -> Result<(String, File)> {
+/// Reads an experiment: the name of its results, its text, and what the text holds.
+fn read(name: &str) -> Result<(String, String, File)> {
     if let Some((_, text)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == name) {
-        return Ok((name.to_owned(), parse(name, text)?));
+        return Ok((name.to_owned(), (*text).to_owned(), parse(name, text)?));
     }
     let path = Path::new(name);
     if !path.exists() {
@@ -179,7 +190,8 @@ fn read(name: &str) -> Result<(String, File)> {
     }
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let stem = path.file_stem().map_or_else(|| "experiment".into(), |stem| stem.to_string_lossy().into_owned());
-    Ok((stem, parse(name, &text)?))
+    let file = parse(name, &text)?;
+    Ok((stem, text, file))
 }
 
 fn parse(origin: &str, text: &str) -> Result<File> {
@@ -195,8 +207,8 @@ mod tests {
     use super::*;
 
     fn variants(texts: &[&str]) -> Result<Vec<Variant>> {
-        let files = texts.iter().map(|text| parse("file", text).unwrap()).collect();
-        Layers { name: "file".into(), files }.variants()
+        let files = texts.iter().map(|text| ("file".to_owned(), parse("file", text).unwrap())).collect();
+        Layers { name: "file".into(), text: String::new(), files }.variants()
     }
 
     #[test]
@@ -219,15 +231,13 @@ mod tests {
     }
 
     #[test]
-    fn every_built_in_experiment_is_sound() {
+    fn every_built_in_experiment_has_a_title() {
         for (name, text) in BUILT_IN {
             parse(name, text).unwrap();
         }
         let listed = list().unwrap();
-        assert!(
-            listed.iter().all(|(name, title)| !title.is_empty() && !["small-nerf", "released-small"].contains(name))
-        );
-        assert_eq!(listed.len(), BUILT_IN.len() - 2);
+        assert!(listed.iter().all(|(name, title)| !title.is_empty() && *name != "released-small"));
+        assert_eq!(listed.len(), BUILT_IN.len() - 1);
     }
 
     #[test]

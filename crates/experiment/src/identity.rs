@@ -1,14 +1,15 @@
-//! What a run's numbers depend on: a run is only resumed if none of it has changed.
+//! Checksums of all that a run's figures depend on: a run is only continued if none of them has changed.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, OnceLock};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use infonerf_dataset::SceneSource;
 use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
 
 use crate::RunPlan;
 use crate::run_plan::file_paths;
@@ -41,7 +42,7 @@ impl Identity {
         Self::of_scenes(plan, [&plan.source], device)
     }
 
-    /// The same of a run over several scenes, from `sources`.
+    /// The identity of a run over several scenes, from `sources`.
     pub(crate) fn of_scenes<'a>(
         plan: &RunPlan,
         sources: impl IntoIterator<Item = &'a SceneSource>,
@@ -60,7 +61,7 @@ impl Identity {
         })
     }
 
-    /// The identity of the run in `folder`; none if there is none, or it is of an earlier version.
+    /// Reads the identity of the run in `folder`; `None` if it has none, or one of an earlier version.
     pub(crate) fn read(folder: &Path) -> Option<Self> {
         serde_json::from_slice(&fs::read(folder.join(NAME)).ok()?).ok()
     }
@@ -70,17 +71,64 @@ impl Identity {
         Ok(infonerf_report::write_atomically(&folder.join(NAME), &text)?)
     }
 
-    /// What differs from the run that was begun as `then`.
-    pub(crate) fn changes(&self, then: &Self) -> Vec<&'static str> {
+    /// Names the contents of the scene's files.
+    pub(crate) fn data(&self) -> &str {
+        &self.data
+    }
+
+    /// Refuses to continue the run in `folder` unless it was begun with this identity, by `config`, the text of its
+    /// `config.toml`.
+    ///
+    /// # Errors
+    /// One line that names the first key whose value differs, or what else has changed, and what can be done.
+    pub(crate) fn refuse_another(&self, folder: &Path, config: &str) -> Result<()> {
+        let remedy = "--overwrite starts the run anew, another --out keeps it";
+        let path = folder.join("config.toml");
+        let begun = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
+        if begun != config {
+            let difference = match first_difference(&begun.parse()?, &config.parse()?) {
+                Some((key, then, now)) => format!("{key} was {then} and is {now}"),
+                None => "it is written differently".to_owned(),
+            };
+            bail!("{}: the run that is there has another config: {difference}; {remedy}", path.display());
+        }
+        let Some(then) = Self::read(folder) else {
+            bail!("{}: identity.json is missing or of another version; {remedy}", folder.display());
+        };
+        let changes = self.changes(&then);
+        if !changes.is_empty() {
+            bail!("{}: {} changed since the run began; {remedy}", folder.display(), changes.join(" and "));
+        }
+        Ok(())
+    }
+
+    /// Names the parts that differ from the run that was begun as `then`.
+    fn changes(&self, then: &Self) -> Vec<&'static str> {
         let parts = [
-            ("its config", &self.config, &then.config),
+            ("the config", &self.config, &then.config),
             ("the scene's files", &self.data, &then.data),
             ("the program", &self.program, &then.program),
             ("the device", &self.device, &then.device),
-            ("the files that it is initialised from", &self.first_files, &then.first_files),
+            ("the files that the field is initialised from", &self.first_files, &then.first_files),
         ];
         parts.into_iter().filter(|(_, now, then)| now != then).map(|(what, ..)| what).collect()
     }
+}
+
+/// Returns the first key at which two configs differ, and its value in each.
+fn first_difference(then: &Table, now: &Table) -> Option<(String, String, String)> {
+    let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
+    keys.into_iter().find_map(|key| match (then.get(key), now.get(key)) {
+        (Some(Value::Table(then)), Some(Value::Table(now))) => {
+            let (rest, then, now) = first_difference(then, now)?;
+            Some((format!("{key}.{rest}"), then, now))
+        }
+        (then, now) if then == now => None,
+        (then, now) => {
+            let shown = |value: Option<&Value>| value.map_or_else(|| "absent".to_owned(), Value::to_string);
+            Some((key.clone(), shown(then), shown(now)))
+        }
+    })
 }
 
 fn checksum(bytes: &[u8]) -> String {
@@ -91,7 +139,7 @@ fn short(hash: blake3::Hash) -> String {
     hash.to_hex()[..16].to_owned()
 }
 
-/// Of the names and contents of all files below `folder`, read once per process.
+/// Checksum of the names and contents of the scene's files below `folder`, read once per process.
 fn folder_checksum(folder: &Path) -> Result<String> {
     static KNOWN: OnceLock<Mutex<HashMap<PathBuf, String>>> = OnceLock::new();
     let known = KNOWN.get_or_init(Mutex::default);
@@ -99,8 +147,7 @@ fn folder_checksum(folder: &Path) -> Result<String> {
         return Ok(checksum);
     }
     let mut files = Vec::new();
-    collect(folder, &mut files).with_context(|| folder.display().to_string())?;
-    files.sort();
+    collect(folder, &mut HashSet::new(), &mut files).with_context(|| folder.display().to_string())?;
     let mut hasher = blake3::Hasher::new();
     for path in files {
         let relative = path.strip_prefix(folder).unwrap_or(&path).to_string_lossy().into_owned();
@@ -114,13 +161,22 @@ fn folder_checksum(folder: &Path) -> Result<String> {
     Ok(checksum)
 }
 
-fn collect(folder: &Path, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
-    for entry in fs::read_dir(folder)? {
-        let path = entry?.path();
-        if path.is_dir() {
-            collect(&path, files)?;
-        } else {
-            files.push(path);
+/// Files that folders of results have, and scenes do not.
+const RESULT_FILES: [&str; 4] = ["lock", "identity.json", "results.json", "manifest.jsonl"];
+
+/// Collects the files below `folder` in the order of their names. Left out are folders of results, which may lie in that of
+/// the scene, and folders that links lead back to.
+fn collect(folder: &Path, seen: &mut HashSet<PathBuf>, files: &mut Vec<PathBuf>) -> std::io::Result<()> {
+    if !seen.insert(folder.canonicalize()?) {
+        return Ok(());
+    }
+    let mut paths = fs::read_dir(folder)?.map(|entry| Ok(entry?.path())).collect::<std::io::Result<Vec<PathBuf>>>()?;
+    paths.sort();
+    for path in paths {
+        match path.is_dir() {
+            true if RESULT_FILES.iter().any(|name| path.join(name).is_file()) => {}
+            true => collect(&path, seen, files)?,
+            false => files.push(path),
         }
     }
     Ok(())
@@ -138,7 +194,7 @@ fn hash_file(path: &Path, hasher: &mut blake3::Hasher) -> std::io::Result<()> {
     }
 }
 
-/// Of the executable: another build may give other numbers.
+/// Checksum of the executable: another build may give other numbers.
 fn program_checksum() -> Result<String> {
     static KNOWN: OnceLock<String> = OnceLock::new();
     if let Some(checksum) = KNOWN.get() {
@@ -160,7 +216,7 @@ fn files_checksum(plan: &RunPlan) -> Result<String> {
     let mut hasher = blake3::Hasher::new();
     let mut any = false;
     for path in file_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
-        // A run's folder stands for its weights. What is missing is told when it is used.
+        // A run's folder stands for its weights. A missing file is an error once it is used.
         let file = if path.is_dir() { path.join("checkpoint/model.bpk") } else { path.clone() };
         if file.is_file() {
             hash_file(&file, &mut hasher).with_context(|| file.display().to_string())?;
@@ -173,33 +229,53 @@ fn files_checksum(plan: &RunPlan) -> Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Experiment, Selection};
+    use crate::testing::first_run;
 
     #[test]
-    fn every_part_is_told_apart() {
-        let plan = |set: &str| {
-            let selection = Selection { set: vec![set.into()], ..Selection::default() };
-            Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0)
-        };
+    fn every_part_makes_a_difference() {
+        let plan = |set: &str| first_run("fast-losses", "", &[set]);
         let first = Identity::of(&plan("train.rays=64"), "flex").unwrap();
         assert_eq!(first, Identity::of(&plan("train.rays=64"), "flex").unwrap());
         let other = Identity::of(&plan("train.rays=65"), "ndarray").unwrap();
-        assert_eq!(other.changes(&first), ["its config", "the device"]);
+        assert_eq!(other.changes(&first), ["the config", "the device"]);
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Identity::read(folder.path()), None);
         first.write(folder.path()).unwrap();
         assert_eq!(Identity::read(folder.path()), Some(first));
     }
 
+    /// Another folder each time: a process reads each once.
+    fn scene_with(add: impl FnOnce(&Path)) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("train")).unwrap();
+        fs::write(folder.path().join("train/r_0.png"), "one").unwrap();
+        add(folder.path());
+        folder_checksum(folder.path()).unwrap()
+    }
+
     #[test]
     fn a_changed_image_is_another_scene() {
-        let sums = [b"one".as_slice(), b"two"].map(|content| {
-            // Another folder each time: a process reads each once.
-            let folder = tempfile::tempdir().unwrap();
-            fs::create_dir(folder.path().join("train")).unwrap();
-            fs::write(folder.path().join("train/r_0.png"), content).unwrap();
-            folder_checksum(folder.path()).unwrap()
-        });
-        assert_ne!(sums[0], sums[1]);
+        let same = scene_with(|_| ());
+        assert_eq!(same, scene_with(|_| ()));
+        assert_ne!(same, scene_with(|scene| fs::write(scene.join("train/r_0.png"), "two").unwrap()));
+        assert_ne!(same, scene_with(|scene| fs::write(scene.join("train/r_1.png"), "one").unwrap()));
+    }
+
+    #[test]
+    fn results_in_the_folder_and_circles_of_links_are_not_the_scenes() {
+        let same = scene_with(|_| ());
+        let results = |scene: &Path| {
+            let run = scene.join("runs/exp/scene/nerf/seed0");
+            fs::create_dir_all(&run).unwrap();
+            fs::write(run.join("lock"), "").unwrap();
+            fs::write(run.join("metrics.jsonl"), "{}").unwrap();
+            let sweep = scene.join("runs/other");
+            fs::create_dir_all(&sweep).unwrap();
+            fs::write(sweep.join("results.json"), "[]").unwrap();
+            fs::write(sweep.join("report.html"), "").unwrap();
+        };
+        assert_eq!(same, scene_with(results));
+        #[cfg(unix)]
+        assert_eq!(same, scene_with(|scene| std::os::unix::fs::symlink(scene, scene.join("train/above")).unwrap()));
     }
 }

@@ -1,19 +1,20 @@
-//! Experiments: files that say what is compared, runs from scene to record, ensembles, sweeps, and the paper's tables
+//! Experiments: files that list what is compared, runs from scene to record, ensembles, sweeps, and the paper's tables
 //! reproduced.
 //!
 //! ```text
-//! experiment file ─► plan ─► Session::run: scene ─► fields ─► checkpoints ─► pictures, metrics ─► record ─► report
+//! experiment file ─► plan ─► sweep ─► execute: Session::run (scene ─► fields ─► pictures, metrics) ─► records ─► report
 //! ```
 //!
-//! A [`Session`] does everything that a [`RunPlan`] says and reports [`RunEvent`]s; a command line, a benchmark, a sweep
-//! and a program of your own call the same one.
+//! A [`Session`] takes a [`RunPlan`] from its scene to its record and reports [`RunEvent`]s. [`execute::execute`] does so for
+//! all runs of an experiment or a [`sweep::Sweep`], in this process, in processes of this machine or as jobs of Slurm, and
+//! writes tables and the report: the command line and a program of your own call the same functions.
 //!
 //! ```no_run
 //! use infonerf_experiment::{Control, DeviceName, Existing, Experiment, Finished, Selection, Session, open};
 //!
 //! let selection = Selection { scenes: vec!["castle".into()], ..Selection::default() };
 //! let experiment = Experiment::plan("synthetic-4view", &selection)?;
-//! let session = Session::new(open(DeviceName::Auto)?, "runs", Existing::Refuse);
+//! let session = Session::new(open(DeviceName::Auto)?, "runs", Existing::Continue);
 //! for plan in &experiment.runs {
 //!     if let Finished::Record(record, _) = session.run(plan, &mut |_| Control::Continue)? {
 //!         println!("{}: {:?} dB", plan.label(), record.metrics["psnr"]);
@@ -23,28 +24,37 @@
 //! ```
 
 mod built_in;
+mod described;
 mod device;
+pub mod execute;
+mod export;
 mod file;
 mod identity;
-pub mod launch;
 mod plan;
 mod plot;
 mod pretrain;
 mod published;
+mod records;
 pub mod reproduce;
 mod run;
 mod run_plan;
 mod scenes;
 mod seeds;
-mod session;
 pub mod sweep;
+#[cfg(test)]
+mod testing;
 
+pub use described::{ConfigKey, Description, config_keys, config_origins, describe, variant_names};
 pub use device::{DeviceName, OpenDevice, networks, open};
+pub use export::SplatFidelity;
 pub use file::list;
 pub use identity::Identity;
 pub use plan::{About, Experiment, Selection};
 pub use pretrain::{Pretrained, pretrain};
-pub use run::{Finished, Trained, TrainedVolume, is_finished, picture_notes, save_png, total_progress};
+pub use records::{read_records, save_record};
+pub use run::{
+    Control, Existing, Finished, RunEvent, Session, Trained, TrainedVolume, Watch, is_finished, picture_notes,
+    save_png, total_progress,
+};
 pub use run_plan::RunPlan;
 pub use seeds::parse_seeds;
-pub use session::{Control, Existing, RunEvent, Session, Watch};

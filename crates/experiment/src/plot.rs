@@ -10,7 +10,7 @@ use serde::Deserialize;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Plot {
-    /// What the number is.
+    /// Name of the number.
     x: String,
     /// Whether its axis is logarithmic.
     #[serde(default)]

@@ -9,7 +9,7 @@ use infonerf_scene::PixelCount;
 use infonerf_train::{Checkpoint, MemoryPlan, Progress, Trainer};
 
 use crate::run::{Training, clear, load_checkpoint, lock, train};
-use crate::{Experiment, Identity, RunEvent, RunPlan, Session, Watch};
+use crate::{Existing, Experiment, Identity, RunEvent, RunPlan, Session, Watch};
 
 /// The result of pre-training.
 pub struct Pretrained {
@@ -38,21 +38,22 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     }
     let config = plan.to_toml_with(experiment.runs.iter().map(|plan| plan.scene.clone()).collect())?;
     let path = folder.join("config.toml");
-    let begun = fs::read_to_string(&path).ok();
     let identity =
         Identity::of_scenes(plan, experiment.runs.iter().map(|plan| &plan.source), session.device.name.name())?;
-    if is_trained(&folder, plan) {
-        session.refuse(std::slice::from_ref(&folder))?;
+    let continues = session.existing == Existing::Continue && path.exists();
+    if continues {
+        identity.refuse_another(&folder, &config)?;
+        if let Some(progress) = finished_progress(&folder, plan)? {
+            return Ok(Pretrained { folder, progress, finished: true });
+        }
     }
     let plans = experiment.runs.iter().map(with_one_test_view).collect::<Result<Vec<_>>>()?;
     check_memory(&plans)?;
-    if !session.existing.resumes() || begun.is_none() {
+    if !continues {
         clear(&folder)?;
-    } else if begun.as_ref() != Some(&config) || Identity::read(&folder).as_ref() != Some(&identity) {
-        bail!("{}: --resume needs the same config, data, program and device as before", folder.display());
     }
-    infonerf_report::write_atomically(&path, config.as_bytes())?;
     identity.write(&folder)?;
+    infonerf_report::write_atomically(&path, config.as_bytes())?;
     watch(RunEvent::Loading);
     let scenes = plans.iter().map(|plan| plan.load().map(Arc::new)).collect::<Result<Vec<_>>>()?;
     let mut trainer = Trainer::on_scenes(&plan.config, scenes, plan.seed, &session.device.device)?;
@@ -61,19 +62,18 @@ pub fn pretrain(session: &Session, experiment: &Experiment, watch: &mut Watch<'_
     }
     watch(RunEvent::Started { fields: 0..1, of: 1 });
     let mut training = [Training::new(trainer, folder.clone())?];
-    train(&mut training, plan.config.train.checkpoint_every, session.until, watch)?;
+    train(&mut training, plan.config.train.checkpoint_every, watch)?;
     watch(RunEvent::Ended);
     let [field] = training;
-    let (trainer, ended) = field.into_parts();
-    let finished = matches!(ended, crate::run::Ended::Over);
-    Ok(Pretrained { folder, progress: trainer.progress().clone(), finished })
+    Ok(Pretrained { folder, progress: field.trainer().progress().clone(), finished: field.is_over() })
 }
 
-/// Whether there is nothing more to train in `folder`.
-fn is_trained(folder: &Path, plan: &RunPlan) -> bool {
-    let Ok((Some(checkpoint), _)) = Checkpoint::load(folder) else { return false };
-    let progress = checkpoint.progress();
-    progress.step >= plan.config.train.iterations || progress.early_stopping.plateaued
+/// Returns how far the model in `folder` is, if there is nothing more to train.
+fn finished_progress(folder: &Path, plan: &RunPlan) -> Result<Option<Progress>> {
+    let progress = Checkpoint::load(folder)?.0.map(|checkpoint| checkpoint.progress().clone());
+    let is_over =
+        |progress: &Progress| progress.step >= plan.config.train.iterations || progress.early_stopping.plateaued;
+    Ok(progress.filter(is_over))
 }
 
 /// A plan with as few test views as can be: none is looked at.

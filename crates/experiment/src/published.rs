@@ -1,4 +1,4 @@
-//! What a paper found, as an experiment file holds it, and how its protocol differs from ours.
+//! A paper's published figures, as an experiment file holds them, and how its protocol differs from ours.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use crate::RunPlan;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Paper {
-    /// Which paper and table.
+    /// Paper and table.
     source: String,
     /// By variant: means over the paper's scenes.
     #[serde(default)]
@@ -30,7 +30,7 @@ pub(crate) struct Paper {
     notes: Vec<String>,
 }
 
-/// What a row of a paper's table holds.
+/// A row of a paper's table.
 #[derive(Clone, Debug, Deserialize)]
 struct Figures(IndexMap<Quantity, Figure>);
 
@@ -42,7 +42,7 @@ enum Figure {
     Spread([f64; 2]),
 }
 
-/// What figures depend on, in words. What a paper's protocol leaves out is not compared.
+/// A protocol in words: all that figures depend on. Parts that a paper's protocol leaves out are not compared.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct Protocol {
@@ -86,7 +86,7 @@ impl Figures {
 }
 
 impl Protocol {
-    /// Ours.
+    /// The protocol of `runs`.
     fn of(runs: &[&RunPlan]) -> Self {
         let all = |describe: fn(&RunPlan) -> String| Some(distinct(runs, describe).join(" or "));
         let views = |plan: &RunPlan| plan.config.scene.views.count();
@@ -204,24 +204,23 @@ mod tests {
     }
 
     #[test]
-    fn other_training_views_than_the_papers_are_said() {
-        let said = |set: &[&str]| {
+    fn other_training_views_than_the_papers_are_noted() {
+        let noted = |set: &[&str]| {
             let selection =
                 Selection { set: set.iter().map(|&text| text.to_owned()).collect(), ..Selection::default() };
             let plan = Experiment::plan("synthetic-4view", &selection).unwrap();
             let published = plan.about.paper.unwrap().beside(&plan.runs.iter().collect::<Vec<_>>());
             published.footnotes.into_iter().find(|note| note.starts_with("Training views"))
         };
-        assert_eq!(said(&[]), None);
-        assert_eq!(said(&["scene.views=26,86"]).as_deref(), Some("Training views: 2 here; 4 in the paper."));
+        assert_eq!(noted(&[]), None);
+        assert_eq!(noted(&["scene.views=26,86"]).as_deref(), Some("Training views: 2 here; 4 in the paper."));
     }
 
-    /// Every term that is on is reported, whichever it is.
     #[test]
-    fn no_term_is_silently_missing() {
+    fn every_active_term_is_listed() {
         let selection = Selection {
-            set: vec!["loss.semantic.weight=0.1".into(), "loss.tv.weight=1".into(), "loss.opacity.weight=0".into()],
-            variants: vec!["nerf".into()],
+            set: vec!["loss.semantic.weight=0.1".into(), "loss.tv.weight=1".into(), "loss.silhouette.weight=0".into()],
+            variants: vec!["factored".into()],
             ..Selection::default()
         };
         let runs = Experiment::plan("fast-losses", &selection).unwrap().runs;

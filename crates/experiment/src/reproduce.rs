@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Result, bail};
-use infonerf_report::{Collection, ReportInput, write_collection};
+use infonerf_report::{ReportInput, write_collection};
 
 use crate::sweep::Sweep;
 use crate::{Experiment, Selection};
@@ -12,7 +12,7 @@ use crate::{Experiment, Selection};
 /// experiment has it.
 struct Chapter {
     experiment: &'static str,
-    /// Of photographs, whose formats are not those of the synthetic scenes.
+    /// Whether the scenes are photographs, whose formats are not those of the synthetic scenes.
     captures: bool,
     variants: &'static [&'static str],
     set: &'static [&'static str],
@@ -27,11 +27,11 @@ struct Extent {
     seeds: &'static [u64],
 }
 
-/// As the experiment has it.
+/// Extent of the experiment itself.
 const OWN: Extent = Extent { scenes: &[], seeds: &[] };
 /// For chapters of many variants: an hour in all.
 const TWO_BY_TWO: Extent = Extent { scenes: &["crane", "knot"], seeds: &[0, 1] };
-/// What the claims of those chapters need.
+/// Extent that the claims of those chapters need.
 const FOUR_BY_FIVE: Extent = Extent { scenes: &["castle", "crane", "knot", "orrery"], seeds: &[0, 1, 2, 3, 4] };
 
 impl Chapter {
@@ -47,9 +47,9 @@ impl Chapter {
 }
 
 /// The variants of a capture.
-const CAPTURE: &[&str] = &["nerf", "entropy", "kl", "infonerf", "infonerf+"];
+const CAPTURE: &[&str] = &["factored", "entropy", "kl", "infonerf", "infonerf+"];
 
-/// What is reproduced, in the order of the report.
+/// The chapters, in the order of the report.
 const CHAPTERS: [Chapter; 11] = [
     Chapter::new("synthetic-4view", OWN, FOUR_BY_FIVE),
     Chapter::new("fast-losses", Extent { seeds: &[0], ..FOUR_BY_FIVE }, FOUR_BY_FIVE),
@@ -108,7 +108,7 @@ pub fn sweeps(names: &[String], plan: Plan, selection: &Selection) -> Result<Vec
         if chapter.captures && !captures_alone {
             (selection.data, selection.scenes) = (None, Vec::new());
         }
-        Ok(Sweep::of(Experiment::plan(chapter.experiment, &extended(chapter, plan, selection))?))
+        Ok(Sweep::from(Experiment::plan(chapter.experiment, &extended(chapter, plan, selection))?))
     };
     CHAPTERS.iter().filter(|chapter| names.is_empty() || named(chapter)).map(sweep).collect()
 }
@@ -134,20 +134,13 @@ fn extended(chapter: &Chapter, plan: Plan, selection: Selection) -> Selection {
 ///
 /// # Errors
 /// If a file cannot be written.
-pub fn write(inputs: Vec<ReportInput>, out: &Path) -> Result<PathBuf> {
-    let chapter = |input: ReportInput| infonerf_report::Chapter { folder: input.experiment.clone(), input };
-    let collection = Collection {
-        title: "InfoNeRF's tables and figures, at a small scale".into(),
-        introduction: vec![
-            "The paper's tables and figures at a scale that suits a small machine, its own figures beside ours: the \
-             released code's regime on small networks and small images, but for the chapter of this program's fast \
-             field. The captures are built-in twins of LLFF, DTU and ZJU-MoCap unless their data was given. Footnotes \
-             name every difference of protocol: the absolute figures are not comparable, the order of the variants is."
-                .into(),
-        ],
-        chapters: inputs.into_iter().map(chapter).collect(),
-    };
-    Ok(write_collection(&collection, out)?.html)
+pub fn write(inputs: &[ReportInput], out: &Path) -> Result<PathBuf> {
+    let title = "InfoNeRF's tables and figures, at a small scale";
+    let introduction = "The paper's tables and figures at a scale that suits a small machine, its own figures next to ours: the released \
+         code's regime on small networks and small images, but for the chapter of this program's fast field. The captures \
+         are built-in twins of LLFF, DTU and ZJU-MoCap unless their data was given. Footnotes name every difference of \
+         protocol: the absolute figures are not comparable, the order of the variants is.";
+    Ok(write_collection(title, introduction, inputs, out)?.html)
 }
 
 #[cfg(test)]

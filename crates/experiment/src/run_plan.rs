@@ -15,12 +15,12 @@ use infonerf_train::{Config, MemoryPlan, Preset, Trainer, member_seed};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use crate::scenes::find_scenes;
+use crate::scenes::{check_name, find_scenes};
 
 /// One run: a variant on a scene with a seed.
 #[derive(Clone, Debug)]
 pub struct RunPlan {
-    /// The experiment that it is of.
+    /// Name of the experiment.
     pub experiment: String,
     /// Name of the scene.
     pub scene: String,
@@ -28,7 +28,7 @@ pub struct RunPlan {
     pub source: SceneSource,
     /// Folder that holds the scene's folder; none for a built-in scene.
     pub data: Option<PathBuf>,
-    /// What is compared.
+    /// Name of the variant.
     pub variant: String,
     /// Decides the training views and all random numbers.
     pub seed: u64,
@@ -57,7 +57,7 @@ struct Complete {
 }
 
 impl RunPlan {
-    /// How the run is named to people.
+    /// The run's name for people.
     pub fn label(&self) -> String {
         format!("{}/{}/seed{}", self.scene, self.variant, self.seed)
     }
@@ -126,7 +126,7 @@ impl RunPlan {
         Ok(if by_matches { with_refined_cameras(scene, cameras.focal != Focal::Fixed) } else { scene })
     }
 
-    /// Refuses a run that would not fit into memory with so many of its fields being trained side by side, before anything
+    /// Refuses a run that would not fit into memory with `side_by_side` of its fields being trained at a time, before anything
     /// is loaded; its scene may be `loaded` by an earlier run.
     ///
     /// # Errors
@@ -170,7 +170,7 @@ impl RunPlan {
         self.to_toml_with(vec![self.scene.clone()])
     }
 
-    /// The same of a run over several scenes.
+    /// The text of the `config.toml` of a run over several scenes.
     pub(crate) fn to_toml_with(&self, scenes: Vec<String>) -> Result<String> {
         let mut config = self.config.clone();
         for path in file_paths(&mut config).into_iter().filter(|path| !path.as_os_str().is_empty()) {
@@ -216,6 +216,8 @@ impl RunPlan {
         else {
             bail!("expected one scene, one seed and one variant");
         };
+        check_name("experiment", &complete.name)?;
+        check_name("variant", variant)?;
         let source = find_scenes(complete.data.as_deref(), Some(vec![scene.clone()]))?.remove(0).1;
         Ok(Self {
             experiment: complete.name,
@@ -249,7 +251,10 @@ fn named_by_key(error: SceneError) -> anyhow::Error {
 pub(crate) fn file_paths(config: &mut Config) -> Vec<&mut PathBuf> {
     let of_terms = config.loss.specs_mut().filter_map(|(_, term)| term.weights_file());
     let of_terms = of_terms.map(|(_, path)| path);
-    std::iter::once(&mut config.train.init).chain(of_terms).chain(config.field.files()).collect()
+    std::iter::once(&mut config.train.init)
+        .chain(of_terms)
+        .chain(config.field.files().into_iter().map(|file| file.path))
+        .collect()
 }
 
 fn absolute(path: &Path) -> PathBuf {
@@ -259,6 +264,7 @@ fn absolute(path: &Path) -> PathBuf {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::first_run;
     use crate::{Experiment, Selection};
 
     /// As in `parity.rs`: there is no half in the pixel positions of the released code.
@@ -281,8 +287,7 @@ mod tests {
 
     #[test]
     fn a_config_can_be_run_from_another_folder() {
-        let selection = Selection { set: vec!["train.init=runs/here".into()], ..Selection::default() };
-        let plan = Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0);
+        let plan = first_run("fast-losses", "", &["train.init=runs/here"]);
         let text = plan.to_toml().unwrap();
         let numbers = text.split([' ', ',', '\n', '[', ']']).filter(|word| word.parse::<f64>().is_ok());
         let digits = |number: &&str| number.trim_start_matches(['0', '.', '-']).len();

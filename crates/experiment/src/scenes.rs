@@ -1,4 +1,4 @@
-//! Which scenes an experiment runs on.
+//! The scenes that an experiment runs on.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ pub(crate) fn check_name(what: &str, name: &str) -> Result<()> {
     }
 }
 
-/// The scenes called `names`, or all that there are, with where each is: below `data`, or built in where that is none.
+/// Finds the scenes called `names`, or all that there are: below `data`, or built in if that is `None`.
 pub(crate) fn find_scenes(data: Option<&Path>, names: Option<Vec<String>>) -> Result<Vec<(String, SceneSource)>> {
     let Some(data) = data else {
         let names = names.unwrap_or_else(|| procedural::CLASSICS.iter().map(|&name| name.to_owned()).collect());
@@ -75,7 +75,7 @@ fn subfolders(data: &Path) -> Result<Vec<String>> {
         let (parent, name) = (parent.display(), name.display());
         bail!("{}: expected a folder of scenes; if it is one scene: --data {parent} --scene {name}", data.display());
     }
-    // Runs and pictures may lie beside scenes. Where none is a scene, loading says what one needs.
+    // Runs and images may lie next to scenes. If none is a scene, loading reports what one needs.
     let scenes: Vec<String> = names.iter().filter(|name| is_scene(&data.join(name))).cloned().collect();
     Ok(if scenes.is_empty() { names } else { scenes })
 }

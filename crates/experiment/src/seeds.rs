@@ -1,7 +1,7 @@
 use std::ops::RangeInclusive;
 
-/// Seeds that one range may hold.
-const MOST_SEEDS: u64 = 10_000;
+/// Seeds of one range, at most.
+const MAX_SEEDS: u64 = 10_000;
 
 /// A seed, or a range of them such as `0..4`, both ends included.
 ///
@@ -12,7 +12,7 @@ pub fn parse_seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
     let number = |text: &str| text.trim().parse::<u64>().map_err(|_| fault());
     let (first, last) = text.split_once("..").unwrap_or((text, text));
     let (first, last) = (number(first)?, number(last)?);
-    if first <= last && last - first < MOST_SEEDS { Ok(first..=last) } else { Err(fault()) }
+    if first <= last && last - first < MAX_SEEDS { Ok(first..=last) } else { Err(fault()) }
 }
 
 #[cfg(test)]

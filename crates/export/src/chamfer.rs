@@ -2,29 +2,29 @@ use glam::Vec3;
 use kd_tree::KdTree;
 use rayon::prelude::*;
 
-/// The distance between two sets of points, scene units.
+/// Distance between two sets of points, scene units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chamfer {
-    /// Accuracy: the mean distance of the points found to the nearest true one.
+    /// Mean distance of the points found to the nearest true one.
     pub accuracy: f64,
-    /// Completeness: the mean distance of the true points to the nearest one found.
+    /// Mean distance of the true points to the nearest one found.
     pub completeness: f64,
 }
 
 impl Chamfer {
-    /// The chamfer distance of DTU's protocol: the mean of accuracy and completeness (distances, not their
+    /// Returns the chamfer distance of DTU's protocol: the mean of accuracy and completeness (distances, not their
     /// squares).
     pub fn mean(&self) -> f64 {
         0.5 * (self.accuracy + self.completeness)
     }
 }
 
-/// The chamfer distance of `found` and `truth`; none if either is empty.
+/// Measures the chamfer distance of `found` and `truth`; `None` if either is empty.
 pub fn chamfer(found: &[Vec3], truth: &[Vec3]) -> Option<Chamfer> {
     Some(Chamfer { accuracy: mean_distance(found, truth)?, completeness: mean_distance(truth, found)? })
 }
 
-/// The mean distance from each of `points` to the nearest of `targets`.
+/// Returns the mean distance from each of `points` to the nearest of `targets`.
 fn mean_distance(points: &[Vec3], targets: &[Vec3]) -> Option<f64> {
     let targets = targets.iter().map(|p| p.to_array()).collect();
     let tree: KdTree<[f32; 3]> = KdTree::build_by_ordered_float(targets);
@@ -41,7 +41,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn both_ways_are_means_of_distances() {
+    fn accuracy_and_completeness_are_means_of_distances() {
         let found = [Vec3::ZERO, Vec3::X * 3.0];
         let truth = [Vec3::Y, Vec3::X * 3.0, Vec3::X * 7.0];
         let distance = chamfer(&found, &truth).unwrap();

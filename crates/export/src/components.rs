@@ -3,11 +3,10 @@
 use glam::Vec3;
 use petgraph::unionfind::UnionFind;
 
-/// Components of less than this share of the largest one's area are small.
+/// Share of the largest component's area below which a component is small.
 const SMALL: f32 = 1e-3;
 
-/// The surface without its small components and without vertices that no triangle uses, and the number of components left
-/// out.
+/// Removes small components and vertices that no triangle uses; returns the number of components removed as well.
 pub(crate) fn without_small(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> (Vec<Vec3>, Vec<[u32; 3]>, usize) {
     let mut components = UnionFind::<u32>::new(positions.len());
     for [a, b, c] in &triangles {
@@ -46,7 +45,7 @@ pub(crate) fn without_small(positions: Vec<Vec3>, triangles: Vec<[u32; 3]>) -> (
 mod tests {
     use super::*;
 
-    /// A triangle of legs `size` at `x`.
+    /// Returns a triangle of legs `size` at `x`.
     fn triangle(x: f32, size: f32) -> [Vec3; 3] {
         [Vec3::X * x, Vec3::X * x + Vec3::Y * size, Vec3::X * x + Vec3::Z * size]
     }

@@ -2,12 +2,12 @@
 
 use glam::Vec3;
 
-/// A display-encoded colour as bytes.
+/// Rounds a display-encoded colour to bytes.
 pub(crate) fn bytes(color: [f32; 3]) -> [u8; 3] {
     color.map(|channel| (channel.clamp(0.0, 1.0) * 255.0).round() as u8)
 }
 
-/// The linear value of a display-encoded channel (sRGB, IEC 61966-2-1).
+/// Returns the linear value of a display-encoded channel (sRGB, IEC 61966-2-1).
 pub(crate) fn linear(channel: f32) -> f32 {
     let channel = channel.clamp(0.0, 1.0);
     if channel <= 0.040_45 { channel / 12.92 } else { ((channel + 0.055) / 1.055).powf(2.4) }

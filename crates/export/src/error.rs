@@ -1,35 +1,35 @@
-/// Why something could not be exported, in one line.
+/// Error of an export, in one line.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// A resolution out of range.
+    /// Resolution out of range.
     #[error("resolution: expected {} to {} voxels, found {found}", crate::RESOLUTIONS.start(), crate::RESOLUTIONS.end())]
     Resolution {
-        /// The requested value.
+        /// Requested number of voxels.
         found: usize,
     },
-    /// No ray of a camera is half absorbed.
+    /// Field that absorbs half of no camera's ray.
     #[error(
         "the field has no surface: of all rays of the training cameras the most opaque has opacity {most:.2}, expected at \
          least 0.5; train it longer"
     )]
     Transparent {
-        /// The greatest opacity of a ray.
+        /// Greatest opacity of a ray.
         most: f32,
     },
-    /// No voxel reaches the density of the surface.
+    /// Grid without a voxel of the surface's density.
     #[error("the field has no surface: expected a voxel of density {level:.3}, found at most {densest:.3}")]
     NoSurface {
-        /// The density of the surface, 1/scene unit.
+        /// Density of the surface, 1/scene unit.
         level: f32,
-        /// The greatest density of the grid, 1/scene unit.
+        /// Greatest density of the grid, 1/scene unit.
         densest: f32,
     },
-    /// An archive or container that could not be put together.
+    /// File that its format cannot hold.
     #[error("{format}: {cause}")]
     Encoding {
-        /// The format.
+        /// Name of the format.
         format: &'static str,
-        /// The encoder's reason.
+        /// Reason.
         cause: String,
     },
 }

@@ -4,7 +4,8 @@ use glam::{Quat, Vec3};
 use serde_json::{Value, json};
 
 use crate::encode::{linear, push};
-use crate::{ExportError, Mesh};
+use crate::error::ExportError;
+use crate::mesh::Mesh;
 
 /// Component types and buffer targets of the specification.
 const UNSIGNED_SHORT: u32 = 5123;
@@ -13,7 +14,7 @@ const FLOAT: u32 = 5126;
 const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
-/// A mesh as `.glb`. `up` is the world's up direction, which the file's node turns to glTF's +y; vertices keep
+/// Encodes a mesh as `.glb`. `up` is the world's up direction, which the file's node turns to glTF's +y; vertices keep
 /// the scene's coordinates.
 ///
 /// Colours are stored linear, as in all of glTF, and the material is unlit (`KHR_materials_unlit`), as the
@@ -80,7 +81,7 @@ pub fn glb(mesh: &Mesh, up: Vec3) -> Result<Vec<u8>, ExportError> {
     container(document.to_string().into_bytes(), buffer.bytes)
 }
 
-/// Linear colours in 16 bits, with an alpha of 1 so that each takes 8 bytes, for alignment.
+/// Encodes linear colours in 16 bits, with an alpha of 1 so that each takes 8 bytes, for alignment.
 fn colors(colors: &[[f32; 3]]) -> Vec<u8> {
     let of_color = |color: &[f32; 3]| {
         let [r, g, b] = color.map(|channel| (linear(channel) * f32::from(u16::MAX)).round() as u16);
@@ -89,12 +90,12 @@ fn colors(colors: &[[f32; 3]]) -> Vec<u8> {
     colors.iter().flat_map(of_color).flat_map(u16::to_le_bytes).collect()
 }
 
-/// The corner of the box around `points` that `pick` chooses.
+/// Returns the corner of the box around `points` that `pick` chooses.
 fn corner(points: &[Vec3], pick: fn(Vec3, Vec3) -> Vec3) -> [f32; 3] {
     points.iter().copied().reduce(pick).unwrap_or(Vec3::ZERO).to_array()
 }
 
-/// The buffer of a document, with its views and accessors.
+/// Buffer of a document, with its views and accessors.
 #[derive(Default)]
 struct Buffer {
     bytes: Vec<u8>,
@@ -103,7 +104,7 @@ struct Buffer {
 }
 
 impl Buffer {
-    /// Appends `bytes` with their accessor, and gives its index.
+    /// Appends `bytes` with their accessor, and returns its index.
     fn add(&mut self, bytes: &[u8], target: u32, mut accessor: Value) -> usize {
         let view = json!({"buffer": 0, "byteOffset": self.bytes.len(), "byteLength": bytes.len(), "target": target});
         accessor["bufferView"] = json!(self.views.len());
@@ -114,7 +115,7 @@ impl Buffer {
     }
 }
 
-/// Header, document and buffer, each padded to whole words.
+/// Joins header, document and buffer, each padded to whole words.
 fn container(mut document: Vec<u8>, mut buffer: Vec<u8>) -> Result<Vec<u8>, ExportError> {
     document.resize(document.len().next_multiple_of(4), b' ');
     buffer.resize(buffer.len().next_multiple_of(4), 0);

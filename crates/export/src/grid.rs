@@ -3,32 +3,33 @@ use std::ops::RangeInclusive;
 use glam::{UVec3, Vec3};
 use infonerf_scene::Aabb;
 
-use crate::{ExportError, Volume};
+use crate::error::ExportError;
+use crate::volume::Volume;
 
-/// Voxels along the longest side of a grid. The largest grid takes 0.5 GB, its surface three times as much.
+/// Range of voxels along the longest side of a grid. The largest grid takes 0.5 GB, its surface three times as much.
 pub const RESOLUTIONS: RangeInclusive<usize> = 2..=512;
 
-/// Points per query of a volume: bounds the memory.
+/// Number of points per query of a volume, which bounds the memory.
 const CHUNK: usize = 1 << 18;
 
 /// Densities at the centres of cubic voxels that fill a box.
 #[derive(Clone, Debug)]
-pub struct Grid {
-    /// The centre of the first voxel, scene units.
+pub struct DensityGrid {
+    /// Centre of the first voxel, scene units.
     pub origin: Vec3,
     /// Edge of a voxel, scene units.
     pub voxel: f32,
-    /// Voxels along x, y and z.
+    /// Number of voxels along x, y and z.
     pub size: UVec3,
     /// Density σ ≥ 0 of each voxel, 1/scene unit; x runs fastest, z slowest.
     pub density: Vec<f32>,
-    /// The density of the surface, 1/scene unit.
+    /// Density of the surface, 1/scene unit.
     pub level: f32,
 }
 
-impl Grid {
-    /// Samples `volume` at `resolution` voxels along the longest side of its box and as many as it takes along the others. Its
-    /// surface has the density `level`, see [`surface_density`](crate::surface_density).
+impl DensityGrid {
+    /// Samples `volume` at `resolution` voxels along the longest side of its box and as many as it takes along the
+    /// others. Its surface has the density `level`, see [`surface_density`](crate::surface_density).
     ///
     /// # Errors
     /// If the resolution is out of [`RESOLUTIONS`].
@@ -44,8 +45,8 @@ impl Grid {
         Ok(grid)
     }
 
-    /// The voxels of a box, without densities.
-    pub(crate) fn empty(bounds: Aabb, resolution: usize, level: f32) -> Result<Self, ExportError> {
+    /// Makes the voxels of a box, without densities.
+    fn empty(bounds: Aabb, resolution: usize, level: f32) -> Result<Self, ExportError> {
         if !RESOLUTIONS.contains(&resolution) {
             return Err(ExportError::Resolution { found: resolution });
         }
@@ -57,24 +58,24 @@ impl Grid {
         Ok(Self { origin, voxel, size, density: Vec::new(), level })
     }
 
-    /// Number of voxels.
+    /// Returns the number of voxels.
     pub fn len(&self) -> usize {
         self.size.to_array().map(|n| n as usize).iter().product()
     }
 
-    /// Always false: a grid has at least one voxel.
+    /// Returns false: a grid has at least one voxel.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The centre of the voxel `index`.
+    /// Returns the centre of the voxel `index`, scene units.
     pub fn point(&self, index: usize) -> Vec3 {
         let (nx, ny) = (self.size.x as usize, self.size.y as usize);
         let place = Vec3::new((index % nx) as f32, (index / nx % ny) as f32, (index / (nx * ny)) as f32);
         self.origin + self.voxel * place
     }
 
-    /// The opacity `1 − 2^(−σ/level)` of the voxel `index`, which is ½ where σ is the surface's density.
+    /// Returns the opacity `1 − 2^(−σ/level)` of the voxel `index`, which is ½ at the surface's density.
     pub(crate) fn opacity(&self, index: usize) -> f32 {
         1.0 - (-self.density[index] / self.level).exp2()
     }
@@ -88,17 +89,17 @@ mod tests {
     #[test]
     fn voxels_are_cubes_that_fill_the_box() {
         let bounds = Aabb { min: Vec3::new(-1.0, 0.0, 2.0), max: Vec3::new(1.0, 1.0, 2.3) };
-        let grid = Grid::empty(bounds, 8, 1.0).unwrap();
+        let grid = DensityGrid::empty(bounds, 8, 1.0).unwrap();
         assert_eq!((grid.voxel, grid.size), (0.25, UVec3::new(8, 4, 2)));
         assert_eq!(grid.point(0).truncate(), Vec3::new(-0.875, 0.125, 0.0).truncate());
         let last = grid.point(grid.len() - 1);
         assert!((last - Vec3::new(0.875, 0.875, 2.275)).length() < 1e-6, "{last}");
-        assert_eq!(Grid::empty(Aabb::cube(Vec3::ONE, 1.3), 200, 1.0).unwrap().size, UVec3::splat(200));
+        assert_eq!(DensityGrid::empty(Aabb::cube(Vec3::ONE, 1.3), 200, 1.0).unwrap().size, UVec3::splat(200));
     }
 
     #[test]
-    fn densities_are_those_of_the_volume() {
-        let grid = Grid::sample(&Ball { radius: 1.0, sharpness: 20.0 }, 16, 1.0).unwrap();
+    fn grid_samples_densities_of_the_volume() {
+        let grid = DensityGrid::sample(&Ball { radius: 1.0, sharpness: 20.0 }, 16, 1.0).unwrap();
         assert_eq!(grid.density.len(), grid.len());
         for (index, density) in grid.density.iter().enumerate() {
             let expected = Ball { radius: 1.0, sharpness: 20.0 }.density(&[grid.point(index)])[0];
@@ -109,7 +110,7 @@ mod tests {
     #[test]
     fn resolutions_out_of_range_are_refused() {
         for found in [0, 1, 513, usize::MAX] {
-            let text = Grid::sample(&Ball { radius: 1.0, sharpness: 20.0 }, found, 1.0).unwrap_err().to_string();
+            let text = DensityGrid::sample(&Ball { radius: 1.0, sharpness: 20.0 }, found, 1.0).unwrap_err().to_string();
             assert_eq!(text, format!("resolution: expected 2 to 512 voxels, found {found}"));
         }
     }

@@ -1,42 +1,45 @@
-//! The density level at which the surface is extracted.
+//! Density level at which the surface is extracted.
 
 use infonerf_scene::{Camera, resized_dimensions};
 
-use crate::{ExportError, Volume};
+use crate::error::ExportError;
+use crate::volume::Volume;
 
-/// Rays along the longer side of each camera's picture, and samples per ray.
+/// Number of rays along the longer side of each camera's image, and of samples per ray.
 const RAYS: u32 = 32;
 const SAMPLES: usize = 384;
-/// Rays per query of the volume: bounds the memory.
+/// Number of rays per query of the volume, which bounds the memory.
 const CHUNK: usize = 512;
-/// Densities that are tried: from one that is half opaque over the whole box to one that is over [`FINEST`] of it, by this factor.
+/// Factor between densities that are tried: from one that is half opaque over the whole box to one that is so over
+/// [`FINEST`] of it.
 const FACTOR: f32 = 1.15;
 const FINEST: f32 = 1.0 / 2000.0;
-/// Distances are truncated at this share of the box.
+/// Share of the box at which distances are truncated.
 const TRUNCATION: f32 = 0.05;
-/// Densities count as equally good up to this factor of the least error.
+/// Factor of the least error up to which densities count as equally good.
 const AS_GOOD: f32 = 1.02;
 
-/// Where the light of a ray is stopped.
-struct Seen {
-    /// The distance at which half of the light is left (median depth), if so much is stopped.
+/// Depths at which the light of a ray is stopped.
+struct RayDepths {
+    /// Distance at which half of the light is left (median depth); `None` if less is stopped.
     depth: Option<f32>,
-    /// The densities above all that come before, with their distances.
+    /// Densities above all that come before, with their distances.
     peaks: Vec<(f32, f32)>,
     opacity: f32,
 }
 
-/// The density σ of the isosurface that looks most like `volume` to `cameras`, 1/scene unit.
+/// Finds the density σ of the isosurface that looks most like `volume` to `cameras`, 1/scene unit.
 ///
-/// A ray that is stopped by half, `∫σ dt ≥ ln 2`, should meet the surface at its median depth, any other should miss it. The error
-/// of a density is the mean over rays of the distance between where σ is first reached and the median depth, truncated at 5 % of
-/// the box, which is also the error of a miss or a hit that should not be. Of the densities that are as good as the best, the
-/// middle one is taken. So the surface depends on the field, and not on the voxels that it is extracted from.
+/// A ray that is stopped by half, `∫σ dt ≥ ln 2`, should meet the surface at its median depth, any other should miss
+/// it. The error of a density is the mean over rays of the distance between where σ is first reached and the median
+/// depth, truncated at 5 % of the box, which is also the error of a miss or a hit that should not be. Of the densities
+/// that are as good as the best, the middle one is taken. So the surface depends on the field, and not on the voxels
+/// that it is extracted from.
 ///
 /// # Errors
 /// [`ExportError::Transparent`] if no ray is stopped by half.
 pub fn surface_density(volume: &dyn Volume, cameras: &[Camera]) -> Result<f32, ExportError> {
-    let rays = look(volume, cameras);
+    let rays = ray_depths(volume, cameras);
     if rays.iter().all(|ray| ray.depth.is_none()) {
         return Err(ExportError::Transparent { most: rays.iter().map(|ray| ray.opacity).fold(0.0, f32::max) });
     }
@@ -46,7 +49,7 @@ pub fn surface_density(volume: &dyn Volume, cameras: &[Camera]) -> Result<f32, E
     let densities: Vec<f32> =
         std::iter::successors(Some(first), |d| Some(d * FACTOR)).take_while(|d| d * FINEST <= first).collect();
     let error = |&density: &f32| {
-        let of_ray = |ray: &Seen| {
+        let of_ray = |ray: &RayDepths| {
             let met = ray.peaks.iter().find(|(sigma, _)| *sigma >= density).map(|(_, t)| *t);
             match (met, ray.depth) {
                 (Some(met), Some(depth)) => (met - depth).abs().min(limit),
@@ -63,8 +66,8 @@ pub fn surface_density(volume: &dyn Volume, cameras: &[Camera]) -> Result<f32, E
     Ok(good[good.len() / 2])
 }
 
-/// What rays of all cameras see within the volume's box.
-fn look(volume: &dyn Volume, cameras: &[Camera]) -> Vec<Seen> {
+/// Finds the depths of rays of all cameras within the volume's box.
+fn ray_depths(volume: &dyn Volume, cameras: &[Camera]) -> Vec<RayDepths> {
     let bounds = volume.bounds();
     let of_camera = |camera: &Camera| {
         let (width, height) = resized_dimensions(camera.width, camera.height, RAYS);
@@ -77,20 +80,21 @@ fn look(volume: &dyn Volume, cameras: &[Camera]) -> Vec<Seen> {
         .filter_map(|ray| bounds.intersect(&ray).map(|(near, far)| (ray, near.max(0.0), far)))
         .filter(|(_, near, far)| far > near)
         .collect();
-    let of_chunk = |rays: &[_]| -> Vec<Seen> {
+    let of_chunk = |rays: &[_]| -> Vec<RayDepths> {
         let at = |&(ray, near, far): &(infonerf_scene::Ray, f32, f32)| {
             let step = (far - near) / SAMPLES as f32;
             (0..SAMPLES).map(move |i| ray.origin + (near + (i as f32 + 0.5) * step) * ray.direction)
         };
         let densities = volume.density(&rays.iter().flat_map(at).collect::<Vec<_>>());
         let spans = rays.iter().map(|&(_, near, far)| (near, (far - near) / SAMPLES as f32));
-        spans.zip(densities.chunks_exact(SAMPLES)).map(|((near, step), sigma)| seen(near, step, sigma)).collect()
+        spans.zip(densities.chunks_exact(SAMPLES)).map(|((near, step), sigma)| depths_of(near, step, sigma)).collect()
     };
     crossing.chunks(CHUNK).flat_map(of_chunk).collect()
 }
 
-/// What a ray sees of densities in the middle of intervals of length `step`, the first of which begins at `near`.
-fn seen(near: f32, step: f32, densities: &[f32]) -> Seen {
+/// Finds the depths of a ray through densities in the middle of intervals of length `step`, the first of which begins
+/// at `near`.
+fn depths_of(near: f32, step: f32, densities: &[f32]) -> RayDepths {
     let (mut tau, mut depth, mut peaks) = (0.0, None, Vec::new());
     let mut densest = 0.0;
     for (i, &sigma) in densities.iter().enumerate() {
@@ -104,7 +108,7 @@ fn seen(near: f32, step: f32, densities: &[f32]) -> Seen {
             depth = Some(t);
         }
     }
-    Seen { depth, peaks, opacity: -(-tau).exp_m1() }
+    RayDepths { depth, peaks, opacity: -(-tau).exp_m1() }
 }
 
 #[cfg(test)]
@@ -112,18 +116,21 @@ mod tests {
     use infonerf_procedural::train_cameras;
 
     use super::*;
+    use crate::chamfer::chamfer;
+    use crate::grid::DensityGrid;
+    use crate::surface::Surface;
     use crate::volume::testing::Ball;
-    use crate::{Grid, Surface, chamfer};
 
-    /// Fog that thickens over a fifth of the radius.
+    /// Ball of fog that thickens over a fifth of the radius.
     const FUZZY: Ball = Ball { radius: 1.0, sharpness: 12.0 };
 
     #[test]
     fn the_surface_is_where_light_is_stopped() {
         let level = surface_density(&FUZZY, &train_cameras(32)).unwrap();
-        // Of a ray through the centre half of the light is left at this radius.
+        // Half of the light of a ray through the centre is left at this radius.
         let points: Vec<_> = (0..4000).map(|i| glam::Vec3::X * (3.0 - i as f32 * 1e-3)).collect();
-        let (found, expected) = (FUZZY.radius_at(level), 3.0 - seen(0.0, 1e-3, &FUZZY.density(&points)).depth.unwrap());
+        let (found, expected) =
+            (FUZZY.radius_at(level), 3.0 - depths_of(0.0, 1e-3, &FUZZY.density(&points)).depth.unwrap());
         assert!((found - expected).abs() < 0.05, "density {level}: {found} for {expected}");
     }
 
@@ -134,7 +141,7 @@ mod tests {
         let radius = FUZZY.radius_at(level);
         let truth: Vec<_> = FUZZY.surface(96).sample(20_000).iter().map(|p| radius * p.normalize()).collect();
         let distance = |resolution| {
-            let surface = Surface::extract(&Grid::sample(&FUZZY, resolution, level).unwrap()).unwrap();
+            let surface = Surface::extract(&DensityGrid::sample(&FUZZY, resolution, level).unwrap()).unwrap();
             chamfer(&surface.sample(20_000), &truth).unwrap().mean()
         };
         let distances = [8, 16, 32, 64].map(distance);

@@ -1,16 +1,16 @@
-//! Radiance fields as meshes, point clouds, gaussian splats and grids that other programs read.
+//! Radiance fields as meshes, point clouds and gaussian splats that other programs read.
 //!
 //! ```text
-//! Volume, or depth maps ─► Grid (densities) ─► Surface (triangles) ─► Mesh (with colours) ─► ply, obj, glb, points
-//!      └─► surface_density ─►┘   └─► npz                     └─► Gaussian ─► refine ─► splat
+//! Volume ─► DensityGrid ─► Surface (triangles) ─► Mesh (with colours) ─► ply, glb, points
+//!    └─► surface_density ─►┘             └─► Gaussian ─► refine ─► splat
 //! ```
 //!
-//! A field is anything that implements [`Volume`]: density and colour at points of the world. Writers are pure functions
-//! that return the bytes of the file.
+//! A field is anything that implements [`Volume`]: density and colour at points of the world. Writers are pure
+//! functions that return the bytes of the file.
 //!
 //! ```
 //! use glam::Vec3;
-//! use infonerf_export::{Grid, Mesh, Surface, Volume, ply_mesh};
+//! use infonerf_export::{DensityGrid, Mesh, Surface, Volume, ply_mesh};
 //! use infonerf_scene::Aabb;
 //!
 //! /// A red ball of radius 1.
@@ -30,7 +30,7 @@
 //!     }
 //! }
 //!
-//! let grid = Grid::sample(&Ball, 64, 50.0)?;
+//! let grid = DensityGrid::sample(&Ball, 64, 50.0)?;
 //! let mesh = Mesh::new(Surface::extract(&grid)?, &Ball);
 //! std::fs::write(std::env::temp_dir().join("ball.ply"), ply_mesh(&mesh)).unwrap();
 //! # Ok::<(), infonerf_export::ExportError>(())
@@ -40,13 +40,10 @@ mod chamfer;
 mod components;
 mod encode;
 mod error;
-mod fusion;
 mod glb;
 mod grid;
 mod level;
 mod mesh;
-mod npz;
-mod obj;
 mod ply;
 mod refine;
 mod shading;
@@ -58,16 +55,13 @@ mod volume;
 
 pub use chamfer::{Chamfer, chamfer};
 pub use error::ExportError;
-pub use fusion::DepthMap;
 pub use glb::glb;
-pub use grid::{Grid, RESOLUTIONS};
+pub use grid::{DensityGrid, RESOLUTIONS};
 pub use level::surface_density;
 pub use mesh::Mesh;
-pub use npz::npz;
-pub use obj::obj;
 pub use ply::{ply_mesh, ply_points};
-pub use refine::{Target, refine};
+pub use refine::{SplatTarget, refine};
 pub use splat::{Gaussian, gaussians, ply_splats};
-pub use splatter::splat_picture;
+pub use splatter::splat_image;
 pub use surface::Surface;
 pub use volume::Volume;

@@ -3,19 +3,20 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::shading::{endpoints, head_on};
-use crate::{Surface, Volume};
+use crate::surface::Surface;
+use crate::volume::Volume;
 
-/// A surface with a colour at each vertex.
+/// Surface with a colour at each vertex.
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
-    /// Its shape.
+    /// Shape.
     pub surface: Surface,
     /// Display-encoded RGB of each vertex in [0, 1], as seen along its normal from outside.
     pub colors: Vec<[f32; 3]>,
 }
 
 impl Mesh {
-    /// `surface` with the colours of `volume`.
+    /// Gives `surface` the colours of `volume`.
     pub fn new(surface: Surface, volume: &dyn Volume) -> Self {
         let colors = head_on(&surface, &endpoints(&surface, volume), volume);
         Self { surface, colors }
@@ -23,8 +24,8 @@ impl Mesh {
 }
 
 impl Surface {
-    /// `count` points spread over the surface, evenly by area and at random within triangles, from a fixed seed.
-    /// Empty if the surface has no area.
+    /// Draws `count` points on the surface, evenly by area and at random within triangles, from a fixed seed; none if
+    /// the surface has no area.
     pub fn sample(&self, count: usize) -> Vec<Vec3> {
         let corners = |triangle: &[u32; 3]| triangle.map(|vertex| self.positions[vertex as usize]);
         let areas = self.triangles.iter().map(corners).map(|[a, b, c]| f64::from((b - a).cross(c - a).length()));
@@ -34,13 +35,13 @@ impl Surface {
                 Some(*sum)
             })
             .collect();
-        let whole = ends.last().copied().unwrap_or(0.0);
-        if whole <= 0.0 {
+        let total = ends.last().copied().unwrap_or(0.0);
+        if total <= 0.0 {
             return Vec::new();
         }
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let point = |i: usize| {
-            let place = whole * (i as f64 + 0.5) / count as f64;
+            let place = total * (i as f64 + 0.5) / count as f64;
             let triangle = ends.partition_point(|&end| end <= place).min(ends.len() - 1);
             let [a, b, c] = corners(&self.triangles[triangle]);
             let (u, v) = (rng.random::<f32>().sqrt(), rng.random::<f32>());

@@ -2,13 +2,13 @@
 
 use std::fmt::Write;
 
-use crate::Mesh;
 use crate::encode::{bytes, push};
+use crate::mesh::Mesh;
 
 const POSITION: [&str; 6] = ["float x", "float y", "float z", "float nx", "float ny", "float nz"];
 const COLOR: [&str; 3] = ["uchar red", "uchar green", "uchar blue"];
 
-/// A mesh: vertices with positions, normals and colours, and triangles.
+/// Encodes a mesh: vertices with positions, normals and colours, and triangles.
 pub fn ply_mesh(mesh: &Mesh) -> Vec<u8> {
     let vertex: Vec<&str> = POSITION.into_iter().chain(COLOR).collect();
     let triangles = &mesh.surface.triangles;
@@ -22,7 +22,7 @@ pub fn ply_mesh(mesh: &Mesh) -> Vec<u8> {
     file
 }
 
-/// A point cloud: the vertices of a mesh, with normals and colours.
+/// Encodes a point cloud: the vertices of a mesh, with normals and colours.
 pub fn ply_points(mesh: &Mesh) -> Vec<u8> {
     let vertex: Vec<&str> = POSITION.into_iter().chain(COLOR).collect();
     let mut file = header(&[("vertex", mesh.colors.len(), &vertex)]);
@@ -30,7 +30,7 @@ pub fn ply_points(mesh: &Mesh) -> Vec<u8> {
     file
 }
 
-/// The header of a file with the given elements: name, count, and properties with their types.
+/// Encodes the header of a file with the given elements: name, count, and properties with their types.
 pub(crate) fn header(elements: &[(&str, usize, &[&str])]) -> Vec<u8> {
     let mut text = "ply\nformat binary_little_endian 1.0\ncomment infonerf\n".to_owned();
     for (name, count, properties) in elements {

@@ -1,38 +1,39 @@
-//! Gaussians fitted to pictures, by gradient descent through the reference splatter.
+//! Gaussians fitted to images, by gradient descent through the reference splatter.
 
 use glam::{Vec2, Vec3};
 use infonerf_scene::Camera;
 use rayon::prelude::*;
 
-use crate::Gaussian;
-use crate::splat::{DEGREE_0, DEGREE_1};
-use crate::splatter::{MOST_ALPHA, Splats};
+use crate::splat::{DEGREE_0, DEGREE_1, Gaussian};
+use crate::splatter::{MAX_ALPHA, Splats};
 
-/// Parts of a picture whose gradients are accumulated separately. Their number is fixed, so sums do not depend on the threads.
+/// Number of parts of an image whose gradients are accumulated separately. It is fixed, so sums do not depend on the
+/// threads.
 const BANDS: usize = 8;
-/// Adam (Kingma and Ba 2015).
+/// Decay rates of Adam's moments (Kingma and Ba 2015).
 const BETAS: (f32, f32) = (0.9, 0.99);
 const EPSILON: f32 = 1e-12;
-/// Learning rates of a spherical harmonic, of the logit of the opacity and of the logarithm of a scale. They fall to a tenth.
+/// Learning rates of a spherical harmonic, of the logit of the opacity and of the logarithm of a scale. They fall to a
+/// tenth.
 const RATES: (f32, f32, f32) = (0.04, 0.1, 0.02);
-/// The most that a logit and the logarithm of a scale may change, which bounds what few pixels determine.
-const MOST_CHANGE: (f32, f32) = (8.0, 1.0);
+/// Greatest change of a logit and of the logarithm of a scale, which bounds parameters that few pixels determine.
+const MAX_CHANGE: (f32, f32) = (8.0, 1.0);
 
-/// A picture to fit.
+/// Image to fit.
 #[derive(Clone, Debug)]
-pub struct Target {
-    /// The camera that took it.
+pub struct SplatTarget {
+    /// Camera of the image.
     pub camera: Camera,
     /// Display-encoded RGB of each pixel, row by row.
-    pub picture: Vec<[f32; 3]>,
+    pub image: Vec<[f32; 3]>,
 }
 
-/// Fits colours, opacities and scales of `gaussians` to `targets` by `steps` of Adam on the mean squared error, one picture per
-/// step in turn. Positions and rotations stay. The result does not depend on the number of threads.
+/// Fits colours, opacities and scales of `gaussians` to `targets` by `steps` of Adam on the mean squared error, one
+/// image per step in turn. Positions and rotations stay. The result does not depend on the number of threads.
 ///
 /// # Panics
-/// If a picture has not one colour per pixel.
-pub fn refine(gaussians: &mut [Gaussian], targets: &[Target], background: [f32; 3], steps: usize) {
+/// If an image has not one colour per pixel.
+pub fn refine(gaussians: &mut [Gaussian], targets: &[SplatTarget], background: [f32; 3], steps: usize) {
     if targets.is_empty() {
         return;
     }
@@ -51,13 +52,13 @@ pub fn refine(gaussians: &mut [Gaussian], targets: &[Target], background: [f32; 
             for i in 0..COUNT {
                 m[i] = BETAS.0 * m[i] + (1.0 - BETAS.0) * gradient[i];
                 v[i] = BETAS.1 * v[i] + (1.0 - BETAS.1) * gradient[i] * gradient[i];
-                let (rate, most) = match i {
-                    OPACITY => (RATES.1, MOST_CHANGE.0),
+                let (rate, limit) = match i {
+                    OPACITY => (RATES.1, MAX_CHANGE.0),
                     i if i < OPACITY => (RATES.0, f32::INFINITY),
-                    _ => (RATES.2, MOST_CHANGE.1),
+                    _ => (RATES.2, MAX_CHANGE.1),
                 };
                 let moved = values[i] - decay * rate * (m[i] / first) / ((v[i] / second).sqrt() + EPSILON);
-                values[i] = moved.clamp(start[i] - most, start[i] + most);
+                values[i] = moved.clamp(start[i] - limit, start[i] + limit);
             }
             set(gaussian, &values);
         });
@@ -68,7 +69,7 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// What is fitted: 12 spherical harmonics, the logit of the opacity, the logarithms of the scales.
+/// Fitted parameters: 12 spherical harmonics, the logit of the opacity, the logarithms of the scales.
 type Parameters = [f32; COUNT];
 const COUNT: usize = 16;
 const OPACITY: usize = 12;
@@ -87,7 +88,7 @@ fn set(gaussian: &mut Gaussian, values: &Parameters) {
     gaussian.scale = Vec3::from_slice(&values[OPACITY + 1..]).exp();
 }
 
-/// ∂L/∂ of a splat's colour, of its opacity, and of xx, xy and yy of its Σ′.
+/// Derivatives of L by a splat's colour, its opacity, and xx, xy and yy of its Σ′.
 #[derive(Clone, Copy, Default)]
 struct Gradient {
     color: Vec3,
@@ -95,15 +96,15 @@ struct Gradient {
     covariance: Vec3,
 }
 
-/// The mean squared error L of a picture of `gaussians`, and its gradient.
+/// Returns the mean squared error L of an image of `gaussians`, and its gradient.
 ///
-/// With `C = Σ T α c`, the residual's derivative `g = ∂L/∂C`, and what is seen behind a splat `B`: `∂L/∂c = T α g` and
+/// With `C = Σ T α c`, the residual's derivative `g = ∂L/∂C`, and the colour `B` behind a splat: `∂L/∂c = T α g` and
 /// `∂L/∂α = T (c − B)·g`. As `α = o exp(−½ dᵀ Σ′⁻¹ d)`, `∂α/∂o = α/o` and `∂α/∂Σ′ = ½ α u uᵀ` with `u = Σ′⁻¹ d`; a
 /// half-axis has `∂L/∂ ln s = 2 aᵀ (∂L/∂Σ′) a`.
-fn loss(gaussians: &[Gaussian], target: &Target, background: [f32; 3]) -> (f64, Vec<Parameters>) {
+fn loss(gaussians: &[Gaussian], target: &SplatTarget, background: [f32; 3]) -> (f64, Vec<Parameters>) {
     let splats = Splats::project(gaussians, &target.camera);
     let width = target.camera.width as usize;
-    assert_eq!(target.picture.len(), width * splats.rows.len(), "a colour for every pixel");
+    assert_eq!(target.image.len(), width * splats.rows.len(), "a colour for every pixel");
     let of_band = |band: usize| {
         let mut gradients = vec![Gradient::default(); splats.list.len()];
         let rows = (band..splats.rows.len()).step_by(BANDS);
@@ -123,10 +124,10 @@ fn loss(gaussians: &[Gaussian], target: &Target, background: [f32; 3]) -> (f64, 
         let d = splat.direction;
         let harmonics = [DEGREE_0, -DEGREE_1 * d.y, DEGREE_1 * d.z, -DEGREE_1 * d.x];
         for channel in 0..3 {
-            // A colour that is cut off at 0 has no slope.
-            let slope = if splat.color[channel] > 0.0 { sum.color[channel] } else { 0.0 };
+            // A colour that is cut off at 0 has no gradient.
+            let by_color = if splat.color[channel] > 0.0 { sum.color[channel] } else { 0.0 };
             for (k, harmonic) in harmonics.iter().enumerate() {
-                values[4 * channel + k] = slope * harmonic;
+                values[4 * channel + k] = by_color * harmonic;
             }
         }
         values[OPACITY] = sum.opacity * splat.opacity * (1.0 - splat.opacity);
@@ -138,17 +139,17 @@ fn loss(gaussians: &[Gaussian], target: &Target, background: [f32; 3]) -> (f64, 
 }
 
 /// Adds the gradients of row `y`, and returns its part of the loss.
-fn backward(splats: &Splats, y: usize, target: &Target, background: [f32; 3], gradients: &mut [Gradient]) -> f64 {
+fn backward(splats: &Splats, y: usize, target: &SplatTarget, background: [f32; 3], gradients: &mut [Gradient]) -> f64 {
     let background = Vec3::from_array(background);
     let width = target.camera.width as usize;
-    let scale = 1.0 / (3 * target.picture.len()) as f32;
+    let scale = 1.0 / (3 * target.image.len()) as f32;
     let mut hits: Vec<(usize, usize, f32, f32)> = Vec::new();
     let mut colors = vec![Vec3::ZERO; width];
     let passes = splats.blend(y, |x, splat, alpha, passes| {
         colors[x] += passes * alpha * splats.list[splat].color;
         hits.push((x, splat, alpha, passes));
     });
-    let wanted = target.picture[y * width..][..width].iter();
+    let wanted = target.image[y * width..][..width].iter();
     let residuals: Vec<Vec3> = colors
         .iter()
         .zip(passes)
@@ -158,10 +159,10 @@ fn backward(splats: &Splats, y: usize, target: &Target, background: [f32; 3], gr
     let mut behind = vec![background; width];
     for (x, number, alpha, passes) in hits.into_iter().rev() {
         let (splat, gradient) = (&splats.list[number], &mut gradients[number]);
-        let slope = 2.0 * scale * residuals[x];
-        gradient.color += passes * alpha * slope;
-        if alpha < MOST_ALPHA {
-            let by_alpha = passes * (splat.color - behind[x]).dot(slope);
+        let by_pixel = 2.0 * scale * residuals[x];
+        gradient.color += passes * alpha * by_pixel;
+        if alpha < MAX_ALPHA {
+            let by_alpha = passes * (splat.color - behind[x]).dot(by_pixel);
             let u = splat.whitened(splat.offset(x, y));
             gradient.opacity += by_alpha * alpha / splat.opacity;
             gradient.covariance += 0.5 * by_alpha * alpha * Vec3::new(u.x * u.x, u.x * u.y, u.y * u.y);
@@ -176,7 +177,7 @@ mod tests {
     use glam::{DMat4, DVec3, Quat};
 
     use super::*;
-    use crate::splat_picture;
+    use crate::splatter::splat_image;
 
     const BACKGROUND: [f32; 3] = [0.9, 0.8, 1.0];
 
@@ -184,7 +185,7 @@ mod tests {
         Camera::pinhole((16, 12), [30.0, 30.0], [8.0, 6.0], DMat4::from_translation(DVec3::new(x, 0.0, 4.0)))
     }
 
-    /// Three gaussians that cover each other, and all of the picture.
+    /// Returns three gaussians that cover each other, and all of the image.
     fn gaussians() -> Vec<Gaussian> {
         let of = |k: usize| Gaussian {
             position: Vec3::new(0.3 * k as f32 - 0.3, 0.2, -0.4 * k as f32),
@@ -197,8 +198,9 @@ mod tests {
     }
 
     #[test]
-    fn gradients_are_those_of_finite_differences() {
-        let target = Target { camera: camera(0.2), picture: (0..192).map(|i| [0.3, 0.005 * i as f32, 0.6]).collect() };
+    fn gradients_agree_with_finite_differences() {
+        let target =
+            SplatTarget { camera: camera(0.2), image: (0..192).map(|i| [0.3, 0.005 * i as f32, 0.6]).collect() };
         let gaussians = gaussians();
         let (_, gradients) = loss(&gaussians, &target, BACKGROUND);
         for (index, gradient) in gradients.iter().enumerate() {
@@ -218,10 +220,10 @@ mod tests {
     }
 
     #[test]
-    fn what_was_changed_is_found_again() {
+    fn refining_recovers_changed_gaussians() {
         let truth = gaussians();
-        let targets: Vec<Target> = [-0.5, 0.0, 0.5]
-            .map(|x| Target { camera: camera(x), picture: splat_picture(&truth, &camera(x), BACKGROUND) })
+        let targets: Vec<SplatTarget> = [-0.5, 0.0, 0.5]
+            .map(|x| SplatTarget { camera: camera(x), image: splat_image(&truth, &camera(x), BACKGROUND) })
             .into();
         let mut found = truth;
         for gaussian in &mut found {

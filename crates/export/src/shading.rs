@@ -2,18 +2,19 @@
 
 use glam::{DMat4, DVec4, Mat3, Vec3};
 
-use crate::{Surface, Volume};
+use crate::surface::Surface;
+use crate::volume::Volume;
 
-/// Samples along the normal: how far in front of the surface they begin, their distance, both in voxels, and their number.
+/// Samples along the normal: their start in front of the surface and their distance, both in voxels, and their number.
 const BEFORE: f32 = 1.0;
 const STEP: f32 = 0.5;
 const STEPS: usize = 9;
-/// Vertices per query: bounds the memory.
+/// Number of vertices per query, which bounds the memory.
 const CHUNK: usize = 1 << 14;
 
-/// The expected end Σ w x / Σ w of a ray against the normal of each vertex, over nine samples from one voxel in front of the
-/// surface to three behind it with the weights w of volume rendering. Pictures show the colour there; at the vertex itself it
-/// is often still that of fog. Where there is no density, the vertex.
+/// Returns the expected end Σ w x / Σ w of a ray against the normal of each vertex, over nine samples from one voxel in
+/// front of the surface to three behind it with the weights w of volume rendering. Renders show the colour there; at
+/// the vertex itself it is often still that of fog. Without any density it is the vertex.
 pub(crate) fn endpoints(surface: &Surface, volume: &dyn Volume) -> Vec<Vec3> {
     let step = STEP * surface.voxel;
     let depth = |i: usize| i as f32 * step - BEFORE * surface.voxel;
@@ -36,26 +37,27 @@ pub(crate) fn endpoints(surface: &Surface, volume: &dyn Volume) -> Vec<Vec3> {
     vertices.chunks(CHUNK).flat_map(of_chunk).collect()
 }
 
-/// The colour of each vertex as seen along its normal from outside, at `endpoints`.
+/// Evaluates the colour of each vertex as seen along its normal from outside, at `endpoints`.
 pub(crate) fn head_on(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<[f32; 3]> {
     let against: Vec<Vec3> = surface.normals.iter().map(|&normal| -normal).collect();
     let chunks = endpoints.chunks(CHUNK).zip(against.chunks(CHUNK));
     chunks.flat_map(|(points, directions)| volume.color(points, directions)).collect()
 }
 
-/// A colour that is linear in the unit direction of view d: `mean + slope · d`.
+/// Colour that is linear in the unit direction of view d: `mean + gradient · d`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct LinearColor {
-    /// RGB.
+    /// RGB where d is 0.
     pub mean: Vec3,
-    /// ∂colour/∂d: a column each for x, y and z of the direction.
-    pub slope: Mat3,
+    /// ∂colour/∂d, a column each for x, y and z of the direction.
+    pub gradient: Mat3,
 }
 
 /// Directions of view to which a colour is fitted: their angle to the normal in degrees, and their number around it.
 const RINGS: [(f32, usize); 3] = [(0.0, 1), (30.0, 6), (60.0, 6)];
 
-/// The colour of each vertex as a linear function of the direction of view, by least squares over 13 directions from its front.
+/// Fits the colour of each vertex as a linear function of the direction of view, by least squares over 13 directions
+/// from its front.
 pub(crate) fn linear(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume) -> Vec<LinearColor> {
     let local: Vec<Vec3> = RINGS.iter().flat_map(|&(tilt, count)| ring(tilt.to_radians(), count)).collect();
     let weights = regression(&local);
@@ -73,10 +75,10 @@ pub(crate) fn linear(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume)
                     *sum += *weight * f64::from(*channel);
                 }
             }
-            let slopes = sums.map(|sum| *frame * sum.truncate().as_vec3());
+            let gradients = sums.map(|sum| *frame * sum.truncate().as_vec3());
             LinearColor {
                 mean: Vec3::from_array(sums.map(|sum| sum.w as f32)),
-                slope: Mat3::from_cols(slopes[0], slopes[1], slopes[2]).transpose(),
+                gradient: Mat3::from_cols(gradients[0], gradients[1], gradients[2]).transpose(),
             }
         };
         frames.iter().zip(colors.chunks_exact(count)).map(fit).collect()
@@ -84,13 +86,13 @@ pub(crate) fn linear(surface: &Surface, endpoints: &[Vec3], volume: &dyn Volume)
     endpoints.chunks(CHUNK).zip(surface.normals.chunks(CHUNK)).flat_map(of_chunk).collect()
 }
 
-/// Axes with z along `normal`.
+/// Returns axes with z along `normal`.
 pub(crate) fn frame(normal: Vec3) -> Mat3 {
     let (x, y) = normal.any_orthonormal_pair();
     Mat3::from_cols(x, y, normal)
 }
 
-/// Directions of view that meet the xy plane from above at `tilt` from its normal.
+/// Returns directions of view that meet the xy plane from above at `tilt` from its normal.
 fn ring(tilt: f32, count: usize) -> impl Iterator<Item = Vec3> {
     let (sin, cos) = tilt.sin_cos();
     (0..count).map(move |i| {
@@ -99,7 +101,8 @@ fn ring(tilt: f32, count: usize) -> impl Iterator<Item = Vec3> {
     })
 }
 
-/// The columns of `(AᵀA)⁻¹Aᵀ`, which give the coefficients of x, y, z and 1 of the least-squares fit of a linear function.
+/// Returns the columns of `(AᵀA)⁻¹Aᵀ`, which give the coefficients of x, y, z and 1 of the least-squares fit of a
+/// linear function.
 fn regression(directions: &[Vec3]) -> Vec<DVec4> {
     let rows: Vec<DVec4> = directions.iter().map(|d| d.as_dvec3().extend(1.0)).collect();
     let outer = |v: DVec4| DMat4::from_cols(v * v.x, v * v.y, v * v.z, v * v.w);
@@ -129,8 +132,8 @@ mod tests {
         for (color, p) in linear(&surface, &points, &ball).iter().zip(&points) {
             let expected = 0.5 + 0.3 * *p;
             assert!((color.mean - expected).length() < 1e-4, "{} for {expected}", color.mean);
-            let slope = Mat3::from_cols(Vec3::ZERO, Vec3::X * 0.1, Vec3::ZERO);
-            assert!(color.slope.abs_diff_eq(slope, 1e-4), "{}", color.slope);
+            let gradient = Mat3::from_cols(Vec3::ZERO, Vec3::X * 0.1, Vec3::ZERO);
+            assert!(color.gradient.abs_diff_eq(gradient, 1e-4), "{}", color.gradient);
         }
     }
 

@@ -3,14 +3,13 @@
 use glam::Vec3;
 use meshopt::{SimplifyOptions, simplify_decoder};
 
-use crate::Surface;
 use crate::components::without_small;
-use crate::surface::normals;
+use crate::surface::{Surface, normals};
 
 impl Surface {
-    /// The surface with at most `triangles` triangles if its shape allows, by collapsing the edges that change it least (quadric
-    /// error metrics, Garland and Heckbert 1997, by meshoptimizer). It stays closed. A surface with no more triangles is
-    /// returned unchanged.
+    /// Simplifies the surface to at most `triangles` triangles if its shape allows, by collapsing the edges that change
+    /// it least (quadric error metrics, Garland and Heckbert 1997, by meshoptimizer). It stays closed. A surface with
+    /// no more triangles is returned unchanged.
     #[must_use]
     pub fn simplified(self, triangles: usize) -> Self {
         if self.triangles.len() <= triangles {
@@ -18,7 +17,7 @@ impl Surface {
         }
         let vertices: Vec<[f32; 3]> = self.positions.iter().map(Vec3::to_array).collect();
         let target = 3 * triangles;
-        // Any error: how many triangles there are decides.
+        // Any error: the number of triangles decides.
         let options = SimplifyOptions::None;
         let indices = simplify_decoder(self.triangles.as_flattened(), &vertices, target, f32::MAX, options, None);
         let triangles = indices.chunks_exact(3).map(|t| [t[0], t[1], t[2]]).collect();

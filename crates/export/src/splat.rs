@@ -4,32 +4,35 @@ use glam::{Mat3, Quat, Vec3};
 
 use crate::ply::header;
 use crate::shading::{LinearColor, endpoints, frame, linear};
-use crate::{Surface, Volume};
+use crate::surface::Surface;
+use crate::volume::Volume;
 
-/// Standard deviations of a gaussian in voxels: along the surface, where neighbours about a voxel apart must leave no holes, and
-/// across it.
+/// Standard deviations of a gaussian in voxels: along the surface, where neighbours about a voxel apart must leave no
+/// holes, and across it.
 const WIDTH: f32 = 0.7;
 const THICKNESS: f32 = 0.2;
-/// Opacity of a gaussian at its centre, the most that renderers allow.
+/// Opacity of a gaussian at its centre, the greatest that renderers allow.
 const OPACITY: f32 = 0.99;
 
-/// A flat gaussian with a colour that is linear in the direction of view.
+/// Flat gaussian with a colour that is linear in the direction of view.
 #[derive(Clone, Copy, Debug)]
 pub struct Gaussian {
-    /// Its centre, scene units.
+    /// Centre, scene units.
     pub position: Vec3,
     /// Standard deviations along its own axes, scene units.
     pub scale: Vec3,
-    /// Its axes; the third is the surface's normal.
+    /// Rotation of the axes; the third is the surface's normal.
     pub rotation: Quat,
-    /// Opacity at its centre.
+    /// Opacity at the centre.
     pub opacity: f32,
-    /// Spherical harmonics of red, green and blue, degrees 0 and 1, in the order and with the signs of 3DGS: along the unit
-    /// direction (x, y, z) from the eye `½ + √(1/4π) sh₀ + √(3/4π) (−y sh₁ + z sh₂ − x sh₃)`, see [`Gaussian::color`].
+    /// Spherical harmonics of red, green and blue, degrees 0 and 1, in the order and with the signs of 3DGS: along the
+    /// unit direction (x, y, z) from the eye `½ + √(1/4π) sh₀ + √(3/4π) (−y sh₁ + z sh₂ − x sh₃)`, see
+    /// [`Gaussian::color`].
     pub sh: [[f32; 4]; 3],
 }
 
-/// A gaussian at each vertex of `surface`, tangent to it, with the colours of `volume`: a start for [`refine`](crate::refine).
+/// Places a gaussian at each vertex of `surface`, tangent to it, with the colours of `volume`: a start for
+/// [`refine`](crate::refine).
 pub fn gaussians(surface: &Surface, volume: &dyn Volume) -> Vec<Gaussian> {
     let colors = linear(surface, &endpoints(surface, volume), volume);
     let scale = surface.voxel * Vec3::new(WIDTH, WIDTH, THICKNESS);
@@ -43,32 +46,31 @@ pub fn gaussians(surface: &Surface, volume: &dyn Volume) -> Vec<Gaussian> {
     surface.positions.iter().zip(&surface.normals).zip(&colors).map(place).collect()
 }
 
-/// Y₀ = √(1/4π), and the factor √(3/4π) of the harmonics of degree 1.
+/// Harmonic of degree 0, √(1/4π), and factor of the harmonics of degree 1, √(3/4π).
 pub(crate) const DEGREE_0: f32 = 0.282_094_8;
 pub(crate) const DEGREE_1: f32 = 0.488_602_5;
 
 impl Gaussian {
-    /// Its colour along the unit `direction` from the eye, display-encoded RGB, at least 0.
+    /// Evaluates the colour along the unit `direction` from the eye, display-encoded RGB, at least 0.
     pub fn color(&self, direction: Vec3) -> Vec3 {
         let shown = self.sh.map(|[constant, y, z, x]| {
-            let slope = -direction.y * y + direction.z * z - direction.x * x;
-            0.5 + DEGREE_0 * constant + DEGREE_1 * slope
+            0.5 + DEGREE_0 * constant + DEGREE_1 * (direction.z * z - direction.y * y - direction.x * x)
         });
         Vec3::from_array(shown).max(Vec3::ZERO)
     }
 }
 
-/// The coefficients of a linear colour.
+/// Returns the coefficients of a linear colour.
 fn harmonics(color: &LinearColor) -> [[f32; 4]; 3] {
     // Rows: what x, y and z of the direction add to one channel.
-    let Mat3 { x_axis: red, y_axis: green, z_axis: blue } = color.slope.transpose();
-    let channel = |mean: f32, slope: Vec3| {
-        [(mean - 0.5) / DEGREE_0, -slope.y / DEGREE_1, slope.z / DEGREE_1, -slope.x / DEGREE_1]
+    let Mat3 { x_axis: red, y_axis: green, z_axis: blue } = color.gradient.transpose();
+    let channel = |mean: f32, gradient: Vec3| {
+        [(mean - 0.5) / DEGREE_0, -gradient.y / DEGREE_1, gradient.z / DEGREE_1, -gradient.x / DEGREE_1]
     };
     [channel(color.mean.x, red), channel(color.mean.y, green), channel(color.mean.z, blue)]
 }
 
-/// Gaussians as PLY in the layout of 3DGS: positions, normals, `f_dc`, `f_rest` (channel by channel),
+/// Encodes gaussians as PLY in the layout of 3DGS: positions, normals, `f_dc`, `f_rest` (channel by channel),
 /// the logit of the opacity, the logarithm of the scales, and rotations as (w, x, y, z).
 pub fn ply_splats(gaussians: &[Gaussian]) -> Vec<u8> {
     let numbered = |name: &'static str, count: usize| (0..count).map(move |i| format!("float {name}_{i}"));

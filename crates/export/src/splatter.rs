@@ -1,4 +1,4 @@
-//! Pictures of gaussians, as viewers of 3DGS show them.
+//! Images of gaussians, as viewers of 3DGS show them.
 
 use std::ops::Range;
 
@@ -6,23 +6,23 @@ use glam::{Mat3, Vec2, Vec3};
 use infonerf_scene::Camera;
 use rayon::prelude::*;
 
-use crate::Gaussian;
+use crate::splat::Gaussian;
 
-/// A gaussian nearer to the camera than this many of its standard deviations is left out: the projection is linearised about
-/// its centre.
-const NEAREST: f32 = 3.0;
-/// Added to the projected variances, pixels², so that no gaussian falls between pixels.
-const WIDENED: f32 = 0.3;
-/// The largest opacity of a gaussian at a pixel, and the smallest one that is blended.
-pub(crate) const MOST_ALPHA: f32 = 0.99;
-const LEAST_ALPHA: f32 = 1.0 / 255.0;
+/// Distance to the camera, in standard deviations, below which a gaussian is left out: the projection is linearised
+/// about its centre.
+const MIN_DISTANCE: f32 = 3.0;
+/// Addition to the projected variances, pixels², so that no gaussian falls between pixels.
+const MIN_VARIANCE: f32 = 0.3;
+/// Greatest opacity of a gaussian at a pixel, and the smallest one that is blended.
+pub(crate) const MAX_ALPHA: f32 = 0.99;
+const MIN_ALPHA: f32 = 1.0 / 255.0;
 /// Transmittance below which nothing more is blended.
 const DONE: f32 = 1e-4;
 
-/// The picture of `gaussians` that `camera` sees, row-major, by EWA splatting as in 3DGS (Kerbl et al. 2023, Sec. 4 and 6): front
-/// to back, `α = min(0.99, opacity · exp(−½ dᵀ Σ′⁻¹ d))` with the projected covariance `Σ′ = J W Σ Wᵀ Jᵀ + 0.3 I`, on a
-/// background. The camera's lens is ignored. A reference: exact rather than fast.
-pub fn splat_picture(gaussians: &[Gaussian], camera: &Camera, background: [f32; 3]) -> Vec<[f32; 3]> {
+/// Renders the image of `gaussians` that `camera` sees, row-major, by EWA splatting as in 3DGS (Kerbl et al. 2023, Sec.
+/// 4 and 6): front to back, `α = min(0.99, opacity · exp(−½ dᵀ Σ′⁻¹ d))` with the projected covariance `Σ′ = J W Σ Wᵀ
+/// Jᵀ + 0.3 I`, on a background. The camera's lens is ignored. A reference: exact rather than fast.
+pub fn splat_image(gaussians: &[Gaussian], camera: &Camera, background: [f32; 3]) -> Vec<[f32; 3]> {
     let splats = Splats::project(gaussians, camera);
     let background = Vec3::from_array(background);
     let row = |y| {
@@ -33,10 +33,10 @@ pub fn splat_picture(gaussians: &[Gaussian], camera: &Camera, background: [f32; 
     (0..splats.rows.len()).into_par_iter().flat_map_iter(row).collect()
 }
 
-/// What a camera sees of gaussians, front to back.
+/// Gaussians projected into a camera, front to back.
 pub(crate) struct Splats {
     pub(crate) list: Vec<Splat>,
-    /// For each row of the picture the splats that reach it, front to back.
+    /// For each row of the image the splats that reach it, front to back.
     pub(crate) rows: Vec<Vec<u32>>,
     width: usize,
 }
@@ -55,15 +55,15 @@ impl Splats {
         Self { list, rows, width: camera.width as usize }
     }
 
-    /// Blends row `y` front to back. Calls `visit(x, splat, α, T)` for each contribution, where T is the transmittance before it;
-    /// returns the transmittance of each pixel behind all of them.
+    /// Blends row `y` front to back. Calls `visit(x, splat, α, T)` for each contribution, where T is the transmittance
+    /// before it; returns the transmittance of each pixel behind all of them.
     pub(crate) fn blend(&self, y: usize, mut visit: impl FnMut(usize, usize, f32, f32)) -> Vec<f32> {
         let mut passes = vec![1.0; self.width];
         for &number in &self.rows[y] {
             let splat = &self.list[number as usize];
             for x in pixels(splat.centre.x, splat.reach.x, self.width) {
                 let alpha = splat.alpha(splat.offset(x, y));
-                if passes[x] > DONE && alpha >= LEAST_ALPHA {
+                if passes[x] > DONE && alpha >= MIN_ALPHA {
                     visit(x, number as usize, alpha, passes[x]);
                     passes[x] *= 1.0 - alpha;
                 }
@@ -73,52 +73,52 @@ impl Splats {
     }
 }
 
-/// The pixels of a row or column of `count` whose centres are at most `reach` from `centre`.
+/// Returns the pixels of a row or column of `count` whose centres are at most `reach` from `centre`.
 fn pixels(centre: f32, reach: f32, count: usize) -> Range<usize> {
     let end = ((centre + reach + 0.5).floor().max(0.0) as usize).min(count);
     ((centre - reach - 0.5).ceil().max(0.0) as usize).min(end)..end
 }
 
-/// A gaussian in a picture.
+/// Gaussian in an image.
 pub(crate) struct Splat {
-    /// The place of its gaussian in the list.
+    /// Index of the gaussian.
     pub(crate) index: usize,
-    /// Pixels.
+    /// Centre, pixels.
     centre: Vec2,
     /// Half the size of the box in which it shows, pixels.
     reach: Vec2,
-    /// Its half-axes in the picture: Σ′ = Σ a aᵀ + 0.3 I. Pixels.
+    /// Half-axes in the image: Σ′ = Σ a aᵀ + 0.3 I. Pixels.
     pub(crate) axes: [Vec2; 3],
-    /// Σ′⁻¹: its entries xx, xy and yy, 1/pixel².
+    /// Entries xx, xy and yy of Σ′⁻¹, 1/pixel².
     conic: Vec3,
     pub(crate) opacity: f32,
     pub(crate) color: Vec3,
-    /// The direction from the eye, of unit length.
+    /// Direction from the eye, of unit length.
     pub(crate) direction: Vec3,
     /// Distance along the viewing axis.
     depth: f32,
 }
 
 impl Splat {
-    /// The projection of a gaussian; none behind the camera or too near.
+    /// Projects a gaussian; `None` behind the camera or too near.
     fn of(index: usize, gaussian: &Gaussian, camera: &Camera) -> Option<Self> {
         // x right, y down, z forward.
         let rotation = Mat3::from_mat4(camera.to_world.as_mat4()) * Mat3::from_diagonal(Vec3::new(1.0, -1.0, -1.0));
         let eye = camera.position();
         let p = rotation.transpose() * (gaussian.position - eye);
-        if p.z <= NEAREST * gaussian.scale.max_element() {
+        if p.z <= MIN_DISTANCE * gaussian.scale.max_element() {
             return None;
         }
         let [fx, fy, cx, cy] = [camera.fx, camera.fy, camera.cx, camera.cy].map(|value| value as f32);
-        // Half-axes in the camera's coordinates, and in the picture by the derivative of the projection.
+        // Half-axes in the camera's coordinates, and in the image by the derivative of the projection.
         let axes = rotation.transpose() * Mat3::from_quat(gaussian.rotation) * Mat3::from_diagonal(gaussian.scale);
         let flat = |v: Vec3| Vec2::new(fx * (v.x - v.z * p.x / p.z), fy * (v.y - v.z * p.y / p.z)) / p.z;
         let axes = [axes.x_axis, axes.y_axis, axes.z_axis].map(flat);
         let sum = |entry: fn(Vec2) -> f32| axes.iter().map(|&axis| entry(axis)).sum::<f32>();
-        let (xx, xy, yy) = (sum(|a| a.x * a.x) + WIDENED, sum(|a| a.x * a.y), sum(|a| a.y * a.y) + WIDENED);
+        let (xx, xy, yy) = (sum(|a| a.x * a.x) + MIN_VARIANCE, sum(|a| a.x * a.y), sum(|a| a.y * a.y) + MIN_VARIANCE);
         let determinant = xx * yy - xy * xy;
         // Beyond this many standard deviations it stops too little.
-        let deviations = (2.0 * (gaussian.opacity / LEAST_ALPHA).ln().max(0.0)).sqrt();
+        let deviations = (2.0 * (gaussian.opacity / MIN_ALPHA).ln().max(0.0)).sqrt();
         let direction = (gaussian.position - eye).normalize_or_zero();
         Some(Self {
             index,
@@ -133,19 +133,19 @@ impl Splat {
         })
     }
 
-    /// The pixel's centre, relative to the splat's.
+    /// Returns the pixel's centre, relative to the splat's.
     pub(crate) fn offset(&self, x: usize, y: usize) -> Vec2 {
         Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - self.centre
     }
 
-    /// Σ′⁻¹ d.
+    /// Returns Σ′⁻¹ d.
     pub(crate) fn whitened(&self, d: Vec2) -> Vec2 {
         let Vec3 { x: xx, y: xy, z: yy } = self.conic;
         Vec2::new(xx * d.x + xy * d.y, xy * d.x + yy * d.y)
     }
 
     fn alpha(&self, d: Vec2) -> f32 {
-        (self.opacity * (-0.5 * d.dot(self.whitened(d))).exp()).min(MOST_ALPHA)
+        (self.opacity * (-0.5 * d.dot(self.whitened(d))).exp()).min(MAX_ALPHA)
     }
 }
 
@@ -155,12 +155,12 @@ mod tests {
 
     use super::*;
 
-    /// Looks along −z from (0, 0, 4); a scene unit at the origin is 20 pixels wide.
+    /// Returns a camera that looks along −z from (0, 0, 4); a scene unit at the origin is 20 pixels wide.
     fn camera() -> Camera {
         Camera::pinhole((40, 30), [80.0, 80.0], [20.0, 15.0], DMat4::from_translation(DVec3::Z * 4.0))
     }
 
-    /// Red 1, green and blue 0, from all sides.
+    /// Returns a gaussian of red 1, green and blue 0 from all sides.
     fn gaussian(position: Vec3, scale: Vec3, opacity: f32) -> Gaussian {
         let channel = |value: f32| [(value - 0.5) / 0.282_094_8, 0.0, 0.0, 0.0];
         let sh = [channel(1.0), channel(0.0), channel(0.0)];
@@ -171,14 +171,14 @@ mod tests {
     fn a_gaussian_has_its_size_and_place() {
         // Centre at pixel (30, 15) − ½, standard deviations 6 and 2 pixels.
         let one = gaussian(Vec3::new(0.5, 0.0, 0.0), Vec3::new(0.3, 0.1, 0.01), 0.8);
-        let picture = splat_picture(&[one], &camera(), [0.0; 3]);
+        let image = splat_image(&[one], &camera(), [0.0; 3]);
         for (x, y) in [(30, 15), (24, 15), (30, 11), (35, 17)] {
             let (dx, dy) = (x as f32 + 0.5 - 30.0, y as f32 + 0.5 - 15.0);
             let expected = 0.8 * (-0.5 * (dx * dx / 36.3 + dy * dy / 4.3)).exp();
-            let found = picture[y * 40 + x];
+            let found = image[y * 40 + x];
             assert!((found[0] - expected).abs() < 2e-3 && found[1] == 0.0, "{x} {y}: {found:?} for {expected}");
         }
-        assert_eq!(picture[2 * 40 + 3], [0.0; 3]);
+        assert_eq!(image[2 * 40 + 3], [0.0; 3]);
     }
 
     #[test]
@@ -187,11 +187,11 @@ mod tests {
         let blue =
             Gaussian { sh: [near.sh[1], near.sh[1], near.sh[0]], ..gaussian(Vec3::ZERO, Vec3::splat(0.5), 0.99) };
         for order in [[near, blue], [blue, near]] {
-            let [red, _, blue] = splat_picture(&order, &camera(), [1.0; 3])[15 * 40 + 20];
+            let [red, _, blue] = splat_image(&order, &camera(), [1.0; 3])[15 * 40 + 20];
             assert!(red > 0.95 && blue < 0.05, "{red} {blue}");
         }
         // Behind the camera there is nothing.
         let behind = gaussian(Vec3::Z * 5.0, Vec3::splat(0.1), 0.99);
-        assert!(splat_picture(&[behind], &camera(), [0.25; 3]).iter().all(|pixel| *pixel == [0.25; 3]));
+        assert!(splat_image(&[behind], &camera(), [0.25; 3]).iter().all(|pixel| *pixel == [0.25; 3]));
     }
 }

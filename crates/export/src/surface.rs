@@ -1,13 +1,14 @@
-//! From densities to triangles.
+//! Extraction of triangles from densities.
 
 use fast_surface_nets::ndshape::{RuntimeShape, Shape};
 use fast_surface_nets::{SurfaceNetsBuffer, surface_nets};
 use glam::Vec3;
 
 use crate::components::without_small;
-use crate::{ExportError, Grid};
+use crate::error::ExportError;
+use crate::grid::DensityGrid;
 
-/// A closed surface of triangles, counter-clockwise seen from outside.
+/// Closed surface of triangles, counter-clockwise seen from outside.
 #[derive(Clone, Debug, Default)]
 pub struct Surface {
     /// Vertices, scene units.
@@ -16,22 +17,23 @@ pub struct Surface {
     pub normals: Vec<Vec3>,
     /// Vertices of each triangle.
     pub triangles: Vec<[u32; 3]>,
-    /// Edge of the voxels that it was extracted from, scene units.
+    /// Edge of the grid's voxels, scene units.
     pub voxel: f32,
-    /// How many components were left out for being small.
+    /// Number of small components that were left out.
     pub dropped: usize,
 }
 
 impl Surface {
-    /// The surface on which `grid` has the density σ = [`Grid::level`], by naive surface nets (Gibson 1998) on the opacity
-    /// `1 − 2^(−σ/level)`, which is bounded and so places the surface between voxels better than the density does.
+    /// Extracts the surface on which `grid` has the density σ = [`DensityGrid::level`], by naive surface nets (Gibson
+    /// 1998) on the opacity `1 − 2^(−σ/level)`, which is bounded and so places the surface between voxels better than
+    /// the density does.
     ///
-    /// The surface is closed at the grid's border. Cavities that cannot be reached from outside are filled, as no camera sees
-    /// into them, and components with less than a thousandth of the largest one's area are left out.
+    /// The surface is closed at the grid's border. Cavities that cannot be reached from outside are filled, as no
+    /// camera sees into them, and components with less than a thousandth of the largest one's area are left out.
     ///
     /// # Errors
-    /// If no voxel reaches that density.
-    pub fn extract(grid: &Grid) -> Result<Self, ExportError> {
+    /// [`ExportError::NoSurface`] if no voxel reaches that density.
+    pub fn extract(grid: &DensityGrid) -> Result<Self, ExportError> {
         let shape = RuntimeShape::<u32, 3>::new((grid.size + 2).to_array());
         let mut values = padded(grid, &shape);
         if values.iter().all(|&value| value >= 0.0) {
@@ -52,8 +54,8 @@ impl Surface {
     }
 }
 
-/// ½ − opacity of every voxel, negative inside, with a border of empty voxels.
-fn padded(grid: &Grid, shape: &RuntimeShape<u32, 3>) -> Vec<f32> {
+/// Returns ½ − opacity of every voxel, negative inside, with a border of empty voxels.
+fn padded(grid: &DensityGrid, shape: &RuntimeShape<u32, 3>) -> Vec<f32> {
     const EMPTY: f32 = 0.5;
     let mut values = vec![EMPTY; shape.usize()];
     let row = grid.size.x as usize;
@@ -68,7 +70,7 @@ fn padded(grid: &Grid, shape: &RuntimeShape<u32, 3>) -> Vec<f32> {
 }
 
 /// Makes solid every voxel that cannot be reached from the border through empty voxels (6-connected).
-fn fill_cavities(values: &mut [f32], grid: &Grid) {
+fn fill_cavities(values: &mut [f32], grid: &DensityGrid) {
     const SOLID: f32 = -0.5;
     let size = (grid.size + 2).to_array().map(|n| n as usize);
     let strides = [1, size[0], size[0] * size[1]];
@@ -95,7 +97,7 @@ fn fill_cavities(values: &mut [f32], grid: &Grid) {
     }
 }
 
-/// The area-weighted mean of the normals of each vertex's triangles.
+/// Averages the normals of each vertex's triangles, weighted by area.
 pub(crate) fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
     let mut normals = vec![Vec3::ZERO; positions.len()];
     for triangle in triangles {
@@ -110,14 +112,14 @@ pub(crate) fn normals(positions: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
 
 #[cfg(test)]
 pub(crate) mod testing {
-    //! A property that every surface has.
+    //! Property of every surface.
 
     use std::collections::HashMap;
 
     use super::Surface;
 
-    /// Every edge is shared by two triangles that pass it in opposite directions (or by two such pairs, where voxels
-    /// touch at an edge).
+    /// Asserts that every edge is shared by two triangles that pass it in opposite directions (or by two such pairs,
+    /// where voxels touch at an edge).
     pub(crate) fn assert_closed(surface: &Surface) {
         let mut edges: HashMap<(u32, u32), i32> = HashMap::new();
         for &[a, b, c] in &surface.triangles {
@@ -137,9 +139,9 @@ mod tests {
     use super::*;
     use crate::volume::testing::Ball;
 
-    fn grid(size: u32, density: impl Fn(UVec3) -> f32) -> Grid {
+    fn grid(size: u32, density: impl Fn(UVec3) -> f32) -> DensityGrid {
         let cell = |index: u32| UVec3::new(index % size, index / size % size, index / (size * size));
-        Grid {
+        DensityGrid {
             origin: Vec3::ZERO,
             voxel: 1.0,
             size: UVec3::splat(size),

@@ -1,16 +1,16 @@
 use glam::Vec3;
 use infonerf_scene::Aabb;
 
-/// A radiance field that is queried at points of the world, many at a time.
+/// Radiance field that is queried at points of the world, many at a time.
 pub trait Volume: Sync {
-    /// The box that holds what is exported, scene units.
+    /// Returns the box that is exported, scene units.
     fn bounds(&self) -> Aabb;
 
-    /// Density σ ≥ 0 at each of `points`, 1/scene unit.
+    /// Evaluates the density σ ≥ 0 at each of `points`, 1/scene unit.
     fn density(&self, points: &[Vec3]) -> Vec<f32>;
 
-    /// Display-encoded colour in [0, 1]³ at each of `points`, seen along the unit direction of the same index, from the
-    /// eye to the point.
+    /// Evaluates the display-encoded colour in [0, 1]³ at each of `points`, seen along the unit direction of the same
+    /// index, from the eye to the point.
     fn color(&self, points: &[Vec3], directions: &[Vec3]) -> Vec<[f32; 3]>;
 }
 
@@ -24,28 +24,23 @@ pub(crate) mod testing {
     use infonerf_scene::Aabb;
 
     use super::Volume;
-    use crate::{Grid, Surface};
+    use crate::grid::DensityGrid;
+    use crate::surface::Surface;
 
-    /// A ball about the origin whose density rises smoothly through the surface:
-    /// `σ = sharpness · softplus(sharpness · (radius − |p|))`. Red, green and blue follow x, y and z, and red the direction
-    /// too.
+    /// Ball about the origin whose density rises smoothly through the surface: `σ = sharpness · softplus(sharpness ·
+    /// (radius − |p|))`. Red, green and blue follow x, y and z, and red the direction too.
     pub struct Ball {
         pub radius: f32,
         pub sharpness: f32,
     }
 
     impl Ball {
-        /// Its densities; the surface is the sphere of its radius.
-        pub fn grid(&self, resolution: usize) -> Grid {
-            Grid::sample(self, resolution, self.sharpness * LN_2).unwrap()
-        }
-
-        /// The sphere of its radius.
+        /// Extracts the sphere of its radius.
         pub fn surface(&self, resolution: usize) -> Surface {
-            Surface::extract(&self.grid(resolution)).unwrap()
+            Surface::extract(&DensityGrid::sample(self, resolution, self.sharpness * LN_2).unwrap()).unwrap()
         }
 
-        /// The distance from the origin at which the density is `level`.
+        /// Returns the distance from the origin at which the density is `level`.
         pub fn radius_at(&self, level: f32) -> f32 {
             self.radius - (level / self.sharpness).exp_m1().ln() / self.sharpness
         }

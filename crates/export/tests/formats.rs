@@ -1,16 +1,15 @@
 //! Exported files, read back by third-party libraries.
 
-use std::io::{BufReader, Cursor, Read};
+use std::io::BufReader;
 
-use glam::{Quat, UVec3, Vec3};
+use glam::{Quat, Vec3};
 use goth_gltf::default_extensions::Extensions;
 use goth_gltf::{AccessorType, ComponentType, Gltf};
-use infonerf_export::{Gaussian, Grid, Mesh, Surface, Volume, glb, npz, obj, ply_mesh, ply_points, ply_splats};
-use infonerf_scene::Aabb;
+use infonerf_export::{Gaussian, Mesh, Surface, glb, ply_mesh, ply_points, ply_splats};
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Ply, Property};
 
-/// A tetrahedron in four colours.
+/// Returns a tetrahedron in four colours.
 fn mesh() -> Mesh {
     let positions = vec![Vec3::ZERO, Vec3::X, Vec3::Y * 2.0, Vec3::Z * 0.1];
     let triangles = vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
@@ -38,7 +37,7 @@ fn byte(element: &DefaultElement, name: &str) -> u8 {
 }
 
 #[test]
-fn ply_of_a_mesh_and_of_points() {
+fn ply_holds_a_mesh_or_points() {
     let mesh = mesh();
     for (bytes, faces) in [(ply_mesh(&mesh), 4), (ply_points(&mesh), 0)] {
         let ply = read_ply(&bytes);
@@ -61,28 +60,7 @@ fn ply_of_a_mesh_and_of_points() {
 }
 
 #[test]
-fn obj_with_vertex_colours() {
-    let mesh = mesh();
-    let text = obj(&mesh);
-    let options = tobj::LoadOptions { single_index: true, ..tobj::LoadOptions::default() };
-    let (models, _) =
-        tobj::load_obj_buf(&mut text.as_bytes(), &options, |_| Err(tobj::LoadError::OpenFileFailed)).unwrap();
-    let read = &models[0].mesh;
-    assert_eq!(models.len(), 1);
-    let vectors = |values: &[f32]| -> Vec<Vec3> { values.chunks_exact(3).map(Vec3::from_slice).collect() };
-    // The reader numbers vertices in the order in which triangles use them.
-    let (positions, normals, colors) = (vectors(&read.positions), vectors(&read.normals), vectors(&read.vertex_color));
-    assert_eq!(read.indices.len(), 12);
-    for (index, expected) in read.indices.iter().zip(mesh.surface.triangles.iter().flatten()) {
-        let (index, expected) = (*index as usize, *expected as usize);
-        assert_eq!(positions[index], mesh.surface.positions[expected]);
-        assert!((normals[index] - mesh.surface.normals[expected]).length() < 1e-4);
-        assert!((colors[index] - Vec3::from_array(mesh.colors[expected])).length() < 1e-3);
-    }
-}
-
-#[test]
-fn glb_that_stands_upright() {
+fn glb_stands_upright_in_linear_colours() {
     let mesh = mesh();
     let bytes = glb(&mesh, Vec3::Z).unwrap();
     assert_eq!((bytes.len() as u32).to_le_bytes(), bytes[8..12]);
@@ -170,50 +148,4 @@ fn splats_with_the_properties_of_3dgs() {
     for (value, expected) in values("rot", 4).iter().zip([half.cos(), half.sin(), 0.0, 0.0]) {
         assert!((value - expected).abs() < 1e-6);
     }
-}
-
-/// Density 10 x in a box twice as wide as deep, coloured by position.
-struct Ramp;
-
-impl Volume for Ramp {
-    fn bounds(&self) -> Aabb {
-        Aabb { min: Vec3::ZERO, max: Vec3::new(2.0, 1.0, 0.5) }
-    }
-
-    fn density(&self, points: &[Vec3]) -> Vec<f32> {
-        points.iter().map(|p| if p.x > 1.0 { 10.0 * p.x } else { 0.0 }).collect()
-    }
-
-    fn color(&self, points: &[Vec3], directions: &[Vec3]) -> Vec<[f32; 3]> {
-        points.iter().zip(directions).map(|(p, d)| [0.5 * p.x, p.y, 0.5 + 0.5 * d.z]).collect()
-    }
-}
-
-#[test]
-fn npz_of_a_grid() {
-    let grid = Grid::sample(&Ramp, 8, 5.0).unwrap();
-    assert_eq!(grid.size, UVec3::new(8, 4, 2));
-    let bytes = npz(&grid, &Ramp).unwrap();
-    let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).unwrap();
-    let mut array = |name: &str| {
-        let mut bytes = Vec::new();
-        archive.by_name(&format!("{name}.npy")).unwrap().read_to_end(&mut bytes).unwrap();
-        bytes
-    };
-    let density = npyz::NpyFile::new(Cursor::new(array("density"))).unwrap();
-    assert_eq!((density.shape(), density.order()), (&[2, 4, 8][..], npyz::Order::C));
-    assert_eq!(density.into_vec::<f32>().unwrap(), grid.density);
-    let color = npyz::NpyFile::new(Cursor::new(array("color"))).unwrap();
-    assert_eq!(color.shape(), [2, 4, 8, 3]);
-    let color = color.into_vec::<u8>().unwrap();
-    for index in 0..grid.len() {
-        let p = grid.point(index);
-        // The direction averages out.
-        let expected = if p.x > 1.0 { [0.5 * p.x, p.y, 0.5].map(|c| (c * 255.0).round() as u8) } else { [0; 3] };
-        let found = &color[3 * index..3 * index + 3];
-        assert!(found.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 1), "{found:?} for {expected:?}");
-    }
-    let numbers = |bytes: Vec<u8>| npyz::NpyFile::new(Cursor::new(bytes)).unwrap().into_vec::<f32>().unwrap();
-    assert_eq!(numbers(array("origin")), grid.origin.to_array());
-    assert_eq!(numbers(array("voxel")), [0.25]);
 }

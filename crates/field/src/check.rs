@@ -1,33 +1,23 @@
 //! Checks of sizes that fields share.
 
 use burn::tensor::{Device, FloatDType};
+use infonerf_ops::has_host_kernels;
 use infonerf_ops::mlp::Precision;
-use infonerf_ops::{has_host_kernels, has_tf32};
 use infonerf_schedule::{Fault, Schedule};
 
-/// Refuses what was `found` at `key` of `[field]` unless it is `good`.
+/// Refuses the value `found` at `key` of `[field]` unless it is `good`.
 pub(crate) fn check(key: &str, expected: &str, found: impl ToString, good: bool) -> Result<(), Fault> {
     Fault::unless(good, key, expected, found).map_err(|fault| fault.within("field"))
 }
 
-/// Sizes of NeRF's MLP.
-pub(crate) fn check_mlp(layers: usize, width: usize, direction_frequencies: usize) -> Result<(), Fault> {
-    check("layers", "1 to 64", layers, (1..=64).contains(&layers))?;
-    check("width", "an even number from 2 to 4096", width, (2..=4096).contains(&width) && width.is_multiple_of(2))?;
-    check("direction_frequencies", "0 to 20", direction_frequencies, direction_frequencies <= 20)
-}
-
-/// Whether the device supports the precision.
+/// Refuses a precision that the device does not support.
 pub(crate) fn check_precision(precision: Precision, device: &Device) -> Result<(), Fault> {
-    let (good, name) = match precision {
-        Precision::F32 => (true, "f32"),
-        Precision::Tf32 => (has_tf32(device), "tf32"),
-        Precision::Bf16 => (has_host_kernels(device) || device.supports_dtype(FloatDType::BF16), "bf16"),
-    };
-    check("precision", &format!("\"f32\", as this device has no {name}"), name, good)
+    let supported = has_host_kernels(device) || device.supports_dtype(FloatDType::BF16);
+    let good = precision == Precision::F32 || supported;
+    check("precision", "\"f32\", as this device has no bf16", "bf16", good)
 }
 
-/// Shares of detail.
+/// Refuses shares of detail outside [0, 1].
 pub(crate) fn check_detail(detail: &Schedule) -> Result<(), Fault> {
     let range = format!("{} to {}", detail.least(), detail.largest());
     check("detail", "shares from 0 to 1", range, detail.least() >= 0.0 && detail.largest() <= 1.0)

@@ -1,15 +1,16 @@
 use burn::tensor::Tensor;
 use infonerf_schedule::Moment;
 
-use crate::{Field, Points};
+use crate::field::Field;
+use crate::points::Points;
 
-/// Density σ, `[M]`, and its gradient ∂σ/∂x, `[M, 3]`, in 1/unit and 1/unit² of the positions' space; −∂σ/∂x points out of
-/// what is dense. Both are outside of any graph, and parameters get no gradients.
+/// Computes density σ, `[M]`, and its gradient ∂σ/∂x, `[M, 3]`, in 1/unit and 1/unit² of the positions' space; −∂σ/∂x points out of
+/// what is dense. The results are in no graph, and parameters get no gradients.
 ///
-/// The density of a sample depends on its own position alone, so that the gradient of Σσ is the gradient of each. What else
-/// a sample is given (view directions, the lengths and distances of [`Extent`](crate::Extent)) is held fixed.
+/// The density of a sample depends on its own position alone, so that the gradient of Σσ is the gradient of each. View
+/// directions, and the lengths and distances of [`Extent`](crate::Extent), are held fixed.
 ///
-/// None if the field does not [track positions](crate::FieldSpec::tracks_positions).
+/// `None` if the field does not [track positions](crate::FieldTraits::tracks_positions).
 ///
 /// # Panics
 /// As [`Field::evaluate`].

@@ -15,8 +15,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::{check, check_detail};
 use crate::detail::part_weights;
+use crate::field::{Field, FieldSetup, FieldSpec, Footprint};
 use crate::init::uniform;
-use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points};
+use crate::penalty::Penalty;
+use crate::points::{FieldOutput, Points};
 
 /// Sizes of [`FactoredField`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,9 +34,9 @@ pub struct FactoredConfig {
     pub layers: usize,
     /// Width of the MLP.
     pub width: usize,
-    /// v in c = sigmoid(a + v·B d), the colour in direction d, where the MLP gives a and the 3 × 3 slopes B: 0 to 1, 0 for
-    /// colour that does not depend on it. As Adam's step size does not depend on v, it scales the rate at which slopes are
-    /// learnt: a smaller v explains more of the views by shape.
+    /// v in c = sigmoid(a + v·B d), the colour in direction d, where the MLP gives a and the 3 × 3 matrix B: 0 to 1, 0 for
+    /// colour that does not depend on d. As Adam's step size does not depend on v, v scales the rate at which B is learned: a
+    /// smaller v explains more of the views by shape.
     pub view_dependence: f32,
     /// s in σ = s·softplus(x + b), relative to the longest side of the scene's box: training does not depend on the
     /// scene's units.
@@ -139,32 +141,32 @@ impl FactoredField {
         }
     }
 
-    /// Planes and lines, `[layout.table_len()]`: see [`Self::layout`].
+    /// Returns planes and lines, `[layout.table_len()]`: see [`Self::layout`].
     pub fn tables(&self) -> Tensor<1> {
         self.tables.val()
     }
 
-    /// The MLP, `[layout.weight_len()]`: see [`Self::layout`].
+    /// Returns the MLP's weights, `[layout.weight_len()]`: see [`Self::layout`].
     pub fn weights(&self) -> Tensor<1> {
         self.weights.val()
     }
 
-    /// The layout of [`Self::tables`] and [`Self::weights`].
+    /// Returns the layout of [`Self::tables`] and [`Self::weights`].
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
 
-    /// The factor v on directions: [`FactoredConfig::view_dependence`].
+    /// Returns the factor v on directions: [`FactoredConfig::view_dependence`].
     pub fn view_dependence(&self) -> f32 {
         self.config.view_dependence
     }
 
-    /// Corners of the box that the tables cover.
+    /// Returns the corners of the box that the tables cover.
     pub fn bounds(&self) -> [[f32; 3]; 2] {
         self.bounds
     }
 
-    /// Weights of the frequencies and of the levels at a moment of the run, 0 before they fade in.
+    /// Returns the weights of the frequencies and of the levels at a moment of the run, 0 before they fade in.
     pub fn detail(&self, at: Moment) -> (Vec<f32>, Vec<f32>) {
         let detail = self.config.detail.at(at);
         let levels = part_weights(self.layout.levels.len(), 1.0, detail);
@@ -212,7 +214,7 @@ mod tests {
     use infonerf_ops::to_host;
 
     use super::*;
-    use crate::Extent;
+    use crate::points::Extent;
 
     fn field(view_dependence: f32, device: &Device) -> FactoredField {
         let config = FactoredConfig {
@@ -231,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn without_tensors_it_is_the_same() {
+    fn evaluation_without_tensors_agrees() {
         let device = Device::flex();
         // More than a block, some beyond the box.
         let points: Vec<[f32; 3]> =

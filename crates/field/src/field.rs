@@ -6,16 +6,18 @@ use burn::tensor::{Device, Tensor};
 use infonerf_ops::HostField;
 use infonerf_schedule::{Fault, Moment};
 
-use crate::{FieldOutput, Penalty, Points, Sources};
+use crate::penalty::Penalty;
+use crate::points::{FieldOutput, Points};
+use crate::sources::Sources;
 
 /// A learnable function from position and view direction to density and colour.
 ///
 /// Parameters of a module called `tables` get the learning rate `train.lr` × `train.grid_lr_multiplier`.
 pub trait Field: Module + ModuleDisplay + Sync + 'static {
-    /// Density σ(x), and colour c(x, d) if `color`, differentiable in the parameters.
+    /// Computes density σ(x), and colour c(x, d) if `color`, differentiable in the parameters.
     ///
-    /// Differentiable in the positions too, with view directions held fixed, if the field's config
-    /// [says so](FieldSpec::tracks_positions); otherwise no gradient reaches them.
+    /// Differentiable in the positions too, with view directions held fixed, if the field
+    /// [tracks positions](FieldTraits::tracks_positions); otherwise no gradient reaches them.
     ///
     /// `at` is the moment of the run, for fields that anneal detail; at [`Moment::END`] all of it is in use.
     ///
@@ -23,33 +25,33 @@ pub trait Field: Module + ModuleDisplay + Sync + 'static {
     /// May panic if the field needs to be [conditioned](Self::conditioned) and is not.
     fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput;
 
-    /// The device that holds the parameters.
+    /// Returns the device that holds the parameters.
     fn device(&self) -> Device;
 
-    /// The field at a moment of the run, of positions in scene units and unit directions, without tensors: pictures then
-    /// take less time. None where there is no such way.
+    /// Returns a function of positions in scene units and unit directions that evaluates the field at a moment of the run
+    /// without tensors, which makes renders faster; `None` if the field has none.
     fn on_host(&self, _at: Moment) -> Option<HostField> {
         None
     }
 
-    /// The field conditioned on `sources`, its photographs: with everything computed that is shared by all evaluations of a
-    /// step or picture, such as an image encoder's features or a decoded volume. Gradients flow through it, and it is
-    /// outdated once the parameters change. By default a copy.
+    /// Returns the field conditioned on `sources`: with everything computed that is shared by all evaluations of a step or
+    /// render, such as an image encoder's features or a decoded volume. Gradients flow through it, and it is outdated once the
+    /// parameters change. By default a copy.
     ///
-    /// In a training step, `seed` determines random numbers of the field (a latent code); without it there are none, as for
-    /// pictures.
+    /// In a training step, `seed` determines random numbers of the field (a latent code, noise on density); a render has
+    /// none.
     fn conditioned(&self, _sources: &Sources, _seed: Option<u64>) -> Self {
         self.clone()
     }
 
-    /// The penalty of that name on the parameters of a [conditioned](Self::conditioned) field, a scalar `[1]`; none if the
-    /// field has no such penalty.
+    /// Computes the penalty of that name on the parameters of a [conditioned](Self::conditioned) field, a scalar `[1]`; `None`
+    /// if the field has no such penalty.
     fn penalty(&self, _name: Penalty) -> Option<Tensor<1>> {
         None
     }
 }
 
-/// What a field is built from.
+/// Scene, seed and device that a field is built for.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldSetup<'a> {
     /// Corners of the box that holds the scene, scene units.
@@ -80,8 +82,8 @@ impl Default for Body<'_> {
     }
 }
 
-/// The config of a field. `Display` names the field with its sizes: `MLP of 8 layers of 256`.
-pub trait FieldSpec: fmt::Display {
+/// Config of a field. `Display` names the field with its sizes: `MLP of 8 layers of 256`.
+pub trait FieldSpec: fmt::Display + Clone {
     /// The field.
     type Field: Field;
 
@@ -97,53 +99,73 @@ pub trait FieldSpec: fmt::Display {
     /// If a file cannot be used, or `setup` lacks what the field needs.
     fn build(&self, setup: &FieldSetup<'_>) -> Result<Self::Field, Fault>;
 
-    /// Memory of the field.
+    /// Returns the memory of the field.
     fn footprint(&self) -> Footprint;
 
-    /// Whether the coarse and the fine pass share one network.
-    fn shares_passes(&self) -> bool {
-        false
+    /// Returns the demands of the field on its surroundings.
+    fn traits(&self) -> FieldTraits {
+        FieldTraits::default()
     }
 
-    /// Whether the field needs samples that are intervals (`render.placement = "interval"`).
-    fn needs_intervals(&self) -> bool {
-        false
+    /// Returns the config of the coarse pass's own network; `None` if both passes share one.
+    fn coarse(&self) -> Option<Self> {
+        Some(self.clone())
     }
 
-    /// Whether the field is conditioned on any photographs, and so can be trained on many scenes.
-    fn sees_photographs(&self) -> bool {
-        false
-    }
-
-    /// For a field that is conditioned on the first training views in every step: the key within `[field]` of their number,
-    /// and the number.
-    fn first_photographs(&self) -> Option<(&'static str, usize)> {
-        None
-    }
-
-    /// Whether the field is attached to a body's vertices, and so needs unwarped space.
-    fn needs_body(&self) -> bool {
-        false
-    }
-
-    /// Whether density and colour are differentiable in [`Points::positions`], as `train.cameras.refine` and normals need.
-    fn tracks_positions(&self) -> bool {
-        true
-    }
-
-    /// The file of initial weights, if the field can read one: its key within `[field]`, and its path, which is empty for
-    /// random weights.
-    fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
-        None
-    }
-
-    /// All files that the field reads, of weights and others; empty paths are unused.
-    fn files(&mut self) -> Vec<&mut PathBuf> {
-        self.weights_file().into_iter().map(|(_, path)| path).collect()
+    /// Lists the files that the field reads; empty paths are unused.
+    fn files(&mut self) -> Vec<FieldFile<'_>> {
+        Vec::new()
     }
 }
 
-/// Memory of a field, in numbers of four bytes.
+/// Demands of a field on samples, images and space, and whether gradients reach positions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FieldTraits {
+    /// Whether samples must be intervals (`render.placement = "interval"`).
+    pub intervals: bool,
+    /// Images that the field is conditioned on.
+    pub sources: SourceImages,
+    /// Whether the field is attached to a body's vertices, and so needs unwarped space.
+    pub body: bool,
+    /// Whether density and colour are differentiable in [`Points::positions`], as `train.cameras.refine` and normals need.
+    pub tracks_positions: bool,
+}
+
+impl Default for FieldTraits {
+    /// A field of points in any space, conditioned on no images.
+    fn default() -> Self {
+        Self { intervals: false, sources: SourceImages::None, body: false, tracks_positions: true }
+    }
+}
+
+/// Images that a field is conditioned on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SourceImages {
+    /// No images.
+    None,
+    /// Any images, so that the field can be trained on many scenes.
+    Any,
+    /// The first training views in every step.
+    First {
+        /// Key within `[field]` of their number.
+        key: &'static str,
+        /// Number of images.
+        count: usize,
+    },
+}
+
+/// A file that a field reads.
+#[derive(Debug)]
+pub struct FieldFile<'a> {
+    /// Key within `[field]`.
+    pub key: &'static str,
+    /// Path of the file.
+    pub path: &'a mut PathBuf,
+    /// Whether the file has initial weights, which a trained field does not need; an empty path then means random ones.
+    pub holds_weights: bool,
+}
+
+/// Memory of a field, in values of four bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Footprint {
     /// Parameters.
@@ -153,7 +175,7 @@ pub struct Footprint {
 }
 
 impl Footprint {
-    /// Of `layers` dense layers of `width`, nearly all of an MLP's.
+    /// Returns the memory of `layers` dense layers of `width`, nearly all of an MLP's.
     pub(crate) fn dense(layers: usize, width: usize) -> Self {
         let (layers, width) = (layers as u64, width as u64);
         Self { parameters: layers * width * width, per_sample: layers * width }

@@ -15,9 +15,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::check::{check, check_detail};
 use crate::detail::part_weights;
+use crate::field::{Field, FieldSetup, FieldSpec, Footprint};
 use crate::init::{Init, uniform};
 use crate::mlp::{Mlp, MlpSize};
-use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
+use crate::points::{FieldOutput, Points};
 
 /// Corners of a cell.
 const CORNERS: usize = 8;
@@ -60,7 +61,7 @@ impl fmt::Display for HashConfig {
 }
 
 impl HashConfig {
-    /// Cells along each axis of each level, coarsest first: a geometric series (Eq. 2 and 3).
+    /// Returns the cells along each axis of each level, coarsest first: a geometric series (Eq. 2 and 3).
     fn resolutions(&self) -> Vec<usize> {
         let growth = (self.finest as f64 / self.coarsest as f64).powf(1.0 / (self.levels.max(2) - 1) as f64);
         (0..self.levels).map(|level| (self.coarsest as f64 * growth.powi(level as i32)).round() as usize).collect()
@@ -140,15 +141,15 @@ impl FieldSpec for HashConfig {
 struct LevelTable {
     /// Cells along each axis.
     cells: usize,
-    /// Index of its first entry.
+    /// Index of the level's first entry.
     first: usize,
     entries: usize,
-    /// Whether vertices share entries.
+    /// Whether several vertices share an entry.
     is_hashed: bool,
 }
 
 impl LevelTable {
-    /// The entry of a vertex.
+    /// Returns the entry of a vertex.
     fn entry(self, vertex: [usize; 3]) -> usize {
         let side = self.cells + 1;
         let index = if self.is_hashed {
@@ -160,7 +161,7 @@ impl LevelTable {
         self.first + index
     }
 
-    /// The entries at the corners of the cell around `u` ∈ [0, 1]³, with their trilinear weights, which sum to 1.
+    /// Returns the entries at the corners of the cell around `u` ∈ [0, 1]³, with their trilinear weights, which sum to 1.
     fn corners(self, u: [f32; 3]) -> [(usize, f32); CORNERS] {
         let (low, above) = self.cell(u);
         std::array::from_fn(|corner| {
@@ -175,8 +176,8 @@ impl LevelTable {
         })
     }
 
-    /// How fast the weights of [`Self::corners`] change with `u` along each axis.
-    fn slopes(self, u: [f32; 3]) -> [[f32; 3]; CORNERS] {
+    /// Computes the derivatives of the weights of [`Self::corners`] along each axis of `u`.
+    fn corner_gradients(self, u: [f32; 3]) -> [[f32; 3]; CORNERS] {
         let (_, above) = self.cell(u);
         let cells = self.cells as f32;
         std::array::from_fn(|corner| {
@@ -186,7 +187,7 @@ impl LevelTable {
         })
     }
 
-    /// The lowest corner of the cell around `u`, and how far above it that is, in cells.
+    /// Returns the lowest corner of the cell around `u`, and the offset of `u` from it, in cells.
     fn cell(self, u: [f32; 3]) -> ([usize; 3], [f32; 3]) {
         let scaled = u.map(|u| u * self.cells as f32);
         let low = scaled.map(|x| (x as usize).min(self.cells - 1));
@@ -202,7 +203,7 @@ pub struct HashGrid {
     mlp: Mlp,
     #[module(skip)]
     levels: Vec<LevelTable>,
-    /// Per scene unit.
+    /// Factor on density, 1/scene unit.
     #[module(skip)]
     density_scale: f32,
     #[module(skip)]
@@ -212,7 +213,7 @@ pub struct HashGrid {
 }
 
 impl HashGrid {
-    /// Trilinearly interpolated features of all levels, `[M, levels · features]`.
+    /// Interpolates the features of all levels trilinearly, `[M, levels · features]`.
     fn encode(&self, positions: Tensor<2>, detail: f64) -> Tensor<2> {
         let (levels, features) = (self.levels.len(), self.config.features);
         let device = self.device();
@@ -238,24 +239,25 @@ impl HashGrid {
         let indices = upload(indices, [count], &device);
         let mut weights = upload(weights, [count, 1], &device);
         if shares.is_tracked() {
-            // Its value is zero; its gradient carries the slopes of the weights.
+            // Its value is zero; its gradient carries that of the weights.
             let moved = shares.clone() - shares.detach();
-            let slopes = upload(self.slopes(&positions, &present), [samples, levels * CORNERS, 3], &device);
-            weights = weights + (slopes * moved.unsqueeze_dim(1)).sum_dim(2).reshape([count, 1]);
+            let gradients =
+                upload(self.weight_gradients(&positions, &present), [samples, levels * CORNERS, 3], &device);
+            weights = weights + (gradients * moved.unsqueeze_dim(1)).sum_dim(2).reshape([count, 1]);
         }
         let weighted = self.tables.val().select(0, indices) * weights;
         weighted.reshape([samples * levels, CORNERS, features]).sum_dim(1).reshape([samples, levels * features])
     }
-}
 
-impl HashGrid {
-    /// Slopes of the weights of all corners at `positions` (shares of the box, `[M, 3]` row-major), times each level's share in
-    /// `present`: `[M, levels · 8, 3]`.
-    fn slopes(&self, positions: &[f32], present: &[f32]) -> Vec<f32> {
+    /// Computes the gradients of the weights of all corners at `positions` (shares of the box, `[M, 3]` row-major), times each
+    /// level's share in `present`: `[M, levels · 8, 3]`.
+    fn weight_gradients(&self, positions: &[f32], present: &[f32]) -> Vec<f32> {
         let of_point = |p: &[f32]| {
             let u = [p[0], p[1], p[2]];
             let levels = self.levels.iter().zip(present);
-            levels.flat_map(move |(level, present)| level.slopes(u).map(|slopes| slopes.map(|s| s * present)))
+            levels.flat_map(move |(level, present)| {
+                level.corner_gradients(u).map(|gradient| gradient.map(|g| g * present))
+            })
         };
         positions.par_chunks_exact(3).flat_map_iter(of_point).flatten_iter().collect()
     }
@@ -276,7 +278,7 @@ impl Field for HashGrid {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Extent;
+    use crate::points::Extent;
 
     fn config() -> HashConfig {
         HashConfig {
@@ -321,7 +323,7 @@ mod tests {
         assert_eq!(at_vertex, [((4 * 5 + 1) * 5 + 2, 1.0)]);
     }
 
-    /// A directional derivative of the encoding against finite differences: it is linear in the tables.
+    /// Each point spreads a weight of 1 over each level, for each feature: the encoding is linear in the tables.
     #[test]
     fn gradients_reach_the_entries_of_a_cell() {
         let device = Device::flex().autodiff();
@@ -331,7 +333,6 @@ mod tests {
         let gradient = to_host(field.tables.val().grad(&gradients).unwrap());
         let entries = gradient.chunks(2).filter(|entry| entry[0] != 0.0).count();
         assert!(entries <= 2 * 3 * CORNERS, "{entries}");
-        // Each point spreads a weight of 1 over each level, for each feature.
         assert!((gradient.iter().sum::<f32>() - 2.0 * 3.0 * 2.0).abs() < 1e-4);
         assert!((to_host(field.encode(positions, 0.0)).iter().skip(2).take(4).sum::<f32>()).abs() < 1e-9);
     }

@@ -1,17 +1,18 @@
 //! Initial weights, drawn on the host so that a seed gives the same network on every backend.
 
 use burn::module::Param;
-use burn::nn::{Linear, LinearConfig};
+use burn::nn::conv::{Conv2d, Conv2dConfig};
+use burn::nn::{Linear, LinearConfig, PaddingConfig2d};
 use burn::tensor::{Device, TensorData};
 use rand::Rng;
 use rand_distr::StandardNormal;
 
-/// Numbers uniform in [−bound, bound].
+/// Draws values uniform in [−bound, bound].
 pub(crate) fn uniform(rng: &mut impl Rng, count: usize, bound: f32) -> Vec<f32> {
     (0..count).map(|_| rng.random_range(-1.0f32..=1.0) * bound).collect()
 }
 
-/// Numbers of the standard normal distribution.
+/// Draws values of the standard normal distribution.
 pub(crate) fn normal(rng: &mut impl Rng, count: usize) -> Vec<f32> {
     (0..count).map(|_| rng.sample(StandardNormal)).collect()
 }
@@ -26,7 +27,7 @@ pub(crate) enum Init {
 }
 
 impl Init {
-    /// A dense layer.
+    /// Builds a dense layer.
     pub(crate) fn linear(self, rng: &mut impl Rng, fan_in: usize, fan_out: usize, device: &Device) -> Linear {
         let (bound, bias_bound) = match self {
             Self::FanIn => ((1.0 / fan_in as f32).sqrt(), (1.0 / fan_in as f32).sqrt()),
@@ -37,7 +38,7 @@ impl Init {
     }
 }
 
-/// The dense layer of `weight`, `[fan_in, fan_out]` row-major, and `bias`.
+/// Builds the dense layer of `weight`, `[fan_in, fan_out]` row-major, and `bias`.
 fn dense(weight: Vec<f32>, bias: Vec<f32>, device: &Device) -> Linear {
     let (fan_in, fan_out) = (weight.len() / bias.len(), bias.len());
     let mut layer = LinearConfig::new(fan_in, fan_out).init(device);
@@ -46,14 +47,32 @@ fn dense(weight: Vec<f32>, bias: Vec<f32>, device: &Device) -> Linear {
     layer
 }
 
-/// A dense layer before an activation of this `gain` (Glorot & Bengio 2010): weights uniform in ±gain·√(6/(fan_in +
+/// Builds a dense layer before an activation of this `gain` (Glorot & Bengio 2010): weights uniform in ±gain·√(6/(fan_in +
 /// fan_out)), biases 0.
 pub(crate) fn glorot_linear(rng: &mut impl Rng, fan_in: usize, fan_out: usize, gain: f32, device: &Device) -> Linear {
     let weight = uniform(rng, fan_in * fan_out, gain * (6.0 / (fan_in + fan_out) as f32).sqrt());
     dense(weight, vec![0.0; fan_out], device)
 }
 
-/// A dense layer for ReLU networks (He et al. 2015): weights uniform in ±gain·√(6/fan_in), biases 0.
+/// Builds a dense layer for ReLU networks (He et al. 2015): weights uniform in ±gain·√(6/fan_in), biases 0.
 pub(crate) fn he_linear(rng: &mut impl Rng, fan_in: usize, fan_out: usize, gain: f32, device: &Device) -> Linear {
     dense(uniform(rng, fan_in * fan_out, gain * (6.0 / fan_in as f32).sqrt()), vec![0.0; fan_out], device)
+}
+
+/// Builds a square convolution: weights uniform in ±`bound`, biases 0.
+pub(crate) fn convolution(
+    rng: &mut impl Rng,
+    [inputs, outputs]: [usize; 2],
+    [kernel, stride, padding]: [usize; 3],
+    bound: f32,
+    device: &Device,
+) -> Conv2d {
+    let mut layer = Conv2dConfig::new([inputs, outputs], [kernel; 2])
+        .with_stride([stride; 2])
+        .with_padding(PaddingConfig2d::Explicit(padding, padding, padding, padding))
+        .init(device);
+    let weight = uniform(rng, inputs * outputs * kernel * kernel, bound);
+    layer.weight = Param::from_data(TensorData::new(weight, [outputs, inputs, kernel, kernel]), device);
+    layer.bias = Some(Param::from_data(TensorData::new(vec![0f32; outputs], [outputs]), device));
+    layer
 }

@@ -1,7 +1,6 @@
 //! The fields that config files can name.
 
 use std::fmt;
-use std::path::PathBuf;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
@@ -10,19 +9,22 @@ use infonerf_schedule::{Fault, Moment};
 use serde::{Deserialize, Serialize};
 
 use crate::factored::{FactoredConfig, FactoredField};
+use crate::field::{Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint};
 use crate::hash::{HashConfig, HashGrid};
 use crate::mip::{MipConfig, MipNerf};
 use crate::nerf::{NerfConfig, NerfMlp};
 use crate::neural_body::{NeuralBody, NeuralBodyConfig};
 use crate::neural_volumes::{NeuralVolumes, NeuralVolumesConfig};
+use crate::penalty::Penalty;
 use crate::pixel::{PixelNerf, PixelNerfConfig};
-use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points, Sources};
+use crate::points::{FieldOutput, Points};
+use crate::sources::Sources;
 
 /// Defines [`FieldConfig`] and [`RadianceField`] from a list of fields: one line per field, with its name, its config and
 /// its module. The name in lower case is its `field.kind`.
 macro_rules! fields {
     ($($(#[$doc:meta])* $name:ident($config:ty => $field:ty),)*) => {
-        /// Which field to train, and its sizes.
+        /// Kind and sizes of the field to train.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
         #[serde(tag = "kind", rename_all = "lowercase")]
         pub enum FieldConfig {
@@ -57,35 +59,15 @@ macro_rules! fields {
                 match self { $(Self::$name(config) => config.footprint(),)* }
             }
 
-            fn shares_passes(&self) -> bool {
-                match self { $(Self::$name(config) => config.shares_passes(),)* }
+            fn traits(&self) -> FieldTraits {
+                match self { $(Self::$name(config) => config.traits(),)* }
             }
 
-            fn needs_intervals(&self) -> bool {
-                match self { $(Self::$name(config) => config.needs_intervals(),)* }
+            fn coarse(&self) -> Option<Self> {
+                match self { $(Self::$name(config) => config.coarse().map(Self::$name),)* }
             }
 
-            fn sees_photographs(&self) -> bool {
-                match self { $(Self::$name(config) => config.sees_photographs(),)* }
-            }
-
-            fn first_photographs(&self) -> Option<(&'static str, usize)> {
-                match self { $(Self::$name(config) => config.first_photographs(),)* }
-            }
-
-            fn needs_body(&self) -> bool {
-                match self { $(Self::$name(config) => config.needs_body(),)* }
-            }
-
-            fn tracks_positions(&self) -> bool {
-                match self { $(Self::$name(config) => config.tracks_positions(),)* }
-            }
-
-            fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
-                match self { $(Self::$name(config) => config.weights_file(),)* }
-            }
-
-            fn files(&mut self) -> Vec<&mut PathBuf> {
+            fn files(&mut self) -> Vec<FieldFile<'_>> {
                 match self { $(Self::$name(config) => config.files(),)* }
             }
         }
@@ -123,7 +105,7 @@ fields! {
     Factored(FactoredConfig => FactoredField),
     /// A multi-resolution hash grid with a small MLP.
     Hash(HashConfig => HashGrid),
-    /// An MLP over features of photographs.
+    /// An MLP over features of source images.
     PixelNerf(PixelNerfConfig => PixelNerf),
     /// Voxels decoded from a latent code, and a warp of them.
     NeuralVolumes(NeuralVolumesConfig => NeuralVolumes),

@@ -4,19 +4,18 @@ use std::fmt;
 
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::integrated::{integrated_encode, integrated_width};
+use infonerf_ops::frequency::{integrated_encode, integrated_width};
 use infonerf_ops::mlp::{Activation, Precision};
 use infonerf_ops::{RayGaussians, frustum_gaussians};
 use infonerf_schedule::{Fault, Moment, Schedule};
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
-use crate::check::{check, check_detail, check_mlp, check_precision};
+use crate::check::{check, check_detail};
 use crate::detail::frequency_window;
+use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint};
 use crate::init::Init;
 use crate::mlp::{Mlp, MlpSize};
-use crate::{Extent, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points};
+use crate::points::{Extent, FieldOutput, Points};
 
 /// Sizes of [`MipNerf`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -34,8 +33,7 @@ pub struct MipConfig {
     pub direction_frequencies: usize,
     /// Share of the position's frequencies in use, lowest first (FreeNeRF anneals it from 0 to 1); 1 for all.
     pub detail: Schedule,
-    /// Precision of the network's matrix products: "f32", "bf16" (factors rounded to 8 bits; not on
-    /// `ndarray`) or "tf32" (to 11 bits, if tuning finds that faster; on GPUs that can).
+    /// Precision of the factors of the network's matrix products: "f32", or "bf16" (8 significant bits; not on `ndarray`).
     #[serde(default)]
     pub precision: Precision,
 }
@@ -46,40 +44,43 @@ impl fmt::Display for MipConfig {
     }
 }
 
-impl FieldSpec for MipConfig {
-    type Field = MipNerf;
-
-    fn validate(&self) -> Result<(), Fault> {
-        check_mlp(self.layers, self.width, self.direction_frequencies)?;
-        let frequencies = self.position_frequencies;
-        check("position_frequencies", "1 to 20", frequencies, (1..=20).contains(&frequencies))?;
-        check_detail(&self.detail)
-    }
-
-    fn build(&self, setup: &FieldSetup<'_>) -> Result<MipNerf, Fault> {
-        check_precision(self.precision, setup.device)?;
-        let size = MlpSize {
+impl MipConfig {
+    fn size(&self) -> MlpSize {
+        MlpSize {
             inputs: integrated_width(self.position_frequencies),
             layers: self.layers,
             width: self.width,
             skip: self.skip,
             direction_frequencies: self.direction_frequencies,
             precision: self.precision,
-        };
-        let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
-        Ok(MipNerf { mlp: Mlp::new(size, Init::Glorot, &mut rng, setup.device), config: self.clone() })
+        }
+    }
+}
+
+impl FieldSpec for MipConfig {
+    type Field = MipNerf;
+
+    fn validate(&self) -> Result<(), Fault> {
+        self.size().validate()?;
+        let frequencies = self.position_frequencies;
+        check("position_frequencies", "1 to 20", frequencies, (1..=20).contains(&frequencies))?;
+        check_detail(&self.detail)
+    }
+
+    fn build(&self, setup: &FieldSetup<'_>) -> Result<MipNerf, Fault> {
+        Ok(MipNerf { mlp: self.size().build(Init::Glorot, setup)?, config: self.clone() })
     }
 
     fn footprint(&self) -> Footprint {
         Footprint::dense(self.layers, self.width)
     }
 
-    fn shares_passes(&self) -> bool {
-        true
+    fn traits(&self) -> FieldTraits {
+        FieldTraits { intervals: true, ..FieldTraits::default() }
     }
 
-    fn needs_intervals(&self) -> bool {
-        true
+    fn coarse(&self) -> Option<Self> {
+        None
     }
 }
 
@@ -94,7 +95,7 @@ pub struct MipNerf {
     config: MipConfig,
 }
 
-/// How far the colour's sigmoid reaches beyond [0, 1] on both sides (released code: `rgb_padding`).
+/// Excess of the colour's sigmoid over [0, 1] on both sides (released code: `rgb_padding`).
 const COLOR_PADDING: f32 = 0.001;
 
 impl Field for MipNerf {
@@ -112,7 +113,7 @@ impl Field for MipNerf {
     }
 }
 
-/// Mean and variance along each axis of the Gaussians that `points` stand for, both `[M, 3]` (mip-NeRF, Eq. 8 and 16).
+/// Computes mean and variance along each axis of the Gaussians of `points`, both `[M, 3]` (mip-NeRF, Eq. 8 and 16).
 fn gaussians(points: &Points) -> (Tensor<2>, Tensor<2>) {
     let positions = points.positions.clone();
     let (t, delta, radii) = match &points.extent {
@@ -135,7 +136,7 @@ mod tests {
 
     /// Two rays from the origin: one along y, one along the diagonal of x and y.
     #[test]
-    fn gaussians_by_hand() {
+    fn gaussians_of_slanted_cones_by_hand() {
         let (half, root) = (0.5f32, 0.5f32.sqrt());
         let device = Device::flex();
         let [t, delta, radii] = [[2.0, 2.0], [1.0, 1.0], [0.1, 0.2]].map(|row| Tensor::from_floats(row, &device));

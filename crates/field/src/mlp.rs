@@ -5,10 +5,14 @@ use burn::nn::Linear;
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::frequency::encoded_width;
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
-use rand::Rng;
+use infonerf_schedule::Fault;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 
+use crate::check::{check, check_precision};
+use crate::field::FieldSetup;
 use crate::init::Init;
-use crate::{FieldOutput, Points};
+use crate::points::{FieldOutput, Points};
 
 /// Sizes of [`Mlp`].
 #[derive(Clone, Copy, Debug)]
@@ -25,6 +29,22 @@ pub(crate) struct MlpSize {
     pub(crate) direction_frequencies: usize,
     /// Precision of the matrix products.
     pub(crate) precision: Precision,
+}
+
+impl MlpSize {
+    /// Checks the sizes of a config's MLP.
+    pub(crate) fn validate(&self) -> Result<(), Fault> {
+        let &Self { layers, width, direction_frequencies, .. } = self;
+        check("layers", "1 to 64", layers, (1..=64).contains(&layers))?;
+        check("width", "an even number from 2 to 4096", width, (2..=4096).contains(&width) && width.is_multiple_of(2))?;
+        check("direction_frequencies", "0 to 20", direction_frequencies, direction_frequencies <= 20)
+    }
+
+    /// Builds an MLP whose initial weights are drawn by the seed of `setup`.
+    pub(crate) fn build(self, init: Init, setup: &FieldSetup<'_>) -> Result<Mlp, Fault> {
+        check_precision(self.precision, setup.device)?;
+        Ok(Mlp::new(self, init, &mut ChaCha8Rng::seed_from_u64(setup.seed), setup.device))
+    }
 }
 
 /// Encoded position → trunk of ReLU layers with one skip → density; trunk features and encoded direction → colour.
@@ -68,7 +88,7 @@ impl Mlp {
         }
     }
 
-    /// From encoded positions `[M, inputs]` to density `[M]`, by its `activation`, and, if `color`, colour `[M, 3]`, by a sigmoid.
+    /// Maps encoded positions `[M, inputs]` to density `[M]`, by its `activation`, and, if `color`, colour `[M, 3]`, by a sigmoid.
     pub(crate) fn forward(
         &self,
         encoded: Tensor<2>,

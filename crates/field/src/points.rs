@@ -1,50 +1,50 @@
 use burn::tensor::Tensor;
 use infonerf_ops::{Segments, upload};
 
-/// Where a field is evaluated: packed samples of rays, or points on no ray.
+/// Points that a field is evaluated at: packed samples of rays, or points on no ray.
 #[derive(Clone, Debug)]
 pub struct Points {
     /// Positions of the samples, `[M, 3]`, scene units. A gradient reaches them if they are in an autodiff graph and the field
-    /// [tracks positions](crate::FieldSpec::tracks_positions).
+    /// [tracks positions](crate::FieldTraits::tracks_positions).
     pub positions: Tensor<2>,
     /// Unit view direction of each ray, `[R, 3]`, held fixed.
     pub directions: Tensor<2>,
-    /// Which samples belong to which ray.
+    /// The samples of each ray.
     pub segments: Segments,
     /// The space around its position that each sample represents.
     pub extent: Extent,
 }
 
 impl Points {
-    /// Points on no ray, `[M, 3]`, seen along +z.
+    /// Returns points on no ray, `[M, 3]`, seen along +z.
     pub fn scattered(positions: Tensor<2>, extent: Extent) -> Self {
         let directions = Tensor::from_floats([[0.0, 0.0, 1.0]], &positions.device());
         let segments = Segments::uniform(1, positions.dims()[0]);
         Self { positions, directions, segments, extent }
     }
 
-    /// The same points, each seen along its own of `directions`, `[M, 3]`.
+    /// Returns the points with a view direction for each of them, `[M, 3]`.
     pub fn seen_along(self, directions: Tensor<2>) -> Self {
         Self { segments: Segments::uniform(self.len(), 1), directions, ..self }
     }
 
-    /// Number of samples `M`.
+    /// Returns the number of samples `M`.
     pub fn len(&self) -> usize {
         self.segments.samples()
     }
 
-    /// Whether there are no samples.
+    /// Returns whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The unit view direction of each sample, `[M, 3]`.
+    /// Returns the unit view direction of each sample, `[M, 3]`.
     pub fn sample_directions(&self) -> Tensor<2> {
         self.segments.spread(self.directions.clone())
     }
 }
 
-/// Components of vectors `[M, 3]` along three `axes`.
+/// Computes the components of vectors `[M, 3]` along three `axes`.
 pub(crate) fn along_axes(vectors: Tensor<2>, axes: [[f32; 3]; 3]) -> Tensor<2> {
     let axes: Tensor<3> = upload(axes.concat(), [1, 3, 3], &vectors.device());
     (vectors.unsqueeze_dim(1) * axes).sum_dim(2).squeeze_dim(2)
@@ -63,7 +63,7 @@ pub enum Extent {
         /// Radius of each ray's cone at distance 1, `[R]`.
         radii: Tensor<1>,
     },
-    /// The same ball around each position, for points not on rays.
+    /// A ball of one size around each position, for points not on rays.
     Ball {
         /// Variance along each axis, scene units².
         variance: f32,

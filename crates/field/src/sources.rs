@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-/// A photograph that a field is conditioned on, with its camera.
+/// An image that a field is conditioned on, with its camera.
 ///
 /// The camera looks along its −z axis, y up: a point `(X, Y, Z)` of its space, Z < 0, is at the pixel position
 /// `(cx − fx·X/Z, cy + fy·Y/Z)`, in which pixel centres are at + 0.5.
@@ -20,10 +20,10 @@ pub struct SourceView {
     pub to_camera: [[f32; 4]; 3],
 }
 
-/// The photographs that a field is conditioned on.
+/// Images that a field is conditioned on.
 #[derive(Clone, Debug)]
 pub struct Sources {
-    /// At least one, all of one size.
+    /// Images, at least one, all of one size.
     pub views: Arc<[SourceView]>,
     /// The middle of the scene's box: the origin of positions in a view's axes.
     pub middle: [f32; 3],

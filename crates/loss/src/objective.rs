@@ -1,38 +1,139 @@
 use burn::tensor::Tensor;
 use infonerf_ops::means::weighted_sum;
+use infonerf_render::RenderOutput;
 use infonerf_schedule::{Fault, Moment, Schedule};
+use serde::{Deserialize, Serialize};
 
-use crate::renders::union;
-use crate::{LossConfig, Need, Renders, Term, TermSetup};
+use crate::renders::{Need, Renders, union};
+use crate::term::{Term, TermSetup, TermSpec, Weighted};
+use crate::terms::distortion::DistortionConfig;
+use crate::terms::entropy::EntropyConfig;
+use crate::terms::kl::KlConfig;
+use crate::terms::latent::LatentConfig;
+use crate::terms::mask::MaskConfig;
+use crate::terms::opacity_prior::OpacityPriorConfig;
+use crate::terms::photometric::PhotometricConfig;
+use crate::terms::semantic::SemanticConfig;
+use crate::terms::silhouette::SilhouetteConfig;
+use crate::terms::stereo::StereoConfig;
+use crate::terms::tv::TvConfig;
+
+/// Defines [`LossConfig`] from a list of terms: the name of each, which is its table in config files, and its config.
+macro_rules! terms {
+    ($($(#[$doc:meta])* $name:ident: $config:ty,)*) => {
+        /// `[loss]` of a config: one table for each term of L = Σ weight · term. Means are over rays.
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields)]
+        pub struct LossConfig {
+            $($(#[$doc])* pub $name: $config,)*
+        }
+
+        $(impl Weighted for $config {
+            fn weight(&self) -> &Schedule {
+                &self.weight
+            }
+
+            fn weight_mut(&mut self) -> &mut Schedule {
+                &mut self.weight
+            }
+        })*
+
+        impl LossConfig {
+            /// Lists every term by name, in the order of reports.
+            pub fn specs(&self) -> impl Iterator<Item = (&'static str, &dyn TermSpec)> {
+                [$((stringify!($name), &self.$name as &dyn TermSpec),)*].into_iter()
+            }
+
+            /// Lists every term by name, mutable, in the order of reports.
+            pub fn specs_mut(&mut self) -> impl Iterator<Item = (&'static str, &mut dyn TermSpec)> {
+                [$((stringify!($name), &mut self.$name as &mut dyn TermSpec),)*].into_iter()
+            }
+        }
+    };
+}
+
+// w are the weights of a ray's samples, α their opacities, A = Σ w.
+terms! {
+    /// L_RGB: mean ‖C − Ĉ‖² (InfoNeRF, Eq. 3).
+    rgb: PhotometricConfig,
+    /// λ₁ L_entropy: mean M(r) · −Σ p log₂ p, p = α/Σα, with M(r) 0 for rays that hit nothing (InfoNeRF, Eq. 4–8).
+    entropy: EntropyConfig,
+    /// λ₂ L_KL: mean KL(P(r) ‖ P(r̃)) of rays and their neighbours r̃ (InfoNeRF, Eq. 9).
+    kl: KlConfig,
+    /// 1 − φᵀφ̂ of the CLIP embeddings of a render and a training image (DietNeRF, Jain et al. 2021, Eq. 5).
+    semantic: SemanticConfig,
+    /// Mean Σᵢⱼ wᵢ wⱼ |mᵢ − mⱼ| + ⅓ Σᵢ wᵢ² δᵢ of intervals with middles m and lengths δ (mip-NeRF 360, Eq. 15).
+    distortion: DistortionConfig,
+    /// Mean ln(π + (1 − π) P)/ln π, P the probability that a ray ends at the depth that stereo matched.
+    stereo: StereoConfig,
+    /// Mean ln(0.1 + A) + ln(1.1 − A), 0 for A of 0 and 1 (Neural Volumes, Lombardi et al. 2019).
+    opacity_prior: OpacityPriorConfig,
+    /// Mean ±A, its sign and factor by whether a pixel shows the known background colour.
+    silhouette: SilhouetteConfig,
+    /// Mean (A − alpha)², alpha from the training images' alpha channel.
+    mask: MaskConfig,
+    /// Total variation of a field's tables.
+    tv: TvConfig,
+    /// KL(N(μ, σ²) ‖ N(0, 1)) of a field's latent code (Neural Volumes).
+    latent: LatentConfig,
+}
+
+impl LossConfig {
+    /// Lists the terms whose weight is above 0 at some time of the run.
+    pub fn active(&self) -> impl Iterator<Item = (&'static str, &dyn TermSpec)> {
+        self.specs().filter(|(_, spec)| !spec.weight().is_zero())
+    }
+
+    /// Collects what the [active](Self::active) terms need rendered, each need once.
+    pub fn needs(&self) -> Vec<Need> {
+        union(self.active().flat_map(|(_, spec)| spec.needs()))
+    }
+
+    /// Checks every number of every term.
+    ///
+    /// # Errors
+    /// The first key that is out of range.
+    pub fn validate(&self) -> Result<(), Fault> {
+        for (name, spec) in self.specs() {
+            Fault::unless_always_within(0.0..=1e6, "weight", spec.weight())
+                .and_then(|()| spec.validate())
+                .map_err(|fault| fault.within(&format!("loss.{name}")))?;
+        }
+        Ok(())
+    }
+
+    /// Entropy of each ray in bits as `[loss.entropy]` defines it, `[R]` (InfoNeRF, Eq. 5 and 6); 0 for masked rays.
+    pub fn ray_entropy(&self, output: &RenderOutput) -> Tensor<1> {
+        self.entropy.of_rays(output)
+    }
+
+    /// Divergence of each ray from its neighbour in nats as `[loss.kl]` defines it, `[R]` (InfoNeRF, Eq. 9). Samples of
+    /// `near` are paired with those of `output`.
+    pub fn information_gain(&self, output: &RenderOutput, near: &RenderOutput) -> Tensor<1> {
+        self.kl.of_rays(output, near)
+    }
+}
 
 /// The active terms of a run, built for a scene.
 #[derive(Debug)]
 pub struct Objective {
-    terms: Vec<Entry>,
+    terms: Vec<BuiltTerm>,
 }
 
 #[derive(Debug)]
-struct Entry {
+struct BuiltTerm {
     name: &'static str,
     weight: Schedule,
     needs: Vec<Need>,
     term: Box<dyn Term>,
 }
 
-impl Entry {
-    fn due(&self, at: Moment) -> Option<DueTerm<'_>> {
-        let Self { name, weight, needs, term } = self;
-        let weight = weight.at(at) as f32;
-        (weight > 0.0 && term.is_due(at)).then_some(DueTerm { name, weight, needs, term: term.as_ref() })
-    }
-}
-
 /// A term that takes part in a step.
 #[derive(Clone, Copy, Debug)]
 pub struct DueTerm<'a> {
-    /// Its name.
+    /// Name of the term: its table in config files.
     pub name: &'static str,
-    /// Its weight in this step.
+    /// Weight in this step, above 0.
     pub weight: f32,
     needs: &'a [Need],
     term: &'a dyn Term,
@@ -47,43 +148,31 @@ pub struct LossValues {
     pub values: Vec<(&'static str, Tensor<1>)>,
 }
 
-impl LossConfig {
-    /// Checks every number of every term.
-    ///
-    /// # Errors
-    /// The first key that is out of range.
-    pub fn validate(&self) -> Result<(), Fault> {
-        for (name, spec) in self.specs() {
-            let weight = spec.weight();
-            Fault::unless_always_within(0.0..=1e6, "weight", weight)
-                .and_then(|()| spec.validate())
-                .map_err(|fault| fault.within(&format!("loss.{name}")))?;
-        }
-        Ok(())
-    }
-}
-
 impl Objective {
-    /// Builds the active terms, except those that skip the scene ([`crate::TermSpec::skip_reason`]).
+    /// Builds the active terms, except those that skip the scene ([`TermSpec::skip_reason`]).
     ///
     /// # Errors
     /// If a term lacks what it needs.
     pub fn new(config: &LossConfig, setup: &TermSetup<'_>) -> Result<Self, Fault> {
-        let entry = |(name, spec): (&'static str, &dyn crate::TermSpec)| {
+        let build = |(name, spec): (&'static str, &dyn TermSpec)| {
             let term = spec.build(setup).map_err(|fault| fault.within(&format!("loss.{name}")))?;
-            Ok(Entry { name, weight: spec.weight().clone(), needs: spec.needs(), term })
+            Ok(BuiltTerm { name, weight: spec.weight().clone(), needs: spec.needs(), term })
         };
         let taking_part = config.active().filter(|(_, spec)| spec.skip_reason(setup.scene).is_none());
-        Ok(Self { terms: taking_part.map(entry).collect::<Result<_, _>>()? })
+        Ok(Self { terms: taking_part.map(build).collect::<Result<_, _>>()? })
     }
 
-    /// The terms that take part in the step at `at`.
+    /// Lists the terms that take part in the step at `at`: those of positive weight that are due.
     pub fn due(&self, at: Moment) -> Vec<DueTerm<'_>> {
-        self.terms.iter().filter_map(|entry| entry.due(at)).collect()
+        let due = self.terms.iter().filter_map(|BuiltTerm { name, weight, needs, term }| {
+            let weight = weight.at(at) as f32;
+            (weight > 0.0 && term.is_due(at)).then_some(DueTerm { name, weight, needs, term: term.as_ref() })
+        });
+        due.collect()
     }
 }
 
-/// The union of what `terms` need rendered.
+/// Collects what `terms` need rendered, each need once.
 pub fn needs(terms: &[DueTerm<'_>]) -> Vec<Need> {
     union(terms.iter().flat_map(|due| due.needs).copied())
 }
@@ -91,15 +180,114 @@ pub fn needs(terms: &[DueTerm<'_>]) -> Vec<Need> {
 impl LossValues {
     /// Evaluates `terms` on the renders that they need.
     pub fn of(terms: &[DueTerm<'_>], renders: &Renders) -> Self {
-        let values: Vec<(&'static str, Tensor<1>)> =
-            terms.iter().map(|due| (due.name, due.term.value(renders))).collect();
-        let weighted = values.iter().zip(terms).map(|((_, value), due)| (value.clone(), due.weight));
-        let total = weighted_sum(weighted.collect()).unwrap_or_else(|| renders.zero());
-        Self { total, values }
+        let values: Vec<_> = terms.iter().map(|due| (due.name, due.term.value(renders))).collect();
+        let weighted = values.iter().zip(terms).map(|((_, value), due)| (value.clone(), due.weight)).collect();
+        Self { total: weighted_sum(weighted).unwrap_or_else(|| renders.zero()), values }
     }
 }
 
-/// `value` times a `factor` that often is 1: each product is a kernel to launch on a GPU, and one more on the way back.
+/// Multiplies `value` by `factor`, without a product if that is 1: on a GPU each is a kernel launch, forward and backward.
 pub(crate) fn scaled(value: Tensor<1>, factor: f32) -> Tensor<1> {
     if factor == 1.0 { value } else { value * factor }
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+    use infonerf_field::Penalty;
+    use infonerf_render::Warp;
+    use infonerf_scene::Scene;
+
+    use super::*;
+    use crate::testing::{config, scenario};
+
+    /// Every need of every term, so that nothing that a term reads is left unrendered.
+    #[test]
+    fn each_term_declares_what_it_needs() {
+        use Need::{SeenColor, SeenNeighbours, Unseen, UnseenNeighbours};
+        let table = [
+            ("rgb.weight = 1", vec![SeenColor]),
+            ("entropy.weight = 1", vec![Unseen]),
+            ("entropy = { weight = 1, rays = 'seen' }", vec![]),
+            ("entropy = { weight = 1, neighbours = true }", vec![Unseen, SeenNeighbours, UnseenNeighbours]),
+            ("kl.weight = 1", vec![Unseen, SeenNeighbours, UnseenNeighbours]),
+            ("kl = { weight = 1, rays = 'seen' }", vec![SeenNeighbours]),
+            ("kl = { weight = 1, rays = 'unseen' }", vec![Unseen, UnseenNeighbours]),
+            ("semantic.weight = 1", vec![Need::Picture { size: 64 }]),
+            ("distortion.weight = 1", vec![Unseen]),
+            ("stereo.weight = 1", vec![]),
+            ("opacity_prior.weight = 1", vec![]),
+            ("opacity_prior = { weight = 1, rays = 'all' }", vec![Unseen]),
+            ("silhouette.weight = 1", vec![]),
+            ("mask.weight = 1", vec![]),
+            ("tv.weight = 1", vec![Need::Penalty(Penalty::TOTAL_VARIATION)]),
+            ("latent.weight = 1", vec![Need::Penalty(Penalty::LATENT_DIVERGENCE)]),
+        ];
+        for (setting, needs) in table {
+            let config = config(setting);
+            let names: Vec<_> = config.active().map(|(name, _)| name).collect();
+            assert_eq!(names, [setting.split(['.', ' ']).next().unwrap()]);
+            assert_eq!(config.needs(), needs, "{setting}");
+        }
+        assert_eq!(config("").needs(), []);
+        let both = config("rgb.weight = 1\nkl.weight = 1\nentropy.weight = 1\ndistortion.weight = 1");
+        assert_eq!(both.needs(), [SeenColor, Unseen, SeenNeighbours, UnseenNeighbours]);
+    }
+
+    #[test]
+    fn keys_out_of_range_are_named() {
+        assert_eq!(config("").validate(), Ok(()));
+        for (setting, key) in [
+            ("rgb.weight = -1", "loss.rgb.weight"),
+            ("tv.weight = { from = 1.0, to = 2e6 }", "loss.tv.weight"),
+            ("rgb.coarse = -1", "loss.rgb.coarse"),
+            ("entropy.epsilon = 0.1", "loss.entropy.epsilon"),
+            ("entropy.mask = { rule = 'acc', threshold = -1 }", "loss.entropy.mask.threshold"),
+            ("kl.epsilon = 0", "loss.kl.epsilon"),
+            ("semantic.every = 0", "loss.semantic.every"),
+            ("semantic.size = 2000", "loss.semantic.size"),
+            ("stereo.width = 0", "loss.stereo.width"),
+            ("stereo.outliers = 1", "loss.stereo.outliers"),
+            ("silhouette.background = -1", "loss.silhouette.background"),
+            ("silhouette.foreground = -1", "loss.silhouette.foreground"),
+            ("silhouette.edge = 1e7", "loss.silhouette.edge"),
+        ] {
+            assert_eq!(config(setting).validate().unwrap_err().key, key);
+        }
+    }
+
+    /// Terms are summed by their weights of the step; a term whose weight is 0 then is not even evaluated.
+    #[test]
+    fn the_total_is_the_weighted_sum_of_what_is_due() {
+        let config = config("rgb.weight = 2\nopacity_prior.weight = { from = 0.0, to = 0.5 }");
+        let (scene, device) = (Scene::default(), Device::flex());
+        let setup = TermSetup { scene: &scene, warp: &Warp::Identity, device: &device };
+        let objective = Objective::new(&config, &setup).unwrap();
+        let (_, renders) = scenario(&device);
+        let values = |at: Moment| {
+            let due = objective.due(at);
+            let LossValues { total, values } = LossValues::of(&due, &renders);
+            let values: Vec<_> = values.into_iter().map(|(name, v)| (name, v.into_scalar::<f32>())).collect();
+            (needs(&due), values, total.into_scalar::<f32>())
+        };
+        let (needs, first, total) = values(Moment::START);
+        assert_eq!((needs, first.len(), first[0].0), (vec![Need::SeenColor], 1, "rgb"));
+        assert_eq!(total, 2.0 * first[0].1);
+        let (_, last, total) = values(Moment::END);
+        assert_eq!(last.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["rgb", "opacity_prior"]);
+        assert!(last.iter().all(|(_, value)| *value > 0.0));
+        approx::assert_relative_eq!(total, 2.0 * last[0].1 + 0.5 * last[1].1, epsilon = 1e-6);
+        assert_eq!(LossValues::of(&[], &renders).total.into_scalar::<f32>(), 0.0);
+    }
+
+    /// A silhouette is left out of a scene whose background is unknown, with a reason.
+    #[test]
+    fn terms_that_skip_the_scene_are_left_out() {
+        let config = config("rgb.weight = 1\nsilhouette.weight = 1");
+        let scene = Scene { backdrop: infonerf_scene::Backdrop::Unknown, ..Scene::default() };
+        let setup = TermSetup { scene: &scene, warp: &Warp::Identity, device: &Device::flex() };
+        let due = |objective: &Objective| objective.due(Moment::END).iter().map(|due| due.name).collect::<Vec<_>>();
+        assert_eq!(due(&Objective::new(&config, &setup).unwrap()), ["rgb"]);
+        assert!(config.silhouette.skip_reason(&scene).is_some());
+    }
 }

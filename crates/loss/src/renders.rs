@@ -1,4 +1,4 @@
-//! What a training step renders, and what terms can request.
+//! Renders of a training step, and the requests of terms for them.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use infonerf_render::{Passes, RenderOutput};
 use infonerf_scene::PixelAt;
 use serde::{Deserialize, Serialize};
 
-/// What a term needs in addition to density along the seen rays, which is always rendered.
+/// A term's need in addition to density along the seen rays, which is always rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
     /// Colour along the rays of training images.
@@ -20,9 +20,9 @@ pub enum Need {
     SeenNeighbours,
     /// Density along the neighbours of rays of the unseen pose.
     UnseenNeighbours,
-    /// A whole picture from an unseen pose.
+    /// A whole image from an unseen pose.
     Picture {
-        /// Its longest side in pixels.
+        /// Longest side of the image in pixels.
         size: u32,
     },
     /// A penalty on the field's own parameters.
@@ -30,12 +30,12 @@ pub enum Need {
 }
 
 impl Need {
-    /// The unseen rays, if `rays` includes them.
+    /// Returns the need for unseen rays, if `rays` includes them.
     pub fn of(rays: RaySet) -> Vec<Self> {
         if rays.unseen() { vec![Self::Unseen] } else { Vec::new() }
     }
 
-    /// `rays`, and the neighbours of each.
+    /// Returns the needs for `rays` and the neighbours of each.
     pub fn neighbours_of(rays: RaySet) -> Vec<Self> {
         let mut needs = Self::of(rays);
         needs.extend(rays.seen().then_some(Self::SeenNeighbours));
@@ -43,18 +43,18 @@ impl Need {
         needs
     }
 
-    /// Whether it is rendered from an unseen pose.
+    /// Whether the need is rendered from an unseen pose.
     pub fn is_unseen(&self) -> bool {
         matches!(self, Self::Unseen | Self::UnseenNeighbours | Self::Picture { .. })
     }
 
-    /// Whether it is rendered along neighbouring rays.
+    /// Whether the need is rendered along neighbouring rays.
     pub fn is_of_neighbours(&self) -> bool {
         matches!(self, Self::SeenNeighbours | Self::UnseenNeighbours)
     }
 }
 
-/// Each of `needs` once, in order of appearance.
+/// Lists each of `needs` once, in order of appearance.
 pub(crate) fn union(needs: impl Iterator<Item = Need>) -> Vec<Need> {
     let mut union = Vec::new();
     for need in needs {
@@ -73,7 +73,7 @@ pub enum RaySet {
     Seen,
     /// Rays of unseen poses.
     Unseen,
-    /// Both.
+    /// Rays of training images and of unseen poses.
     All,
 }
 
@@ -94,13 +94,13 @@ impl RaySet {
 pub struct Target {
     /// Colours on the background, `[R, 3]`.
     pub rgb: Tensor<2>,
-    /// The same on the host with alpha, which is 1 for images without it.
+    /// Colours on the host with alpha, which is 1 for images without it.
     pub rgba: Vec<[f32; 4]>,
-    /// Share of the 3 × 3 pixels about each that do not show the background: 1 within an object, less at its edge.
+    /// Share of the 3 × 3 pixels about each pixel that do not show the background: 1 within an object, less at its edge.
     pub coverage: Vec<f32>,
-    /// Where a GPU drew the pixels: the [class](pixel_class) of each there, `[R]`.
+    /// [Class](pixel_class) of each pixel, `[R]`, if a GPU drew them.
     pub classes: Option<Tensor<1>>,
-    /// Where each pixel is.
+    /// View and position of each pixel.
     pub pixels: Vec<PixelAt>,
     /// The scene's background.
     pub background: [f32; 3],
@@ -119,7 +119,8 @@ pub fn is_foreground(pixel: [f32; 4], background: [f32; 3]) -> bool {
     (0..3).any(|channel| (pixel[channel] - background[channel]).abs() >= TOLERANCE)
 }
 
-/// 0 of a pixel that shows the background, 1 of one at the edge of an object, 2 within, where the `coverage` around it is 1.
+/// Class of a pixel: 0 if it shows the background, 1 at the edge of an object, 2 within one, where the `coverage` around it
+/// is 1.
 pub fn pixel_class(pixel: [f32; 4], coverage: f32, background: [f32; 3]) -> f32 {
     match (is_foreground(pixel, background), coverage) {
         (false, _) => 0.0,
@@ -133,12 +134,12 @@ pub fn pixel_class(pixel: [f32; 4], coverage: f32, background: [f32; 3]) -> f32 
 pub struct Bundle {
     /// The passes.
     pub passes: Passes,
-    /// The training pixels; none for rays of unseen poses.
+    /// The training pixels; `None` for rays of unseen poses.
     pub target: Option<Target>,
 }
 
 impl Bundle {
-    /// The fine or only pass.
+    /// Returns the fine or only pass.
     pub fn output(&self) -> &RenderOutput {
         &self.passes.fine
     }
@@ -148,7 +149,7 @@ impl Bundle {
         self.output().segments().rays()
     }
 
-    /// Mean squared error of the colours over rays and channels, where these were rendered and there are pixels.
+    /// Computes the mean squared error of the colours over rays and channels; `None` without colours or pixels.
     pub fn squared_error(&self) -> Option<Tensor<1>> {
         let (color, target) = (self.output().color.clone()?, self.target.as_ref()?.rgb.clone());
         Some(mean_squared_difference(color, target))
@@ -164,82 +165,69 @@ pub struct NeighbourBundles {
     pub unseen: Option<RenderOutput>,
 }
 
-/// A whole picture.
+/// A whole image from an unseen pose.
 #[derive(Clone, Debug)]
 pub struct Picture {
     /// Colours, `[height·width, 3]` row-major.
     pub rgb: Tensor<2>,
     /// Height and width in pixels.
     pub size: (usize, usize),
-    /// A training view, drawn anew for each picture.
+    /// Index of a training view, drawn anew for each image.
     pub view: usize,
 }
 
-/// Everything that a step rendered.
+/// All renders of a step.
 #[derive(Clone, Debug)]
 pub struct Renders {
     /// Rays of training images.
     pub seen: Bundle,
-    /// [`Bundle::squared_error`] of these, which is both minimised and reported.
+    /// [`Bundle::squared_error`] of the rays of training images, which is both minimised and reported.
     pub squared_error: Option<Tensor<1>>,
     /// Rays of an unseen pose, if requested.
     pub unseen: Option<Bundle>,
     /// Neighbours, if requested.
     pub neighbours: NeighbourBundles,
-    /// A picture from an unseen pose, if requested.
+    /// An image from an unseen pose, if requested.
     pub picture: Option<Picture>,
-    /// Requested penalties on the field's own parameters, scalars; without those that the field does not have.
+    /// Requested penalties on the field's own parameters that the field has, scalars.
     pub penalties: BTreeMap<Penalty, Tensor<1>>,
 }
 
 impl Renders {
-    /// The bundles of `rays` that were rendered.
-    pub fn bundles(&self, rays: RaySet) -> impl Iterator<Item = &Bundle> {
-        rays.seen().then_some(&self.seen).into_iter().chain(self.unseen.as_ref().filter(|_| rays.unseen()))
+    /// Lists the outputs of `rays` that were rendered.
+    pub fn outputs(&self, rays: RaySet) -> impl Iterator<Item = &RenderOutput> {
+        let unseen = self.unseen.as_ref().filter(|_| rays.unseen());
+        rays.seen().then_some(&self.seen).into_iter().chain(unseen).map(Bundle::output)
     }
 
-    /// The neighbours of `rays` that were rendered.
+    /// Lists the neighbours of `rays` that were rendered.
     pub fn neighbours(&self, rays: RaySet) -> impl Iterator<Item = &RenderOutput> {
         let NeighbourBundles { seen, unseen } = &self.neighbours;
         seen.as_ref().filter(|_| rays.seen()).into_iter().chain(unseen.as_ref().filter(|_| rays.unseen()))
     }
 
-    /// The bundles of `rays` with their neighbours, if rendered.
-    pub fn pairs(&self, rays: RaySet) -> impl Iterator<Item = (&Bundle, &RenderOutput)> {
+    /// Lists the outputs of `rays` with those of their neighbours, where both were rendered.
+    pub fn pairs(&self, rays: RaySet) -> impl Iterator<Item = (&RenderOutput, &RenderOutput)> {
         let NeighbourBundles { seen, unseen } = &self.neighbours;
-        let seen = seen.as_ref().filter(|_| rays.seen()).map(|near| (&self.seen, near));
+        let seen = seen.as_ref().filter(|_| rays.seen()).map(|near| (self.seen.output(), near));
         let unseen = self.unseen.as_ref().zip(unseen.as_ref()).filter(|_| rays.unseen());
-        seen.into_iter().chain(unseen)
+        seen.into_iter().chain(unseen.map(|(bundle, near)| (bundle.output(), near)))
     }
 
-    /// Mean over the rays of all `outputs` of `of`, which maps an output to values `[R]`; 0 without rays.
-    pub fn mean<'a>(
-        &self,
-        outputs: impl Iterator<Item = &'a RenderOutput>,
-        of: impl Fn(&RenderOutput) -> Tensor<1>,
-    ) -> Tensor<1> {
-        self.mean_of_sums(outputs.map(|output| (of(output).sum(), output.segments().rays())))
-    }
-
-    /// Mean over all rays, given sums with the number of rays of each; 0 without rays.
-    pub fn mean_of_sums(&self, sums: impl Iterator<Item = (Tensor<1>, usize)>) -> Tensor<1> {
+    /// Computes the mean over all rays, given the sum over each bundle with its number of rays; 0 without rays.
+    pub fn mean(&self, sums: impl Iterator<Item = (Tensor<1>, usize)>) -> Tensor<1> {
         match sums.reduce(|(sum, rays), (more, more_rays)| (sum + more, rays + more_rays)) {
             Some((sum, rays)) => sum / rays.max(1) as f32,
             None => self.zero(),
         }
     }
 
-    /// The outputs of `rays`.
-    pub fn outputs(&self, rays: RaySet) -> impl Iterator<Item = &RenderOutput> {
-        self.bundles(rays).map(Bundle::output)
-    }
-
-    /// A penalty on the field's own parameters, a scalar; 0 for a field without it.
+    /// Returns a penalty on the field's own parameters, a scalar; 0 for a field without it.
     pub fn penalty(&self, name: Penalty) -> Tensor<1> {
         self.penalties.get(&name).cloned().unwrap_or_else(|| self.zero())
     }
 
-    /// A scalar 0 on the device of the renders.
+    /// Returns a scalar 0 on the device of the renders.
     pub fn zero(&self) -> Tensor<1> {
         Tensor::zeros([1], &self.seen.output().acc.device())
     }

@@ -6,32 +6,32 @@ use infonerf_render::Warp;
 use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Moment, Schedule};
 
-use crate::{Need, Renders};
+use crate::renders::{Need, Renders};
 
 /// A term of the objective, ready to be evaluated.
 pub trait Term: Debug + Send + Sync {
-    /// Its unweighted value, a scalar `[1]`, differentiable in the field's parameters.
+    /// Computes the unweighted value, a scalar `[1]`, differentiable in the field's parameters.
     fn value(&self, renders: &Renders) -> Tensor<1>;
 
-    /// Whether it is evaluated in the step at `at` if its weight is above 0.
+    /// Whether the term is evaluated in the step at `at` if its weight is above 0.
     fn is_due(&self, _at: Moment) -> bool {
         true
     }
 }
 
-/// The scheduled weight of a term, implemented by the list of terms. A term of weight 0 is off: nothing is rendered or computed
-/// for it.
+/// The scheduled weight of a term, implemented by the list of terms. A term of weight 0 is off: nothing is rendered or
+/// computed for it.
 pub trait Weighted {
-    /// The weight.
+    /// Returns the weight.
     fn weight(&self) -> &Schedule;
 
-    /// The same, mutable.
+    /// Returns the weight, mutable.
     fn weight_mut(&mut self) -> &mut Schedule;
 }
 
 /// The config of a term.
 pub trait TermSpec: Weighted {
-    /// What it needs in addition to density along the seen rays.
+    /// Lists what the term reads in addition to density along the seen rays.
     fn needs(&self) -> Vec<Need> {
         Vec::new()
     }
@@ -50,12 +50,12 @@ pub trait TermSpec: Weighted {
         Ok(())
     }
 
-    /// Why the term does not apply to `scene` and is left out; none if it applies.
+    /// Why the term does not apply to `scene` and is left out; `None` if it applies.
     fn skip_reason(&self, _scene: &Scene) -> Option<&'static str> {
         None
     }
 
-    /// What the term uses of a scene besides the colours of its training images, for reports.
+    /// Supervision beyond the colours of training images that reports must mention, such as alpha masks.
     fn privilege(&self) -> Option<&'static str> {
         None
     }
@@ -66,13 +66,13 @@ pub trait TermSpec: Weighted {
     }
 }
 
-/// What a term is built for.
+/// Scene, warp and device that a term is built for.
 #[derive(Clone, Copy, Debug)]
 pub struct TermSetup<'a> {
     /// The scene that is learned.
     pub scene: &'a Scene,
-    /// How the world is mapped into what a field sees.
+    /// Map from the world into the space of the field.
     pub warp: &'a Warp,
-    /// Where the field is.
+    /// Device of the field.
     pub device: &'a Device,
 }

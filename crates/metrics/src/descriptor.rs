@@ -1,5 +1,5 @@
-/// How a number of a run is called and shown. Metrics have one, and so have numbers that are measured elsewhere, such as
-/// the time of training, so that one table can show both:
+/// Name and format of a figure of a run. Metrics have one, and so have figures that are measured elsewhere, such as the time
+/// of training, so that one table can show both:
 ///
 /// ```
 /// use infonerf_metrics::{Better, Descriptor, METRICS};
@@ -16,27 +16,27 @@ pub struct Descriptor {
     pub key: &'static str,
     /// Name in a heading, such as `LPIPS (VGG)`.
     pub name: &'static str,
-    /// Unit, such as `dB`; empty where there is none.
+    /// Unit, such as `dB`; empty if none.
     pub unit: &'static str,
-    /// Decimals that are shown.
+    /// Number of decimals in tables.
     pub decimals: usize,
-    /// Which values are better.
+    /// Better values.
     pub better: Better,
 }
 
-/// Which values are better.
+/// Better values of a figure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Better {
-    /// The higher, the better.
+    /// Higher is better.
     Higher,
-    /// The lower, the better.
+    /// Lower is better.
     Lower,
-    /// The nearer to 1, the better.
+    /// Nearer to 1 is better.
     NearOne,
 }
 
 impl Descriptor {
-    /// Name with its unit and an arrow towards the better side, such as `PSNR (dB) ↑`.
+    /// Returns the name with its unit and an arrow towards better values, such as `PSNR (dB) ↑`.
     pub fn heading(&self) -> String {
         let arrow = match self.better {
             Better::Higher => "↑",
@@ -49,12 +49,12 @@ impl Descriptor {
         }
     }
 
-    /// `value` with the decimals that are shown.
+    /// Formats `value` with the decimals of tables.
     pub fn format(&self, value: f64) -> String {
         format!("{value:.*}", self.decimals)
     }
 
-    /// `value` in units of the last decimal shown, as a distance from the best: smaller is better, equal is a tie.
+    /// Ranks `value` as shown, in units of the last decimal: smaller is better, equal is a tie.
     pub fn rank(&self, value: f64) -> f64 {
         let unit = 10f64.powi(self.decimals as i32);
         let shown = (value * unit).round();
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn what_looks_the_same_ranks_the_same() {
+    fn values_that_look_equal_rank_equal() {
         assert_eq!(PSNR.rank(20.001), PSNR.rank(20.004));
         assert!(PSNR.rank(20.01) < PSNR.rank(20.0));
         assert!(SHARPNESS.rank(0.98) < SHARPNESS.rank(1.03));

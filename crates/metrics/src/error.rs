@@ -1,15 +1,15 @@
 use thiserror::Error;
 
-/// Why a metric has no value, in one line.
+/// Reason why a metric has no value, in one line.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum MetricError {
-    /// There is nothing to average over.
+    /// Nothing to average over.
     #[error("{what} is empty: a metric needs at least one value")]
     Empty {
         /// The argument that is empty.
         what: &'static str,
     },
-    /// A slice does not hold as many values as its counterpart, or as `width × height`.
+    /// Length other than the counterpart's, or than `width × height`.
     #[error("{what} holds {found} values, expected {expected}")]
     Length {
         /// The argument of the wrong length.
@@ -19,7 +19,7 @@ pub enum MetricError {
         /// Values expected.
         expected: usize,
     },
-    /// A value is NaN or infinite where a number is needed.
+    /// NaN or infinity among values that must be finite.
     #[error("{what} is not finite at index {index}")]
     NonFinite {
         /// The offending argument.
@@ -27,89 +27,92 @@ pub enum MetricError {
         /// Index of the first such pixel or value.
         index: usize,
     },
-    /// Two pictures, or a picture and its mask, differ in size.
+    /// Different sizes of two images, or of an image and its mask.
     #[error("the {what} has {} pixels, the render {}", dimensions(*found), dimensions(*expected))]
     Size {
-        /// What does not fit the render: `truth`, `mask`.
+        /// Part that does not fit the render: `truth`, `mask`.
         what: &'static str,
-        /// Its width and height.
+        /// Width and height found.
         found: [usize; 2],
         /// Width and height of the render.
         expected: [usize; 2],
     },
-    /// The picture is smaller than the metric's window.
+    /// Image smaller than the metric's window.
     #[error("both sides need at least {minimum} pixels, got {}", dimensions(*found))]
     TooSmall {
-        /// Width and height of the picture.
+        /// Width and height of the image.
         found: [usize; 2],
-        /// Smallest side accepted.
+        /// Minimum of both sides.
         minimum: usize,
     },
-    /// SSIM's data range is no positive number.
+    /// Data range of SSIM that is not positive and finite.
     #[error("SSIM's data range is {found}, expected more than 0")]
     DataRange {
-        /// The number given.
+        /// Data range found.
         found: String,
     },
-    /// A border of that width is all of the picture.
+    /// Border that covers the whole image.
     #[error("a border of {crop} pixels leaves nothing of {}", dimensions(*found))]
     Cropped {
         /// Width of the border.
         crop: usize,
-        /// Width and height of the picture.
+        /// Width and height of the image.
         found: [usize; 2],
     },
-    /// No pixel of the mask is inside.
+    /// Mask without a pixel inside.
     #[error("the mask is empty: no pixel is inside")]
     EmptyMask,
-    /// The metric is over a mask, and there is none.
+    /// Valid pixels that are all in the border that is left out, or none at all.
+    #[error("no valid pixel to compare")]
+    NothingValid,
+    /// View without the mask that the metric needs.
     #[error("no mask")]
     NoMask,
-    /// The metric compares depth, and the true depth is not known.
+    /// View without the true depth that the metric needs.
     #[error("no true depth")]
     NoDepth,
-    /// No ray hits something both in the render and in the truth.
+    /// No ray that hits something both in the render and in the truth.
     #[error("no pixel where both the render and the truth hit something")]
     NothingHit,
-    /// The truth has no gradient to compare with.
+    /// Truth without a gradient to compare with.
     #[error("the truth is flat")]
     Flat,
-    /// The metric needs a network whose weights are not at hand.
-    #[error("no weights; `infonerf weights import FILE` or `infonerf weights fetch {network}`")]
+    /// Network without weights.
+    #[error("no weights of {weights}; `infonerf weights import FILE` or `infonerf weights fetch {weights}`")]
     NoWeights {
-        /// Name of the network, such as `lpips-alex`.
-        network: &'static str,
+        /// Name of the missing weights, such as `lpips-alex`.
+        weights: &'static str,
     },
-    /// The network gave no answer.
+    /// Network that cannot process the images; the line gives its reason.
     #[error("{0}")]
     Network(String),
-    /// The metric compares distributions, and there are too few samples.
-    #[error("needs at least {minimum} pictures, got {found}")]
+    /// Too few images for a metric that compares distributions.
+    #[error("needs at least {minimum} images, got {found}")]
     TooFew {
-        /// Pictures given.
+        /// Number of images.
         found: usize,
-        /// Fewest pictures accepted.
+        /// Minimum number of images.
         minimum: usize,
     },
-    /// No metric has that key.
+    /// Unknown key of a metric.
     #[error("no metric is called `{key}`; known: {known}")]
     UnknownMetric {
-        /// The key that was asked for.
+        /// The requested key.
         key: String,
-        /// The keys there are, separated by commas.
+        /// All keys, separated by commas.
         known: String,
     },
-    /// A metric that was asked for has no value.
+    /// Requested metric without a value.
     #[error("{key}: {reason}")]
     Missing {
-        /// Its key.
+        /// Key of the metric.
         key: String,
-        /// Why.
+        /// Reason, in one line.
         reason: String,
     },
 }
 
-/// `width × height` for people.
+/// Formats `width × height`.
 fn dimensions([width, height]: [usize; 2]) -> String {
     format!("{width}×{height}")
 }

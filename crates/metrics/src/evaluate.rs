@@ -2,8 +2,13 @@ use std::collections::BTreeMap;
 
 use indexmap::IndexMap;
 
-use crate::metric::Measure;
-use crate::{Features, METRICS, Measured, Metric, MetricError, Networks, Note, Pair, Protocol, Values, View};
+use crate::error::MetricError;
+use crate::features::FeatureSet;
+use crate::measured::{Measured, Note, Values};
+use crate::metric::{METRICS, Measure, Metric};
+use crate::networks::Networks;
+use crate::protocol::Protocol;
+use crate::view::{Pair, PreparedView};
 
 /// Measures `pairs` with every metric.
 ///
@@ -29,49 +34,55 @@ pub fn evaluate(pairs: &[Pair<'_>], networks: &Networks, protocol: &Protocol) ->
     Ok(evaluator.finish())
 }
 
-/// Measures views one after another, so that pictures need not be in memory together.
+/// Measures views one after another, so that only one is in memory at a time.
 pub struct Evaluator<'a> {
     metrics: &'a [&'static Metric],
     networks: &'a Networks,
     protocol: &'a Protocol,
     views: Vec<Values>,
-    /// Why a metric has no value for a view, by key: the first reason.
+    /// First reason why a metric has no value for a view, by key.
     reasons: BTreeMap<&'static str, MetricError>,
-    /// What each extractor makes of renders and of truths, by name.
-    features: BTreeMap<&'static str, Result<[Features; 2], MetricError>>,
+    /// Features of renders and of truths by each extractor, by name.
+    features: BTreeMap<&'static str, Result<[FeatureSet; 2], MetricError>>,
 }
 
 impl<'a> Evaluator<'a> {
-    /// Measures `metrics`: all of [`METRICS`], or some that were [selected](crate::select).
+    /// Prepares to measure `metrics`: all of [`METRICS`], or a [selection](crate::select).
     #[must_use]
     pub fn new(metrics: &'a [&'static Metric], networks: &'a Networks, protocol: &'a Protocol) -> Self {
         let mut features = BTreeMap::new();
         for metric in metrics {
             if let Measure::Set(network, _) = metric.measure {
-                features.insert(network, networks.extractor(network).map(|_| <[Features; 2]>::default()));
+                features.insert(network, networks.extractor(network).map(|_| <[FeatureSet; 2]>::default()));
             }
         }
         Self { metrics, networks, protocol, views: Vec::new(), reasons: BTreeMap::new(), features }
     }
 
-    /// Measures one more view and gives its values; a metric that cannot be computed for it has none.
+    /// Measures one more view and returns its values; a metric that cannot be computed for it has none. A view without a
+    /// valid pixel has no values, and is no part of the sets that FID and KID compare.
     ///
     /// # Errors
-    /// As [`View::new`], if render and truth do not fit each other.
+    /// As [`PreparedView::new`], if render and truth do not fit each other.
     pub fn add(&mut self, pair: Pair<'_>) -> Result<&Values, MetricError> {
-        let view = View::new(pair, self.protocol)?;
+        let view = match PreparedView::new(pair, self.protocol) {
+            Err(reason) if reason != MetricError::NothingValid => return Err(reason),
+            view => view,
+        };
         let mut values = Values::new();
-        let mut measured = MeasuredView { view: &view, networks: self.networks, values: BTreeMap::new() };
+        let mut computed = BTreeMap::new();
         for metric in self.metrics.iter().filter(|metric| !matches!(metric.measure, Measure::Set(..))) {
-            let value = measured.value(metric);
+            let view = view.as_ref().map_err(MetricError::clone);
+            let value = view.and_then(|view| view_value(metric, view, self.networks, &mut computed));
             if let Err(reason) = &value {
                 self.reasons.entry(metric.key()).or_insert_with(|| reason.clone());
             }
             values.insert(metric.key().to_owned(), value.ok());
         }
         for (network, features) in &mut self.features {
-            let Ok(sets) = features else { continue };
-            if let Err(reason) = describe(&view, self.networks, network, sets) {
+            if let (Ok(sets), Ok(view)) = (&mut *features, &view)
+                && let Err(reason) = describe(view, self.networks, network, sets)
+            {
                 *features = Err(reason);
             }
         }
@@ -79,7 +90,7 @@ impl<'a> Evaluator<'a> {
         Ok(&self.views[self.views.len() - 1])
     }
 
-    /// The values of all views and of the set.
+    /// Returns the values of all views and of the set.
     pub fn finish(self) -> Measured {
         let mut set = Values::new();
         // Metrics that have no value for the same reason share a note.
@@ -104,60 +115,59 @@ impl<'a> Evaluator<'a> {
         Measured { views: self.views, set, notes }
     }
 
-    /// Mean over the views that have a value, and a note if some have none.
-    fn mean(&self, key: &str) -> (Option<f64>, Option<String>) {
-        let values: Vec<f64> = self.views.iter().filter_map(|view| view[key]).collect();
-        let mean = (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64);
-        let note = match (mean, self.reasons.get(key)) {
-            (Some(_), None) => None,
-            (Some(_), Some(reason)) => {
-                Some(format!("mean over {} of {} views, for the others: {reason}", values.len(), self.views.len()))
-            }
-            (None, Some(reason)) => Some(reason.to_string()),
-            (None, None) => Some("no views".to_owned()),
-        };
-        (mean, note)
-    }
-}
-
-/// A view and what has been measured of it, each once.
-struct MeasuredView<'a> {
-    view: &'a View<'a>,
-    networks: &'a Networks,
-    values: BTreeMap<&'static str, Result<f64, MetricError>>,
-}
-
-impl MeasuredView<'_> {
-    /// The view's value of `metric`.
+    /// Computes the mean over the views that have a finite value, and a note if some have none.
     ///
-    /// # Panics
-    /// For a metric of sets, which views have no value of.
-    fn value(&mut self, metric: &Metric) -> Result<f64, MetricError> {
-        if let Some(known) = self.values.get(metric.key()) {
-            return known.clone();
+    /// An infinite value (PSNR of identical images) would hide all others: it is left out, unless all views have one.
+    fn mean(&self, key: &str) -> (Option<f64>, Option<String>) {
+        let mut values: Vec<f64> = self.views.iter().filter_map(|view| view[key]).collect();
+        let is_infinite = |value: &f64| value.is_infinite();
+        let mut reasons: Vec<String> = self.reasons.get(key).map(ToString::to_string).into_iter().collect();
+        if values.iter().any(is_infinite) && !values.iter().all(is_infinite) {
+            values.retain(|value| value.is_finite());
+            reasons.push("render and truth are identical, which has no finite value".to_owned());
         }
-        let value = match metric.measure {
-            Measure::View(measure) => measure(self.view),
-            Measure::Distance(network, measure) => {
-                self.networks.distance(network).and_then(|network| measure(self.view, network))
-            }
-            Measure::Values(metrics, measure) => {
-                let values: Result<Vec<f64>, MetricError> = metrics.iter().map(|metric| self.value(metric)).collect();
-                values.map(|values| measure(&values))
-            }
-            Measure::Set(..) => unreachable!("{} is of a set", metric.key()),
-        };
-        self.values.insert(metric.key(), value.clone());
-        value
+        let reasons = reasons.join("; ");
+        if values.is_empty() {
+            return (None, Some(if reasons.is_empty() { "no views".to_owned() } else { reasons }));
+        }
+        let of = format!("mean over {} of {} views, for the others: ", values.len(), self.views.len());
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        (Some(mean), (!reasons.is_empty()).then(|| of + &reasons))
     }
 }
 
-/// Adds what the extractor `network` makes of a view to its sets of renders and of truths.
+/// Computes the value of `metric` for a view; `computed` holds values by key, so that each is computed once.
+///
+/// # Panics
+/// For a metric of sets, which has no value for a view.
+fn view_value(
+    metric: &Metric,
+    view: &PreparedView<'_>,
+    networks: &Networks,
+    computed: &mut BTreeMap<&'static str, Result<f64, MetricError>>,
+) -> Result<f64, MetricError> {
+    if let Some(known) = computed.get(metric.key()) {
+        return known.clone();
+    }
+    let value = match metric.measure {
+        Measure::View(measure) => measure(view),
+        Measure::Distance(network, measure) => networks.distance(network).and_then(|network| measure(view, network)),
+        Measure::Values(metrics, measure) => {
+            let values = metrics.iter().map(|metric| view_value(metric, view, networks, computed));
+            values.collect::<Result<Vec<f64>, MetricError>>().map(|values| measure(&values))
+        }
+        Measure::Set(..) => unreachable!("{} is a metric of sets", metric.key()),
+    };
+    computed.insert(metric.key(), value.clone());
+    value
+}
+
+/// Adds the features of a view by the extractor `network` to the sets of renders and of truths.
 fn describe(
-    view: &View<'_>,
+    view: &PreparedView<'_>,
     networks: &Networks,
     network: &'static str,
-    [renders, truths]: &mut [Features; 2],
+    [renders, truths]: &mut [FeatureSet; 2],
 ) -> Result<(), MetricError> {
     let pictures = [&view.render, &view.truth];
     let rows = networks.extractor(network)?.features(&pictures, view.protocol).map_err(MetricError::Network)?;
@@ -171,16 +181,20 @@ fn describe(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Depths, Mask, Picture, PictureDistance, select};
+    use crate::mask::Mask;
+    use crate::metric::select;
+    use crate::networks::PictureDistance;
+    use crate::picture::Picture;
+    use crate::view::Depths;
 
     fn flat(value: f32) -> Picture {
         Picture::new(vec![[value; 3]; 144], 12, 12).unwrap()
     }
 
-    /// Difference of the upper left pixels; it cannot look at black.
-    struct Corner;
+    /// Difference of the upper left pixels; refuses black.
+    struct CornerDistance;
 
-    impl PictureDistance for Corner {
+    impl PictureDistance for CornerDistance {
         fn distance(&self, render: &Picture, truth: &Picture, _: &Protocol) -> Result<f64, String> {
             let [a, b] = [render, truth].map(|picture| f64::from(picture.pixels()[0][0]));
             if b == 0.0 { Err("too dark".to_owned()) } else { Ok((a - b).abs()) }
@@ -193,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn a_set_has_every_metric_in_order_and_a_note_for_each_null() {
+    fn sets_have_every_metric_in_order_and_a_note_for_each_missing_value() {
         let (render, truth) = (flat(0.6), flat(0.5));
         let measured = evaluate(&[Pair::new(&render, &truth)], &Networks::none(), &Protocol::default()).unwrap();
         let keys: Vec<&str> = METRICS.iter().map(|metric| metric.key()).collect();
@@ -207,14 +221,14 @@ mod tests {
     }
 
     #[test]
-    fn no_views_have_no_values() {
+    fn empty_set_has_no_values() {
         let measured = evaluate(&[], &Networks::none(), &Protocol::default()).unwrap();
         assert!(measured.set.values().all(Option::is_none));
         assert_eq!(reason(&measured, "psnr"), Some("no views"));
     }
 
     #[test]
-    fn differences_below_half_a_step_vanish() {
+    fn rounding_removes_differences_below_half_a_step() {
         let (render, truth) = (flat(100.4 / 255.0), flat(100.0 / 255.0));
         let psnr = |eight_bit| {
             let protocol = Protocol { eight_bit, ..Protocol::default() };
@@ -225,8 +239,8 @@ mod tests {
     }
 
     #[test]
-    fn means_leave_out_what_is_missing_and_say_so() {
-        let networks = Networks::none().with_distance("lpips-alex", Box::new(Corner));
+    fn means_leave_out_missing_values_with_a_note() {
+        let networks = Networks::none().with_distance("lpips-alex", Box::new(CornerDistance));
         let (dark, grey, bright) = (flat(0.0), flat(0.4), flat(1.0));
         let pairs = [Pair::new(&bright, &grey), Pair::new(&grey, &dark), Pair::new(&grey, &bright)];
         let measured = evaluate(&pairs, &networks, &Protocol::default()).unwrap();
@@ -237,8 +251,34 @@ mod tests {
     }
 
     #[test]
-    fn masked_metrics_see_the_masked_pictures() {
-        let networks = Networks::none().with_distance("lpips-vgg", Box::new(Corner));
+    fn identical_images_do_not_make_the_mean_psnr_infinite() {
+        let (black, grey) = (flat(0.0), flat(0.2));
+        let evaluated = |pairs: &[Pair<'_>]| evaluate(pairs, &Networks::none(), &Protocol::default()).unwrap();
+        let measured = evaluated(&[Pair::new(&grey, &grey), Pair::new(&grey, &black)]);
+        assert_eq!(measured.views[0]["psnr"], Some(f64::INFINITY));
+        assert_eq!(measured.set["psnr"], measured.views[1]["psnr"]);
+        let expected =
+            "mean over 1 of 2 views, for the others: render and truth are identical, which has no finite value";
+        assert_eq!(reason(&measured, "psnr"), Some(expected));
+        assert_eq!(evaluated(&[Pair::new(&grey, &grey)]).set["psnr"], Some(f64::INFINITY));
+    }
+
+    #[test]
+    fn valid_pixels_in_the_border_alone_leave_the_view_out() {
+        let (render, truth) = (flat(0.2), flat(0.5));
+        let border = Mask::new((0..144).map(|i| i < 12).collect(), 12, 12).unwrap();
+        let pairs = [Pair { valid: Some(&border), ..Pair::new(&render, &truth) }, Pair::new(&render, &truth)];
+        let protocol = Protocol { crop: 1, ..Protocol::default() };
+        let measured = evaluate(&pairs, &Networks::none(), &protocol).unwrap();
+        assert!(measured.views[0].values().all(Option::is_none));
+        assert_eq!(measured.set["psnr"], measured.views[1]["psnr"]);
+        let expected = "mean over 1 of 2 views, for the others: no valid pixel to compare";
+        assert_eq!(reason(&measured, "psnr"), Some(expected));
+    }
+
+    #[test]
+    fn masked_metrics_use_the_masked_images() {
+        let networks = Networks::none().with_distance("lpips-vgg", Box::new(CornerDistance));
         let (render, truth) = (flat(0.2), flat(0.5));
         let mask = Mask::new((0..144).map(|i| i > 0).collect(), 12, 12).unwrap();
         let depths = Some(Depths { render: &[1.0; 144], truth: &[3.0; 144] });
@@ -249,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_was_selected_is_measured() {
+    fn only_selected_metrics_are_measured() {
         let metrics = select(["ssim", "psnr"]).unwrap();
         let (networks, protocol) = (Networks::none(), Protocol::default());
         let mut evaluator = Evaluator::new(&metrics, &networks, &protocol);

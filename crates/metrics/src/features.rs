@@ -1,24 +1,24 @@
-use crate::MetricError;
+use crate::error::MetricError;
 
-/// What a network made of a set of pictures: one vector per picture, `[n, dimension]`.
+/// Feature vectors of a set of images, `[n, dimension]`.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Features {
+pub struct FeatureSet {
     values: Vec<f64>,
     dimension: usize,
 }
 
-impl Features {
-    /// The vectors in `rows`.
+impl FeatureSet {
+    /// Collects the vectors in `rows`.
     ///
     /// # Errors
-    /// As [`Features::push`].
+    /// As [`FeatureSet::push`].
     pub fn from_rows<'a>(rows: impl IntoIterator<Item = &'a [f32]>) -> Result<Self, MetricError> {
         let mut features = Self::default();
         rows.into_iter().try_for_each(|row| features.push(row))?;
         Ok(features)
     }
 
-    /// Adds the vector of one more picture; the first one decides the dimension.
+    /// Adds the vector of one more image; the first one decides the dimension.
     ///
     /// # Errors
     /// [`MetricError::Empty`], [`MetricError::Length`] for another dimension, [`MetricError::NonFinite`].
@@ -37,43 +37,40 @@ impl Features {
         Ok(())
     }
 
-    /// How many pictures.
+    /// Returns the number of images.
     pub fn len(&self) -> usize {
         self.values.len() / self.dimension.max(1)
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no images.
     pub fn is_empty(&self) -> bool {
         self.values.is_empty()
     }
 
-    /// Length of a vector; 0 if there are none.
+    /// Returns the length of a vector; 0 if there are none.
     pub fn dimension(&self) -> usize {
         self.dimension
     }
 
-    /// All values, a vector per row.
+    /// Returns all values, a vector per row.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// The vector of picture `index`.
+    /// Returns the vector of image `index`.
     ///
     /// # Panics
-    /// If there are not so many.
+    /// If `index` is not below [`Self::len`].
     pub fn row(&self, index: usize) -> &[f64] {
         &self.values[index * self.dimension..][..self.dimension]
     }
 
-    /// The vectors of these pictures.
-    ///
-    /// # Panics
-    /// If there are not so many.
-    pub(crate) fn select(&self, pictures: impl Iterator<Item = usize>) -> Self {
-        Self { values: pictures.flat_map(|picture| self.row(picture)).copied().collect(), dimension: self.dimension }
+    /// Returns the vectors of the images with these indices.
+    pub(crate) fn select(&self, indices: impl Iterator<Item = usize>) -> Self {
+        Self { values: indices.flat_map(|index| self.row(index)).copied().collect(), dimension: self.dimension }
     }
 
-    /// Both sets hold at least `minimum` vectors, of the same dimension.
+    /// Checks that both sets hold at least `minimum` vectors, of the same dimension.
     pub(crate) fn check_pair(a: &Self, b: &Self, minimum: usize) -> Result<(), MetricError> {
         let found = a.len().min(b.len());
         if found < minimum {
@@ -91,8 +88,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn vectors_are_of_one_length_and_finite() {
-        let mut features = Features::from_rows([&[1.0, 2.0][..], &[3.0, 4.0]]).unwrap();
+    fn vectors_must_have_one_length_and_be_finite() {
+        let mut features = FeatureSet::from_rows([&[1.0, 2.0][..], &[3.0, 4.0]]).unwrap();
         assert_eq!((features.len(), features.dimension(), features.row(1)), (2, 2, &[3.0, 4.0][..]));
         let length = MetricError::Length { what: "feature vector", found: 1, expected: 2 };
         assert_eq!(features.push(&[1.0]), Err(length));

@@ -1,7 +1,8 @@
-use crate::size::check_length;
-use crate::{MetricError, Picture, Rectangle};
+use crate::error::MetricError;
+use crate::picture::{Picture, check_length};
+use crate::rectangle::Rectangle;
 
-/// The pixels of a picture that count.
+/// Pixels of an image that count.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Mask {
     inside: Vec<bool>,
@@ -9,7 +10,7 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// The mask of row-major `inside`.
+    /// Wraps row-major `inside`.
     ///
     /// # Errors
     /// [`MetricError::Length`] unless there are `width × height` values.
@@ -18,22 +19,22 @@ impl Mask {
         Ok(Self { inside, size: [width, height] })
     }
 
-    /// Whether each pixel is inside, row-major.
+    /// Returns whether each pixel is inside, row-major.
     pub fn inside(&self) -> &[bool] {
         &self.inside
     }
 
-    /// Whether no pixel is inside: a view with such a mask has no masked figures.
+    /// Returns whether no pixel is inside: a view with such a mask has no masked metrics.
     pub fn is_empty(&self) -> bool {
         !self.inside.contains(&true)
     }
 
-    /// Width and height in pixels.
+    /// Returns width and height in pixels.
     pub fn size(&self) -> [usize; 2] {
         self.size
     }
 
-    /// The smallest rectangle that holds every pixel inside.
+    /// Returns the smallest rectangle that holds every pixel inside.
     ///
     /// # Panics
     /// If the mask is empty.
@@ -50,22 +51,22 @@ impl Mask {
         Rectangle { origin: [left, top], size: [right - left + 1, bottom - top + 1] }
     }
 
-    /// `picture` with `color` where the mask is not.
+    /// Replaces pixels outside the mask by `color`.
     ///
     /// # Panics
-    /// If the picture has another size.
+    /// If `picture` has another size.
     pub(crate) fn composite(&self, picture: &Picture, color: [f32; 3]) -> Picture {
         assert_eq!(picture.size(), self.size, "a mask of the picture's size");
         picture.mapped(|index, pixel| if self.inside[index] { pixel } else { color })
     }
 
-    /// The pixels inside both masks, which have one size.
+    /// Intersects two masks of one size.
     pub(crate) fn and(self, other: &Self) -> Self {
         let inside = self.inside.into_iter().zip(&other.inside).map(|(a, b)| a && *b).collect();
         Self { inside, ..self }
     }
 
-    /// The part inside `rectangle`.
+    /// Returns the part inside `rectangle`.
     pub(crate) fn cropped(&self, rectangle: Rectangle) -> Result<Self, MetricError> {
         let [width, height] = rectangle.size;
         Self::new(rectangle.of(&self.inside, self.size[0]), width, height)
@@ -82,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn its_rectangle_is_the_smallest() {
+    fn bounding_rectangle_is_the_smallest() {
         let rectangle = mask([".....", "..#..", ".#.#."]).unwrap().bounding_rectangle();
         assert_eq!(rectangle, Rectangle { origin: [1, 1], size: [3, 2] });
         let rectangle = mask(["#....", ".....", "....#"]).unwrap().bounding_rectangle();
@@ -90,13 +91,13 @@ mod tests {
     }
 
     #[test]
-    fn a_mask_has_the_size_of_its_picture() {
+    fn mask_must_have_a_value_per_pixel() {
         assert!(mask(["..", "..", ".."]).unwrap().is_empty() && !mask(["..", ".#", ".."]).unwrap().is_empty());
         assert!(matches!(Mask::new(vec![true], 2, 2), Err(MetricError::Length { .. })));
     }
 
     #[test]
-    fn what_is_outside_gets_the_color() {
+    fn composite_replaces_pixels_outside() {
         let picture = Picture::new(vec![[0.5; 3]; 6], 2, 3).unwrap();
         let composite = mask(["#.", "..", ".#"]).unwrap().composite(&picture, [1.0; 3]);
         assert_eq!(composite.pixels().iter().filter(|pixel| **pixel == [1.0; 3]).count(), 4);

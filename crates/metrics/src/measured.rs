@@ -3,26 +3,27 @@ use std::fmt;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
-use crate::{Metric, MetricError};
+use crate::error::MetricError;
+use crate::metric::Metric;
 
-/// The value of each metric by its key, in the order of [`crate::METRICS`]; none where it could not be computed.
+/// Value of each metric by its key, in the order of [`crate::METRICS`]; `None` if it could not be computed.
 pub type Values = IndexMap<String, Option<f64>>;
 
-/// What was measured on a set of views.
+/// Metrics of a set of views.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Measured {
-    /// The values of each view, in the order in which they were added; metrics of sets are not among them.
+    /// Values of each view, in the order in which views were added; without metrics of sets.
     pub views: Vec<Values>,
-    /// The values of the set: means over views, and metrics of sets.
+    /// Values of the set: means over views, and metrics of sets.
     pub set: Values,
-    /// Why values of the set are missing, or are means over fewer views.
+    /// Reasons why values of the set are missing, or are means over fewer views.
     pub notes: Vec<Note>,
 }
 
-/// A remark on metrics; its [`Display`](fmt::Display) is `KEY, KEY: REASON`.
+/// Remark on metrics; displayed as `KEY, KEY: REASON`.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Note {
-    /// Keys of the metrics that it concerns.
+    /// Keys of the metrics concerned.
     pub metrics: Vec<String>,
     /// One line.
     pub reason: String,
@@ -47,8 +48,8 @@ impl Measured {
         Err(MetricError::Missing { key: metric.key().to_owned(), reason })
     }
 
-    /// The same without values that JSON cannot hold, such as the infinite PSNR of identical pictures; those of the set
-    /// are named in the notes.
+    /// Removes values that JSON cannot hold, such as the infinite PSNR of identical images, and names those of the set in the
+    /// notes.
     #[must_use]
     pub fn representable(mut self) -> Self {
         for value in self.views.iter_mut().flat_map(IndexMap::values_mut) {
@@ -67,7 +68,7 @@ impl Measured {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::select;
+    use crate::metric::select;
 
     fn measured(psnr: Option<f64>) -> Measured {
         let set = Values::from([("psnr".to_owned(), psnr), ("fid".to_owned(), None)]);
@@ -76,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_asked_for_must_have_a_value() {
+    fn required_metrics_must_have_a_value() {
         let measured = measured(Some(20.0));
         assert_eq!(measured.require(&select(["psnr"]).unwrap()), Ok(()));
         let error = measured.require(&select(["psnr", "ssim"]).unwrap()).unwrap_err();

@@ -1,11 +1,9 @@
-use image::RgbImage;
+use image::{Rgb, RgbImage};
 
-use crate::rgb8::{from_rgb8, quantise_8bit, to_rgb8};
-use crate::size::{check_length, check_size};
-use crate::{MetricError, Rectangle};
+use crate::error::MetricError;
+use crate::rectangle::Rectangle;
 
-/// An RGB picture as displayed and composited on its background: at least one pixel, all values finite, nominally in
-/// [0, 1].
+/// RGB image as displayed, composited on its background: at least one pixel, all values finite, nominally in [0, 1].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
     pixels: Vec<[f32; 3]>,
@@ -13,7 +11,7 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// The picture of row-major `pixels`, `pixels[y * width + x]`.
+    /// Wraps row-major `pixels`, `pixels[y * width + x]`.
     ///
     /// # Errors
     /// [`MetricError::Empty`], [`MetricError::Length`] unless there are `width × height` pixels, and
@@ -29,67 +27,94 @@ impl Picture {
         }
     }
 
-    /// The picture of an 8-bit image, value / 255.
+    /// Converts an 8-bit image, value / 255.
     ///
     /// # Errors
     /// [`MetricError::Empty`] for an image without pixels.
     pub fn from_rgb8(image: &RgbImage) -> Result<Self, MetricError> {
-        Self::new(from_rgb8(image), image.width() as usize, image.height() as usize)
+        let pixels = image.pixels().map(|pixel| pixel.0.map(|value| f32::from(value) / 255.0)).collect();
+        Self::new(pixels, image.width() as usize, image.height() as usize)
     }
 
-    /// The 8-bit image, rounded to the nearest step.
+    /// Converts to an 8-bit image, rounded to the nearest step.
     ///
     /// # Errors
-    /// [`MetricError::Length`] when a side does not fit in 32 bits.
+    /// [`MetricError::Length`] if a side does not fit in 32 bits.
     pub fn to_rgb8(&self) -> Result<RgbImage, MetricError> {
         let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
         to_rgb8(&self.pixels, side(self.width()), side(self.height()))
     }
 
-    /// Row-major pixels.
+    /// Returns the row-major pixels.
     pub fn pixels(&self) -> &[[f32; 3]] {
         &self.pixels
     }
 
-    /// Width and height in pixels.
+    /// Returns width and height in pixels.
     pub fn size(&self) -> [usize; 2] {
         self.size
     }
 
-    /// Width in pixels.
+    /// Returns the width in pixels.
     pub fn width(&self) -> usize {
         self.size[0]
     }
 
-    /// Height in pixels.
+    /// Returns the height in pixels.
     pub fn height(&self) -> usize {
         self.size[1]
     }
 
-    /// Every value rounded to 8 bits, see [`quantise_8bit`].
+    /// Rounds every value to 8 bits and back, `round(255 · clamp(x, 0, 1)) / 255`, as a PNG does.
     #[must_use]
     pub fn rounded(&self) -> Self {
-        Self { pixels: quantise_8bit(&self.pixels), size: self.size }
+        self.mapped(|_, pixel| pixel.map(|value| eight_bit(value) / 255.0))
     }
 
-    /// The part inside `rectangle`.
+    /// Returns the part inside `rectangle`.
     ///
     /// # Panics
-    /// If it reaches out of the picture or is empty.
+    /// If it reaches out of the image or is empty.
     pub(crate) fn cropped(&self, rectangle: Rectangle) -> Self {
         Self { pixels: rectangle.of(&self.pixels, self.width()), size: rectangle.size }
     }
 
-    /// The same size with pixel `i` made by `pixel(i, value)`, which gives finite values.
+    /// Replaces pixel `i` by `pixel(i, value)`, which returns finite values.
     pub(crate) fn mapped(&self, pixel: impl Fn(usize, [f32; 3]) -> [f32; 3]) -> Self {
         let pixels = self.pixels.iter().enumerate().map(|(index, &value)| pixel(index, value)).collect();
         Self { pixels, size: self.size }
     }
 }
 
-/// The render and the truth have the same size.
+/// Converts row-major `pixels`, `[height × width]`, to an 8-bit image, clamped and rounded to the nearest step; NaN becomes
+/// black.
+///
+/// # Errors
+/// [`MetricError::Length`] if `pixels` does not hold `width × height` pixels.
+pub fn to_rgb8(pixels: &[[f32; 3]], width: u32, height: u32) -> Result<RgbImage, MetricError> {
+    check_length("image", pixels.len(), [width as usize, height as usize])?;
+    let pixel = |x: u32, y: u32| pixels[y as usize * width as usize + x as usize];
+    Ok(RgbImage::from_fn(width, height, |x, y| Rgb(pixel(x, y).map(|value| eight_bit(value) as u8))))
+}
+
+fn eight_bit(value: f32) -> f32 {
+    (255.0 * value.clamp(0.0, 1.0)).round()
+}
+
+/// Checks that render and truth have the same size.
 pub(crate) fn check_sizes(render: &Picture, truth: &Picture) -> Result<(), MetricError> {
     check_size("truth", truth.size, render.size)
+}
+
+/// Checks that `what` is as large as the render.
+pub(crate) fn check_size(what: &'static str, found: [usize; 2], expected: [usize; 2]) -> Result<(), MetricError> {
+    if found == expected { Ok(()) } else { Err(MetricError::Size { what, found, expected }) }
+}
+
+/// Checks that `found` is width × height.
+pub(crate) fn check_length(what: &'static str, found: usize, [width, height]: [usize; 2]) -> Result<(), MetricError> {
+    let expected = width.saturating_mul(height);
+    if found == expected { Ok(()) } else { Err(MetricError::Length { what, found, expected }) }
 }
 
 #[cfg(test)]
@@ -97,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_picture_has_pixels_of_its_size_and_finite() {
+    fn pixels_must_fit_the_size_and_be_finite() {
         let refused = |pixels: Vec<[f32; 3]>, width, height| Picture::new(pixels, width, height).unwrap_err();
         assert_eq!(refused(vec![], 0, 0), MetricError::Empty { what: "picture" });
         let length = MetricError::Length { what: "picture", found: 2, expected: 4 };
@@ -108,7 +133,14 @@ mod tests {
     }
 
     #[test]
-    fn eight_bits_there_and_back_is_rounding() {
+    fn rounding_takes_the_nearest_step_and_clamps() {
+        let picture = Picture::new(vec![[-1.0, 0.501, 2.0]], 1, 1).unwrap();
+        assert_eq!(picture.rounded().pixels(), [[0.0, 128.0 / 255.0, 1.0]]);
+        assert!(to_rgb8(picture.pixels(), 4, 2).is_err());
+    }
+
+    #[test]
+    fn conversion_to_8_bits_and_back_rounds() {
         let pixels = (0..6).map(|i| [i as f32 / 7.0, 0.1, 1.5]).collect();
         let picture = Picture::new(pixels, 3, 2).unwrap();
         assert_eq!(Picture::from_rgb8(&picture.to_rgb8().unwrap()).unwrap(), picture.rounded());

@@ -1,52 +1,52 @@
-//! The evaluation protocol: what is done to pictures before they are measured, and which definition of a metric is used
-//! where the field has several.
+//! Evaluation protocol: preparation of images before they are measured, and the definition of metrics that have several.
 //!
 //! # The protocol
 //!
-//! A number in a paper is a metric of two pictures *and* of what happened to them before. [`Protocol::default`] is what
-//! this project reports everywhere; whatever differs is a named option, and the protocol's [`Display`](fmt::Display) is
-//! the line under each table.
+//! A published figure depends on a metric of two images *and* on their preparation. This project reports
+//! [`Protocol::default`] everywhere; every deviation is a named option, and the protocol's [`Display`](fmt::Display) is the
+//! line under each table.
 //!
-//! 1. **Pictures** are RGB as displayed (sRGB values, no linearisation), row by row from the upper left corner. A pixel
+//! 1. **Images** are RGB as displayed (sRGB values, no linearisation), row by row from the upper left corner. A pixel
 //!    with opacity is composited on the background, `α c + (1 − α) b`, before anything else; white unless
 //!    `background` says otherwise.
-//! 2. **Size.** A render and its truth have the same size, or there is an error. With `sizes = "shrink-truth"` a larger
+//! 2. **Size.** A render and its truth must have the same size. With `sizes = "shrink-truth"` a larger
 //!    truth (and its mask) is brought to the render's size: each pixel becomes the mean over the area that it covers, and
 //!    a pixel of the mask is inside if half of its area is. Nothing is ever enlarged.
-//!    Where a truth knows nothing (beyond its lens, or where its capture says so) both pictures get the background's
-//!    colour and neither hits anything, so that nothing is compared there; PSNR is the mean over the other pixels.
+//!    Where a truth is not valid (outside the image circle of a lens, or by a mask of the capture) both images get the
+//!    background's colour and neither hits anything, so that nothing is compared there; PSNR is over the other pixels. A view
+//!    without a valid pixel has no values.
 //! 3. **Border.** `crop` pixels are left out on each side; none by default.
-//! 4. **Rounding.** Both pictures are clamped to [0, 1] and rounded to 8 bits, `round(255 x) / 255`, so that a render in
-//!    memory and its PNG score the same.
+//! 4. **Rounding.** Both images are clamped to [0, 1] and rounded to 8 bits, `round(255 x) / 255`, so that a render in
+//!    memory and its PNG have the same metrics.
 //! 5. **Each metric** is computed per view, and the set's value is the mean over views; PSNR is averaged in decibels.
-//!    A view without a value (SSIM of a picture smaller than its window, sharpness of a flat photograph) is left out of the
-//!    mean, and a note says so. FID and KID compare the set of renders with the set of truths.
+//!    A view without a value (SSIM of an image smaller than the window, sharpness of a flat truth) or with an infinite one
+//!    (PSNR of identical images) is left out of the mean, with a note. FID and KID compare the set of renders with the set of truths.
 //!
-//! A rendered ray hits something where its opacity exceeds one half. FID of few pictures is biased upwards, so it compares
+//! A rendered ray hits something where its opacity exceeds one half. FID of few images is biased upwards, so it compares
 //! methods on the same views and nothing else; KID is not biased.
 //!
 //! # Masks
 //!
-//! Metrics whose key ends in `_masked` look at a part of the picture. PSNR is over the mask's pixels. For SSIM and LPIPS,
-//! which look at neighbourhoods, `masked` decides:
+//! Metrics whose key ends in `_masked` measure a part of the image. PSNR is over the mask's pixels. For SSIM and LPIPS, which
+//! depend on neighbourhoods, `masked` decides:
 //!
-//! - `white-composite` (DTU in RegNeRF and FreeNeRF): both pictures are white outside the mask, and are then measured
+//! - `white-composite` (DTU in RegNeRF and FreeNeRF): both images are white outside the mask, and are then measured
 //!   whole.
 //! - `bounding-rectangle` (ZJU-MoCap in Neural Body): both are black outside the mask, and the mask's bounding rectangle
 //!   is measured.
 //!
-//! Which mask (an object's, what the training views see, the projection of a box) is up to the data set.
+//! The mask (an object's, the region seen by the training views, the projection of a box) comes from the data set.
 //!
-//! # What other systems do
+//! # Protocols of other systems
 //!
-//! [`Protocol::named`] has their combinations, so that their tables can be met.
+//! [`Protocol::named`] returns their combinations, so that their tables can be compared.
 //!
 //! | option | values | who |
 //! |---|---|---|
 //! | `eight_bit` | `true`; `false` measures float renders | `false`: RegNeRF, Neural Body |
 //! | `ssim.window` | `gaussian-11`; `uniform-7` is scikit-image's default: mean over 7×7 with sample covariance | `uniform-7`: RegNeRF, Neural Body |
-//! | `ssim.data_range` | 1; scikit-image takes 2 for float pictures unless told, which raises SSIM | 2: RegNeRF, Neural Body |
-//! | `lpips_input` | `signed` [−1, 1]; `unsigned` feeds [0, 1], which gives another number | `unsigned`: RegNeRF, FreeNeRF |
+//! | `ssim.data_range` | 1; scikit-image takes 2 for float images by default, which raises SSIM | 2: RegNeRF, Neural Body |
+//! | `lpips_input` | `signed` [−1, 1]; `unsigned` feeds [0, 1], which gives another value | `unsigned`: RegNeRF, FreeNeRF |
 //! | `inception_input` | `pytorch-fid`: bilinear to 299², no low-pass, 2x − 1; `clean-fid`: bicubic with low-pass, (x − 128)/128 | either, by the library used |
 //! | `masked` | see above | |
 
@@ -54,25 +54,25 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// How pictures are measured: see [the module](self).
+/// Options of the [evaluation protocol](self).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Protocol {
-    /// Whether both pictures are rounded to 8 bits first.
+    /// Whether both images are rounded to 8 bits first.
     pub eight_bit: bool,
-    /// What is behind pixels that are not opaque.
+    /// Background of pixels that are not opaque.
     pub background: Background,
-    /// What to do with a truth that is larger than its render.
+    /// Treatment of a truth that is larger than its render.
     pub sizes: Sizes,
     /// Pixels left out on each side.
     pub crop: usize,
-    /// What SSIM and LPIPS over a mask look at.
+    /// Input of SSIM and LPIPS over a mask.
     pub masked: Masked,
-    /// Which SSIM.
+    /// Definition of SSIM.
     pub ssim: Ssim,
-    /// Range of the pictures that LPIPS is given.
+    /// Value range of LPIPS's input.
     pub lpips_input: LpipsInput,
-    /// How pictures are brought to Inception's size and range.
+    /// Resizing and value range of Inception's input.
     pub inception_input: InceptionInput,
 }
 
@@ -82,7 +82,7 @@ impl Default for Protocol {
     }
 }
 
-/// What is behind pixels that are not opaque.
+/// Background of pixels that are not opaque.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Background {
@@ -92,27 +92,27 @@ pub enum Background {
     Black,
 }
 
-/// What to do with a truth that is larger than its render.
+/// Treatment of a truth that is larger than its render.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Sizes {
-    /// It is an error.
+    /// Error.
     Equal,
-    /// It is averaged over areas.
+    /// Average over areas, to the render's size.
     ShrinkTruth,
 }
 
-/// What SSIM and LPIPS over a mask look at.
+/// Input of SSIM and LPIPS over a mask.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Masked {
-    /// The whole picture, white outside the mask.
+    /// Whole image, white outside the mask.
     WhiteComposite,
-    /// The mask's bounding rectangle, black outside the mask.
+    /// Bounding rectangle of the mask, black outside the mask.
     BoundingRectangle,
 }
 
-/// Which SSIM: see [`crate::ssim`].
+/// Definition of SSIM, see [`crate::ssim`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ssim {
@@ -139,17 +139,17 @@ pub enum SsimWindow {
     Uniform7,
 }
 
-/// Range of the pictures that LPIPS is given.
+/// Value range of LPIPS's input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LpipsInput {
-    /// [−1, 1], as its authors define it.
+    /// [−1, 1], as defined by the authors.
     Signed,
     /// [0, 1].
     Unsigned,
 }
 
-/// How pictures are brought to Inception's size and range.
+/// Resizing and value range of Inception's input.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum InceptionInput {
@@ -160,7 +160,7 @@ pub enum InceptionInput {
 }
 
 impl Protocol {
-    /// What this project reports.
+    /// Protocol of this project's reports.
     pub const INFONERF: Self = Self {
         eight_bit: true,
         background: Background::White,
@@ -172,7 +172,7 @@ impl Protocol {
         inception_input: InceptionInput::PytorchFid,
     };
 
-    /// RegNeRF's and FreeNeRF's.
+    /// Protocol of RegNeRF and FreeNeRF.
     pub const REGNERF: Self = Self {
         eight_bit: false,
         ssim: Ssim { window: SsimWindow::Uniform7, data_range: 2.0 },
@@ -180,7 +180,7 @@ impl Protocol {
         ..Self::INFONERF
     };
 
-    /// Neural Body's, on ZJU-MoCap.
+    /// Protocol of Neural Body on ZJU-MoCap.
     pub const NEURAL_BODY: Self = Self {
         eight_bit: false,
         background: Background::Black,
@@ -189,18 +189,18 @@ impl Protocol {
         ..Self::INFONERF
     };
 
-    /// Protocols that have a name.
+    /// Protocols by name.
     pub const NAMED: [(&str, Self); 3] =
         [("infonerf", Self::INFONERF), ("regnerf", Self::REGNERF), ("neural-body", Self::NEURAL_BODY)];
 
-    /// The protocol called `name`, of [`Self::NAMED`].
+    /// Finds the protocol called `name` in [`Self::NAMED`].
     pub fn named(name: &str) -> Option<Self> {
         Self::NAMED.into_iter().find(|(known, _)| *known == name).map(|(_, protocol)| protocol)
     }
 }
 
 impl Background {
-    /// Its colour.
+    /// Returns the colour.
     pub fn color(self) -> [f32; 3] {
         match self {
             Self::White => [1.0; 3],
@@ -210,7 +210,7 @@ impl Background {
 }
 
 impl fmt::Display for Protocol {
-    /// One line, such as `8-bit RGB on white; SSIM 11×11 Gaussian, range 1; …`.
+    /// Writes one line, such as `8-bit RGB on white; SSIM 11×11 Gaussian, range 1; …`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let background = match self.background {
             Background::White => "white",
@@ -244,7 +244,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_line_says_what_is_done() {
+    fn display_names_every_option() {
         let line = "8-bit RGB on white; SSIM 11×11 Gaussian, range 1; LPIPS 0.1 of [−1, 1]; FID, KID resized as pytorch-fid; \
                     masked SSIM, LPIPS on white outside the mask";
         assert_eq!(Protocol::default().to_string(), line);
@@ -254,7 +254,7 @@ mod tests {
     }
 
     #[test]
-    fn options_are_read_by_name_and_the_rest_is_default() {
+    fn omitted_options_are_default() {
         let text = r#"{"ssim": {"window": "uniform-7"}, "lpips_input": "unsigned", "masked": "bounding-rectangle"}"#;
         let expected = Protocol {
             ssim: Ssim { window: SsimWindow::Uniform7, data_range: 1.0 },

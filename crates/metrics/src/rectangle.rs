@@ -1,4 +1,4 @@
-/// A part of a picture that is aligned with its axes.
+/// Part of an image, aligned with its axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rectangle {
     /// Column and row of its upper left pixel.
@@ -8,7 +8,7 @@ pub struct Rectangle {
 }
 
 impl Rectangle {
-    /// The values inside it, row-major, of a row-major map that is `width` wide.
+    /// Returns the values inside it, row-major, of a row-major map that is `width` wide.
     ///
     /// # Panics
     /// If it reaches out of the map or is empty.
@@ -24,7 +24,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn takes_rows_and_columns() {
+    fn rectangle_selects_rows_and_columns() {
         let map: Vec<usize> = (0..12).collect();
         assert_eq!(Rectangle { origin: [1, 1], size: [2, 2] }.of(&map, 4), [5, 6, 9, 10]);
     }

@@ -1,11 +1,13 @@
-//! Smaller pictures by averaging over areas.
+//! Shrinking of images by averaging over areas.
 
-use crate::{Mask, MetricError, Picture};
+use crate::error::MetricError;
+use crate::mask::Mask;
+use crate::picture::Picture;
 
-/// The picture at a smaller size: each pixel is the mean over the area that it covers.
+/// Shrinks an image to `size` (without 0): each pixel is the mean over the area that it covers.
 ///
 /// # Errors
-/// [`MetricError::Size`] unless it is at least as large as `size`, which has no 0, on both sides.
+/// [`MetricError::Size`] if a side is smaller than that of `size`.
 pub(crate) fn shrunk_picture(picture: &Picture, size: [usize; 2]) -> Result<Picture, MetricError> {
     check("truth", picture.size(), size)?;
     let channel = |channel: usize| {
@@ -17,7 +19,7 @@ pub(crate) fn shrunk_picture(picture: &Picture, size: [usize; 2]) -> Result<Pict
     Picture::new((0..size[0] * size[1]).map(pixel).collect(), size[0], size[1])
 }
 
-/// The mask at a smaller size: a pixel is inside if at least half of its area is.
+/// Shrinks a mask to `size`: a pixel is inside if at least half of its area is.
 ///
 /// # Errors
 /// As [`shrunk_picture`].
@@ -43,7 +45,7 @@ fn shrunk(plane: &[f64], from: [usize; 2], to: [usize; 2]) -> Vec<f64> {
     rows.iter().flat_map(|area| (0..to[0]).map(|x| down(area, x))).collect()
 }
 
-/// For each of `to` equal parts of a side of `from` pixels: the pixels that it covers, and each one's share of it.
+/// Returns for each of `to` equal parts of a side of `from` pixels the pixels that it covers, and their shares of it.
 fn areas(from: usize, to: usize) -> Vec<Vec<(usize, f64)>> {
     // In units of 1/to of a pixel, part i covers [i·from, (i+1)·from) and pixel x covers [x·to, (x+1)·to).
     let part = |i: usize| {
@@ -59,14 +61,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn areas_share_pixels() {
+    fn areas_may_share_pixels() {
         let third = 1.0 / 3.0;
         assert_eq!(areas(3, 2), [vec![(0, 2.0 * third), (1, third)], vec![(1, third), (2, 2.0 * third)]]);
         assert_eq!(areas(4, 1), [[(0, 0.25), (1, 0.25), (2, 0.25), (3, 0.25)]]);
     }
 
     #[test]
-    fn a_picture_keeps_its_mean() {
+    fn shrinking_keeps_the_mean() {
         let picture = Picture::new((0..35).map(|i| [i as f32 / 35.0, 0.25, 1.0]).collect(), 7, 5).unwrap();
         let mean = |picture: &Picture| {
             picture.pixels().iter().map(|pixel| f64::from(pixel[0])).sum::<f64>() / picture.pixels().len() as f64
@@ -78,14 +80,14 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_enlarged() {
+    fn enlarging_is_refused() {
         let picture = Picture::new(vec![[0.0; 3]; 6], 3, 2).unwrap();
         let expected = MetricError::Size { what: "truth", found: [3, 2], expected: [4, 2] };
         assert_eq!(shrunk_picture(&picture, [4, 2]), Err(expected));
     }
 
     #[test]
-    fn half_a_pixel_of_mask_is_a_pixel() {
+    fn half_covered_pixels_are_inside() {
         let mask = Mask::new(vec![true, false, false, false, true, false, false, false], 4, 2).unwrap();
         assert_eq!(shrunk_mask(&mask, [2, 1]).unwrap().inside(), [true, false]);
         let mask = Mask::new(vec![true, false, false, false], 2, 2).unwrap();

@@ -2,19 +2,19 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// Mean and spread over seeds.
+/// Mean and spread of several values, such as those of several seeds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Arithmetic mean.
     pub mean: f64,
     /// Sample standard deviation `sqrt(Σ (x − mean)² / (n − 1))`; `None` for a single value.
     pub std: Option<f64>,
-    /// How many values.
+    /// Number of values.
     pub n: usize,
 }
 
 impl Summary {
-    /// Summary of `values`; `None` when there are none. Values that are not finite carry through to the mean.
+    /// Summarises `values`; `None` if there are none. Values that are not finite carry through to the mean.
     pub fn of(values: impl IntoIterator<Item = f64>) -> Option<Self> {
         let values: Vec<f64> = values.into_iter().collect();
         let n = values.len();
@@ -29,7 +29,7 @@ impl Summary {
 }
 
 impl fmt::Display for Summary {
-    /// `mean ± std`, or `mean` for a single value, with the formatter's precision (2 decimals when none is given).
+    /// Writes `mean ± std`, or `mean` for a single value, with the formatter's precision (2 decimals by default).
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let precision = f.precision().unwrap_or(2);
         match self.std {
@@ -44,14 +44,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_spread_is_that_of_a_sample() {
+    fn spread_is_the_sample_standard_deviation() {
         let summary = Summary::of([1.0, 2.0, 3.0]).unwrap();
         assert_eq!(summary, Summary { mean: 2.0, std: Some(1.0), n: 3 });
         assert_eq!(format!("{summary:.1}"), "2.0 ± 1.0");
     }
 
     #[test]
-    fn one_value_has_no_spread_and_none_has_no_summary() {
+    fn single_value_has_no_spread() {
         assert_eq!(Summary::of([4.0]), Some(Summary { mean: 4.0, std: None, n: 1 }));
         assert_eq!(Summary::of([]), None);
     }

@@ -1,24 +1,25 @@
 use std::borrow::Cow;
 use std::cell::OnceCell;
 
-use crate::picture::check_sizes;
-use crate::protocol::{Masked, Sizes};
+use crate::error::MetricError;
+use crate::mask::Mask;
+use crate::picture::{Picture, check_length, check_size, check_sizes};
+use crate::protocol::{Masked, Protocol, Sizes};
+use crate::rectangle::Rectangle;
 use crate::shrink::{shrunk_mask, shrunk_picture};
-use crate::size::{check_length, check_size};
-use crate::{Mask, MetricError, Picture, Protocol, Rectangle};
 
-/// A render and the photograph that it should equal, with whatever else is known of them.
+/// Render and the image that it should equal, with optional masks and depth.
 #[derive(Debug, Clone, Copy)]
 pub struct Pair<'a> {
     /// The render.
     pub render: &'a Picture,
-    /// The photograph.
+    /// The true image.
     pub truth: &'a Picture,
-    /// The pixels that count in masked metrics.
+    /// Pixels that count in masked metrics.
     pub mask: Option<&'a Mask>,
-    /// The pixels that the photograph knows, where that is not all of them: beyond its lens there is nothing to compare.
+    /// Pixels where the truth is known, if not all: outside the image circle of a lens there is nothing to compare.
     pub valid: Option<&'a Mask>,
-    /// Depth maps, where the true depth is known.
+    /// Depth maps, if the true depth is known.
     pub depths: Option<Depths<'a>>,
 }
 
@@ -26,27 +27,27 @@ pub struct Pair<'a> {
 /// there).
 #[derive(Debug, Clone, Copy)]
 pub struct Depths<'a> {
-    /// Of the render.
+    /// Rendered depth.
     pub render: &'a [f32],
-    /// Of the truth.
+    /// True depth.
     pub truth: &'a [f32],
 }
 
 impl<'a> Pair<'a> {
-    /// A pair without masks and depth.
+    /// Returns a pair without masks and depth.
     #[must_use]
     pub fn new(render: &'a Picture, truth: &'a Picture) -> Self {
         Self { render, truth, mask: None, valid: None, depths: None }
     }
 }
 
-/// A pair as the protocol has it, which is what metrics look at: render, truth, mask and depth maps have the same size.
-pub struct View<'a> {
-    /// The render.
+/// Pair prepared as the protocol defines, the input of metrics: render, truth, mask and depth maps have the same size.
+pub struct PreparedView<'a> {
+    /// Prepared render.
     pub render: Picture,
-    /// The photograph.
+    /// Prepared truth.
     pub truth: Picture,
-    /// The protocol.
+    /// Protocol by which both were prepared.
     pub protocol: &'a Protocol,
     mask: Option<Mask>,
     valid: Option<Mask>,
@@ -54,13 +55,14 @@ pub struct View<'a> {
     masked: OnceCell<(Picture, Picture)>,
 }
 
-impl<'a> View<'a> {
-    /// Does to `pair` what `protocol` says. Where the photograph is not valid, both pictures get the background's colour,
-    /// neither hits anything, and nothing is masked.
+impl<'a> PreparedView<'a> {
+    /// Prepares `pair` as `protocol` defines. Where the truth is not valid, both images get the background's colour, neither
+    /// hits anything, and no mask is inside.
     ///
     /// # Errors
-    /// [`MetricError::Size`] if sizes differ other than the protocol allows, [`MetricError::Cropped`] if nothing is left,
-    /// [`MetricError::EmptyMask`] if no pixel is valid, [`MetricError::Length`] for depth maps of another size.
+    /// [`MetricError::Size`] if sizes differ in a way that the protocol does not allow, [`MetricError::Cropped`] if the border
+    /// covers everything, [`MetricError::NothingValid`] if no pixel inside the border is valid, [`MetricError::Length`] for
+    /// depth maps of another size.
     pub fn new(pair: Pair<'a>, protocol: &'a Protocol) -> Result<Self, MetricError> {
         let (render, size) = (pair.render, pair.render.size());
         let shrinks = protocol.sizes == Sizes::ShrinkTruth;
@@ -84,7 +86,7 @@ impl<'a> View<'a> {
         };
         let (mask, valid) = (mask(pair.mask)?, mask(pair.valid)?);
         if valid.as_ref().is_some_and(Mask::is_empty) {
-            return Err(MetricError::EmptyMask);
+            return Err(MetricError::NothingValid);
         }
         let picture = |picture: &Picture| {
             let cropped = if protocol.crop == 0 { picture.clone() } else { picture.cropped(inner) };
@@ -116,7 +118,7 @@ impl<'a> View<'a> {
         })
     }
 
-    /// The mask, which has pixels inside.
+    /// Returns the mask, if it has pixels inside.
     ///
     /// # Errors
     /// [`MetricError::NoMask`], [`MetricError::EmptyMask`].
@@ -125,15 +127,15 @@ impl<'a> View<'a> {
         if mask.is_empty() { Err(MetricError::EmptyMask) } else { Ok(mask) }
     }
 
-    /// The pixels that count at all, where these are not all.
+    /// Returns the pixels to compare, if not all.
     pub(crate) fn valid(&self) -> Option<&Mask> {
         self.valid.as_ref()
     }
 
-    /// Render and truth as SSIM and LPIPS over the mask see them, see [`Masked`].
+    /// Returns render and truth for SSIM and LPIPS over the mask, see [`Masked`].
     ///
     /// # Errors
-    /// As [`View::mask`].
+    /// As [`PreparedView::mask`].
     pub fn masked(&self) -> Result<(&Picture, &Picture), MetricError> {
         let mask = self.mask()?;
         let (render, truth) = self.masked.get_or_init(|| {
@@ -146,7 +148,7 @@ impl<'a> View<'a> {
         Ok((render, truth))
     }
 
-    /// Rendered and true depth.
+    /// Returns rendered and true depth.
     ///
     /// # Errors
     /// [`MetricError::NoDepth`].
@@ -156,7 +158,7 @@ impl<'a> View<'a> {
     }
 }
 
-/// What is left without a border.
+/// Returns the image without its border.
 fn inner(size: [usize; 2], crop: usize) -> Result<Rectangle, MetricError> {
     let left = |side: usize| side.checked_sub(crop.checked_mul(2)?).filter(|left| *left > 0);
     match size.map(left) {
@@ -174,11 +176,11 @@ mod tests {
     }
 
     fn refused(pair: Pair<'_>, protocol: Protocol) -> MetricError {
-        View::new(pair, &protocol).map(|_| ()).unwrap_err()
+        PreparedView::new(pair, &protocol).map(|_| ()).unwrap_err()
     }
 
     #[test]
-    fn sizes_must_agree() {
+    fn different_sizes_are_refused() {
         let (render, truth) = (picture(6, 4), picture(12, 8));
         let expected = MetricError::Size { what: "truth", found: [12, 8], expected: [6, 4] };
         assert_eq!(refused(Pair::new(&render, &truth), Protocol::default()), expected);
@@ -193,26 +195,26 @@ mod tests {
     }
 
     #[test]
-    fn a_larger_truth_and_its_mask_are_shrunk_on_request() {
+    fn larger_truth_and_mask_are_shrunk_on_request() {
         let (render, truth) = (picture(6, 4), picture(12, 8));
         let mask = Mask::new((0..96).map(|i| i % 12 < 6).collect(), 12, 8).unwrap();
         let protocol = Protocol { sizes: Sizes::ShrinkTruth, ..Protocol::default() };
         let pair = Pair { mask: Some(&mask), ..Pair::new(&render, &truth) };
-        let view = View::new(pair, &protocol).unwrap();
+        let view = PreparedView::new(pair, &protocol).unwrap();
         assert_eq!(view.truth.size(), [6, 4]);
         assert_eq!(view.mask().unwrap().inside()[..6], [true, true, true, false, false, false]);
         assert!(matches!(refused(Pair::new(&truth, &render), protocol), MetricError::Size { what: "truth", .. }));
     }
 
     #[test]
-    fn a_border_is_cut_from_everything() {
+    fn border_is_cut_from_images_mask_and_depth() {
         let render = picture(6, 4);
         let mask = Mask::new((0..24).map(|i| i < 6 || i == 8).collect(), 6, 4).unwrap();
         let depth: Vec<f32> = (0..24).map(|i| i as f32).collect();
         let depths = Some(Depths { render: &depth, truth: &depth });
         let pair = Pair { mask: Some(&mask), depths, ..Pair::new(&render, &render) };
         let protocol = Protocol { crop: 1, ..Protocol::default() };
-        let view = View::new(pair, &protocol).unwrap();
+        let view = PreparedView::new(pair, &protocol).unwrap();
         assert_eq!(view.render.size(), [4, 2]);
         assert_eq!(view.depths().unwrap().0, [7.0, 8.0, 9.0, 10.0, 13.0, 14.0, 15.0, 16.0]);
         assert_eq!(view.mask().unwrap().inside().iter().filter(|inside| **inside).count(), 1);
@@ -222,7 +224,6 @@ mod tests {
         }
     }
 
-    /// Beyond the lens a render may show anything; an empty mask takes the masked figures alone.
     #[test]
     fn only_valid_pixels_are_compared() {
         let truth = picture(6, 4);
@@ -233,7 +234,7 @@ mod tests {
         let depths = Some(Depths { render: &nearer, truth: &depth });
         let pair = Pair { valid: Some(&valid), mask: Some(&none), depths, ..Pair::new(&render, &truth) };
         let protocol = Protocol { eight_bit: false, ..Protocol::default() };
-        let view = View::new(pair, &protocol).unwrap();
+        let view = PreparedView::new(pair, &protocol).unwrap();
         assert_eq!(view.render.pixels(), view.truth.pixels());
         assert!(view.depths().unwrap().0[..6].iter().all(|depth| depth.is_infinite()));
         assert_eq!(view.mask(), Err(MetricError::EmptyMask));
@@ -243,26 +244,26 @@ mod tests {
         approx::assert_abs_diff_eq!(measured.set["psnr"].unwrap(), 20.0, epsilon = 1e-4);
         let note = measured.notes.iter().find(|note| note.metrics.contains(&"psnr_masked".to_owned())).unwrap();
         assert_eq!(note.reason, "mean over 1 of 2 views, for the others: the mask is empty: no pixel is inside");
-        assert_eq!(refused(Pair { valid: Some(&none), ..pair }, protocol), MetricError::EmptyMask);
+        assert_eq!(refused(Pair { valid: Some(&none), ..pair }, protocol), MetricError::NothingValid);
     }
 
     #[test]
-    fn rounding_is_an_option() {
+    fn rounding_is_optional() {
         let render = picture(6, 4);
         let rounded = |eight_bit| {
             let protocol = Protocol { eight_bit, ..Protocol::default() };
-            View::new(Pair::new(&render, &render), &protocol).unwrap().render
+            PreparedView::new(Pair::new(&render, &render), &protocol).unwrap().render
         };
         assert_eq!((rounded(true), rounded(false)), (render.rounded(), render.clone()));
     }
 
     #[test]
-    fn masked_pictures_follow_the_protocol() {
+    fn masked_images_follow_the_protocol() {
         let render = picture(6, 4);
         let mask = Mask::new((0..24).map(|i| i == 8 || i == 15).collect(), 6, 4).unwrap();
         let pair = Pair { mask: Some(&mask), ..Pair::new(&render, &render) };
         let seen = |protocol: &Protocol| {
-            let view = View::new(pair, protocol).unwrap();
+            let view = PreparedView::new(pair, protocol).unwrap();
             view.masked().unwrap().0.clone()
         };
         let white = seen(&Protocol::default());

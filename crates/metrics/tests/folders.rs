@@ -1,4 +1,4 @@
-//! Comparing folders of pictures: the same numbers as in memory, and one line for everything that is wrong.
+//! Comparison of folders of images: values as in memory, and errors of one line.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use infonerf_metrics::{
     select,
 };
 
-/// Folders `renders`, `truth` and `masks`.
+/// Temporary folders `renders`, `truth` and `masks`.
 struct Workspace(tempfile::TempDir);
 
 impl Workspace {
@@ -58,7 +58,7 @@ impl Workspace {
 }
 
 #[test]
-fn folders_have_the_numbers_of_the_same_pictures_in_memory() {
+fn folders_and_images_in_memory_have_the_same_values() {
     let workspace = Workspace::new();
     let sizes = [("a", 16, 12), ("b", 20, 15), ("c", 13, 30)];
     let written: Vec<(Picture, Picture)> = sizes.iter().map(|(name, w, h)| workspace.pair(name, *w, *h)).collect();
@@ -85,7 +85,7 @@ fn folders_have_the_numbers_of_the_same_pictures_in_memory() {
 }
 
 #[test]
-fn what_is_transparent_shows_the_background() {
+fn transparent_pixels_show_the_background() {
     let workspace = Workspace::new();
     let half = RgbaImage::from_pixel(12, 12, Rgba([255, 0, 0, 51]));
     half.save(workspace.path("renders/a.png")).unwrap();
@@ -98,7 +98,7 @@ fn what_is_transparent_shows_the_background() {
 }
 
 #[test]
-fn a_jpeg_may_be_compared_with_a_png() {
+fn jpeg_can_be_compared_with_png() {
     let workspace = Workspace::new();
     let (render, _) = workspace.pair("a", 32, 32);
     std::fs::remove_file(workspace.path("truth/a.png")).unwrap();
@@ -107,17 +107,17 @@ fn a_jpeg_may_be_compared_with_a_png() {
 }
 
 #[test]
-fn partners_that_are_missing_are_named() {
+fn missing_partners_are_named() {
     let workspace = Workspace::new();
-    assert_eq!(workspace.fault(false), "renders: no PNG or JPEG pictures in it");
+    assert_eq!(workspace.fault(false), "renders: no PNG or JPEG images in it");
     let (render, _) = workspace.pair("a", 12, 12);
     workspace.write("renders/b.png", &render);
-    assert_eq!(workspace.fault(false), "renders/b.png has no truth in truth: expected a picture called `b`");
+    assert_eq!(workspace.fault(false), "renders/b.png has no truth in truth: expected an image called `b`");
     std::fs::rename(workspace.path("renders/b.png"), workspace.path("truth/b.png")).unwrap();
-    assert_eq!(workspace.fault(false), "truth/b.png has no render in renders: expected a picture called `b`");
+    assert_eq!(workspace.fault(false), "truth/b.png has no render in renders: expected an image called `b`");
     std::fs::remove_file(workspace.path("truth/b.png")).unwrap();
     workspace.mask("c", 12, 12, |_, _| 1);
-    assert_eq!(workspace.fault(true), "renders/a.png has no mask in masks: expected a picture called `a`");
+    assert_eq!(workspace.fault(true), "renders/a.png has no mask in masks: expected an image called `a`");
     workspace.write("truth/a.jpeg", &render);
     assert_eq!(workspace.fault(false), "truth/a.jpeg and truth/a.png have the same name");
     std::fs::remove_dir_all(workspace.path("masks")).unwrap();
@@ -126,7 +126,7 @@ fn partners_that_are_missing_are_named() {
 }
 
 #[test]
-fn photographs_without_a_render_may_be_left_out() {
+fn partial_leaves_out_images_without_a_render() {
     let workspace = Workspace::new();
     let (_, truth) = workspace.pair("a", 12, 12);
     workspace.write("truth/b.png", &truth);
@@ -138,7 +138,7 @@ fn photographs_without_a_render_may_be_left_out() {
 }
 
 #[test]
-fn sizes_and_masks_that_do_not_fit_are_named() {
+fn unsuitable_sizes_and_masks_are_named() {
     let workspace = Workspace::new();
     let (_, truth) = workspace.pair("a", 24, 16);
     let (small, _) = pictures(12, 8);
@@ -160,7 +160,7 @@ fn sizes_and_masks_that_do_not_fit_are_named() {
 }
 
 #[test]
-fn pictures_that_are_broken_are_named() {
+fn broken_images_are_named() {
     let workspace = Workspace::new();
     workspace.pair("a", 24, 16);
     let bytes = std::fs::read(workspace.path("truth/a.png")).unwrap();
@@ -170,7 +170,7 @@ fn pictures_that_are_broken_are_named() {
     }
 }
 
-/// A feature extractor: mean and corner.
+/// Feature extractor for tests: mean and corner.
 struct Means;
 
 impl infonerf_metrics::FeatureExtractor for Means {
@@ -182,7 +182,7 @@ impl infonerf_metrics::FeatureExtractor for Means {
 }
 
 #[test]
-fn one_picture_has_no_fid_and_asking_for_it_is_an_error() {
+fn requested_fid_of_one_image_is_an_error() {
     let workspace = Workspace::new();
     workspace.pair("a", 12, 12);
     let networks = Networks::none().with_extractor("inception-fid", Box::new(Means));
@@ -193,7 +193,7 @@ fn one_picture_has_no_fid_and_asking_for_it_is_an_error() {
     };
     let asked = select(["psnr", "fid"]).unwrap();
     let error = fid().require(&asked).unwrap_err().to_string();
-    assert_eq!(error, "fid: needs at least 2 pictures, got 1");
+    assert_eq!(error, "fid: needs at least 2 images, got 1");
     workspace.pair("b", 20, 13);
     assert_eq!(fid().require(&asked), Ok(()));
 }

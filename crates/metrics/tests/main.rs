@@ -3,6 +3,5 @@
 mod common;
 mod distribution;
 mod folders;
-mod ms_ssim;
 mod reference;
 mod speed;

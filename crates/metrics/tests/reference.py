@@ -1,4 +1,4 @@
-"""Reference values of the image metrics, made with scikit-image, SciPy and NumPy.
+"""Reference values of the image metrics, made with scikit-image and NumPy.
 
     pip install scikit-image
     python reference.py > reference.json
@@ -9,7 +9,6 @@ The images follow an integer rule, so that `reference.rs` can make the same ones
 import json
 
 import numpy as np
-from scipy.signal import convolve2d
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
 SIZES = [(11, 11), (16, 13), (37, 24), (48, 64)]
@@ -24,17 +23,6 @@ def images(width, height):
 
 def luma(image):
     return image @ np.array([0.299, 0.587, 0.114])
-
-
-def gmsd(render, truth):
-    def magnitude(image):
-        block = convolve2d(luma(image), np.full((2, 2), 0.25))[1::2, 1::2]
-        kernel = np.array([[1, 0, -1]] * 3) / 3
-        return np.hypot(convolve2d(block, kernel, "same"), convolve2d(block, kernel.T, "same"))
-
-    # A full convolution is one pixel longer than the image, which covers the last block of an odd side.
-    r, t, c = magnitude(render), magnitude(truth), 170 / 255**2
-    return np.std((2 * r * t + c) / (r * r + t * t + c))
 
 
 def mean_gradient(image):
@@ -71,7 +59,6 @@ def case(width, height):
         "ssim_masked": gaussian_ssim(*white),
         "ssim_uniform": structural_similarity(truth, render, channel_axis=-1, data_range=1),
         "ssim_uniform_range_2": structural_similarity(truth, render, channel_axis=-1, data_range=2),
-        "gmsd": gmsd(render, truth),
         "sharpness": mean_gradient(render) / mean_gradient(truth),
     }
 

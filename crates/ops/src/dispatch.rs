@@ -1,35 +1,40 @@
-//! Which body of an operation runs where.
+//! Choice of an operation's body by the device of its tensors.
 
 use burn::backend::DispatchDevice;
 use burn::tensor::Device;
 
-/// Evaluates the body of an operation that serves a device: the host kernel on `flex`, the CubeCL kernel on GPUs, where
-/// there is one and its condition holds, and plain tensors elsewhere.
+/// Evaluates the body of an operation that serves a device: `host` on `flex`, `cube` on GPUs, `plain` on all other devices.
+/// An arm that is left out, or whose condition is false, leaves its devices to `plain`.
 macro_rules! dispatch {
     (
         $device:expr;
-        host $(if $host_serves:expr)? => $host:expr,
+        $(host $(if $host_serves:expr)? => $host:expr,)?
         $(cube $(if $cube_serves:expr)? => $cube:expr,)?
         plain => $plain:expr $(,)?
     ) => {
-        match $crate::dispatch::Body::serving($device) {
-            #[cfg(feature = "flex")]
-            $crate::dispatch::Body::Host $(if $host_serves)? => $host,
+        match $crate::dispatch::BodyKind::serving($device) {
+            $(#[cfg(feature = "flex")]
+            $crate::dispatch::BodyKind::Host $(if $host_serves)? => $host,)?
             $(#[cfg(feature = "cube")]
-            $crate::dispatch::Body::Cube $(if $cube_serves)? => $cube,)?
+            $crate::dispatch::BodyKind::Cube $(if $cube_serves)? => $cube,)?
             _ => $plain,
         }
     };
 }
 pub(crate) use dispatch;
 
-/// Whether `device` works on its own time, so that the host waits where it reads something back.
+/// Returns whether `device` works asynchronously, so that the host waits when it reads a tensor.
 pub fn is_gpu(device: &Device) -> bool {
-    dispatch! { device; host => false, cube => true, plain => false }
+    dispatch! { device; cube => true, plain => false }
 }
 
-/// Which kernels a device runs.
-pub(crate) enum Body {
+/// Returns whether tensors on `device` are served by the host kernels.
+pub fn has_host_kernels(device: &Device) -> bool {
+    dispatch! { device; host => true, plain => false }
+}
+
+/// Kind of body that a device runs.
+pub(crate) enum BodyKind {
     #[cfg(feature = "flex")]
     Host,
     #[cfg(feature = "cube")]
@@ -37,7 +42,8 @@ pub(crate) enum Body {
     Plain,
 }
 
-impl Body {
+impl BodyKind {
+    /// Returns the kind of body for `device`.
     pub(crate) fn serving(device: &Device) -> Self {
         match device.clone().inner().as_dispatch() {
             #[cfg(feature = "flex")]

@@ -1,19 +1,19 @@
-//! Distributions along rays on the host, in `f64` and without cancellation: what ray entropy and the divergence of
-//! neighbouring rays are computed from.
+//! Distributions along rays on the host, in `f64` and without cancellation, for ray entropy and the divergence of
+//! neighbouring rays.
 //!
-//! Both are differences of nearly equal numbers where a ray has one surface or a neighbour that looks the same, which is
+//! Entropy and divergence are differences of nearly equal numbers where a ray has one surface or a neighbour that looks the same, which is
 //! the state that training drives them to. In `f32` no digit would be left there.
 
 use std::ops::Range;
 
 use crate::RayDistribution;
 use crate::composite::MIN_ALPHA_SUM;
-use crate::groups::Group;
-use crate::numeric::{Opacity, ln, log_ratio};
+use crate::numeric::{SampleOpacity, ln, log_ratio};
+use crate::ray_kernel::Group;
 
-/// The distributions of the rays of a group: probabilities of their samples, packed, and of the background.
+/// Distributions of the rays of a group: probabilities of their samples, packed, and of the background.
 pub(crate) struct Distributions<'a> {
-    opacity: &'a Opacity,
+    opacity: &'a SampleOpacity,
     kind: RayDistribution,
     /// Probability of each sample; 0 along a ray whose masses sum to nothing.
     p: Vec<f64>,
@@ -23,7 +23,7 @@ pub(crate) struct Distributions<'a> {
 /// One ray's distribution. A sample's *mass* is its probability before normalisation.
 struct Ray {
     range: Range<usize>,
-    /// Place of the sample of the largest mass; none where that is the background.
+    /// Place of the sample of the largest mass; `None` if that is the background.
     top: Option<usize>,
     /// Sum of all masses but the largest, summed apart: it may be far below the last digit of `sum`.
     rest: f64,
@@ -34,7 +34,7 @@ struct Ray {
 }
 
 impl Ray {
-    /// A ray of the given masses, and of mass `background` behind them.
+    /// Normalises the given masses, with mass `background` behind them.
     #[inline(always)]
     fn new(range: Range<usize>, mass: &[f64], background: f64) -> Self {
         let (mut top, mut most, mut rest) = (None, background, 0.0);
@@ -57,32 +57,32 @@ impl Ray {
         self.hits() && 2.0 * self.rest < self.sum
     }
 
-    /// From gᵢ = ∂L/∂pᵢ, where p = α/S, to `put(i, ∂L/∂τᵢ)` = (gᵢ − Σ pⱼ gⱼ)/S · e^−τᵢ. What all gᵢ have in common drops
-    /// out; it is subtracted first.
+    /// Calls `put(i, ∂L/∂τᵢ)`, (gᵢ − Σ pⱼ gⱼ)/S · e^−τᵢ, given gᵢ = ∂L/∂pᵢ, where p = α/S. A constant in all gᵢ drops out; it
+    /// is subtracted first.
     #[inline(always)]
     fn through_normalisation(
         &self,
         p: &[f64],
         through: &[f64],
-        slope: impl Fn(usize) -> f64,
+        dp: impl Fn(usize) -> f64,
         background: f64,
         mut put: impl FnMut(usize, f64),
     ) {
-        let common = self.top.map_or(background, &slope);
-        let samples: f64 = self.range.clone().map(|i| p[i] * (slope(i) - common)).sum();
+        let common = self.top.map_or(background, &dp);
+        let samples: f64 = self.range.clone().map(|i| p[i] * (dp(i) - common)).sum();
         let mean = samples + self.background * (background - common);
         let scale = 1.0 / self.sum;
         for i in self.range.clone() {
-            put(i, (slope(i) - common - mean) * scale * through[i]);
+            put(i, (dp(i) - common - mean) * scale * through[i]);
         }
     }
 
-    /// From gᵢ = ∂L/∂wᵢ to `put(i, ∂L/∂τᵢ)` = Tᵢ₊₁ (gᵢ − mean slope of what lies behind sample i).
+    /// Calls `put(i, ∂L/∂τᵢ)`, Tᵢ₊₁ (gᵢ − mean of g behind sample i), given gᵢ = ∂L/∂wᵢ.
     #[inline(always)]
     fn through_weights(
         &self,
-        opacity: &Opacity,
-        slope: impl Fn(usize) -> f64,
+        opacity: &SampleOpacity,
+        dp: impl Fn(usize) -> f64,
         background: f64,
         mut put: impl FnMut(usize, f64),
     ) {
@@ -95,15 +95,15 @@ impl Ray {
             .collect();
         let mut behind = background;
         for i in self.range.clone().rev() {
-            put(i, trans.pop().unwrap_or(1.0) * (slope(i) - behind));
-            behind = opacity.alpha[i] * slope(i) + opacity.through[i] * behind;
+            put(i, trans.pop().unwrap_or(1.0) * (dp(i) - behind));
+            behind = opacity.alpha[i] * dp(i) + opacity.through[i] * behind;
         }
     }
 }
 
 impl<'a> Distributions<'a> {
     #[inline(always)]
-    pub(crate) fn new(opacity: &'a Opacity, group: &Group<'_>, kind: RayDistribution) -> Self {
+    pub(crate) fn new(opacity: &'a SampleOpacity, group: &Group<'_>, kind: RayDistribution) -> Self {
         let mut p = opacity.alpha.clone();
         let rays: Vec<Ray> = group
             .ranges()
@@ -129,8 +129,8 @@ impl<'a> Distributions<'a> {
         Self { opacity, kind, p, rays }
     }
 
-    /// ln(p + ε) of every sample, and of the background of every ray. Without ε a probability counts as at least the
-    /// smallest normal `f32` over the ray's sum, so that its slope is finite.
+    /// Computes ln(p + ε) of every sample, and of the background of every ray. Without ε a probability counts as at least the
+    /// smallest normal `f32` over the ray's sum, so that its gradient is finite.
     #[inline(always)]
     fn logs<const FMA: bool>(&self, epsilon: f64) -> (Vec<f64>, Vec<f64>) {
         let mut logs: Vec<f64> = self.p.iter().map(|p| p + epsilon).collect();
@@ -157,7 +157,7 @@ impl<'a> Distributions<'a> {
         (logs, background)
     }
 
-    /// H = −Σ p ln(p + ε) of each ray in nats, passed to `put`; 0 for a ray that hits nothing.
+    /// Calls `put` with each ray's place and H = −Σ p ln(p + ε) in nats; 0 for a ray that hits nothing.
     #[inline(always)]
     pub(crate) fn entropies<const FMA: bool>(&self, epsilon: f32, mut put: impl FnMut(usize, f64)) {
         let (logs, background) = self.logs::<FMA>(f64::from(epsilon));
@@ -176,20 +176,20 @@ impl<'a> Distributions<'a> {
         out: &mut [f32],
     ) {
         let epsilon = f64::from(epsilon);
-        // −ln(p + ε) − p/(p + ε), plus 1: what all slopes have in common drops out.
-        let slope = |p: f64, log: f64| if epsilon > 0.0 { epsilon / (p + epsilon) - log } else { -log };
-        let (mut slopes, background) = self.logs::<FMA>(epsilon);
-        for (log, &p) in slopes.iter_mut().zip(&self.p) {
-            *log = slope(p, *log);
+        // −ln(p + ε) − p/(p + ε), plus 1: a constant drops out.
+        let dp = |p: f64, log: f64| if epsilon > 0.0 { epsilon / (p + epsilon) - log } else { -log };
+        let (mut gradients, background) = self.logs::<FMA>(epsilon);
+        for (log, &p) in gradients.iter_mut().zip(&self.p) {
+            *log = dp(p, *log);
         }
         for (place, ray) in self.rays.iter().enumerate().filter(|(_, ray)| ray.hits()) {
             let scale = scale(place);
             let add = |i: usize, g| out[i] += (scale * g) as f32;
-            let last = slope(ray.background, background[place]);
+            let last = dp(ray.background, background[place]);
             if self.kind == RayDistribution::Termination {
-                ray.through_weights(self.opacity, |i| slopes[i], last, add);
+                ray.through_weights(self.opacity, |i| gradients[i], last, add);
             } else {
-                ray.through_normalisation(&self.p, &self.opacity.through, |i| slopes[i], last, add);
+                ray.through_normalisation(&self.p, &self.opacity.through, |i| gradients[i], last, add);
             }
         }
     }
@@ -199,7 +199,7 @@ impl<'a> Distributions<'a> {
         self.rays[place].hits() && other.rays[place].hits()
     }
 
-    /// KL(p ‖ q) = Σ p ln((p + ε)/(q + ε)) of each pair of rays in nats; 0 if either hits nothing.
+    /// Computes KL(p ‖ q) = Σ p ln((p + ε)/(q + ε)) of each pair of rays in nats; 0 if either hits nothing.
     ///
     /// Σ (p − q) = 0 is subtracted term by term, which leaves a sum of Bregman divergences: each is ≥ 0, and of second
     /// order where p ≈ q, so nothing cancels. With a = p + ε, b = q + ε: Σ [a ln(a/b) − (a − b)] − ε Σ ln(a/b).
@@ -215,7 +215,7 @@ impl<'a> Distributions<'a> {
         }
     }
 
-    /// `grad` · ∂KL(p ‖ q)/∂τ and `grad` · ∂KL(p ‖ q)/∂τ̃ into those of `gradients` that are there.
+    /// Writes `grad` · ∂KL(p ‖ q)/∂τ and `grad` · ∂KL(p ‖ q)/∂τ̃ into those gradients that are wanted.
     #[inline(always)]
     pub(crate) fn divergence_gradients<const FMA: bool>(
         &self,
@@ -225,8 +225,8 @@ impl<'a> Distributions<'a> {
         [mut dtau, mut dnear]: [Option<&mut [f32]>; 2],
     ) {
         let epsilon = f64::from(epsilon);
-        // ln((p + ε)/(q + ε)) + p/(p + ε), less 1, and −p/(q + ε), plus 1: what all have in common drops out, and the rest
-        // keeps its digits where p ≈ q.
+        // ln((p + ε)/(q + ε)) + p/(p + ε), less 1, and −p/(q + ε), plus 1: constants drop out, and the rest keeps its digits
+        // where p ≈ q.
         let mut dp = log_ratio::<FMA>(&self.p, &other.p, epsilon);
         let mut dq = vec![0.0; dp.len()];
         for (((dp, dq), &p), &q) in dp.iter_mut().zip(&mut dq).zip(&self.p).zip(&other.p) {

@@ -2,7 +2,7 @@
 
 use burn::tensor::Tensor;
 
-/// Gaussians on rays: where their means are, and how wide they are along the rays and across.
+/// Gaussians on rays: distances of their means, and variances along the rays and across.
 #[derive(Clone, Debug)]
 pub struct RayGaussians {
     /// Distance of each mean along its ray, `[M]`, scene units.
@@ -13,17 +13,17 @@ pub struct RayGaussians {
     pub across: Tensor<1>,
 }
 
-/// Mean and variances of pieces of cones around rays, whose middles are at distances `t` and whose lengths are `delta`, with
-/// `radius` a cone's at distance 1 (mip-NeRF, Eq. 7), `[M]` each.
+/// Computes means and variances of frustums of cones around rays (mip-NeRF, Eq. 7). Their middles are at distances `t`, their
+/// lengths are `delta`, and a cone has `radius` at distance 1; `[M]` each.
 ///
 /// With h = δ/2 and D = 3t² + h²: μ = t + 2th²/D, σ_t² = h²/3 − 4h⁴(12t² − h²)/(15D²),
 /// σ_r² = ṙ²(t²/4 + 5h²/12 − 4h⁴/(15D)). These are differences from a segment's moments, so that a short piece far away
 /// loses no digits, as the quotients of fourth and fifth powers that they equal do.
 pub fn frustum_gaussians(t: Tensor<1>, delta: Tensor<1>, radius: Tensor<1>) -> RayGaussians {
     let (t2, h2) = (t.clone().square(), (delta * 0.5).square());
-    // A piece without length at the apex is a point.
+    // A frustum without length at the apex is a point.
     let d = (t2.clone() * 3.0 + h2.clone()).clamp_min(f32::MIN_POSITIVE);
-    // Never above 1: h²/D, so that no fourth power is formed.
+    // h²/D, at most 1, so that no fourth power is formed.
     let share = h2.clone() / d;
     let across = t2.clone() * 0.25 + h2.clone() * (5.0 / 12.0) - h2.clone() * share.clone() * (4.0 / 15.0);
     RayGaussians {
@@ -40,9 +40,9 @@ mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::{reference, to_host};
+    use crate::traffic::to_host;
 
-    /// Mean, variance along, and variance across.
+    /// Returns mean, variance along, and variance across.
     fn moments(t: f32, delta: f32, radius: f32) -> [f32; 3] {
         let [t, delta, radius] = [t, delta, radius].map(|number| Tensor::from_floats([number], &Device::flex()));
         let RayGaussians { mean, along, across } = frustum_gaussians(t, delta, radius);
@@ -50,24 +50,23 @@ mod tests {
     }
 
     #[test]
-    fn a_point_at_the_apex() {
+    fn frustum_without_length_at_the_apex_is_a_point() {
         assert_eq!(moments(0.0, 0.0, 0.1), [0.0; 3]);
     }
 
     proptest! {
         #[test]
-        fn matches_the_moments(near in 0f32..10.0, length in 0.01f32..10.0, radius in 1e-4f32..0.1) {
+        fn gaussian_has_the_moments_of_the_frustum(near in 0f32..10.0, length in 0.01f32..10.0, radius in 1e-4f32..0.1) {
             let (t, delta) = (near + 0.5 * length, length);
             let edge = |side: f64| f64::from(t) + side * f64::from(delta);
-            let want = reference::frustum_moments(edge(-0.5).max(0.0), edge(0.5), radius.into());
+            let want = infonerf_oracle::frustum_moments(edge(-0.5).max(0.0), edge(0.5), radius.into());
             for (got, want) in moments(t, delta, radius).into_iter().zip(want) {
                 prop_assert!((f64::from(got) - want).abs() <= 1e-5 * want, "{got} against {want}");
             }
         }
 
-        /// A thousandth of a unit, a thousand units away: the length's square in f32 is what is left of the variance.
         #[test]
-        fn keeps_its_digits_far_away(t in 10f32..1000.0, delta in 1e-4f32..1e-2) {
+        fn variance_is_accurate_far_away(t in 10f32..1000.0, delta in 1e-4f32..1e-2) {
             let [mean, along, _] = moments(t, delta, 1e-3);
             let segment = f64::from(delta).powi(2) / 12.0;
             prop_assert!((f64::from(along) / segment - 1.0).abs() < 1e-5);

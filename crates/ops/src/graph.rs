@@ -1,113 +1,184 @@
-//! How an operation with a backward pass of its own is recorded in the autodiff graph, on whatever backend.
+//! Operations with a backward pass of their own, and how they are recorded in the autodiff graph.
+//!
+//! A kernel of the host ([`Kernel`](crate::kernel::Kernel)) or of GPUs (`CubeKernel`) is an [`Operation`] of its backend;
+//! [`evaluate`] runs it on the device of its inputs, and records it if any of them needs a gradient.
 
 use std::fmt::Debug;
 use std::marker::PhantomData;
+use std::sync::Arc;
 
+#[cfg(feature = "flex")]
+use burn::backend::Flex;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::tensor::FloatTensor;
-use burn::backend::{Autodiff, Backend, Dispatch, ExtensionType};
+use burn::backend::{
+    Autodiff, Backend, BackendTensor, Dispatch, DispatchAutodiffContext, DispatchTensor, DispatchTensorKind,
+    ExtensionType, backend_extension,
+};
 use burn::tensor::Tensor;
+#[cfg(feature = "cube")]
+use burn_cubecl::CubeBackend;
 
-/// The tensors that an operation is a function of.
-#[derive(Debug, ExtensionType)]
-pub(crate) enum Inputs<B: Backend> {
-    One(FloatTensor<B>),
-    Two(FloatTensor<B>, FloatTensor<B>),
-    Three(FloatTensor<B>, FloatTensor<B>, FloatTensor<B>),
-    Four(FloatTensor<B>, FloatTensor<B>, FloatTensor<B>, FloatTensor<B>),
+/// Tensors that an operation is a function of: at least one.
+#[derive(Debug)]
+pub(crate) struct Inputs<B: Backend>(Vec<FloatTensor<B>>);
+
+impl<B: Backend> ExtensionType<B> for Inputs<B> {
+    type Target = Inputs<Dispatch>;
+
+    fn map_to_dispatch<F>(self, map_kind: F, autodiff: DispatchAutodiffContext) -> Inputs<Dispatch>
+    where
+        F: Fn(BackendTensor<B>) -> DispatchTensorKind,
+    {
+        let kinds = self.0.into_iter().map(|tensor| map_kind(BackendTensor::Float(tensor)));
+        Inputs(kinds.map(|kind| DispatchTensor { kind, autodiff }).collect())
+    }
+
+    fn map_from_dispatch<F>(target: Inputs<Dispatch>, unwrap_kind: F) -> Self
+    where
+        F: Fn(DispatchTensor) -> BackendTensor<B>,
+    {
+        Self(target.0.into_iter().map(|tensor| unwrap_kind(tensor).float()).collect())
+    }
+
+    fn routing_tensor(target: &Inputs<Dispatch>) -> Option<&DispatchTensor> {
+        target.0.first()
+    }
+
+    fn routing_float_tensor(target: &Inputs<Dispatch>) -> Option<&DispatchTensor> {
+        target.0.first()
+    }
+
+    fn autodiff_context(target: &Inputs<Dispatch>) -> DispatchAutodiffContext {
+        target.0.iter().fold(DispatchAutodiffContext::Disabled, |context, tensor| context.merge(tensor.autodiff))
+    }
 }
 
-impl<B: Backend> Inputs<B> {
-    /// All of them, in order.
-    pub(crate) fn into_vec(self) -> Vec<FloatTensor<B>> {
-        match self {
-            Self::One(a) => vec![a],
-            Self::Two(a, b) => vec![a, b],
-            Self::Three(a, b, c) => vec![a, b, c],
-            Self::Four(a, b, c, d) => vec![a, b, c, d],
-        }
+impl FromIterator<DispatchTensor> for Inputs<Dispatch> {
+    fn from_iter<T: IntoIterator<Item = DispatchTensor>>(tensors: T) -> Self {
+        Self(tensors.into_iter().collect())
     }
 }
 
 impl<const A: usize> From<Tensor<A>> for Inputs<Dispatch> {
     fn from(a: Tensor<A>) -> Self {
-        Self::One(a.into_dispatch())
+        Self(vec![a.into_dispatch()])
     }
 }
 
-impl<const A: usize, const B: usize> From<(Tensor<A>, Tensor<B>)> for Inputs<Dispatch> {
-    fn from((a, b): (Tensor<A>, Tensor<B>)) -> Self {
-        Self::Two(a.into_dispatch(), b.into_dispatch())
-    }
+macro_rules! inputs_from_tuples {
+    ($(($($tensor:ident: $rank:ident),+))+) => {$(
+        impl<$(const $rank: usize),+> From<($(Tensor<$rank>,)+)> for Inputs<Dispatch> {
+            fn from(($($tensor,)+): ($(Tensor<$rank>,)+)) -> Self {
+                Self(vec![$($tensor.into_dispatch()),+])
+            }
+        }
+    )+};
 }
+inputs_from_tuples! { (a: A, b: B) (a: A, b: B, c: C) (a: A, b: B, c: C, d: D) }
 
-impl<const A: usize, const B: usize, const C: usize> From<(Tensor<A>, Tensor<B>, Tensor<C>)> for Inputs<Dispatch> {
-    fn from((a, b, c): (Tensor<A>, Tensor<B>, Tensor<C>)) -> Self {
-        Self::Three(a.into_dispatch(), b.into_dispatch(), c.into_dispatch())
-    }
-}
-
-impl<const A: usize, const B: usize, const C: usize, const D: usize> From<(Tensor<A>, Tensor<B>, Tensor<C>, Tensor<D>)>
-    for Inputs<Dispatch>
-{
-    fn from((a, b, c, d): (Tensor<A>, Tensor<B>, Tensor<C>, Tensor<D>)) -> Self {
-        Self::Four(a.into_dispatch(), b.into_dispatch(), c.into_dispatch(), d.into_dispatch())
-    }
-}
-
-/// A function of tensors of backend `B`, and its vector–Jacobian product.
-pub(crate) trait Operation<B: Backend>: Clone + Debug + Send + 'static {
-    /// What the forward pass keeps for the backward pass.
+/// Backend that runs operations by kernels.
+pub(crate) trait KernelBackend: Backend {
+    /// Values that a forward pass keeps for the backward pass.
     type Kept: Clone + Debug + Send + 'static;
 
-    /// `tensor` in the layout that the operation indexes.
-    fn prepare(tensor: FloatTensor<B>) -> FloatTensor<B>;
+    /// Returns the operation that `kernel` holds for this backend.
+    fn operation(kernel: AnyKernel) -> Arc<dyn Operation<Self>>;
 
-    /// The output without a backward pass to come, given prepared inputs.
+    /// Converts a tensor to the layout that kernels index: `f32`, row-major and dense.
+    fn prepare(tensor: FloatTensor<Self>) -> FloatTensor<Self>;
+}
+
+/// Function of prepared tensors of backend `B` with its vector–Jacobian product.
+pub(crate) trait Operation<B: KernelBackend>: Debug + Send + Sync {
+    /// Computes the output if no backward pass will follow.
     fn infer(&self, inputs: &[FloatTensor<B>]) -> FloatTensor<B>;
 
-    /// The output, and what the backward pass needs.
-    fn forward(&self, inputs: &[FloatTensor<B>]) -> (FloatTensor<B>, Self::Kept);
+    /// Computes the output, and what the backward pass needs.
+    fn forward(&self, inputs: &[FloatTensor<B>]) -> (FloatTensor<B>, B::Kept);
 
-    /// For each input that is `wanted`, the gradient of ⟨`grad`, output⟩ with respect to it.
-    fn backward(
-        &self,
-        inputs: &[FloatTensor<B>],
-        output: FloatTensor<B>,
-        kept: Self::Kept,
-        grad: FloatTensor<B>,
-        wanted: &[bool],
-    ) -> Vec<Option<FloatTensor<B>>>;
+    /// Computes the gradient of ⟨`grad`, output⟩ with respect to each input that is `wanted`, and perhaps to others.
+    fn backward(&self, pass: BackwardPass<'_, B>) -> Vec<Option<FloatTensor<B>>>;
 }
 
-/// The output without a graph.
-pub(crate) fn untracked<B: Backend, O: Operation<B>>(operation: &O, inputs: Inputs<B>) -> FloatTensor<B> {
-    let inputs: Vec<FloatTensor<B>> = inputs.into_vec().into_iter().map(O::prepare).collect();
-    operation.infer(&inputs)
+/// Arguments of a backward pass on backend `B`.
+pub(crate) struct BackwardPass<'a, B: KernelBackend> {
+    /// Inputs of the forward pass.
+    pub(crate) inputs: &'a [FloatTensor<B>],
+    /// Output of the forward pass.
+    pub(crate) output: &'a FloatTensor<B>,
+    /// Values that the forward pass kept.
+    pub(crate) kept: &'a B::Kept,
+    /// Gradient with respect to the output.
+    pub(crate) grad: &'a FloatTensor<B>,
+    /// Whether each input needs its gradient.
+    pub(crate) wanted: &'a [bool],
 }
 
-/// The output, with the operation recorded where a gradient will be asked for.
-pub(crate) fn tracked<B: Backend, C: CheckpointStrategy, O: Operation<B>>(
-    operation: O,
-    inputs: Inputs<Autodiff<B, C>>,
-) -> FloatTensor<Autodiff<B, C>> {
-    match inputs {
-        Inputs::One(a) => record::<B, C, O, 1>(operation, [a]),
-        Inputs::Two(a, b) => record::<B, C, O, 2>(operation, [a, b]),
-        Inputs::Three(a, b, c) => record::<B, C, O, 3>(operation, [a, b, c]),
-        Inputs::Four(a, b, c, d) => record::<B, C, O, 4>(operation, [a, b, c, d]),
+/// Kernel of one backend, on its way there.
+#[derive(Clone, Debug)]
+pub(crate) enum AnyKernel {
+    /// Host kernel.
+    #[cfg(feature = "flex")]
+    Host(Arc<dyn Operation<Flex>>),
+    /// Kernel of a GPU.
+    #[cfg(feature = "cube")]
+    Cube(Arc<dyn Operation<CubeBackend>>),
+}
+
+#[backend_extension(Flex: cfg(feature = "flex"), Cube: cfg(feature = "cube"), Autodiff)]
+trait KernelOps: Backend {
+    fn run(#[extension_type] inputs: Inputs<Self>, kernel: AnyKernel) -> FloatTensor<Self>;
+}
+
+#[cfg(feature = "flex")]
+impl KernelOps for Flex {
+    fn run(inputs: Inputs<Self>, kernel: AnyKernel) -> FloatTensor<Self> {
+        untracked(inputs, kernel)
     }
 }
 
-fn record<B: Backend, C: CheckpointStrategy, O: Operation<B>, const N: usize>(
-    operation: O,
-    inputs: [FloatTensor<Autodiff<B, C>>; N],
+#[cfg(feature = "cube")]
+impl KernelOps for CubeBackend {
+    fn run(inputs: Inputs<Self>, kernel: AnyKernel) -> FloatTensor<Self> {
+        untracked(inputs, kernel)
+    }
+}
+
+impl<B: KernelBackend, C: CheckpointStrategy> KernelOps for Autodiff<B, C> {
+    fn run(inputs: Inputs<Self>, kernel: AnyKernel) -> FloatTensor<Self> {
+        let record = match inputs.0.len() {
+            1 => record::<B, C, 1>,
+            2 => record::<B, C, 2>,
+            3..=4 => record::<B, C, 4>,
+            5..=32 => record::<B, C, 32>,
+            33..=256 => record::<B, C, 256>,
+            count => unreachable!("no operation has {count} inputs"),
+        };
+        record(B::operation(kernel), inputs.0)
+    }
+}
+
+/// Runs a kernel on its `inputs` as a differentiable operation whose output has rank `D`.
+pub(crate) fn evaluate<const D: usize>(kernel: AnyKernel, inputs: impl Into<Inputs<Dispatch>>) -> Tensor<D> {
+    Tensor::from_dispatch(<Dispatch as KernelOps>::run(inputs.into(), kernel))
+}
+
+fn untracked<B: KernelBackend>(inputs: Inputs<B>, kernel: AnyKernel) -> FloatTensor<B> {
+    let inputs: Vec<FloatTensor<B>> = inputs.0.into_iter().map(B::prepare).collect();
+    B::operation(kernel).infer(&inputs)
+}
+
+/// Records an operation of at most `N` inputs. The first input stands for those that are missing, and gets no gradient from them.
+fn record<B: KernelBackend, C: CheckpointStrategy, const N: usize>(
+    operation: Arc<dyn Operation<B>>,
+    inputs: Vec<FloatTensor<Autodiff<B, C>>>,
 ) -> FloatTensor<Autodiff<B, C>> {
-    let guards = inputs.each_ref().map(|input| input.node());
-    let inputs = inputs.map(|input| O::prepare(input.into_primitive()));
-    match Recorded::<B, O, N>(PhantomData).prepare::<C>(guards).compute_bound().stateful() {
+    let guards = std::array::from_fn(|index| inputs.get(index).unwrap_or(&inputs[0]).node());
+    let inputs: Vec<FloatTensor<B>> = inputs.into_iter().map(|input| B::prepare(input.into_primitive())).collect();
+    match Recorded::<B, N>(PhantomData).prepare::<C>(guards).compute_bound().stateful() {
         OpsKind::Tracked(prep) => {
             let (output, kept) = operation.forward(&inputs);
             prep.finish(Saved { operation, inputs, output: output.clone(), kept }, output)
@@ -117,26 +188,26 @@ fn record<B: Backend, C: CheckpointStrategy, O: Operation<B>, const N: usize>(
 }
 
 #[derive(Debug)]
-struct Recorded<B, O, const N: usize>(PhantomData<(B, O)>);
+struct Recorded<B, const N: usize>(PhantomData<B>);
 
-/// An operation with its inputs, its output and what it kept.
+/// Operation with its inputs, its output and what it kept.
 #[derive(Clone, Debug)]
-struct Saved<B: Backend, O: Operation<B>, const N: usize> {
-    operation: O,
-    inputs: [FloatTensor<B>; N],
+struct Saved<B: KernelBackend> {
+    operation: Arc<dyn Operation<B>>,
+    inputs: Vec<FloatTensor<B>>,
     output: FloatTensor<B>,
-    kept: O::Kept,
+    kept: B::Kept,
 }
 
-impl<B: Backend, O: Operation<B>, const N: usize> Backward<B, N> for Recorded<B, O, N> {
-    type State = Saved<B, O, N>;
+impl<B: KernelBackend, const N: usize> Backward<B, N> for Recorded<B, N> {
+    type State = Saved<B>;
 
     fn backward(self, ops: Ops<Self::State, N>, grads: &mut Gradients, _checkpointer: &mut Checkpointer) {
         let Saved { operation, inputs, output, kept } = ops.state;
-        let grad = O::prepare(grads.consume::<B>(&ops.node));
-        let wanted = ops.parents.each_ref().map(Option::is_some);
-        let results = operation.backward(&inputs, output, kept, grad, &wanted);
-        for (parent, result) in ops.parents.into_iter().zip(results) {
+        let grad = B::prepare(grads.consume::<B>(&ops.node));
+        let wanted: Vec<bool> = ops.parents.iter().take(inputs.len()).map(Option::is_some).collect();
+        let pass = BackwardPass { inputs: &inputs, output: &output, kept: &kept, grad: &grad, wanted: &wanted };
+        for (parent, result) in ops.parents.into_iter().zip(operation.backward(pass)) {
             if let (Some(node), Some(gradient)) = (parent, result) {
                 grads.register::<B>(node.id, gradient);
             }

@@ -1,29 +1,29 @@
-//! The few hot tensor operations of a radiance field.
+//! The hot tensor operations of a radiance field, as Burn backend extensions.
 //!
-//! Every operation has up to four bodies that are tested against each other:
+//! Every operation is one file or folder, with up to three bodies that are tested against each other and against
+//! `infonerf-oracle`, in `f64`:
 //!
-//! | body | where it runs | why it is there |
+//! | body | device | purpose |
 //! |---|---|---|
-//! | host kernel ([`kernel::Kernel`]) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
-//! | CubeCL kernel (`cube`, with the feature of that name) | GPUs: placing samples, compositing, entropy, KL divergence, sums of losses, planes and lines with their network and variation, dense layers, encodings, Adam | few launches |
-//! | plain tensors (`plain` of each file) | every backend | portability, and an oracle for the kernels |
-//! | [`mod@reference`] in `f64` | tests | bounds the error of both |
+//! | host kernel ([`kernel::Kernel`], `host.rs`) | Burn's `flex` backend, over rayon | speed: one fused pass, hand-written backward |
+//! | CubeCL kernel (`gpu.rs`, with the feature `cube`) | GPUs | few launches |
+//! | plain tensors (`plain`) | every backend | portability, and a reference for the kernels |
 //!
-//! The public function of each file picks the kernel for the device of its tensors, or the plain body where there is none.
+//! The public function of each operation picks the body by the device of its tensors.
 //!
-//! Host kernels give the same bits for the same arguments, whatever the number of threads. GPUs do not: where many samples add
-//! to one number (planes and lines), the order of the atomic additions is the device's choice.
+//! Host kernels give the same bits for the same arguments, whatever the number of threads. GPUs do not: if many samples add
+//! to one element (planes and lines), the device chooses the order of the atomic additions.
 //!
 //! Names follow the field: `tau` = σδ optical depth, `alpha` = 1 − e^−τ, `trans` transmittance, `w` = trans·α.
 //! Samples are *packed*: ray `r` owns samples `offsets[r]..offsets[r + 1]` of every per-sample tensor
-//! ([`Segments`]), so skipping a sample costs nothing downstream.
+//! ([`Segments`]), so that a skipped sample costs nothing downstream.
 //!
 //! ```
 //! # #[cfg(feature = "flex")] {
 //! use burn::tensor::{Device, Tensor, TensorData};
 //! use infonerf_ops::{RayDistribution, Segments, composite, ray_entropy, to_host};
 //!
-//! // Two rays with two samples and one: optical depths, and red, green and blue of each sample.
+//! // Two rays, with two samples and one: optical depths, and red, green and blue of each sample.
 //! let device = Device::flex().autodiff();
 //! let rays = Segments::from_counts([2, 1]);
 //! let tau = Tensor::<1>::from_floats([0.7, 50.0, 0.0], &device).require_grad();
@@ -57,9 +57,6 @@ pub mod frustum;
 #[cfg(any(feature = "flex", feature = "cube"))]
 mod graph;
 #[cfg(feature = "flex")]
-mod groups;
-pub mod integrated;
-#[cfg(feature = "flex")]
 pub mod kernel;
 pub mod matmul;
 pub mod means;
@@ -72,26 +69,26 @@ mod peak;
 pub mod random;
 #[cfg(feature = "flex")]
 mod ray_kernel;
-pub mod reference;
 pub mod rotation;
 pub mod sampling;
+#[cfg(feature = "flex")]
+mod scratch;
 mod segments;
 pub mod simd;
-mod split;
 mod traffic;
 pub mod trilinear;
 pub mod unit_box;
 
 pub use additive::additive_depth;
 pub use bilinear::bilinear;
-pub use composite::{Composite, Seen, composite, composite_over};
+pub use composite::{Composite, CompositeOver, composite, composite_over};
+pub use dispatch::{has_host_kernels, is_gpu};
 pub use distortion::{Intervals, ray_distortion};
 pub use divergence::ray_divergence;
 pub use entropy::{RayDistribution, RayEntropy, ray_entropy};
 pub use factored::{HostField, factored_field, plane_variation};
-pub use frequency::frequency_encode;
+pub use frequency::{frequency_encode, integrated_encode};
 pub use frustum::{RayGaussians, frustum_gaussians};
-pub use integrated::integrated_encode;
 pub use mlp::radiance_mlp;
 #[cfg(feature = "flex")]
 pub use peak::Peak;
@@ -100,19 +97,3 @@ pub use segments::Segments;
 pub use traffic::{HostNumber, Traffic, from_host, to_host, to_host_together, upload, upload_together};
 pub use trilinear::trilinear;
 pub use unit_box::unit_box;
-
-use burn::tensor::Device;
-use dispatch::dispatch;
-pub use dispatch::is_gpu;
-
-/// Whether products of single precision on `device` may be of factors rounded to TF32, where [`Precision::Tf32`] lets them.
-///
-/// [`Precision::Tf32`]: mlp::Precision::Tf32
-pub fn has_tf32(device: &Device) -> bool {
-    dispatch! { device; host => false, cube => cube::has_tf32(device), plain => false }
-}
-
-/// Whether tensors on `device` are served by the host kernels.
-pub fn has_host_kernels(device: &Device) -> bool {
-    dispatch! { device; host => true, plain => false }
-}

@@ -2,55 +2,55 @@
 
 use crate::simd::{self, Job};
 
-/// Where a matrix stands in a slice: element (r, c) at `start` + r·`row` + c·`column`.
+/// Layout of a matrix in a slice: element (r, c) at `start` + r·`row` + c·`column`.
 #[derive(Clone, Copy, Debug)]
 pub struct Matrix {
-    /// Where its first element is.
+    /// Index of the first element.
     pub start: usize,
-    /// From a row to the next.
+    /// Distance between rows.
     pub row: usize,
-    /// From a column to the next.
+    /// Distance between columns.
     pub column: usize,
 }
 
 impl Matrix {
-    /// Rows of numbers side by side, `row` apart.
+    /// Creates the layout of contiguous rows, `row` apart.
     pub fn rows(start: usize, row: usize) -> Self {
         Self { start, row, column: 1 }
     }
 
-    /// The same numbers with rows as columns.
+    /// Returns the layout of the transposed matrix.
     #[must_use]
     pub fn transposed(self) -> Self {
         Self { row: self.column, column: self.row, ..self }
     }
 
-    /// Whether `rows` × `columns` of it lie within `length` numbers.
+    /// Returns whether `rows` × `columns` of it lie within `length` elements.
     fn fits(self, rows: usize, columns: usize, length: usize) -> bool {
         self.start + (rows - 1) * self.row + (columns - 1) * self.column < length
     }
 }
 
-/// What a product is written onto.
+/// Initial value of a product's sums.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Onto<'a> {
-    /// Whatever was there is gone.
+    /// 0
     Nothing,
-    /// It is added to what was there.
+    /// Previous value of the element.
     Sum,
-    /// Whatever was there is gone, and these are added to each row.
+    /// Bias of the column.
     Bias(&'a [f32]),
 }
 
-/// The least number of columns at a time.
+/// Smallest number of columns at a time.
 pub(crate) const COLUMNS: usize = 16;
 
-/// y = a b, y += a b or y = bias + a b, with y `[m, n]`, a `[m, k]` and b `[k, n]` for sizes `[m, n, k]`.
+/// Computes y = a b, y += a b or y = bias + a b, with y `[m, n]`, a `[m, k]` and b `[k, n]` for sizes `[m, n, k]`.
 ///
 /// Each element is one sum in the order of k. Fastest where n is a multiple of 16.
 ///
 /// # Panics
-/// If columns of y or b are apart, rows of y overlap, or a matrix reaches beyond its slice.
+/// If rows of y or b are not contiguous, rows of y overlap, or a matrix reaches beyond its slice.
 pub fn product(
     [m, n, k]: [usize; 3],
     onto: Onto<'_>,
@@ -62,7 +62,7 @@ pub fn product(
         assert!(k > 0 || onto == Onto::Sum, "an empty sum is not written");
         return;
     }
-    assert!(y_at.column == 1 && b_at.column == 1 && y_at.row >= n, "rows of numbers side by side");
+    assert!(y_at.column == 1 && b_at.column == 1 && y_at.row >= n, "contiguous rows");
     assert!(y_at.fits(m, n, y.len()) && a_at.fits(m, k, a.len()) && b_at.fits(k, n, b.len()), "matrices within slices");
     let whole = n - n % COLUMNS;
     simd::run(Product { sizes: [m, whole, k], onto, y: (y, y_at), a: (a, a_at), b: (b, b_at) });
@@ -85,10 +85,10 @@ pub fn product(
     }
 }
 
-/// Rows of the result from which on a copy of b's columns, side by side, pays: numbers far apart share few lines of a cache.
+/// Smallest number of rows of the result for which a contiguous copy of b's columns pays.
 const PACKED: usize = 96;
 
-/// A product whose matrices are known to lie within their slices.
+/// Product whose matrices are known to lie within their slices.
 struct Product<'a> {
     sizes: [usize; 3],
     onto: Onto<'a>,
@@ -103,7 +103,7 @@ impl Job for Product<'_> {
         let mut column = 0;
         let mut panel = Vec::new();
         while column < self.sizes[1] {
-            // As many sums as registers hold beside a row of b and a number of a.
+            // As many sums as registers hold next to a row of b and an element of a.
             column += match (WIDE, FMA) {
                 (true, _) if column + 32 <= self.sizes[1] => self.strip::<FMA, 12, 32>(column, &mut panel),
                 (true, _) => self.strip::<FMA, 12, 16>(column, &mut panel),
@@ -115,7 +115,7 @@ impl Job for Product<'_> {
 }
 
 impl Product<'_> {
-    /// All rows of `N` columns of y from `column` on.
+    /// Computes all rows of `N` columns of y from `column` on.
     #[inline(always)]
     fn strip<const FMA: bool, const R: usize, const N: usize>(&mut self, column: usize, panel: &mut Vec<f32>) -> usize {
         let rows = self.sizes[0];
@@ -145,7 +145,7 @@ impl Product<'_> {
         N
     }
 
-    /// `R` rows of a strip. Rows are copied whole, and b by value: the compiler then keeps all sums in registers.
+    /// Computes `R` rows of a strip. Rows are copied whole, and b by value, so that the compiler keeps all sums in registers.
     #[allow(
         clippy::needless_range_loop,
         reason = "iterators are not compiled for the instruction set chosen at run time"
@@ -219,7 +219,7 @@ mod tests {
                         let sum: f32 = (0..k).map(|i| a[at(a_at, r, i)] * b[at(b_at, i, c)]).sum();
                         assert_eq!(y[at(y_at, r, c)], before + sum, "{m} {n} {k} {onto:?} at {r}, {c}");
                     }
-                    assert!((0..m).all(|r| y[at(y_at, r, 0) - 1] == 1.0), "nothing beside it is written");
+                    assert!((0..m).all(|r| y[at(y_at, r, 0) - 1] == 1.0), "nothing next to it is written");
                 }
             }
         }
@@ -243,7 +243,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "matrices within slices")]
-    fn what_reaches_out_is_refused() {
+    fn matrices_beyond_their_slices_are_refused() {
         let at = Matrix::rows(0, 16);
         product([2, 16, 2], Onto::Nothing, (&mut [0.0; 32], at), (&[0.0; 3], Matrix::rows(0, 2)), (&[0.0; 32], at));
     }

@@ -2,82 +2,44 @@
 
 use burn::tensor::Tensor;
 
-use crate::dispatch::dispatch;
-
-/// Mean of (a − b)² over all numbers, `[1]`; differentiable in `a`.
+/// Mean of (a − b)² over all elements, `[1]`; differentiable in `a`.
 pub fn mean_squared_difference<const D: usize>(a: Tensor<D>, b: Tensor<D>) -> Tensor<1> {
-    let plain = |a: Tensor<D>, b: Tensor<D>| (a - b.detach()).square().mean();
-    dispatch! {
-        &a.device();
-        host => plain(a, b),
-        cube if a.dims() == b.dims() && !a.dims().contains(&0) => {
-            let count = a.dims().iter().product::<usize>() as f32;
-            crate::cube::sum([a, b], crate::cube::Summand::SquaredDifference, [0.0; 3], 1.0 / count)
-        },
-        plain => plain(a, b),
-    }
+    (a - b.detach()).square().mean()
 }
 
-/// Sum of `values` `[R]` where `measure` `[R]` is above `threshold`, `[1]`; differentiable in `values`.
+/// Sum of `values` `[R]` where `measure` `[R]` exceeds `threshold`, `[1]`; differentiable in `values`.
 pub fn sum_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tensor<1> {
-    let plain = |values, measure: Tensor<1>| mask_above(values, measure, threshold).sum();
-    dispatch! {
-        &values.device();
-        host => plain(values, measure),
-        cube if values.dims() != [0] => crate::cube::sum([values, measure], crate::cube::Summand::Above, [threshold, 0.0, 0.0], 1.0),
-        plain => plain(values, measure),
-    }
+    mask_above(values, measure, threshold).sum()
 }
 
 /// Mean of `values` `[R]`, each times the weight of its class, `[1]`; differentiable in `values`.
 ///
-/// - `classes`: 0, 1 or 2 of each, `[R]`.
+/// - `classes`: class of each value, 0, 1 or 2, `[R]`.
 pub fn mean_by_class(values: Tensor<1>, classes: Tensor<1>, weights: [f32; 3]) -> Tensor<1> {
-    let plain = |values: Tensor<1>, classes: Tensor<1>| {
-        let weigh = |(class, weight): (usize, f32)| classes.clone().equal_elem(class as f32).float() * weight;
-        let weights = weights.into_iter().enumerate().map(weigh).reduce(|sum, weights| sum + weights);
-        (values * weights.expect("there are three classes")).mean()
-    };
-    dispatch! {
-        &values.device();
-        host => plain(values, classes),
-        cube if values.dims() != [0] => {
-            let scale = 1.0 / values.dims()[0] as f32;
-            crate::cube::sum([values, classes], crate::cube::Summand::OfClass, weights, scale)
-        },
-        plain => plain(values, classes),
-    }
+    let weigh = |class: usize| classes.clone().equal_elem(class as f32).float() * weights[class];
+    (values * (weigh(0) + weigh(1) + weigh(2))).mean()
 }
 
-/// `values` `[R]`, and 0 for those whose `measure` `[R]`, which has no gradient, is not above `threshold`.
+/// Replaces those of `values` `[R]` by 0 whose `measure` `[R]`, which has no gradient, does not exceed `threshold`.
 pub fn mask_above(values: Tensor<1>, measure: Tensor<1>, threshold: f32) -> Tensor<1> {
     values * measure.detach().greater_elem(threshold).float()
 }
 
-/// Σ wᵢ xᵢ of `(xᵢ, wᵢ)`, xᵢ being `[1]` each; none of nothing. Differentiable.
+/// Computes Σ wᵢ xᵢ of `(xᵢ, wᵢ)`, each xᵢ being `[1]`; `None` without terms. Differentiable.
 pub fn weighted_sum(terms: Vec<(Tensor<1>, f32)>) -> Option<Tensor<1>> {
-    let device = terms.first()?.0.device();
-    let plain = |terms: Vec<(Tensor<1>, f32)>| {
-        let scaled = |(x, weight): (Tensor<1>, f32)| if weight == 1.0 { x } else { x * weight };
-        terms.into_iter().map(scaled).reduce(|sum, x| sum + x)
-    };
-    dispatch! {
-        &device;
-        host => plain(terms),
-        cube if (2..=crate::cube::MOST_SCALARS).contains(&terms.len()) => Some(crate::cube::weighted_sum(terms)),
-        plain => plain(terms),
-    }
+    let scaled = |(x, weight): (Tensor<1>, f32)| if weight == 1.0 { x } else { x * weight };
+    terms.into_iter().map(scaled).reduce(|sum, x| sum + x)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{from_host, to_host};
+    use crate::traffic::{from_host, to_host};
     use burn::tensor::Device;
 
     #[test]
     #[allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
-    fn sums_and_slopes_by_hand() {
+    fn values_and_gradients_by_hand() {
         for device in [Device::flex(), Device::ndarray()] {
             let device = device.autodiff();
             let a = from_host(&[1.0, 2.0, 4.0, 8.0], 2, &device).require_grad();

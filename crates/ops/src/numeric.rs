@@ -1,15 +1,15 @@
 //! Functions that stay accurate over the whole range of optical depths.
 //!
 //! The slice versions are branch-free polynomials in `f64`, within a few units of the last place, which the compiler
-//! turns into vector code; libraries' functions are called once a number.
+//! turns into vector code; library functions are called once per value.
 
-/// `1 − e^−τ` without cancellation: `−expm1(−τ)`.
+/// Computes `1 − e^−τ` without cancellation: `−expm1(−τ)`.
 pub fn alpha(tau: f32) -> f32 {
     -(-tau).exp_m1()
 }
 
 #[cfg(feature = "flex")]
-pub(crate) use vector::{Opacity, ln, log_ratio, sigmoid, softplus};
+pub(crate) use vector::{SampleOpacity, ln, log_ratio, sigmoid, softplus};
 
 #[cfg(feature = "flex")]
 #[allow(clippy::inline_always, reason = "inlined into a function compiled for the processor's instruction set")]
@@ -19,29 +19,29 @@ mod vector {
     /// ln 2 in two parts: the first has 32 trailing zero bits, so that its product with an exponent is exact.
     const LN2_HIGH: f64 = f64::from_bits(0x3fe6_2e42_fee0_0000);
     const LN2_LOW: f64 = 1.908_214_929_270_587_7e-10;
-    /// Added to a number below 2⁵¹, it leaves the nearest integer, plus the exponent's bias, in the last bits.
+    /// Added to a value below 2⁵¹, this leaves the nearest integer, plus the exponent's bias, in the last bits.
     const ROUND: f64 = 6_755_399_441_055_744.0 + 1023.0;
-    /// e^−708 is the least that is no subnormal number.
-    const DEEPEST: f64 = 708.0;
+    /// e^−708 is the least normal `f64`.
+    const MAX_DEPTH: f64 = 708.0;
 
-    /// a · b + c, fused where that is one instruction.
+    /// Computes a · b + c, fused if that is one instruction.
     #[inline(always)]
     fn fma<const FMA: bool>(a: f64, b: f64, c: f64) -> f64 {
         if FMA { a.mul_add(b, c) } else { a * b + c }
     }
 
-    /// Σ cₖ xᵏ, the highest power's factor first.
+    /// Computes Σ cₖ xᵏ, the highest power's factor first.
     #[inline(always)]
     fn horner<const FMA: bool, const N: usize>(x: f64, factors: [f64; N]) -> f64 {
         factors.into_iter().fold(0.0, |sum, factor| fma::<FMA>(sum, x, factor))
     }
 
-    /// `(1 − e^−τ, e^−τ)`: with −τ = k ln 2 + r, expm1(−τ) = 2ᵏ expm1(r) + (2ᵏ − 1), in which nothing cancels.
+    /// Computes `(1 − e^−τ, e^−τ)`: with −τ = k ln 2 + r, expm1(−τ) = 2ᵏ expm1(r) + (2ᵏ − 1), in which nothing cancels.
     #[inline(always)]
     fn opacity<const FMA: bool>(tau: f32) -> (f64, f64) {
         let tau = f64::from(tau);
-        // Not `f64::min`, which would make NaN the deepest.
-        let x = -(if tau > DEEPEST { DEEPEST } else { tau });
+        // Not `f64::min`, which would turn NaN into the bound.
+        let x = -(if tau > MAX_DEPTH { MAX_DEPTH } else { tau });
         let rounded = fma::<FMA>(x, LOG2_E, ROUND);
         let k = rounded - ROUND;
         let r = fma::<FMA>(-k, LN2_LOW, fma::<FMA>(-k, LN2_HIGH, x));
@@ -64,7 +64,7 @@ mod vector {
         (-(m1 + (scale - 1.0)), m1 + scale)
     }
 
-    /// ln x of a positive normal number: with x = 2ᵉ m and m about 1, e ln 2 + 2 artanh((m − 1)/(m + 1)).
+    /// Computes ln x of a positive normal number: with x = 2ᵉ m and m about 1, e ln 2 + 2 artanh((m − 1)/(m + 1)).
     #[inline(always)]
     fn ln_of<const FMA: bool>(x: f64) -> f64 {
         const HALF_ROOT: u64 = 0x3fe6_a09e_667f_3bcd;
@@ -92,16 +92,15 @@ mod vector {
         fma::<FMA>(e, LN2_HIGH, fma::<FMA>(e, LN2_LOW, fma::<FMA>(s * z, series, 2.0 * s)))
     }
 
-    /// e^−|x| in `f32`; below e^−87, that.
+    /// Computes e^−|x| in `f32`, at least e^−87.
     #[inline(always)]
     fn fading(x: f32) -> f32 {
         const LN2_HIGH: f32 = 0.693_359_4;
         const LN2_LOW: f32 = -2.121_944_4e-4;
-        /// As for `f64`.
         const ROUND: f32 = 12_582_912.0 + 127.0;
-        const DEEPEST: f32 = -87.0;
+        const MIN_EXPONENT: f32 = -87.0;
         let x = -x.abs();
-        let x = if x < DEEPEST { DEEPEST } else { x };
+        let x = if x < MIN_EXPONENT { MIN_EXPONENT } else { x };
         let rounded = x * std::f32::consts::LOG2_E + ROUND;
         let k = rounded - ROUND;
         let r = (x - k * LN2_HIGH) - k * LN2_LOW;
@@ -110,7 +109,7 @@ mod vector {
         f32::from_bits(rounded.to_bits() << 23) * series.into_iter().fold(0.0, |sum, factor| sum * r + factor)
     }
 
-    /// 1/(1 + e^−x) of each, in place.
+    /// Replaces each x by 1/(1 + e^−x).
     #[inline(always)]
     pub(crate) fn sigmoid(values: &mut [f32]) {
         for x in values {
@@ -119,7 +118,7 @@ mod vector {
         }
     }
 
-    /// ln(1 + e^x) of each, in place: max(x, 0) + ln(1 + e) with e = e^−|x| and ln(1 + e) = 2 artanh(e/(2 + e)).
+    /// Replaces each x by ln(1 + e^x): max(x, 0) + ln(1 + e) with e = e^−|x| and ln(1 + e) = 2 artanh(e/(2 + e)).
     #[inline(always)]
     pub(crate) fn softplus(values: &mut [f32]) {
         for x in values {
@@ -132,18 +131,18 @@ mod vector {
         }
     }
 
-    /// What packed samples stop of a ray, and what they let through.
+    /// Opacity and transmittance of packed samples.
     #[derive(Debug, Default)]
-    pub(crate) struct Opacity {
+    pub(crate) struct SampleOpacity {
         /// α = 1 − e^−τ.
         pub(crate) alpha: Vec<f64>,
         /// 1 − α = e^−τ.
         pub(crate) through: Vec<f64>,
     }
 
-    impl Opacity {
+    impl SampleOpacity {
         #[inline(always)]
-        pub(crate) fn of<const FMA: bool>(tau: &[f32]) -> Self {
+        pub(crate) fn new<const FMA: bool>(tau: &[f32]) -> Self {
             let mut opacity = Self { alpha: vec![0.0; tau.len()], through: vec![0.0; tau.len()] };
             for ((alpha, through), &tau) in opacity.alpha.iter_mut().zip(&mut opacity.through).zip(tau) {
                 (*alpha, *through) = self::opacity::<FMA>(tau);
@@ -152,7 +151,7 @@ mod vector {
         }
     }
 
-    /// ln x of each, which are positive normal numbers, in place.
+    /// Replaces each x, a positive normal number, by ln x.
     #[inline(always)]
     pub(crate) fn ln<const FMA: bool>(values: &mut [f64]) {
         for x in values {
@@ -160,7 +159,7 @@ mod vector {
         }
     }
 
-    /// ln((p + ε)/(q + ε)) of each pair, to all digits also where p and q are nearly equal.
+    /// Computes ln((p + ε)/(q + ε)) of each pair, to all digits also where p and q are nearly equal.
     #[inline(always)]
     pub(crate) fn log_ratio<const FMA: bool>(p: &[f64], q: &[f64], epsilon: f64) -> Vec<f64> {
         let mut out = vec![0.0; p.len()];
@@ -239,7 +238,7 @@ mod vector {
         }
 
         #[test]
-        fn ratios_of_nearly_equal_numbers_keep_their_digits() {
+        fn ratios_of_nearly_equal_values_keep_their_digits() {
             for step in exponents(-60..-1).map(|step| step / 2.0) {
                 for step in [step, -step] {
                     let (p, q) = (0.3 * (1.0 + step), 0.3);

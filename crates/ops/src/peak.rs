@@ -1,4 +1,4 @@
-//! What this machine's processors can do at best, to hold what kernels reach against.
+//! Peak rates of this machine's processors, for comparison with kernels.
 
 use std::time::Instant;
 
@@ -6,7 +6,7 @@ use crate::bf16::{self, Factor};
 use crate::matmul::{Matrix, Onto, product};
 use crate::mlp::Precision;
 
-/// Rates of all threads together, the best of some trials.
+/// Rates of all threads together, the best of five trials.
 #[derive(Clone, Copy, Debug)]
 pub struct Peak {
     /// Floating-point operations per second, in products of matrices that stay in cache.
@@ -18,7 +18,7 @@ pub struct Peak {
 }
 
 impl Peak {
-    /// Measures both, in about half a second.
+    /// Measures both rates, in about half a second.
     pub fn measured(precision: Precision) -> Self {
         const TRIALS: usize = 5;
         let best = |rate: fn() -> f64| {
@@ -26,14 +26,14 @@ impl Peak {
             (0..TRIALS).map(trial).fold(0.0, f64::max)
         };
         let products = match precision {
-            Precision::F32 | Precision::Tf32 => products,
+            Precision::F32 => products,
             Precision::Bf16 => rounded_products,
         };
         Self { flops: best(products), precision, bytes: best(copies) }
     }
 }
 
-/// Operations per second of one thread in products of 240 × 64 by 64 × 32.
+/// Measures operations per second of one thread in products of 240 × 64 by 64 × 32.
 fn products() -> f64 {
     const SIZES: [usize; 3] = [240, 32, 64];
     const REPEATS: usize = 4000;
@@ -46,7 +46,7 @@ fn products() -> f64 {
     (2 * m * n * k * REPEATS) as f64 / start.elapsed().as_secs_f64()
 }
 
-/// The same of 32 × 512 by 512 × 32 in bfloat16.
+/// Measures operations per second of one thread in products of 32 × 512 by 512 × 32 in bfloat16.
 fn rounded_products() -> f64 {
     const SIZES: [usize; 3] = [32, 32, 512];
     const REPEATS: usize = 20_000;
@@ -59,12 +59,12 @@ fn rounded_products() -> f64 {
     (2 * m * n * k * REPEATS) as f64 / start.elapsed().as_secs_f64()
 }
 
-/// Bytes per second of one thread in a copy of 64 MiB.
+/// Measures bytes per second of one thread in a copy of 64 MiB.
 fn copies() -> f64 {
-    const NUMBERS: usize = 1 << 24;
-    let (from, mut to) = (vec![1f32; NUMBERS], vec![2f32; NUMBERS]);
+    const VALUES: usize = 1 << 24;
+    let (from, mut to) = (vec![1f32; VALUES], vec![2f32; VALUES]);
     let start = Instant::now();
     to.copy_from_slice(std::hint::black_box(&from));
     std::hint::black_box(&to);
-    (8 * NUMBERS) as f64 / start.elapsed().as_secs_f64()
+    (8 * VALUES) as f64 / start.elapsed().as_secs_f64()
 }

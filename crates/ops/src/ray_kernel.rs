@@ -1,6 +1,7 @@
 //! Host kernels of operations along rays: groups of rays in parallel, each with the processor's widest vectors.
 
 use std::fmt::Debug;
+use std::ops::Range;
 
 use burn::backend::Dispatch;
 use burn::tensor::Tensor;
@@ -8,20 +9,62 @@ use rayon::prelude::*;
 
 use crate::Segments;
 use crate::graph::Inputs;
-use crate::groups::{GROUP, Group};
 use crate::kernel::{self, Kernel, Pass};
 use crate::simd::{self, Job};
+
+/// Rays of a group, one task of a kernel: enough samples to fill vectors, few enough to stay in cache.
+pub(crate) const GROUP: usize = 64;
+
+impl Segments {
+    /// Divides the rays into groups of [`GROUP`], the last of which may be smaller.
+    pub(crate) fn groups(&self) -> impl IndexedParallelIterator<Item = Group<'_>> {
+        let (starts, offsets) = ((0..self.rays()).into_par_iter().step_by(GROUP), self.offsets());
+        starts.map(move |start| Group { offsets: &offsets[start..=(start + GROUP).min(self.rays())] })
+    }
+
+    /// Splits per-sample `values` (`width` values per sample) into one mutable slice per group.
+    pub(crate) fn split_mut<'a, T>(&self, mut values: &'a mut [T], width: usize) -> Vec<&'a mut [T]> {
+        let offsets = self.offsets();
+        let groups = (0..self.rays()).step_by(GROUP).map(|start| {
+            let end = (start + GROUP).min(self.rays());
+            let samples = (offsets[end] - offsets[start]) as usize;
+            let (head, tail) = std::mem::take(&mut values).split_at_mut(samples * width);
+            values = tail;
+            head
+        });
+        groups.collect()
+    }
+}
+
+/// Consecutive rays, whose samples are packed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Group<'a> {
+    offsets: &'a [u32],
+}
+
+impl Group<'_> {
+    /// Returns the range of the group's samples among all.
+    pub(crate) fn samples(&self) -> Range<usize> {
+        self.offsets[0] as usize..self.offsets[self.offsets.len() - 1] as usize
+    }
+
+    /// Lists the range of each ray's samples among the group's.
+    pub(crate) fn ranges(&self) -> impl Iterator<Item = Range<usize>> + '_ {
+        let start = self.offsets[0];
+        self.offsets.windows(2).map(move |ends| (ends[0] - start) as usize..(ends[1] - start) as usize)
+    }
+}
 
 /// An operation with `N` inputs, each of which holds a row per packed sample, and one row of output per ray, which depends
 /// on that ray's samples alone.
 pub(crate) trait RayKernel<const N: usize>: Debug + Send + Sync + 'static {
-    /// Which samples each ray owns.
+    /// Returns the samples that each ray owns.
     fn segments(&self) -> &Segments;
 
-    /// Shape of the output, whose first axis is the rays.
+    /// Returns the shape of the output, whose first axis is the rays.
     fn shape(&self) -> Vec<usize>;
 
-    /// Columns of each input.
+    /// Returns the number of columns of each input.
     fn widths(&self) -> [usize; N] {
         [1; N]
     }
@@ -40,7 +83,7 @@ pub(crate) trait RayKernel<const N: usize>: Debug + Send + Sync + 'static {
     );
 }
 
-/// `kernel(inputs)` as a tensor of rank `D`.
+/// Evaluates `kernel(inputs)` as a tensor of rank `D`.
 pub(crate) fn apply<K: RayKernel<N>, const N: usize, const D: usize>(
     kernel: K,
     inputs: impl Into<Inputs<Dispatch>>,
@@ -57,7 +100,7 @@ impl<K: RayKernel<N>, const N: usize> AlongRays<K, N> {
         self.0.shape()[1..].iter().product()
     }
 
-    /// A group's rows of each input.
+    /// Returns a group's rows of each input.
     fn rows<'a>(&self, group: Group<'_>, inputs: &[&'a [f32]]) -> [&'a [f32]; N] {
         let (samples, widths) = (group.samples(), self.0.widths());
         std::array::from_fn(|i| &inputs[i][samples.start * widths[i]..samples.end * widths[i]])

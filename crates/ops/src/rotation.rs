@@ -2,7 +2,7 @@
 
 use burn::tensor::Tensor;
 
-/// Rodrigues' formula, row by row: `exp([ω]×) v = v + a ω×v + b ω×(ω×v)` with `a = sin θ/θ` and `b = (1 − cos θ)/θ²`, θ = |ω|.
+/// Rotates vectors, row by row, by Rodrigues' formula: `exp([ω]×) v = v + a ω×v + b ω×(ω×v)` with `a = sin θ/θ` and `b = (1 − cos θ)/θ²`, θ = |ω|.
 ///
 /// `rotations` ω `[R, 3]` in radians, `vectors` v `[R, 3]` → `[R, 3]`; differentiable in both, also at ω = 0: a and b are
 /// polynomials in θ² of degree 4 (Taylor), within 3e-8 up to θ = 1 and 3e-5 up to θ = 2.
@@ -15,15 +15,15 @@ pub fn rotate(vectors: Tensor<2>, rotations: Tensor<2>) -> Tensor<2> {
     vectors + once * a + twice * b
 }
 
-/// `Σ cₖ xᵏ` by Horner's rule.
+/// Evaluates `Σ cₖ xᵏ` by Horner's rule.
 fn polynomial(x: &Tensor<2>, coefficients: [f64; 5]) -> Tensor<2> {
     let [rest @ .., last] = coefficients;
     rest.into_iter().rev().fold(x.zeros_like() + last, |sum, c| sum * x.clone() + c)
 }
 
-/// `a × b`, row by row.
+/// Computes `a × b`, row by row.
 fn cross(a: Tensor<2>, b: Tensor<2>) -> Tensor<2> {
-    // (x, y, z) → (y, z, x).
+    // Maps (x, y, z) to (y, z, x).
     let turned = |v: &Tensor<2>| Tensor::cat(vec![v.clone().narrow(1, 1, 2), v.clone().narrow(1, 0, 1)], 1);
     turned(&(a.clone() * turned(&b) - turned(&a) * b))
 }
@@ -33,9 +33,9 @@ mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::{from_host, to_host};
+    use crate::traffic::{from_host, to_host};
 
-    /// In `f64`, by the closed formula.
+    /// Computes the rotation in `f64` by the closed formula.
     fn exact(v: [f64; 3], w: [f64; 3]) -> [f64; 3] {
         let cross = |a: [f64; 3], b: [f64; 3]| {
             [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

@@ -1,28 +1,28 @@
-//! Code compiled for several instruction sets, chosen at run time.
+//! Code compiled for several instruction sets, one of which is chosen at run time.
 
 /// Work whose loops the compiler vectorises for the processor at hand.
 pub trait Job {
-    /// Does the work; mark the implementation `#[inline(always)]`. `FMA` says that fused multiply-add is one instruction,
-    /// `WIDE` that there are 32 registers of 16 numbers.
+    /// Does the work; mark the implementation `#[inline(always)]`. `FMA` is set if fused multiply-add is one instruction, `WIDE`
+    /// if there are 32 registers of 16 values.
     fn run<const FMA: bool, const WIDE: bool>(self);
 }
 
-/// What code is compiled for.
+/// Instruction set that code is compiled for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Instructions {
     /// AVX-512 with its F, DQ, BW and VL parts.
     Avx512,
     /// AVX2 and FMA.
     Avx2,
-    /// Those that every processor of the target has.
+    /// Instructions of every processor of the target.
     Baseline,
 }
 
 impl Instructions {
-    /// Widest first.
+    /// All sets, widest first.
     pub(crate) const ALL: [Self; 3] = [Self::Avx512, Self::Avx2, Self::Baseline];
 
-    /// Whether this processor has them.
+    /// Returns whether this processor has them.
     pub(crate) fn present(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]

@@ -1,4 +1,4 @@
-//! Numbers between the host and a device, and how many: a GPU waits for both.
+//! Transfers between the host and devices, and their counts; a GPU waits for both directions.
 
 use std::ops::{Add, Sub};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -7,12 +7,12 @@ use burn::tensor::kind::Basic;
 use burn::tensor::{Bool, Device, Element, Float, Int, Tensor, TensorData, Transaction};
 use serde::Serialize;
 
-use crate::Segments;
 use crate::dispatch::dispatch;
+use crate::segments::Segments;
 
-/// A type of numbers on the host, and the kind of tensor that they make.
+/// Element type on the host, with the kind of its tensors.
 pub trait HostNumber: Element {
-    /// The kind of tensor.
+    /// Kind of tensor.
     type Kind: Basic;
 }
 
@@ -28,10 +28,10 @@ impl HostNumber for bool {
     type Kind = Bool;
 }
 
-/// `values`, row-major, as a tensor of `shape` on `device`.
+/// Uploads `values`, row-major, as a tensor of `shape` on `device`.
 ///
 /// # Panics
-/// If `shape` is of another number of values.
+/// If `shape` has another number of elements.
 pub fn upload<E: HostNumber, const D: usize>(values: Vec<E>, shape: [usize; D], device: &Device) -> Tensor<D, E::Kind> {
     if values.is_empty() {
         return Tensor::empty(shape, device);
@@ -40,39 +40,34 @@ pub fn upload<E: HostNumber, const D: usize>(values: Vec<E>, shape: [usize; D], 
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
-/// Each of `arrays` as a tensor on `device`: on a GPU moved there at once, as parts of one buffer, together with what
-/// operations along the rays of each of `segments` will ask for.
+/// Uploads each of `arrays` as a tensor; to a GPU all at once, as parts of one buffer that also holds the offsets of `segments`.
 #[cfg_attr(not(feature = "cube"), allow(unused_variables, reason = "only kernels of GPUs ask for offsets"))]
 pub fn upload_together<const N: usize>(
     arrays: [Vec<f32>; N],
     segments: &[&Segments],
     device: &Device,
 ) -> [Tensor<1>; N] {
-    let one_by_one = |arrays: [Vec<f32>; N]| {
-        arrays.map(|array| {
-            let count = array.len();
-            upload(array, [count], device)
-        })
-    };
     dispatch! {
         device;
-        host => one_by_one(arrays),
         cube => crate::cube::together(arrays, segments, device),
-        plain => one_by_one(arrays),
+        plain => arrays.map(|array| {
+            let count = array.len();
+            upload(array, [count], device)
+        }),
     }
 }
 
-/// Rows of `columns` numbers, copied to `device`.
+/// Uploads rows of `columns` elements.
 pub fn from_host(rows: &[f32], columns: usize, device: &Device) -> Tensor<2> {
     upload(rows.to_vec(), [rows.len() / columns, columns], device)
 }
 
-/// A tensor's numbers on the host, row-major, in single precision.
+/// Reads a tensor's elements, row-major, in single precision.
 pub fn to_host<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     read(vec![tensor.into_data()])
 }
 
-/// The numbers of several tensors, one after the other, read at once: a GPU is waited for once.
+/// Reads the elements of several tensors, one after the other, waiting for a GPU once.
 pub fn to_host_together(tensors: impl IntoIterator<Item = Tensor<1>>) -> Vec<f32> {
     read(tensors.into_iter().fold(Transaction::default(), |all, tensor| all.register(tensor.inner())).execute())
 }
@@ -88,26 +83,26 @@ fn read(data: Vec<TensorData>) -> Vec<f32> {
     })
 }
 
-/// What has passed between the host and its devices; differences are of what passed in between.
+/// Counts of transfers and launches; the difference of two counts is the traffic in between.
 ///
-/// Counted over all threads of the process, whatever the device: on a CPU an upload and a read cost next to nothing. Scalars
-/// that are arguments of a kernel travel with its launch and are no uploads.
+/// Counted over all threads of the process, whatever the device: on a CPU an upload and a read cost next to nothing. Scalar
+/// arguments of a kernel travel with its launch and are no uploads.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Traffic {
-    /// Tensors made of the host's numbers.
+    /// Tensors uploaded.
     pub uploads: u64,
-    /// Their size.
+    /// Bytes uploaded.
     pub uploaded_bytes: u64,
-    /// Tensors read back. A GPU has to finish what it was given before each.
+    /// Tensors read back. A GPU finishes all earlier work before each read.
     pub reads: u64,
-    /// Their size.
+    /// Bytes read back.
     pub read_bytes: u64,
-    /// Kernels launched on GPUs, Burn's and ours; 0 on CPUs.
+    /// Kernels launched on GPUs, of Burn and of this crate; 0 on CPUs.
     pub launches: u64,
 }
 
 impl Traffic {
-    /// The counts so far. Launches are counted from the first call on.
+    /// Returns the counts so far. Launches are counted from the first call on.
     pub fn now() -> Self {
         #[cfg(feature = "cube")]
         launches::observe();
@@ -121,7 +116,7 @@ impl Traffic {
         }
     }
 
-    /// What passed in `steps`, as a line of means per step.
+    /// Formats the traffic of `steps` as means per step.
     pub fn per_step(&self, steps: usize) -> String {
         let mean = |count: u64| count as f64 / steps.max(1) as f64;
         let bytes = |count: u64| match mean(count) {

@@ -1,5 +1,4 @@
-//! Which devices the host kernels serve: every operation asks `has_host_kernels`, so that a wrong answer would make `flex`
-//! slow or send another device's tensors to it.
+//! Dispatch by device: a wrong answer would make `flex` slow, or send tensors of other devices to the host kernels.
 
 #![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
 
@@ -7,13 +6,13 @@ use burn::tensor::Device;
 use infonerf_ops::has_host_kernels;
 
 #[test]
-fn flex_runs_the_host_kernels() {
+fn flex_has_host_kernels() {
     assert!(has_host_kernels(&Device::flex()));
     assert!(has_host_kernels(&Device::flex().autodiff()));
 }
 
 #[test]
-fn other_devices_run_tensor_operations() {
+fn ndarray_has_no_host_kernels() {
     assert!(!has_host_kernels(&Device::ndarray()));
     assert!(!has_host_kernels(&Device::ndarray().autodiff()));
 }

@@ -3,7 +3,7 @@
 
 use crate::common::{Body, Draws, floats, matrix, wide};
 use burn::tensor::Tensor;
-use infonerf_ops::{frequency, frequency_encode, integrated, integrated_encode, reference};
+use infonerf_ops::{frequency, frequency_encode, integrated_encode};
 
 /// Error of a sine; the same of a gradient relative to the highest frequency, whose sines it is made of.
 const WAVE: f64 = 3e-7;
@@ -14,8 +14,8 @@ fn encode(body: Body, integrate: bool, means: Tensor<2>, variances: Tensor<2>) -
     match (body, integrate) {
         (Body::Kernel, true) => integrated_encode(means, variances, WINDOW.len(), &WINDOW),
         (Body::Kernel, false) => frequency_encode(means, WINDOW.len(), &WINDOW),
-        (_, true) => integrated::plain(means, variances, &WINDOW),
-        (_, false) => frequency::plain(means, &WINDOW),
+        (_, true) => frequency::plain(means, Some(variances), &WINDOW),
+        (_, false) => frequency::plain(means, None, &WINDOW),
     }
 }
 
@@ -41,14 +41,14 @@ fn bodies_match_the_oracle_in_value_and_gradient() {
             let (x, variance) = (f64::from(x), if integrate { f64::from(variance) } else { 0.0 });
             let (start, axis) = (i / 3 * columns, i % 3);
             let at = |l: usize, cosine: usize| start + first + 6 * l + 3 * cosine + axis;
-            let want = reference::waves(x, variance, &window);
+            let want = infonerf_oracle::waves(x, variance, &window);
             let u: Vec<[f64; 2]> = (0..want.len()).map(|l| [0, 1].map(|c| f64::from(upstream[at(l, c)]))).collect();
             for (l, want) in want.iter().enumerate() {
                 for (cosine, want) in want.iter().enumerate() {
                     assert!((out[at(l, cosine)] - want).abs() <= WAVE, "{body:?}, {x}, frequency {l}");
                 }
             }
-            let [mut along, fading] = reference::waves_gradient(x, variance, &window, &u);
+            let [mut along, fading] = infonerf_oracle::waves_gradient(x, variance, &window, &u);
             if !integrate {
                 along += f64::from(upstream[start + axis]);
             }
@@ -70,9 +70,9 @@ fn the_oracle_against_finite_differences() {
         let (x, variance) = (draws.signed().into(), 0.01 * draws.unit() + 1e-4);
         let u: Vec<[f64; 2]> = window.iter().map(|_| [0, 1].map(|_| draws.signed().into())).collect();
         let value = |x: f64, variance: f64| -> f64 {
-            reference::waves(x, variance, &window).iter().zip(&u).map(|(w, u)| w[0] * u[0] + w[1] * u[1]).sum()
+            infonerf_oracle::waves(x, variance, &window).iter().zip(&u).map(|(w, u)| w[0] * u[0] + w[1] * u[1]).sum()
         };
-        let [along, fading] = reference::waves_gradient(x, variance, &window, &u);
+        let [along, fading] = infonerf_oracle::waves_gradient(x, variance, &window, &u);
         let difference = (value(x + STEP, variance) - value(x - STEP, variance)) / (2.0 * STEP);
         approx::assert_abs_diff_eq!(along, difference, epsilon = 1e-6);
         let difference = (value(x, variance + STEP) - value(x, variance - STEP)) / (2.0 * STEP);

@@ -7,22 +7,22 @@ use std::sync::Arc;
 
 use crate::common::{Draws, assert_close, matrix, vector, wide};
 use burn::tensor::{Device, Tensor};
-use infonerf_ops::factored::{self, Layout, Query, factored_field, plane_variation, reference};
+use infonerf_ops::factored::{self, Layout, Query, factored_field, plane_variation};
 use infonerf_ops::to_host;
 
 /// Largest difference between a directional derivative and a central difference of this step, relative to the sum of all
-/// slopes: hardly any ReLU or texel changes within the step.
+/// gradients: hardly any ReLU or texel changes within the step.
 const DIFFERENCE: f64 = 1e-6;
 const STEP: f64 = 1e-7;
 
-/// Numbers in [−1, 1) that look random and are the same everywhere.
+/// Reproducible values in [−1, 1).
 fn numbers(count: usize, seed: u64) -> Vec<f32> {
     let mut draws = Draws(seed);
     (0..count).map(|_| draws.signed()).collect()
 }
 
 #[derive(Clone)]
-struct Case {
+struct FieldCase {
     layout: Arc<Layout>,
     query: Query,
     /// Tables, weights and positions.
@@ -31,8 +31,8 @@ struct Case {
 
 const INPUTS: [&str; 3] = ["tables", "weights", "positions"];
 
-/// More samples than a block, some of them outside the box; a level in the middle of fading in.
-fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> Case {
+/// Returns a field of which one level is fading in, and samples of which some are outside the box.
+fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> FieldCase {
     let levels = [(5, channels), (8, channels), (16, channels)];
     let layout = Arc::new(Layout::new(2, &levels, (2, 9), view_dependent, (10.0, -1.0)));
     let query = Query {
@@ -46,22 +46,22 @@ fn case(samples: usize, color: bool, view_dependent: bool, channels: usize) -> C
     let tables = numbers(layout.table_len(), 3);
     let weights = numbers(layout.weight_len(), 4).into_iter().map(|w| 0.7 * w).collect();
     let positions = numbers(3 * samples, 1).into_iter().map(|x| 0.5 + 0.55 * x).collect();
-    Case { layout, query, inputs: [tables, weights, positions] }
+    FieldCase { layout, query, inputs: [tables, weights, positions] }
 }
 
-type Body = fn(Tensor<1>, Tensor<1>, &Arc<Layout>, Query) -> Tensor<2>;
+type FieldBody = fn(Tensor<1>, Tensor<1>, &Arc<Layout>, Query) -> Tensor<2>;
 
 fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout>, query: Query) -> Tensor<2> {
     factored::plain(tables, weights, layout, &query)
 }
 
-/// Value, and gradients of ⟨u, value⟩ for fixed u.
-fn run(case: &Case, device: &Device, body: Body) -> [Vec<f32>; 4] {
+/// Returns the value, and the gradients of ⟨u, value⟩ for fixed u.
+fn run(case: &FieldCase, device: &Device, body: FieldBody) -> [Vec<f32>; 4] {
     run_along(case, device, body, |count| numbers(count, 5))
 }
 
-/// The same for as many numbers u as the value has.
-fn run_along(case: &Case, device: &Device, body: Body, u: impl Fn(usize) -> Vec<f32>) -> [Vec<f32>; 4] {
+/// Returns the value, and the gradients of ⟨u, value⟩, given u by its length.
+fn run_along(case: &FieldCase, device: &Device, body: FieldBody, u: impl Fn(usize) -> Vec<f32>) -> [Vec<f32>; 4] {
     let device = device.clone().autodiff();
     let [tables, weights, positions] = case.inputs.each_ref().map(|values| vector(values, &device).require_grad());
     let directions = case.query.directions.clone().map(|rows| matrix(&to_host(rows), 3, &device));
@@ -91,7 +91,6 @@ fn bodies_agree_in_value_and_gradient() {
     }
 }
 
-/// The kernel's gradients against the oracle's, and the oracle's against differences of its own values.
 #[test]
 fn gradients_match_the_oracle_and_its_differences() {
     let case = case(64, true, true, 4);
@@ -99,10 +98,10 @@ fn gradients_match_the_oracle_and_its_differences() {
     let u = wide(&numbers(value.len(), 5));
     let inputs = case.inputs.each_ref().map(|input| wide(input));
     let of = |inputs: &[Vec<f64>; 3]| -> f64 {
-        let values = reference::value(&inputs[0], &inputs[1], &inputs[2], &case.layout, &case.query);
+        let values = infonerf_oracle::factored::value(&inputs[0], &inputs[1], &inputs[2], &case.layout, &case.query);
         values.iter().zip(&u).map(|(y, u)| y * u).sum()
     };
-    let oracle = reference::gradient(&inputs[0], &inputs[1], &inputs[2], &case.layout, &case.query, &u);
+    let oracle = infonerf_oracle::factored::gradient(&inputs[0], &inputs[1], &inputs[2], &case.layout, &case.query, &u);
     for (place, (kernel, oracle)) in gradients.iter().zip(&oracle).enumerate() {
         assert_close(kernel, &oracle.iter().map(|g| *g as f32).collect::<Vec<f32>>(), INPUTS[place]);
         for salt in 6..12 {
@@ -124,9 +123,9 @@ fn gradients_match_the_oracle_and_its_differences() {
     }
 }
 
-/// More than two blocks of samples, of which two in three have slopes of a millionth.
 #[test]
-fn negligible_slopes_are_left_out_and_no_others() {
+fn negligible_gradients_alone_are_left_out() {
+    // More than two blocks of samples, of which two in three have gradients of a millionth.
     let mut case = case(600, true, true, 4);
     let u = |small: f32| {
         move |count: usize| -> Vec<f32> {
@@ -149,7 +148,7 @@ fn negligible_slopes_are_left_out_and_no_others() {
 }
 
 #[test]
-fn an_unused_level_gets_no_gradient() {
+fn levels_of_weight_zero_get_no_gradient() {
     let case = case(100, true, true, 4);
     let [_, dtables, ..] = run(&case, &Device::flex(), factored_field);
     let faded = &case.layout.levels[2];
@@ -158,7 +157,7 @@ fn an_unused_level_gets_no_gradient() {
 }
 
 #[test]
-fn variation_agrees_and_ignores_the_lines() {
+fn variation_agrees_between_bodies_and_ignores_lines() {
     let case = case(1, true, false, 4);
     let of = |device: Device, host: bool| -> (f32, Vec<f32>) {
         let device = device.autodiff();

@@ -5,5 +5,6 @@ mod common;
 mod dispatch;
 mod encodings;
 mod factored;
+mod gradients;
 mod mlp;
 mod properties;

@@ -1,5 +1,4 @@
-//! NeRF's network: host kernel against plain tensors on two backends and against `f64` by hand, and its gradients against
-//! finite differences.
+//! NeRF's network: host kernel against plain tensors on two backends, and against `f64` with finite differences.
 
 #![allow(deprecated, reason = "the older CPU backend is tested for as long as it is selectable")]
 
@@ -12,9 +11,9 @@ use infonerf_ops::{Segments, to_host};
 /// Largest difference of a directional derivative of the `f64` network's values against the kernel's gradient.
 const DIFFERENCE: f64 = 1e-4;
 
-/// Sizes of a network, and what it is asked.
+/// Network with its inputs.
 #[derive(Clone)]
-struct Case {
+struct NetworkCase {
     encoded: usize,
     skip: usize,
     segments: Segments,
@@ -22,15 +21,15 @@ struct Case {
     color: bool,
     x: Vec<f32>,
     directions: Vec<f32>,
-    /// One sample in so many has a gradient.
+    /// Every `reached`-th sample has a gradient.
     reached: usize,
-    /// Whether gradients of the result are −1, 0 and 1.
+    /// Whether gradients of the result are −1, 0 or 1.
     whole: bool,
-    /// `[inputs, outputs]` and the weights, then the biases, of every layer: trunk, σ, features, view, rgb.
+    /// Shape `[inputs, outputs]`, weights and biases of every layer: trunk, σ, features, view, rgb.
     layers: Vec<([usize; 2], Vec<f32>, Vec<f32>)>,
 }
 
-fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> Case {
+fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> NetworkCase {
     let (encoded, width, layers, frequencies) = (7, 10, 4, 2);
     let mut draws = Draws(seed);
     let segments = Segments::from_counts(counts.iter().copied());
@@ -45,10 +44,10 @@ fn case(seed: u64, counts: &[usize], skip: usize, color: bool) -> Case {
     let layers = trunk.chain(heads).map(|size| (size, numbers(size[0] * size[1]), numbers(size[1]))).collect();
     let x = numbers(segments.samples() * encoded);
     let directions = numbers(3 * counts.len());
-    Case { encoded, skip, segments, frequencies, color, x, directions, reached: 1, whole: false, layers }
+    NetworkCase { encoded, skip, segments, frequencies, color, x, directions, reached: 1, whole: false, layers }
 }
 
-impl Case {
+impl NetworkCase {
     fn network(&self, device: &Device, dense: &mut impl FnMut([usize; 2], &[f32], &[f32]) -> Dense) -> RadianceMlp {
         let mut layers: Vec<Dense> = self.layers.iter().map(|(size, w, b)| dense(*size, w, b)).collect();
         let heads = layers.split_off(layers.len() - 4);
@@ -59,7 +58,7 @@ impl Case {
         RadianceMlp { trunk: layers, skip: self.skip, sigma, color, precision: Precision::F32 }
     }
 
-    /// Value, gradient of ⟨u, value⟩ with respect to x, and with respect to all weights that have one.
+    /// Returns the value, and the gradients of ⟨u, value⟩ with respect to x and to all weights.
     fn run(&self, device: &Device, body: impl Fn(Tensor<2>, &RadianceMlp) -> Tensor<2>) -> [Vec<f32>; 3] {
         let device = device.clone().autodiff();
         let mut parameters = Vec::new();
@@ -89,7 +88,7 @@ impl Case {
         draws.enumerate().map(|(i, u)| if (i / columns).is_multiple_of(self.reached) { u } else { 0.0 }).collect()
     }
 
-    /// ⟨u, value⟩ in `f64`, written down from NeRF's Fig. 7.
+    /// Computes ⟨u, value⟩ in `f64`, after NeRF's Fig. 7.
     fn value(&self) -> f64 {
         let apply = |(size, w, b): &([usize; 2], Vec<f32>, Vec<f32>), x: &[f64]| -> Vec<f64> {
             assert_eq!(x.len(), size[0]);
@@ -132,14 +131,14 @@ impl Case {
 
 /// More samples than a block, and fewer; rays without samples; a skip in the middle, at the last layer, none; most samples
 /// without a gradient, as behind ReLU densities.
-fn cases() -> Vec<Case> {
+fn cases() -> Vec<NetworkCase> {
     let long: Vec<usize> = (0..60).map(|ray| ray % 19).collect();
     let mut cases = Vec::new();
     for (seed, skip) in [(1, 2), (2, 3), (3, 0)] {
         for color in [true, false] {
             cases.push(case(seed, &long, skip, color));
             cases.push(case(seed, &[5, 0, 2], skip, color));
-            cases.push(Case { reached: 3, ..case(seed, &[400, 0, 900], skip, color) });
+            cases.push(NetworkCase { reached: 3, ..case(seed, &[400, 0, 900], skip, color) });
         }
     }
     cases
@@ -159,10 +158,9 @@ fn bodies_agree_in_value_and_gradient() {
     }
 }
 
-/// The rounding of factors to 8 bits grows through a few layers, and in gradients some ReLUs switch sides, which only many
-/// samples average out. The results are not those of single precision either.
 #[test]
-fn products_in_bf16_are_near() {
+fn bf16_results_are_close_to_single_precision() {
+    // Rounding errors grow from layer to layer, and in gradients some ReLUs switch sides, which many samples average out.
     const NEAR: [f32; 3] = [0.05, 0.2, 0.2];
     let norm = |values: &mut dyn Iterator<Item = f32>| values.map(|x| x * x).sum::<f32>().sqrt();
     for case in cases().into_iter().filter(|case| case.segments.samples() > 500) {
@@ -180,9 +178,8 @@ fn products_in_bf16_are_near() {
     }
 }
 
-/// Of whole numbers that 8 bits hold, products in bf16 are those of single precision, forward and backward.
 #[test]
-fn whole_numbers_are_exact_in_bf16() {
+fn bf16_is_exact_for_integers_of_8_bits() {
     let mut draws = Draws(5);
     let mut whole = |count: usize| -> Vec<f32> { (0..count).map(|_| (1.4 * draws.signed()).trunc()).collect() };
     for mut case in cases() {
@@ -204,7 +201,7 @@ fn whole_numbers_are_exact_in_bf16() {
 }
 
 #[test]
-fn without_samples_there_is_nothing_to_learn() {
+fn gradients_without_samples_are_zero() {
     for precision in [Precision::F32, Precision::Bf16] {
         let [value, dx, dweights] = case(4, &[0, 0], 2, true).run(&Device::flex(), |encoded, network| {
             radiance_mlp(encoded, &RadianceMlp { precision, ..network.clone() })
@@ -225,7 +222,7 @@ fn gradients_match_differences_of_the_f64_network() {
         let mut draws = Draws(7);
         let mut along = |count: usize| -> Vec<f32> { (0..count).map(|_| draws.signed()).collect() };
         let (along_x, along_weights) = (along(dx.len()), along(dweights.len()));
-        // So small that hardly any ReLU changes its mind.
+        // So small that hardly any ReLU switches.
         let step = 2f32.powi(-18);
         let moved = |by: f32| {
             let mut moved = case.clone();
@@ -236,8 +233,8 @@ fn gradients_match_differences_of_the_f64_network() {
         };
         let (up, down) = (moved(step), moved(-step));
         let difference = up.value() - down.value();
-        // Along what was really moved, in single precision.
-        let flat = |case: &Case| -> Vec<f32> {
+        // Along the displacement that single precision represents.
+        let flat = |case: &NetworkCase| -> Vec<f32> {
             let weights = case.layers.iter().flat_map(|(_, w, b)| w.iter().chain(b));
             case.x.iter().chain(weights).copied().collect()
         };

@@ -1,14 +1,14 @@
-//! Properties that hold for every ray, whatever its samples.
+//! Properties of operations along rays that hold for all samples.
 
 use crate::common::{Body, DISTRIBUTIONS, floats, matrix, vector};
 use burn::tensor::Tensor;
-use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, reference};
+use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite};
 use proptest::prelude::*;
 
 /// Roundings of `f32` sums over a ray.
 const TOLERANCE: f64 = 1e-5;
 
-/// Optical depths from the thinnest to the opaque, zeros among them.
+/// Generates optical depths from thin to opaque, and zeros.
 fn tau() -> impl Strategy<Value = f32> {
     prop_oneof![1 => Just(0.0), 8 => (-8f32..2.5).prop_map(|e| 10f32.powf(e)), 1 => Just(1e10)]
 }
@@ -25,7 +25,7 @@ fn body() -> impl Strategy<Value = Body> {
     prop::sample::select(Body::ALL.to_vec())
 }
 
-/// Any value per sample, decided by its place.
+/// Returns an arbitrary value for each sample index.
 fn value(index: usize) -> f32 {
     (index as f32 * 0.7).sin()
 }
@@ -53,7 +53,7 @@ fn values(count: usize) -> Vec<f32> {
     (0..count).map(value).collect()
 }
 
-/// Σ w v, Σ w, Σ α and the entropy of α/Σα.
+/// Computes Σ w v, Σ w, Σ α and the entropy of α/Σα.
 fn single(body: Body, ray: &[f32], values: &[f32]) -> [f64; 4] {
     let out = run(body, &[ray.to_vec()], values);
     let entropy = entropies(body, &[ray.to_vec()], RayDistribution::Alpha, 0.0);
@@ -74,15 +74,15 @@ fn close(a: f64, b: f64) -> bool {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(96))]
 
-    /// w ∈ [0, 1], and what does not stop in the ray leaves it: Σ w + e^{−Σ τ} = 1.
+    /// Tests w ∈ [0, 1] and Σ w + e^{−Σ τ} = 1.
     #[test]
-    fn weights_share_out_the_light(body in body(), tau in ray()) {
+    fn weights_and_transmittance_add_up_to_one(body in body(), tau in ray()) {
         let w = composite::weights(&tau, &Segments::uniform(1, tau.len()));
         prop_assert!(w.iter().all(|w| (0.0..=1.0).contains(w)), "{w:?}");
         let leaves = (-tau.iter().map(|&tau| f64::from(tau)).sum::<f64>()).exp();
         let sum: f64 = w.iter().map(|&w| f64::from(w)).sum();
         prop_assert!(close(sum + leaves, 1.0));
-        // The weights on the host are those that the operation integrates with.
+        // The operation integrates with the weights of the host.
         for (i, &w) in w.iter().enumerate() {
             let mut one = vec![0.0; tau.len()];
             one[i] = 1.0;
@@ -91,7 +91,7 @@ proptest! {
         prop_assert!(close(single(body, &tau, &values(tau.len()))[1], sum));
     }
 
-    /// 0 ≤ H ≤ log₂ N, and H = log₂ N only if all samples are equally opaque. With a background there is one outcome more.
+    /// Tests 0 ≤ H ≤ log₂ N, and H = log₂ N if all samples are equally opaque. A background adds one outcome.
     #[test]
     fn entropy_is_bounded(body in body(), tau in ray(), even in tau(), count in 1usize..40) {
         for of in DISTRIBUTIONS {
@@ -104,25 +104,23 @@ proptest! {
         prop_assert!(close(most, bits), "{bits}");
     }
 
-    /// A ray that meets nothing, or stops at its first sample, ends where it ends for certain.
     #[test]
-    fn certain_rays_have_no_entropy_of_termination(body in body(), rest in ray(), count in 1usize..40) {
+    fn empty_rays_and_walls_have_no_entropy_of_termination(body in body(), rest in ray(), count in 1usize..40) {
         prop_assert!(bits(body, &vec![0.0; count], RayDistribution::Termination).abs() <= TOLERANCE);
         prop_assert!(bits(body, &vec![0.0; count], RayDistribution::AlphaBackground).abs() <= TOLERANCE);
         let wall: Vec<f32> = std::iter::once(1e10).chain(rest).collect();
         prop_assert!(bits(body, &wall, RayDistribution::Termination).abs() <= TOLERANCE);
     }
 
-    /// Entropy and Σα ask how opacity is spread, not where; so does opacity.
     #[test]
-    fn entropy_knows_no_order(body in body(), (tau, other) in ray().prop_flat_map(|r| (Just(r.clone()), Just(r).prop_shuffle()))) {
+    fn entropy_and_opacity_do_not_depend_on_the_order_of_samples(body in body(), (tau, other) in ray().prop_flat_map(|r| (Just(r.clone()), Just(r).prop_shuffle()))) {
         let [a, b] = [&tau, &other].map(|tau| single(body, tau, &values(tau.len())));
         for i in 1..4 {
             prop_assert!(close(a[i], b[i]), "{a:?} {b:?}");
         }
     }
 
-    /// Gibbs' inequality, and equality for equal rays. With ε inside the logarithms it holds up to N ε.
+    /// Tests Gibbs' inequality, and equality for equal rays. With ε inside the logarithms it holds up to N ε.
     #[test]
     fn divergence_is_not_negative(body in body(), pairs in prop::collection::vec((tau(), tau()), 1..40)) {
         let (p, q): (Vec<f32>, Vec<f32>) = pairs.into_iter().unzip();
@@ -131,11 +129,11 @@ proptest! {
         prop_assert!(self::divergence(body, &p, &p).abs() <= TOLERANCE);
     }
 
-    /// KL is 0 for equal rays only, and it is the more the more they differ: KL ≥ ½ (Σ |p − q|)² (Pinsker).
+    /// Tests Pinsker's inequality, KL ≥ ½ (Σ |p − q|)².
     #[test]
-    fn different_rays_diverge(body in body(), pairs in prop::collection::vec((tau(), tau()), 2..40)) {
+    fn divergence_bounds_the_distance_of_distributions(body in body(), pairs in prop::collection::vec((tau(), tau()), 2..40)) {
         let (p, q): (Vec<f32>, Vec<f32>) = pairs.into_iter().unzip();
-        let densities = [&p, &q].map(|tau| reference::ray_density(&tau.iter().copied().map(f64::from).collect::<Vec<_>>()));
+        let densities = [&p, &q].map(|tau| infonerf_oracle::ray_density(&tau.iter().copied().map(f64::from).collect::<Vec<_>>()));
         if let [Some(a), Some(b)] = densities {
             let distance: f64 = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).sum();
             let divergence = divergence(body, &p, &q);
@@ -143,16 +141,14 @@ proptest! {
         }
     }
 
-    /// How opaque an even ray is says nothing about how its opacity is spread.
     #[test]
-    fn entropy_of_an_even_ray_knows_no_scale(body in body(), even in 1e-9f32..10.0, factor in 1e-3f32..1e3, count in 1usize..40) {
+    fn entropy_of_a_uniform_ray_does_not_depend_on_its_opacity(body in body(), even in 1e-9f32..10.0, factor in 1e-3f32..1e3, count in 1usize..40) {
         let bits = |tau: f32| bits(body, &vec![tau; count], RayDistribution::Alpha);
         prop_assert!(close(bits(even), bits(even * factor)));
     }
 
-    /// An interval cut in two with the same value composites to the same.
     #[test]
-    fn cutting_an_interval_changes_no_picture(body in body(), tau in ray(), at in any::<prop::sample::Index>(), share in 0f32..1.0) {
+    fn splitting_an_interval_does_not_change_the_result(body in body(), tau in ray(), at in any::<prop::sample::Index>(), share in 0f32..1.0) {
         let at = at.index(tau.len());
         let (mut cut, mut cut_values) = (tau.clone(), values(tau.len()));
         cut.splice(at..=at, [tau[at] * share, tau[at] * (1.0 - share)]);
@@ -161,9 +157,8 @@ proptest! {
         prop_assert!(close(whole[0], cut[0]) && close(whole[1], cut[1]), "{whole:?} {cut:?}");
     }
 
-    /// Rays do not know of each other.
     #[test]
-    fn each_ray_by_itself(body in body(), rows in rays(), turn in any::<prop::sample::Index>()) {
+    fn rays_do_not_affect_each_other(body in body(), rows in rays(), turn in any::<prop::sample::Index>()) {
         let by_ray = |rows: &[Vec<f32>]| {
             let own: Vec<f32> = rows.iter().flat_map(|row| values(row.len())).collect();
             let out = run(body, rows, &own);

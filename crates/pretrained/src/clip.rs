@@ -8,12 +8,12 @@ use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Device, Tensor};
 use infonerf_ops::bilinear::{Taps, bilinear};
 
-use crate::{TensorShape, WeightFile};
+use crate::file::{TensorShape, WeightFile};
 
 /// Sizes of [`ClipVision`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ClipConfig {
-    /// Side of the square image that it looks at, pixels.
+    /// Side of the square input image, pixels.
     pub image: usize,
     /// Side of a patch, pixels.
     pub patch: usize,
@@ -30,11 +30,11 @@ pub struct ClipConfig {
 }
 
 impl ClipConfig {
-    /// ViT-B/32, the one that DietNeRF takes.
+    /// ViT-B/32, as in DietNeRF.
     pub const VIT_B_32: Self =
         Self { image: 224, patch: 32, width: 768, layers: 12, heads: 12, hidden: 3072, embedding: 512 };
 
-    /// Names and shapes of the encoder's tensors, as Hugging Face has them.
+    /// Returns names and shapes of the encoder's tensors, as at Hugging Face.
     pub fn tensors(&self) -> Vec<TensorShape> {
         let Self { image, patch, width, hidden, .. } = *self;
         let embeddings = "vision_model.embeddings";
@@ -70,65 +70,65 @@ const MEAN: [f32; 3] = [0.481_454_66, 0.457_827_5, 0.408_210_73];
 const DEVIATION: [f32; 3] = [0.268_629_54, 0.261_302_6, 0.275_777_1];
 const EPSILON: f64 = 1e-5;
 
-/// CLIP's image encoder with fixed weights: gradients flow to the image alone.
+/// Image encoder of CLIP with fixed weights; gradients flow to the image alone.
 pub struct ClipVision {
     config: ClipConfig,
     patch: Tensor<4>,
     class: Tensor<2>,
     position: Tensor<2>,
-    before: Norm,
-    layers: Vec<Layer>,
-    after: Norm,
+    before: ClipNorm,
+    layers: Vec<TransformerLayer>,
+    after: ClipNorm,
     projection: Tensor<2>,
 }
 
-struct Norm {
+struct ClipNorm {
     gamma: Tensor<1>,
     beta: Tensor<1>,
 }
 
-/// x W + b.
-struct Dense {
+/// ClipDense layer, x W + b.
+struct ClipDense {
     weight: Tensor<2>,
     bias: Tensor<1>,
 }
 
-struct Layer {
-    norm1: Norm,
-    query: Dense,
-    key: Dense,
-    value: Dense,
-    out: Dense,
-    norm2: Norm,
-    up: Dense,
-    down: Dense,
+struct TransformerLayer {
+    norm1: ClipNorm,
+    query: ClipDense,
+    key: ClipDense,
+    value: ClipDense,
+    out: ClipDense,
+    norm2: ClipNorm,
+    up: ClipDense,
+    down: ClipDense,
 }
 
-impl Norm {
+impl ClipNorm {
     fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         layer_norm(x, self.gamma.clone(), Some(self.beta.clone()), EPSILON)
     }
 }
 
-impl Dense {
+impl ClipDense {
     fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         x.matmul(self.weight.clone()) + self.bias.clone().unsqueeze::<2>()
     }
 }
 
-impl Layer {
-    /// x + attention(norm(x)), then x + MLP(norm(x)); `[T, width]`.
+impl TransformerLayer {
+    /// Computes x + attention(norm(x)), then x + MLP(norm(x)); `[T, width]`.
     fn forward(&self, x: Tensor<2>, heads: usize) -> Tensor<2> {
         let x = x.clone() + self.attention(self.norm1.forward(x), heads);
         let h = self.up.forward(self.norm2.forward(x.clone()));
-        // The activation that CLIP was trained with, x·σ(1.702 x).
+        // CLIP was trained with the activation x·σ(1.702 x).
         x + self.down.forward(h.clone() * sigmoid(h * 1.702))
     }
 
     fn attention(&self, x: Tensor<2>, heads: usize) -> Tensor<2> {
         let [tokens, width] = x.dims();
         let size = width / heads;
-        let split = |dense: &Dense| dense.forward(x.clone()).reshape([tokens, heads, size]).swap_dims(0, 1);
+        let split = |dense: &ClipDense| dense.forward(x.clone()).reshape([tokens, heads, size]).swap_dims(0, 1);
         let scores = split(&self.query).matmul(split(&self.key).swap_dims(1, 2)) / (size as f32).sqrt();
         let mixed = softmax(scores, 2).matmul(split(&self.value));
         self.out.forward(mixed.swap_dims(0, 1).reshape([tokens, width]))
@@ -137,12 +137,12 @@ impl Layer {
 
 impl ClipVision {
     /// Reads the encoder from a weight file with the names that the published model has at Hugging Face
-    /// (`openai/clip-vit-base-patch32`); other tensors in the file are not looked at.
+    /// (`openai/clip-vit-base-patch32`); other tensors in the file are ignored.
     ///
     /// # Errors
     /// One line if the file cannot be read, or a tensor is missing or has another shape.
     pub fn read(path: &Path, config: ClipConfig, device: &Device) -> Result<Self, String> {
-        let file = Reader { file: WeightFile::read(path)?, device };
+        let file = ClipReader { file: WeightFile::read(path)?, device };
         let ClipConfig { image, patch, width, hidden, embedding, .. } = config;
         let embeddings = "vision_model.embeddings";
         let tokens = 1 + (image / patch).pow(2);
@@ -164,8 +164,8 @@ impl ClipVision {
         })
     }
 
-    /// The unit-length embedding, `[embedding]`, of a picture of `size` = (height, width): colours in [0, 1], one pixel a row,
-    /// `[height·width, 3]`. It is brought to the encoder's size first: averaged over areas where it is larger, else bilinear.
+    /// Computes the unit-length embedding, `[embedding]`, of an image of `size` = (height, width): colours in [0, 1], one pixel
+    /// a row, `[height·width, 3]`. The image is resized first: averaged over areas if it is larger, else bilinear.
     pub fn embed(&self, picture: Tensor<2>, size: (usize, usize)) -> Tensor<1> {
         let ClipConfig { image, patch, width, heads, .. } = self.config;
         let device = picture.device();
@@ -182,7 +182,7 @@ impl ClipVision {
         embedding / length
     }
 
-    /// `[height·width, 3]` → `[1, 3, image, image]`.
+    /// Resizes `[height·width, 3]` to `[1, 3, image, image]`.
     fn resized(&self, picture: Tensor<2>, (height, width): (usize, usize)) -> Tensor<4> {
         let side = self.config.image;
         let planes = |rows: Tensor<2>, height, width| rows.transpose().reshape([1, 3, height, width]);
@@ -193,29 +193,29 @@ impl ClipVision {
     }
 }
 
-struct Reader<'a> {
+struct ClipReader<'a> {
     file: WeightFile,
     device: &'a Device,
 }
 
-impl Reader<'_> {
-    fn norm(&self, name: &str, width: usize) -> Result<Norm, String> {
-        Ok(Norm {
+impl ClipReader<'_> {
+    fn norm(&self, name: &str, width: usize) -> Result<ClipNorm, String> {
+        Ok(ClipNorm {
             gamma: self.file.tensor(&format!("{name}.weight"), [width], self.device)?,
             beta: self.file.tensor(&format!("{name}.bias"), [width], self.device)?,
         })
     }
 
-    fn dense(&self, name: &str, inputs: usize, outputs: usize) -> Result<Dense, String> {
+    fn dense(&self, name: &str, inputs: usize, outputs: usize) -> Result<ClipDense, String> {
         let weight = self.file.tensor::<2>(&format!("{name}.weight"), [outputs, inputs], self.device)?;
         let bias = self.file.tensor(&format!("{name}.bias"), [outputs], self.device)?;
-        Ok(Dense { weight: weight.transpose(), bias })
+        Ok(ClipDense { weight: weight.transpose(), bias })
     }
 
-    fn layer(&self, index: usize, width: usize, hidden: usize) -> Result<Layer, String> {
+    fn layer(&self, index: usize, width: usize, hidden: usize) -> Result<TransformerLayer, String> {
         let name = format!("vision_model.encoder.layers.{index}");
         let projection = |part: &str| self.dense(&format!("{name}.self_attn.{part}_proj"), width, width);
-        Ok(Layer {
+        Ok(TransformerLayer {
             norm1: self.norm(&format!("{name}.layer_norm1"), width)?,
             query: projection("q")?,
             key: projection("k")?,

@@ -1,8 +1,7 @@
 //! Pretrained networks with fixed weights: LPIPS, Inception (FID and KID) and the image encoder of CLIP; and
 //! reading, finding, importing and fetching their weights.
 //!
-//! Nothing here is trained, and no weights are part of this program: where they are missing, there is an error or a note,
-//! never random numbers.
+//! This crate trains nothing and contains no weights: missing ones are an error or a note, never random values.
 //!
 //! ```no_run
 //! use burn::tensor::Device;
@@ -23,8 +22,8 @@
 mod clip;
 mod file;
 mod inception;
+mod layers;
 mod lpips;
-mod maps;
 mod weights;
 
 pub use clip::{ClipConfig, ClipVision};
@@ -32,5 +31,5 @@ pub use file::{TensorShape, WeightFile};
 pub use inception::{Inception, InceptionConfig};
 pub use lpips::{Lpips, LpipsConfig};
 #[cfg(feature = "fetch")]
-pub use weights::Progress;
+pub use weights::DownloadProgress;
 pub use weights::{KNOWN_WEIGHTS, KnownWeights, Status, Store, WeightsError};

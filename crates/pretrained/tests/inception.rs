@@ -41,7 +41,7 @@ fn features_agree_with_pytorch_on_every_device() {
 }
 
 #[test]
-fn it_gives_sets_of_views_a_fid_and_a_kid() {
+fn sets_of_views_have_a_fid_and_a_kid() {
     let network = Box::new(inception(InceptionConfig::NARROW, &Device::flex()));
     let networks = Networks::none().with_extractor(INCEPTION_NETWORK, network);
     let truths = [0, 1, 2].map(|index| picture(index, 60, 50));
@@ -55,11 +55,11 @@ fn it_gives_sets_of_views_a_fid_and_a_kid() {
     assert!(far["fid"].unwrap() > 1e-4 && far["kid"] > near["kid"], "{far:?} against {near:?}");
     let one = measured(1, &renders);
     assert_eq!((one.set["fid"], one.set["kid"]), (None, None));
-    assert!(one.notes.iter().any(|note| note.to_string() == "fid, kid: needs at least 2 pictures, got 1"));
+    assert!(one.notes.iter().any(|note| note.to_string() == "fid, kid: needs at least 2 images, got 1"));
 }
 
 #[test]
-fn batches_and_single_pictures_are_the_same() {
+fn batches_and_single_images_agree() {
     let inception = inception(InceptionConfig::NARROW, &Device::flex());
     let pictures: Vec<_> = (0..9).map(|index| picture(index, 20 + index, 30)).collect();
     let all: Vec<_> = pictures.iter().collect();
@@ -70,7 +70,7 @@ fn batches_and_single_pictures_are_the_same() {
 }
 
 #[test]
-fn faults_name_file_tensor_and_shape() {
+fn inception_errors_name_file_tensor_and_shape() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("inception");
     let mut tensors = InceptionConfig::NARROW.tensors();
@@ -85,7 +85,7 @@ fn faults_name_file_tensor_and_shape() {
 
 #[test]
 #[ignore = "a timing, of the network's full width; run with --release -- --nocapture"]
-fn fifty_pictures_of_400_pixels_take_seconds() {
+fn features_of_50_images_take_seconds() {
     let inception = inception(InceptionConfig::FULL, &Device::flex());
     let picture = picture(0, 400, 400);
     let start = Instant::now();

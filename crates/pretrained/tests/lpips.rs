@@ -1,5 +1,5 @@
 //! LPIPS against PyTorch: narrow backbones with weights by rule (`lpips.json`, made by `lpips.py`), and the published
-//! weights on the pictures whose distances its authors publish.
+//! weights on the images whose distances the authors publish.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -12,7 +12,7 @@ use infonerf_metrics::{Picture, PictureDistance, Protocol};
 use infonerf_pretrained::{Lpips, LpipsConfig, WeightFile};
 use serde_json::Value;
 
-/// Files of a narrow network's backbone and heads.
+/// Writes the backbone and the heads of a narrow network.
 fn files(folder: &Path, config: &LpipsConfig) -> [PathBuf; 2] {
     let files = ["backbone", "heads"].map(|name| folder.join(name));
     write_weights(&files[0], &config.backbone_tensors());
@@ -53,7 +53,7 @@ fn agrees_with_pytorch_on_every_device() {
 }
 
 #[test]
-fn batches_and_single_pairs_are_the_same() {
+fn batches_and_single_pairs_agree() {
     let (a, b, c) = (picture(0, 40, 40), picture(1, 40, 40), picture(2, 40, 40));
     for device in devices() {
         let lpips = narrow(LpipsConfig::alex(), &device);
@@ -67,17 +67,17 @@ fn batches_and_single_pairs_are_the_same() {
 }
 
 #[test]
-fn pictures_that_do_not_fit_are_refused() {
+fn unsuitable_sizes_are_refused() {
     let lpips = narrow(LpipsConfig::alex(), &Device::flex());
     let (small, tall, wide) = (picture(0, 30, 64), picture(0, 64, 40), picture(0, 40, 64));
     let error = |a, b| lpips.distances(&[(a, b)], LpipsInput::Signed).unwrap_err();
     assert_eq!(error(&small, &small), "64×30 pixels are too few for its convolutions");
-    assert_eq!(error(&tall, &wide), "pictures of [40, 64] and [64, 40] pixels cannot be compared");
+    assert_eq!(error(&tall, &wide), "images of [40, 64] and [64, 40] pixels cannot be compared");
     assert_eq!(lpips.distances(&[], LpipsInput::Signed), Ok(vec![]));
 }
 
 #[test]
-fn faults_name_file_tensor_and_shape() {
+fn lpips_errors_name_file_tensor_and_shape() {
     let folder = tempfile::tempdir().unwrap();
     let config = LpipsConfig::alex().narrowed(8);
     let [backbone, heads] = files(folder.path(), &config);
@@ -95,7 +95,7 @@ fn faults_name_file_tensor_and_shape() {
     assert!(fault(&absent, &heads, config).starts_with(&format!("{}: No such file", absent.display())));
 }
 
-/// The published weights and pictures, in the folder `INFONERF_DATA`.
+/// Reads the published weights and images from the folder `INFONERF_DATA`.
 fn published(name: &str, config: LpipsConfig) -> (Lpips, [Picture; 3]) {
     let data = PathBuf::from(std::env::var("INFONERF_DATA").expect("INFONERF_DATA is set"));
     let backbones = data.join("lpips_backbones_v0.1");
@@ -108,7 +108,7 @@ fn published(name: &str, config: LpipsConfig) -> (Lpips, [Picture; 3]) {
 
 #[test]
 #[ignore = "needs the published weights in INFONERF_DATA"]
-fn published_distances_are_met() {
+fn published_distances_are_reproduced() {
     for (name, config, expected) in
         [("alex", LpipsConfig::alex(), [0.72188, 0.13757]), ("vgg", LpipsConfig::vgg(), [0.56861, 0.42166])]
     {
@@ -122,21 +122,21 @@ fn published_distances_are_met() {
 
 #[test]
 #[ignore = "a timing; needs the published weights in INFONERF_DATA; run with --release -- --nocapture"]
-fn views_of_400_pixels_are_compared_in_time() {
+fn lpips_of_25_views_takes_seconds() {
     let (render, truth) = (picture(0, 400, 400), picture(1, 400, 400));
     for (name, config, limit) in [("alex", LpipsConfig::alex(), 5.0), ("vgg", LpipsConfig::vgg(), 60.0)] {
         let (lpips, _) = published(name, config);
         let start = Instant::now();
         lpips.distances(&[(&render, &truth); 25], LpipsInput::Signed).unwrap();
         let seconds = start.elapsed().as_secs_f64();
-        eprintln!("LPIPS of 25 pictures of 400² with {name}: {seconds:.1} s");
+        eprintln!("LPIPS of 25 pairs of 400² with {name}: {seconds:.1} s");
         assert!(seconds < limit, "{name} took {seconds:.1} s");
     }
 }
 
 #[test]
 #[ignore = "needs the published weights in INFONERF_DATA"]
-fn published_files_are_what_is_needed() {
+fn published_heads_hold_exactly_the_needed_tensors() {
     let data = PathBuf::from(std::env::var("INFONERF_DATA").expect("INFONERF_DATA is set"));
     let file = WeightFile::read(&data.join("lpips_heads_v0.1/vgg.pth")).unwrap();
     let mut expected = LpipsConfig::vgg().head_tensors();

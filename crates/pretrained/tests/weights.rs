@@ -1,33 +1,33 @@
-//! Weight files: both of PyTorch's formats, files that are broken, and importing.
+//! Weight files: both of PyTorch's formats, broken files, and importing.
 
 use std::path::Path;
 
-use crate::common::{numbers, write_weights};
+use crate::common::{values_of, write_weights};
 use infonerf_metrics::{METRICS, select};
 use infonerf_pretrained::{
     ClipConfig, ClipVision, InceptionConfig, KNOWN_WEIGHTS, KnownWeights, LpipsConfig, Store, WeightFile,
 };
 
-/// As PyTorch saves it, and as it did before 1.6; `files.py` made both.
+/// Files in PyTorch's formats since and before version 1.6; `files.py` made both.
 const HEADS: [(&str, &[u8]); 2] =
     [("heads.pth", include_bytes!("heads.pth")), ("heads_legacy.pth", include_bytes!("heads_legacy.pth"))];
 
 #[test]
-fn pytorch_files_have_the_numbers_of_the_rule() {
+fn pytorch_files_of_both_formats_are_read() {
     let folder = tempfile::tempdir().unwrap();
     for (name, bytes) in HEADS {
         let path = folder.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         let file = WeightFile::read(&path).unwrap();
         for (name, shape) in LpipsConfig::alex().head_tensors() {
-            assert_eq!(file.floats(&name, &shape).unwrap(), numbers(&name, &shape));
+            assert_eq!(file.floats(&name, &shape).unwrap(), values_of(&name, &shape));
         }
         assert_eq!(file.shapes().count(), 5);
     }
 }
 
 #[test]
-fn broken_files_are_one_line() {
+fn errors_of_broken_files_are_one_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("file");
     let safetensors = folder.path().join("good");
@@ -35,7 +35,7 @@ fn broken_files_are_one_line() {
     let safetensors = std::fs::read(&safetensors).unwrap();
     let fault = |bytes: &[u8]| {
         std::fs::write(&path, bytes).unwrap();
-        // A PyTorch file is read when a tensor is asked for.
+        // A PyTorch file is read when a tensor is requested.
         let read = |file: WeightFile| {
             let tensors = LpipsConfig::alex().head_tensors();
             tensors.iter().try_for_each(|(name, shape)| file.floats(name, shape).map(|_| ()))
@@ -61,7 +61,7 @@ fn broken_files_are_one_line() {
 }
 
 #[test]
-fn numbers_that_are_not_finite_are_refused() {
+fn values_that_are_not_finite_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("file");
     let tensors = [("a".to_owned(), vec![4])];
@@ -75,7 +75,7 @@ fn numbers_that_are_not_finite_are_refused() {
 }
 
 #[test]
-fn an_import_finds_out_what_a_file_is() {
+fn import_recognises_weights_by_their_tensors() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::in_folder(folder.path().join("weights"));
     assert!(store.status().iter().all(|status| status.path.is_none()));
@@ -88,7 +88,7 @@ fn an_import_finds_out_what_a_file_is() {
         assert_eq!(path, &folder.path().join("weights/lpips-alex-heads.safetensors"));
         let shape = [1, 64, 1, 1];
         let file = WeightFile::read(path).unwrap();
-        assert_eq!(file.floats("lin0.model.1.weight", &shape).unwrap(), numbers("lin0.model.1.weight", &shape));
+        assert_eq!(file.floats("lin0.model.1.weight", &shape).unwrap(), values_of("lin0.model.1.weight", &shape));
     }
     let found: Vec<&str> =
         store.status().iter().filter(|status| status.path.is_some()).map(|status| status.weights.name).collect();
@@ -98,7 +98,7 @@ fn an_import_finds_out_what_a_file_is() {
 }
 
 #[test]
-fn an_import_keeps_only_what_is_needed() {
+fn import_keeps_only_needed_tensors() {
     let folder = tempfile::tempdir().unwrap();
     let (path, store) = (folder.path().join("all"), Store::in_folder(folder.path()));
     let mut tensors = LpipsConfig::vgg().head_tensors();
@@ -109,7 +109,7 @@ fn an_import_keeps_only_what_is_needed() {
 }
 
 #[test]
-fn other_files_are_refused_with_what_they_lack() {
+fn unknown_weights_are_refused_with_the_missing_tensor() {
     let folder = tempfile::tempdir().unwrap();
     let (path, store) = (folder.path().join("file"), Store::in_folder(folder.path().join("weights")));
     let fault = |tensors: &[(String, Vec<usize>)]| {
@@ -129,7 +129,7 @@ fn other_files_are_refused_with_what_they_lack() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_is_named() {
+fn import_names_a_folder_that_cannot_be_written() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("heads");
     write_weights(&path, &LpipsConfig::alex().head_tensors());
@@ -139,7 +139,7 @@ fn a_folder_that_cannot_be_written_is_named() {
 }
 
 #[test]
-fn networks_are_read_if_they_are_needed_and_here() {
+fn networks_are_read_if_needed_and_present() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::in_folder(folder.path());
     let device = burn::tensor::Device::flex();
@@ -154,18 +154,24 @@ fn networks_are_read_if_they_are_needed_and_here() {
     };
     write("lpips-alex", &LpipsConfig::alex().backbone_tensors());
     assert_eq!(names(&all), "{}", "the heads are missing");
+    let networks = store.networks(METRICS, &device).unwrap();
+    let fault = networks.distance("lpips-alex").err().unwrap().to_string();
+    assert!(
+        fault.starts_with("no weights of lpips-alex-heads;") && fault.ends_with("fetch lpips-alex-heads`"),
+        "{fault}"
+    );
     write("lpips-alex-heads", &LpipsConfig::alex().head_tensors());
     write("inception-fid", &InceptionConfig::FULL.tensors());
     assert_eq!(names(&["psnr", "lpips_alex_masked"]), r#"{"lpips-alex"}"#);
     assert_eq!(names(&all), r#"{"lpips-alex", "inception-fid"}"#);
-    // What is there and broken is no missing file.
+    // A broken file is not a missing one.
     write("lpips-alex-heads", &LpipsConfig::vgg().head_tensors());
     let error = store.networks(METRICS, &device).unwrap_err().to_string();
     assert!(error.contains("lpips-alex-heads.safetensors: `lin1.model.1.weight` is F32 [1, 128, 1, 1]"), "{error}");
 }
 
 #[test]
-fn a_file_or_a_folder_may_be_named() {
+fn explicit_files_and_folders_are_searched() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("anything.bin");
     let heads = KnownWeights::named("lpips-alex-heads").unwrap();
@@ -183,7 +189,7 @@ fn a_file_or_a_folder_may_be_named() {
 }
 
 #[test]
-fn clip_is_read_from_what_its_list_names() {
+fn clip_needs_every_tensor_of_its_list() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("clip");
     let config = ClipConfig { image: 8, patch: 4, width: 6, layers: 2, heads: 2, hidden: 10, embedding: 5 };
@@ -200,7 +206,7 @@ fn clip_is_read_from_what_its_list_names() {
 }
 
 #[test]
-fn weights_are_known_by_name() {
+fn known_weights_are_found_by_name() {
     assert!(KNOWN_WEIGHTS.iter().all(|weights| KnownWeights::named(weights.name).is_some()));
     assert!(KnownWeights::named("squeeze").is_none());
     assert_eq!(KnownWeights::named("lpips-vgg").unwrap().published_file(), "vgg16-397923af.pth");

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::convex::Line;
 use super::shape::{Hit, Shape};
 
-/// Nodes with no more shapes than this are not split.
+/// Greatest number of shapes of a node that is not split.
 const LEAF: usize = 2;
 /// Levels below the root: the traversal's stack has this size.
 const DEEPEST: usize = 48;
@@ -30,7 +30,7 @@ pub(super) struct Bvh {
 }
 
 impl Bvh {
-    /// Splits where the sum of the boxes' areas times their numbers of shapes is least (surface-area
+    /// Splits at the least sum of the boxes' areas times their numbers of shapes (surface-area
     /// heuristic).
     pub fn new(shapes: &[&Shape]) -> Self {
         let bounds: Vec<_> = shapes.iter().map(|s| s.bounds()).collect();
@@ -81,7 +81,7 @@ impl Bvh {
         self.build(bounds, middle, end, depth + 1);
     }
 
-    /// The nearest hit before `farthest` and the index of what was hit. `hit(i, t)` tests shape `i`
+    /// Finds the nearest hit before `farthest` and the index of its shape. `hit(i, t)` tests shape `i`
     /// up to distance `t`.
     pub fn nearest(&self, hit: impl Fn(usize, f64) -> Option<Hit>, line: &Line, farthest: f64) -> Option<(usize, Hit)> {
         let mut best = None;
@@ -96,7 +96,7 @@ impl Bvh {
         best
     }
 
-    /// Whether anything is hit before `farthest`.
+    /// Returns whether anything is hit before `farthest`.
     pub fn any(&self, hit: impl Fn(usize, f64) -> Option<Hit>, line: &Line, farthest: f64) -> bool {
         let mut reach = farthest;
         self.visit(line, &mut reach, |i, reach| hit(i, *reach).is_some())
@@ -169,7 +169,7 @@ fn join(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
     (a.0.min(b.0), a.1.max(b.1))
 }
 
-/// Half the surface area of a box.
+/// Computes half the surface area of a box.
 fn area((min, max): (DVec3, DVec3)) -> f64 {
     let d = max - min;
     d.x * d.y + d.y * d.z + d.z * d.x

@@ -29,10 +29,10 @@ const CAPTURED: usize = 40;
 /// some set has two views from nearly the same direction.
 const SEED: u64 = 1590;
 
-/// The [`TRAIN_VIEWS`] training cameras for `size`² images: at random on the upper hemisphere
+/// Returns the [`TRAIN_VIEWS`] training cameras for `size`² images: at random on the upper hemisphere
 /// (elevations 3° to 80°, uniform by area, from a fixed seed), looking at the origin.
 ///
-/// These are those of castle, crane, knot, orrery and `random-<seed>`; see [`super::cameras()`] for all scenes.
+/// They are the cameras of castle, crane, knot, orrery and `random-<seed>`; see [`super::cameras()`] for all scenes.
 pub fn train_cameras(size: u32) -> Vec<Camera> {
     hemisphere(SEED, size)
 }
@@ -49,7 +49,7 @@ fn hemisphere(seed: u64, size: u32) -> Vec<Camera> {
         .collect()
 }
 
-/// The [`TEST_VIEWS`] test cameras for `size`² images: once around, while the elevation swings
+/// Returns the [`TEST_VIEWS`] test cameras for `size`² images: once around, while the elevation swings
 /// between 10° and 60°, looking at the origin.
 pub fn test_cameras(size: u32) -> Vec<Camera> {
     (0..TEST_VIEWS)

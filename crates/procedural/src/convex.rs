@@ -46,7 +46,7 @@ impl Frame {
     }
 }
 
-/// Where a line enters and leaves a convex solid, with outward normals. `enter` may be negative.
+/// Entry and exit of a line through a convex solid, with outward normals. `enter` may be negative.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Span {
     pub enter: f64,
@@ -125,7 +125,7 @@ impl Convex {
         Self { frame: Frame::along(0.5 * (a + b), b - a), kind: Kind::Cone { bottom, top, half } }
     }
 
-    /// The same solid rotated about `axis` through `pivot`.
+    /// Rotates the solid about `axis` through `pivot`.
     pub fn swung(mut self, pivot: DVec3, axis: DVec3, degrees: f64) -> Self {
         let turn = DMat3::from_axis_angle(axis, degrees * PI / 180.0);
         self.frame.rotation = turn * self.frame.rotation;
@@ -133,13 +133,13 @@ impl Convex {
         self
     }
 
-    /// The same solid rotated about the vertical axis through its own centre.
+    /// Rotates the solid about the vertical axis through its own centre.
     pub fn turned(mut self, degrees: f64) -> Self {
         self.frame.rotation = DMat3::from_rotation_z(degrees * PI / 180.0) * self.frame.rotation;
         self
     }
 
-    /// The part of the line inside, with world normals.
+    /// Returns the part of the line inside, with world normals.
     pub fn span(&self, line: &Line) -> Option<Span> {
         if self.passes_by(line) {
             return None;
@@ -151,7 +151,7 @@ impl Convex {
         Some(span)
     }
 
-    /// Whether the line stays farther from the axis of a round solid than its radius: a cheap test
+    /// Returns whether the line stays farther from the axis of a round solid than its radius: a cheap test
     /// that avoids the exact one for most lines.
     fn passes_by(&self, line: &Line) -> bool {
         let radius = match self.kind {
@@ -164,7 +164,7 @@ impl Convex {
         distance * distance > radius * radius * across.length_squared()
     }
 
-    /// World-space corners of a box around it.
+    /// Returns world-space corners of a box around the solid.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let half = match self.kind {
             Kind::Sphere { radius } => DVec3::splat(radius),
@@ -239,7 +239,7 @@ fn block(line: &Line, half: DVec3) -> Option<Span> {
     (span.enter < span.exit).then_some(span)
 }
 
-/// The part of the line with `|z| ≤ half`.
+/// Returns the part of the line with `|z| ≤ half`.
 fn slab(line: &Line, half: f64) -> Option<Span> {
     let (o, d) = (line.origin.z, line.direction.z);
     let side = DVec3::Z * d.signum();

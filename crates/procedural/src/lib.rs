@@ -1,10 +1,10 @@
-//! Scenes of our own, ray-traced on demand with exact depth and coverage.
+//! Built-in scenes, ray-traced on demand with exact depth and coverage.
 //!
 //! Each of [`YARDSTICK`] is an object in about `[−1.2, 1.2]³` on a transparent background, seen by 100 training and
 //! 200 test cameras as in NeRF's synthetic scenes: textured and glossy surfaces with highlights and
 //! mirror images that move with the view, thin rods, holes, parts that hide each other, and shadows.
 //! Glass and water can be looked through: they hide a share of what is behind them, pass the rest straight on
-//! (nothing refracts) and cast no shadow. Those of [`CAPTURES`] have surroundings instead of a background.
+//! (nothing refracts) and cast no shadow. The scenes of [`CAPTURES`] have surroundings instead of a background.
 //! Only the views asked for are rendered. Pixels are *defined* as 8-bit straight RGBA, so that
 //! exporting a scene writes exactly what training sees.
 //!
@@ -43,7 +43,7 @@ use cameras::Layout;
 use model::Model;
 
 /// The names of the procedural scenes that were built by hand: the four first ones, then the rest of [`YARDSTICK`],
-/// [`CAPTURES`], and `figure`, a person seen by a ring of 23 cameras. Beside them there is `random-<seed>` for every
+/// [`CAPTURES`], and `figure`, a person seen by a ring of 23 cameras. In addition there is `random-<seed>` for every
 /// `u64`.
 pub const NAMES: [&str; 15] = [
     "castle",
@@ -62,11 +62,11 @@ pub const NAMES: [&str; 15] = [
     "table",
     "figure",
 ];
-/// What an experiment runs on where no scene is named.
+/// Scenes of an experiment that names none.
 pub const CLASSICS: [&str; 4] = ["castle", "crane", "knot", "orrery"];
-/// What a method is measured on, in alphabetical order. What is hard about them: something translucent (aquarium), thin
-/// rods and wire (birdcage, crane), parts that hide each other (bookshelf, castle), small in the picture (chessman),
-/// filling and overflowing it (facade), polished metal (kettle, orrery), varnish that mirrors (knot), dark
+/// Scenes that methods are measured on, in alphabetical order. Their difficulties: something translucent (aquarium), thin
+/// rods and wire (birdcage, crane), parts that hide each other (bookshelf, castle), an object small in the image (chessman)
+/// or larger than it (facade), polished metal (kettle, orrery), varnish that mirrors (knot), dark
 /// matter (piano), white matter before white (porcelain).
 pub const YARDSTICK: [&str; 12] = [
     "aquarium",
@@ -89,11 +89,11 @@ pub const TUNING: [&str; 6] = ["aquarium", "bookshelf", "chessman", "facade", "k
 /// The half of [`YARDSTICK`] that choices are judged by: the second, fourth, sixth, … in alphabetical order, by the rule of
 /// [`TUNING`]. Earlier settings were chosen on birdcage and orrery as well (`docs/recipe.md` says where).
 pub const JUDGING: [&str; 6] = ["birdcage", "castle", "crane", "kettle", "orrery", "porcelain"];
-/// Scenes like photographs: no coverage, no background, something in every pixel. `room` is seen from within by
-/// hand-held cameras that look one way; on `table` there is a still life before a wall, seen from an arc. Which pixels
-/// show the subject says [`object_mask`].
+/// Scenes like photographs: no coverage, no background, a surface in every pixel. `room` is seen from within by
+/// hand-held cameras that look one way; on `table` there is a still life before a wall, seen from an arc. [`object_mask`] returns
+/// the pixels that show the subject.
 pub const CAPTURES: [&str; 2] = ["room", "table"];
-/// Image side in pixels where none is asked for.
+/// Image side in pixels of a request without one.
 pub const DEFAULT_SIZE: u32 = 200;
 /// Nothing lies nearer to a camera than this, scene units; [`CAPTURES`] have their own.
 pub const NEAR: f32 = 2.0;
@@ -102,14 +102,14 @@ pub const FAR: f32 = 6.0;
 /// A box that holds every procedural scene but [`CAPTURES`].
 pub const BOUNDS: Aabb = Aabb { min: Vec3::splat(-1.3), max: Vec3::splat(1.3) };
 
-/// What a procedural scene shows to one camera.
+/// Image and depth of a procedural scene from one camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rendering {
     /// Colours and coverage, anti-aliased.
     pub rgba: Rgba8,
     /// Exact distance along the unit ray through each pixel's centre, row-major, scene units;
-    /// `f32::INFINITY` where nothing is hit. Where things can be looked through, the distance at which half of what
-    /// lies behind is hidden.
+    /// `f32::INFINITY` if nothing is hit. Through translucent matter, the distance at which half of the light from
+    /// behind is hidden.
     pub depth: Vec<f32>,
 }
 
@@ -122,9 +122,9 @@ pub fn render(name: &str, camera: &Camera) -> Result<Rendering, SceneError> {
     Ok(Rendering { rgba: render::render(&model, camera), depth: render::depth(&model, camera) })
 }
 
-/// Which pixels of `camera` show the subject at their centres, row-major, and not background or surroundings: in
-/// `room` the furniture without walls, floor and what hangs on them, on `table` the still life, elsewhere all there is.
-/// Where things can be looked through, what counts is that which [`Rendering::depth`] measures to.
+/// Returns whether each pixel of `camera` shows the subject at its centre, row-major, and not background or surroundings: in
+/// `room` the furniture without walls, floor and wall decoration, on `table` the still life, elsewhere any object. Through
+/// translucent matter, the object at [`Rendering::depth`] counts.
 ///
 /// # Errors
 /// There is no scene `name`.
@@ -132,10 +132,10 @@ pub fn object_mask(name: &str, camera: &Camera) -> Result<Vec<bool>, SceneError>
     Ok(render::mask(&model(name)?, camera))
 }
 
-/// Points of the exact surface of the scene `name`, scene units: where the rays through the pixels' centres of all its
-/// training cameras end, at `size`² pixels ([`Rendering::depth`]).
+/// Returns points of the exact surface of the scene `name`, scene units: the ends of the rays through the pixels' centres of
+/// all its training cameras, at `size`² pixels ([`Rendering::depth`]).
 ///
-/// What no training camera sees (the underside, the inside) has no points.
+/// Surfaces that no training camera sees (the underside, the inside) have no points.
 ///
 /// # Errors
 /// There is no scene `name`.
@@ -151,12 +151,12 @@ pub fn surface_points(name: &str, size: u32) -> Result<Vec<Vec3>, SceneError> {
     Ok(points.concat())
 }
 
-/// Whether the scene `name` is of a body.
+/// Returns whether the scene `name` shows a body.
 pub fn has_body(name: &str) -> bool {
     name == "figure"
 }
 
-/// The body of the scene `name`, if it has one.
+/// Returns the body of the scene `name`, if it has one.
 ///
 /// # Errors
 /// There is no scene `name`.
@@ -164,7 +164,7 @@ pub fn body(name: &str) -> Result<Option<Body>, SceneError> {
     has_body(name).then(figure_body).transpose()
 }
 
-/// The body of the scene `figure`: points of its exact surface, as many as SMPL has vertices.
+/// Returns the body of the scene `figure`: points of its exact surface, as many as SMPL has vertices.
 fn figure_body() -> Result<Body, SceneError> {
     const VERTICES: usize = 6890;
     let points = surface_points("figure", 64)?;
@@ -173,10 +173,10 @@ fn figure_body() -> Result<Body, SceneError> {
     Ok(Body::unposed(chosen.collect()))
 }
 
-/// The training and the test cameras of the scene `name` for `size`² images.
+/// Returns the training and the test cameras of the scene `name` for `size`² images.
 ///
 /// The training cameras of castle, crane, knot, orrery and `random-<seed>` are [`train_cameras`], whose seed was
-/// chosen. Those of all other scenes are drawn by the same law from the FNV-1a hash (64 bits) of the scene's name.
+/// chosen. The cameras of all other scenes are drawn by the same law from the FNV-1a hash (64 bits) of the scene's name.
 ///
 /// # Errors
 /// There is no scene `name`.
@@ -186,8 +186,8 @@ pub fn cameras(name: &str, size: u32) -> Result<(Vec<Camera>, Vec<Camera>), Scen
     Ok((layout.train, layout.test))
 }
 
-/// The least and the greatest distance from any camera of the scene `name` at which there is anything, and a box that
-/// holds it.
+/// Returns the least and the greatest distance of any surface from any camera of the scene `name`, and a box that holds the
+/// scene.
 ///
 /// # Errors
 /// There is no scene `name`.
@@ -197,12 +197,12 @@ pub fn extent(name: &str) -> Result<(f32, f32, Aabb), SceneError> {
     Ok((layout.near, layout.far, layout.bounds))
 }
 
-/// How the cameras of the scene `name` stand.
+/// Returns the arrangement of the cameras of the scene `name`.
 pub fn layout(name: &str) -> infonerf_scene::Layout {
     if name == "room" { infonerf_scene::Layout::Forward } else { infonerf_scene::Layout::Object }
 }
 
-/// The ids of the training and of the test views that `request` chooses.
+/// Returns the ids of the training and of the test views that `request` chooses.
 fn choose(name: &str, cameras: &Layout, request: &SceneRequest) -> Result<(Vec<usize>, Vec<usize>), SceneError> {
     request.check()?;
     let Layout { train, test, .. } = cameras;
@@ -217,7 +217,7 @@ fn choose(name: &str, cameras: &Layout, request: &SceneRequest) -> Result<(Vec<u
     Ok((train, test))
 }
 
-/// How many pixels [`load`] would render.
+/// Counts the pixels that [`load`] would render.
 ///
 /// # Errors
 /// As [`load`].
@@ -283,7 +283,7 @@ pub fn check_name(name: &str) -> Result<(), SceneError> {
     model(name).map(drop)
 }
 
-/// The seed in `random-<seed>`, written in the one way that `u64` is printed.
+/// Parses the seed in `random-<seed>`, written in the one way that `u64` is printed.
 fn random_seed(name: &str) -> Option<u64> {
     let text = name.strip_prefix("random-")?;
     text.parse().ok().filter(|seed: &u64| seed.to_string() == text)

@@ -28,32 +28,32 @@ pub(super) struct Material {
 }
 
 impl Material {
-    /// Almost no highlight.
+    /// Builds a material with almost no highlight.
     pub fn matt(texture: Texture) -> Self {
         Self { texture, reflectance: 0.02, gloss: 12.0, metal: false, opacity: 1.0 }
     }
 
-    /// Polished stone: a highlight, no mirror image.
+    /// Builds polished stone: a highlight, no mirror image.
     pub fn satin(texture: Texture) -> Self {
         Self { texture, reflectance: MIRRORS_ABOVE, gloss: 60.0, metal: false, opacity: 1.0 }
     }
 
-    /// A coat of varnish.
+    /// Builds a coat of varnish.
     pub fn glossy(texture: Texture) -> Self {
         Self { texture, reflectance: 0.06, gloss: 120.0, metal: false, opacity: 1.0 }
     }
 
-    /// Thin glass that stops `opacity` of the light from behind.
+    /// Builds thin glass that stops `opacity` of the light from behind.
     pub fn glass(colour: DVec3, opacity: f64) -> Self {
         Self { texture: Texture::Plain(colour), reflectance: 0.05, gloss: 300.0, metal: false, opacity }
     }
 
-    /// Metal polished to a mirror.
+    /// Builds metal polished to a mirror.
     pub fn mirror(colour: DVec3) -> Self {
         Self { texture: Texture::Plain(colour), reflectance: 0.82, gloss: 160.0, metal: true, opacity: 1.0 }
     }
 
-    /// Polished metal of the given colour.
+    /// Builds polished metal of the given colour.
     pub fn metal(colour: DVec3) -> Self {
         Self { texture: Texture::Plain(colour), reflectance: 0.6, gloss: 70.0, metal: true, opacity: 1.0 }
     }
@@ -88,22 +88,47 @@ pub(super) struct Builder {
 }
 
 impl Builder {
-    /// A convex solid.
+    /// Adds a convex solid.
     pub fn solid(&mut self, base: Convex, material: Material) -> &mut Self {
         self.carved(base, Vec::new(), material)
     }
 
-    /// A convex solid with others cut out of it.
+    /// Adds a convex solid with others cut out of it.
     pub fn carved(&mut self, base: Convex, cuts: Vec<Convex>, material: Material) -> &mut Self {
         self.push(Shape::Solid { base, cuts }, material)
     }
 
-    /// A torus about the z axis of `frame`.
+    /// Adds an axis-aligned block with edges `size`.
+    pub fn block(&mut self, centre: DVec3, size: DVec3, material: Material) -> &mut Self {
+        self.solid(Convex::block(centre, size), material)
+    }
+
+    /// Adds a ball.
+    pub fn sphere(&mut self, centre: DVec3, radius: f64, material: Material) -> &mut Self {
+        self.solid(Convex::sphere(centre, radius), material)
+    }
+
+    /// Adds a cylinder from `a` to `b` with flat ends.
+    pub fn rod(&mut self, a: DVec3, b: DVec3, radius: f64, material: Material) -> &mut Self {
+        self.solid(Convex::rod(a, b, radius), material)
+    }
+
+    /// Adds an upright cylinder that stands on `foot`.
+    pub fn cylinder(&mut self, foot: DVec3, radius: f64, height: f64, material: Material) -> &mut Self {
+        self.solid(Convex::cylinder(foot, radius, height), material)
+    }
+
+    /// Adds an upright frustum that stands on `foot`.
+    pub fn cone(&mut self, foot: DVec3, bottom: f64, top: f64, height: f64, material: Material) -> &mut Self {
+        self.solid(Convex::cone(foot, bottom, top, height), material)
+    }
+
+    /// Adds a torus about the z axis of `frame`.
     pub fn ring(&mut self, frame: Frame, radius: f64, tube: f64, material: Material) -> &mut Self {
         self.push(Shape::Ring { frame, radius, tube }, material)
     }
 
-    /// A tube of radius `tube` about the closed curve `curve(s)`, `s` in `[0, 1]`, in `pieces`.
+    /// Adds a tube of radius `tube` about the closed curve `curve(s)`, `s` in `[0, 1]`, in `pieces`.
     pub fn closed_tube(
         &mut self,
         curve: impl Fn(f64) -> DVec3,
@@ -131,22 +156,22 @@ impl Builder {
         self
     }
 
-    /// A solid of revolution about the z axis of `frame` whose outline is a smooth curve through `outline`: radii and
+    /// Adds a solid of revolution about the z axis of `frame` whose outline is a smooth curve through `outline`: radii and
     /// heights, from the lowest to the highest.
     pub fn lathe(&mut self, frame: Frame, outline: &[(f64, f64)], material: Material) -> &mut Self {
-        let slopes = slopes(outline);
-        for (points, slopes) in outline.windows(2).zip(slopes.windows(2)) {
-            let (&[(r0, z0), (r1, z1)], &[m0, m1]) = (points, slopes) else { continue };
+        let slants = slants(outline);
+        for (points, slants) in outline.windows(2).zip(slants.windows(2)) {
+            let (&[(r0, z0), (r1, z1)], &[m0, m1]) = (points, slants) else { continue };
             let point = |s: f64| {
-                // A cubic with these ends and slopes, and its own slope.
+                // A cubic with these ends and derivatives, and its own derivative.
                 let (h, s2, s3) = (z1 - z0, s * s, s * s * s);
                 let radius = (2.0 * s3 - 3.0 * s2 + 1.0) * r0
                     + (s3 - 2.0 * s2 + s) * h * m0
                     + (3.0 * s2 - 2.0 * s3) * r1
                     + (s3 - s2) * h * m1;
-                let slope =
+                let slant =
                     6.0 * (s2 - s) * (r0 - r1) / h + (3.0 * s2 - 4.0 * s + 1.0) * m0 + (3.0 * s2 - 2.0 * s) * m1;
-                (radius.max(1e-4), z0 + s * h, DVec2::new(1.0, -slope).normalize_or(DVec2::X))
+                (radius.max(1e-4), z0 + s * h, DVec2::new(1.0, -slant).normalize_or(DVec2::X))
             };
             for k in 0..SLICES {
                 let (bottom, low, lower) = point(k as f64 / SLICES as f64);
@@ -166,7 +191,7 @@ impl Builder {
         self
     }
 
-    /// Whether objects added from here on belong to the surroundings.
+    /// Sets whether objects added from here on belong to the surroundings.
     pub fn backdrop(&mut self, backdrop: bool) -> &mut Self {
         self.backdrop = backdrop;
         self
@@ -187,8 +212,8 @@ impl Builder {
     }
 }
 
-/// The slopes (radius by height) of a smooth outline at its points, which make no new bulge or waist.
-fn slopes(outline: &[(f64, f64)]) -> Vec<f64> {
+/// Returns the derivatives (radius by height) of a smooth outline at its points, which make no new bulge or waist.
+fn slants(outline: &[(f64, f64)]) -> Vec<f64> {
     let secants: Vec<f64> = outline.windows(2).map(|w| (w[1].0 - w[0].0) / (w[1].1 - w[0].1)).collect();
     (0..outline.len())
         .map(|i| match (i.checked_sub(1).and_then(|i| secants.get(i)), secants.get(i)) {
@@ -205,7 +230,7 @@ fn slopes(outline: &[(f64, f64)]) -> Vec<f64> {
 pub(super) struct Model {
     objects: Vec<Object>,
     volumes: Vec<Volume>,
-    /// Whether anything can be looked through.
+    /// Whether anything is translucent.
     clear: bool,
     bvh: Bvh,
     scale: f64,
@@ -213,34 +238,34 @@ pub(super) struct Model {
 }
 
 impl Model {
-    /// A line of the world, in the coordinates that the objects were put together in. Distances
+    /// Maps a line of the world to the coordinates that the objects were put together in. Distances
     /// along it are [`Model::scale`] times smaller.
     pub fn line(&self, origin: DVec3, direction: DVec3) -> Line {
         Line { origin: (origin - DVec3::Z * self.rise) / self.scale, direction }
     }
 
-    /// World units in one unit of the objects' coordinates.
+    /// Returns the world units in one unit of the objects' coordinates.
     pub fn scale(&self) -> f64 {
         self.scale
     }
 
-    /// Whether anything can be looked through.
+    /// Returns whether anything is translucent.
     pub fn is_clear(&self) -> bool {
         self.clear
     }
 
-    /// What fills solids.
+    /// Returns the media that fill solids.
     pub fn volumes(&self) -> &[Volume] {
         &self.volumes
     }
 
-    /// The nearest hit and what is hit.
+    /// Finds the nearest hit and its object.
     pub fn nearest(&self, line: &Line) -> Option<(Hit, &Object)> {
         let (i, hit) = self.bvh.nearest(|i, t| self.objects[i].shape.hit(line, t), line, f64::INFINITY)?;
         Some((hit, &self.objects[i]))
     }
 
-    /// The nearest hit of a surface that cannot be looked through.
+    /// Finds the nearest hit of an opaque surface.
     pub fn nearest_opaque(&self, line: &Line) -> Option<(Hit, &Object)> {
         let hit = |i: usize, t| match &self.objects[i] {
             Object { material, .. } if material.opacity < 1.0 => None,
@@ -250,7 +275,7 @@ impl Model {
         Some((hit, &self.objects[i]))
     }
 
-    /// Whether anything that casts a shadow lies on the line.
+    /// Returns whether anything that casts a shadow lies on the line.
     pub fn blocked(&self, line: &Line) -> bool {
         let hit = |i: usize, t| match &self.objects[i] {
             object if object.backdrop || object.material.opacity < 1.0 => None,
@@ -259,7 +284,7 @@ impl Model {
         self.bvh.any(hit, line, f64::INFINITY)
     }
 
-    /// A box around all objects, in the world.
+    /// Returns a box around all objects, in the world.
     #[cfg(test)]
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let (lo, hi) = self

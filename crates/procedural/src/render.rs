@@ -22,7 +22,7 @@ pub(super) fn render(model: &Model, camera: &Camera) -> Rgba8 {
     Rgba8 { width: camera.width, height: camera.height, pixels }
 }
 
-/// Exact distance along the unit ray through each pixel's centre at which the accumulated opacity reaches one half: the
+/// Computes the exact distance along the unit ray through each pixel's centre at which the accumulated opacity reaches one half: the
 /// first surface, unless it is transparent. `f32::INFINITY` where it stays below.
 pub(super) fn depth(model: &Model, camera: &Camera) -> Vec<f32> {
     rows(camera, |x, y| {
@@ -31,7 +31,7 @@ pub(super) fn depth(model: &Model, camera: &Camera) -> Vec<f32> {
     })
 }
 
-/// Whether the surface that [`depth`] measures belongs to the subject and not to its surroundings.
+/// Returns whether the surface that [`depth`] measures belongs to the subject and not to its surroundings.
 pub(super) fn mask(model: &Model, camera: &Camera) -> Vec<bool> {
     rows(camera, |x, y| {
         let line = ray(model, camera, f64::from(x) + 0.5, f64::from(y) + 0.5);

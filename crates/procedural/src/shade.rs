@@ -97,7 +97,7 @@ pub(super) fn surface(
     (colour, 1.0 - passes)
 }
 
-/// What the material stops of the light behind it where it is met at this cosine: a slanted way through is longer.
+/// Returns the share of the light from behind that the material stops at this cosine: a slanted way through is longer.
 fn opacity(material: &Material, cosine: f64) -> f64 {
     if material.opacity >= 1.0 {
         return 1.0;
@@ -105,18 +105,18 @@ fn opacity(material: &Material, cosine: f64) -> f64 {
     1.0 - (1.0 - material.opacity).powf(1.0 / cosine.abs().max(0.15))
 }
 
-/// What the surface hides of what is behind it, highlights left out.
+/// Returns the share of the light from behind that the surface hides, highlights left out.
 pub(super) fn cover(material: &Material, cosine: f64) -> f64 {
     let share = if material.reflectance > MIRRORS_ABOVE { fresnel(material.reflectance, cosine.abs()) } else { 0.0 };
     1.0 - (1.0 - opacity(material, cosine)) * (1.0 - share)
 }
 
-/// Schlick's approximation.
+/// Computes the reflectance at an angle by Schlick's approximation.
 fn fresnel(reflectance: f64, cosine: f64) -> f64 {
     reflectance + (1.0 - reflectance) * (1.0 - cosine.clamp(0.0, 1.0)).powi(5)
 }
 
-/// What mirrors show where they show no object: sky, ground and a bright window.
+/// Returns the light of a reflected ray that hits no object: sky, ground and a bright window.
 fn sky(direction: DVec3) -> DVec3 {
     let height = direction.z.clamp(-1.0, 1.0);
     let base = if height > 0.0 {
@@ -129,7 +129,7 @@ fn sky(direction: DVec3) -> DVec3 {
     if lit { base + DVec3::splat(1.6) } else { base }
 }
 
-/// A filmic shoulder and the sRGB curve: linear light to display values in `[0, 1]`.
+/// Encodes linear light as display values in `[0, 1]`: a filmic shoulder and the sRGB curve.
 pub(super) fn encode(linear: DVec3) -> [f64; 3] {
     linear.to_array().map(|c| {
         let c = c.max(0.0);

@@ -184,8 +184,8 @@ fn slice_hit(p: DVec3, t: f64, flat: DVec3, cone: &Convex, (lower, upper): (DVec
     let local = if on_cap {
         cone.frame.rotation.transpose() * flat
     } else {
-        let slope = lower.lerp(upper, 0.5 + 0.5 * p.z / half);
-        (p.truncate().normalize_or(DVec2::X) * slope.x).extend(slope.y).normalize_or(DVec3::Z)
+        let facing = lower.lerp(upper, 0.5 + 0.5 * p.z / half);
+        (p.truncate().normalize_or(DVec2::X) * facing.x).extend(facing.y).normalize_or(DVec3::Z)
     };
     let texture_point = p + DVec3::Z * height;
     Hit { t, normal: cone.frame.rotation * local, texture_point, texture_normal: local }

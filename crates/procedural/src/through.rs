@@ -7,22 +7,22 @@ use super::model::{Model, Object, Volume};
 use super::shade::{cover, surface};
 use super::shape::Hit;
 
-/// No ray goes through more surfaces than this.
-const MOST: usize = 64;
-/// What lets through less than this hides everything.
-const DARK: f64 = 1e-3;
+/// Greatest number of surfaces that a ray passes.
+const MAX_SURFACES: usize = 64;
+/// Transmittance below which everything behind counts as hidden.
+const MIN_TRANSMITTANCE: f64 = 1e-3;
 
-/// Something that a ray meets.
-enum Part<'a> {
+/// Surface or matter that a ray meets.
+enum Encounter<'a> {
     Surface(Hit, &'a Object),
     /// Matter from one distance to another.
     Matter(f64, f64, &'a Volume),
 }
 
 /// Calls `visit` for all that the line meets from front to back, until it returns false or an opaque surface ends it.
-fn walk<'a>(model: &'a Model, line: &Line, mut visit: impl FnMut(Part<'a>) -> bool) {
+fn walk<'a>(model: &'a Model, line: &Line, mut visit: impl FnMut(Encounter<'a>) -> bool) {
     let mut start = 0.0;
-    for _ in 0..MOST {
+    for _ in 0..MAX_SURFACES {
         let found = model.nearest(&Line { origin: line.at(start), ..*line });
         let end = found.as_ref().map_or(f64::INFINITY, |(hit, _)| start + hit.t);
         let within = |volume: &'a Volume| {
@@ -33,20 +33,20 @@ fn walk<'a>(model: &'a Model, line: &Line, mut visit: impl FnMut(Part<'a>) -> bo
         let mut matter: Vec<_> = model.volumes().iter().filter_map(within).collect();
         matter.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         for (from, to, volume) in matter {
-            if !visit(Part::Matter(from, to, volume)) {
+            if !visit(Encounter::Matter(from, to, volume)) {
                 return;
             }
         }
         let Some((hit, object)) = found else { return };
-        if !visit(Part::Surface(Hit { t: end, ..hit }, object)) || object.material.opacity >= 1.0 {
+        if !visit(Encounter::Surface(Hit { t: end, ..hit }, object)) || object.material.opacity >= 1.0 {
             return;
         }
         start = end;
     }
 }
 
-/// Linear RGB seen along `line`, less by what is missing in coverage, and the coverage: 1 at any opaque surface,
-/// 0 where nothing is met. `sample` says which of the positions over the lamps to use.
+/// Returns linear RGB seen along `line`, premultiplied by coverage, and the coverage: 1 at any opaque surface, 0 if nothing is
+/// met. `sample` chooses among the positions over the lamps.
 pub(super) fn light(model: &Model, line: &Line, sample: usize) -> (DVec3, f64) {
     if !model.is_clear() {
         return model
@@ -56,17 +56,17 @@ pub(super) fn light(model: &Model, line: &Line, sample: usize) -> (DVec3, f64) {
     let (mut colour, mut passes) = (DVec3::ZERO, 1.0);
     walk(model, line, |part| {
         let (light, hidden) = match part {
-            Part::Surface(hit, object) => surface(model, line, &hit, &object.material, sample, true),
-            Part::Matter(from, to, volume) => {
+            Encounter::Surface(hit, object) => surface(model, line, &hit, &object.material, sample, true),
+            Encounter::Matter(from, to, volume) => {
                 let hidden = 1.0 - (-(to - from) * volume.density).exp();
                 (volume.colour * hidden, hidden)
             }
         };
         colour += passes * light;
         passes *= 1.0 - hidden;
-        passes > DARK
+        passes > MIN_TRANSMITTANCE
     });
-    (colour, if passes > DARK { 1.0 - passes } else { 1.0 })
+    (colour, if passes > MIN_TRANSMITTANCE { 1.0 - passes } else { 1.0 })
 }
 
 /// The distance at which half of what lies behind is hidden, and whether that is by the subject. For opaque scenes
@@ -78,13 +78,13 @@ pub(super) fn front(model: &Model, line: &Line) -> Option<(f64, bool)> {
     let (mut passes, mut found) = (1.0, None);
     walk(model, line, |part| {
         match part {
-            Part::Surface(hit, object) => {
+            Encounter::Surface(hit, object) => {
                 passes *= 1.0 - cover(&object.material, hit.normal.dot(line.direction));
                 if passes <= 0.5 {
                     found = Some((hit.t, !object.backdrop));
                 }
             }
-            Part::Matter(from, to, volume) => {
+            Encounter::Matter(from, to, volume) => {
                 let left = passes * (-(to - from) * volume.density).exp();
                 if left <= 0.5 {
                     found = Some((from + (2.0 * passes).ln() / volume.density, true));

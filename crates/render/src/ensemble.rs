@@ -1,7 +1,7 @@
 //! The mean picture of an ensemble.
 
 use infonerf_field::Field;
-use infonerf_scene::Camera;
+use infonerf_scene::{Camera, View};
 
 use crate::image::{HIT, RenderedImage, render_one};
 use crate::model::TrainedModel;
@@ -12,7 +12,16 @@ use crate::renderer::Renderer;
 /// # Panics
 /// If there are no members.
 pub fn render_image<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], camera: &Camera) -> RenderedImage {
-    combine(members.iter().map(|member| render_one(renderer, member, camera)).collect())
+    combine(members.iter().map(|member| render_one(renderer, member, camera, None)).collect())
+}
+
+/// Renders the picture that is compared with `view`: as [`render_image`], but without the residual of `view` itself if it is
+/// one of the training views (of the same file). With it, the picture would be its own truth.
+///
+/// # Panics
+/// If there are no members.
+pub fn render_tested<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], view: &View) -> RenderedImage {
+    combine(members.iter().map(|member| render_one(renderer, member, &view.camera, Some(&view.file))).collect())
 }
 
 /// The mean of `pictures`, each pixel's distance weighted by opacity.

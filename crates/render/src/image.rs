@@ -32,8 +32,13 @@ const CHUNK: usize = 1 << 15;
 /// Rays that march at a time on the host, where several threads march side by side.
 const HOST_CHUNK: usize = 1 << 12;
 
-/// Renders the picture of one member.
-pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, camera: &Camera) -> RenderedImage {
+/// Renders the picture of one member, without the residual of the training view of the file `left_out`.
+pub(crate) fn render_one<F: Field>(
+    renderer: &Renderer,
+    trained: &TrainedModel<F>,
+    camera: &Camera,
+    left_out: Option<&str>,
+) -> RenderedImage {
     let camera = trained.camera(camera);
     let mut image = render_in_frame(renderer, trained, &camera);
     if let Some(residuals) = &trained.residuals {
@@ -44,7 +49,7 @@ pub(crate) fn render_one<F: Field>(renderer: &Renderer, trained: &TrainedModel<F
                 None => picture,
             }
         };
-        residuals.add_to(&mut image, &camera, render);
+        residuals.add_to(&mut image, &camera, left_out, render);
     }
     if let Some(frame) = trained.frame {
         image.depth.iter_mut().for_each(|depth| *depth /= frame.similarity.scale as f32);
@@ -216,7 +221,7 @@ mod tests {
     fn a_picture_is_of_the_moment_that_was_trained_last() {
         for placement in [Placement::Mid, Placement::Left] {
             let (renderer, trained, camera) = seen(|_| 1e4, placement);
-            assert_eq!(render_one(&renderer, &trained, &camera).rgb, [[0.25; 3]], "{placement:?}");
+            assert_eq!(render_one(&renderer, &trained, &camera, None).rgb, [[0.25; 3]], "{placement:?}");
         }
     }
 
@@ -230,7 +235,7 @@ mod tests {
             let grid = trained.occupancy.as_ref();
             let passes = renderer.render(&trained.model, &rays, training, grid, trained.at);
             assert_eq!(passes.fine.acc.into_scalar::<f32>(), 0.0, "{placement:?}");
-            assert_eq!(render_one(&renderer, &trained, &camera).acc, [1.0], "{placement:?}");
+            assert_eq!(render_one(&renderer, &trained, &camera, None).acc, [1.0], "{placement:?}");
         }
     }
 
@@ -245,7 +250,7 @@ mod tests {
         trained.occupancy = trained.occupancy.map(|grid| grid.refined(8, noise, step, known));
         let picture = |early_stop_transmittance: f32| {
             let config = RenderConfig { early_stop_transmittance, clip_to_bounds: true, ..config(Placement::Mid) };
-            render_one(&Renderer::new(&config, &Scene::default()), &trained, &camera)
+            render_one(&Renderer::new(&config, &Scene::default()), &trained, &camera, None)
         };
         let [exact, still, joined] = [0.0, 1e-5, 1e-3].map(picture);
         // The optical depth of a step of the fog is 0.063.

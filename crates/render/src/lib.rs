@@ -63,7 +63,7 @@ mod warp;
 
 pub use cameras::{CameraRefinement, Focal, Pivot};
 pub use config::{Compositing, OccupancyConfig, RenderConfig};
-pub use ensemble::render_image;
+pub use ensemble::{render_image, render_tested};
 pub use exposure::Exposure;
 pub use image::RenderedImage;
 pub use infonerf_ops::sampling::LastInterval;

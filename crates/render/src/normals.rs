@@ -18,7 +18,7 @@ use crate::warp::Warp;
 /// members the mean.
 ///
 /// # Panics
-/// If there are no members, or a field that does not [track positions](infonerf_field::FieldSpec::tracks_positions).
+/// If there are no members, or a field that does not [track positions](infonerf_field::FieldTraits::tracks_positions).
 pub fn render_normals<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>], camera: &Camera) -> RenderedImage {
     let black = renderer.on_black();
     let of_member = |member: &TrainedModel<F>| {
@@ -32,7 +32,7 @@ pub fn render_normals<F: Field>(renderer: &Renderer, members: &[TrainedModel<F>]
             frame: member.frame,
             residuals: None,
         };
-        let mut image = render_one(&black, &trained, camera);
+        let mut image = render_one(&black, &trained, camera, None);
         let to_camera = member.camera(camera).rotation().transpose().as_mat3();
         image.rgb.iter_mut().for_each(|normal| *normal = (to_camera * Vec3::from(*normal)).to_array());
         image

@@ -1,6 +1,6 @@
 use burn::tensor::Device;
 use infonerf_field::{Field, Points};
-use infonerf_ops::{Seen, additive_depth, composite_over};
+use infonerf_ops::{CompositeOver, additive_depth, composite_over};
 use infonerf_scene::{Backdrop, Ray, Scene};
 use infonerf_schedule::Moment;
 
@@ -146,7 +146,7 @@ impl Renderer {
             Compositing::Additive => additive_depth(tau, &samples.segments),
         };
         let distances = samples.distance.clone();
-        let Seen { color, depth, acc } =
+        let CompositeOver { color, depth, acc } =
             composite_over(tau.clone(), sampled.color, distances, background, &samples.segments);
         RenderOutput { samples, tau, color, depth, acc, background }
     }

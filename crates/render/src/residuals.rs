@@ -56,15 +56,17 @@ impl Residuals {
         Self { scene, cameras, sources }
     }
 
-    /// Adds the residuals to `picture`, the field's picture of `camera`. `render` makes that of a training view.
+    /// Adds the residuals to `picture`, the field's picture of `camera`, without that of the training view of the file
+    /// `left_out`. `render` makes the field's picture of a training view.
     pub(crate) fn add_to(
         &self,
         picture: &mut RenderedImage,
         camera: &Camera,
+        left_out: Option<&str>,
         render: impl Fn(usize, &Camera) -> RenderedImage,
     ) {
         let sources: Vec<(&Camera, &Source)> = self
-            .nearest(picture, camera)
+            .nearest(picture, camera, left_out)
             .into_iter()
             .map(|view| {
                 let source = self.sources[view].get_or_init(|| self.source(view, &render(view, &self.cameras[view])));
@@ -84,9 +86,9 @@ impl Residuals {
         }
     }
 
-    /// The views with the greatest sums of angular weights over some pixels spread over the picture, whether the field
-    /// hides their points or not.
-    fn nearest(&self, picture: &RenderedImage, camera: &Camera) -> Vec<usize> {
+    /// The photographs with the greatest sums of angular weights over some pixels spread over the picture, whether the field
+    /// hides their points or not; never the one of the file `left_out`.
+    fn nearest(&self, picture: &RenderedImage, camera: &Camera, left_out: Option<&str>) -> Vec<usize> {
         let pixels = picture.depth.len();
         // Odd, as widths seldom are: otherwise the same few columns would come again and again.
         let step = (pixels / PROBES) | 1;
@@ -97,6 +99,7 @@ impl Residuals {
             seen.map(|(point, direction)| angular_weight(camera, *point, *direction)).sum::<f32>()
         };
         let mut scores: Vec<(usize, f32)> = self.cameras.par_iter().map(score).enumerate().collect();
+        scores.retain(|(view, _)| left_out.is_none_or(|file| self.scene.train[*view].file != file));
         scores.sort_by(|a, b| b.1.total_cmp(&a.1));
         scores.into_iter().take(NEAREST).filter(|(_, score)| *score > 0.0).map(|(view, _)| view).collect()
     }
@@ -194,7 +197,7 @@ mod tests {
         let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
         let mut shown = picture(at, 1.0);
         shown.depth[0] = f32::INFINITY;
-        Residuals::new(Arc::new(scene), cameras).add_to(&mut shown, at, |_, camera| picture(camera, factor));
+        Residuals::new(Arc::new(scene), cameras).add_to(&mut shown, at, None, |_, camera| picture(camera, factor));
         assert_eq!(shown.rgb[0], [GREY; 3], "a ray that meets nothing");
         let patterns = plane(at).map(|(point, _)| pattern(point));
         shown.rgb.iter().map(|rgb| rgb[0] - GREY).zip(patterns).skip(1).collect()
@@ -246,11 +249,28 @@ mod tests {
         };
         let mut shown = picture(&at, 1.0);
         let residuals = Residuals::new(Arc::new(photographed()), vec![photograph]);
-        residuals.add_to(&mut shown, &at, |_, camera| with_half_a_plane(camera));
+        residuals.add_to(&mut shown, &at, None, |_, camera| with_half_a_plane(camera));
         for (pixel, ((point, _), rgb)) in plane(&at).zip(&shown.rgb).enumerate() {
             let expected = if pixel % (SIZE as usize) < half { pattern(point) } else { 0.0 };
             assert!((rgb[0] - GREY - expected).abs() < 0.01, "{pixel}: {rgb:?} {expected}");
         }
+    }
+
+    /// A photograph that a picture is compared with adds nothing to it; another one from the same place does.
+    #[test]
+    fn left_out_photograph_adds_nothing() {
+        let at = camera(0.0);
+        let mut scene = photographed();
+        let changed = |scene: &Scene| {
+            let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
+            let (mut shown, render) = (picture(&at, 1.0), |_: usize, camera: &Camera| picture(camera, 1.0));
+            let file = scene.train[0].file.as_str();
+            Residuals::new(Arc::new(scene.clone()), cameras).add_to(&mut shown, &at, Some(file), render);
+            shown.rgb.iter().any(|rgb| *rgb != [GREY; 3])
+        };
+        assert!(!changed(&scene));
+        scene.train.push(View { file: "other.png".into(), ..scene.train[0].clone() });
+        assert!(changed(&scene));
     }
 
     #[test]
@@ -263,7 +283,7 @@ mod tests {
         let cameras = scene.train.iter().map(|view| view.camera.clone()).collect();
         let residuals = Residuals::new(Arc::new(scene), cameras);
         let at = camera(0.0);
-        residuals.add_to(&mut picture(&at, 1.0), &at, |_, camera| picture(camera, 1.0));
+        residuals.add_to(&mut picture(&at, 1.0), &at, None, |_, camera| picture(camera, 1.0));
         let looked_at: Vec<bool> = residuals.sources.iter().map(|source| source.get().is_some()).collect();
         assert!(looked_at[..NEAREST].iter().all(|&used| used) && !looked_at[NEAREST], "{looked_at:?}");
     }

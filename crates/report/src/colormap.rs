@@ -80,10 +80,11 @@ pub fn depth_image(
     Ok(picture(&pixels, width))
 }
 
-/// Picture of normals in the usual colours: red is x, green y and blue z of (n + 1)/2, faded to white where little was hit.
+/// Picture of normals in the usual colours: red is x, green y and blue z of (n + 1)/2, faded to white where little was
+/// hit.
 ///
-/// `colour = A (n/|n| + 1)/2 + (1 − A)` with `A` the accumulated weight `acc`. `normals` of any length and `acc` are row-major
-/// `[height × width]`. A pixel without a normal is white.
+/// `colour = A (n/|n| + 1)/2 + (1 − A)` with `A` the accumulated weight `acc`. `normals` of any length and `acc` are
+/// row-major `[height × width]`. A pixel without a normal is white.
 ///
 /// # Errors
 /// [`MetricError::Length`] when `normals` or `acc` does not hold `width × height` values.

@@ -1,4 +1,4 @@
-//! Other people's pictures beside the truth: what `infonerf eval --renders` leaves.
+//! Comparison of other programs' renders with the truth, as `infonerf eval --renders` writes it.
 
 use std::path::{Path, PathBuf};
 
@@ -8,29 +8,29 @@ use serde::Serialize;
 
 use crate::{ReportError, html, write_atomically};
 
-/// What the metrics of two folders of pictures came to, with the pictures.
+/// Metrics of two folders of images, with the images.
 #[derive(Debug, Clone, Copy)]
 pub struct PictureComparison<'a> {
     /// Title of the page.
     pub title: &'a str,
-    /// How pictures were measured.
+    /// Protocol of the metrics.
     pub protocol: &'a Protocol,
-    /// What was found.
+    /// Metrics and paths of the views.
     pub compared: &'a ComparedFolders,
 }
 
-/// The files that [`PictureComparison::write`] wrote.
+/// Files that [`PictureComparison::write`] wrote.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ComparisonFiles {
-    /// Every number: `comparison.json`.
+    /// `comparison.json`, which has every number.
     pub json: PathBuf,
-    /// Table and pictures with a slider between render and truth: `comparison.html`.
+    /// `comparison.html`, a table and images with a slider between render and truth.
     pub html: PathBuf,
 }
 
-/// `comparison.json`.
+/// Contents of `comparison.json`.
 #[derive(Serialize)]
-struct Numbers<'a> {
+struct ComparisonJson<'a> {
     evaluation: String,
     protocol: &'a Protocol,
     mean: &'a Values,
@@ -42,12 +42,12 @@ impl<'a> PictureComparison<'a> {
     /// Writes the JSON and the page into `folder`.
     ///
     /// # Errors
-    /// If a file cannot be written, or a picture cannot be read again.
+    /// If a file cannot be written, or an image cannot be read again.
     pub fn write(&self, folder: &Path) -> Result<ComparisonFiles, ReportError> {
         let files = ComparisonFiles { json: folder.join("comparison.json"), html: folder.join("comparison.html") };
         let measured = self.compared.measured.clone().representable();
         let names = self.compared.views.iter().map(|view| view.name.as_str());
-        let numbers = Numbers {
+        let numbers = ComparisonJson {
             evaluation: self.protocol.to_string(),
             protocol: self.protocol,
             mean: &measured.set,
@@ -60,7 +60,7 @@ impl<'a> PictureComparison<'a> {
         Ok(files)
     }
 
-    /// Plain text: the protocol, a row per view, the mean, and the notes.
+    /// Formats the protocol, a row per view, the mean, and the notes as plain text.
     pub fn to_text(&self) -> String {
         let metrics = self.metrics();
         let width = self.rows().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
@@ -78,13 +78,13 @@ impl<'a> PictureComparison<'a> {
         self.compared.measured.notes.iter().fold(text, |text, note| text + &note.to_string() + "\n")
     }
 
-    /// The metrics that have a value.
+    /// Returns the metrics that have a value.
     pub(crate) fn metrics(&self) -> Vec<&'static Metric> {
         let has = |metric: &&&Metric| self.compared.measured.set.get(metric.key()).copied().flatten().is_some();
         METRICS.iter().filter(has).copied().collect()
     }
 
-    /// Each view with its values, and the mean.
+    /// Returns each view with its values, and the mean.
     pub(crate) fn rows(&self) -> impl Iterator<Item = (&'a str, &'a Values)> {
         let ComparedFolders { views, measured } = self.compared;
         let views = views.iter().map(|view| view.name.as_str()).zip(&measured.views);
@@ -92,7 +92,7 @@ impl<'a> PictureComparison<'a> {
     }
 }
 
-/// A value as it is shown.
+/// Formats a value.
 pub(crate) fn cell(metric: &Metric, values: &Values) -> String {
     let value = values.get(metric.key()).copied().flatten();
     value.map_or_else(|| "–".to_owned(), |value| metric.descriptor.format(value))

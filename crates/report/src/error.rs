@@ -2,71 +2,33 @@ use std::{io, path::PathBuf};
 
 use thiserror::Error;
 
-/// Why a report, or a record of a run, could not be read or written. Each message is one line that names the file.
+/// Error of reading or writing a report or a record, in one line that names the file.
 #[derive(Debug, Error)]
 pub enum ReportError {
-    /// The file system refused.
+    /// Refusal by the file system.
     #[error("{}: cannot {action}: {reason}", path.display())]
     Io {
-        /// What was attempted, as a verb: `read`, `write`, `list`, `create`.
+        /// Attempted action, as a verb: `read`, `write`, `list`, `create`.
         action: &'static str,
-        /// The file or folder.
+        /// File or folder.
         path: PathBuf,
-        /// The reason given.
+        /// Reason given.
         reason: io::Error,
     },
-    /// The file is not JSON, or not a list of records.
-    #[error("{}: not a list of records: {reason}", path.display())]
-    Syntax {
-        /// The file.
-        path: PathBuf,
-        /// What was expected, and where.
-        reason: String,
-    },
-    /// A record lacks a field, or holds something else in it.
-    #[error("{}: record {index}: field `{field}`: {reason}", path.display())]
-    Field {
-        /// The file.
-        path: PathBuf,
-        /// Position of the record in the file, from 0.
-        index: usize,
-        /// The field's name.
-        field: String,
-        /// What was expected.
-        reason: String,
-    },
-    /// A name of a record cannot be a folder's name.
-    #[error("{}: `{field}` is {value:?}: expected a name that can be a folder's: {reason}", path.display())]
-    Name {
-        /// The folder under which it would lie.
-        path: PathBuf,
-        /// `experiment`, `scene`, `variant` or `preset`.
-        field: &'static str,
-        /// The name.
-        value: String,
-        /// Why it cannot.
-        reason: String,
-    },
-    /// Other processes replaced the file again and again.
-    #[error("{}: other processes kept writing it; the record itself is saved, save any record again", path.display())]
-    Contended {
-        /// The file.
-        path: PathBuf,
-    },
-    /// No run has a picture of a test view, or of any.
+    /// Test view, or any, of which no run has an image.
     #[error("{}: no run has a picture of {}", path.display(), view.map_or("any test view".to_owned(), |view| format!("test view {view}")))]
     NoPictures {
-        /// The experiment's folder.
+        /// Folder of the experiment.
         path: PathBuf,
-        /// Id of the view.
+        /// Id of the view; `None` for any.
         view: Option<usize>,
     },
-    /// The drawing library refused a chart.
+    /// Chart that the drawing library refused.
     #[error("chart `{title}`: {reason}")]
     Chart {
         /// Title of the chart.
         title: String,
-        /// The reason given.
+        /// Reason given.
         reason: String,
     },
 }

@@ -4,10 +4,10 @@ use serde_json::Value;
 
 use crate::ReportError;
 
-/// A training step, as a line of `metrics.jsonl` with `"event": "step"` tells it. What the line lacks is `None`.
+/// Training step of a `metrics.jsonl`, `"event": "step"`; `None` for values that its line lacks.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Step {
-    /// Optimiser step.
+pub struct StepEvent {
+    /// Optimizer step.
     pub step: f64,
     /// Training time so far, in seconds.
     pub seconds: Option<f64>,
@@ -19,10 +19,10 @@ pub struct Step {
     pub psnr: Option<f64>,
 }
 
-/// An evaluation on test views during training, `"event": "eval"`.
+/// Evaluation on test views during training, `"event": "eval"`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Evaluation {
-    /// Optimiser step.
+pub struct EvaluationEvent {
+    /// Optimizer step.
     pub step: f64,
     /// Training time so far, in seconds.
     pub seconds: Option<f64>,
@@ -32,15 +32,15 @@ pub struct Evaluation {
     pub ssim: Option<f64>,
 }
 
-/// What `metrics.jsonl` tells of a run.
+/// Events of a run, from its `metrics.jsonl`.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Events {
     /// Training steps, in the order of the file.
-    pub steps: Vec<Step>,
+    pub steps: Vec<StepEvent>,
     /// Evaluations, in the order of the file.
-    pub evaluations: Vec<Evaluation>,
-    /// Lines that are not JSON, of an unknown event, or without a finite `step`. The last line of a run that was
-    /// killed is often one.
+    pub evaluations: Vec<EvaluationEvent>,
+    /// Number of lines that are not JSON, of an unknown event, or without a finite `step`, as the last line of a run
+    /// that was killed often is.
     pub skipped: usize,
 }
 
@@ -54,7 +54,7 @@ impl Events {
         Ok(Self::parse(&String::from_utf8_lossy(&bytes)))
     }
 
-    /// As [`Events::read`], from the text itself. Never fails.
+    /// Reads events from the text of a `metrics.jsonl`, as [`Events::read`] does from its file.
     #[must_use]
     pub fn parse(text: &str) -> Self {
         let mut events = Self::default();
@@ -77,9 +77,10 @@ impl Events {
                     value.as_f64().filter(|value| value.is_finite()).map(|value| (name.clone(), value))
                 };
                 let losses = terms.filter_map(finite).collect();
-                self.steps.push(Step { step, seconds, loss: number("loss"), losses, psnr });
+                self.steps.push(StepEvent { step, seconds, loss: number("loss"), losses, psnr });
             }
-            "eval" => self.evaluations.push(Evaluation { step, seconds, psnr, ssim: number("ssim") }),
+            "eval" => self.evaluations.push(EvaluationEvent { step, seconds, psnr, ssim: number("ssim") }),
+            "collapse" | "plateau" => {}
             _ => return None,
         }
         Some(())
@@ -101,8 +102,14 @@ mod tests {
 {"event":"step","st"#;
         let events = Events::parse(text);
         let losses = BTreeMap::from([("rgb".to_owned(), 0.01)]);
-        assert_eq!(events.steps, [Step { step: 120.0, seconds: Some(3.2), loss: Some(0.012), losses, psnr: None }]);
-        assert_eq!(events.evaluations, [Evaluation { step: 1000.0, psnr: Some(18.2), ..Evaluation::default() }]);
+        assert_eq!(
+            events.steps,
+            [StepEvent { step: 120.0, seconds: Some(3.2), loss: Some(0.012), losses, psnr: None }]
+        );
+        assert_eq!(
+            events.evaluations,
+            [EvaluationEvent { step: 1000.0, psnr: Some(18.2), ..EvaluationEvent::default() }]
+        );
         assert_eq!(events.skipped, 4);
     }
 

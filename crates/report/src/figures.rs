@@ -3,29 +3,30 @@
 use std::collections::BTreeSet;
 
 use crate::{
-    Events, Quantity, Record, ReportError, Step,
+    Events, Quantity, Record, ReportError, StepEvent,
     chart::{Axis, Bar, Frame, Series, bar_chart, line_chart, scatter_chart},
     table::{distinct, groups},
 };
 
-/// Points to which a long curve is averaged.
+/// Number of points to which a long curve is averaged.
 const CURVE_POINTS: usize = 200;
 
-/// A chart with its caption.
+/// Chart with its caption.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
-    /// Stem of its file name, `plots/<name>.svg` beside `report.md`.
+    /// Stem of its file name, `plots/<name>.svg` next to `report.md`.
     pub name: String,
-    /// What it shows, for those who cannot see it.
+    /// Description for readers who cannot see it.
     pub title: String,
-    /// The SVG, from a function of [`crate::chart`].
+    /// SVG from a function of [`crate::chart`].
     pub svg: String,
-    /// What to see in it; may be empty.
+    /// Text below it; may be empty.
     pub caption: String,
 }
 
-/// Bars of PSNR and ray entropy and the frontier of time against PSNR, over all variants. None for a single variant.
-pub(crate) fn comparison_figures(records: &[Record]) -> Result<Vec<Figure>, ReportError> {
+/// Draws bars of PSNR and ray entropy and the frontier of time against PSNR, over all variants; nothing for a single
+/// one.
+pub(crate) fn comparison_figures<R: AsRef<Record>>(records: &[R]) -> Result<Vec<Figure>, ReportError> {
     let scenes = distinct(records, |record| record.scene.clone());
     let groups = groups(records);
     if groups.len() < 2 {
@@ -34,7 +35,7 @@ pub(crate) fn comparison_figures(records: &[Record]) -> Result<Vec<Figure>, Repo
     let over = if scenes.len() > 1 { format!("mean over {} scenes", scenes.len()) } else { scenes.join("") };
     let mut figures = Vec::new();
     for (quantity, name) in [(Quantity::PSNR, "psnr"), (Quantity::RAY_ENTROPY, "ray-entropy")] {
-        let bar = |group: &crate::table::Group| {
+        let bar = |group: &crate::table::VariantGroup| {
             let summary = group.cell(quantity, &scenes).summary?;
             Some(Bar { label: group.label.clone(), value: summary.mean, spread: summary.std })
         };
@@ -47,7 +48,7 @@ pub(crate) fn comparison_figures(records: &[Record]) -> Result<Vec<Figure>, Repo
             figures.push(Figure { name: name.into(), title, svg, caption: caption.into() });
         }
     }
-    let point = |group: &crate::table::Group| {
+    let point = |group: &crate::table::VariantGroup| {
         let mean = |quantity| group.cell(quantity, &scenes).summary.map(|summary| summary.mean);
         let seconds = mean(Quantity::TRAIN_SECONDS).filter(|&seconds| seconds > 0.0)?;
         Some(Series { name: group.label.clone(), points: vec![(seconds, mean(Quantity::PSNR)?)] })
@@ -63,7 +64,7 @@ pub(crate) fn comparison_figures(records: &[Record]) -> Result<Vec<Figure>, Repo
     Ok(figures)
 }
 
-/// Curves of loss and PSNR of the runs of one scene, each run by its label.
+/// Draws curves of loss and PSNR of the runs of one scene, each run by its label.
 pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Vec<Figure>, ReportError> {
     let series = |points: &dyn Fn(&Events) -> Vec<(f64, f64)>| -> Vec<Series> {
         let one = |(name, events): &(String, Events)| Series { name: name.clone(), points: averaged(&points(events)) };
@@ -73,18 +74,24 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
 
     let tested = series(&|events| events.evaluations.iter().filter_map(|e| Some((e.seconds?, e.psnr?))).collect());
     let trained = series(&|events| events.steps.iter().filter_map(|s| Some((s.seconds?, s.psnr?))).collect());
-    let (psnr, what) = if tested.is_empty() { (trained, "training rays") } else { (tested, "test views") };
+    let (psnr, what, caption) = if tested.is_empty() {
+        (
+            trained,
+            "training rays",
+            "Where coarse-to-fine training goes on to larger images, the PSNR of its rays falls.",
+        )
+    } else {
+        (tested, "test views", "")
+    };
     if !psnr.is_empty() {
         let title = format!("{scene}: PSNR on {what}");
         let svg = line_chart(&Frame::new(&title, "training (s)", "PSNR (dB)"), &psnr)?;
-        figures.push(Figure { name: format!("{scene}-psnr"), title, svg, caption: String::new() });
+        figures.push(Figure { name: format!("{scene}-psnr"), title, svg, caption: caption.into() });
     }
     let loss = series(&|events| events.steps.iter().filter_map(|s| Some((s.step, s.loss?))).collect());
     if !loss.is_empty() {
         let title = format!("{scene}: training loss");
-        let positive = loss.iter().flat_map(|series| &series.points).all(|point| point.1 > 0.0);
-        let frame =
-            Frame { title: title.clone(), x: Axis::linear("step"), y: Axis { label: "loss".into(), log: positive } };
+        let frame = Frame { title: title.clone(), x: Axis::linear("step"), y: value_axis("loss", &loss) };
         let svg = line_chart(&frame, &loss)?;
         figures.push(Figure { name: format!("{scene}-loss"), title, svg, caption: String::new() });
     }
@@ -94,11 +101,12 @@ pub(crate) fn curve_figures(scene: &str, runs: &[(String, Events)]) -> Result<Ve
     Ok(figures)
 }
 
-/// Curves of the objective's terms in one run; none where it has one term only.
+/// Draws curves of the objective's terms in one run; `None` if it has fewer than two.
 fn term_figure(scene: &str, label: &str, events: &Events) -> Result<Option<Figure>, ReportError> {
     let names: BTreeSet<&String> = events.steps.iter().flat_map(|step| step.losses.keys()).collect();
-    // What is 0 or less has no place on a logarithmic axis: a term that is not on yet.
-    let point = |step: &Step, name: &String| Some((step.step, step.losses.get(name).copied().filter(|x| *x > 0.0)?));
+    // A term that is exactly 0 is not on yet.
+    let point =
+        |step: &StepEvent, name: &String| Some((step.step, step.losses.get(name).copied().filter(|x| *x != 0.0)?));
     let one = |name: &String| Series {
         name: name.clone(),
         points: averaged(&events.steps.iter().filter_map(|step| point(step, name)).collect::<Vec<_>>()),
@@ -108,13 +116,19 @@ fn term_figure(scene: &str, label: &str, events: &Events) -> Result<Option<Figur
         return Ok(None);
     }
     let title = format!("{scene}: terms of the objective of {label}");
-    let frame = Frame { title: title.clone(), x: Axis::linear("step"), y: Axis::log("value") };
+    let frame = Frame { title: title.clone(), x: Axis::linear("step"), y: value_axis("value", &series) };
     let svg = line_chart(&frame, &series)?;
     let caption = "Values before their weights.".into();
     Ok(Some(Figure { name: format!("{scene}-{label}-terms"), title, svg, caption }))
 }
 
-/// At most [`CURVE_POINTS`] points, each the mean of as many neighbours.
+/// Returns a logarithmic axis, which has both signs if a series has.
+fn value_axis(label: &str, series: &[Series]) -> Axis {
+    let positive = series.iter().flat_map(|series| &series.points).all(|point| point.1 > 0.0);
+    if positive { Axis::log(label) } else { Axis::symmetric_log(label) }
+}
+
+/// Reduces a curve to at most [`CURVE_POINTS`] points, each the mean of as many neighbours.
 fn averaged(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let size = points.len().div_ceil(CURVE_POINTS).max(1);
     let mean = |chunk: &[(f64, f64)]| {
@@ -130,11 +144,11 @@ mod tests {
     use crate::table::tests::two_by_two;
 
     #[test]
-    fn two_variants_are_compared_and_one_is_not() {
+    fn charts_compare_two_variants_or_more() {
         let names: Vec<String> = comparison_figures(&two_by_two()).unwrap().into_iter().map(|f| f.name).collect();
         assert_eq!(names, ["psnr", "time-psnr"]);
         assert!(comparison_figures(&two_by_two()[..4]).unwrap().is_empty());
-        assert!(comparison_figures(&[]).unwrap().is_empty());
+        assert!(comparison_figures::<Record>(&[]).unwrap().is_empty());
     }
 
     #[test]
@@ -142,6 +156,18 @@ mod tests {
         let points: Vec<(f64, f64)> = (0..1000).map(|i| (f64::from(i), 1.0)).collect();
         let curve = averaged(&points);
         assert_eq!((curve.len(), curve[0]), (200, (2.0, 1.0)));
+    }
+
+    #[test]
+    fn negative_terms_have_their_curve() {
+        let step = |step: usize, tv: f64| {
+            format!("{{\"event\":\"step\",\"step\":{step},\"losses\":{{\"rgb\":0.01,\"tv\":{tv}}}}}\n")
+        };
+        let events = Events::parse(&[step(1, 0.0), step(2, 0.5), step(3, -0.5), step(4, -2.0)].concat());
+        let figure = term_figure("lego", "nerf", &events).unwrap().expect("two terms");
+        // Markers: four of rgb, and three of tv, which is not on in the first step.
+        assert_eq!(figure.svg.matches("<circle").count(), 4 + 3);
+        assert!(figure.svg.contains("-0.1") && figure.svg.contains("tv"), "{}", figure.svg);
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Files that appear complete or not at all.
+//! Files that are complete or not there.
 
 use std::{
     fs::{self, File},
@@ -10,11 +10,11 @@ use std::{
 
 use crate::ReportError;
 
-/// Writes `bytes` beside `path` and renames: a reader sees the old file or the new one, never a part. Missing folders
-/// are created; a link stays one, and what it leads to is replaced. What is no file (a pipe, a device) is written into.
+/// Writes `bytes` to another name and renames it to `path`: a reader sees the old file or the new one, never a part.
+/// Missing folders are created; a link stays, and its target is replaced; a pipe or a device is written into.
 ///
 /// # Errors
-/// If the file cannot be written; what was there stays.
+/// If the file cannot be written; an old file stays.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), ReportError> {
     static COUNTER: AtomicU64 = AtomicU64::new(0);
     let found = fs::canonicalize(path);
@@ -54,6 +54,6 @@ mod tests {
         symlink("/dev/null", &device).unwrap();
         write_atomically(&device, b"new").unwrap();
         assert!(device.is_symlink() && !fs::metadata("/dev/null").unwrap().is_file());
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3, "nothing is left beside");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 3, "no temporary file is left");
     }
 }

@@ -1,4 +1,4 @@
-//! The pictures that the runs left, side by side.
+//! Images of the runs, next to each other.
 
 use std::{
     collections::BTreeSet,
@@ -11,67 +11,67 @@ use image::{ImageFormat, imageops::FilterType};
 
 use crate::{Run, run::VIEWER_PAGE};
 
-/// Pictures wider or higher than this are scaled down before they go into the page.
-const LARGEST_SIDE: u32 = 512;
+/// Maximum width and height of an image in the page; larger ones are scaled down.
+const MAX_SIDE: u32 = 512;
 
-/// The pictures of one scene.
+/// Images of one scene.
 pub(crate) struct Gallery<'a> {
-    /// The runs shown, one a variant.
+    /// Runs shown, one of each variant.
     pub(crate) runs: Vec<&'a Run>,
-    pub(crate) views: Vec<View>,
-    /// The page of each run that shows its scene in 3D, relative to the report, where there is one.
+    pub(crate) views: Vec<GalleryView>,
+    /// Page of each run that shows its scene in 3D, relative to the report.
     pub(crate) viewers: Vec<Option<String>>,
 }
 
-/// One test view: the truth, and what each run made of it.
-pub(crate) struct View {
+/// Test view: the truth, and the images of each run.
+pub(crate) struct GalleryView {
     /// Stem of the files' names.
     pub(crate) name: String,
-    pub(crate) truth: Option<Picture>,
-    /// As many as the gallery has runs.
+    pub(crate) truth: Option<GalleryImage>,
+    /// Images of each of the gallery's runs.
     pub(crate) shots: Vec<Shots>,
 }
 
-/// The pictures of one view that a run left.
+/// Images of one view from one run.
 pub(crate) struct Shots {
-    pub(crate) render: Option<Picture>,
-    pub(crate) depth: Option<Picture>,
-    pub(crate) error: Option<Picture>,
+    pub(crate) render: Option<GalleryImage>,
+    pub(crate) depth: Option<GalleryImage>,
+    pub(crate) error: Option<GalleryImage>,
 }
 
-/// A kind of picture: its name, and where [`Shots`] keep it.
-pub(crate) type Kind = (&'static str, fn(&Shots) -> &Option<Picture>);
+/// Kind of image: its name, and its field of [`Shots`].
+pub(crate) type ImageKind = (&'static str, fn(&Shots) -> &Option<GalleryImage>);
 
-/// The kinds, in the order of the rows.
-pub(crate) const KINDS: [Kind; 3] =
+/// Kinds in the order of the rows.
+pub(crate) const KINDS: [ImageKind; 3] =
     [("render", |shots| &shots.render), ("depth", |shots| &shots.depth), ("error", |shots| &shots.error)];
 
-/// A PNG file.
-pub(crate) struct Picture {
-    /// Relative to the report, with forward slashes.
+/// PNG file.
+pub(crate) struct GalleryImage {
+    /// Path relative to the report, with forward slashes.
     pub(crate) path: String,
-    /// Its content, at most [`LARGEST_SIDE`] pixels wide and high.
+    /// Contents of the file, at most [`MAX_SIDE`] pixels wide and high.
     pub(crate) png: Vec<u8>,
     pub(crate) width: u32,
     pub(crate) height: u32,
 }
 
-/// Which views of a gallery are read.
+/// Choice of the views of a gallery.
 pub(crate) enum Choice {
-    /// So many, spread evenly over those that every run has, or over all if there is none.
+    /// This number of views, spread evenly over those that every run has, or over all if there is none.
     Spread(usize),
-    /// The one of this name.
+    /// View of this name.
     Named(String),
 }
 
 impl<'a> Gallery<'a> {
-    /// Reads the views of `choice` that there are. What is missing or cannot be read is left out and named in `missing`.
+    /// Reads the views of `choice`. Images that are missing or cannot be read are left out and named in `missing`.
     pub(crate) fn collect(root: &Path, runs: Vec<&'a Run>, choice: &Choice, missing: &mut Vec<String>) -> Self {
         let names: Vec<BTreeSet<String>> =
             runs.iter().map(|run| picture_names(&root.join(&run.directory).join("test"))).collect();
         for (run, names) in runs.iter().zip(&names) {
             if names.is_empty() {
-                missing.push(format!("{}: no pictures", slashed(&run.directory.join("test"))));
+                missing.push(format!("{}: no images", slashed(&run.directory.join("test"))));
             }
         }
         let shared = names.iter().cloned().reduce(|a, b| &a & &b).unwrap_or_default();
@@ -96,7 +96,7 @@ impl<'a> Gallery<'a> {
                 error: wanted(run, "error"),
             });
             let shots = shots.collect();
-            views.push(View { name, truth, shots });
+            views.push(GalleryView { name, truth, shots });
         }
         let viewer = |run: &&Run| {
             let path = run.directory.join(VIEWER_PAGE);
@@ -107,24 +107,24 @@ impl<'a> Gallery<'a> {
     }
 }
 
-/// A picture of a run, or one line that says why there is none.
-fn read(root: &Path, run: &Run, folder: &str, name: &str) -> Result<Picture, String> {
+/// Reads an image of a run, or returns the reason, in one line, why it cannot be read.
+fn read(root: &Path, run: &Run, folder: &str, name: &str) -> Result<GalleryImage, String> {
     let path = run.directory.join(folder).join(format!("{name}.png"));
     let described = |error: &dyn std::fmt::Display| format!("{}: {error}", slashed(&path));
     let bytes = fs::read(root.join(&path)).map_err(|error| described(&error))?;
     let decoded = image::load_from_memory_with_format(&bytes, ImageFormat::Png).map_err(|error| described(&error))?;
-    let (png, decoded) = if decoded.width().max(decoded.height()) > LARGEST_SIDE {
-        let small = decoded.resize(LARGEST_SIDE, LARGEST_SIDE, FilterType::Triangle);
+    let (png, decoded) = if decoded.width().max(decoded.height()) > MAX_SIDE {
+        let small = decoded.resize(MAX_SIDE, MAX_SIDE, FilterType::Triangle);
         let mut png = Cursor::new(Vec::new());
         small.write_to(&mut png, ImageFormat::Png).map_err(|error| described(&error))?;
         (png.into_inner(), small)
     } else {
         (bytes, decoded)
     };
-    Ok(Picture { path: slashed(&path), png, width: decoded.width(), height: decoded.height() })
+    Ok(GalleryImage { path: slashed(&path), png, width: decoded.width(), height: decoded.height() })
 }
 
-/// Stems of the PNG files in a folder; none if it cannot be read.
+/// Lists the stems of the PNG files in a folder; empty if it cannot be read.
 pub fn picture_names(folder: &Path) -> BTreeSet<String> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let stem = |path: PathBuf| {
@@ -133,7 +133,7 @@ pub fn picture_names(folder: &Path) -> BTreeSet<String> {
     entries.filter_map(|entry| stem(entry.path()).flatten()).collect()
 }
 
-/// `count` of the names, from the middles of as many equal parts.
+/// Chooses `count` of the names, from the middles of as many equal parts.
 fn spread(names: Vec<String>, count: usize) -> Vec<String> {
     if names.len() <= count {
         return names;

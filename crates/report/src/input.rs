@@ -1,92 +1,106 @@
-use std::{borrow::Cow, collections::HashSet};
-
 use indexmap::IndexMap;
 
-use crate::{Claim, Figure, Published, Quantity, Record, Run, TestedClaim};
+use crate::{Claim, Figure, Published, Quantity, Record, Run, TestedClaim, record::short_key};
 
-/// Variants that a page shows, at most.
-const MOST_VARIANTS: usize = 64;
+/// Maximum number of variants on a page.
+const MAX_VARIANTS: usize = 64;
 
-/// What a report is made of.
+/// Runs of an experiment and everything else that its report shows.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ReportInput {
     /// Name of the experiment.
     pub experiment: String,
-    /// What the report shows; its heading adds the number of training views.
+    /// Subject of the report; [`ReportInput::heading`] adds to it.
     pub title: String,
-    /// The runs, variants in the order in which they are to be shown.
+    /// Runs, variants in the order in which they are shown.
     pub runs: Vec<Run>,
-    /// What a reader must know before the numbers, such as `procedural scenes`; shown at the top.
+    /// Cautions that stand above all numbers, such as `procedural scenes`.
     pub warnings: Vec<String>,
-    /// Charts beyond those that every report has.
+    /// Charts in addition to those of every report.
     pub figures: Vec<Figure>,
-    /// What a paper found, to stand beside the runs.
+    /// Figures of a paper, shown next to the runs.
     pub published: Option<Published>,
-    /// What it says about the order of the variants, to be tested on the runs.
+    /// Claims on the order of the variants, which the runs test.
     pub claims: Vec<Claim>,
-    /// How many test views of each scene are shown.
+    /// Command that made the runs, if it is known.
+    pub command: Option<String>,
+    /// Number of test views shown of each scene.
     pub views: usize,
 }
 
 impl ReportInput {
-    /// A report of `records`, each in its usual folder, with three views a scene.
+    /// Makes a report of `records`, each in its usual folder, with three views of each scene.
     #[must_use]
     pub fn new(experiment: &str, title: &str, records: Vec<Record>) -> Self {
         Self {
             experiment: experiment.into(),
             title: title.into(),
             runs: records.into_iter().map(Run::from).collect(),
-            warnings: Vec::new(),
-            figures: Vec::new(),
-            published: None,
-            claims: Vec::new(),
             views: 3,
+            ..Self::default()
         }
     }
 
-    /// The same with the runs that a page shows: of too many variants those with the highest mean PSNR, and a warning that
-    /// says so.
-    pub fn shown(&self) -> Cow<'_, Self> {
-        let mut means: IndexMap<(&str, &str), Vec<f64>> = IndexMap::new();
-        let key = |run: &'_ Run| (run.record.variant.clone(), run.record.preset.clone());
+    /// Returns the runs that a page shows: all, or those of the 64 variants with the highest mean PSNR.
+    pub fn shown_runs(&self) -> Vec<&Run> {
+        let mut values: IndexMap<(&str, &str), Vec<f64>> = IndexMap::new();
         for Run { record, .. } in &self.runs {
-            let values = means.entry((&record.variant, &record.preset)).or_default();
-            values.extend(Quantity::PSNR.value(record));
-        }
-        let count = means.len();
-        if count <= MOST_VARIANTS {
-            return Cow::Borrowed(self);
+            values.entry((&record.variant, &record.preset)).or_default().extend(Quantity::PSNR.value(record));
         }
         let mean = |values: &Vec<f64>| match values.len() {
             0 => f64::NEG_INFINITY,
             count => values.iter().sum::<f64>() / count as f64,
         };
-        means.sort_by(|_, a, _, b| mean(b).total_cmp(&mean(a)));
-        let best: HashSet<(String, String)> =
-            means.keys().take(MOST_VARIANTS).map(|(variant, preset)| ((*variant).into(), (*preset).into())).collect();
-        let mut shown =
-            Self { runs: self.runs.iter().filter(|run| best.contains(&key(run))).cloned().collect(), ..self.clone() };
-        shown.warnings.push(format!(
-            "Shown are the {MOST_VARIANTS} variants with the highest PSNR, of {count}: the others are in results.json."
-        ));
-        Cow::Owned(shown)
+        values.sort_by(|_, a, _, b| mean(b).total_cmp(&mean(a)));
+        values.truncate(MAX_VARIANTS);
+        self.runs.iter().filter(|run| values.contains_key(&(&*run.record.variant, &*run.record.preset))).collect()
     }
 
-    /// The title with how many views the runs were trained on, such as `NeRF and InfoNeRF, 4 training views`.
+    /// Returns the title with the keys of a sweep and the number of training views, such as
+    /// `NeRF and InfoNeRF by λ₁, 4 training views`.
     pub fn heading(&self) -> String {
+        let settings = self.runs.iter().filter_map(|run| run.record.setting.as_ref());
+        let mut keys: Vec<&str> =
+            settings.flat_map(|setting| setting.values.keys()).map(|key| short_key(key)).collect();
+        keys.sort_unstable();
+        keys.dedup();
+        let title = if keys.is_empty() { self.title.clone() } else { format!("{} by {}", self.title, keys.join(", ")) };
         let counts = || self.runs.iter().map(|run| run.record.train_views.len());
         let views = match (counts().min(), counts().max()) {
-            (None | Some(0), _) | (_, None) => return self.title.clone(),
+            (None | Some(0), _) | (_, None) => return title,
             (Some(1), Some(1)) => "1 training view".to_owned(),
             (Some(least), Some(most)) if least == most => format!("{least} training views"),
             (Some(least), Some(most)) => format!("{least} to {most} training views"),
         };
-        format!("{}, {views}", self.title)
+        format!("{title}, {views}")
     }
 
-    /// The claims with what the runs say of them.
+    /// Tests the claims on the runs.
     pub fn tested_claims(&self) -> Vec<TestedClaim> {
-        let records: Vec<Record> = self.runs.iter().map(|run| run.record.clone()).collect();
-        self.claims.iter().map(|claim| claim.test(&records, self.published.as_ref())).collect()
+        self.claims.iter().map(|claim| claim.test(&self.runs, self.published.as_ref())).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Setting, table::tests::record};
+
+    #[test]
+    fn heading_of_a_sweep_names_its_keys() {
+        let plain = record("lego", "nerf", 0, 15.0);
+        let values = [("loss.entropy.weight".to_owned(), "1e-3".to_owned())].into_iter().collect();
+        let swept = Record { setting: Some(Setting { variant: "nerf".into(), values }), ..plain.clone() };
+        let heading = |record| ReportInput::new("e", "Four views", vec![record]).heading();
+        assert_eq!(heading(plain), "Four views, 4 training views");
+        assert_eq!(heading(swept), "Four views by λ₁, 4 training views");
+    }
+
+    #[test]
+    fn page_shows_the_best_of_too_many_variants() {
+        let records = (0..MAX_VARIANTS + 6).map(|i| record("lego", &i.to_string(), 0, i as f64)).collect();
+        let input = ReportInput::new("e", "Sweep", records);
+        let shown = input.shown_runs();
+        assert_eq!((shown.len(), shown[0].record.variant.as_str()), (MAX_VARIANTS, "6"));
     }
 }

@@ -1,16 +1,17 @@
 //! Records of runs, and the tables, charts and reports made from them.
 //!
-//! - [`Record`]: one run as `results.json` holds it; [`save_record`] adds one safely while other processes do the same.
+//! - [`Record`]: one run as `results.json` holds it.
+//! - [`ReportInput`]: runs, claims and published figures of an experiment, which
+//!   [`write_report`] makes `report.html` and `report.md` of, [`write_collection`] one report with others, and
+//!   [`results_document`] one Markdown document with others.
 //! - [`Table`]: variants against scenes or metrics, mean ± standard deviation over seeds, best in bold, as Markdown,
 //!   CSV, LaTeX or plain text, always below the [protocol](protocol_lines) that its numbers follow.
-//! - [`Published`]: a paper's own figures, and [`Claim`]: what it says about their order, tested on records.
-//! - [`chart`]: small functions from numbers to an SVG string.
-//! - [`write_report`]: `report.html`, which needs nothing else, and `report.md`, which links the pictures of the runs.
-//! - [`panel`]: truth, renders and depths side by side, the figure of papers.
-//! - [`write_collection`]: several experiments in one report.
+//! - [`Published`]: a paper's own figures, and [`Claim`]: a statement on the order of variants, tested on records.
+//! - [`chart`]: small functions from numbers to an SVG string; [`panel`]: the comparison figure of papers.
+//! - [`PictureComparison`]: a page of other programs' renders over the truth.
 //! - [`write_tensorboard`]: training curves for TensorBoard.
-//! - [`RESULTS_SCHEMA`]: what `results.json` holds, as a JSON schema.
-//! - [`depth_image`] and [`error_image`]: the pictures of depth and error that a run stores beside its renders; [`normal_image`].
+//! - [`RESULTS_SCHEMA`]: the JSON schema of `results.json`.
+//! - [`depth_image`], [`error_image`] and [`normal_image`]: images of depth, error and normals.
 //!
 //! ```
 //! use infonerf_report::{Emphasis, Quantity, Record, scene_table};
@@ -28,7 +29,6 @@
 
 pub mod chart;
 mod claim;
-mod collection;
 mod colormap;
 mod comparison;
 mod contents;
@@ -48,35 +48,31 @@ mod published;
 mod quantity;
 mod record;
 mod report;
-mod results;
 mod run;
 mod schema;
-mod store;
 mod table;
 mod tensorboard;
 mod text;
 
 pub use claim::{Claim, Comparison, Finding, Interval, Relation, Side, TestedClaim, Verdict};
-pub use collection::{Chapter, Collection, write_collection};
 pub use colormap::{ERROR_FULL_SCALE, depth_image, error_image, normal_image, turbo, viridis};
 pub use comparison::{ComparisonFiles, PictureComparison};
 pub use error::ReportError;
-pub use events::{Evaluation, Events, Step};
+pub use events::{EvaluationEvent, Events, StepEvent};
 pub use figures::Figure;
 pub use files::write_atomically;
 pub use gallery::picture_names;
 pub use input::ReportInput;
+pub use markdown::results_document;
 pub use names::folder_name_fault;
 pub use panel::panel;
 pub use protocol::protocol_lines;
 pub use published::{Published, PublishedRow};
 pub use quantity::Quantity;
 pub use record::{CameraErrors, Record, Setting, TestViews};
-pub use report::{ReportFiles, write_report};
-pub use results::{Results, results_document};
+pub use report::{ReportFiles, write_collection, write_report};
 pub use run::{Run, RunKey, VIEWER_PAGE, run_directory};
 pub use schema::RESULTS_SCHEMA;
-pub use store::{read_records, save_own_record, save_record, write_records};
-pub use table::{Cell, Column, Emphasis, Row, Table, overview_table, scene_table};
+pub use table::{Cell, Column, Emphasis, Table, TableRow, overview_table, scene_table};
 pub use tensorboard::{tensorboard_events, write_tensorboard};
 pub use text::escape_html;

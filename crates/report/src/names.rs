@@ -1,10 +1,10 @@
 //! Names that are used as folder names.
 
-/// Longest name in bytes: what file systems allow.
-const LONGEST: usize = 255;
+/// Maximum length of a name in bytes that file systems allow.
+const MAX_BYTES: usize = 255;
 
-/// Why some file system does not take `name` for a folder's: it is empty, a path, `.` or `..`, has control characters or
-/// one of `<>:"|?*`, ends with a dot or space, or is too long. None if all take it.
+/// Returns the reason why some file system refuses `name` for a folder: it is empty, a path, `.` or `..`, has control
+/// characters or one of `<>:"|?*`, ends with a dot or space, or is too long. `None` if all take it.
 pub fn folder_name_fault(name: &str) -> Option<String> {
     let reserved = |c: char| c.is_control() || r#"/\<>:"|?*"#.contains(c);
     match name {
@@ -13,7 +13,7 @@ pub fn folder_name_fault(name: &str) -> Option<String> {
         _ => match name.chars().find(|c| reserved(*c)) {
             Some(c) => Some(format!("it holds {c:?}")),
             None if name.ends_with(['.', ' ']) => Some("it ends with a dot or a space".to_owned()),
-            None if name.len() > LONGEST => Some(format!("it has {} bytes, more than {LONGEST}", name.len())),
+            None if name.len() > MAX_BYTES => Some(format!("it has {} bytes, more than {MAX_BYTES}", name.len())),
             None => None,
         },
     }
@@ -24,7 +24,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_file_systems_take_is_taken() {
+    fn names_that_a_file_system_refuses_have_a_fault() {
         for name in ["lego", "my scene", "nerf+key", "my exp", "λ₁=1e-3", "a.b", ".hidden", "(1)"] {
             assert_eq!(folder_name_fault(name), None, "{name}");
         }

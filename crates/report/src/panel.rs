@@ -1,4 +1,4 @@
-//! The comparison figure of papers: a row per scene with one test view's truth, then render and depth of every variant.
+//! Comparison figure as in papers: a row per scene with one test view's truth, then render and depth of every variant.
 
 use std::path::Path;
 
@@ -7,15 +7,15 @@ use indexmap::IndexSet;
 
 use crate::{
     ReportError, ReportInput, Run,
-    chart::write_text,
-    gallery::{Choice, Gallery, Picture, View},
+    chart::{LABEL, text_width, write_text},
+    gallery::{Choice, Gallery, GalleryImage, GalleryView},
     pictured::{pictured, runs_of},
     table::distinct,
 };
 
-/// Height of a picture, in pixels.
+/// Height of an image, in pixels.
 const HEIGHT: u32 = 240;
-/// Pixels between pictures.
+/// Pixels between images.
 const GAP: u32 = 8;
 /// Height of the line of labels, in pixels.
 const HEADING: u32 = 24;
@@ -23,27 +23,28 @@ const HEADING: u32 = 24;
 /// Heading of the first column.
 const TRUTH: &str = "truth";
 
-/// The row of one scene.
+/// Row of one scene.
 pub(crate) struct PanelRow<'a> {
     pub(crate) scene: &'a str,
-    /// The variants of the view's shots.
+    /// Labels of the view's shots.
     pub(crate) labels: &'a [String],
-    pub(crate) view: &'a View,
+    pub(crate) view: &'a GalleryView,
 }
 
-/// The figure of the runs in `input`, whose folders lie below `root`: of each variant the lowest seed, of each scene the
-/// test view with the id `view` (file `test/NNN.png` of a run) or else one from the middle. What a run lacks stays white.
+/// Draws the figure of the runs in `input`, whose folders lie below `root`: the lowest seed of each variant, and the
+/// test view of each scene with the id `view` (file `test/NNN.png` of a run) or else one from the middle. Missing
+/// images stay white.
 ///
 /// # Errors
-/// [`ReportError::NoPictures`] if no run has a picture of that view, [`ReportError::Chart`] if the labels cannot be drawn.
+/// [`ReportError::NoPictures`] if no run has an image of that view, [`ReportError::Chart`] if the labels cannot be drawn.
 pub fn panel(input: &ReportInput, root: &Path, view: Option<usize>) -> Result<RgbImage, ReportError> {
-    let records: Vec<_> = input.runs.iter().map(|run| run.record.clone()).collect();
+    let runs: Vec<&Run> = input.runs.iter().collect();
     let choice = view.map_or(Choice::Spread(1), |view| Choice::Named(format!("{view:03}")));
-    let variants = pictured(&records);
-    let scenes: Vec<(String, Vec<String>, Gallery)> = distinct(&records, |record| record.scene.clone())
+    let variants = pictured(&runs);
+    let scenes: Vec<(String, Vec<String>, Gallery)> = distinct(&runs, |record| record.scene.clone())
         .into_iter()
         .map(|scene| {
-            let (labels, runs): (Vec<String>, Vec<&Run>) = runs_of(input, &variants, &scene);
+            let (labels, runs) = runs_of(&runs, &variants, &scene);
             let gallery = Gallery::collect(root, runs, &choice, &mut Vec::new());
             (scene, labels, gallery)
         })
@@ -54,11 +55,11 @@ pub fn panel(input: &ReportInput, root: &Path, view: Option<usize>) -> Result<Rg
     compose(&rows.collect::<Vec<_>>())?.ok_or_else(|| ReportError::NoPictures { path: root.into(), view })
 }
 
-/// One picture of all rows; none without any.
+/// Draws all rows as one image; `None` without any.
 pub(crate) fn compose(rows: &[PanelRow]) -> Result<Option<RgbImage>, ReportError> {
     let labels: IndexSet<&String> = rows.iter().flat_map(|row| row.labels).collect();
     let shot = |row: &PanelRow<'_>, label: &String| row.labels.iter().position(|own| own == label);
-    // Columns: a heading, and the picture of each row.
+    // Columns: a heading, and the image of each row.
     let mut columns: Vec<(String, Vec<Option<RgbImage>>)> =
         vec![(TRUTH.into(), rows.iter().map(|row| row.view.truth.as_ref().and_then(decoded)).collect())];
     for label in labels {
@@ -70,7 +71,13 @@ pub(crate) fn compose(rows: &[PanelRow]) -> Result<Option<RgbImage>, ReportError
     if columns.is_empty() {
         return Ok(None);
     }
-    let widths = columns.iter().map(|(_, pictures)| pictures.iter().flatten().map(RgbImage::width).max().unwrap_or(0));
+    let width_of = |(heading, pictures): &(String, Vec<Option<RgbImage>>)| {
+        let label =
+            |row: &PanelRow<'_>| if heading == TRUTH { format!("{}, {TRUTH}", row.scene) } else { heading.clone() };
+        let labels = rows.iter().map(|row| text_width(&label(row), LABEL) as u32);
+        labels.chain(pictures.iter().flatten().map(RgbImage::width)).max().unwrap_or(0)
+    };
+    let widths = columns.iter().map(width_of);
     let width = widths.clone().map(|width| width + GAP).sum::<u32>() + GAP;
     let step = HEADING + HEIGHT;
     let mut sheet = RgbImage::from_pixel(width, step * rows.len() as u32 + GAP, image::Rgb([255; 3]));
@@ -95,8 +102,8 @@ pub(crate) fn compose(rows: &[PanelRow]) -> Result<Option<RgbImage>, ReportError
     Ok(Some(sheet))
 }
 
-/// A picture as high as the row.
-fn decoded(picture: &Picture) -> Option<RgbImage> {
+/// Decodes an image and scales it to the height of the row.
+fn decoded(picture: &GalleryImage) -> Option<RgbImage> {
     let picture = image::load_from_memory(&picture.png).ok()?.to_rgb8();
     let width = (picture.width() * HEIGHT).div_ceil(picture.height().max(1)).max(1);
     Some(imageops::resize(&picture, width, HEIGHT, imageops::FilterType::CatmullRom))

@@ -1,18 +1,18 @@
-use crate::{Record, table::distinct};
+use crate::{Record, TestViews, table::distinct};
 
-/// Views, or values that nothing explains, of which a line names each; more of them it counts.
-const MOST_LISTED: usize = 8;
-/// Seeds, or other things that explain a difference, of which a line names each; more of them it counts.
-const MOST_EXPLAINED: usize = 32;
+/// Views, or values that nothing explains, that a line names one by one; it counts more of them.
+const MAX_LISTED: usize = 8;
+/// Seeds, or other causes of a difference, that a line names one by one; it counts more of them.
+const MAX_EXPLAINED: usize = 32;
 
-/// How the numbers of `records` were obtained, in up to three lines: training views, test views, image size and seeds; preset,
-/// iterations and device; how pictures are measured.
+/// Describes how `records` were obtained, in up to three lines: training views, test views, image size and seeds;
+/// preset, iterations and device; how images are measured.
 ///
-/// Where records differ in one of these, the line says for which seed, scene, preset or variant it is what
+/// Where records differ in one of these, the line names the value of each seed, scene, preset or variant
 /// (`train views seed 0: 26, 86, 2, 55; seed 1: 80, 84, 33, 81`), or lists them as `mixed` where none of the four
 /// explains it, unless they are too many. Iterations that differ are a range.
 /// Empty for no records.
-pub fn protocol_lines(records: &[Record]) -> Vec<String> {
+pub fn protocol_lines<R: AsRef<Record>>(records: &[R]) -> Vec<String> {
     if records.is_empty() {
         return Vec::new();
     }
@@ -20,16 +20,20 @@ pub fn protocol_lines(records: &[Record]) -> Vec<String> {
     seeds.sort_unstable();
     let first = [
         described(records, "train views ", "", |record| match record.train_views.len() {
-            count if count > MOST_LISTED => format!("{count} of them"),
+            count if count > MAX_LISTED => format!("{count} of them"),
             _ => joined(&record.train_views),
         }),
         described(records, "test views ", "", |record| {
-            format!("{} ({})", record.test_views.protocol, record.test_views.count)
+            let TestViews { protocol, count, .. } = &record.test_views;
+            match protocol.as_str() {
+                "training" => format!("training ({count}; how well these are fitted, nothing of new views)"),
+                _ => format!("{protocol} ({count})"),
+            }
         }),
         described(records, "", " pixels", |record| format!("{} × {}", record.image_size[0], record.image_size[1])),
         match seeds.len() {
             1 => format!("seed {}", joined(&seeds)),
-            count if count > MOST_EXPLAINED => format!("{count} seeds"),
+            count if count > MAX_EXPLAINED => format!("{count} seeds"),
             _ => format!("seeds {}", joined(&seeds)),
         },
     ];
@@ -42,17 +46,17 @@ pub fn protocol_lines(records: &[Record]) -> Vec<String> {
     [first.join(" · "), second.join(" · "), third].into_iter().filter(|line| !line.is_empty()).collect()
 }
 
-/// A range: under a time budget every run takes another number of steps.
-fn iterations(records: &[Record]) -> String {
-    let counts = || records.iter().map(|record| record.iterations);
+/// Describes the iterations as a range, as every run takes another number of steps under a time budget.
+fn iterations<R: AsRef<Record>>(records: &[R]) -> String {
+    let counts = || records.iter().map(|record| record.as_ref().iterations);
     match (counts().min(), counts().max()) {
         (Some(least), Some(most)) if least < most => format!("{least}–{most} iterations"),
         (least, _) => format!("{} iterations", least.unwrap_or(0)),
     }
 }
 
-/// One attribute of all records, as short as it can be said without saying too little.
-fn described(records: &[Record], before: &str, after: &str, value: impl Fn(&Record) -> String) -> String {
+/// Describes one attribute of all records, as briefly as its differences allow.
+fn described<R: AsRef<Record>>(records: &[R], before: &str, after: &str, value: impl Fn(&Record) -> String) -> String {
     let values = distinct(records, &value);
     if let [only] = values.as_slice() {
         return format!("{before}{only}{after}");
@@ -65,13 +69,13 @@ fn described(records: &[Record], before: &str, after: &str, value: impl Fn(&Reco
     ];
     let explained = keys.iter().find_map(|key| {
         let pairs = distinct(records, |record| (key(record), value(record)));
-        (pairs.len() <= MOST_EXPLAINED && pairs.len() == distinct(records, key).len()).then(|| {
+        (pairs.len() <= MAX_EXPLAINED && pairs.len() == distinct(records, key).len()).then(|| {
             let parts: Vec<String> = pairs.into_iter().map(|(key, value)| format!("{key}: {value}")).collect();
             parts.join("; ")
         })
     });
     let text = explained.unwrap_or_else(|| match values.len() {
-        count if count > MOST_LISTED => format!("{count} different ones, as in results.json"),
+        count if count > MAX_LISTED => format!("{count} different ones, as in results.json"),
         _ => format!("mixed: {}", values.join("; ")),
     });
     format!("{before}{text}{after}")
@@ -87,7 +91,7 @@ mod tests {
     use crate::table::tests::record;
 
     #[test]
-    fn differences_are_told_by_what_explains_them() {
+    fn differences_are_explained_by_seed_scene_or_variant() {
         let mut records =
             vec![record("lego", "nerf", 0, 1.0), record("lego", "nerf", 1, 1.0), record("mic", "nerf", 1, 1.0)];
         records[0].train_views = vec![1, 2];
@@ -100,6 +104,6 @@ mod tests {
         );
         assert!(lines[0].contains("lego: 400 × 400; mic: 800 × 800 pixels"), "{lines:?}");
         assert!(lines[1].contains("device mixed: flex; cuda"), "{lines:?}");
-        assert!(protocol_lines(&[]).is_empty());
+        assert!(protocol_lines::<Record>(&[]).is_empty());
     }
 }

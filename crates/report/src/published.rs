@@ -1,31 +1,31 @@
-//! A paper's published figures, shown beside ours.
+//! A paper's published figures, shown next to ours.
 
 use infonerf_metrics::Summary;
 
 use crate::{
     Quantity, Record,
-    table::{Cell, Column, Row, Table, distinct, groups},
+    table::{Cell, Column, Table, TableRow, VariantGroup, distinct, groups, measured},
 };
 
-/// A paper's published figures.
+/// Published figures of a paper.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Published {
-    /// Which paper and table.
+    /// Paper and table.
     pub source: String,
-    /// Its figures.
+    /// Figures of each variant.
     pub rows: Vec<PublishedRow>,
-    /// How its protocol differs from that of our runs, one line a difference.
+    /// Differences of its protocol from that of our runs, a line each.
     pub footnotes: Vec<String>,
 }
 
-/// A paper's figures for one variant.
+/// Figures of a paper for one variant.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PublishedRow {
-    /// The variant of ours that it belongs to, or a name of its own.
+    /// Variant of ours that it belongs to, or a name of its own.
     pub variant: String,
-    /// The scene, where the figures are those of one scene; else they are means over the paper's scenes.
+    /// Scene of the figures; `None` for means over the paper's scenes.
     pub scene: Option<String>,
-    /// Its figures.
+    /// Value of each quantity.
     pub figures: Vec<(Quantity, Summary)>,
 }
 
@@ -36,18 +36,17 @@ impl PublishedRow {
 }
 
 impl Published {
-    /// The paper's mean over its scenes.
+    /// Returns the paper's mean over its scenes.
     pub(crate) fn value(&self, variant: &str, quantity: Quantity) -> Option<f64> {
         let row = self.rows.iter().find(|row| row.variant == variant && row.scene.is_none())?;
         row.summary(quantity).map(|summary| summary.mean)
     }
 
-    /// Ours beside the paper's, a column each; none if the paper gives no figures.
+    /// Makes a table of our figures next to the paper's, a column each; `None` if the paper has no figures.
     ///
-    /// Rows are our variants and then what the paper has beside them; figures of single scenes only for scenes of ours.
-    pub fn table(&self, records: &[Record]) -> Option<Table> {
+    /// Rows are our variants, then the paper's other ones; figures of single scenes only for scenes of ours.
+    pub fn table<R: AsRef<Record>>(&self, records: &[R]) -> Option<Table> {
         let scenes = distinct(records, |record| record.scene.clone());
-        let measured = |quantity: Quantity| records.iter().any(|record| quantity.value(record).is_some());
         let shown = |quantity: &Quantity| self.rows.iter().any(|row| row.summary(*quantity).is_some());
         let quantities: Vec<Quantity> = Quantity::all().into_iter().filter(shown).collect();
         if quantities.is_empty() {
@@ -55,36 +54,38 @@ impl Published {
         }
         let mut columns = Vec::new();
         for &quantity in &quantities {
-            if measured(quantity) {
+            if measured(records, quantity) {
                 columns.push((Column { heading: format!("{}, here", quantity.heading()), quantity }, true));
             }
             columns.push((Column { heading: format!("{}, paper", quantity.heading()), quantity }, false));
         }
         let groups = groups(records);
-        let row = |label: String, variant: &str, scene: Option<&String>| {
-            let ours = groups.iter().find(|group| group.label == variant);
+        let row = |label: String, ours: Option<&VariantGroup>, variant: &str, scene: Option<&String>| {
             let paper = self.rows.iter().find(|row| row.variant == variant && row.scene.as_ref() == scene);
             let scenes = scene.map_or(&scenes[..], std::slice::from_ref);
             let cell = |(column, here): &(Column, bool)| match here {
                 true => ours.map(|group| group.cell(column.quantity, scenes)).unwrap_or_default(),
                 false => Cell { summary: paper.and_then(|row| row.summary(column.quantity)), ..Cell::default() },
             };
-            Row { label, settings: Vec::new(), cells: columns.iter().map(cell).collect() }
+            TableRow { label, settings: Vec::new(), cells: columns.iter().map(cell).collect() }
         };
-        let known = |variant: &str| groups.iter().any(|group| group.label == variant);
-        let mut rows: Vec<Row> = groups.iter().map(|group| row(group.label.clone(), &group.label, None)).collect();
-        for published in &self.rows {
-            let variant = &published.variant;
-            match &published.scene {
-                None if !known(variant) => rows.push(row(variant.clone(), variant, None)),
-                Some(scene) if known(variant) && scenes.contains(scene) => {
-                    rows.push(row(format!("{variant}, {scene}"), variant, Some(scene)));
+        let mut rows: Vec<TableRow> =
+            groups.iter().map(|group| row(group.label.clone(), Some(group), group.variant(), None)).collect();
+        for PublishedRow { variant, scene, .. } in &self.rows {
+            let ours: Vec<&VariantGroup> = groups.iter().filter(|group| group.variant() == variant).collect();
+            match scene {
+                None if ours.is_empty() => rows.push(row(variant.clone(), None, variant, None)),
+                Some(scene) if scenes.contains(scene) => {
+                    let of_scene = |group: &VariantGroup| {
+                        row(format!("{}, {scene}", group.label), Some(group), variant, Some(scene))
+                    };
+                    rows.extend(ours.into_iter().map(of_scene));
                 }
                 _ => {}
             }
         }
         let columns = columns.into_iter().map(|(column, _)| column).collect();
-        let title = format!("Beside the paper: {}", self.source);
+        let title = format!("Next to the paper: {}", self.source);
         Some(Table { title, protocol: Vec::new(), keys: Vec::new(), columns, rows, notes: self.footnotes.clone() })
     }
 }
@@ -108,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn ours_and_theirs_stand_side_by_side() {
+    fn our_figures_stand_next_to_the_papers() {
         let table = published().table(&two_by_two()).unwrap();
         let text: Vec<(String, Vec<String>)> = table
             .rows
@@ -125,6 +126,24 @@ mod tests {
         assert_eq!(text, expected);
         assert_eq!(table.footnotes(), ["images: 400 pixels here; 800 in the paper"]);
         assert!(table.to_markdown().contains("800 in the paper"));
+    }
+
+    /// Two presets of a variant, `nerf (fast)` and `nerf (released)`, each have the paper's figures of `nerf`.
+    #[test]
+    fn rows_are_joined_by_variant_whatever_the_preset() {
+        let mut records = two_by_two();
+        let released = records.iter().map(|record| Record { preset: "released".into(), ..record.clone() });
+        records.extend(released.collect::<Vec<_>>());
+        let table = published().table(&records).unwrap();
+        let paper = |label: &str| {
+            let row = table.rows.iter().find(|row| row.label == label).unwrap_or_else(|| panic!("{label}: {table:?}"));
+            [0, 1].map(|column| table.text(&row.cells[column], column))
+        };
+        for preset in ["fast", "released"] {
+            assert_eq!(paper(&format!("nerf ({preset})")), ["17.00 ± 0.71", "15.93"]);
+            assert_eq!(paper(&format!("nerf ({preset}), lego")), ["16.50 ± 0.71", "15.61"]);
+        }
+        assert!(table.rows.iter().all(|row| row.label != "nerf"));
     }
 
     #[test]

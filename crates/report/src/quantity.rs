@@ -6,8 +6,8 @@ use serde::{Deserialize, Deserializer, de};
 
 use crate::Record;
 
-/// A number of a [`Record`] that tables, charts and claims can show: a metric of [`METRICS`], what test rays say, or a
-/// cost. In files it is called by its key.
+/// Number of a [`Record`] that tables, charts and claims can show: a metric of [`METRICS`], a statistic of test rays,
+/// or a cost. Files name it by its key.
 #[derive(Clone, Copy)]
 pub struct Quantity {
     descriptor: Descriptor,
@@ -18,7 +18,7 @@ const fn of_record(descriptor: Descriptor, value: fn(&Record, &str) -> Option<f6
     Quantity { descriptor, value }
 }
 
-/// What is known of test rays (the paper's Figure A).
+/// Statistics of test rays (the paper's Figure A).
 const OF_RAYS: [Quantity; 2] = [
     of_record(
         Descriptor { key: "ray_entropy_bits", name: "Ray entropy", unit: "bits", decimals: 2, better: Better::Lower },
@@ -30,7 +30,7 @@ const OF_RAYS: [Quantity; 2] = [
     ),
 ];
 
-/// What a run costs.
+/// Costs of a run.
 const COSTS: [Quantity; 4] = [
     Quantity::TRAIN_SECONDS,
     of_record(
@@ -70,37 +70,37 @@ impl Quantity {
         of_record(descriptor, |record, key| record.metrics.get(key).copied().flatten())
     }
 
-    /// How good a run is: the metrics, and the paper's Figure A.
+    /// Returns the metrics, and the statistics of the paper's Figure A.
     pub fn quality() -> Vec<Self> {
         METRICS.iter().map(|metric| Self::metric(metric.descriptor)).chain(OF_RAYS).collect()
     }
 
-    /// What a run costs: time, samples, memory.
+    /// Returns the costs of a run: time, samples, memory.
     pub fn cost() -> Vec<Self> {
         COSTS.to_vec()
     }
 
-    /// Every quantity, in the order of a report.
+    /// Returns every quantity, in the order of a report.
     pub fn all() -> Vec<Self> {
         [Self::quality(), Self::cost()].concat()
     }
 
-    /// The quantity of this key.
+    /// Returns the quantity of this key.
     pub fn named(key: &str) -> Option<Self> {
         Self::all().into_iter().find(|quantity| quantity.key() == key)
     }
 
-    /// Its key in `results.json`.
+    /// Returns its key in `results.json`.
     pub fn key(self) -> &'static str {
         self.descriptor.key
     }
 
-    /// Value of a run; `None` where it was not computed.
+    /// Returns its value of a run; `None` if it was not computed.
     pub fn value(self, record: &Record) -> Option<f64> {
         (self.value)(record, self.key()).filter(|value| value.is_finite())
     }
 
-    /// Name with its unit, such as `PSNR (dB)`.
+    /// Returns the name with its unit, such as `PSNR (dB)`.
     pub fn name(self) -> String {
         match self.descriptor.unit {
             "" => self.descriptor.name.to_owned(),
@@ -108,17 +108,17 @@ impl Quantity {
         }
     }
 
-    /// Name with its unit and an arrow towards the better side, such as `PSNR (dB) ↑`.
+    /// Returns the name with its unit and an arrow towards the better side, such as `PSNR (dB) ↑`.
     pub fn heading(self) -> String {
         self.descriptor.heading()
     }
 
-    /// Decimals shown.
+    /// Returns the number of decimals shown.
     pub fn decimals(self) -> usize {
         self.descriptor.decimals
     }
 
-    /// `value` with the decimals that are shown.
+    /// Formats `value` with the decimals that are shown.
     pub fn format(self, value: f64) -> String {
         self.descriptor.format(value)
     }
@@ -127,7 +127,8 @@ impl Quantity {
         self.descriptor.better
     }
 
-    /// `value` as a distance from the best, in units of the last decimal shown: smaller is better, equal is a tie.
+    /// Returns `value` as a distance from the best, in units of the last decimal shown: smaller is better, equal is a
+    /// tie.
     pub(crate) fn rank(self, value: f64) -> f64 {
         self.descriptor.rank(value)
     }

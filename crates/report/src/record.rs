@@ -13,7 +13,7 @@ pub struct Record {
     pub scene: String,
     /// Variant: what is compared, such as `nerf` and `infonerf`.
     pub variant: String,
-    /// Of a run of a sweep, what `variant` stands for.
+    /// Variant of the experiment and values that `variant` stands for, in a run of a sweep.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub setting: Option<Setting>,
     /// Seed of the run.
@@ -24,14 +24,14 @@ pub struct Record {
     pub device: String,
     /// Ids of the training views, in the order given.
     pub train_views: Vec<usize>,
-    /// Which views the metrics are means over.
+    /// Views over which the metrics are means.
     pub test_views: TestViews,
-    /// How pictures are measured, in words.
+    /// Protocol of the metrics, in words.
     #[serde(default)]
     pub evaluation: String,
     /// `[width, height]` in pixels, of training and test images.
     pub image_size: [usize; 2],
-    /// Optimiser steps taken.
+    /// Optimizer steps taken.
     pub iterations: u64,
     /// Wall clock of training alone, in seconds, without loading and evaluation.
     pub train_seconds: f64,
@@ -48,7 +48,7 @@ pub struct Record {
     pub ray_entropy_bits: Option<f64>,
     /// Mean information gain between test rays and their neighbours (the paper's Figure A).
     pub information_gain: Option<f64>,
-    /// How far training cameras were from the true ones, where these are known and others were given.
+    /// Errors of the training cameras; `None` if the true ones are unknown, or were given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cameras: Option<CameraErrors>,
     /// Peak resident memory of the process in bytes, where the system reports it.
@@ -62,13 +62,14 @@ pub struct Record {
 /// Mean errors of the poses of training cameras, each set aligned with the true ones by a similarity.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct CameraErrors {
-    /// Angle between the orientations as they were given, degrees.
+    /// Angle between the given and the true orientations, degrees.
     pub rotation_deg_before: f64,
-    /// The same as training ended.
+    /// Angle between the orientations at the end of training and the true ones, degrees.
     pub rotation_deg: f64,
-    /// Distance between the positions as they were given, percent of the distance from the scene's centre.
+    /// Distance between the given and the true positions, percent of the distance from the scene's centre.
     pub translation_percent_before: f64,
-    /// The same as training ended.
+    /// Distance between the positions at the end of training and the true ones, percent of the distance from the
+    /// scene's centre.
     pub translation_percent: f64,
 }
 
@@ -86,13 +87,13 @@ pub struct Setting {
 pub struct TestViews {
     /// `all`, or `every-8` for each eighth.
     pub protocol: String,
-    /// How many.
+    /// Number of views.
     pub count: usize,
-    /// Their ids.
+    /// Ids of the views.
     pub ids: Vec<usize>,
 }
 
-/// A key as columns and charts call it: the paper's symbol, or the key without its table.
+/// Name of a key in columns and charts: the paper's symbol, or the key without its table.
 pub(crate) fn short_key(key: &str) -> &str {
     match key {
         "loss.entropy.weight" => "λ₁",
@@ -101,15 +102,21 @@ pub(crate) fn short_key(key: &str) -> &str {
     }
 }
 
+impl AsRef<Self> for Record {
+    fn as_ref(&self) -> &Self {
+        self
+    }
+}
+
 impl Record {
-    /// The variant for readers, such as `infonerf, λ₁ = 1e-3`.
+    /// Returns the variant as readers see it, such as `infonerf, λ₁ = 1e-3`.
     pub fn label(&self) -> String {
         let Some(Setting { variant, values }) = &self.setting else { return self.variant.clone() };
         values.iter().fold(variant.clone(), |label, (key, value)| format!("{label}, {} = {value}", short_key(key)))
     }
 
-    /// The record with every metric that is NaN or infinite set to `None` and named in `notes`: JSON has no such
-    /// numbers.
+    /// Returns the record with every metric that is NaN or infinite set to `None` and named in `notes`, as JSON has no
+    /// such numbers.
     #[must_use]
     pub fn representable(mut self) -> Self {
         let of_rays =
@@ -122,16 +129,9 @@ impl Record {
         }
         self
     }
-
-    /// The first field that is not an optional metric and yet NaN or infinite.
-    pub(crate) fn non_finite_field(&self) -> Option<(&'static str, f64)> {
-        [("train_seconds", self.train_seconds), ("render_seconds_per_image", self.render_seconds_per_image)]
-            .into_iter()
-            .find(|(_, value)| !value.is_finite())
-    }
 }
 
-/// Of the keys that a record has beside its own, those of metrics, in the order of [`METRICS`].
+/// Reads the metrics among the keys that are no field of a record, in the order of [`METRICS`].
 fn known_metrics<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Values, D::Error> {
     let mut others = serde_json::Map::deserialize(deserializer)?;
     let number = |(key, value): (&str, serde_json::Value)| {

@@ -1,9 +1,10 @@
-//! Training curves for TensorBoard: every scalar of a `metrics.jsonl` as an event file.
+//! Training curves for TensorBoard: event files with every scalar of a `metrics.jsonl`.
 //!
 //! A file is a sequence of records, each `length (u64), masked CRC of length, data, masked CRC of data`, little-endian
-//! ([TFRecord](https://www.tensorflow.org/tutorials/load_data/tfrecord#tfrecords_format_details)). The data is an `Event` in
-//! the encoding of Protocol Buffers ([event.proto](https://github.com/tensorflow/tensorboard/blob/master/tensorboard/compat/proto/event.proto)),
-//! of which scalars need five fields.
+//! ([TFRecord](https://www.tensorflow.org/tutorials/load_data/tfrecord#tfrecords_format_details)). The data is an
+//! `Event` in the encoding of Protocol Buffers
+//! ([event.proto](https://github.com/tensorflow/tensorboard/blob/master/tensorboard/compat/proto/event.proto)), of
+//! which scalars need five fields.
 
 use std::{
     fs,
@@ -15,15 +16,15 @@ use serde_json::Value;
 
 use crate::{ReportError, write_atomically};
 
-/// What runs log to.
+/// Name of a run's log.
 const LOG: &str = "metrics.jsonl";
-/// Name of the event file beside it: TensorBoard looks for `tfevents`.
+/// Name of the event file next to a log: TensorBoard looks for `tfevents`.
 const EVENTS: &str = "events.out.tfevents.infonerf";
 
-/// Writes an event file beside each `metrics.jsonl` in `folder` or below, in the place of the last one, and returns them.
-/// Point TensorBoard's `--logdir` at `folder`.
+/// Writes an event file next to each `metrics.jsonl` in `folder` or below, in the place of the last one, and returns
+/// them. Point TensorBoard's `--logdir` at `folder`.
 ///
-/// Lines that are not JSON are left out: the last one of a run that was killed.
+/// Lines that are not JSON are left out, such as the last one of a run that was killed.
 ///
 /// # Errors
 /// If there is no `metrics.jsonl`, or a file cannot be read or written.
@@ -44,7 +45,7 @@ pub fn write_tensorboard(folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
     logs.into_iter().map(write).collect()
 }
 
-/// Every `metrics.jsonl` in `folder` and below, sorted.
+/// Finds every `metrics.jsonl` in `folder` and below, sorted.
 fn find(folder: &Path, logs: &mut Vec<PathBuf>) -> Result<(), ReportError> {
     let entries = fs::read_dir(folder).map_err(ReportError::io("list", folder))?;
     let paths: Result<Vec<PathBuf>, _> = entries.map(|entry| entry.map(|entry| entry.path())).collect();
@@ -60,11 +61,11 @@ fn find(folder: &Path, logs: &mut Vec<PathBuf>) -> Result<(), ReportError> {
     Ok(())
 }
 
-/// The event file of a `metrics.jsonl` whose last line was written at `end`.
+/// Makes the event file of a `metrics.jsonl` whose last line was written at `end`.
 ///
-/// Each line becomes an event at its step. Each of its numbers becomes a scalar, called `train/KEY` in training steps and
-/// `EVENT/KEY` in others; what is nested is called `train/losses/rgb`. An event's time is `end` less the seconds of
-/// training that the run still had before it, so that TensorBoard's axis of relative time shows seconds of training.
+/// Each line becomes an event at its step. Each of its numbers becomes a scalar, called `train/KEY` in training steps
+/// and `EVENT/KEY` in others; a nested one is called like `train/losses/rgb`. An event's time is `end` less the seconds
+/// of training that the run still had before it, so that TensorBoard's axis of relative time shows seconds of training.
 pub fn tensorboard_events(text: &str, end: SystemTime) -> Vec<u8> {
     let lines: Vec<Value> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
     let seconds = |line: &Value| line.get("seconds").and_then(Value::as_f64);
@@ -93,7 +94,7 @@ pub fn tensorboard_events(text: &str, end: SystemTime) -> Vec<u8> {
     file
 }
 
-/// Adds a `Summary.Value` for each number in `value`, which is called `name`.
+/// Adds a `Summary.Value` for each number in `value`, the field `name`.
 fn scalars(value: &Value, name: &str, summary: &mut Vec<u8>) {
     match value {
         Value::Object(fields) => {
@@ -120,17 +121,17 @@ fn push(file: &mut Vec<u8>, data: &[u8]) {
     }
 }
 
-/// CRC-32C, rotated and shifted: a CRC over data that holds CRCs would be weak.
+/// Computes a CRC-32C, rotated and shifted: a CRC over data that holds CRCs would be weak.
 fn masked_crc(data: &[u8]) -> u32 {
     crc32c::crc32c(data).rotate_right(15).wrapping_add(0xa282_ead8)
 }
 
-/// The head of a field: its number and the kind of its value.
+/// Encodes the head of a field: its number and the kind of its value.
 fn tag(field: u64, kind: u64) -> Vec<u8> {
     varint(field << 3 | kind)
 }
 
-/// Seven bits a byte, the lowest first.
+/// Encodes seven bits in each byte, the lowest first.
 fn varint(mut value: u64) -> Vec<u8> {
     let mut bytes = Vec::new();
     while value >= 0x80 {
@@ -141,12 +142,12 @@ fn varint(mut value: u64) -> Vec<u8> {
     bytes
 }
 
-/// A field of eight bytes.
+/// Encodes a field of eight bytes.
 fn double(field: u64, value: f64) -> Vec<u8> {
     [tag(field, 1), value.to_le_bytes().to_vec()].concat()
 }
 
-/// A field of text or of a message.
+/// Encodes a field of text or of a message.
 fn bytes(field: u64, value: &[u8]) -> Vec<u8> {
     [tag(field, 2), varint(value.len() as u64), value.to_vec()].concat()
 }

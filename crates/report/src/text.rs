@@ -2,7 +2,7 @@
 
 use percent_encoding::{AsciiSet, NON_ALPHANUMERIC, utf8_percent_encode};
 
-/// For HTML and XML content and quoted attributes; control characters, which XML forbids, become spaces.
+/// Escapes text for HTML and XML content and quoted attributes; control characters, which XML forbids, become spaces.
 pub fn escape_html(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in plain(text).chars() {
@@ -18,10 +18,31 @@ pub fn escape_html(text: &str) -> String {
     escaped
 }
 
-/// For Markdown on one line, also inside a table cell.
+/// Escapes a sentence for HTML content; what stands between backticks becomes `<code>`.
+pub(crate) fn html_prose(text: &str) -> String {
+    by_code(text, escape_html, |code| format!("<code>{}</code>", escape_html(code)))
+}
+
+/// Escapes a sentence for Markdown on one line, also inside a table cell; what stands between backticks stays code.
 pub(crate) fn escape_markdown(text: &str) -> String {
+    by_code(&plain(text), markdown_text, |code| format!("`{}`", code.replace('|', "\\|")))
+}
+
+/// Applies `of_code` to what stands between backticks and `of_text` to the rest, or to everything if backticks are not
+/// paired.
+fn by_code(text: &str, of_text: impl Fn(&str) -> String, of_code: impl Fn(&str) -> String) -> String {
+    let parts: Vec<&str> = text.split('`').collect();
+    let is_code = |index: usize| index % 2 == 1;
+    if is_code(parts.len() - 1) || (0..parts.len()).any(|index| is_code(index) && parts[index].is_empty()) {
+        return of_text(text);
+    }
+    let parts = parts.into_iter().enumerate();
+    parts.map(|(index, part)| if is_code(index) { of_code(part) } else { of_text(part) }).collect()
+}
+
+fn markdown_text(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
-    for c in plain(text).chars() {
+    for c in text.chars() {
         match c {
             '&' => escaped.push_str("&amp;"),
             '<' => escaped.push_str("&lt;"),
@@ -32,7 +53,7 @@ pub(crate) fn escape_markdown(text: &str) -> String {
     escaped
 }
 
-/// For LaTeX text.
+/// Escapes LaTeX text.
 pub(crate) fn escape_latex(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for c in plain(text).chars() {
@@ -58,13 +79,13 @@ pub(crate) fn escape_latex(text: &str) -> String {
     escaped
 }
 
-/// For the path of a link, with `/` between its parts: everything but letters, digits and `-._~/` as percent codes.
+/// Escapes the path of a link, with `/` between its parts: everything but letters, digits and `-._~/` as percent codes.
 pub(crate) fn escape_url(path: &str) -> String {
     const UNSAFE: &AsciiSet = &NON_ALPHANUMERIC.remove(b'-').remove(b'.').remove(b'_').remove(b'~').remove(b'/');
     utf8_percent_encode(path, UNSAFE).to_string()
 }
 
-/// Without control characters, which no output needs and some forbid.
+/// Replaces control characters, which no output needs and some forbid, by spaces.
 pub(crate) fn plain(text: &str) -> String {
     text.chars().map(|c| if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') { ' ' } else { c }).collect()
 }
@@ -77,6 +98,10 @@ mod tests {
     fn text_cannot_break_out() {
         assert_eq!(escape_html("<a b=\"c\">&'\u{0}"), "&lt;a b=&quot;c&quot;&gt;&amp;&#39; ");
         assert_eq!(escape_markdown("a|b\n<i>*"), r"a\|b &lt;i>\*");
+        assert_eq!(escape_markdown("set `loss.kl_x|y` to a_b"), r"set `loss.kl_x\|y` to a\_b");
+        assert_eq!(escape_markdown("a ` b_``"), r"a \` b\_\`\`");
+        assert_eq!(html_prose("<a> `b<c` `"), "&lt;a&gt; `b&lt;c` `");
+        assert_eq!(html_prose("<a> `b<c`"), "&lt;a&gt; <code>b&lt;c</code>");
         assert_eq!(escape_latex(r"a_b\c ± 1"), r"a\_b\textbackslash{}c $\pm$ 1");
         assert_eq!(escape_url("a b/(ü).png"), "a%20b/%28%C3%BC%29.png");
     }

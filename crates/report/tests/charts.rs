@@ -1,8 +1,8 @@
 //! Charts of ordinary, extreme and non-finite numbers.
 
 use infonerf_report::chart::{
-    Axis, Bar, Frame, Mark, Series, bar_chart, heat_map, line_chart, marked_chart, power_law_chart, scatter_chart,
-    standalone,
+    Axis, AxisScale, Bar, Frame, Mark, Series, bar_chart, heat_map, line_chart, marked_chart, power_law_chart,
+    scatter_chart, standalone,
 };
 use proptest::prelude::*;
 
@@ -10,9 +10,9 @@ fn series(name: &str, points: Vec<(f64, f64)>) -> Series {
     Series { name: name.into(), points }
 }
 
-/// Every chart of the same numbers.
-fn all_charts(points: Vec<(f64, f64)>, log: bool) -> Vec<String> {
-    let axis = |label: &str| Axis { label: label.into(), log };
+/// Draws every chart of the same numbers.
+fn all_charts(points: Vec<(f64, f64)>, scale: AxisScale) -> Vec<String> {
+    let axis = |label: &str| Axis { label: label.into(), scale };
     let frame = Frame { title: "Title".into(), x: axis("x"), y: axis("y") };
     let bars = points.iter().map(|&(x, y)| Bar { label: "b".into(), value: x, spread: Some(y) }).collect::<Vec<_>>();
     let grid = vec![points.iter().map(|point| Some(point.0)).collect(), vec![None]];
@@ -30,13 +30,13 @@ fn all_charts(points: Vec<(f64, f64)>, log: bool) -> Vec<String> {
 }
 
 #[test]
-fn the_exponent_is_in_the_legend() {
+fn legend_has_the_exponent() {
     let cost = series("rays", (0..5).map(|i| (2f64.powi(i), 3.0 * 2f64.powi(2 * i))).collect());
     let svg = power_law_chart(&Frame::new("Cost", "rays", "ms"), &[cost]).unwrap();
     assert!(svg.contains("rays: x^2.00"), "{svg}");
 }
 
-/// Others' figures beside curves, as text and as a picture.
+/// Published figures next to curves, as SVG and as an image.
 #[test]
 fn marks_have_their_labels() {
     let frame =
@@ -71,15 +71,15 @@ fn ink_follows_the_page_and_a_file_has_its_own() {
 
 #[test]
 fn no_numbers_make_an_empty_chart() {
-    for svg in all_charts(Vec::new(), true) {
+    for svg in all_charts(Vec::new(), AxisScale::Log) {
         assert!(svg.contains("Title") && svg.trim_end().ends_with("</svg>"));
     }
 }
 
 proptest! {
     #[test]
-    fn any_numbers_make_a_chart(points in prop::collection::vec((prop::num::f64::ANY, prop::num::f64::ANY), 0..6), log: bool) {
-        for svg in all_charts(points, log) {
+    fn any_numbers_make_a_chart(points in prop::collection::vec((prop::num::f64::ANY, prop::num::f64::ANY), 0..6), scale in 0usize..3) {
+        for svg in all_charts(points, AxisScale::ALL[scale]) {
             prop_assert!(svg.trim_end().ends_with("</svg>"));
             prop_assert!(!svg.contains("NaN"));
         }

@@ -1,5 +1,6 @@
 //! Integration tests of infonerf-report, in one program.
 
+mod browser;
 mod charts;
 mod report;
 mod schema;

@@ -1,4 +1,4 @@
-//! A report of runs on disk, whole and damaged.
+//! Reports of runs on disk, whole and damaged.
 
 use std::{
     fs,
@@ -11,19 +11,19 @@ use infonerf_report::{
     Claim, Comparison, Figure, Published, PublishedRow, Quantity, Record, Relation, ReportInput, Side, TestViews,
     VIEWER_PAGE,
     chart::{Axis, Frame, Series, heat_map, power_law_chart, scatter_chart},
-    depth_image, error_image, panel, read_records, run_directory, save_record, write_report,
+    depth_image, error_image, panel, run_directory, write_report,
 };
 
-/// Two scenes, two variants, two seeds, with pictures of a soft disc and with events.
-fn example(root: &Path) -> Vec<Record> {
+/// Writes two scenes, two variants and two seeds, with images of a soft disc and with events.
+pub(crate) fn example(root: &Path) -> Vec<Record> {
     let mut records = Vec::new();
     for (variant, offset) in [("nerf", 0.0), ("infonerf", 2.6)] {
         for (scene, psnr) in [("knot", 16.4), ("rods-holes", 15.1)] {
             for seed in 0..2 {
                 let record = record(scene, variant, seed, psnr + offset + 0.3 * seed as f64);
-                records = save_record(root, &record).unwrap();
                 pictures(root, &record, offset as f32);
                 events(root, &record);
+                records.push(record);
             }
         }
     }
@@ -60,12 +60,11 @@ fn record(scene: &str, variant: &str, seed: u64, psnr: f64) -> Record {
     }
 }
 
-/// All metrics, some of them not measured.
+/// Returns all metrics, some of them not measured.
 fn metrics(psnr: f64) -> Values {
     let value = |key: &str| match key {
         "psnr" => Some(psnr),
         "ssim" => Some(0.4 + psnr / 50.0),
-        "gmsd" => Some(0.2),
         "sharpness" => Some(0.04 * psnr),
         "depth_error" => Some(6.0 / psnr),
         _ => None,
@@ -122,47 +121,15 @@ fn events(root: &Path, record: &Record) {
     fs::write(folder(root, record).join("metrics.jsonl"), lines + "{\"event\":\"st").unwrap();
 }
 
-/// What benchmarks add: a frontier of many budgets, a fitted cost, a grid search.
-fn bench_figures() -> Vec<Figure> {
-    let figure =
-        |name: &str, svg: String| Figure { name: name.into(), title: name.into(), svg, caption: String::new() };
-    let curve = |name: &str, top: f64, rate: f64| {
-        let psnr = |seconds: f64| top * (1.0 - (-rate * seconds.sqrt()).exp());
-        Series { name: name.into(), points: [5.0, 10.0, 20.0, 60.0, 300.0].map(|s| (s, psnr(s))).to_vec() }
-    };
-    let variants = [curve("grid", 19.6, 1.1), curve("mlp", 21.0, 0.4), curve("factorised", 20.6, 0.7)];
-    let time = Frame { title: "Pareto".into(), x: Axis::log("training (s)"), y: Axis::linear("PSNR (dB)") };
-    let cost = |name: &str, power: f64| {
-        let points =
-            (0..7).map(|i| (2f64.powi(i + 8), 0.01 * (2f64.powi(i + 8)).powf(power) * (1.0 + 0.1 * f64::from(i % 2))));
-        Series { name: name.into(), points: points.collect() }
-    };
-    let costs = [cost("step", 0.97), cost("render", 1.02)];
-    let labels = |values: [&str; 4]| values.map(str::to_owned).to_vec();
-    let grid: Vec<Vec<Option<f64>>> = (0..4)
-        .map(|y| (0..4).map(|x| (x + y < 6).then(|| 16.0 + f64::from(3 * x * (4 - x) - y * y) / 4.0)).collect())
-        .collect();
-    let (weights, rates) = (labels(["0", "1e-4", "1e-3", "1e-2"]), labels(["1e-4", "5e-4", "1e-3", "5e-3"]));
-    vec![
-        figure("pareto", scatter_chart(&time, &variants, true).unwrap()),
-        figure("scale", power_law_chart(&Frame::new("Cost of a step", "rays", "milliseconds"), &costs).unwrap()),
-        figure(
-            "sweep",
-            heat_map(&Frame::new("PSNR (dB)", "entropy weight", "learning rate"), &weights, &rates, &grid).unwrap(),
-        ),
-    ]
-}
-
-/// Loss terms of the runs, each with a chart per scene.
+/// Number of variants, each with a chart of its loss terms per scene.
 const TERMS: usize = 2;
 
 #[test]
-fn the_page_holds_everything_and_links_nothing() {
+fn page_holds_everything_and_links_nothing() {
     let root = tempfile::tempdir().unwrap();
     let records = example(root.path());
     let mut input = ReportInput::new("synthetic-4view", "NeRF & InfoNeRF from <few> views", records);
     input.warnings.push("procedural scenes: no data folder was given".into());
-    input.figures.extend(bench_figures());
     let files = write_report(&input, root.path()).unwrap();
     if let Ok(kept) = std::env::var("KEEP_REPORT") {
         fs::copy(&files.html, kept).unwrap();
@@ -173,9 +140,10 @@ fn the_page_holds_everything_and_links_nothing() {
     assert!(html.contains("procedural scenes: no data folder was given"));
     assert_eq!(html.matches("every-8 (25)").count(), 1, "the protocol stands once");
     assert!(html.contains("<td class=\"best\">18.50 ± 0.21</td>"));
-    // 2 scenes × 3 views × (truth + 2 variants × render, depth, error), and the figure of all scenes
-    assert_eq!(html.matches("data:image/png;base64,").count(), 42 + 1);
-    assert_eq!(html.matches("<svg ").count(), 3 + 3 + 2 * (2 + TERMS));
+    // 2 scenes × 3 views × (truth + 2 variants × render, depth, error), and truth and renders of both scenes at the top
+    assert_eq!(html.matches("data:image/png;base64,").count(), 42 + 6);
+    assert!(html.find("<img").unwrap() < html.find("<table").unwrap(), "the figure stands before the tables");
+    assert_eq!(html.matches("<svg ").count(), 3 + 2 * (2 + TERMS));
     for link in ["src=\"http", "href=\"http", "url(", "@import", "<link"] {
         assert!(!html.contains(link), "{link}");
     }
@@ -184,7 +152,7 @@ fn the_page_holds_everything_and_links_nothing() {
 }
 
 #[test]
-fn a_page_in_3d_is_opened_in_place() {
+fn page_in_3d_is_opened_in_place() {
     let root = tempfile::tempdir().unwrap();
     let records = example(root.path());
     fs::write(folder(root.path(), &records[0]).join(VIEWER_PAGE), "<!doctype html>").unwrap();
@@ -213,7 +181,7 @@ fn every_link_of_the_markdown_report_leads_to_a_file() {
 
 /// Truth, and render and depth of two variants, a row per scene.
 #[test]
-fn the_figure_of_papers() {
+fn panel_has_a_row_for_each_scene() {
     let root = tempfile::tempdir().unwrap();
     let mut records = example(root.path());
     records.retain(|record| record.scene == "knot" || record.variant == "nerf");
@@ -231,11 +199,11 @@ fn the_figure_of_papers() {
     let blank = |left: u32| (0..240).all(|y| figure.get_pixel(left + 120, 264 + 24 + y).0 == [255; 3]);
     assert!(blank(8 + 3 * 248) && !blank(8), "the second scene has no infonerf");
     let error = panel(&input, root.path(), Some(7)).unwrap_err().to_string();
-    assert!(error.ends_with("no run has a picture of test view 7"), "{error}");
+    assert!(error.ends_with("no run has an image of test view 7"), "{error}");
 }
 
 #[test]
-fn what_is_missing_is_named_and_the_rest_is_shown() {
+fn missing_files_are_named_and_the_rest_is_shown() {
     let root = tempfile::tempdir().unwrap();
     let mut records = example(root.path());
     records[0].collapsed = true;
@@ -252,11 +220,11 @@ fn what_is_missing_is_named_and_the_rest_is_shown() {
     assert!(named("knot/nerf/seed0/depth/000.png: "), "{:?}", files.missing);
     assert!(named("knot/nerf/seed0/error/000.png: "), "{:?}", files.missing);
     assert!(named("knot/nerf/seed0/metrics.jsonl: "), "{:?}", files.missing);
-    assert!(named("rods-holes/infonerf/seed0/test: no pictures"), "{:?}", files.missing);
+    assert!(named("rods-holes/infonerf/seed0/test: no images"), "{:?}", files.missing);
 }
 
 #[test]
-fn a_report_of_nothing_is_a_page() {
+fn report_without_runs_is_a_page() {
     let root = tempfile::tempdir().unwrap();
     let files = write_report(&ReportInput::default(), root.path()).unwrap();
     assert!(fs::read_to_string(files.html).unwrap().ends_with("</html>\n"));
@@ -273,7 +241,7 @@ fn text_from_outside_stays_text() {
     let mut input = ReportInput::new(hostile, hostile, vec![record, other]);
     input.warnings.push(hostile.into());
     input.figures.push(Figure {
-        name: "../x".into(),
+        name: "../λ₁".into(),
         title: hostile.into(),
         svg: "<svg ></svg>".into(),
         caption: hostile.into(),
@@ -291,18 +259,16 @@ fn text_from_outside_stays_text() {
     input.published = Some(Published { source: hostile.into(), rows: vec![row], footnotes: vec![hostile.into()] });
     let files = write_report(&input, root.path()).unwrap();
     let html = fs::read_to_string(files.html).unwrap();
-    assert!(html.contains("Beside the paper: &lt;script&gt;") && html.contains("undecided"));
+    assert!(html.contains("Next to the paper: &lt;script&gt;") && html.contains("undecided"));
     assert!(!html.contains("<script>alert"));
     assert!(!fs::read_to_string(files.markdown).unwrap().contains("<script>alert"));
-    assert!(root.path().join("plots/---x.svg").is_file());
+    assert!(root.path().join("plots/---lambda1.svg").is_file());
 }
 
 #[test]
 fn results_have_the_keys_of_the_contract_in_order() {
-    let root = tempfile::tempdir().unwrap();
     let saved = record("knot", "nerf", 0, 16.4);
-    save_record(root.path(), &saved).unwrap();
-    let text = fs::read_to_string(root.path().join("results.json")).unwrap();
+    let text = serde_json::to_string_pretty(&[&saved]).unwrap();
     let keys: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("    \"")?.split('"').next()).collect();
     let expected = "experiment scene variant seed preset device train_views test_views evaluation image_size iterations train_seconds \
                     render_seconds_per_image samples_total samples_evaluated METRICS \
@@ -311,5 +277,5 @@ fn results_have_the_keys_of_the_contract_in_order() {
     assert!(metrics.starts_with(&["psnr", "ssim", "lpips_alex", "lpips_vgg"]));
     assert_eq!(keys, expected.replace("METRICS", &metrics.join(" ")).split_whitespace().collect::<Vec<_>>());
     assert!(text.contains("\"lpips_alex\": null"));
-    assert_eq!(read_records(&root.path().join("results.json")).unwrap(), [saved]);
+    assert_eq!(serde_json::from_str::<Vec<Record>>(&text).unwrap(), [saved]);
 }

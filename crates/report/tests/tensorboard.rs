@@ -11,7 +11,6 @@ use infonerf_report::{tensorboard_events, write_tensorboard};
 const LOG: &str = include_str!("tensorboard/metrics.jsonl");
 const NAME: &str = "events.out.tfevents.infonerf";
 
-/// The bytes are those that TensorBoard's reader was shown.
 #[test]
 fn bytes_are_those_that_tensorboard_read() {
     let written = tensorboard_events(LOG, UNIX_EPOCH + Duration::from_secs(1_700_000_000));
@@ -23,7 +22,7 @@ fn bytes_are_those_that_tensorboard_read() {
 }
 
 #[test]
-fn every_log_below_a_folder_gets_a_file_beside_it() {
+fn every_log_below_a_folder_has_an_event_file_next_to_it() {
     let folder = tempfile::tempdir().unwrap();
     let error = write_tensorboard(folder.path()).unwrap_err().to_string();
     assert!(error.contains("no metrics.jsonl"), "{error}");

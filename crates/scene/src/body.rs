@@ -12,7 +12,7 @@ pub struct Body {
 }
 
 impl Body {
-    /// A body whose own frame is the world frame.
+    /// Returns a body whose own frame is the world frame.
     pub fn unposed(vertices: Vec<Vec3>) -> Self {
         Self { vertices, axes: Mat3::IDENTITY, origin: Vec3::ZERO }
     }

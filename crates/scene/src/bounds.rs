@@ -14,13 +14,13 @@ pub struct Aabb {
 }
 
 impl Aabb {
-    /// The cube `centre ± half`.
+    /// Returns the cube `centre ± half`.
     pub fn cube(centre: Vec3, half: f32) -> Self {
         let half = Vec3::splat(half.abs());
         Self { min: centre - half, max: centre + half }
     }
 
-    /// The smallest box that holds all `points`, or `None` where there are none.
+    /// Returns the smallest box that holds all `points`, or `None` where there are none.
     pub fn containing(points: impl IntoIterator<Item = Vec3>) -> Option<Self> {
         points
             .into_iter()
@@ -28,12 +28,12 @@ impl Aabb {
             .reduce(|a, b| Self { min: a.min.min(b.min), max: a.max.max(b.max) })
     }
 
-    /// The middle of the box.
+    /// Returns the middle of the box.
     pub fn centre(&self) -> Vec3 {
         0.5 * (self.min + self.max)
     }
 
-    /// Edge lengths.
+    /// Returns edge lengths.
     pub fn size(&self) -> Vec3 {
         self.max - self.min
     }
@@ -43,7 +43,7 @@ impl Aabb {
         p.cmpge(self.min).all() && p.cmple(self.max).all()
     }
 
-    /// The part `(t_enter, t_exit)` of the ray, `0 ≤ t_enter ≤ t_exit`, that lies in the box.
+    /// Returns the part `(t_enter, t_exit)` of the ray, `0 ≤ t_enter ≤ t_exit`, that lies in the box.
     ///
     /// Slab method. From inside, `t_enter` is 0. A ray parallel to a slab is inside it or misses,
     /// and one that lies in a face counts as inside; neither result is ever NaN. A ray that only

@@ -31,7 +31,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A camera with square pixels and a centred principal point.
+    /// Returns a camera with square pixels and a centred principal point.
     ///
     /// `fov_x` is the horizontal field of view in radians: `fx = 0.5 · width / tan(0.5 · fov_x)`.
     pub fn from_fov(width: u32, height: u32, fov_x: f64, to_world: DMat4) -> Self {
@@ -40,18 +40,18 @@ impl Camera {
         Self { width, height, fx: f, fy: f, cx, cy, to_world, lens: Lens::PERSPECTIVE }
     }
 
-    /// A camera without distortion, from focal lengths and principal point in pixels.
+    /// Returns a camera without distortion, from focal lengths and principal point in pixels.
     pub fn pinhole(size: (u32, u32), focal: [f64; 2], centre: [f64; 2], to_world: DMat4) -> Self {
         let ((width, height), [fx, fy], [cx, cy]) = (size, focal, centre);
         Self { width, height, fx, fy, cx, cy, to_world, lens: Lens::PERSPECTIVE }
     }
 
-    /// The same camera behind another lens.
+    /// Returns the camera with its lens replaced.
     pub fn with_lens(&self, lens: Lens) -> Self {
         Self { lens, ..self.clone() }
     }
 
-    /// The ray through the continuous pixel position `(x, y)`, with unit direction and the pixel's cone.
+    /// Returns the ray through the continuous pixel position `(x, y)`, with unit direction and the pixel's cone.
     ///
     /// At depth `z` a pixel is `z/f` wide with `f = √(fx · fy)` times the lens's magnification there, and the cone's radius
     /// is `2/√12` of that, so that its variance in x and y is that of the pixel (mip-NeRF, Sec. 3.1). Depth along a unit
@@ -71,7 +71,7 @@ impl Camera {
         Ray { origin: origin.as_vec3(), direction: direction.as_vec3(), radius: radius as f32, cosine: cosine as f32 }
     }
 
-    /// [`Camera::ray`] in double precision: origin and unit direction.
+    /// Returns [`Camera::ray`] in double precision: origin and unit direction.
     pub fn ray_f64(&self, x: f64, y: f64) -> (DVec3, DVec3) {
         let (u, v) = ((x - self.cx) / self.fx, (self.cy - y) / self.fy);
         let local = if self.lens.is_perspective() {
@@ -90,31 +90,30 @@ impl Camera {
         self.lens.is_perspective() || self.lens.unproject(image).is_some()
     }
 
-    /// The continuous pixel position of a world point, or `None` where it is not in front of the
+    /// Returns the continuous pixel position of a world point, or `None` where it is not in front of the
     /// camera, or outside what its lens can be inverted on. The position may lie outside the image.
     pub fn project(&self, p: Vec3) -> Option<Vec2> {
         self.project_f64(p.as_dvec3()).map(|p| p.as_vec2())
     }
 
-    /// [`Camera::project`] in double precision.
+    /// Returns [`Camera::project`] in double precision.
     pub fn project_f64(&self, p: DVec3) -> Option<DVec2> {
         let local = self.rotation().transpose() * (p - self.position_f64());
         let image = self.lens.project(DVec3::new(local.x, -local.y, -local.z))?;
         Some(DVec2::new(self.cx + self.fx * image.x, self.cy + self.fy * image.y))
     }
 
-    /// The optical centre in world coordinates.
+    /// Returns the optical centre in world coordinates.
     pub fn position(&self) -> Vec3 {
         self.position_f64().as_vec3()
     }
 
-    /// The unit viewing direction in world coordinates.
+    /// Returns the unit viewing direction in world coordinates.
     pub fn forward(&self) -> Vec3 {
         self.forward_f64().as_vec3()
     }
 
-    /// The same camera for an image of another size; focal lengths and principal point scale with
-    /// width and height.
+    /// Scales the camera to an image of `width × height` pixels; focal lengths and principal point scale with each side.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let sx = f64::from(width) / f64::from(self.width);
         let sy = f64::from(height) / f64::from(self.height);
@@ -130,28 +129,54 @@ impl Camera {
         }
     }
 
-    /// The same intrinsics at another camera-to-world pose.
+    /// Returns a camera with these intrinsics at the camera-to-world pose `to_world`.
     pub fn with_pose(&self, to_world: DMat4) -> Self {
         Self { to_world, ..self.clone() }
     }
 
-    /// The camera's axes in the world, as columns: right, up and back.
+    /// Returns the camera for its image turned clockwise by 90° `quarters` times: every pixel keeps its ray.
+    ///
+    /// A quarter turn takes pixel `(x, y)` to `(height − y, x)`; what was up points right.
+    pub fn turned(&self, quarters: u8) -> Self {
+        (0..quarters % 4).fold(self.clone(), |camera, _| {
+            let m = camera.to_world;
+            Self {
+                width: camera.height,
+                height: camera.width,
+                fx: camera.fy,
+                fy: camera.fx,
+                cx: f64::from(camera.height) - camera.cy,
+                cy: camera.cx,
+                to_world: DMat4::from_cols(m.y_axis, -m.x_axis, m.z_axis, m.w_axis),
+                lens: camera.lens.turned(),
+            }
+        })
+    }
+
+    /// Returns the camera for its image in the middle of a canvas of `width × height` pixels.
+    pub fn framed(&self, width: u32, height: u32) -> Self {
+        let margin = |side: u32, own: u32| ((i64::from(side) - i64::from(own)) / 2) as f64;
+        let (cx, cy) = (self.cx + margin(width, self.width), self.cy + margin(height, self.height));
+        Self { width, height, cx, cy, ..self.clone() }
+    }
+
+    /// Returns the camera's axes in the world, as columns: right, up and back.
     pub fn rotation(&self) -> DMat3 {
         DMat3::from_mat4(self.to_world)
     }
 
-    /// [`Camera::position`] in `f64`.
+    /// Returns [`Camera::position`] in `f64`.
     pub fn position_f64(&self) -> DVec3 {
         self.to_world.w_axis.truncate()
     }
 
-    /// [`Camera::forward`] in `f64`.
+    /// Returns [`Camera::forward`] in `f64`.
     pub fn forward_f64(&self) -> DVec3 {
         -self.to_world.z_axis.truncate()
     }
 }
 
-/// The camera-to-world pose at `position` that looks along `forward`, its y axis as near to `up` as
+/// Returns the camera-to-world pose at `position` that looks along `forward`, its y axis as near to `up` as
 /// can be. An `up` parallel to `forward` is replaced by a coordinate axis.
 pub fn look_along(position: DVec3, forward: DVec3, up: DVec3) -> DMat4 {
     let back = -forward.normalize_or(DVec3::NEG_Z);
@@ -185,6 +210,22 @@ mod tests {
         let ray = camera.ray(20.0, 15.0);
         assert!((ray.direction - camera.forward()).length() < 1e-6);
         assert_eq!(ray.origin, camera.position());
+    }
+
+    #[test]
+    fn turned_and_framed_cameras_keep_their_rays() {
+        let lens = Lens::radial_tangential([0.05, -0.02, 0.0, 0.0], [1e-3, -2e-3]);
+        let mut camera = camera().with_lens(lens);
+        (camera.fy, camera.cx, camera.cy) = (1.1 * camera.fx, 18.0, 16.5);
+        let apart = |a: Ray, b: Ray| a.direction.distance(b.direction) + a.origin.distance(b.origin);
+        for (x, y) in [(0.0, 0.0), (31.0, 4.0), (12.5, 29.0)] {
+            let (ray, quarter) = (camera.ray(x, y), camera.turned(1));
+            assert_eq!((quarter.width, quarter.height), (30, 40));
+            assert!(apart(quarter.ray(30.0 - y, x), ray) < 1e-6);
+            assert!(apart(camera.turned(3).ray(y, 40.0 - x), ray) < 1e-6);
+            assert!(apart(camera.turned(2).ray(40.0 - x, 30.0 - y), ray) < 1e-6);
+            assert!(apart(camera.framed(45, 30).ray(x + 2.0, y), ray) < 1e-6);
+        }
     }
 
     #[test]

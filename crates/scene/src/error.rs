@@ -11,9 +11,9 @@ pub enum SceneError {
     /// A file or folder that is needed is not there.
     #[error("{}: not found; expected {expected}", .path.display())]
     NotFound {
-        /// What was looked for.
+        /// The missing file or folder.
         path: PathBuf,
-        /// What should have been there.
+        /// Description of the file or folder that is needed.
         expected: String,
     },
     /// The operating system refused to read or write.
@@ -29,7 +29,7 @@ pub enum SceneError {
     Malformed {
         /// The file concerned.
         path: PathBuf,
-        /// What the file should hold.
+        /// Description of a valid file.
         expected: String,
         /// The decoder's reason, with the position where it has one.
         reason: String,
@@ -41,9 +41,9 @@ pub enum SceneError {
         path: PathBuf,
         /// The path of the field within it, such as `frames[3].transform_matrix`.
         field: String,
-        /// What the field should hold.
+        /// Description of a valid value.
         expected: String,
-        /// What it holds.
+        /// Description of the value found.
         found: String,
     },
     /// A file or image larger than the limit for reading it.
@@ -51,9 +51,9 @@ pub enum SceneError {
     TooLarge {
         /// The file concerned.
         path: PathBuf,
-        /// What is too large.
+        /// Name of the quantity that is too large.
         what: &'static str,
-        /// Its size.
+        /// Size of the file or image.
         size: u64,
         /// The largest size accepted.
         limit: u64,
@@ -63,9 +63,9 @@ pub enum SceneError {
     Request {
         /// The field of the request.
         field: &'static str,
-        /// What it should hold.
+        /// Description of a valid value.
         expected: String,
-        /// What it holds.
+        /// Description of the value found.
         found: String,
     },
     /// A name that no built-in scene has.
@@ -79,17 +79,17 @@ pub enum SceneError {
 }
 
 impl SceneError {
-    /// A [`SceneError::Io`].
+    /// Returns a [`SceneError::Io`].
     pub fn io(path: &Path, reason: std::io::Error) -> Self {
         Self::Io { path: path.into(), reason }
     }
 
-    /// A [`SceneError::Malformed`], with its reason in one line.
+    /// Returns a [`SceneError::Malformed`], with its reason in one line.
     pub fn malformed(path: &Path, expected: impl Into<String>, reason: impl std::fmt::Display) -> Self {
         Self::Malformed { path: path.into(), expected: expected.into(), reason: one_line(&reason) }
     }
 
-    /// A [`SceneError::Field`], with what was found in one line.
+    /// Returns a [`SceneError::Field`], with what was found in one line.
     pub fn field(
         path: &Path,
         field: impl Into<String>,
@@ -99,13 +99,13 @@ impl SceneError {
         Self::Field { path: path.into(), field: field.into(), expected: expected.into(), found: one_line(&found) }
     }
 
-    /// A [`SceneError::Request`], with what was found in one line.
+    /// Returns a [`SceneError::Request`], with what was found in one line.
     pub fn request(field: &'static str, expected: impl Into<String>, found: impl std::fmt::Display) -> Self {
         Self::Request { field, expected: expected.into(), found: one_line(&found) }
     }
 }
 
-/// The text of `value` with line breaks replaced and cut to a readable length.
+/// Returns the text of `value` with line breaks replaced and cut to a readable length.
 fn one_line(value: &impl std::fmt::Display) -> String {
     const LONGEST: usize = 300;
     let text = value.to_string();

@@ -44,14 +44,14 @@ impl fmt::Display for Format {
     }
 }
 
-/// What is behind the scene's content in its images.
+/// Background of the scene's content in its images.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Backdrop {
     /// One known colour, the scene's `background`, which transparent pixels were composited on.
     #[default]
     Colour,
-    /// Whatever the camera saw.
+    /// Unknown: whatever the camera saw.
     Unknown,
 }
 

@@ -15,12 +15,12 @@ const INWARD: f64 = 0.5;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layout {
-    /// They surround an object and look at it.
+    /// Cameras that surround an object and look at it.
     #[default]
     Object,
-    /// They stand side by side and look one way.
+    /// Cameras side by side that look one way.
     Forward,
-    /// They look outward, as from within a room.
+    /// Cameras that look outward, as from within a room.
     Inside,
 }
 
@@ -35,7 +35,7 @@ impl fmt::Display for Layout {
 }
 
 impl Layout {
-    /// The layout of `cameras`, from their poses alone. A single camera is forward facing.
+    /// Returns the layout of `cameras`, from their poses alone. A single camera is forward facing.
     pub fn of(cameras: &[Camera]) -> Self {
         if cameras.is_empty() {
             return Self::Object;

@@ -60,7 +60,7 @@ impl Lens {
     /// A lens without distortion.
     pub const PERSPECTIVE: Self = Self { model: LensModel::Perspective, reach: f64::INFINITY };
 
-    /// The lens of a model. A radial-tangential model whose coefficients are all 0 is [`Lens::PERSPECTIVE`].
+    /// Returns the lens of a model. A radial-tangential model whose coefficients are all 0 is [`Lens::PERSPECTIVE`].
     pub fn new(model: LensModel) -> Self {
         match model {
             LensModel::Perspective => Self::PERSPECTIVE,
@@ -72,23 +72,33 @@ impl Lens {
         }
     }
 
-    /// A lens with the coefficients of nerfstudio's and OpenCV's polynomial model.
+    /// Returns a lens with the coefficients of nerfstudio's and OpenCV's polynomial model.
     pub fn radial_tangential(k: [f64; 4], p: [f64; 2]) -> Self {
         Self::new(LensModel::RadialTangential { k, q: [0.0; 3], p })
     }
 
-    /// A lens with the coefficients of COLMAP's FULL_OPENCV: `k₁` to `k₃` above, `k₄` to `k₆` below the line.
+    /// Returns a lens with the coefficients of COLMAP's FULL_OPENCV: `k₁` to `k₃` above, `k₄` to `k₆` below the line.
     pub fn rational(k: [f64; 6], p: [f64; 2]) -> Self {
         let [k1, k2, k3, k4, k5, k6] = k;
         Self::new(LensModel::RadialTangential { k: [k1, k2, k3, 0.0], q: [k4, k5, k6], p })
     }
 
-    /// A fisheye with the coefficients of OPENCV_FISHEYE.
+    /// Returns a fisheye with the coefficients of OPENCV_FISHEYE.
     pub fn fisheye(k: [f64; 4]) -> Self {
         Self::new(LensModel::Fisheye { k })
     }
 
-    /// The lens's distortion model.
+    /// Returns the lens for the image turned clockwise by 90°, `(x, y) ↦ (−y, x)`: the tangential part turns along.
+    pub(crate) fn turned(&self) -> Self {
+        match self.model {
+            LensModel::RadialTangential { k, q, p: [p1, p2] } => {
+                Self { model: LensModel::RadialTangential { k, q, p: [p2, -p1] }, reach: self.reach }
+            }
+            _ => *self,
+        }
+    }
+
+    /// Returns the lens's distortion model.
     pub fn model(&self) -> LensModel {
         self.model
     }
@@ -98,7 +108,7 @@ impl Lens {
         self.model == LensModel::Perspective
     }
 
-    /// The image point of `(x, y)` in the plane at depth 1, or `None` outside the invertible domain.
+    /// Returns the image point of `(x, y)` in the plane at depth 1, or `None` outside the invertible domain.
     pub fn distort(&self, point: DVec2) -> Option<DVec2> {
         if !point.is_finite() {
             return None;
@@ -114,8 +124,8 @@ impl Lens {
         }
     }
 
-    /// The point of the plane at depth 1 that falls at `image`: the inverse of [`Lens::distort`], to 1e-9 and better.
-    /// `None` where there is none, as beyond 90°.
+    /// Returns the point of the plane at depth 1 that falls at `image`: the inverse of [`Lens::distort`], to 1e-9 and
+    /// better. `None` where there is none, as beyond 90°.
     pub fn undistort(&self, image: DVec2) -> Option<DVec2> {
         if self.is_perspective() {
             return image.is_finite().then_some(image);
@@ -124,7 +134,7 @@ impl Lens {
         (direction.z > 1e-9).then(|| direction.truncate() / direction.z)
     }
 
-    /// The image point of a direction of any length, or `None` outside the invertible domain.
+    /// Returns the image point of a direction of any length, or `None` outside the invertible domain.
     pub fn project(&self, direction: DVec3) -> Option<DVec2> {
         match &self.model {
             LensModel::Fisheye { .. } => {
@@ -141,7 +151,7 @@ impl Lens {
         }
     }
 
-    /// The unit direction whose image point is `image`, or `None` outside the invertible domain.
+    /// Returns the unit direction whose image point is `image`, or `None` outside the invertible domain.
     pub fn unproject(&self, image: DVec2) -> Option<DVec3> {
         if !image.is_finite() {
             return None;
@@ -171,8 +181,9 @@ impl Lens {
         self.unproject(image * inside).unwrap_or(DVec3::Z)
     }
 
-    /// The magnification in `direction` (unit length) relative to the axis: the square root of the change in area. 1 for a
-    /// perspective lens, measured in the plane at depth 1; for a fisheye measured on the sphere and divided by the cosine, so that `cos θ / magnification` is the width of an image point at distance 1.
+    /// Returns the magnification in `direction` (unit length) relative to the axis: the square root of the change in
+    /// area. 1 for a perspective lens, measured in the plane at depth 1; for a fisheye measured on the sphere and
+    /// divided by the cosine, so that `cos θ / magnification` is the width of an image point at distance 1.
     pub fn magnification(&self, direction: DVec3) -> f64 {
         let scale = match &self.model {
             LensModel::Perspective => return 1.0,
@@ -182,20 +193,21 @@ impl Lens {
             LensModel::Fisheye { .. } => {
                 let r = direction.truncate().length();
                 let angle = r.atan2(direction.z);
-                let (value, slope) = self.profile(angle);
+                let (value, derivative) = self.profile(angle);
                 let along = if r > 1e-9 { value / r } else { 1.0 };
-                (along * slope.max(0.0)).sqrt() * direction.z.abs().max(1e-6)
+                (along * derivative.max(0.0)).sqrt() * direction.z.abs().max(1e-6)
             }
         };
         scale.max(1e-6)
     }
 
-    /// The radial part and its derivative: from the tangent of the angle, or the angle, to the distance in the image.
+    /// Returns the radial part and its derivative: from the tangent of the angle, or the angle, to the distance in the
+    /// image.
     fn profile(&self, r: f64) -> (f64, f64) {
         profile(&self.model, r)
     }
 
-    /// The inverse of the radial part: bracketed Newton steps.
+    /// Returns the inverse of the radial part: bracketed Newton steps.
     fn unprofile(&self, value: f64) -> Option<f64> {
         let (mut low, mut high) = (0.0, self.reach);
         let end = self.profile(high).0;
@@ -204,14 +216,14 @@ impl Lens {
         }
         let mut r = value.min(high);
         for _ in 0..100 {
-            let (found, slope) = self.profile(r);
+            let (found, derivative) = self.profile(r);
             let rest = found - value;
             if rest > 0.0 {
                 high = r
             } else {
                 low = r
             }
-            let next = r - rest / slope;
+            let next = r - rest / derivative;
             let next = if next > low && next < high { next } else { 0.5 * (low + high) };
             if (next - r).abs() <= 1e-16 * r.max(1e-3) || rest == 0.0 {
                 break;
@@ -221,7 +233,7 @@ impl Lens {
         Some(r)
     }
 
-    /// The whole radial-tangential map.
+    /// Returns the whole radial-tangential map.
     fn bend(&self, point: DVec2) -> DVec2 {
         let LensModel::RadialTangential { p: [p1, p2], .. } = self.model else { return point };
         let (x, y) = (point.x, point.y);
@@ -233,19 +245,19 @@ impl Lens {
         )
     }
 
-    /// The derivative of [`Lens::bend`].
+    /// Returns the derivative of [`Lens::bend`].
     fn jacobian(&self, point: DVec2) -> DMat2 {
         let LensModel::RadialTangential { p: [p1, p2], .. } = self.model else { return DMat2::IDENTITY };
         let (x, y) = (point.x, point.y);
-        let (d, slope) = factor(&self.model, x * x + y * y);
-        let cross = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y;
+        let (d, derivative) = factor(&self.model, x * x + y * y);
+        let cross = 2.0 * x * y * derivative + 2.0 * p1 * x + 2.0 * p2 * y;
         DMat2::from_cols(
-            DVec2::new(d + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x, cross),
-            DVec2::new(cross, d + 2.0 * y * y * slope + 2.0 * p2 * x + 6.0 * p1 * y),
+            DVec2::new(d + 2.0 * x * x * derivative + 2.0 * p1 * y + 6.0 * p2 * x, cross),
+            DVec2::new(cross, d + 2.0 * y * y * derivative + 2.0 * p2 * x + 6.0 * p1 * y),
         )
     }
 
-    /// The inverse of [`Lens::bend`]: the radial part by itself, then Newton steps in the plane.
+    /// Returns the inverse of [`Lens::bend`]: the radial part by itself, then Newton steps in the plane.
     fn unbend(&self, image: DVec2) -> Option<DVec2> {
         let LensModel::RadialTangential { p, .. } = self.model else { return Some(image) };
         let radius = image.length();
@@ -276,7 +288,7 @@ impl Lens {
 }
 
 impl fmt::Display for Lens {
-    /// The model's name and its coefficients, such as `OPENCV_FISHEYE k 0.1 0 0 0`.
+    /// Writes the model's name and its coefficients, such as `OPENCV_FISHEYE k 0.1 0 0 0`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let list = |values: &[f64]| values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ");
         match &self.model {
@@ -293,37 +305,37 @@ impl fmt::Display for Lens {
     }
 }
 
-/// The radial factor `d` and its derivative by `r²`.
+/// Returns the radial factor `d` and its derivative by `r²`.
 fn factor(model: &LensModel, r2: f64) -> (f64, f64) {
     let LensModel::RadialTangential { k: [k1, k2, k3, k4], q: [q1, q2, q3], .. } = model else { return (1.0, 0.0) };
     let above = 1.0 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)));
-    let above_slope = k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4));
+    let above_derivative = k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3 + r2 * 4.0 * k4));
     let below = 1.0 + r2 * (q1 + r2 * (q2 + r2 * q3));
-    let below_slope = q1 + r2 * (2.0 * q2 + r2 * 3.0 * q3);
-    (above / below, (above_slope * below - above * below_slope) / (below * below))
+    let below_derivative = q1 + r2 * (2.0 * q2 + r2 * 3.0 * q3);
+    (above / below, (above_derivative * below - above * below_derivative) / (below * below))
 }
 
 fn profile(model: &LensModel, r: f64) -> (f64, f64) {
     match model {
         LensModel::Perspective => (r, 1.0),
         LensModel::RadialTangential { .. } => {
-            let (d, slope) = factor(model, r * r);
-            (r * d, d + 2.0 * r * r * slope)
+            let (d, derivative) = factor(model, r * r);
+            (r * d, d + 2.0 * r * r * derivative)
         }
         LensModel::Fisheye { k: [k1, k2, k3, k4] } => {
             let s = r * r;
             let value = r * (1.0 + s * (k1 + s * (k2 + s * (k3 + s * k4))));
-            let slope = 1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * (7.0 * k3 + s * 9.0 * k4)));
-            (value, slope)
+            let derivative = 1.0 + s * (3.0 * k1 + s * (5.0 * k2 + s * (7.0 * k3 + s * 9.0 * k4)));
+            (value, derivative)
         }
     }
 }
 
-/// The first `r` up to `end` from which the radial part no longer grows.
+/// Returns the first `r` up to `end` from which the radial part no longer grows.
 fn reach(model: &LensModel, end: f64) -> f64 {
     let grows = |r: f64| {
-        let (value, slope) = profile(model, r);
-        value.is_finite() && slope > 1e-9 && value >= 0.0
+        let (value, derivative) = profile(model, r);
+        value.is_finite() && derivative > 1e-9 && value >= 0.0
     };
     // Finer near the axis: quadratic steps.
     let at = |i: usize| end * (i as f64 / STEPS as f64).powi(2);
@@ -343,7 +355,7 @@ fn reach(model: &LensModel, end: f64) -> f64 {
 mod tests {
     use super::*;
 
-    /// Phones, an action camera, a pincushion and a wide lens that turns back.
+    /// Returns lenses of phones, an action camera, a pincushion and a wide lens that turns back.
     fn lenses() -> Vec<Lens> {
         vec![
             Lens::PERSPECTIVE,

@@ -27,20 +27,21 @@ pub enum Range {
     Sphere {
         /// The sphere's centre.
         centre: Vec3,
-        /// Its radius, scene units.
+        /// The sphere's radius, scene units.
         radius: f32,
     },
 }
 
 impl Default for Range {
-    /// The range of NeRF's synthetic scenes.
+    /// Returns the range of NeRF's synthetic scenes.
     fn default() -> Self {
         Self::Distance { near: 2.0, far: 6.0 }
     }
 }
 
 impl Range {
-    /// The distances `(near, far)` along `ray`, `0 ≤ near < far`, or `None` where no content lies in front of it.
+    /// Returns the distances `(near, far)` along `ray`, `0 ≤ near < far`, or `None` where no content lies in front of
+    /// it.
     pub fn along(&self, ray: &Ray) -> Option<(f32, f32)> {
         let (near, far) = match *self {
             Self::Distance { near, far } => (near, far),

@@ -19,17 +19,17 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// A ray from `origin` along `direction` that belongs to no camera: its cone has radius 0, its cosine is 1.
+    /// Returns a ray from `origin` along `direction` that belongs to no camera: its cone has radius 0, its cosine is 1.
     pub fn new(origin: Vec3, direction: Vec3) -> Self {
         Self { origin, direction, radius: 0.0, cosine: 1.0 }
     }
 
-    /// The ray of a pixel `factor` times as wide.
+    /// Returns the ray of a pixel `factor` times as wide.
     pub fn widened(self, factor: f32) -> Self {
         Self { radius: self.radius * factor, ..self }
     }
 
-    /// The point `origin + t · direction`.
+    /// Returns the point `origin + t · direction`.
     pub fn at(&self, t: f32) -> Vec3 {
         self.origin + t * self.direction
     }

@@ -1,45 +1,45 @@
-//! What to load of a scene.
+//! Request for a scene: its views, their size, their background.
 
 use serde::{Deserialize, Serialize};
 
 use crate::{Format, SceneError, TestProtocol, ViewSelection};
 
-/// The longest image side that can be asked for, in pixels.
-const LARGEST_SIZE: u32 = 16_384;
+/// Longest image side that can be asked for, in pixels.
+const MAX_SIZE: u32 = 16_384;
 
-/// What to load of a scene.
+/// Request for a scene: its views, their size, their background.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneRequest {
-    /// Which training views.
+    /// Choice of training views.
     pub train: ViewSelection,
-    /// Which test views.
+    /// Choice of test views.
     pub test: TestProtocol,
     /// The longest side of the images in pixels, reached with a box filter, which enlarges none; `None` for the size they
     /// have (procedural scenes have a default).
     pub image_size: Option<u32>,
     /// Colour behind transparent pixels, display-encoded RGB in `[0, 1]`.
     pub background: [f32; 3],
-    /// Which frame of a film (ZJU-MoCap); `None` for the first.
+    /// Frame of a film (ZJU-MoCap); `None` for the first.
     pub frame: Option<usize>,
     /// The format of a folder; `None` for the first that it fits.
     pub format: Option<Format>,
-    /// What the masks of a capture (`mask_path` of `transforms.json`) leave out.
+    /// How pixels that a capture's masks leave out are treated.
     pub masks: MaskUse,
 }
 
-/// What black pixels of the masks of a capture (`mask_path` of `transforms.json`) are left out of.
+/// How pixels that a capture's masks leave out are treated.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MaskUse {
-    /// Of training, as in nerfstudio, and of all metrics.
+    /// Neither trained on, as in nerfstudio, nor measured.
     #[default]
     LeaveOut,
-    /// Of masked metrics alone.
+    /// Trained on, and left out by masked metrics alone.
     Score,
 }
 
 impl Default for SceneRequest {
-    /// Four views of seed 0, every 8th test view, native size, white.
+    /// Returns four views of seed 0, every 8th test view, native size, white.
     fn default() -> Self {
         Self {
             train: ViewSelection::Seed { seed: 0, count: 4 },
@@ -60,9 +60,9 @@ impl SceneRequest {
     /// An image size of 0 or beyond the largest, or a background outside `[0, 1]`.
     pub fn check(&self) -> Result<(), SceneError> {
         if let Some(size) = self.image_size
-            && (size == 0 || size > LARGEST_SIZE)
+            && (size == 0 || size > MAX_SIZE)
         {
-            let expected = format!("a size from 1 to {LARGEST_SIZE} pixels");
+            let expected = format!("a size from 1 to {MAX_SIZE} pixels");
             return Err(SceneError::request("image_size", expected, size));
         }
         if !self.background.iter().all(|v| (0.0..=1.0).contains(v)) {

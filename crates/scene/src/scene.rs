@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use glam::DVec3;
+
 use crate::{Backdrop, Camera, Format, Image, Ray, Space, resized_dimensions};
 
 /// One photograph with its camera.
@@ -22,24 +24,24 @@ pub struct View {
     /// `f32::INFINITY` where nothing is hit. `None` where the scene does not know it, or where the
     /// image was resized: distances cannot be averaged.
     pub depth: Option<Arc<[f32]>>,
-    /// Which pixels masked metrics look at, row-major: the object's in DTU, the person's in ZJU-MoCap, those that a
-    /// `mask_path` leaves in. `None` where there is no mask.
+    /// Pixels that masked metrics look at, row-major: the object's in DTU, the person's in ZJU-MoCap, those that a capture's
+    /// mask leaves in. `None` without a mask.
     pub mask: Option<Arc<[bool]>>,
-    /// Which pixels can be learned from and compared with, row-major: those whose ray is known and that no `mask_path`
-    /// leaves out. `None` where all can.
+    /// Pixels that can be learned from and compared with, row-major: those of the photograph whose ray is known and that no
+    /// mask leaves out. `None` if all can.
     pub valid: Option<Arc<[bool]>>,
 }
 
 impl View {
-    /// A view all of whose pixels count, without depth or mask, of a PNG called `name`.
+    /// Returns a view all of whose pixels count, without depth or mask, of a PNG called `name`.
     pub fn new(id: usize, name: impl Into<String>, camera: Camera, image: impl Into<Arc<Image>>) -> Self {
         let name = name.into();
         let file = format!("{name}.png");
         Self { id, name, file, camera, image: image.into(), depth: None, mask: None, valid: None }
     }
 
-    /// The view with pixels `factor` times as wide, each the mean over the area that it covers, and without depth:
-    /// distances cannot be averaged.
+    /// Returns the view with pixels `factor` times as wide, each the mean over the area that it covers, and without
+    /// depth: distances cannot be averaged.
     pub fn reduced(&self, factor: u32) -> Self {
         let (width, height) = (self.image.width, self.image.height);
         let longest = (width.max(height) / factor.max(1)).max(1);
@@ -83,12 +85,15 @@ pub struct Scene {
     pub exact_cameras: Option<Vec<Camera>>,
     /// The cameras of `train` as they were before matches between photographs refined them, if these did.
     pub unrefined_cameras: Option<Vec<Camera>>,
-    /// What a person should know of the data, one line each.
+    /// World coordinates of the scene's origin in the files that it was loaded from; 0 unless these lie so far out that
+    /// `f32` could not tell points apart. Exports add it.
+    pub origin: DVec3,
+    /// Lines about the data for a person to read: changes that loading made, and doubts.
     pub warnings: Vec<String>,
 }
 
 impl Default for Scene {
-    /// No views, and the space of NeRF's synthetic scenes.
+    /// Returns no views, and the space of NeRF's synthetic scenes.
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -101,14 +106,15 @@ impl Default for Scene {
             all_train_cameras: Vec::new(),
             exact_cameras: None,
             unrefined_cameras: None,
+            origin: DVec3::ZERO,
             warnings: Vec::new(),
         }
     }
 }
 
 impl Scene {
-    /// The same with rays of pixels through their corners, `(x, y)`, where they were through their centres,
-    /// `(x + 0.5, y + 0.5)`: every principal point moves by half a pixel.
+    /// Moves every principal point by half a pixel, so that the ray of a pixel goes through its corner, `(x, y)`, in place
+    /// of its centre, `(x + 0.5, y + 0.5)`.
     #[must_use]
     pub fn with_rays_through_corners(mut self) -> Self {
         let views = self.train.iter_mut().chain(&mut self.test).map(|view| &mut view.camera);
@@ -119,12 +125,13 @@ impl Scene {
         self
     }
 
-    /// The distances `(near, far)` between which content lies along `ray`, `0 ≤ near < far`; `None` where none does.
+    /// Returns the distances `(near, far)` between which content lies along `ray`, `0 ≤ near < far`; `None` where none
+    /// does.
     pub fn interval(&self, ray: &Ray) -> Option<(f32, f32)> {
         self.space.range.along(ray)
     }
 
-    /// The cameras of `train` as they were given.
+    /// Returns the cameras of `train` as they were given.
     pub fn given_cameras(&self) -> Vec<Camera> {
         let now = || self.train.iter().map(|view| view.camera.clone()).collect();
         self.unrefined_cameras.clone().unwrap_or_else(now)
@@ -136,8 +143,8 @@ impl Scene {
         PixelCount { views: self.train.len(), train: of(&self.train), test: of(&self.test) }
     }
 
-    /// The scene with the mean colour of its training views as background if what lies behind its content is unknown:
-    /// the one colour that is nearest to all of their pixels in squared error.
+    /// Returns the scene with the mean colour of its training views as background if what lies behind its content is
+    /// unknown: the one colour that is nearest to all of their pixels in squared error.
     pub fn with_guessed_background(mut self) -> Self {
         if self.backdrop == Backdrop::Unknown {
             self.background = mean_color(&self.train);
@@ -146,7 +153,7 @@ impl Scene {
     }
 }
 
-/// The mean colour of all valid pixels of `views`; white where there are none.
+/// Returns the mean colour of all valid pixels of `views`; white if there are none.
 fn mean_color(views: &[View]) -> [f32; 3] {
     let mut sum = [0.0f64; 3];
     let mut count = 0usize;
@@ -171,7 +178,7 @@ pub struct PixelCount {
 }
 
 impl PixelCount {
-    /// Of `train` and `test` views of one size.
+    /// Counts the pixels of `train` and `test` views of one size.
     pub fn new((width, height): (u32, u32), train: usize, test: usize) -> Self {
         let each = u64::from(width) * u64::from(height);
         Self { views: train, train: each.saturating_mul(train as u64), test: each.saturating_mul(test as u64) }

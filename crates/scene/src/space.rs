@@ -36,7 +36,7 @@ pub struct Space {
 }
 
 impl Default for Space {
-    /// The space of NeRF's synthetic scenes.
+    /// Returns the space of NeRF's synthetic scenes.
     fn default() -> Self {
         Self {
             near: 2.0,
@@ -55,7 +55,7 @@ impl Default for Space {
 }
 
 impl Space {
-    /// The space of `cameras` whose content has known near and far distances and bounds.
+    /// Returns the space of `cameras` whose content has known near and far distances and bounds.
     pub fn known(cameras: &[Camera], (near, far): (f32, f32), bounds: Aabb) -> Self {
         Self {
             near,
@@ -69,14 +69,14 @@ impl Space {
         .centred(bounds.centre(), cameras)
     }
 
-    /// The same space with another centre, and the largest distance of `cameras` from it (at least 0.001) as radius.
+    /// Replaces the centre, and the radius by the largest distance of `cameras` from it (at least 0.001).
     pub fn centred(mut self, centre: Vec3, cameras: &[Camera]) -> Self {
         self.centre = centre;
         self.radius = cameras.iter().map(|c| c.position().distance(centre)).fold(1e-3, f32::max);
         self
     }
 
-    /// The same space with the near and far distances and the bounds that a file gives, where it gives them.
+    /// Replaces near and far, and the bounds, by those that a file gives, if it does.
     pub fn with(mut self, range: Option<(f32, f32)>, bounds: Option<Aabb>) -> Self {
         if let Some((near, far)) = range {
             (self.near, self.far, self.range) = (near, far, Range::Distance { near, far });

@@ -8,7 +8,8 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::{Camera, look_along};
 
-/// A hundred cameras for `size`² images, at random on the upper hemisphere about the origin, which they look at.
+/// Returns a hundred cameras for `size`² images, at random on the upper hemisphere about the origin, which they look
+/// at.
 pub fn train_cameras(size: u32) -> Vec<Camera> {
     let mut rng = ChaCha8Rng::seed_from_u64(1590);
     let (low, high) = (3f64.to_radians().sin(), 80f64.to_radians().sin());

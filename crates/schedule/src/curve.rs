@@ -1,18 +1,22 @@
+use serde::{Deserialize, Serialize};
+
 use crate::Moment;
+use crate::parse::ScheduleForm;
 
 /// A number as a function of the [`Moment`] of a run. The crate's documentation has its forms and their TOML.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "ScheduleForm", into = "ScheduleForm")]
 pub struct Schedule {
     /// The shape over time.
     pub curve: Curve,
-    /// Optimiser steps over which the value rises linearly from 0; 0 for none.
+    /// Training steps over which the value rises linearly from 0; 0 for none.
     pub warmup: usize,
 }
 
 /// The shape of a [`Schedule`].
 #[derive(Clone, Debug, PartialEq)]
 pub enum Curve {
-    /// The same throughout.
+    /// One value throughout.
     Constant(f64),
     /// `from + (to − from)·s`, with `s` rising from 0 to 1 between the shares `start` and `end` of the run.
     Linear {
@@ -42,7 +46,7 @@ pub enum Curve {
         from: f64,
         /// Factor, above 0.
         factor: f64,
-        /// Optimiser steps, at least 1.
+        /// Training steps, at least 1.
         every: usize,
         /// Whether the value changes every `every` steps only, instead of smoothly.
         stairs: bool,
@@ -53,28 +57,28 @@ pub enum Curve {
 }
 
 impl Schedule {
-    /// The same number throughout.
+    /// Returns a schedule of one value throughout.
     pub const fn constant(value: f64) -> Self {
         Self { curve: Curve::Constant(value), warmup: 0 }
     }
 
-    /// The value at a moment of the run.
+    /// Returns the value at a moment of the run.
     pub fn at(&self, moment: Moment) -> f64 {
         self.curve.at(moment) * self.warm(moment.step)
     }
 
-    /// Whether the value is 0 throughout the run.
+    /// Returns whether the value is 0 throughout the run.
     pub fn is_zero(&self) -> bool {
         self.largest() == 0.0 && self.least() == 0.0
     }
 
-    /// The largest value of a run of any length.
+    /// Returns the largest value of a run of any length.
     pub fn largest(&self) -> f64 {
         let largest = self.curve.extremes().1;
         largest.max(largest * self.warm(0))
     }
 
-    /// The least value of a run of any length. A warm-up begins at a share of the curve.
+    /// Returns the least value of a run of any length. A warm-up begins at a share of the curve.
     pub fn least(&self) -> f64 {
         let least = self.curve.extremes().0;
         least.min(least * self.warm(0))
@@ -115,7 +119,7 @@ impl Curve {
         }
     }
 
-    /// Least and largest value.
+    /// Returns the least and the largest value.
     fn extremes(&self) -> (f64, f64) {
         match self {
             Self::Constant(value) => (*value, *value),
@@ -135,7 +139,7 @@ impl Curve {
     }
 }
 
-/// How far `progress` is from `start` to `end`, in [0, 1]; a step where the two are the same.
+/// Returns the share of the way from `start` to `end` at `progress`, in [0, 1]; a step if the two are equal.
 fn between(start: f64, end: f64, progress: f64) -> f64 {
     if progress >= end {
         1.0

@@ -8,22 +8,22 @@ use crate::Schedule;
 pub struct Fault {
     /// The key, with the tables that it is in: `train.rays`.
     pub key: String,
-    /// What would have been accepted.
+    /// Description of the values that are accepted.
     pub expected: String,
-    /// What was given.
+    /// The value that was given.
     pub found: String,
 }
 
 impl Fault {
-    /// A fault at `key`.
+    /// Describes a fault at `key`.
     pub fn new(key: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> Self {
         Self { key: key.into(), expected: expected.into(), found: found.to_string() }
     }
 
-    /// Refuses what was `found` at `key` unless it is `good`.
+    /// Refuses the value `found` at `key` unless it is `good`.
     ///
     /// # Errors
-    /// If it is not.
+    /// If the value is not good.
     pub fn unless(good: bool, key: &str, expected: impl Into<String>, found: impl ToString) -> Result<(), Self> {
         if good { Ok(()) } else { Err(Self::new(key, expected, found)) }
     }
@@ -31,7 +31,7 @@ impl Fault {
     /// Refuses a number outside `range`.
     ///
     /// # Errors
-    /// If it is, or is not a number.
+    /// If the number is outside, or NaN.
     pub fn unless_within(range: RangeInclusive<f64>, key: &str, number: f64) -> Result<(), Self> {
         let expected = || format!("a number from {} to {}", range.start(), range.end());
         if range.contains(&number) { Ok(()) } else { Err(Self::new(key, expected(), number)) }
@@ -40,13 +40,13 @@ impl Fault {
     /// Refuses a schedule with values outside `range`.
     ///
     /// # Errors
-    /// If it has one.
+    /// If there is such a value.
     pub fn unless_always_within(range: RangeInclusive<f64>, key: &str, schedule: &Schedule) -> Result<(), Self> {
         Self::unless_within(range.clone(), key, schedule.least())?;
         Self::unless_within(range, key, schedule.largest())
     }
 
-    /// The same of a key that is in `table`.
+    /// Puts the key into `table`.
     #[must_use]
     pub fn within(self, table: &str) -> Self {
         Self { key: format!("{table}.{}", self.key), ..self }

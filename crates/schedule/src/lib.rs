@@ -12,7 +12,7 @@
 //! | `{ from = 2e-5, factor = 0.5, every = 5000, stairs = true }` | multiplied by `factor` after every `every` steps |
 //! | `{ steps = [[0.0, 4], [0.1, 2], [0.4, 1]] }` | piecewise constant: from each share of the run on |
 //!
-//! Each table form also takes `warmup`: a number of optimiser steps over which the value rises linearly from 0.
+//! Each table form also takes `warmup`: a number of training steps over which the value rises linearly from 0.
 //!
 //! ```
 //! use infonerf_schedule::{Moment, Schedule};
@@ -40,15 +40,15 @@ pub use fault::Fault;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Moment {
-    /// Optimiser steps taken.
+    /// Training steps taken.
     pub step: usize,
-    /// Share of the run that is done, in [0, 1]: of its steps, or of its time where a time budget decides.
+    /// Share of the run that is done, in [0, 1]: of its steps, or of its time under a time budget.
     pub progress: f64,
 }
 
 impl Moment {
     /// The first step.
     pub const START: Self = Self { step: 0, progress: 0.0 };
-    /// When everything is trained.
+    /// The end of training.
     pub const END: Self = Self { step: usize::MAX, progress: 1.0 };
 }

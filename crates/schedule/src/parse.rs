@@ -1,197 +1,143 @@
 //! [`Schedule`] in config files.
 
-use std::fmt;
+use serde::{Deserialize, Serialize};
 
-use serde::de::{Error, MapAccess, Visitor, value::MapAccessDeserializer};
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use crate::curve::{Curve, Schedule};
 
-use crate::{Curve, Schedule};
-
-const EXPECTED: &str = "a number, { from, to [, start, end, curve, warmup] }, { from, factor, every [, stairs, warmup] } \
-                        or { steps = [[share, value], ...] [, warmup] }";
-
-/// Every key of the table forms.
-#[derive(Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct Keys {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    from: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    to: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    start: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    end: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    curve: Option<Shape>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    factor: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    every: Option<usize>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    stairs: Option<bool>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    steps: Option<Vec<(f64, f64)>>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    warmup: Option<usize>,
+/// Forms of a schedule in config files. Defaults are not written.
+#[derive(Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected a number, { from, to [, start, end, curve, warmup] }, { from, factor, every [, stairs, warmup] } \
+                 or { steps = [[share, value], ...] [, warmup] }"
+)]
+pub(crate) enum ScheduleForm {
+    Number(f64),
+    Ramp(Ramp),
+    Decay(Decay),
+    Steps(Steps),
 }
 
-#[derive(Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Ramp {
+    from: f64,
+    to: f64,
+    #[serde(default, skip_serializing_if = "is_default")]
+    start: f64,
+    #[serde(default = "whole", skip_serializing_if = "is_whole")]
+    end: f64,
+    #[serde(default, skip_serializing_if = "is_default")]
+    curve: Shape,
+    #[serde(default, skip_serializing_if = "is_default")]
+    warmup: usize,
+}
+
+#[derive(Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Shape {
+    #[default]
     Linear,
     Exponential,
 }
 
-impl Keys {
-    fn schedule(self) -> Result<Schedule, String> {
-        let warmup = self.warmup.unwrap_or(0);
-        let finite = [self.from, self.to, self.start, self.end, self.factor].into_iter().flatten();
-        if let Some(value) = finite.chain(self.steps.iter().flatten().flat_map(|s| [s.0, s.1])).find(|v| !v.is_finite())
-        {
-            return Err(format!("expected finite numbers, found {value}"));
-        }
-        let curve = match self {
-            Self {
-                from: Some(from),
-                to: Some(to),
-                start,
-                end,
-                curve,
-                factor: None,
-                every: None,
-                stairs: None,
-                steps: None,
-                ..
-            } => {
-                let (start, end) = (start.unwrap_or(0.0), end.unwrap_or(1.0));
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Decay {
+    from: f64,
+    factor: f64,
+    every: usize,
+    #[serde(default, skip_serializing_if = "is_default")]
+    stairs: bool,
+    #[serde(default, skip_serializing_if = "is_default")]
+    warmup: usize,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Steps {
+    steps: Vec<(f64, f64)>,
+    #[serde(default, skip_serializing_if = "is_default")]
+    warmup: usize,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+fn whole() -> f64 {
+    1.0
+}
+
+fn is_whole(share: &f64) -> bool {
+    *share == 1.0
+}
+
+/// Refuses numbers that are not finite.
+fn finite(values: impl IntoIterator<Item = f64>) -> Result<(), String> {
+    let found = values.into_iter().find(|value| !value.is_finite());
+    found.map_or(Ok(()), |value| Err(format!("expected finite numbers, found {value}")))
+}
+
+impl TryFrom<ScheduleForm> for Schedule {
+    type Error = String;
+
+    fn try_from(form: ScheduleForm) -> Result<Self, String> {
+        let (curve, warmup) = match form {
+            ScheduleForm::Number(value) => {
+                finite([value])?;
+                (Curve::Constant(value), 0)
+            }
+            ScheduleForm::Ramp(Ramp { from, to, start, end, curve, warmup }) => {
+                finite([from, to, start, end])?;
                 if !(0.0 <= start && start <= end && end <= 1.0) {
                     return Err(format!(
                         "expected shares of the run 0 <= start <= end <= 1, found start = {start}, end = {end}"
                     ));
                 }
-                if curve == Some(Shape::Exponential) {
-                    if from <= 0.0 || to <= 0.0 {
+                let curve = match curve {
+                    Shape::Linear => Curve::Linear { from, to, start, end },
+                    Shape::Exponential if from > 0.0 && to > 0.0 => Curve::Exponential { from, to, start, end },
+                    Shape::Exponential => {
                         return Err(format!(
                             "expected from and to above 0 for an exponential curve, found {from} and {to}"
                         ));
                     }
-                    Curve::Exponential { from, to, start, end }
-                } else {
-                    Curve::Linear { from, to, start, end }
-                }
+                };
+                (curve, warmup)
             }
-            Self {
-                from: Some(from),
-                factor: Some(factor),
-                every: Some(every),
-                stairs,
-                to: None,
-                start: None,
-                end: None,
-                curve: None,
-                steps: None,
-                ..
-            } => {
+            ScheduleForm::Decay(Decay { from, factor, every, stairs, warmup }) => {
+                finite([from, factor])?;
                 if factor <= 0.0 || every == 0 {
                     return Err(format!("expected factor above 0 and every of at least 1, found {factor} and {every}"));
                 }
-                Curve::Decay { from, factor, every, stairs: stairs.unwrap_or(false) }
+                (Curve::Decay { from, factor, every, stairs }, warmup)
             }
-            Self {
-                steps: Some(steps),
-                from: None,
-                to: None,
-                start: None,
-                end: None,
-                curve: None,
-                factor: None,
-                every: None,
-                stairs: None,
-                ..
-            } => {
+            ScheduleForm::Steps(Steps { steps, warmup }) => {
+                finite(steps.iter().flat_map(|step| [step.0, step.1]))?;
                 let rising = steps.windows(2).all(|pair| pair[0].0 < pair[1].0);
                 let within = steps.last().is_some_and(|(share, _)| *share <= 1.0);
                 if steps.first().is_none_or(|(share, _)| *share != 0.0) || !rising || !within {
                     return Err("expected steps whose shares of the run begin with 0, rise, and do not exceed 1".into());
                 }
-                Curve::Steps(steps)
+                (Curve::Steps(steps), warmup)
             }
-            _ => return Err(format!("expected {EXPECTED}")),
         };
-        Ok(Schedule { curve, warmup })
+        Ok(Self { curve, warmup })
     }
 }
 
-impl From<&Schedule> for Keys {
-    fn from(schedule: &Schedule) -> Self {
-        let warmup = (schedule.warmup > 0).then_some(schedule.warmup);
-        // Defaults are left out.
-        let ramp = |from: f64, to: f64, start: f64, end: f64, curve| Self {
-            from: Some(from),
-            to: Some(to),
-            start: (start != 0.0).then_some(start),
-            end: (end != 1.0).then_some(end),
-            curve,
-            ..Self::default()
-        };
-        let keys = match &schedule.curve {
-            Curve::Constant(value) => ramp(*value, *value, 0.0, 1.0, None),
-            Curve::Linear { from, to, start, end } => ramp(*from, *to, *start, *end, None),
-            Curve::Exponential { from, to, start, end } => ramp(*from, *to, *start, *end, Some(Shape::Exponential)),
-            Curve::Decay { from, factor, every, stairs } => Self {
-                from: Some(*from),
-                factor: Some(*factor),
-                every: Some(*every),
-                stairs: stairs.then_some(true),
-                ..Self::default()
-            },
-            Curve::Steps(steps) => Self { steps: Some(steps.clone()), ..Self::default() },
-        };
-        Self { warmup, ..keys }
-    }
-}
-
-impl Serialize for Schedule {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        match (&self.curve, self.warmup) {
-            (Curve::Constant(value), 0) => serializer.serialize_f64(*value),
-            _ => Keys::from(self).serialize(serializer),
+impl From<Schedule> for ScheduleForm {
+    fn from(Schedule { curve, warmup }: Schedule) -> Self {
+        let ramp = |from, to, start, end, curve| Self::Ramp(Ramp { from, to, start, end, curve, warmup });
+        match curve {
+            Curve::Constant(value) if warmup == 0 => Self::Number(value),
+            Curve::Constant(value) => ramp(value, value, 0.0, 1.0, Shape::Linear),
+            Curve::Linear { from, to, start, end } => ramp(from, to, start, end, Shape::Linear),
+            Curve::Exponential { from, to, start, end } => ramp(from, to, start, end, Shape::Exponential),
+            Curve::Decay { from, factor, every, stairs } => Self::Decay(Decay { from, factor, every, stairs, warmup }),
+            Curve::Steps(steps) => Self::Steps(Steps { steps, warmup }),
         }
-    }
-}
-
-impl<'de> Deserialize<'de> for Schedule {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct NumberOrTable;
-        impl<'de> Visitor<'de> for NumberOrTable {
-            type Value = Schedule;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str(EXPECTED)
-            }
-
-            fn visit_f64<E: Error>(self, value: f64) -> Result<Schedule, E> {
-                if value.is_finite() {
-                    Ok(Schedule::constant(value))
-                } else {
-                    Err(E::custom(format!("expected a finite number, found {value}")))
-                }
-            }
-
-            fn visit_i64<E: Error>(self, value: i64) -> Result<Schedule, E> {
-                Ok(Schedule::constant(value as f64))
-            }
-
-            fn visit_u64<E: Error>(self, value: u64) -> Result<Schedule, E> {
-                Ok(Schedule::constant(value as f64))
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Schedule, A::Error> {
-                Keys::deserialize(MapAccessDeserializer::new(map))?.schedule().map_err(A::Error::custom)
-            }
-        }
-        deserializer.deserialize_any(NumberOrTable)
     }
 }
 
@@ -225,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_say_what_was_expected() {
+    fn faults_name_the_expected_forms() {
         for (text, part) in [
             ("\"much\"", "expected a number"),
             ("nan", "finite"),
@@ -237,7 +183,7 @@ mod tests {
             ("{ from = 1.0, factor = 0.5, every = 0 }", "at least 1"),
             ("{ steps = [[0.1, 1]] }", "begin with 0"),
             ("{ steps = [[0.0, 1], [0.0, 2]] }", "rise"),
-            ("{ start = 1.0, ends = 2.0 }", "unknown field"),
+            ("{ from = 1.0, to = 2.0, ends = 2.0 }", "expected a number, { from, to"),
         ] {
             let message = parse(text).unwrap_err();
             assert!(message.contains(part), "{text}: {message}");

@@ -4,7 +4,7 @@
 use glam::{DMat3, DQuat, DVec2, DVec3};
 use nalgebra::{DMatrix, DVector};
 
-use crate::camera::{Lens, Pose};
+use crate::camera::{Pose, SimpleRadial};
 
 /// Parameters of the lens: the logarithm of the focal length, and `k1`.
 const LENS: usize = 2;
@@ -12,7 +12,7 @@ const POSE: usize = 6;
 /// The error of a point behind the camera, over the robust scale.
 const LOST: f64 = 100.0;
 
-/// A point and where cameras, by index, see it, in pixels.
+/// A point and the pixels at which cameras, by index, see it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
     /// World coordinates.
@@ -21,17 +21,17 @@ pub struct Point {
     pub seen: Vec<(usize, DVec2)>,
 }
 
-/// What is known of the lens beforehand: `ln focal` and `k1` as normal distributions.
+/// Prior of the lens: `ln focal` and `k1` as normal distributions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Prior {
     pub(crate) focal: f64,
-    /// Of `ln focal`; 0 keeps the focal length.
+    /// Deviation of `ln focal`; 0 keeps the focal length.
     pub(crate) focal_deviation: f64,
-    /// Of `k1` around 0; 0 keeps it.
+    /// Deviation of `k1` around 0; 0 keeps it.
     pub(crate) k1_deviation: f64,
 }
 
-/// Where cameras are expected: normal distributions of their turns and places.
+/// Prior of the poses: normal distributions of their turns and places.
 #[derive(Clone, Debug)]
 pub(crate) struct PosePrior {
     pub(crate) poses: Vec<Pose>,
@@ -41,15 +41,15 @@ pub(crate) struct PosePrior {
     pub(crate) shift_deviation: f64,
 }
 
-/// What is adjusted.
+/// Lens, poses and points that are adjusted together.
 #[derive(Clone, Debug)]
 pub(crate) struct Bundle {
-    pub(crate) lens: Lens,
+    pub(crate) lens: SimpleRadial,
     pub(crate) poses: Vec<Pose>,
     pub(crate) points: Vec<Point>,
 }
 
-/// How it is adjusted.
+/// Settings of an adjustment.
 pub(crate) struct Adjustment<'a> {
     pub(crate) prior: Prior,
     pub(crate) poses: Option<&'a PosePrior>,
@@ -102,7 +102,7 @@ impl Bundle {
         }
     }
 
-    /// Distances in pixels between where points are seen and where they fall.
+    /// Returns the distances in pixels between where points are seen and where they fall.
     fn errors(&self) -> impl Iterator<Item = f64> {
         self.points.iter().flat_map(move |point| {
             point.seen.iter().map(move |(camera, pixel)| {
@@ -170,7 +170,7 @@ impl Bundle {
         normal
     }
 
-    /// One damped step; `None` where the system is singular.
+    /// Returns the bundle after one damped step; `None` if the system is singular.
     fn stepped(&self, normal: &Normal, how: &Adjustment, damping: f64) -> Option<Self> {
         let (mut matrix, mut right) = (normal.matrix.clone(), -&normal.gradient);
         for i in 0..right.len() {
@@ -215,20 +215,20 @@ impl Bundle {
 }
 
 impl Prior {
-    /// A lens that is not adjusted.
-    pub(crate) fn fixed(lens: &Lens) -> Self {
+    /// Returns the prior of a lens that is not adjusted.
+    pub(crate) fn fixed(lens: &SimpleRadial) -> Self {
         Self { focal: lens.focal, focal_deviation: 0.0, k1_deviation: 0.0 }
     }
 
-    /// How far the lens is from what was expected, in deviations.
-    fn residuals(&self, lens: &Lens) -> (f64, f64) {
+    /// Returns the differences of the lens from what was expected, in deviations.
+    fn residuals(&self, lens: &SimpleRadial) -> (f64, f64) {
         let over = |value: f64, deviation: f64| if deviation > 0.0 { value / deviation } else { 0.0 };
         (over((lens.focal / self.focal).ln(), self.focal_deviation), over(lens.k1, self.k1_deviation))
     }
 }
 
 impl PosePrior {
-    /// Each camera's turn `log(R R₀ᵀ)` and move `R (c₀ - c)` from where it is expected, in its axes and deviations.
+    /// Returns each camera's turn `log(R R₀ᵀ)` and move `R (c₀ - c)` from where it is expected, in its axes and deviations.
     fn residuals(&self, poses: &[Pose]) -> impl Iterator<Item = [DVec3; 2]> {
         self.poses.iter().zip(poses).map(|(expected, pose)| {
             let turn = DQuat::from_mat3(&(pose.rotation * expected.rotation.transpose())).to_scaled_axis();
@@ -266,16 +266,16 @@ impl PosePrior {
     }
 }
 
-/// The derivative of one coordinate of a pixel.
-struct Row {
-    /// By `ln focal`, `k1`, the turn of the camera and its shift.
+/// Derivatives of one coordinate of a pixel.
+struct PixelDerivative {
+    /// Derivatives by `ln focal`, `k1`, the turn of the camera and its shift.
     camera: [f64; LENS + POSE],
-    /// By the point's position.
+    /// Derivative by the point's position.
     point: DVec3,
 }
 
-/// Where a point is seen, and the derivative of that; `None` behind the camera.
-fn derivative(lens: &Lens, pose: &Pose, point: DVec3) -> Option<(DVec2, [Row; 2])> {
+/// Projects a point, with the derivative of the pixel; `None` behind the camera.
+fn derivative(lens: &SimpleRadial, pose: &Pose, point: DVec3) -> Option<(DVec2, [PixelDerivative; 2])> {
     let turned = pose.rotation * point;
     let at = turned + pose.translation;
     let pixel = lens.project(at)?;
@@ -289,7 +289,7 @@ fn derivative(lens: &Lens, pose: &Pose, point: DVec3) -> Option<(DVec2, [Row; 2]
         let by_focal = (pixel - lens.centre)[axis];
         let by_k1 = lens.focal * radius2 * p[axis];
         let camera = [by_focal, by_k1, turn.x, turn.y, turn.z, shift.x, shift.y, shift.z];
-        Row { camera, point: pose.rotation.transpose() * shift }
+        PixelDerivative { camera, point: pose.rotation.transpose() * shift }
     };
     Some((pixel, [row(0), row(1)]))
 }
@@ -308,7 +308,7 @@ mod tests {
         let moved = |k: usize, h: f64| {
             let unit = |first: usize| DVec3::from_array(std::array::from_fn(|i| if first + i == k { h } else { 0.0 }));
             let focal = lens.focal * if k == 0 { h.exp() } else { 1.0 };
-            let lens = Lens { focal, k1: lens.k1 + if k == 1 { h } else { 0.0 }, ..lens };
+            let lens = SimpleRadial { focal, k1: lens.k1 + if k == 1 { h } else { 0.0 }, ..lens };
             let pose = pose.moved(unit(LENS), unit(LENS + 3));
             lens.project(pose.transform(position + unit(LENS + POSE))).unwrap()
         };
@@ -319,6 +319,28 @@ mod tests {
                 assert!((exact - difference[axis]).abs() < 1e-4 * (1.0 + exact.abs()), "{k}: {exact} {difference}");
             }
         }
+    }
+
+    #[test]
+    fn the_cost_adds_what_priors_and_observations_disagree() {
+        let mut all = world(3, 2, 5);
+        let exact = Prior { focal: all.lens.focal, focal_deviation: 0.1, k1_deviation: 0.05 };
+        all.lens.k1 = 0.0;
+        all.points.iter_mut().for_each(|point| point.seen.clear());
+        let cost = |bundle: &Bundle, prior: Prior, poses: Option<&PosePrior>| {
+            bundle.cost(&Adjustment { prior, poses, points: true, scale: 1.0, steps: 1 })
+        };
+        assert_eq!(cost(&all, exact, None), 0.0);
+        let longer = Prior { focal: all.lens.focal / 0.2f64.exp(), ..exact };
+        all.lens.k1 = 0.15;
+        assert!((cost(&all, exact, None) - 9.0).abs() < 1e-9);
+        assert!((cost(&all, longer, None) - 13.0).abs() < 1e-9, "(0.2 / 0.1)² + (0.15 / 0.05)²");
+        let moved = all.poses.iter().map(|pose| pose.moved(DVec3::ZERO, DVec3::X * 0.5)).collect();
+        let expected = PosePrior { poses: moved, turn_deviation: 0.1, shift_deviation: 0.25 };
+        assert!((cost(&all, longer, Some(&expected)) - 21.0).abs() < 1e-9, "and 2 · (0.5 / 0.25)²");
+        all.points[0].seen =
+            vec![(0, all.lens.project(all.poses[0].transform(all.points[0].position)).unwrap() + 2.0 * DVec2::X)];
+        assert!((cost(&all, longer, Some(&expected)) - 21.0 - 5f64.ln()).abs() < 1e-9);
     }
 
     /// Cameras 3° and 5 % off, points 5 %, focal length 10 %, no distortion, one in 15 observations wrong.

@@ -15,7 +15,7 @@ impl Pose {
     /// The world's axes.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, translation: DVec3::ZERO };
 
-    /// A point of the world in the camera's axes.
+    /// Returns a point of the world in the camera's axes.
     pub fn transform(&self, point: DVec3) -> DVec3 {
         self.rotation * point + self.translation
     }
@@ -25,7 +25,7 @@ impl Pose {
         -(self.rotation.transpose() * self.translation)
     }
 
-    /// Turned by the rotation vector `turn` about the camera, then moved by `shift`, both in the camera's axes.
+    /// Turns the pose by the rotation vector `turn` about the camera, then moves it by `shift`, both in the camera's axes.
     pub(crate) fn moved(&self, turn: DVec3, shift: DVec3) -> Self {
         let rotation = DMat3::from_quat((DQuat::from_scaled_axis(turn) * DQuat::from_mat3(&self.rotation)).normalize());
         Self { rotation, translation: self.translation + shift }
@@ -35,7 +35,7 @@ impl Pose {
 /// Square pixels, the centre of the picture, and one coefficient of radial distortion (COLMAP's SIMPLE_RADIAL):
 /// `p = focal · (1 + k1 r²) · (x, y) / z + centre` with `r² = (x² + y²) / z²`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lens {
+pub struct SimpleRadial {
     /// Pixels.
     pub focal: f64,
     /// Radial distortion.
@@ -44,14 +44,15 @@ pub struct Lens {
     pub centre: DVec2,
 }
 
-impl Lens {
+impl SimpleRadial {
     /// Where a point in the camera's axes is seen; `None` behind the camera.
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         let p = point.truncate() / point.z;
         (point.z > 0.0).then(|| self.focal * (1.0 + self.k1 * p.length_squared()) * p + self.centre)
     }
 
-    /// `(x, y) / z` of what is seen at `pixel`: the inverse of [`Lens::project`], by fixed-point iteration.
+    /// Returns `(x, y) / z` of what is seen at `pixel`: the inverse of [`SimpleRadial::project`], by fixed-point
+    /// iteration.
     pub fn unproject(&self, pixel: DVec2) -> DVec2 {
         let distorted = (pixel - self.centre) / self.focal;
         (0..20).fold(distorted, |p, _| distorted / (1.0 + self.k1 * p.length_squared()).max(0.1))
@@ -65,7 +66,7 @@ mod tests {
     #[test]
     fn unproject_is_the_inverse_of_project() {
         for k1 in [-0.15, 0.0, 0.2] {
-            let lens = Lens { focal: 700.0, k1, centre: DVec2::new(500.0, 300.0) };
+            let lens = SimpleRadial { focal: 700.0, k1, centre: DVec2::new(500.0, 300.0) };
             for pixel in [DVec2::ZERO, DVec2::new(999.0, 10.0), lens.centre] {
                 let again = lens.project(lens.unproject(pixel).extend(1.0) * 3.0).unwrap();
                 assert!(again.distance(pixel) < 1e-6, "{k1}: {again} {pixel}");

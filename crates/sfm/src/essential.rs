@@ -54,8 +54,8 @@ fn sum(terms: impl IntoIterator<Item = (f64, Cubic)>) -> Cubic {
     out
 }
 
-/// The at most ten matrices with `bᵀ E a = 0` for five pairs of directions `(x, y, 1)`, `det E = 0` and
-/// `2 E Eᵀ E = tr(E Eᵀ) E`. Empty where the pairs are degenerate.
+/// Solves for the at most ten matrices with `bᵀ E a = 0` for five pairs of directions `(x, y, 1)`, `det E = 0` and
+/// `2 E Eᵀ E = tr(E Eᵀ) E`. Empty if the pairs are degenerate.
 pub(crate) fn five_point(pairs: [(DVec2, DVec2); 5]) -> Vec<DMat3> {
     // Columns 5 to 8 of Q in `[Aᵀ | 1] = Q R` are orthogonal to the five equations.
     let mut columns = SMatrix::<f64, 9, 9>::identity();
@@ -127,7 +127,7 @@ pub(crate) fn five_point(pairs: [(DVec2, DVec2); 5]) -> Vec<DMat3> {
     real_roots(&determinant).into_iter().filter_map(solution).collect()
 }
 
-/// Gauss–Jordan elimination of the first ten columns; `false` where they are singular.
+/// Eliminates the first ten columns (Gauss–Jordan); `false` if they are singular.
 fn eliminate(m: &mut SMatrix<f64, 10, 20>) -> bool {
     for i in 0..10 {
         let pivot = (i..10).max_by(|&a, &b| m[(a, i)].abs().total_cmp(&m[(b, i)].abs())).unwrap_or(i);
@@ -145,14 +145,14 @@ fn eliminate(m: &mut SMatrix<f64, 10, 20>) -> bool {
     true
 }
 
-/// The squared distance from a pair to the nearest that meets `bᵀ E a = 0`, to first order.
+/// Returns the squared distance from a pair to the nearest that meets `bᵀ E a = 0`, to first order.
 pub(crate) fn sampson(e: &DMat3, (a, b): (DVec2, DVec2)) -> f64 {
     let (a, b) = (a.extend(1.0), b.extend(1.0));
     let (ea, eb) = (*e * a, e.transpose() * b);
     b.dot(ea).powi(2) / (ea.truncate().length_squared() + eb.truncate().length_squared())
 }
 
-/// The four poses of the second camera, the first at the origin, baseline 1.
+/// Returns the four poses of the second camera, the first at the origin, baseline 1.
 pub(crate) fn poses(e: &DMat3) -> [Pose; 4] {
     let svd = Matrix3::from_column_slice(&e.to_cols_array()).svd(true, true);
     let matrix = |m: Option<Matrix3<f64>>| m.map_or(DMat3::IDENTITY, |m| DMat3::from_cols_slice(m.as_slice()));
@@ -190,6 +190,21 @@ mod tests {
             let error = |pose: &Pose| turn(&pose.rotation, &rotation).to_radians() + pose.translation.distance(shift);
             let least = found.iter().flat_map(poses).map(|pose| error(&pose)).fold(f64::INFINITY, f64::min);
             assert!(least < 1e-5, "seed {seed}: {least}");
+        }
+    }
+
+    /// The sign of an essential matrix is arbitrary: both signs give the same poses, all of them rotations.
+    #[test]
+    fn poses_are_rotations_whatever_the_sign() {
+        let e = DMat3::from_cols(DVec3::ZERO, DVec3::Z, -DVec3::Y) * DMat3::from_rotation_y(0.3);
+        for matrix in [e, -1.0 * e] {
+            let found = poses(&matrix);
+            for pose in &found {
+                assert!((pose.rotation.determinant() - 1.0).abs() < 1e-12 && pose.translation.is_normalized());
+                let again = crate::two_view::cross(pose.translation) * pose.rotation;
+                assert!(again.abs_diff_eq(e, 1e-9) || again.abs_diff_eq(-1.0 * e, 1e-9), "{again}");
+            }
+            assert!(found.iter().any(|pose| turn(&pose.rotation, &DMat3::from_rotation_y(0.3)) < 1e-4));
         }
     }
 

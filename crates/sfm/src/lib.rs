@@ -8,15 +8,15 @@
 mod bundle;
 mod camera;
 mod essential;
-mod exif;
-mod grey;
 mod mapper;
 mod matching;
 mod p3p;
+mod pairs;
 mod polynomial;
 mod ransac;
 mod reconstruction;
 mod refine;
+mod scale_space;
 mod sift;
 #[cfg(test)]
 mod testing;
@@ -25,8 +25,7 @@ mod triangulate;
 mod two_view;
 
 pub use bundle::Point;
-pub use camera::{Lens, Pose};
-pub use exif::focal;
-pub use grey::Grey;
-pub use reconstruction::{Photograph, Reconstruction, Settings, reconstruct};
+pub use camera::{Pose, SimpleRadial};
+pub use pairs::{ImageMatches, explains, verified_matches};
+pub use reconstruction::{Photograph, SfmSettings, SparseModel, reconstruct};
 pub use refine::{Posed, Refined, Uncertainty, refine};

@@ -3,14 +3,14 @@
 use glam::{DVec2, DVec3};
 
 use crate::bundle::{Adjustment, Bundle, Point, PosePrior, Prior};
-use crate::camera::{Lens, Pose};
+use crate::camera::{Pose, SimpleRadial};
 use crate::p3p::p3p;
 use crate::ransac::Ransac;
 use crate::tracks::Track;
 use crate::triangulate::{angle, triangulate};
 
 /// Points that a photograph must see to be placed.
-pub(crate) const FEWEST: usize = 15;
+pub(crate) const MIN_POINTS: usize = 15;
 /// The share of a photograph's matches with points that must agree on its pose.
 const AGREEING: f64 = 0.25;
 /// Samples of three points, at most.
@@ -31,7 +31,7 @@ pub(crate) struct Mapper<'a> {
     /// The place of each track's point, if it has one.
     positions: Vec<Option<DVec3>>,
     pub(crate) poses: Vec<Result<Pose, String>>,
-    pub(crate) lens: Lens,
+    pub(crate) lens: SimpleRadial,
     prior: Prior,
     /// Where the photographs are expected, if that is known.
     expected: Option<PosePrior>,
@@ -41,11 +41,11 @@ pub(crate) struct Mapper<'a> {
 }
 
 impl<'a> Mapper<'a> {
-    /// Photographs `a` and `b`, and the pose of the second from the first.
+    /// Returns photographs `a` and `b`, and the pose of the second from the first.
     pub(crate) fn new(
         tracks: &'a [Track],
         count: usize,
-        (lens, prior): (Lens, Prior),
+        (lens, prior): (SimpleRadial, Prior),
         tolerance: f64,
         (a, b, pose): (usize, usize, Pose),
         seed: u64,
@@ -58,7 +58,7 @@ impl<'a> Mapper<'a> {
     /// All photographs, where they are expected.
     pub(crate) fn at(
         tracks: &'a [Track],
-        (lens, prior): (Lens, Prior),
+        (lens, prior): (SimpleRadial, Prior),
         tolerance: f64,
         expected: PosePrior,
         seed: u64,
@@ -89,35 +89,37 @@ impl<'a> Mapper<'a> {
         self.keep_certain()
     }
 
-    /// Photographs that see too little are not placed.
+    /// Takes the pose off the photograph that sees fewest points, as long as these are too few: what two photographs alone
+    /// saw is then no point to the other.
     fn keep_certain(mut self) -> Self {
-        let points = self.points();
-        for (photograph, pose) in self.poses.iter_mut().enumerate().filter(|(_, pose)| pose.is_ok()) {
-            let count = points.iter().filter(|p| p.seen.iter().any(|(i, _)| *i == photograph)).count();
-            if count < FEWEST {
-                *pose = Err(format!("{count} points seen, {FEWEST} needed"));
-            }
+        loop {
+            let points = self.points();
+            let count =
+                |photograph: usize| points.iter().filter(|p| p.seen.iter().any(|(i, _)| *i == photograph)).count();
+            let placed = (0..self.poses.len()).filter(|&i| self.poses[i].is_ok());
+            let fewest = placed.map(|i| (count(i), i)).min();
+            let Some((count, photograph)) = fewest.filter(|(count, _)| *count < MIN_POINTS) else { return self };
+            self.poses[photograph] = Err(format!("{count} points seen, {MIN_POINTS} needed"));
         }
-        self
     }
 
     pub(crate) fn placed(&self) -> usize {
         self.poses.iter().flatten().count()
     }
 
-    /// Points that two or more placed photographs see.
+    /// Returns points that two or more placed photographs see.
     pub(crate) fn points(&self) -> Vec<Point> {
         self.found().into_iter().map(|(_, point)| point).collect()
     }
 
-    /// The same, with their tracks.
+    /// Returns points that two or more placed photographs see, with their tracks.
     fn found(&self) -> Vec<(usize, Point)> {
         let point =
             |i: usize| Some((i, Point { position: self.positions[i]?, seen: self.agreeing(i, self.positions[i]?) }));
         (0..self.tracks.len()).filter_map(point).filter(|(_, point)| point.seen.len() > 1).collect()
     }
 
-    /// Poses and pixels of the placed photographs in a track.
+    /// Returns poses and pixels of the placed photographs in a track.
     fn seen(&self, track: usize) -> Vec<(usize, Pose, DVec2)> {
         let view = |&(i, pixel): &(usize, DVec2)| Some((i, *self.poses[i].as_ref().ok()?, pixel));
         self.tracks[track].iter().filter_map(view).collect()
@@ -128,7 +130,7 @@ impl<'a> Mapper<'a> {
         self.lens.project(pose.transform(position)).is_some_and(|p| p.distance(pixel) < self.tolerance)
     }
 
-    /// The placed photographs of a track that see it at `position`.
+    /// Returns the placed photographs of a track that see it at `position`.
     fn agreeing(&self, track: usize, position: DVec3) -> Vec<(usize, DVec2)> {
         let seen = self.seen(track).into_iter();
         seen.filter(|(_, pose, pixel)| self.agrees(pose, position, *pixel)).map(|(i, _, pixel)| (i, pixel)).collect()
@@ -161,14 +163,14 @@ impl<'a> Mapper<'a> {
         }
     }
 
-    /// The position, if two views agree on it under a sufficient angle.
+    /// Returns the position, if two views agree on it under a sufficient angle.
     fn kept(&self, track: usize, position: DVec3) -> Option<DVec3> {
         let agreeing = self.seen(track).into_iter().filter(|(_, pose, pixel)| self.agrees(pose, position, *pixel));
         let centres: Vec<DVec3> = agreeing.map(|(_, pose, _)| pose.centre()).collect();
         (angle(position, &centres) >= SMALLEST_ANGLE).then_some(position)
     }
 
-    /// The point of two views that most views agree with, from all of these.
+    /// Returns the point of two views that most views agree with, from all of these.
     fn triangulated(&self, track: usize) -> Option<DVec3> {
         let seen: Vec<(Pose, DVec2, DVec2)> =
             self.seen(track).into_iter().map(|(_, pose, pixel)| (pose, pixel, self.lens.unproject(pixel))).collect();
@@ -204,10 +206,10 @@ impl<'a> Mapper<'a> {
         false
     }
 
-    /// The pose of a photograph that sees points of the world at pixels.
+    /// Returns the pose of a photograph that sees points of the world at pixels.
     fn pose(&self, seen: &[(DVec2, DVec3)]) -> Result<Pose, String> {
-        if seen.len() < FEWEST {
-            return Err(format!("{} matches with placed photographs, {FEWEST} needed", seen.len()));
+        if seen.len() < MIN_POINTS {
+            return Err(format!("{} matches with placed photographs, {MIN_POINTS} needed", seen.len()));
         }
         let error = |pose: &Pose, i: usize| {
             let projected = self.lens.project(pose.transform(seen[i].1));
@@ -219,7 +221,7 @@ impl<'a> Mapper<'a> {
         };
         let threshold = (2.0 * self.tolerance).powi(2);
         let ransac = Ransac { sample: 3, threshold, most: SAMPLES, seed: self.seed };
-        let needed = FEWEST.max((AGREEING * seen.len() as f64).ceil() as usize);
+        let needed = MIN_POINTS.max((AGREEING * seen.len() as f64).ceil() as usize);
         let (pose, inliers) = ransac.run(seen.len(), solve, error).unwrap_or((Pose::IDENTITY, Vec::new()));
         if inliers.len() < needed {
             let (some, all) = (inliers.len(), seen.len());
@@ -245,7 +247,7 @@ mod tests {
         disturb(&mut all.points, 0.5, 9);
         let mut tracks: Vec<Track> = all.points.iter().map(|p| p.seen.clone()).collect();
         tracks.iter_mut().for_each(|track| track.truncate(4));
-        let lens = Lens { focal: 960.0, k1: 0.0, ..all.lens };
+        let lens = SimpleRadial { focal: 960.0, k1: 0.0, ..all.lens };
         let prior = Prior { focal: 960.0, focal_deviation: 0.3, k1_deviation: 0.1 };
         let matches: Vec<_> = tracks.iter().map(|t| (t[0].1, t[3].1)).collect();
         let start = (0, 3, crate::two_view::two_view(&matches, &lens, 2.5, 0).unwrap().pose);
@@ -260,6 +262,27 @@ mod tests {
         }
         let seen: usize = found.points().iter().map(|p| p.seen.len()).sum();
         assert!((380..=430).contains(&seen), "{seen}");
+    }
+
+    /// The second photograph sees ten points with the first, which are too few for that, and 16 or 10 others with the third.
+    #[test]
+    fn photographs_that_only_uncertain_ones_confirm_are_not_placed() {
+        let all = world(7, 3, 40);
+        let seen = |range: std::ops::Range<usize>, by: [usize; 2]| -> Vec<Track> {
+            all.points[range].iter().map(|p| by.map(|i| p.seen[i]).to_vec()).collect()
+        };
+        let tracks = [seen(0..10, [0, 1]), seen(10..26, [1, 2])].concat();
+        let expected = PosePrior { poses: all.poses.clone(), turn_deviation: 0.01, shift_deviation: 0.01 };
+        let found = Mapper::at(&tracks, (all.lens, Prior::fixed(&all.lens)), 2.5, expected, 0).refine();
+        assert_eq!(found.poses[0], Err("10 points seen, 15 needed".into()));
+        assert_eq!(found.placed(), 2);
+        // A point that a single placed photograph sees is none.
+        let points = found.points();
+        assert!(points.len() == 16 && points.iter().all(|point| point.seen.len() == 2), "{}", points.len());
+        let fewer = [seen(0..10, [0, 1]), seen(10..20, [1, 2])].concat();
+        let expected = PosePrior { poses: all.poses.clone(), turn_deviation: 0.01, shift_deviation: 0.01 };
+        let found = Mapper::at(&fewer, (all.lens, Prior::fixed(&all.lens)), 2.5, expected, 0).refine();
+        assert_eq!(found.placed(), 0, "20 points of the second are 10 without the first");
     }
 
     /// Cameras 3° and 4 % off; the last sees nothing that the others do, one match in nine is wrong. Without an error they stay.

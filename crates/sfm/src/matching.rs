@@ -20,7 +20,7 @@ pub(crate) struct Matches {
     pub(crate) pairs: Vec<(usize, usize)>,
 }
 
-/// The matches of all pairs of photographs that have [`FEWEST`] or more.
+/// Returns the matches of all pairs of photographs that have [`FEWEST`] or more.
 pub(crate) fn matches_of_pairs(features: &[Features]) -> Vec<Matches> {
     let count = features.len();
     let pairs: Vec<(usize, usize)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
@@ -106,7 +106,7 @@ impl Best {
         }
     }
 
-    /// The best, if it is closer than [`RATIO`] of the second: of unit vectors, d² = 2 - 2 s.
+    /// Returns the best, if it is closer than [`RATIO`] of the second: of unit vectors, d² = 2 - 2 s.
     fn chosen(&self) -> Option<usize> {
         (1.0 - self.first < RATIO * RATIO * (1.0 - self.second)).then_some(self.index)
     }
@@ -115,12 +115,12 @@ impl Best {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grey::Grey;
     use crate::sift::features;
     use glam::DVec2;
+    use infonerf_scene::image::GreyImage;
 
     /// Blobs of all sizes, drawn in a frame that is turned, scaled and moved.
-    fn picture(to_picture: impl Fn(DVec2) -> DVec2, scale: f64) -> Grey {
+    fn picture(to_picture: impl Fn(DVec2) -> DVec2, scale: f64) -> GreyImage {
         let side = 320;
         let mut values = vec![0.5f64; side * side];
         for i in 0..260 {
@@ -132,7 +132,7 @@ mod tests {
                 *value += height * (-pixel.distance_squared(centre) / (2.0 * radius * radius)).exp();
             }
         }
-        Grey { width: side, height: side, values: values.into_iter().map(|v| v.clamp(0.0, 1.0) as f32).collect() }
+        GreyImage { width: side, height: side, values: values.into_iter().map(|v| v.clamp(0.0, 1.0) as f32).collect() }
     }
 
     #[test]
@@ -146,7 +146,7 @@ mod tests {
         assert_eq!(features(&a_blank(), 10).pixels.len(), 0);
     }
 
-    fn a_blank() -> Grey {
-        Grey { width: 40, height: 3, values: vec![0.5; 120] }
+    fn a_blank() -> GreyImage {
+        GreyImage { width: 40, height: 3, values: vec![0.5; 120] }
     }
 }

@@ -5,7 +5,7 @@ use glam::{DMat3, DVec2, DVec3};
 use crate::camera::Pose;
 use crate::polynomial::real_roots;
 
-/// The at most four poses in which three points of the world are seen in the directions `(x, y, 1)`.
+/// Returns the at most four poses in which three points of the world are seen in the directions `(x, y, 1)`.
 pub(crate) fn p3p(seen: [(DVec2, DVec3); 3]) -> Vec<Pose> {
     let rays = seen.map(|(pixel, _)| pixel.extend(1.0).normalize());
     let points = seen.map(|(_, point)| point);
@@ -36,7 +36,7 @@ pub(crate) fn p3p(seen: [(DVec2, DVec3); 3]) -> Vec<Pose> {
     real_roots(&quartic).into_iter().filter(|v| *v > 0.0).filter_map(pose).collect()
 }
 
-/// The axes of a triangle; `None` if it has no area.
+/// Returns the axes of a triangle; `None` if it has no area.
 fn frame([a, b, c]: [DVec3; 3]) -> Option<DMat3> {
     let x = (b - a).try_normalize()?;
     let z = x.cross(c - a).try_normalize()?;

@@ -1,11 +1,11 @@
 //! Real roots of polynomials.
 
-/// `Σ cᵢ xⁱ`.
+/// Returns `Σ cᵢ xⁱ`.
 pub(crate) fn evaluate(coefficients: &[f64], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
 
-/// The product of two polynomials, coefficients ascending.
+/// Returns the product of two polynomials, coefficients ascending.
 pub(crate) fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
     let mut out = vec![0.0; a.len() + b.len() - 1];
     for (i, x) in a.iter().enumerate() {
@@ -16,8 +16,8 @@ pub(crate) fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
     out
 }
 
-/// The real roots where the polynomial `Σ cᵢ xⁱ` changes its sign, ascending: between two extrema, which are roots of the
-/// derivative, there is at most one.
+/// Returns the real roots where the polynomial `Σ cᵢ xⁱ` changes its sign, ascending: between two extrema, which are
+/// roots of the derivative, there is at most one.
 pub(crate) fn real_roots(coefficients: &[f64]) -> Vec<f64> {
     let largest = coefficients.iter().fold(0.0, |m: f64, c| m.max(c.abs()));
     let Some(degree) = coefficients.iter().rposition(|c| c.abs() > 1e-14 * largest) else { return Vec::new() };

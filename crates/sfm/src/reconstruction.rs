@@ -4,13 +4,13 @@ use glam::DVec2;
 use rayon::prelude::*;
 
 use crate::bundle::{Point, Prior};
-use crate::camera::{Lens, Pose};
-use crate::grey::Grey;
+use crate::camera::{Pose, SimpleRadial};
 use crate::mapper::Mapper;
 use crate::matching::{FEWEST, Matches, matches_of_pairs};
 use crate::sift::{Features, features};
 use crate::tracks::tracks;
 use crate::two_view::{TwoView, verified};
+use infonerf_scene::image::GreyImage;
 
 /// Focal lengths that are tried where none is known, over the longer side: wide angle to short telephoto.
 const GUESSES: [f64; 4] = [0.65, 0.85, 1.15, 1.6];
@@ -20,110 +20,162 @@ const KNOWN_DEVIATION: f64 = 0.05;
 const K1_DEVIATION: f64 = 0.03;
 /// The usual focal length, over the longer side, and the deviation of its logarithm among cameras.
 const USUAL: (f64, f64) = (0.85, 0.5);
+/// Reconstructions whose score is at least this share of the best one's leave the focal length open.
+const RIVAL: f64 = 0.9;
+/// Ratio of focal lengths that is worth a word.
+const UNCERTAIN: f64 = 1.2;
+/// A pair shows no depth if one homography explains this share of its matches.
+const FLAT: f64 = 0.95;
 /// Pairs that are tried to start from.
 const STARTS: usize = 3;
 /// Angles above this, in radians, make a pair no better to start from.
 const WIDE: f64 = 0.2;
 
-/// A photograph; all have one size and one lens. Pixels below are those of `image`.
+/// A photograph; all have one lens, whose axis goes through the middle of each. Images of several sizes are at one scale.
 #[derive(Clone, Debug)]
 pub struct Photograph {
-    /// The picture, reduced as one likes.
-    pub image: Grey,
-    /// Its focal length over its longer side, where it is known.
+    /// The image, reduced to any size.
+    pub image: GreyImage,
+    /// Focal length over the longer side of the image, if it is known.
     pub focal: Option<f64>,
 }
 
-/// What cameras and points are found with.
+/// Settings of the search for cameras and points.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
+pub struct SfmSettings {
     /// Features per photograph, at most.
     pub features: usize,
     /// How far a point may be seen from where it falls, over the longer side of a photograph.
     pub tolerance: f64,
-    /// Of the samples that are drawn.
+    /// Seed of the samples that are drawn.
     pub seed: u64,
 }
 
-impl Default for Settings {
+impl Default for SfmSettings {
     fn default() -> Self {
         Self { features: 6000, tolerance: 2.5e-3, seed: 0 }
     }
 }
 
-/// Cameras and points, in a world of arbitrary place and scale.
+/// Cameras and points, in a world of arbitrary place and scale. Pixels are those of a canvas of the greatest width and height
+/// of all photographs, in whose middle each is.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Reconstruction {
+pub struct SparseModel {
     /// The lens of all photographs, in their pixels.
-    pub lens: Lens,
+    pub lens: SimpleRadial,
     /// The pose of each photograph, or why it has none.
     pub poses: Vec<Result<Pose, String>>,
-    /// What two or more photographs see.
+    /// Points that two or more photographs see.
     pub points: Vec<Point>,
 }
 
-/// Finds cameras and points. `progress` is told of each step in a line.
+/// Finds cameras and points, and reports each step to `progress` in a line. `focal`, over the longer side, replaces what the
+/// photographs state.
 ///
 /// # Errors
-/// No two photographs have enough matches that agree on how the cameras stand to each other; in one line.
+/// No two photographs have enough matches that agree on how the cameras stand to each other, or one homography explains
+/// the matches of each pair, so that nothing shows depth; in one line.
 pub fn reconstruct(
     photographs: &[Photograph],
-    settings: &Settings,
+    focal: Option<f64>,
+    settings: &SfmSettings,
     mut progress: impl FnMut(&str),
-) -> Result<Reconstruction, String> {
+) -> Result<SparseModel, String> {
     let count = photographs.len();
-    let features: Vec<Features> = photographs.par_iter().map(|p| features(&p.image, settings.features)).collect();
+    let size_of = |p: &Photograph| DVec2::new(p.image.width as f64, p.image.height as f64);
+    let size = photographs.iter().map(size_of).fold(DVec2::ONE, DVec2::max);
+    let found = |p: &Photograph| {
+        let mut found = features(&p.image, settings.features);
+        found.pixels.iter_mut().for_each(|pixel| *pixel += 0.5 * (size - size_of(p)));
+        found
+    };
+    let features: Vec<Features> = photographs.par_iter().map(found).collect();
     let found = features.iter().map(|f| f.pixels.len());
     progress(&format!("{} to {} features per photograph", found.clone().min().unwrap_or(0), found.max().unwrap_or(0)));
     let matched = matches_of_pairs(&features);
     let most = matched.iter().map(|matches| matches.pairs.len()).max().unwrap_or(0);
     progress(&format!("{} pairs of photographs have {FEWEST} matches or more, {most} at most", matched.len()));
-    let size = photographs.first().map_or(DVec2::ONE, |p| DVec2::new(p.image.width as f64, p.image.height as f64));
     let longer = size.max_element();
     let mut known: Vec<f64> = photographs.iter().filter_map(|p| p.focal).collect();
     known.sort_by(f64::total_cmp);
-    let (guesses, focal_deviation) = match known.get(known.len() / 2) {
-        Some(&median) => (vec![median], KNOWN_DEVIATION),
+    let (guesses, focal_deviation) = match focal.or(known.get(known.len() / 2).copied()) {
+        Some(known) => (vec![known], KNOWN_DEVIATION),
         None => (GUESSES.to_vec(), GUESS_DEVIATION),
     };
-    let mut best: Option<((usize, f64), Reconstruction)> = None;
+    let mut best: Option<((usize, f64), SparseModel)> = None;
+    let mut tried = Vec::new();
+    let mut flat = false;
     for guess in guesses {
-        let lens = Lens { focal: guess * longer, k1: 0.0, centre: 0.5 * size };
+        let lens = SimpleRadial { focal: guess * longer, k1: 0.0, centre: 0.5 * size };
         let prior = Prior { focal: lens.focal, focal_deviation, k1_deviation: K1_DEVIATION };
         let found = map(&features, &matched, (lens, prior), settings.tolerance * longer, settings.seed);
-        let Some(found) = found else { continue };
+        let found = match found {
+            Mapped::Model(found) => found,
+            Mapped::Flat => {
+                flat = true;
+                continue;
+            }
+            Mapped::Nothing => continue,
+        };
         let (placed, points) = (found.poses.iter().flatten().count(), found.points.len());
         let (from, to, k1) = (guess, found.lens.focal / longer, found.lens.k1);
         progress(&format!(
             "focal length {from:.2} of the longer side: {placed} of {count} photographs placed by {points} points, adjusted to {to:.2} and k1 = {k1:.3}",
         ));
         let score = (placed, found.points.iter().map(|p| p.seen.len()).sum::<usize>() as f64 * plausibility(to));
+        tried.push((placed, score.1, to));
         if best.as_ref().is_none_or(|(most, _)| score > *most) {
             best = Some((score, found));
         }
     }
-    let none = || format!("no two of {count} photographs have {FEWEST} matches that agree on a relative pose");
-    best.map(|(_, found)| found).ok_or_else(none)
+    let none = || {
+        if flat {
+            return "they show no depth: one homography explains the matches of each pair, as of a camera that was only \
+                    turned, crops of one photograph, or a flat scene"
+                .to_owned();
+        }
+        format!("no two of {count} photographs have {FEWEST} matches that agree on a relative pose")
+    };
+    let (score, found) = best.ok_or_else(none)?;
+    let rivals = tried.iter().filter(|(placed, value, _)| *placed == score.0 && *value >= RIVAL * score.1);
+    let rivals: Vec<f64> = rivals.map(|(_, _, to)| *to).collect();
+    let (least, most) = rivals.iter().fold((f64::INFINITY, 0f64), |(a, b), &v| (a.min(v), b.max(v)));
+    if most > UNCERTAIN * least {
+        progress(&format!(
+            "the focal length is uncertain: {least:.2} to {most:.2} of the longer side explain the matches nearly as well; \
+             --focal sets it"
+        ));
+    }
+    Ok(found)
 }
 
-/// How likely a focal length is, 1 at most. A very long one explains more matches than the true one where the cameras stand in a row: seen
-/// from so far, a point's depth is free, which makes true what is not.
+/// Returns how likely a focal length is, 1 at most. A very long one explains more matches than the true one if the cameras
+/// stand in a row: seen from so far, a point's depth is free, so that any match agrees.
 fn plausibility(focal: f64) -> f64 {
     1.0 / (1.0 + ((focal / USUAL.0).ln() / USUAL.1).powi(2))
 }
 
-/// The best of the reconstructions with one guess of the lens; `None` where no pair can start one.
-fn map(
-    features: &[Features],
-    matched: &[Matches],
-    lens: (Lens, Prior),
-    tolerance: f64,
-    seed: u64,
-) -> Option<Reconstruction> {
+/// Result of mapping with one guess of the lens.
+enum Mapped {
+    Model(SparseModel),
+    /// One homography explains the matches of each pair.
+    Flat,
+    /// No pair can start a reconstruction.
+    Nothing,
+}
+
+/// Maps with one guess of the lens, and returns the best of the reconstructions from several pairs.
+fn map(features: &[Features], matched: &[Matches], lens: (SimpleRadial, Prior), tolerance: f64, seed: u64) -> Mapped {
     let (agreed, views): (Vec<Matches>, Vec<TwoView>) =
         verified(features, matched, &lens.0, tolerance, seed).into_iter().unzip();
     let tracks = tracks(features, &agreed);
-    let worth = |view: &TwoView| view.angles.iter().map(|a| a.min(WIDE)).sum::<f64>();
+    if !views.is_empty() && views.iter().all(|view| view.flat >= FLAT) {
+        return Mapped::Flat;
+    }
+    let worth = |view: &TwoView| {
+        let angles = view.angles.iter().map(|a| a.min(WIDE)).sum::<f64>();
+        if view.flat >= FLAT { 1e-3 * angles } else { angles }
+    };
     let mut pairs: Vec<(&Matches, &TwoView)> = agreed.iter().zip(&views).collect();
     pairs.sort_by(|a, b| worth(b.1).total_cmp(&worth(a.1)));
     let start = |(matches, view): &(&Matches, &TwoView)| {
@@ -133,6 +185,21 @@ fn map(
         ((mapper.placed(), points.iter().map(|p| p.seen.len()).sum::<usize>()), mapper, points)
     };
     let starts: Vec<_> = pairs.par_iter().take(STARTS).map(start).collect();
-    let (_, mapper, points) = starts.into_iter().reduce(|best, other| if other.0 > best.0 { other } else { best })?;
-    Some(Reconstruction { lens: mapper.lens, poses: mapper.poses, points })
+    let best = starts.into_iter().reduce(|best, other| if other.0 > best.0 { other } else { best });
+    best.map_or(Mapped::Nothing, |(_, mapper, points)| {
+        Mapped::Model(SparseModel { lens: mapper.lens, poses: mapper.poses, points })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn usual_focal_lengths_are_likelier() {
+        let found = [0.85, 0.5, 1.4, 0.2, 5.0].map(plausibility);
+        assert_eq!(found[0], 1.0);
+        assert!((found[1] - found[2]).abs() < 0.1 && found[1] < 0.6 && found[3] < 0.2 && found[4] < 0.3, "{found:?}");
+        assert!(found.iter().all(|value| *value > 0.0));
+    }
 }

@@ -1,4 +1,4 @@
-//! Cameras that are known roughly, refined by what their photographs share.
+//! Refinement of roughly known cameras by points that their photographs share.
 
 use std::f64::consts::SQRT_2;
 
@@ -6,80 +6,80 @@ use glam::{DQuat, DVec2};
 use rayon::prelude::*;
 
 use crate::bundle::{Point, PosePrior, Prior};
-use crate::camera::{Lens, Pose};
-use crate::grey::Grey;
+use crate::camera::{Pose, SimpleRadial};
 use crate::mapper::Mapper;
 use crate::matching::matches_of_pairs;
-use crate::reconstruction::Settings;
+use crate::reconstruction::SfmSettings;
 use crate::sift::{Features, LENGTH, features};
 use crate::tracks::tracks;
 use crate::triangulate::triangulate;
 use crate::two_view::verified;
+use infonerf_scene::image::GreyImage;
 
 /// Points may always fall this many pixels from where they are seen.
-const LEAST_TOLERANCE: f64 = 1.0;
+const MIN_TOLERANCE: f64 = 1.0;
 
-/// A photograph and roughly where it was taken.
+/// A photograph and its rough pose.
 pub struct Posed<'a> {
-    /// The picture.
-    pub image: Grey,
-    /// Roughly.
+    /// The image.
+    pub image: GreyImage,
+    /// Rough pose.
     pub pose: Pose,
-    /// Through whatever lens: `(x, y) / z`, in the camera's axes, of what is seen at a pixel. `None` where that is unknown, or
-    /// not to be looked at.
+    /// Returns `(x, y) / z`, in the camera's axes, of what is seen at a pixel through the lens; `None` if that is unknown, or
+    /// the pixel is to be left out.
     pub unproject: &'a (dyn Fn(DVec2) -> Option<DVec2> + Sync),
 }
 
-/// How well cameras are known: deviations of normal distributions.
+/// Uncertainty of cameras: deviations of normal distributions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Uncertainty {
-    /// Of orientations, in radians.
+    /// Deviation of orientations, in radians.
     pub turn: f64,
-    /// Of places, in units of the world.
+    /// Deviation of places, in units of the world.
     pub shift: f64,
-    /// Of the logarithm of the focal lengths, which all are off by the same factor; 0 where they are right.
+    /// Deviation of the logarithm of the focal lengths, which all are off by one factor; 0 if they are exact.
     pub focal: f64,
 }
 
 /// Deviations that a relative pose may be from the given one: a texture that repeats agrees on a pose far from it.
-const MOST_DEVIATIONS: f64 = 4.0;
+const MAX_DEVIATIONS: f64 = 4.0;
 
 impl Uncertainty {
     /// Whether two cameras that are thought to be at `given` may be at the relative pose `found`, whose translation is known up
-    /// to its length: within [`MOST_DEVIATIONS`] in rotation, and in the direction of the translation.
+    /// to its length: within [`MAX_DEVIATIONS`] in rotation, and in the direction of the translation.
     fn allows(&self, found: &Pose, given: [Pose; 2]) -> bool {
         let [first, second] = given;
         let rotation = second.rotation * first.rotation.transpose();
         let translation = second.translation - rotation * first.translation;
         let turned = DQuat::from_mat3(&found.rotation).angle_between(DQuat::from_mat3(&rotation));
         let [turn, shift] = [self.turn, self.shift].map(|of_one| SQRT_2 * of_one);
-        turned <= MOST_DEVIATIONS * turn
-            && found.translation.angle_between(translation) <= MOST_DEVIATIONS * (turn + shift / translation.length())
+        turned <= MAX_DEVIATIONS * turn
+            && found.translation.angle_between(translation) <= MAX_DEVIATIONS * (turn + shift / translation.length())
     }
 }
 
 /// Refined cameras.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Refined {
-    /// The pose of each photograph, or why its own has to do.
+    /// The pose of each photograph, or the reason why it keeps its own.
     pub poses: Vec<Result<Pose, String>>,
-    /// By how much focal lengths are longer than they were given.
+    /// Factor by which focal lengths are longer than they were given.
     pub focal: f64,
-    /// What two or more photographs see.
+    /// Points that two or more photographs see.
     pub points: Vec<Point>,
     /// Median distance, in pixels, between where points are seen and where they fall: by the given cameras, which place them
     /// anew, and by the refined ones.
     pub errors: [f64; 2],
 }
 
-/// Bundle adjustment of `photographs` and the points that they share, which begins at the poses given and is drawn to them by
-/// their `uncertainty`: what matches leave open stays. `focal` is about the focal length in pixels, in which errors count.
-pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty, settings: &Settings) -> Refined {
+/// Adjusts `photographs` and the points that they share together, beginning at the given poses and drawn to them by their
+/// `uncertainty`: what matches leave open stays. `focal` is about the focal length in pixels, in which errors count.
+pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty, settings: &SfmSettings) -> Refined {
     let features: Vec<Features> =
         photographs.par_iter().map(|photograph| seen(photograph, focal, settings.features)).collect();
     let longer = photographs.iter().map(|p| p.image.width.max(p.image.height)).max().unwrap_or(0);
-    let tolerance = (settings.tolerance * longer as f64).max(LEAST_TOLERANCE);
-    let lens = Lens { focal, k1: 0.0, centre: DVec2::ZERO };
+    let tolerance = (settings.tolerance * longer as f64).max(MIN_TOLERANCE);
+    let lens = SimpleRadial { focal, k1: 0.0, centre: DVec2::ZERO };
     let agreed = verified(&features, &matches_of_pairs(&features), &lens, tolerance, settings.seed)
         .into_iter()
         .filter(|(matches, found)| uncertainty.allows(&found.pose, [matches.a, matches.b].map(|i| photographs[i].pose)))
@@ -99,9 +99,9 @@ pub fn refine(photographs: &[Posed<'_>], focal: f64, uncertainty: Uncertainty, s
     Refined { focal: found.lens.focal / focal, poses: found.poses, points, errors }
 }
 
-/// Median distance, in pixels, between where `points` are seen and where they fall when these cameras alone place them:
-/// infinite for points that they cannot place, and 0 without points.
-fn median_error(lens: &Lens, poses: &[Result<Pose, String>], points: &[Point]) -> f64 {
+/// Returns the median distance, in pixels, between where `points` are seen and where they fall when these cameras alone
+/// place them: infinite for points that they cannot place, and 0 without points.
+fn median_error(lens: &SimpleRadial, poses: &[Result<Pose, String>], points: &[Point]) -> f64 {
     let errors_of = |point: &Point| -> Vec<f64> {
         let view = |&(i, pixel): &(usize, DVec2)| Some((*poses[i].as_ref().ok()?, pixel));
         let seen: Vec<(Pose, DVec2)> = point.seen.iter().filter_map(view).collect();
@@ -115,7 +115,7 @@ fn median_error(lens: &Lens, poses: &[Result<Pose, String>], points: &[Point]) -
     errors.get(errors.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// The features of a photograph, as a lens of that focal length without distortion sees them.
+/// Finds the features of a photograph, as a lens of that focal length without distortion sees them.
 fn seen(photograph: &Posed<'_>, focal: f64, most: usize) -> Features {
     let found = features(&photograph.image, most);
     let mut seen = Features::default();

@@ -3,11 +3,12 @@
 use std::f32::consts::TAU;
 
 use glam::DVec2;
+use infonerf_scene::image::GreyImage;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::grey::Grey;
+use crate::scale_space::{blurred, difference, doubled, halved};
 
-/// Numbers per descriptor: 4 × 4 cells of 8 orientations.
+/// Values per descriptor: 4 × 4 cells of 8 orientations.
 pub(crate) const LENGTH: usize = CELLS * CELLS * BINS;
 const CELLS: usize = 4;
 const BINS: usize = 8;
@@ -23,7 +24,7 @@ const CONTRAST: f32 = 0.005;
 const EDGE: f32 = 10.0;
 /// The shortest side of an octave, in pixels.
 const SMALLEST: usize = 16;
-/// Pixels beside the border in which there are no features.
+/// Width, in pixels, of the border in which there are no features.
 const BORDER: usize = 5;
 /// Bins of the histogram of orientations.
 const ANGLES: usize = 36;
@@ -37,16 +38,13 @@ const DOUBLED: usize = 1024;
 pub(crate) struct Features {
     /// Where they are; the centre of the first pixel is (0.5, 0.5).
     pub(crate) pixels: Vec<DVec2>,
-    /// [`LENGTH`] numbers each, of unit length.
+    /// [`LENGTH`] values each, of unit length.
     pub(crate) descriptors: Vec<f32>,
 }
 
-/// The features of `image`, the `most` of highest contrast.
-pub(crate) fn features(image: &Grey, most: usize) -> Features {
-    let double = image.width.max(image.height) <= DOUBLED;
-    let (mut base, sigma) = if double { (image.doubled(), 2.0 * CAMERA_SIGMA) } else { (image.clone(), CAMERA_SIGMA) };
-    base = base.blurred((SIGMA * SIGMA - sigma * sigma).sqrt());
-    let mut spacing = if double { 0.5 } else { 1.0 };
+/// Finds the features of `image`, the `most` of highest contrast.
+pub(crate) fn features(image: &GreyImage, most: usize) -> Features {
+    let (mut base, mut spacing) = first_level(image);
     let mut found = Vec::new();
     while base.width.min(base.height) >= SMALLEST {
         let octave = Octave::new(base);
@@ -57,7 +55,7 @@ pub(crate) fn features(image: &Grey, most: usize) -> Features {
                 found.push((extremum.contrast, pixel, descriptor(level, &extremum, angle)));
             }
         }
-        base = octave.levels[SCALES].halved();
+        base = halved(&octave.levels[SCALES]);
         spacing *= 2.0;
     }
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
@@ -70,10 +68,17 @@ pub(crate) fn features(image: &Grey, most: usize) -> Features {
     features
 }
 
+/// Returns the first image of the first octave, with a blur of [`SIGMA`], and the distance of its pixels in those of `image`.
+fn first_level(image: &GreyImage) -> (GreyImage, f64) {
+    let double = image.width.max(image.height) <= DOUBLED;
+    let (base, sigma) = if double { (doubled(image), 2.0 * CAMERA_SIGMA) } else { (image.clone(), CAMERA_SIGMA) };
+    (blurred(&base, (SIGMA * SIGMA - sigma * sigma).sqrt()), if double { 0.5 } else { 1.0 })
+}
+
 /// Ever more blurred images of one size, and their differences.
 struct Octave {
-    levels: Vec<Grey>,
-    differences: Vec<Grey>,
+    levels: Vec<GreyImage>,
+    differences: Vec<GreyImage>,
 }
 
 /// A feature within an octave, in its pixels.
@@ -88,13 +93,13 @@ struct Extremum {
 }
 
 impl Octave {
-    fn new(base: Grey) -> Self {
+    fn new(base: GreyImage) -> Self {
         let sigma = |level: usize| SIGMA * 2f32.powf(level as f32 / SCALES as f32);
         let mut levels = vec![base];
         for i in 1..SCALES + 3 {
-            levels.push(levels[i - 1].blurred((sigma(i).powi(2) - sigma(i - 1).powi(2)).sqrt()));
+            levels.push(blurred(&levels[i - 1], (sigma(i).powi(2) - sigma(i - 1).powi(2)).sqrt()));
         }
-        let differences = levels.windows(2).map(|pair| pair[1].minus(&pair[0])).collect();
+        let differences = levels.windows(2).map(|pair| difference(&pair[1], &pair[0])).collect();
         Self { levels, differences }
     }
 
@@ -113,7 +118,7 @@ impl Octave {
         found
     }
 
-    /// Whether the difference there is above or below all 26 beside it.
+    /// Whether the difference there is above or below all 26 around it.
     fn is_extremal(&self, s: usize, x: usize, y: usize) -> bool {
         let value = self.differences[s].at(x, y);
         if value.abs() < 0.5 * CONTRAST {
@@ -130,7 +135,7 @@ impl Octave {
         })
     }
 
-    /// The extremum of the quadratic through the values around; `None` if it is weak, on an edge, or runs away.
+    /// Returns the extremum of the quadratic through the values around; `None` if it is weak, on an edge, or runs away.
     fn refined(&self, mut s: usize, mut x: usize, mut y: usize) -> Option<Extremum> {
         let (width, height) = (self.levels[0].width, self.levels[0].height);
         for _ in 0..5 {
@@ -139,7 +144,8 @@ impl Octave {
             };
             let value = at(0, 0, 0);
             let unit = [(1, 0, 0), (0, 1, 0), (0, 0, 1)];
-            let slope = |i: usize| 0.5 * (at(unit[i].0, unit[i].1, unit[i].2) - at(-unit[i].0, -unit[i].1, -unit[i].2));
+            let derivative =
+                |i: usize| 0.5 * (at(unit[i].0, unit[i].1, unit[i].2) - at(-unit[i].0, -unit[i].1, -unit[i].2));
             let bend = |i: usize, j: usize| {
                 let ((ax, ay, az), (bx, by, bz)) = (unit[i], unit[j]);
                 if i == j {
@@ -148,7 +154,7 @@ impl Octave {
                 let (p, m) = ((ax + bx, ay + by, az + bz), (ax - bx, ay - by, az - bz));
                 0.25 * (at(p.0, p.1, p.2) + at(-p.0, -p.1, -p.2) - at(m.0, m.1, m.2) - at(-m.0, -m.1, -m.2))
             };
-            let gradient = Vector3::from_fn(|i, _| slope(i));
+            let gradient = Vector3::from_fn(|i, _| derivative(i));
             let hessian = Matrix3::from_fn(bend);
             let step = -(hessian.lu().solve(&gradient)?);
             if step.amax() < 0.5 {
@@ -178,7 +184,7 @@ impl Octave {
 }
 
 /// Calls `visit` with offset, magnitude and angle of the gradient at each pixel within `radius` of the feature.
-fn gradients(image: &Grey, at: &Extremum, radius: f32, mut visit: impl FnMut(f32, f32, f32, f32)) {
+fn gradients(image: &GreyImage, at: &Extremum, radius: f32, mut visit: impl FnMut(f32, f32, f32, f32)) {
     let range = |centre: f32, size: usize| {
         let first = (centre - radius).ceil().max(1.0) as usize;
         first..=((centre + radius).floor().max(0.0) as usize).min(size - 2)
@@ -192,8 +198,8 @@ fn gradients(image: &Grey, at: &Extremum, radius: f32, mut visit: impl FnMut(f32
     }
 }
 
-/// The one or two directions that most gradients around a feature have.
-fn orientations(image: &Grey, at: &Extremum) -> Vec<f32> {
+/// Returns the one or two directions that most gradients around a feature have.
+fn orientations(image: &GreyImage, at: &Extremum) -> Vec<f32> {
     let sigma = 1.5 * at.sigma;
     let mut histogram = [0f32; ANGLES];
     gradients(image, at, 3.0 * sigma, |dx, dy, magnitude, angle| {
@@ -222,8 +228,8 @@ fn orientations(image: &Grey, at: &Extremum) -> Vec<f32> {
     peaks.into_iter().take(2).map(|(_, angle)| angle).collect()
 }
 
-/// Histograms of gradients in 4 × 4 cells turned by `angle`; square roots of what is then of sum 1.
-fn descriptor(image: &Grey, at: &Extremum, angle: f32) -> [f32; LENGTH] {
+/// Returns histograms of gradients in 4 × 4 cells turned by `angle`, scaled to sum 1, their square roots taken (RootSIFT).
+fn descriptor(image: &GreyImage, at: &Extremum, angle: f32) -> [f32; LENGTH] {
     let cell = 3.0 * at.sigma;
     let (sin, cos) = angle.sin_cos();
     let mut histogram = [0f32; LENGTH];
@@ -253,4 +259,66 @@ fn descriptor(image: &Grey, at: &Extremum, angle: f32) -> [f32; LENGTH] {
     histogram.iter_mut().for_each(|v| *v = v.min(0.2 * length));
     let sum = histogram.iter().sum::<f32>().max(f32::MIN_POSITIVE);
     histogram.map(|v| (v / sum).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn image(side: usize, value: impl Fn(f32, f32) -> f32) -> GreyImage {
+        let middle = (side / 2) as f32;
+        let at = |i: usize| value((i % side) as f32 - middle, (i / side) as f32 - middle);
+        GreyImage { width: side, height: side, values: (0..side * side).map(at).collect() }
+    }
+
+    fn middle(image: &GreyImage) -> Extremum {
+        let at = (image.width / 2) as f32;
+        Extremum { x: at, y: at, sigma: 2.0, level: 0, contrast: 1.0 }
+    }
+
+    /// The camera's blur of half a pixel, one after doubling, and the one that is added come to [`SIGMA`].
+    #[test]
+    fn the_first_level_has_the_blur_of_an_octave() {
+        for (side, before) in [(65, 2.0 * CAMERA_SIGMA), (DOUBLED + 1, CAMERA_SIGMA)] {
+            let (base, spacing) = first_level(&image(side, |x, y| if (x, y) == (0.0, 0.0) { 1.0 } else { 0.0 }));
+            let centre = ((side / 2) as f64 / spacing) as usize;
+            let row: Vec<f32> = (0..base.width).map(|x| base.at(x, centre)).collect();
+            let sum: f32 = row.iter().sum();
+            let variance: f32 = row.iter().zip(0..).map(|(v, x)| v / sum * (x as f32 - centre as f32).powi(2)).sum();
+            // Doubling interpolates, which has a variance of half a pixel of its own.
+            let interpolated = if spacing < 1.0 { 0.5 } else { 0.0 };
+            let added = SIGMA * SIGMA - before * before;
+            assert!((variance - interpolated - added).abs() < 0.03, "{side}: {variance} {added}");
+        }
+    }
+
+    #[test]
+    fn the_orientation_is_that_of_near_gradients_interpolated_between_bins() {
+        let found = |value: &dyn Fn(f32, f32) -> f32| -> Vec<f32> {
+            let image = image(61, value);
+            orientations(&image, &middle(&image)).iter().map(|angle| angle.to_degrees()).collect()
+        };
+        let ramp = found(&|x, y| 0.01 * (x + y));
+        assert!(ramp.len() == 1 && (ramp[0] - 45.0).abs() < 0.1, "{ramp:?}");
+        // Within 3 pixels of the middle gradients point right, farther away left, where there are more.
+        let turned = found(&|x, _| 0.01 * if x.abs() < 3.0 { x } else { x.signum() * (6.0 - x.abs()) });
+        assert!(turned.len() == 1 && turned[0] < 10.0, "{turned:?}");
+        // 45° near the middle, 55° farther away.
+        let between =
+            found(&|x, y| 0.01 * (y + if x.abs() < 3.0 { x } else { x.signum() * (3.0 + 0.7 * (x.abs() - 3.0)) }));
+        assert!(between.len() == 1 && (46.0..50.0).contains(&between[0]), "{between:?}");
+    }
+
+    #[test]
+    fn descriptors_count_gradients_relative_to_the_orientation() {
+        let image = image(61, |x, y| 0.01 * (x + y));
+        for (angle, bin) in [(0.0, 1), (45.0, 0), (90.0, 7), (-45.0, 2)] {
+            let found = descriptor(&image, &middle(&image), f32::to_radians(angle));
+            for cell in found.chunks_exact(BINS) {
+                let most = (0..BINS).max_by(|a, b| cell[*a].total_cmp(&cell[*b])).unwrap();
+                assert_eq!(most, bin, "{angle}: {cell:?}");
+            }
+            assert!((found.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-5);
+        }
+    }
 }

@@ -5,13 +5,13 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::bundle::{Bundle, Point};
-use crate::camera::{Lens, Pose};
+use crate::camera::{Pose, SimpleRadial};
 
-/// Points in a box of side 2, seen without error from `cameras` places 4 away, in pictures of 1000 × 800.
+/// Returns points in a box of side 2, seen without error from `cameras` places 4 away, in pictures of 1000 × 800.
 pub(crate) fn world(seed: u64, cameras: usize, points: usize) -> Bundle {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut any = || DVec3::from_array(std::array::from_fn(|_| random.random_range(-1.0..1.0)));
-    let lens = Lens { focal: 900.0, k1: -0.05, centre: DVec2::new(500.0, 400.0) };
+    let lens = SimpleRadial { focal: 900.0, k1: -0.05, centre: DVec2::new(500.0, 400.0) };
     let pose = |i: usize| {
         let away = DMat3::from_rotation_y(0.15 * i as f64) * DVec3::new(0.0, 0.3 * (i as f64).sin(), -4.0);
         let z = (0.2 * any() - away).normalize();
@@ -40,7 +40,7 @@ pub(crate) fn disturb(points: &mut [Point], noise: f64, wrong: usize) {
     }
 }
 
-/// The angle between two rotations, in degrees.
+/// Returns the angle between two rotations, in degrees.
 pub(crate) fn turn(a: &DMat3, b: &DMat3) -> f64 {
     let r = *a * b.transpose();
     (0.5 * (r.x_axis.x + r.y_axis.y + r.z_axis.z - 1.0)).clamp(-1.0, 1.0).acos().to_degrees()

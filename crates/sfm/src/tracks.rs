@@ -8,7 +8,7 @@ use crate::sift::Features;
 /// Photographs and the pixels in which they see one point, each photograph once.
 pub(crate) type Track = Vec<(usize, DVec2)>;
 
-/// The connected components of `matches`. A photograph that sees one of
+/// Returns the connected components of `matches`. A photograph that sees one of
 /// them in two places is left out of it.
 pub(crate) fn tracks(features: &[Features], matches: &[Matches]) -> Vec<Track> {
     let mut first = vec![0];

@@ -5,8 +5,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::camera::Pose;
 
-/// The point closest to the rays along which the cameras see it, `(x, y, 1)` in their axes: the least squares of
-/// perpendicular distances over depths, by reweighting. `None` where the rays are parallel or it is behind a camera.
+/// Returns the point closest to the rays along which the cameras see it, `(x, y, 1)` in their axes: the least squares
+/// of perpendicular distances over depths, by reweighting. `None` where the rays are parallel or it is behind a camera.
 pub(crate) fn triangulate(seen: &[(Pose, DVec2)]) -> Option<DVec3> {
     let mut depths = vec![1.0; seen.len()];
     let mut point = None;
@@ -35,7 +35,7 @@ pub(crate) fn triangulate(seen: &[(Pose, DVec2)]) -> Option<DVec3> {
     point
 }
 
-/// The largest angle between the rays from two of `centres` to `point`, in radians.
+/// Returns the largest angle between the rays from two of `centres` to `point`, in radians.
 pub(crate) fn angle(point: DVec3, centres: &[DVec3]) -> f64 {
     let pairs = centres.iter().enumerate().flat_map(|(i, a)| centres[..i].iter().map(move |b| (a, b)));
     pairs.map(|(a, b)| (*a - point).angle_between(*b - point)).fold(0.0, f64::max)

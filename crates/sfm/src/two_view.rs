@@ -1,10 +1,11 @@
 //! The relative pose of two photographs from their matches.
 
 use glam::{DMat3, DVec2, DVec3};
+use nalgebra::{SMatrix, SVector};
 use rayon::prelude::*;
 
 use crate::bundle::{Adjustment, Bundle, Point, Prior};
-use crate::camera::{Lens, Pose};
+use crate::camera::{Pose, SimpleRadial};
 use crate::essential::{five_point, poses, sampson};
 use crate::matching::{FEWEST, Matches};
 use crate::ransac::Ransac;
@@ -13,23 +14,28 @@ use crate::triangulate::{angle, triangulate};
 
 /// Samples of five matches, at most.
 const SAMPLES: usize = 2000;
+/// Samples of four matches for a homography, at most.
+const HOMOGRAPHIES: usize = 300;
 
 /// Two photographs whose matches agree on a relative pose.
 #[derive(Clone, Debug)]
 pub(crate) struct TwoView {
-    /// Of the second camera; the first is at the origin, the distance between them 1.
+    /// Pose of the second camera; the first is at the origin, the distance between them 1.
     pub(crate) pose: Pose,
     /// The matches that agree, by index.
     pub(crate) inliers: Vec<usize>,
     /// The angles between the two rays to what these see, in radians.
     pub(crate) angles: Vec<f64>,
+    /// Share of these matches that one homography explains as well: a camera that was only turned, or a flat scene.
+    pub(crate) flat: f64,
 }
 
-/// The pairs of photographs of which [`FEWEST`] matches or more agree on a relative pose, with these matches alone.
+/// Returns the pairs of photographs of which [`FEWEST`] matches or more agree on a relative pose, with these matches
+/// alone.
 pub(crate) fn verified(
     features: &[Features],
     matched: &[Matches],
-    lens: &Lens,
+    lens: &SimpleRadial,
     tolerance: f64,
     seed: u64,
 ) -> Vec<(Matches, TwoView)> {
@@ -43,9 +49,9 @@ pub(crate) fn verified(
     matched.par_iter().filter_map(verified).collect()
 }
 
-/// The relative pose on which most `matches` (pixels in both photographs) agree within `tolerance` pixels. `None` where no
-/// five of them allow one.
-pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &Lens, tolerance: f64, seed: u64) -> Option<TwoView> {
+/// Returns the relative pose on which most `matches` (pixels in both photographs) agree within `tolerance` pixels.
+/// `None` where no five of them allow one.
+pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &SimpleRadial, tolerance: f64, seed: u64) -> Option<TwoView> {
     let rays: Vec<(DVec2, DVec2)> = matches.iter().map(|(a, b)| (lens.unproject(*a), lens.unproject(*b))).collect();
     let threshold = (tolerance / lens.focal).powi(2);
     let ransac = Ransac { sample: 5, threshold, most: SAMPLES, seed };
@@ -60,22 +66,57 @@ pub(crate) fn two_view(matches: &[(DVec2, DVec2)], lens: &Lens, tolerance: f64, 
         let near = sampson(&essential, rays[i]) < threshold;
         near.then(|| point(&pose, rays[i])).flatten().map(|p| (i, angle(p, &centres)))
     };
-    let (inliers, angles) = (0..rays.len()).filter_map(agreeing).unzip();
-    Some(TwoView { pose, inliers, angles })
+    let (inliers, angles): (Vec<usize>, Vec<f64>) = (0..rays.len()).filter_map(agreeing).unzip();
+    let agreed: Vec<(DVec2, DVec2)> = inliers.iter().map(|&i| rays[i]).collect();
+    Some(TwoView { pose, inliers, angles, flat: flatness(&agreed, threshold, seed) })
 }
 
-/// What both cameras see, if it is in front of them.
+/// Returns the share of `rays` that the best homography takes from the first to the second camera, by squared distances
+/// below `threshold`.
+fn flatness(rays: &[(DVec2, DVec2)], threshold: f64, seed: u64) -> f64 {
+    let ransac = Ransac { sample: 4, threshold, most: HOMOGRAPHIES, seed };
+    let solve =
+        |sample: &[usize]| homography(&sample.iter().map(|&i| rays[i]).collect::<Vec<_>>()).into_iter().collect();
+    let error = |h: &DMat3, i: usize| {
+        let (from, to) = rays[i];
+        let at = *h * from.extend(1.0);
+        if at.z.abs() < 1e-12 { f64::INFINITY } else { (at.truncate() / at.z).distance_squared(to) }
+    };
+    ransac.run(rays.len(), solve, error).map_or(0.0, |(_, inliers)| inliers.len() as f64 / rays.len() as f64)
+}
+
+/// Solves for the homography that takes each first point to its second, `h₃₃ = 1`, by least squares; `None` for degenerate
+/// points.
+fn homography(pairs: &[(DVec2, DVec2)]) -> Option<DMat3> {
+    let (mut a, mut b) = (SMatrix::<f64, 8, 8>::zeros(), SVector::<f64, 8>::zeros());
+    for (from, to) in pairs {
+        let (x, y) = (from.x, from.y);
+        for (row, value) in [
+            ([x, y, 1.0, 0.0, 0.0, 0.0, -x * to.x, -y * to.x], to.x),
+            ([0.0, 0.0, 0.0, x, y, 1.0, -x * to.y, -y * to.y], to.y),
+        ] {
+            let row = SVector::<f64, 8>::from(row);
+            a += row * row.transpose();
+            b += row * value;
+        }
+    }
+    let h = a.cholesky()?.solve(&b);
+    let matrix = DMat3::from_cols_array(&[h[0], h[1], h[2], h[3], h[4], h[5], h[6], h[7], 1.0]).transpose();
+    matrix.is_finite().then_some(matrix)
+}
+
+/// Triangulates the point that both cameras see, if it is in front of them.
 fn point(pose: &Pose, (a, b): (DVec2, DVec2)) -> Option<DVec3> {
     triangulate(&[(Pose::IDENTITY, a), (*pose, b)])
 }
 
-/// The pose after bundle adjustment of the two views, at distance 1.
+/// Returns the pose after bundle adjustment of the two views, at distance 1.
 fn refined(
     pose: Pose,
     matches: &[(DVec2, DVec2)],
     rays: &[(DVec2, DVec2)],
     inliers: &[usize],
-    lens: &Lens,
+    lens: &SimpleRadial,
     tolerance: f64,
 ) -> Pose {
     let points = inliers.iter().filter_map(|&i| {
@@ -96,8 +137,8 @@ fn refined(
     Pose { rotation, translation: translation.try_normalize().unwrap_or(pose.translation) }
 }
 
-/// The matrix of `x ↦ v × x`.
-fn cross(v: DVec3) -> DMat3 {
+/// Returns the matrix of `x ↦ v × x`.
+pub(crate) fn cross(v: DVec3) -> DMat3 {
     DMat3::from_cols(v.cross(DVec3::X), v.cross(DVec3::Y), v.cross(DVec3::Z))
 }
 
@@ -106,7 +147,7 @@ mod tests {
     use super::*;
     use crate::testing::{disturb, turn, world};
 
-    /// Of two in five matches one end is anywhere.
+    /// One end of two in five matches is anywhere.
     #[test]
     fn outliers_do_not_turn_the_pose() {
         let mut all = world(2, 3, 200);
@@ -122,5 +163,21 @@ mod tests {
         let again = two_view(&matches, &all.lens, 2.0, 0).unwrap();
         assert_eq!((again.pose, &again.inliers), (found.pose, &found.inliers));
         assert!(two_view(&matches[..4], &all.lens, 2.0, 0).is_none());
+        assert!(found.flat < 0.5, "{}", found.flat);
+    }
+
+    #[test]
+    fn a_camera_that_only_turns_shows_no_depth() {
+        let all = world(2, 1, 100);
+        let turned = all.poses[0].moved(DVec3::new(0.02, 0.15, 0.01), DVec3::ZERO);
+        let turned = Pose { translation: turned.rotation * -all.poses[0].centre(), ..turned };
+        let ray = |pose: &Pose, point: DVec3| all.lens.unproject(all.lens.project(pose.transform(point)).unwrap());
+        let rays = |second: &Pose| -> Vec<(DVec2, DVec2)> {
+            all.points.iter().map(|p| (ray(&all.poses[0], p.position), ray(second, p.position))).collect()
+        };
+        let moved = turned.moved(DVec3::ZERO, DVec3::X);
+        let threshold = (2.0 / all.lens.focal).powi(2);
+        let [flat, deep] = [turned, moved].map(|second| flatness(&rays(&second), threshold, 0));
+        assert!(flat > 0.99 && deep < 0.5, "{flat} {deep}");
     }
 }

@@ -1,11 +1,11 @@
-//! What views agree on.
+//! Agreement of depth maps.
 
 use infonerf_scene::Camera;
 use rayon::prelude::*;
 
 use crate::map::DepthMap;
 
-/// The maps without the pixels whose surface point no other view of `pairs` has within `tolerance` steps of where it is.
+/// Clears the pixels of each map whose surface point no other view of `pairs` has within `tolerance` steps of where it is.
 pub(crate) fn agreed(maps: &[DepthMap], cameras: &[Camera], pairs: &[Vec<usize>], tolerance: f32) -> Vec<DepthMap> {
     let checked = |view: usize| {
         let (map, camera) = (&maps[view], &cameras[view]);

@@ -1,39 +1,41 @@
-//! How alike the windows of two pictures are.
+//! Normalised cross-correlation of windows of two images.
 
-use crate::grey::Grey;
+use infonerf_scene::image::GreyImage;
 
 /// Added to the variances, so that noise in an even window correlates with nothing.
 const NOISE: f32 = 1e-4;
 
-/// Sums over the windows of one picture that other pictures are compared with.
+/// Sums over the windows of one image that others are compared with.
 pub(crate) struct Windows<'a> {
-    picture: &'a Grey,
+    image: &'a GreyImage,
     /// Half the side.
     half: usize,
-    /// Number of pixels of each window, mean and variance of the picture there.
+    /// Number of pixels of each window, mean and variance of the image there.
     statistics: Vec<(f32, f32, f32)>,
 }
 
 impl<'a> Windows<'a> {
-    pub(crate) fn new(picture: &'a Grey, half: usize) -> Self {
-        let rows = picture.values.iter().map(|&a| [1.0, a, a * a, 0.0]).collect();
-        let statistics = sums(rows, picture.width, half)
+    pub(crate) fn new(image: &'a GreyImage, half: usize) -> Self {
+        let rows = image.values.iter().map(|&a| if a.is_nan() { [0.0; 4] } else { [1.0, a, a * a, 0.0] }).collect();
+        let statistics = sums(rows, image.width, half)
             .into_iter()
             .map(|[n, sum, squares, _]| (n, sum / n, (squares / n - (sum / n).powi(2)).max(0.0)))
             .collect();
-        Self { picture, half, statistics }
+        Self { image, half, statistics }
     }
 
-    /// Normalised cross-correlation of the windows of the picture, `a`, and of `b` about each pixel, from −1 to 1:
+    /// Returns the normalised cross-correlation of the windows of the image, `a`, and of `b` about each pixel, from −1 to 1:
     ///
     /// `(E[ab] − E[a]E[b]) / √((Var a + c)(Var b + c))`, `c = 1e-4`
     ///
-    /// NaN where `b` has a NaN in the window.
+    /// Pixels that are NaN in the image are left out of its windows; NaN where `b` lacks one of the others.
     pub(crate) fn correlation(&self, b: &[f32]) -> Vec<f32> {
-        let products = |(&a, &b): (&f32, &f32)| if b.is_nan() { [0.0; 4] } else { [1.0, b, b * b, a * b] };
-        let sums = sums(self.picture.values.iter().zip(b).map(products).collect(), self.picture.width, self.half);
+        let products = |(&a, &b): (&f32, &f32)| {
+            if a.is_nan() || b.is_nan() { [0.0; 4] } else { [1.0, b, b * b, a * b] }
+        };
+        let sums = sums(self.image.values.iter().zip(b).map(products).collect(), self.image.width, self.half);
         let correlation = |(&(n, mean, variance), &[known, sum, squares, both]): (&(f32, f32, f32), &[f32; 4])| {
-            if known < n {
+            if known < n || n == 0.0 {
                 return f32::NAN;
             }
             let other = (squares / n - (sum / n).powi(2)).max(0.0);
@@ -43,7 +45,7 @@ impl<'a> Windows<'a> {
     }
 }
 
-/// Sums of `values`, rows of `width`, over the square window about each, as far as it lies within them; by running sums along
+/// Sums `values`, rows of `width`, over the square window about each, as far as it lies within them; by running sums along
 /// rows and then columns.
 fn sums(values: Vec<[f32; 4]>, width: usize, half: usize) -> Vec<[f32; 4]> {
     let height = values.len() / width;
@@ -89,9 +91,9 @@ fn add(sum: &mut [f32; 4], value: &[f32; 4], sign: f32) {
 mod tests {
     use super::*;
 
-    fn picture(value: impl Fn(usize, usize) -> f32) -> Grey {
+    fn picture(value: impl Fn(usize, usize) -> f32) -> GreyImage {
         let values = (0..9).flat_map(|y| (0..11).map(move |x| (x, y))).map(|(x, y)| value(x, y)).collect();
-        Grey { width: 11, height: 9, values }
+        GreyImage { width: 11, height: 9, values }
     }
 
     #[test]
@@ -115,6 +117,11 @@ mod tests {
         let found = Windows::new(&a, 2).correlation(&brighter);
         assert!(found[0].is_nan() && found[2].is_nan() && !found[3].is_nan());
         assert!(found.iter().all(|value| value.is_nan() || (*value > 0.98 && *value < 1.001)), "{found:?}");
+        // Pixels that are no part of the image are left out of its windows, and poison no other.
+        let mut holed = a.clone();
+        holed.values[4 * 11 + 5] = f32::NAN;
+        let found = Windows::new(&holed, 2).correlation(&a.values);
+        assert!(found.iter().all(|value| *value > 0.98 && *value < 1.001), "{found:?}");
         let found = Windows::new(&a, 2).correlation(&vec![0.5; a.values.len()]);
         assert!(found.iter().all(|value| value.abs() < 1e-2), "{found:?}");
     }

@@ -1,18 +1,18 @@
 //! Depth maps of posed photographs by plane-sweep stereo.
 //!
-//! For each view, the views beside it are warped onto surfaces of constant disparity (Collins 1996), compared with it by
+//! For each view, its neighbours are warped onto surfaces of constant disparity (Collins 1996), compared with it by
 //! normalised cross-correlation over windows, smoothed by semi-global matching (Hirschmüller 2008), and what two views do
-//! not agree on is dropped. Only the photographs and their cameras are used.
+//! not agree on is dropped. Only the photographs and their cameras are used, and of these only valid pixels.
 //!
 //! ```
 //! use infonerf_procedural::load;
 //! use infonerf_scene::{SceneRequest, ViewSelection};
-//! use infonerf_stereo::{Settings, depth_maps};
+//! use infonerf_stereo::{StereoSettings, depth_maps};
 //!
 //! let train = ViewSelection::Seed { seed: 0, count: 3 };
 //! let request = SceneRequest { train, image_size: Some(48), ..SceneRequest::default() };
 //! let scene = load("room", &request)?;
-//! let maps = depth_maps(&scene, &Settings::default());
+//! let maps = depth_maps(&scene, &StereoSettings::default());
 //! assert_eq!(maps.len(), 3);
 //! let agreed: usize = maps.iter().map(|map| map.matched()).sum();
 //! assert!(agreed > 100, "{agreed}");
@@ -21,22 +21,22 @@
 
 mod agreement;
 mod correlation;
-mod grey;
 mod map;
 mod neighbours;
 mod semi_global;
 mod sweep;
 
-use infonerf_scene::{Camera, Ray, Scene};
+use infonerf_scene::image::resized_mask;
+use infonerf_scene::{Camera, Ray, Scene, View};
 
-use crate::grey::Grey;
 use crate::sweep::Sweep;
+use infonerf_scene::image::GreyImage;
 
 pub use map::DepthMap;
 
-/// What a search is made with.
+/// Settings of a search.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Settings {
+pub struct StereoSettings {
     /// The longest side of the images that are compared, in pixels; larger ones are averaged down.
     pub size: u32,
     /// Views that each view is compared with, at most.
@@ -49,30 +49,31 @@ pub struct Settings {
     pub tolerance: f32,
 }
 
-impl Default for Settings {
+impl Default for StereoSettings {
     fn default() -> Self {
         Self { size: 252, neighbours: 4, planes: 192, window: 3, tolerance: 1.5 }
     }
 }
 
-/// How much smaller the images are among which the depths that occur are found first.
+/// Reduction of the images in which the depths that occur are found first.
 const REDUCTION: u32 = 3;
-/// Fewer matches than this share of all pixels say nothing about which depths occur.
-const FEWEST_MATCHES: f32 = 0.01;
+/// Fewer matches than this share of all pixels do not show which depths occur.
+const MIN_MATCHES: f32 = 0.01;
 
-/// The depth of each training view of `scene`, in their order; nothing is matched in a view that no other one is close to.
+/// Returns the depth of each training view of `scene`, in their order; nothing is matched in a view that no other one is
+/// close to.
 ///
-/// What the scene says of near and far is often far too wide. A first search in small images finds which disparities occur,
+/// The scene's near and far are often far too wide. A first search in small images finds which disparities occur,
 /// and the second spends its planes on those.
-pub fn depth_maps(scene: &Scene, settings: &Settings) -> Vec<DepthMap> {
-    let small = Settings { size: (settings.size / REDUCTION).max(1), ..settings.clone() };
+pub fn depth_maps(scene: &Scene, settings: &StereoSettings) -> Vec<DepthMap> {
+    let small = StereoSettings { size: (settings.size / REDUCTION).max(1), ..settings.clone() };
     let occurring = disparities(&search(scene, &small, Disparities::ALL)).unwrap_or(Disparities::ALL);
     search(scene, settings, occurring)
 }
 
-/// One search among planes within `disparities`.
-fn search(scene: &Scene, settings: &Settings, disparities: Disparities) -> Vec<DepthMap> {
-    let images: Vec<Grey> = scene.train.iter().map(|view| Grey::of(&view.image, settings.size)).collect();
+/// Searches once among planes within `disparities`.
+fn search(scene: &Scene, settings: &StereoSettings, disparities: Disparities) -> Vec<DepthMap> {
+    let images: Vec<GreyImage> = scene.train.iter().map(|view| valid_grey(view, settings.size)).collect();
     let cameras: Vec<Camera> = scene
         .train
         .iter()
@@ -86,10 +87,24 @@ fn search(scene: &Scene, settings: &Settings, disparities: Disparities) -> Vec<D
         let others: Vec<_> = neighbours[view].iter().map(|&other| (&images[other], &cameras[other])).collect();
         let sweep = Sweep::new(scene, &cameras[view], &others, settings.planes, disparities);
         let costs = sweep.costs(&images[view], &others, settings.window);
-        sweep.depths(&semi_global::labels(&costs, sweep.planes(), &images[view]))
+        let mut map = sweep.depths(&semi_global::labels(&costs, sweep.planes(), &images[view]));
+        let invalid = map.disparity.iter_mut().zip(&images[view].values).filter(|(_, value)| value.is_nan());
+        invalid.for_each(|(disparity, _)| *disparity = f32::NAN);
+        map
     };
     let maps: Vec<DepthMap> = (0..cameras.len()).map(map).collect();
     agreement::agreed(&maps, &cameras, &neighbours, settings.tolerance)
+}
+
+/// Reduces a view to a grey image, NaN where a pixel is not valid: such pixels are matched neither in it nor in others.
+fn valid_grey(view: &View, size: u32) -> GreyImage {
+    let mut image = GreyImage::mean(&view.image, size);
+    if let Some(valid) = &view.valid {
+        let from = (view.image.width, view.image.height);
+        let valid = resized_mask(valid, from, (image.width as u32, image.height as u32));
+        image.values.iter_mut().zip(valid).filter(|(_, valid)| !valid).for_each(|(value, _)| *value = f32::NAN);
+    }
+    image
 }
 
 /// A range of disparities.
@@ -102,7 +117,7 @@ struct Disparities {
 impl Disparities {
     const ALL: Self = Self { least: 0.0, greatest: f32::INFINITY };
 
-    /// The least and the greatest of them along `ray`, where content of `scene` may lie.
+    /// Returns the least and the greatest disparity along `ray` at which content of `scene` may lie.
     fn along(&self, scene: &Scene, ray: &Ray) -> Option<(f32, f32)> {
         let (near, far) = scene.interval(ray)?;
         let (least, greatest) = ((1.0 / far).max(self.least), (1.0 / near.max(1e-3 * far)).min(self.greatest));
@@ -110,11 +125,12 @@ impl Disparities {
     }
 }
 
-/// The range of all but a hundredth of the matched disparities at either end, a quarter wider; none for too few matches.
+/// Returns the range of all but a hundredth of the matched disparities at either end, a quarter wider; `None` for too few
+/// matches.
 fn disparities(maps: &[DepthMap]) -> Option<Disparities> {
     let mut found: Vec<f32> = maps.iter().flat_map(|map| &map.disparity).copied().filter(|d| d.is_finite()).collect();
     let pixels: usize = maps.iter().map(|map| map.disparity.len()).sum();
-    if found.is_empty() || (found.len() as f32) < FEWEST_MATCHES * pixels as f32 {
+    if found.is_empty() || (found.len() as f32) < MIN_MATCHES * pixels as f32 {
         return None;
     }
     found.sort_by(f32::total_cmp);

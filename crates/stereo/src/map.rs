@@ -14,8 +14,8 @@ pub struct DepthMap {
 }
 
 impl DepthMap {
-    /// Disparity and step at the continuous position `(x, y)` of `camera`'s image, which may be larger than the map: those
-    /// of the pixel that it lies in. `None` where nothing was matched.
+    /// Returns disparity and step at the continuous position `(x, y)` of `camera`'s image, which may be larger than the
+    /// map: those of the pixel that it lies in. `None` where nothing was matched.
     pub fn at(&self, camera: &Camera, x: f32, y: f32) -> Option<(f32, f32)> {
         let column = (x / camera.width as f32 * self.width as f32) as usize;
         let row = (y / camera.height as f32 * self.height as f32) as usize;
@@ -24,15 +24,15 @@ impl DepthMap {
         disparity.is_finite().then_some((disparity, self.step[at]))
     }
 
-    /// The disparity that all but a hundredth of the matched pixels are below: the nearest surface of the view. `None` if there
-    /// are none.
+    /// Returns the disparity that all but a hundredth of the matched pixels are below: the nearest surface of the view.
+    /// `None` if there are none.
     pub fn nearest(&self) -> Option<f32> {
         let mut found: Vec<f32> = self.disparity.iter().copied().filter(|disparity| disparity.is_finite()).collect();
         found.sort_by(f32::total_cmp);
         found.get(found.len().saturating_sub(1 + found.len() / 100)).copied()
     }
 
-    /// Number of pixels that have a depth.
+    /// Returns number of pixels that have a depth.
     pub fn matched(&self) -> usize {
         self.disparity.iter().filter(|disparity| disparity.is_finite()).count()
     }

@@ -2,23 +2,23 @@
 
 use rayon::prelude::*;
 
-use crate::grey::Grey;
+use infonerf_scene::image::GreyImage;
 
-/// What a step to the next plane costs between neighbouring pixels.
+/// Cost of a step to the next plane between neighbouring pixels.
 const SMALL_STEP: f32 = 0.02;
-/// What a larger one costs where the picture is even; it costs less across an edge.
+/// Cost of a larger step where the image is even; less across an edge.
 const LARGE_STEP: f32 = 0.25;
-/// The difference in grey that halves [`LARGE_STEP`].
+/// Difference in grey that halves [`LARGE_STEP`].
 const EDGE: f32 = 0.05;
 
 /// The eight directions that costs are gathered along.
 const DIRECTIONS: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)];
 
-/// The best plane of each pixel, refined between planes by a parabola through its cost and its neighbours'.
+/// Returns the best plane of each pixel, refined between planes by a parabola through its cost and its neighbours'.
 ///
 /// Along each direction r, `L(p, d) = C(p, d) + min(L(q, d), L(q, d ± 1) + P₁, min L(q) + P₂) − min L(q)` with q = p − r
 /// (Eq. 13); the plane with the least ΣL wins.
-pub(crate) fn labels(costs: &[f32], planes: usize, guide: &Grey) -> Vec<f32> {
+pub(crate) fn labels(costs: &[f32], planes: usize, guide: &GreyImage) -> Vec<f32> {
     let add = |mut sum: Vec<f32>, costs: Vec<f32>| {
         sum.iter_mut().zip(&costs).for_each(|(sum, cost)| *sum += cost);
         sum
@@ -28,8 +28,8 @@ pub(crate) fn labels(costs: &[f32], planes: usize, guide: &Grey) -> Vec<f32> {
     total.chunks_exact(planes).map(refined_minimum).collect()
 }
 
-/// The costs along one direction.
-fn gathered(costs: &[f32], planes: usize, guide: &Grey, (dx, dy): (isize, isize)) -> Vec<f32> {
+/// Gathers costs along one direction.
+fn gathered(costs: &[f32], planes: usize, guide: &GreyImage, (dx, dy): (isize, isize)) -> Vec<f32> {
     let (width, height) = (guide.width, guide.height);
     let mut total = vec![0.0; costs.len()];
     for j in 0..height {
@@ -57,7 +57,7 @@ fn gathered(costs: &[f32], planes: usize, guide: &Grey, (dx, dy): (isize, isize)
     total
 }
 
-/// One pixel's costs from those of the pixel before it.
+/// Computes one pixel's costs from those of the pixel before it.
 fn step(cost: &[f32], from: &[f32], to: &mut [f32], large: f32) {
     let least = from.iter().copied().fold(f32::INFINITY, f32::min);
     let stay = |d: usize| from[d].min(least + large);
@@ -70,7 +70,7 @@ fn step(cost: &[f32], from: &[f32], to: &mut [f32], large: f32) {
     }
 }
 
-/// Where the least of `costs` is, between whole numbers.
+/// Returns the place of the least of `costs`, between whole numbers.
 fn refined_minimum(costs: &[f32]) -> f32 {
     let best = (0..costs.len()).min_by(|&a, &b| costs[a].total_cmp(&costs[b])).unwrap_or(0);
     if best == 0 || best + 1 == costs.len() {
@@ -88,7 +88,7 @@ mod tests {
 
     #[test]
     fn an_ambiguous_pixel_takes_its_neighbours_plane() {
-        let guide = Grey { width: 5, height: 3, values: vec![0.5; 15] };
+        let guide = GreyImage { width: 5, height: 3, values: vec![0.5; 15] };
         let mut costs = vec![1.0; 15 * 6];
         for pixel in 0..15 {
             costs[pixel * 6 + 2] = 0.1;
@@ -102,7 +102,7 @@ mod tests {
     #[test]
     fn an_edge_of_the_picture_may_be_one_of_depth() {
         let values = (0..8).map(|x| if x < 4 { 0.1 } else { 0.9 }).collect();
-        let guide = Grey { width: 8, height: 1, values };
+        let guide = GreyImage { width: 8, height: 1, values };
         let mut costs = vec![0.6; 8 * 9];
         for x in 0..8 {
             costs[x * 9 + if x < 4 { 1 } else { 7 }] = 0.1;

@@ -4,13 +4,13 @@ use rayon::prelude::*;
 
 use crate::Disparities;
 use crate::correlation::Windows;
-use crate::grey::Grey;
 use crate::map::DepthMap;
+use infonerf_scene::image::GreyImage;
 
 /// Fewest planes that are tried.
-const FEWEST_PLANES: usize = 16;
+const MIN_PLANES: usize = 16;
 
-/// The cost of a plane that no other view shows.
+/// Cost of a plane that no other view shows.
 const UNSEEN_COST: f32 = 0.5;
 
 /// The candidate depths of each pixel of a view: the same number on each ray, evenly spaced in disparity between the ends of
@@ -27,7 +27,7 @@ impl Sweep {
     pub(crate) fn new(
         scene: &Scene,
         camera: &Camera,
-        others: &[(&Grey, &Camera)],
+        others: &[(&GreyImage, &Camera)],
         most: usize,
         within: Disparities,
     ) -> Self {
@@ -40,7 +40,7 @@ impl Sweep {
         let ends: Vec<_> = (0..width * height).map(ends).collect();
         // As many planes as a point moves pixels in another view, by how far the first of the most steps takes it there: the
         // nearest points may lie outside of that view, or behind it.
-        let most = most.max(FEWEST_PLANES);
+        let most = most.max(MIN_PLANES);
         let moves = |&(ray, far, near): &(Ray, f32, f32), other: &Camera| {
             let step = (near - far) / (most - 1) as f32;
             let [a, b] = [far, far + step].map(|disparity| other.project(ray.at(1.0 / disparity)));
@@ -48,7 +48,7 @@ impl Sweep {
         };
         let some = ends.iter().step_by((width * height / 64).max(1)).flatten();
         let longest = some.flat_map(|ends| others.iter().map(move |(_, other)| moves(ends, other))).fold(0.0, f32::max);
-        let planes = (longest.min(1.0) * most as f32).ceil().max(FEWEST_PLANES as f32) as usize;
+        let planes = (longest.min(1.0) * most as f32).ceil().max(MIN_PLANES as f32) as usize;
         let step = |(ray, far, near): (Ray, f32, f32)| (ray, far, (near - far) / (planes - 1) as f32);
         Self { width, height, planes, rays: ends.into_iter().map(|ends| ends.map(step)).collect() }
     }
@@ -57,13 +57,13 @@ impl Sweep {
         self.planes
     }
 
-    /// How badly each plane explains each pixel, `[pixels × planes]`, 0 to 1: `(1 − NCC)/2`, mean over the better half of the
+    /// Returns the cost of each plane at each pixel, `[pixels × planes]`, 0 to 1: `(1 − NCC)/2`, mean over the better half of the
     /// views, since others may not see the surface.
-    pub(crate) fn costs(&self, picture: &Grey, others: &[(&Grey, &Camera)], half: usize) -> Vec<f32> {
+    pub(crate) fn costs(&self, picture: &GreyImage, others: &[(&GreyImage, &Camera)], half: usize) -> Vec<f32> {
         let windows = Windows::new(picture, half);
-        let projections: Vec<Projection> = others.iter().map(|(_, camera)| Projection::new(camera)).collect();
+        let projections: Vec<PointProjection> = others.iter().map(|(_, camera)| PointProjection::new(camera)).collect();
         let of_plane = |plane: usize| {
-            let correlation = |(projection, (image, _)): (&Projection<'_>, &(&Grey, &Camera))| {
+            let correlation = |(projection, (image, _)): (&PointProjection<'_>, &(&GreyImage, &Camera))| {
                 windows.correlation(&self.warped(plane, image, projection))
             };
             let correlations: Vec<Vec<f32>> = projections.iter().zip(others).map(correlation).collect();
@@ -84,8 +84,8 @@ impl Sweep {
         (0..self.rays.len()).flat_map(|i| planes.iter().map(move |plane| plane[i])).collect()
     }
 
-    /// What `image` shows where the pixels' rays meet a plane; NaN where that is outside of it.
-    fn warped(&self, plane: usize, image: &Grey, camera: &Projection<'_>) -> Vec<f32> {
+    /// Samples `image` where the pixels' rays meet a plane; NaN outside of it.
+    fn warped(&self, plane: usize, image: &GreyImage, camera: &PointProjection<'_>) -> Vec<f32> {
         let value = |ray: &Option<(Ray, f32, f32)>| {
             let (ray, far, step) = ray.as_ref()?;
             let place = camera.place(ray.at(1.0 / (far + plane as f32 * step)))?;
@@ -94,7 +94,7 @@ impl Sweep {
         self.rays.iter().map(|ray| value(ray).unwrap_or(f32::NAN)).collect()
     }
 
-    /// The depth map of labels, which are planes and fractions between them.
+    /// Converts labels, which are planes and fractions between them, to a depth map.
     pub(crate) fn depths(&self, labels: &[f32]) -> DepthMap {
         let disparity = |(ray, label): (&Option<(Ray, f32, f32)>, &f32)| {
             ray.as_ref().map_or(f32::NAN, |(_, far, step)| far + label * step)
@@ -110,12 +110,12 @@ impl Sweep {
 }
 
 /// [`Camera::project`] of many points.
-struct Projection<'a> {
+struct PointProjection<'a> {
     camera: &'a Camera,
     to_camera: Mat4,
 }
 
-impl<'a> Projection<'a> {
+impl<'a> PointProjection<'a> {
     fn new(camera: &'a Camera) -> Self {
         Self { camera, to_camera: camera.to_world.inverse().as_mat4() }
     }
@@ -140,7 +140,7 @@ mod tests {
         let pose =
             glam::DMat4::from_rotation_translation(glam::DQuat::from_rotation_y(0.7), glam::DVec3::new(1.0, 2.0, 3.0));
         let camera = Camera::from_fov(40, 30, 1.0, pose);
-        let projection = Projection::new(&camera);
+        let projection = PointProjection::new(&camera);
         for p in [Vec3::new(-1.0, 1.5, -2.0), Vec3::new(-4.0, 2.5, 0.0), Vec3::new(3.0, 1.0, 6.0)] {
             let (found, want) = (projection.place(p), camera.project(p));
             assert_eq!(found.is_some(), want.is_some());

@@ -2,7 +2,7 @@
 
 use infonerf_procedural::load;
 use infonerf_scene::{Range, Scene, SceneRequest, ViewSelection};
-use infonerf_stereo::{DepthMap, Settings, depth_maps};
+use infonerf_stereo::{DepthMap, StereoSettings, depth_maps};
 
 fn room(train: ViewSelection) -> Scene {
     let request = SceneRequest { train, image_size: Some(128), ..SceneRequest::default() };
@@ -21,7 +21,7 @@ fn errors(scene: &Scene, view: usize, map: &DepthMap) -> Vec<f32> {
 #[test]
 fn matched_pixels_are_where_they_are() {
     let scene = room(ViewSelection::Named("regnerf-3".into()));
-    for (view, map) in depth_maps(&scene, &Settings::default()).iter().enumerate() {
+    for (view, map) in depth_maps(&scene, &StereoSettings::default()).iter().enumerate() {
         let errors = errors(&scene, view, map);
         let share = |part: f32| errors[(part * errors.len() as f32) as usize];
         assert!(errors.len() * 3 > map.disparity.len(), "{} of {}", errors.len(), map.disparity.len());
@@ -34,9 +34,9 @@ fn matched_pixels_are_where_they_are() {
 #[test]
 fn near_and_far_may_be_far_off() {
     let mut scene = room(ViewSelection::Named("regnerf-3".into()));
-    let narrow = depth_maps(&scene, &Settings::default());
+    let narrow = depth_maps(&scene, &StereoSettings::default());
     scene.space.range = Range::Distance { near: scene.space.near / 20.0, far: 10.0 * scene.space.far };
-    for (view, map) in depth_maps(&scene, &Settings::default()).iter().enumerate() {
+    for (view, map) in depth_maps(&scene, &StereoSettings::default()).iter().enumerate() {
         let errors = errors(&scene, view, map);
         assert!(errors[errors.len() / 2] < 0.5, "median {}", errors[errors.len() / 2]);
         assert!(map.matched() * 2 > narrow[view].matched(), "{} and {}", map.matched(), narrow[view].matched());
@@ -48,7 +48,7 @@ fn near_and_far_may_be_far_off() {
 #[test]
 fn maps_are_asked_in_pixels_of_the_view() {
     let scene = room(ViewSelection::Named("regnerf-3".into()));
-    let map = &depth_maps(&scene, &Settings { size: 64, ..Settings::default() })[0];
+    let map = &depth_maps(&scene, &StereoSettings { size: 64, ..StereoSettings::default() })[0];
     assert_eq!(map.width.max(map.height), 64);
     let camera = &scene.train[0].camera;
     let i = map.disparity.iter().position(|disparity| disparity.is_finite()).unwrap();
@@ -56,8 +56,34 @@ fn maps_are_asked_in_pixels_of_the_view() {
     assert_eq!(map.at(camera, 2.0 * column + 0.5, 2.0 * row + 1.5), Some((map.disparity[i], map.step[i])));
 }
 
+/// The lower half of each image is noise that a mask leaves out.
+#[test]
+fn pixels_that_are_not_valid_are_not_matched() {
+    let scene = room(ViewSelection::Named("regnerf-3".into()));
+    let mut masked = scene.clone();
+    for view in &mut masked.train {
+        let half = view.image.rgb.len() / 2;
+        let mut image = (*view.image).clone();
+        for (i, pixel) in image.rgb.iter_mut().enumerate().skip(half) {
+            *pixel = [(i * i % 97) as f32 / 97.0; 3];
+        }
+        view.valid = Some((0..2 * half).map(|i| i < half).collect());
+        view.image = image.into();
+    }
+    let (whole, maps) =
+        (depth_maps(&scene, &StereoSettings::default()), depth_maps(&masked, &StereoSettings::default()));
+    for (view, (map, whole)) in maps.iter().zip(&whole).enumerate() {
+        let half = map.disparity.len() / 2;
+        assert!(map.disparity[half..].iter().all(|disparity| disparity.is_nan()));
+        let upper = whole.disparity[..half].iter().filter(|disparity| disparity.is_finite()).count();
+        assert!(map.matched() * 3 > upper, "{} and {upper}", map.matched());
+        let errors = errors(&masked, view, map);
+        assert!(errors[errors.len() / 2] < 0.7, "median {}", errors[errors.len() / 2]);
+    }
+}
+
 #[test]
 fn a_view_without_another_has_no_depth() {
     let scene = room(ViewSelection::Ids(vec![0]));
-    assert_eq!(depth_maps(&scene, &Settings::default())[0].matched(), 0);
+    assert_eq!(depth_maps(&scene, &StereoSettings::default())[0].matched(), 0);
 }

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use infonerf_field::Field;
 use infonerf_metrics::{Depths, Evaluator, METRICS, Mask, Measured, Metric, Networks, Pair, Picture, Protocol, Values};
-use infonerf_render::{Pivot, RenderedImage, Renderer, TrainedModel, render_image};
+use infonerf_render::{Pivot, RenderedImage, Renderer, TrainedModel, render_tested};
 use infonerf_scene::View;
 
 use crate::error::TrainError;
@@ -96,7 +96,8 @@ impl<'a> Evaluation<'a> {
         self.add(renderer, &fitted, view)
     }
 
-    /// Renders `view`, the mean of the members' pictures, and compares it with the image of the view.
+    /// Renders `view`, the mean of the members' pictures, and compares it with its photograph, whose own residual has no part
+    /// in the picture ([`render_tested`]).
     ///
     /// # Errors
     /// If a render is not finite.
@@ -107,7 +108,7 @@ impl<'a> Evaluation<'a> {
         view: &View,
     ) -> Result<TestView, TrainError> {
         let start = Instant::now();
-        let image = render_image(renderer, members, &view.camera);
+        let image = render_tested(renderer, members, view);
         let seconds = start.elapsed().as_secs_f64();
         let render = Picture::new(image.rgb.clone(), image.width as usize, image.height as usize)?;
         let truth = Picture::new(view.image.rgb.clone(), view.image.width as usize, view.image.height as usize)?;

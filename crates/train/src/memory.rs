@@ -37,8 +37,9 @@ impl MemoryPlan {
     /// trained at the same time.
     pub fn new(config: &Config, pixels: PixelCount, fields: usize, side_by_side: usize) -> Self {
         let (fields, side_by_side) = (fields as u64, side_by_side.min(fields) as u64);
-        let networks = if config.render.is_hierarchical() && !config.field.shares_passes() { 2 } else { 1 };
         let Footprint { parameters, per_sample } = config.field.footprint();
+        let coarse = config.field.coarse().filter(|_| config.render.is_hierarchical());
+        let parameters = parameters + coarse.map_or(0, |coarse| coarse.footprint().parameters);
         let averaged = u64::from(fields == 1 && config.train.weight_averaging > 0.0);
         let copies = fields * (KEPT + averaged) + side_by_side * OF_STEP;
         let loaded = pixels.train.saturating_add(pixels.test).saturating_mul(LOADED);
@@ -51,7 +52,7 @@ impl MemoryPlan {
         let residuals = if config.render.residuals { fields.saturating_mul(pixels.train) } else { 0 };
         Self {
             parts: [
-                ("field (its parameters, their gradients and Adam's moments)", copies * networks * parameters * FLOAT),
+                ("field (its parameters, their gradients and Adam's moments)", copies * parameters * FLOAT),
                 (
                     "train.rays and render.samples (the activations of a step)",
                     side_by_side * samples(config) * per_sample * FLOAT,

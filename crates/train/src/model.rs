@@ -7,7 +7,7 @@ use burn::lr_scheduler::module_lr_scheduler::{ModuleLearningRate, ModuleLrSchedu
 use burn::module::ParamGroup;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
-use infonerf_field::{Body, Field, FieldConfig, FieldSetup, FieldSpec, RadianceField};
+use infonerf_field::{Body, Field, FieldConfig, FieldSetup, FieldSpec, RadianceField, SourceImages};
 use infonerf_ops::adam::Adam;
 use infonerf_render::{CameraRefinement, Exposure, Model, Pivot};
 use infonerf_scene::{self as scene, Aabb, Scene};
@@ -23,13 +23,14 @@ type Build<F> = dyn Fn(u64, &Device) -> Result<F, TrainError> + Send + Sync;
 #[derive(Clone)]
 pub(crate) struct FieldBuilder<F> {
     build: Arc<Build<F>>,
-    shares_passes: bool,
+    /// Builds the coarse pass's network; `None` if both passes share one.
+    build_coarse: Option<Arc<Build<F>>>,
     sees_images: bool,
 }
 
 impl<F> fmt::Debug for FieldBuilder<F> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("FieldBuilder").field("shares_passes", &self.shares_passes).finish_non_exhaustive()
+        f.debug_struct("FieldBuilder").finish_non_exhaustive()
     }
 }
 
@@ -37,26 +38,31 @@ impl FieldBuilder<RadianceField> {
     /// Fields as `config` describes them, for a scene within `bounds` that may be of a `body`.
     pub(crate) fn configured(config: &Config, bounds: Aabb, body: Option<scene::Body>) -> Self {
         let bounds = [bounds.min.to_array(), bounds.max.to_array()];
-        let config = config.field.clone();
-        let (shares_passes, sees_images) = (config.shares_passes(), sees_images(&config));
         let vertices: Vec<[f32; 3]> = body.iter().flat_map(|body| &body.vertices).map(|v| v.to_array()).collect();
-        let build = move |seed: u64, device: &Device| {
-            let body = body.as_ref().map(|body| Body {
-                vertices: &vertices,
-                axes: body.axes.to_cols_array_2d(),
-                origin: body.origin.to_array(),
-            });
-            Ok(RadianceField::new(&config, &FieldSetup { bounds, seed, device, body })?)
+        let build = |config: FieldConfig| -> Arc<Build<RadianceField>> {
+            let (body, vertices) = (body.clone(), vertices.clone());
+            Arc::new(move |seed: u64, device: &Device| {
+                let body = body.as_ref().map(|body| Body {
+                    vertices: &vertices,
+                    axes: body.axes.to_cols_array_2d(),
+                    origin: body.origin.to_array(),
+                });
+                Ok(RadianceField::new(&config, &FieldSetup { bounds, seed, device, body })?)
+            })
         };
-        Self { build: Arc::new(build), shares_passes, sees_images }
+        Self {
+            build: build(config.field.clone()),
+            build_coarse: config.field.coarse().map(build),
+            sees_images: sees_images(&config.field),
+        }
     }
 }
 
 impl<F: Field> FieldBuilder<F> {
     /// Fields that `build` makes of a seed and a device.
     pub(crate) fn custom(build: impl Fn(u64, &Device) -> F + Send + Sync + 'static) -> Self {
-        let build = move |seed: u64, device: &Device| Ok(build(seed, device));
-        Self { build: Arc::new(build), shares_passes: false, sees_images: true }
+        let build: Arc<Build<F>> = Arc::new(move |seed: u64, device: &Device| Ok(build(seed, device)));
+        Self { build_coarse: Some(build.clone()), build, sees_images: true }
     }
 
     /// Whether the fields may look at images.
@@ -72,8 +78,8 @@ impl<F: Field> FieldBuilder<F> {
         seed: u64,
         device: &Device,
     ) -> Result<Model<F>, TrainError> {
-        let own_coarse = config.render.is_hierarchical() && !self.shares_passes;
-        let coarse = if own_coarse { Some((self.build)(seed.wrapping_add(1 << 32), device)?) } else { None };
+        let build_coarse = self.build_coarse.as_ref().filter(|_| config.render.is_hierarchical());
+        let coarse = build_coarse.map(|build| build(seed.wrapping_add(1 << 32), device)).transpose()?;
         let model = with_initial_weights(config, Model { coarse, ..Model::of((self.build)(seed, device)?) })?;
         let (train, views) = (&config.train, scene.train.len());
         let exposure = train.exposure_compensation.then(|| Exposure::new(views, device));
@@ -83,9 +89,9 @@ impl<F: Field> FieldBuilder<F> {
     }
 }
 
-/// Whether a field of this config looks at images: those that it is shown, or always the first.
+/// Whether a field of this config looks at photographs: at those that it is shown, or always at the first.
 pub(crate) fn sees_images(config: &FieldConfig) -> bool {
-    config.sees_photographs() || config.first_photographs().is_some()
+    config.traits().sources != SourceImages::None
 }
 
 /// `model` with the weights of the run in `train.init`, if one is named.

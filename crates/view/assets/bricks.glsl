@@ -1,19 +1,19 @@
 // A field baked into bricks of voxels: see infonerf_view's `baked`.
 {{constants}}
-// The number of each cell's brick, from 1; 0 where there is none.
+// Number of each cell's brick, from 1; 0 if it has none.
 uniform usampler3D bricks;
-// The root of a voxel's opacity.
+// Root of a voxel's opacity.
 uniform sampler3D opacities;
-// Of each colour the constant, and how it changes with x, y and z of the direction.
+// Constant of each colour, and its derivatives by x, y and z of the direction.
 uniform sampler3D reds;
 uniform sampler3D greens;
 uniform sampler3D blues;
 
-// Of the point last looked at: what is stored of its opacity, and where in the textures it lies.
+// Stored opacity of the point last looked at, and its place in the textures.
 float root;
 vec3 place;
 
-// Looks at a point, where density grows with the number that this gives.
+// Looks at a point, and returns a value that grows with the density there.
 float look(vec3 p) {
     root = 0.0;
     vec3 voxel = (p - LOW) / VOXEL;
@@ -29,7 +29,7 @@ float look(vec3 p) {
 }
 
 float density() {
-    return -log(1.0 - MOST_OPACITY * root * root) / VOXEL;
+    return -log(1.0 - MAX_OPACITY * root * root) / VOXEL;
 }
 
 vec3 emitted(vec3 direction) {
@@ -38,5 +38,5 @@ vec3 emitted(vec3 direction) {
         dot(RED_LOW + RED_RANGE * textureLod(reds, place, 0.0), terms),
         dot(GREEN_LOW + GREEN_RANGE * textureLod(greens, place, 0.0), terms),
         dot(BLUE_LOW + BLUE_RANGE * textureLod(blues, place, 0.0), terms));
-    return clamp(color, 0.0, MOST_COLOR);
+    return clamp(color, 0.0, MAX_COLOR);
 }

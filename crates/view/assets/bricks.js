@@ -1,7 +1,7 @@
-/** Points along a brick, and the bytes of one number of each. */
+/** Number of points along a brick, and of bytes of one value of each. */
 const POINTS = 9, BRICK_BYTES = POINTS ** 3;
 
-/** Bytes of `planes` numbers of each point, stored one plane after another as differences along rows: side by side. */
+/** Interleaves `planes` values of each point, which are stored one plane after another as differences along rows. */
 function fromRows(stored, planes) {
   const points = stored.length / planes, bytes = new Uint8Array(stored.length);
   for (let k = 0, from = 0; k < planes; k++)

@@ -6,20 +6,32 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 const norm = (a) => Math.hypot(...a);
 const unit = (a) => times(a, 1 / (norm(a) || 1));
 
-/** `v` turned about the unit `axis` by `angle` (Rodrigues). */
+/** Turns `v` about the unit `axis` by `angle` (Rodrigues). */
 function turned(v, axis, angle) {
   const c = Math.cos(angle), s = Math.sin(angle);
   return add(add(times(v, c), times(cross(axis, v), s)), times(axis, dot(axis, v) * (1 - c)));
 }
 
+/** Angle beyond that of the outermost training camera, in radians, up to which a forward-facing scene can be turned. */
+const MARGIN = 0.2;
+
 /**
- * A pinhole camera that is moved by hand: `eye`, its axes `right`, `up` and `back` in the world, and the `target` that it
- * turns about. `lens` is that of a picture of `size`, which is fitted into whatever canvas there is.
+ * Pinhole camera that is moved by hand: `eye`, its axes `right`, `up` and `back` in the world, and the `target` that it turns
+ * about. `lens` belongs to an image of `size`, which is fitted into the canvas.
  */
 class Camera {
   constructor(scene) {
     this.scene = scene;
     this.world = unit(scene.up);
+    if (!scene.forward) return;
+    const backs = scene.cameras.map((camera) => unit(camera.pose.slice(8, 11)));
+    this.middle = unit(backs.reduce(add));
+    this.limit = MARGIN + Math.max(...backs.map((back) => this.offMiddle(back)));
+  }
+
+  /** Angle of an axis to the mean of the training cameras' axes. */
+  offMiddle(back) {
+    return Math.acos(Math.max(-1, Math.min(1, dot(back, this.middle))));
   }
 
   /** Takes the pose and lens of a training camera, and turns about what it sees nearest to the scene's centre. */
@@ -33,7 +45,7 @@ class Camera {
     this.target = minus(this.eye, times(this.back, distance));
   }
 
-  /** What moves, for another scene to go on with. */
+  /** Movable state, for another scene to continue from. */
   state() {
     const { eye, right, up, back, target, lens, size } = this;
     return structuredClone({ eye, right, up, back, target, lens, size });
@@ -49,13 +61,18 @@ class Camera {
     return [fx * scale, fy * scale, width / 2 + (cx - w / 2) * scale, height / 2 + (cy - h / 2) * scale];
   }
 
-  /** Turns by angles to the right and down: about the target, or in a room about itself. */
+  /**
+   * Turns by angles to the right and down: about the target, or in a room about itself. A scene that was seen from one side is
+   * turned no farther than its cameras, and a little more.
+   */
   orbit(right, down) {
+    const before = this.state();
     const pole = Math.acos(Math.max(-1, Math.min(1, dot(this.back, this.world))));
     const pitch = Math.max(0.03, Math.min(Math.PI - 0.03, pole - down)) - pole;
     this.turn(this.world, -right);
     const level = cross(this.world, this.back);
     this.turn(norm(level) > 1e-3 ? unit(level) : this.right, pitch);
+    if (this.limit && this.offMiddle(this.back) > Math.max(this.limit, this.offMiddle(before.back))) this.restore(before);
   }
 
   turn(axis, angle) {
@@ -65,7 +82,7 @@ class Camera {
     this.target = add(pivot, turned(minus(this.target, pivot), axis, angle));
   }
 
-  /** Moves along the picture by pixels of a canvas, as far as what is at the target's distance. */
+  /** Moves along the image by pixels of a canvas, at the target's distance. */
   pan(x, y, width, height) {
     const distance = norm(minus(this.eye, this.target)), [fx, fy] = this.lensOn(width, height);
     const by = add(times(this.right, (-x * distance) / fx), times(this.up, (y * distance) / fy));

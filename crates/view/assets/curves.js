@@ -1,8 +1,8 @@
 const CHART = { width: 280, height: 150, left: 44, right: 6, top: 8, bottom: 18 };
-/** Decades that a symmetric-logarithmic axis shows below the greatest value; within the last one it is linear. */
+/** Number of decades of a symmetric-logarithmic axis below the greatest value; within the last one it is linear. */
 const DECADES = 3;
 
-/** An axis that is linear about 0 and logarithmic beyond `unit`, on either side: what is 0 or negative has its place. */
+/** Makes an axis that is linear about 0 and logarithmic beyond `unit`, on either side. */
 function symmetricLog(low, high) {
   const power = Math.floor(Math.log10(Math.max(Math.abs(low), Math.abs(high), 1e-12))), ticks = [0];
   for (let k = power; k > power - DECADES; k--) ticks.push(10 ** k, -(10 ** k));
@@ -10,7 +10,7 @@ function symmetricLog(low, high) {
   return { of: (value) => Math.sign(value) * Math.log10(1 + Math.abs(value) / unit), ticks };
 }
 
-/** A linear axis with about four ticks. */
+/** Makes a linear axis with about four ticks. */
 function linear(low, high) {
   const rough = (high - low) / 4 || 1, power = 10 ** Math.floor(Math.log10(rough));
   const step = power * [1, 2, 5, 10].find((times) => times * power >= rough), ticks = [];

@@ -22,7 +22,7 @@ uniform vec2 interval;
 uniform vec3 background;
 // 0 colour, 1 depth, 2 normals.
 uniform int mode;
-// Distance that the depth target's 1 stands for.
+// Distance of the depth target's 1.
 uniform float reach;
 
 layout(location = 0) out vec4 shown;
@@ -32,7 +32,7 @@ layout(location = 1) out vec4 packedDepth;
 
 {{space}}
 
-// The part of the ray in which there can be something, in coordinates.
+// Finds the part of the ray that can be occupied, in coordinates.
 bool within(vec3 direction, float cosine, out float near, out float far) {
     near = interval.x;
     far = interval.y;
@@ -61,8 +61,8 @@ bool within(vec3 direction, float cosine, out float near, out float far) {
     return true;
 }
 
-// How many cells about `cell` are empty: 0 for none, also beyond the grid.
-float room(vec3 cell) {
+// Returns the number of empty cells about `cell`: 0 if it is occupied or beyond the grid.
+float emptyCells(vec3 cell) {
     if (any(lessThan(cell, vec3(0.0))) || any(greaterThanEqual(cell, vec3(GRID)))) return 0.0;
     return float(texelFetch(grid, ivec3(cell), 0).r);
 }
@@ -73,15 +73,15 @@ vec3 turbo(float t) {
     return mix(TURBO[i], TURBO[i + 1], at - float(i));
 }
 
-// The direction in which density falls, from four points about one on the ray.
+// Returns the direction in which density falls, from four points about one on the ray.
 vec3 normal(vec3 p, float t) {
     float h = NORMAL_STEP(t);
-    vec3 slope = vec3(0.0);
+    vec3 gradient = vec3(0.0);
     for (int i = 0; i < 4; i++) {
         vec3 corner = vec3(i < 2 ? 1.0 : -1.0, i % 2 == 0 ? 1.0 : -1.0, i == 0 || i == 3 ? 1.0 : -1.0);
-        slope += look(warp(p + h * corner)) * corner;
+        gradient += look(warp(p + h * corner)) * corner;
     }
-    return -slope / max(sqrt(dot(slope, slope)), 1e-12);
+    return -gradient / max(sqrt(dot(gradient, gradient)), 1e-12);
 }
 
 vec3 bytes(float v) {
@@ -104,7 +104,7 @@ void main() {
             float t = distanceAt(near + (i + 0.5) * delta);
             vec3 p = warp(eye + t * direction);
             vec3 cell = (p - LOW) / CELL;
-            float k = room(cell);
+            float k = emptyCells(cell);
             if (k > 0.0) {
                 float steps = 1.0;
 #if STRAIGHT
@@ -133,7 +133,7 @@ void main() {
             i += 1.0;
         }
 #if ENDLESS
-        // The last sample, at the far end, stands for all that is behind it.
+        // The last sample, at the far end, represents everything behind it.
         float last = distanceAt(far);
         look(warp(eye + last * direction));
         if (density() > 0.0) {

@@ -9,24 +9,25 @@ async function ask(path, query = {}) {
   return answer.json();
 }
 
-/** What the camera depends on: scenes that agree in it are looked at from the same place. */
+/** Frame of the camera: scenes that agree in it are looked at from the same place. */
 const place = (scene) => JSON.stringify([scene.centre, scene.up, scene.radius]);
 
-/** Which state of a run is shown: a baked field gets more voxels once it is finished. */
+/** State of a run that is shown: a baked field gets more voxels once it is finished. */
 const version = ({ stamp, state }) => `${stamp} ${state === 'finished'}`;
 
-/** A stage with the run that it shows. */
+/** Stage with the run that it shows. */
 class Pane {
   constructor(root) {
-    Object.assign(this, { root, run: null, version: null, scene: null, stage: null });
+    Object.assign(this, { root, run: null, shown: null, version: null, scene: null, stage: null });
   }
 
-  /** Shows a run as it is now. The camera stays where it is if it looks at the same scene. */
+  /** Shows the newest state of a run. The camera stays in its place if it looks at the same scene. */
   async show(listed) {
     const { run, name } = listed;
     [this.run, this.version] = [run, version(listed)];
     const title = this.root.querySelector('h1');
     title.textContent = name;
+    const work = this.showWork(run);
     try {
       this.stage ??= new Stage(this.root);
       const scene = await ask('field', { run });
@@ -34,17 +35,32 @@ class Pane {
       await this.stage.load(scene, this.scene !== null && place(this.scene) === place(scene));
       title.textContent = name;
       this.scene = scene;
+      this.shown = run;
       align();
     } catch (error) {
       if (this.run === run) showFallback(this.root, error, null);
+    } finally {
+      clearInterval(work);
     }
+  }
+
+  /** Shows the work that the server does for a run until its field is there: a timer to be cleared then. */
+  showWork(run) {
+    if (this.shown === run) return null;
+    const message = this.root.querySelector('.message'), start = performance.now();
+    const show = (work) => {
+      if (this.run !== run || this.shown === run) return;
+      message.textContent = `${work || 'Loading'}, ${Math.round((performance.now() - start) / 1000)} s so far`;
+      message.hidden = false;
+    };
+    return setInterval(() => ask('work', { run }).then(show).catch(() => {}), 1000);
   }
 }
 
 const [main, beside] = [...document.querySelectorAll('.stage')].map((root) => new Pane(root));
 let runs = [], listed = '', state = null;
 
-/** Makes two panes look through one camera, the main one's. */
+/** Lets two panes look through one camera, the main one's. */
 function align() {
   if (!main.scene) return;
   const twins = beside.run !== null && beside.scene !== null;
@@ -95,7 +111,7 @@ function listRuns() {
   besides.querySelector('select').replaceChildren(new Option('nothing', ''), ...options);
 }
 
-/** Pause and stop, where something trains beside the server. */
+/** Shows pause and stop where a training runs in the server's process. */
 function showTraining(training) {
   const box = document.querySelector('.training');
   box.hidden = training === null;
@@ -117,7 +133,7 @@ function choose(run) {
   main.show(run);
 }
 
-/** Shows a run beside the other; with none, the other alone. */
+/** Shows a second run next to the first; without one, the first alone. */
 function compare(run) {
   document.querySelector('.stages').classList.toggle('both', Boolean(run));
   if (run) return beside.show(run);
@@ -125,7 +141,11 @@ function compare(run) {
   align();
 }
 
-/** Asks what is new every two seconds while somebody looks. */
+/** The run that opens by itself: one that trains, else the one with the newest checkpoint. */
+const first = () => runs.find(({ state }) => state === 'training')
+  ?? runs.reduce((newest, run) => (run.stamp > newest.stamp ? run : newest));
+
+/** Requests the list of runs every two seconds while the page is visible. */
 async function follow() {
   if (document.hidden) return;
   try {
@@ -134,7 +154,7 @@ async function follow() {
     showTraining(training);
     const named = (name) => runs.find(({ run }) => run === name), current = named(main.run);
     if (!current && runs.length > 0 && main.run === null) {
-      choose(named(wanted.get('run')) ?? runs[0]);
+      choose(named(wanted.get('run')) ?? first());
       if (named(wanted.get('beside'))) compare(named(wanted.get('beside')));
     }
     listRuns();

@@ -22,7 +22,7 @@ precision highp float;
 uniform vec3 eye;
 uniform vec2 size;
 uniform float reach, textured;
-uniform sampler2D depths, photograph;
+uniform sampler2D depths, image;
 in vec3 at;
 in vec2 uv;
 out vec4 color;
@@ -30,11 +30,11 @@ void main() {
   vec4 seen = texture(depths, gl_FragCoord.xy / size);
   float distance = dot(seen.rgb, vec3(1.0, 1.0 / 255.0, 1.0 / 65025.0)) * reach;
   bool hidden = seen.a > 0.5 && distance < length(at - eye);
-  vec4 ink = textured > 0.5 ? vec4(texture(photograph, uv).rgb, 0.9) : vec4(0.04, 0.42, 0.74, 1.0);
+  vec4 ink = textured > 0.5 ? vec4(texture(image, uv).rgb, 0.9) : vec4(0.04, 0.42, 0.74, 1.0);
   color = vec4(ink.rgb, hidden ? 0.15 * ink.a : ink.a);
 }`;
 
-/** Training cameras as frusta with their photographs, faint behind the scene. */
+/** Training cameras as frusta with their images, faint behind the scene. */
 class Overlay {
   constructor(viewer) {
     this.viewer = viewer;
@@ -50,19 +50,19 @@ class Overlay {
       gl.vertexAttribPointer(index, count, gl.FLOAT, false, 20, offset);
     });
     gl.bindVertexArray(null);
-    this.photographs = [];
+    this.images = [];
   }
 
   async load(scene) {
     const { gl } = this.viewer;
     const images = await Promise.all(scene.cameras.map(async (camera) => {
       const image = new Image();
-      image.src = camera.photograph;
+      image.src = camera.image;
       await image.decode();
       return image;
     }));
-    for (const texture of this.photographs) gl.deleteTexture(texture);
-    this.photographs = images.map((image) => {
+    for (const texture of this.images) gl.deleteTexture(texture);
+    this.images = images.map((image) => {
       const texture = gl.createTexture();
       gl.activeTexture(gl.TEXTURE0);
       gl.bindTexture(gl.TEXTURE_2D, texture);
@@ -75,7 +75,7 @@ class Overlay {
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(this.cameras.flatMap((camera) => camera.vertices)), gl.STATIC_DRAW);
   }
 
-  /** Draws over the canvas; `target` knows how far away the scene is. */
+  /** Draws over the canvas; `target` has the scene's depth. */
   draw(target) {
     if (!this.on || !this.cameras) return;
     const { gl, canvas, camera, scene, reach } = this.viewer, { program } = this;
@@ -90,14 +90,14 @@ class Overlay {
     gl.uniform1f(program.at('before'), 0.01 * scene.radius);
     gl.uniform1f(program.at('reach'), reach);
     gl.uniform1i(program.at('depths'), 0);
-    gl.uniform1i(program.at('photograph'), 1);
+    gl.uniform1i(program.at('image'), 1);
     gl.activeTexture(gl.TEXTURE0);
     gl.bindTexture(gl.TEXTURE_2D, target.textures[1]);
     gl.activeTexture(gl.TEXTURE1);
     this.cameras.forEach((one, i) => {
-      // Through a camera's own frustum there is nothing to see but its photograph.
+      // From a camera's own place its image would cover everything.
       if (norm(minus(one.eye, camera.eye)) < 0.02 * scene.radius) return;
-      gl.bindTexture(gl.TEXTURE_2D, this.photographs[i]);
+      gl.bindTexture(gl.TEXTURE_2D, this.images[i]);
       gl.uniform1f(program.at('textured'), 1);
       gl.drawArrays(gl.TRIANGLES, i * 22, 6);
       gl.uniform1f(program.at('textured'), 0);
@@ -108,7 +108,7 @@ class Overlay {
   }
 }
 
-/** Two triangles and eight lines of a camera whose picture is at depth `depth`: place and texture coordinates of each end. */
+/** Makes two triangles and eight lines of a camera whose image is at depth `depth`: place and texture coordinates of each end. */
 function frustum({ pose, lens: [fx, fy, cx, cy], width, height }, depth) {
   const axes = [0, 4, 8].map((i) => pose.slice(i, i + 3)), eye = pose.slice(12, 15);
   const corner = (u, v) => {

@@ -1,6 +1,6 @@
 /**
- * The canvas with everything around it: controls, photographs, and what is shown where a browser cannot draw. Its `twin`, if it
- * has one, is another stage under the same camera: what moves or changes one moves or changes both.
+ * Canvas with its controls, training images, and message where a browser cannot draw. Its `twin`, if it has one, is another
+ * stage under the same camera, which follows every movement and setting.
  */
 class Stage {
   constructor(root) {
@@ -24,10 +24,10 @@ class Stage {
     this.find('.message').hidden = true;
     this.canvas.hidden = false;
     for (const selector of ['.tools', '.help', '.strip']) this.find(selector).hidden = false;
-    showPhotographs(this.root, scene, (index) => this.goTo(index));
+    showImages(this.root, scene, (index) => this.goTo(index));
   }
 
-  /** The camera or what is drawn is another one: draws it again, here and on the twin. */
+  /** Draws again, here and on the twin, after the camera or a setting changed. */
   moved() {
     const { viewer, twin } = this;
     viewer.changed();
@@ -45,12 +45,12 @@ class Stage {
     this.moved();
   }
 
-  /** The field alone in `size`² pixels, as base64 of RGBA. */
+  /** Draws the field alone in `size`² pixels, as base64 of RGBA. */
   pixels(size) {
     return btoa(Array.from(this.viewer.pixels(size, size), (byte) => String.fromCharCode(byte)).join(''));
   }
 
-  /** Narrow screens show the picture: controls, note and photographs unfold on demand. */
+  /** Folds controls, note and images on narrow screens, where they open on demand. */
   fold() {
     const tools = this.find('.tools'), narrow = matchMedia('(max-width: 640px)');
     const fold = () => (tools.open = !narrow.matches);
@@ -123,10 +123,10 @@ class Stage {
   }
 }
 
-function showPhotographs(root, scene, chosen) {
+function showImages(root, scene, chosen) {
   root.querySelector('.strip').replaceChildren(...scene.cameras.map((camera, index) => {
     const button = document.createElement('button'), image = document.createElement('img');
-    Object.assign(image, { src: camera.photograph, alt: `photograph ${camera.name}` });
+    Object.assign(image, { src: camera.image, alt: `training image ${camera.name}` });
     Object.assign(button, { type: 'button', title: camera.name });
     button.append(image);
     button.addEventListener('click', () => chosen(index));
@@ -134,7 +134,7 @@ function showPhotographs(root, scene, chosen) {
   }));
 }
 
-/** Says why there is nothing to turn, and shows the pictures instead. */
+/** Shows the reason why the scene cannot be drawn, and the images instead. */
 function showFallback(root, error, scene) {
   const message = root.querySelector('.message');
   message.textContent = error instanceof CannotDraw ? error.message : `The scene cannot be drawn: ${error.message}`;
@@ -144,5 +144,5 @@ function showFallback(root, error, scene) {
   root.querySelector('h1').textContent = scene.title;
   root.querySelector('.note').textContent = scene.note;
   root.querySelector('.strip').hidden = false;
-  showPhotographs(root, scene, () => {});
+  showImages(root, scene, () => {});
 }

@@ -1,11 +1,11 @@
-// A factored field as it is: see infonerf_ops::factored.
+// Factored field: see infonerf_ops::factored.
 {{constants}}
 {{samplers}}
 uniform sampler2D lines;
 layout(std140) uniform Network { mat4 matrices[MATRICES]; vec4 biases[BIASES]; };
 layout(std140) uniform Offsets { vec4 offsets[OFFSETS]; };
 
-// Raw density, red, green, blue; then how each colour changes with the direction: of the point last looked at.
+// Raw density, red, green and blue of the point last looked at; then the derivative of each colour by the direction.
 vec4 y[OUTPUTS];
 
 vec4 product(sampler2DArray planes, int level, float resolution, int p, int g, vec3 u) {
@@ -18,7 +18,7 @@ vec4 product(sampler2DArray planes, int level, float resolution, int p, int g, v
     return plane * (textureLod(lines, place, 0.0) + offsets[2 * row + 1]);
 }
 
-// Looks at a point, where density grows with the number that this gives.
+// Looks at a point, and returns a value that grows with the density there.
 float look(vec3 p) {
     vec3 u = clamp((p - LOW) / SIZE, 0.0, 1.0);
     vec4 x[INPUTS];

@@ -2,7 +2,7 @@
 function loadTables(viewer, scene, part, texture) {
   const { gl, field } = viewer, { levels, layers, lineWidth } = scene, network = part('network'), byte = gl.UNSIGNED_BYTE;
   if (network.length > gl.getParameter(gl.MAX_UNIFORM_BLOCK_SIZE))
-    throw new CannotDraw(`This graphics card has no room for the field's MLP of ${network.length} bytes.`);
+    throw new CannotDraw(`This graphics card cannot hold the field's MLP of ${network.length} bytes.`);
   levels.forEach((size, i) => texture(`planes${i}`, gl.TEXTURE_2D_ARRAY, gl.LINEAR, () =>
     gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGBA8, size, size, layers, 0, gl.RGBA, byte, part(`planes${i}`))));
   texture('lines', gl.TEXTURE_2D, gl.LINEAR, () =>

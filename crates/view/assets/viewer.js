@@ -12,10 +12,10 @@ void main() {
   color = at.y < done ? texture(fine, at) : texture(coarse, at);
 }`;
 
-/** A browser cannot draw the field: `message` says why. */
+/** Reason, in `message`, why a browser cannot draw the field. */
 class CannotDraw extends Error {}
 
-/** The bytes that were deflated into base64 text. */
+/** Inflates bytes that were deflated into base64 text. */
 async function inflate(text) {
   if (!self.DecompressionStream) throw new CannotDraw('This browser cannot unpack the scene: it has no DecompressionStream.');
   const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
@@ -24,10 +24,10 @@ async function inflate(text) {
 }
 
 /**
- * For each cell of a grid the distance to the nearest occupied one in steps to any of the 26 neighbours, 255 at most: two
- * sweeps over a grid with a border, which counts as occupied unless nothing lies beyond it.
+ * Computes for each cell of a grid the distance to the nearest occupied one in steps to any of the 26 neighbours, 255 at most:
+ * two sweeps over a grid with a border, which counts as occupied unless nothing lies beyond it.
  */
-function emptyRoom(bits, [nx, ny, nz], closed) {
+function emptyDistances(bits, [nx, ny, nz], closed) {
   const wx = nx + 2, wy = ny + 2, distance = new Uint8Array(wx * wy * (nz + 2)).fill(closed ? 255 : 0);
   const place = (x, y, z) => x + 1 + wx * (y + 1 + wy * (z + 1));
   for (let z = 0, cell = 0; z < nz; z++)
@@ -95,7 +95,7 @@ class Viewer {
     return program;
   }
 
-  /** Colour and depth to draw into. */
+  /** Makes a target of colour and depth. */
   target() {
     const { gl } = this, target = { width: 0, height: 0, frame: gl.createFramebuffer() };
     target.textures = [0, 1].map((i) => {
@@ -104,7 +104,7 @@ class Viewer {
       this.filter(gl.TEXTURE_2D, i === 0 ? gl.LINEAR : gl.NEAREST);
       return texture;
     });
-    // Whether the size is another one, and the picture gone.
+    // Returns whether the size changed, and the image is gone.
     target.resize = (width, height) => {
       if (target.width === width && target.height === height) return false;
       Object.assign(target, { width, height });
@@ -126,7 +126,7 @@ class Viewer {
     for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T, gl.TEXTURE_WRAP_R]) gl.texParameteri(kind, name, gl.CLAMP_TO_EDGE);
   }
 
-  /** Shows another scene, or the same one trained further; the camera stays if it is told to. */
+  /** Shows another scene, or the same one trained further; with `keepCamera` the camera stays. */
   async load(scene, keepCamera = false) {
     const { gl } = this, bytes = await inflate(scene.data);
     const part = (name) => bytes.slice(scene.parts[name][0], scene.parts[name][0] + scene.parts[name][1]);
@@ -150,7 +150,7 @@ class Viewer {
     };
     texture('grid', gl.TEXTURE_3D, gl.NEAREST, () =>
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.R8UI, ...scene.grid, 0, gl.RED_INTEGER, gl.UNSIGNED_BYTE,
-        emptyRoom(part('occupied'), scene.grid, scene.closed)));
+        emptyDistances(part('occupied'), scene.grid, scene.closed)));
     (scene.atlas ? loadBricks : loadTables)(this, scene, part, texture);
     const state = keepCamera && this.camera ? this.camera.state() : null;
     this.scene = scene;
@@ -161,7 +161,7 @@ class Viewer {
     this.changed();
   }
 
-  /** The view is another one: draws it again. */
+  /** Draws the scene anew, coarsely until nothing has changed for 150 ms: called where the camera, the mode or the scene changed. */
   changed() {
     this.dirty = true;
     this.movingUntil = performance.now() + 150;
@@ -182,7 +182,7 @@ class Viewer {
     });
   }
 
-  /** One frame, once the graphics card is done with the one before. */
+  /** Draws one frame, once the graphics card has finished the last one. */
   frame(now) {
     const { gl, canvas } = this;
     if (this.fence) {
@@ -196,28 +196,25 @@ class Viewer {
     const width = Math.max(1, Math.round(canvas.clientWidth * ratio));
     const height = Math.max(1, Math.round(canvas.clientHeight * ratio));
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
-    if (now < this.movingUntil) {
-      if (this.dirty) {
-        this.coarse.resize(Math.max(8, Math.round(width * this.scale)), Math.max(8, Math.round(height * this.scale)));
-        this.render(this.coarse, 0, this.coarse.height);
-        this.after((ms) => {
-          // About 30 frames a second.
-          this.scale = Math.max(0.08, Math.min(1, this.scale * Math.sqrt(Math.max(0.5, Math.min(1.3, 30 / ms)))));
-        });
-        [this.dirty, this.rows] = [false, 0];
+    if (this.dirty) {
+      this.coarse.resize(Math.max(8, Math.round(width * this.scale)), Math.max(8, Math.round(height * this.scale)));
+      this.render(this.coarse, 0, this.coarse.height);
+      this.after((ms) => {
+        // About 30 frames a second.
+        this.scale = Math.max(0.08, Math.min(1, this.scale * Math.sqrt(Math.max(0.5, Math.min(1.3, 30 / ms)))));
+      });
+      [this.dirty, this.rows] = [false, 0];
+    } else if (now >= this.movingUntil) {
+      if (this.fine.resize(width, height)) this.rows = 0;
+      if (this.rows < height) {
+        const rows = Math.max(4, Math.min(height - this.rows, Math.round(40 * this.rowsPerMs)));
+        this.render(this.fine, this.rows, rows);
+        this.after((ms) => (this.rowsPerMs = 0.5 * this.rowsPerMs + (0.5 * rows) / ms));
+        this.rows = Math.min(height, this.rows + rows);
       }
-      this.present(0);
-      return this.wake();
-    }
-    if (this.fine.resize(width, height)) this.rows = 0;
-    if (this.rows < height) {
-      const rows = Math.max(4, Math.min(height - this.rows, Math.round(40 * this.rowsPerMs)));
-      this.render(this.fine, this.rows, rows);
-      this.after((ms) => (this.rowsPerMs = 0.5 * this.rowsPerMs + (0.5 * rows) / ms));
-      this.rows = Math.min(height, this.rows + rows);
-      this.wake();
     }
     this.present(this.rows / height);
+    if (this.fence || this.rows < height) this.wake();
   }
 
   after(finished) {
@@ -252,7 +249,7 @@ class Viewer {
     gl.disable(gl.SCISSOR_TEST);
   }
 
-  /** Shows what is drawn: of the fine picture the share that is done, from below. */
+  /** Shows the share `done` of the fine image from below, and the coarse one above. */
   present(done) {
     const { gl, canvas, show } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
@@ -274,7 +271,7 @@ class Viewer {
     this.changed();
   }
 
-  /** The field alone in `width` × `height` pixels: bytes of RGBA, top row first. */
+  /** Draws the field alone in `width` × `height` pixels: bytes of RGBA, top row first. */
   pixels(width, height) {
     const { gl } = this, target = this.target(), bytes = new Uint8Array(4 * width * height);
     target.resize(width, height);

@@ -1,4 +1,4 @@
-//! Arrays of a package.
+//! Arrays of a package, as one block of bytes.
 
 use std::io::Write;
 
@@ -7,11 +7,11 @@ use base64::prelude::{BASE64_STANDARD, Engine};
 use flate2::{Compression, write::ZlibEncoder};
 use serde_json::{Value, json};
 
-/// Arrays one after another.
+/// Bytes of arrays, one after another.
 #[derive(Default)]
 pub(crate) struct Blob {
     bytes: Vec<u8>,
-    /// Where each array begins, and how many bytes it has.
+    /// Start and length of each array, in bytes.
     pub(crate) parts: serde_json::Map<String, Value>,
 }
 
@@ -21,7 +21,7 @@ impl Blob {
         self.bytes.extend(bytes);
     }
 
-    /// Deflated (zlib), as base64. The best level saves 2 % on a baked grid and takes eight times as long.
+    /// Deflates the bytes (zlib), as base64. The best level saves 2 % on a baked grid and takes eight times as long.
     pub(crate) fn deflated(&self) -> Result<String> {
         let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
         encoder.write_all(&self.bytes)?;
@@ -29,12 +29,12 @@ impl Blob {
     }
 }
 
-/// Numbers as little-endian bytes.
-pub(crate) fn floats<'a>(numbers: impl IntoIterator<Item = &'a f32>) -> Vec<u8> {
-    numbers.into_iter().flat_map(|number| number.to_le_bytes()).collect()
+/// Encodes values as little-endian bytes.
+pub(crate) fn floats<'a>(values: impl IntoIterator<Item = &'a f32>) -> Vec<u8> {
+    values.into_iter().flat_map(|value| value.to_le_bytes()).collect()
 }
 
-/// One bit for each flag, the first in the lowest bit.
+/// Packs one bit for each flag, the first in the lowest bit.
 pub(crate) fn bits(flags: &[bool]) -> Vec<u8> {
     let byte = |flags: &[bool]| flags.iter().rev().fold(0, |byte, &flag| byte << 1 | u8::from(flag));
     flags.chunks(8).map(byte).collect()

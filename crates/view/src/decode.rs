@@ -1,4 +1,4 @@
-//! A package read back and evaluated as the shader does: the oracle for packing.
+//! Oracle for packing: a package read back and evaluated as the shader does.
 
 use std::io::Read;
 
@@ -18,13 +18,13 @@ use crate::subjects::Subjects;
 
 const PLANES: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
 
-/// A package's arrays.
-pub(crate) struct Decoded {
+/// Arrays of a package.
+pub(crate) struct DecodedPackage {
     pub(crate) package: Value,
     bytes: Vec<u8>,
 }
 
-impl Decoded {
+impl DecodedPackage {
     pub(crate) fn new(package: Value) -> Self {
         let deflated = BASE64_STANDARD.decode(package["data"].as_str().unwrap()).unwrap();
         let mut bytes = Vec::new();
@@ -41,24 +41,24 @@ impl Decoded {
         self.part(name).chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect()
     }
 
-    /// `#define NAME value` or `const float NAME = value;` of the shader.
+    /// Reads `#define NAME value` or `const float NAME = value;` of the shader.
     pub(crate) fn constant(&self, name: &str) -> f32 {
         self.line(name).trim_end_matches(';').rsplit(' ').next().unwrap().parse().unwrap()
     }
 
-    /// `const vec3 NAME = vec3(…);` of the shader, or another vector.
+    /// Reads `const vec3 NAME = vec3(…);` of the shader, or another vector.
     pub(crate) fn vector(&self, name: &str) -> Vec<f32> {
         let (_, numbers) = self.line(name).trim_end_matches(");").split_once('(').unwrap();
         numbers.split(", ").map(|number| number.parse().unwrap()).collect()
     }
 
-    /// The line of the shader that first names `name`.
+    /// Returns the line of the shader that first names `name`.
     fn line(&self, name: &str) -> &str {
         let shader = self.package["shader"].as_str().unwrap();
         shader.lines().find(|line| line.split([' ', '=']).any(|word| word == name)).unwrap()
     }
 
-    /// The MLP's input at `u` ∈ [0, 1]³.
+    /// Computes the MLP's input at `u` ∈ [0, 1]³.
     fn input(&self, u: [f32; 3]) -> Vec<f32> {
         let frequencies = self.constant("FREQUENCIES") as usize;
         let mut x: Vec<f32> = u.iter().map(|u| 2.0 * u - 1.0).chain([0.0]).collect();
@@ -93,7 +93,7 @@ impl Decoded {
         x
     }
 
-    /// Density and colour.
+    /// Evaluates density and colour.
     fn evaluate(&self, u: [f32; 3], direction: [f32; 3]) -> [f32; 4] {
         let network = self.floats("network");
         let (matrices, biases) = network.split_at(16 * self.constant("MATRICES") as usize);
@@ -121,15 +121,15 @@ impl Decoded {
         let raw = x[0] + self.constant("DENSITY_BIAS");
         let sigma = self.constant("DENSITY_SCALE") * (raw.max(0.0) + (-raw.abs()).exp().ln_1p());
         let color = [1, 2, 3].map(|c| {
-            let slope =
+            let seen =
                 x.get(4 * c..4 * c + 3).map_or(0.0, |v| (0..3).map(|axis| v[axis] * direction[axis]).sum::<f32>());
-            1.0 / (1.0 + (-x[c] - slope).exp())
+            1.0 / (1.0 + (-x[c] - seen).exp())
         });
         [sigma, color[0], color[1], color[2]]
     }
 }
 
-/// The texel before `u`, and how far behind it `u` is, with the border going on.
+/// Returns the texel before `u`, and the distance of `u` behind it, with the border going on.
 fn texel(u: f32, size: usize) -> (usize, f32) {
     let v = (u * size as f32 - 0.5).clamp(0.0, size as f32 - 1.0).min(size as f32 - 1.0 - 1e-6);
     (v as usize, v.fract())
@@ -152,7 +152,7 @@ pub(crate) fn model(field: &FieldConfig) -> TrainedModel {
     }
 }
 
-/// The package in a scene without views; what is baked has `voxels` along its box at most.
+/// Makes the package in a scene without views; a baked one has at most `voxels` along its box.
 pub(crate) fn package(config: &RenderConfig, trained: &TrainedModel, voxels: usize) -> Value {
     let scene = Scene::default();
     let renderer = Renderer::new(config, &scene);
@@ -160,7 +160,7 @@ pub(crate) fn package(config: &RenderConfig, trained: &TrainedModel, voxels: usi
 }
 
 #[test]
-fn what_the_shader_reads_is_the_field() {
+fn packed_tables_evaluate_to_the_field() {
     for set in [
         &["field.resolutions=[4,16]", "field.view_dependence=1"][..],
         &["field.resolutions=[8]", "field.channels=2", "field.view_dependence=0", "field.width=10"],
@@ -175,7 +175,7 @@ fn what_the_shader_reads_is_the_field() {
     ] {
         let config = config(set);
         let trained = model(&config.field);
-        let decoded = Decoded::new(package(&config.render, &trained, 32));
+        let decoded = DecodedPackage::new(package(&config.render, &trained, 32));
         assert!(!decoded.package["shader"].as_str().unwrap().contains("{{"));
         let mut random = (0..).map(|i: u32| (i as f32 * 0.618_034).fract());
         let mut draw = || random.next().unwrap();
@@ -205,7 +205,7 @@ fn occupancy_is_a_bit_per_cell() {
     let occupied: Vec<bool> = (0..216).map(|cell| cell % 7 == 0).collect();
     grid.restore(vec![1.0; 216], occupied.clone(), true).unwrap();
     trained.occupancy = Some(grid);
-    let decoded = Decoded::new(package(&config.render, &trained, 32));
+    let decoded = DecodedPackage::new(package(&config.render, &trained, 32));
     assert_eq!((decoded.vector("GRID"), &decoded.package["grid"]), (vec![6.0; 3], &serde_json::json!([6, 6, 6])));
     let bits = decoded.part("occupied");
     assert_eq!(bits.len(), 27);
@@ -215,7 +215,7 @@ fn occupancy_is_a_bit_per_cell() {
 }
 
 #[test]
-fn a_network_that_is_too_large_is_baked() {
+fn field_with_too_large_a_network_is_baked() {
     let config = config(&["field.resolutions=[4]", "field.width=256"]);
     let package = package(&config.render, &model(&config.field), 16);
     assert_eq!((&package["voxels"], package["parts"].get("network")), (&serde_json::json!(16), None));

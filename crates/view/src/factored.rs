@@ -1,4 +1,4 @@
-//! A factored field in a package: its tables as 8-bit textures, its MLP as matrices.
+//! Factored field in a package: its tables as 8-bit textures, its MLP as matrices.
 
 use std::fmt::Write;
 
@@ -12,27 +12,27 @@ use infonerf_schedule::Moment;
 use serde_json::{Value, json};
 
 use crate::blob::{Blob, bits, floats};
-use crate::network::{Network, Place};
-use crate::shader::{March, clips, vector};
+use crate::network::{PackedNetwork, Place};
+use crate::shader::{FieldMarch, clips, vector};
 use crate::subjects::Subjects;
 use crate::tables::{groups, quantise};
 
 const FIELD: &str = include_str!("../assets/tables.glsl");
-/// Bytes of uniforms that graphics cards have in practice; WebGL2 guarantees a quarter of it.
-const LARGEST_NETWORK: usize = 1 << 16;
+/// Number of bytes of uniforms that graphics cards have in practice; WebGL2 guarantees a quarter of it.
+const MAX_NETWORK: usize = 1 << 16;
 
-/// Whether a page holds fields of this kind as they are. Others are baked, which takes seconds to minutes; so is a factored
-/// field whose MLP does not fit into a shader's uniforms.
+/// Returns whether a page holds fields of this kind as they are. Others are baked, which takes seconds to minutes; so
+/// is a factored field whose MLP does not fit into a shader's uniforms.
 pub fn holds(field: &FieldConfig) -> bool {
     matches!(field, FieldConfig::Factored(_))
 }
 
-/// The shader and the arrays of a factored field; none if its MLP is larger than a graphics card's uniforms.
+/// Makes the shader and the arrays of a factored field; `None` if its MLP is larger than a graphics card's uniforms.
 pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<Option<Value>> {
     let Subjects { scene, renderer, config, trained } = subjects;
-    let (layout, parts) = (field.layout(), Parts::of(field, trained.at));
-    let network = Network::pack(&to_host(field.weights()), layout, field.view_dependence(), &parts.inputs);
-    if network.bytes() > LARGEST_NETWORK {
+    let (layout, parts) = (field.layout(), TableTextures::of(field, trained.at));
+    let network = PackedNetwork::pack(&to_host(field.weights()), layout, field.view_dependence(), &parts.inputs);
+    if network.bytes() > MAX_NETWORK {
         return Ok(None);
     }
     let grid = trained.occupancy.as_ref();
@@ -40,7 +40,7 @@ pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<
     // Without a grid there is one cell, which is never empty.
     let cells = grid.map_or(1, OccupancyGrid::resolution);
     let clips = clips(config, renderer.warp());
-    let march = March {
+    let march = FieldMarch {
         scene,
         config,
         warp: renderer.warp(),
@@ -72,13 +72,13 @@ pub(crate) fn package(field: &FactoredField, subjects: &Subjects<'_>) -> Result<
     })))
 }
 
-/// Texels along the finest level.
+/// Returns the number of texels along the finest level.
 fn finest(layout: &Layout) -> usize {
     layout.levels.iter().map(|level| level.resolution).max().unwrap_or(1)
 }
 
-/// The field's part of the shader; the field covers a box of `size`.
-fn shader(layout: &Layout, network: &Network, size: Vec3) -> String {
+/// Writes the field's part of the shader; the field covers a box of `size`.
+fn shader(layout: &Layout, network: &PackedNetwork, size: Vec3) -> String {
     let samplers = (0..layout.levels.len()).map(|l| format!("uniform sampler2DArray planes{l};\n"));
     FIELD
         .replace("{{constants}}\n", &constants(layout, network, size))
@@ -87,7 +87,7 @@ fn shader(layout: &Layout, network: &Network, size: Vec3) -> String {
         .replace("{{layers}}\n", &layers(&network.layers))
 }
 
-fn constants(layout: &Layout, network: &Network, size: Vec3) -> String {
+fn constants(layout: &Layout, network: &PackedNetwork, size: Vec3) -> String {
     let channels = layout.levels.first().map_or(4, |level| level.channels);
     let rows = 3 * layout.levels.len() * groups(channels);
     let integers = [
@@ -143,22 +143,22 @@ fn layers(layers: &[(usize, usize)]) -> String {
     text
 }
 
-/// A field's tables as textures.
-struct Parts {
-    /// Textures of each plane.
+/// Tables of a field as textures.
+struct TableTextures {
+    /// Number of textures of each plane.
     groups: usize,
-    /// Per level an array of RGBA textures, `[3 · groups, res, res, 4]`.
+    /// Array of RGBA textures of each level, `[3 · groups, res, res, 4]`.
     planes: Vec<Vec<u8>>,
-    /// One RGBA texture for the lines of all levels, `[levels · 3 · groups, line_width, 4]`.
+    /// RGBA texture of the lines of all levels, `[levels · 3 · groups, line_width, 4]`.
     lines: Vec<u8>,
     line_width: usize,
-    /// For each plane's texture low/range of the plane, and of its line.
+    /// Quotient low/range of each plane's texture, and of its line's.
     offsets: Vec<f32>,
-    /// The MLP's input as the shader makes it: its factors undo the quantisation and fade levels.
+    /// Input of the MLP as the shader makes it: its factors undo the quantisation and fade levels.
     inputs: Vec<Place>,
 }
 
-impl Parts {
+impl TableTextures {
     fn of(field: &FactoredField, at: Moment) -> Self {
         let (layout, tables) = (field.layout(), to_host(field.tables()));
         let (frequency_weights, level_weights) = field.detail(at);

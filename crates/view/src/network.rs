@@ -1,27 +1,28 @@
-//! The field's MLP as 4 × 4 matrices for a fragment shader.
+//! MLP of a factored field as 4 × 4 matrices for a fragment shader.
 
 use infonerf_ops::factored::{Layer, Layout};
 
 use crate::tables::groups;
 
-/// The input or output of a layer at a place of the shader's vector, and the factor of its weights.
+/// Input or output of a layer at a place of the shader's vector, and the factor of its weights; `None` for an empty
+/// place.
 pub(crate) type Place = Option<(usize, f32)>;
 
-/// Weights in the order of a uniform block.
-pub(crate) struct Network {
-    /// `[layers, outputs/4, inputs/4]` matrices, column-major.
+/// Weights of an MLP in the order of a uniform block.
+pub(crate) struct PackedNetwork {
+    /// Matrices `[layers, outputs/4, inputs/4]`, column-major.
     pub(crate) matrices: Vec<f32>,
-    /// `[layers, outputs]`, filled up to a multiple of four.
+    /// Biases `[layers, outputs]`, filled up to a multiple of four.
     pub(crate) biases: Vec<f32>,
-    /// Vectors of four that go into each layer, and that come out.
+    /// Number of vectors of four that go into each layer, and that come out.
     pub(crate) layers: Vec<(usize, usize)>,
 }
 
-impl Network {
-    /// Packs `weights`; `inputs` says what the shader hands to the first layer, in vectors of four.
+impl PackedNetwork {
+    /// Packs `weights`; `inputs` are the shader's inputs of the first layer, in vectors of four.
     ///
-    /// The last layer's first vector is density and colour; where colour depends on the direction, one follows for each of
-    /// red, green and blue, with three slopes, multiplied by `view_dependence`, and a zero.
+    /// The last layer's first vector is density and colour; if colour depends on the direction, one follows for each of
+    /// red, green and blue, with its three derivatives, multiplied by `view_dependence`, and a zero.
     pub(crate) fn pack(weights: &[f32], layout: &Layout, view_dependence: f32, inputs: &[Place]) -> Self {
         let mut packed = Self { matrices: Vec::new(), biases: Vec::new(), layers: Vec::new() };
         let mut inputs = inputs.to_vec();
@@ -52,15 +53,15 @@ impl Network {
         self.layers.push((inputs.len() / 4, outputs.len() / 4));
     }
 
-    /// Bytes of the uniform block.
+    /// Returns the number of bytes of the uniform block.
     pub(crate) fn bytes(&self) -> usize {
         4 * (self.matrices.len() + self.biases.len())
     }
 }
 
 fn last_outputs(view_dependent: bool, view_dependence: f32) -> Vec<Place> {
-    let slopes = if view_dependent { 0..3 } else { 0..0 };
-    let slopes = slopes.flat_map(|c| [Some(4 + 3 * c), Some(5 + 3 * c), Some(6 + 3 * c), None]);
-    let slopes = slopes.map(|output| output.map(|o| (o, view_dependence)));
-    (0..4).map(|o| Some((o, 1.0))).chain(slopes).collect()
+    let colors = if view_dependent { 0..3 } else { 0..0 };
+    let derivatives = colors.flat_map(|c| [Some(4 + 3 * c), Some(5 + 3 * c), Some(6 + 3 * c), None]);
+    let derivatives = derivatives.map(|output| output.map(|o| (o, view_dependence)));
+    (0..4).map(|o| Some((o, 1.0))).chain(derivatives).collect()
 }

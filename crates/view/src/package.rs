@@ -1,4 +1,6 @@
-//! What a page needs to draw a scene, as one JSON object.
+//! Package of a scene for a page: one JSON object.
+
+use std::path::Path;
 
 use anyhow::Result;
 use infonerf_experiment::Trained;
@@ -7,35 +9,34 @@ use infonerf_render::TrainedModel;
 use infonerf_scene::{Layout, Range};
 use serde_json::{Value, json};
 
-use crate::photographs::{cameras, jpeg_url};
 use crate::subjects::Subjects;
+use crate::training_images::{cameras, jpeg_url};
 use crate::{baked, factored};
 
-/// Longest side of the picture that is shown where a field cannot be drawn, and of a slow field's.
+/// Longest side of the image that is shown where a field cannot be drawn, and of a slow field's.
 const POSTER: u32 = 256;
 const SMALL_POSTER: u32 = 96;
 
-/// The JSON object of a run: title, notes, shader, arrays, cameras. A field that a page
-/// cannot hold is baked to at most `resolution` voxels along the longest side of its box.
+/// Makes the JSON object of the run in `folder`: title, notes, shader, arrays, cameras. A field that a page cannot hold
+/// is baked to at most `resolution` voxels along the longest side of its box.
 ///
 /// # Errors
-/// If a photograph cannot be encoded.
-pub(crate) fn of_run(run: &Trained, trained: &TrainedModel, resolution: usize) -> Result<Value> {
+/// If an image cannot be encoded.
+pub(crate) fn of_run(run: &Trained, folder: &Path, trained: &TrainedModel, resolution: usize) -> Result<Value> {
     let (scene, plan) = (run.scene(), &run.plan);
     let subjects = Subjects { scene, renderer: run.renderer(), config: &plan.config.render, trained };
     let mut package = of_field(&subjects, resolution)?;
     package["title"] = json!(plan.label());
-    package["note"] = json!(note(run, package["voxels"].as_u64()));
+    package["note"] = json!(note(run, folder, package["voxels"].as_u64()));
     package["cameras"] = json!(cameras(scene)?);
     Ok(package)
 }
 
-/// How far the field is trained, which of several it is, and whether it is shown as it is.
-fn note(run: &Trained, voxels: Option<u64>) -> String {
+/// Describes the field's training, and its difference from the whole model and from the field itself.
+fn note(run: &Trained, folder: &Path, voxels: Option<u64>) -> String {
     let mut note = format!("{} steps", run.trainers[0].progress().step);
-    let fields = run.plan.members();
-    if fields > 1 {
-        note += &format!("; the first of {fields} fields, whose mean the run's pictures are");
+    if let Some(difference) = run.plan.export_note(folder, true) {
+        note += &format!("; {difference}");
     }
     if let Some(voxels) = voxels {
         note += &format!("; not the field itself, but baked to {voxels} voxels along its box");
@@ -43,7 +44,7 @@ fn note(run: &Trained, voxels: Option<u64>) -> String {
     note
 }
 
-/// The object without title, note and photographs.
+/// Makes the object without title, note and images.
 pub(crate) fn of_field(subjects: &Subjects<'_>, resolution: usize) -> Result<Value> {
     let scene = subjects.scene;
     let exact = match &subjects.trained.model.fine {
@@ -65,10 +66,11 @@ pub(crate) fn of_field(subjects: &Subjects<'_>, resolution: usize) -> Result<Val
     package["centre"] = json!(scene.space.centre.to_array());
     package["radius"] = json!(scene.space.radius);
     package["inside"] = json!(scene.space.layout == Layout::Inside);
+    package["forward"] = json!(scene.space.layout == Layout::Forward);
     Ok(package)
 }
 
-/// A render as JPEG in a `data:` URL, for browsers that cannot draw the field.
+/// Renders an image for browsers that cannot draw the field, as JPEG in a `data:` URL.
 pub(crate) fn poster(run: &Trained, trained: &TrainedModel) -> Result<String> {
     let side = if factored::holds(&run.plan.config.field) { POSTER } else { SMALL_POSTER };
     let camera = &run.scene().train[0].camera;

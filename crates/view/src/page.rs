@@ -1,4 +1,4 @@
-//! Pages: HTML with style, script and data inside.
+//! Pages of HTML with style, script and data inside.
 
 use infonerf_report::escape_html;
 use serde_json::Value;
@@ -17,7 +17,7 @@ const VIEWER: &str = concat!(
 );
 const LIVE_SCRIPT: &str = concat!(include_str!("../assets/curves.js"), include_str!("../assets/live.js"));
 
-/// A self-contained page of one field. `poster` is a picture for browsers that cannot draw the field.
+/// Makes a self-contained page of one field. `poster` is an image for browsers that cannot draw the field.
 pub(crate) fn of_package(package: &Value, poster: &str) -> String {
     let title = package["title"].as_str().unwrap_or_default();
     // Within a script only a closing tag would end it.
@@ -31,7 +31,12 @@ pub(crate) fn of_package(package: &Value, poster: &str) -> String {
         .replace("{{data}}", &data)
 }
 
-/// The page of the server, which asks it for everything else and sends `token` with what changes something.
+/// Returns the sources that decide how a package is drawn.
+pub(crate) fn sources() -> [&'static str; 2] {
+    [VIEWER, crate::shader::TEMPLATE]
+}
+
+/// Makes the page of the server, which requests everything else from it and sends `token` with commands.
 pub(crate) fn live(token: &str) -> String {
     let stage = STAGE.replace("  {{poster}}\n", "");
     LIVE.replace("{{style}}", STYLE)
@@ -47,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pages_are_whole_and_need_nothing_else() {
+    fn pages_are_whole_and_self_contained() {
         let package = json!({ "title": "<b>", "note": "</script>" });
         for page in [of_package(&package, "data:image/jpeg;base64,AAAA"), live("t")] {
             assert!(!page.contains("{{") && !page.contains("http"), "{page}");

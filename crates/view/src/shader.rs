@@ -1,4 +1,4 @@
-//! The fragment shader that marches through a field, whatever the field is.
+//! Fragment shader that marches through a field of any kind.
 
 use std::fmt::Write;
 
@@ -7,32 +7,33 @@ use infonerf_render::{Compositing, LastInterval, RenderConfig, Warp};
 use infonerf_report::turbo;
 use infonerf_scene::{Aabb, Range, Scene};
 
-const TEMPLATE: &str = include_str!("../assets/field.frag");
-/// Colours of the depth map that the shader interpolates between.
+pub(crate) const TEMPLATE: &str = include_str!("../assets/field.frag");
+/// Number of colours of the depth map that the shader interpolates between.
 const COLOURS: usize = 33;
 
-/// What the march depends on besides the field.
-pub(crate) struct March<'a> {
+/// Parameters of the march, whatever the field.
+pub(crate) struct FieldMarch<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) config: &'a RenderConfig,
     pub(crate) warp: &'a Warp,
-    /// The box that rays are clipped to in unwarped space.
+    /// Box that rays are clipped to in unwarped space.
     pub(crate) clip: Option<Aabb>,
-    /// The corner of the occupancy grid and the size of its cells, in warped space.
+    /// Corner of the occupancy grid and size of its cells, in warped space.
     pub(crate) low: Vec3,
     pub(crate) cell: Vec3,
-    /// Cells along each axis.
+    /// Number of cells along each axis.
     pub(crate) cells: [usize; 3],
     /// Length of a step in the coordinate of the warp.
     pub(crate) step: f32,
     /// Transmittance at which a ray ends.
     pub(crate) stop: f32,
-    /// The size of the field's details, in warped space.
+    /// Size of the field's details, in warped space.
     pub(crate) detail: f32,
 }
 
-impl March<'_> {
-    /// GLSL ES 3.00 around `field`, which has `float look(vec3 p)`, `float density()` and `vec3 emitted(vec3 direction)`.
+impl FieldMarch<'_> {
+    /// Writes GLSL ES 3.00 around `field`, which has `float look(vec3 p)`, `float density()` and `vec3 emitted(vec3
+    /// direction)`.
     pub(crate) fn shader(&self, field: &str) -> String {
         TEMPLATE
             .replace("{{constants}}\n", &self.constants())
@@ -69,7 +70,7 @@ impl March<'_> {
         text
     }
 
-    /// The step of the finite differences for normals at distance t, scene units.
+    /// Writes the step of the finite differences for normals at distance t, scene units.
     fn normal_step(&self) -> String {
         match self.warp {
             Warp::Identity => format!("{:?}", self.detail),
@@ -79,12 +80,12 @@ impl March<'_> {
     }
 }
 
-/// Whether rays end at the box.
+/// Returns whether rays end at the box.
 pub(crate) fn clips(config: &RenderConfig, warp: &Warp) -> bool {
     config.clip_to_bounds && warp.is_identity()
 }
 
-/// The interval of a ray that is marched through; its ends, which depend on the camera, are uniforms.
+/// Writes the interval of a ray that is marched through; its ends, which depend on the camera, are uniforms.
 fn range(range: &Range) -> String {
     match range {
         Range::Distance { .. } => "#define RANGE 0\n".to_owned(),
@@ -96,7 +97,7 @@ fn range(range: &Range) -> String {
     }
 }
 
-/// [`Warp`]'s `point`, `coordinate` and `distance`.
+/// Writes [`Warp`]'s `point`, `coordinate` and `distance`.
 fn space(warp: &Warp) -> String {
     match warp {
         Warp::Identity => "vec3 warp(vec3 p) { return p; }\n\

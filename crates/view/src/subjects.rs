@@ -1,7 +1,7 @@
 use infonerf_render::{RenderConfig, Renderer, TrainedModel};
 use infonerf_scene::Scene;
 
-/// A field with its scene and renderer: what a package is made from.
+/// Field with its scene and renderer, of which a package is made.
 pub(crate) struct Subjects<'a> {
     pub(crate) scene: &'a Scene,
     pub(crate) renderer: &'a Renderer,

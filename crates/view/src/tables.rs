@@ -1,18 +1,18 @@
 //! Planes and lines as 8-bit textures.
 
-/// A table `[texels, channels]` as textures of four channels with 8 bits each; a last texture is filled up with zeros.
+/// Table `[texels, channels]` as textures of four channels with 8 bits each; a last texture is filled up with zeros.
 ///
-/// A channel's number is `low + range · byte/255`, off by at most half of `range/255`.
+/// A channel's value is `low + range · byte/255`, off by at most half of `range/255`.
 pub(crate) struct Quantised {
-    /// `[texels, 4]` each.
+    /// Bytes `[texels, 4]` of each texture.
     pub(crate) textures: Vec<Vec<u8>>,
-    /// The least number of each channel.
+    /// Least value of each channel.
     pub(crate) low: Vec<f32>,
-    /// The range of each channel's numbers, or 1 where they are all equal.
+    /// Range of each channel's values, or 1 if they are all equal.
     pub(crate) range: Vec<f32>,
 }
 
-/// Textures that `channels` need.
+/// Returns the number of textures of `channels`.
 pub(crate) fn groups(channels: usize) -> usize {
     channels.div_ceil(4)
 }
@@ -36,7 +36,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_come_back_within_half_a_step() {
+    fn quantised_values_are_within_half_a_step() {
         // Channels of very different ranges, one of them constant, and a texture that is not full.
         let channels = 6;
         let value = |texel: usize, k: usize| match k {

@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use crate::common::{device, plan, plan_of, read, train};
+use crate::common::{device, plan, plan_of, plan_on, read, train};
 use base64::prelude::{BASE64_STANDARD, Engine};
 use glam::DVec3;
 use infonerf_experiment::{Existing, Trained};
@@ -17,7 +17,8 @@ use infonerf_view::{Server, TrainingControl, page};
 
 const SIZE: u32 = 64;
 
-/// The document of a page as it is after `budget_ms` of the browser's own time, which passes faster where nothing is due.
+/// Returns the document of a page after `budget_ms` of the browser's own time, which passes faster where nothing is
+/// due.
 fn document(address: &str, budget_ms: u32, flags: &[&str]) -> String {
     let chosen = std::env::var("CHROMIUM").ok();
     let known = ["chromium", "chromium-browser", "google-chrome"];
@@ -38,19 +39,19 @@ fn document(address: &str, budget_ms: u32, flags: &[&str]) -> String {
     panic!("no Chromium found: install it (Debian: apt-get install chromium) or set CHROMIUM to its path");
 }
 
-/// The value of an attribute in a document.
+/// Returns the value of an attribute in a document.
 fn attribute<'a>(document: &'a str, name: &str) -> Option<&'a str> {
     document.split_once(&format!("{name}=\""))?.1.split_once('"').map(|(value, _)| value)
 }
 
-/// The pixels that each stage of a page drew, `[SIZE², 3]` bytes.
+/// Returns the pixels that each stage of a page drew, `[SIZE², 3]` bytes.
 fn drawn(document: &str) -> Vec<Vec<u8>> {
     let rgb = |rgba: Vec<u8>| rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
     let stages = document.split("data-pixels=\"").skip(1).filter_map(|rest| rest.split('"').next());
     stages.map(|pixels| rgb(BASE64_STANDARD.decode(pixels).unwrap())).collect()
 }
 
-/// What a page draws of a camera.
+/// Returns the pixels that a page draws of a camera.
 fn pixels(page: &Path, query: &str) -> Vec<u8> {
     let document = document(&format!("file://{}#{query}&size={SIZE}", page.display()), 600_000, &[]);
     let words = || document.split_once("class=\"message\"").map(|(_, rest)| rest.chars().take(300).collect::<String>());
@@ -63,14 +64,14 @@ fn psnr(a: &[u8], b: &[u8]) -> f64 {
     -10.0 * (squares.sum::<f64>() / a.len() as f64 / 255f64.powi(2)).log10()
 }
 
-/// A training view as the program renders it.
+/// Renders a training view with the program.
 fn rendered(run: &Trained, view: usize) -> (Vec<u8>, RenderedImage) {
     let camera = run.scene().train[view].camera.resized(SIZE, SIZE);
     let image = render_image(run.renderer(), &run.models(), &camera);
     (infonerf_metrics::to_rgb8(&image.rgb, SIZE, SIZE).unwrap().into_raw(), image)
 }
 
-/// A training view as the page draws it and as the program renders it, and how far apart they are, in dB.
+/// Returns a training view as the page draws it and as the program renders it, and their PSNR in dB.
 fn drawn_and_rendered(page: &Path, run: &Trained, view: usize) -> (Vec<u8>, RenderedImage, f64) {
     let (rendered, image) = rendered(run, view);
     let drawn = pixels(page, &format!("camera={view}"));
@@ -80,19 +81,19 @@ fn drawn_and_rendered(page: &Path, run: &Trained, view: usize) -> (Vec<u8>, Rend
 
 #[test]
 #[ignore = "needs a browser: just test-view"]
-fn the_page_draws_what_the_program_renders() {
+fn page_draws_the_programs_renders() {
     let out = tempfile::tempdir().unwrap();
     let set = ["train.iterations=300", "scene.size=64", "eval.test=first-1"];
-    let folder = train(out.path(), &plan("infonerf+", &set), Existing::Refuse, None);
+    let folder = train(out.path(), &plan("infonerf+", &set), Existing::Continue, None);
     let run = read(&folder);
     let file = folder.join("page.html");
-    fs::write(&file, page(&run, None).unwrap()).unwrap();
+    fs::write(&file, page(&run, &folder, None).unwrap()).unwrap();
     let length = fs::metadata(&file).unwrap().len();
     for view in [0, 2] {
         let (drawn, image, colour) = drawn_and_rendered(&file, &run, view);
         eprintln!("camera {view}: {colour:.1} dB, page of {length} bytes");
         assert!(colour > 35.0, "camera {view}: {colour} dB");
-        // Depth as the report shows it.
+        // Depth as in the report.
         let (near, far) = (run.scene().space.near, run.scene().space.far);
         let depth = infonerf_report::depth_image(&image.depth, &image.acc, SIZE, SIZE, near, far).unwrap();
         let of_depth = psnr(&pixels(&file, &format!("camera={view}&mode=depth")), &depth);
@@ -103,20 +104,20 @@ fn the_page_draws_what_the_program_renders() {
     assert!(length <= 1_000_000, "{length} bytes");
 }
 
-/// NeRF's MLP, mip-NeRF's and Neural Volumes, none of which the page can evaluate.
+/// NeRF's MLP, mip-NeRF's and Neural Volumes, which the page cannot evaluate, are baked.
 #[test]
 #[ignore = "needs a browser: just test-view"]
-fn the_page_draws_what_is_baked() {
+fn page_draws_baked_fields() {
     for (experiment, variant) in
         [("integration", "infonerf"), ("integration", "mipnerf"), ("baselines", "neural-volumes")]
     {
         let out = tempfile::tempdir().unwrap();
         let set = ["train.iterations=300", "eval.test=first-1"];
-        let folder = train(out.path(), &plan_of(experiment, variant, &set), Existing::Refuse, None);
+        let folder = train(out.path(), &plan_of(experiment, variant, &set), Existing::Continue, None);
         let run = read(&folder);
         let file = folder.join("page.html");
         let start = Instant::now();
-        fs::write(&file, page(&run, None).unwrap()).unwrap();
+        fs::write(&file, page(&run, &folder, None).unwrap()).unwrap();
         let (seconds, length) = (start.elapsed().as_secs_f64(), fs::metadata(&file).unwrap().len());
         for view in [0, 2] {
             let (drawn, _, colour) = drawn_and_rendered(&file, &run, view);
@@ -161,7 +162,7 @@ const CONTROLS: &str = "
     pointer('pointerup', 1, 100, 100); pointer('pointerup', 2, 180, 100); note('pinched');
     stage.find('.reset').click();
     key('ArrowRight'); note('right'); key('+'); note('plus'); key('x'); note('another key');
-    stage.root.querySelectorAll('.strip button')[2].click(); note('third photograph');
+    stage.root.querySelectorAll('.strip button')[2].click(); note('third image');
     stage.root.querySelectorAll('.modes input')[1].click(); note('depth');
     stage.find('.frusta').click(); note('frusta');
     root.dataset.controls = JSON.stringify(seen);
@@ -171,10 +172,11 @@ const CONTROLS: &str = "
 #[ignore = "needs a browser: just test-view"]
 fn controls_move_the_camera() {
     let out = tempfile::tempdir().unwrap();
-    let run = read(&train(out.path(), &plan("infonerf", common::TINY), Existing::Refuse, None));
+    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
+    let run = read(&folder);
     let file = out.path().join("page.html");
     let before = "stage.viewer.stop();";
-    let text = page(&run, None).unwrap();
+    let text = page(&run, &folder, None).unwrap();
     assert_eq!(text.matches(before).count(), 1);
     fs::write(&file, text.replace(before, &format!("{before}{CONTROLS}"))).unwrap();
     let document = document(&format!("file://{}#camera=0&size=8", file.display()), 60_000, &[]);
@@ -189,7 +191,7 @@ fn controls_move_the_camera() {
     let near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-6;
     let whole = distance("start");
     for (name, state) in seen.as_object().unwrap() {
-        assert!(state["followed"] == true, "the stage beside it did not follow: {name}");
+        assert!(state["followed"] == true, "the twin stage did not follow: {name}");
     }
 
     assert!(near(distance("turned"), whole) && target("turned").distance(target("start")) < 1e-6 * whole);
@@ -205,25 +207,120 @@ fn controls_move_the_camera() {
     assert!(near(distance("plus"), 0.9 * whole));
     assert_eq!(seen["another key"], seen["plus"]);
     let third = run.scene().train[2].camera.position().as_dvec3();
-    assert!(eye("third photograph").distance(third) < 1e-4 * whole, "{third}");
-    assert_eq!((&seen["third photograph"]["mode"], &seen["depth"]["mode"]), (&0.into(), &1.into()));
+    assert!(eye("third image").distance(third) < 1e-4 * whole, "{third}");
+    assert_eq!((&seen["third image"]["mode"], &seen["depth"]["mode"]), (&0.into(), &1.into()));
     assert_eq!((&seen["depth"]["frusta"], &seen["frusta"]["frusta"]), (&false.into(), &true.into()));
+}
+
+/// Script that turns to the right and up until the camera stops, and measures its angles to the training cameras' mean.
+const TURN: &str = "
+    const { camera } = stage.viewer, angles = [];
+    for (const [right, down] of [[0.1, 0], [0, -0.1]]) {
+      stage.goTo(0);
+      for (let i = 0; i < 60; i++) camera.orbit(right, down);
+      angles.push(camera.offMiddle(camera.back));
+    }
+    root.dataset.turned = JSON.stringify({ angles, limit: camera.limit });
+";
+
+#[test]
+#[ignore = "needs a browser: just test-view"]
+fn forward_facing_scene_is_turned_no_farther_than_its_cameras() {
+    let out = tempfile::tempdir().unwrap();
+    let folder =
+        train(out.path(), &plan_on("facade", "fast-losses", "infonerf", common::TINY), Existing::Continue, None);
+    let run = read(&folder);
+    let file = out.path().join("page.html");
+    let before = "stage.viewer.stop();";
+    let text = page(&run, &folder, None).unwrap();
+    fs::write(&file, text.replace(before, &format!("{before}{TURN}"))).unwrap();
+    let document = document(&format!("file://{}#size=8", file.display()), 60_000, &[]);
+    let turned = attribute(&document, "data-turned").unwrap().replace("&quot;", "\"");
+    let turned: serde_json::Value = serde_json::from_str(&turned).unwrap();
+    let limit = turned["limit"].as_f64().unwrap();
+    assert!(limit < 1.0, "{turned}");
+    for angle in turned["angles"].as_array().unwrap() {
+        let angle = angle.as_f64().unwrap();
+        assert!(angle <= limit && angle > limit - 0.11, "{turned}");
+    }
+}
+
+/// Script that turns to other cameras and modes while part of an image is drawn, with every fence 400 ms late, and
+/// counts the pixels at rest that differ from an image drawn in one go.
+const SLOW: &str = "
+    const { viewer } = stage, { gl, canvas } = viewer, ticking = setInterval(() => {}, 1), cases = [];
+    // Frames of the browser's own time.
+    self.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 16);
+    viewer.waiting = false;
+    const signalled = gl.clientWaitSync.bind(gl);
+    gl.clientWaitSync = (...of) =>
+      performance.now() - viewer.fence.started < 400 ? gl.TIMEOUT_EXPIRED : signalled(...of);
+    const until = (holds) => new Promise((done) => {
+      const poll = setInterval(() => holds() && done(clearInterval(poll)), 1);
+    });
+    const read = (target) => {
+      const bytes = new Uint8Array(4 * canvas.width * canvas.height);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
+      gl.readPixels(0, 0, canvas.width, canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, bytes);
+      return bytes;
+    };
+    const different = (a, b) => a.reduce((count, byte, i) => count + (Math.abs(byte - b[i]) > 2), 0);
+    let last = null;
+    for (const [camera, mode] of [[1, 0], [1, 1], [2, 1], [2, 2], [0, 2], [0, 0]]) {
+      viewer.changed();
+      viewer.rowsPerMs = 1;
+      await until(() => viewer.fence && viewer.rows > 0 && viewer.rows < canvas.height);
+      stage.goTo(camera);
+      viewer.mode = mode;
+      viewer.rowsPerMs = 100;
+      stage.moved();
+      await until(() => !viewer.fence && viewer.rows === canvas.height);
+      const whole = viewer.target();
+      whole.resize(canvas.width, canvas.height);
+      viewer.render(whole, 0, canvas.height);
+      const [shown, expected] = [viewer.fine, whole].map(read);
+      cases.push({ camera, mode, mixed: different(shown, expected), changed: last ? different(expected, last) : 1 });
+      last = expected;
+    }
+    clearInterval(ticking);
+    root.dataset.cases = JSON.stringify(cases);
+";
+
+#[test]
+#[ignore = "needs a browser: just test-view"]
+fn image_at_rest_is_whole_where_drawing_is_slow() {
+    let out = tempfile::tempdir().unwrap();
+    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
+    let run = read(&folder);
+    let file = out.path().join("page.html");
+    let end = "} catch (error) {\n  showFallback(root, error, scene);";
+    let text = page(&run, &folder, None).unwrap();
+    assert_eq!(text.matches(end).count(), 1);
+    fs::write(&file, text.replace(end, &format!("{SLOW}{end}"))).unwrap();
+    let document = document(&format!("file://{}", file.display()), 6_000_000, &["--window-size=300,400"]);
+    let cases = attribute(&document, "data-cases").expect("the script ended").replace("&quot;", "\"");
+    let cases: Vec<serde_json::Value> = serde_json::from_str(&cases).unwrap();
+    assert_eq!(cases.len(), 6);
+    for case in cases {
+        assert!(case["mixed"] == 0 && case["changed"] != 0, "{case}");
+    }
 }
 
 #[test]
 #[ignore = "needs a browser: just test-view"]
-fn a_browser_that_cannot_draw_says_so_and_shows_the_pictures() {
+fn browser_without_webgl_shows_the_reason_and_the_images() {
     let out = tempfile::tempdir().unwrap();
-    let run = read(&train(out.path(), &plan("infonerf", common::TINY), Existing::Refuse, None));
+    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
+    let run = read(&folder);
     let file = out.path().join("page.html");
-    fs::write(&file, page(&run, None).unwrap()).unwrap();
+    fs::write(&file, page(&run, &folder, None).unwrap()).unwrap();
     let document = document(&format!("file://{}", file.display()), 10_000, &["--disable-3d-apis"]);
     let message = document.split_once("<p class=\"message\"").unwrap().1.split_once("</p>").unwrap().0;
     assert!(message.starts_with('>') && message.contains("WebGL"), "{message}");
-    assert_eq!(document.matches("alt=\"photograph ").count(), 4);
+    assert_eq!(document.matches("alt=\"training image ").count(), 4);
 }
 
-/// Serves `root` from a thread that ends with the test; the page's address.
+/// Serves `root` from a thread that ends with the test, and returns the page's address.
 fn serve(root: &Path, training: Option<TrainingControl>) -> String {
     let server = Server::start(&[root.to_owned()], "127.0.0.1:0".parse().unwrap(), device(), training).unwrap();
     let url = server.url();
@@ -233,9 +330,9 @@ fn serve(root: &Path, training: Option<TrainingControl>) -> String {
 
 #[test]
 #[ignore = "needs a browser: just test-view"]
-fn the_live_page_shows_a_run() {
+fn live_page_shows_a_run() {
     let out = tempfile::tempdir().unwrap();
-    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Refuse, None);
+    let folder = train(out.path(), &plan("infonerf", common::TINY), Existing::Continue, None);
     // Losses of 0 and less are drawn like others.
     let log = folder.join("metrics.jsonl");
     let step = |step: usize, value: f64| {
@@ -247,7 +344,7 @@ fn the_live_page_shows_a_run() {
     for part in ["<h1>fast-losses/crane/infonerf/seed0</h1>", "4 steps", "total -1.5"] {
         assert!(document.contains(part), "{part}: {document}");
     }
-    assert_eq!(document.matches("alt=\"photograph ").count(), 4);
+    assert_eq!(document.matches("alt=\"training image ").count(), 4);
     let curve = |name: &str| {
         let tag = document.split("<path ").find(|tag| tag.contains(&format!("data-name=\"{name}\""))).unwrap();
         attribute(tag, "d").unwrap().replace('L', "M").matches('M').count()
@@ -258,14 +355,15 @@ fn the_live_page_shows_a_run() {
     }
 }
 
-/// A factored field and a baked one, each as the program renders it from the camera that the page gave to both.
+/// A factored field and a baked one are drawn as the program renders them, from the camera that the page gave to both.
 #[test]
 #[ignore = "needs a browser: just test-view"]
 fn two_runs_are_compared_under_one_camera() {
     let out = tempfile::tempdir().unwrap();
     let set = ["train.iterations=150", "eval.test=first-1"];
-    let exact = train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), Existing::Refuse, None);
-    let baked = train(out.path(), &plan_of("integration", "mipnerf", &set), Existing::Refuse, None);
+    let exact =
+        train(out.path(), &plan("infonerf", &[&set[..], &["scene.size=64"]].concat()), Existing::Continue, None);
+    let baked = train(out.path(), &plan_of("integration", "mipnerf", &set), Existing::Continue, None);
     let url = serve(out.path(), None);
     let run = |folder: &Path| format!("0/{}", folder.strip_prefix(out.path()).unwrap().display());
     let query = format!("run={}&beside={}&camera=2&size={SIZE}", run(&exact), run(&baked));
@@ -279,10 +377,10 @@ fn two_runs_are_compared_under_one_camera() {
     }
 }
 
-/// A page of another site, open in the same browser, tries all that a browser lets it.
+/// A page of another site, open in the same browser, tries everything that a browser allows.
 #[test]
 #[ignore = "needs a browser: just test-view"]
-fn a_page_open_elsewhere_does_not_stop_a_run() {
+fn page_of_another_site_cannot_stop_a_run() {
     let out = tempfile::tempdir().unwrap();
     let training = TrainingControl::default();
     let url = serve(out.path(), Some(training.clone()));
@@ -310,7 +408,7 @@ fn a_page_open_elsewhere_does_not_stop_a_run() {
             let _ = stream.write_all((head + &evil).as_bytes());
         }
     });
-    // By another name than the server's, so that it is another site.
+    // Another name than the server's makes it another site.
     let document = document(&format!("http://localhost:{}/", elsewhere.port()), 10_000, &[]);
     assert_eq!(attribute(&document, "data-ended"), Some("6"), "{document}");
     assert!(!training.is_paused() && !training.is_stopped());

@@ -1,4 +1,4 @@
-//! The server: what it answers, and that nothing asked of it does harm.
+//! Answers of the server to good and bad requests.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -14,26 +14,26 @@ use serde_json::Value;
 
 /// Serves `root` from a thread that ends with the test.
 fn serve(root: &Path) -> SocketAddr {
-    serve_beside(root, None)
+    serve_with(root, None)
 }
 
-fn serve_beside(root: &Path, training: Option<TrainingControl>) -> SocketAddr {
+fn serve_with(root: &Path, training: Option<TrainingControl>) -> SocketAddr {
     let server = Server::start(&[root.to_owned()], "127.0.0.1:0".parse().unwrap(), device(), training).unwrap();
     let address = server.url().trim_start_matches("http://").trim_end_matches('/').parse().unwrap();
     std::thread::spawn(move || server.wait());
     address
 }
 
-/// The answer to a request with some headers more, by a client that is not ours.
-fn ask(method: &str, address: SocketAddr, path: &str, headers: &[(&str, &str)]) -> Response<Vec<u8>> {
+/// Sends a request with additional headers through an independent client.
+fn request(method: &str, address: SocketAddr, path: &str, headers: &[(&str, &str)]) -> Response<Vec<u8>> {
     let agent = ureq::Agent::from(ureq::config::Config::builder().http_status_as_error(false).build());
-    let request = http::Request::builder().method(method).uri(format!("http://{address}{path}"));
-    let request = headers.iter().fold(request, |request, (name, value)| request.header(*name, *value));
-    agent.run(request.body(()).unwrap()).unwrap().map(|mut body| body.read_to_vec().unwrap())
+    let built = http::Request::builder().method(method).uri(format!("http://{address}{path}"));
+    let built = headers.iter().fold(built, |built, (name, value)| built.header(*name, *value));
+    agent.run(built.body(()).unwrap()).unwrap().map(|mut body| body.read_to_vec().unwrap())
 }
 
 fn get(address: SocketAddr, path: &str) -> (u16, Vec<u8>) {
-    let answer = ask("GET", address, path, &[]);
+    let answer = request("GET", address, path, &[]);
     (answer.status().as_u16(), answer.into_body())
 }
 
@@ -49,7 +49,7 @@ fn connect(address: SocketAddr) -> TcpStream {
     stream
 }
 
-/// The status of the answer to bytes that no client of good manners sends.
+/// Sends the bytes of a request, and returns the status of the answer.
 fn status(address: SocketAddr, request: &str) -> u16 {
     let mut stream = connect(address);
     stream.write_all(request.as_bytes()).unwrap();
@@ -59,11 +59,11 @@ fn status(address: SocketAddr, request: &str) -> u16 {
 }
 
 #[test]
-fn training_is_paused_and_stopped_by_the_servers_own_page_alone() {
+fn only_the_servers_own_page_pauses_and_stops_training() {
     let folder = tempfile::tempdir().unwrap();
     let training = TrainingControl::default();
-    let address = serve_beside(folder.path(), Some(training.clone()));
-    let post = |path: &str, headers: &[(&str, &str)]| ask("POST", address, path, headers).status().as_u16();
+    let address = serve_with(folder.path(), Some(training.clone()));
+    let post = |path: &str, headers: &[(&str, &str)]| request("POST", address, path, headers).status().as_u16();
     assert!(!training.is_watched(Duration::from_secs(60)));
     assert_eq!(json(address, "/training"), serde_json::json!({ "paused": false, "stopped": false }));
     assert!(training.is_watched(Duration::from_secs(60)));
@@ -106,7 +106,7 @@ fn training_is_paused_and_stopped_by_the_servers_own_page_alone() {
 fn other_pages_neither_read_nor_frame_the_page() {
     let (_folder, address) = stand_in();
     let port = address.port();
-    let status = |headers: &[(&str, &str)]| ask("GET", address, "/runs", headers).status().as_u16();
+    let status = |headers: &[(&str, &str)]| request("GET", address, "/runs", headers).status().as_u16();
     for (name, value, expected) in [
         ("host", &*format!("localhost:{port}"), 200),
         ("host", &format!("[::1]:{port}"), 200),
@@ -118,7 +118,7 @@ fn other_pages_neither_read_nor_frame_the_page() {
     ] {
         assert_eq!(status(&[(name, value)]), expected, "{name}: {value}");
     }
-    let page = ask("GET", address, "/", &[("sec-fetch-site", "cross-site")]);
+    let page = request("GET", address, "/", &[("sec-fetch-site", "cross-site")]);
     assert_eq!(page.status(), 200, "a link on another page may lead here");
     assert!(page.headers()["content-security-policy"].to_str().unwrap().contains("frame-ancestors 'none'"));
     assert_eq!(page.headers()["x-frame-options"], "DENY");
@@ -126,10 +126,10 @@ fn other_pages_neither_read_nor_frame_the_page() {
 }
 
 #[test]
-fn a_run_is_followed_while_it_trains() {
+fn run_is_followed_while_it_trains() {
     let out = tempfile::tempdir().unwrap();
     let plan = plan("infonerf", TINY);
-    train(out.path(), &plan, Existing::Refuse, Some(2));
+    train(out.path(), &plan, Existing::Continue, Some(2));
     let address = serve(out.path());
     let (status, page) = get(address, "/");
     assert!(status == 200 && page.starts_with(b"<!doctype html>"));
@@ -142,7 +142,7 @@ fn a_run_is_followed_while_it_trains() {
     assert_eq!(field["cameras"].as_array().unwrap().len(), 4);
     assert_eq!(json(address, &format!("/progress?run={run}"))["steps"].as_array().unwrap().len(), 2);
 
-    train(out.path(), &plan, Existing::Resume, None);
+    train(out.path(), &plan, Existing::Continue, None);
     let after = json(address, "/runs");
     assert_eq!(after[0]["state"], "finished");
     assert_ne!(after[0]["stamp"], before[0]["stamp"]);
@@ -150,37 +150,81 @@ fn a_run_is_followed_while_it_trains() {
     let progress = json(address, &format!("/progress?run={run}"));
     assert_eq!(progress["terms"]["rgb"].as_array().unwrap().len(), 4);
     assert_eq!(progress["views"], serde_json::json!(["000", "001"]));
-    let (status, picture) = get(address, &format!("/picture?run={run}&kind=truth&name=001"));
-    assert!(status == 200 && picture.starts_with(b"\x89PNG"));
+    let (status, image) = get(address, &format!("/picture?run={run}&kind=truth&name=001"));
+    assert!(status == 200 && image.starts_with(b"\x89PNG"));
+}
+
+/// The package of a finished run is read again by another server, until the checkpoint is a newer one.
+#[test]
+fn package_of_a_finished_run_is_kept_next_to_its_checkpoint() {
+    let out = tempfile::tempdir().unwrap();
+    let folder = train(out.path(), &plan("infonerf", TINY), Existing::Continue, None);
+    let made = json(serve(&folder), "/field?run=0/.");
+    let file = folder.join("viewer.json");
+    let text = fs::read_to_string(&file).unwrap();
+    let (line, package) = text.split_once('\n').unwrap();
+    assert_eq!(serde_json::from_str::<Value>(package).unwrap(), made);
+    fs::write(&file, format!("{line}\n{{\"note\":\"kept\"}}")).unwrap();
+    assert_eq!(json(serve(&folder), "/field?run=0/.")["note"], "kept");
+    let manifest = folder.join("checkpoint/manifest.json");
+    fs::write(&manifest, fs::read(&manifest).unwrap()).unwrap();
+    assert_eq!(json(serve(&folder), "/field?run=0/.")["note"], "4 steps");
+}
+
+/// A run whose checkpoint cannot be read to its end, as a slow one, holds up no other, and its work has a name.
+#[cfg(unix)]
+#[test]
+fn runs_are_packed_independently() {
+    let out = tempfile::tempdir().unwrap();
+    let [slow, quick] = ["factored", "infonerf"].map(|variant| {
+        let folder = train(out.path(), &plan(variant, TINY), Existing::Continue, None);
+        (format!("0/{}", folder.strip_prefix(out.path()).unwrap().display()), folder)
+    });
+    let manifest = slow.1.join("checkpoint/manifest.json");
+    fs::remove_file(&manifest).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&manifest).status().unwrap().success());
+    let address = serve(out.path());
+    let path = format!("/field?run={}", slow.0);
+    let waiting = std::thread::spawn(move || get(address, &path));
+    let start = Instant::now();
+    while json(address, &format!("/work?run={}", slow.0)) != "Reading the field" {
+        assert!(start.elapsed() < Duration::from_secs(60), "the work has no name");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    assert_eq!(json(address, &format!("/field?run={}", quick.0))["note"], "4 steps");
+    assert!(!waiting.is_finished());
+    // Ends the reading.
+    drop(fs::OpenOptions::new().write(true).open(&manifest).unwrap());
+    waiting.join().unwrap();
 }
 
 #[test]
-fn a_field_that_is_no_factored_one_is_baked() {
+fn fields_of_other_kinds_are_baked() {
     let out = tempfile::tempdir().unwrap();
     let nerf = "field={kind=\"nerf\",layers=1,width=8,skip=0,position_frequencies=2,direction_frequencies=1,\
                 density=\"softplus\",detail=1.0}";
     let others = TINY.iter().filter(|setting| !setting.starts_with("field."));
     let set: Vec<&str> = others.copied().chain([nerf, "loss.tv.weight=0"]).collect();
-    let plan = plan("nerf", &set);
+    let plan = plan("factored", &set);
     // Coarsely while it trains.
-    let folder = train(out.path(), &plan, Existing::Refuse, Some(2));
+    let folder = train(out.path(), &plan, Existing::Continue, Some(2));
     let address = serve(&folder);
     let live = json(address, "/field?run=0/.");
     assert_eq!(live["voxels"], 96);
     assert_eq!(live["note"], "2 steps; not the field itself, but baked to 96 voxels along its box");
     assert_eq!(live["cameras"].as_array().unwrap().len(), 4);
-    train(out.path(), &plan, Existing::Resume, None);
+    train(out.path(), &plan, Existing::Continue, None);
     let finished = json(address, "/field?run=0/.");
     assert!(finished["voxels"].as_u64().unwrap() > 96 && finished["note"].as_str().unwrap().starts_with("4 steps"));
 }
 
-/// A folder that looks like a run, with a secret beside it.
+/// Makes a folder that looks like a run, with a secret outside of it, and serves it.
 fn stand_in() -> (tempfile::TempDir, SocketAddr) {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("runs/a");
     fs::create_dir_all(run.join("test")).unwrap();
     fs::write(run.join("config.toml"), "").unwrap();
-    fs::write(run.join("test/000.png"), "picture").unwrap();
+    fs::write(run.join("test/000.png"), "image").unwrap();
     fs::write(folder.path().join("config.toml"), "secret").unwrap();
     fs::create_dir(folder.path().join("test")).unwrap();
     fs::write(folder.path().join("test/000.png"), "secret").unwrap();
@@ -191,7 +235,7 @@ fn stand_in() -> (tempfile::TempDir, SocketAddr) {
 #[test]
 fn nothing_outside_the_folder_is_served() {
     let (folder, address) = stand_in();
-    assert_eq!(get(address, "/picture?run=0/a&kind=test&name=000"), (200, b"picture".to_vec()));
+    assert_eq!(get(address, "/picture?run=0/a&kind=test&name=000"), (200, b"image".to_vec()));
     #[cfg(unix)]
     std::os::unix::fs::symlink(folder.path().join("test/000.png"), folder.path().join("runs/a/test/001.png")).unwrap();
     let outside = folder.path().display();
@@ -217,7 +261,7 @@ fn nothing_outside_the_folder_is_served() {
 }
 
 #[test]
-fn other_methods_and_nonsense_are_refused() {
+fn other_methods_and_malformed_requests_are_refused() {
     let (_folder, address) = stand_in();
     let host = format!("Host: {address}\r\n");
     for (request, expected) in [
@@ -236,7 +280,7 @@ fn other_methods_and_nonsense_are_refused() {
 }
 
 #[test]
-fn a_header_of_ten_megabytes_does_no_harm() {
+fn header_of_ten_megabytes_is_cut_off() {
     let (_folder, address) = stand_in();
     let mut stream = connect(address);
     stream.write_all(format!("GET /runs HTTP/1.1\r\nHost: {address}\r\n").as_bytes()).unwrap();
@@ -248,7 +292,7 @@ fn a_header_of_ten_megabytes_does_no_harm() {
 }
 
 #[test]
-fn a_thousand_connections_and_closed_pages_do_no_harm() {
+fn server_answers_after_a_thousand_connections() {
     let (_folder, address) = stand_in();
     // In waves, as client and server share one process's limit of open files.
     for _ in 0..4 {
@@ -259,7 +303,7 @@ fn a_thousand_connections_and_closed_pages_do_no_harm() {
         }
     }
     assert_eq!(get(address, "/runs").0, 200);
-    // While others say nothing, those that ask are answered within their patience.
+    // While other clients send nothing, requests are answered within their timeout.
     let silent: Vec<TcpStream> = (0..300).map(|_| connect(address)).collect();
     let start = Instant::now();
     assert_eq!(get(address, "/runs").0, 200);
@@ -268,7 +312,7 @@ fn a_thousand_connections_and_closed_pages_do_no_harm() {
 }
 
 #[test]
-fn an_address_in_use_is_named() {
+fn error_names_an_address_in_use() {
     let folder = tempfile::tempdir().unwrap();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap();

@@ -1,97 +1,96 @@
-//! Networks of density and colour, of sizes that no tile of a product divides.
+//! Networks of density and colour, with sizes that no tile of a product divides.
 
 use burn::tensor::{Device, Tensor};
 use fastrand::Rng;
 use infonerf_ops::mlp::{Activation, ColorBranch, Dense, Precision, RadianceMlp, density_and_color};
 use infonerf_ops::{Segments, from_host};
 
-use super::operations::{Operation, leaf, numbers, operation, pulled};
+use super::comparison::{DeviceComparisons, leaf, pulled, uniform};
 
-/// Which outputs have a gradient.
+/// Outputs with a gradient.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Asked {
+enum GradientOf {
     Both,
     Density,
     Color,
 }
 
-struct Case {
+struct NetworkCase {
     name: &'static str,
-    /// Samples of each ray are below this.
+    /// Exclusive maximum of the samples of a ray.
     samples: usize,
     rays: usize,
-    /// Width of the encoded position, of the trunk, and of the encoded direction.
+    /// Widths of the encoded position, the trunk, and the encoded direction.
     widths: [usize; 3],
     layers: usize,
     skip: usize,
-    asked: Asked,
+    upstream: GradientOf,
 }
 
-const CASES: [Case; 5] = [
-    Case {
+const CASES: [NetworkCase; 5] = [
+    NetworkCase {
         name: "radiance network",
         samples: 9,
         rays: 60,
         widths: [12, 16, 9],
         layers: 1,
         skip: 0,
-        asked: Asked::Both,
+        upstream: GradientOf::Both,
     },
-    Case {
+    NetworkCase {
         name: "radiance network of the authors' sizes",
         samples: 9,
         rays: 40,
         widths: [63, 256, 27],
         layers: 3,
         skip: 1,
-        asked: Asked::Both,
+        upstream: GradientOf::Both,
     },
-    Case {
+    NetworkCase {
         name: "radiance network of many samples, colour's gradient",
         samples: 9,
         rays: 1500,
         widths: [5, 22, 9],
         layers: 3,
         skip: 2,
-        asked: Asked::Color,
+        upstream: GradientOf::Color,
     },
-    Case {
+    NetworkCase {
         name: "radiance network, density's gradient",
         samples: 9,
         rays: 30,
         widths: [7, 33, 9],
         layers: 2,
         skip: 1,
-        asked: Asked::Density,
+        upstream: GradientOf::Density,
     },
-    Case {
+    NetworkCase {
         name: "radiance network of one sample",
         samples: 2,
         rays: 2,
         widths: [3, 6, 3],
         layers: 2,
         skip: 0,
-        asked: Asked::Both,
+        upstream: GradientOf::Both,
     },
 ];
 
-/// All of them.
-pub(super) fn all(rng: &mut Rng) -> Vec<Operation> {
-    let mut operations: Vec<Operation> = CASES.iter().map(|case| network(case, rng)).collect();
-    operations.push(density(rng));
-    operations
+/// Compares all networks.
+pub(super) fn all(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
+    CASES.iter().for_each(|case| network(case, rng, compare));
+    density(rng, compare);
 }
 
-/// A layer's outputs, and its matrix and bias one after the other.
-type Layer = (usize, Vec<f32>);
+/// Number of outputs of a layer, and its matrix and bias one after the other.
+type LayerValues = (usize, Vec<f32>);
 
-/// A layer whose outputs are as large as its inputs.
-fn layer(rng: &mut Rng, inputs: usize, outputs: usize) -> Layer {
+/// Draws a layer whose outputs are about as large as its inputs.
+fn layer(rng: &mut Rng, inputs: usize, outputs: usize) -> LayerValues {
     let bound = (6.0 / inputs as f32).sqrt();
-    (outputs, numbers(rng, (inputs + 1) * outputs, -bound, bound))
+    (outputs, uniform(rng, (inputs + 1) * outputs, -bound, bound))
 }
 
-fn trunk(rng: &mut Rng, [encoded, width, _]: [usize; 3], layers: usize, skip: usize) -> Vec<Layer> {
+fn trunk(rng: &mut Rng, [encoded, width, _]: [usize; 3], layers: usize, skip: usize) -> Vec<LayerValues> {
     let inputs = |index| match index {
         0 => encoded,
         _ if index == skip => encoded + width,
@@ -100,7 +99,7 @@ fn trunk(rng: &mut Rng, [encoded, width, _]: [usize; 3], layers: usize, skip: us
     (0..layers).map(|index| layer(rng, inputs(index), width)).collect()
 }
 
-/// The layer of a leaf.
+/// Splits a leaf into matrix and bias.
 fn dense(leaf: &Tensor<1>, outputs: usize) -> Dense {
     let weights = leaf.dims()[0] - outputs;
     Dense {
@@ -109,26 +108,26 @@ fn dense(leaf: &Tensor<1>, outputs: usize) -> Dense {
     }
 }
 
-fn leaves(layers: &[Layer], device: &Device) -> (Vec<Tensor<1>>, Vec<Dense>) {
-    let leaves: Vec<_> = layers.iter().map(|(_, numbers)| leaf(numbers, device)).collect();
+fn leaves(layers: &[LayerValues], device: &Device) -> (Vec<Tensor<1>>, Vec<Dense>) {
+    let leaves: Vec<_> = layers.iter().map(|(_, values)| leaf(values, device)).collect();
     let dense = leaves.iter().zip(layers).map(|(leaf, (outputs, _))| dense(leaf, *outputs)).collect();
     (leaves, dense)
 }
 
-/// A network with directions of rays of which some are empty.
-fn network(case: &Case, rng: &mut Rng) -> Operation {
-    let Case { widths: [inputs, width, directed], skip, asked, .. } = *case;
+/// Compares a network with colour, whose directions belong to rays of which some are empty.
+fn network(case: &NetworkCase, rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
+    let NetworkCase { widths: [inputs, width, directed], skip, upstream, .. } = *case;
     let octaves = (directed / 3 - 1) / 2;
     let rays = (1..case.rays).map(|_| rng.usize(0..case.samples)).collect::<Vec<_>>();
     let segments = Segments::from_counts(std::iter::once(case.samples - 1).chain(rays));
-    let encoded = numbers(rng, inputs * segments.samples(), -1.0, 1.0);
-    let directions = numbers(rng, 3 * segments.rays(), -1.0, 1.0);
+    let encoded = uniform(rng, inputs * segments.samples(), -1.0, 1.0);
+    let directions = uniform(rng, 3 * segments.rays(), -1.0, 1.0);
     let mut layers = trunk(rng, case.widths, case.layers, skip);
     for [inputs, outputs] in [[width, 1], [width, width], [width + directed, width / 2], [width / 2, 3]] {
         layers.push(layer(rng, inputs, outputs));
     }
     let in_trunk = case.layers;
-    operation(case.name, move |device| {
+    compare.operation(case.name, |device| {
         let encoded = leaf(&encoded, device);
         let (leaves, mut dense) = leaves(&layers, device);
         let heads: [Dense; 4] = dense.split_off(in_trunk).try_into().expect("there are four");
@@ -145,29 +144,29 @@ fn network(case: &Case, rng: &mut Rng) -> Operation {
         let points = encoded.clone().reshape([-1, inputs as i32]);
         let (density, color) = density_and_color(points, &network, Activation::ShiftedSoftplus);
         let color = color.expect("the network has colour").flatten::<1>(0, 1);
-        let used = leaves.iter().enumerate().filter(|(index, _)| match asked {
-            Asked::Both => true,
-            Asked::Density => *index <= in_trunk,
-            Asked::Color => *index != in_trunk,
+        let used = leaves.iter().enumerate().filter(|(index, _)| match upstream {
+            GradientOf::Both => true,
+            GradientOf::Density => *index <= in_trunk,
+            GradientOf::Color => *index != in_trunk,
         });
         let inputs: Vec<&Tensor<1>> = std::iter::once(&encoded).chain(used.map(|(_, leaf)| leaf)).collect();
-        match asked {
-            Asked::Both => pulled(Tensor::cat(vec![density, color], 0), &inputs),
-            Asked::Density => pulled(density, &inputs),
-            Asked::Color => pulled(color, &inputs),
+        match upstream {
+            GradientOf::Both => pulled(Tensor::cat(vec![density, color], 0), &inputs),
+            GradientOf::Density => pulled(density, &inputs),
+            GradientOf::Color => pulled(color, &inputs),
         }
-    })
+    });
 }
 
-/// A network without colour, whose weights have no gradient.
-fn density(rng: &mut Rng) -> Operation {
+/// Compares a network without colour, whose weights have no gradient.
+fn density(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const WIDTHS: [usize; 3] = [9, 70, 0];
     const LAYERS: usize = 3;
     const SAMPLES: usize = 131;
-    let encoded = numbers(rng, WIDTHS[0] * SAMPLES, -1.0, 1.0);
+    let encoded = uniform(rng, WIDTHS[0] * SAMPLES, -1.0, 1.0);
     let mut layers = trunk(rng, WIDTHS, LAYERS, 1);
     layers.push(layer(rng, WIDTHS[1], 1));
-    operation("density network with fixed weights", move |device| {
+    compare.operation("density network with fixed weights", |device| {
         let encoded = leaf(&encoded, device);
         let (_, mut dense) = leaves(&layers, device);
         for Dense { weight, bias } in &mut dense {
@@ -177,5 +176,5 @@ fn density(rng: &mut Rng) -> Operation {
         let network = RadianceMlp { trunk: dense, skip: 1, sigma, color: None, precision: Precision::F32 };
         let points = encoded.clone().reshape([-1, WIDTHS[0] as i32]);
         pulled(density_and_color(points, &network, Activation::Relu).0, &[&encoded])
-    })
+    });
 }

@@ -1,9 +1,9 @@
-//! The operations of infonerf-ops, to be asked on several devices.
+//! Operations of infonerf-ops.
 
 use std::sync::Arc;
 
 use burn::optim::Optimizer;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::Tensor;
 use fastrand::Rng;
 use infonerf_ops::adam::{Adam, finite_after, step_if};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
@@ -19,108 +19,73 @@ use infonerf_ops::{
     ray_distortion, ray_divergence, ray_entropy, to_host, to_host_together,
 };
 
-use super::networks;
+use super::comparison::{DeviceComparisons, leaf, pulled, uniform};
 
-/// Largest error of a value or gradient, over the largest of its array.
-const OPERATION: f64 = 1e-4;
-/// The same of sines and cosines of phases up to 3·2¹⁶.
+/// Maximum error of sines and cosines of phases up to 3·2¹⁶.
 const ENCODING: f64 = 1e-6;
-/// The same of distances: in bins of almost no weight, a step of the sum that places a sample is its last few digits.
+/// Maximum error of distances: in bins of almost no weight, the last digits of the cumulative sum place a sample.
 const DISTANCE: f64 = 1e-3;
-const SEED: u64 = 11;
 
-/// An operation on inputs of its own.
-pub(super) struct Operation {
-    pub(super) name: String,
-    /// Largest error that is allowed, over the largest number of an array.
-    pub(super) bound: f64,
-    pub(super) answer: Answer,
-}
+/// Compares operations that need inputs from `rng`.
+pub(super) type Group = fn(&mut Rng, &mut DeviceComparisons<'_>);
 
-/// What a device makes of an operation: its values, then the gradient of Σ uᵢ outᵢ, for some u, with respect to each input.
-type Answer = Box<dyn Fn(&Device) -> Vec<Vec<f32>>>;
+/// Groups of all operations but networks.
+pub(super) const GROUPS: [Group; 8] = [along_rays, factored, placing, losses, encodings, padded, adam, marching];
 
-/// All of them.
-pub(super) fn all() -> Vec<Operation> {
-    let rng = &mut Rng::with_seed(SEED);
-    let mut operations = along_rays(rng);
-    operations.extend(factored(rng));
-    operations.extend(placing(rng));
-    operations.push(losses(rng));
-    operations.extend(encodings(rng));
-    operations.extend([padded(rng), adam(rng)]);
-    operations.extend(marching(rng));
-    operations.extend(networks::all(rng));
-    operations
-}
-
-/// Compositing, entropies and divergence, on rays of all lengths, some of them empty, with optical depths from almost
+/// Compares compositing, entropies and divergence on rays of all lengths, some of them empty, with optical depths from almost
 /// nothing to opaque.
-fn along_rays(rng: &mut Rng) -> Vec<Operation> {
+fn along_rays(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const RAYS: usize = 300;
     let segments = Segments::from_counts((0..RAYS).map(|_| rng.usize(0..40)));
     let mut depths =
-        || -> Vec<f32> { numbers(rng, segments.samples(), -14.0, 3.0).into_iter().map(f32::exp).collect() };
+        || -> Vec<f32> { uniform(rng, segments.samples(), -14.0, 3.0).into_iter().map(f32::exp).collect() };
     let (tau, near) = (depths(), depths());
-    let values = numbers(rng, 4 * tau.len(), 0.0, 1.0);
-    let mut operations = Vec::new();
-    {
-        let (segments, tau) = (segments.clone(), tau.clone());
-        operations.push(operation("compositing", move |device| {
-            let (tau, values) = (leaf(&tau, device), leaf(&values, device));
-            let out = composite(tau.clone(), values.clone().reshape([-1, 4]), &segments);
-            pulled(Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1)], 1), &[&tau, &values])
-        }));
-    }
-    {
-        let (segments, tau) = (segments.clone(), tau.clone());
-        let (color, distances) = (numbers(rng, 3 * tau.len(), 0.0, 1.0), numbers(rng, tau.len(), 1.0, 5.0));
-        operations.push(operation("compositing over a background", move |device| {
-            let [tau, color, distances] = [&tau, &color, &distances].map(|input| leaf(input, device));
-            let out = composite_over(tau.clone(), Some(rows(&color)), distances, [0.2, 0.5, 1.0], &segments);
-            let color_out = out.color.expect("colours were given").flatten::<1>(0, 1);
-            pulled(Tensor::cat(vec![color_out, out.depth, out.acc], 0), &[&tau, &color])
-        }));
-    }
+    let values = uniform(rng, 4 * tau.len(), 0.0, 1.0);
+    compare.operation("compositing", |device| {
+        let (tau, values) = (leaf(&tau, device), leaf(&values, device));
+        let out = composite(tau.clone(), values.clone().reshape([-1, 4]), &segments);
+        pulled(Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1)], 1), &[&tau, &values])
+    });
+    let (color, distances) = (uniform(rng, 3 * tau.len(), 0.0, 1.0), uniform(rng, tau.len(), 1.0, 5.0));
+    compare.operation("compositing over a background", |device| {
+        let [tau, color, distances] = [&tau, &color, &distances].map(|input| leaf(input, device));
+        let out = composite_over(tau.clone(), Some(rows(&color)), distances, [0.2, 0.5, 1.0], &segments);
+        let color_out = out.color.expect("colours were given").flatten::<1>(0, 1);
+        pulled(Tensor::cat(vec![color_out, out.depth, out.acc], 0), &[&tau, &color])
+    });
     for of in [RayDistribution::Alpha, RayDistribution::AlphaBackground, RayDistribution::Termination] {
         for epsilon in [0.0, 1e-10] {
-            let (segments, tau) = (segments.clone(), tau.clone());
-            operations.push(operation(&format!("entropy of {of:?}, epsilon {epsilon:e}"), move |device| {
+            compare.operation(&format!("entropy of {of:?}, epsilon {epsilon:e}"), |device| {
                 let tau = leaf(&tau, device);
                 let out = ray_entropy(tau.clone(), &segments, of, epsilon);
                 pulled(Tensor::cat(vec![out.bits, out.alpha_sum], 0), &[&tau])
-            }));
+            });
         }
     }
-    {
-        let (segments, tau) = (segments.clone(), tau.clone());
-        let (middle, length) = (numbers(rng, tau.len(), 0.0, 1.0), numbers(rng, tau.len(), 0.0, 0.1));
-        operations.push(operation("distortion", move |device| {
-            let [tau, middle, length] = [&tau, &middle, &length].map(|input| leaf(input, device));
-            let intervals = Intervals { middle: middle.clone(), length: length.clone() };
-            pulled(ray_distortion(tau.clone(), intervals, &segments), &[&tau, &middle, &length])
-        }));
-    }
-    operations.push(operation("divergence", move |device| {
+    let (middle, length) = (uniform(rng, tau.len(), 0.0, 1.0), uniform(rng, tau.len(), 0.0, 0.1));
+    compare.operation("distortion", |device| {
+        let [tau, middle, length] = [&tau, &middle, &length].map(|input| leaf(input, device));
+        let intervals = Intervals { middle: middle.clone(), length: length.clone() };
+        pulled(ray_distortion(tau.clone(), intervals, &segments), &[&tau, &middle, &length])
+    });
+    compare.operation("divergence", |device| {
         let (tau, near) = (leaf(&tau, device), leaf(&near, device));
         pulled(ray_divergence(tau.clone(), near.clone(), &segments, 1e-10), &[&tau, &near])
-    }));
-    operations
+    });
 }
 
-/// Where samples are, with and without jitter, and the points that they are: of a number of rays that no group of threads has.
-fn placing(rng: &mut Rng) -> Vec<Operation> {
+/// Compares sample rule, with and without jitter, and points on rays, for a number of rays that no workgroup divides.
+fn placing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const RAYS: usize = 301;
     const SAMPLES: usize = 21;
     const FINE: usize = 34;
     let ends: Vec<f32> = (0..RAYS).flat_map(|_| [1.0 + rng.f32(), 3.0 + rng.f32()]).collect();
     let streams: Vec<Stream> = (0..RAYS).map(|_| Stream { key: rng.u64(..), item: rng.u32(..) as usize }).collect();
-    let tau: Vec<f32> = numbers(rng, RAYS * SAMPLES, -14.0, 3.0).into_iter().map(f32::exp).collect();
-    let mut operations = Vec::new();
+    let tau: Vec<f32> = uniform(rng, RAYS * SAMPLES, -14.0, 3.0).into_iter().map(f32::exp).collect();
     for rule in [SampleRule::Left, SampleRule::Mid, SampleRule::Edges] {
         for jittered in [true, false] {
-            let (ends, streams, tau) = (ends.clone(), streams.clone(), tau.clone());
-            let answer = move |device: &Device| {
+            let kind = if jittered { "jittered" } else { "even" };
+            compare.within(DISTANCE, &format!("samples {rule:?}, {kind}"), |device| {
                 let ends = from_host(&ends, 2, device);
                 let tau = Tensor::from_floats(tau.as_slice(), device);
                 let streams = Streams(Tensor::from_floats(Streams::bits(streams.iter().copied()).as_slice(), device));
@@ -132,28 +97,24 @@ fn placing(rng: &mut Rng) -> Vec<Operation> {
                 };
                 let [distance, length] = intervals(t.clone(), ends, rule, LastInterval::Finite);
                 vec![to_host_together([t.flatten(0, 1), fine.flatten(0, 1), distance, length])]
-            };
-            let kind = if jittered { "jittered" } else { "even" };
-            let name = format!("samples {rule:?}, {kind}");
-            operations.push(Operation { name, bound: DISTANCE, answer: Box::new(answer) });
+            });
         }
     }
     let segments = Segments::from_counts((0..RAYS).map(|_| rng.usize(0..9)));
-    let rays = [0, 1].map(|_| numbers(rng, 3 * RAYS, -1.0, 1.0));
-    let t = numbers(rng, segments.samples(), 1.0, 5.0);
-    operations.push(operation("points on rays", move |device| {
-        let [origins, directions] = rays.each_ref().map(|numbers| leaf(numbers, device));
+    let rays = [0, 1].map(|_| uniform(rng, 3 * RAYS, -1.0, 1.0));
+    let t = uniform(rng, segments.samples(), 1.0, 5.0);
+    compare.operation("points on rays", |device| {
+        let [origins, directions] = rays.each_ref().map(|values| leaf(values, device));
         let out = points_on_rays(rows(&origins), rows(&directions), leaf(&t, device), &segments);
         pulled(out, &[&origins, &directions])
-    }));
-    operations
+    });
 }
 
-/// Samples along rays through a grid that is empty here and there, and gradients of what is made of them.
-fn marching(rng: &mut Rng) -> Vec<Operation> {
+/// Compares marches through a partly empty grid, with gradients of losses of their samples.
+fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const RAYS: usize = 301;
     const CELLS: usize = 7;
-    let origins = numbers(rng, 3 * RAYS, 1.5, 2.5);
+    let origins = uniform(rng, 3 * RAYS, 1.5, 2.5);
     let towards: Vec<f32> = origins.iter().map(|o| rng.f32() - 0.5 - o).collect();
     let unit = |v: &[f32; 3]| v.map(|x| x / v.iter().map(|x| x * x).sum::<f32>().sqrt());
     let directions: Vec<f32> = towards.as_chunks().0.iter().flat_map(unit).collect();
@@ -163,10 +124,8 @@ fn marching(rng: &mut Rng) -> Vec<Operation> {
     let streams: Vec<Stream> = (0..RAYS).map(|_| Stream { key: rng.u64(..), item: rng.u32(..) as usize }).collect();
     let density: Vec<f32> = (0..CELLS.pow(3)).map(|_| if rng.f32() < 0.4 { -1.0 } else { 9.0 * rng.f32() }).collect();
     let all = [("", 6.0, true), (", evenly and to the end", f32::INFINITY, false)];
-    all.map(|(name, hidden_depth, jittered)| {
-        let (origins, directions, ends) = (origins.clone(), directions.clone(), ends.clone());
-        let (streams, density) = (streams.clone(), density.clone());
-        let answer = move |device: &Device| {
+    for (name, hidden_depth, jittered) in all {
+        compare.operation(&format!("marching{name}"), |device| {
             let plain = device.clone().inner();
             let settings = MarchSettings { step: 0.1, hidden_depth };
             // Cell by cell, where the host marches.
@@ -211,37 +170,32 @@ fn marching(rng: &mut Rng) -> Vec<Operation> {
             let mut answers = pulled(Tensor::cat(vec![color, seen.acc, bits], 0), &[&tau]);
             answers.push(to_host_together([distance, delta, positions.flatten(0, 1)]));
             answers
-        };
-        Operation { name: format!("marching{name}"), bound: OPERATION, answer: Box::new(answer) }
-    })
-    .into()
+        });
+    }
 }
 
-/// The sums that make losses.
-fn losses(rng: &mut Rng) -> Operation {
-    let [a, b] = [0, 1].map(|_| numbers(rng, 3000, 0.0, 1.0));
-    operation("squared differences and masked sums", move |device| {
+/// Compares the sums that make losses.
+fn losses(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
+    let [a, b] = [0, 1].map(|_| uniform(rng, 3000, 0.0, 1.0));
+    compare.operation("squared differences and masked sums", |device| {
         let [a, b] = [&a, &b].map(|input| leaf(input, device));
         let [mean, sum] = [mean_squared_difference(rows(&a), rows(&b)), sum_above(a.clone(), b, 0.3)];
         let both = weighted_sum(vec![(mean.clone(), 700.0), (sum.clone(), -0.5), (mean.clone(), 3.0)]);
         pulled(Tensor::cat(vec![mean, sum, both.expect("there are terms")], 0), &[&a])
-    })
+    });
 }
 
-/// A factored field, and the variation of its planes.
-fn factored(rng: &mut Rng) -> Vec<Operation> {
+/// Compares a factored field, and the variation of its planes.
+fn factored(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const SAMPLES: usize = 700;
     let layout = Arc::new(Layout::new(3, &[(8, 4), (16, 4)], (2, 32), true, (10.0, -5.0)));
-    let tables = numbers(rng, layout.table_len(), -0.5, 0.5);
-    let weights = numbers(rng, layout.weight_len(), -0.4, 0.4);
-    let positions = numbers(rng, 3 * SAMPLES, 0.0, 1.0);
-    let directions = numbers(rng, 3 * SAMPLES, -0.5, 0.5);
-    let mut operations = Vec::new();
+    let tables = uniform(rng, layout.table_len(), -0.5, 0.5);
+    let weights = uniform(rng, layout.weight_len(), -0.4, 0.4);
+    let positions = uniform(rng, 3 * SAMPLES, 0.0, 1.0);
+    let directions = uniform(rng, 3 * SAMPLES, -0.5, 0.5);
     for color in [true, false] {
-        let (layout, tables, weights) = (layout.clone(), tables.clone(), weights.clone());
-        let (positions, directions) = (positions.clone(), directions.clone());
         let name = if color { "factored field" } else { "factored field, density alone" };
-        operations.push(operation(name, move |device| {
+        compare.operation(name, |device| {
             let [tables, weights, positions] = [&tables, &weights, &positions].map(|input| leaf(input, device));
             let query = Query {
                 positions: rows(&positions),
@@ -253,88 +207,73 @@ fn factored(rng: &mut Rng) -> Vec<Operation> {
             };
             let out = factored_field(tables.clone(), weights.clone(), &layout, query);
             pulled(out, &[&tables, &weights, &positions])
-        }));
+        });
     }
-    operations.push(operation("plane variation", move |device| {
+    compare.operation("plane variation", |device| {
         let tables = leaf(&tables, device);
         pulled(plane_variation(tables.clone(), &layout), &[&tables])
-    }));
-    operations
+    });
 }
 
-/// Encodings; of the many points more than one dimension of a GPU's grid has groups of threads.
-fn encodings(rng: &mut Rng) -> Vec<Operation> {
+/// Compares encodings, one of more points than one dimension of a GPU's grid has workgroups.
+fn encodings(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const MANY: usize = 1_500_000;
     const SHOWN: usize = 1000;
     const WINDOW: [f32; 4] = [1.0, 1.0, 0.5, 0.0];
-    let points = numbers(rng, 3 * 500, -3.0, 3.0);
-    let variances: Vec<f32> = numbers(rng, points.len(), -25.0, 0.0).into_iter().map(f32::exp).collect();
-    let many = numbers(rng, 3 * MANY, -1.0, 1.0);
-    let encoding = |name: String, answer: Answer| Operation { name, bound: ENCODING, answer };
-    let mut operations = Vec::new();
+    let points = uniform(rng, 3 * 500, -3.0, 3.0);
+    let variances: Vec<f32> = uniform(rng, points.len(), -25.0, 0.0).into_iter().map(f32::exp).collect();
+    let many = uniform(rng, 3 * MANY, -1.0, 1.0);
     for frequencies in [0, 1, 17] {
-        let (plain, faded, variances) = (points.clone(), points.clone(), variances.clone());
-        operations.push(encoding(
-            format!("frequency encoding, {frequencies} octaves"),
-            Box::new(move |device| {
-                let points = leaf(&plain, device);
-                pulled(frequency_encode(rows(&points), frequencies, &WINDOW), &[&points])
-            }),
-        ));
-        // Without frequencies it is empty.
+        compare.within(ENCODING, &format!("frequency encoding, {frequencies} octaves"), |device| {
+            let points = leaf(&points, device);
+            pulled(frequency_encode(rows(&points), frequencies, &WINDOW), &[&points])
+        });
+        // Without frequencies the integrated encoding is empty.
         if frequencies > 0 {
-            operations.push(encoding(
-                format!("integrated encoding, {frequencies} octaves"),
-                Box::new(move |device| {
-                    let (means, variances) = (leaf(&faded, device), leaf(&variances, device));
-                    let out = integrated_encode(rows(&means), rows(&variances), frequencies, &WINDOW);
-                    pulled(out, &[&means, &variances])
-                }),
-            ));
+            compare.within(ENCODING, &format!("integrated encoding, {frequencies} octaves"), |device| {
+                let (means, variances) = (leaf(&points, device), leaf(&variances, device));
+                pulled(integrated_encode(rows(&means), rows(&variances), frequencies, &WINDOW), &[&means, &variances])
+            });
         }
     }
-    operations.push(encoding(
-        "frequency encoding of 1.5 million points".into(),
-        Box::new(move |device| {
-            let points = from_host(&many, 3, device);
-            vec![to_host(frequency_encode(points, 1, &[]).narrow(0, MANY - SHOWN, SHOWN))]
-        }),
-    ));
-    operations
+    compare.within(ENCODING, "frequency encoding of 1.5 million points", |device| {
+        let points = from_host(&many, 3, device);
+        vec![to_host(frequency_encode(points, 1, &[]).narrow(0, MANY - SHOWN, SHOWN))]
+    });
 }
 
-/// Points, three numbers each.
+/// Reshapes points, three values each.
 fn rows(points: &Tensor<1>) -> Tensor<2> {
     points.clone().reshape([-1, 3])
 }
 
-/// Rows with something between them in memory, as CUDA lays them out: of the values that are composited, and, by way of
-/// the columns that are cut off again, of the gradient that comes back.
-fn padded(rng: &mut Rng) -> Operation {
+/// Compares compositing of rows with padding between them in memory, as CUDA lays them out; the columns that are cut off pad the gradient,
+/// too.
+fn padded(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const BETWEEN: usize = 64;
     const CHANNELS: usize = 3;
     let segments = Segments::from_counts((0..100).map(|_| rng.usize(0..20)));
-    let tau = numbers(rng, segments.samples(), 0.0, 1.0);
-    let values = numbers(rng, tau.len() * (CHANNELS + BETWEEN), 0.0, 1.0);
-    operation("compositing of padded rows", move |device| {
+    let tau = uniform(rng, segments.samples(), 0.0, 1.0);
+    let values = uniform(rng, tau.len() * (CHANNELS + BETWEEN), 0.0, 1.0);
+    compare.operation("compositing of padded rows", |device| {
         let (tau, values) = (leaf(&tau, device), leaf(&values, device));
         let cut = values.clone().reshape([-1, (CHANNELS + BETWEEN) as i32]).narrow(1, 0, CHANNELS);
         let out = composite(tau.clone(), cut, &segments);
-        let beside = Tensor::zeros([segments.rays(), BETWEEN], &out.acc.device());
-        pulled(Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1), beside], 1), &[&tau, &values])
-    })
+        let padding = Tensor::zeros([segments.rays(), BETWEEN], &out.acc.device());
+        pulled(Tensor::cat(vec![out.values, out.acc.unsqueeze_dim::<2>(1), padding], 1), &[&tau, &values])
+    });
 }
 
-/// Steps of Adam on a matrix, with gradients that change.
-fn adam(rng: &mut Rng) -> Operation {
-    let (start, slopes) = (numbers(rng, 3 * 500, -1.0, 1.0), numbers(rng, 3 * 500, 0.0, 1.0));
-    operation("Adam", move |device| {
-        let slopes = from_host(&slopes, 3, device);
+/// Compares steps of Adam on a matrix, with changing gradients.
+fn adam(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
+    let (start, factors) = (uniform(rng, 3 * 500, -1.0, 1.0), uniform(rng, 3 * 500, 0.0, 1.0));
+    compare.operation("Adam", |device| {
+        let factors = from_host(&factors, 3, device);
         let (mut x, mut state) = (from_host(&start, 3, device), None);
         let mut finite = None;
-        // The last two are not taken.
+        // The last two steps are skipped.
         for loss in [1.0, -f32::MAX, 0.0, 1.0, 2.0, f32::NAN, 1.0] {
-            let gradient = x.clone() * slopes.clone();
+            let gradient = x.clone() * factors.clone();
             let flag = finite_after(finite, Tensor::from_floats([loss], device));
             let step = |(x, state)| Adam::default().step(1e-2, x, gradient, state);
             (x, state) = step_if(flag.clone(), (x, state), step);
@@ -342,28 +281,5 @@ fn adam(rng: &mut Rng) -> Operation {
         }
         let infinite = finite_after(None, Tensor::from_floats([f32::NEG_INFINITY], device));
         vec![to_host(x), to_host(infinite)]
-    })
-}
-
-pub(super) fn operation(name: &str, answer: impl Fn(&Device) -> Vec<Vec<f32>> + 'static) -> Operation {
-    Operation { name: name.into(), bound: OPERATION, answer: Box::new(answer) }
-}
-
-/// `count` numbers in [`low`, `high`).
-pub(super) fn numbers(rng: &mut Rng, count: usize, low: f32, high: f32) -> Vec<f32> {
-    (0..count).map(|_| low + (high - low) * rng.f32()).collect()
-}
-
-pub(super) fn leaf(values: &[f32], device: &Device) -> Tensor<1> {
-    Tensor::from_data(TensorData::new(values.to_vec(), [values.len()]), &device.clone().autodiff()).require_grad()
-}
-
-/// The output, and the gradient of Σ uᵢ outᵢ with respect to each input, u in [−1, 1).
-pub(super) fn pulled<const D: usize>(out: Tensor<D>, inputs: &[&Tensor<1>]) -> Vec<Vec<f32>> {
-    let out = out.flatten::<1>(0, D - 1);
-    let count = out.dims()[0];
-    let pull = TensorData::new(numbers(&mut Rng::with_seed(SEED), count, -1.0, 1.0), [count]);
-    let grads = (out.clone() * Tensor::from_data(pull, &out.device())).sum().backward();
-    let gradient = |input: &&Tensor<1>| input.grad(&grads).map(to_host).unwrap_or_default();
-    std::iter::once(to_host(out.detach())).chain(inputs.iter().map(gradient)).collect()
+    });
 }

@@ -1,4 +1,4 @@
-//! Whole training steps of every kind of field, to be taken on several devices.
+//! Whole training steps of every kind of field.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,10 +10,14 @@ use infonerf_experiment::RunPlan;
 use infonerf_ops::to_host;
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer, config, evaluate_view};
 
-/// Steps that are compared.
+use super::comparison::worse;
+
+/// Losses below this are compared by their absolute error over it.
+const MIN_LOSS: f64 = 0.01;
+/// Number of compared steps.
 pub(super) const STEPS: usize = 20;
 
-/// Under which a run takes a second.
+/// Settings with which a run takes a second.
 const TINY: [&str; 10] = [
     "scene.size=16",
     "eval.test=first-1",
@@ -27,16 +31,16 @@ const TINY: [&str; 10] = [
     "render.occupancy.every=3",
 ];
 
-/// A kind of field, small, with as many loss terms as it bears.
-pub(super) struct Kind {
+/// Small field of a kind, with as many loss terms as it supports.
+pub(super) struct FieldCase {
     pub(super) name: &'static str,
     preset: Preset,
     settings: &'static [&'static str],
 }
 
-/// All that train on their own.
-pub(super) const KINDS: [Kind; 4] = [
-    Kind {
+/// Fields of all kinds that train without data of their own.
+pub(super) const FIELDS: [FieldCase; 4] = [
+    FieldCase {
         name: "NeRF",
         preset: Preset::Paper,
         settings: &[
@@ -46,7 +50,7 @@ pub(super) const KINDS: [Kind; 4] = [
             "loss.kl.rays=all",
         ],
     },
-    Kind {
+    FieldCase {
         name: "mip-NeRF",
         preset: Preset::Paper,
         settings: &[
@@ -57,7 +61,7 @@ pub(super) const KINDS: [Kind; 4] = [
             "render.clip_to_bounds=true",
         ],
     },
-    Kind {
+    FieldCase {
         name: "factored field",
         preset: Preset::Fast,
         settings: &[
@@ -65,14 +69,14 @@ pub(super) const KINDS: [Kind; 4] = [
             "field.channels=2",
             "field.width=16",
             "field.layers=1",
-            // GPUs leave no slopes out.
+            // GPUs leave out no gradients.
             "field.negligible=0.0",
             "render.samples=12",
             "train.target_samples=400",
             "loss.entropy.weight=1e-3",
         ],
     },
-    Kind {
+    FieldCase {
         name: "PixelNeRF",
         preset: Preset::Paper,
         settings: &[
@@ -89,16 +93,16 @@ pub(super) const KINDS: [Kind; 4] = [
     },
 ];
 
-/// A few steps of a run.
+/// Losses and render of a few steps.
 pub(super) struct Course {
-    /// The losses of each step, by term, with their sum as `total`.
+    /// Losses of each step, by term, with their sum as `total`.
     pub(super) losses: Vec<BTreeMap<String, f32>>,
-    /// The first test view afterwards, three numbers a pixel.
-    pub(super) picture: Vec<f32>,
+    /// Render of the first test view afterwards, three values a pixel.
+    pub(super) render: Vec<f32>,
 }
 
-impl Kind {
-    /// A trainer of this field on the plan's scene, `extra` settings on top.
+impl FieldCase {
+    /// Prepares training of this field on the plan's scene, with `extra` settings.
     fn trainer(&self, plan: &RunPlan, extra: &[&str], device: &Device) -> Result<Trainer> {
         let mut table = self.preset.table();
         for setting in TINY.iter().chain(self.settings).chain(extra) {
@@ -109,9 +113,8 @@ impl Kind {
         plan.trainer(&Arc::new(plan.load()?), 0, None, device)
     }
 
-    /// Gradients of the whole loss with respect to each parameter.
-    ///
-    /// With ε = 1 Adam's first step is the rate times g/(1 + |g|), a number that shows g.
+    /// Returns a monotone function of the gradient of the whole loss with respect to each parameter: with ε = 1, Adam's first
+    /// step is the rate times g/(1 + |g|).
     pub(super) fn gradients(&self, plan: &RunPlan, device: &Device) -> Result<Vec<Vec<f32>>> {
         const RATE: f32 = 100.0;
         let lr = format!("train.lr={RATE:?}");
@@ -125,7 +128,7 @@ impl Kind {
         Ok(before.iter().zip(weights(&trainer)).map(moved).collect())
     }
 
-    /// The first [`STEPS`] steps.
+    /// Takes the first [`STEPS`] steps.
     pub(super) fn course(&self, plan: &RunPlan, device: &Device) -> Result<Course> {
         let mut trainer = self.trainer(plan, &[&format!("train.iterations={STEPS}")], device)?;
         let mut steps = Vec::new();
@@ -137,20 +140,38 @@ impl Kind {
         while trainer.step(&mut report)? == Outcome::Running {}
         let view = trainer.scene().test.first().context("expected a test view")?;
         let view = evaluate_view(trainer.renderer(), &[trainer.trained()], view)?;
-        Ok(Course { losses: steps, picture: view.image.rgb.into_iter().flatten().collect() })
+        Ok(Course { losses: steps, render: view.image.rgb.into_iter().flatten().collect() })
     }
 }
 
 fn weights(trainer: &Trainer) -> Vec<Vec<f32>> {
-    struct Weights(Vec<Vec<f32>>);
+    struct WeightVisitor(Vec<Vec<f32>>);
 
-    impl ModuleVisitor for Weights {
+    impl ModuleVisitor for WeightVisitor {
         fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
             self.0.push(to_host(param.val()));
         }
     }
 
-    let mut weights = Weights(Vec::new());
+    let mut weights = WeightVisitor(Vec::new());
     trainer.model().visit(&mut weights);
     weights.0
+}
+
+/// Computes the largest relative difference of all losses of all steps; `None` if steps or terms differ.
+pub(super) fn loss_difference(got: &Course, want: &Course) -> Option<f64> {
+    if got.losses.len() != want.losses.len() {
+        return None;
+    }
+    let mut worst: f64 = 0.0;
+    for (got, want) in got.losses.iter().zip(&want.losses) {
+        if !got.keys().eq(want.keys()) {
+            return None;
+        }
+        for (got, want) in got.values().zip(want.values()) {
+            let (got, want) = (f64::from(*got), f64::from(*want));
+            worst = worse(worst, (got - want).abs() / want.abs().max(MIN_LOSS));
+        }
+    }
+    Some(worst)
 }

@@ -1,14 +1,14 @@
-//! Compositing (weights, colour, depth, opacity), Σα, and the entropy of every distribution, with gradients.
+//! Errors of compositing (weights, colour, depth, opacity), Σα, and the entropy of every distribution, with gradients.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
-use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, ray_entropy, reference, to_host};
+use infonerf_ops::{Composite, RayDistribution, RayEntropy, Segments, composite, ray_entropy, to_host};
 use rayon::prelude::*;
 
 use super::errors::Errors;
 use super::rays::Family;
 
-/// Columns of the result.
+/// Measured quantities.
 pub(super) const QUANTITIES: [&str; 11] = [
     "weights",
     "colour",
@@ -22,7 +22,7 @@ pub(super) const QUANTITIES: [&str; 11] = [
     "termination entropy",
     "termination entropy, eps 1e-10",
 ];
-/// The entropies among them: the exact one and that with the released code's ε, of every distribution.
+/// Entropies among them: exact and with the released code's ε, of every distribution.
 const ENTROPIES: [(RayDistribution, f32); 6] = [
     (RayDistribution::Alpha, 0.0),
     (RayDistribution::Alpha, 1e-10),
@@ -33,18 +33,18 @@ const ENTROPIES: [(RayDistribution, f32); 6] = [
 ];
 /// Colour and distance of each sample.
 const CHANNELS: usize = 4;
-/// Samples of a batch, about.
+/// Approximate samples of a batch.
 const BATCH: usize = 300_000;
 
-/// Rays with colours, distances, and the gradient of something with respect to their colour.
-struct Batch {
+/// Rays with colours, distances, and the gradient of a loss with respect to their colour.
+struct StressBatch {
     segments: Segments,
     tau: Vec<f32>,
     values: Vec<f32>,
     upstream: Vec<f32>,
 }
 
-impl Batch {
+impl StressBatch {
     fn new(rows: &[Vec<f32>], rng: &mut Rng) -> Self {
         let tau = rows.concat();
         let sample = |rng: &mut Rng| [rng.f32(), rng.f32(), rng.f32(), 2.0 + 4.0 * rng.f32()];
@@ -57,13 +57,13 @@ impl Batch {
     }
 }
 
-/// What a device says: values per ray, and a gradient of each with respect to every τ.
-struct Answer {
+/// Results of a device: values per ray, and a gradient of each with respect to every τ.
+struct DeviceResults {
     weights: Vec<f32>,
     color: Vec<f32>,
-    /// Depth, opacity, Σα, then the entropies.
+    /// Columns: depth, opacity, Σα, then the entropies.
     columns: Vec<Vec<f32>>,
-    /// Colour, depth, opacity, Σα, then the entropies.
+    /// Gradients of colour, depth, opacity, Σα, then the entropies.
     gradients: Vec<Vec<f32>>,
 }
 
@@ -79,8 +79,8 @@ pub(super) fn measure(family: &Family, count: usize, device: &Device, rng: &mut 
             rows.push(row);
             left -= 1;
         }
-        let batch = Batch::new(&rows, rng);
-        let answer = ask(&batch, &device.clone().autodiff());
+        let batch = StressBatch::new(&rows, rng);
+        let answer = compute(&batch, &device.clone().autodiff());
         for (sum, errors) in errors.iter_mut().zip(compare(&batch, &answer)) {
             sum.merge(&errors);
         }
@@ -88,7 +88,7 @@ pub(super) fn measure(family: &Family, count: usize, device: &Device, rng: &mut 
     errors
 }
 
-fn ask(batch: &Batch, device: &Device) -> Answer {
+fn compute(batch: &StressBatch, device: &Device) -> DeviceResults {
     let samples = batch.tau.len();
     let tau = Tensor::<1>::from_data(TensorData::new(batch.tau.clone(), [samples]), device).require_grad();
     let values = TensorData::new(batch.values.clone(), [samples, CHANNELS]);
@@ -108,30 +108,30 @@ fn ask(batch: &Batch, device: &Device) -> Answer {
     let RayEntropy { alpha_sum, .. } = entropy(ENTROPIES[0]);
     let columns = [integrals.clone().narrow(1, 3, 1).flatten(0, 1), acc, alpha_sum];
     let bits = ENTROPIES.map(|which| entropy(which).bits);
-    let mut slopes = vec![
+    let mut gradients_of_tau = vec![
         gradients((run().values.narrow(1, 0, 3) * upstream).sum()).0,
         depth_gradient,
         gradients(run().acc.sum()).0,
         gradients(entropy(ENTROPIES[0]).alpha_sum.sum()).0,
     ];
-    slopes.extend(ENTROPIES.map(|which| gradients(entropy(which).bits.sum()).0));
-    Answer {
+    gradients_of_tau.extend(ENTROPIES.map(|which| gradients(entropy(which).bits.sum()).0));
+    DeviceResults {
         // The gradient of Σ w t with respect to t is w.
         weights: dvalues.chunks_exact(CHANNELS).map(|row| row[3]).collect(),
         color: to_host(integrals.narrow(1, 0, 3).detach()),
         columns: columns.into_iter().chain(bits).map(|column| to_host(column.detach())).collect(),
-        gradients: slopes,
+        gradients: gradients_of_tau,
     }
 }
 
-fn compare(batch: &Batch, answer: &Answer) -> Vec<Errors> {
+fn compare(batch: &StressBatch, answer: &DeviceResults) -> Vec<Errors> {
     let none = || vec![Errors::default(); QUANTITIES.len()];
     let add = |mut errors: Vec<Errors>, ray: usize| {
         let range = batch.segments.range(ray);
         let row: Vec<f64> = batch.tau[range.clone()].iter().copied().map(f64::from).collect();
         let value = |i: usize, channel: usize| f64::from(batch.values[i * CHANNELS + channel]);
         let along = |channel| range.clone().map(|i| value(i, channel)).collect::<Vec<f64>>();
-        let w = reference::weights(&row);
+        let w = infonerf_oracle::weights(&row);
         let integral = |channel: usize| w.iter().zip(along(channel)).map(|(w, v)| w * v).sum::<f64>();
         for (&got, &want) in answer.weights[range.clone()].iter().zip(&w) {
             errors[0].value(got, want);
@@ -139,25 +139,27 @@ fn compare(batch: &Batch, answer: &Answer) -> Vec<Errors> {
         for channel in 0..3 {
             errors[1].value(answer.color[3 * ray + channel], integral(channel));
         }
-        let entropies = ENTROPIES.map(|(of, epsilon)| reference::entropy(&row, of, f64::from(epsilon)));
-        let wants = [integral(3), reference::opacity(&row), reference::alpha_sum(&row)].into_iter().chain(entropies);
+        let entropies = ENTROPIES.map(|(of, epsilon)| infonerf_oracle::entropy(&row, of, f64::from(epsilon)));
+        let wants = [integral(3), infonerf_oracle::opacity(&row), infonerf_oracle::alpha_sum(&row)]
+            .into_iter()
+            .chain(entropies);
         for ((errors, column), want) in errors[2..].iter_mut().zip(&answer.columns).zip(wants) {
             errors.value(column[ray], want);
         }
         let upstream = |channel: usize| f64::from(batch.upstream[3 * ray + channel]);
         let worth = range.clone().map(|i| (0..3).map(|channel| upstream(channel) * value(i, channel)).sum());
         let integrals = [
-            reference::weights_vjp(&row, &worth.collect::<Vec<f64>>()),
-            reference::weights_vjp(&row, &along(3)),
-            reference::weights_vjp(&row, &vec![1.0; row.len()]),
+            infonerf_oracle::weights_vjp(&row, &worth.collect::<Vec<f64>>()),
+            infonerf_oracle::weights_vjp(&row, &along(3)),
+            infonerf_oracle::weights_vjp(&row, &vec![1.0; row.len()]),
             row.iter().map(|tau| (-tau).exp()).collect(),
         ];
         for (i, want) in integrals.iter().enumerate() {
             errors[1 + i].gradient(&answer.gradients[i][range.clone()], want, |_| false);
         }
         for (i, (of, epsilon)) in ENTROPIES.into_iter().enumerate() {
-            let want = reference::entropy_gradient(&row, of, f64::from(epsilon));
-            // The exact entropy has an infinite slope where a sample is empty.
+            let want = infonerf_oracle::entropy_gradient(&row, of, f64::from(epsilon));
+            // The exact entropy has an infinite derivative at an empty sample.
             let least = |sample: usize| if of == RayDistribution::Termination { w[sample] } else { row[sample] };
             let undefined = |sample: usize| epsilon == 0.0 && least(sample) < f64::from(f32::MIN_POSITIVE);
             errors[5 + i].gradient(&answer.gradients[4 + i][range.clone()], &want, undefined);

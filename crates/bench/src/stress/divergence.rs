@@ -1,30 +1,30 @@
-//! Divergence of neighbouring rays in both directions, with both gradients.
+//! Errors of the divergence of neighbouring rays in both directions, with both gradients.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
-use infonerf_ops::{Segments, ray_divergence, reference, to_host};
+use infonerf_ops::{Segments, ray_divergence, to_host};
 use rayon::prelude::*;
 
 use super::errors::Errors;
-use super::rays::Relation;
+use super::rays::RayRelation;
 
-/// Columns of the result.
+/// Measured quantities.
 pub(super) const QUANTITIES: [&str; 3] = ["divergence", "divergence, reversed", "divergence, eps 1e-12"];
 /// The released code's ε.
 const EPSILON: f32 = 1e-10;
-/// The least that a config may have.
-const LEAST: f32 = 1e-12;
+/// Minimum that a config allows.
+const MIN_EPSILON: f32 = 1e-12;
 /// Pairs of a batch.
 const BATCH: usize = 10_000;
 
 /// Errors of each of [`QUANTITIES`] over `count` pairs of rays.
-pub(super) fn measure(relation: &Relation, count: usize, device: &Device, rng: &mut Rng) -> Vec<Errors> {
+pub(super) fn measure(relation: &RayRelation, count: usize, device: &Device, rng: &mut Rng) -> Vec<Errors> {
     let mut errors = vec![Errors::default(); QUANTITIES.len()];
     let device = device.clone().autodiff();
     for batch in (0..count).step_by(BATCH).map(|done| BATCH.min(count - done)) {
         let (rays, near): (Vec<_>, Vec<_>) = (0..batch).map(|_| (relation.draw)(rng)).unzip();
         for (errors, (p, q, epsilon)) in
-            errors.iter_mut().zip([(&rays, &near, EPSILON), (&near, &rays, EPSILON), (&rays, &near, LEAST)])
+            errors.iter_mut().zip([(&rays, &near, EPSILON), (&near, &rays, EPSILON), (&rays, &near, MIN_EPSILON)])
         {
             errors.merge(&compare(p, q, epsilon, &device));
         }
@@ -46,8 +46,8 @@ fn compare(rays: &[Vec<f32>], near: &[Vec<f32>], epsilon: f32, device: &Device) 
     let one = |mut errors: Errors, ray: usize| {
         let wide = |row: &[f32]| row.iter().copied().map(f64::from).collect::<Vec<f64>>();
         let (p, q, range) = (wide(&rays[ray]), wide(&near[ray]), segments.range(ray));
-        errors.value(values[ray], reference::divergence(&p, &q, f64::from(epsilon)));
-        let (want_p, want_q) = reference::divergence_gradient(&p, &q, f64::from(epsilon));
+        errors.value(values[ray], infonerf_oracle::divergence(&p, &q, f64::from(epsilon)));
+        let (want_p, want_q) = infonerf_oracle::divergence_gradient(&p, &q, f64::from(epsilon));
         errors.gradient(&dp[range.clone()], &want_p, |_| false);
         errors.gradient(&dq[range], &want_q, |_| false);
         errors

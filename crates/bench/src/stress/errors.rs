@@ -1,16 +1,16 @@
-//! Errors of computed numbers against the oracle.
+//! Errors of computed values against the oracle.
 
 use serde::Serialize;
 
-/// Results below this are not asked for their digits.
+/// Values below this need no correct digits.
 const FLOOR: f64 = 1e-20;
 
 /// Errors of one quantity.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub(super) struct Errors {
-    /// Values and gradients looked at.
+    /// Number of values and gradients.
     pub(super) numbers: u64,
-    /// Of those, NaN and ±∞.
+    /// Number of NaN and ±∞ among them.
     pub(super) non_finite: u64,
     /// Largest |got − want|/|want|.
     pub(super) value: f64,
@@ -19,7 +19,7 @@ pub(super) struct Errors {
 }
 
 impl Errors {
-    /// A value that should be `want`.
+    /// Counts a value that should be `want`.
     pub(super) fn value(&mut self, got: f32, want: f64) {
         self.numbers += 1;
         if !got.is_finite() {
@@ -29,7 +29,7 @@ impl Errors {
         }
     }
 
-    /// Gradients that should be `want`; those of which `undefined` says that there is none need only be finite.
+    /// Counts gradients that should be `want`; where `undefined`, they need only be finite.
     pub(super) fn gradient(&mut self, got: &[f32], want: &[f64], undefined: impl Fn(usize) -> bool) {
         self.numbers += got.len() as u64;
         self.non_finite += got.iter().filter(|got| !got.is_finite()).count() as u64;
@@ -41,7 +41,7 @@ impl Errors {
         }
     }
 
-    /// Values that should be `want`, whose error is relative to the largest of them: some are differences of large numbers.
+    /// Counts values that should be `want`, with errors relative to the largest of them: some are differences of large ones.
     pub(super) fn values(&mut self, got: &[f32], want: &[f64]) {
         self.numbers += got.len() as u64;
         self.non_finite += got.iter().filter(|got| !got.is_finite()).count() as u64;
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn errors_are_relative_and_the_undefined_is_left_out() {
+    fn errors_are_relative_and_leave_out_undefined_gradients() {
         let mut errors = Errors::default();
         errors.value(1.5, 1.0);
         errors.value(7.0, 1e-21);

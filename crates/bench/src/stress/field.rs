@@ -1,15 +1,15 @@
-//! The positional encoding, the factored field, the variation of its planes, and the photometric loss.
+//! Errors of encodings, the factored field, the variation of its planes, and the photometric loss.
 
 use std::sync::Arc;
 
 use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
 use infonerf_loss::{Norm, photometric_loss};
-use infonerf_ops::factored::{Layout, Query, reference};
+use infonerf_ops::factored::{Layout, Query};
 use infonerf_ops::frequency::encoded_width;
 use infonerf_ops::{
     RayGaussians, factored_field, frequency_encode, from_host, frustum_gaussians, integrated_encode, plane_variation,
-    reference as oracle, to_host,
+    to_host,
 };
 
 use super::errors::Errors;
@@ -29,7 +29,7 @@ pub(super) const COORDINATES: [(&str, Draw); 5] = [
 /// Frequencies of the encoding: NeRF's 10 and twice as many.
 const FREQUENCIES: usize = 20;
 
-/// The encoding of `count` coordinates.
+/// Measures the encoding of `count` coordinates.
 pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let points: Vec<f32> = (0..count).map(|_| draw(rng)).collect();
     let encoded = to_host(frequency_encode(from_host(&points, 1, device), FREQUENCIES, &[]));
@@ -45,9 +45,9 @@ pub(super) fn encoding(draw: Draw, count: usize, device: &Device, rng: &mut Rng)
     errors
 }
 
-/// The integrated encoding of `count` Gaussians about such coordinates, as wide as a point and up to a unit.
+/// Measures the integrated encoding of `count` Gaussians about such coordinates, from nearly points to a unit wide.
 pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rng) -> Errors {
-    /// The operation leaves at 0 what can be no larger than this.
+    /// The operation rounds weights below this to 0.
     const NOTHING: f64 = 1e-9;
     let means: Vec<f32> = (0..3 * count).map(|_| draw(rng)).collect();
     let variances: Vec<f32> = (0..3 * count).map(|_| log_uniform(rng, -12.0, 0.0)).collect();
@@ -69,11 +69,11 @@ pub(super) fn integrated(draw: Draw, count: usize, device: &Device, rng: &mut Rn
     errors
 }
 
-/// Pieces of cones, from the apex to far away: mean and variances.
+/// Measures mean and variances of pieces of cones, from the apex to far away.
 pub(super) fn frustums(count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let mut errors = Errors::default();
     let t = draw(rng, count, |rng| log_uniform(rng, -6.0, 6.0));
-    // A piece does not reach behind the apex.
+    // Pieces do not reach behind the apex.
     let delta: Vec<f32> = t.iter().map(|t| t * log_uniform(rng, -6.0, 0.3).min(2.0)).collect();
     let radii = draw(rng, count, |rng| log_uniform(rng, -5.0, -1.0));
     let [a, b, c] = [&t, &delta, &radii].map(|numbers| Tensor::from_floats(numbers.as_slice(), device));
@@ -81,7 +81,7 @@ pub(super) fn frustums(count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let found = [mean, along, across].map(to_host);
     for i in 0..count {
         let (t, half) = (f64::from(t[i]), 0.5 * f64::from(delta[i]));
-        let want = oracle::frustum_moments(t - half, t + half, f64::from(radii[i]));
+        let want = infonerf_oracle::frustum_moments(t - half, t + half, f64::from(radii[i]));
         for (got, want) in found.iter().zip(want) {
             errors.value(got[i], want);
         }
@@ -89,28 +89,33 @@ pub(super) fn frustums(count: usize, device: &Device, rng: &mut Rng) -> Errors {
     errors
 }
 
-/// Contents of a field: numbers of its tables, of its MLP, and the bias of its density.
-pub(super) struct Contents {
+/// Contents of a field: values of its tables and of its MLP, and the bias of its density.
+pub(super) struct FieldContents {
     pub(super) name: &'static str,
     tables: Draw,
     weights: Draw,
     bias: f32,
 }
 
-pub(super) const CONTENTS: [Contents; 6] = [
-    Contents { name: "as trained", tables: signed, weights: signed, bias: -5.0 },
-    Contents { name: "empty", tables: signed, weights: signed, bias: -40.0 },
-    Contents { name: "opaque", tables: signed, weights: signed, bias: 40.0 },
-    Contents { name: "all zero", tables: |_| 0.0, weights: |_| 0.0, bias: -5.0 },
-    Contents { name: "tables 1e-30 to 1e-6", tables: |rng| log_uniform(rng, -30.0, -6.0), weights: signed, bias: -5.0 },
-    Contents { name: "tables 1e3", tables: |rng| 1e3 * signed(rng), weights: signed, bias: -5.0 },
+pub(super) const CONTENTS: [FieldContents; 6] = [
+    FieldContents { name: "as trained", tables: signed, weights: signed, bias: -5.0 },
+    FieldContents { name: "empty", tables: signed, weights: signed, bias: -40.0 },
+    FieldContents { name: "opaque", tables: signed, weights: signed, bias: 40.0 },
+    FieldContents { name: "all zero", tables: |_| 0.0, weights: |_| 0.0, bias: -5.0 },
+    FieldContents {
+        name: "tables 1e-30 to 1e-6",
+        tables: |rng| log_uniform(rng, -30.0, -6.0),
+        weights: signed,
+        bias: -5.0,
+    },
+    FieldContents { name: "tables 1e3", tables: |rng| 1e3 * signed(rng), weights: signed, bias: -5.0 },
 ];
 
 fn signed(rng: &mut Rng) -> f32 {
     rng.f32() - 0.5
 }
 
-/// Samples that a field is asked for at once.
+/// Samples of one query.
 const SAMPLES: usize = 256;
 
 fn layout(bias: f32) -> Arc<Layout> {
@@ -125,8 +130,8 @@ fn wide(values: &[f32]) -> Vec<f64> {
     values.iter().copied().map(f64::from).collect()
 }
 
-/// Density and colour at `count` points, some on the border of the box.
-pub(super) fn field(contents: &Contents, count: usize, device: &Device, rng: &mut Rng) -> Errors {
+/// Measures density and colour at `count` points, some on the border of the box.
+pub(super) fn field(contents: &FieldContents, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let mut errors = Errors::default();
     let device = device.clone().autodiff();
     let layout = layout(contents.bias);
@@ -161,12 +166,19 @@ pub(super) fn field(contents: &Contents, count: usize, device: &Device, rng: &mu
         let upstream = draw(rng, 4 * SAMPLES, signed);
         let weigh = Tensor::<2>::from_data(TensorData::new(upstream.clone(), [SAMPLES, 4]), &device);
         let (tables, weights) = (wide(&tables), wide(&weights));
-        let wants = reference::value(&tables, &weights, &wide(&positions), &layout, &query);
+        let wants = infonerf_oracle::factored::value(&tables, &weights, &wide(&positions), &layout, &query);
         for (&got, want) in to_host(out.clone().detach()).iter().zip(wants) {
             errors.value(got, want);
         }
         let grads = (out * weigh).sum().backward();
-        let [dt, dw, _] = reference::gradient(&tables, &weights, &wide(&positions), &layout, &query, &wide(&upstream));
+        let [dt, dw, _] = infonerf_oracle::factored::gradient(
+            &tables,
+            &weights,
+            &wide(&positions),
+            &layout,
+            &query,
+            &wide(&upstream),
+        );
         for (parameter, want) in [(&t, dt), (&w, dw)] {
             let got = parameter.grad(&grads).map(to_host).unwrap_or_default();
             errors.gradient(&got, &want, |_| false);
@@ -175,7 +187,7 @@ pub(super) fn field(contents: &Contents, count: usize, device: &Device, rng: &mu
     errors
 }
 
-/// Contents of planes whose variation is taken.
+/// Contents of planes whose variation is computed.
 pub(super) const PLANES: [(&str, Draw); 4] = [
     ("as trained", signed),
     ("all equal", |_| 0.7),
@@ -191,7 +203,7 @@ pub(super) fn variation(contents: Draw, count: usize, device: &Device, rng: &mut
         let data = TensorData::new(tables.clone(), [tables.len()]);
         let tensor = Tensor::<1>::from_data(data, &device.clone().autodiff()).require_grad();
         let sum = plane_variation(tensor.clone(), &layout);
-        let (want, gradient) = reference::variation(&wide(&tables), &layout);
+        let (want, gradient) = infonerf_oracle::factored::variation(&wide(&tables), &layout);
         errors.value(to_host(sum.clone().detach())[0], want);
         let got = tensor.grad(&sum.backward()).map(to_host).unwrap_or_default();
         errors.gradient(&got, &gradient, |_| false);
@@ -199,10 +211,10 @@ pub(super) fn variation(contents: Draw, count: usize, device: &Device, rng: &mut
     errors
 }
 
-/// A true colour, given the rendered one.
+/// Draws a true colour, given the rendered one.
 type Truth = fn(&mut Rng, f32) -> f32;
 
-/// Rendered and true colours: how the second follows from the first.
+/// Relations of true to rendered colours.
 pub(super) const COLORS: [(&str, Truth); 4] = [
     ("independent", |rng, _| rng.f32()),
     ("equal", |_, color| color),
@@ -210,7 +222,7 @@ pub(super) const COLORS: [(&str, Truth); 4] = [
     ("black and white", |_, color| if color < 0.5 { 1.0 } else { 0.0 }),
 ];
 
-/// L_RGB of `count` rays.
+/// Measures L_RGB of `count` rays.
 pub(super) fn photometric(truth: Truth, count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let color: Vec<f32> = (0..3 * count).map(|_| rng.f32()).collect();
     let target: Vec<f32> = color.iter().map(|&color| truth(rng, color)).collect();

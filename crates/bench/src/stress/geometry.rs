@@ -1,22 +1,22 @@
-//! Rays against the box of a scene, and through the whole renderer.
+//! Errors of rays against the box of a scene, and through the whole renderer.
 
 use anyhow::Result;
 use burn::tensor::Device;
 use fastrand::Rng;
 use infonerf_experiment::RunPlan;
-use infonerf_ops::{reference, to_host};
+use infonerf_ops::to_host;
 use infonerf_render::RenderRequest;
 use infonerf_scene::{Aabb, Range, Ray, Space};
 use infonerf_schedule::Moment;
 use infonerf_train::Trainer;
 
-use super::super::trial::with_settings;
 use super::errors::Errors;
+use crate::trial::with_settings;
 
-/// A ray for a box about the origin with half its edge 1.
+/// Draws origin and direction of a ray for a box about the origin with half edge 1.
 type Draw = fn(&mut Rng) -> ([f32; 3], [f32; 3]);
 
-/// Where rays start and go, in halves of the box's edge.
+/// Kinds of rays, in halves of the box's edge.
 pub(super) const WAYS: [(&str, Draw); 7] = [
     ("from outside", |rng| (on_sphere(rng, 3.0), toward(rng))),
     ("missing the box", |rng| {
@@ -58,7 +58,7 @@ fn rays(draw: Draw, scale: f32, count: usize, rng: &mut Rng) -> Vec<Ray> {
     (0..count).map(|_| ray(draw(rng))).collect()
 }
 
-/// The part of a ray in the box: where it enters and leaves, against the same in `f64`.
+/// Measures entry and exit of rays against `f64`.
 pub(super) fn bounds(draw: Draw, scale: f32, count: usize, rng: &mut Rng) -> Errors {
     /// Overlaps below this share of the distance are within the rounding of the distance itself.
     const GRAZING: f64 = 1e-5;
@@ -69,7 +69,7 @@ pub(super) fn bounds(draw: Draw, scale: f32, count: usize, rng: &mut Rng) -> Err
         let overlap = leave - enter;
         match bounds.intersect(&ray) {
             Some((got_enter, got_leave)) if overlap >= 0.0 => {
-                // A ray that starts in a face enters at 0.
+                // Rays that start in a face enter at 0.
                 if enter > GRAZING * leave {
                     errors.value(got_enter, enter);
                 }
@@ -84,7 +84,7 @@ pub(super) fn bounds(draw: Draw, scale: f32, count: usize, rng: &mut Rng) -> Err
     errors
 }
 
-/// Enter and leave in `f64`; a miss leaves before it enters.
+/// Computes entry and exit in `f64`; a miss leaves before it enters.
 fn slabs(bounds: &Aabb, ray: &Ray) -> (f64, f64) {
     let (mut enter, mut leave) = (0f64, f64::INFINITY);
     for axis in 0..3 {
@@ -103,8 +103,7 @@ fn slabs(bounds: &Aabb, ray: &Ray) -> (f64, f64) {
     (enter, leave)
 }
 
-/// A field before training in a box of any size, rendered along `count` rays: opacity and distance, given
-/// the optical depths that it was composited from.
+/// Measures opacity and distance of an untrained field in a box of any size along `count` rays, given its optical depths.
 pub(super) fn rendered(
     plan: &RunPlan,
     device: &Device,
@@ -128,8 +127,8 @@ pub(super) fn rendered(
     let mut errors = Errors::default();
     for (ray, range) in output.segments().ranges().enumerate() {
         let row: Vec<f64> = tau[range.clone()].iter().copied().map(f64::from).collect();
-        let w = reference::weights(&row);
-        errors.value(acc[ray], reference::opacity(&row));
+        let w = infonerf_oracle::weights(&row);
+        errors.value(acc[ray], infonerf_oracle::opacity(&row));
         errors.value(depth[ray], w.iter().zip(&output.samples.t()[range]).map(|(w, &t)| w * f64::from(t)).sum());
     }
     if let Some(color) = &output.color {

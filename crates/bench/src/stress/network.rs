@@ -1,4 +1,4 @@
-//! NeRF's network with matrix products of bfloat16.
+//! NeRF's network with matrix products in bfloat16.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use fastrand::Rng;
@@ -10,13 +10,13 @@ use super::errors::Errors;
 pub(super) const OPERATION: &str = "network";
 pub(super) const CASE: &str = "bf16 products";
 
-/// Numbers of an encoded position: NeRF's 10 frequencies.
+/// Width of an encoded position: NeRF's 10 frequencies.
 const ENCODED: usize = 63;
 const WIDTH: usize = 64;
 const LAYERS: usize = 4;
 
-/// A trunk of 4 layers of 64 and its density at `count` encoded positions, with the gradient of Σ uσ with respect to every
-/// weight, against the same in single precision. Weights are as before training (He et al. 2015).
+/// Measures a trunk of 4 layers of 64 and its density at `count` encoded positions, with the gradient of Σ uσ with respect to
+/// every weight, against single precision. Weights are as before training (He et al. 2015).
 pub(super) fn rounded(count: usize, device: &Device, rng: &mut Rng) -> Errors {
     let device = device.clone().autodiff();
     let mut uniform =

@@ -1,13 +1,13 @@
-//! Rays that are hard on a renderer: each family is one way of being extreme.
+//! Extreme rays for a renderer, by family.
 
 use fastrand::Rng;
 
-/// A way of being extreme.
+/// Family of extreme rays.
 pub(super) struct Family {
     pub(super) name: &'static str,
-    /// Share of the rays asked for: long rays are fewer.
+    /// Share of the requested number of rays: long rays are fewer.
     pub(super) share: f64,
-    /// The optical depths of one ray.
+    /// Draws the optical depths of one ray.
     pub(super) draw: fn(&mut Rng) -> Vec<f32>,
 }
 
@@ -15,9 +15,9 @@ const fn family(name: &'static str, draw: fn(&mut Rng) -> Vec<f32>) -> Family {
     Family { name, share: 1.0, draw }
 }
 
-/// Samples of a ray of the usual kind.
-const LONGEST: usize = 48;
-/// Samples of the longest rays.
+/// Maximum samples of an ordinary ray.
+const MAX_SAMPLES: usize = 48;
+/// Samples of very long rays.
 const VERY_LONG: usize = 4096;
 
 pub(super) const FAMILIES: [Family; 16] = [
@@ -61,7 +61,7 @@ pub(super) const FAMILIES: [Family; 16] = [
     Family { name: "4096 samples", share: 0.002, draw: very_long },
 ];
 
-/// 10 to a power that is uniform between two.
+/// Draws 10 to a power that is uniform between `low` and `high`.
 pub(super) fn log_uniform(rng: &mut Rng, low: f64, high: f64) -> f32 {
     10f64.powf(low + (high - low) * rng.f64()) as f32
 }
@@ -71,7 +71,7 @@ pub(super) fn everyday(rng: &mut Rng) -> f32 {
 }
 
 fn many(rng: &mut Rng, mut draw: impl FnMut(&mut Rng) -> f32) -> Vec<f32> {
-    let count = rng.usize(1..=LONGEST);
+    let count = rng.usize(1..=MAX_SAMPLES);
     (0..count).map(|_| draw(rng)).collect()
 }
 
@@ -83,7 +83,7 @@ fn one_opaque(rng: &mut Rng, place: fn(&mut Rng, usize) -> usize) -> Vec<f32> {
     ray
 }
 
-/// Constant density, one that falls exponentially, or any.
+/// Draws a ray of constant, exponentially falling, or random density.
 fn very_long(rng: &mut Rng) -> Vec<f32> {
     let (kind, total) = (rng.u8(0..3), log_uniform(rng, -3.0, 1.6));
     let draw = |i: usize| match kind {
@@ -94,37 +94,37 @@ fn very_long(rng: &mut Rng) -> Vec<f32> {
     (0..VERY_LONG).map(draw).collect()
 }
 
-/// How a ray and its neighbour go together.
-pub(super) struct Relation {
+/// Relation of a ray to its neighbour.
+pub(super) struct RayRelation {
     pub(super) name: &'static str,
-    /// Both rays, of one length.
+    /// Draws both rays, of one length.
     pub(super) draw: fn(&mut Rng) -> (Vec<f32>, Vec<f32>),
 }
 
-pub(super) const RELATIONS: [Relation; 8] = [
-    Relation {
+pub(super) const RELATIONS: [RayRelation; 8] = [
+    RayRelation {
         name: "equal",
         draw: |rng| {
             let ray = many(rng, everyday);
             (ray.clone(), ray)
         },
     },
-    Relation {
+    RayRelation {
         name: "nearly equal",
         draw: |rng| {
             let spread = log_uniform(rng, -7.0, -2.0);
             pair(rng, everyday, |rng, tau| tau * (1.0 + spread * (rng.f32() - 0.5)))
         },
     },
-    Relation { name: "independent", draw: |rng| pair(rng, everyday, |rng, _| everyday(rng)) },
-    Relation {
+    RayRelation { name: "independent", draw: |rng| pair(rng, everyday, |rng, _| everyday(rng)) },
+    RayRelation {
         name: "all sizes",
         draw: |rng| pair(rng, |rng| log_uniform(rng, -38.0, 38.0), |rng, _| log_uniform(rng, -38.0, 38.0)),
     },
-    Relation { name: "disjoint", draw: |rng| disjoint(rng, 0.0) },
-    Relation { name: "disjoint and thin", draw: |rng| disjoint(rng, -25.0) },
-    Relation { name: "neighbour empty", draw: |rng| pair(rng, everyday, |_, _| 0.0) },
-    Relation {
+    RayRelation { name: "disjoint", draw: |rng| disjoint(rng, 0.0) },
+    RayRelation { name: "disjoint and thin", draw: |rng| disjoint(rng, -25.0) },
+    RayRelation { name: "neighbour empty", draw: |rng| pair(rng, everyday, |_, _| 0.0) },
+    RayRelation {
         name: "opaque elsewhere",
         draw: |rng| {
             let (mut ray, mut near) = pair(rng, |rng| log_uniform(rng, -12.0, -3.0), |_, tau| tau);
@@ -146,7 +146,7 @@ fn pair(
     (ray, near)
 }
 
-/// Where one ray has something, the other has nothing.
+/// Draws rays of which one is empty wherever the other is not.
 fn disjoint(rng: &mut Rng, power: f64) -> (Vec<f32>, Vec<f32>) {
     let (mut ray, mut near) = (many(rng, |_| 0.0), Vec::new());
     for tau in &mut ray {

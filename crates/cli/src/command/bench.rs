@@ -5,8 +5,8 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Result;
-use clap::Args;
-use infonerf_bench::{Benchmark, Options};
+use clap::{Args, Subcommand};
+use infonerf_bench::{BenchOptions, Benchmark, StepTiming};
 
 use crate::print::outln;
 use crate::selection::SelectionArgs;
@@ -21,7 +21,7 @@ Examples:
   infonerf bench step --preset released --set scene.size=100 --steps 3 --warmup 1
       where the time of a step goes
   infonerf bench agreement --device cuda
-      whether a GPU computes what the CPU does
+      whether a GPU computes the same as the CPU
   infonerf bench stress
       errors of every operation against f64 over a million extreme rays per device";
 
@@ -29,56 +29,119 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = BENCH_EXAMPLES)]
 pub(crate) struct BenchArgs {
-    /// What to measure
-    #[arg(value_enum)]
-    name: Benchmark,
-    /// Experiment to train; without --scene and --variant on its first scene, and `infonerf` (pareto: all variants)
+    #[command(subcommand)]
+    command: BenchCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum BenchCommand {
+    /// Quality against training time, with the frontier
+    Pareto {
+        /// Training times, one run each
+        #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = parse_time, default_value = "5s,10s,20s,40s,60s")]
+        budgets: Vec<Duration>,
+        #[command(flatten)]
+        runs: BenchRuns,
+    },
+    /// Time, samples and quality with each way of skipping switched off
+    Skip {
+        /// Steps per run [default: as configured]
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+        steps: Option<u32>,
+        #[command(flatten)]
+        runs: BenchRuns,
+    },
+    /// Milliseconds per training step, by phase
+    Step {
+        /// Steps measured
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 50)]
+        steps: u32,
+        /// Steps before the measurement
+        #[arg(long, value_name = "N", default_value_t = 50)]
+        warmup: u32,
+        /// Start from the weights and the occupancy grid of a run instead of an untrained field
+        #[arg(long, value_name = "RUN")]
+        from: Option<PathBuf>,
+        #[command(flatten)]
+        runs: BenchRuns,
+    },
+    /// Seconds per frame, by image size
+    Render {
+        /// Steps of training before rendering
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 300)]
+        steps: u32,
+        /// Longest sides of the images in pixels
+        #[arg(long, value_name = "SIZES", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=8192), default_value = "100,200,400,800")]
+        sizes: Vec<u32>,
+        #[command(flatten)]
+        runs: BenchRuns,
+    },
+    /// Agreement of a device with flex: operations, gradients and training steps; fails if a bound is broken
+    Agreement {
+        #[command(flatten)]
+        runs: BenchRuns,
+    },
+    /// Errors of every operation and loss on extreme inputs, against f64; fails if a bound is broken
+    Stress {
+        /// Rays per kind
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..), default_value_t = 55_000)]
+        rays: u32,
+        #[command(flatten)]
+        runs: BenchRuns,
+    },
+    /// Tiny runs with settings and scenes that make training diverge or collapse; fails if a value is not finite
+    StressTraining {
+        /// Seeds per setting
+        #[arg(id = "runs_each", long = "seeds", value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 20)]
+        seeds: u32,
+        /// Steps per run
+        #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..), default_value_t = 80)]
+        steps: u32,
+        #[command(flatten)]
+        runs: BenchRuns,
+    },
+}
+
+/// Runs to measure, and the folder of results.
+#[derive(Clone, Debug, Args)]
+struct BenchRuns {
+    /// Experiment to train; by default its first scene and variant `infonerf` (pareto: all variants)
     #[arg(long, value_name = "NAME|FILE", default_value = "fast-losses")]
     experiment: String,
     #[command(flatten)]
     selection: SelectionArgs,
-    /// pareto: training times, one run each
-    #[arg(long, value_name = "TIMES", value_delimiter = ',', value_parser = parse_time, default_value = "5s,10s,20s,40s,60s")]
-    budgets: Vec<Duration>,
-    /// render: longest sides of the images in pixels
-    #[arg(long, value_name = "SIZES", value_delimiter = ',', value_parser = clap::value_parser!(u32).range(1..=8192), default_value = "100,200,400,800")]
-    sizes: Vec<u32>,
-    /// Steps per run [default: skip as configured, render 300, stress-training 80], or measured after the warm-up [default:
-    /// step 50, scale 8, ops 7 repeats]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    steps: Option<u32>,
-    /// Steps before the measurement [default: step 50, scale 2]
-    #[arg(long, value_name = "N")]
-    warmup: Option<u32>,
-    /// step: start from the weights and the occupancy grid of a finished run instead of an untrained field
-    #[arg(long, value_name = "RUN")]
-    from: Option<PathBuf>,
-    /// stress-training: seeds per setting [default: 20]
-    #[arg(id = "runs_each", long = "seeds", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
-    seeds: Option<u32>,
-    /// stress: rays per kind [default: 55000]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(100..))]
-    rays: Option<u32>,
     /// Folder for results
     #[arg(long, value_name = "DIR", default_value = "runs/bench")]
     out: PathBuf,
 }
 
+impl BenchCommand {
+    fn parts(&self) -> (Benchmark, &BenchRuns) {
+        match self {
+            Self::Pareto { budgets, runs } => (Benchmark::Pareto { budgets: budgets.clone() }, runs),
+            Self::Skip { steps, runs } => (Benchmark::Skip { steps: *steps }, runs),
+            Self::Step { steps, warmup, from, runs } => {
+                (Benchmark::Step(StepTiming { warmup: *warmup, steps: *steps, from: from.clone() }), runs)
+            }
+            Self::Render { steps, sizes, runs } => (Benchmark::Render { steps: *steps, sizes: sizes.clone() }, runs),
+            Self::Agreement { runs } => (Benchmark::Agreement, runs),
+            Self::Stress { rays, runs } => (Benchmark::Stress { rays: *rays }, runs),
+            Self::StressTraining { seeds, steps, runs } => {
+                (Benchmark::StressTraining { seeds: *seeds, steps: *steps }, runs)
+            }
+        }
+    }
+}
+
 pub(crate) fn run(args: &BenchArgs) -> Result<ExitCode> {
-    let options = Options {
-        benchmark: args.name,
-        experiment: args.experiment.clone(),
-        selection: args.selection.selection(None),
-        device: args.selection.device.device,
-        budgets: args.budgets.clone(),
-        sizes: args.sizes.clone(),
-        steps: args.steps,
-        warmup: args.warmup,
-        from: args.from.clone(),
-        seeds: args.seeds,
-        rays: args.rays,
-        weights: args.selection.networks.weights.clone(),
-        out: args.out.clone(),
+    let (benchmark, runs) = args.command.parts();
+    let options = BenchOptions {
+        benchmark,
+        experiment: runs.experiment.clone(),
+        selection: runs.selection.selection(None),
+        device: runs.selection.device.device,
+        weights: runs.selection.networks.weights.clone(),
+        out: runs.out.clone(),
     };
     let holds = infonerf_bench::run(&options, &mut |text| outln!("{text}"))?;
     Ok(if holds { ExitCode::SUCCESS } else { ExitCode::FAILURE })

@@ -6,10 +6,11 @@ use std::process::ExitCode;
 use anyhow::{Context, Result};
 use clap::Args;
 use image::{RgbImage, imageops};
-use infonerf_experiment::{Existing, Experiment, Finished, RunEvent, Selection, Session};
+use infonerf_experiment::execute::{Executed, Executor, PlanEvent, RunEnd, execute};
+use infonerf_experiment::sweep::Sweep;
+use infonerf_experiment::{Existing, Experiment, RunEvent, Selection, Session};
 use infonerf_metrics::to_rgb8;
-use infonerf_render::render_image;
-use infonerf_report::{save_record, write_report};
+use infonerf_render::render_tested;
 use infonerf_scene::View;
 use infonerf_train::Trainer;
 
@@ -17,8 +18,8 @@ use crate::exit::INTERRUPTED;
 use crate::interrupt;
 use crate::print::{errln, outln};
 use crate::progress::Progress;
+use crate::reporter::summary;
 use crate::selection::DeviceArgs;
-use crate::summary::summary;
 use crate::terminal::{is_terminal, open_device, show};
 
 const DEMO_EXAMPLES: &str = "\
@@ -42,9 +43,9 @@ pub(crate) struct DemoArgs {
     out: PathBuf,
 }
 
-/// Shares of the run at which a picture is shown.
+/// Shares of the run at which a preview is shown.
 const PREVIEWS: [f64; 3] = [0.05, 0.2, 0.5];
-/// Longest side of these pictures, in pixels.
+/// Longest side of previews, in pixels.
 const PREVIEW_SIZE: u32 = 64;
 /// Test views that are measured: a few all round, enough for a first look.
 const TEST_VIEWS: &str = "eval.test=every-40";
@@ -56,42 +57,50 @@ pub(crate) fn run(args: &DemoArgs) -> Result<ExitCode> {
         set: vec![TEST_VIEWS.into()],
         ..Selection::default()
     };
-    let experiment = Experiment::plan("fast-losses", &selection)?;
-    let plan = experiment.runs.first().context("expected a run of fast-losses")?;
+    let sweep = Sweep::from(Experiment::plan("fast-losses", &selection)?);
+    // A demonstration shows the training: a finished one is no reason not to.
     let session = Session::new(open_device(args.device.device)?, args.out.join("demo"), Existing::Overwrite);
     interrupt::install()?;
     outln!("{}: trained on four views, tested on others (on {})", args.scene, session.device.name);
-    let mut progress = Progress::new(&args.scene)?;
+    let mut progress = Progress::new(&args.scene);
     let mut due = PREVIEWS.iter().peekable();
-    let finished = session.run(plan, &mut |event| {
-        if let RunEvent::Training { trainer, .. } = &event
-            && is_terminal()
-            && due.next_if(|share| trainer.done() >= **share).is_some()
-        {
-            match preview(trainer) {
-                Ok(picture) => progress.suspend(|| show(&picture)),
-                Err(error) => progress.suspend(|| errln!("warning: no preview: {error}")),
+    let mut watch = |event: PlanEvent<'_>| {
+        match event {
+            PlanEvent::Run(_, _, event) => {
+                if let RunEvent::Training { trainer, .. } = &event
+                    && is_terminal()
+                    && due.next_if(|share| trainer.done() >= **share).is_some()
+                {
+                    progress.suspend(|| show_or_warn(preview(trainer)));
+                }
+                progress.show(event);
             }
+            PlanEvent::RunEnded(_, plan, RunEnd::Trained(record, trainers)) => {
+                if let Some(trainer) = trainers.first().filter(|_| is_terminal()) {
+                    outln!("a view that was not trained on: rendered on the left, its truth on the right");
+                    show_or_warn(next_to_truth(trainer));
+                }
+                outln!("{}\nnext: infonerf render {}", summary(&record), session.run_folder(plan).display());
+            }
+            PlanEvent::Written(_, Some(outcome), _) => outln!("report: {}", outcome.report.display()),
+            _ => {}
         }
-        progress.watch(event)
-    })?;
-    let Finished::Record(record, trainers) = finished else {
-        outln!("stopped");
-        return Ok(ExitCode::from(INTERRUPTED));
+        interrupt::control()
     };
-    let folder = session.experiment_folder(&experiment.about.name);
-    let records = save_record(&folder, &record)?;
-    let input = experiment.about.report_input(records, &[plan])?;
-    let files = write_report(&input, &folder)?;
-    if is_terminal()
-        && let Some(trainer) = trainers.first()
-    {
-        outln!("a view that was not trained on: rendered on the left, its truth on the right");
-        show(&beside_truth(trainer)?);
+    match execute(&[sweep], &session.out, &Executor::InProcess(&session), &mut watch)? {
+        Executed::Ended { .. } => Ok(ExitCode::SUCCESS),
+        _ => {
+            outln!("stopped");
+            Ok(ExitCode::from(INTERRUPTED))
+        }
     }
-    outln!("{}\nreport: {}", summary(&record), files.html.display());
-    outln!("next: infonerf render {}", folder.join(plan.directory()).display());
-    Ok(ExitCode::SUCCESS)
+}
+
+fn show_or_warn(picture: Result<RgbImage>) {
+    match picture {
+        Ok(picture) => show(&picture),
+        Err(error) => errln!("warning: no preview: {error}"),
+    }
 }
 
 /// The first test view as learned so far.
@@ -102,7 +111,7 @@ fn preview(trainer: &Trainer) -> Result<RgbImage> {
 }
 
 /// The first test view, and its truth to the right of it.
-fn beside_truth(trainer: &Trainer) -> Result<RgbImage> {
+fn next_to_truth(trainer: &Trainer) -> Result<RgbImage> {
     let view = first_test_view(trainer)?;
     let (width, height) = (view.image.width, view.image.height);
     let mut both = RgbImage::new(2 * width, height);
@@ -116,6 +125,6 @@ fn first_test_view(trainer: &Trainer) -> Result<&View> {
 }
 
 fn rendered(trainer: &Trainer, view: &View) -> Result<RgbImage> {
-    let image = render_image(trainer.renderer(), &[trainer.trained_with_residuals()], &view.camera);
+    let image = render_tested(trainer.renderer(), &[trainer.trained_with_residuals()], view);
     Ok(to_rgb8(&image.rgb, image.width, image.height)?)
 }

@@ -1,4 +1,4 @@
-//! `infonerf completions` and `infonerf man`: what shells and `man` are told of the command line.
+//! `infonerf completions` and `infonerf man`: the command line for shells and for `man`.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::Args;
-use infonerf_experiment::save_png;
-use infonerf_report::{ReportInput, panel, read_records};
+use infonerf_experiment::{read_records, save_png};
+use infonerf_report::{ReportInput, panel};
 
 use crate::print::outln;
 

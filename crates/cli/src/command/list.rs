@@ -1,19 +1,102 @@
-//! `infonerf list`.
+//! `infonerf list` and `infonerf config`: what there is to run, and with which settings.
 
 use std::process::ExitCode;
 
-use anyhow::Result;
+use anyhow::{Context, Result};
 use clap::Args;
+use infonerf_experiment::{Description, RunPlan, Selection, config_origins, describe};
+use infonerf_train::Preset;
 
+use crate::names::{self, KnownNames};
 use crate::print::outln;
 
-/// List the built-in experiments.
+/// List the built-in experiments, or describe one: variants, scenes, data, runs, and its file
 #[derive(Debug, Args)]
-pub(crate) struct ListArgs {}
+pub(crate) struct ListArgs {
+    /// Experiment to describe
+    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
+    name: Option<String>,
+}
 
-pub(crate) fn run() -> Result<ExitCode> {
-    for (name, title) in infonerf_experiment::list()? {
-        outln!("{name:24} {title}");
+/// Print the complete config of a variant, with what set each key
+#[derive(Debug, Args)]
+pub(crate) struct ConfigArgs {
+    /// Built-in experiment (see `infonerf list`) or TOML file
+    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
+    experiment: String,
+    /// Variant [default: the experiment's first]
+    #[arg(long, value_name = "V", value_parser = KnownNames(names::variants), hide_possible_values = true)]
+    variant: Option<String>,
+    /// Preset that the config starts from
+    #[arg(long, value_enum)]
+    preset: Option<Preset>,
+    /// Set a key of the config, such as loss.entropy.weight=0; may be repeated
+    #[arg(long = "set", value_name = "KEY=VALUE", value_parser = KnownNames(names::keys), hide_possible_values = true)]
+    set: Vec<String>,
+}
+
+pub(crate) fn run(args: &ListArgs) -> Result<ExitCode> {
+    match &args.name {
+        Some(name) => print_description(name, &describe(name)?),
+        None => {
+            for (name, title) in infonerf_experiment::list()? {
+                outln!("{name:24} {title}");
+            }
+            outln!("\n`infonerf list NAME` describes one, `infonerf config NAME` prints its settings.");
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn print_description(name: &str, described: &Description) {
+    let Description { title, bases, data, runs, text } = described;
+    let distinct = |key: fn(&RunPlan) -> String| {
+        let mut values: Vec<String> = Vec::new();
+        for value in runs.iter().map(key).filter(|value| !value.is_empty()) {
+            if !values.contains(&value) {
+                values.push(value);
+            }
+        }
+        values.join(", ")
+    };
+    let data = data.as_ref().map_or_else(|| "built-in procedural scenes".into(), |data| data.display().to_string());
+    outln!("{name}: {title}");
+    for (what, values) in [
+        ("changes", bases.join(", ")),
+        ("variants", distinct(|plan| plan.variant.clone())),
+        ("scenes", distinct(|plan| plan.scene.clone())),
+        ("data", data),
+        ("seeds", distinct(|plan| plan.seed.to_string())),
+        ("presets", distinct(|plan| plan.preset.name().to_owned())),
+        (
+            "training",
+            distinct(|plan| match plan.budget {
+                Some(seconds) => format!("{seconds} s"),
+                None => format!("{} steps of {} rays", plan.config.train.iterations, plan.config.train.rays),
+            }),
+        ),
+        ("runs", runs.len().to_string()),
+    ] {
+        if !values.is_empty() {
+            outln!("{what:9} {values}");
+        }
+    }
+    outln!("\n{}", text.trim_end());
+}
+
+pub(crate) fn config(args: &ConfigArgs) -> Result<ExitCode> {
+    let selection = Selection { preset: args.preset, set: args.set.clone(), ..Selection::default() };
+    let variant = match &args.variant {
+        Some(variant) => variant.clone(),
+        None => describe(&args.experiment)?.runs.first().context("expected at least one run")?.variant.clone(),
+    };
+    outln!("[config]");
+    for key in config_origins(&args.experiment, &variant, &selection)? {
+        let line = format!("{} = {}", key.key, key.value);
+        match key.origin.as_str() {
+            "" => outln!("{line}"),
+            origin => outln!("{line:56} # {origin}"),
+        }
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -12,6 +12,7 @@ use infonerf_train::Event;
 use crate::existing::ExistingArgs;
 use crate::exit::INTERRUPTED;
 use crate::interrupt;
+use crate::names::{self, KnownNames};
 use crate::print::outln;
 use crate::progress::Progress;
 use crate::selection::SelectionArgs;
@@ -31,6 +32,7 @@ Examples:
 #[command(after_help = PRETRAIN_EXAMPLES)]
 pub(crate) struct PretrainArgs {
     /// Built-in experiment (see `infonerf list`) or TOML file with one variant, one seed and the scenes to learn from
+    #[arg(value_parser = KnownNames(names::experiments), hide_possible_values = true)]
     experiment: String,
     #[command(flatten)]
     selection: SelectionArgs,
@@ -50,7 +52,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
     interrupt::install()?;
     let about = &experiment.about;
     outln!("{}: {} ({} scenes, on {})", about.name, about.title, experiment.runs.len(), session.device.name);
-    let mut progress = Progress::new("pre-training")?;
+    let mut progress = Progress::new("pre-training");
     let mut last = VecDeque::with_capacity(LAST + 1);
     let pretrained = pretrain(&session, &experiment, &mut |event| {
         if let RunEvent::Training { event: Event::Step { psnr, .. }, .. } = &event {
@@ -62,7 +64,7 @@ pub(crate) fn run(args: &PretrainArgs) -> Result<ExitCode> {
         progress.watch(event)
     })?;
     if !pretrained.finished {
-        outln!("{}: saved; the same command with --resume continues it", about.name);
+        outln!("{}: saved; {} continues it", about.name, args.existing.same_command());
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let mean = last.iter().sum::<f32>() / last.len() as f32;

@@ -1,4 +1,4 @@
-//! `infonerf reproduce`: every table and figure of the paper at a small scale, and whether what it says holds here.
+//! `infonerf reproduce`: every table and figure of the paper at a small scale, and whether its statements hold here.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -7,10 +7,9 @@ use anyhow::Result;
 use clap::Args;
 use infonerf_experiment::reproduce::{EXPERIMENTS, Plan, sweeps, write};
 
-use crate::launch::{LaunchArgs, drive};
+use crate::launch::LaunchArgs;
 use crate::print::outln;
 use crate::selection::SelectionArgs;
-use crate::summary::print_claims;
 
 const REPRODUCE_EXAMPLES: &str = "\
 Examples:
@@ -24,7 +23,7 @@ Examples:
       the table of narrow and wide baselines on real Blender data
   infonerf reproduce --data nerf_llff_data --only llff-2view
       only real captures; with other experiments --data and --scene apply to the synthetic ones alone
-The same command resumes where it was interrupted.";
+The same command continues where it was interrupted.";
 
 /// Reproduce the paper's tables and figures at a small scale in one report, and test its claims.
 #[derive(Debug, Args)]
@@ -49,11 +48,9 @@ pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
     let (plan, folder) = if args.full { (Plan::Full, "reproduce-full") } else { (Plan::Small, "reproduce") };
     let sweeps = sweeps(&args.only, plan, &args.selection.selection(None))?;
     let out = args.out.join(folder);
-    drive(&sweeps, &args.selection, &args.launch, &out, |outcomes| {
-        outln!();
-        outcomes.iter().for_each(|outcome| print_claims(&outcome.input));
+    args.launch.run(sweeps, &args.selection, &out, |outcomes| {
         let inputs = outcomes.into_iter().map(|outcome| outcome.input).collect();
-        outln!("\nreport: {}", write(inputs, &out)?.display());
+        outln!("\nreport: {}", write(&inputs, &out)?.display());
         Ok(())
     })
 }

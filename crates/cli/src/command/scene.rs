@@ -5,11 +5,12 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result};
 use clap::Subcommand;
-use infonerf_dataset::{SceneSource, check, export, from_images, info, info_page, load, outline};
+use infonerf_dataset::{PoseSearch, check_folder, export, from_images, info, info_page, outline};
 use infonerf_experiment::{DeviceName, RunPlan, Trained};
 use infonerf_procedural as procedural;
 use infonerf_report::write_atomically;
-use infonerf_scene::{Camera, Format, PoseError, Scene, SceneRequest, Similarity, TestProtocol, ViewSelection};
+use infonerf_scene::image::{dimensions, list_images};
+use infonerf_scene::{Camera, Format, PoseError, Scene, Similarity};
 
 use crate::print::{errln, outln};
 use crate::terminal::open_device;
@@ -30,7 +31,8 @@ pub(crate) enum SceneCommand {
         #[arg(long, value_name = "FILE")]
         page: Option<PathBuf>,
     },
-    /// Check a capture for what makes training fail: outlying cameras, blurred images, a doubtful up axis, a narrow baseline.
+    /// Check a capture for what makes training fail: outlying cameras, poses that do not fit the photographs, blurred images,
+    /// a doubtful up axis, a narrow baseline.
     Check {
         /// Folder of the scene
         dir: PathBuf,
@@ -42,6 +44,9 @@ pub(crate) enum SceneCommand {
         /// Do not look for `colmap`
         #[arg(long)]
         without_colmap: bool,
+        /// Focal length of the lens: image widths (of the longer side), or with a unit, `28mm` (at 35 mm) or `3100px`
+        #[arg(long, value_name = "LENGTH", value_parser = focal_length)]
+        focal: Option<FocalLength>,
     },
     /// Export a built-in scene in the format of a published data set.
     Export {
@@ -58,17 +63,43 @@ pub(crate) enum SceneCommand {
     },
 }
 
-/// Longest side of the images that are looked at for blur, in pixels: enough to tell, little to read.
-const CHECKED_SIZE: u32 = 512;
+/// Focal length as `--focal` takes it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum FocalLength {
+    /// Times the longer side of the image.
+    Widths(f64),
+    /// Pixels of the image file.
+    Pixels(f64),
+}
+
+/// Width of 35 mm film, mm.
+const FILM_WIDTH: f64 = 36.0;
+
+fn focal_length(text: &str) -> Result<FocalLength, String> {
+    let parse = |number: &str| number.trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0);
+    let found = match (text.strip_suffix("mm"), text.strip_suffix("px")) {
+        (Some(number), _) => parse(number).map(|mm| FocalLength::Widths(mm / FILM_WIDTH)),
+        (_, Some(number)) => parse(number).map(FocalLength::Pixels),
+        _ => parse(text).filter(|widths| *widths < 20.0).map(FocalLength::Widths),
+    };
+    found.ok_or_else(|| "expected image widths such as 0.8, or `28mm` or `3100px`".into())
+}
 
 pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
     match command {
         SceneCommand::List => procedural::NAMES.iter().for_each(|name| outln!("{name}")),
         SceneCommand::Info { dir, json, page } => show(dir, *json, page.as_deref())?,
         SceneCommand::Check { dir } => warn(dir)?,
-        SceneCommand::FromImages { dir, without_colmap } => {
-            from_images(dir, *without_colmap, |line| outln!("{line}"))?;
+        SceneCommand::FromImages { dir, without_colmap, focal } => {
+            let focal = match focal {
+                Some(FocalLength::Pixels(pixels)) => Some(pixels / f64::from(longest_side(dir)?)),
+                Some(FocalLength::Widths(widths)) => Some(*widths),
+                None => None,
+            };
+            let search = PoseSearch { without_colmap: *without_colmap, focal };
+            from_images(dir, &search, |line| outln!("{line}"))?;
             show(dir, false, None)?;
+            print_next(dir);
         }
         SceneCommand::Export { name, dir, format, size } => {
             export(name, *size, *format, dir)?;
@@ -76,6 +107,17 @@ pub(crate) fn run(command: &SceneCommand) -> Result<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Prints the command that trains on a capture whose poses are known.
+fn print_next(dir: &Path) {
+    let whole = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
+    if let (Some(data), Some(scene)) = (whole.parent(), whole.file_name().and_then(|name| name.to_str())) {
+        let data = if dir.parent().is_some_and(|parent| parent.as_os_str().is_empty()) { Path::new(".") } else { data };
+        let words = ["--data", &data.display().to_string(), "--scene", scene].map(str::to_owned);
+        let words = shlex::try_join(words.iter().map(String::as_str)).unwrap_or_default();
+        outln!("next: infonerf exp capture {words} --variant infonerf+ --set eval.test=training --budget 60s");
+    }
 }
 
 fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
@@ -97,48 +139,49 @@ fn show(dir: &Path, json: bool, page: Option<&Path>) -> Result<()> {
 /// How far the first field of a run has moved the training cameras.
 fn show_run(dir: &Path, page: Option<&Path>) -> Result<()> {
     let trained = Trained::read(RunPlan::of_run(dir)?, dir, &open_device(DeviceName::Auto)?)?;
-    let (scene, learnt) = (trained.scene(), trained.trainers[0].cameras());
+    let (scene, learned) = (trained.scene(), trained.trainers[0].cameras());
     let given = scene.given_cameras();
     let apart = |of: &[Camera], from: &[Camera]| {
         let error = PoseError::of(of, from, scene.space.centre.as_dvec3());
         format!("{:.2}° and {:.2} % of their distance", error.rotation_deg, error.translation_percent)
     };
-    outln!("learnt cameras: {} from the given ones", apart(&learnt, &given));
+    outln!("learned cameras: {} from the given ones", apart(&learned, &given));
     if let Some(exact) = &scene.exact_cameras {
-        outln!("error of the given cameras: {}; of the learnt ones: {}", apart(&given, exact), apart(&learnt, exact));
+        outln!("error of the given cameras: {}; of the learned ones: {}", apart(&given, exact), apart(&learned, exact));
     }
     if let Some(page) = page {
         let exact = scene.exact_cameras.as_ref().unwrap_or(&given);
-        let to_scene = Similarity::between(exact, &learnt, scene.space.centre.as_dvec3()).inverse();
-        let learnt: Vec<Camera> = learnt.iter().map(|camera| to_scene.camera(camera)).collect();
+        let to_scene = Similarity::between(exact, &learned, scene.space.centre.as_dvec3()).inverse();
+        let learned: Vec<Camera> = learned.iter().map(|camera| to_scene.camera(camera)).collect();
         let mut as_given = scene.as_ref().clone();
         as_given.train.iter_mut().zip(given).for_each(|(view, camera)| view.camera = camera);
-        write_page(page, &as_given, &learnt)?;
+        write_page(page, &as_given, &learned)?;
     }
     Ok(())
 }
 
-fn write_page(page: &Path, scene: &Scene, learnt: &[Camera]) -> Result<()> {
-    write_atomically(page, info_page(scene, learnt).as_bytes())?;
+fn write_page(page: &Path, scene: &Scene, learned: &[Camera]) -> Result<()> {
+    write_atomically(page, info_page(scene, learned).as_bytes())?;
     errln!("{}", page.display());
     Ok(())
 }
 
-/// Prints what may be wrong, a line each; nothing is a good sign.
+/// Returns the longer side of the first photograph in `dir` or `dir/images`.
+fn longest_side(dir: &Path) -> Result<u32> {
+    let below = dir.join("images");
+    let first = list_images(if below.is_dir() { &below } else { dir })?.into_iter().next();
+    let (width, height) = dimensions(&first.with_context(|| format!("{}: no photographs", dir.display()))?)?;
+    Ok(width.max(height))
+}
+
+/// Prints what may be wrong with a capture, a line each.
 fn warn(dir: &Path) -> Result<()> {
-    let request = SceneRequest {
-        train: ViewSelection::All,
-        test: TestProtocol::All,
-        image_size: Some(CHECKED_SIZE),
-        ..SceneRequest::default()
-    };
-    let scene = load(&SceneSource::Folder { path: dir.to_owned() }, &request).context("the scene cannot be loaded")?;
-    let warnings = check(&scene);
+    let (views, warnings) = check_folder(dir).context("the scene cannot be loaded")?;
     for warning in &warnings {
         outln!("{warning}");
     }
     if warnings.is_empty() {
-        outln!("{}: {} views, nothing to warn of", dir.display(), scene.train.len() + scene.test.len());
+        outln!("{}: {views} views, nothing to warn of", dir.display());
     }
     Ok(())
 }

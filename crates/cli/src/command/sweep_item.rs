@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 use clap::Args;
-use infonerf_experiment::launch::{PEAK_MEMORY, STOPPED};
+use infonerf_experiment::execute::{PEAK_MEMORY, STOPPED};
 use infonerf_experiment::sweep::run_item;
 use infonerf_experiment::{Finished, RunEvent};
 
@@ -15,8 +15,8 @@ use crate::exit::FAILED;
 use crate::interrupt;
 use crate::print::{errln, outln};
 use crate::progress::Progress;
+use crate::reporter::summary;
 use crate::selection::{DeviceArgs, NetworkArgs};
-use crate::summary::summary;
 use crate::terminal::open_device;
 use crate::units::parse_time;
 
@@ -31,20 +31,12 @@ pub(crate) struct SweepItemArgs {
     device: DeviceArgs,
     #[command(flatten)]
     networks: NetworkArgs,
-    /// Stop after this fraction of the run, such as 0.25; it can be resumed
-    #[arg(long, value_name = "FRACTION", value_parser = parse_share)]
-    until: Option<f64>,
     /// Give up after this time, such as 10m; what was saved is kept
     #[arg(long, value_name = "TIME", value_parser = parse_time)]
     timeout: Option<Duration>,
     /// End when standard input is closed, as it is when the parent process ends
     #[arg(long, hide = true)]
     tied: bool,
-}
-
-fn parse_share(text: &str) -> Result<f64, String> {
-    let share = text.parse::<f64>().ok().filter(|share| *share > 0.0 && *share < 1.0);
-    share.ok_or_else(|| format!("expected a number above 0 and below 1, found `{text}`"))
 }
 
 pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
@@ -57,9 +49,9 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
     if let Some(timeout) = args.timeout {
         std::thread::spawn(move || end_after(timeout));
     }
-    let mut progress = Progress::new("")?;
+    let mut progress = Progress::new("");
     let watch = &mut |event: RunEvent<'_>| progress.watch(event);
-    let finished = run_item(&args.manifest, args.item, device, networks, args.until, watch)?;
+    let finished = run_item(&args.manifest, args.item, device, networks, watch)?;
     match finished {
         Finished::Record(record, _) => {
             if let Some(bytes) = record.peak_rss_bytes {
@@ -68,8 +60,7 @@ pub(crate) fn run(args: &SweepItemArgs) -> Result<ExitCode> {
             outln!("{}", summary(&record));
         }
         Finished::Kept(_) => outln!("finished before and kept"),
-        Finished::Stopped if interrupt::asked() => return Ok(ExitCode::from(STOPPED as u8)),
-        Finished::Stopped => outln!("stopped and saved; can be resumed"),
+        Finished::Stopped => return Ok(ExitCode::from(STOPPED as u8)),
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -21,7 +21,7 @@ Examples:
   ssh -L 7007:127.0.0.1:7007 HOST infonerf view runs
       runs of another machine, at the same address on this one (the port must be the same)";
 
-/// Show runs in a browser on this machine, also while they train: scene, curves, test views beside their truth.
+/// Show runs in a browser on this machine, also while they train: scene, curves, test views next to their truth.
 #[derive(Debug, Args)]
 #[command(after_help = VIEW_EXAMPLES)]
 pub(crate) struct ViewArgs {

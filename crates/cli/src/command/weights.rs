@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
-use infonerf_pretrained::{Progress, Status, Store};
+use infonerf_pretrained::{DownloadProgress, Status, Store};
 
 use crate::print::outln;
 use crate::selection::NetworkArgs;
@@ -55,7 +55,7 @@ pub(crate) fn run(args: &WeightsArgs) -> Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What each of the known weights is for, where it is published, and where it is here.
+/// Lists what each of the known weights is for, where it is published, and where it is here.
 fn list(store: &Store) {
     for Status { weights, path } in store.status() {
         let place = path.as_ref().map_or_else(|| "not here".to_owned(), |path| path.display().to_string());
@@ -75,7 +75,7 @@ fn fetch(store: &Store, names: &[String]) -> Result<()> {
     let bar = ProgressBar::new(0);
     bar.set_style(ProgressStyle::with_template("{prefix} {wide_bar} {bytes}/{total_bytes} {bytes_per_sec}")?);
     for name in names {
-        let files = store.fetch(name, &mut |Progress { weights, done, total }| {
+        let files = store.fetch(name, &mut |DownloadProgress { weights, done, total }| {
             bar.set_prefix(weights);
             bar.set_length(total);
             bar.set_position(done);

@@ -8,22 +8,25 @@ use infonerf_scene::SceneError;
 
 use super::camera::{MODELS, known};
 use super::{ColmapCamera, ColmapImage, Reconstruction, check, pose};
-use crate::limits::read_file;
+use crate::files::read_file;
 
-/// The largest file that is read, in bytes.
-const LARGEST: u64 = 2 << 30;
-/// The longest name of an image, in bytes.
-const LONGEST_NAME: usize = 4096;
+/// Largest file that is read, in bytes.
+const MAX_BYTES: u64 = 2 << 30;
+/// Longest name of an image, in bytes.
+const MAX_NAME: usize = 4096;
 /// The id that stands for no point.
 const NONE: u64 = u64::MAX;
 
 pub(super) fn read(dir: &Path) -> Result<Reconstruction, SceneError> {
-    let file = |name: &str| read_file(&dir.join(name), "a file of a COLMAP reconstruction", LARGEST);
+    let file = |name: &str| read_file(&dir.join(name), "a file of a COLMAP reconstruction", MAX_BYTES);
     let images = dir.join("images.bin");
     let read = Reconstruction {
         cameras: cameras(&dir.join("cameras.bin"), &file("cameras.bin")?)?,
         images: self::images(&images, &file("images.bin")?)?,
-        points: points(&dir.join("points3D.bin"), &file("points3D.bin")?)?,
+        points: match dir.join("points3D.bin") {
+            path if path.is_file() => points(&path, &file("points3D.bin")?)?,
+            _ => BTreeMap::new(),
+        },
     };
     check(&images, read)
 }
@@ -134,14 +137,14 @@ impl<'a> Bytes<'a> {
         Ok(numbers)
     }
 
-    /// An image side; one that is too large for any is 0, which is refused later.
+    /// Returns an image side; one that is too large for any is 0, which is refused later.
     fn side(&mut self) -> Result<u32, SceneError> {
         Ok(u32::try_from(self.u64()?).unwrap_or(0))
     }
 
-    /// Text up to a zero byte.
+    /// Reads text up to a zero byte.
     fn name(&mut self) -> Result<String, SceneError> {
-        let Some(length) = self.rest.iter().take(LONGEST_NAME).position(|&b| b == 0) else {
+        let Some(length) = self.rest.iter().take(MAX_NAME).position(|&b| b == 0) else {
             return Err(self.fault("it ends early, within an image's name"));
         };
         let name = String::from_utf8_lossy(self.take(length)?).into_owned();

@@ -20,8 +20,8 @@ pub const MODELS: [(&str, usize); 11] = [
     ("THIN_PRISM_FISHEYE", 0),
 ];
 
-/// The longest image side, in pixels.
-const LONGEST: u32 = 1 << 20;
+/// Longest image side, in pixels.
+const MAX_SIDE: u32 = 1 << 20;
 
 /// A camera of a reconstruction.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,7 +53,7 @@ impl ColmapCamera {
             (1 | 4 | 5 | 6, &[fx, fy, cx, cy, ref rest @ ..]) => (fx, fy, cx, cy, rest),
             _ => return Err(fault(&known(), format!("number {model}"))),
         };
-        if !(1..=LONGEST).contains(&width) || !(1..=LONGEST).contains(&height) {
+        if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
             return Err(fault("an image side from 1 to 1048576 pixels", format!("{width}×{height}")));
         }
         if ![fx, fy].iter().all(|f| (1e-3..=1e9).contains(f)) {
@@ -73,14 +73,14 @@ impl ColmapCamera {
         Ok(Self { model, width, height, parameters, pinhole: ([fx, fy], [cx, cy]), lens })
     }
 
-    /// The camera at a camera-to-world pose (OpenGL).
+    /// Returns the camera at a camera-to-world pose (OpenGL).
     pub fn at(&self, pose: DMat4) -> Camera {
         let (focal, centre) = self.pinhole;
         Camera::pinhole((self.width, self.height), focal, centre, pose).with_lens(self.lens)
     }
 }
 
-/// What is expected of a model.
+/// Describes the known models.
 pub(super) fn known() -> String {
     let names: Vec<_> = MODELS.iter().filter(|m| m.1 > 0).map(|m| m.0).collect();
     format!("a known lens model ({})", names.join(", "))

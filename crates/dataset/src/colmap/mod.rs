@@ -8,24 +8,28 @@ mod write;
 pub use camera::{ColmapCamera, MODELS};
 
 use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DMat4, DQuat, DVec2, DVec3};
 use infonerf_scene::{Camera, SceneError};
 
-/// Where a scene's folder may keep its reconstruction; the last is the folder itself.
-const PLACES: [&str; 5] = ["sparse/0", "sparse", "colmap/sparse/0", "0", ""];
-/// A quaternion may be this far from unit length; text files round.
+/// Folders below a scene's that may hold reconstructions, or numbered folders of them; the last is the scene's own.
+const PLACES: [&str; 7] = ["sparse", "colmap/sparse", "dense/0/sparse", "dense/sparse", "distorted/sparse", "0", ""];
+/// Most reconstructions of one capture that are looked at.
+const MAX_MODELS: usize = 50;
+/// Greatest difference of a quaternion's length from 1; text files round.
 const TOLERANCE: f64 = 1e-2;
 
 /// One registered image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColmapImage {
-    /// COLMAP's number of it.
+    /// COLMAP's number of the image.
     pub id: u32,
-    /// Its path below the folder of images.
+    /// Path below the folder of images.
     pub name: String,
-    /// The number of its camera.
+    /// Number of the image's camera.
     pub camera: u32,
     /// Camera-to-world, OpenGL.
     pub pose: DMat4,
@@ -45,8 +49,8 @@ pub struct Reconstruction {
 }
 
 impl Reconstruction {
-    /// Reads the reconstruction in `dir`, or in `sparse/0`, `sparse` or `colmap/sparse/0` below it: `cameras.bin`,
-    /// `images.bin` and `points3D.bin`, or the same as `.txt`.
+    /// Reads the reconstruction with most images in `dir`, or in `sparse` or another folder of COLMAP below it:
+    /// `cameras.bin`, `images.bin` and `points3D.bin`, or the same as `.txt`; without a file of points it has none.
     ///
     /// # Errors
     /// There is none, a file is missing or broken, a camera's model is unknown or its numbers are no lens, a quaternion is
@@ -56,18 +60,23 @@ impl Reconstruction {
             let expected = "a reconstruction of COLMAP (cameras.bin or cameras.txt, there or in sparse/0)".into();
             return Err(SceneError::NotFound { path: dir.into(), expected });
         };
-        let mut read = if place.join("cameras.bin").is_file() { binary::read(&place)? } else { text::read(&place)? };
+        Self::read_at(&place)
+    }
+
+    /// Reads the reconstruction whose files are in `place`.
+    pub(crate) fn read_at(place: &Path) -> Result<Self, SceneError> {
+        let mut read = if place.join("cameras.bin").is_file() { binary::read(place)? } else { text::read(place)? };
         read.images.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(read)
     }
 
-    /// The camera of an image, or `None` where its number is unknown.
+    /// Returns the camera of an image, or `None` where its number is unknown.
     pub fn camera(&self, image: &ColmapImage) -> Option<Camera> {
         self.cameras.get(&image.camera).map(|camera| camera.at(image.pose))
     }
 
-    /// The mean distance, in pixels, between where points were seen and where they fall; an observation that falls
-    /// nowhere counts as the image's diagonal. `None` where nothing was seen.
+    /// Returns the mean distance, in pixels, between where points were seen and where they fall; an observation that
+    /// falls nowhere counts as the image's diagonal. `None` where nothing was seen.
     pub fn reprojection_error(&self) -> Option<f64> {
         let (mut sum, mut count) = (0.0, 0usize);
         for image in &self.images {
@@ -81,25 +90,42 @@ impl Reconstruction {
         }
         (count > 0).then(|| sum / count as f64)
     }
-
-    /// The distances from cameras to the points that they were found to see.
-    pub(crate) fn distances(&self, images: &[&ColmapImage]) -> Vec<f32> {
-        let of = |image: &ColmapImage| {
-            let position = image.pose.w_axis.truncate();
-            let points = image.observations.iter().filter_map(|(_, point)| self.points.get(point));
-            points.map(|p| p.distance(position) as f32).collect::<Vec<_>>()
-        };
-        images.iter().copied().flat_map(of).collect()
-    }
 }
 
-/// The folder below `dir` that holds a reconstruction.
+/// Finds the folder below `dir` that holds its reconstruction.
 pub(crate) fn find(dir: &Path) -> Option<PathBuf> {
-    let holds = |place: &PathBuf| place.join("cameras.bin").is_file() || place.join("cameras.txt").is_file();
-    PLACES.iter().map(|place| dir.join(place)).find(holds)
+    models(dir).into_iter().next().map(|(place, _)| place)
 }
 
-/// Camera-to-world in OpenGL's axes from COLMAP's world-to-camera quaternion (w, x, y, z) and translation.
+/// Lists the reconstructions in the first place below `dir` that holds any, with their numbers of images, those with most
+/// images first: COLMAP's mapper writes several if it cannot join all photographs.
+pub(crate) fn models(dir: &Path) -> Vec<(PathBuf, u64)> {
+    let numbered = |place: PathBuf| (0..MAX_MODELS).map(|i| place.join(i.to_string())).chain([place.clone()]).collect();
+    let counted = |place: PathBuf| Some((place.clone(), count_images(&place)?));
+    let in_place = |place: &&str| {
+        let places: Vec<PathBuf> = numbered(dir.join(place));
+        places.into_iter().filter_map(counted).collect::<Vec<_>>()
+    };
+    let mut models = PLACES.iter().map(|place| in_place(&place)).find(|models| !models.is_empty()).unwrap_or_default();
+    models.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+    models
+}
+
+/// Counts the images of the reconstruction in `place`, 0 if its file of images cannot be read; `None` without a file of
+/// cameras.
+fn count_images(place: &Path) -> Option<u64> {
+    if place.join("cameras.bin").is_file() {
+        let mut count = [0; 8];
+        let read = File::open(place.join("images.bin")).and_then(|mut file| file.read_exact(&mut count));
+        return Some(read.map_or(0, |()| u64::from_le_bytes(count)));
+    }
+    place.join("cameras.txt").is_file().then(|| {
+        let text = fs::read_to_string(place.join("images.txt")).unwrap_or_default();
+        text.lines().filter(|line| !line.starts_with('#')).count() as u64 / 2
+    })
+}
+
+/// Returns camera-to-world in OpenGL's axes from COLMAP's world-to-camera quaternion (w, x, y, z) and translation.
 fn pose(path: &Path, place: &str, [w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Result<DMat4, SceneError> {
     let fault = |expected: &str, found: String| SceneError::field(path, place, expected, found);
     let rotation = DQuat::from_xyzw(x, y, z, w);
@@ -109,13 +135,13 @@ fn pose(path: &Path, place: &str, [w, x, y, z]: [f64; 4], translation: [f64; 3])
     }
     let turned = DMat3::from_quat(rotation.normalize()).transpose();
     let position = -(turned * DVec3::from(translation));
-    if !position.is_finite() || position.abs().max_element() > crate::limits::FARTHEST {
+    if !position.is_finite() || position.abs().max_element() > crate::files::FARTHEST {
         return Err(fault("a position within 1e9 of the origin", format!("{position}")));
     }
     Ok(opengl(turned, position))
 }
 
-/// The pose at `position` of a camera whose x, y (down) and z (forward) axes are the columns of `axes`.
+/// Returns the pose at `position` of a camera whose x, y (down) and z (forward) axes are the columns of `axes`.
 pub(crate) fn opengl(axes: DMat3, position: DVec3) -> DMat4 {
     DMat4::from_cols(
         axes.x_axis.extend(0.0),
@@ -133,7 +159,7 @@ fn world_to_camera(pose: &DMat4) -> ([f64; 4], [f64; 3]) {
     ([q.w, q.x, q.y, q.z], (-(turned * pose.w_axis.truncate())).to_array())
 }
 
-/// Every image must have a camera.
+/// Checks that there is an image, and that every image has a camera.
 fn check(path: &Path, read: Reconstruction) -> Result<Reconstruction, SceneError> {
     for image in &read.images {
         if !read.cameras.contains_key(&image.camera) {
@@ -150,8 +176,6 @@ fn check(path: &Path, read: Reconstruction) -> Result<Reconstruction, SceneError
 #[cfg(test)]
 pub(crate) mod testing {
     //! Reconstructions written to disk.
-
-    use std::fs;
 
     use super::*;
 
@@ -189,9 +213,8 @@ mod tests {
     use super::testing::*;
     use super::*;
     use infonerf_procedural::train_cameras;
-    use std::fs;
 
-    /// Points on a ball, seen by cameras of every model.
+    /// Returns points on a ball, seen by cameras of every model.
     pub(super) fn toy() -> Reconstruction {
         let parameters: [&[f64]; 10] = [
             &[50.0, 16.0, 12.0],
@@ -307,6 +330,24 @@ mod tests {
         write_binary(guard.path(), &toy());
         fs::remove_file(guard.path().join("images.bin")).unwrap();
         assert!(Reconstruction::read(guard.path()).unwrap_err().to_string().contains("images.bin: not found"));
+    }
+
+    #[test]
+    fn the_largest_model_is_read_and_needs_no_points() {
+        let guard = tempfile::tempdir().unwrap();
+        let whole = toy();
+        let part = Reconstruction { images: whole.images[..2].to_vec(), ..whole.clone() };
+        write_binary(&guard.path().join("sparse/0"), &part);
+        write_text(&guard.path().join("sparse/1"), &whole);
+        fs::remove_file(guard.path().join("sparse/1/points3D.txt")).unwrap();
+        assert_eq!(models(guard.path()).iter().map(|(_, count)| *count).collect::<Vec<_>>(), [9, 2]);
+        let read = Reconstruction::read(guard.path()).unwrap();
+        assert_eq!((read.images.len(), read.points.len()), (9, 0));
+        for place in ["distorted/sparse/0", "dense/0/sparse"] {
+            let guard = tempfile::tempdir().unwrap();
+            write_binary(&guard.path().join(place), &part);
+            assert_eq!(Reconstruction::read(guard.path()).unwrap().images.len(), 2);
+        }
     }
 
     #[test]

@@ -8,9 +8,9 @@ use infonerf_scene::{Aabb, Body, Camera, SceneError};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 
-use crate::loaders;
+use crate::files::depth::write_depth;
 
-/// Writes `transforms_{train,test}.json`, `{train,test}/r_<id>.png` (straight RGBA, 8 bits) and, beside the test
+/// Writes `transforms_{train,test}.json`, `{train,test}/r_<id>.png` (straight RGBA, 8 bits) and, next to the test
 /// images, `r_<id>_depth.npy` (f32, exact distance along each pixel's unit ray, +∞ where it hits nothing).
 ///
 /// Of a scene with a body, `vertices.ply` has its vertices, for `field.vertices`. Loading the folder at its own size
@@ -78,7 +78,7 @@ fn write_view(
     let mut frame = json!({"file_path": format!("./{split}/r_{id}"), "transform_matrix": rows});
     if with_depth {
         let path = folder.join(format!("r_{id}_depth.npy"));
-        loaders::write_depth(&path, camera.width, camera.height, &view.depth)?;
+        write_depth(&path, camera.width, camera.height, &view.depth)?;
         frame["ray_depth_file_path"] = json!(format!("./{split}/r_{id}_depth.npy"));
     }
     Ok(frame)

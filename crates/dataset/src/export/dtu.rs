@@ -7,7 +7,8 @@ use infonerf_procedural as procedural;
 use infonerf_scene::{Aabb, Camera, SceneError};
 use zip::CompressionMethod;
 
-use super::{Photograph, intrinsics, make, npz, opencv, photographs, write_mask};
+use super::{ExportedView, intrinsics, make, opencv, photographs, write_mask};
+use crate::files::npz;
 
 /// Number of views of a full scan, which the published protocols need.
 const VIEWS: usize = 49;
@@ -28,15 +29,15 @@ pub(super) fn write(name: &str, size: u32, dir: &Path) -> Result<(), SceneError>
     }
     let (centre, radius) = sphere(&seen);
     let scale = DMat4::from_translation(centre) * DMat4::from_scale(DVec3::splat(radius));
-    let of = |(i, photograph): (usize, &Photograph)| {
+    let of = |(i, photograph): (usize, &ExportedView)| {
         let matrices = [("world", projection(&photograph.camera)), ("scale", scale)];
         matrices.map(|(kind, m)| (format!("{kind}_mat_{i}"), vec![4, 4], m.transpose().to_cols_array().to_vec()))
     };
-    let arrays: Vec<npz::Named> = photographs.iter().enumerate().flat_map(of).collect();
+    let arrays: Vec<npz::NamedArray> = photographs.iter().enumerate().flat_map(of).collect();
     npz::write(&dir.join("cameras_sphere.npz"), &arrays, CompressionMethod::Deflated)
 }
 
-/// `K [R | t]` and a last row of (0, 0, 0, 1): takes a world point to a pixel, whose centres are whole numbers.
+/// Returns `K [R | t]` and a last row of (0, 0, 0, 1): takes a world point to a pixel, whose centres are whole numbers.
 pub(crate) fn projection(camera: &Camera) -> DMat4 {
     let (rotation, centre) = opencv(camera);
     let m: DMat3 = intrinsics(camera) * rotation;
@@ -44,15 +45,16 @@ pub(crate) fn projection(camera: &Camera) -> DMat4 {
     DMat4::from_cols(m.x_axis.extend(0.0), m.y_axis.extend(0.0), m.z_axis.extend(0.0), t.extend(1.0))
 }
 
-/// The surface points in the subject's pixels.
-fn points(photograph: &Photograph, mask: &[bool]) -> Vec<Vec3> {
+/// Returns the surface points in the subject's pixels.
+fn points(photograph: &ExportedView, mask: &[bool]) -> Vec<Vec3> {
     let width = photograph.camera.width as usize;
     let subject = (0..mask.len()).filter(|&i| mask[i] && photograph.depth[i].is_finite());
     let ray = |i: usize| photograph.camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
     subject.map(|i| ray(i).at(photograph.depth[i])).collect()
 }
 
-/// A sphere around the centre of the points' bounding box that contains all `points`, with a margin of a twentieth.
+/// Returns a sphere around the centre of the points' bounding box that contains all `points`, with a margin of a
+/// twentieth.
 fn sphere(points: &[Vec3]) -> (DVec3, f64) {
     let centre = Aabb::containing(points.iter().copied()).map_or(Vec3::ZERO, |bounds| bounds.centre());
     let farthest = points.iter().map(|p| p.distance(centre)).fold(1e-3, f32::max);

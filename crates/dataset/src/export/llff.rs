@@ -5,8 +5,8 @@ use std::path::Path;
 use infonerf_procedural as procedural;
 use infonerf_scene::SceneError;
 
-use super::{Photograph, make, photographs};
-use crate::loaders;
+use super::{ExportedView, make, photographs};
+use crate::files::npy;
 
 /// Number of photographs.
 const VIEWS: usize = 40;
@@ -21,11 +21,11 @@ pub(super) fn write(name: &str, size: u32, dir: &Path) -> Result<(), SceneError>
         photograph.image.write_png(&dir.join(format!("images/image{i:03}.png")))?;
     }
     let rows: Vec<f64> = photographs.iter().flat_map(|p| row(p, (near, far))).collect();
-    loaders::write_npy(&dir.join("poses_bounds.npy"), &[photographs.len() as u64, 17], &rows)
+    npy::write(&dir.join("poses_bounds.npy"), &[photographs.len() as u64, 17], &rows)
 }
 
-/// The row of a photograph; `extent` is near and far where it shows nothing.
-fn row(photograph: &Photograph, extent: (f32, f32)) -> [f64; 17] {
+/// Returns the row of a photograph; `extent` is near and far where it shows nothing.
+fn row(photograph: &ExportedView, extent: (f32, f32)) -> [f64; 17] {
     let camera = &photograph.camera;
     let [x, y, z, at] = [0, 1, 2, 3].map(|column| camera.to_world.col(column));
     let size = [f64::from(camera.height), f64::from(camera.width), camera.fx];
@@ -38,8 +38,8 @@ fn row(photograph: &Photograph, extent: (f32, f32)) -> [f64; 17] {
     row
 }
 
-/// The least and the greatest depth along the camera's axis.
-fn depths(photograph: &Photograph) -> Option<(f32, f32)> {
+/// Returns the least and the greatest depth along the camera's axis.
+fn depths(photograph: &ExportedView) -> Option<(f32, f32)> {
     let width = photograph.camera.width as usize;
     let depth = |(i, &distance): (usize, &f32)| {
         let ray = photograph.camera.ray((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);

@@ -3,9 +3,11 @@
 mod blender;
 mod dtu;
 mod llff;
-pub(crate) mod npz;
 pub(crate) mod pickle;
+mod transforms;
 mod zju;
+
+pub use transforms::transforms;
 
 #[cfg(test)]
 pub(crate) use dtu::projection;
@@ -23,12 +25,12 @@ use infonerf_scene::{Camera, Format, Image, SceneError};
 
 /// The file that marks a folder as written here. It holds the format's name.
 const MARK: &str = ".infonerf-export";
-/// What is behind a scene that has nothing behind it, in a photograph.
+/// Background of photographs of a scene that has nothing behind it.
 const WHITE: [f32; 3] = [1.0; 3];
 
 /// Writes the procedural scene `name` into the folder `dir`, with images of `size`² pixels:
 ///
-/// - [`Format::Blender`]: `transforms_{train,test}.json`, RGBA images, exact depth beside the test images. Loading the
+/// - [`Format::Blender`]: `transforms_{train,test}.json`, RGBA images, exact depth next to the test images. Loading the
 ///   folder at its own size gives the views of the procedural scene bit for bit. Of a scene with a body,
 ///   `vertices.ply` has its vertices, for `field.vertices`.
 /// - [`Format::Llff`]: `poses_bounds.npy` and `images`, 40 photographs, with exact depths of the nearest and the farthest
@@ -77,36 +79,37 @@ fn make(folder: &Path) -> Result<(), SceneError> {
     fs::create_dir_all(folder).map_err(|e| SceneError::io(folder, e))
 }
 
-/// What a camera records of a scene.
-struct Photograph {
+/// Image and depth that a camera records of a scene.
+struct ExportedView {
     camera: Camera,
     image: Image,
     /// As in [`procedural::Rendering`].
     depth: Vec<f32>,
 }
 
-/// Photographs of the scene `name`.
-fn photographs(name: &str, cameras: Vec<Camera>) -> Result<Vec<Photograph>, SceneError> {
+/// Returns photographs of the scene `name`.
+fn photographs(name: &str, cameras: Vec<Camera>) -> Result<Vec<ExportedView>, SceneError> {
     let photograph = |camera: Camera| {
         let procedural::Rendering { rgba, depth } = procedural::render(name, &camera)?;
-        Ok(Photograph { camera, image: rgba.to_f32().composite(WHITE), depth })
+        Ok(ExportedView { camera, image: rgba.to_f32().composite(WHITE), depth })
     };
     cameras.into_par_iter().map(photograph).collect()
 }
 
 /// Writes the subject's mask in a photograph, white on black.
-fn write_mask(path: &Path, photograph: &Photograph, mask: &[bool]) -> Result<(), SceneError> {
+fn write_mask(path: &Path, photograph: &ExportedView, mask: &[bool]) -> Result<(), SceneError> {
     let rgb = mask.iter().map(|&subject| if subject { [1.0; 3] } else { [0.0; 3] }).collect();
     Image { rgb, ..photograph.image.clone() }.write_png(path)
 }
 
-/// A camera in OpenCV's terms (x right, y down, z forward): the rotation from world to camera and the optical centre.
+/// Returns a camera in OpenCV's terms (x right, y down, z forward): the rotation from world to camera and the optical
+/// centre.
 fn opencv(camera: &Camera) -> (DMat3, DVec3) {
     let flip = DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0));
     (flip * camera.rotation().transpose(), camera.position_f64())
 }
 
-/// `K`, for pixels whose centres are whole numbers.
+/// Returns `K`, for pixels whose centres are whole numbers.
 fn intrinsics(camera: &Camera) -> DMat3 {
     let centre = DVec3::new(camera.cx - 0.5, camera.cy - 0.5, 1.0);
     DMat3::from_cols(DVec3::X * camera.fx, DVec3::Y * camera.fy, centre)

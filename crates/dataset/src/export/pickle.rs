@@ -1,6 +1,6 @@
 //! Pickles of dictionaries, lists, strings and NumPy arrays: just what `numpy.save` writes for an array of objects.
 
-/// A string.
+/// Returns a string.
 pub(crate) fn text(value: &str) -> Vec<u8> {
     let mut out = vec![b'X'];
     out.extend((value.len() as u32).to_le_bytes());
@@ -8,12 +8,12 @@ pub(crate) fn text(value: &str) -> Vec<u8> {
     out
 }
 
-/// A list of pickled values.
+/// Returns a list of pickled values.
 pub(crate) fn list(items: &[Vec<u8>]) -> Vec<u8> {
     [b"](".to_vec(), items.concat(), b"e".to_vec()].concat()
 }
 
-/// A dictionary of pickled values.
+/// Returns a dictionary of pickled values.
 pub(crate) fn dict(items: &[(&str, Vec<u8>)]) -> Vec<u8> {
     let entries: Vec<u8> = items.iter().flat_map(|(k, v)| [text(k), v.clone()].concat()).collect();
     [b"}(".to_vec(), entries, b"u".to_vec()].concat()
@@ -35,7 +35,7 @@ fn ndarray(sides: &[usize], kind: Vec<u8>, data: Vec<u8>) -> Vec<u8> {
     [call, b"(K\x01".to_vec(), shape(sides), kind, vec![0x89], data, b"tb".to_vec()].concat()
 }
 
-/// An array of `f64`, no side longer than 255.
+/// Returns an array of `f64`, no side longer than 255.
 pub(crate) fn numbers(sides: &[usize], values: &[f64]) -> Vec<u8> {
     let bytes: Vec<u8> = values.iter().flat_map(|v| v.to_le_bytes()).collect();
     let mut data = vec![b'B'];
@@ -44,13 +44,13 @@ pub(crate) fn numbers(sides: &[usize], values: &[f64]) -> Vec<u8> {
     ndarray(sides, dtype("f8", "<"), data)
 }
 
-/// The whole pickle of an array of objects without axes, as `numpy.save` writes a dictionary.
+/// Returns the whole pickle of an array of objects without axes, as `numpy.save` writes a dictionary.
 pub(crate) fn object(value: Vec<u8>) -> Vec<u8> {
     let data = [b"]".to_vec(), value, b"a".to_vec()].concat();
     [vec![0x80, 3], ndarray(&[], dtype("O8", "|"), data), b".".to_vec()].concat()
 }
 
-/// The `.npy` file around such a pickle.
+/// Returns the `.npy` file around such a pickle.
 pub(crate) fn npy(pickle: &[u8]) -> Vec<u8> {
     let mut header = "{'descr': '|O', 'fortran_order': False, 'shape': (), }".to_owned();
     // Magic number, version, length and line end take 11 bytes; what follows begins at a multiple of 64.

@@ -8,7 +8,7 @@ use infonerf_scene::{Body, Camera, Lens, SceneError};
 
 use super::pickle::{dict, list, npy, numbers, object, text};
 use super::{intrinsics, make, opencv, photographs, write_mask};
-use crate::loaders;
+use crate::files::npy as arrays;
 
 /// Number of cameras.
 const VIEWS: usize = 23;
@@ -42,14 +42,14 @@ fn image_path(camera: usize, frame: usize) -> String {
     format!("Camera_B{camera}/{frame:06}.png")
 }
 
-/// The lens of [`DISTORTION`].
+/// Returns the lens of [`DISTORTION`].
 pub(crate) fn lens() -> Lens {
     let [k1, k2, p1, p2, k3] = DISTORTION;
     Lens::rational([k1, k2, k3, 0.0, 0.0, 0.0], [p1, p2])
 }
 
-/// The pickle in `annots.npy`: `cams` with lists of K, D (of [`DISTORTION`]), R (world to camera) and T, and `ims` with
-/// the images of each frame.
+/// Returns the pickle in `annots.npy`: `cams` with lists of K, D (of [`DISTORTION`]), R (world to camera) and T, and
+/// `ims` with the images of each frame.
 pub(crate) fn annotations(cameras: &[Camera], frames: usize) -> Vec<u8> {
     let of = |sides: &[usize], values: &dyn Fn(&Camera) -> Vec<f64>| {
         list(&cameras.iter().map(|camera| numbers(sides, &values(camera))).collect::<Vec<_>>())
@@ -77,7 +77,7 @@ fn write_body(dir: &Path, body: &Body) -> Result<(), SceneError> {
         make(&dir.join(folder))?;
     }
     let vertices: Vec<f32> = body.vertices.iter().flat_map(|v| v.to_array()).collect();
-    loaders::write_npy(&dir.join("new_vertices/0.npy"), &[body.vertices.len() as u64, 3], &vertices)?;
+    arrays::write(&dir.join("new_vertices/0.npy"), &[body.vertices.len() as u64, 3], &vertices)?;
     let still = || numbers(&[1, 3], &[0.0; 3]);
     write_file(&dir.join("new_params/0.npy"), &npy(&object(dict(&[("Rh", still()), ("Th", still())]))))
 }

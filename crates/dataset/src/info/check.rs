@@ -1,12 +1,14 @@
 //! Checks of a scene before training, for implausible cameras, images and ranges.
 
 use std::fmt;
+use std::path::Path;
 
 use infonerf_scene::poses::angle;
-use infonerf_scene::{Camera, Image, Layout, Scene, View};
+use infonerf_scene::{Camera, Image, Layout, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 use serde::Serialize;
 
-use crate::loaders::grid;
+use crate::capture::{assemble, compare, grid};
+use crate::loaders;
 
 /// Cameras are far off if their distance from the box exceeds this many times its diagonal.
 const FAR_OFF: f32 = 20.0;
@@ -24,6 +26,10 @@ const BLANK: f32 = 0.004;
 const SMALL_MASK: f32 = 0.005;
 /// Near and far are doubtful if more than this fraction of the points lies outside them.
 const OUTSIDE: f32 = 0.2;
+/// Names that a warning lists, at most.
+const MAX_LISTED: usize = 5;
+/// Longest side, in pixels, of the images in which [`check_folder`] looks for blur.
+const CHECKED_SIZE: u32 = 512;
 
 /// The topic of a warning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
@@ -37,7 +43,7 @@ pub enum Concern {
     Up,
     /// How far apart the training views are.
     Baseline,
-    /// What the images show.
+    /// Images that are blurred, blank or masked.
     Images,
     /// Near and far.
     Range,
@@ -46,7 +52,7 @@ pub enum Concern {
 /// A warning.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Warning {
-    /// Its topic.
+    /// Topic of the warning.
     pub concern: Concern,
     /// One line.
     pub text: String,
@@ -58,7 +64,26 @@ impl fmt::Display for Warning {
     }
 }
 
-/// The warnings about `scene` that should be looked at before training on it.
+/// Loads the scene in the folder `dir` with all of its views, checks it, and compares its poses with its photographs.
+/// Returns the number of views and the warnings.
+///
+/// # Errors
+/// Those of [`crate::load`].
+pub fn check_folder(dir: &Path) -> Result<(usize, Vec<Warning>), SceneError> {
+    let request = SceneRequest {
+        train: ViewSelection::All,
+        test: TestProtocol::All,
+        image_size: Some(CHECKED_SIZE),
+        ..SceneRequest::default()
+    };
+    let doubts = compare(&loaders::read(dir, &request)?.understood()?)?;
+    let scene = assemble(loaders::read(dir, &request)?, &request)?;
+    let mut warnings = check(&scene);
+    warnings.extend(doubts.into_iter().map(|text| Warning { concern: Concern::Cameras, text }));
+    Ok((scene.train.len() + scene.test.len(), warnings))
+}
+
+/// Returns the warnings about `scene` that should be looked at before training on it.
 pub fn check(scene: &Scene) -> Vec<Warning> {
     let data = scene.warnings.iter().map(|text| (Concern::Data, text.clone()));
     let cameras: Vec<&Camera> = if scene.all_train_cameras.is_empty() {
@@ -66,8 +91,8 @@ pub fn check(scene: &Scene) -> Vec<Warning> {
     } else {
         scene.all_train_cameras.iter().collect()
     };
-    data.chain(off_the_box(scene, &cameras).map(|t| (Concern::Cameras, t)))
-        .chain(blind(scene, &cameras).map(|t| (Concern::Cameras, t)))
+    data.chain(off_the_box(scene).map(|t| (Concern::Cameras, t)))
+        .chain(blind(scene).map(|t| (Concern::Cameras, t)))
         .chain(tilted(scene, &cameras).map(|t| (Concern::Up, t)))
         .chain(baseline(scene).map(|t| (Concern::Baseline, t)))
         .chain(images(scene).into_iter().map(|t| (Concern::Images, t)))
@@ -76,23 +101,39 @@ pub fn check(scene: &Scene) -> Vec<Warning> {
         .collect()
 }
 
-fn off_the_box(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
-    let (centre, diagonal) = (scene.space.bounds.centre(), scene.space.bounds.size().length());
-    let far = cameras.iter().filter(|c| c.position().distance(centre) > FAR_OFF * diagonal).count();
-    (far > 0).then(|| {
-        format!(
-            "{far} of {} cameras are more than {FAR_OFF} box diagonals away from the box: are scale and box right?",
-            cameras.len()
-        )
-    })
+/// Returns cameras of all views, with their names.
+fn named_cameras(scene: &Scene) -> Vec<(String, &Camera)> {
+    let chosen = || scene.train.iter().chain(&scene.test);
+    let views = chosen().map(|view| (view.name.clone(), &view.camera));
+    let is_other = |camera: &&Camera| chosen().all(|view| view.camera.to_world != camera.to_world);
+    let others = scene.all_train_cameras.iter().filter(is_other).map(|camera| ("another view".to_owned(), camera));
+    views.chain(others).collect()
 }
 
-fn blind(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
-    let sees = |camera: &Camera| grid(camera).any(|ray| scene.space.bounds.intersect(&ray).is_some());
-    let blind = cameras.iter().filter(|camera| !sees(camera)).count();
-    (blind > 0).then(|| {
-        format!("{blind} of {} cameras do not see the box: are the axes of the poses OpenGL's?", cameras.len())
-    })
+/// Describes the cameras for which `is_faulty` as `N of M cameras … : NAMES`.
+fn faulty(scene: &Scene, is_faulty: impl Fn(&Camera) -> bool, what: &str) -> Option<String> {
+    let all = named_cameras(scene);
+    let found: Vec<&str> = all.iter().filter(|(_, c)| is_faulty(c)).map(|(name, _)| name.as_str()).collect();
+    let mut names = found.iter().take(MAX_LISTED).copied().collect::<Vec<_>>().join(", ");
+    if found.len() > MAX_LISTED {
+        names += ", …";
+    }
+    (!found.is_empty()).then(|| format!("{} of {} cameras {what}: {names}", found.len(), all.len()))
+}
+
+fn off_the_box(scene: &Scene) -> Option<String> {
+    let (centre, diagonal) = (scene.space.bounds.centre(), scene.space.bounds.size().length());
+    let is_far = |camera: &Camera| camera.position().distance(centre) > FAR_OFF * diagonal;
+    faulty(
+        scene,
+        is_far,
+        &format!("are more than {FAR_OFF} box diagonals away from the box (are scale and box right?)"),
+    )
+}
+
+fn blind(scene: &Scene) -> Option<String> {
+    let is_blind = |camera: &Camera| grid(camera).all(|ray| scene.space.bounds.intersect(&ray).is_none());
+    faulty(scene, is_blind, "do not see the box (are the axes of the poses OpenGL's?)")
 }
 
 fn tilted(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
@@ -108,7 +149,7 @@ fn tilted(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
     })
 }
 
-/// The angles between training views, at the scene's centre.
+/// Describes training views that are all close together, or far from any other, by angles at the scene's centre.
 fn baseline(scene: &Scene) -> Option<String> {
     if scene.train.len() < 2 {
         return None;
@@ -142,8 +183,9 @@ fn baseline(scene: &Scene) -> Option<String> {
 
 fn images(scene: &Scene) -> Vec<String> {
     let mut found = Vec::new();
-    let measured: Vec<(&View, f32, f32)> =
-        scene.train.iter().map(|v| (v, detail(&v.image), spread(&v.image))).collect();
+    let views =
+        scene.train.iter().chain(scene.test.iter().filter(|test| scene.train.iter().all(|v| v.file != test.file)));
+    let measured: Vec<(&View, f32, f32)> = views.map(|v| (v, detail(&v.image), spread(&v.image))).collect();
     let mut details: Vec<f32> = measured.iter().map(|m| m.1).collect();
     details.sort_by(f32::total_cmp);
     let median = details.get(details.len() / 2).copied().unwrap_or(0.0);
@@ -171,7 +213,7 @@ fn grey(image: &Image) -> Vec<f32> {
     image.rgb.iter().map(|p| p.iter().sum::<f32>() / 3.0).collect()
 }
 
-/// The mean square of the discrete Laplacian.
+/// Returns the mean square of the discrete Laplacian.
 fn detail(image: &Image) -> f32 {
     let (w, h) = (image.width as usize, image.height as usize);
     let grey = grey(image);
@@ -189,7 +231,7 @@ fn detail(image: &Image) -> f32 {
     (sum / ((w - 2) * (h - 2)) as f64) as f32
 }
 
-/// The standard deviation of the grey values.
+/// Returns the standard deviation of the grey values.
 fn spread(image: &Image) -> f32 {
     let grey = grey(image);
     let n = grey.len().max(1) as f32;
@@ -197,7 +239,7 @@ fn spread(image: &Image) -> f32 {
     (grey.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / n).sqrt()
 }
 
-/// Points that the cameras have in their image, but not between near and far.
+/// Describes points that the cameras have in their image, but not between near and far.
 fn beyond(scene: &Scene, cameras: &[&Camera]) -> Option<String> {
     let step = scene.space.points.len().div_ceil(2000).max(1);
     let (mut seen, mut outside) = (0u32, 0u32);

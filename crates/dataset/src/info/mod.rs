@@ -3,7 +3,7 @@
 mod check;
 mod page;
 
-pub use check::{Concern, Warning, check};
+pub use check::{Concern, Warning, check, check_folder};
 pub use page::info_page;
 
 use std::fmt;
@@ -15,7 +15,8 @@ use infonerf_scene::image::{dimensions, has_alpha};
 use infonerf_scene::{Backdrop, Camera, Format, Image, Layout, Range, Scene, SceneError, SceneRequest, Space};
 use serde::Serialize;
 
-use crate::loaders::Frame;
+use crate::capture::{Capture, scene_name};
+use crate::frame::Frame;
 use crate::{SceneSource, loaders};
 
 /// The summary of a scene's folder.
@@ -23,7 +24,7 @@ use crate::{SceneSource, loaders};
 pub struct Info {
     /// The folder's name.
     pub name: String,
-    /// Its format.
+    /// Format of the folder.
     pub format: Format,
     /// Views to train on, all there are.
     pub train_views: usize,
@@ -37,7 +38,7 @@ pub struct Info {
     pub field_of_view_deg: f32,
     /// Width and height of the first image, if it is there.
     pub image_size: Option<[u32; 2]>,
-    /// What is behind the content, as the first image shows it, if it is there.
+    /// Background of the content in the first image, if that is there.
     pub backdrop: Option<Backdrop>,
     /// Where the content lies, and how the cameras are arranged.
     #[serde(flatten)]
@@ -57,30 +58,29 @@ pub struct Info {
 /// # Errors
 /// Those of [`crate::load`] that concern the poses.
 pub fn info(path: &Path) -> Result<Info, SceneError> {
-    let parts = loaders::parts(path, &SceneRequest::default())?;
-    let first = parts.train.iter().chain(&parts.test).find(|frame| frame.image.is_file());
+    let Capture { found, mut space, .. } = loaders::read(path, &SceneRequest::default())?.understood()?;
+    let first = found.train.iter().chain(&found.test).find(|frame| frame.image.is_file());
     let size = first.map(|frame| dimensions(&frame.image)).transpose()?;
     let backdrop = first.map(shown_backdrop).transpose()?;
-    let camera = parts.train.first().or(parts.test.first()).map(|frame| match size {
+    let camera = found.train.first().or(found.test.first()).map(|frame| match size {
         Some((width, height)) => frame.camera(width, height),
         None => frame.nominal_camera(),
     });
     let mut kinds: Vec<&Frame> = Vec::new();
-    for frame in parts.train.iter().chain(&parts.test) {
+    for frame in found.train.iter().chain(&found.test) {
         if !kinds.iter().any(|kind| kind.lens == frame.lens && kind.intrinsics.is_like(&frame.intrinsics)) {
             kinds.push(frame);
         }
     }
     let counts = |named: &[(String, Vec<usize>)]| named.iter().map(|(name, ids)| (name.clone(), ids.len())).collect();
-    let mut protocols: Vec<(String, usize)> = counts(&parts.protocols);
-    protocols.insert(0, ("split".into(), parts.split.as_ref().map_or(parts.test.len(), Vec::len)));
-    let mut space = parts.space;
+    let mut protocols: Vec<(String, usize)> = counts(&found.protocols);
+    protocols.insert(0, ("split".into(), found.split.as_ref().map_or(found.test.len(), Vec::len)));
     space.bounded |= backdrop == Some(Backdrop::Colour) && space.layout == Layout::Object;
     Ok(Info {
-        name: loaders::scene_name(path),
-        format: parts.format,
-        train_views: parts.train.len(),
-        test_views: parts.test.len(),
+        name: scene_name(path),
+        format: found.format,
+        train_views: found.train.len(),
+        test_views: found.test.len(),
         cameras: kinds.len(),
         lens: camera.as_ref().map_or_else(String::new, |c| c.lens.to_string()),
         field_of_view_deg: camera.as_ref().map_or(0.0, field_of_view),
@@ -88,13 +88,13 @@ pub fn info(path: &Path) -> Result<Info, SceneError> {
         backdrop,
         points: space.points.len(),
         space,
-        selections: counts(&parts.selections),
+        selections: counts(&found.selections),
         protocols,
-        warnings: parts.warnings,
+        warnings: found.warnings,
     })
 }
 
-/// What is behind the content, as one image shows it.
+/// Returns the background of the content in one image.
 fn shown_backdrop(frame: &Frame) -> Result<Backdrop, SceneError> {
     let white = SceneRequest::default().background;
     let shown = frame.is_matted() || has_alpha(&frame.image)? || Image::read(&frame.image, white)?.has_border(white);
@@ -102,7 +102,7 @@ fn shown_backdrop(frame: &Frame) -> Result<Backdrop, SceneError> {
 }
 
 impl SceneSource {
-    /// Whether it is in a known format, or built in.
+    /// Whether the source is in a known format, or built in.
     pub fn is_scene(&self) -> bool {
         match self {
             Self::Procedural(name) => procedural::check_name(name).is_ok(),
@@ -110,7 +110,7 @@ impl SceneSource {
         }
     }
 
-    /// Whether the scene comes with the vertices of a body, as far as its files' names say.
+    /// Whether the scene comes with the vertices of a body, as far as the names of its files show.
     pub fn has_body(&self) -> bool {
         match self {
             Self::Procedural(name) => procedural::has_body(name),
@@ -118,8 +118,8 @@ impl SceneSource {
         }
     }
 
-    /// What is behind the content, as the first image shows it, if it is there, and how the cameras stand. No other image is
-    /// read.
+    /// Returns the background of the content in the first image, if that is there, and how the cameras stand. No other image
+    /// is read.
     ///
     /// # Errors
     /// Those of [`crate::load`] that concern the poses, or that image.
@@ -135,23 +135,24 @@ impl SceneSource {
     }
 }
 
-/// The scene in the folder `path` without any view: its space and all training cameras, for [`info_page`].
+/// Returns the scene in the folder `path` without any view: its space and all training cameras, for [`info_page`].
 ///
 /// # Errors
 /// Those of [`crate::load`] that concern the poses.
 pub fn outline(path: &Path) -> Result<Scene, SceneError> {
-    let parts = loaders::parts(path, &SceneRequest::default())?;
+    let Capture { found, space, origin } = loaders::read(path, &SceneRequest::default())?.understood()?;
     Ok(Scene {
-        name: loaders::scene_name(path),
-        format: parts.format,
-        space: parts.space,
-        all_train_cameras: parts.train.iter().map(|frame| frame.nominal_camera()).collect(),
-        warnings: parts.warnings,
+        name: scene_name(path),
+        format: found.format,
+        space,
+        origin,
+        all_train_cameras: found.train.iter().map(|frame| frame.nominal_camera()).collect(),
+        warnings: found.warnings,
         ..Scene::default()
     })
 }
 
-/// The angle between the rays at the middle of the left and the right border, degrees.
+/// Returns the angle between the rays at the middle of the left and the right border, degrees.
 fn field_of_view(camera: &Camera) -> f32 {
     let (w, h) = (f64::from(camera.width), f64::from(camera.height));
     let middle = camera.forward_f64();

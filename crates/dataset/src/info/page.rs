@@ -3,16 +3,16 @@
 use infonerf_scene::{Camera, Scene};
 use serde_json::{Value, json};
 
-/// The most points on a page.
-const MOST_POINTS: usize = 8000;
+/// Most points on a page.
+const MAX_POINTS: usize = 8000;
 const PAGE: &str = include_str!("page.html");
 
-/// A self-contained web page that draws the scene's cameras with their frusta, its points and its box in 3D. Dragging
-/// rotates, the wheel zooms, and a click on a camera names it.
+/// Returns a self-contained web page that draws the scene's cameras with their frusta, its points and its box in 3D.
+/// Dragging rotates, the wheel zooms, and a click on a camera names it.
 ///
-/// Beside the training cameras it draws those that a run has `learnt` of them, in the scene's frame, and where they were
+/// In addition to the training cameras it draws the ones that a run has `learned`, in the scene's frame, and where they were
 /// disturbed the exact ones.
-pub fn info_page(scene: &Scene, learnt: &[Camera]) -> String {
+pub fn info_page(scene: &Scene, learned: &[Camera]) -> String {
     let chosen = |camera: &Camera| scene.train.iter().any(|v| v.camera.to_world == camera.to_world);
     let others = scene.all_train_cameras.iter().filter(|c| !chosen(c)).map(|c| drawn(c, "", "other"));
     let train = scene.train.iter().map(|v| drawn(&v.camera, &v.name, "train"));
@@ -21,9 +21,9 @@ pub fn info_page(scene: &Scene, learnt: &[Camera]) -> String {
         cameras.iter().zip(&scene.train).map(|(camera, view)| drawn(camera, &view.name, kind)).collect()
     };
     let after =
-        named(learnt, "learnt").into_iter().chain(named(scene.exact_cameras.as_deref().unwrap_or(&[]), "exact"));
+        named(learned, "learned").into_iter().chain(named(scene.exact_cameras.as_deref().unwrap_or(&[]), "exact"));
     let cameras: Vec<Value> = others.chain(test).chain(train).chain(after).collect();
-    let step = scene.space.points.len().div_ceil(MOST_POINTS).max(1);
+    let step = scene.space.points.len().div_ceil(MAX_POINTS).max(1);
     let points: Vec<_> = scene.space.points.iter().step_by(step).map(|p| p.to_array()).collect();
     let data = json!({
         "cameras": cameras,
@@ -46,7 +46,7 @@ pub fn info_page(scene: &Scene, learnt: &[Camera]) -> String {
     PAGE.replace("{{title}}", &escaped(&words)).replace("{{warnings}}", &warnings).replace("{{data}}", &data)
 }
 
-/// A camera's position and the unit directions of its corners.
+/// Returns a camera's position and the unit directions of its corners.
 fn drawn(camera: &Camera, name: &str, kind: &str) -> Value {
     let (w, h) = (camera.width as f32, camera.height as f32);
     let corners = [(0.0, 0.0), (w, 0.0), (w, h), (0.0, h)].map(|(x, y)| camera.ray(x, y).direction.to_array());

@@ -3,92 +3,104 @@
 use std::path::Path;
 
 use glam::Vec3;
+use infonerf_scene::image::has_alpha;
 use infonerf_scene::select::published;
-use infonerf_scene::{Aabb, Camera, Format, Layout, SceneError, SceneRequest, Space, ViewRegion};
+use infonerf_scene::{Aabb, Camera, Format, Layout, SceneError, SceneRequest, Space};
 
-use super::assemble::Parts;
-use super::extent::capture_space;
-use super::frames::{cameras_of, read_transforms};
+use super::transforms::{Transforms, read_transforms};
+use crate::capture::{Estimate, Extent, Found, hold_out};
+use crate::frame::{Frame, Intrinsics, cameras_of, numbered};
 
-/// The file that marks this format.
+/// File that marks this format.
 pub(super) const MARKER: &str = "transforms_train.json";
 
-/// Near and far where the file does not say: those of NeRF's synthetic scenes.
+/// Near and far of NeRF's synthetic scenes.
 const RANGE: (f32, f32) = (2.0, 6.0);
 /// Half the edge of the cube that holds each of NeRF's synthetic scenes, about the origin.
 const HALF_EDGE: f32 = 1.5;
-/// How far from the origin the cameras of such scenes are: then the unit ball lies between near and far.
-const DISTANCES: (f64, f64) = (3.0, 5.0);
+/// Distances of the cameras of NeRF's synthetic scenes from the origin: 4.0311, up to rounding.
+const DISTANCES: std::ops::RangeInclusive<f64> = 4.0..=4.06;
 
-/// What a folder in Blender's format says. Test views come from `transforms_test.json`, or from
-/// `transforms_val.json` where that is missing.
+/// Reads a folder in Blender's format. Test views come from `transforms_test.json`, or from `transforms_val.json` if that
+/// is missing; without any, every eighth training view is held out.
 ///
-/// Three optional fields go beyond the format: `near` and `far`, `aabb`, and in a frame
-/// `ray_depth_file_path`, an `.npy` of exact distances. Without them near and far are 2 and 6 and the box is ±1.5, as for
-/// NeRF's synthetic scenes, if the cameras are where those scenes have them; else they are derived from the cameras, and
-/// a warning says so.
-pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, SceneError> {
-    let train = read_transforms(&dir.join(MARKER))?;
+/// Three optional fields go beyond the format: `near` and `far`, `aabb`, and in a frame `ray_depth_file_path`, an `.npy`
+/// of exact distances. Without them near and far are 2 and 6 and the box is ±1.5 for NeRF's synthetic scenes alone. What
+/// else is in this layout is estimated from its cameras, with a warning: photographs as any other capture, images with
+/// transparent ground as an object.
+pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
+    let mut train = read_transforms(&dir.join(MARKER))?;
     let (test, val) = (dir.join("transforms_test.json"), dir.join("transforms_val.json"));
-    let test = read_transforms(if !test.is_file() && val.is_file() { &val } else { &test })?;
+    let test = if !test.is_file() && val.is_file() { val } else { test };
+    let mut warnings = std::mem::take(&mut train.warnings);
     let cameras = cameras_of(&train.frames)?;
-    let (space, warning) = if train.range.is_some() && train.bounds.is_some() {
-        (Space::known(&cameras, RANGE, Aabb::cube(Vec3::ZERO, HALF_EDGE)), None)
+    let first = train.frames.iter().find(|frame| frame.image.is_file());
+    let transparent = first.map(|frame| has_alpha(&frame.image)).transpose()?;
+    let (extent, estimated) = extent(&train, &cameras, transparent);
+    warnings.extend(estimated);
+    let selections = published::synthetic(&cameras);
+    let tested = match read_transforms(&test) {
+        Ok(read) => {
+            warnings.extend(read.warnings);
+            read.frames
+        }
+        Err(SceneError::NotFound { .. }) => Vec::new(),
+        // A list without frames, or with frames that have no pose.
+        Err(SceneError::Field { field, found, .. }) if field == "frames" && found == "an array of 0" => Vec::new(),
+        Err(SceneError::Field { field, found, .. }) if field.ends_with("transform_matrix") && found == "nothing" => {
+            Vec::new()
+        }
+        Err(error) => return Err(error),
+    };
+    let mut found = if tested.is_empty() {
+        let (train, test): (Vec<Frame>, Vec<Frame>) = hold_out(train.frames, &request.test);
+        if !test.is_empty() {
+            let name = test_name(&dir.join("transforms_test.json"));
+            warnings.push(format!("{name} has no views: every eighth training view is held out for test"));
+        }
+        Found::new(dir, Format::Blender, numbered(train), numbered(test), extent)
     } else {
-        space(&cameras)
+        Found::new(dir, Format::Blender, train.frames, tested, extent)
     };
-    let mut space = space.with(train.range, train.bounds);
-    if train.bounds.is_some() && space.layout == Layout::Object {
-        let centre = space.bounds.centre();
-        space = space.centred(centre, &cameras);
-    }
-    let mut parts = Parts::new(dir, Format::Blender, train.frames, test.frames, space);
-    parts.warnings.extend(warning);
-    parts.selections = published::synthetic(&cameras);
-    Ok(parts)
+    found.warnings = warnings;
+    found.selections = selections;
+    Ok(found)
 }
 
-/// The space of NeRF's synthetic scenes, if the cameras are where theirs are, else one derived from them, and a warning.
-fn space(cameras: &[Camera]) -> (Space, Option<String>) {
-    let usual = cameras.iter().all(|camera| {
-        let (position, forward) = (camera.position_f64(), camera.forward_f64());
-        let ahead = -position.dot(forward);
-        let miss = (position + ahead * forward).length();
-        (DISTANCES.0..=DISTANCES.1).contains(&position.length()) && ahead > 0.0 && miss < f64::from(HALF_EDGE)
-    });
-    if usual {
-        return (Space::known(cameras, RANGE, Aabb::cube(Vec3::ZERO, HALF_EDGE)), None);
-    }
-    let space = match Layout::of(cameras) {
-        Layout::Object => object_space(cameras),
-        _ => capture_space(cameras, Vec::new(), Vec::new()),
-    };
-    let (near, far, bounds) = (space.near, space.far, space.bounds);
-    let warning = format!(
-        "{MARKER} has no near, far and aabb, and its cameras are not where NeRF's synthetic scenes have them (3 to 5 from \
-         the origin, looking at it): near {near:.3}, far {far:.3} and the box {:.3} to {:.3} are derived from the cameras",
-        bounds.min, bounds.max
-    );
-    (space, Some(warning))
+fn test_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The cube about the cameras' centre that the narrowest of them sees whole at its distance, and the distances that it
-/// lies between.
-fn object_space(cameras: &[Camera]) -> Space {
-    let region = ViewRegion::new(cameras);
-    let centre = region.centre().as_vec3();
-    let (nearest, farthest) = (region.radii().0 as f32, (region.radii().1 as f32).max(1e-3));
-    let half = cameras
-        .iter()
-        .map(|c| {
-            let tangent = 0.5 * (f64::from(c.width) / c.fx).min(f64::from(c.height) / c.fy);
-            c.position().distance(centre) * tangent as f32
-        })
-        .fold(f32::INFINITY, f32::min);
-    let half = (1.05 * half).clamp(0.01 * farthest, farthest);
-    let corner = 3f32.sqrt() * half;
-    let near = (nearest - corner).max(0.05 * farthest);
-    Space::known(cameras, (near, farthest + corner), Aabb::cube(centre, half))
+/// Returns what is known of the space, and a warning if it has to be estimated.
+fn extent(train: &Transforms, cameras: &[Camera], transparent: Option<bool>) -> (Extent, Option<String>) {
+    let bounds = train.bounds.or(train.cube);
+    if (train.range.is_some() && train.bounds.is_some()) || is_published(&train.frames, cameras, transparent) {
+        let cube = Aabb::cube(Vec3::ZERO, HALF_EDGE);
+        let mut space = Space::known(cameras, RANGE, cube).with(train.range, train.bounds);
+        if train.bounds.is_some() && space.layout == Layout::Object {
+            let centre = space.bounds.centre();
+            space = space.centred(centre, cameras);
+        }
+        return (Extent::Known(Box::new(space)), None);
+    }
+    let transparent = transparent == Some(true) && Layout::of(cameras) == Layout::Object;
+    let missing = match (train.range, bounds) {
+        (None, None) => "near, far and aabb, which are",
+        (None, Some(_)) => "near and far, which are",
+        (Some(_), _) => "aabb, which is",
+    };
+    let warning =
+        format!("{MARKER} is not one of NeRF's synthetic scenes and has no {missing} estimated from the cameras");
+    let estimate = Estimate { range: train.range, bounds, transparent, ..Estimate::default() };
+    (Extent::Estimated(estimate), Some(warning))
+}
+
+/// Whether the frames are those of NeRF's synthetic scenes: images with an alpha channel (if one is there to tell), cameras
+/// on one sphere of 4.03 about the origin, and a field of view as the only intrinsics.
+fn is_published(frames: &[Frame], cameras: &[Camera], transparent: Option<bool>) -> bool {
+    transparent != Some(false)
+        && frames.iter().all(|frame| matches!(frame.intrinsics, Intrinsics::Fov(_)))
+        && cameras.iter().all(|camera| DISTANCES.contains(&camera.position_f64().length()))
 }
 
 #[cfg(test)]
@@ -186,7 +198,7 @@ mod tests {
         assert!(message(&dir, &request()).contains("field `aabb`"));
     }
 
-    /// The same scene, ten times as large and far from the origin.
+    /// The scene is ten times as large and far from the origin.
     #[test]
     fn cameras_elsewhere_give_other_bounds_and_a_warning() {
         let (_guard, dir) = folder();
@@ -203,7 +215,7 @@ mod tests {
         assert!((scene.space.centre - Vec3::X * 100.0).length() < 0.1, "{}", scene.space.centre);
         assert!((scene.space.bounds.size() - Vec3::splat(30.4)).length() < 1.0, "{:?}", scene.space.bounds);
         assert!((8.0..20.0).contains(&scene.space.near) && (60.0..70.0).contains(&scene.space.far));
-        assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("derived from the cameras"));
+        assert!(scene.warnings.len() == 1 && scene.warnings[0].contains("estimated from the cameras"));
         let json = dir.join("transforms_train.json");
         edit(&json, "/near", Some(json!(0.5)));
         edit(&json, "/far", Some(json!(9)));
@@ -245,14 +257,13 @@ mod tests {
             ("/frames/1/file_path", None, "`frames[1].file_path`"),
             ("/frames/1/file_path", Some(json!(3)), "`frames[1].file_path`"),
             ("/frames/1/file_path", Some(json!("")), "`frames[1].file_path`"),
-            (place, None, "`frames[1].transform_matrix`: expected a 4×4 matrix, found nothing"),
             (
-                "/frames/1/transform_matrix/3",
-                None,
-                "`frames[1].transform_matrix`: expected a 4×4 rigid camera-to-world matrix (rotation and translation), found 3 rows",
+                place,
+                Some(json!([[1, 0, 0, 0]])),
+                "rigid camera-to-world matrix (rotation and translation), found 1 rows",
             ),
             ("/frames/1/transform_matrix/2/3", None, "`frames[1].transform_matrix[2]`"),
-            ("/frames/1/transform_matrix/2/3", Some(json!(null)), "`frames[1].transform_matrix[2][3]`"),
+            ("/frames/1/transform_matrix/2/3", Some(json!("x")), "`frames[1].transform_matrix[2][3]`"),
             (place, Some(identity(0.0)), "found a singular matrix"),
             (place, Some(identity(2.0)), "found scale or shear"),
             (place, Some(identity(-1.0)), "found a mirrored matrix"),
@@ -269,26 +280,58 @@ mod tests {
     #[test]
     fn faults_of_the_files() {
         let (_guard, dir) = folder();
-        fs::remove_file(dir.join("train/r_1.png")).unwrap();
-        assert!(message(&dir, &request()).contains("train/r_1.png: not found"));
-
-        let (_guard, dir) = folder();
         let whole = fs::read(dir.join("test/r_1.png")).unwrap();
         fs::write(dir.join("test/r_1.png"), &whole[..whole.len() / 2]).unwrap();
-        assert!(message(&dir, &request()).contains("test/r_1.png: expected a complete PNG"));
-
-        let (_guard, dir) = folder();
-        image(7, 0).write_png(&dir.join("test/r_0.png")).unwrap();
-        let text = message(&dir, &request());
-        assert!(text.contains("test/r_0.png") && text.contains("8×8") && text.contains("7×7"));
-
-        let (_guard, dir) = folder();
-        fs::remove_file(dir.join("transforms_test.json")).unwrap();
-        assert!(message(&dir, &request()).contains("transforms_test.json: not found"));
+        assert!(message(&dir, &request()).contains("test/r_1.png: expected a complete"));
 
         let (_guard, dir) = folder();
         fs::write(dir.join("transforms_test.json"), "{\"frames\": [").unwrap();
         assert!(message(&dir, &request()).contains("transforms_test.json: expected JSON"));
+    }
+
+    /// Without a test file, with an empty one, and with views that have no pose, every eighth view is held out.
+    #[test]
+    fn views_are_held_out_if_none_are_for_test() {
+        let change: [&dyn Fn(&std::path::Path); 3] =
+            [&|test| fs::remove_file(test).unwrap(), &|test| edit(test, "/frames", Some(json!([]))), &|test| {
+                (0..2).for_each(|i| edit(test, &format!("/frames/{i}/transform_matrix"), None))
+            }];
+        for change in change {
+            let (_guard, dir) = folder();
+            change(&dir.join("transforms_test.json"));
+            let scene = load(&dir, &request()).unwrap();
+            assert_eq!((scene.train.len(), scene.test.len()), (2, 1));
+            assert!(scene.warnings[0].contains("transforms_test.json has no views"), "{:?}", scene.warnings);
+            let training = SceneRequest { test: TestProtocol::Training, ..request() };
+            assert_eq!(load(&dir, &training).unwrap().train.len(), 3);
+        }
+    }
+
+    #[test]
+    fn frames_without_a_pose_are_left_out_and_named() {
+        let (_guard, dir) = folder();
+        let json = dir.join("transforms_train.json");
+        edit(&json, "/frames/1/transform_matrix", Some(json!(null)));
+        let scene = load(&dir, &request()).unwrap();
+        assert_eq!(scene.train.len(), 2);
+        assert_eq!(
+            scene.warnings,
+            ["1 of 3 frames of transforms_train.json have no pose and are left out, the first ./train/r_1"]
+        );
+        // Three rows, sixteen numbers, and a scaled rotation.
+        let pose = pose(0);
+        let rows: Vec<_> = pose.as_array().unwrap()[..3].to_vec();
+        let flat: Vec<_> = pose.as_array().unwrap().iter().flat_map(|row| row.as_array().unwrap().clone()).collect();
+        let exact = &scene.train[0].camera.to_world;
+        for matrix in [json!(rows), json!(flat)] {
+            edit(&json, "/frames/0/transform_matrix", Some(matrix));
+            assert_eq!(load(&dir, &request()).unwrap().train[0].camera.to_world, *exact);
+        }
+        let mut scaled = rows.clone();
+        scaled.iter_mut().for_each(|row| (0..3).for_each(|c| row[c] = json!(1.002 * row[c].as_f64().unwrap())));
+        edit(&json, "/frames/0/transform_matrix", Some(json!(scaled)));
+        let scene = load(&dir, &request()).unwrap();
+        assert!(scene.train[0].camera.to_world.abs_diff_eq(*exact, 1e-9) && scene.warnings[1].contains("corrected"));
     }
 
     #[test]
@@ -304,18 +347,18 @@ mod tests {
     }
 
     #[test]
-    fn depth_beside_the_images() {
+    fn depth_next_to_the_images() {
         let (_guard, dir) = folder();
         let json = dir.join("transforms_test.json");
         edit(&json, "/frames/0/ray_depth_file_path", Some(json!("test/d.npy")));
         assert!(message(&dir, &request()).contains("d.npy: not found"));
         let mut depth = vec![f32::INFINITY; 64];
         depth[9] = 3.25;
-        super::super::write_depth(&dir.join("test/d.npy"), 8, 8, &depth).unwrap();
+        crate::files::depth::write_depth(&dir.join("test/d.npy"), 8, 8, &depth).unwrap();
         assert_eq!(load(&dir, &request()).unwrap().test[0].depth.as_deref(), Some(&depth[..]));
         let small = SceneRequest { image_size: Some(4), ..request() };
         assert_eq!(load(&dir, &small).unwrap().test[0].depth, None);
-        super::super::write_depth(&dir.join("test/d.npy"), 4, 16, &depth).unwrap();
+        crate::files::depth::write_depth(&dir.join("test/d.npy"), 4, 16, &depth).unwrap();
         assert!(message(&dir, &request()).contains("shape [8, 8]: shape [16, 4]"));
     }
 

@@ -1,101 +1,103 @@
-//! Captures that COLMAP has reconstructed: `sparse/0` beside a folder of images.
+//! Captures that COLMAP has reconstructed: `sparse/0` next to a folder of images.
 
-use std::collections::{BTreeSet, HashSet};
+use std::collections::{BTreeMap, HashSet};
 use std::path::{Path, PathBuf};
 
-use glam::Vec3;
-use infonerf_scene::image::dimensions;
-use infonerf_scene::{Camera, Format, SceneError, SceneRequest};
+use infonerf_scene::image::{find_image, list_images, stored_dimensions};
+use infonerf_scene::{Format, SceneError, SceneRequest};
 
-use super::assemble::Parts;
-use super::extent::{capture_space, hold_out};
-use super::frames::{Frame, numbered, present, without_extension};
-use super::llff::{FOLDERS, list_images};
-use super::optics::Intrinsics;
-use crate::colmap::{ColmapImage, Reconstruction};
+use super::llff::FOLDERS;
+use crate::capture::{Estimate, Found, is_mask_name};
+use crate::colmap::{Reconstruction, models};
+use crate::frame::Frame;
 
 /// Name of this format's file in messages.
 pub(super) const MARKER: &str = "sparse/0/cameras.bin (or .txt)";
+/// Folders of whole images that other programs write: COLMAP's, and the one that 3DGS' scripts begin with.
+const WHOLE: [&str; 2] = ["images", "input"];
 
-/// What a folder with a COLMAP reconstruction says.
+/// Reads a folder with a COLMAP reconstruction.
 ///
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as large as the
-/// request (without one: `images`). Those without their image are left out, with one warning. Every 8th by name, starting
-/// with the first, is held out for test. The points that training photographs see give bounds, near and far, see
-/// [`capture_space`]; of a reconstruction that does not say who sees a point, all do, with a warning.
-pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
-    let read = Reconstruction::read(dir)?;
-    let names: Vec<&str> = read.images.iter().map(|i| i.name.as_str()).collect();
-    let folder = image_folder(dir, &names, request.image_size)?;
-    let reduced = folder.file_name().is_some_and(|name| name != FOLDERS[0]) && folder != dir;
+/// request (without one: `images`), next to the reconstruction or in `dir`; or from `input`. Those without their image are
+/// left out, with one warning. Every 8th by name, starting with the first, is held out for test. The points that training
+/// photographs see give bounds, near and far; of a reconstruction that does not say who sees a point, all do, with a
+/// warning.
+pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
+    let models = models(dir);
+    let place = models.first().map_or(dir, |(place, _)| place);
+    let read = Reconstruction::read_at(place)?;
+    let names: Vec<String> = read.images.iter().map(|image| image.name.replace('\\', "/")).collect();
+    let roots = roots(dir, place);
+    let folder = image_folder(&roots, &names, request.image_size)?;
+    let reduced = WHOLE.iter().all(|whole| folder.file_name().is_some_and(|name| name != *whole)) && folder != dir;
+    let index: BTreeMap<u64, usize> = read.points.keys().zip(0..).map(|(&id, index)| (id, index)).collect();
     let mut frames = Vec::new();
-    for image in &read.images {
+    for (image, name) in read.images.iter().zip(&names) {
         let Some(mut camera) = read.camera(image) else { continue };
-        let path = folder.join(&image.name);
+        let (path, name) = image_path(&folder, name);
         if reduced && path.is_file() {
-            let (width, height) = dimensions(&path)?;
+            let (width, height) = stored_dimensions(&path)?;
             camera = camera.resized(width, height);
         }
-        frames.push(frame(image.name.as_str(), path, &camera));
+        let points = image.observations.iter().filter_map(|(_, id)| index.get(id).copied()).collect();
+        frames.push(Frame { points, ..Frame::new(name, path, &camera) });
     }
-    let (frames, warning) = present(frames);
-    let (train, test) = hold_out(frames, &request.test);
-    let names_of_train: HashSet<&str> = train.iter().map(|frame| frame.name.as_str()).collect();
-    let is_trained = |image: &&ColmapImage| names_of_train.contains(without_extension(&image.name).as_str());
-    let images: Vec<&ColmapImage> = read.images.iter().filter(is_trained).collect();
-    let cameras: Vec<Camera> = images.iter().filter_map(|image| read.camera(image)).collect();
-    let seen: BTreeSet<u64> = images.iter().flat_map(|image| &image.observations).map(|(_, point)| *point).collect();
-    let unseen = !read.points.is_empty() && read.images.iter().all(|image| image.observations.is_empty());
-    let known = read.points.iter().filter(|(point, _)| unseen || seen.contains(*point));
-    let points: Vec<Vec3> = known.map(|(_, position)| position.as_vec3()).collect();
-    let space = capture_space(&cameras, points, read.distances(&images));
-    let mut parts = Parts::new(dir, Format::Colmap, numbered(train), numbered(test), space);
-    parts.warnings.extend(warning);
-    if unseen && !parts.test.is_empty() {
-        let text = "the reconstruction does not say who sees a point: those of test photographs shape the space too";
-        parts.warnings.push(text.into());
+    let lost = without_pose(&folder, &frames);
+    let estimate = Estimate { points: read.points.values().copied().collect(), ..Estimate::default() };
+    let mut found = Found::captured(dir, Format::Colmap, frames, request, estimate);
+    found.warnings.extend(lost);
+    if let [(place, count), (_, next), ..] = &models[..] {
+        let (name, others) = (place.strip_prefix(dir).unwrap_or(place).display(), models.len() - 1);
+        found.warnings.push(format!("{name} with {count} images is read; {others} others have {next} or fewer"));
     }
-    parts.warnings.extend(without_pose(&folder, &names));
-    Ok(parts)
+    Ok(found)
 }
 
-/// A warning about the photographs in `folder` of which COLMAP has found no pose, where `names` have one.
-fn without_pose(folder: &Path, names: &[&str]) -> Option<String> {
-    let all = list_images(folder).ok()?;
-    let file_name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
-    let lost: Vec<String> = all.iter().filter_map(file_name).filter(|name| !names.contains(&name.as_str())).collect();
-    let (first, last) = (lost.first()?, lost.last()?);
+/// Returns folders that may hold the folder of images: the parents of the reconstruction up to `dir`, the nearest
+/// first.
+fn roots(dir: &Path, place: &Path) -> Vec<PathBuf> {
+    let mut roots: Vec<PathBuf> =
+        place.ancestors().skip(1).take_while(|folder| folder.starts_with(dir)).map(Path::to_owned).collect();
+    if roots.is_empty() {
+        roots.push(dir.to_owned());
+    }
+    roots
+}
+
+/// Finds the image that a reconstruction names in `folder`: as it is named, with another extension, or by the end of a
+/// path that begins elsewhere. Returns its path and its name within the folder.
+fn image_path<'n>(folder: &Path, name: &'n str) -> (PathBuf, &'n str) {
+    let starts = std::iter::once(0).chain(name.match_indices('/').map(|(at, _)| at + 1));
+    let found = starts.map(|at| &name[at..]).find_map(|end| Some((find_image(&folder.join(end))?, end)));
+    found.unwrap_or_else(|| (folder.join(name), name))
+}
+
+/// Warns of the photographs in `folder` of which COLMAP has found no pose.
+fn without_pose(folder: &Path, frames: &[Frame]) -> Option<String> {
+    let known: HashSet<&Path> = frames.iter().map(|frame| frame.image.as_path()).collect();
+    let all: Vec<PathBuf> = list_images(folder).ok()?.into_iter().filter(|path| !is_mask_name(path)).collect();
+    let lost: Vec<&PathBuf> = all.iter().filter(|path| !known.contains(path.as_path())).collect();
+    let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let (first, last) = (name(lost.first()?), name(lost.last()?));
     Some(format!("{} of {} photographs have no pose, {first} to {last}", lost.len(), all.len()))
 }
 
-/// The frame of an image whose camera is known.
-pub(super) fn frame(name: &str, image: PathBuf, camera: &Camera) -> Frame {
-    Frame {
-        id: 0,
-        name: without_extension(name),
-        image,
-        depth: None,
-        mask: None,
-        pose: camera.to_world,
-        lens: camera.lens,
-        intrinsics: Intrinsics::Pixels {
-            focal: [camera.fx, camera.fy],
-            centre: Some([camera.cx, camera.cy]),
-            size: Some((camera.width, camera.height)),
-        },
+/// Chooses the folder whose images suit a request for longest side `size`.
+fn image_folder(roots: &[PathBuf], names: &[String], size: Option<u32>) -> Result<PathBuf, SceneError> {
+    let first_in = |folder: &Path| names.iter().map(|name| image_path(folder, name).0).find(|path| path.is_file());
+    let whole = roots.iter().flat_map(|root| WHOLE.map(|name| root.join(name)));
+    let mut best = match whole.chain(roots.iter().cloned()).find(|folder| first_in(folder).is_some()) {
+        Some(folder) => folder,
+        None => roots[roots.len() - 1].join(FOLDERS[0]),
+    };
+    let (Some(size), Some(root)) = (size, best.parent()) else { return Ok(best) };
+    if best.file_name().is_none_or(|name| name != FOLDERS[0]) && best.is_dir() {
+        return Ok(best);
     }
-}
-
-/// The folder whose images suit a request for longest side `size`.
-fn image_folder(dir: &Path, names: &[&str], size: Option<u32>) -> Result<PathBuf, SceneError> {
-    let mut best = dir.join(FOLDERS[0]);
-    if !best.is_dir() && names.iter().any(|name| dir.join(name).is_file()) {
-        return Ok(dir.into());
-    }
-    let Some(size) = size else { return Ok(best) };
-    for folder in FOLDERS.map(|f| dir.join(f)) {
-        let Some(first) = names.iter().map(|name| folder.join(name)).find(|path| path.is_file()) else { continue };
-        let (width, height) = dimensions(&first)?;
+    for folder in FOLDERS.map(|f| root.join(f)) {
+        let Some(first) = first_in(&folder) else { continue };
+        let (width, height) = stored_dimensions(&first)?;
         if width.max(height) >= size {
             best = folder;
         }
@@ -116,7 +118,8 @@ mod tests {
     use crate::colmap::{ColmapImage, Reconstruction};
     use infonerf_scene::{Backdrop, Camera, Format, Layout, Lens, SceneRequest, TestProtocol};
 
-    /// A ball's points and nine views of `knot` through the lens of a FULL_OPENCV camera; image 8's file is not there.
+    /// Returns a ball's points and nine views of `knot` through the lens of a FULL_OPENCV camera; image 8's file is not
+    /// there.
     fn folder(dir: &Path, text: bool) -> Vec<Camera> {
         let lens = [24.0, 25.0, 10.5, 8.0, 0.1, 0.02, 1e-3, -1e-3, 0.01, 0.05, 0.02, 0.0];
         let guard = tempfile::tempdir().unwrap();
@@ -182,7 +185,7 @@ mod tests {
         let mut all = Reconstruction::read(guard.path()).unwrap();
         write_binary(&place, &all);
         let before = load(guard.path(), &request()).unwrap();
-        all.images[0].pose.w_axis.x += 20.0;
+        all.images[0].pose.w_axis.x += 10.0;
         for i in 0..100 {
             all.points.insert(1000 + i, DVec3::new(30.0, i as f64, 0.0));
             all.images[0].observations.push((DVec2::ZERO, 1000 + i));
@@ -210,12 +213,31 @@ mod tests {
         assert!(!scene.train[0].camera.lens.is_perspective());
     }
 
+    /// In `input`, named from the project's or another computer's folder, with other extensions.
+    #[test]
+    fn images_are_found_wherever_they_are() {
+        for (disk, named) in
+            [("images/v", "/home/me/scan/images/v/0.png"), ("images/v", "images\\v\\0.JPG"), ("input/v", "v/0.png")]
+        {
+            let guard = tempfile::tempdir().unwrap();
+            folder(guard.path(), true);
+            let mut all = Reconstruction::read(guard.path()).unwrap();
+            all.images.iter_mut().enumerate().for_each(|(i, image)| image.name = named.replace('0', &i.to_string()));
+            write_text(&guard.path().join("sparse/0"), &all);
+            fs::rename(guard.path().join("images"), guard.path().join("moved")).unwrap();
+            fs::create_dir_all(guard.path().join(disk).parent().unwrap()).unwrap();
+            fs::rename(guard.path().join("moved/v"), guard.path().join(disk)).unwrap();
+            let scene = load(guard.path(), &request()).unwrap();
+            assert_eq!((scene.train.len(), scene.train[0].name.as_str()), (7, "v/1"), "{named}");
+        }
+    }
+
     #[test]
     fn photographs_without_a_pose_are_counted() {
         let guard = tempfile::tempdir().unwrap();
         folder(guard.path(), false);
         fs::write(guard.path().join("images/lost.png"), []).unwrap();
-        let warnings = super::parts(guard.path(), &request()).unwrap().warnings;
+        let warnings = super::read(guard.path(), &request()).unwrap().warnings;
         assert!(warnings[1].contains("1 of 1 photographs have no pose, lost.png to lost.png"), "{warnings:?}");
     }
 
@@ -231,7 +253,7 @@ mod tests {
     fn faults() {
         let guard = tempfile::tempdir().unwrap();
         let cameras = folder(guard.path(), false);
-        write_view(&guard.path().join("images/v/3.png"), &cameras[3].resized(10, 8));
+        write_view(&guard.path().join("images/v/3.png"), &cameras[3].resized(10, 16));
         assert!(message(guard.path(), &request()).contains("3.png: expected an image of 20×16 pixels"));
         fs::remove_dir_all(guard.path().join("images")).unwrap();
         assert!(message(guard.path(), &request()).contains("v/1.png: not found"));
@@ -241,8 +263,8 @@ mod tests {
     #[ignore = "needs …/shared/data"]
     fn the_room_is_seen_from_within_or_around() {
         let dir = shared_data("colmap_room");
-        let parts = super::parts(&dir, &request()).unwrap();
-        let space = &parts.space;
+        let crate::capture::Capture { found: parts, space, .. } =
+            super::read(&dir, &request()).unwrap().understood().unwrap();
         eprintln!("{:?} near {} far {} {:?} up {}", space.layout, space.near, space.far, space.bounds, space.up);
         assert_eq!(parts.train.len() + parts.test.len(), 41);
         assert!(!parts.train[0].lens.is_perspective() && parts.train[0].lens != Lens::PERSPECTIVE);

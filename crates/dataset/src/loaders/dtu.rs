@@ -4,25 +4,22 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DMat4, DVec3, Vec3};
-use infonerf_scene::image::dimensions;
+use infonerf_scene::image::{list_images, stored_dimensions};
 use infonerf_scene::{Aabb, Camera, Format, Layout, Range, SceneError, SceneRequest, Space};
 
-use super::assemble::Parts;
-use super::colmap::frame;
-use super::extent::capture_space;
-use super::frames::Frame;
-use super::llff::list_images;
-use super::mask::MaskRole;
-use super::npy::Array;
-use super::{npz, pose};
+use super::pose;
+use crate::capture::{Extent, Found, capture_space};
 use crate::colmap::opengl;
+use crate::files::npy::Array;
+use crate::files::{json, npz};
+use crate::frame::{Frame, MaskRole};
 
 /// The files that mark this format.
-pub(super) const MARKER: &str = "cameras_sphere.npz, cameras.npz";
+pub(crate) const MARKER: &str = "cameras_sphere.npz, cameras.npz";
 const FILES: [&str; 2] = ["cameras_sphere.npz", "cameras.npz"];
-/// The lists beside the scans in pixelNeRF's copy.
+/// Lists next to the scans in pixelNeRF's copy.
 const LISTS: [&str; 2] = ["new_train.lst", "new_val.lst"];
-pub(super) const EXPECTED: &str = "4×4 matrices world_mat_0, scale_mat_0 and so on";
+pub(crate) const EXPECTED: &str = "4×4 matrices world_mat_0, scale_mat_0 and so on";
 
 /// Views of a whole scan.
 const VIEWS: usize = 49;
@@ -37,38 +34,38 @@ const PIXELNERF_RANGE: (f32, f32) = (0.1, 5.0);
 /// Skew up to this share of the focal length is rounding.
 const SKEW: f64 = 1e-3;
 
-/// The file with the cameras of the scan in `dir`.
-pub(super) fn cameras_file(dir: &Path) -> Option<PathBuf> {
+/// Returns the file with the cameras of the scan in `dir`.
+pub(crate) fn cameras_file(dir: &Path) -> Option<PathBuf> {
     FILES.iter().map(|file| dir.join(file)).find(|file| file.is_file())
 }
 
-/// What the folder of a scan says.
+/// Reads the folder of a scan.
 ///
 /// Image `i` in the order of the names has the projection `world_mat_i`, and `scale_mat_i` takes the unit sphere, in which
 /// the object lies, to the world. Views keep these numbers. Of a whole scan the 25 views that RegNeRF tests are the test
 /// split and the others the training pool; of another, every 8th is held out.
 ///
-/// In pixelNeRF's copy (`new_train.lst` beside the scans) there is no sphere: near and far are 0.1 and 5.
-pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, SceneError> {
+/// In pixelNeRF's copy (`new_train.lst` next to the scans) there is no sphere: near and far are 0.1 and 5.
+pub(super) fn read<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = cameras_file(dir).unwrap_or_else(|| dir.join(FILES[0]));
     let wanted = |name: &str| name.starts_with("world_mat_") || name.starts_with("scale_mat_");
     let matrices = npz::read(&path, EXPECTED, |name| wanted(name) && !name.contains("inv"))?;
     let images = list_images(&dir.join("image"))?;
     let masks = if dir.join("mask").is_dir() { list_images(&dir.join("mask"))? } else { Vec::new() };
     let Some(first) = images.first() else {
-        return Err(SceneError::NotFound { path: dir.join("image"), expected: "PNG or JPEG images".into() });
+        return Err(SceneError::NotFound { path: dir.join("image"), expected: "images".into() });
     };
     if !masks.is_empty() && masks.len() != images.len() {
         let expected = format!("{} masks, one for each image", images.len());
         return Err(SceneError::malformed(&dir.join("mask"), expected, format!("it has {}", masks.len())));
     }
-    let size = dimensions(first)?;
+    let size = stored_dimensions(first)?;
     let mut frames = Vec::new();
     for (id, image) in images.iter().enumerate() {
         let camera = camera(&path, &matrices, id, size)?;
         let name = image.strip_prefix(dir).unwrap_or(image).to_string_lossy().into_owned();
         let mask = masks.get(id).map(|mask| (mask.clone(), MaskRole::Counts));
-        frames.push(Frame { id, mask, ..frame(&name, image.clone(), &camera) });
+        frames.push(Frame { id, mask, ..Frame::new(&name, image.clone(), &camera) });
     }
     let pixelnerf = dir.parent().is_some_and(|root| LISTS.iter().any(|list| root.join(list).is_file()));
     let whole = frames.len() >= VIEWS;
@@ -83,22 +80,22 @@ pub(super) fn parts<'a>(dir: &'a Path, _: &SceneRequest) -> Result<Parts<'a>, Sc
     } else {
         sphere(&cameras)
     };
-    let mut parts = Parts::new(dir, Format::Dtu, train, frames, space);
+    let mut found = Found::new(dir, Format::Dtu, train, frames, Extent::Known(Box::new(space)));
     if whole {
-        parts.selections = [1, 3, 6, 9].map(|n| (format!("regnerf-{n}"), REGNERF[..n].to_vec())).to_vec();
-        parts.selections.extend(["pixelnerf-3", "infonerf-3"].map(|name| (name.into(), PIXELNERF.to_vec())));
+        found.selections = [1, 3, 6, 9].map(|n| (format!("regnerf-{n}"), REGNERF[..n].to_vec())).to_vec();
+        found.selections.extend(["pixelnerf-3", "infonerf-3"].map(|name| (name.into(), PIXELNERF.to_vec())));
         let others: Vec<usize> = (0..VIEWS).filter(|i| !LEFT_OUT.contains(i) && !PIXELNERF.contains(i)).collect();
-        parts.protocols = vec![("regnerf".into(), split.clone())];
-        parts.protocols.extend(["pixelnerf", "infonerf"].map(|name| (name.into(), others.clone())));
+        found.protocols = vec![("regnerf".into(), split.clone())];
+        found.protocols.extend(["pixelnerf", "infonerf"].map(|name| (name.into(), others.clone())));
     } else {
-        let text = format!("{} views instead of DTU's {VIEWS}: every 8th is held out", parts.test.len());
-        parts.warnings.push(text);
+        let text = format!("{} views instead of DTU's {VIEWS}: every 8th is held out", found.test.len());
+        found.warnings.push(text);
     }
-    parts.split = Some(split);
-    Ok(parts)
+    found.split = Some(split);
+    Ok(found)
 }
 
-/// The unit sphere about the origin, seen by `cameras`.
+/// Returns the unit sphere about the origin, seen by `cameras`.
 fn sphere(cameras: &[Camera]) -> Space {
     let distances = cameras.iter().map(|c| c.position().length());
     let (nearest, farthest) = distances.fold((f32::INFINITY, 0f32), |(a, b), d| (a.min(d), b.max(d)));
@@ -111,8 +108,8 @@ fn sphere(cameras: &[Camera]) -> Space {
     space
 }
 
-/// Camera `index`: `world_mat` is `K [R | t]`, and the centre goes through the inverse of `scale_mat`.
-pub(super) fn camera(
+/// Makes camera `index`: `world_mat` is `K [R | t]`, and the centre goes through the inverse of `scale_mat`.
+pub(crate) fn camera(
     path: &Path,
     matrices: &BTreeMap<String, Array<f64>>,
     index: usize,
@@ -155,7 +152,7 @@ fn matrix(path: &Path, matrices: &BTreeMap<String, Array<f64>>, name: &str) -> R
 }
 
 /// A projection matrix taken apart.
-struct Projection {
+struct DecomposedProjection {
     focal: [f64; 2],
     centre_pixel: [f64; 2],
     /// World to camera; x right, y down, z forward.
@@ -164,8 +161,8 @@ struct Projection {
     centre: DVec3,
 }
 
-/// `K [R | t]` up to scale: the rows of `K R`, made orthogonal from the last up.
-fn decompose(matrix: &DMat4) -> Result<Projection, String> {
+/// Returns `K [R | t]` up to scale: the rows of `K R`, made orthogonal from the last up.
+fn decompose(matrix: &DMat4) -> Result<DecomposedProjection, String> {
     let rows = DMat3::from_mat4(*matrix).transpose();
     let sign = if rows.determinant() < 0.0 { -1.0 } else { 1.0 };
     let (m1, m2, m3) = (sign * rows.x_axis, sign * rows.y_axis, sign * rows.z_axis);
@@ -179,7 +176,7 @@ fn decompose(matrix: &DMat4) -> Result<Projection, String> {
         return Err("rows that are multiples of each other".into());
     };
     let focal = [(along - along.dot(r2) * r2).length() / scale, across.length() / scale];
-    if !focal.iter().all(|f| super::json::PIXELS.contains(f)) {
+    if !focal.iter().all(|f| json::PIXELS.contains(f)) {
         return Err(format!("focal lengths {focal:?}"));
     }
     if skew.abs() > SKEW * focal[0] {
@@ -190,7 +187,7 @@ fn decompose(matrix: &DMat4) -> Result<Projection, String> {
         return Err("a singular matrix".into());
     }
     let rotation = DMat3::from_cols(r1, r2, r3).transpose();
-    Ok(Projection { focal, centre_pixel: [m1.dot(r3) / scale, m2.dot(r3) / scale], rotation, centre })
+    Ok(DecomposedProjection { focal, centre_pixel: [m1.dot(r3) / scale, m2.dot(r3) / scale], rotation, centre })
 }
 
 #[cfg(test)]
@@ -202,8 +199,8 @@ mod tests {
     use zip::CompressionMethod;
 
     use super::super::testing::*;
-    use crate::export::npz::{self, Named};
     use crate::export::projection;
+    use crate::files::npz::{self, NamedArray};
     use infonerf_scene::{Backdrop, Camera, Format, Layout, SceneRequest, TestProtocol, ViewSelection};
 
     /// Scale and translation of the unit sphere in the toy's world.
@@ -214,14 +211,14 @@ mod tests {
         m.transpose().to_cols_array().to_vec()
     }
 
-    /// The camera's projection in a world that is larger and elsewhere.
+    /// Returns the camera's projection in a world that is larger and elsewhere.
     fn world_mat(camera: &Camera) -> DMat4 {
         let mut moved = camera.to_world;
         moved.w_axis = (camera.position_f64() * SCALE + SHIFT).extend(1.0);
         projection(&camera.with_pose(moved))
     }
 
-    fn arrays(cameras: &[Camera]) -> Vec<Named> {
+    fn arrays(cameras: &[Camera]) -> Vec<NamedArray> {
         let scale = DMat4::from_translation(SHIFT) * DMat4::from_scale(DVec3::splat(SCALE));
         let of = |(i, camera): (usize, &Camera)| {
             [
@@ -314,7 +311,7 @@ mod tests {
 
     #[test]
     fn faults() {
-        let bad = |change: &dyn Fn(&mut Vec<Named>)| {
+        let bad = |change: &dyn Fn(&mut Vec<NamedArray>)| {
             let guard = tempfile::tempdir().unwrap();
             let cameras = folder(guard.path(), 3, false);
             let mut arrays = arrays(&cameras);

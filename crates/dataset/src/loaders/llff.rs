@@ -1,28 +1,25 @@
 //! Forward-facing captures in LLFF's format: `poses_bounds.npy` and folders of images.
 
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use glam::{DMat4, DVec3, DVec4};
-use infonerf_scene::image::dimensions;
+use infonerf_scene::image::{list_images, stored_dimensions};
 use infonerf_scene::select::published;
-use infonerf_scene::{Camera, Format, Layout, Lens, Range, SceneError, SceneRequest, Space};
+use infonerf_scene::{Camera, Format, SceneError, SceneRequest};
 
-use super::assemble::Parts;
-use super::extent::{frusta_bounds, grid, hold_out};
-use super::frames::{Frame, known_extension, numbered};
-use super::json::PIXELS;
-use super::npy::Array;
-use super::optics::Intrinsics;
-use super::{npy, pose};
-use crate::limits::FARTHEST;
+use super::pose;
+use crate::capture::{Extent, Found, hold_out, is_mask_name};
+use crate::files::FARTHEST;
+use crate::files::json::PIXELS;
+use crate::files::npy::{self, Array};
+use crate::frame::{Frame, numbered};
 
 /// The file that marks this format.
-pub(super) const MARKER: &str = "poses_bounds.npy";
+pub(crate) const MARKER: &str = "poses_bounds.npy";
 
 /// Numbers a view takes in the file: a 3×5 matrix and two depths.
 const COLUMNS: usize = 17;
-pub(super) const EXPECTED: &str = "an array [N, 17] of poses and depth bounds";
+pub(crate) const EXPECTED: &str = "an array [N, 17] of poses and depth bounds";
 /// The nearest depth of all becomes `1 / NEAREST` after scaling.
 const NEAREST: f64 = 0.75;
 /// Nothing is expected nearer than this share of the nearest depth.
@@ -30,7 +27,7 @@ const MARGIN: f32 = 0.9;
 /// Folders that may hold the images, the largest first.
 pub(super) const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images_8"];
 
-/// What a folder in LLFF's format says.
+/// Reads a folder in LLFF's format.
 ///
 /// Each row of `poses_bounds.npy` is a 3×5 matrix, row-major, and the depths of the nearest and
 /// farthest point seen. The matrix's columns are the camera's down, right and backward axes, its
@@ -41,7 +38,7 @@ pub(super) const FOLDERS: [&str; 4] = ["images", "images_2", "images_4", "images
 ///
 /// Images come from the smallest of `images`, `images_2`, `images_4`, `images_8` that is at least as
 /// large as the request (without one: the largest there is), sorted by name.
-pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
+pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let rows = read_rows(&dir.join(MARKER))?;
     let images = find_images(dir, request.image_size)?;
     if images.len() != rows.len() {
@@ -51,66 +48,31 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
         return Err(SceneError::malformed(folder, expected, reason));
     }
     let (width, height) = match images.first() {
-        Some(first) => dimensions(first)?,
+        Some(first) => stored_dimensions(first)?,
         None => (1, 1),
     };
     let (poses, range) = placed(&dir.join(MARKER), &rows)?;
-    let frames: Vec<Frame> = rows
-        .iter()
-        .zip(poses)
-        .zip(&images)
-        .map(|((row, pose), image)| Frame {
-            id: 0,
-            name: name(dir, image),
-            image: image.clone(),
-            depth: None,
-            mask: None,
-            pose,
-            lens: Lens::PERSPECTIVE,
-            intrinsics: Intrinsics::Pixels {
-                focal: [row.focal * f64::from(width) / row.width, row.focal * f64::from(height) / row.height],
-                centre: None,
-                size: Some((width, height)),
-            },
-        })
-        .collect();
-    let (train, test) = hold_out(frames, &request.test);
-    let cameras: Vec<Camera> = train.iter().map(|f| f.camera(width, height)).collect();
-    let space =
-        space(&cameras, range).ok_or_else(|| SceneError::malformed(&dir.join(MARKER), EXPECTED, "no finite bounds"))?;
+    let frame = |((row, pose), image): ((&PoseRow, DMat4), &PathBuf)| {
+        let focal = [row.focal * f64::from(width) / row.width, row.focal * f64::from(height) / row.height];
+        let centre = [f64::from(width) / 2.0, f64::from(height) / 2.0];
+        let camera = Camera::pinhole((width, height), focal, centre, pose);
+        Frame::new(&image.strip_prefix(dir).unwrap_or(image).to_string_lossy(), image.clone(), &camera)
+    };
+    let (train, test) = hold_out(rows.iter().zip(poses).zip(&images).map(frame).collect(), &request.test);
     let (train, test) = (numbered(train), numbered(test));
     let selections = published::forward_facing(train.len());
-    let mut parts = Parts::new(dir, Format::Llff, train, test, space);
-    parts.selections = selections.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
-    parts.protocols = vec![("regnerf".into(), (0..parts.test.len()).collect())];
-    if !parts.test.is_empty() {
+    let mut found = Found::new(dir, Format::Llff, train, test, Extent::Depths(range.0, range.1));
+    found.selections = selections.into_iter().filter(|(_, ids)| !ids.is_empty()).collect();
+    found.protocols = vec![("regnerf".into(), (0..found.test.len()).collect())];
+    if !found.test.is_empty() {
         let text = "near, far, scale and origin are of all photographs, the test ones included, as in LLFF's loader";
-        parts.warnings.push(text.into());
+        found.warnings.push(text.into());
     }
-    Ok(parts)
+    Ok(found)
 }
 
-/// The space in front of cameras that see content between two depths.
-fn space(cameras: &[Camera], (near, far): (f32, f32)) -> Option<Space> {
-    let range = Range::Depth { near, far };
-    let bounds = frusta_bounds(cameras, range)?;
-    let farthest = cameras.iter().flat_map(grid).filter_map(|ray| range.along(&ray)).map(|r| r.1).fold(far, f32::max);
-    let mut space = Space::known(cameras, (near, farthest), bounds);
-    space.range = range;
-    space.bounded = false;
-    if space.layout == Layout::Forward {
-        // Half-way in inverse depth.
-        let middle = 2.0 / (1.0 / near + 1.0 / far);
-        let n = cameras.len().max(1) as f32;
-        let mean = cameras.iter().map(Camera::position).sum::<glam::Vec3>() / n;
-        let ahead = cameras.iter().map(Camera::forward).sum::<glam::Vec3>().normalize_or(glam::Vec3::NEG_Z);
-        space = space.centred(mean + middle * ahead, cameras);
-    }
-    Some(space)
-}
-
-/// One row of the file, with its pose in OpenGL's convention.
-pub(super) struct Row {
+/// A row of the file, with its pose in OpenGL's convention.
+pub(crate) struct PoseRow {
     pose: DMat4,
     height: f64,
     width: f64,
@@ -119,12 +81,12 @@ pub(super) struct Row {
     far: f64,
 }
 
-fn read_rows(path: &Path) -> Result<Vec<Row>, SceneError> {
+fn read_rows(path: &Path) -> Result<Vec<PoseRow>, SceneError> {
     rows(path, npy::read(path, EXPECTED)?)
 }
 
-/// The rows of the array in the file at `path`.
-pub(super) fn rows(path: &Path, array: Array<f64>) -> Result<Vec<Row>, SceneError> {
+/// Interprets the array in the file at `path`.
+pub(crate) fn rows(path: &Path, array: Array<f64>) -> Result<Vec<PoseRow>, SceneError> {
     if array.shape.len() != 2 || array.shape.get(1) != Some(&(COLUMNS as u64)) {
         return Err(SceneError::malformed(path, EXPECTED, format!("shape {:?}", array.shape)));
     }
@@ -134,7 +96,7 @@ pub(super) fn rows(path: &Path, array: Array<f64>) -> Result<Vec<Row>, SceneErro
     array.values.chunks_exact(COLUMNS).enumerate().map(|(i, row)| read_row(path, i, row)).collect()
 }
 
-fn read_row(path: &Path, index: usize, row: &[f64]) -> Result<Row, SceneError> {
+fn read_row(path: &Path, index: usize, row: &[f64]) -> Result<PoseRow, SceneError> {
     let fault = |columns: &str, expected: &str, found: String| {
         SceneError::field(path, format!("[{index}, {columns}]"), expected, found)
     };
@@ -172,14 +134,14 @@ fn read_row(path: &Path, index: usize, row: &[f64]) -> Result<Row, SceneError> {
     if !(near.is_finite() && far.is_finite() && 0.0 < near && near < far) {
         return Err(fault("15..17", "depths 0 < near < far", format!("{near} and {far}")));
     }
-    Ok(Row { pose, height, width, focal, near, far })
+    Ok(PoseRow { pose, height, width, focal, near, far })
 }
 
-/// Poses scaled and recentred, with near and far.
+/// Scales and recentres the poses, and returns them with near and far.
 ///
 /// # Errors
 /// The depths are so small, or so different, that the scene would not fit.
-pub(super) fn placed(path: &Path, rows: &[Row]) -> Result<(Vec<DMat4>, (f32, f32)), SceneError> {
+pub(crate) fn placed(path: &Path, rows: &[PoseRow]) -> Result<(Vec<DMat4>, (f32, f32)), SceneError> {
     let nearest = rows.iter().map(|r| r.near).fold(f64::INFINITY, f64::min);
     let farthest = rows.iter().map(|r| r.far).fold(0.0, f64::max);
     let scale = 1.0 / (NEAREST * nearest);
@@ -214,19 +176,19 @@ fn recentre(poses: Vec<DMat4>) -> Vec<DMat4> {
     poses.into_iter().map(|p| inverse * p).collect()
 }
 
-/// The images of the folder that suits a request for longest side `size`, sorted by name.
+/// Lists the images of the folder that suits a request for longest side `size`, sorted by name.
 fn find_images(dir: &Path, size: Option<u32>) -> Result<Vec<PathBuf>, SceneError> {
     let mut best: Option<Vec<PathBuf>> = None;
     for folder in FOLDERS.map(|f| dir.join(f)) {
         if !folder.is_dir() {
             continue;
         }
-        let images = list_images(&folder)?;
+        let images: Vec<PathBuf> = list_images(&folder)?.into_iter().filter(|path| !is_mask_name(path)).collect();
         let Some(first) = images.first() else {
             continue;
         };
         if best.is_some() {
-            let (width, height) = dimensions(first)?;
+            let (width, height) = stored_dimensions(first)?;
             if size.is_none_or(|size| width.max(height) < size) {
                 break;
             }
@@ -239,24 +201,6 @@ fn find_images(dir: &Path, size: Option<u32>) -> Result<Vec<PathBuf>, SceneError
     })
 }
 
-pub(crate) fn list_images(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
-    let io = |e| SceneError::io(folder, e);
-    let mut images = Vec::new();
-    for entry in fs::read_dir(folder).map_err(io)? {
-        let path = entry.map_err(io)?.path();
-        if known_extension(&path) && path.is_file() {
-            images.push(path);
-        }
-    }
-    images.sort();
-    Ok(images)
-}
-
-/// The image's path below `dir`, without extension.
-fn name(dir: &Path, image: &Path) -> String {
-    image.strip_prefix(dir).unwrap_or(image).with_extension("").to_string_lossy().into_owned()
-}
-
 #[cfg(test)]
 mod tests {
     use std::fs;
@@ -264,10 +208,11 @@ mod tests {
 
     use glam::{DVec3, Vec3};
 
-    use super::super::{npy, testing::*};
+    use super::super::testing::*;
+    use crate::files::npy;
     use infonerf_scene::{Format, Layout, SceneRequest, TestProtocol};
 
-    /// Row of a camera at `x` that looks along −z with y up, for full-size images of 16×16.
+    /// Returns the row of a camera at `x` that looks along −z with y up, for full-size images of 16×16.
     fn row(x: f32) -> [f32; 17] {
         let m = [0.0, 1.0, 0.0, x, 16.0, -1.0, 0.0, 0.0, 0.0, 16.0, 0.0, 0.0, 1.0, 0.0, 20.0];
         let mut row = [0.0; 17];

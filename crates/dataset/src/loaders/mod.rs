@@ -1,71 +1,75 @@
 //! Loaders of scenes in folders. A new format is one new file and one line in [`FORMATS`].
 
-mod assemble;
 mod blender;
 mod colmap;
-mod depth;
-mod dtu;
-mod extent;
-mod frames;
-pub mod fuzzing;
-mod json;
-mod llff;
-mod mask;
+pub(crate) mod dtu;
+pub(crate) mod llff;
 mod nerfstudio;
-mod npy;
-mod npz;
 mod optics;
-mod pickle;
 mod pose;
-mod zju;
-
-pub(crate) use assemble::scene_name;
-pub(crate) use depth::write_depth;
-pub(crate) use extent::grid;
-pub(crate) use frames::Frame;
-pub(crate) use json::{JsonFile, Node};
-pub(crate) use llff::list_images;
-pub(crate) use npy::{encode as encode_npy, write as write_npy};
+pub(crate) mod transforms;
+pub(crate) mod zju;
 
 pub(crate) use pose::read_flat_pose;
 
 use std::path::Path;
 
-use infonerf_scene::{Format, PixelCount, Scene, SceneError, SceneRequest};
+use infonerf_scene::{Format, SceneError, SceneRequest};
 
+use crate::capture::Found;
 use crate::photographs::unposed;
-pub(crate) use assemble::Parts;
-use assemble::assemble;
 
-/// A known format: the file that marks a folder as being in it, whether a folder has it, and what reads the folder.
+/// A format: the file that marks a folder as being in it, how to see that a folder has it, and the folder's reader.
 struct Known {
     format: Format,
     marker: &'static str,
-    found: fn(&Path) -> bool,
-    parts: Reader,
-}
-
-type Reader = for<'a> fn(&'a Path, &SceneRequest) -> Result<Parts<'a>, SceneError>;
-
-impl Known {
-    const fn new(format: Format, marker: &'static str, found: fn(&Path) -> bool, parts: Reader) -> Self {
-        Self { format, marker, found, parts }
-    }
+    has_marker: fn(&Path) -> bool,
+    read: for<'a> fn(&'a Path, &SceneRequest) -> Result<Found<'a>, SceneError>,
 }
 
 /// The known formats, in the order in which they are looked for.
 const FORMATS: [Known; 6] = [
-    Known::new(Format::Blender, blender::MARKER, |dir| dir.join(blender::MARKER).is_file(), blender::parts),
-    Known::new(Format::Transforms, nerfstudio::MARKER, |dir| dir.join(nerfstudio::MARKER).is_file(), nerfstudio::parts),
-    Known::new(Format::Llff, llff::MARKER, |dir| dir.join(llff::MARKER).is_file(), llff::parts),
-    Known::new(Format::Dtu, dtu::MARKER, |dir| dtu::cameras_file(dir).is_some(), dtu::parts),
-    Known::new(Format::Zju, zju::MARKER, |dir| dir.join(zju::MARKER).is_file(), zju::parts),
-    Known::new(Format::Colmap, colmap::MARKER, |dir| crate::colmap::find(dir).is_some(), colmap::parts),
+    Known {
+        format: Format::Blender,
+        marker: blender::MARKER,
+        has_marker: |dir| dir.join(blender::MARKER).is_file(),
+        read: blender::read,
+    },
+    Known {
+        format: Format::Transforms,
+        marker: nerfstudio::MARKER,
+        has_marker: |dir| dir.join(nerfstudio::MARKER).is_file(),
+        read: nerfstudio::read,
+    },
+    Known {
+        format: Format::Llff,
+        marker: llff::MARKER,
+        has_marker: |dir| dir.join(llff::MARKER).is_file(),
+        read: llff::read,
+    },
+    Known {
+        format: Format::Dtu,
+        marker: dtu::MARKER,
+        has_marker: |dir| dtu::cameras_file(dir).is_some(),
+        read: dtu::read,
+    },
+    Known {
+        format: Format::Zju,
+        marker: zju::MARKER,
+        has_marker: |dir| dir.join(zju::MARKER).is_file(),
+        read: zju::read,
+    },
+    Known {
+        format: Format::Colmap,
+        marker: colmap::MARKER,
+        has_marker: |dir| crate::colmap::find(dir).is_some(),
+        read: colmap::read,
+    },
 ];
 
 /// Whether the folder `dir` is in a known format.
 pub(crate) fn is_scene(dir: &Path) -> bool {
-    FORMATS.iter().any(|format| (format.found)(dir))
+    FORMATS.iter().any(|known| (known.has_marker)(dir))
 }
 
 /// Whether the folder `dir` comes with a body.
@@ -73,22 +77,12 @@ pub(crate) fn has_body(dir: &Path) -> bool {
     zju::has_body(dir)
 }
 
-/// Loads the folder `dir` with the loader of the format whose file it holds.
-pub(crate) fn load(dir: &Path, request: &SceneRequest) -> Result<Scene, SceneError> {
-    assemble(parts(dir, request)?, request)
-}
-
-/// How many pixels [`load`] would hold, with no image decoded.
-pub(crate) fn count_pixels(dir: &Path, request: &SceneRequest) -> Result<PixelCount, SceneError> {
-    assemble::count_pixels(&parts(dir, request)?, request)
-}
-
-/// What the folder `dir` says, with no image decoded: in the format asked for, else in the first of the known ones that it
+/// Reads the folder `dir`, with no image decoded: in the format asked for, else in the first of the known ones that it
 /// fits, with a warning for each before that it has the file of.
 ///
 /// # Errors
 /// That of the first format whose file it has.
-pub(crate) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
+pub(crate) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     request.check()?;
     let missing = |expected: String| SceneError::NotFound { path: dir.into(), expected };
     if !dir.is_dir() {
@@ -97,14 +91,14 @@ pub(crate) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
     let is_asked_for = |known: &&Known| request.format.is_none_or(|format| format == known.format);
     let asked: Vec<&Known> = FORMATS.iter().filter(is_asked_for).collect();
     let mut faults = Vec::new();
-    for known in asked.iter().filter(|known| (known.found)(dir)) {
-        match (known.parts)(dir, request) {
-            Ok(mut parts) => {
+    for known in asked.iter().filter(|known| (known.has_marker)(dir)) {
+        match (known.read)(dir, request) {
+            Ok(mut found) => {
                 let fault = |(format, error): &(Format, SceneError)| {
                     format!("read as {}: as {format} it is broken: {error}", known.format)
                 };
-                parts.warnings.extend(faults.iter().map(fault));
-                return Ok(parts);
+                found.warnings.extend(faults.iter().map(fault));
+                return Ok(found);
             }
             Err(error) => faults.push((known.format, error)),
         }
@@ -129,7 +123,8 @@ pub(crate) mod testing {
     use infonerf_procedural::train_cameras;
     use infonerf_scene::{Camera, Rgba8, Scene, SceneError, SceneRequest, TestProtocol, View, ViewSelection};
 
-    /// The shared test data: `$INFONERF_DATA`, or a folder beside the workspace. Only for tests that are ignored.
+    /// Returns the shared test data: `$INFONERF_DATA`, or a folder next to the workspace. Only for tests that are
+    /// ignored.
     pub fn shared_data(part: &str) -> PathBuf {
         let root = std::env::var_os("INFONERF_DATA")
             .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
@@ -152,12 +147,12 @@ pub(crate) mod testing {
         text
     }
 
-    /// What `knot` shows to a camera, as a PNG.
+    /// Writes the image that a camera has of `knot`, as a PNG.
     pub fn write_view(path: &Path, camera: &Camera) {
         infonerf_procedural::render("knot", camera).unwrap().rgba.write_png(path).unwrap();
     }
 
-    /// The cameras have the same rays to 1e-5.
+    /// Asserts that the cameras have the same rays to 1e-5.
     pub fn assert_same_rays(found: &Camera, camera: &Camera) {
         assert_eq!((found.width, found.height), (camera.width, camera.height));
         for y in 0..=camera.height {
@@ -169,14 +164,27 @@ pub(crate) mod testing {
         }
     }
 
-    /// The view has the rays of `camera` to 1e-5 and shows just what [`write_view`] wrote.
+    /// Asserts that the view has the rays of `camera` to 1e-5 and the pixels that [`write_view`] wrote.
     pub fn assert_same_view(view: &View, camera: &Camera) {
         assert_same_rays(&view.camera, camera);
         let expected = infonerf_procedural::render("knot", camera).unwrap().rgba.to_f32().composite([1.0; 3]);
         assert_eq!(*view.image, expected);
     }
 
-    /// A 4×4 pose as JSON rows.
+    /// Writes the photographs that `cameras` take of `knot`, on white, with a `transforms.json` of their sizes and poses.
+    pub fn photographs(dir: &Path, cameras: &[Camera]) {
+        fs::create_dir_all(dir.join("images")).unwrap();
+        let frames = cameras.iter().enumerate().map(|(i, camera)| {
+            let image = infonerf_procedural::render("knot", camera).unwrap().rgba.to_f32().composite([1.0; 3]);
+            image.write_png(&dir.join(format!("images/p{i:02}.png"))).unwrap();
+            json!({"file_path": format!("images/p{i:02}.png"), "w": camera.width, "h": camera.height,
+                "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy,
+                "transform_matrix": camera.to_world.transpose().to_cols_array_2d()})
+        });
+        write_json(&dir.join("transforms.json"), &json!({"frames": frames.collect::<Vec<_>>()}));
+    }
+
+    /// Returns a 4×4 pose as JSON rows.
     pub fn pose(index: usize) -> Value {
         let m = train_cameras(8)[index].to_world.transpose().to_cols_array_2d();
         json!(m)
@@ -186,7 +194,7 @@ pub(crate) mod testing {
         fs::write(path, value.to_string()).unwrap();
     }
 
-    /// A `size`² image with every pixel different.
+    /// Returns a `size`² image with every pixel different.
     pub fn image(size: u32, salt: u8) -> Rgba8 {
         let pixels = (0..size * size)
             .map(|i| [i as u8, (i / 3) as u8 ^ salt, salt, if i % 4 == 0 { 0 } else { 255 - i as u8 }])
@@ -196,17 +204,26 @@ pub(crate) mod testing {
 
     /// A Blender folder with `train` and `test` views of 8×8 pixels.
     pub fn blender(dir: &Path, train: usize, test: usize) {
-        for (split, count) in [("train", train), ("test", test)] {
+        for (split, count, first) in [("train", train, 0), ("test", test, 100)] {
             fs::create_dir_all(dir.join(split)).unwrap();
             let frames: Vec<_> = (0..count)
                 .map(|i| {
-                    image(8, i as u8).write_png(&dir.join(format!("{split}/r_{i}.png"))).unwrap();
+                    image(8, first + i as u8).write_png(&dir.join(format!("{split}/r_{i}.png"))).unwrap();
                     json!({"file_path": format!("./{split}/r_{i}"), "transform_matrix": pose(i)})
                 })
                 .collect();
             let value = json!({"camera_angle_x": 0.6911112, "frames": frames});
             write_json(&dir.join(format!("transforms_{split}.json")), &value);
         }
+    }
+
+    /// Adds an EXIF segment with `orientation` to a JPEG, directly after its first marker.
+    pub fn set_orientation(path: &Path, orientation: u8) {
+        let mut bytes = fs::read(path).unwrap();
+        let mut segment = b"\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
+        segment.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
+        bytes.splice(2..2, segment);
+        fs::write(path, bytes).unwrap();
     }
 
     /// Changes the JSON value at `pointer` of a file; `None` removes it.

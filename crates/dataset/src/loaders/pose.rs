@@ -1,38 +1,84 @@
 //! Camera poses from files.
 
-use glam::{DMat3, DMat4};
+use glam::{DMat3, DMat4, DQuat, DVec3};
 use infonerf_scene::SceneError;
 
-use super::json::Node;
-use crate::limits::FARTHEST;
+use crate::files::FARTHEST;
+use crate::files::json::Node;
 
-/// How far `RᵀR` may be from the identity in any element: rounding to 4 digits passes, a scale of
-/// 1.001 does not.
+/// Greatest difference of `RᵀR` from the identity in any element of an exact rotation: rounding to 4 digits passes, a scale
+/// of 1.001 does not.
 const TOLERANCE: f64 = 1e-3;
+/// Greatest cosine between axes that are corrected to right angles.
+const SHEAR: f64 = 0.02;
+/// Axes whose lengths differ from their mean by at most this share are corrected to one length.
+const STRETCH: f64 = 0.15;
+/// Scales of a rotation that are taken off.
+const SCALES: std::ops::RangeInclusive<f64> = 1e-3..=1e3;
 const EXPECTED_FLAT: &str = "16 numbers, the rows of a 4×4 rigid camera-to-world matrix";
 const EXPECTED: &str = "a 4×4 rigid camera-to-world matrix (rotation and translation)";
 
-/// Reads a 4×4 matrix given as rows and checks that it is a rigid transform.
+/// A pose that a file gives.
+pub(super) struct GivenPose {
+    /// Camera-to-world.
+    pub matrix: DMat4,
+    /// Whether its rotation had a scale, or axes not quite at right angles, that were taken off.
+    pub mended: bool,
+}
+
+/// Reads the 3×4 or 4×4 matrix in `field`, given as rows or as 16 numbers, and checks that it is a rigid transform; a scale
+/// of its rotation and a slight shear are taken off. `None` if it is null or has numbers that are not finite, which JSON
+/// files hold as null: the pose of an image that a tracker has lost.
 ///
 /// # Errors
-/// The matrix is not 4×4, not finite, singular, mirrored, scaled or sheared, its last row is
-/// not 0 0 0 1, or it is farther than [`FARTHEST`] from the origin.
-pub(super) fn read_pose(node: &Node<'_>) -> Result<DMat4, SceneError> {
+/// The matrix has another shape, is singular, mirrored or sheared, its last row is not 0 0 0 1, or it is farther than
+/// [`FARTHEST`] from the origin.
+pub(super) fn read_pose(frame: &Node<'_>, field: &str) -> Result<Option<GivenPose>, SceneError> {
+    let Some(node) = frame.find(field) else { return Ok(None) };
     let rows = node.items(EXPECTED)?;
-    if rows.len() != 4 {
-        return Err(node.fault(EXPECTED, format!("{} rows", rows.len())));
+    if rows.iter().any(Node::holds_null) || node.holds_null() {
+        return Ok(None);
     }
-    let mut values = [[0.0; 4]; 4];
-    for (value, row) in values.iter_mut().zip(&rows) {
-        *value = row.numbers("4 finite numbers, a row of a 4×4 matrix")?;
+    let mut values = [[0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]];
+    match rows.len() {
+        16 => values = DMat4::from_cols_array(&node.numbers(EXPECTED_FLAT)?).to_cols_array_2d(),
+        3 | 4 => {
+            for (value, row) in values.iter_mut().zip(&rows) {
+                *value = row.numbers("4 finite numbers, a row of a 4×4 matrix")?;
+            }
+        }
+        _ => return Err(node.fault(EXPECTED, format!("{} rows", rows.len()))),
     }
-    rigid(node, DMat4::from_cols_array_2d(&values).transpose())
+    let given = DMat4::from_cols_array_2d(&values).transpose();
+    if fault(&given).is_none() {
+        return Ok(Some(GivenPose { matrix: given, mended: false }));
+    }
+    let matrix = mended(&given).unwrap_or(given);
+    rigid(&node, matrix).map(|matrix| Some(GivenPose { matrix, mended: true }))
+}
+
+/// Takes scale and slight shear off the rotation of `pose`; `None` if it has more of them.
+fn mended(pose: &DMat4) -> Option<DMat4> {
+    let rotation = DMat3::from_mat4(*pose);
+    let axes = [rotation.x_axis, rotation.y_axis, rotation.z_axis];
+    let lengths = axes.map(DVec3::length);
+    let mean = lengths.iter().sum::<f64>() / 3.0;
+    if !SCALES.contains(&mean) || lengths.iter().any(|length| (length / mean - 1.0).abs() > STRETCH) {
+        return None;
+    }
+    let [x, y, z] = axes.map(DVec3::normalize);
+    if [x.dot(y), y.dot(z), z.dot(x)].iter().any(|cosine| cosine.abs() > SHEAR) || x.cross(y).dot(z) < 0.0 {
+        return None;
+    }
+    let exact = DMat3::from_quat(DQuat::from_mat3(&DMat3::from_cols(x, y, z)).normalize());
+    let [x, y, z] = [exact.x_axis, exact.y_axis, exact.z_axis].map(|axis| axis.extend(0.0));
+    Some(DMat4 { x_axis: x, y_axis: y, z_axis: z, ..*pose })
 }
 
 /// Reads a 4×4 matrix given as 16 numbers, row by row, and checks that it is a rigid transform.
 ///
 /// # Errors
-/// As [`read_pose`].
+/// The numbers are not 16 finite ones, or no rigid transform within [`FARTHEST`] of the origin.
 pub(crate) fn read_flat_pose(node: &Node<'_>) -> Result<DMat4, SceneError> {
     rigid(node, DMat4::from_cols_array(&node.numbers(EXPECTED_FLAT)?).transpose())
 }
@@ -44,7 +90,7 @@ fn rigid(node: &Node<'_>, pose: DMat4) -> Result<DMat4, SceneError> {
     }
 }
 
-/// Why `pose` is not a rigid transform; `None` if it is one.
+/// Describes why `pose` is not a rigid transform; `None` if it is one.
 pub(super) fn fault(pose: &DMat4) -> Option<String> {
     if !pose.is_finite() {
         return Some("a value that is not finite".into());
@@ -70,4 +116,28 @@ pub(super) fn fault(pose: &DMat4) -> Option<String> {
         return Some(format!("scale or shear (determinant {determinant:.6})"));
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scaled_rotations_are_corrected() {
+        let rigid = DMat4::from_rotation_translation(DQuat::from_rotation_y(0.7), DVec3::new(1.0, 2.0, 3.0));
+        let scaled = |x: f64, y: f64, z: f64| DMat4 {
+            x_axis: rigid.x_axis * x,
+            y_axis: rigid.y_axis * y,
+            z_axis: rigid.z_axis * z,
+            w_axis: rigid.w_axis,
+        };
+        for pose in [scaled(1.002, 1.002, 1.002), scaled(0.01, 0.01, 0.01), scaled(1.0, 0.9, 1.0)] {
+            assert!(fault(&pose).is_some() && mended(&pose).unwrap().abs_diff_eq(rigid, 1e-12));
+        }
+        let mut sheared = rigid;
+        sheared.x_axis += 0.1 * rigid.y_axis;
+        for pose in [scaled(-1.0, 1.0, 1.0), scaled(2.0, 1.0, 1.0), scaled(0.0, 0.0, 0.0), sheared] {
+            assert!(mended(&pose).is_none());
+        }
+    }
 }

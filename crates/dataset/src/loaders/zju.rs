@@ -4,21 +4,18 @@ use std::io::{Cursor, Read};
 use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DVec3, Vec3};
-use infonerf_scene::image::dimensions;
+use infonerf_scene::image::stored_dimensions;
 use infonerf_scene::{Aabb, Body, Camera, Format, Layout, Lens, SceneError, SceneRequest, Space};
 
-use super::assemble::Parts;
-use super::colmap::frame;
-use super::extent::capture_space;
-use super::frames::Frame;
-use super::mask::{MaskRole, read_mask};
-use super::pickle::{self, Pickle, Value};
-use super::{npy, pose};
+use super::pose;
+use crate::capture::{Extent, Found, capture_space, read_mask};
 use crate::colmap::opengl;
-use crate::limits::read_file;
+use crate::files::pickle::{Pickle, Value};
+use crate::files::{json, npy, read_file};
+use crate::frame::{Frame, MaskRole};
 
 /// The file that marks this format.
-pub(super) const MARKER: &str = "annots.npy";
+pub(crate) const MARKER: &str = "annots.npy";
 const EXPECTED: &str = "a pickled dictionary with `cams` and `ims`";
 /// The largest file that is read, in bytes.
 const LARGEST: u64 = 64 << 20;
@@ -35,16 +32,16 @@ const MARGIN: f32 = 0.05;
 /// Points along each side of the grid that the masks are carved from.
 const CARVED: usize = 48;
 
-/// What one frame of a film says: `request.frame`, the first if none is asked for.
+/// Reads one frame of a film: `request.frame`, the first if none is asked for.
 ///
 /// Images stay as they are, their distortion in the lens; outside the person's mask they are black, and that is the
 /// scene's background. The box is the body's vertices with 5 cm around, or what the published training cameras' masks
 /// leave of the space before them. Views are numbered like the cameras; those not among 0, 6, 12, 18 are the test split.
-pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'a>, SceneError> {
+pub(super) fn read<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Found<'a>, SceneError> {
     let path = dir.join(MARKER);
     let bytes = read_file(&path, EXPECTED, LARGEST)?;
     let Annotations { cameras, images, frames: count } = annotations(&path, &bytes, request.frame.unwrap_or(0))?;
-    let size = images.first().map(|first| dimensions(&dir.join(first))).transpose()?.unwrap_or((1, 1));
+    let size = images.first().map(|first| stored_dimensions(&dir.join(first))).transpose()?.unwrap_or((1, 1));
     let Some(folder) = MASKS.iter().map(|m| dir.join(m)).find(|m| m.is_dir()) else {
         return Err(SceneError::NotFound {
             path: dir.join(MASKS[0]),
@@ -58,24 +55,24 @@ pub(super) fn parts<'a>(dir: &'a Path, request: &SceneRequest) -> Result<Parts<'
         .map(|(id, (name, camera))| {
             let camera = Camera { width: size.0, height: size.1, ..camera.clone() };
             let mask = Some((mask_path(&folder, name), MaskRole::Matte));
-            Frame { id, mask, ..frame(name, dir.join(name), &camera) }
+            Frame { id, mask, ..Frame::new(name, dir.join(name), &camera) }
         })
         .collect();
     let ids: Vec<usize> = TRAIN.iter().copied().filter(|&i| i < frames.len()).collect();
     let space = space(dir, &frames, &ids, request.frame.unwrap_or(0))?;
     let others: Vec<usize> = (0..frames.len()).filter(|i| !TRAIN.contains(i)).collect();
-    let mut parts = Parts::new(dir, Format::Zju, frames.clone(), frames, space);
-    parts.background = Some([0.0; 3]);
-    parts.selections = vec![("infonerf-4".into(), ids)];
-    parts.protocols = ["infonerf", "neural-body"].map(|name| (name.to_owned(), others.clone())).to_vec();
-    parts.split = Some(others);
+    let mut found = Found::new(dir, Format::Zju, frames.clone(), frames, Extent::Known(Box::new(space)));
+    found.background = Some([0.0; 3]);
+    found.selections = vec![("infonerf-4".into(), ids)];
+    found.protocols = ["infonerf", "neural-body"].map(|name| (name.to_owned(), others.clone())).to_vec();
+    found.split = Some(others);
     if count > 1 && request.frame.is_none() {
-        parts.warnings.push(format!("a film of {count} frames: the first is loaded"));
+        found.warnings.push(format!("a film of {count} frames: the first is loaded"));
     }
-    Ok(parts)
+    Ok(found)
 }
 
-/// The folders of the body's vertices and poses, if it has any.
+/// Returns the folders of the body's vertices and poses, if it has any.
 fn body_folders(dir: &Path) -> Option<[PathBuf; 2]> {
     let folders = BODIES.map(|folders| folders.map(|folder| dir.join(folder)));
     folders.into_iter().find(|[vertices, _]| vertices.is_dir())
@@ -86,7 +83,7 @@ pub(super) fn has_body(dir: &Path) -> bool {
     dir.join(MARKER).is_file() && body_folders(dir).is_some()
 }
 
-/// The mask of an image: a PNG under the image's path.
+/// Returns the mask of an image: a PNG under the image's path.
 fn mask_path(folder: &Path, image: &str) -> PathBuf {
     folder.join(image).with_extension("png")
 }
@@ -120,8 +117,8 @@ fn space(dir: &Path, frames: &[Frame], train: &[usize], frame: usize) -> Result<
     Ok(space)
 }
 
-/// A body's vertices, [n, 3] in metres, and its `pose`: a dictionary with the rotation `Rh` (an axis times an angle) and the
-/// translation `Th` of its frame in the world. Without one its frame is the world's.
+/// Returns a body's vertices, [n, 3] in metres, and its `pose`: a dictionary with the rotation `Rh` (an axis times an
+/// angle) and the translation `Th` of its frame in the world. Without one its frame is the world's.
 fn body(path: &Path, pose: Option<&Path>) -> Result<Body, SceneError> {
     let expected = "finite vertices of shape [n, 3]";
     let array = npy::read(path, expected)?;
@@ -151,13 +148,13 @@ fn body(path: &Path, pose: Option<&Path>) -> Result<Body, SceneError> {
     Ok(Body { vertices, axes: axes.as_mat3(), origin })
 }
 
-/// The box of the points that all masks of the training cameras see a person at.
+/// Returns the box of the points that all masks of the training cameras see a person at.
 fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, SceneError> {
     let about = capture_space(cameras, Vec::new(), Vec::new());
     let mut masks = Vec::new();
     for (frame, camera) in train.iter().filter_map(|&i| frames.get(i).zip(cameras.get(i))) {
-        if let Some((path, _)) = &frame.mask {
-            let mask = read_mask(path, (camera.width, camera.height))?;
+        if let Some((path, role)) = &frame.mask {
+            let mask = read_mask(path, *role, (camera.width, camera.height))?;
             // A view that the person is not in says nothing of where they are.
             if mask.contains(&true) {
                 masks.push((camera, mask));
@@ -189,7 +186,7 @@ fn carve(frames: &[Frame], cameras: &[Camera], train: &[usize]) -> Result<Aabb, 
 }
 
 /// The contents of `annots.npy` for one frame.
-pub(super) struct Annotations {
+pub(crate) struct Annotations {
     /// The cameras, for images of a size that it does not say.
     pub cameras: Vec<Camera>,
     /// The images of the frame, one a camera.
@@ -199,7 +196,7 @@ pub(super) struct Annotations {
 }
 
 /// Reads the bytes of the file at `path`.
-pub(super) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Annotations, SceneError> {
+pub(crate) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Annotations, SceneError> {
     let pickle = pickled(path, bytes, EXPECTED)?;
     let field =
         |name: &str, expected: &str, found: &dyn std::fmt::Display| SceneError::field(path, name, expected, found);
@@ -240,7 +237,7 @@ pub(super) fn annotations(path: &Path, bytes: &[u8], frame: usize) -> Result<Ann
     Ok(Annotations { cameras, images, frames: ims.len() })
 }
 
-/// The object in a `.npy` file of objects.
+/// Returns the object in a `.npy` file of objects.
 fn pickled(path: &Path, mut bytes: &[u8], expected: &str) -> Result<Pickle, SceneError> {
     let fault = |reason: &dyn std::fmt::Display| SceneError::malformed(path, expected, reason);
     let mut header = Vec::new();
@@ -250,10 +247,10 @@ fn pickled(path: &Path, mut bytes: &[u8], expected: &str) -> Result<Pickle, Scen
     if !text.contains("NUMPY") || !text.replace(' ', "").contains("'descr':'|O'") {
         return Err(fault(&"an array of something else than objects"));
     }
-    pickle::read(bytes).map_err(|e| fault(&e))
+    Pickle::read(bytes).map_err(|e| fault(&e))
 }
 
-/// Camera `index` from K, D (k₁ k₂ p₁ p₂ k₃, then k₄ k₅ k₆), R (world to camera) and T (millimetres).
+/// Makes camera `index` from K, D (k₁ k₂ p₁ p₂ k₃, then k₄ k₅ k₆), R (world to camera) and T (millimetres).
 fn camera(path: &Path, pickle: &Pickle, index: usize, [k, d, r, t]: [&Value; 4]) -> Result<Camera, SceneError> {
     let fault = |key: &str, expected: &str, found: &dyn std::fmt::Display| {
         SceneError::field(path, format!("cams.{key}[{index}]"), expected, found)
@@ -273,7 +270,7 @@ fn camera(path: &Path, pickle: &Pickle, index: usize, [k, d, r, t]: [&Value; 4])
     let r = numbers(r, "R", "a 3×3 rotation", &|n| n == 9)?;
     let t = numbers(t, "T", "3 coordinates", &|n| n == 3)?;
     let (fx, fy) = (k[0], k[4]);
-    if ![fx, fy].iter().all(|f| super::json::PIXELS.contains(f)) {
+    if ![fx, fy].iter().all(|f| json::PIXELS.contains(f)) {
         return Err(fault("K", "positive focal lengths", &format!("{fx} and {fy}")));
     }
     let rows = |i: usize| DVec3::new(r[i], r[i + 1], r[i + 2]);

@@ -114,8 +114,9 @@ fn steps(images: &Path, database: &Path, sparse: &Path) -> Vec<(&'static str, Ve
     ]
 }
 
-/// The arguments with the options that `help` lists, under the names that this version of COLMAP has for them: 3.12 moved
-/// what is not SIFT's own to groups of other names. Options that it does not have at all are left to their defaults.
+/// Returns the arguments with the options that `help` lists, under the names that this version of COLMAP has for them:
+/// 3.12 moved what is not SIFT's own to groups of other names. Options that it does not have at all are left to their
+/// defaults.
 fn accepted(arguments: &[OsString], help: &str) -> Vec<OsString> {
     const MOVED: [(&str, &str); 2] = [("SiftExtraction.", "FeatureExtraction."), ("SiftMatching.", "FeatureMatching.")];
     let mut kept = Vec::new();
@@ -135,7 +136,7 @@ fn accepted(arguments: &[OsString], help: &str) -> Vec<OsString> {
     kept
 }
 
-/// The program in the first folder of `path` that has it.
+/// Returns the program in the first folder of `path` that has it.
 pub(super) fn program(path: Option<OsString>) -> Option<PathBuf> {
     let name = format!("{PROGRAM}{}", std::env::consts::EXE_SUFFIX);
     std::env::split_paths(&path?).map(|folder| folder.join(&name)).find(|p| p.is_file())

@@ -3,42 +3,51 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::BufReader;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use glam::DVec2;
-use infonerf_scene::image::dimensions;
+use infonerf_scene::image::{GreyImage, dimensions, focal_length, list_images};
 use infonerf_scene::{Image, SceneError, resized_dimensions};
-use infonerf_sfm::{Grey, Photograph, Settings, focal, reconstruct};
+use infonerf_sfm::{Photograph, SfmSettings, reconstruct};
 use rayon::prelude::*;
 
 use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction, opengl};
 
-/// The longest side, in pixels, of the images in which features are looked for.
-const LONGEST: u32 = 1600;
+/// Longest side, in pixels, of the images in which features are looked for.
+const MAX_SIDE: u32 = 1600;
 /// Photographs that are decoded at a time: twelve million pixels take 350 MB while they are.
 const AT_ONCE: usize = 4;
 /// Below this many photographs with a pose there is no scene.
-const FEWEST: usize = 2;
+const MIN_PLACED: usize = 2;
 /// COLMAP's number of the lens model SIMPLE_RADIAL.
 const SIMPLE_RADIAL: usize = 2;
 
-/// Finds the poses of the photographs in the folder `images`, and writes those of them that have one to `sparse/0`.
-/// `progress` is told what is done, and of each photograph without a pose why.
+/// Finds the poses of the photographs in the folder `images`, and writes those that have one to `sparse/0`. `progress`
+/// receives a line for each step, and for each photograph without a pose the reason.
+///
+/// All photographs are taken with one lens: images of other sizes are brought to one longest side.
 ///
 /// # Errors
-/// An image cannot be read or has another size; or fewer than two can be placed. Nothing is written then.
-pub(super) fn pose(images: &Path, sparse: &Path, mut progress: impl FnMut(&str)) -> Result<(), SceneError> {
-    let paths = crate::loaders::list_images(images)?;
-    let size = one_size(&paths)?;
+/// An image cannot be read, or fewer than two can be placed. Nothing is written then.
+pub(super) fn pose(
+    images: &Path,
+    sparse: &Path,
+    focal: Option<f64>,
+    mut progress: impl FnMut(&str),
+) -> Result<(), SceneError> {
+    let paths = list_images(images)?;
     progress(&format!("finding the poses of {} photographs", paths.len()));
+    let sizes = paths.iter().map(|path| dimensions(path)).collect::<Result<Vec<_>, _>>()?;
+    let longest = sizes.iter().map(|(width, height)| *width.max(height)).fold(MAX_SIDE, u32::min);
     let mut photographs = Vec::new();
     for some in paths.chunks(AT_ONCE) {
-        photographs.extend(some.par_iter().map(|path| Small::read(path)).collect::<Result<Vec<_>, _>>()?);
+        let read: Result<Vec<_>, _> = some.par_iter().map(|path| SmallPhotograph::read(path, longest)).collect();
+        photographs.extend(read?);
     }
     let fault =
         |reason: String| SceneError::malformed(images, "photographs that overlap enough to find their poses", reason);
-    let input: Vec<Photograph> = photographs.iter().map(Small::photograph).collect();
-    let found = reconstruct(&input, &Settings::default(), &mut progress).map_err(fault)?;
+    let input: Vec<Photograph> = photographs.iter().map(SmallPhotograph::photograph).collect();
+    let found = reconstruct(&input, focal, &SfmSettings::default(), &mut progress).map_err(fault)?;
     let mut lost = Vec::new();
     for (path, pose) in paths.iter().zip(&found.poses) {
         let state = match pose {
@@ -49,33 +58,39 @@ pub(super) fn pose(images: &Path, sparse: &Path, mut progress: impl FnMut(&str))
         progress(&line);
         lost.extend(pose.is_err().then_some(line));
     }
-    if paths.len() - lost.len() < FEWEST {
+    if paths.len() - lost.len() < MIN_PLACED {
         return Err(fault(lost.swap_remove(0)));
     }
-    let reduced = f64::from(size.0) / input[0].image.width as f64;
-    let lens = [found.lens.focal * reduced, f64::from(size.0) / 2.0, f64::from(size.1) / 2.0, found.lens.k1];
-    let camera = ColmapCamera::new(images, "camera", SIMPLE_RADIAL, size, lens.to_vec())?;
     let mut all = Reconstruction {
-        cameras: BTreeMap::from([(1, camera)]),
+        cameras: BTreeMap::new(),
         images: Vec::new(),
         points: (1u64..).zip(found.points.iter().map(|point| point.position)).collect(),
     };
     for (i, pose) in found.poses.iter().enumerate() {
         let Ok(pose) = pose else { continue };
-        let observations = (1u64..).zip(&found.points).flat_map(|(id, point)| {
-            point.seen.iter().filter(|(by, _)| *by == i).map(move |(_, pixel)| (*pixel * reduced, id))
+        let photograph = &photographs[i];
+        let (reduced, margin) = (photograph.reduction(), found.lens.centre - photograph.middle());
+        let [cx, cy] = [photograph.size.0, photograph.size.1].map(|side| f64::from(side) / 2.0);
+        let lens = vec![found.lens.focal * reduced, cx, cy, found.lens.k1];
+        let camera = ColmapCamera::new(images, "camera", SIMPLE_RADIAL, photograph.size, lens)?;
+        let known = all.cameras.iter().find(|(_, known)| **known == camera).map(|(id, _)| *id);
+        let id = known.unwrap_or(all.cameras.len() as u32 + 1);
+        all.cameras.insert(id, camera);
+        let observations = (1u64..).zip(&found.points).flat_map(|(point_id, point)| {
+            let seen = point.seen.iter().filter(|(by, _)| *by == i);
+            seen.map(move |(_, pixel)| ((*pixel - margin) * reduced, point_id))
         });
         all.images.push(ColmapImage {
             id: i as u32 + 1,
             name: name(&paths[i]),
-            camera: 1,
+            camera: id,
             pose: opengl(pose.rotation.transpose(), pose.centre()),
             observations: observations.collect(),
         });
     }
     let colour = |id: u64| {
         let (by, pixel) = found.points[id as usize - 1].seen[0];
-        photographs[by].colour(pixel)
+        photographs[by].colour(pixel - (found.lens.centre - photographs[by].middle()))
     };
     let written = all.write(&sparse.join("0"), colour);
     if written.is_err() {
@@ -88,39 +103,40 @@ fn name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The size of all images.
-fn one_size(paths: &[PathBuf]) -> Result<(u32, u32), SceneError> {
-    let first = dimensions(&paths[0])?;
-    for path in &paths[1..] {
-        let size = dimensions(path)?;
-        if size != first {
-            let expected = format!("{}×{} pixels, as {} has", first.0, first.1, name(&paths[0]));
-            return Err(SceneError::malformed(path, expected, format!("{}×{}", size.0, size.1)));
-        }
-    }
-    Ok(first)
-}
-
-/// A photograph at most [`LONGEST`] pixels long.
-struct Small {
+/// A reduced photograph.
+struct SmallPhotograph {
     width: usize,
     height: usize,
     rgb: Vec<[u8; 3]>,
+    /// Size of the file.
+    size: (u32, u32),
+    /// Focal length over the longer side, if EXIF data state it.
     focal: Option<f64>,
 }
 
-impl Small {
-    fn read(path: &Path) -> Result<Self, SceneError> {
-        let focal = File::open(path).ok().and_then(|file| focal(&mut BufReader::new(file)));
+impl SmallPhotograph {
+    /// Reads a photograph and reduces it until its longest side is `longest`.
+    fn read(path: &Path, longest: u32) -> Result<Self, SceneError> {
+        let focal = File::open(path).ok().and_then(|file| focal_length(&mut BufReader::new(file)));
         let image = Image::read(path, [1.0; 3])?;
-        let (width, height) = resized_dimensions(image.width, image.height, image.width.max(image.height).min(LONGEST));
+        let size = (image.width, image.height);
+        let (width, height) = resized_dimensions(size.0, size.1, longest);
         let rgb = image.resized(width, height).to_rgb8().as_chunks().0.to_vec();
-        Ok(Self { width: width as usize, height: height as usize, rgb, focal })
+        Ok(Self { width: width as usize, height: height as usize, rgb, size, focal })
+    }
+
+    /// Returns the pixels of the file per pixel of the reduced photograph.
+    fn reduction(&self) -> f64 {
+        f64::from(self.size.0) / self.width as f64
+    }
+
+    fn middle(&self) -> DVec2 {
+        0.5 * DVec2::new(self.width as f64, self.height as f64)
     }
 
     fn photograph(&self) -> Photograph {
         let rgb = self.rgb.iter().map(|colour| colour.map(|value| f32::from(value) / 255.0));
-        Photograph { image: Grey::of_rgb(self.width, self.height, rgb), focal: self.focal }
+        Photograph { image: GreyImage::luma(self.width, self.height, rgb), focal: self.focal }
     }
 
     fn colour(&self, pixel: DVec2) -> [u8; 3] {
@@ -138,8 +154,8 @@ mod tests {
     use crate::loaders::testing::shared_data;
     use crate::{SceneSource, load};
 
-    /// Mean errors of cameras after [`Similarity::between`] has aligned them: of rotations in degrees, and of positions in
-    /// percent of the mean distance between cameras.
+    /// Returns mean errors of cameras after [`Similarity::between`] has aligned them: of rotations in degrees, and of
+    /// positions in percent of the mean distance between cameras.
     fn errors(found: &[Camera], truth: &[Camera], centre: DVec3) -> (f64, f64) {
         let similarity = Similarity::between(truth, found, centre).inverse();
         let place = Camera::position_f64;
@@ -151,7 +167,7 @@ mod tests {
         (PoseError::of(found, truth, centre).rotation_deg, 100.0 * off / apart)
     }
 
-    /// Prints the table of docs/photographs.md: with `INFONERF_LINES`, what a user is told too.
+    /// Prints the table of docs/photographs.md: with `INFONERF_LINES`, the lines of progress too.
     #[test]
     #[ignore = "needs published captures: INFONERF_DATA=DIR"]
     fn poses_of_published_captures() {
@@ -172,7 +188,7 @@ mod tests {
             };
             let scene = load(&SceneSource::Folder { path: dir.clone() }, &request).unwrap();
             let views: Vec<_> = scene.train.iter().chain(&scene.test).collect();
-            let mut files = crate::loaders::list_images(&dir.join(folder)).unwrap();
+            let mut files = list_images(&dir.join(folder)).unwrap();
             files.sort_by_key(|path| (name(path).len(), name(path)));
             for (count, spread) in [(4, false), (4, true), (9, false), (9, true)] {
                 let pick = |i: usize| if spread { i * (files.len() - 1) / (count - 1) } else { i + 2 };
@@ -186,7 +202,7 @@ mod tests {
                         eprintln!("{line}");
                     }
                 };
-                let result = pose(guard.path(), &guard.path().join("sparse"), tell);
+                let result = pose(guard.path(), &guard.path().join("sparse"), None, tell);
                 let seconds = started.elapsed().as_secs_f64();
                 let which = format!("{capture}, {count} {}", if spread { "all over" } else { "side by side" });
                 if let Err(error) = result {

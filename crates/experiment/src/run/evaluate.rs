@@ -13,7 +13,7 @@ use infonerf_train::{Config, Evaluation, Information, InformationQuery, Progress
 use super::pictures::write_pictures;
 use crate::{Control, RunEvent, RunPlan, Session, Watch};
 
-/// Renders and measures the test views, writes the pictures, and returns the record without its memory; none if `watch`
+/// Renders and measures the test views, writes the images, and returns the record without its memory; `None` if `watch`
 /// stops it. `trainers` made `progress` with the `left_out` fields that went empty.
 pub(super) fn evaluate(
     session: &Session,
@@ -100,8 +100,8 @@ fn pose_errors(trainers: &[Trainer]) -> Option<CameraErrors> {
         let error = PoseError::of(cameras, exact, scene.space.centre.as_dvec3());
         [error.rotation_deg, error.translation_percent]
     };
-    let learnt = trainers.iter().map(|trainer| error(&trainer.cameras()));
-    let sum = learnt.fold([0.0; 2], |sum, error| [sum[0] + error[0], sum[1] + error[1]]);
+    let learned = trainers.iter().map(|trainer| error(&trainer.cameras()));
+    let sum = learned.fold([0.0; 2], |sum, error| [sum[0] + error[0], sum[1] + error[1]]);
     let [rotation, translation] = error(&scene.given_cameras());
     let [rotation_after, translation_after] = sum.map(|sum| sum / trainers.len() as f64);
     Some(CameraErrors {
@@ -116,11 +116,13 @@ fn pose_errors(trainers: &[Trainer]) -> Option<CameraErrors> {
 fn filled_note(scene: &Scene, opacity: f64) -> Option<String> {
     let percent = 100.0 * (1.0 - opacity);
     (scene.backdrop == Backdrop::Unknown && percent >= 0.05).then(|| {
-        format!("where rays meet nothing, {percent:.1} % of the test pictures, they are filled with what is beside it")
+        format!(
+            "where rays meet nothing, {percent:.1} % of the test pictures, they are filled from their neighbourhood"
+        )
     })
 }
 
-/// What pictures of test views have beside the field.
+/// Notes on what renders of test views have in addition to the field.
 pub fn picture_notes(config: &Config) -> Vec<String> {
     let residuals = "pictures add the residuals of the training views nearest to them (render.residuals)";
     let steps = config.eval.pose_steps;
@@ -132,7 +134,7 @@ pub fn picture_notes(config: &Config) -> Vec<String> {
     notes
 }
 
-/// What a reader of the numbers should know.
+/// Notes for readers of the figures.
 fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
     let mut notes = scene.warnings.clone();
     if plan.data.is_none() {
@@ -154,12 +156,14 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
             100.0 * distance
         ));
     } else if plan.config.train.cameras.refine.is_photometric() {
-        notes.push("training cameras were learnt; test cameras are aligned with them by a similarity".into());
+        notes.push("training cameras were learned; test cameras are aligned with them by a similarity".into());
     }
     notes.extend(picture_notes(&plan.config));
     if plan.config.eval.test.test() == TestProtocol::Training {
         notes.push(
-            "tested on the training views: figures say how well these are fitted, and nothing of new views".into(),
+            "tested on the training views, each without its own residual: figures say how well these are fitted, and nothing \
+             of new views"
+                .into(),
         );
     }
     for (name, spec) in plan.config.loss.active() {
@@ -183,21 +187,19 @@ fn notes(plan: &RunPlan, scene: &Scene, restarts: usize) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Experiment, Selection};
+    use crate::testing::first_run;
 
     #[test]
-    fn what_the_config_leaves_unsaid_is_noted() {
+    fn settings_with_side_effects_are_noted() {
         let noted = |part: &str, set: &[&str]| {
-            let set = set.iter().map(|&setting| setting.to_owned()).collect();
-            let selection = Selection { scenes: vec!["knot".into()], set, ..Selection::default() };
-            let plan = Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0);
+            let plan = first_run("fast-losses", "knot", set);
             notes(&plan, &Scene::default(), 0).iter().any(|note| note.contains(part))
         };
         let unseen =
             |set: &[&str]| noted("unseen poses", &[&["train.unseen=dataset", "loss.entropy.rays=seen"], set].concat());
         assert!(!unseen(&["loss.entropy.weight=1e-3", "loss.kl.weight=0"]));
         assert!(unseen(&["loss.entropy.weight=0", "loss.kl.weight=1e-3", "loss.kl.rays=unseen"]));
-        assert!(unseen(&["loss.entropy.weight=0", "loss.opacity={weight=1e-3,rays=\"all\"}"]));
+        assert!(unseen(&["loss.entropy.weight=0", "loss.distortion={weight=1e-3,rays=\"all\"}"]));
         for (key, set) in [
             ("render.early_stop_transmittance", "render.placement=left"),
             ("render.early_stop_transmittance", "render.fine_samples=8"),

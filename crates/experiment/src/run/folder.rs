@@ -1,6 +1,5 @@
 //! The folder of a run.
 
-use std::ffi::OsStr;
 use std::fs;
 use std::io::ErrorKind;
 use std::path::Path;
@@ -10,21 +9,24 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result, bail};
 use infonerf_report::VIEWER_PAGE;
 
+use crate::records::is_own_record;
+
 /// Folders that a run leaves.
 const FOLDERS: [&str; 9] =
     ["checkpoint", "checkpoint.previous", "checkpoint.writing", "test", "depth", "error", "truth", "render", "export"];
 
 /// Whether the run in `folder` has left its results.
 pub fn is_finished(folder: &Path) -> bool {
-    fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| is_record(&entry.file_name())))
+    fs::read_dir(folder).is_ok_and(|entries| entries.flatten().any(|entry| is_own_record(&entry.path())))
 }
 
-fn is_record(name: &OsStr) -> bool {
-    name.to_string_lossy().starts_with("record-")
-}
-
-/// Removes what an earlier run left.
+/// Removes what an earlier run left in `folder`.
 pub(crate) fn clear(folder: &Path) -> Result<()> {
+    // First: without a config the run counts as not begun, should this be interrupted.
+    let config = folder.join("config.toml");
+    if config.exists() {
+        fs::remove_file(&config).with_context(|| config.display().to_string())?;
+    }
     for name in FOLDERS {
         let path = folder.join(name);
         if path.exists() {
@@ -33,7 +35,7 @@ pub(crate) fn clear(folder: &Path) -> Result<()> {
     }
     for entry in fs::read_dir(folder).with_context(|| folder.display().to_string())?.flatten() {
         let name = entry.file_name().to_string_lossy().into_owned();
-        if is_record(&entry.file_name()) || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str()) {
+        if is_own_record(&entry.path()) || ["metrics.jsonl", VIEWER_PAGE].contains(&name.as_str()) {
             fs::remove_file(entry.path()).with_context(|| entry.path().display().to_string())?;
         } else if name.starts_with("member") && entry.path().is_dir() {
             fs::remove_dir_all(entry.path()).with_context(|| entry.path().display().to_string())?;

@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn what_happens_again_is_cut_off() {
+    fn steps_that_happen_again_are_cut_off() {
         let kept =
             |restarts, step| events_until(&log(), &Progress { restarts, step, ..Progress::default() }).lines().count();
         assert_eq!([kept(0, 0), kept(0, 4), kept(0, 10)], [0, 4, 10]);
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_that_was_broken_off_ends_the_log() {
+    fn an_incomplete_line_ends_the_log() {
         let text = log();
         let broken = &text[..text.len() - 20];
         assert_eq!(

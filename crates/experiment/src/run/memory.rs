@@ -2,9 +2,9 @@
 
 use std::fs;
 
-/// Measures the largest resident memory of this process from a moment on, where the system tells.
+/// Measures the largest resident memory of this process from a moment on, if the system reports it.
 pub(crate) struct PeakMemory {
-    /// Whether what the system tells is of this run alone.
+    /// Whether the system's figure is of this run alone.
     own: bool,
 }
 
@@ -32,9 +32,8 @@ impl PeakMemory {
 mod tests {
     use super::*;
 
-    /// What an earlier run took is not charged to a later one.
     #[test]
-    fn a_run_has_its_own_peak() {
+    fn peak_memory_excludes_previous_run() {
         if fs::write("/proc/self/clear_refs", "5").is_err() {
             return;
         }

@@ -11,79 +11,223 @@ mod train;
 mod trained;
 mod volume;
 
-use std::collections::BTreeSet;
 use std::fs;
+use std::ops::Range;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use anyhow::{Context, Result, bail};
-use infonerf_report::{Record, read_records};
-use infonerf_train::{Trainer, without_collapsed};
-use toml::{Table, Value};
+use anyhow::{Context, Result};
+use infonerf_metrics::Networks;
+use infonerf_report::{Record, write_atomically};
+use infonerf_scene::Scene;
+use infonerf_train::{Event, Trainer, without_collapsed};
 
 pub use evaluate::picture_notes;
 pub use folder::is_finished;
 pub(crate) use folder::{clear, lock};
-pub(crate) use memory::PeakMemory;
+use memory::PeakMemory;
 pub use pictures::save_png;
-pub(crate) use train::{Ended, Training, load_checkpoint, train};
+pub(crate) use train::{Training, load_checkpoint, train};
 pub use trained::{Trained, total_progress};
 pub use volume::TrainedVolume;
 
-use crate::{Existing, Identity, RunEvent, RunPlan, Session, Watch};
+use crate::records::read_records;
+use crate::{Identity, OpenDevice, RunPlan};
+
+/// Where and how runs happen.
+#[derive(Debug)]
+pub struct Session {
+    /// Where to compute.
+    pub device: OpenDevice,
+    /// Folder for results: each run is in `<experiment>/<scene>/<variant>/seed<N>` below it.
+    pub out: PathBuf,
+    /// Policy for runs that exist already.
+    pub existing: Existing,
+    /// Whether the device is waited for after each phase of a step: see [`Trainer::synchronize_phases`].
+    pub profiled: bool,
+    /// Networks of learned metrics: those without one have no value.
+    pub networks: Networks,
+    /// The scene of the last run, and what it depends on: the next run often has the same.
+    last_scene: Mutex<Option<(String, Arc<Scene>)>>,
+}
+
+/// Policy for a run whose folder exists already.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Existing {
+    /// An unfinished run is continued and a finished one kept; an error if anything that its numbers depend on has changed.
+    #[default]
+    Continue,
+    /// The run starts anew; its results are replaced.
+    Overwrite,
+}
+
+/// Events of a run.
+pub enum RunEvent<'a> {
+    /// The scene is read.
+    Loading,
+    /// Fields are trained side by side.
+    Started {
+        /// Indices of the fields, from 0.
+        fields: Range<usize>,
+        /// Number of fields of the run.
+        of: usize,
+    },
+    /// An event of training.
+    Training {
+        /// The event.
+        event: &'a Event,
+        /// The field as it is now.
+        trainer: &'a Trainer,
+    },
+    /// The fields that were started are trained, or were stopped.
+    Ended,
+    /// A test view is rendered.
+    Evaluating {
+        /// Index of the view.
+        view: usize,
+        /// Number of test views.
+        views: usize,
+    },
+    /// A warning for the user.
+    Warning(String),
+}
+
+/// The watcher's answer to an event.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Control {
+    /// Continue.
+    Continue,
+    /// Save a checkpoint, if training, and continue: for others who look at the run's folder.
+    Save,
+    /// Save and stop.
+    Stop,
+}
+
+/// Watches a run.
+pub type Watch<'a> = dyn FnMut(RunEvent<'_>) -> Control + 'a;
 
 /// The result of a run.
 pub enum Finished {
-    /// It is done. The fields are those that pictures are made of.
+    /// The run is done. The fields are those that pictures are made of.
     Record(Box<Record>, Vec<Trainer>),
-    /// It was done already; its record.
+    /// The run was done before; its record.
     Kept(Box<Record>),
-    /// It was stopped, by whoever watches it or at [`Session::until`], and can be resumed.
+    /// The run was stopped by its watcher, and can be continued.
     Stopped,
 }
 
+/// A run whose folder is this process's alone.
+struct OpenRun {
+    folder: PathBuf,
+    identity: Identity,
+    config: String,
+    /// Whether an earlier process has begun it.
+    continues: bool,
+    _lock: fs::File,
+}
+
 impl Session {
-    /// Trains and evaluates `plan`, and leaves its folder; the record is not added to the experiment's `results.json`.
+    /// Runs on `device`, below `out`.
+    pub fn new(device: OpenDevice, out: impl Into<PathBuf>, existing: Existing) -> Self {
+        let (out, networks) = (out.into(), Networks::none());
+        Self { device, out, existing, profiled: false, networks, last_scene: Mutex::default() }
+    }
+
+    /// The session, `profiled` or not.
+    #[must_use]
+    pub fn profiled(self, profiled: bool) -> Self {
+        Self { profiled, ..self }
+    }
+
+    /// The session with networks for learned metrics: see [`crate::networks`].
+    #[must_use]
+    pub fn with_networks(self, networks: Networks) -> Self {
+        Self { networks, ..self }
+    }
+
+    /// Folder of a run.
+    pub fn run_folder(&self, plan: &RunPlan) -> PathBuf {
+        self.experiment_folder(&plan.experiment).join(plan.directory())
+    }
+
+    /// Folder of an experiment's results.
+    pub fn experiment_folder(&self, experiment: &str) -> PathBuf {
+        self.out.join(experiment)
+    }
+
+    /// Whether runs that exist start anew.
+    pub(crate) fn overwrites(&self) -> bool {
+        self.existing == Existing::Overwrite
+    }
+
+    /// Trains and evaluates `plan`, or continues what an earlier process has begun, and leaves its folder. The record is
+    /// not saved: see [`crate::save_record`].
     ///
     /// # Errors
-    /// If the scene cannot be read, training meets a number that is not finite, a file cannot be written, another process is
-    /// at work on the run, or it is there already and [`Existing`] refuses that.
+    /// If the scene cannot be read, training meets a value that is not finite, a file cannot be written, another process is
+    /// at work on the run, or [`Existing::Continue`] finds it begun with another config, data, program or device.
     pub fn run(&self, plan: &RunPlan, watch: &mut Watch<'_>) -> Result<Finished> {
-        let folder = self.run_folder(plan);
-        fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-        let (_lock, warning) = lock(&folder, "run")?;
-        if let Some(warning) = warning {
-            watch(RunEvent::Warning(warning));
-        }
-        self.refuse_finished(std::slice::from_ref(plan))?;
-        let identity = Identity::of(plan, self.device.name.name())?;
-        let resumes = self.can_resume(plan, &folder, &identity)?;
-        let record = plan.record_path(&folder);
-        if resumes && record.exists() {
+        let run = self.open_run(plan, watch)?;
+        let record = plan.record_path(&run.folder);
+        if run.continues && record.exists() {
             let record = read_records(&record)?.pop().with_context(|| format!("{}: no record", record.display()))?;
             return Ok(Finished::Kept(Box::new(record)));
         }
-        let (members, beside) = (plan.members(), self.device.name.fields_side_by_side());
-        let loaded = self.loaded(plan);
-        plan.check_memory(beside, loaded.is_some())?;
         let memory = PeakMemory::start();
+        let Some(trainers) = self.train_members(plan, &run, watch)? else { return Ok(Finished::Stopped) };
+        let progress = total_progress(&trainers);
+        let (trainers, collapsed) = without_collapsed(trainers);
+        let evaluated = evaluate::evaluate(self, plan, &run.folder, &trainers, &progress, collapsed, watch)?;
+        Ok(match evaluated {
+            Some(record) => {
+                let record = Record { peak_rss_bytes: memory.peak(), ..record };
+                Finished::Record(Box::new(record), trainers)
+            }
+            None => Finished::Stopped,
+        })
+    }
+
+    /// Locks the run's folder, and finds whether it is continued.
+    fn open_run(&self, plan: &RunPlan, watch: &mut Watch<'_>) -> Result<OpenRun> {
+        let folder = self.run_folder(plan);
+        fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
+        let (lock, warning) = lock(&folder, "run")?;
+        if let Some(warning) = warning {
+            watch(RunEvent::Warning(warning));
+        }
+        let (identity, config) = (Identity::of(plan, self.device.name.name())?, plan.to_toml()?);
+        let continues = !self.overwrites() && folder.join("config.toml").exists();
+        if continues {
+            identity.refuse_another(&folder, &config)?;
+        }
+        Ok(OpenRun { folder, identity, config, continues, _lock: lock })
+    }
+
+    /// Trains the fields of a run, as many at a time as the device holds; `None` if `watch` stops it.
+    fn train_members(&self, plan: &RunPlan, run: &OpenRun, watch: &mut Watch<'_>) -> Result<Option<Vec<Trainer>>> {
+        let (members, at_once) = (plan.members(), self.device.name.fields_side_by_side());
+        let key = scene_key(plan, &run.identity);
+        let loaded = self.last_scene(&key);
+        plan.check_memory(at_once, loaded.is_some())?;
         watch(RunEvent::Loading);
-        let scene = loaded.map_or_else(|| self.load(plan), Ok)?;
+        let scene = loaded.map_or_else(|| self.load(plan, key), Ok)?;
         for warning in &scene.warnings {
             watch(RunEvent::Warning(format!("{}: {warning}", plan.scene)));
         }
         // What an earlier run left stays until this one is known to be possible.
         let mut first_trainer = Some(plan.trainer(&scene, 0, None, &self.device.device)?);
-        if !resumes {
-            clear(&folder)?;
+        if !run.continues {
+            clear(&run.folder)?;
         }
-        infonerf_report::write_atomically(&folder.join("config.toml"), plan.to_toml()?.as_bytes())?;
-        identity.write(&folder)?;
+        // In this order: a run that has a config has an identity.
+        run.identity.write(&run.folder)?;
+        write_atomically(&run.folder.join("config.toml"), run.config.as_bytes())?;
         let mut trainers = Vec::new();
-        let mut stopped = false;
-        for first in (0..members).step_by(beside) {
-            let fields = first..members.min(first + beside);
+        for first in (0..members).step_by(at_once) {
+            let fields = first..members.min(first + at_once);
             let mut training: Vec<Training> = Vec::new();
             for member in fields.clone() {
-                let folder = plan.member_folder(&folder, member);
+                let folder = plan.member_folder(&run.folder, member);
                 fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
                 let other = trainers.first().or_else(|| training.first().map(Training::trainer));
                 let mut trainer = match first_trainer.take() {
@@ -99,81 +243,36 @@ impl Session {
                 training.push(Training::new(trainer, folder)?);
             }
             watch(RunEvent::Started { fields, of: members });
-            train(&mut training, plan.config.train.checkpoint_every, self.until, watch)?;
+            train(&mut training, plan.config.train.checkpoint_every, watch)?;
             watch(RunEvent::Ended);
-            for field in training {
-                let (trainer, ended) = field.into_parts();
-                match ended {
-                    Ended::Over => {}
-                    // Every field gets as far.
-                    Ended::Until => stopped = true,
-                    Ended::Stopped => return Ok(Finished::Stopped),
-                }
-                trainers.push(trainer);
+            if !training.iter().all(Training::is_over) {
+                return Ok(None);
             }
+            trainers.extend(training.into_iter().map(Training::into_trainer));
         }
-        if stopped {
-            return Ok(Finished::Stopped);
-        }
-        let progress = total_progress(&trainers);
-        let (trainers, collapsed) = without_collapsed(trainers);
-        let evaluated = evaluate::evaluate(self, plan, &folder, &trainers, &progress, collapsed, watch)?;
-        Ok(match evaluated {
-            Some(record) => {
-                let record = Record { peak_rss_bytes: memory.peak(), ..record };
-                Finished::Record(Box::new(record), trainers)
-            }
-            None => Finished::Stopped,
-        })
+        Ok(Some(trainers))
     }
 
-    /// Whether the run in `folder` is resumed.
-    fn can_resume(&self, plan: &RunPlan, folder: &std::path::Path, identity: &Identity) -> Result<bool> {
-        let path = folder.join("config.toml");
-        if !self.existing.resumes() || !path.exists() {
-            return Ok(false);
-        }
-        let Some(then) = Identity::read(folder) else {
-            return match self.existing {
-                Existing::Resume => bail!(
-                    "{}: --resume needs the run's identity.json, which is missing or of another version",
-                    folder.display()
-                ),
-                _ => Ok(false),
-            };
-        };
-        let changes = identity.changes(&then);
-        if changes.is_empty() {
-            return Ok(true);
-        }
-        if self.existing == Existing::ResumeUnchanged {
-            return Ok(false);
-        }
-        let found = fs::read_to_string(&path).with_context(|| path.display().to_string())?;
-        let difference = match first_difference(&found.parse()?, &plan.to_toml()?.parse()?) {
-            Some((key, then, now)) => format!(" ({}: {key} was {then} and is {now})", path.display()),
-            None => String::new(),
-        };
-        bail!(
-            "{}: --resume needs the run as it began, but {} changed{difference}",
-            folder.display(),
-            changes.join(" and ")
-        )
+    /// The scene of the last run if it depends on `key`; another is forgotten.
+    fn last_scene(&self, key: &str) -> Option<Arc<Scene>> {
+        let mut last = self.last_scene.lock().unwrap_or_else(PoisonError::into_inner);
+        *last = last.take().filter(|(known, _)| known == key);
+        last.as_ref().map(|(_, scene)| scene.clone())
+    }
+
+    /// Loads the scene of `plan`, and keeps it for the next run.
+    fn load(&self, plan: &RunPlan, key: String) -> Result<Arc<Scene>> {
+        let scene = Arc::new(plan.load()?);
+        *self.last_scene.lock().unwrap_or_else(PoisonError::into_inner) = Some((key, scene.clone()));
+        Ok(scene)
     }
 }
 
-/// The first key at which two configs differ, and its value in each.
-fn first_difference(then: &Table, now: &Table) -> Option<(String, String, String)> {
-    let keys: BTreeSet<&String> = then.keys().chain(now.keys()).collect();
-    keys.into_iter().find_map(|key| match (then.get(key), now.get(key)) {
-        (Some(Value::Table(then)), Some(Value::Table(now))) => {
-            let (rest, then, now) = first_difference(then, now)?;
-            Some((format!("{key}.{rest}"), then, now))
-        }
-        (then, now) if then == now => None,
-        (then, now) => {
-            let shown = |value: Option<&Value>| value.map_or_else(|| "absent".to_owned(), Value::to_string);
-            Some((key.clone(), shown(then), shown(now)))
-        }
-    })
+/// Names all that a scene depends on, the contents of its files included.
+fn scene_key(plan: &RunPlan, identity: &Identity) -> String {
+    let (config, data) = (&plan.config, identity.data());
+    format!(
+        "{:?} {data} {:?} {:?} {:?} {}",
+        plan.source, config.scene, config.train.cameras, config.eval.test, plan.seed
+    )
 }

@@ -1,11 +1,12 @@
-//! The pictures that a run leaves.
+//! The images that a run leaves.
 
-use std::fs;
+use std::io::Cursor;
 use std::path::Path;
 
 use anyhow::{Context, Result};
+use image::{ImageFormat, RgbImage};
 use infonerf_metrics::to_rgb8;
-use infonerf_report::{depth_image, error_image};
+use infonerf_report::{depth_image, error_image, write_atomically};
 use infonerf_scene::{Scene, View};
 use infonerf_train::TestView;
 
@@ -29,13 +30,8 @@ pub(super) fn write_pictures(folder: &Path, scene: &Scene, view: &View, result: 
 ///
 /// # Errors
 /// If it cannot be written; no part of it is left.
-pub fn save_png(picture: &image::RgbImage, path: &Path) -> Result<()> {
-    if let Some(folder) = path.parent() {
-        fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
-    }
-    let saved = picture.save(path);
-    if saved.is_err() {
-        let _ = fs::remove_file(path);
-    }
-    saved.with_context(|| path.display().to_string())
+pub fn save_png(picture: &RgbImage, path: &Path) -> Result<()> {
+    let mut bytes = Cursor::new(Vec::new());
+    picture.write_to(&mut bytes, ImageFormat::Png).with_context(|| path.display().to_string())?;
+    Ok(write_atomically(path, bytes.get_ref())?)
 }

@@ -47,7 +47,7 @@ fn record(out: &Path, plan: &RunPlan, existing: Existing) -> (Box<Record>, usize
 fn a_field_that_went_empty_has_no_part_in_the_pictures() {
     let out = tempfile::tempdir().unwrap();
     let plan = plan(&["train.ensemble.size=2"]);
-    let (both, fields) = record(out.path(), &plan, Existing::Refuse);
+    let (both, fields) = record(out.path(), &plan, Existing::Continue);
     assert_eq!(fields, 2);
     // The second field is made to have gone empty.
     let folder = out.path().join(&plan.experiment).join(plan.directory());
@@ -57,13 +57,28 @@ fn a_field_that_went_empty_has_no_part_in_the_pictures() {
     assert!(text.contains(full), "{text}");
     fs::write(&manifest, text.replace(full, empty)).unwrap();
 
-    let (one, fields) = record(out.path(), &plan, Existing::Resume);
+    let (one, fields) = record(out.path(), &plan, Existing::Continue);
     assert!(fields == 1 && !one.collapsed, "{fields} fields");
     assert_ne!(one.metrics["psnr"], both.metrics["psnr"]);
     assert_eq!(one.iterations, both.iterations);
     assert!(one.notes.iter().any(|note| note.starts_with("1 of 2 fields went empty")), "{:?}", one.notes);
     let trained = Trained::read(plan, &folder, &open(DeviceName::Flex).unwrap()).unwrap();
     assert!(trained.trainers.len() == 1 && trained.warnings.len() == 1, "{:?}", trained.warnings);
+}
+
+/// With one training view the only residual there is, is that of the view which is tested.
+#[test]
+fn tested_view_gets_no_residual_of_its_own() {
+    let settings = ["eval.test=training", "scene.views.count=1"];
+    let psnr = |residuals: &str| {
+        let out = tempfile::tempdir().unwrap();
+        let plan = plan(&[&settings[..], &[residuals]].concat());
+        let (record, _) = record(out.path(), &plan, Existing::Continue);
+        assert_eq!(record.test_views.ids, record.train_views);
+        assert!(record.notes.iter().any(|note| note.contains("each without its own residual")), "{:?}", record.notes);
+        record.metrics["psnr"].unwrap()
+    };
+    assert_eq!(psnr("render.residuals=true"), psnr("render.residuals=false"));
 }
 
 #[test]
@@ -74,24 +89,32 @@ fn training_is_saved_when_its_watcher_panics() {
         RunEvent::Training { trainer, .. } if trainer.progress().step == 2 => panic!("a closed pipe"),
         _ => Control::Continue,
     };
-    let ran = catch_unwind(AssertUnwindSafe(|| run(out.path(), &plan, Existing::Refuse, &mut watch)));
+    let ran = catch_unwind(AssertUnwindSafe(|| run(out.path(), &plan, Existing::Continue, &mut watch)));
     assert!(ran.is_err());
     let folder = out.path().join(&plan.experiment).join(plan.directory());
     assert_eq!(Checkpoint::load(&folder).unwrap().0.unwrap().progress().step, 2);
 }
 
-/// The note is there where a term looks at unseen poses of the data set, whichever term, and nowhere else.
+/// A part must not pass for the whole.
 #[test]
-fn unseen_poses_of_the_data_set_are_noted() {
-    for (settings, noted) in [
-        (&["train.unseen=dataset"][..], true),
-        (&["train.unseen=sphere"], false),
-        (&["train.unseen=dataset", "loss.entropy.rays=seen", "loss.kl.weight=0"], false),
-        (&["train.unseen=dataset", "loss.entropy.weight=0", "loss.kl.rays=all"], true),
-    ] {
-        let out = tempfile::tempdir().unwrap();
-        let (record, _) = record(out.path(), &plan(settings), Existing::Refuse);
-        let found = record.notes.iter().any(|note| note.starts_with("unseen poses"));
-        assert_eq!(found, noted, "{settings:?}: {:?}", record.notes);
-    }
+fn missing_fields_and_unfinished_training_are_warned_of() {
+    let out = tempfile::tempdir().unwrap();
+    let plan = plan(&["train.ensemble.size=3", "train.checkpoint_every=1"]);
+    record(out.path(), &plan, Existing::Continue);
+    let folder = out.path().join(&plan.experiment).join(plan.directory());
+    fs::remove_dir_all(folder.join("member1")).unwrap();
+    let device = open(DeviceName::Flex).unwrap();
+    let trained = Trained::read(plan.clone(), &folder, &device).unwrap();
+    assert_eq!(trained.trainers.len(), 2, "the fields after the missing one take part");
+    assert!(matches!(&trained.warnings[..], [missing] if missing.contains("member1: no checkpoint: one of 3 fields")));
+
+    let other = tempfile::tempdir().unwrap();
+    let mut stop = |event: RunEvent<'_>| match event {
+        RunEvent::Training { trainer, .. } if trainer.progress().step == 1 => Control::Stop,
+        _ => Control::Continue,
+    };
+    assert!(matches!(run(other.path(), &plan, Existing::Continue, &mut stop), Finished::Stopped));
+    let folder = other.path().join(&plan.experiment).join(plan.directory());
+    let warnings = Trained::read(plan, &folder, &device).unwrap().warnings;
+    assert!(warnings.iter().any(|warning| warning.contains("unfinished: 33.3 %")), "{warnings:?}");
 }

@@ -9,22 +9,11 @@ use infonerf_train::{Checkpoint, Event, MemberStep, Outcome, Trainer, step_side_
 use super::log::Log;
 use crate::{Control, RunEvent, Watch};
 
-/// How training ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Ended {
-    /// There is nothing more to do.
-    Over,
-    /// It is as far as it was asked to go.
-    Until,
-    /// It was told to stop.
-    Stopped,
-}
-
-/// The newest intact checkpoint of a folder, with a warning for each that is not intact.
+/// Loads the newest intact checkpoint of a folder, with a warning for each that is not intact.
 pub(crate) fn load_checkpoint(folder: &Path, watch: &mut Watch<'_>) -> Result<Option<Checkpoint>> {
     let (checkpoint, refused) = Checkpoint::load(folder)?;
     for reason in refused {
-        watch(RunEvent::Warning(format!("{reason}: resuming from the checkpoint before it")));
+        watch(RunEvent::Warning(format!("{reason}: continuing from the checkpoint before it")));
     }
     Ok(checkpoint)
 }
@@ -34,14 +23,25 @@ pub(crate) struct Training {
     trainer: Trainer,
     folder: PathBuf,
     log: Log,
-    ended: Option<Ended>,
+    state: State,
+}
+
+/// How far the training of a field is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    /// There are steps to take.
+    Running,
+    /// There is nothing more to do.
+    Over,
+    /// Stopped when asked to, or failed.
+    Stopped,
 }
 
 impl Training {
     /// Continues `trainer`, and the log in `folder`.
     pub(crate) fn new(trainer: Trainer, folder: PathBuf) -> Result<Self> {
         let log = Log::open(&folder, trainer.progress())?;
-        Ok(Self { trainer, folder, log, ended: None })
+        Ok(Self { trainer, folder, log, state: State::Running })
     }
 
     /// The field.
@@ -49,28 +49,33 @@ impl Training {
         &self.trainer
     }
 
-    /// The field, and how its training ended: stopped, if nothing else ended it.
-    pub(crate) fn into_parts(self) -> (Trainer, Ended) {
-        (self.trainer, self.ended.unwrap_or(Ended::Stopped))
+    /// The field.
+    pub(crate) fn into_trainer(self) -> Trainer {
+        self.trainer
+    }
+
+    /// Whether there is nothing more to train.
+    pub(crate) fn is_over(&self) -> bool {
+        self.state == State::Over
     }
 
     /// Saves the field, and logs what is found out about its last steps.
     fn save(&mut self, watch: &mut Watch<'_>) -> Result<Control> {
         let mut events = Vec::new();
         let checkpoint = self.trainer.checkpoint(&mut |event| events.push(event));
-        let control = self.tell(&events, watch)?;
+        let control = self.report(&events, watch)?;
         self.log.flush()?;
         checkpoint.with_context(|| self.folder.display().to_string())?.save(&self.folder)?;
         Ok(control)
     }
 
-    fn end(&mut self, ended: Ended, watch: &mut Watch<'_>) -> Result<Control> {
-        self.ended = Some(ended);
+    fn end(&mut self, state: State, watch: &mut Watch<'_>) -> Result<Control> {
+        self.state = state;
         self.save(watch)
     }
 
-    /// Logs events and tells `watch`, whose answer is returned.
-    fn tell(&mut self, events: &[Event], watch: &mut Watch<'_>) -> Result<Control> {
+    /// Logs events and passes them to `watch`, whose answer is returned.
+    fn report(&mut self, events: &[Event], watch: &mut Watch<'_>) -> Result<Control> {
         let mut control = Control::Continue;
         for event in events {
             self.log.write(event)?;
@@ -79,15 +84,14 @@ impl Training {
         Ok(control)
     }
 
-    /// Logs a step and tells `watch`, whose answer is returned; ends or saves the field where that is due.
+    /// Logs a step and passes it to `watch`, whose answer is returned; ends or saves the field if that is due.
     fn follow(
         &mut self,
         (events, outcome): MemberStep,
         checkpoint_every: usize,
-        until: Option<f64>,
         watch: &mut Watch<'_>,
     ) -> Result<Control> {
-        let control = self.tell(&events, watch)?;
+        let control = self.report(&events, watch)?;
         let outcome = match outcome {
             Ok(outcome) => outcome,
             Err(error) => {
@@ -97,9 +101,7 @@ impl Training {
         };
         let step = self.trainer.progress().step;
         let more = if outcome != Outcome::Running {
-            self.end(Ended::Over, watch)?
-        } else if control < Control::Stop && self.has_reached(until) {
-            self.end(Ended::Until, watch)?
+            self.end(State::Over, watch)?
         } else if control == Control::Save || (checkpoint_every > 0 && step.is_multiple_of(checkpoint_every)) {
             self.save(watch)?
         } else {
@@ -107,21 +109,12 @@ impl Training {
         };
         Ok(control.max(more))
     }
-
-    fn has_reached(&self, until: Option<f64>) -> bool {
-        until.is_some_and(|share| self.trainer.done() >= share)
-    }
 }
 
-/// Trains `fields` side by side until the end, the share `until` of the run, or until `watch` stops them or panics (as one
-/// does that prints into a closed pipe). They are saved in every case, but for one that meets a number that is not finite:
+/// Trains `fields` side by side until the end, or until `watch` stops them or panics (as one does that prints into a closed
+/// pipe). They are saved in every case, but for one that meets a number that is not finite:
 /// that keeps its last checkpoint, and ends all.
-pub(crate) fn train(
-    fields: &mut [Training],
-    checkpoint_every: usize,
-    until: Option<f64>,
-    watch: &mut Watch<'_>,
-) -> Result<()> {
+pub(crate) fn train(fields: &mut [Training], checkpoint_every: usize, watch: &mut Watch<'_>) -> Result<()> {
     let mut panic = None;
     let mut guarded = |event: RunEvent<'_>| {
         catch_unwind(AssertUnwindSafe(|| watch(event))).unwrap_or_else(|payload| {
@@ -129,24 +122,16 @@ pub(crate) fn train(
             Control::Stop
         })
     };
-    let trained = train_watched(fields, checkpoint_every, until, &mut guarded);
+    let trained = train_watched(fields, checkpoint_every, &mut guarded);
     match panic {
         Some(payload) => resume_unwind(payload),
         None => trained,
     }
 }
 
-fn train_watched(
-    fields: &mut [Training],
-    checkpoint_every: usize,
-    until: Option<f64>,
-    watch: &mut Watch<'_>,
-) -> Result<()> {
-    for field in fields.iter_mut().filter(|field| field.has_reached(until) && field.trainer.done() < 1.0) {
-        field.ended = Some(Ended::Until);
-    }
+fn train_watched(fields: &mut [Training], checkpoint_every: usize, watch: &mut Watch<'_>) -> Result<()> {
     loop {
-        let mut active: Vec<&mut Training> = fields.iter_mut().filter(|field| field.ended.is_none()).collect();
+        let mut active: Vec<&mut Training> = fields.iter_mut().filter(|field| field.state == State::Running).collect();
         if active.is_empty() {
             return Ok(());
         }
@@ -154,17 +139,17 @@ fn train_watched(
         let stepped = step_side_by_side(&mut trainers);
         let (mut stop, mut failed) = (false, None);
         for (field, stepped) in active.iter_mut().zip(stepped) {
-            match field.follow(stepped, checkpoint_every, until, watch) {
+            match field.follow(stepped, checkpoint_every, watch) {
                 Ok(control) => stop |= control == Control::Stop,
                 Err(error) => {
-                    field.ended = Some(Ended::Stopped);
+                    field.state = State::Stopped;
                     failed = failed.or(Some(error));
                 }
             }
         }
         if stop || failed.is_some() {
-            for field in active.into_iter().filter(|field| field.ended.is_none()) {
-                field.end(Ended::Stopped, watch)?;
+            for field in active.into_iter().filter(|field| field.state == State::Running) {
+                field.end(State::Stopped, watch)?;
             }
         }
         if let Some(error) = failed {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use anyhow::{Result, bail};
 use infonerf_render::{Renderer, TrainedModel};
 use infonerf_scene::Scene;
+use infonerf_schedule::Schedule;
 use infonerf_train::{Progress, Trainer, without_collapsed};
 
 use super::load_checkpoint;
@@ -11,11 +12,11 @@ use crate::{Control, OpenDevice, RunEvent, RunPlan};
 
 /// A finished or interrupted run: its fields, each as its newest checkpoint left it.
 pub struct Trained {
-    /// What was run.
+    /// The run.
     pub plan: RunPlan,
     /// One for each field that pictures are made of.
     pub trainers: Vec<Trainer>,
-    /// Why newer checkpoints were refused, and which fields are left out.
+    /// Why newer checkpoints were refused, which fields are left out, and whether training has come to its end.
     pub warnings: Vec<String>,
 }
 
@@ -26,25 +27,49 @@ impl Trained {
     /// If it has no checkpoint, or its scene cannot be read.
     pub fn read(plan: RunPlan, folder: &Path, device: &OpenDevice) -> Result<Self> {
         let scene = Arc::new(plan.load()?);
-        Self::on_scene(plan, scene, folder, device)
+        let mut trained = Self::on_scene(plan, scene, folder, device)?;
+        trained.warnings.extend(trained.unfinished().map(|unfinished| format!("{}: {unfinished}", folder.display())));
+        Ok(trained)
     }
 
-    /// The same with the plan's scene already loaded, as where checkpoints are read again while a run is trained.
+    /// Describes how far training is; `None` if it has come to its end.
+    fn unfinished(&self) -> Option<String> {
+        let is_over = |trainer: &Trainer| {
+            trainer.done() >= 1.0 || trainer.progress().early_stopping.plateaued || trainer.has_collapsed()
+        };
+        let least = self.trainers.iter().filter(|trainer| !is_over(trainer)).map(Trainer::done).reduce(f64::min)?;
+        Some(format!("the run is unfinished: {:.1} % of its training is done", 100.0 * least))
+    }
+
+    /// Reads the run in `folder` with the plan's scene already loaded, as while it is trained.
     ///
     /// # Errors
     /// If it has no checkpoint.
     pub fn on_scene(plan: RunPlan, scene: Arc<Scene>, folder: &Path, device: &OpenDevice) -> Result<Self> {
         let plan = RunPlan { config: plan.config.without_weight_files(), ..plan };
+        // Stereo matches the images for minutes before the first step, of which there is none.
+        let mut untrained = plan.clone();
+        untrained.config.loss.stereo.weight = Schedule::constant(0.0);
         let (mut trainers, mut warnings): (Vec<Trainer>, _) = (Vec::new(), Vec::new());
-        for member in 0..plan.members() {
+        let members = plan.members();
+        for member in 0..members {
             let mut watch = |event: RunEvent<'_>| {
                 if let RunEvent::Warning(warning) = event {
                     warnings.push(warning);
                 }
                 Control::Continue
             };
-            let Some(checkpoint) = load_checkpoint(&plan.member_folder(folder, member), &mut watch)? else { break };
-            let mut trainer = plan.trainer(&scene, member, trainers.first(), &device.device)?;
+            let member_folder = plan.member_folder(folder, member);
+            let Some(checkpoint) = load_checkpoint(&member_folder, &mut watch)? else {
+                if members > 1 {
+                    warnings.push(format!(
+                        "{}: no checkpoint: one of {members} fields is left out",
+                        member_folder.display()
+                    ));
+                }
+                continue;
+            };
+            let mut trainer = untrained.trainer(&scene, member, trainers.first(), &device.device)?;
             trainer.resume(&checkpoint)?;
             trainers.push(trainer);
         }
@@ -68,12 +93,12 @@ impl Trained {
         self.trainers[0].renderer()
     }
 
-    /// What pictures are rendered from: the fields alone. Worth keeping.
+    /// The fields alone, from which pictures are rendered. Worth keeping.
     pub fn models(&self) -> Vec<TrainedModel> {
         self.trainers.iter().map(Trainer::trained).collect()
     }
 
-    /// The same with the residuals of the training views, if `render.residuals` says so.
+    /// The fields with the residuals of the training views, if `render.residuals` is set.
     pub fn models_with_residuals(&self) -> Vec<TrainedModel> {
         self.trainers.iter().map(Trainer::trained_with_residuals).collect()
     }

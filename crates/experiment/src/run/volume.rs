@@ -11,11 +11,11 @@ use super::Trained;
 
 /// Points at which a field is asked at a time: bounds the memory.
 const CHUNK: usize = 1 << 15;
-/// What a field's colour counts for at least among others, where none of them has any opacity.
-const LEAST_WEIGHT: f32 = 1e-6;
+/// Least weight of a field's colour among others, for points at which none of them has any opacity.
+const MIN_WEIGHT: f32 = 1e-6;
 
-/// What the fields of a run answer together at points of the scene's world, whatever cameras they learnt. What pictures skip as
-/// empty is empty here too.
+/// Density and colour of all fields of a run together, at points of the scene's world, whatever cameras they learned. Space
+/// that renders skip as empty is empty here too.
 ///
 /// Several fields let through of a step of length h what they let through in the mean, `exp(−σh) = mean exp(−σᵢh)`, and
 /// show the mean of their colours with weights `1 − exp(−σᵢh)`: there is a surface where most of them have one.
@@ -68,7 +68,7 @@ impl Volume for TrainedVolume {
                 let FieldOutput { sigma, color } = self.ask(model, points, Some(directions));
                 let color = to_host(color.expect("colour was asked for"));
                 for (i, (sigma, color)) in to_host(sigma).into_iter().zip(color.chunks_exact(3)).enumerate() {
-                    let weight = LEAST_WEIGHT - (-sigma * self.step).exp_m1();
+                    let weight = MIN_WEIGHT - (-sigma * self.step).exp_m1();
                     sums[start + i] += weight * Vec3::from_slice(color);
                     weights[start + i] += weight;
                 }
@@ -107,7 +107,7 @@ impl TrainedVolume {
     fn ask(&self, model: &TrainedModel, points: &[Vec3], directions: Option<&[Vec3]>) -> FieldOutput {
         let extent = Extent::Ball { variance: self.step * self.step / 12.0 };
         let positions = points.iter().flat_map(|p| p.to_array()).collect();
-        evaluate_at(&model.model.fine, positions, directions, extent, model.at)
+        evaluate_at(&model.model.fine, positions, directions, extent, directions.is_some(), model.at)
     }
 
     /// How much the coordinate in which densities are measured grows per scene unit at `p`, for the nearest training

@@ -6,23 +6,23 @@ use infonerf_report::{Claim, Comparison, Quantity, Record, Relation, Side};
 
 use super::figures::{Means, means, variants};
 use super::grid::Grid;
-use super::plan::Sweep;
+use super::{Sweep, assignments};
 
 /// For each variant a claim: the setting with the highest mean PSNR is better than each of its neighbours, whose value of
 /// one key is the next lower or higher one. Like every [`Claim`] it is tested on differences within a scene and seed. The
 /// setting was chosen on the very runs that test it, so its lead is overestimated, and the statement says so.
 ///
-/// Nothing where values have no order: random settings, and grids of other things than numbers.
+/// Nothing if values have no order: grids of other things than numbers.
 pub(super) fn claims(sweep: &Sweep, records: &[Record]) -> Vec<Claim> {
-    let Some(ranks) = sweep.space.grids.iter().map(ranks).collect::<Option<Vec<_>>>() else { return Vec::new() };
-    if ranks.is_empty() || !sweep.space.ranges.is_empty() {
+    let Some(ranks) = sweep.grids.iter().map(ranks).collect::<Option<Vec<_>>>() else { return Vec::new() };
+    if ranks.is_empty() {
         return Vec::new();
     }
     let means = means(records);
     variants(sweep).iter().filter_map(|variant| claim(sweep, variant, &ranks, &means)).collect()
 }
 
-/// Of each value, how many are smaller; none unless all are numbers.
+/// The rank of each value, which is how many are smaller; `None` unless all are numbers.
 fn ranks(grid: &Grid) -> Option<Vec<usize>> {
     let numbers = (0..grid.values.len()).map(|index| grid.number(index)).collect::<Option<Vec<f64>>>()?;
     Some(numbers.iter().map(|number| numbers.iter().filter(|other| *other < number).count()).collect())
@@ -34,7 +34,7 @@ fn claim(sweep: &Sweep, variant: &str, ranks: &[Vec<usize>], means: &Means) -> O
     let settings: HashMap<&[usize], (&str, f64)> = own
         .filter_map(|item| {
             let name = item.plan.variant.as_str();
-            Some((&item.setting.choice[..], (name, *means.get(name)?)))
+            Some((&item.choice[..], (name, *means.get(name)?)))
         })
         .collect();
     let (best, (name, _)) = settings.iter().max_by(|a, b| a.1.1.total_cmp(&b.1.1).then_with(|| b.0.cmp(a.0)))?;
@@ -42,19 +42,17 @@ fn claim(sweep: &Sweep, variant: &str, ranks: &[Vec<usize>], means: &Means) -> O
         let places = ranks.iter().zip(best.iter().zip(choice));
         places.map(|(ranks, (&a, &b))| ranks[a].abs_diff(ranks[b])).sum()
     };
-    let mut beside: Vec<_> = settings.iter().filter(|(choice, _)| steps(choice) == 1).collect();
-    beside.sort_by_key(|(choice, _)| **choice);
+    let mut neighbours: Vec<_> = settings.iter().filter(|(choice, _)| steps(choice) == 1).collect();
+    neighbours.sort_by_key(|(choice, _)| **choice);
     let comparison = |(_, (other, _)): &(&&[usize], &(&str, f64))| Comparison {
         left: Side::Variant((*name).to_owned()),
         is: Relation::Better,
         right: Side::Variant((*other).to_owned()),
     };
-    let comparisons: Vec<Comparison> = beside.iter().map(comparison).collect();
-    let values: Vec<String> =
-        sweep.space.grids.iter().zip(*best).map(|(grid, &index)| grid.assignment(index)).collect();
+    let comparisons: Vec<Comparison> = neighbours.iter().map(comparison).collect();
     let statement = format!(
-        "{variant}: the best setting, {}, is better than those beside it (chosen on these very runs, which flatters it)",
-        values.join(" ")
+        "{variant}: the best setting, {}, is better than its neighbours (chosen on these very runs, which flatters it)",
+        assignments(&sweep.grids, best).join(" ")
     );
     let claim = Claim { statement, metric: Quantity::PSNR, margin: 0.0, comparisons };
     (!claim.comparisons.is_empty()).then_some(claim)
@@ -64,7 +62,7 @@ fn claim(sweep: &Sweep, variant: &str, ranks: &[Vec<usize>], means: &Means) -> O
 mod tests {
     use infonerf_report::Verdict;
 
-    use super::super::{Item, Sweep, SweepOptions};
+    use super::super::Item;
     use super::*;
     use crate::Selection;
 
@@ -76,7 +74,7 @@ mod tests {
             ..Selection::default()
         };
         let grids = ["loss.entropy.weight=1e-3,0,1e-2,1e-4", "loss.kl.weight=0,1e-5"].map(str::to_owned).to_vec();
-        let sweep = Sweep::plan("fast-losses", &SweepOptions { grids, selection, ..SweepOptions::default() }).unwrap();
+        let sweep = Sweep::plan("fast-losses", &grids, &selection).unwrap();
         let psnr = |scene: &str, choice: &[usize]| {
             // The second best is better than the best on one scene.
             let noise = if choice[0] == 2 && scene == "knot" { 0.2 } else { 0.0 };
@@ -85,7 +83,7 @@ mod tests {
         let record = |item: &Item| Record {
             scene: item.plan.scene.clone(),
             variant: item.plan.variant.clone(),
-            metrics: [("psnr".to_owned(), Some(psnr(&item.plan.scene, &item.setting.choice)))].into_iter().collect(),
+            metrics: [("psnr".to_owned(), Some(psnr(&item.plan.scene, &item.choice)))].into_iter().collect(),
             ..Record::default()
         };
         let records: Vec<Record> = sweep.items.iter().map(record).collect();

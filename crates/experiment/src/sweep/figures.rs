@@ -1,14 +1,13 @@
-//! Quality over the values of a sweep: a line for one grid, a heat map for two, points for random draws.
+//! Quality over the values of a sweep: a line for one grid, a heat map for two.
 
 use std::collections::HashMap;
 
 use anyhow::Result;
-use infonerf_report::chart::{Axis, Bar, Frame, Series, bar_chart, heat_map, line_chart, scatter_chart};
+use infonerf_report::chart::{Axis, Bar, Frame, Series, bar_chart, heat_map, line_chart};
 use infonerf_report::{Figure, Quantity, Record, overview_table};
 
 use super::grid::Grid;
-use super::plan::{Item, Sweep};
-use super::random::Scale;
+use super::{Item, Sweep};
 
 /// Values that span more than this are shown on a logarithmic axis.
 const WIDE: f64 = 30.0;
@@ -19,17 +18,14 @@ pub(super) type Means = HashMap<String, f64>;
 /// The mean of each variant with its values that has a PSNR.
 pub(super) fn means(records: &[Record]) -> Means {
     let table = overview_table(records, &[Quantity::PSNR]);
-    let mean = |row: &infonerf_report::Row| Some((row.label.clone(), row.cells.first()?.summary?.mean));
+    let mean = |row: &infonerf_report::TableRow| Some((row.label.clone(), row.cells.first()?.summary?.mean));
     table.rows.iter().filter_map(mean).collect()
 }
 
-/// Nothing for three grids or more: those are read from the table.
+/// Charts of PSNR over the values; none for three grids or more, which are read from the table.
 pub(super) fn figures(sweep: &Sweep, records: &[Record]) -> Result<Vec<Figure>> {
     let means = means(records);
-    if !sweep.space.ranges.is_empty() {
-        return (0..sweep.space.ranges.len()).map(|range| points(sweep, range, &means)).collect();
-    }
-    match &sweep.space.grids[..] {
+    match &sweep.grids[..] {
         [grid] if (0..grid.values.len()).all(|i| grid.number(i).is_some()) => Ok(vec![line(sweep, grid, &means)?]),
         [grid] => variants(sweep).iter().map(|variant| bars(sweep, grid, variant, &means)).collect(),
         [rows, columns] => variants(sweep).iter().map(|variant| map(sweep, rows, columns, variant, &means)).collect(),
@@ -48,32 +44,10 @@ pub(super) fn variants(sweep: &Sweep) -> Vec<String> {
     variants
 }
 
-/// Means of `variant` by the values of each choice.
+/// Means of `variant`, by choice of values.
 fn by_choice<'a>(sweep: &'a Sweep, means: &Means, variant: &str) -> HashMap<&'a [usize], f64> {
     let own = sweep.items.iter().filter(|item| item.variant == variant);
-    own.filter_map(|item| Some((&item.setting.choice[..], *means.get(&item.plan.variant)?))).collect()
-}
-
-/// Every draw of one range, whatever the others are.
-fn points(sweep: &Sweep, index: usize, means: &Means) -> Result<Figure> {
-    let range = &sweep.space.ranges[index];
-    let series = variants(sweep).into_iter().map(|name| {
-        let mut points: Vec<(f64, f64)> = Vec::new();
-        for item in sweep.items.iter().filter(|item| item.variant == name) {
-            let value = item.setting.draw.and_then(|draw| sweep.space.draws.get(draw)?.get(index)?.parse().ok());
-            if let Some(point) = value.zip(means.get(&item.plan.variant).copied()).filter(|new| !points.contains(new)) {
-                points.push(point);
-            }
-        }
-        Series { name, points }
-    });
-    let title = format!("{} by {}", Quantity::PSNR.heading(), range.key);
-    let key = range.key.to_string();
-    let axis = if range.scale == Scale::Log { Axis::log(&key) } else { Axis::linear(&key) };
-    let frame = Frame { title: title.clone(), x: axis, y: Axis::linear("PSNR (dB)") };
-    let svg = scatter_chart(&frame, &series.collect::<Vec<_>>(), false)?;
-    let caption = "A point a setting: its mean over scenes and seeds.".into();
-    Ok(Figure { name: format!("sweep-psnr-{}", key.replace('.', "-")), title, svg, caption })
+    own.filter_map(|item| Some((&item.choice[..], *means.get(&item.plan.variant)?))).collect()
 }
 
 fn line(sweep: &Sweep, grid: &Grid, means: &Means) -> Result<Figure> {
@@ -90,8 +64,8 @@ fn line(sweep: &Sweep, grid: &Grid, means: &Means) -> Result<Figure> {
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
         Series { name, points }
     });
-    let title = format!("{} by {}", Quantity::PSNR.heading(), grid.key);
-    let key = grid.key.to_string();
+    let title = format!("{} by {}", Quantity::PSNR.heading(), grid.key());
+    let key = grid.key();
     let axis = if log { Axis::log(&key) } else { Axis::linear(&key) };
     let frame = Frame { title: title.clone(), x: axis, y: Axis::linear("PSNR (dB)") };
     let svg = line_chart(&frame, &series.collect::<Vec<_>>())?;
@@ -104,8 +78,8 @@ fn bars(sweep: &Sweep, grid: &Grid, variant: &str, means: &Means) -> Result<Figu
     let bar =
         |(i, label): (usize, &String)| Some(Bar { label: label.clone(), value: *means.get(&[i][..])?, spread: None });
     let bars: Vec<Bar> = grid.values.iter().enumerate().filter_map(bar).collect();
-    let title = format!("{variant}: {} by {}", Quantity::PSNR.heading(), grid.key);
-    let svg = bar_chart(&Frame::new(&title, &grid.key.to_string(), "PSNR (dB)"), &bars)?;
+    let title = format!("{variant}: {} by {}", Quantity::PSNR.heading(), grid.key());
+    let svg = bar_chart(&Frame::new(&title, &grid.key(), "PSNR (dB)"), &bars)?;
     Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: String::new() })
 }
 
@@ -115,11 +89,6 @@ fn map(sweep: &Sweep, rows: &Grid, columns: &Grid, variant: &str, means: &Means)
     let line = |row| (0..columns.values.len()).map(|column| cell(row, column)).collect();
     let values: Vec<Vec<Option<f64>>> = (0..rows.values.len()).map(line).collect();
     let title = format!("{variant}: {}", Quantity::PSNR.heading());
-    let svg = heat_map(
-        &Frame::new(&title, &columns.key.to_string(), &rows.key.to_string()),
-        &columns.values,
-        &rows.values,
-        &values,
-    )?;
+    let svg = heat_map(&Frame::new(&title, &columns.key(), &rows.key()), &columns.values, &rows.values, &values)?;
     Ok(Figure { name: format!("sweep-psnr-{variant}"), title, svg, caption: "Mean over scenes and seeds.".into() })
 }

@@ -1,22 +1,46 @@
-//! `--grid dotted.key=value,value`.
+//! `--grid dotted.key=value,value`: the values that a sweep combines.
 
 use anyhow::{Context, Result, bail};
 use infonerf_train::config;
 use serde::Deserialize;
 use toml::{Spanned, Value};
 
-use super::keys::Key;
+/// The grids of the paper's two weights: λ₁ about its 1e-3, λ₂ about the released code's 2e-5, and each without.
+pub const PAPER_SPACE: [&str; 2] = ["loss.entropy.weight=0,1e-4,1e-3,1e-2", "loss.kl.weight=0,2e-6,2e-5,2e-4"];
+
+/// A sweep of more runs is taken for a mistake.
+pub(super) const MAX_RUNS: usize = 100_000;
 
 /// A key of the config and the values that it takes.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Grid {
-    pub(super) key: Key,
+    path: Vec<String>,
     /// As written.
     pub(super) values: Vec<String>,
 }
 
 impl Grid {
-    pub(super) fn parse(text: &str) -> Result<Self> {
+    /// Reads grids, and refuses those that set a key, or a part of one, that another or one of `set` (`--set`) sets.
+    pub(super) fn parse_all(texts: &[String], set: &[String]) -> Result<Vec<Self>> {
+        let grids = texts.iter().map(|text| Self::parse(text)).collect::<Result<Vec<_>>>()?;
+        for (index, grid) in grids.iter().enumerate() {
+            let key = grid.key();
+            match grids[..index].iter().find(|other| overlap(&other.path, &grid.path)) {
+                Some(other) if other.path == grid.path => bail!("--grid {key}: given twice"),
+                Some(other) => bail!("--grid {key}: contradicts --grid {}", other.key()),
+                None => {}
+            }
+            for assignment in set {
+                let (path, _) = config::parse_assignment(assignment).with_context(|| format!("--set {assignment}"))?;
+                if overlap(&path, &grid.path) {
+                    bail!("--set {assignment}: contradicts --grid {key}");
+                }
+            }
+        }
+        Ok(grids)
+    }
+
+    fn parse(text: &str) -> Result<Self> {
         let context = || format!("--grid {text}");
         let (path, _) = config::parse_assignment(text).with_context(context)?;
         let (_, list) = text.split_once('=').with_context(context)?;
@@ -29,19 +53,46 @@ impl Grid {
                 bail!("--grid {text}: {value} is given twice");
             }
         }
-        Ok(Self { key: Key { flag: "--grid", path }, values })
+        Ok(Self { path, values })
     }
 
-    /// The value at `index` as a number, where it is one.
+    /// The key, dotted.
+    pub(super) fn key(&self) -> String {
+        self.path.join(".")
+    }
+
+    /// The value at `index` as a number, if it is one.
     pub(super) fn number(&self, index: usize) -> Option<f64> {
         self.values.get(index)?.parse::<f64>().ok().filter(|number| number.is_finite())
     }
 
     /// `key=value`.
-    pub(super) fn assignment(&self, index: usize) -> String {
-        let value = self.values.get(index).map_or("", String::as_str);
-        format!("{}={value}", self.key)
+    fn assignment(&self, index: usize) -> String {
+        format!("{}={}", self.key(), self.values[index])
     }
+}
+
+/// Whether one key is the other or a part of it.
+fn overlap(a: &[String], b: &[String]) -> bool {
+    a.starts_with(b) || b.starts_with(a)
+}
+
+/// Every combination of values, as an index for each grid; the last grid's values change fastest.
+pub(super) fn choices(grids: &[Grid]) -> Result<Vec<Vec<usize>>> {
+    let count = grids.iter().try_fold(1usize, |count, grid| count.checked_mul(grid.values.len()));
+    if count.is_none_or(|count| count > MAX_RUNS) {
+        bail!("--grid: expected at most {MAX_RUNS} settings");
+    }
+    let longer = |choices: Vec<Vec<usize>>, grid: &Grid| {
+        let with = |choice: Vec<usize>| (0..grid.values.len()).map(move |value| [&choice[..], &[value]].concat());
+        choices.into_iter().flat_map(with).collect()
+    };
+    Ok(grids.iter().fold(vec![Vec::new()], longer))
+}
+
+/// `key=value` of each grid.
+pub(super) fn assignments(grids: &[Grid], choice: &[usize]) -> Vec<String> {
+    grids.iter().zip(choice).map(|(grid, &index)| grid.assignment(index)).collect()
 }
 
 /// The elements of a list, as written. Arrays, tables and quoted strings may hold commas of their own.
@@ -69,32 +120,59 @@ fn split(list: &str) -> Result<Vec<String>> {
 mod tests {
     use super::*;
 
-    fn fault(text: &str) -> String {
-        format!("{:#}", Grid::parse(text).unwrap_err())
+    fn owned(texts: &[&str]) -> Vec<String> {
+        texts.iter().map(|&text| text.to_owned()).collect()
+    }
+
+    fn fault(grids: &[&str], set: &[&str]) -> String {
+        Grid::parse_all(&owned(grids), &owned(set)).map_or_else(|error| format!("{error:#}"), |_| String::new())
     }
 
     #[test]
     fn values_are_kept_as_written() {
-        let grid = Grid::parse("loss.entropy.weight=0, 1e-4,1e-3").unwrap();
-        assert_eq!(
-            (grid.key.to_string().as_str(), &grid.values[..]),
-            ("loss.entropy.weight", &["0", "1e-4", "1e-3"].map(str::to_owned)[..])
-        );
-        assert_eq!(grid.number(1), Some(1e-4));
-        let grid = Grid::parse("train.lr=1e-3,{ from = 1e-3, to = 1e-4 }").unwrap();
-        assert_eq!(grid.values, ["1e-3", "{ from = 1e-3, to = 1e-4 }"]);
-        assert_eq!(Grid::parse("train.unseen=sphere,\"dataset\"").unwrap_err().to_string().lines().count(), 1);
-        assert_eq!(Grid::parse("train.unseen=sphere,dataset").unwrap().values, ["sphere", "dataset"]);
+        for (text, values) in [
+            ("loss.entropy.weight=0, 1e-4,1e-3", &["0", "1e-4", "1e-3"][..]),
+            ("train.lr=1e-3,{ from = 1e-3, to = 1e-4 }", &["1e-3", "{ from = 1e-3, to = 1e-4 }"]),
+            ("train.unseen=sphere,dataset", &["sphere", "dataset"]),
+        ] {
+            let grid = Grid::parse(text).unwrap();
+            assert_eq!((grid.values.as_slice(), text.starts_with(&grid.key())), (owned(values).as_slice(), true));
+        }
+        assert_eq!(Grid::parse("a.b=0,1e-4").unwrap().number(1), Some(1e-4));
     }
 
     #[test]
-    fn bad_grids() {
-        assert!(fault("a.b").contains("a.b"));
-        for empty in ["a.b=", "a.b=1,,2", "a.b=1,", "a.b=[1],"] {
-            assert!(fault(empty).contains("an empty one"), "{empty}");
+    fn bad_grids_are_refused_with_the_reason() {
+        for (text, part) in [
+            ("a.b", "a.b"),
+            ("a.b=", "an empty one"),
+            ("a.b=1,,2", "an empty one"),
+            ("a.b=1,", "an empty one"),
+            ("a.b=[1],", "an empty one"),
+            ("a..b=1", "a..b"),
+            ("a.b=1,2,1", "1 is given twice"),
+            ("a.b=[1", "--grid a.b=[1"),
+            ("train.unseen=sphere,\"dataset\"", "--grid train.unseen"),
+        ] {
+            let fault = fault(&[text], &[]);
+            assert!(fault.contains(part) && fault.lines().count() == 1, "{text}: {fault}");
         }
-        assert!(fault("a..b=1").contains("a..b"));
-        assert!(fault("a.b=1,2,1").contains("1 is given twice"));
-        assert!(fault("a.b=[1").contains("--grid a.b=[1"));
+    }
+
+    #[test]
+    fn no_key_is_set_twice() {
+        assert_eq!(fault(&["a.b=1", "a.c=1"], &["a.d=1"]), "");
+        assert_eq!(fault(&["a.b=1", "a.b=2"], &[]), "--grid a.b: given twice");
+        assert_eq!(fault(&["a={b=1}", "a.b=1"], &[]), "--grid a.b: contradicts --grid a");
+        assert_eq!(fault(&["a.b=1"], &["a.b=2"]), "--set a.b=2: contradicts --grid a.b");
+    }
+
+    #[test]
+    fn the_last_grid_changes_fastest() {
+        let grids = Grid::parse_all(&owned(&["a=1,2", "b=3,4,5"]), &[]).unwrap();
+        let all = choices(&grids).unwrap();
+        assert_eq!((all.len(), &all[1][..], &all[3][..]), (6, &[0, 1][..], &[1, 0][..]));
+        assert_eq!(assignments(&grids, &all[3]), ["a=2", "b=3"]);
+        assert_eq!(choices(&[]).unwrap(), [Vec::new(); 1]);
     }
 }

@@ -1,4 +1,4 @@
-//! The manifest: one line an item, each with all that its run needs.
+//! The manifest of a sweep: one line per item, each with all that its run needs.
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -6,18 +6,19 @@ use std::path::Path;
 
 use anyhow::{Context, Result, bail};
 use infonerf_dataset::SceneSource;
+use infonerf_metrics::Networks;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::plan::Item;
-use crate::RunPlan;
+use crate::records::save_own_record;
+use crate::{Existing, Finished, OpenDevice, RunPlan, Session, Watch};
 
 /// File name, in the folder of the sweep.
-pub(super) const NAME: &str = "manifest.jsonl";
-/// Of the manifest's format.
+pub(crate) const NAME: &str = "manifest.jsonl";
+/// Version of the manifest's format.
 const VERSION: u64 = 1;
-/// Of the program: another one may give other numbers.
+/// Version of the program: another one may give other numbers.
 const PROGRAM: &str = env!("CARGO_PKG_VERSION");
 
 #[derive(Serialize, Deserialize)]
@@ -34,9 +35,36 @@ struct Line {
     config: String,
 }
 
+/// Runs item `index` of the manifest at `path` in this process; a finished one is kept. Results go into the manifest's folder:
+/// a file of its own, which no other process writes. The list of all is made when they are merged.
+///
+/// # Errors
+/// As [`Session::run`], and if there is no such item.
+pub fn run_item(
+    path: &Path,
+    index: usize,
+    device: OpenDevice,
+    networks: Networks,
+    watch: &mut Watch<'_>,
+) -> Result<Finished> {
+    let plan = read_item(path, index)?;
+    let path = std::path::absolute(path).with_context(|| path.display().to_string())?;
+    let folder = path.parent().filter(|folder| folder.file_name().is_some_and(|name| *name == *plan.experiment));
+    let Some((folder, out)) = folder.and_then(|folder| Some((folder, folder.parent()?))) else {
+        bail!("{}: expected to be in the folder {}", path.display(), plan.experiment);
+    };
+    let session = Session::new(device, out, Existing::Continue).with_networks(networks);
+    let finished = session.run(&plan, watch)?;
+    if let Finished::Record(record, _) = &finished {
+        save_own_record(folder, record)?;
+    }
+    Ok(finished)
+}
+
 /// Writes the manifest, whole or not at all.
-pub(super) fn write(path: &Path, items: &[Item]) -> Result<()> {
-    let line = |(item, Item { plan, .. }): (usize, &Item)| -> Result<String> {
+pub(super) fn write<'a>(path: &Path, runs: impl Iterator<Item = &'a RunPlan>) -> Result<()> {
+    let runs: Vec<&RunPlan> = runs.collect();
+    let line = |(item, plan): (usize, &&RunPlan)| -> Result<String> {
         let source = match &plan.source {
             SceneSource::Procedural(name) => format!("built-in scene {name}"),
             SceneSource::Folder { path } => {
@@ -55,7 +83,7 @@ pub(super) fn write(path: &Path, items: &[Item]) -> Result<()> {
         };
         Ok(serde_json::to_string(&line)? + "\n")
     };
-    let lines: Result<Vec<String>> = items.par_iter().enumerate().map(line).collect();
+    let lines: Result<Vec<String>> = runs.par_iter().enumerate().map(line).collect();
     let text = lines?.concat();
     if let Some(folder) = path.parent() {
         fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
@@ -64,7 +92,7 @@ pub(super) fn write(path: &Path, items: &[Item]) -> Result<()> {
 }
 
 /// Reads item `index`, and refuses a manifest of another version.
-pub(crate) fn read_item(path: &Path, index: usize) -> Result<RunPlan> {
+fn read_item(path: &Path, index: usize) -> Result<RunPlan> {
     let line = read_line(path, index)?.with_context(|| {
         format!("{}: item {index}: expected one of the manifest's items, counted from 0", path.display())
     })?;

@@ -1,299 +1,206 @@
-//! An experiment for every combination of some values.
+//! The runs of an experiment, as they are or for every combination of some values.
 //!
 //! ```text
-//! grids, random draws ─► plan (items) ─► manifest.jsonl ─► launcher (a process per item) ─► records ─► table, figures, report
+//! grids ─► plan (items) ─► execute (in this process, in processes, as Slurm's jobs) ─► records ─► table, figures, report
 //! ```
 
-mod adopt;
 mod best;
+mod collected;
 mod figures;
 mod grid;
-mod halving;
-mod item;
-mod keys;
-mod manifest;
-mod options;
+pub(crate) mod manifest;
 mod outcome;
-mod plan;
-mod random;
-#[cfg(test)]
-mod scale_test;
-mod setting;
+mod prepare;
 
-use std::collections::{BTreeSet, HashSet};
-use std::fs;
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
-use infonerf_report::read_records;
+use rayon::prelude::*;
 
-use crate::launch::{Batch, Ended, Queue, Workers, refuse_under_way};
-use crate::run::{clear, lock};
-use crate::{DeviceName, Identity, RunPlan};
-use halving::{Dropped, drop_worst, rungs};
-pub use item::run_item;
-pub use options::{PAPER_SPACE, SweepOptions};
+use crate::plan::Outline;
+use crate::{About, Existing, Experiment, RunPlan, Selection};
+pub use collected::collect;
+pub use grid::PAPER_SPACE;
+use grid::{Grid, MAX_RUNS, assignments, choices};
+pub use manifest::run_item;
 pub use outcome::Outcome;
-use plan::Item;
-pub use plan::Sweep;
+pub use prepare::Prepared;
 
-/// Events of a sweep.
-#[derive(Debug)]
-pub enum SweepEvent<'a> {
-    /// Some items are about to be run.
-    Started {
-        /// How many.
-        count: usize,
-        /// How far; empty for to the end.
-        label: String,
-    },
-    /// An item's process ended.
-    Item {
-        /// Which item.
-        index: usize,
-        /// The run.
-        label: String,
-        /// How.
-        ended: &'a Ended,
-    },
-    /// All of them have ended.
-    Ended,
-    /// A setting is stopped early.
-    Dropped {
-        /// The variant with its values.
-        variant: &'a str,
-        /// Why.
-        reason: &'a str,
-    },
+/// Runs that are tabulated together: an experiment's, or one for each setting of some keys.
+#[derive(Clone, Debug)]
+pub struct Sweep {
+    /// Name, title and data of the experiment.
+    pub about: About,
+    /// Policy for runs that exist already.
+    pub existing: Existing,
+    /// Remarks for the user before it runs.
+    pub notices: Vec<String>,
+    grids: Vec<Grid>,
+    /// In the order of the tables: by scene, variant, values, seed.
+    items: Vec<Item>,
 }
 
-/// A sweep's folder, its manifest written, and which of its items are to do. No other process prepares the same sweep for
-/// as long as this lives.
-pub struct Prepared {
-    state: State,
-    /// A notice for the user.
-    pub warning: Option<String>,
-    _lock: fs::File,
+/// One run of a sweep.
+#[derive(Clone, Debug)]
+struct Item {
+    plan: RunPlan,
+    /// The experiment's variant.
+    variant: String,
+    /// For each grid, which of its values.
+    choice: Vec<usize>,
 }
 
-/// Which items of a sweep are finished.
-pub struct State {
-    folder: PathBuf,
-    device: DeviceName,
-    missing: Vec<usize>,
-    /// Bytes that the largest of the finished runs took.
-    peak: Option<u64>,
-    /// Number of runs that were finished before and are kept.
-    pub kept: usize,
-    /// Number of runs that were finished before and are run again, since what their numbers depend on has changed.
-    pub stale: usize,
-}
+/// Bytes of a variant's name, at most; folders allow 255.
+const MAX_NAME: usize = 160;
 
-impl Prepared {
-    /// Which items are finished.
-    pub fn state(&self) -> &State {
-        &self.state
+impl From<Experiment> for Sweep {
+    /// The runs of an experiment as they are.
+    fn from(experiment: Experiment) -> Self {
+        let item = |plan: RunPlan| Item { variant: plan.variant.clone(), plan, choice: Vec::new() };
+        let items = experiment.runs.into_iter().map(item).collect();
+        Self { about: experiment.about, existing: Existing::Continue, notices: Vec::new(), grids: Vec::new(), items }
     }
-
-    /// The manifest: one line per item.
-    pub fn manifest(&self) -> PathBuf {
-        self.state.folder.join(manifest::NAME)
-    }
-}
-
-/// The result of a merge.
-pub struct Merged {
-    /// The runs that are not finished.
-    pub missing: Vec<String>,
-    /// The files written; none without any record.
-    pub outcome: Option<Box<Outcome>>,
-}
-
-/// How a sweep ended.
-pub enum Execution {
-    /// It was told to stop, and can be resumed.
-    Stopped,
-    /// All that can be done is done.
-    Ended {
-        /// Items without a record, but for those of settings that were stopped early.
-        failed: usize,
-        /// The files written; none without any record.
-        outcome: Option<Box<Outcome>>,
-    },
 }
 
 impl Sweep {
-    /// Writes the manifest below `out` and finds what is to do on `device`.
+    /// The runs of the experiment called `experiment` for every combination of the values of `grids`, each
+    /// `dotted.key=value,value,...`.
     ///
     /// # Errors
-    /// If another process or a launch is at work on it, or a manifest of another version or a run of another config is in
-    /// the way.
-    pub fn prepare(&self, out: &Path, device: DeviceName) -> Result<Prepared> {
-        let folder = out.join(&self.about.name);
-        let path = folder.join(manifest::NAME);
-        fs::create_dir_all(&folder).with_context(|| folder.display().to_string())?;
-        let (lock, warning) = lock(&folder, "sweep")?;
-        manifest::refuse_another_version(&path)?;
-        refuse_under_way(&folder)?;
-        if self.overwrites {
-            self.remove_runs(&folder)?;
-        }
-        let state = self.state(out, device)?;
-        manifest::write(&path, &self.items)?;
-        Ok(Prepared { state, warning, _lock: lock })
-    }
-
-    /// The items that are to do, for a launcher.
-    ///
-    /// # Errors
-    /// If the current folder is not known.
-    pub fn batch(&self, prepared: &Prepared) -> Result<Batch> {
-        let State { folder, missing, .. } = &prepared.state;
-        let folder = std::path::absolute(folder).with_context(|| folder.display().to_string())?;
-        let record = |item: &usize| {
-            let plan = &self.items[*item].plan;
-            plan.record_path(&folder.join(plan.directory()))
+    /// One line that names the option and what was expected.
+    pub fn plan(experiment: &str, grids: &[String], selection: &Selection) -> Result<Self> {
+        let grids = Grid::parse_all(grids, &selection.set)?;
+        let outline = Outline::read(experiment, selection)?;
+        let about = outline.about.clone().swept();
+        let runs_of = |(order, choice): (usize, Vec<usize>)| -> Result<Vec<_>> {
+            let set = assignments(&grids, &choice);
+            let runs = outline.runs(&set).with_context(|| format!("with {}", set.join(" ")))?;
+            let item = |(index, plan): (usize, RunPlan)| {
+                let variant = plan.variant.clone();
+                let plan = RunPlan { experiment: about.name.clone(), variant: safe_name(&variant, &set), ..plan };
+                let place = (index / outline.seeds(), order, index % outline.seeds());
+                (place, Item { plan, variant, choice: choice.clone() })
+            };
+            Ok(runs.into_iter().enumerate().map(item).collect())
         };
-        Ok(Batch {
-            name: self.about.name.clone(),
-            manifest: folder.join(manifest::NAME),
-            items: missing.clone(),
-            records: missing.iter().map(record).collect(),
-            folder,
-        })
-    }
-
-    /// Writes tables and the report of what is finished below `out`, whatever made it, without running anything.
-    ///
-    /// # Errors
-    /// If a run of another config is in the way, or a file cannot be read or written.
-    pub fn merge(&self, out: &Path, device: DeviceName) -> Result<Merged> {
-        let state = self.state(out, device)?;
-        let left_out: HashSet<usize> = state.missing.iter().copied().collect();
-        let missing = state.missing.iter().map(|item| self.items[*item].plan.label()).collect();
-        let outcome = outcome::write(self, &state.folder, &left_out, Vec::new())?;
-        Ok(Merged { missing, outcome: outcome.map(Box::new) })
-    }
-
-    /// Runs what is missing, and writes tables and the report.
-    ///
-    /// # Errors
-    /// If a file cannot be written. A run that fails is no error.
-    pub fn execute(
-        &self,
-        prepared: &Prepared,
-        workers: &Workers,
-        watch: &mut dyn FnMut(SweepEvent<'_>),
-    ) -> Result<Execution> {
-        let (folder, manifest) = (&prepared.state.folder, prepared.manifest());
-        let State { missing, peak, device, .. } = &prepared.state;
-        let mut queue = Queue { manifest: &manifest, workers, until: None };
-        let (mut items, mut dropped) = ((0..self.items.len()).collect::<Vec<usize>>(), Vec::new());
-        if let Some(keep) = self.halving {
-            let settings: BTreeSet<&str> = self.items.iter().map(|item| item.plan.variant.as_str()).collect();
-            for share in rungs(settings.len(), keep) {
-                queue.until = Some(share);
-                let label = format!("to {:.1} %", 100.0 * share);
-                let mut todo = Vec::new();
-                for &item in &items {
-                    let plan = &self.items[item].plan;
-                    if is_stale(plan, folder, *device)? || halving::score(folder, plan, share).is_none() {
-                        todo.push(item);
-                    }
-                }
-                let Some(_) = self.run_items(&queue, todo, *peak, label, watch) else {
-                    return Ok(Execution::Stopped);
-                };
-                let worst = drop_worst(self, folder, &mut items, keep, share);
-                for Dropped { variant, reason } in &worst {
-                    watch(SweepEvent::Dropped { variant, reason });
-                }
-                dropped.extend(worst);
-            }
-            queue.until = None;
+        // The first setting shows how many runs there are, and most faults, before all are made.
+        let choices = choices(&grids)?;
+        let of_one = runs_of((0, choices[0].clone()))?.len();
+        if of_one.saturating_mul(choices.len()) > MAX_RUNS {
+            bail!("--grid: expected at most {MAX_RUNS} runs");
         }
-        let todo: HashSet<usize> = missing.iter().copied().collect();
-        items.retain(|item| todo.contains(item));
-        let Some(failed) = self.run_items(&queue, items, *peak, String::new(), watch) else {
-            return Ok(Execution::Stopped);
-        };
-        let stopped = |Dropped { variant, reason }: Dropped| format!("{variant} was stopped early: {reason}.");
-        let outcome = outcome::write(self, folder, &failed, dropped.into_iter().map(stopped).collect())?;
-        Ok(Execution::Ended { failed: failed.len(), outcome: outcome.map(Box::new) })
+        let items: Vec<Result<Vec<_>>> = choices.into_par_iter().enumerate().map(runs_of).collect();
+        let mut items: Vec<_> = items.into_iter().collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
+        items.sort_by_key(|(place, _)| *place);
+        let mut items: Vec<Item> = items.into_iter().map(|(_, item)| item).collect();
+        let notices = leave_out_repetitions(&grids, &mut items)?;
+        Ok(Self { about, existing: Existing::Continue, notices, grids, items })
     }
 
-    /// Removes what its runs left in `folder`, once no other process is at work on any of them.
-    fn remove_runs(&self, folder: &Path) -> Result<()> {
-        let runs = self.runs().map(|plan| folder.join(plan.directory())).filter(|run| run.exists());
-        let locked = runs.map(|run| Ok((lock(&run, "run")?, run))).collect::<Result<Vec<_>>>()?;
-        for (_lock, run) in &locked {
-            clear(run)?;
-            let config = run.join("config.toml");
-            if config.exists() {
-                fs::remove_file(&config).with_context(|| config.display().to_string())?;
-            }
-        }
-        Ok(())
+    /// The sweep, with what happens to its runs that exist already.
+    #[must_use]
+    pub fn with_existing(self, existing: Existing) -> Self {
+        Self { existing, ..self }
     }
 
-    /// Which items are finished on `device`, below `out`.
-    fn state(&self, out: &Path, device: DeviceName) -> Result<State> {
-        let mut state =
-            State { folder: out.join(&self.about.name), device, missing: Vec::new(), peak: None, kept: 0, stale: 0 };
-        for (index, Item { plan, .. }) in self.items.iter().enumerate() {
-            let run = state.folder.join(plan.directory());
-            refuse_another_config(plan, &run)?;
-            let record = plan.record_path(&run);
-            if !record.exists() {
-                state.missing.push(index);
-            } else if Identity::read(&run) == Some(Identity::of(plan, device.name())?) {
-                state.kept += 1;
-                let peaks = read_records(&record)?.into_iter().filter_map(|record| record.peak_rss_bytes);
-                state.peak = state.peak.max(peaks.max());
-            } else {
-                state.stale += 1;
-                state.missing.push(index);
-            }
-        }
-        Ok(state)
+    /// Iterates over the runs, in the order of the tables.
+    pub fn runs(&self) -> impl ExactSizeIterator<Item = &RunPlan> {
+        self.items.iter().map(|item| &item.plan)
     }
 
-    /// Runs items and tells which failed; nothing if they were told to stop.
-    fn run_items(
-        &self,
-        queue: &Queue<'_>,
-        items: Vec<usize>,
-        peak: Option<u64>,
-        label: String,
-        watch: &mut dyn FnMut(SweepEvent<'_>),
-    ) -> Option<HashSet<usize>> {
-        watch(SweepEvent::Started { count: items.len(), label });
-        let (mut failed, mut stopped) = (HashSet::new(), 0);
-        queue.run(items, peak, |index, ended| {
-            match &ended {
-                Ended::Finished(_) => {}
-                Ended::Stopped => stopped += 1,
-                Ended::Failed(_) => drop(failed.insert(index)),
-            }
-            let label = self.items.get(index).map_or_else(String::new, |item| item.plan.label());
-            watch(SweepEvent::Item { index, label, ended: &ended });
-        });
-        watch(SweepEvent::Ended);
-        (stopped == 0 && !(queue.workers.stop)()).then_some(failed)
+    /// Number of runs.
+    pub fn len(&self) -> usize {
+        self.items.len()
+    }
+
+    /// Whether there are no runs.
+    pub fn is_empty(&self) -> bool {
+        self.items.is_empty()
+    }
+
+    /// The run at `index`.
+    pub(crate) fn run(&self, index: usize) -> &RunPlan {
+        &self.items[index].plan
+    }
+
+    /// Folder of its results below `out`.
+    pub fn folder(&self, out: &Path) -> PathBuf {
+        out.join(&self.about.name)
     }
 }
 
-/// Whether what a run logged is of other images, another program or another device than it would be now, and judges nothing.
-fn is_stale(plan: &RunPlan, folder: &Path, device: DeviceName) -> Result<bool> {
-    let run = folder.join(plan.directory());
-    Ok(run.join("config.toml").exists() && Identity::read(&run) != Some(Identity::of(plan, device.name())?))
+/// A variant's name with its values, such as `infonerf_loss.entropy.weight_1e-3`, of letters, digits and `._-`.
+///
+/// If a value has other characters or the name would be too long, a checksum keeps names apart.
+fn safe_name(variant: &str, assignments: &[String]) -> String {
+    let exact: String = assignments.iter().map(|assignment| format!("_{}", assignment.replacen('=', "_", 1))).collect();
+    let safe = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-') { c } else { '-' };
+    let mut name: String = exact.chars().map(safe).collect();
+    if name != exact || variant.len() + name.len() > MAX_NAME {
+        name.truncate(MAX_NAME.saturating_sub(variant.len() + 9));
+        name.push_str(&format!("-{}", &blake3::hash(exact.as_bytes()).to_hex()[..8]));
+    }
+    format!("{variant}{name}")
 }
 
-/// A run of the same name with other settings is not overwritten.
-fn refuse_another_config(plan: &RunPlan, run: &Path) -> Result<()> {
-    let path = run.join("config.toml");
-    if path.exists() && fs::read_to_string(&path).with_context(|| path.display().to_string())? != plan.to_toml()? {
-        bail!("{}: a run of this name has another config: choose another --out, or move it away", path.display());
+/// Refuses values that mean the same, and leaves out a variant that the values make into another.
+fn leave_out_repetitions(grids: &[Grid], items: &mut Vec<Item>) -> Result<Vec<String>> {
+    let Some(first) = items.first().map(|item| item.plan.clone()) else { return Ok(Vec::new()) };
+    let first = items.par_iter().filter(|item| item.plan.scene == first.scene && item.plan.seed == first.seed);
+    let texts: Vec<Result<(String, String)>> =
+        first.map(|item| Ok((item.variant.clone(), serde_json::to_string(&item.plan.config)?))).collect();
+    let mut variants: Vec<(String, Vec<String>)> = Vec::new();
+    for text in texts {
+        let (variant, config) = text?;
+        match variants.last_mut().filter(|(last, _)| *last == variant) {
+            Some((_, configs)) => configs.push(config),
+            None => variants.push((variant, vec![config])),
+        }
+    }
+    let mut notices = Vec::new();
+    let mut known: HashMap<Vec<String>, String> = HashMap::new();
+    for (variant, configs) in variants {
+        refuse_equal(grids, &variant, &configs)?;
+        match known.get(&configs) {
+            Some(other) => {
+                items.retain(|item| item.variant != variant);
+                notices.push(format!("variant {variant} is left out: with these values it is the same as {other}"));
+            }
+            None => drop(known.insert(configs, variant)),
+        }
+    }
+    Ok(notices)
+}
+
+fn refuse_equal(grids: &[Grid], variant: &str, configs: &[String]) -> Result<()> {
+    let mut seen: HashMap<&str, usize> = HashMap::new();
+    for (index, config) in configs.iter().enumerate() {
+        if let Some(other) = seen.insert(config, index) {
+            let choices = choices(grids)?;
+            let [a, b] = [other, index].map(|index| assignments(grids, &choices[index]).join(" "));
+            bail!("--grid: {a} and {b} give the same run of variant {variant}");
+        }
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_safe_and_different() {
+        let name = |values: &[&str]| safe_name("infonerf", &values.iter().map(|&v| v.to_owned()).collect::<Vec<_>>());
+        assert_eq!(
+            name(&["loss.entropy.weight=1e-3", "train.rays=64"]),
+            "infonerf_loss.entropy.weight_1e-3_train.rays_64"
+        );
+        let names =
+            [name(&["a=[1, 2]"]), name(&["a=[1; 2]"]), name(&["a=[12]"]), name(&[&format!("a={}", "x".repeat(300))])];
+        for (index, name) in names.iter().enumerate() {
+            assert!(name.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c)), "{name}");
+            assert!(name.len() <= MAX_NAME + 9 && !names[..index].contains(name), "{name}");
+        }
+    }
 }

@@ -12,11 +12,11 @@ const EPSILON: f32 = 1e-3;
 /// Submanifold convolutions on the vertices' own sites, and after each halving.
 const LAYERS: [usize; 5] = [2, 2, 3, 3, 3];
 
-/// Features at sites → features at sites: 3³ kernels over the sites that there are, batch normalisation over the sites,
+/// Features at sites → features at sites: 3³ kernels over the occupied sites, batch normalisation over the sites,
 /// ReLU.
 ///
 /// It equals a dense convolution of a volume that is 0 elsewhere, read at the output's sites: *submanifold* where those are
-/// the input's own (Graham et al. 2018). As there is one body, pictures use the statistics of the batch as well.
+/// the input's own (Graham et al. 2018). As there is one body, renders use the statistics of the batch as well.
 #[derive(Module, Debug)]
 struct SparseConvolution {
     /// `[27·inputs, outputs]`, the kernel's x fastest, z slowest.
@@ -34,7 +34,7 @@ impl SparseConvolution {
         Self { weight, scale: vector(1.0), shift: vector(0.0) }
     }
 
-    /// From `[sites, inputs]` to `[neighbours/27, outputs]`.
+    /// Maps `[sites, inputs]` to `[neighbours/27, outputs]`.
     fn forward(&self, features: Tensor<2>, neighbours: Tensor<1, Int>) -> Tensor<2> {
         let out = convolve(features, self.weight.val(), neighbours);
         let centred = out.clone() - out.mean_dim(0);
@@ -43,25 +43,25 @@ impl SparseConvolution {
     }
 }
 
-/// The product of each site's neighbours and `weight`, `[27·inputs, outputs]`.
+/// Multiplies each site's neighbours by `weight`, `[27·inputs, outputs]`.
 fn convolve(features: Tensor<2>, weight: Tensor<2>, neighbours: Tensor<1, Int>) -> Tensor<2> {
     let sites = neighbours.dims()[0] / REACH;
     let [inputs, _] = weight.dims();
     or_zero(features).select(0, neighbours).reshape([sites, inputs]).matmul(weight)
 }
 
-/// With a row of zeros behind the last, which is what an empty cell holds.
+/// Appends a row of zeros, the features of an empty cell.
 fn or_zero(features: Tensor<2>) -> Tensor<2> {
     let zero = Tensor::zeros([1, features.dims()[1]], &features.device());
     Tensor::cat(vec![features, zero], 0)
 }
 
-/// Which sites the encoder's layers work on, from the vertices' to those of the coarsest level.
+/// Sites of the encoder's layers, from those of the vertices to those of the coarsest level.
 #[derive(Clone, Debug)]
 pub(super) struct Plan {
-    /// The site of each vertex.
+    /// Site of each vertex.
     vertices: Vec<i32>,
-    /// One over how many vertices share a vertex's site.
+    /// One over the number of vertices that share a vertex's site.
     shares: Vec<f32>,
     stages: Vec<Stage>,
 }
@@ -69,14 +69,14 @@ pub(super) struct Plan {
 #[derive(Clone, Debug)]
 struct Stage {
     sites: Sites,
-    /// From the stage before; empty for the first.
+    /// Neighbours among the sites of the stage before; empty for the first.
     down: Vec<i32>,
-    /// Among themselves.
+    /// Neighbours among the stage's own sites.
     same: Vec<i32>,
 }
 
 impl Plan {
-    /// The plan for vertices in these cells of a grid.
+    /// Plans the layers for vertices in `cells` of a grid.
     pub(super) fn new(size: [usize; 3], cells: &[[usize; 3]]) -> Self {
         let first = Sites::new(size, cells.iter().copied());
         let vertices: Vec<i32> = cells.iter().map(|&cell| first.row(cell)).collect();
@@ -93,7 +93,7 @@ impl Plan {
         Self { vertices, shares, stages }
     }
 
-    /// Cells of each level, coarsest last.
+    /// Lists the size of each level in cells, coarsest last.
     pub(super) fn sizes(&self) -> impl Iterator<Item = [usize; 3]> {
         self.stages[1..].iter().map(|stage| stage.sites.size)
     }
@@ -101,30 +101,30 @@ impl Plan {
 
 /// Codes of vertices → volumes of features at strides 2, 4, 8 and 16 (Neural Body, Table 5).
 #[derive(Module, Debug)]
-pub(super) struct Encoder {
+pub(super) struct SparseEncoder {
     down: Vec<SparseConvolution>,
     same: Vec<Vec<SparseConvolution>>,
 }
 
-/// Channels of the four levels: w, 2w, 4w and 4w.
+/// Returns the channels of the four levels: w, 2w, 4w and 4w.
 pub(super) fn channels(width: usize) -> [usize; 4] {
     [width, 2 * width, 4 * width, 4 * width]
 }
 
-/// Widths of the five stages: that of the codes, and of the levels.
+/// Returns the widths of the five stages: of the codes, and of the levels.
 fn widths(code: usize, width: usize) -> Vec<usize> {
     std::iter::once(code).chain(channels(width)).collect()
 }
 
-/// Numbers in the kernels.
+/// Returns the number of weights of the kernels.
 pub(super) fn parameters(code: usize, width: usize) -> usize {
     let widths = widths(code, width);
     let into = |stage: usize| LAYERS[stage] * widths[stage] + if stage > 0 { widths[stage - 1] } else { 0 };
     (0..LAYERS.len()).map(|stage| REACH * widths[stage] * into(stage)).sum()
 }
 
-impl Encoder {
-    /// An encoder of codes of `code` numbers, whose first level has `width` channels.
+impl SparseEncoder {
+    /// Builds an encoder of codes of `code` elements, whose first level has `width` channels.
     pub(super) fn new(code: usize, width: usize, rng: &mut impl Rng, device: &Device) -> Self {
         let widths = widths(code, width);
         let mut layers = |stage: usize| {
@@ -136,7 +136,7 @@ impl Encoder {
         Self { down: down.into_iter().flatten().collect(), same }
     }
 
-    /// The volumes of `codes`, `[vertices, code]`: of each level `[cells, channels]`, x fastest, 0 where there is no site.
+    /// Computes the volumes of `codes`, `[vertices, code]`: for each level `[cells, channels]`, x fastest, 0 where there is no site.
     pub(super) fn volumes(&self, codes: Tensor<2>, plan: &Plan) -> Vec<Tensor<2>> {
         let device = codes.device();
         let int = |values: &[i32]| upload(values.to_vec(), [values.len()], &device);

@@ -21,16 +21,18 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::check;
+use crate::field::{Body, Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint};
 use crate::init::{Init, normal};
 use crate::points::along_axes;
-use crate::{Body, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, Sources};
-use encoder::{Encoder, Plan, channels};
+use crate::points::{FieldOutput, Points};
+use crate::sources::Sources;
+use encoder::{Plan, SparseEncoder, channels};
 
 /// Space around the vertices that the voxels hold, scene units (metres).
 const MARGIN: f32 = 0.05;
-/// Most voxels along an axis, and in all: at the published voxel, a box of 3 m × 1.5 m × 1.5 m.
-const LARGEST: usize = 1024;
-const MOST: usize = 1 << 26;
+/// Greatest number of voxels along an axis, and in all: at the published voxel, a box of 3 m × 1.5 m × 1.5 m.
+const MAX_SIDE: usize = 1024;
+const MAX_CELLS: usize = 1 << 26;
 /// Hidden layers from a point's features to its density.
 const TRUNK: usize = 3;
 
@@ -38,18 +40,18 @@ const TRUNK: usize = 3;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NeuralBodyConfig {
-    /// A PLY or OBJ file with the body's vertices in the scene's world; empty for those that the scene comes with, as
-    /// ZJU-MoCap's do.
+    /// A PLY or OBJ file with the body's vertices in the scene's world; empty for the vertices of the scene, as in
+    /// ZJU-MoCap.
     pub vertices: PathBuf,
     /// Edge of a voxel, scene units (paper: 5 mm).
     pub voxel: f32,
-    /// Numbers of each vertex's code (paper: 16).
+    /// Elements of each vertex's code (paper: 16).
     pub code: usize,
     /// Channels of the first level; the others have two and four times as many (paper: 32).
     pub channels: usize,
     /// Width of the MLP, whose last layer has half of it (paper: 256).
     pub width: usize,
-    /// Numbers of the frame's appearance code (paper: 128).
+    /// Elements of the frame's appearance code (paper: 128).
     pub appearance: usize,
     /// Frequencies of the position's encoding (paper: 10).
     pub position_frequencies: usize,
@@ -106,7 +108,7 @@ impl FieldSpec for NeuralBodyConfig {
         Ok(NeuralBody {
             codes: parameter(normal(rng, cells.len() * self.code), cells.len()),
             appearance: Param::from_data(TensorData::new(normal(rng, self.appearance), [1, self.appearance]), device),
-            encoder: Encoder::new(self.code, self.channels, rng, device),
+            encoder: SparseEncoder::new(self.code, self.channels, rng, device),
             trunk: (0..TRUNK).map(|layer| Init::FanIn.linear(rng, trunk(layer), self.width, device)).collect(),
             sigma: Init::FanIn.linear(rng, self.width, 1, device),
             feature: Init::FanIn.linear(rng, self.width, self.width, device),
@@ -128,16 +130,16 @@ impl FieldSpec for NeuralBodyConfig {
         Footprint { parameters: (convolutions + mlp) as u64, per_sample: per_sample as u64 }
     }
 
-    fn needs_body(&self) -> bool {
-        true
+    fn traits(&self) -> FieldTraits {
+        FieldTraits { body: true, ..FieldTraits::default() }
     }
 
-    fn files(&mut self) -> Vec<&mut PathBuf> {
-        vec![&mut self.vertices]
+    fn files(&mut self) -> Vec<FieldFile<'_>> {
+        vec![FieldFile { key: "vertices", path: &mut self.vertices, holds_weights: false }]
     }
 }
 
-/// Where voxels lie about a body.
+/// Placement of voxels about a body.
 #[derive(Clone, Debug)]
 struct Grid {
     /// Axes of the body's frame in the world, and its origin.
@@ -151,7 +153,7 @@ struct Grid {
 }
 
 impl Grid {
-    /// A grid that holds the vertices with a margin.
+    /// Builds a grid that holds the vertices with a margin.
     fn around(body: &Body<'_>, voxel: f32) -> Result<Self, Fault> {
         let &Body { vertices, axes, origin } = body;
         let mut grid = Self { axes, origin, low: [0.0; 3], voxel, size: [0; 3] };
@@ -162,7 +164,7 @@ impl Grid {
             grid.low[axis] = along(axis, f32::min, f32::INFINITY) - MARGIN;
             let high = along(axis, f32::max, f32::NEG_INFINITY) + MARGIN;
             let cells = ((high - grid.low[axis]) / voxel).ceil();
-            let good = cells >= 1.0 && cells <= LARGEST as f32 - 1.0;
+            let good = cells >= 1.0 && cells <= MAX_SIDE as f32 - 1.0;
             check("voxel", "voxels of which a body's box has at most 1023 along each axis", voxel, good)?;
             grid.size[axis] = (cells as usize | 31) + 1;
         }
@@ -171,34 +173,34 @@ impl Grid {
             "voxel",
             "voxels of which a body's box has at most 2^26 (is a vertex far from the others?)",
             voxel,
-            cells <= MOST,
+            cells <= MAX_CELLS,
         )?;
         Ok(grid)
     }
 
-    /// A point of the world in the body's frame: Rᵀ(x − origin).
+    /// Maps a point of the world to the body's frame: Rᵀ(x − origin).
     fn framed(&self, point: [f32; 3]) -> [f32; 3] {
         self.axes.map(|axis| (0..3).map(|i| axis[i] * (point[i] - self.origin[i])).sum())
     }
 
-    /// The same in voxels from the first corner.
+    /// Maps a point of the world to voxels from the grid's first corner.
     fn in_voxels(&self, point: [f32; 3]) -> [f32; 3] {
         let framed = self.framed(point);
         [0, 1, 2].map(|axis| (framed[axis] - self.low[axis]) / self.voxel)
     }
 
-    /// [`Self::in_voxels`] of each row, `[M, 3]`.
+    /// Maps points of the world, `[M, 3]`, to voxels from the grid's first corner.
     fn places(&self, points: Tensor<2>) -> Tensor<2> {
         let row = |numbers: [f32; 3]| upload(numbers.to_vec(), [1, 3], &points.device());
         (along_axes(points.clone() - row(self.origin), self.axes) - row(self.low)) / self.voxel
     }
 
-    /// The voxel that a vertex is nearest to.
+    /// Returns the voxel nearest to a vertex.
     fn cell(&self, vertex: [f32; 3]) -> [usize; 3] {
         self.in_voxels(vertex).map(|x| x.round() as usize)
     }
 
-    /// Cells of a level of `size` per voxel of the grid: the released code stretches every level over the grid so that the
+    /// Returns the cells of a level of `size` per voxel of the grid: the released code stretches every level over the grid so that the
     /// middles of its outermost cells coincide with the grid's faces.
     fn stretch(&self, size: [usize; 3]) -> [f32; 3] {
         [0, 1, 2].map(|axis| (size[axis] - 1) as f32 / self.size[axis] as f32)
@@ -214,15 +216,14 @@ impl Grid {
 pub struct NeuralBody {
     codes: Param<Tensor<2>>,
     appearance: Param<Tensor<2>>,
-    encoder: Encoder,
+    encoder: SparseEncoder,
     trunk: Vec<Linear>,
     sigma: Linear,
     feature: Linear,
     framed: Linear,
     view: Linear,
     rgb: Linear,
-    /// Features of each level, `[cells, channels]`; none before the field is
-    /// [conditioned](Field::conditioned).
+    /// Features of each level, `[cells, channels]`; `None` before the field is [conditioned](Field::conditioned).
     volumes: Option<Vec<Tensor<2>>>,
     #[module(skip)]
     plan: Arc<Plan>,
@@ -234,7 +235,7 @@ pub struct NeuralBody {
 }
 
 impl NeuralBody {
-    /// Features of points `[M, 3]` from all levels side by side, `[M, channels]`. Far from the body they are 0.
+    /// Reads the features of points `[M, 3]` from all levels side by side, `[M, channels]`. Far from the body they are 0.
     fn features(&self, positions: Tensor<2>) -> Tensor<2> {
         let volumes = self.volumes.as_ref().expect("Neural Body is conditioned before it is evaluated");
         let device = self.device();

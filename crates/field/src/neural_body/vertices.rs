@@ -7,7 +7,7 @@ use std::path::Path;
 use ply_rs_bw::parser::Parser;
 use ply_rs_bw::ply::{DefaultElement, Property};
 
-/// The vertices of a PLY or OBJ file.
+/// Reads the vertices of a PLY or OBJ file.
 ///
 /// # Errors
 /// If it cannot be read, or has none, or one that is not finite.
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ply_and_obj_say_the_same() {
+    fn ply_and_obj_files_of_one_mesh_agree() {
         let folder = tempfile::tempdir().unwrap();
         let file = |name: &str, text: &str| {
             let path = folder.path().join(name);

@@ -4,16 +4,16 @@ use infonerf_ops::upload;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::Penalty;
 use crate::init::normal;
+use crate::penalty::Penalty;
 
 impl Penalty {
     /// Divergence of a field's latent code from a standard normal distribution (Neural Volumes, Lombardi et al. 2019), in nats:
-    /// the mean over the code's numbers of `KL(N(μ, σ²) ‖ N(0, 1)) = ½(μ² + σ² − 1) − ln σ`.
+    /// the mean over the code's elements of `KL(N(μ, σ²) ‖ N(0, 1)) = ½(μ² + σ² − 1) − ln σ`.
     pub const LATENT_DIVERGENCE: Self = Self("latent divergence");
 }
 
-/// The distribution of a latent code, N(μ, σ²) for each of its numbers.
+/// The distribution of a latent code, N(μ, σ²) for each element.
 #[derive(Module, Debug)]
 pub(super) struct Code {
     /// μ, `[size]`.
@@ -23,7 +23,7 @@ pub(super) struct Code {
 }
 
 impl Code {
-    /// A code, `[1, size]`: μ + σε with ε drawn by `seed`, or μ without one.
+    /// Draws a code, `[1, size]`: μ + σε with ε drawn by `seed`, or μ without one.
     pub(super) fn draw(&self, seed: Option<u64>) -> Tensor<2> {
         let mean = self.mean.clone();
         let code = match seed {
@@ -38,7 +38,7 @@ impl Code {
         code.unsqueeze()
     }
 
-    /// [`Penalty::LATENT_DIVERGENCE`], `[1]`.
+    /// Computes [`Penalty::LATENT_DIVERGENCE`], `[1]`.
     pub(super) fn divergence(&self) -> Tensor<1> {
         let squares = self.mean.clone().square() + (self.log_deviation.clone() * 2.0).exp() - 1.0;
         (squares * 0.5 - self.log_deviation.clone()).mean()

@@ -1,10 +1,10 @@
-//! The encoder of Neural Volumes: from photographs of a frame to its latent code.
+//! The encoder of Neural Volumes: from images of a frame to its latent code.
 
-use burn::module::{Module, Param};
-use burn::nn::conv::{Conv2d, Conv2dConfig};
-use burn::nn::{Linear, PaddingConfig2d};
+use burn::module::Module;
+use burn::nn::Linear;
+use burn::nn::conv::Conv2d;
 use burn::tensor::activation::leaky_relu;
-use burn::tensor::{Device, Tensor, TensorData};
+use burn::tensor::{Device, Tensor};
 use infonerf_ops::bilinear::{Taps, bilinear};
 use infonerf_ops::upload;
 use infonerf_schedule::Fault;
@@ -12,15 +12,15 @@ use rand::Rng;
 use serde::{Deserialize, Serialize};
 
 use super::code::Code;
-use super::{COLOR, LEAKY_GAIN, SLOPE};
-use crate::SourceView;
+use super::{COLOR, LEAKY_GAIN, LEAKY_SLOPE};
 use crate::check::check;
-use crate::init::{glorot_linear, uniform};
+use crate::init::{self, glorot_linear};
+use crate::sources::SourceView;
 
 /// Kernel of the convolutions, whose stride is 2 and whose padding is 1: each halves the resolution.
 const KERNEL: usize = 4;
-/// Most convolutions of a tower.
-const CONVOLUTIONS: usize = 7;
+/// Greatest number of convolutions of a tower.
+const MAX_CONVOLUTIONS: usize = 7;
 /// Factors on the raw mean and on the raw ln σ.
 const SCALES: (f32, f32) = (0.1, 0.01);
 
@@ -28,7 +28,7 @@ const SCALES: (f32, f32) = (0.1, 0.01);
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CodeEncoderConfig {
-    /// Number of photographs, the first of the training views (released code: 3).
+    /// Number of images, the first of the training views (released code: 3).
     pub images: usize,
     /// Rows and columns that they are resized to, multiples of 16 (released code: 512 and 384).
     pub size: [usize; 2],
@@ -46,14 +46,14 @@ impl CodeEncoderConfig {
         check("encoder.width", "1 to 256", width, (1..=256).contains(&width))
     }
 
-    /// Channels of each convolution: w, w, 2w, 2w, then 4w, as long as rows and columns can be halved.
+    /// Returns the channels of each convolution: w, w, 2w, 2w, then 4w, as long as rows and columns can be halved.
     fn channels(&self) -> Vec<usize> {
         let halvings = self.size.map(usize::trailing_zeros);
-        let layers = CONVOLUTIONS.min(halvings[0].min(halvings[1]) as usize);
+        let layers = MAX_CONVOLUTIONS.min(halvings[0].min(halvings[1]) as usize);
         (0..layers).map(|layer| self.width << (layer / 2).min(2)).collect()
     }
 
-    /// Number of features of all towers together.
+    /// Returns the number of features of all towers together.
     fn features(&self) -> usize {
         let channels = self.channels();
         let cells: usize = self.size.iter().map(|side| side >> channels.len()).product();
@@ -64,7 +64,7 @@ impl CodeEncoderConfig {
         8 * self.width
     }
 
-    /// Weights, without biases, of an encoder of codes of `latent` numbers.
+    /// Returns the number of weights, without biases, for codes of `latent` elements.
     pub(super) fn parameters(&self, latent: usize) -> usize {
         let channels = self.channels();
         let inputs = std::iter::once(3).chain(channels.iter().copied());
@@ -73,10 +73,10 @@ impl CodeEncoderConfig {
     }
 }
 
-/// A tower of convolutions for each photograph, then dense layers to the mean and deviation of a code, with leaky ReLUs
+/// A tower of convolutions for each image, then dense layers to the mean and deviation of a code, with leaky ReLUs
 /// between (Neural Volumes, Lombardi et al. 2019, Sec. 4.1; sizes of the released code).
 #[derive(Module, Debug)]
-pub(super) struct Encoder {
+pub(super) struct CodeEncoder {
     towers: Vec<Tower>,
     hidden: Linear,
     mean: Linear,
@@ -85,7 +85,7 @@ pub(super) struct Encoder {
     size: [usize; 2],
 }
 
-/// Convolutions that halve the resolution. Each photograph has weights of its own.
+/// Convolutions that halve the resolution. Each image has weights of its own.
 #[derive(Module, Debug)]
 struct Tower {
     layers: Vec<Conv2d>,
@@ -102,15 +102,15 @@ impl Tower {
         }
     }
 
-    /// Of a picture `[1, 3, rows, columns]` its features, `[1, F]`.
-    fn features(&self, picture: Tensor<4>) -> Tensor<2> {
-        let convolved = self.layers.iter().fold(picture, |x, layer| leaky_relu(layer.forward(x), SLOPE));
+    /// Maps an image `[1, 3, rows, columns]` to its features, `[1, F]`.
+    fn features(&self, image: Tensor<4>) -> Tensor<2> {
+        let convolved = self.layers.iter().fold(image, |x, layer| leaky_relu(layer.forward(x), LEAKY_SLOPE));
         convolved.flatten(1, 3)
     }
 }
 
-impl Encoder {
-    /// An encoder of codes of `latent` numbers.
+impl CodeEncoder {
+    /// Builds an encoder to codes of `latent` elements.
     pub(super) fn new(config: &CodeEncoderConfig, latent: usize, rng: &mut impl Rng, device: &Device) -> Self {
         let channels = config.channels();
         let (features, hidden) = (config.features(), config.hidden());
@@ -123,15 +123,15 @@ impl Encoder {
         }
     }
 
-    /// The code of the first of `views`.
+    /// Encodes the first of `views`.
     ///
     /// # Panics
     /// If there are fewer than it needs.
     pub(super) fn code(&self, views: &[SourceView]) -> Code {
         let device = self.hidden.weight.val().device();
-        let seen = self.towers.iter().zip(views);
-        let features = seen.map(|(tower, view)| tower.features(picture(view, self.size, &device))).collect();
-        let hidden = leaky_relu(self.hidden.forward(Tensor::cat(features, 1)), SLOPE);
+        let pairs = self.towers.iter().zip(views);
+        let features = pairs.map(|(tower, view)| tower.features(image(view, self.size, &device))).collect();
+        let hidden = leaky_relu(self.hidden.forward(Tensor::cat(features, 1)), LEAKY_SLOPE);
         Code {
             mean: self.mean.forward(hidden.clone()).squeeze_dim::<1>(0) * SCALES.0,
             log_deviation: self.log_deviation.forward(hidden).squeeze_dim::<1>(0) * SCALES.1,
@@ -139,9 +139,9 @@ impl Encoder {
     }
 }
 
-/// A photograph as the network takes it, `[1, 3, rows, columns]`: stretched to that size, corners on corners, and with
+/// Returns an image as the network takes it, `[1, 3, rows, columns]`: stretched to that size, corners on corners, and with
 /// colours (255x − 100)/25.
-fn picture(view: &SourceView, [rows, columns]: [usize; 2], device: &Device) -> Tensor<4> {
+fn image(view: &SourceView, [rows, columns]: [usize; 2], device: &Device) -> Tensor<4> {
     let (mean, deviation, white) = COLOR;
     let normalised: Vec<f32> = view.rgb.iter().flatten().map(|x| (white * x - mean) / deviation).collect();
     let pixels = upload(normalised, [view.rgb.len(), 3], device);
@@ -149,26 +149,17 @@ fn picture(view: &SourceView, [rows, columns]: [usize; 2], device: &Device) -> T
     resized.reshape([1, rows, columns, 3]).permute([0, 3, 1, 2])
 }
 
-/// A convolution that halves the resolution; weights uniform in ±gain·√(6/(16 (inputs + outputs))), biases 0.
+/// Builds a convolution that halves the resolution; weights uniform in ±gain·√(6/(16 (inputs + outputs))), biases 0.
 fn convolution(rng: &mut impl Rng, channels: [usize; 2], device: &Device) -> Conv2d {
-    let mut layer = Conv2dConfig::new(channels, [KERNEL; 2])
-        .with_stride([2; 2])
-        .with_padding(PaddingConfig2d::Explicit(1, 1, 1, 1))
-        .init(device);
-    let [inputs, outputs] = channels;
-    let area = KERNEL * KERNEL;
-    let bound = LEAKY_GAIN * (6.0 / (area * (inputs + outputs)) as f32).sqrt();
-    let weight = uniform(rng, area * inputs * outputs, bound);
-    layer.weight = Param::from_data(TensorData::new(weight, [outputs, inputs, KERNEL, KERNEL]), device);
-    layer.bias = Some(Param::from_data(TensorData::new(vec![0f32; outputs], [outputs]), device));
-    layer
+    let fans = KERNEL * KERNEL * (channels[0] + channels[1]);
+    init::convolution(rng, channels, [KERNEL, 2, 1], LEAKY_GAIN * (6.0 / fans as f32).sqrt(), device)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// At the published size: seven convolutions to 4 × 3 cells of 256 channels, from each of three photographs.
+    /// At the published size: seven convolutions to 4 × 3 cells of 256 channels, from each of three images.
     #[test]
     fn the_published_sizes() {
         let config = CodeEncoderConfig { images: 3, size: [512, 384], width: 64 };

@@ -5,7 +5,7 @@ use rand::Rng;
 use super::code::Code;
 use crate::init::normal;
 
-/// Initial ln σ of a latent code: σ is small beside the code, so that short runs are not dominated by its noise. The divergence
+/// Initial ln σ of a latent code: σ is small compared with the code, so that short runs are not dominated by its noise. The divergence
 /// term raises it.
 const FIRST_LOG_DEVIATION: f32 = -4.0;
 
@@ -19,7 +19,7 @@ pub(super) struct Latent {
 }
 
 impl Latent {
-    /// A code of `size` numbers of the standard normal distribution.
+    /// Draws a code of `size` elements from the standard normal distribution.
     pub(super) fn new(size: usize, rng: &mut impl Rng, device: &Device) -> Self {
         let parameter = |values: Vec<f32>| Param::from_data(TensorData::new(values, [size]), device);
         Self { mean: parameter(normal(rng, size)), log_deviation: parameter(vec![FIRST_LOG_DEVIATION; size]) }

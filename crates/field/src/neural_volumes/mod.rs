@@ -21,16 +21,19 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use crate::check::check;
-use crate::{Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Penalty, Points, Sources};
+use crate::field::{Field, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceImages};
+use crate::penalty::Penalty;
+use crate::points::{FieldOutput, Points};
+use crate::sources::Sources;
 use code::Code;
-use encoder::Encoder;
+use encoder::CodeEncoder;
 use latent::Latent;
 use template::Template;
 use warp::Warp;
 
-/// Slope of the leaky ReLUs below 0.
-const SLOPE: f64 = 0.2;
-/// √(2/(1 + slope²)): the gain that keeps the variance through one.
+/// Factor of the leaky ReLUs below 0.
+const LEAKY_SLOPE: f64 = 0.2;
+/// √(2/(1 + 0.2²)): the gain that keeps the variance through one.
 const LEAKY_GAIN: f32 = 1.386_750_5;
 /// Mean, deviation and white of colours: they are softplus(100 + 25x)/255, mid-grey before training.
 const COLOR: (f32, f32, f32) = (100.0, 25.0, 255.0);
@@ -39,7 +42,7 @@ const COLOR: (f32, f32, f32) = (100.0, 25.0, 255.0);
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NeuralVolumesConfig {
-    /// Numbers of the latent code (released code: 256).
+    /// Elements of the latent code (released code: 256).
     pub latent: usize,
     /// Voxels of the template along each axis, a power of two (paper: 128).
     pub resolution: usize,
@@ -49,7 +52,7 @@ pub struct NeuralVolumesConfig {
     pub maps: usize,
     /// Voxels of the warp along each axis (paper: 32).
     pub warp_resolution: usize,
-    /// Encodes photographs into the code. Without it the code is a parameter, which is equivalent for a scene of one frame.
+    /// Encoder of images into the code. Without it the code is a parameter, which is equivalent for a scene of one frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub encoder: Option<CodeEncoderConfig>,
 }
@@ -62,7 +65,7 @@ impl fmt::Display for NeuralVolumesConfig {
             "{resolution}³ voxels, decoded from {latent} numbers at width {width}, warped by {maps} affine maps"
         )?;
         match &self.encoder {
-            Some(encoder) => write!(f, ", encoded from {} photographs", encoder.images),
+            Some(encoder) => write!(f, ", encoded from {} images", encoder.images),
             None => Ok(()),
         }
     }
@@ -94,7 +97,7 @@ impl FieldSpec for NeuralVolumesConfig {
         let rng = &mut ChaCha8Rng::seed_from_u64(seed);
         Ok(NeuralVolumes {
             codes: match &self.encoder {
-                Some(encoder) => Codes::Encoded(Encoder::new(encoder, self.latent, rng, device)),
+                Some(encoder) => Codes::Encoded(CodeEncoder::new(encoder, self.latent, rng, device)),
                 None => Codes::Learned(Latent::new(self.latent, rng, device)),
             },
             template: Template::new(self.latent, self.resolution, self.width, rng, device),
@@ -116,22 +119,23 @@ impl FieldSpec for NeuralVolumesConfig {
         Footprint { parameters, per_sample: 20 }
     }
 
-    fn first_photographs(&self) -> Option<(&'static str, usize)> {
-        self.encoder.as_ref().map(|encoder| ("encoder.images", encoder.images))
+    fn traits(&self) -> FieldTraits {
+        let first = |encoder: &CodeEncoderConfig| SourceImages::First { key: "encoder.images", count: encoder.images };
+        FieldTraits { sources: self.encoder.as_ref().map_or(SourceImages::None, first), ..FieldTraits::default() }
     }
 }
 
-/// Photographs, if there is an encoder → latent code → template of coloured voxels, and a warp field → density and colour.
+/// Images, if there is an encoder → latent code → template of coloured voxels, and a warp field → density and colour.
 ///
 /// The volume is the cube [−1, 1]³ of the longest side of the scene's box about its middle. The warp maps a point of
-/// it to where the template is read; outside of the cube space is empty. Density is the template's opacity per unit of the
+/// the cube to where the template is read; outside of the cube space is empty. Density is the template's opacity per unit of the
 /// cube, in scene units; it is meant for `render.compositing = "additive"`.
 #[derive(Module, Debug)]
 pub struct NeuralVolumes {
     codes: Codes,
     template: Template,
     warp: Warp,
-    /// The decoded code; none before the field is [conditioned](Field::conditioned).
+    /// The decoded code; `None` before the field is [conditioned](Field::conditioned).
     decoded: Option<Decoded>,
     #[module(skip)]
     resolution: usize,
@@ -146,7 +150,7 @@ pub struct NeuralVolumes {
 #[allow(clippy::large_enum_variant, reason = "a field holds one of them")]
 enum Codes {
     /// Encoded from the first training views.
-    Encoded(Encoder),
+    Encoded(CodeEncoder),
     /// A parameter.
     Learned(Latent),
 }
@@ -165,7 +169,7 @@ impl Codes {
 struct Decoded {
     /// Colour and opacity per unit of the cube of each voxel, `[resolution³, 4]`.
     voxels: Tensor<2>,
-    /// Where in the cube the template is read for each voxel of the warp's grid, `[warp_resolution³, 3]`.
+    /// Place in the cube where the template is read for each voxel of the warp's grid, `[warp_resolution³, 3]`.
     warp: Tensor<2>,
     /// The distribution that the code was drawn from.
     code: Code,
@@ -176,25 +180,25 @@ impl NeuralVolumes {
         self.decoded.as_ref().expect("Neural Volumes are conditioned before they are evaluated")
     }
 
-    /// Positions `[M, 3]` in the cube [−1, 1]³.
+    /// Maps positions `[M, 3]` to the cube [−1, 1]³.
     fn in_cube(&self, positions: Tensor<2>) -> Tensor<2> {
         let middle = upload(self.middle.to_vec(), [1, 3], &positions.device());
         (positions - middle) / self.half_side
     }
 
-    /// The mean over the template's voxels of √(1e-5 + |∇ ln(1e-5 + α)|²), where α is a voxel's opacity per unit of the cube,
+    /// Computes the mean over the template's voxels of √(1e-5 + |∇ ln(1e-5 + α)|²), where α is a voxel's opacity per unit of the cube,
     /// and ∇ takes differences to the next voxel along each axis.
     fn total_variation(&self) -> Tensor<1> {
-        const LEAST: f32 = 1e-5;
+        const EPSILON: f32 = 1e-5;
         let n = self.resolution;
-        let logarithm = (self.decoded().voxels.clone().narrow(1, 3, 1) + LEAST).log().reshape([n, n, n]);
+        let logarithm = (self.decoded().voxels.clone().narrow(1, 3, 1) + EPSILON).log().reshape([n, n, n]);
         let here = logarithm.clone().slice([0..n - 1, 0..n - 1, 0..n - 1]);
         let towards = |axis: usize| {
             let from = |a: usize| usize::from(a == axis)..n - usize::from(a != axis);
             logarithm.clone().slice([from(0), from(1), from(2)]) - here.clone()
         };
         let squares = (0..3).map(|axis| towards(axis).square()).fold(here.zeros_like(), |sum, square| sum + square);
-        (squares + LEAST).sqrt().mean()
+        (squares + EPSILON).sqrt().mean()
     }
 }
 
@@ -220,7 +224,7 @@ impl Field for NeuralVolumes {
     }
 
     /// # Panics
-    /// If there are fewer photographs than its encoder needs.
+    /// If there are fewer images than the encoder needs.
     fn conditioned(&self, sources: &Sources, seed: Option<u64>) -> Self {
         let code = self.codes.of(sources);
         let drawn = code.draw(seed);
@@ -241,7 +245,7 @@ impl Field for NeuralVolumes {
     }
 }
 
-/// From the cube [−1, 1]³ to the voxels of a grid whose outermost centres are on the cube's faces.
+/// Maps the cube [−1, 1]³ to the voxels of a grid whose outermost centres are on the cube's faces.
 fn in_voxels(points: Tensor<2>, grid: Voxels) -> Tensor<2> {
     (points + 1.0) * (0.5 * (grid.size[0] - 1) as f32)
 }

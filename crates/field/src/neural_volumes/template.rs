@@ -5,7 +5,7 @@ use burn::tensor::activation::leaky_relu;
 use burn::tensor::{Device, Tensor, TensorData};
 use rand::Rng;
 
-use super::{LEAKY_GAIN, SLOPE};
+use super::{LEAKY_GAIN, LEAKY_SLOPE};
 use crate::init::{glorot_linear, uniform};
 
 /// Kernel of the transposed convolutions, whose stride is 2 and whose padding is 1: each doubles the resolution.
@@ -21,14 +21,14 @@ pub(super) struct Template {
     layers: Vec<ConvTranspose3d>,
 }
 
-/// Channels of the dense layer and of each transposed convolution but the last: 2w, then w, w, w/2, w/2, w/4 …
+/// Returns the channels of the dense layer and of each transposed convolution but the last: 2w, then w, w, w/2, w/2, w/4 …
 pub(super) fn channels(resolution: usize, width: usize) -> Vec<usize> {
     let layers = resolution.ilog2() as usize;
     std::iter::once(2 * width).chain((0..layers - 1).map(|layer| width >> (layer / 2))).collect()
 }
 
 impl Template {
-    /// A template of `resolution`³ voxels, a power of two, for codes of `latent` numbers.
+    /// Builds a template of `resolution`³ voxels, a power of two, for codes of `latent` elements.
     pub(super) fn new(latent: usize, resolution: usize, width: usize, rng: &mut impl Rng, device: &Device) -> Self {
         let channels = channels(resolution, width);
         let dense = glorot_linear(rng, latent, channels[0], LEAKY_GAIN, device);
@@ -43,15 +43,15 @@ impl Template {
         self.dense.weight.val().device()
     }
 
-    /// The voxels of a code `[1, latent]`, before activation: `[resolution³, 4]`, x fastest and z slowest.
+    /// Decodes a code `[1, latent]` to voxels before activation: `[resolution³, 4]`, x fastest and z slowest.
     pub(super) fn voxels(&self, code: Tensor<2>) -> Tensor<2> {
-        let dense = leaky_relu(self.dense.forward(code), SLOPE);
+        let dense = leaky_relu(self.dense.forward(code), LEAKY_SLOPE);
         let [_, width] = dense.dims();
         let mut x = dense.reshape([1, width, 1, 1, 1]);
         for (index, layer) in self.layers.iter().enumerate() {
             x = layer.forward(x);
             if index + 1 < self.layers.len() {
-                x = leaky_relu(x, SLOPE);
+                x = leaky_relu(x, LEAKY_SLOPE);
             }
         }
         let [_, channels, depth, height, width] = x.dims();
@@ -59,7 +59,7 @@ impl Template {
     }
 }
 
-/// A transposed convolution that doubles the resolution. Before training each voxel becomes 2³ equal ones, overlapping with
+/// Builds a transposed convolution that doubles the resolution. Before training each voxel becomes 2³ equal ones, overlapping with
 /// its neighbours': weights are uniform in ±gain·√(6/(8 (inputs + outputs))), the same within each 2³ block of the kernel.
 fn transposed_convolution(rng: &mut impl Rng, channels: [usize; 2], gain: f32, device: &Device) -> ConvTranspose3d {
     let mut layer =

@@ -6,7 +6,7 @@ use infonerf_ops::trilinear::{Beyond, Voxels, trilinear};
 use infonerf_ops::upload;
 use rand::Rng;
 
-use super::{LEAKY_GAIN, SLOPE};
+use super::{LEAKY_GAIN, LEAKY_SLOPE};
 use crate::init::glorot_linear;
 
 /// Width of the branches that make the affine maps, and of the one that makes the mixture's weights.
@@ -14,11 +14,11 @@ const WIDTHS: (usize, usize) = (128, 64);
 /// Factor on the raw translations.
 const TRANSLATION: f32 = 0.1;
 /// Keeps a quaternion of length 0 finite.
-const LEAST_SQUARE: f32 = 1e-5;
-/// Least sum of the mixture's weights that is divided by.
-const LEAST_WEIGHT: f32 = 1e-3;
+const SQUARE_EPSILON: f32 = 1e-5;
+/// Least sum of the mixture's weights as a divisor.
+const MIN_WEIGHT: f32 = 1e-3;
 
-/// A mixture of affine maps (Neural Volumes, Lombardi et al. 2019, Sec. 4.2), from where a point is to where the template is
+/// A mixture of affine maps (Neural Volumes, Lombardi et al. 2019, Sec. 4.2), from a point to the place where the template is
 /// read:
 ///
 /// `Aᵢ(p) = sᵢ ⊙ Rᵢ (p − tᵢ)` and `warp(p) = Σ wᵢ(Aᵢ p) Aᵢ p / max(Σ wᵢ(Aᵢ p), 0.001)`,
@@ -53,12 +53,12 @@ impl Branch {
     }
 
     fn forward(&self, x: Tensor<2>) -> Tensor<2> {
-        self.output.forward(leaky_relu(self.hidden.forward(x), SLOPE))
+        self.output.forward(leaky_relu(self.hidden.forward(x), LEAKY_SLOPE))
     }
 }
 
 impl Warp {
-    /// A mixture of `maps` affine maps on a grid of `resolution`³, for codes of `latent` numbers.
+    /// Builds a mixture of `maps` affine maps on a grid of `resolution`³, for codes of `latent` elements.
     pub(super) fn new(latent: usize, maps: usize, resolution: usize, rng: &mut impl Rng, device: &Device) -> Self {
         let mut branch = |hidden: usize, outputs: usize| Branch::new(rng, [latent, hidden, outputs], device);
         Self {
@@ -71,12 +71,12 @@ impl Warp {
         }
     }
 
-    /// The grid that points are looked up in.
+    /// Returns the grid that points are looked up in.
     pub(super) fn grid(&self) -> Voxels {
         Voxels { grids: 1, size: [self.resolution; 3], beyond: Beyond::Border }
     }
 
-    /// Where the template is read for each voxel of the grid, by a code `[1, latent]`: `[resolution³, 3]` in the cube
+    /// Computes where the template is read for each voxel of the grid, by a code `[1, latent]`: `[resolution³, 3]` in the cube
     /// [−1, 1]³, x fastest and z slowest.
     pub(super) fn field(&self, code: Tensor<2>) -> Tensor<2> {
         let (maps, voxels) = (self.maps, self.resolution.pow(3));
@@ -88,10 +88,10 @@ impl Warp {
         let places = (mapped.clone() + 1.0) * (0.5 * (self.resolution - 1) as f32);
         let weights = trilinear(weights, places, Voxels { grids: maps, ..self.grid() }).reshape([voxels, maps, 1]);
         let mixed = (mapped.reshape([voxels, maps, 3]) * weights.clone()).sum_dim(1);
-        (mixed / weights.sum_dim(1).clamp_min(LEAST_WEIGHT)).squeeze_dim(1)
+        (mixed / weights.sum_dim(1).clamp_min(MIN_WEIGHT)).squeeze_dim(1)
     }
 
-    /// All maps side by side: `[3, 3·maps]` and `[1, 3·maps]`, such that `Aᵢ(p)` is columns 3i to 3i + 2 of `p · linear +
+    /// Returns all maps side by side: `[3, 3·maps]` and `[1, 3·maps]`, such that `Aᵢ(p)` is columns 3i to 3i + 2 of `p · linear +
     /// offset`.
     fn affine(&self, code: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
         let maps = self.maps;
@@ -103,7 +103,7 @@ impl Warp {
         (linear.reshape([3 * maps, 3]).swap_dims(0, 1), offset)
     }
 
-    /// The voxels' centres in [−1, 1]³, row-major.
+    /// Returns the voxels' centres in [−1, 1]³, row-major.
     fn points(&self) -> Vec<f32> {
         let size = self.resolution;
         let at = |voxel: usize| 2.0 * voxel as f32 / (size - 1) as f32 - 1.0;
@@ -111,10 +111,10 @@ impl Warp {
     }
 }
 
-/// The rotations `[N, 3, 3]` of quaternions (w, x, y, z), `[N, 4]`, of any length.
+/// Returns the rotations `[N, 3, 3]` of quaternions (w, x, y, z), `[N, 4]`, of any length.
 fn rotations(quaternions: Tensor<2>) -> Tensor<3> {
     let count = quaternions.dims()[0];
-    let length = (quaternions.clone().square().sum_dim(1) + LEAST_SQUARE).sqrt();
+    let length = (quaternions.clone().square().sum_dim(1) + SQUARE_EPSILON).sqrt();
     let unit = quaternions / length;
     let part = |index: usize| unit.clone().narrow(1, index, 1);
     let [w, x, y, z] = [0, 1, 2, 3].map(part);
@@ -140,9 +140,8 @@ mod tests {
 
     use super::*;
 
-    /// A quarter turn about z takes x to y; the quaternion need not have unit length.
     #[test]
-    fn a_quarter_turn() {
+    fn quaternions_of_any_length_rotate() {
         let quaternion = Tensor::<2>::from_floats([[30.0, 0.0, 0.0, 30.0]], &Device::flex());
         let got = to_host(rotations(quaternion));
         for (got, want) in got.iter().zip([0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]) {

@@ -1,15 +1,16 @@
 //! The image encoder of PixelNeRF: the first stages of a ResNet (He et al. 2016), read at every resolution.
 
-use burn::module::{Module, Param};
-use burn::nn::PaddingConfig2d;
-use burn::nn::conv::{Conv2d, Conv2dConfig};
+use burn::module::Module;
+use burn::nn::conv::Conv2d;
 use burn::tensor::ops::MaxPoolOptions;
-use burn::tensor::{Device, Tensor, TensorData, activation::relu, module::max_pool2d};
+use burn::tensor::{Device, Tensor, activation::relu, module::max_pool2d};
 use infonerf_ops::bilinear::{Taps, bilinear};
 use infonerf_ops::upload;
 use rand::Rng;
 
-use crate::{EncoderConfig, SourceView, init::uniform};
+use super::EncoderConfig;
+use crate::init;
+use crate::sources::SourceView;
 
 /// Factor by which the stem makes images smaller.
 pub(super) const STEM_STRIDE: usize = 2;
@@ -17,63 +18,55 @@ pub(super) const STEM_STRIDE: usize = 2;
 /// Stem and stages of residual blocks: `width` channels in the stem and the first stage, twice as many in each further one.
 ///
 /// Batch normalisation is in inference form, an affine map per channel, and folded into the convolution before it: the few
-/// photographs of a scene are too small a batch for statistics.
+/// images of a scene are too small a batch for statistics.
 #[derive(Module, Debug)]
-pub(super) struct Encoder {
+pub(super) struct ImageEncoder {
     pub(super) stem: Conv2d,
-    pub(super) stages: Vec<Vec<Block>>,
+    pub(super) stages: Vec<Vec<ResidualBlock>>,
 }
 
 /// relu(s(x) + conv₂(relu(conv₁(x)))), s the identity or a 1 × 1 convolution.
 #[derive(Module, Debug)]
-pub(super) struct Block {
+pub(super) struct ResidualBlock {
     pub(super) first: Conv2d,
     pub(super) second: Conv2d,
     pub(super) shortcut: Option<Conv2d>,
 }
 
-impl Block {
+impl ResidualBlock {
     fn forward(&self, x: Tensor<4>) -> Tensor<4> {
         let h = self.second.forward(relu(self.first.forward(x.clone())));
         relu(h + self.shortcut.as_ref().map_or_else(|| x.clone(), |shortcut| shortcut.forward(x.clone())))
     }
 }
 
-/// A convolution that pads by half its kernel; weights uniform in ±gain·√(6/fan_in) (He et al. 2015), biases 0.
+/// Builds a convolution that pads by half its kernel; weights uniform in ±gain·√(6/fan_in) (He et al. 2015), biases 0.
 fn convolution(
     rng: &mut impl Rng,
     channels: [usize; 2],
-    (kernel, stride): (usize, usize),
+    kernel: usize,
+    stride: usize,
     gain: f32,
     device: &Device,
 ) -> Conv2d {
-    let pad = kernel / 2;
-    let mut layer = Conv2dConfig::new(channels, [kernel, kernel])
-        .with_stride([stride, stride])
-        .with_padding(PaddingConfig2d::Explicit(pad, pad, pad, pad))
-        .init(device);
-    let [inputs, outputs] = channels;
-    let fan_in = inputs * kernel * kernel;
-    let weight = uniform(rng, fan_in * outputs, gain * (6.0 / fan_in as f32).sqrt());
-    layer.weight = Param::from_data(TensorData::new(weight, [outputs, inputs, kernel, kernel]), device);
-    layer.bias = Some(Param::from_data(TensorData::new(vec![0f32; outputs], [outputs]), device));
-    layer
+    let fan_in = channels[0] * kernel * kernel;
+    init::convolution(rng, channels, [kernel, stride, kernel / 2], gain * (6.0 / fan_in as f32).sqrt(), device)
 }
 
-impl Encoder {
+impl ImageEncoder {
     pub(super) fn new(config: &EncoderConfig, rng: &mut impl Rng, device: &Device) -> Self {
-        let stem = convolution(rng, [3, config.width], (7, STEM_STRIDE), 1.0, device);
+        let stem = convolution(rng, [3, config.width], 7, STEM_STRIDE, 1.0, device);
         let mut inputs = config.width;
         let mut stages = Vec::new();
         for (stage, &count) in config.blocks.iter().enumerate() {
             let outputs = config.width << stage;
             let block = |index: usize| {
                 let (inputs, stride) = if index == 0 && stage > 0 { (inputs, 2) } else { (outputs, 1) };
-                Block {
-                    first: convolution(rng, [inputs, outputs], (3, stride), 1.0, device),
+                ResidualBlock {
+                    first: convolution(rng, [inputs, outputs], 3, stride, 1.0, device),
                     // Begins at 0, so that a block begins as its shortcut and depth does not add up (Goyal et al. 2017).
-                    second: convolution(rng, [outputs, outputs], (3, 1), 0.0, device),
-                    shortcut: (stride > 1).then(|| convolution(rng, [inputs, outputs], (1, stride), 1.0, device)),
+                    second: convolution(rng, [outputs, outputs], 3, 1, 0.0, device),
+                    shortcut: (stride > 1).then(|| convolution(rng, [inputs, outputs], 1, stride, 1.0, device)),
                 }
             };
             stages.push((0..count).map(block).collect());
@@ -82,18 +75,18 @@ impl Encoder {
         Self { stem, stages }
     }
 
-    /// Channels of all resolutions together, C.
+    /// Returns the channels of all resolutions together, C.
     pub(super) fn channels(&self) -> usize {
         let stem = self.stem.weight.dims()[0];
         stem + self.stages.iter().enumerate().map(|(stage, _)| stem << stage).sum::<usize>()
     }
 
-    /// Height and width of the feature maps of a view.
+    /// Returns height and width of the feature maps of a view.
     pub(super) fn map_size(view: &SourceView) -> (usize, usize) {
         (view.height.div_ceil(STEM_STRIDE), view.width.div_ceil(STEM_STRIDE))
     }
 
-    /// Features of every texel: stem and stages, each resized to the stem's resolution, side by side; `[V·h·w, C]`.
+    /// Computes the features of every texel: stem and stages, each resized to the stem's resolution, side by side; `[V·h·w, C]`.
     pub(super) fn features(&self, views: &[SourceView], device: &Device) -> Tensor<2> {
         let to = Self::map_size(&views[0]);
         let mut x = relu(self.stem.forward(images(views, device)));
@@ -109,13 +102,13 @@ impl Encoder {
     }
 }
 
-/// `[V, C, h, w]` → one row per texel, `[V·h·w, C]`.
+/// Permutes `[V, C, h, w]` to one row per texel, `[V·h·w, C]`.
 fn rows(maps: Tensor<4>) -> Tensor<2> {
     let [views, channels, height, width] = maps.dims();
     maps.permute([0, 2, 3, 1]).reshape([views * height * width, channels])
 }
 
-/// Colours as the network takes them, [−1, 1], `[V, 3, H, W]`.
+/// Returns colours as the network takes them, [−1, 1], `[V, 3, H, W]`.
 fn images(views: &[SourceView], device: &Device) -> Tensor<4> {
     let (height, width) = (views[0].height, views[0].width);
     let planes = views.iter().flat_map(|view| (0..3).flat_map(|c| view.rgb.iter().map(move |rgb| 2.0 * rgb[c] - 1.0)));

@@ -5,7 +5,8 @@ use burn::nn::Linear;
 use burn::tensor::{Device, Tensor, activation::relu};
 use rand::Rng;
 
-use crate::{PixelNerfConfig, init::he_linear};
+use super::PixelNerfConfig;
+use crate::init::he_linear;
 
 /// Position, direction and features in each view → density and colour of each point (Yu et al., Fig. 2 and Sec. B.1).
 #[derive(Module, Debug)]
@@ -13,7 +14,7 @@ pub(super) struct ResnetMlp {
     input: Linear,
     /// The layers that read features, of all blocks before the average, side by side.
     features: Linear,
-    blocks: Vec<Block>,
+    blocks: Vec<MlpBlock>,
     output: Linear,
     #[module(skip)]
     pool_after: usize,
@@ -23,12 +24,12 @@ pub(super) struct ResnetMlp {
 
 /// x + W₂ relu(W₁ relu(x)).
 #[derive(Module, Debug)]
-struct Block {
+struct MlpBlock {
     first: Linear,
     second: Linear,
 }
 
-impl Block {
+impl MlpBlock {
     fn forward(&self, x: Tensor<2>) -> Tensor<2> {
         let h = self.first.forward(relu(x.clone()));
         x + self.second.forward(relu(h))
@@ -45,7 +46,7 @@ impl ResnetMlp {
     ) -> Self {
         let &PixelNerfConfig { width, blocks, pool_after, .. } = config;
         // The second layer of a block begins at 0: a block begins as the identity.
-        let mut block = || Block {
+        let mut block = || MlpBlock {
             first: he_linear(rng, width, width, 1.0, device),
             second: he_linear(rng, width, width, 0.0, device),
         };
@@ -60,7 +61,7 @@ impl ResnetMlp {
         }
     }
 
-    /// Every feature-reading layer at once: `[P, C]` → `[P, pool_after·width]`.
+    /// Applies all feature-reading layers at once: `[P, C]` → `[P, pool_after·width]`.
     pub(super) fn inject(&self, features: Tensor<2>) -> Tensor<2> {
         self.features.forward(features)
     }

@@ -1,4 +1,4 @@
-//! PixelNeRF (Yu et al. 2021): a field that is conditioned on photographs.
+//! PixelNeRF (Yu et al. 2021): a field that is conditioned on source images.
 
 mod encoder;
 mod mlp;
@@ -18,9 +18,12 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
+use crate::activation::DensityActivation;
 use crate::check::check;
-use crate::{DensityActivation, Field, FieldOutput, FieldSetup, FieldSpec, Footprint, Points, SourceView, Sources};
-use encoder::Encoder;
+use crate::field::{Field, FieldFile, FieldSetup, FieldSpec, FieldTraits, Footprint, SourceImages};
+use crate::points::{FieldOutput, Points};
+use crate::sources::{SourceView, Sources};
+use encoder::ImageEncoder;
 use mlp::ResnetMlp;
 use project::view_points;
 
@@ -40,7 +43,7 @@ pub struct PixelNerfConfig {
     pub frequencies: usize,
     /// ω, the encoding's lowest frequency: sin(2ᵏ ω x), x in scene units (paper: 1.5).
     pub lowest_frequency: f32,
-    /// How raw density becomes σ.
+    /// Activation from raw density to σ.
     pub density: DensityActivation,
 }
 
@@ -81,13 +84,13 @@ impl FieldSpec for PixelNerfConfig {
 
     fn build(&self, setup: &FieldSetup<'_>) -> Result<PixelNerf, Fault> {
         let mut rng = ChaCha8Rng::seed_from_u64(setup.seed);
-        let mut encoder = Encoder::new(&self.encoder, &mut rng, setup.device);
+        let mut encoder = ImageEncoder::new(&self.encoder, &mut rng, setup.device);
         if !self.encoder.weights.as_os_str().is_empty() {
             encoder = resnet34::load(encoder, &self.encoder.weights)?;
         }
         let inputs = encoded_width(3, self.frequencies) + 3;
         let mlp = ResnetMlp::new(self, inputs, encoder.channels(), &mut rng, setup.device);
-        Ok(PixelNerf { encoder, mlp, seen: None, config: self.clone() })
+        Ok(PixelNerf { encoder, mlp, encoded: None, config: self.clone() })
     }
 
     fn footprint(&self) -> Footprint {
@@ -99,16 +102,12 @@ impl FieldSpec for PixelNerfConfig {
         Footprint { parameters: mlp.parameters + convolutions, ..mlp }
     }
 
-    fn sees_photographs(&self) -> bool {
-        true
+    fn traits(&self) -> FieldTraits {
+        FieldTraits { sources: SourceImages::Any, tracks_positions: false, ..FieldTraits::default() }
     }
 
-    fn tracks_positions(&self) -> bool {
-        false
-    }
-
-    fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
-        Some(("encoder.weights", &mut self.encoder.weights))
+    fn files(&mut self) -> Vec<FieldFile<'_>> {
+        vec![FieldFile { key: "encoder.weights", path: &mut self.encoder.weights, holds_weights: true }]
     }
 }
 
@@ -118,17 +117,17 @@ impl FieldSpec for PixelNerfConfig {
 /// inputs of the MLP. Weights are shared by all views and scenes, so that training on some scenes generalises to others.
 #[derive(Module, Debug)]
 pub struct PixelNerf {
-    encoder: Encoder,
+    encoder: ImageEncoder,
     mlp: ResnetMlp,
-    /// Features of the source views; none before the field is [conditioned](Field::conditioned).
-    seen: Option<Seen>,
+    /// Source views with their features; `None` before the field is [conditioned](Field::conditioned).
+    encoded: Option<EncodedSources>,
     #[module(skip)]
     config: PixelNerfConfig,
 }
 
 /// Source views with their features.
 #[derive(Module, Debug)]
-struct Seen {
+struct EncodedSources {
     /// Layers that read features, applied to each texel of each view: `[V·h·w, pool_after·width]`.
     injected: Tensor<2>,
     #[module(skip)]
@@ -136,7 +135,7 @@ struct Seen {
 }
 
 impl PixelNerf {
-    /// The encoder's features where each of `views` sees each of `positions` (`[M, 3]` row-major): `[V·M, C]`, view by
+    /// Reads the encoder's features where each of `views` sees each of `positions` (`[M, 3]` row-major): `[V·M, C]`, view by
     /// view. Points outside an image read its border.
     pub fn pixel_aligned(&self, views: &[SourceView], positions: &[f32]) -> Tensor<2> {
         let device = self.device();
@@ -146,17 +145,17 @@ impl PixelNerf {
 
 impl Field for PixelNerf {
     /// # Panics
-    /// If the field was not [conditioned](Field::conditioned) on any photographs.
+    /// If the field was not [conditioned](Field::conditioned) on any images.
     fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
-        let seen = self.seen.as_ref().expect("a PixelNeRF is conditioned on photographs before it is evaluated");
-        let (views, samples) = (&seen.sources.views[..], points.len());
+        let sources = self.encoded.as_ref().expect("a PixelNeRF is conditioned on images before it is evaluated");
+        let (views, samples) = (&sources.sources.views[..], points.len());
         // Features are looked up on the host, which passes no gradient on to positions; that of the encoding alone would be
         // incomplete.
         let points = &Points { positions: points.positions.clone().detach(), ..points.clone() };
-        let (positions, directions) = view_points(views, points, seen.sources.middle, self.config.lowest_frequency);
+        let (positions, directions) = view_points(views, points, sources.sources.middle, self.config.lowest_frequency);
         let encoded = frequency_encode(positions, self.config.frequencies, &[]);
         let pixels = project::pixels(views, &to_host(points.positions.clone()));
-        let injected = bilinear(seen.injected.clone(), &taps(&pixels, views));
+        let injected = bilinear(sources.injected.clone(), &taps(&pixels, views));
         let out = self.mlp.forward(Tensor::cat(vec![encoded, directions], 1), injected, views.len());
         let raw = out.clone().narrow(1, 3, 1).reshape([samples]);
         FieldOutput { sigma: self.config.density.apply(raw), color: color.then(|| sigmoid(out.narrow(1, 0, 3))) }
@@ -169,13 +168,13 @@ impl Field for PixelNerf {
     fn conditioned(&self, sources: &Sources, _seed: Option<u64>) -> Self {
         // A linear layer and bilinear reading commute: weighting texels, of which there are fewer than samples, is cheaper.
         let injected = self.mlp.inject(self.encoder.features(&sources.views, &self.device()));
-        Self { seen: Some(Seen { injected, sources: sources.clone() }), ..self.clone() }
+        Self { encoded: Some(EncodedSources { injected, sources: sources.clone() }), ..self.clone() }
     }
 }
 
-/// Where the feature maps of `views` are read for pixel positions `(view, x, y)`.
+/// Returns where the feature maps of `views` are read for pixel positions `(view, x, y)`.
 fn taps(pixels: &[(usize, f32, f32)], views: &[SourceView]) -> Taps {
-    let (height, width) = Encoder::map_size(&views[0]);
+    let (height, width) = ImageEncoder::map_size(&views[0]);
     // Output j of the stem is centred on input pixel 2j, and pixel i has its centre at i + 0.5.
     let texel = |at: f32| (at - 0.5) / encoder::STEM_STRIDE as f32;
     Taps::new(pixels.iter().map(|&(view, x, y)| (view, texel(x), texel(y))), height, width)

@@ -4,20 +4,20 @@ use burn::tensor::Tensor;
 use infonerf_ops::upload;
 use rayon::prelude::*;
 
-use crate::points::along_axes;
-use crate::{Points, SourceView};
+use crate::points::{Points, along_axes};
+use crate::sources::SourceView;
 
-/// Least depth before a camera, scene units: points beside or behind it are projected as if at that depth.
-const LEAST_DEPTH: f32 = 1e-3;
+/// Least depth before a camera, scene units: points that are not before it are projected as if at that depth.
+const MIN_DEPTH: f32 = 1e-3;
 
 fn rotate(view: &SourceView, v: [f32; 3]) -> [f32; 3] {
     view.to_camera.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }
 
-/// The pixel position of a world point.
+/// Returns the pixel position of a world point.
 fn project(view: &SourceView, p: [f32; 3]) -> (f32, f32) {
     let [x, y, z] = [0, 1, 2].map(|axis| rotate(view, p)[axis] + view.to_camera[axis][3]);
-    let depth = (-z).max(LEAST_DEPTH);
+    let depth = (-z).max(MIN_DEPTH);
     (view.centre[0] + view.focal[0] * x / depth, view.centre[1] - view.focal[1] * y / depth)
 }
 
@@ -25,7 +25,7 @@ fn triples(flat: &[f32]) -> impl ExactSizeIterator<Item = [f32; 3]> + '_ {
     flat.chunks_exact(3).map(|v| [v[0], v[1], v[2]])
 }
 
-/// `(view, x, y)` of each of `positions` (`[M, 3]` row-major) in each view, in pixels, view by view.
+/// Returns `(view, x, y)` of each of `positions` (`[M, 3]` row-major) in each view, in pixels, view by view.
 pub(super) fn pixels(views: &[SourceView], positions: &[f32]) -> Vec<(usize, f32, f32)> {
     let of_view = |(index, view): (usize, &SourceView)| -> Vec<_> {
         triples(positions).map(|p| project(view, p)).map(|(x, y)| (index, x, y)).collect()
@@ -33,7 +33,7 @@ pub(super) fn pixels(views: &[SourceView], positions: &[f32]) -> Vec<(usize, f32
     views.par_iter().enumerate().flat_map_iter(of_view).collect()
 }
 
-/// ω·R (x − middle) of each position x and R d of its direction d, in the axes R of each view, `[V·M, 3]` each, view by view;
+/// Computes ω·R (x − middle) of each position x and R d of its direction d, in the axes R of each view, `[V·M, 3]` each, view by view;
 /// ω is `frequency`.
 pub(super) fn view_points(
     views: &[SourceView],
@@ -56,7 +56,7 @@ mod tests {
     use infonerf_ops::{Segments, to_host};
 
     use super::*;
-    use crate::Extent;
+    use crate::points::Extent;
 
     /// At (0, 0, 5), looking down −z, 8 × 6 pixels.
     fn view() -> SourceView {

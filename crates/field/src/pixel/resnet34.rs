@@ -8,7 +8,7 @@ use burn::nn::conv::Conv2d;
 use burn::tensor::TensorData;
 use infonerf_pretrained::WeightFile;
 
-use super::encoder::{Block, Encoder};
+use super::encoder::{ImageEncoder, ResidualBlock};
 
 /// torchvision's `BatchNorm2d.eps`.
 const EPSILON: f32 = 1e-5;
@@ -17,7 +17,7 @@ const EPSILON: f32 = 1e-5;
 ///
 /// # Errors
 /// If the file cannot be read, or a tensor is missing or has another shape.
-pub(super) fn load(encoder: Encoder, path: &Path) -> Result<Encoder, Fault> {
+pub(super) fn load(encoder: ImageEncoder, path: &Path) -> Result<ImageEncoder, Fault> {
     WeightFile::read(path).and_then(|file| filled(encoder, &file)).map_err(|cause| {
         Fault::new(
             "field.encoder.weights",
@@ -27,12 +27,12 @@ pub(super) fn load(encoder: Encoder, path: &Path) -> Result<Encoder, Fault> {
     })
 }
 
-fn filled(mut encoder: Encoder, file: &WeightFile) -> Result<Encoder, String> {
+fn filled(mut encoder: ImageEncoder, file: &WeightFile) -> Result<ImageEncoder, String> {
     fill(&mut encoder.stem, file, "conv1", "bn1")?;
     for (stage, blocks) in encoder.stages.iter_mut().enumerate() {
         for (index, block) in blocks.iter_mut().enumerate() {
             let name = format!("layer{}.{index}", stage + 1);
-            let Block { first, second, shortcut } = block;
+            let ResidualBlock { first, second, shortcut } = block;
             fill(first, file, &format!("{name}.conv1"), &format!("{name}.bn1"))?;
             fill(second, file, &format!("{name}.conv2"), &format!("{name}.bn2"))?;
             if let Some(shortcut) = shortcut {
@@ -43,7 +43,7 @@ fn filled(mut encoder: Encoder, file: &WeightFile) -> Result<Encoder, String> {
     Ok(encoder)
 }
 
-/// A convolution and the batch normalisation behind it: γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ), s = γ/√(σ² + ε).
+/// Fills a convolution with its weights and those of the batch normalisation behind it: γ (W x − μ)/√(σ² + ε) + β = (s W) x + (β − s μ), s = γ/√(σ² + ε).
 fn fill(layer: &mut Conv2d, file: &WeightFile, convolution: &str, normalisation: &str) -> Result<(), String> {
     let shape = layer.weight.dims();
     let mut weight = file.floats(&format!("{convolution}.weight"), &shape)?;

@@ -5,7 +5,8 @@ use infonerf_scene::Scene;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, RaySet, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// Distortion of the weights along a ray (mip-NeRF 360, Barron et al. 2022, Eq. 15), mean over the rays in `rays`.
 /// Distances are shares of the scene's [near, far], so that the weight does not depend on the scene's unit.
@@ -14,9 +15,9 @@ use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DistortionConfig {
-    /// Its scheduled weight.
+    /// Scheduled weight of the term.
     pub weight: Schedule,
-    /// The rays over which it is averaged.
+    /// The rays over which the term is averaged.
     pub rays: RaySet,
 }
 
@@ -26,7 +27,7 @@ impl TermSpec for DistortionConfig {
     }
 
     fn skip_reason(&self, scene: &Scene) -> Option<&'static str> {
-        (!scene.space.bounded).then_some("left out: the scene has no end, so that shares of its depth say nothing")
+        (!scene.space.bounded).then_some("left out: the scene has no end, so that shares of its depth mean nothing")
     }
 
     fn build(&self, setup: &TermSetup<'_>) -> Result<Box<dyn Term>, Fault> {
@@ -40,12 +41,12 @@ struct Distortion {
     rays: RaySet,
     near: f32,
     far: f32,
-    /// Intervals are measured in its coordinate.
+    /// Map whose coordinate intervals are measured in.
     warp: Warp,
 }
 
 impl Distortion {
-    /// Intervals as shares of [near, far], at most 1.
+    /// Returns intervals as shares of [near, far], at most 1 long.
     fn intervals(&self, samples: &Samples) -> Intervals {
         let range = self.far - self.near;
         Intervals {
@@ -57,26 +58,39 @@ impl Distortion {
 
 impl Term for Distortion {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        renders.mean(renders.outputs(self.rays), |output| {
-            ray_distortion(output.tau.clone(), self.intervals(&output.samples), output.segments())
-        })
+        renders.mean(renders.outputs(self.rays).map(|output| {
+            let segments = output.segments();
+            (ray_distortion(output.tau.clone(), self.intervals(&output.samples), segments).sum(), segments.rays())
+        }))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing;
+    use crate::testing::{SEEN, UNSEEN, check, mean};
 
-    /// One opaque sample is one interval's width; two that share a ray are further apart; an empty ray counts as 0.
     #[test]
-    fn spread_costs_more_than_a_surface() {
-        let term = Distortion { rays: RaySet::Seen, near: 0.0, far: 2.0, warp: Warp::Identity };
-        let value = |tau: &[&[f32]]| term.value(&testing::renders(tau)).into_scalar::<f32>();
-        approx::assert_abs_diff_eq!(value(&[&[f32::INFINITY]]), 0.5 / 3.0, epsilon = 1e-6);
-        approx::assert_abs_diff_eq!(value(&[&[f32::INFINITY], &[0.0]]), 0.25 / 3.0, epsilon = 1e-6);
-        let half = std::f32::consts::LN_2;
-        let spread = 2.0 * 0.5 * 0.5 * 0.5 + (0.25 + 0.25) * 0.5 / 3.0;
-        approx::assert_abs_diff_eq!(value(&[&[half, f32::INFINITY]]), spread, epsilon = 1e-6);
+    fn distortion_of_shares_of_the_scenes_depth() {
+        let (near, far) = (0.25, 4.25);
+        let formula = |ray: &[f64]| {
+            let middle: Vec<f64> = (0..ray.len()).map(|i| (i as f64 + 0.5 - 0.25) / 4.0).collect();
+            infonerf_oracle::distortion(ray, &middle, &vec![0.25; ray.len()])
+        };
+        let term = |rays| Distortion { rays, near, far, warp: Warp::Identity };
+        check(&term(RaySet::All), |_| (), |d| mean(d[SEEN].iter().chain(&d[UNSEEN]), formula));
+        check(&term(RaySet::Seen), |_| (), |d| mean(d[SEEN].iter(), formula));
+        check(&term(RaySet::Unseen), |_| (), |d| mean(d[UNSEEN].iter(), formula));
+    }
+
+    /// Intervals longer than the scene count as long as the scene.
+    #[test]
+    fn intervals_are_at_most_as_long_as_the_scene() {
+        let term = Distortion { rays: RaySet::Seen, near: 0.0, far: 0.5, warp: Warp::Identity };
+        let formula = |ray: &[f64]| {
+            let middle: Vec<f64> = (0..ray.len()).map(|i| 2.0 * (i as f64 + 0.5)).collect();
+            infonerf_oracle::distortion(ray, &middle, &vec![1.0; ray.len()])
+        };
+        check(&term, |_| (), |d| mean(d[SEEN].iter(), formula));
     }
 }

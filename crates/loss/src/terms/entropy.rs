@@ -5,16 +5,16 @@ use infonerf_render::RenderOutput;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, RaySet, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
-/// Ray entropy minimisation (InfoNeRF, Sec. 4.2): M(r)·H(r) in bits, mean over the rays in `rays`. Masked
-/// rays count as 0.
+/// Ray entropy minimisation (InfoNeRF, Sec. 4.2): M(r)·H(r) in bits, mean over the rays in `rays`. Masked rays count as 0.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EntropyConfig {
     /// λ₁.
     pub weight: Schedule,
-    /// The rays over which it is averaged (paper: all; released code: unseen).
+    /// The rays over which the term is averaged (paper: all; released code: unseen).
     pub rays: RaySet,
     /// Whether neighbours are included: those of seen rays and, if `rays` includes unseen ones, of these, as in the released
     /// code with the KL loss.
@@ -31,7 +31,7 @@ pub struct EntropyConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HitMask {
-    /// What is compared with the threshold.
+    /// Measure of a ray that is compared with the threshold.
     pub rule: HitRule,
     /// Rays above it hit something.
     pub threshold: f32,
@@ -53,6 +53,26 @@ impl EntropyConfig {
     /// The rays whose neighbours are included.
     fn rays_with_neighbours(&self) -> RaySet {
         if self.rays.unseen() { RaySet::All } else { RaySet::Seen }
+    }
+
+    /// Computes M(r)·H(r) of each ray in bits (InfoNeRF, Eq. 5 and 6), `[R]`. The mask has no gradient.
+    pub(crate) fn of_rays(&self, output: &RenderOutput) -> Tensor<1> {
+        match self.bits_and_measure(output) {
+            (bits, Some(measure)) => mask_above(bits, measure, self.mask.threshold),
+            (bits, None) => bits,
+        }
+    }
+
+    /// Computes H(r) of each ray in bits, `[R]`, and the measure that is compared with the mask's threshold, `[R]`; `None` if
+    /// every ray counts.
+    fn bits_and_measure(&self, output: &RenderOutput) -> (Tensor<1>, Option<Tensor<1>>) {
+        let entropy = ray_entropy(output.tau.clone(), output.segments(), self.distribution, self.epsilon);
+        let measure = match self.mask.rule {
+            HitRule::Acc => Some(output.acc.clone()),
+            HitRule::AlphaSum => Some(entropy.alpha_sum),
+            HitRule::All => None,
+        };
+        (entropy.bits, measure)
     }
 }
 
@@ -77,83 +97,73 @@ impl TermSpec for EntropyConfig {
 impl Term for EntropyConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let neighbours = renders.neighbours(self.rays_with_neighbours()).filter(|_| self.neighbours);
-        let outputs = renders.outputs(self.rays).chain(neighbours);
-        renders.mean_of_sums(outputs.map(|output| {
-            let (bits, measure) = entropy(output, self.distribution, self.mask, self.epsilon);
-            let sum = match measure {
-                Some(measure) => sum_above(bits, measure, self.mask.threshold),
-                None => bits.sum(),
+        renders.mean(renders.outputs(self.rays).chain(neighbours).map(|output| {
+            let sum = match self.bits_and_measure(output) {
+                (bits, Some(measure)) => sum_above(bits, measure, self.mask.threshold),
+                (bits, None) => bits.sum(),
             };
             (sum, output.segments().rays())
         }))
     }
 }
 
-/// M(r)·H(r) of each ray in bits (InfoNeRF, Eq. 5 and 6), `[R]`. The mask has no gradient.
-pub fn masked_entropy(output: &RenderOutput, distribution: RayDistribution, mask: HitMask, epsilon: f32) -> Tensor<1> {
-    match entropy(output, distribution, mask, epsilon) {
-        (bits, Some(measure)) => mask_above(bits, measure, mask.threshold),
-        (bits, None) => bits,
-    }
-}
-
-/// H(r) of each ray in bits, `[R]`, and what is compared with the mask's threshold, `[R]`, unless every ray counts.
-fn entropy(
-    output: &RenderOutput,
-    distribution: RayDistribution,
-    mask: HitMask,
-    epsilon: f32,
-) -> (Tensor<1>, Option<Tensor<1>>) {
-    let entropy = ray_entropy(output.tau.clone(), output.segments(), distribution, epsilon);
-    let measure = match mask.rule {
-        HitRule::Acc => Some(output.acc.clone()),
-        HitRule::AlphaSum => Some(entropy.alpha_sum),
-        HitRule::All => None,
-    };
-    (entropy.bits, measure)
-}
-
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::testing;
+    use infonerf_ops::to_host;
+    use infonerf_oracle::{alpha_sum, entropy, opacity};
 
-    fn config(rays: RaySet, rule: HitRule) -> EntropyConfig {
-        let mask = HitMask { rule, threshold: 0.1 };
-        let distribution = RayDistribution::Alpha;
-        EntropyConfig { weight: 1.0.into(), rays, neighbours: false, distribution, mask, epsilon: 0.0 }
+    use super::*;
+    use crate::testing::{Depths, NEAR_SEEN, NEAR_UNSEEN, SEEN, UNSEEN, check, config, mean, scenario};
+
+    fn entropy_term(settings: &str) -> EntropyConfig {
+        config(&format!("entropy = {{ {settings} }}")).entropy
     }
 
-    /// Two equal opaque samples (1 bit), and a ray that hits nothing.
+    /// The mean is over the rays of all bundles together, not over their means; masked rays count as 0.
     #[test]
-    fn masked_rays_count_as_zero() {
-        let renders = testing::renders(&[&[3.0, 3.0], &[1e-4, 1e-4]]);
-        for (rule, bits) in [(HitRule::Acc, 0.5), (HitRule::AlphaSum, 0.5), (HitRule::All, 1.0)] {
-            let value = config(RaySet::Seen, rule).value(&renders).into_scalar::<f32>();
-            approx::assert_abs_diff_eq!(value, bits, epsilon = 1e-6);
+    fn masked_entropy_over_all_rays() {
+        type Measure = fn(&[f64]) -> f64;
+        let rules: [(&str, Measure); 3] = [("acc", opacity), ("alpha-sum", alpha_sum), ("all", |_| f64::INFINITY)];
+        for (rule, measure) in rules {
+            for (rays, bundles) in [("seen", &[SEEN][..]), ("unseen", &[UNSEEN]), ("all", &[SEEN, UNSEEN])] {
+                // Between the opacities of the thin ray and of the others, and above Σα of one of them.
+                for threshold in [0.1, 0.8] {
+                    let mask = format!("mask = {{ rule = '{rule}', threshold = {threshold} }}");
+                    let term = entropy_term(&format!("rays = '{rays}', epsilon = 1e-3, {mask}"));
+                    let formula = |ray: &[f64]| {
+                        let hits = measure(ray) > threshold;
+                        if hits { entropy(ray, RayDistribution::Alpha, 1e-3f32.into()) } else { 0.0 }
+                    };
+                    let of_bundles = |d: &Depths<f64>| mean(bundles.iter().flat_map(|bundle| &d[*bundle]), formula);
+                    check(&term, |_| (), of_bundles);
+                }
+            }
         }
+        let (_, renders) = scenario(&burn::tensor::Device::flex());
+        let term = entropy_term("rays = 'seen', mask = { rule = 'acc', threshold = 0.1 }");
+        let of_rays = to_host(term.of_rays(renders.seen.output()));
+        assert!(of_rays[1] == 0.0 && of_rays[3] == 0.0 && of_rays[0] > 1.0 && of_rays[2] > 0.1, "{of_rays:?}");
     }
 
     /// With rays of unseen poses, as in the released code: unseen rays, and the neighbours of seen and of unseen ones.
     #[test]
     fn neighbours_of_seen_rays_join_the_unseen_rays() {
-        let mut renders = testing::renders(&[&[1e-4, 1e-4]]);
-        renders.unseen = Some(testing::renders(&[&[3.0, 3.0]]).seen);
-        renders.neighbours.seen = Some(testing::renders(&[&[3.0], &[3.0]]).seen.passes.fine);
-        renders.neighbours.unseen = Some(testing::renders(&[&[3.0]]).seen.passes.fine);
-        let config = EntropyConfig { neighbours: true, ..config(RaySet::Unseen, HitRule::Acc) };
-        approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), 0.25, epsilon = 1e-6);
-        assert_eq!(config.needs(), [Need::Unseen, Need::SeenNeighbours, Need::UnseenNeighbours]);
-        let seen = EntropyConfig { rays: RaySet::Seen, ..config };
-        assert_eq!(seen.needs(), [Need::SeenNeighbours]);
-    }
-
-    /// The mean is over the rays of all bundles together, not over their means.
-    #[test]
-    fn the_mean_is_over_all_rays() {
-        let mut renders = testing::renders(&[&[3.0, 3.0]]);
-        renders.unseen = Some(testing::renders(&[&[3.0], &[3.0], &[3.0]]).seen);
-        let value = config(RaySet::All, HitRule::Acc).value(&renders).into_scalar::<f32>();
-        approx::assert_abs_diff_eq!(value, 0.25, epsilon = 1e-6);
+        let of = RayDistribution::Termination;
+        for (rays, bundles, needs) in [
+            ("all", &[SEEN, UNSEEN, NEAR_SEEN, NEAR_UNSEEN][..], 3),
+            ("unseen", &[UNSEEN, NEAR_SEEN, NEAR_UNSEEN], 3),
+            ("seen", &[SEEN, NEAR_SEEN], 1),
+        ] {
+            let term = entropy_term(&format!(
+                "rays = '{rays}', neighbours = true, distribution = 'termination', mask = {{ rule = 'all', threshold = 0 }}"
+            ));
+            assert_eq!(term.needs().len(), needs);
+            let epsilon = f64::from(term.epsilon);
+            check(
+                &term,
+                |_| (),
+                |d| mean(bundles.iter().flat_map(|bundle| &d[*bundle]), |ray| entropy(ray, of, epsilon)),
+            );
+        }
     }
 }

@@ -4,10 +4,11 @@ use infonerf_render::RenderOutput;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Bundle, Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, RaySet, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
-/// Information gain reduction (InfoNeRF, Sec. 4.3): the divergence of each ray's distribution from its neighbour's, in
-/// nats, mean over all pairs.
+/// Information gain reduction (InfoNeRF, Sec. 4.3): the divergence of each ray's distribution from its neighbour's, in nats,
+/// mean over all pairs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct KlConfig {
@@ -32,8 +33,8 @@ pub enum Direction {
 }
 
 impl KlConfig {
-    /// The divergence of each ray from its neighbour in nats, `[R]`, of the optical depths of paired samples (InfoNeRF, Eq. 9).
-    pub fn divergence(&self, output: &RenderOutput, near: &RenderOutput) -> Tensor<1> {
+    /// Computes the divergence of each ray from its neighbour in nats, `[R]`; samples are paired by index (InfoNeRF, Eq. 9).
+    pub(crate) fn of_rays(&self, output: &RenderOutput, near: &RenderOutput) -> Tensor<1> {
         let segments = output.segments();
         if segments.samples() == 0 {
             return output.acc.zeros_like();
@@ -63,31 +64,39 @@ impl TermSpec for KlConfig {
 
 impl Term for KlConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let divergence =
-            |(bundle, near): (&Bundle, &RenderOutput)| (self.divergence(bundle.output(), near).sum(), bundle.rays());
-        renders.mean_of_sums(renders.pairs(self.rays).map(divergence))
+        let pairs = renders.pairs(self.rays);
+        renders.mean(pairs.map(|(output, near)| (self.of_rays(output, near).sum(), output.segments().rays())))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::testing;
+    use infonerf_oracle::divergence;
+
+    use crate::testing::{Depths, NEAR_SEEN, NEAR_UNSEEN, SEEN, UNSEEN, check, config};
 
     #[test]
-    fn the_directions_differ_and_equal_rays_gain_nothing() {
-        let mut renders = testing::renders(&[&[3.0, 0.1], &[1.0, 1.0]]);
-        renders.neighbours.seen = Some(testing::renders(&[&[0.5, 0.5], &[1.0, 1.0]]).seen.passes.fine);
-        let value = |direction| {
-            let config = KlConfig { weight: 1.0.into(), direction, rays: RaySet::Seen, epsilon: 1e-10 };
-            config.value(&renders).into_scalar::<f32>()
-        };
-        // p = α/Σα of the first ray; its neighbour's is ½, ½. The second pair has divergence 0.
-        let alpha = [3.0f32, 0.1].map(|tau| -(-tau).exp_m1());
-        let p = alpha.map(|a| a / (alpha[0] + alpha[1]));
-        let paper: f32 = p.iter().map(|p| p * (2.0 * p).ln()).sum();
-        let reversed: f32 = p.iter().map(|p| 0.5 * (0.5 / p).ln()).sum();
-        approx::assert_abs_diff_eq!(value(Direction::Paper), paper / 2.0, epsilon = 1e-6);
-        approx::assert_abs_diff_eq!(value(Direction::Reversed), reversed / 2.0, epsilon = 1e-6);
+    fn divergence_from_neighbours_in_both_directions() {
+        for (rays, pairs) in [
+            ("seen", &[(SEEN, NEAR_SEEN)][..]),
+            ("unseen", &[(UNSEEN, NEAR_UNSEEN)]),
+            ("all", &[(SEEN, NEAR_SEEN), (UNSEEN, NEAR_UNSEEN)]),
+        ] {
+            for direction in ["paper", "reversed"] {
+                let term = config(&format!("kl = {{ rays = '{rays}', direction = '{direction}', epsilon = 1e-3 }}")).kl;
+                check(
+                    &term,
+                    |_| (),
+                    |d: &Depths<f64>| {
+                        let pairs: Vec<_> = pairs.iter().flat_map(|&(of, near)| d[of].iter().zip(&d[near])).collect();
+                        let gain = |(p, q): &(&Vec<f64>, &Vec<f64>)| match direction {
+                            "paper" => divergence(p, q, 1e-3f32.into()),
+                            _ => divergence(q, p, 1e-3f32.into()),
+                        };
+                        pairs.iter().map(gain).sum::<f64>() / pairs.len() as f64
+                    },
+                );
+            }
+        }
     }
 }

@@ -3,14 +3,14 @@ use infonerf_ops::upload;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Renders, Term, TermSetup, TermSpec};
+use crate::renders::Renders;
+use crate::term::{Term, TermSetup, TermSpec};
 
-/// Supervision of opacity by the alpha channel of the training images: (acc − alpha)², mean over the rays
-/// of training images.
+/// Supervision of opacity by the alpha channel of the training images: (Σ w − alpha)², mean over the rays of training images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MaskConfig {
-    /// Its scheduled weight.
+    /// Scheduled weight of the term.
     pub weight: Schedule,
 }
 
@@ -40,14 +40,20 @@ impl Term for MaskConfig {
 
 #[cfg(test)]
 mod tests {
+    use infonerf_oracle::opacity;
+
     use super::*;
-    use crate::testing;
+    use crate::testing::{SEEN, check, config};
 
     #[test]
-    fn squared_difference_by_hand() {
-        let mut renders = testing::renders(&[&[f32::INFINITY], &[0.0]]);
-        renders.seen.target.as_mut().unwrap().rgba = vec![[0.0, 0.0, 0.0, 0.5], [0.0, 0.0, 0.0, 1.0]];
-        let config = MaskConfig { weight: 1.0.into() };
-        approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), 0.625, epsilon = 1e-6);
+    fn squared_difference_of_opacity_and_alpha() {
+        let alphas = [0.5, 1.0, 0.25, 0.0];
+        let set_up = |renders: &mut Renders| {
+            let target = renders.seen.target.as_mut().unwrap();
+            target.rgba.iter_mut().zip(alphas).for_each(|(pixel, alpha)| pixel[3] = alpha as f32);
+        };
+        check(&config("").mask, set_up, |d| {
+            d[SEEN].iter().zip(alphas).map(|(ray, alpha)| (opacity(ray) - alpha).powi(2)).sum::<f64>() / 4.0
+        });
     }
 }

@@ -5,8 +5,6 @@ pub(crate) mod entropy;
 pub(crate) mod kl;
 pub(crate) mod latent;
 pub(crate) mod mask;
-pub(crate) mod occlusion;
-pub(crate) mod opacity;
 pub(crate) mod opacity_prior;
 pub(crate) mod photometric;
 pub(crate) mod semantic;

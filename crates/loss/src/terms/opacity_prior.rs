@@ -2,20 +2,20 @@ use burn::tensor::Tensor;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Need, RaySet, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, RaySet, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// Bounds the logarithms: added to A and to 1 − A.
 const MARGIN: f64 = 0.1;
 
-/// A prior that rays are either empty or opaque (Neural Volumes, Lombardi et al. 2019): the mean over the rays
-/// in `rays` of `ln(0.1 + A) + ln(1.1 − A) − ln 0.1 − ln 1.1`, where A is a ray's opacity Σ w. It is 0 at A = 0
-/// and A = 1, and largest at A = ½.
+/// A prior that rays are either empty or opaque (Neural Volumes, Lombardi et al. 2019): the mean over the rays in `rays` of
+/// `ln(0.1 + A) + ln(1.1 − A) − ln 0.1 − ln 1.1`, where A is a ray's opacity Σ w: 0 at A = 0 and A = 1, and largest at A = ½.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct OpacityPriorConfig {
-    /// Its scheduled weight.
+    /// Scheduled weight of the term.
     pub weight: Schedule,
-    /// The rays over which it is averaged.
+    /// The rays over which the term is averaged.
     pub rays: RaySet,
 }
 
@@ -32,26 +32,27 @@ impl TermSpec for OpacityPriorConfig {
 impl Term for OpacityPriorConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
         let at_ends = MARGIN.ln() + (1.0 + MARGIN).ln();
-        renders.mean(renders.outputs(self.rays), |output| {
+        renders.mean(renders.outputs(self.rays).map(|output| {
             let acc = output.acc.clone();
-            (acc.clone() + MARGIN).log() + (acc.neg() + (1.0 + MARGIN)).log() - at_ends
-        })
+            let prior = (acc.clone() + MARGIN).log() + (acc.neg() + (1.0 + MARGIN)).log() - at_ends;
+            (prior.sum(), output.segments().rays())
+        }))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::testing;
+    use infonerf_oracle::opacity;
+
+    use crate::testing::{SEEN, UNSEEN, check, config, mean};
 
     #[test]
-    fn nothing_and_opaque_are_free_and_half_costs_most() {
-        let config = OpacityPriorConfig { weight: 1.0.into(), rays: RaySet::Seen };
-        let value = |tau: f32| config.value(&testing::renders(&[&[tau]])).into_scalar::<f32>();
-        approx::assert_abs_diff_eq!(value(0.0), 0.0, epsilon = 1e-6);
-        approx::assert_abs_diff_eq!(value(f32::INFINITY), 0.0, epsilon = 1e-6);
-        // ln(0.6² / 0.11).
-        approx::assert_abs_diff_eq!(value(std::f32::consts::LN_2), 1.185_624, epsilon = 1e-5);
-        assert!(value(0.3) < value(std::f32::consts::LN_2) && value(3.0) < value(std::f32::consts::LN_2));
+    fn empty_and_opaque_rays_are_free_and_half_opaque_ones_cost_most() {
+        let prior = |a: f64| ((0.1 + a) * (1.1 - a) / 0.11).ln();
+        assert_eq!([prior(0.0), prior(1.0)].map(|x| (x * 1e12).round()), [0.0, 0.0]);
+        assert!(prior(0.5) > prior(0.4) && prior(0.5) > prior(0.6));
+        let term = config("opacity_prior.rays = 'all'").opacity_prior;
+        check(&term, |_| (), |d| mean(d[SEEN].iter().chain(&d[UNSEEN]), |ray| prior(opacity(ray))));
+        check(&config("").opacity_prior, |_| (), |d| mean(d[SEEN].iter(), |ray| prior(opacity(ray))));
     }
 }

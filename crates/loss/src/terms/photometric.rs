@@ -4,13 +4,14 @@ use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
 use crate::objective::scaled;
-use crate::{Need, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// L_RGB (InfoNeRF, Eq. 3): mean over the rays of training images.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PhotometricConfig {
-    /// Its scheduled weight.
+    /// Scheduled weight of the term.
     pub weight: Schedule,
     /// The norm of colour differences.
     pub norm: Norm,
@@ -44,17 +45,17 @@ impl TermSpec for PhotometricConfig {
 
 impl Term for PhotometricConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let fine = renders.squared_error.clone().expect("colour was asked for");
+        let fine = renders.squared_error.clone().expect("colour is needed");
         let fine = self.norm.of_mean(fine);
         let Some(coarse) = &renders.seen.passes.coarse else { return fine };
         let target = &renders.seen.target.as_ref().expect("training images show colours").rgb;
-        let color = coarse.color.clone().expect("colour was asked for");
+        let color = coarse.color.clone().expect("colour is needed");
         fine + scaled(photometric_loss(color, target.clone(), self.norm), self.coarse)
     }
 }
 
 impl Norm {
-    /// The loss, given its mean over rays and channels.
+    /// Returns the loss, given its mean over rays and channels.
     fn of_mean(self, mean: Tensor<1>) -> Tensor<1> {
         match self {
             Self::Mean => mean,
@@ -63,24 +64,38 @@ impl Norm {
     }
 }
 
-/// L_RGB of rendered `color` against `target`, both `[R, 3]` in [0, 1] (InfoNeRF, Eq. 3); a scalar.
+/// Computes L_RGB of rendered `color` against `target`, both `[R, 3]` in [0, 1] (InfoNeRF, Eq. 3); a scalar.
 pub fn photometric_loss(color: Tensor<2>, target: Tensor<2>, norm: Norm) -> Tensor<1> {
     norm.of_mean(mean_squared_difference(color, target))
 }
 
 #[cfg(test)]
 mod tests {
+    use infonerf_oracle::weights;
+
     use super::*;
-    use burn::tensor::Device;
+    use crate::testing::{COARSE, PIXELS, SEEN, check, color, config};
+
+    /// Mean over rays of ‖C − Ĉ‖².
+    fn squared(rays: &[Vec<f64>]) -> f64 {
+        let error = |(ray, pixel): (&Vec<f64>, [f64; 3])| -> f64 {
+            let w = weights(ray);
+            let shown = |c: usize| w.iter().enumerate().map(|(i, w)| w * color(i)[c]).sum::<f64>();
+            (0..3).map(|c| (shown(c) - pixel[c]).powi(2)).sum()
+        };
+        rays.iter().zip(PIXELS).map(error).sum::<f64>() / rays.len() as f64
+    }
 
     #[test]
-    fn both_norms_by_hand() {
-        let device = Device::flex();
-        let color = Tensor::<2>::from_floats([[0.1, 0.2, 0.3], [1.0, 1.0, 1.0]], &device);
-        let target = Tensor::<2>::from_floats([[0.0, 0.0, 0.0], [1.0, 1.0, 0.5]], &device);
-        let squared = (0.01 + 0.04 + 0.09 + 0.25) / 2.0;
-        let value = |norm| photometric_loss(color.clone(), target.clone(), norm).into_scalar::<f32>();
-        approx::assert_abs_diff_eq!(value(Norm::Squared), squared, epsilon = 1e-6);
-        approx::assert_abs_diff_eq!(value(Norm::Mean), squared / 3.0, epsilon = 1e-6);
+    fn squared_errors_of_both_passes_are_added() {
+        for (norm, channels) in [("squared", 1.0), ("mean", 3.0)] {
+            for coarse in [0.0, 0.1, 1.0] {
+                let term = config(&format!("rgb = {{ norm = '{norm}', coarse = {coarse:?} }}")).rgb;
+                let weight = f64::from(coarse as f32);
+                check(&term, |_| (), |d| (squared(&d[SEEN]) + weight * squared(&d[COARSE])) / channels);
+                let single = |renders: &mut Renders| renders.seen.passes.coarse = None;
+                check(&term, single, |d| squared(&d[SEEN]) / channels);
+            }
+        }
     }
 }

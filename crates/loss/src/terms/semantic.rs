@@ -7,10 +7,11 @@ use infonerf_scene::View;
 use infonerf_schedule::{Fault, Moment, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Need, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
-/// Semantic consistency (DietNeRF, Jain et al. 2021, Eq. 5): 1 − φᵀφ̂ of the CLIP embeddings of a rendered view and a
-/// photograph.
+/// Semantic consistency (DietNeRF, Jain et al. 2021, Eq. 5): 1 − φᵀφ̂ of the CLIP embeddings of a render from an unseen pose
+/// and a training image.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SemanticConfig {
@@ -45,8 +46,8 @@ impl TermSpec for SemanticConfig {
             let pixels = TensorData::new(image.rgb.as_flattened().to_vec(), [height * width, 3]);
             clip.embed(Tensor::from_data(pixels, setup.device), (height, width)).detach()
         };
-        let photographs = setup.scene.train.iter().map(embed).collect();
-        Ok(Box::new(SemanticTerm { config: self.clone(), clip, photographs }))
+        let targets = setup.scene.train.iter().map(embed).collect();
+        Ok(Box::new(SemanticTerm { config: self.clone(), clip, targets }))
     }
 
     fn weights_file(&mut self) -> Option<(&'static str, &mut PathBuf)> {
@@ -54,11 +55,11 @@ impl TermSpec for SemanticConfig {
     }
 }
 
-/// The encoder, and its embeddings of the photographs.
+/// The encoder, and its embeddings of the training images.
 struct SemanticTerm {
     config: SemanticConfig,
     clip: ClipVision,
-    photographs: Vec<Tensor<1>>,
+    targets: Vec<Tensor<1>>,
 }
 
 impl fmt::Debug for SemanticTerm {
@@ -69,9 +70,9 @@ impl fmt::Debug for SemanticTerm {
 
 impl Term for SemanticTerm {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let picture = renders.picture.as_ref().expect("a picture was asked for");
+        let picture = renders.picture.as_ref().expect("an image is needed");
         let embedding = self.clip.embed(picture.rgb.clone(), picture.size);
-        semantic_loss(embedding, self.photographs[picture.view].clone())
+        semantic_loss(embedding, self.targets[picture.view].clone())
     }
 
     fn is_due(&self, at: Moment) -> bool {
@@ -79,7 +80,7 @@ impl Term for SemanticTerm {
     }
 }
 
-/// 1 − φᵀφ̂ of two unit-length embeddings, a scalar in [0, 2].
+/// Computes 1 − φᵀφ̂ of two unit-length embeddings, a scalar in [0, 2].
 pub fn semantic_loss(embedding: Tensor<1>, target: Tensor<1>) -> Tensor<1> {
     (embedding * target).sum().neg() + 1.0
 }
@@ -87,15 +88,31 @@ pub fn semantic_loss(embedding: Tensor<1>, target: Tensor<1>) -> Tensor<1> {
 #[cfg(test)]
 mod tests {
     use burn::tensor::Device;
+    use infonerf_ops::to_host;
 
     use super::*;
+    use crate::testing::config;
 
     #[test]
-    fn the_loss_is_a_distance_on_the_sphere() {
-        let vector = |x: f32, y: f32| Tensor::<1>::from_floats([x, y], &Device::flex());
-        let loss = |a, b| semantic_loss(a, b).into_scalar::<f32>();
-        assert_eq!(loss(vector(0.6, 0.8), vector(0.6, 0.8)), 0.0);
-        assert_eq!(loss(vector(1.0, 0.0), vector(0.0, 1.0)), 1.0);
-        assert_eq!(loss(vector(0.0, -1.0), vector(0.0, 1.0)), 2.0);
+    fn the_loss_is_a_distance_on_the_sphere_and_its_gradient_the_target() {
+        let device = Device::flex().autodiff();
+        for (a, b, want) in
+            [([0.6, 0.8], [0.6, 0.8], 0.0), ([1.0, 0.0], [0.0, 1.0], 1.0), ([0.0, -1.0], [0.0, 1.0], 2.0)]
+        {
+            let a = Tensor::<1>::from_floats(a, &device).require_grad();
+            let loss = semantic_loss(a.clone(), Tensor::from_floats(b, &device));
+            let gradient = a.grad(&loss.backward()).unwrap();
+            assert_eq!((loss.into_scalar::<f32>(), to_host(gradient)), (want, b.map(|x| -x).to_vec()));
+        }
+    }
+
+    #[test]
+    fn without_weights_the_file_is_named() {
+        let device = Device::flex();
+        let mut config = config("semantic.weights = 'absent.safetensors'").semantic;
+        assert_eq!(config.weights_file().map(|(key, _)| key), Some("weights"));
+        let setup = TermSetup { scene: &Default::default(), warp: &infonerf_render::Warp::Identity, device: &device };
+        let fault = config.build(&setup).unwrap_err();
+        assert!(fault.key == "weights" && fault.found.starts_with("absent.safetensors: "), "{fault}");
     }
 }

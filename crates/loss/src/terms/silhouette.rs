@@ -5,17 +5,18 @@ use infonerf_scene::{Backdrop, Scene};
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::{Renders, Term, TermSetup, TermSpec, pixel_class};
+use crate::renders::{Renders, pixel_class};
+use crate::term::{Term, TermSetup, TermSpec};
 
-/// Supervision of opacity by a known background colour: the mean over the rays of training images of `background`·acc for
-/// pixels of that colour, which most likely show the background, of −`edge`·acc for others with such a pixel among the 3 × 3
-/// around them, and of −`foreground`·acc for the rest.
+/// Supervision of opacity A = Σ w by a known background colour: the mean over the rays of training images of `background`·A
+/// for pixels of that colour, which most likely show the background, of −`edge`·A for others with such a pixel among the
+/// 3 × 3 around them, and of −`foreground`·A for the rest.
 ///
 /// No alpha channel is used; an object of exactly the background's colour would be thinned.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SilhouetteConfig {
-    /// Its scheduled weight.
+    /// Scheduled weight of the term.
     pub weight: Schedule,
     /// Factor for pixels of the background colour.
     pub background: f32,
@@ -63,25 +64,30 @@ impl Term for SilhouetteConfig {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::testing;
+    use infonerf_oracle::opacity;
 
+    use super::*;
+    use crate::testing::{SEEN, check, config};
+
+    /// Classes of pixels from their colours, and as a GPU drew them.
     #[test]
     fn background_is_pressed_down_and_foreground_pulled_up() {
-        let mut renders = testing::renders(&[&[0.5], &[1.0], &[2.0]]);
-        let target = renders.seen.target.as_mut().unwrap();
-        // The last is at an edge.
-        target.rgba = vec![[1.0, 1.0, 1.0, 1.0], [1.0, 0.9, 1.0, 1.0], [1.0, 0.9, 1.0, 1.0]];
-        target.coverage = vec![0.0, 1.0, 0.8];
-        let config = SilhouetteConfig { weight: 1.0.into(), background: 2.0, foreground: 3.0, edge: 0.5 };
-        let acc = [0.5f32, 1.0, 2.0].map(|tau| -(-tau).exp_m1());
-        let want = (2.0 * acc[0] - 3.0 * acc[1] - 0.5 * acc[2]) / 3.0;
-        approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), want, epsilon = 1e-6);
-        // Where the classes are known.
-        let device = renders.seen.output().acc.device();
-        let target = renders.seen.target.as_mut().unwrap();
-        target.rgba.clear();
-        target.classes = Some(Tensor::from_floats([0.0, 2.0, 1.0], &device));
-        approx::assert_abs_diff_eq!(config.value(&renders).into_scalar::<f32>(), want, epsilon = 1e-6);
+        let term = config("silhouette = { background = 2.0, foreground = 3.0, edge = 0.5 }").silhouette;
+        let signs = [2.0, -3.0, -0.5, -3.0];
+        let formula =
+            |rays: &[Vec<f64>]| rays.iter().zip(signs).map(|(ray, sign)| sign * opacity(ray)).sum::<f64>() / 4.0;
+        let from_colors = |renders: &mut Renders| {
+            let target = renders.seen.target.as_mut().unwrap();
+            target.rgba[0] = [1.0, 1.0, 1.0, 1.0];
+            target.coverage = vec![0.0, 1.0, 0.8, 1.0];
+        };
+        let drawn = |renders: &mut Renders| {
+            let device = renders.seen.output().acc.device();
+            let target = renders.seen.target.as_mut().unwrap();
+            target.rgba.clear();
+            target.classes = Some(Tensor::from_floats([0.0, 2.0, 1.0, 2.0], &device));
+        };
+        check(&term, from_colors, |d| formula(&d[SEEN]));
+        check(&term, drawn, |d| formula(&d[SEEN]));
     }
 }

@@ -5,13 +5,14 @@ use burn::tensor::Tensor;
 use infonerf_ops::{composite, upload};
 use infonerf_scene::{PixelAt, Scene};
 use infonerf_schedule::{Fault, Schedule};
-use infonerf_stereo::{DepthMap, Settings, depth_maps};
+use infonerf_stereo::{DepthMap, StereoSettings, depth_maps};
 use serde::{Deserialize, Serialize};
 
-use crate::{Renders, Term, TermSetup, TermSpec};
+use crate::renders::Renders;
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// The term is left out of scenes with more training views.
-const MOST_VIEWS: usize = 100;
+const MAX_VIEWS: usize = 100;
 /// Number of pairs of views to compare, at least one per view.
 const PAIRS: usize = 24;
 /// Number of views compared at full size; images of more views are resized.
@@ -30,7 +31,7 @@ const FULL_SIZE_VIEWS: usize = 12;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StereoConfig {
-    /// Its scheduled weight.
+    /// Scheduled weight of the term.
     pub weight: Schedule,
     /// Standard deviation of a depth, in steps between planes.
     pub width: f32,
@@ -47,8 +48,8 @@ impl TermSpec for StereoConfig {
     fn skip_reason(&self, scene: &Scene) -> Option<&'static str> {
         match scene.train.len() {
             0..2 => Some("left out: one view has no depth"),
-            2..=MOST_VIEWS => None,
-            _ => Some("left out: so many views show depth by themselves"),
+            2..=MAX_VIEWS => None,
+            _ => Some("left out: more than 100 views show depth by themselves"),
         }
     }
 
@@ -57,7 +58,7 @@ impl TermSpec for StereoConfig {
             width: self.width,
             outliers: self.outliers,
             scene: setup.scene.clone(),
-            found: OnceLock::new(),
+            maps: OnceLock::new(),
         }))
     }
 }
@@ -67,24 +68,23 @@ struct Stereo {
     width: f32,
     outliers: f32,
     scene: Scene,
-    /// The nearest disparity of each view, and its depth map. Made in the first step, so that the search counts as training
-    /// time.
-    found: OnceLock<Vec<(Option<f32>, DepthMap)>>,
+    /// Nearest disparity and depth map of each view, made in the first step, so that the search counts as training time.
+    maps: OnceLock<Vec<(Option<f32>, DepthMap)>>,
 }
 
-/// What stereo tells about the end of a ray.
+/// The end of a ray as far as stereo determines it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum End {
+enum RayEnd {
     /// At this disparity, with this standard deviation.
     At(f32, f32),
     /// Not before this disparity.
     Beyond(f32),
-    /// Nothing.
+    /// Anywhere.
     Unknown,
 }
 
-impl End {
-    /// vᵢ of a sample at distance `t`, where the probability of this end is `offset + Σᵢ wᵢ vᵢ`.
+impl RayEnd {
+    /// Computes vᵢ of a sample at distance `t`; the probability of this end is `offset + Σᵢ wᵢ vᵢ`.
     fn value(self, t: f32) -> f32 {
         let disparity = 1.0 / t.max(f32::MIN_POSITIVE);
         match self {
@@ -99,26 +99,26 @@ impl End {
     }
 }
 
-/// The settings of the search for a number of views. Its cost grows with pixels times planes, and so with the cube of the
+/// Settings of the search for a number of views. Its cost grows with pixels times planes, and so with the cube of the
 /// image size: sizes that shrink with the cube root of the number of views keep it constant.
-fn search(views: usize) -> Settings {
-    let settings = Settings::default();
+fn search(views: usize) -> StereoSettings {
+    let settings = StereoSettings::default();
     let scale = (FULL_SIZE_VIEWS as f32 / views as f32).cbrt().min(1.0);
     let size = (settings.size as f32 * scale).round() as u32;
-    Settings { neighbours: (PAIRS / views).clamp(1, settings.neighbours), size, ..settings }
+    StereoSettings { neighbours: (PAIRS / views).clamp(1, settings.neighbours), size, ..settings }
 }
 
 impl Stereo {
-    fn end(&self, PixelAt { view, x, y }: PixelAt) -> End {
-        let found = self.found.get_or_init(|| {
+    fn end(&self, PixelAt { view, x, y }: PixelAt) -> RayEnd {
+        let maps = self.maps.get_or_init(|| {
             let maps = depth_maps(&self.scene, &search(self.scene.train.len()));
             maps.into_iter().map(|map| (map.nearest(), map)).collect()
         });
-        let (nearest, map) = &found[view];
+        let (nearest, map) = &maps[view];
         match (map.at(&self.scene.train[view].camera, x, y), nearest) {
-            (Some((disparity, step)), _) => End::At(disparity, self.width * step),
-            (None, Some(nearest)) => End::Beyond(*nearest),
-            (None, None) => End::Unknown,
+            (Some((disparity, step)), _) => RayEnd::At(disparity, self.width * step),
+            (None, Some(nearest)) => RayEnd::Beyond(*nearest),
+            (None, None) => RayEnd::Unknown,
         }
     }
 }
@@ -129,9 +129,9 @@ impl Term for Stereo {
         let target = renders.seen.target.as_ref().expect("training images have pixels");
         let device = output.tau.device();
         let segments = output.segments();
-        let ends: Vec<End> = target.pixels.iter().map(|&pixel| self.end(pixel)).collect();
+        let ends: Vec<RayEnd> = target.pixels.iter().map(|&pixel| self.end(pixel)).collect();
         let of_ray =
-            |(range, end): (Range<usize>, &End)| output.samples.t()[range].iter().map(|&t| end.value(t)).collect();
+            |(range, end): (Range<usize>, &RayEnd)| output.samples.t()[range].iter().map(|&t| end.value(t)).collect();
         let values: Vec<Vec<f32>> = segments.ranges().zip(&ends).map(of_ray).collect();
         let values = upload(values.concat(), [segments.samples(), 1], &device);
         let offsets: Vec<f32> = ends.iter().map(|end| end.offset()).collect();
@@ -144,10 +144,11 @@ impl Term for Stereo {
 
 #[cfg(test)]
 mod tests {
+    use infonerf_oracle::weights;
     use infonerf_scene::{Camera, Image, View};
 
     use super::*;
-    use crate::testing;
+    use crate::testing::{SEEN, check, config, mean};
 
     fn map(disparity: f32) -> DepthMap {
         DepthMap { width: 1, height: 1, disparity: vec![disparity], step: vec![0.1] }
@@ -158,7 +159,7 @@ mod tests {
         let image = Image::filled(8, 8, [0.5; 3]);
         let view = View::new(0, "", camera, image);
         let scene = Scene { train: vec![view], ..Scene::default() };
-        Stereo { width: 1.0, outliers: 0.01, scene, found: vec![(nearest, map(disparity))].into() }
+        Stereo { width: 1.5, outliers: 0.01, scene, maps: vec![(nearest, map(disparity))].into() }
     }
 
     #[test]
@@ -167,24 +168,36 @@ mod tests {
         assert_eq!(found, [(252, 4), (252, 2), (200, 1), (126, 1)]);
     }
 
-    /// Samples of the test's rays are at 0.5, 1.5, …
+    /// A match at a distance, none in a view with a nearest surface, and none in a view without any.
     #[test]
-    fn a_ray_that_ends_at_the_surface_costs_nothing() {
-        let value = |disparity: f32, nearest: Option<f32>, tau: &[f32]| {
-            let mut renders = testing::renders(&[tau]);
-            renders.seen.target.as_mut().unwrap().pixels = vec![PixelAt { view: 0, x: 4.0, y: 4.0 }];
-            term(disparity, nearest).value(&renders).into_scalar::<f32>()
-        };
-        let at = |tau: &[f32]| value(1.0 / 1.5, None, tau);
-        approx::assert_abs_diff_eq!(at(&[0.0, f32::INFINITY]), 0.0, epsilon = 1e-5);
-        // All of the weight is far from the surface, and then half of it.
-        approx::assert_abs_diff_eq!(at(&[f32::INFINITY, 0.0]), 1.0, epsilon = 1e-5);
-        let half = (0.01f32 + 0.99 * 0.5).ln() / 0.01f32.ln();
-        approx::assert_abs_diff_eq!(at(&[0.0, std::f32::consts::LN_2]), half, epsilon = 1e-5);
-        // Without a match what is nearer than anything in the view costs, and what is not does not.
-        let beyond = |tau: &[f32]| value(f32::NAN, Some(1.0), tau);
-        approx::assert_abs_diff_eq!(beyond(&[std::f32::consts::LN_2, 0.0]), half, epsilon = 1e-5);
-        approx::assert_abs_diff_eq!(beyond(&[0.0, 1.0]), 0.0, epsilon = 1e-5);
-        approx::assert_abs_diff_eq!(value(f32::NAN, None, &[1.0, 1.0]), 0.0, epsilon = 1e-5);
+    fn likelihood_of_the_matched_end() {
+        for (disparity, nearest) in [(1.0 / 1.6, None), (f32::NAN, Some(1.0)), (f32::NAN, None)] {
+            let probability = |ray: &[f64]| -> f64 {
+                let (w, t) = (weights(ray), |i: usize| i as f64 + 0.5);
+                match nearest {
+                    _ if !disparity.is_nan() => {
+                        let error = |i: usize| (1.0 / t(i) - f64::from(disparity)) / f64::from(1.5f32 * 0.1f32);
+                        (0..w.len()).map(|i| w[i] * (-0.5 * error(i).powi(2)).exp()).sum()
+                    }
+                    // The first sample alone is nearer than disparity 1.
+                    Some(_) => 1.0 - w.first().unwrap_or(&0.0),
+                    None => 1.0,
+                }
+            };
+            let pi = f64::from(0.01f32);
+            let loss = |ray: &[f64]| (pi + (1.0 - pi) * probability(ray)).ln() / pi.ln();
+            check(&term(disparity, nearest), |_| (), |d| mean(d[SEEN].iter(), loss));
+        }
+    }
+
+    #[test]
+    fn one_view_and_many_views_are_left_out() {
+        let config = config("").stereo;
+        let scene =
+            |views: usize| Scene { train: vec![term(1.0, None).scene.train[0].clone(); views], ..Scene::default() };
+        assert_eq!(
+            [1, 2, 100, 101].map(|views| config.skip_reason(&scene(views)).is_some()),
+            [true, false, false, true]
+        );
     }
 }

@@ -4,7 +4,8 @@ use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
 use crate::objective::scaled;
-use crate::{Need, Renders, Term, TermSetup, TermSpec};
+use crate::renders::{Need, Renders};
+use crate::term::{Term, TermSetup, TermSpec};
 
 /// Total variation of a field's tables (planes, grids), as the field defines its mean; 0 for a field without tables.
 ///
@@ -13,10 +14,10 @@ use crate::{Need, Renders, Term, TermSetup, TermSpec};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TvConfig {
-    /// Its scheduled weight. A falling weight lets detail appear late in the run.
+    /// Scheduled weight of the term. A falling weight lets detail appear late in the run.
     pub weight: Schedule,
-    /// The number of training views that the weight is for: it is multiplied by `views` over their number. 0 keeps it the
-    /// same for any number.
+    /// The number of training views that the weight is for: the weight is multiplied by `views` over the number of training
+    /// views. With 0 it does not depend on them.
     pub views: u32,
 }
 
@@ -42,7 +43,7 @@ impl Term for Tv {
     }
 }
 
-/// `meant` / `trained`; 1 if `meant` is 0.
+/// Returns `meant`/`trained`; 1 if `meant` is 0.
 fn factor(meant: u32, trained: usize) -> f64 {
     if meant == 0 { 1.0 } else { f64::from(meant) / trained.max(1) as f64 }
 }
@@ -50,12 +51,12 @@ fn factor(meant: u32, trained: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing;
+    use crate::testing::scenario;
 
     #[test]
-    fn twice_as_many_views_halve_it() {
+    fn twice_as_many_views_halve_the_value() {
         assert_eq!([factor(4, 2), factor(4, 4), factor(4, 8), factor(0, 8)], [2.0, 1.0, 0.5, 1.0]);
-        let mut renders = testing::renders(&[&[0.5]]);
+        let (_, mut renders) = scenario(&burn::tensor::Device::flex());
         let term = Tv { factor: factor(4, 8) as f32 };
         assert_eq!(term.value(&renders).into_scalar::<f32>(), 0.0);
         renders.penalties.insert(Penalty::TOTAL_VARIATION, renders.zero() + 3.0);

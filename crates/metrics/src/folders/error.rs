@@ -2,51 +2,51 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-use crate::MetricError;
+use crate::error::MetricError;
 
-/// Why folders cannot be compared, in one line.
+/// Reason why folders cannot be compared, in one line.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum FolderError {
-    /// A folder or picture cannot be read.
+    /// Unreadable folder or image.
     #[error("{}: {cause}", path.display())]
     Read {
-        /// The folder or picture.
+        /// Folder or image.
         path: PathBuf,
-        /// What is wrong with it.
+        /// Fault, in one line.
         cause: String,
     },
-    /// There are no pictures.
-    #[error("{}: no PNG or JPEG pictures in it", folder.display())]
+    /// Folder without images.
+    #[error("{}: no PNG or JPEG images in it", folder.display())]
     Empty {
-        /// The folder.
+        /// Folder without images.
         folder: PathBuf,
     },
-    /// Two pictures of a folder have the same name but for the extension.
+    /// Two images of a folder with the same name but for the extension.
     #[error("{} and {} have the same name", first.display(), second.display())]
     Twice {
-        /// One of them.
+        /// First file.
         first: PathBuf,
-        /// The other.
+        /// Second file.
         second: PathBuf,
     },
-    /// A picture has no counterpart.
-    #[error("{} has no {what} in {}: expected a picture called `{name}`", path.display(), folder.display())]
+    /// Image without a counterpart.
+    #[error("{} has no {what} in {}: expected an image called `{name}`", path.display(), folder.display())]
     NoPartner {
-        /// The picture.
+        /// Image without a counterpart.
         path: PathBuf,
-        /// What is missing: `truth`, `render`, `mask`.
+        /// Missing part: `truth`, `render`, `mask`.
         what: &'static str,
-        /// Where it was looked for.
+        /// Folder that was searched.
         folder: PathBuf,
-        /// Its name without extension.
+        /// Name without extension.
         name: String,
     },
-    /// A pair cannot be compared.
+    /// Pair that cannot be compared.
     #[error("{}: {error}", path.display())]
     Pair {
-        /// The render or mask.
+        /// Render or mask.
         path: PathBuf,
-        /// What does not fit.
+        /// Reason.
         error: MetricError,
     },
 }

@@ -1,4 +1,4 @@
-//! Comparing pictures that somebody else rendered: folders of PNG and JPEG.
+//! Comparison of images that another program rendered: folders of PNG and JPEG.
 
 mod error;
 mod read;
@@ -7,50 +7,55 @@ use std::path::{Path, PathBuf};
 
 pub use error::FolderError;
 
-use crate::{Evaluator, Measured, Metric, Networks, Pair, Protocol};
+use crate::evaluate::Evaluator;
+use crate::measured::Measured;
+use crate::metric::Metric;
+use crate::networks::Networks;
+use crate::protocol::Protocol;
+use crate::view::Pair;
 
-/// Which pictures to compare. A render, its truth and its mask have the same name but for the extension.
+/// Folders to compare. A render, its truth and its mask have the same name but for the extension.
 #[derive(Debug, Clone, Copy)]
 pub struct Folders<'a> {
-    /// The renders.
+    /// Folder of renders.
     pub renders: &'a Path,
-    /// The photographs.
+    /// Folder of true images.
     pub truth: &'a Path,
-    /// Masks for the masked metrics: PNG, black outside.
+    /// Folder of masks for the masked metrics: PNG, black outside.
     pub masks: Option<&'a Path>,
-    /// Whether photographs without a render are left out; otherwise they are an error.
+    /// Whether true images without a render are left out; otherwise they are an error.
     pub partial: bool,
 }
 
-/// What [`compare_folders`] found.
+/// Result of [`compare_folders`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct ComparedFolders {
-    /// The pictures, by name.
+    /// Compared images, by name.
     pub views: Vec<ComparedView>,
-    /// The values of these views in the same order, and of the set.
+    /// Values of these views in the same order, and of the set.
     pub measured: Measured,
 }
 
-/// A render with its truth.
+/// Render with its truth.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ComparedView {
     /// Name without extension.
     pub name: String,
-    /// The render.
+    /// File of the render.
     pub render: PathBuf,
-    /// The photograph.
+    /// File of the true image.
     pub truth: PathBuf,
-    /// The mask.
+    /// File of the mask.
     pub mask: Option<PathBuf>,
 }
 
-/// Measures every render with `metrics`, a pair in memory at a time. `progress` is told how many views are done, and of
-/// how many.
+/// Measures every render with `metrics`, with one pair in memory at a time. `progress` receives the number of views done and
+/// of all.
 ///
-/// A metric without a value (such as FID of one picture) has a note; [`Measured::require`] makes it an error.
+/// A metric without a value (such as FID of one image) has a note; [`Measured::require`] makes it an error.
 ///
 /// # Errors
-/// [`FolderError`]: what cannot be read, has no partner, or does not fit its partner.
+/// [`FolderError`] if a file cannot be read, has no partner, or does not fit its partner.
 pub fn compare_folders(
     folders: Folders<'_>,
     metrics: &[&'static Metric],
@@ -72,7 +77,7 @@ pub fn compare_folders(
     Ok(ComparedFolders { measured: evaluator.finish(), views })
 }
 
-/// Each render with what belongs to it, in the order of names.
+/// Finds truth and mask of each render, in the order of names.
 fn partners(folders: Folders<'_>) -> Result<Vec<ComparedView>, FolderError> {
     let renders = read::pictures(folders.renders)?;
     let truths = read::pictures(folders.truth)?;

@@ -4,12 +4,13 @@ use std::path::{Path, PathBuf};
 use image::{DynamicImage, ImageReader};
 
 use super::FolderError;
+use crate::mask::Mask;
+use crate::picture::Picture;
 use crate::protocol::Background;
-use crate::{Mask, Picture};
 
 const EXTENSIONS: [&str; 3] = ["png", "jpg", "jpeg"];
 
-/// The pictures in `folder` by their names without extension.
+/// Lists the images in `folder` by their names without extension.
 ///
 /// # Errors
 /// [`FolderError::Read`], [`FolderError::Empty`], [`FolderError::Twice`].
@@ -31,7 +32,7 @@ pub(super) fn pictures(folder: &Path) -> Result<BTreeMap<String, PathBuf>, Folde
     if pictures.is_empty() { Err(FolderError::Empty { folder: folder.to_owned() }) } else { Ok(pictures) }
 }
 
-/// The picture at `path`, composited on `background` where it is not opaque: `α c + (1 − α) b`.
+/// Reads the image at `path` and composites it on `background`: `α c + (1 − α) b`.
 ///
 /// # Errors
 /// [`FolderError::Read`].
@@ -47,10 +48,10 @@ pub(super) fn picture(path: &Path, background: Background) -> Result<Picture, Fo
         .map_err(|error| FolderError::Pair { path: path.to_owned(), error })
 }
 
-/// The mask at `path`: a pixel is inside unless it is black, so that pictures of class numbers are masks too.
+/// Reads the mask at `path`: a pixel is inside unless it is black, so that images of class indices are masks, too.
 ///
 /// # Errors
-/// [`FolderError::Read`], also for a JPEG, whose black is not exact.
+/// [`FolderError::Read`], also for JPEG, which does not keep black exactly.
 pub(super) fn mask(path: &Path) -> Result<Mask, FolderError> {
     let is_png = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
     if !is_png {

@@ -1,5 +1,5 @@
 use super::{LPIPS_VGG, Measure, Metric, PSNR, SSIM};
-use crate::{Better, Descriptor};
+use crate::descriptor::{Better, Descriptor};
 
 pub(super) const AVERAGE: Metric = Metric {
     descriptor: Descriptor { key: "average", name: "Average", unit: "", decimals: 3, better: Better::Lower },
@@ -7,11 +7,12 @@ pub(super) const AVERAGE: Metric = Metric {
     measure: Measure::Values(&[&PSNR, &SSIM, &LPIPS_VGG], |values| average(values[0], values[1], values[2])),
 };
 
-/// One number for three metrics, as mip-NeRF (Barron et al. 2021, Sec. 4) and RegNeRF (Niemeyer et al. 2022, Sec. 5) report it:
+/// Computes the geometric mean of three errors, as reported by mip-NeRF (Barron et al. 2021, Sec. 4) and RegNeRF (Niemeyer et
+/// al. 2022, Sec. 5):
 ///
 /// `(MSE · √(1 − SSIM) · LPIPS)^⅓`, `MSE = 10^(−PSNR/10)`
 ///
-/// 0 for identical pictures, larger is worse.
+/// 0 for identical images, larger is worse.
 pub fn average(psnr: f64, ssim: f64, lpips: f64) -> f64 {
     (10.0_f64.powf(-psnr / 10.0) * (1.0 - ssim).max(0.0).sqrt() * lpips.max(0.0)).cbrt()
 }
@@ -21,15 +22,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_the_geometric_mean_of_three_errors() {
+    fn average_is_the_geometric_mean_of_three_errors() {
         // Errors 0.01, 0.5 and 0.2.
         approx::assert_relative_eq!(average(20.0, 0.75, 0.2), 0.1, epsilon = 1e-12);
         assert_eq!(average(f64::INFINITY, 1.0, 0.0), 0.0);
     }
 
-    /// FreeNeRF's line for LLFF with three views: 19.63, 0.612, 0.308 and 0.134, which is a mean of eight scenes' values.
+    /// FreeNeRF reports 19.63, 0.612, 0.308 and 0.134 for LLFF with three views, each a mean over eight scenes.
     #[test]
-    fn published_lines_are_met_roughly() {
+    fn published_averages_are_nearly_reproduced() {
         approx::assert_abs_diff_eq!(average(19.63, 0.612, 0.308), 0.134, epsilon = 0.01);
     }
 }

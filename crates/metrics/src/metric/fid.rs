@@ -1,7 +1,9 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::{Measure, Metric};
-use crate::{Better, Descriptor, Features, MetricError};
+use crate::descriptor::{Better, Descriptor};
+use crate::error::MetricError;
+use crate::features::FeatureSet;
 
 /// Name of Inception with pytorch-fid's weights among [`crate::Networks`].
 pub const INCEPTION_NETWORK: &str = "inception-fid";
@@ -12,23 +14,23 @@ pub(super) const FID: Metric = Metric {
     measure: Measure::Set(INCEPTION_NETWORK, frechet_distance),
 };
 
-/// Fréchet distance between the Gaussians with the means `μ` and unbiased covariances `Σ` of two sets of vectors,
+/// Computes the Fréchet distance between Gaussians with the means `μ` and unbiased covariances `Σ` of two sets of vectors,
 ///
 /// `d² = ‖μ₁ − μ₂‖² + tr Σ₁ + tr Σ₂ − 2 tr (Σ₁ Σ₂)^½`
 ///
 /// (Heusel et al. 2017, Eq. 6), in double precision.
 ///
 /// With the centred vectors as rows, `A = X / √(n − 1)` and `B = Y / √(m − 1)`, the covariances are `AᵀA` and `BᵀB`. The
-/// eigenvalues of `AᵀA BᵀB` other than 0 are those of `(A Bᵀ)(A Bᵀ)ᵀ`, so that the trace of the root is the sum of the
-/// singular values of `A Bᵀ`, an n × m matrix. It is exact for covariances of any rank and cheap for few pictures, where
-/// pytorch-fid takes SciPy's `sqrtm` of a singular matrix of 2048², its real part, and adds 1e-6 to the diagonals should
-/// that not be finite; without the addition, both are the same number. Where there are more vectors than dimensions, A is
-/// replaced by the R of its QR decomposition, for which `RᵀR = AᵀA`.
+/// eigenvalues of `AᵀA BᵀB` other than 0 equal those of `(A Bᵀ)(A Bᵀ)ᵀ`, so that the trace of the root is the sum of the
+/// singular values of `A Bᵀ`, an n × m matrix. This is exact for covariances of any rank and cheap for few images, where
+/// pytorch-fid takes the real part of SciPy's `sqrtm` of a singular matrix of 2048², and adds 1e-6 to the diagonals if that
+/// is not finite; without the addition, both values are equal. If there are more vectors than dimensions, A is replaced by
+/// the R of its QR decomposition, for which `RᵀR = AᵀA`.
 ///
 /// # Errors
 /// [`MetricError::TooFew`] for fewer than two vectors in a set, [`MetricError::Length`] for different dimensions.
-pub fn frechet_distance(a: &Features, b: &Features) -> Result<f64, MetricError> {
-    Features::check_pair(a, b, 2)?;
+pub fn frechet_distance(a: &FeatureSet, b: &FeatureSet) -> Result<f64, MetricError> {
+    FeatureSet::check_pair(a, b, 2)?;
     let (mean_a, root_a) = moments(a);
     let (mean_b, root_b) = moments(b);
     let traces = root_a.norm_squared() + root_b.norm_squared();
@@ -36,8 +38,8 @@ pub fn frechet_distance(a: &Features, b: &Features) -> Result<f64, MetricError> 
     Ok((mean_a - mean_b).norm_squared() + traces - 2.0 * root)
 }
 
-/// The mean, and a matrix A of at most `dimension` rows with the covariance AᵀA.
-fn moments(features: &Features) -> (DVector<f64>, DMatrix<f64>) {
+/// Returns the mean, and a matrix A of at most `dimension` rows with the covariance AᵀA.
+fn moments(features: &FeatureSet) -> (DVector<f64>, DMatrix<f64>) {
     let (n, dimension) = (features.len(), features.dimension());
     let mut rows = DMatrix::from_row_slice(n, dimension, features.values());
     let mean = rows.row_mean();
@@ -52,30 +54,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaussians_on_axes_have_the_closed_form() {
+    fn fid_of_axis_aligned_gaussians_has_the_closed_form() {
         // Variances 4 and 1 about 0, 16 and 9 about (3, 4): 25 + (2 − 4)² + (1 − 3)².
         let cross = |x: f32, y: f32, centre: [f32; 2]| {
             let scale = (3f32 / 2.0).sqrt();
             let points = [[x, 0.0], [-x, 0.0], [0.0, y], [0.0, -y]];
             let rows = points.map(|[x, y]| [centre[0] + scale * x, centre[1] + scale * y]);
-            Features::from_rows(rows.iter().map(|row| &row[..])).unwrap()
+            FeatureSet::from_rows(rows.iter().map(|row| &row[..])).unwrap()
         };
         let value = frechet_distance(&cross(2.0, 1.0, [0.0; 2]), &cross(4.0, 3.0, [3.0, 4.0])).unwrap();
         approx::assert_relative_eq!(value, 33.0, max_relative = 1e-6);
     }
 
     #[test]
-    fn a_set_is_at_no_distance_from_itself() {
+    fn fid_of_a_set_with_itself_is_zero() {
         let rows: Vec<[f32; 5]> = (0..3).map(|i| std::array::from_fn(|j| (i * j) as f32)).collect();
-        let features = Features::from_rows(rows.iter().map(|row| &row[..])).unwrap();
+        let features = FeatureSet::from_rows(rows.iter().map(|row| &row[..])).unwrap();
         approx::assert_abs_diff_eq!(frechet_distance(&features, &features).unwrap(), 0.0, epsilon = 1e-12);
     }
 
     #[test]
-    fn one_picture_has_no_covariance() {
-        let one = Features::from_rows([&[1.0, 2.0][..]]).unwrap();
+    fn fid_needs_two_images() {
+        let one = FeatureSet::from_rows([&[1.0, 2.0][..]]).unwrap();
         let error = frechet_distance(&one, &one).unwrap_err();
-        assert_eq!(error.to_string(), "needs at least 2 pictures, got 1");
-        assert!(frechet_distance(&Features::default(), &one).is_err());
+        assert_eq!(error.to_string(), "needs at least 2 images, got 1");
+        assert!(frechet_distance(&FeatureSet::default(), &one).is_err());
     }
 }

@@ -6,7 +6,9 @@ use rayon::prelude::*;
 
 use super::fid::INCEPTION_NETWORK;
 use super::{Measure, Metric};
-use crate::{Better, Descriptor, Features, MetricError};
+use crate::descriptor::{Better, Descriptor};
+use crate::error::MetricError;
+use crate::features::FeatureSet;
 
 pub(super) const KID: Metric = Metric {
     descriptor: Descriptor { key: "kid", name: "KID", unit: "", decimals: 3, better: Better::Lower },
@@ -14,19 +16,18 @@ pub(super) const KID: Metric = Metric {
     measure: Measure::Set(INCEPTION_NETWORK, kernel_distance),
 };
 
-/// Largest subset, and how many are drawn.
-const SUBSET: usize = 1000;
+const MAX_SUBSET: usize = 1000;
 const SUBSETS: u64 = 100;
 
-/// Kernel distance between two sets of vectors: the mean of [`maximum_mean_discrepancy`] over 100 pairs of random subsets
-/// of `min(n, m, 1000)` vectors, as clean-fid defines it. The subsets are the same in every run. Where both sets are
-/// subsets as they are, every draw has the same value and one is enough.
+/// Computes the kernel distance between two sets of vectors: the mean of [`maximum_mean_discrepancy`] over 100 pairs of
+/// random subsets of `min(n, m, 1000)` vectors, as in clean-fid. The subsets are the same in every run. If both sets have
+/// that size, every draw has the same value and one is enough.
 ///
 /// # Errors
 /// [`MetricError::TooFew`] for fewer than two vectors in a set, [`MetricError::Length`] for different dimensions.
-pub fn kernel_distance(a: &Features, b: &Features) -> Result<f64, MetricError> {
-    Features::check_pair(a, b, 2)?;
-    let size = a.len().min(b.len()).min(SUBSET);
+pub fn kernel_distance(a: &FeatureSet, b: &FeatureSet) -> Result<f64, MetricError> {
+    FeatureSet::check_pair(a, b, 2)?;
+    let size = a.len().min(b.len()).min(MAX_SUBSET);
     if a.len() == size && b.len() == size {
         return maximum_mean_discrepancy(a, b);
     }
@@ -35,14 +36,14 @@ pub fn kernel_distance(a: &Features, b: &Features) -> Result<f64, MetricError> {
         .map(|draw| {
             let mut random = ChaCha8Rng::seed_from_u64(draw);
             let mut subset =
-                |features: &Features| features.select(sample(&mut random, features.len(), size).into_iter());
+                |features: &FeatureSet| features.select(sample(&mut random, features.len(), size).into_iter());
             maximum_mean_discrepancy(&subset(a), &subset(b))
         })
         .collect();
     Ok(draws?.iter().sum::<f64>() / SUBSETS as f64)
 }
 
-/// Unbiased estimate of the squared maximum mean discrepancy with the kernel `k(x, y) = (x·y / d + 1)³`,
+/// Estimates, without bias, the squared maximum mean discrepancy with the kernel `k(x, y) = (x·y / d + 1)³`,
 ///
 /// `Σ_{i≠j} k(x_i, x_j) / (n (n − 1)) + Σ_{i≠j} k(y_i, y_j) / (m (m − 1)) − 2 Σ_{ij} k(x_i, y_j) / (n m)`
 ///
@@ -50,8 +51,8 @@ pub fn kernel_distance(a: &Features, b: &Features) -> Result<f64, MetricError> {
 ///
 /// # Errors
 /// As [`kernel_distance`].
-pub fn maximum_mean_discrepancy(a: &Features, b: &Features) -> Result<f64, MetricError> {
-    Features::check_pair(a, b, 2)?;
+pub fn maximum_mean_discrepancy(a: &FeatureSet, b: &FeatureSet) -> Result<f64, MetricError> {
+    FeatureSet::check_pair(a, b, 2)?;
     let [a, b] = [a, b].map(|set| DMatrix::from_row_slice(set.len(), set.dimension(), set.values()));
     let kernel =
         |x: &DMatrix<f64>, y: &DMatrix<f64>| (x * y.transpose()).map(|dot| (dot / x.ncols() as f64 + 1.0).powi(3));
@@ -66,12 +67,12 @@ pub fn maximum_mean_discrepancy(a: &Features, b: &Features) -> Result<f64, Metri
 mod tests {
     use super::*;
 
-    fn set(rows: &[[f32; 2]]) -> Features {
-        Features::from_rows(rows.iter().map(|row| &row[..])).unwrap()
+    fn set(rows: &[[f32; 2]]) -> FeatureSet {
+        FeatureSet::from_rows(rows.iter().map(|row| &row[..])).unwrap()
     }
 
     #[test]
-    fn two_vectors_each_have_the_closed_form() {
+    fn kid_of_two_vectors_each_has_the_closed_form() {
         let (a, b) = (set(&[[2.0, 0.0], [0.0, 2.0]]), set(&[[2.0, 2.0], [0.0, 0.0]]));
         // Within each set 1; across (2 + 1)³ twice and 1 twice.
         let expected = 1.0 + 1.0 - 2.0 * (27.0 + 27.0 + 1.0 + 1.0) / 4.0;
@@ -80,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn subsets_are_drawn_from_the_larger_set_alike_in_every_run() {
+    fn subsets_are_the_same_in_every_run() {
         let row = |i: usize| [(i % 7) as f32 / 7.0, (i % 5) as f32 / 5.0];
         let near: Vec<[f32; 2]> = (0..40).map(row).collect();
         let far: Vec<[f32; 2]> = (0..30).map(row).map(|[x, y]| [x + 1.0, y + 1.0]).collect();
@@ -94,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn one_picture_is_too_few() {
+    fn kid_needs_two_images() {
         let one = set(&[[1.0, 2.0]]);
         assert_eq!(kernel_distance(&one, &one), Err(MetricError::TooFew { found: 1, minimum: 2 }));
     }

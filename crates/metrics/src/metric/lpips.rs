@@ -1,19 +1,22 @@
 use super::{Measure, Metric};
-use crate::{Better, Descriptor, MetricError, PictureDistance, View};
+use crate::descriptor::{Better, Descriptor};
+use crate::error::MetricError;
+use crate::networks::PictureDistance;
+use crate::view::PreparedView;
 
 /// Name of LPIPS with AlexNet among [`crate::Networks`].
 pub const LPIPS_ALEX_NETWORK: &str = "lpips-alex";
 /// Name of LPIPS with VGG-16 among [`crate::Networks`].
 pub const LPIPS_VGG_NETWORK: &str = "lpips-vgg";
 
-/// See its definition.
+/// LPIPS with AlexNet of whole images.
 pub const LPIPS_ALEX: Metric = Metric {
     descriptor: Descriptor { key: "lpips_alex", name: "LPIPS (Alex)", unit: "", decimals: 3, better: Better::Lower },
     definition: "LPIPS 0.1 with AlexNet, pictures at their own size (Zhang et al. 2018)",
     measure: Measure::Distance(LPIPS_ALEX_NETWORK, whole),
 };
 
-/// See its definition.
+/// LPIPS with VGG-16 of whole images.
 pub const LPIPS_VGG: Metric = Metric {
     descriptor: Descriptor { key: "lpips_vgg", name: "LPIPS (VGG)", ..LPIPS_ALEX.descriptor },
     definition: "LPIPS 0.1 with VGG-16, pictures at their own size (Zhang et al. 2018)",
@@ -32,11 +35,11 @@ pub(super) const LPIPS_VGG_MASKED: Metric = Metric {
     measure: Measure::Distance(LPIPS_VGG_NETWORK, masked),
 };
 
-fn whole(view: &View<'_>, network: &dyn PictureDistance) -> Result<f64, MetricError> {
+fn whole(view: &PreparedView<'_>, network: &dyn PictureDistance) -> Result<f64, MetricError> {
     network.distance(&view.render, &view.truth, view.protocol).map_err(MetricError::Network)
 }
 
-fn masked(view: &View<'_>, network: &dyn PictureDistance) -> Result<f64, MetricError> {
+fn masked(view: &PreparedView<'_>, network: &dyn PictureDistance) -> Result<f64, MetricError> {
     let (render, truth) = view.masked()?;
     network.distance(render, truth, view.protocol).map_err(MetricError::Network)
 }

@@ -1,32 +1,29 @@
-//! The metrics, one file each.
-//!
-//! A new one is a file with a [`Metric`] constant, its `mod` line here, and its line in [`METRICS`]: records, tables,
-//! `eval` and notes follow from the list.
+//! All metrics. A new one takes a file with a [`Metric`] constant, its `mod` line here, and its line in [`METRICS`]: records,
+//! tables, `eval` and notes follow from the list.
 
 mod average;
-mod depth_error;
+mod depth;
 mod fid;
-mod gmsd;
 mod kid;
 mod lpips;
-mod ms_ssim;
 mod psnr;
 mod sharpness;
-mod silhouette_iou;
 mod ssim;
 
 pub use average::average;
-pub use depth_error::depth_error;
+pub use depth::{depth_error, silhouette_iou};
 pub use fid::{INCEPTION_NETWORK, frechet_distance};
-pub use gmsd::gmsd;
 pub use kid::{kernel_distance, maximum_mean_discrepancy};
 pub use lpips::{LPIPS_ALEX, LPIPS_ALEX_NETWORK, LPIPS_VGG, LPIPS_VGG_NETWORK};
 pub use psnr::{PSNR, psnr, psnr_masked};
-pub use sharpness::{mean_gradient, sharpness};
-pub use silhouette_iou::silhouette_iou;
+pub use sharpness::sharpness;
 pub use ssim::{SSIM, ssim};
 
-use crate::{Descriptor, Features, MetricError, PictureDistance, View};
+use crate::descriptor::Descriptor;
+use crate::error::MetricError;
+use crate::features::FeatureSet;
+use crate::networks::PictureDistance;
+use crate::view::PreparedView;
 
 /// Every metric, in the order of records and tables.
 pub const METRICS: &[&Metric] = &[
@@ -35,50 +32,48 @@ pub const METRICS: &[&Metric] = &[
     &LPIPS_ALEX,
     &LPIPS_VGG,
     &average::AVERAGE,
-    &ms_ssim::MS_SSIM,
-    &gmsd::GMSD,
     &sharpness::SHARPNESS,
     &psnr::PSNR_MASKED,
     &ssim::SSIM_MASKED,
     &lpips::LPIPS_ALEX_MASKED,
     &lpips::LPIPS_VGG_MASKED,
-    &depth_error::DEPTH_ERROR,
-    &silhouette_iou::SILHOUETTE_IOU,
+    &depth::DEPTH_ERROR,
+    &depth::SILHOUETTE_IOU,
     &fid::FID,
     &kid::KID,
 ];
 
-/// A number that says how good renders are.
+/// Figure of merit of renders.
 #[derive(Debug, Clone, Copy)]
 pub struct Metric {
-    /// How it is called and shown.
+    /// Name and format.
     pub descriptor: Descriptor,
-    /// What it is, in one line.
+    /// Definition in one line.
     pub definition: &'static str,
-    /// How it is computed.
+    /// Computation.
     pub measure: Measure,
 }
 
-/// What a metric is a function of. The value of a set is the mean over its views, unless it is a function of the set.
+/// Arguments of a metric, and the function. The value of a set of views is the mean over its views, but for [`Self::Set`].
 #[derive(Debug, Clone, Copy)]
 pub enum Measure {
-    /// One view.
-    View(fn(&View<'_>) -> Result<f64, MetricError>),
-    /// One view, and the distance of that name among [`crate::Networks`].
-    Distance(&'static str, fn(&View<'_>, &dyn PictureDistance) -> Result<f64, MetricError>),
-    /// The values that these metrics have for the view.
+    /// Function of a view.
+    View(fn(&PreparedView<'_>) -> Result<f64, MetricError>),
+    /// Function of a view and the named distance of [`crate::Networks`].
+    Distance(&'static str, fn(&PreparedView<'_>, &dyn PictureDistance) -> Result<f64, MetricError>),
+    /// Function of the view's values of these metrics.
     Values(&'static [&'static Metric], fn(&[f64]) -> f64),
-    /// What the feature extractor of that name makes of all renders and of all truths.
-    Set(&'static str, fn(&Features, &Features) -> Result<f64, MetricError>),
+    /// Function of the features of all renders and of all truths by the named extractor of [`crate::Networks`].
+    Set(&'static str, fn(&FeatureSet, &FeatureSet) -> Result<f64, MetricError>),
 }
 
 impl Metric {
-    /// Key in `results.json`.
+    /// Returns the key in `results.json`.
     pub const fn key(&self) -> &'static str {
         self.descriptor.key
     }
 
-    /// Name of the network that it needs.
+    /// Returns the name of the network that the metric needs, if any.
     pub fn network(&self) -> Option<&'static str> {
         match self.measure {
             Measure::View(_) => None,
@@ -88,7 +83,7 @@ impl Metric {
     }
 }
 
-/// The metrics with these keys, in the order given.
+/// Finds the metrics with these keys, in the order given.
 ///
 /// # Errors
 /// [`MetricError::UnknownMetric`].

@@ -1,9 +1,10 @@
 use super::{Measure, Metric};
-use crate::picture::check_sizes;
-use crate::size::check_size;
-use crate::{Better, Descriptor, Mask, MetricError, Picture};
+use crate::descriptor::{Better, Descriptor};
+use crate::error::MetricError;
+use crate::mask::Mask;
+use crate::picture::{Picture, check_size, check_sizes};
 
-/// See its definition.
+/// PSNR of whole images.
 pub const PSNR: Metric = Metric {
     descriptor: Descriptor { key: "psnr", name: "PSNR", unit: "dB", decimals: 2, better: Better::Higher },
     definition: "−10 log₁₀ of the mean square error over pixels and channels",
@@ -19,10 +20,10 @@ pub(super) const PSNR_MASKED: Metric = Metric {
     measure: Measure::View(|view| psnr_masked(&view.render, &view.truth, view.mask()?)),
 };
 
-/// Peak signal-to-noise ratio in decibels, data range 1.
+/// Computes the peak signal-to-noise ratio in decibels, data range 1.
 ///
 /// `PSNR = −10 · log₁₀(MSE)`, with the mean square error over all pixels and the three channels together (Mildenhall
-/// et al. 2020). Identical pictures give `+∞`.
+/// et al. 2020). Identical images give `+∞`, which a mean over views leaves out.
 ///
 /// # Errors
 /// [`MetricError::Size`].
@@ -31,7 +32,7 @@ pub fn psnr(render: &Picture, truth: &Picture) -> Result<f64, MetricError> {
     Ok(decibels(render.pixels().iter().zip(truth.pixels())))
 }
 
-/// [`psnr`] over the pixels inside `mask`.
+/// Computes [`psnr`] over the pixels inside `mask`.
 ///
 /// # Errors
 /// [`MetricError::Size`]; [`MetricError::EmptyMask`] if there are none.
@@ -62,13 +63,13 @@ mod tests {
     }
 
     #[test]
-    fn a_tenth_off_everywhere_is_twenty_decibels() {
+    fn error_of_a_tenth_is_20_decibels() {
         approx::assert_abs_diff_eq!(psnr(&flat(0.1), &flat(0.0)).unwrap(), 20.0, epsilon = 1e-5);
         assert_eq!(psnr(&flat(0.3), &flat(0.3)), Ok(f64::INFINITY));
     }
 
     #[test]
-    fn a_mask_leaves_out_what_is_outside() {
+    fn masked_psnr_ignores_pixels_outside() {
         let truth = flat(0.0);
         let render = truth.mapped(|index, _| if index < 2 { [0.1; 3] } else { [1.0; 3] });
         let mask = Mask::new((0..6).map(|index| index < 2).collect(), 3, 2).unwrap();
@@ -79,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn other_sizes_are_refused() {
+    fn psnr_refuses_different_sizes() {
         let other = Picture::new(vec![[0.0; 3]; 6], 2, 3).unwrap();
         let expected = MetricError::Size { what: "truth", found: [2, 3], expected: [3, 2] };
         assert_eq!(psnr(&flat(0.0), &other), Err(expected));

@@ -1,6 +1,7 @@
 use super::{Measure, Metric};
-use crate::picture::check_sizes;
-use crate::{Better, Descriptor, MetricError, Picture, luminance};
+use crate::descriptor::{Better, Descriptor};
+use crate::error::MetricError;
+use crate::picture::{Picture, check_sizes};
 
 pub(super) const SHARPNESS: Metric = Metric {
     descriptor: Descriptor { key: "sharpness", name: "Sharpness", unit: "", decimals: 2, better: Better::NearOne },
@@ -8,26 +9,25 @@ pub(super) const SHARPNESS: Metric = Metric {
     measure: Measure::View(|view| sharpness(&view.render, &view.truth)),
 };
 
-/// Mean gradient magnitude of a render over that of the truth: 1 is as sharp as the truth, below 1 is blur, above 1 is
+/// Divides the mean gradient magnitude of a render by the truth's: 1 is as sharp as the truth, below 1 is blur, above 1 is
 /// noise or ringing.
 ///
-/// `sharpness = mean‖∇Y_render‖ / mean‖∇Y_truth‖` with [`mean_gradient`].
+/// `sharpness = mean‖∇Y_render‖ / mean‖∇Y_truth‖` with the luma `Y = 0.299 R + 0.587 G + 0.114 B` (ITU-R BT.601) and
+/// `‖∇Y‖ = sqrt(Y_x² + Y_y²)`. `Y_x` and `Y_y` are central differences `(Y[i+1] − Y[i−1]) / 2` inside and one-sided
+/// differences at the border (NumPy's `gradient`); along a side of one pixel the derivative is 0.
 ///
 /// # Errors
-/// [`MetricError::Size`]; [`MetricError::Flat`] when the truth has no gradient.
+/// [`MetricError::Size`]; [`MetricError::Flat`] if the truth has no gradient.
 pub fn sharpness(render: &Picture, truth: &Picture) -> Result<f64, MetricError> {
     check_sizes(render, truth)?;
     let reference = mean_gradient(truth);
     if reference == 0.0 { Err(MetricError::Flat) } else { Ok(mean_gradient(render) / reference) }
 }
 
-/// Mean over all pixels of `sqrt(Y_x² + Y_y²)`, in luma per pixel.
-///
-/// `Y_x` and `Y_y` are central differences `(Y[i+1] − Y[i−1]) / 2` inside and one-sided differences at the border (NumPy's
-/// `gradient`); along a side of one pixel the derivative is 0. `Y` is [`luminance`].
-pub fn mean_gradient(picture: &Picture) -> f64 {
+/// Computes the mean gradient magnitude over all pixels, in luma per pixel.
+fn mean_gradient(picture: &Picture) -> f64 {
     let [width, height] = picture.size();
-    let luma = luminance(picture.pixels());
+    let luma: Vec<f64> = picture.pixels().iter().map(|&pixel| luminance(pixel)).collect();
     let magnitude = |index: usize| {
         let (x, y) = (index % width, index / width);
         let dx = difference(x, width, |x| luma[y * width + x]);
@@ -37,7 +37,11 @@ pub fn mean_gradient(picture: &Picture) -> f64 {
     (0..luma.len()).map(magnitude).sum::<f64>() / luma.len() as f64
 }
 
-/// Derivative at `at` of the `length` samples `value(0)`, `value(1)`, ….
+fn luminance([r, g, b]: [f32; 3]) -> f64 {
+    0.299 * f64::from(r) + 0.587 * f64::from(g) + 0.114 * f64::from(b)
+}
+
+/// Computes the derivative at `at` of the `length` samples `value(0)`, `value(1)`, ….
 fn difference(at: usize, length: usize, value: impl Fn(usize) -> f64) -> f64 {
     let (before, after) = (at.saturating_sub(1), (at + 1).min(length - 1));
     if before == after { 0.0 } else { (value(after) - value(before)) / (after - before) as f64 }
@@ -47,17 +51,17 @@ fn difference(at: usize, length: usize, value: impl Fn(usize) -> f64) -> f64 {
 mod tests {
     use super::*;
 
-    fn ramp(slope: f32) -> Picture {
-        Picture::new((0..5 * 3).map(|i| [slope * (i % 5) as f32; 3]).collect(), 5, 3).unwrap()
+    fn ramp(step: f32) -> Picture {
+        Picture::new((0..5 * 3).map(|i| [step * (i % 5) as f32; 3]).collect(), 5, 3).unwrap()
     }
 
     #[test]
-    fn a_ramp_has_its_slope_also_at_the_border() {
+    fn gradient_of_a_ramp_is_constant_up_to_the_border() {
         approx::assert_abs_diff_eq!(mean_gradient(&ramp(0.1)), 0.1, epsilon = 1e-7);
     }
 
     #[test]
-    fn half_the_slope_is_half_as_sharp() {
+    fn half_the_gradient_is_half_as_sharp() {
         approx::assert_abs_diff_eq!(sharpness(&ramp(0.1), &ramp(0.2)).unwrap(), 0.5, epsilon = 1e-6);
     }
 

@@ -1,11 +1,12 @@
 use rayon::prelude::*;
 
 use super::{Measure, Metric};
-use crate::picture::check_sizes;
+use crate::descriptor::{Better, Descriptor};
+use crate::error::MetricError;
+use crate::picture::{Picture, check_sizes};
 use crate::protocol::{Ssim, SsimWindow};
-use crate::{Better, Descriptor, MetricError, Picture};
 
-/// See its definition.
+/// SSIM of whole images.
 pub const SSIM: Metric = Metric {
     descriptor: Descriptor { key: "ssim", name: "SSIM", unit: "", decimals: 3, better: Better::Higher },
     definition: "mean over channels and over the windows inside the picture (Wang et al. 2004); by default Gaussian, 11×11, σ 1.5, C₁ = 0.01², C₂ = 0.03²",
@@ -18,7 +19,7 @@ pub(super) const SSIM_MASKED: Metric = Metric {
     measure: Measure::View(|view| view.masked().and_then(|(render, truth)| ssim(render, truth, view.protocol.ssim))),
 };
 
-/// Structural similarity: mean over the three channels and over all windows that lie inside the picture.
+/// Computes structural similarity: the mean over the three channels and over all windows that lie inside the image.
 ///
 /// With means `μ`, variances `σ²` and covariance `σ_xy` of a window and `L` the data range,
 ///
@@ -31,57 +32,39 @@ pub(super) const SSIM_MASKED: Metric = Metric {
 /// Works on several threads; the sum is taken in row order, so the value does not depend on their number.
 ///
 /// # Errors
-/// [`MetricError::Size`]; [`MetricError::TooSmall`] when no window fits: no padding is invented;
-/// [`MetricError::DataRange`].
+/// [`MetricError::Size`]; [`MetricError::TooSmall`] if no window fits, as nothing is padded; [`MetricError::DataRange`].
 pub fn ssim(render: &Picture, truth: &Picture, options: Ssim) -> Result<f64, MetricError> {
-    let channels = terms(render, truth, options)?;
-    Ok(channels.iter().map(|terms| terms.similarity).sum::<f64>() / 3.0)
-}
-
-/// Means over all windows of one channel.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Terms {
-    /// SSIM.
-    pub(super) similarity: f64,
-    /// Its factor of contrast and structure, `(2 σ_xy + C₂) / (σ_x² + σ_y² + C₂)`.
-    pub(super) contrast: f64,
-}
-
-/// [`Terms`] of red, green and blue; errors as [`ssim`].
-pub(super) fn terms(render: &Picture, truth: &Picture, options: Ssim) -> Result<[Terms; 3], MetricError> {
     check_sizes(render, truth)?;
     if !(options.data_range > 0.0 && options.data_range.is_finite()) {
         return Err(MetricError::DataRange { found: options.data_range.to_string() });
     }
-    let window = Window::new(options);
+    let window = SsimKernel::new(options);
     let side = window.kernel.len();
     let [width, height] = truth.size();
     if width < side || height < side {
         return Err(MetricError::TooSmall { found: truth.size(), minimum: side });
     }
     let (columns, rows) = (width - side + 1, height - side + 1);
-    let row_sums: Vec<[Terms; 3]> = (0..rows)
+    let row_sums: Vec<[f64; 3]> = (0..rows)
         .into_par_iter()
         .map_init(|| Moments::zeros(3 * width), |moments, row| window.row_sum(render, truth, row, moments))
         .collect();
     let windows = (rows * columns) as f64;
-    Ok(std::array::from_fn(|channel| Terms {
-        similarity: row_sums.iter().map(|sums| sums[channel].similarity).sum::<f64>() / windows,
-        contrast: row_sums.iter().map(|sums| sums[channel].contrast).sum::<f64>() / windows,
-    }))
+    let channel = |channel: usize| row_sums.iter().map(|sums| sums[channel]).sum::<f64>() / windows;
+    Ok([0, 1, 2].map(channel).iter().sum::<f64>() / 3.0)
 }
 
-/// A separable window and the constants of the formula.
-struct Window {
-    /// Weights along one side, which add up to 1.
+/// Separable window and the constants of the formula.
+struct SsimKernel {
+    /// Weights along one side, with sum 1.
     kernel: Vec<f64>,
-    /// From population to the covariance that is used.
+    /// Factor from population covariance to the covariance in use.
     covariance_scale: f64,
     c1: f64,
     c2: f64,
 }
 
-impl Window {
+impl SsimKernel {
     fn new(options: Ssim) -> Self {
         let (kernel, covariance_scale) = match options.window {
             SsimWindow::Gaussian11 => (gaussian(11, 1.5), 1.0),
@@ -91,11 +74,11 @@ impl Window {
         Self { kernel, covariance_scale, c1: constant(0.01), c2: constant(0.03) }
     }
 
-    /// Sums over the windows whose top row is `top`.
+    /// Sums SSIM over the windows whose top row is `top`, per channel.
     ///
     /// The vertical pass runs along whole interleaved rows and the horizontal pass in strides of three, so that all
     /// channels go through together. Only `σ_x² + σ_y²` enters the formula, so the two squares share one filter.
-    fn row_sum(&self, render: &Picture, truth: &Picture, top: usize, moments: &mut Moments) -> [Terms; 3] {
+    fn row_sum(&self, render: &Picture, truth: &Picture, top: usize, moments: &mut Moments) -> [f64; 3] {
         let stride = 3 * truth.width();
         let (render, truth) = (render.pixels().as_flattened(), truth.pixels().as_flattened());
         moments.clear();
@@ -103,7 +86,7 @@ impl Window {
             let row = (top + offset) * stride..(top + offset + 1) * stride;
             moments.add(weight, &render[row.clone()], &truth[row]);
         }
-        let mut sums = [Terms::default(); 3];
+        let mut sums = [0.0; 3];
         for at in 0..stride - 3 * (self.kernel.len() - 1) {
             let across =
                 |row: &[f64]| -> f64 { self.kernel.iter().enumerate().map(|(k, g)| g * row[at + 3 * k]).sum() };
@@ -112,9 +95,7 @@ impl Window {
             let variances = self.covariance_scale * (across(&moments.squares) - means);
             let covariance = self.covariance_scale * (across(&moments.xy) - product);
             let contrast = (2.0 * covariance + self.c2) / (variances + self.c2);
-            let sum = &mut sums[at % 3];
-            sum.contrast += contrast;
-            sum.similarity += contrast * (2.0 * product + self.c1) / (means + self.c1);
+            sums[at % 3] += contrast * (2.0 * product + self.c1) / (means + self.c1);
         }
         sums
     }
@@ -152,7 +133,7 @@ impl Moments {
     }
 }
 
-/// Gaussian of `taps` taps that add up to 1.
+/// Returns a Gaussian of `taps` taps with sum 1.
 fn gaussian(taps: usize, sigma: f64) -> Vec<f64> {
     let centre = (taps / 2) as f64;
     let weights: Vec<f64> = (0..taps).map(|i| (-0.5 * ((i as f64 - centre) / sigma).powi(2)).exp()).collect();
@@ -169,14 +150,14 @@ mod tests {
     }
 
     #[test]
-    fn identical_pictures_are_one() {
+    fn ssim_of_identical_images_is_one() {
         let pixels = (0..11 * 12).map(|i| [i as f32 / 132.0, 0.2, 1.0]).collect();
         let picture = Picture::new(pixels, 12, 11).unwrap();
         approx::assert_abs_diff_eq!(ssim(&picture, &picture, Ssim::default()).unwrap(), 1.0, epsilon = 1e-12);
     }
 
     #[test]
-    fn flat_pictures_have_the_closed_form() {
+    fn ssim_of_flat_images_has_the_closed_form() {
         for data_range in [1.0, 2.0] {
             let options = Ssim { data_range, ..Ssim::default() };
             let c1 = (0.01 * data_range).powi(2);
@@ -187,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn the_data_range_is_positive() {
+    fn data_range_must_be_positive() {
         for data_range in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let options = Ssim { data_range, ..Ssim::default() };
             assert!(matches!(ssim(&flat(0.2), &flat(0.3), options), Err(MetricError::DataRange { .. })));
@@ -195,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn a_side_below_the_window_is_an_error() {
+    fn images_below_the_window_are_refused() {
         let picture = Picture::new(vec![[0.0; 3]; 10 * 40], 40, 10).unwrap();
         let expected = MetricError::TooSmall { found: [40, 10], minimum: 11 };
         assert_eq!(ssim(&picture, &picture, Ssim::default()), Err(expected));

@@ -1,8 +1,8 @@
-//! Pictures that tests in Rust and in Python make by the same rule.
+//! Images that tests in Rust and in Python generate by the same rule.
 
 use infonerf_metrics::Picture;
 
-/// Render and truth by the rule of `reference.py`.
+/// Generates render and truth by the rule of `reference.py`.
 pub fn pictures(width: usize, height: usize) -> (Picture, Picture) {
     let truth = |x: usize, y: usize, c: usize| (3 * x * x + 5 * y * y + x * y * (c + 1)) / 4 % 256;
     let render = |x: usize, y: usize, c: usize| 3 * truth(x, y, c) / 4 + (5 * x + 3 * y + 11 * c) % 64;

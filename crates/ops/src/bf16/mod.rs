@@ -1,28 +1,30 @@
 //! Products of matrices rounded to bfloat16, added in single precision, by the fastest instructions of the processor.
 //!
-//! What is computed is the same everywhere: factors rounded to the nearest bfloat16, ties to even, and the sum of their exact
-//! products in `f32`. Instruction sets differ in the order of the sum, and those of x86 take numbers below 2⁻¹²⁶, factors or
-//! sums, for 0.
+//! Every instruction set rounds factors to the nearest bfloat16, ties to even, and adds their exact products in `f32`. They
+//! differ in the order of the sum, and those of x86 replace factors and sums below 2⁻¹²⁶ by 0.
 //!
 //! All of them multiply *pairs*, the 32 bits of two bfloat16: y `[m, n]` is Σⱼ of the two products of a `[m, k/2]` and b
-//! `[k/2, n]`. Of 32 numbers along k, the first 16 are the low halves and the others the high ones, so that pairs are made
-//! from vectors of numbers without moving any within a vector. Sizes are multiples of 32 throughout.
+//! `[k/2, n]`. Of 32 elements along k, the first 16 are the low halves and the others the high halves, so that pairs are made
+//! from vectors without moving elements within a vector. All sizes are multiples of 32.
 
+mod mlp;
 #[cfg(target_arch = "x86_64")]
 mod x86;
+
+pub(crate) use mlp::RoundedMlpKernel;
 
 use std::sync::OnceLock;
 
 use crate::simd::{self, Job};
 
-/// Sizes are multiples of this.
+/// Divisor of all sizes.
 pub(crate) const GRAIN: usize = 32;
 const HALF: usize = GRAIN / 2;
 
 /// Two bfloat16, the first in the low half.
 pub(crate) type Pair = u32;
 
-/// x rounded to bfloat16, in the upper half of the bits; what is in the lower half has no meaning. NaN stays NaN.
+/// Rounds x to bfloat16, in the upper half of the bits; the lower half has no meaning. NaN stays NaN.
 #[inline(always)]
 fn rounded(x: f32) -> u32 {
     let bits = x.to_bits();
@@ -34,30 +36,32 @@ fn pair(low: f32, high: f32) -> Pair {
     rounded(low) >> 16 | rounded(high) & 0xffff_0000
 }
 
-/// A matrix as factor of products: rounded, as the left one with pairs along its columns, as the right one along its rows.
+/// Matrix as a factor of products, rounded; a left factor has pairs along its columns, a right factor along its rows.
 ///
-/// 32 rows follow 32 rows. Of them, 32 columns follow 32 columns, as two *tiles* of 16 rows of 16 pairs: the upper and the
-/// lower half of a left factor, columns from 0 and from 16 on of a right one.
+/// 32 rows follow 32 rows. Within them, 32 columns follow 32 columns, as two *tiles* of 16 rows of 16 pairs: the upper and
+/// the lower half of a left factor, columns from 0 and from 16 on of a right factor.
 #[derive(Debug, Default)]
 pub(crate) struct Factor {
     pub(crate) columns: usize,
-    /// Empty if it is not wanted.
+    /// Pairs of the left factor; empty if it is not wanted.
     left: Vec<Pair>,
+    /// Pairs of the right factor; empty if it is not wanted.
     right: Vec<Pair>,
 }
 
-/// Pairs of a tile, and of the two that are 32 × 32 numbers.
+/// Pairs of a tile.
 const TILE: usize = HALF * HALF;
+/// Pairs of the two tiles that hold 32 × 32 elements.
 const BOTH: usize = 2 * TILE;
 
 impl Factor {
-    /// Of zeros, to stand on these sides.
+    /// Creates a factor of zeros for the given sides.
     pub(crate) fn new(rows: usize, columns: usize, left: bool, right: bool) -> Self {
         let pairs = |wanted: bool| vec![0; if wanted { rows * columns / 2 } else { 0 }];
         Self { columns, left: pairs(left), right: pairs(right) }
     }
 
-    /// Rounds all rows of `matrix`.
+    /// Creates a factor from all rows of `matrix`.
     pub(crate) fn of(matrix: &[f32], columns: usize, left: bool, right: bool) -> Self {
         let mut factor = Self::new(matrix.len() / columns, columns, left, right);
         for (index, strip) in matrix.chunks_exact(GRAIN * columns).enumerate() {
@@ -71,47 +75,47 @@ impl Factor {
         let Self { columns, left, right } = self;
         let pairs = row / 2 * *columns..(row + GRAIN) / 2 * *columns;
         let [left, right] = [left, right].map(|side| side.get_mut(pairs.clone()).unwrap_or_default());
-        simd::run(Round { strip: &strip[..GRAIN * *columns], columns: *columns, left, right });
+        simd::run(RoundStrip { strip: &strip[..GRAIN * *columns], columns: *columns, left, right });
     }
 
-    /// From an element on, whose indices are multiples of 32, as the left factor.
-    pub(crate) fn left(&self, row: usize, column: usize) -> Side<'_> {
+    /// Returns the left factor from an element on, whose indices are multiples of 32.
+    pub(crate) fn left(&self, row: usize, column: usize) -> FactorSide<'_> {
         self.side(&self.left, row, column)
     }
 
-    /// The same as the right factor.
-    pub(crate) fn right(&self, row: usize, column: usize) -> Side<'_> {
+    /// Returns the right factor from an element on, whose indices are multiples of 32.
+    pub(crate) fn right(&self, row: usize, column: usize) -> FactorSide<'_> {
         self.side(&self.right, row, column)
     }
 
-    fn side<'a>(&self, pairs: &'a [Pair], row: usize, column: usize) -> Side<'a> {
-        Side { pairs: &pairs[row / 2 * self.columns + column / GRAIN * BOTH..], step: HALF * self.columns }
+    fn side<'a>(&self, pairs: &'a [Pair], row: usize, column: usize) -> FactorSide<'a> {
+        FactorSide { pairs: &pairs[row / 2 * self.columns + column / GRAIN * BOTH..], step: HALF * self.columns }
     }
 }
 
-/// A factor of a product.
+/// Part of a [`Factor`] on one side of a product.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Side<'a> {
+pub(crate) struct FactorSide<'a> {
     pairs: &'a [Pair],
-    /// From 32 rows to the next.
+    /// Distance from 32 rows to the next.
     step: usize,
 }
 
-impl Side<'_> {
-    /// Whether `rows` × `columns` numbers of it are there.
+impl FactorSide<'_> {
+    /// Returns whether it holds `rows` × `columns` elements.
     fn has(self, rows: usize, columns: usize) -> bool {
         (rows / GRAIN - 1) * self.step + columns / GRAIN * BOTH <= self.pairs.len()
     }
 }
 
-struct Round<'a> {
+struct RoundStrip<'a> {
     strip: &'a [f32],
     columns: usize,
     left: &'a mut [Pair],
     right: &'a mut [Pair],
 }
 
-impl Job for Round<'_> {
+impl Job for RoundStrip<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
         let Self { strip, columns, left, right } = self;
@@ -135,20 +139,20 @@ impl Job for Round<'_> {
     }
 }
 
-/// y = a b, or y += a b if `add`, of sizes `[m, n, k]`; y with the distance of its rows.
+/// Computes y = a b, or y += a b if `add`, of sizes `[m, n, k]`; y comes with the distance of its rows.
 ///
 /// # Panics
 /// If a size is no multiple of 32, or a matrix reaches beyond its slice.
-pub(crate) fn product(sizes: [usize; 3], add: bool, y: (&mut [f32], usize), a: Side<'_>, b: Side<'_>) {
-    static FASTEST: OnceLock<Instructions> = OnceLock::new();
-    let fastest = || Instructions::ALL.into_iter().find(|instructions| instructions.present());
+pub(crate) fn product(sizes: [usize; 3], add: bool, y: (&mut [f32], usize), a: FactorSide<'_>, b: FactorSide<'_>) {
+    static FASTEST: OnceLock<PairInstructions> = OnceLock::new();
+    let fastest = || PairInstructions::ALL.into_iter().find(|instructions| instructions.present());
     let instructions = FASTEST.get_or_init(|| fastest().expect("every processor has the baseline"));
-    instructions.run(Product { sizes, add, y, a, b });
+    instructions.run(RoundedProduct { sizes, add, y, a, b });
 }
 
-/// What multiplies pairs.
+/// Instruction set that multiplies pairs.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Instructions {
+enum PairInstructions {
     /// Tiles of 16 rows (AMX).
     Tiles,
     /// Vectors of 16 pairs (AVX512_BF16).
@@ -157,11 +161,11 @@ enum Instructions {
     Singles,
 }
 
-impl Instructions {
-    /// Fastest first.
+impl PairInstructions {
+    /// All sets, fastest first.
     const ALL: [Self; 3] = [Self::Tiles, Self::Pairs, Self::Singles];
 
-    /// Whether this machine has them.
+    /// Returns whether this machine has them.
     fn present(self) -> bool {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -174,8 +178,8 @@ impl Instructions {
         }
     }
 
-    fn run(self, product: Product<'_>) {
-        let Product { sizes: [m, n, k], y, a, b, .. } = &product;
+    fn run(self, product: RoundedProduct<'_>) {
+        let RoundedProduct { sizes: [m, n, k], y, a, b, .. } = &product;
         assert!([m, n, k].iter().all(|size| size.is_multiple_of(GRAIN) && **size > 0), "multiples of {GRAIN}");
         assert!(y.1 >= *n && (m - 1) * y.1 + n <= y.0.len(), "the product within its slice");
         assert!(a.has(*m, *k) && b.has(*k, *n), "factors within slices");
@@ -189,19 +193,19 @@ impl Instructions {
     }
 }
 
-/// A product whose sizes are multiples of 32, and whose matrices are known to lie within their slices.
-struct Product<'a> {
+/// Product whose sizes are multiples of 32, and whose matrices are known to lie within their slices.
+struct RoundedProduct<'a> {
     sizes: [usize; 3],
     add: bool,
     y: (&'a mut [f32], usize),
-    a: Side<'a>,
-    b: Side<'a>,
+    a: FactorSide<'a>,
+    b: FactorSide<'a>,
 }
 
-impl Job for Product<'_> {
+impl Job for RoundedProduct<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
-        // As many sums as registers hold beside a row of b and a number of a.
+        // As many sums as registers hold next to a row of b and an element of a.
         match (FMA, WIDE) {
             (_, true) => self.singles::<FMA, 8, 32>(),
             (true, false) => self.singles::<FMA, 4, 16>(),
@@ -210,7 +214,7 @@ impl Job for Product<'_> {
     }
 }
 
-impl Product<'_> {
+impl RoundedProduct<'_> {
     #[allow(
         clippy::needless_range_loop,
         reason = "iterators are not compiled for the instruction set chosen at run time"
@@ -257,7 +261,7 @@ fn numbers(pair: Pair) -> (f32, f32) {
 mod tests {
     use super::*;
 
-    /// Numbers of many sizes and both signs.
+    /// Values of many magnitudes and both signs.
     fn drawn(count: usize, seed: u32) -> Vec<f32> {
         let mut state = seed;
         let mut next = || {
@@ -267,7 +271,7 @@ mod tests {
         (0..count).map(|_| next() * (4.0 * next()).exp2()).collect()
     }
 
-    /// What `factor` holds on each side, in the order of rows.
+    /// Unpacks each side of `factor`, row by row.
     fn sides(factor: &Factor, rows: usize) -> [Vec<f32>; 2] {
         let of = |pair: Pair, k: usize| if k % GRAIN < HALF { numbers(pair).0 } else { numbers(pair).1 };
         let columns = factor.columns;
@@ -279,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_rounded_to_the_nearest_and_ties_to_even() {
+    fn values_are_rounded_to_the_nearest_and_ties_to_even() {
         let one = 2f32.powi(-7);
         let cases = [
             (1.0 + 0.49 * one, 1.0),
@@ -296,9 +300,9 @@ mod tests {
         assert!(numbers(pair(f32::from_bits(0x7f80_0001), 0.0)).0.is_nan(), "not infinite");
     }
 
-    /// Against `f64` of the rounded factors, within what `f32` loses in a sum of k; strips of wider matrices, sums onto others.
+    /// Compares with `f64` products of the rounded factors, within the error of an `f32` sum of k terms.
     #[test]
-    fn products_by_all_instructions() {
+    fn products_agree_for_all_instruction_sets() {
         for [m, n, k] in [[32, 32, 32], [32, 96, 64], [64, 32, 320], [96, 160, 128]] {
             // One strip more each way, which must not be read.
             let (wide_a, wide_b, wide_y) = (k + GRAIN, n + GRAIN, n + 5);
@@ -306,11 +310,11 @@ mod tests {
             let b = Factor::of(&drawn((k + GRAIN) * wide_b, 2), wide_b, true, true);
             let [[a_left, a_right], [b_left, b_right]] = [sides(&a, m + GRAIN), sides(&b, k + GRAIN)];
             assert!(a_left == a_right && b_left == b_right, "both sides hold the same");
-            for instructions in Instructions::ALL.into_iter().filter(|instructions| instructions.present()) {
+            for instructions in PairInstructions::ALL.into_iter().filter(|instructions| instructions.present()) {
                 for add in [false, true] {
                     let mut y = vec![0.5; m * wide_y];
                     let (a, b) = (a.left(GRAIN, GRAIN), b.right(GRAIN, GRAIN));
-                    instructions.run(Product { sizes: [m, n, k], add, y: (&mut y, wide_y), a, b });
+                    instructions.run(RoundedProduct { sizes: [m, n, k], add, y: (&mut y, wide_y), a, b });
                     for (r, c) in (0..m).flat_map(|r| (0..wide_y).map(move |c| (r, c))) {
                         let term = |i: usize| {
                             let a = a_left[(GRAIN + r) * wide_a + GRAIN + i];
@@ -333,7 +337,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "factors within slices")]
-    fn what_reaches_out_is_refused() {
+    fn factors_beyond_their_slices_are_refused() {
         let factor = Factor::new(64, 64, true, true);
         product([32, 64, 64], false, (&mut [0.0; 32 * 64], 64), factor.left(32, 0), factor.right(0, 32));
     }

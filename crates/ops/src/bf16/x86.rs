@@ -1,4 +1,4 @@
-//! The instructions of x86 processors for pairs of bfloat16. Everything here is given products that lie within their slices.
+//! Instructions of x86 processors for pairs of bfloat16. All functions are given products that lie within their slices.
 
 use std::arch::x86_64::{
     __m512bh, __m512i, _mm512_dpbf16_ps, _mm512_loadu_ps, _mm512_loadu_si512, _mm512_set1_epi32, _mm512_setzero_ps,
@@ -8,16 +8,16 @@ use std::mem::transmute;
 #[cfg(target_os = "linux")]
 use std::sync::LazyLock;
 
-use super::{BOTH, GRAIN, HALF, Product, TILE};
+use super::{BOTH, GRAIN, HALF, RoundedProduct, TILE};
 
-/// Whether the processor has tiles and products of bfloat16 with them, and the system lets this process use them.
+/// Returns whether the processor has AMX tiles with products of bfloat16, and the system lets this process use them.
 pub(super) fn has_tiles() -> bool {
     #[cfg(target_os = "linux")]
     {
         use std::arch::x86_64::{__cpuid, __cpuid_count};
-        /// Leaf 7, EDX: AMX-BF16 and AMX-TILE.
+        /// Bits of AMX-BF16 and AMX-TILE in EDX of leaf 7.
         const TILES: u32 = 1 << 22 | 1 << 24;
-        /// `ARCH_REQ_XCOMP_PERM` of `arch_prctl`, and the number of the tiles' registers.
+        /// `ARCH_REQ_XCOMP_PERM` of `arch_prctl`, and the feature number of tile registers.
         const REQUEST: [libc::c_long; 2] = [0x1023, 18];
         static GRANTED: LazyLock<bool> = LazyLock::new(|| {
             // SAFETY: only asks the system, which answers an error where it does not know the request.
@@ -31,20 +31,20 @@ pub(super) fn has_tiles() -> bool {
     false
 }
 
-/// Whether the processor has products of vectors of pairs.
+/// Returns whether the processor has products of vectors of pairs.
 pub(super) fn has_pairs() -> bool {
     is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bf16")
 }
 
-/// 32 × 32 numbers of y at a time, in four tiles. The tiles are this thread's until it returns.
+/// Multiplies 32 × 32 elements of y at a time, in four tiles, which belong to this thread until it returns.
 ///
 /// # Panics
 /// If the machine has none.
-pub(super) fn tiles(product: Product<'_>) {
+pub(super) fn tiles(product: RoundedProduct<'_>) {
     /// Palette 1: eight tiles of 16 rows of 64 bytes.
     #[repr(C, align(64))]
-    struct Layout([u8; 16], [u16; 16], [u8; 16]);
-    const LAYOUT: Layout = {
+    struct TileConfig([u8; 16], [u16; 16], [u8; 16]);
+    const LAYOUT: TileConfig = {
         let (mut palette, mut bytes, mut rows) = ([0; 16], [0; 16], [0; 16]);
         palette[0] = 1;
         let mut tile = 0;
@@ -52,9 +52,9 @@ pub(super) fn tiles(product: Product<'_>) {
             (bytes[tile], rows[tile]) = (64, 16);
             tile += 1;
         }
-        Layout(palette, bytes, rows)
+        TileConfig(palette, bytes, rows)
     };
-    let Product { sizes: [m, n, k], add, y: (y, y_row), a, b } = product;
+    let RoundedProduct { sizes: [m, n, k], add, y: (y, y_row), a, b } = product;
     assert!(has_tiles(), "not on this machine");
     // SAFETY: the machine has tiles, and the layout is a valid one. Rows 16 apart and columns of 64 bytes, within sizes that are
     // multiples of 32, are within the slices: that is asserted before. Nothing else uses tiles, and they are released.
@@ -113,15 +113,15 @@ pub(super) fn tiles(product: Product<'_>) {
     }
 }
 
-/// 8 × 32 numbers of y at a time, in registers.
+/// Multiplies 8 × 32 elements of y at a time, in registers.
 ///
 /// # Panics
 /// If the processor does not have the instructions.
-pub(super) fn pairs(product: Product<'_>) {
+pub(super) fn pairs(product: RoundedProduct<'_>) {
     const ROWS: usize = 8;
     #[target_feature(enable = "avx512f,avx512bf16")]
-    fn multiply(product: Product<'_>) {
-        let Product { sizes: [m, n, k], add, y: (y, y_row), a, b } = product;
+    fn multiply(product: RoundedProduct<'_>) {
+        let RoundedProduct { sizes: [m, n, k], add, y: (y, y_row), a, b } = product;
         for (row, column) in (0..m).step_by(ROWS).flat_map(|row| (0..n).step_by(GRAIN).map(move |column| (row, column)))
         {
             // SAFETY: rows below m and 32 columns from one below n, both multiples of 32, are within the slices: that is

@@ -1,13 +1,14 @@
-//! Many arrays moved to a GPU at once.
+//! Upload of many arrays to a GPU at once.
 
 use burn::tensor::{self, DType, Device};
 use burn_cubecl::tensor::CubeTensor;
 
 use super::outputs::{ALIGNMENT, part};
 use super::{CubeKernel, Pass, apply};
-use crate::{Segments, upload};
+use crate::segments::Segments;
+use crate::traffic::upload;
 
-/// Each of `arrays` as a tensor, all of them parts of one buffer, of which the offsets of `segments` are others.
+/// Uploads `arrays` as parts of one buffer, together with the offsets of `segments`, which keep them.
 pub(crate) fn together<const N: usize>(
     arrays: [Vec<f32>; N],
     segments: &[&Segments],
@@ -18,14 +19,14 @@ pub(crate) fn together<const N: usize>(
         let (start, count) = (all.len(), array.len());
         all.extend(array);
         all.resize(all.len().next_multiple_of(ALIGNMENT), 0.0);
-        Part { start, count, segments: None }
+        UploadedPart { start, count, segments: None }
     };
     let parts = arrays.map(&mut add);
     let offsets = segments.iter().map(|&segments| {
         let bits = segments.offsets().iter().map(|offset| f32::from_bits(*offset)).collect();
-        Part { segments: Some(segments.clone()), ..add(bits) }
+        UploadedPart { segments: Some(segments.clone()), ..add(bits) }
     });
-    let offsets: Vec<Part> = offsets.collect();
+    let offsets: Vec<UploadedPart> = offsets.collect();
     let total = all.len();
     let all = upload(all, [total], device);
     for part in offsets {
@@ -37,16 +38,16 @@ pub(crate) fn together<const N: usize>(
     })
 }
 
-/// Some numbers of a buffer, without a launch. There is no gradient.
+/// Part of a buffer, taken without a launch and without a gradient.
 #[derive(Debug)]
-struct Part {
+struct UploadedPart {
     start: usize,
     count: usize,
-    /// Whose offsets they are, as the bits of integers.
+    /// Segments whose offsets the part holds, as the bits of integers.
     segments: Option<Segments>,
 }
 
-impl CubeKernel for Part {
+impl CubeKernel for UploadedPart {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let part = part(inputs[0].clone(), self.start, [self.count]);
         if let Some(segments) = &self.segments {

@@ -1,6 +1,6 @@
-//! Dense layers over a block of samples that stays in cache.
+//! Dense layers over a block of samples that stays in the cache.
 //!
-//! A matrix has a row per sample, padded to whole vectors; what a layer makes of the padding is 0.
+//! A matrix has a row per sample, padded to whole vectors; the padding of a layer's output is 0.
 
 use super::layout::Layer;
 use crate::matmul::{COLUMNS, Matrix, Onto, product};
@@ -8,12 +8,12 @@ use crate::matmul::{COLUMNS, Matrix, Onto, product};
 /// Samples in a block.
 pub(super) const BLOCK: usize = 240;
 
-/// Length of a row of `columns` numbers.
+/// Returns the length of a row of `columns` elements.
 pub(super) const fn padded(columns: usize) -> usize {
     columns.next_multiple_of(COLUMNS)
 }
 
-/// A layer's weights `[inputs, padded outputs]` with its biases as another row.
+/// Packs a layer's weights `[inputs, padded outputs]`, with its biases as another row.
 pub(super) fn packed(parameters: &[f32], layer: &Layer) -> Vec<f32> {
     let width = padded(layer.outputs);
     let mut packed = vec![0.0; (layer.inputs + 1) * width];
@@ -26,7 +26,7 @@ pub(super) fn packed(parameters: &[f32], layer: &Layer) -> Vec<f32> {
     packed
 }
 
-/// The same numbers in the order of the parameters, added to these.
+/// Adds [`packed`] values to parameters in their own order.
 pub(super) fn unpacked(packed: &[f32], layer: &Layer, parameters: &mut [f32]) {
     let width = padded(layer.outputs);
     for output in 0..layer.outputs {
@@ -37,7 +37,7 @@ pub(super) fn unpacked(packed: &[f32], layer: &Layer, parameters: &mut [f32]) {
     }
 }
 
-/// A layer's weights `[outputs, padded inputs]` without those of the first `skipped` inputs.
+/// Packs a layer's weights `[outputs, padded inputs]` without the first `skipped` inputs.
 pub(super) fn rows(parameters: &[f32], layer: &Layer, skipped: usize) -> Vec<f32> {
     let width = padded(layer.inputs - skipped);
     let mut rows = vec![0.0; layer.outputs * width];
@@ -48,7 +48,7 @@ pub(super) fn rows(parameters: &[f32], layer: &Layer, skipped: usize) -> Vec<f32
     rows
 }
 
-/// y = relu?(w x + bias) for the first `samples` rows.
+/// Computes y = w x + bias, with a ReLU if `relu`, of the first `samples` rows.
 #[inline(always)]
 pub(super) fn forward(packed: &[f32], layer: &Layer, x: &[f32], y: &mut [f32], samples: usize, relu: bool) {
     let (width, x_width) = (padded(layer.outputs), padded(layer.inputs));
@@ -77,14 +77,14 @@ pub(super) fn weight_gradient(dpacked: &mut [f32], layer: &Layer, dy: &[f32], x:
     }
 }
 
-/// dx = wᵀ dy, without the inputs that `rows` leaves out; `used` outputs have a gradient.
+/// Computes dx = wᵀ dy, without the inputs that `rows` leaves out; the first `used` outputs have a gradient.
 pub(super) fn input_gradient(rows: &[f32], layer: &Layer, used: usize, dy: &[f32], dx: &mut [f32], samples: usize) {
     let width = rows.len() / layer.outputs;
     let (dy_at, dx_at) = (Matrix::rows(0, padded(layer.outputs)), Matrix::rows(0, width));
     product([samples, width, used], Onto::Nothing, (dx, dx_at), (dy, dy_at), (rows, dx_at));
 }
 
-/// dy ← dy where the ReLU's output y is positive, else 0.
+/// Sets dy to 0 where the ReLU's output y is 0.
 #[inline(always)]
 pub(super) fn relu_gradient(y: &[f32], dy: &mut [f32]) {
     for (dy, y) in dy.iter_mut().zip(y) {

@@ -1,4 +1,4 @@
-//! From positions to the MLP's input, a row per sample; and back into the tables.
+//! The MLP's input from positions and tables, a row per sample, and its gradients.
 
 use super::dense::BLOCK;
 use super::layout::{Level, PLANES};
@@ -6,7 +6,7 @@ use super::layout::{Level, PLANES};
 /// Positions of a block, one row per axis.
 pub(super) type Block = [[f32; BLOCK]; 3];
 
-/// The positions of a block, one row per axis.
+/// Transposes the positions of a block to one row per axis.
 pub(super) fn block<'a>(positions: impl Iterator<Item = &'a [f32]>) -> Block {
     let mut block = [[0.0; BLOCK]; 3];
     for (s, u) in positions.enumerate() {
@@ -17,7 +17,7 @@ pub(super) fn block<'a>(positions: impl Iterator<Item = &'a [f32]>) -> Block {
     block
 }
 
-/// The texel before `u` along an axis, and how far behind it `u` is.
+/// Finds the texel before `u` along an axis, and the distance of `u` behind it.
 #[inline(always)]
 fn texel(u: f32, resolution: usize) -> (i32, f32) {
     let last = (resolution - 1) as f32;
@@ -29,14 +29,14 @@ fn texel(u: f32, resolution: usize) -> (i32, f32) {
     (i, v - i as f32)
 }
 
-/// How fast [`texel`]'s place moves with `u`: not at all beyond the outermost texels' centres.
+/// Computes the derivative of [`texel`]'s place with respect to `u`: 0 beyond the outermost texels' centres.
 #[inline(always)]
-fn pace(u: f32, resolution: usize) -> f32 {
+fn texel_derivative(u: f32, resolution: usize) -> f32 {
     let v = u * resolution as f32 - 0.5;
     if v > 0.0 && v < (resolution - 1) as f32 - 1e-3 { resolution as f32 } else { 0.0 }
 }
 
-/// Position and its frequencies into the first columns of `x`, whose rows are `stride` apart: x, y, z, then for each
+/// Writes position and frequencies to the first columns of `x`, whose rows are `stride` apart: x, y, z, then for each
 /// frequency sin and cos of 2^k π (u − ½) of each axis.
 #[inline(always)]
 pub(super) fn frequencies(positions: &Block, weights: &[f32], x: &mut [f32], stride: usize, samples: usize) {
@@ -65,18 +65,18 @@ pub(super) fn frequencies(positions: &Block, weights: &[f32], x: &mut [f32], str
     }
 }
 
-/// Gradient with respect to the positions, of what [`frequencies`] made of them: `x`, given its own gradient `dx`; rows of
-/// both are `stride` apart.
+/// Computes the gradient with respect to the positions through [`frequencies`], from their result `x` and its gradient `dx`; rows
+/// of both are `stride` apart.
 #[inline(always)]
 pub(super) fn frequency_gradient(x: &[f32], dx: &[f32], frequencies: usize, stride: usize, samples: usize) -> Block {
     let mut gradient = [[0.0; BLOCK]; 3];
     for (s, (x, dx)) in x.chunks(stride).zip(dx.chunks(stride)).take(samples).enumerate() {
         for axis in 0..3 {
-            let (mut sum, mut slope) = (2.0 * dx[axis], std::f32::consts::PI);
+            let (mut sum, mut scale) = (2.0 * dx[axis], std::f32::consts::PI);
             for frequency in 0..frequencies {
                 let sine = 3 + frequency * 6 + axis * 2;
-                sum += slope * (dx[sine] * x[sine + 1] - dx[sine + 1] * x[sine]);
-                slope *= 2.0;
+                sum += scale * (dx[sine] * x[sine + 1] - dx[sine + 1] * x[sine]);
+                scale *= 2.0;
             }
             gradient[axis][s] = sum;
         }
@@ -84,10 +84,10 @@ pub(super) fn frequency_gradient(x: &[f32], dx: &[f32], frequencies: usize, stri
     gradient
 }
 
-/// sin πx and cos πx, for |x| < 2^20.
+/// Computes sin πx and cos πx, for |x| < 2^20.
 #[inline(always)]
 fn sin_cos_pi(x: f32) -> (f32, f32) {
-    // The spacing of numbers about 1.5 × 2^23 is 1, and the last bits are those of the integer.
+    // Values near 1.5 × 2^23 have a spacing of 1, and their last bits are those of the integer.
     const ROUNDING: f32 = 12_582_912.0;
     let rounded = x * 2.0 + ROUNDING;
     let quarters = rounded - ROUNDING;
@@ -100,15 +100,15 @@ fn sin_cos_pi(x: f32) -> (f32, f32) {
     (if quarter & 2 != 0 { -a } else { a }, if (quarter + 1) & 2 != 0 { -b } else { b })
 }
 
-/// Where the samples of a block are among the texels of a level: the texel before each along an axis, and how far behind
-/// it the sample is.
+/// Places of the samples of a block among the texels of a level: the texel before each along an axis, and the distance behind
+/// it.
 pub(super) struct Places {
     resolution: usize,
     before: [[i32; BLOCK]; 3],
     behind: Block,
 }
 
-/// The places of a block on a level of this resolution.
+/// Finds the places of a block on a level of this resolution.
 #[allow(clippy::needless_range_loop, reason = "iterators are not compiled for the instruction set chosen at run time")]
 #[inline(always)]
 pub(super) fn places(positions: &Block, resolution: usize) -> Places {
@@ -121,11 +121,11 @@ pub(super) fn places(positions: &Block, resolution: usize) -> Places {
     places
 }
 
-/// A place along one axis: the texel before it, which is not the last, and how far behind that it is.
+/// Place along one axis: the texel before it, which is not the last, and the distance behind that texel.
 type Place = (usize, f32);
 
 impl Places {
-    /// Each plane of a level with its line, after [`Self::check`].
+    /// Returns each plane of a level with its line, after [`Self::check`].
     #[inline(always)]
     fn checked<'a, const C: usize>(&self, tables: &'a [f32], level: &Level) -> [(&'a [f32], &'a [f32]); 3] {
         let tables = [tables_of(tables, level, 0), tables_of(tables, level, 1), tables_of(tables, level, 2)];
@@ -139,7 +139,7 @@ impl Places {
     #[inline(always)]
     fn check<const C: usize>(&self, plane: &[f32], line: &[f32]) {
         let [row, all] = [self.resolution * C, self.resolution * self.resolution * C];
-        // Beyond, `f32` does not tell places before the last texel from the texel itself.
+        // Beyond, `f32` does not resolve places before the last texel.
         assert!((2..=1 << 13).contains(&self.resolution), "2 to 8192 texels along each axis");
         assert!(line.len() == row && plane.len() == all, "tables of {} texels along each axis", self.resolution);
     }
@@ -150,7 +150,7 @@ impl Places {
     }
 }
 
-/// The `C` channels of two neighbouring texels, mixed by how far behind the first a place is.
+/// Interpolates the `C` channels of two neighbouring texels at a place `behind` the first.
 #[inline(always)]
 fn mixed<const C: usize>(texels: &[f32], behind: f32) -> [f32; C] {
     // A loop, not `from_fn`: closures are not compiled for the instruction set chosen at run time.
@@ -161,7 +161,7 @@ fn mixed<const C: usize>(texels: &[f32], behind: f32) -> [f32; C] {
     out
 }
 
-/// The two texels from `first` on, which is the place in a plane or line of tables that were [checked](Places::check).
+/// Returns the two texels from `first` on, the place in a plane or line of tables that were [checked](Places::check).
 #[inline(always)]
 fn pair<const C: usize>(table: &[f32], first: usize) -> &[f32] {
     debug_assert!((first + 2) * C <= table.len());
@@ -189,14 +189,14 @@ fn bilinear<const C: usize>(plane: &[f32], resolution: usize, (i, a): Place, (j,
     mixed(columns.as_flattened(), a)
 }
 
-/// The tables of plane `p` of a level and of its line.
+/// Returns the tables of plane `p` of a level and of its line.
 #[inline(always)]
 pub(super) fn tables_of<'a>(tables: &'a [f32], level: &Level, p: usize) -> (&'a [f32], &'a [f32]) {
     let plane = &tables[level.plane(p)..level.plane(p) + level.plane_len()];
     (plane, &tables[level.line(p)..level.line(p) + level.line_len()])
 }
 
-/// Features of one level into `3C` columns of `x`, whose rows are `stride` apart.
+/// Writes the features of one level to `3C` columns of `x`, whose rows are `stride` apart.
 #[inline(always)]
 pub(super) fn level_features<const C: usize>(
     (level, weight): (&Level, f32),
@@ -220,7 +220,7 @@ pub(super) fn level_features<const C: usize>(
     }
 }
 
-/// Adds `g` of a place's value to the gradients of the two texels that it mixes.
+/// Adds the gradient `g` of an interpolated value to the gradients of its two texels.
 #[inline(always)]
 fn spread<const C: usize>(texels: &mut [f32], g: &[f32; C], behind: f32) {
     for c in 0..C {
@@ -231,7 +231,7 @@ fn spread<const C: usize>(texels: &mut [f32], g: &[f32; C], behind: f32) {
     }
 }
 
-/// Gradient of one plane and its line, from that of their features, `dx` `[samples, C]`.
+/// Adds the gradient of one plane and its line, from the gradient of their features, `dx` `[samples, C]`.
 #[inline(always)]
 pub(super) fn plane_gradient<const C: usize>(
     (axes, weight): ([usize; 3], f32),
@@ -281,17 +281,17 @@ pub(super) fn position_gradient<const C: usize>(
             let (near, far) = (pair::<C>(plane, j * res + i), pair::<C>(plane, (j + 1) * res + i));
             let on_plane = bilinear::<C>(plane, res, (i, along), (j, across));
             let (on_line, ends) = (linear::<C>(line, at), pair::<C>(line, at.0));
-            let mut slopes = [0.0; 3];
+            let mut derivatives = [0.0; 3];
             for k in 0..C {
                 let d = weight * dx[s * stride + level.feature + p * C + k];
-                let (beside, behind) = (near[C + k] - near[k], far[C + k] - far[k]);
-                slopes[0] += d * on_line[k] * (beside + across * (behind - beside));
-                let (beside, behind) = (far[k] - near[k], far[C + k] - near[C + k]);
-                slopes[1] += d * on_line[k] * (beside + along * (behind - beside));
-                slopes[2] += d * on_plane[k] * (ends[C + k] - ends[k]);
+                let (first, second) = (near[C + k] - near[k], far[C + k] - far[k]);
+                derivatives[0] += d * on_line[k] * (first + across * (second - first));
+                let (first, second) = (far[k] - near[k], far[C + k] - near[C + k]);
+                derivatives[1] += d * on_line[k] * (first + along * (second - first));
+                derivatives[2] += d * on_plane[k] * (ends[C + k] - ends[k]);
             }
-            for (axis, slope) in [a, b, c].into_iter().zip(slopes) {
-                gradient[axis][s] += pace(positions[axis][s], res) * slope;
+            for (axis, derivative) in [a, b, c].into_iter().zip(derivatives) {
+                gradient[axis][s] += texel_derivative(positions[axis][s], res) * derivative;
             }
         }
     }

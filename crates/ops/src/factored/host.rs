@@ -1,6 +1,6 @@
-//! The rayon body: blocks of samples go through encoding and MLP without leaving the cache.
+//! Host kernel of [`factored_field`](super::factored_field): blocks of samples go through encoding and MLP without leaving the
+//! cache.
 
-use std::cell::RefCell;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -10,8 +10,9 @@ use super::encode::{self, Block, level_features, plane_gradient, position_gradie
 use super::layout::{Layout, OUTPUTS, PLANES, RAW};
 use super::{HostField, Query, negligible};
 use crate::kernel::{Kernel, Pass};
-use crate::numeric::{Opacity, sigmoid, softplus};
-use crate::parts::{Part, in_parts};
+use crate::numeric::{SampleOpacity, sigmoid, softplus};
+use crate::parts::{UninitPart, in_parts};
+use crate::scratch::Scratch;
 use crate::simd::{self, Job};
 
 #[derive(Debug)]
@@ -28,17 +29,17 @@ impl FactoredKernel {
         if self.query.color { OUTPUTS } else { 1 }
     }
 
-    /// Whether directions are an input.
+    /// Returns whether directions are an input.
     pub(super) fn sees_directions(&self) -> bool {
         self.query.color && self.layout.view_dependent
     }
 
-    /// Features before those that come from tables.
+    /// Returns the number of features in front of the features of tables.
     fn before_tables(&self) -> usize {
         self.layout.levels.first().map_or(self.layout.features(), |level| level.feature)
     }
 
-    /// Features that come from tables.
+    /// Returns the number of features of tables.
     fn of_tables(&self) -> usize {
         self.layout.features() - self.before_tables()
     }
@@ -55,7 +56,7 @@ impl Kernel for FactoredKernel {
         let mut out = vec![0.0; samples * self.outputs()];
         let layers = packed(&self.layout, weights);
         let query = &self.query;
-        let field = Parameters {
+        let field = FieldParameters {
             layout: &self.layout,
             tables,
             layers: &layers,
@@ -63,7 +64,7 @@ impl Kernel for FactoredKernel {
         };
         let job = |(block, positions): (usize, &[f32]), activations: &mut [f32], out: &mut [f32]| {
             let directions = directions.first().map(|directions| &directions[3 * block * BLOCK..]);
-            simd::run(Forward { field, color: query.color, positions, directions, activations, out });
+            simd::run(BlockForward { field, color: query.color, positions, directions, activations, out });
         };
         let positions = positions.par_chunks(3 * BLOCK).enumerate();
         let blocks = positions.zip(out.par_chunks_mut(BLOCK * self.outputs()));
@@ -85,7 +86,7 @@ impl Kernel for FactoredKernel {
     fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
         let &[tables, weights, positions, ..] = pass.inputs else { unreachable!("three inputs at least") };
         let layout = &self.layout;
-        // The first feature whose gradient is needed: the frequencies' lead to positions alone.
+        // The first feature whose gradient is needed: frequencies depend on positions alone.
         let first = if wanted[2] { 0 } else { self.before_tables() };
         let skipped = |index: usize| if index == 0 { first } else { 0 };
         let layers = layout.layers.iter().enumerate();
@@ -95,7 +96,7 @@ impl Kernel for FactoredKernel {
         let blocks: Vec<Block> = kept.par_chunks(BLOCK).map(|rows| encode::block(rows.iter().map(position))).collect();
         let per_group = blocks.len().div_ceil(GROUPS).max(1);
 
-        // The MLP, block by block; the gradient of what comes from tables is kept for all samples.
+        // The MLP, block by block; the gradient of the features of tables is kept for all samples.
         let of_tables = self.of_tables() * BLOCK;
         let mut dfeatures = vec![0.0; blocks.len() * of_tables];
         let mut dpositions = vec![0.0; 3 * kept.len()];
@@ -104,16 +105,23 @@ impl Kernel for FactoredKernel {
             .zip(dpositions.par_chunks_mut(per_group * 3 * BLOCK))
             .zip(kept.par_chunks(per_group * BLOCK).zip(blocks.par_chunks(per_group)))
             .map(|((dfeatures, dpositions), (kept, blocks))| {
-                let mut scratch = Scratch::new(layout);
-                let mut reached = Reached::default();
+                let mut scratch = GroupBuffers::new(layout);
+                let mut gathered = GatheredSamples::default();
                 let results = dfeatures.chunks_mut(of_tables.max(1)).zip(dpositions.chunks_mut(3 * BLOCK));
                 for ((rows, block), (dfeatures, dpositions)) in kept.chunks(BLOCK).zip(blocks).zip(results) {
-                    reached.gather(self, pass, rows);
+                    gathered.gather(self, pass, rows);
                     let scratch = &mut scratch;
-                    let reached = &reached;
-                    simd::run(Backward { kernel: self, layers: &layers, reached, first, scratch, dfeatures });
+                    let samples = &gathered;
+                    simd::run(BlockBackward {
+                        kernel: self,
+                        layers: &layers,
+                        gathered: samples,
+                        first,
+                        scratch,
+                        dfeatures,
+                    });
                     if wanted[2] {
-                        let (features, dx) = (&reached.activations, &scratch.dx);
+                        let (features, dx) = (&samples.activations, &scratch.dx);
                         simd::run(PositionGradient { kernel: self, tables, block, features, dx, dpositions });
                     }
                 }
@@ -140,8 +148,8 @@ impl Kernel for FactoredKernel {
 }
 
 impl FactoredKernel {
-    /// The samples whose gradients are not [`negligible`]. A sample's is taken before its activations: for the softplus, whose
-    /// slope at the value y is 1 − e^−y, with the bound min(1, y).
+    /// Selects the samples whose gradients are not [`negligible`]. The gradient of a sample is taken before the activations: for
+    /// the softplus, whose derivative at the value y is 1 − e^−y, with the bound min(1, y).
     fn kept(&self, pass: Pass<'_>) -> Vec<usize> {
         let scale = self.layout.density_scale;
         let rows = pass.output.par_chunks_exact(self.outputs()).zip(pass.grad.par_chunks_exact(self.outputs()));
@@ -150,18 +158,19 @@ impl FactoredKernel {
             (g[0] * scale.min(y[0])).abs() + colors.sum::<f32>()
         };
         let sizes: Vec<f32> = rows.with_min_len(1024).map(size).collect();
-        let least = negligible::least_kept(&sizes, self.query.negligible);
-        (0..sizes.len()).filter(|&s| negligible::is_kept(sizes[s], least)).collect()
+        let min = negligible::min_kept(&sizes, self.query.negligible);
+        (0..sizes.len()).filter(|&s| negligible::is_kept(sizes[s], min)).collect()
     }
 
-    /// One task for each plane with its line: no two write to the same place, and the order of sums is fixed.
+    /// Computes the gradient of the tables, with one task for each plane with its line: no two tasks write to the same place, and
+    /// the order of sums is fixed.
     fn table_gradient(&self, tables: &[f32], (blocks, samples): (&[Block], usize), dfeatures: &[f32]) -> Vec<f32> {
         let levels = &self.layout.levels;
         in_parts(self.layout.table_parts(), |parts| {
             let mut parts = parts.into_iter();
             let mut tasks = Vec::new();
             for (level, &weight) in levels.iter().zip(&self.query.level_weights) {
-                let planes: Vec<Part<'_>> = parts.by_ref().take(3).collect();
+                let planes: Vec<UninitPart<'_>> = parts.by_ref().take(3).collect();
                 let pairs = planes.into_iter().zip(parts.by_ref().take(3)).enumerate();
                 tasks.extend(pairs.map(|(p, tables)| (level, weight, p, tables)));
             }
@@ -189,17 +198,17 @@ impl FactoredKernel {
     }
 }
 
-/// Numbers that a block's activations take: the MLP's input and each hidden layer's output.
+/// Returns the number of a block's activations: the MLP's input and each hidden layer's output.
 fn activations(layout: &Layout) -> usize {
     layout.layers.iter().map(|layer| padded(layer.inputs)).sum::<usize>() * BLOCK
 }
 
-/// Each layer, packed.
+/// Packs each layer.
 fn packed(layout: &Layout, weights: &[f32]) -> Vec<Vec<f32>> {
     layout.layers.iter().map(|layer| dense::packed(weights, layer)).collect()
 }
 
-/// [`super::on_host`] of these parameters.
+/// Returns [`on_host`](super::on_host) of these parameters.
 pub(super) fn field(
     tables: Vec<f32>,
     weights: &[f32],
@@ -208,15 +217,13 @@ pub(super) fn field(
 ) -> HostField {
     let layers = packed(&layout, weights);
     Box::new(move |positions, directions| {
-        let field = Parameters { layout: &layout, tables: &tables, layers: &layers, detail: (&frequencies, &levels) };
-        // Kept from call to call: zeros take long.
-        thread_local!(static ROOM: RefCell<Vec<f32>> = const { RefCell::new(Vec::new()) });
-        let mut activations = ROOM.take();
-        activations.resize(self::activations(&layout), 0.0);
+        let field =
+            FieldParameters { layout: &layout, tables: &tables, layers: &layers, detail: (&frequencies, &levels) };
+        let mut activations = Scratch::of_len(activations(&layout));
         let mut out = vec![[0.0; OUTPUTS]; positions.len()];
         let blocks = positions.chunks(BLOCK).zip(directions.chunks(BLOCK)).zip(out.chunks_mut(BLOCK));
         for ((positions, directions), out) in blocks {
-            simd::run(Forward {
+            simd::run(BlockForward {
                 field,
                 color: true,
                 positions: positions.as_flattened(),
@@ -225,39 +232,38 @@ pub(super) fn field(
                 out: out.as_flattened_mut(),
             });
         }
-        ROOM.set(activations);
         out
     })
 }
 
-/// What a field is evaluated from.
+/// Parameters of a field.
 #[derive(Clone, Copy)]
-struct Parameters<'a> {
+struct FieldParameters<'a> {
     layout: &'a Layout,
     tables: &'a [f32],
-    /// Each layer, packed.
+    /// Packed layers.
     layers: &'a [Vec<f32>],
     /// Weights of frequencies and of levels.
     detail: (&'a [f32], &'a [f32]),
 }
 
-struct Forward<'a> {
-    field: Parameters<'a>,
-    /// Whether to compute colour beside density.
+struct BlockForward<'a> {
+    field: FieldParameters<'a>,
+    /// Whether to compute colour in addition to density.
     color: bool,
-    /// `[samples, 3]` of this block.
+    /// Positions of this block, `[samples, 3]`.
     positions: &'a [f32],
-    /// `[samples, 3]`, if colour depends on them.
+    /// Directions, `[samples, 3]`, if colour depends on them.
     directions: Option<&'a [f32]>,
     activations: &'a mut [f32],
     out: &'a mut [f32],
 }
 
-impl Job for Forward<'_> {
+impl Job for BlockForward<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
         let Self { field, color, positions, directions, activations, out } = self;
-        let Parameters { layout, tables, layers, detail: (frequencies, levels) } = field;
+        let FieldParameters { layout, tables, layers, detail: (frequencies, levels) } = field;
         let samples = positions.len() / 3;
         let block = encode::block(positions.chunks_exact(3));
         let stride = padded(layout.features());
@@ -315,16 +321,16 @@ impl Job for Forward<'_> {
     }
 }
 
-/// What a group of blocks adds up, and gradients that travel back through the layers of one block.
-struct Scratch {
-    /// Of each layer, packed.
+/// Sums of a group of blocks, and gradients with respect to the activations of one block.
+struct GroupBuffers {
+    /// Gradient of each layer's weights, packed.
     dweights: Vec<Vec<f32>>,
     dhidden: [Vec<f32>; 2],
-    /// Gradient of the MLP's input, without that of its first features if nobody asks for it.
+    /// Gradient of the MLP's input, without the first features if their gradient is not needed.
     dx: Vec<f32>,
 }
 
-impl Scratch {
+impl GroupBuffers {
     fn new(layout: &Layout) -> Self {
         let widest = layout.layers.iter().map(|layer| padded(layer.inputs.max(layer.outputs))).max().unwrap_or(0);
         let zeros = |layer: &super::Layer| vec![0.0; (layer.inputs + 1) * padded(layer.outputs)];
@@ -336,19 +342,19 @@ impl Scratch {
     }
 }
 
-/// What the backward pass of a block of samples starts from, gathered from wherever these are.
+/// Activations and gradients of the samples of a block, gathered from all blocks.
 #[derive(Default)]
-struct Reached {
+struct GatheredSamples {
     samples: usize,
     activations: Vec<f32>,
     output: Vec<f32>,
     grad: Vec<f32>,
-    /// Empty unless they are an input.
+    /// View directions; empty unless they are an input.
     directions: Vec<f32>,
 }
 
-impl Reached {
-    /// Of the samples `rows`, at most [`BLOCK`].
+impl GatheredSamples {
+    /// Gathers the samples `rows`, at most [`BLOCK`].
     fn gather(&mut self, kernel: &FactoredKernel, pass: Pass<'_>, rows: &[usize]) {
         let of_block = activations(&kernel.layout);
         self.samples = rows.len();
@@ -373,23 +379,23 @@ impl Reached {
     }
 }
 
-struct Backward<'a> {
+struct BlockBackward<'a> {
     kernel: &'a FactoredKernel,
-    /// Each layer's rows.
+    /// Rows of each layer's weights.
     layers: &'a [Vec<f32>],
-    reached: &'a Reached,
+    gathered: &'a GatheredSamples,
     /// The first feature whose gradient is needed.
     first: usize,
-    scratch: &'a mut Scratch,
-    /// For each plane `[BLOCK, channels]`.
+    scratch: &'a mut GroupBuffers,
+    /// Gradient of the features, `[BLOCK, channels]` for each plane.
     dfeatures: &'a mut [f32],
 }
 
-impl Job for Backward<'_> {
+impl Job for BlockBackward<'_> {
     #[inline(always)]
     fn run<const FMA: bool, const WIDE: bool>(self) {
-        let Self { kernel, layers, reached, first, scratch, dfeatures } = self;
-        let Reached { samples, activations, output, grad, directions } = reached;
+        let Self { kernel, layers, gathered, first, scratch, dfeatures } = self;
+        let GatheredSamples { samples, activations, output, grad, directions } = gathered;
         let (layout, samples) = (&kernel.layout, *samples);
         let outputs = kernel.outputs();
         let [dy, spare] = &mut scratch.dhidden;
@@ -399,17 +405,17 @@ impl Job for Backward<'_> {
         for s in 0..samples {
             depths[s] = output[s * outputs] / layout.density_scale;
         }
-        let slopes = Opacity::of::<FMA>(&depths[..samples]).alpha;
+        let derivatives = SampleOpacity::new::<FMA>(&depths[..samples]).alpha;
         for (s, dout) in dy.chunks_exact_mut(width).take(samples).enumerate() {
             dout.fill(0.0);
             let (y, g) = (&output[s * outputs..][..outputs], &grad[s * outputs..][..outputs]);
-            dout[0] = g[0] * layout.density_scale * slopes[s] as f32;
+            dout[0] = g[0] * layout.density_scale * derivatives[s] as f32;
             for k in 1..outputs {
-                let slope = g[k] * y[k] * (1.0 - y[k]);
-                dout[k] = slope;
+                let d = g[k] * y[k] * (1.0 - y[k]);
+                dout[k] = d;
                 if !directions.is_empty() {
                     for axis in 0..3 {
-                        dout[OUTPUTS + 3 * (k - 1) + axis] = slope * directions[3 * s + axis];
+                        dout[OUTPUTS + 3 * (k - 1) + axis] = d * directions[3 * s + axis];
                     }
                 }
             }
@@ -437,15 +443,15 @@ impl Job for Backward<'_> {
                 let (plane, others) = std::mem::take(&mut rest).split_at_mut(BLOCK * level.channels);
                 rest = others;
                 let dx = &scratch.dx[level.feature - first + p * level.channels..];
-                with_channels!(level.channels, gathered, dx, stride, plane, samples);
+                with_channels!(level.channels, copy_columns, dx, stride, plane, samples);
             }
         }
     }
 }
 
-/// The first `C` numbers of each row of `dx`, side by side.
+/// Copies the first `C` elements of each row of `dx` to contiguous rows.
 #[inline(always)]
-fn gathered<const C: usize>(dx: &[f32], stride: usize, plane: &mut [f32], samples: usize) {
+fn copy_columns<const C: usize>(dx: &[f32], stride: usize, plane: &mut [f32], samples: usize) {
     for (s, out) in plane.as_chunks_mut::<C>().0.iter_mut().take(samples).enumerate() {
         out.copy_from_slice(&dx[s * stride..s * stride + C]);
     }
@@ -454,18 +460,18 @@ fn gathered<const C: usize>(dx: &[f32], stride: usize, plane: &mut [f32], sample
 struct PlaneGradient<'a> {
     channels: usize,
     resolution: usize,
-    /// Of the plane, then of its line.
+    /// Axes of the plane, then of its line.
     axes: [usize; 3],
     weight: f32,
-    /// The plane and its line.
+    /// Tables of the plane and of its line.
     tables: (&'a [f32], &'a [f32]),
     blocks: &'a [Block],
     samples: usize,
     /// Gradient of the features of all blocks.
     dfeatures: &'a [f32],
-    /// Where the plane's are in a block.
+    /// Start of the plane's features in a block.
     first: usize,
-    /// Numbers of a block.
+    /// Elements of a block.
     of_block: usize,
     dplane: &'a mut [f32],
     dline: &'a mut [f32],

@@ -1,3 +1,5 @@
+//! Places of a factored field's parameters.
+
 /// Axes of each plane, and of the line that goes with it.
 pub const PLANES: [[usize; 3]; 3] = [[0, 1, 2], [0, 2, 1], [1, 2, 0]];
 
@@ -8,76 +10,76 @@ pub struct Level {
     pub resolution: usize,
     /// Features of each plane and line: 2, 4, 8 or 16.
     pub channels: usize,
-    /// Where its tables begin: three planes `[res, res, C]` (second axis slower), then three lines `[res, C]`.
+    /// Start of its tables: three planes `[res, res, C]` (second axis slower), then three lines `[res, C]`.
     pub offset: usize,
-    /// Where its features begin in the MLP's input; it has three times `channels` of them.
+    /// Start of its features in the MLP's input; it has three times `channels` of them.
     pub feature: usize,
 }
 
 impl Level {
-    /// Numbers in one plane.
+    /// Returns the number of elements of one plane.
     pub fn plane_len(&self) -> usize {
         self.resolution * self.resolution * self.channels
     }
 
-    /// Numbers in one line.
+    /// Returns the number of elements of one line.
     pub fn line_len(&self) -> usize {
         self.resolution * self.channels
     }
 
-    /// Numbers in all planes and lines.
+    /// Returns the number of elements of all planes and lines.
     pub fn len(&self) -> usize {
         3 * (self.plane_len() + self.line_len())
     }
 
-    /// Never: a level has at least two texels along each axis.
+    /// Returns `false`: a level has at least two texels along each axis.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Where plane `p` begins.
+    /// Returns the start of plane `p`.
     pub fn plane(&self, p: usize) -> usize {
         self.offset + p * self.plane_len()
     }
 
-    /// Where line `p` begins.
+    /// Returns the start of line `p`.
     pub fn line(&self, p: usize) -> usize {
         self.offset + 3 * self.plane_len() + p * self.line_len()
     }
 }
 
-/// A dense layer of the MLP: weights `[outputs, inputs]` row-major, then biases `[outputs]`.
+/// Dense layer of the MLP: weights `[outputs, inputs]` row-major, then biases `[outputs]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Layer {
-    /// Width of its input.
+    /// Width of the input.
     pub inputs: usize,
-    /// Width of its output.
+    /// Width of the output.
     pub outputs: usize,
-    /// Where its weights begin.
+    /// Start of the weights.
     pub weight: usize,
 }
 
 impl Layer {
-    /// Where its biases begin.
+    /// Returns the start of the biases.
     pub fn bias(&self) -> usize {
         self.weight + self.inputs * self.outputs
     }
 
-    /// Where the next layer begins.
+    /// Returns the start of the next layer.
     pub fn end(&self) -> usize {
         self.bias() + self.outputs
     }
 }
 
-/// Sizes of a field, and where its parameters lie.
+/// Sizes of a field, and places of its parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Layout {
     /// Frequencies of the position's encoding.
     pub frequencies: usize,
     /// Planes and lines, coarsest first.
     pub levels: Vec<Level>,
-    /// The MLP; the last layer gives density, red, green, blue, and if `view_dependent` nine numbers more: how red, green
-    /// and blue change with x, y and z of the view direction.
+    /// Layers of the MLP; the last layer gives density, red, green and blue, and if `view_dependent` the nine derivatives of red,
+    /// green and blue with respect to x, y and z of the view direction.
     pub layers: Vec<Layer>,
     /// Whether colour depends on the view direction.
     pub view_dependent: bool,
@@ -87,9 +89,9 @@ pub struct Layout {
     pub density_bias: f32,
 }
 
-/// Density and colour.
+/// Number of outputs: density and colour.
 pub(crate) const OUTPUTS: usize = 4;
-/// Most outputs that the MLP can have.
+/// Largest number of outputs of the MLP.
 pub(crate) const RAW: usize = OUTPUTS + 9;
 
 impl Layout {
@@ -126,23 +128,23 @@ impl Layout {
         Self { frequencies, levels, layers, view_dependent, density_scale: density.0, density_bias: density.1 }
     }
 
-    /// Numbers in all planes and lines.
+    /// Returns the number of elements of all planes and lines.
     pub fn table_len(&self) -> usize {
         self.levels.iter().map(Level::len).sum()
     }
 
-    /// Numbers in each plane and line as they lie: of every level three planes, then three lines.
+    /// Iterates over the lengths of planes and lines: three planes of a level, then its three lines.
     #[cfg(feature = "flex")]
     pub(super) fn table_parts(&self) -> impl Iterator<Item = usize> {
         self.levels.iter().flat_map(|level| [[level.plane_len(); 3], [level.line_len(); 3]]).flatten()
     }
 
-    /// Numbers in the MLP.
+    /// Returns the number of weights and biases of the MLP.
     pub fn weight_len(&self) -> usize {
         self.layers.last().map_or(0, Layer::end)
     }
 
-    /// Width of the MLP's input.
+    /// Returns the width of the MLP's input.
     pub fn features(&self) -> usize {
         self.layers[0].inputs
     }

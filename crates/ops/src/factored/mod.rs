@@ -9,24 +9,22 @@
 //! A product of low-rank factors cannot hold the fog that few views leave unexplained as easily as a voxel grid can, and
 //! its tables are small enough for a laptop's cache.
 
-mod layout;
-mod plain;
-pub mod reference;
-mod variation;
-
 #[cfg(feature = "flex")]
 mod dense;
 #[cfg(feature = "flex")]
 mod encode;
+#[cfg(feature = "cube")]
+mod gpu;
 #[cfg(feature = "flex")]
 mod host;
+mod layout;
 #[cfg(feature = "flex")]
 mod negligible;
+mod plain;
+mod variation;
 
 pub use layout::{Layer, Layout, Level, PLANES};
 pub use plain::plain;
-#[cfg(feature = "cube")]
-pub(crate) use variation::weight as variation_weight;
 pub use variation::{plain as plain_variation, plane_variation};
 
 use std::sync::Arc;
@@ -35,39 +33,39 @@ use burn::tensor::Tensor;
 
 use crate::dispatch::dispatch;
 
-/// Where a field is evaluated, and with which detail.
+/// Points at which a field is evaluated, and with which detail.
 #[derive(Clone, Debug)]
 pub struct Query {
     /// Positions, each coordinate in [0, 1] over the field's box, `[M, 3]`.
     pub positions: Tensor<2>,
-    /// View direction of each sample, `[M, 3]`, for colour that depends on it. It has no gradient.
+    /// View direction of each sample, `[M, 3]`, for colour that depends on it; it receives no gradient.
     pub directions: Option<Tensor<2>>,
     /// Weight of each frequency of the position's encoding, for annealing; as many as the layout has.
     pub frequency_weights: Vec<f32>,
     /// Weight of each level's features, for annealing; as many as the layout has. A level of weight 0 is skipped.
     pub level_weights: Vec<f32>,
-    /// Whether to compute colour beside density.
+    /// Whether to compute colour in addition to density.
     pub color: bool,
-    /// The backward pass skips the samples of the smallest output gradients, as long as these add up to at most this share of
-    /// the sum over all samples; 0 skips zeros alone. Only the host kernel skips any.
+    /// Largest share of the sum of all samples' output gradients that the backward pass may leave out: it skips the samples of
+    /// the smallest gradients; 0 skips zeros alone. Only the host kernel skips any.
     pub negligible: f32,
 }
 
 impl Query {
-    /// Number of positions.
+    /// Returns the number of positions.
     pub(crate) fn samples(&self) -> usize {
         self.positions.dims()[0]
     }
 }
 
-/// Density and colour at the points of `query`: `[M, 4]` of (σ, r, g, b), or `[M, 1]` of σ without colour.
+/// Evaluates the field at the points of `query`: `[M, 4]` of (σ, r, g, b), or `[M, 1]` of σ without colour.
 ///
-/// `tables` `[layout.table_len()]` holds planes and lines, `weights` `[layout.weight_len()]` the MLP; the result is
-/// differentiable in both, and in `query.positions` where these ask for a gradient (0 along an axis on which a position lies
-/// beyond the outermost texels' centres). σ is in 1/unit of `layout.density_scale`.
+/// `tables` `[layout.table_len()]` holds planes and lines, `weights` `[layout.weight_len()]` the MLP. The result is
+/// differentiable in both, and in `query.positions` if these require a gradient (0 along an axis on which a position lies
+/// beyond the outermost texels' centres). σ has the unit of `layout.density_scale`, 1/length.
 ///
 /// # Panics
-/// If a length does not match `layout`, or there is no direction where colour depends on it.
+/// If a length does not match `layout`, or directions are missing although colour depends on them.
 pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout>, query: Query) -> Tensor<2> {
     check(&tables, &weights, layout, (&query.frequency_weights, &query.level_weights));
     dispatch! {
@@ -80,15 +78,20 @@ pub fn factored_field(tables: Tensor<1>, weights: Tensor<1>, layout: &Arc<Layout
                 None => crate::kernel::apply(kernel, (tables, weights, positions)),
             }
         },
-        cube if query.samples() > 0 => match density_and_color(tables, weights, layout, query) {
-            (density, Some(color)) => Tensor::cat(vec![density.unsqueeze_dim(1), color], 1),
-            (density, None) => density.unsqueeze_dim(1),
-        },
-        plain => plain(tables, weights, layout, &query),
+        plain => plain::packed(plain::heads(features(tables, layout, &query), weights, layout, &query)),
     }
 }
 
-/// The same as density `[M]` and colour `[M, 3]`, which on a GPU need not be put together first.
+/// Computes the MLP's input, `[M, layout.features()]`.
+fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2> {
+    dispatch! {
+        &tables.device();
+        cube if query.samples() > 0 => gpu::features(tables, layout, query),
+        plain => plain::features(tables, layout, query),
+    }
+}
+
+/// Evaluates [`factored_field`] as density `[M]` and colour `[M, 3]`.
 ///
 /// # Panics
 /// As [`factored_field`].
@@ -98,29 +101,29 @@ pub fn density_and_color(
     layout: &Arc<Layout>,
     query: Query,
 ) -> (Tensor<1>, Option<Tensor<2>>) {
-    let color = query.color;
-    let split =
-        |packed: Tensor<2>| (packed.clone().narrow(1, 0, 1).squeeze_dim(1), color.then(|| packed.narrow(1, 1, 3)));
     dispatch! {
         &tables.device();
-        host => split(factored_field(tables, weights, layout, query)),
-        cube if query.samples() > 0 => {
-            let features = crate::cube::features(tables, layout, &query);
-            let directions = query.directions.clone().filter(|_| color && layout.view_dependent);
-            crate::cube::network(features, weights, directions, layout, color)
+        host => {
+            let color = query.color;
+            let packed = factored_field(tables, weights, layout, query);
+            (packed.clone().narrow(1, 0, 1).squeeze_dim(1), color.then(|| packed.narrow(1, 1, 3)))
         },
-        plain => split(factored_field(tables, weights, layout, query)),
+        plain => {
+            check(&tables, &weights, layout, (&query.frequency_weights, &query.level_weights));
+            let (density, color) = plain::heads(features(tables, layout, &query), weights, layout, &query);
+            (density.squeeze_dim(1), color)
+        },
     }
 }
 
-/// σ, r, g, b at positions seen along directions, one of each, without tensors.
+/// Function from positions and view directions, one each per sample, to (σ, r, g, b), without tensors.
 pub type HostField = Box<dyn Fn(&[[f32; 3]], &[[f32; 3]]) -> Vec<[f32; 4]> + Send + Sync>;
 
-/// [`factored_field`] with colour and these weights of frequencies and levels, from parameters that are laid out once: for
-/// pictures, on devices that the host kernels serve. Work is in one thread.
+/// Returns [`factored_field`] with colour and weights `detail` of frequencies and levels as a function of the host, for
+/// rendering; `None` on devices that the host kernels do not serve. Parameters are packed once; a call works in one thread.
 ///
 /// # Panics
-/// As [`factored_field`] does.
+/// As [`factored_field`].
 pub fn on_host(
     tables: Tensor<1>,
     weights: Tensor<1>,

@@ -1,19 +1,27 @@
-//! The same field from plain tensor operations, on any backend.
+//! The factored field by plain tensor operations, on any backend.
 
 use burn::tensor::activation::{relu, sigmoid};
 use burn::tensor::{Int, Tensor};
 
 use super::Query;
 use super::layout::{Layout, Level, PLANES};
-use crate::split::{fill_up, parts, product};
+use crate::mlp::{Activation, Dense, Precision, dense};
 
-/// [`factored_field`](super::factored_field) without any kernel.
+/// Computes [`factored_field`](super::factored_field) without kernels of the host or of tables.
 pub fn plain(tables: Tensor<1>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
-    mlp(features(tables, layout, query), weights, layout, query)
+    packed(heads(features(tables, layout, query), weights, layout, query))
 }
 
-/// The MLP's input, `[M, layout.features()]`.
-fn features(tables: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
+/// Joins density and colour, `[M, 4]` or `[M, 1]`.
+pub(super) fn packed((density, color): (Tensor<2>, Option<Tensor<2>>)) -> Tensor<2> {
+    match color {
+        Some(color) => Tensor::cat(vec![density, color], 1),
+        None => density,
+    }
+}
+
+/// Computes the MLP's input, `[M, layout.features()]`.
+pub(super) fn features(tables: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
     let mut features = vec![frequencies(query)];
     for (level, &weight) in layout.levels.iter().zip(&query.level_weights) {
         for (p, axes) in PLANES.into_iter().enumerate() {
@@ -23,42 +31,41 @@ fn features(tables: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
     Tensor::cat(features, 1)
 }
 
-/// Density and colour, given the MLP's input.
-fn mlp(features: Tensor<2>, weights: Tensor<1>, layout: &Layout, query: &Query) -> Tensor<2> {
+/// Computes density `[M, 1]` and colour `[M, 3]` from the MLP's input.
+pub(super) fn heads(
+    features: Tensor<2>,
+    weights: Tensor<1>,
+    layout: &Layout,
+    query: &Query,
+) -> (Tensor<2>, Option<Tensor<2>>) {
     let samples = query.samples();
-    let parts = parts(samples, &features.device());
-    let mut x = fill_up(features, parts);
+    let mut x = features;
     for (index, layer) in layout.layers.iter().enumerate() {
-        let w = weights
-            .clone()
-            .narrow(0, layer.weight, layer.inputs * layer.outputs)
-            .reshape([layer.outputs, layer.inputs]);
-        let bias = weights.clone().narrow(0, layer.bias(), layer.outputs).unsqueeze::<2>();
-        x = product(x, w.transpose(), parts) + bias;
-        if index + 1 < layout.layers.len() {
-            x = relu(x);
-        }
+        let rows = weights.clone().narrow(0, layer.weight, layer.inputs * layer.outputs);
+        let weight = rows.reshape([layer.outputs, layer.inputs]).transpose();
+        let bias = weights.clone().narrow(0, layer.bias(), layer.outputs);
+        let activation = if index + 1 < layout.layers.len() { Activation::Relu } else { Activation::None };
+        x = dense(x, &Dense { weight, bias }, activation, Precision::F32);
     }
-    let x = x.narrow(0, 0, samples);
     let sigma = softplus(x.clone().narrow(1, 0, 1) + layout.density_bias) * layout.density_scale;
     if !query.color {
-        return sigma;
+        return (sigma, None);
     }
     let mut color = x.clone().narrow(1, 1, 3);
     if layout.view_dependent {
         let directions = query.directions.clone().expect("colour depends on directions").detach();
-        let slopes = x.narrow(1, 4, 9).reshape([samples, 3, 3]);
-        color = color + (slopes * directions.unsqueeze_dim(1)).sum_dim(2).reshape([samples, 3]);
+        let derivatives = x.narrow(1, 4, 9).reshape([samples, 3, 3]);
+        color = color + (derivatives * directions.unsqueeze_dim(1)).sum_dim(2).reshape([samples, 3]);
     }
-    Tensor::cat(vec![sigma, sigmoid(color)], 1).reshape([samples, 4])
+    (sigma, Some(sigmoid(color)))
 }
 
-/// ln(1 + e^x) with all its digits where it is small, and without overflow where it is large.
+/// Computes ln(1 + e^x), accurate where it is small, and without overflow where it is large.
 fn softplus(x: Tensor<2>) -> Tensor<2> {
     relu(x.clone()) + (-x.abs()).exp().log1p()
 }
 
-/// 2u − 1, then for each frequency sin and cos of 2ᵏπ(u − ½) of each axis.
+/// Computes 2u − 1, then for each frequency sin and cos of 2ᵏπ(u − ½) of each axis.
 fn frequencies(query: &Query) -> Tensor<2> {
     let u = query.positions.clone();
     let centred = u.clone() - 0.5;
@@ -70,7 +77,7 @@ fn frequencies(query: &Query) -> Tensor<2> {
     Tensor::cat(std::iter::once(u * 2.0 - 1.0).chain(waves).collect(), 1)
 }
 
-/// plane(u_a, u_b) ⊙ line(u_c), `[M, C]`.
+/// Computes plane(u_a, u_b) ⊙ line(u_c), `[M, C]`.
 fn plane_by_line(tables: &Tensor<1>, level: &Level, p: usize, axes: [usize; 3], positions: &Tensor<2>) -> Tensor<2> {
     let (res, channels) = (level.resolution, level.channels);
     let table = |start, rows| tables.clone().narrow(0, start, rows * channels).reshape([rows, channels]);
@@ -86,7 +93,7 @@ fn plane_by_line(tables: &Tensor<1>, level: &Level, p: usize, axes: [usize; 3], 
     (corner(0, 0) + corner(1, 0) + corner(0, 1) + corner(1, 1)) * (end(0) + end(1))
 }
 
-/// The texel before each coordinate along an axis, and the shares of it and of the next. Texel centres lie at (i + ½)/res.
+/// Finds the texel before each coordinate along an axis, and the shares of that texel and of the next. Texel centres lie at (i + ½)/res.
 fn texel(u: Tensor<2>, resolution: usize) -> (Tensor<2, Int>, [Tensor<2>; 2]) {
     let v = (u * resolution as f32 - 0.5).clamp(0.0, (resolution - 1) as f32 - 1e-3);
     let before = v.clone().detach().floor();

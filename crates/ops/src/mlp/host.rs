@@ -1,9 +1,8 @@
-//! The rayon body: a block of samples goes through all layers without leaving the cache.
+//! Host kernel of [`radiance_mlp`](super::radiance_mlp): a block of samples goes through all layers without leaving the cache.
 
-use burn::tensor::Tensor;
 use rayon::prelude::*;
 
-use super::{Dense, RadianceMlp};
+use super::{Dense, RadianceMlp, first_layer};
 use crate::frequency::encoded_width;
 use crate::kernel::{Kernel, Pass};
 use crate::matmul::{Matrix, Onto, product};
@@ -13,40 +12,40 @@ const BLOCK: usize = 256;
 /// Partial sums of the weights' gradient: a fixed number, so that the result does not depend on the number of threads.
 const GROUPS: usize = 16;
 
-/// The network as a list of layers, from place to place in the *activations* of a block of samples:
+/// Network as a list of layers, which read and write columns of the *activations* of a block of samples:
 ///
 /// ```text
 /// x | h₁ | x h₂ | … | h_L | feature direction | h_view | σ r g b
 /// ```
 ///
-/// Between two bars is a matrix of [`BLOCK`] rows. What a layer reads stands side by side, so x is repeated where the
-/// trunk sees it again.
+/// Each part between two bars is a matrix of [`BLOCK`] rows. The inputs of a layer are adjacent columns, so x is repeated
+/// if the trunk reads it again.
 #[derive(Debug)]
 pub(super) struct MlpKernel {
-    layers: Vec<Layer>,
-    /// Where x stands.
-    encoded: Vec<Place>,
-    /// Where the encoded directions stand.
-    direction: Option<Place>,
-    /// The ray of each sample, where directions are seen.
+    layers: Vec<PlacedLayer>,
+    /// Columns of x.
+    encoded: Vec<Columns>,
+    /// Columns of the encoded directions.
+    direction: Option<Columns>,
+    /// Ray of each sample, if directions are an input.
     owners: Vec<i32>,
-    /// Where the result stands.
-    output: Place,
-    /// Every matrix of a block.
-    matrices: Vec<Place>,
-    /// Numbers of a block.
+    /// Columns of the result.
+    output: Columns,
+    /// Matrices of a block.
+    matrices: Vec<Columns>,
+    /// Elements of a block.
     activations: usize,
 }
 
-/// Some columns of a matrix of [`BLOCK`] rows within a block's activations.
+/// Adjacent columns of a matrix of [`BLOCK`] rows within a block's activations.
 #[derive(Clone, Copy, Debug, Default)]
-struct Place {
+struct Columns {
     start: usize,
     stride: usize,
     columns: usize,
 }
 
-impl Place {
+impl Columns {
     fn matrix(self) -> Matrix {
         Matrix::rows(self.start, self.stride)
     }
@@ -56,67 +55,61 @@ impl Place {
         start..start + self.columns
     }
 
-    /// `columns` of this place from the `first` on.
+    /// Returns `columns` of these columns from the `first` on.
     fn part(self, first: usize, columns: usize) -> Self {
         Self { start: self.start + first, columns, ..self }
     }
 }
 
 #[derive(Debug)]
-struct Layer {
-    /// Where its weights begin, `[inputs, outputs]` row-major, with the biases after them.
-    weight: usize,
-    x: Place,
-    y: Place,
+struct PlacedLayer {
+    x: Columns,
+    y: Columns,
     relu: bool,
-    /// Whether a layer further up reads x too.
+    /// Whether a layer further up also reads x.
     shared: bool,
 }
 
-impl Layer {
-    fn bias(&self) -> usize {
-        self.weight + self.x.columns * self.y.columns
-    }
-
-    fn end(&self) -> usize {
-        self.bias() + self.y.columns
-    }
-
+impl PlacedLayer {
+    /// Returns the matrix of the layer's weights, `[inputs, outputs]`.
     fn weights(&self) -> Matrix {
-        Matrix::rows(self.weight, self.y.columns)
+        Matrix::rows(0, self.y.columns)
+    }
+
+    /// Returns the numbers of weights and of biases.
+    fn sizes(&self) -> [usize; 2] {
+        [self.x.columns * self.y.columns, self.y.columns]
     }
 }
 
-/// Layers and matrices as they come.
+/// Layers and matrices in the order of their construction.
 #[derive(Default)]
-struct Builder {
-    layers: Vec<Layer>,
-    weights: Vec<Tensor<1>>,
-    matrices: Vec<Place>,
+struct LayerBuilder {
+    layers: Vec<PlacedLayer>,
+    matrices: Vec<Columns>,
     activations: usize,
 }
 
-impl Builder {
-    fn matrix(&mut self, columns: usize) -> Place {
-        let place = Place { start: self.activations, stride: columns, columns };
+impl LayerBuilder {
+    fn matrix(&mut self, columns: usize) -> Columns {
+        let place = Columns { start: self.activations, stride: columns, columns };
         self.activations += columns * BLOCK;
         self.matrices.push(place);
         place
     }
 
-    fn layer(&mut self, dense: &Dense, x: Place, y: Place, relu: bool) {
+    fn layer(&mut self, dense: &Dense, x: Columns, y: Columns, relu: bool) {
         assert_eq!(dense.weight.dims(), [x.columns, y.columns], "layers fit on top of each other");
-        let weight = self.layers.last().map_or(0, Layer::end);
         self.layers.iter_mut().filter(|layer| layer.x.start == x.start).for_each(|layer| layer.shared = true);
-        self.layers.push(Layer { weight, x, y, relu, shared: false });
-        self.weights.extend([dense.weight.clone().flatten(0, 1), dense.bias.clone()]);
+        self.layers.push(PlacedLayer { x, y, relu, shared: false });
     }
 }
 
 impl MlpKernel {
-    /// The kernel for input of `[samples, width]`, and all weights one after another.
-    pub(super) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> (Self, Tensor<1>) {
-        let mut builder = Builder::default();
+    /// Returns the kernel for input of `[samples, width]`. Its inputs are x, the encoded direction of each ray if the network has
+    /// colour, and weights and biases of each of [`RadianceMlp::layers`].
+    pub(super) fn new([samples, width]: [usize; 2], network: &RadianceMlp) -> Self {
+        let mut builder = LayerBuilder::default();
         let mut x = builder.matrix(width);
         let mut encoded = vec![x];
         for (index, dense) in network.trunk.iter().enumerate() {
@@ -148,14 +141,12 @@ impl MlpKernel {
         if let Some((view, branch)) = view {
             builder.layer(&branch.rgb, view, output.part(1, 3), false);
         }
-        let Builder { layers, weights, matrices, activations } = builder;
-        let kernel = Self { layers, encoded, direction, owners, output, matrices, activations };
-        (kernel, Tensor::cat(weights, 0))
+        let LayerBuilder { layers, matrices, activations } = builder;
+        Self { layers, encoded, direction, owners, output, matrices, activations }
     }
 
-    /// A block whose first sample is `first`; `inputs` are the weights and the encoded direction of each ray.
+    /// Evaluates a block whose first sample is `first` and whose rows of x are `encoded`.
     fn forward_block(&self, inputs: &[&[f32]], encoded: &[f32], first: usize, block: &mut [f32], out: &mut [f32]) {
-        let weights = inputs[0];
         let width = self.encoded[0].columns;
         let samples = encoded.len() / width;
         for place in &self.encoded {
@@ -169,13 +160,13 @@ impl MlpKernel {
                 block[place.row(s)].copy_from_slice(direction);
             }
         }
-        for layer in &self.layers {
-            let bias = &weights[layer.bias()..layer.end()];
-            // What a layer reads always stands before what it writes.
+        let parameters = inputs[first_layer(self.direction.is_some())..].as_chunks::<2>().0;
+        for (layer, [weights, bias]) in self.layers.iter().zip(parameters) {
+            // A layer's inputs always precede its outputs.
             let (before, after) = block.split_at_mut(layer.y.start);
-            let y = Place { start: 0, ..layer.y };
+            let y = Columns { start: 0, ..layer.y };
             let sizes = [samples, layer.y.columns, layer.x.columns];
-            let (x, w) = ((&*before, layer.x.matrix()), (weights, layer.weights()));
+            let (x, w) = ((&*before, layer.x.matrix()), (*weights, layer.weights()));
             product(sizes, Onto::Bias(bias), (after, y.matrix()), x, w);
             for s in (0..samples).filter(|_| layer.relu) {
                 for y in &mut after[y.row(s)] {
@@ -189,55 +180,51 @@ impl MlpKernel {
         }
     }
 
-    /// Each layer's weights `[outputs, inputs]`, where they stand as `[inputs, outputs]` in `weights`.
-    fn transposed(&self, weights: &[f32]) -> Vec<f32> {
-        let mut transposed = vec![0.0; weights.len()];
-        for layer in &self.layers {
+    /// Transposes each layer's weights to `[outputs, inputs]`.
+    fn transposed(&self, inputs: &[&[f32]]) -> Vec<Vec<f32>> {
+        let weights = inputs[first_layer(self.direction.is_some())..].iter().step_by(2);
+        let transpose = |(layer, weights): (&PlacedLayer, &&[f32])| {
             let (inputs, outputs) = (layer.x.columns, layer.y.columns);
-            for (input, row) in weights[layer.weight..layer.bias()].chunks_exact(outputs).enumerate() {
-                for (output, weight) in row.iter().enumerate() {
-                    transposed[layer.weight + output * inputs + input] = *weight;
-                }
-            }
-        }
-        transposed
+            (0..inputs * outputs).map(|at| weights[at % inputs * outputs + at / inputs]).collect()
+        };
+        self.layers.iter().zip(weights).map(transpose).collect()
     }
 
-    /// Adds a block's part to the gradients; its samples are those of `rows`, counted within the group.
+    /// Adds a block's share to the gradients; its samples are `rows`, counted within the group.
     fn backward_block(
         &self,
-        transposed: &[f32],
+        transposed: &[Vec<f32>],
         block: &[f32],
         grad: &[f32],
         rows: &[usize],
         sums: &mut GroupGradients,
     ) {
-        let GroupGradients { dweights, dencoded, gradients } = sums;
+        let GroupGradients { dparameters, dencoded, dactivations: gradients } = sums;
         let samples = grad.len() / self.output.columns;
         for (s, grad) in grad.chunks_exact(self.output.columns).enumerate() {
             gradients[self.output.row(s)].copy_from_slice(grad);
         }
-        for layer in self.layers.iter().rev() {
+        let layers = self.layers.iter().zip(transposed).zip(dparameters.iter_mut());
+        for ((layer, transposed), [dweights, dbias]) in layers.rev() {
             let (below, above) = gradients.split_at_mut(layer.y.start);
-            let y = Place { start: 0, ..layer.y };
+            let y = Columns { start: 0, ..layer.y };
             for s in 0..samples {
                 let dy = &mut above[y.row(s)];
                 if layer.relu {
                     let outputs = &block[layer.y.row(s)];
                     dy.iter_mut().zip(outputs).for_each(|(dy, y)| *dy = if *y <= 0.0 { 0.0 } else { *dy });
                 }
-                let db = &mut dweights[layer.bias()..layer.end()];
-                db.iter_mut().zip(&*dy).for_each(|(db, dy)| *db += dy);
+                dbias.iter_mut().zip(&*dy).for_each(|(db, dy)| *db += dy);
             }
             let dy = (&*above, y.matrix());
             let x = (block, layer.x.matrix().transposed());
             let sizes = [layer.x.columns, layer.y.columns, samples];
             product(sizes, Onto::Sum, (dweights, layer.weights()), x, dy);
-            // x itself is most often no parameter: its columns, the first that a layer reads, are then left out.
+            // x itself is rarely a parameter: its columns, the first that a layer reads, are then left out.
             let own = self.encoded.iter().any(|place| place.start == layer.x.start);
             let skipped = if own && dencoded.is_none() { self.encoded[0].columns } else { 0 };
             let dx = layer.x.part(skipped, layer.x.columns - skipped);
-            let w = Matrix::rows(layer.weight + skipped, layer.x.columns);
+            let w = Matrix::rows(skipped, layer.x.columns);
             let onto = if layer.shared { Onto::Sum } else { Onto::Nothing };
             product([samples, dx.columns, layer.y.columns], onto, (below, dx.matrix()), dy, (transposed, w));
         }
@@ -251,21 +238,21 @@ impl MlpKernel {
         }
     }
 
-    /// The gradients of consecutive blocks. Samples whose output has no gradient add exactly 0 and are left out: behind
+    /// Computes the gradients of consecutive blocks. Samples whose output has no gradient add exactly 0 and are left out: behind
     /// ReLU densities, whose gradient vanishes in empty space, that is most of a scene.
-    fn backward_group(&self, transposed: &[f32], saved: &[f32], grad: &[f32], dencoded: bool) -> GroupGradients {
+    fn backward_group(&self, transposed: &[Vec<f32>], saved: &[f32], grad: &[f32], dencoded: bool) -> GroupGradients {
         let outputs = self.output.columns;
         let width = self.encoded[0].columns;
         let mut sums = GroupGradients {
-            dweights: vec![0.0; transposed.len()],
+            dparameters: self.layers.iter().map(|layer| layer.sizes().map(|size| vec![0.0; size])).collect(),
             dencoded: dencoded.then(|| vec![0.0; grad.len() / outputs * width]),
-            gradients: vec![0.0; self.activations],
+            dactivations: vec![0.0; self.activations],
         };
-        let mut reached = Reached { block: vec![0.0; self.activations], grad: Vec::new(), rows: Vec::new() };
+        let mut gathered = GatheredBlock { block: vec![0.0; self.activations], grad: Vec::new(), rows: Vec::new() };
         for (index, (grad, block)) in grad.chunks(outputs * BLOCK).zip(saved.chunks_exact(self.activations)).enumerate()
         {
             let first = index * BLOCK;
-            // Not a number counts as reached.
+            // NaN counts as a gradient.
             let rows =
                 || (0..grad.len() / outputs).filter(|s| grad[s * outputs..][..outputs].iter().any(|g| *g != 0.0));
             if rows().count() * outputs == grad.len() {
@@ -274,39 +261,40 @@ impl MlpKernel {
                 continue;
             }
             for s in rows() {
-                reached.push(&self.matrices, block, &grad[s * outputs..][..outputs], s, first + s);
-                if reached.rows.len() == BLOCK {
-                    self.backward_block(transposed, &reached.block, &reached.grad, &reached.rows, &mut sums);
-                    reached.clear();
+                gathered.push(&self.matrices, block, &grad[s * outputs..][..outputs], s, first + s);
+                if gathered.rows.len() == BLOCK {
+                    self.backward_block(transposed, &gathered.block, &gathered.grad, &gathered.rows, &mut sums);
+                    gathered.clear();
                 }
             }
         }
-        self.backward_block(transposed, &reached.block, &reached.grad, &reached.rows, &mut sums);
+        self.backward_block(transposed, &gathered.block, &gathered.grad, &gathered.rows, &mut sums);
         sums
     }
 }
 
-/// The gradients of a group of blocks.
+/// Gradients of a group of blocks.
 struct GroupGradients {
-    dweights: Vec<f32>,
-    /// With respect to x, if that is wanted.
+    /// Gradients with respect to each layer's weights and biases.
+    dparameters: Vec<[Vec<f32>; 2]>,
+    /// Gradient with respect to x, if that is wanted.
     dencoded: Option<Vec<f32>>,
-    /// With respect to the activations of the block at hand.
-    gradients: Vec<f32>,
+    /// Gradient with respect to the activations of the current block.
+    dactivations: Vec<f32>,
 }
 
-/// A block of samples gathered from several blocks: those that a gradient reaches.
-struct Reached {
+/// Block of samples with a gradient, gathered from several blocks.
+struct GatheredBlock {
     block: Vec<f32>,
-    /// Gradient of the output of each.
+    /// Gradient of the output of each sample.
     grad: Vec<f32>,
-    /// Which sample of the group each is.
+    /// Index of each sample in the group.
     rows: Vec<usize>,
 }
 
-impl Reached {
-    /// Adds sample `s` of `block`, which is number `row` of the group.
-    fn push(&mut self, matrices: &[Place], block: &[f32], grad: &[f32], s: usize, row: usize) {
+impl GatheredBlock {
+    /// Adds sample `s` of `block`, whose index in the group is `row`.
+    fn push(&mut self, matrices: &[Columns], block: &[f32], grad: &[f32], s: usize, row: usize) {
         let slot = self.rows.len();
         for matrix in matrices {
             self.block[matrix.row(slot)].copy_from_slice(&block[matrix.row(s)]);
@@ -327,7 +315,7 @@ impl Kernel for MlpKernel {
     }
 
     fn forward(&self, inputs: &[&[f32]], saved: Option<&mut Vec<f32>>) -> Vec<f32> {
-        let (encoded, inputs) = inputs.split_first().expect("encoded positions come first");
+        let encoded = inputs[0];
         let (width, outputs) = (self.encoded[0].columns, self.output.columns);
         let samples = encoded.len() / width;
         let mut out = vec![0.0; samples * outputs];
@@ -348,9 +336,8 @@ impl Kernel for MlpKernel {
     }
 
     fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
-        let weights = pass.inputs[1];
         let per_group = (pass.saved.len() / self.activations).div_ceil(GROUPS).max(1);
-        let transposed = self.transposed(weights);
+        let transposed = self.transposed(pass.inputs);
         let grads = pass.grad.par_chunks(self.output.columns * BLOCK * per_group);
         let groups: Vec<GroupGradients> = grads
             .zip(pass.saved.par_chunks(self.activations * per_group))
@@ -358,13 +345,14 @@ impl Kernel for MlpKernel {
             .collect();
         let dencoded =
             wanted[0].then(|| groups.iter().filter_map(|part| part.dencoded.as_deref()).flatten().copied().collect());
-        let dweights = wanted[1].then(|| {
-            let mut sum = vec![0.0; weights.len()];
-            for part in groups {
-                sum.iter_mut().zip(part.dweights).for_each(|(sum, part)| *sum += part);
+        let mut sums: Vec<[Vec<f32>; 2]> =
+            self.layers.iter().map(|layer| layer.sizes().map(|size| vec![0.0; size])).collect();
+        for part in groups {
+            for (sum, part) in sums.iter_mut().flatten().zip(part.dparameters.iter().flatten()) {
+                sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
             }
-            sum
-        });
-        vec![dencoded, dweights, None]
+        }
+        let directions = self.direction.map(|_| None);
+        std::iter::once(dencoded).chain(directions).chain(sums.into_iter().flatten().map(Some)).collect()
     }
 }

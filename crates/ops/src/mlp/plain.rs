@@ -1,29 +1,25 @@
-//! The same network from plain tensor operations, on any backend.
+//! Dense layers from Burn's matrix products, on any backend.
 
 use burn::tensor::{FloatDType, Tensor};
 
 use super::{Activation, Dense, Precision, RadianceMlp};
 use crate::dispatch::dispatch;
-use crate::split::{fill_up, parts};
 
-/// [`radiance_mlp`](super::radiance_mlp) without any kernel of the host.
+/// Computes [`radiance_mlp`](super::radiance_mlp) without a kernel of the host.
 pub fn plain(encoded: Tensor<2>, network: &RadianceMlp) -> Tensor<2> {
-    match layers(encoded, network, [Activation::None; 2]) {
+    match heads(encoded, network, [Activation::None; 2]) {
         (sigma, Some(color)) => Tensor::cat(vec![sigma, color], 1),
         (sigma, None) => sigma,
     }
 }
 
-/// Density `[M, 1]` and colour `[M, 3]`, after `activations` of each.
-pub(super) fn layers(
+/// Evaluates density `[M, 1]` and colour `[M, 3]`, each after its activation.
+pub(super) fn heads(
     encoded: Tensor<2>,
     network: &RadianceMlp,
-    activations: [Activation; 2],
+    [sigma, rgb]: [Activation; 2],
 ) -> (Tensor<2>, Option<Tensor<2>>) {
-    let samples = encoded.dims()[0];
-    let parts = parts(samples, &encoded.device());
-    let encoded = fill_up(encoded, parts);
-    let apply = |layer: &Dense, x: Tensor<2>, activation| dense(x, layer, activation, network.precision, parts);
+    let apply = |layer: &Dense, x: Tensor<2>, activation| dense(x, layer, activation, network.precision);
     let mut h = encoded.clone();
     for (index, layer) in network.trunk.iter().enumerate() {
         if index > 0 && index == network.skip {
@@ -31,33 +27,29 @@ pub(super) fn layers(
         }
         h = apply(layer, h, Activation::Relu);
     }
-    let filled = |rows: Tensor<2>| if rows.dims()[0] == samples { rows } else { rows.narrow(0, 0, samples) };
-    let sigma = filled(apply(&network.sigma, h.clone(), activations[0]));
+    let sigma = apply(&network.sigma, h.clone(), sigma);
     let color = network.color.as_ref().map(|branch| {
         // One encoded row per ray, repeated for each of its samples.
-        let direction = fill_up(branch.segments.spread(branch.encoded_directions()), parts);
+        let direction = branch.segments.spread(branch.encoded_directions());
         let feature = apply(&branch.feature, h, Activation::None);
         let h = apply(&branch.view, Tensor::cat(vec![feature, direction], 1), Activation::Relu);
-        filled(apply(&branch.rgb, h, activations[1]))
+        apply(&branch.rgb, h, rgb)
     });
     (sigma, color)
 }
 
-/// The `activation` of a layer of `x`, `[M, N]`, M being a multiple of `parts`.
-#[cfg_attr(not(feature = "cube"), allow(unused_variables, reason = "only GPUs take parts"))]
-fn dense(x: Tensor<2>, layer: &Dense, activation: Activation, precision: Precision, parts: usize) -> Tensor<2> {
-    let Dense { weight, bias } = layer.clone();
+/// Evaluates `activation(x W + b)` of a layer, `[M, inputs]` → `[M, outputs]`; differentiable in all three.
+pub(crate) fn dense(x: Tensor<2>, layer: &Dense, activation: Activation, precision: Precision) -> Tensor<2> {
     dispatch! {
         &x.device();
-        host => activation.apply(product(x, weight, precision) + bias.unsqueeze()),
-        cube if x.dims()[0] > 0 && precision != Precision::F32 => crate::cube::dense(x, (weight, bias), activation, precision, parts),
-        plain => activation.apply(product(x, weight, precision) + bias.unsqueeze()),
+        cube if x.dims()[0] > 0 => super::gpu::dense(x, layer, activation, precision),
+        plain => activation.apply(product(x, layer.weight.clone(), precision) + layer.bias.clone().unsqueeze()),
     }
 }
 
 fn product(x: Tensor<2>, weight: Tensor<2>, precision: Precision) -> Tensor<2> {
     match precision {
-        Precision::F32 | Precision::Tf32 => x.matmul(weight),
+        Precision::F32 => x.matmul(weight),
         Precision::Bf16 => x.cast(FloatDType::BF16).matmul(weight.cast(FloatDType::BF16)).cast(FloatDType::F32),
     }
 }
@@ -67,14 +59,14 @@ mod tests {
     use burn::tensor::Device;
 
     use super::*;
-    use crate::{from_host, to_host};
+    use crate::traffic::{from_host, to_host};
 
-    /// Values of x + b, and slopes that reach b.
+    /// Compares values of f(2x + b), and the gradient with respect to b.
     #[test]
-    fn functions_of_a_sum_by_hand() {
+    fn activations_and_their_gradients_by_hand() {
         let device = Device::flex().autodiff();
         let (e, sigmoid) = (1f32.exp(), |x: f32| 1.0 / (1.0 + (-x).exp()));
-        for (function, values, slope) in [
+        for (function, values, gradient) in [
             (Activation::None, [-1.0, 2.0], 2.0),
             (Activation::Relu, [0.0, 2.0], 1.0),
             (Activation::ShiftedSoftplus, [(-2f32).exp().ln_1p(), e.ln_1p()], sigmoid(-2.0) + sigmoid(1.0)),
@@ -86,9 +78,9 @@ mod tests {
         ] {
             let bias = Tensor::<1>::from_floats([1.0], &device).require_grad();
             let layer = Dense { weight: from_host(&[2.0], 1, &device), bias: bias.clone() };
-            let out = dense(from_host(&[-1.0, 0.5], 1, &device), &layer, function, Precision::F32, 1);
-            let slopes = to_host(bias.grad(&out.clone().sum().backward()).unwrap());
-            for (found, want) in to_host(out).into_iter().zip(values).chain([(slopes[0], slope)]) {
+            let out = dense(from_host(&[-1.0, 0.5], 1, &device), &layer, function, Precision::F32);
+            let gradients = to_host(bias.grad(&out.clone().sum().backward()).unwrap());
+            for (found, want) in to_host(out).into_iter().zip(values).chain([(gradients[0], gradient)]) {
                 approx::assert_abs_diff_eq!(found, want, epsilon = 1e-6);
             }
         }

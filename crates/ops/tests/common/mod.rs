@@ -1,4 +1,4 @@
-//! What the tests of the operations share: the bodies under test and the rays to test them on.
+//! Bodies under test, and rays to test them on.
 
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
@@ -8,7 +8,7 @@ use infonerf_ops::{
     to_host,
 };
 
-/// One implementation on one backend.
+/// Implementation of the operations along rays on one backend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Body {
     /// The host kernels on flex.
@@ -63,7 +63,7 @@ impl Body {
     }
 }
 
-/// Every distribution that an entropy can be of.
+/// All distributions with an entropy.
 pub const DISTRIBUTIONS: [RayDistribution; 3] =
     [RayDistribution::Alpha, RayDistribution::AlphaBackground, RayDistribution::Termination];
 
@@ -83,7 +83,7 @@ pub fn wide(values: &[f32]) -> Vec<f64> {
     values.iter().copied().map(f64::from).collect()
 }
 
-/// Results of two bodies in single precision agree to 2e-5 of the largest number.
+/// Asserts that results of two bodies in single precision agree to 2e-5 of the largest value.
 pub fn assert_close(a: &[f32], b: &[f32], what: &str) {
     assert_eq!(a.len(), b.len(), "{what}");
     let scale = b.iter().fold(1e-3f32, |m, x| m.max(x.abs()));
@@ -91,7 +91,7 @@ pub fn assert_close(a: &[f32], b: &[f32], what: &str) {
     assert!(worst <= 2e-5 * scale, "{what}: {worst} of {scale}");
 }
 
-/// Reproducible numbers in [0, 1): splitmix64.
+/// Reproducible random values by splitmix64.
 pub struct Draws(pub u64);
 
 impl Draws {
@@ -103,12 +103,12 @@ impl Draws {
         ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Uniform in [−1, 1).
+    /// Draws uniformly from [−1, 1).
     pub fn signed(&mut self) -> f32 {
         (self.unit() * 2.0 - 1.0) as f32
     }
 
-    /// An optical depth, log-uniform from 1e-6 to 100, or 0 one time in ten.
+    /// Draws an optical depth, log-uniform from 1e-6 to 100, or 0 one time in ten.
     pub fn tau(&mut self) -> f32 {
         let exponent = self.unit() * 8.0 - 6.0;
         if self.unit() < 0.1 { 0.0 } else { 10f64.powf(exponent) as f32 }
@@ -127,7 +127,7 @@ impl Rays {
         Self { segments: Segments::from_counts(rows.iter().map(Vec::len)), tau: rows.concat() }
     }
 
-    /// Random rays of 0 to 40 samples; every seventh is empty.
+    /// Draws rays of 0 to 40 samples; every seventh is empty.
     pub fn random(draws: &mut Draws, count: usize) -> Self {
         let rows: Vec<Vec<f32>> = (0..count)
             .map(|ray| {
@@ -138,7 +138,7 @@ impl Rays {
         Self::from_rows(&rows)
     }
 
-    /// Every ray of one, two and three samples out of [`EXTREMES`], and rays of all of them.
+    /// Returns every ray of one, two and three samples out of [`EXTREMES`], and rays of all of them.
     pub fn extreme() -> Self {
         let mut rows: Vec<Vec<f32>> = vec![vec![], EXTREMES.to_vec(), EXTREMES.iter().rev().copied().collect()];
         for a in EXTREMES {
@@ -152,5 +152,5 @@ impl Rays {
     }
 }
 
-/// Optical depths from nothing through the subnormal to infinity.
+/// Optical depths from 0 through subnormals to infinity.
 pub const EXTREMES: [f32; 9] = [0.0, 1e-38, 1e-12, 1e-4, 1.0, 30.0, 1e3, 1e30, f32::INFINITY];

@@ -1,4 +1,4 @@
-//! Safetensors: eight bytes with the length of a header of JSON, the header, and the numbers.
+//! Safetensors: eight bytes with the length of a JSON header, the header, and the values.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -7,45 +7,42 @@ use std::path::Path;
 
 use safetensors::tensor::{Metadata, TensorInfo};
 
-use super::Entry;
+use super::WeightEntry;
 
-/// Longest header that is read: that of the format's own library.
-const LONGEST_HEADER: u64 = 100_000_000;
+/// Length limit of the format's own library, bytes.
+const MAX_HEADER: u64 = 100_000_000;
 
-/// Whether the file at `path` begins as one.
-pub(super) fn is_one(path: &Path) -> io::Result<bool> {
+/// Returns whether the file at `path` begins like safetensors.
+pub(super) fn is_safetensors(path: &Path) -> io::Result<bool> {
     let mut start = Vec::new();
     File::open(path)?.take(9).read_to_end(&mut start)?;
     Ok(start.len() == 9 && start[8] == b'{')
 }
 
-/// The tensors of a safetensors file.
-pub(super) fn entries(path: &Path) -> Result<BTreeMap<String, Entry>, String> {
+/// Lists the tensors of a safetensors file.
+pub(super) fn entries(path: &Path) -> Result<BTreeMap<String, WeightEntry>, String> {
     let fault = |cause: &dyn std::fmt::Display| format!("no safetensors file: {cause}");
     let mut file = File::open(path).map_err(|error| error.to_string())?;
     let length = file.metadata().map_err(|error| error.to_string())?.len();
     let mut header = [0; 8];
     file.read_exact(&mut header).map_err(|error| fault(&error))?;
     let start = u64::from_le_bytes(header).saturating_add(8);
-    if start > length.min(LONGEST_HEADER) {
-        return Err(fault(&format!("its header is said to be {start} bytes long, the file has {length}")));
+    if start > length.min(MAX_HEADER) {
+        return Err(fault(&format!("its header should be {start} bytes long, the file has {length}")));
     }
     let mut header = vec![0; start as usize - 8];
     file.read_exact(&mut header).map_err(|error| fault(&error))?;
-    // This checks that the tensors follow each other and are as long as their shapes say.
+    // Parsing checks that the tensors follow each other and that their lengths match their shapes.
     let metadata: Metadata = serde_json::from_slice(&header).map_err(|error| fault(&error))?;
     let tensors = metadata.tensors();
-    let numbers = tensors.values().map(|info| info.data_offsets.1).max().unwrap_or(0) as u64;
-    if start.checked_add(numbers) != Some(length) {
-        return Err(fault(&format!(
-            "its tensors are said to be {numbers} bytes long, the file has {}",
-            length - start
-        )));
+    let values = tensors.values().map(|info| info.data_offsets.1).max().unwrap_or(0) as u64;
+    if start.checked_add(values) != Some(length) {
+        return Err(fault(&format!("its tensors should be {values} bytes long, the file has {}", length - start)));
     }
     Ok(tensors.into_iter().map(|(name, info)| (name, entry(path, start, info))).collect())
 }
 
-fn entry(path: &Path, start: u64, info: &TensorInfo) -> Entry {
+fn entry(path: &Path, start: u64, info: &TensorInfo) -> WeightEntry {
     let (path, (first, end)) = (path.to_owned(), info.data_offsets);
     let bytes = move || {
         let mut file = File::open(&path)?;
@@ -56,7 +53,7 @@ fn entry(path: &Path, start: u64, info: &TensorInfo) -> Entry {
     };
     let read = move || {
         let bytes = bytes().map_err(|error: io::Error| error.to_string())?;
-        Ok(bytes.as_chunks().0.iter().map(|number| f32::from_le_bytes(*number)).collect())
+        Ok(bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect())
     };
-    Entry { shape: info.shape.clone(), dtype: format!("{:?}", info.dtype), read: Box::new(read) }
+    WeightEntry { shape: info.shape.clone(), dtype: format!("{:?}", info.dtype), read: Box::new(read) }
 }

@@ -1,9 +1,9 @@
-//! Pictures at Inception's size and in its range.
+//! Resizing of images to Inception's size and range.
 
 use infonerf_metrics::Picture;
 use infonerf_metrics::protocol::InceptionInput;
 
-/// `picture` brought to `side` × `side` pixels and about [−1, 1], row-major with channels innermost.
+/// Resizes `picture` to `side` × `side` pixels and scales it to about [−1, 1], row-major with channels innermost.
 ///
 /// pytorch-fid resizes like PyTorch's `interpolate(mode="bilinear", align_corners=False)`, which skips pixels where it
 /// shrinks, and takes 2x − 1. clean-fid resizes like Pillow's bicubic filter of float images, as wide as what it shrinks,
@@ -21,17 +21,17 @@ pub(super) fn resized(picture: &Picture, side: usize, input: InceptionInput) -> 
         InceptionInput::PytorchFid => 2.0 * value - 1.0,
         InceptionInput::CleanFid => (255.0 * value - 128.0) / 128.0,
     };
-    let line = |taps: &Taps| (0..side).map(|x| taps.sum(|y| across[y * side + x])).collect::<Vec<_>>();
+    let line = |taps: &ResizeTaps| (0..side).map(|x| taps.sum(|y| across[y * side + x])).collect::<Vec<_>>();
     rows.iter().flat_map(line).flatten().map(scale).collect()
 }
 
-/// What an output pixel is made of along one axis.
-struct Taps {
+/// Weights of consecutive input pixels for an output pixel, along one axis.
+struct ResizeTaps {
     first: usize,
     weights: Vec<f32>,
 }
 
-impl Taps {
+impl ResizeTaps {
     fn sum(&self, pixel: impl Fn(usize) -> [f32; 3]) -> [f32; 3] {
         let mut sum = [0.0; 3];
         for (at, weight) in (self.first..).zip(&self.weights) {
@@ -42,8 +42,8 @@ impl Taps {
     }
 }
 
-/// The taps of `to` output pixels among `from` input pixels, centres at + 0.5.
-fn taps(from: usize, to: usize, input: InceptionInput) -> Vec<Taps> {
+/// Returns the taps of `to` output pixels among `from` input pixels, centres at + 0.5.
+fn taps(from: usize, to: usize, input: InceptionInput) -> Vec<ResizeTaps> {
     let step = from as f64 / to as f64;
     let centre = |at: usize| (at as f64 + 0.5) * step;
     match input {
@@ -52,23 +52,23 @@ fn taps(from: usize, to: usize, input: InceptionInput) -> Vec<Taps> {
     }
 }
 
-/// Between the two pixels around `at`, in units of pixels from the first one's centre.
-fn linear(at: f64, from: usize) -> Taps {
+/// Interpolates between the two pixels around `at`, measured in pixels from the first one's centre.
+fn linear(at: f64, from: usize) -> ResizeTaps {
     let at = at.clamp(0.0, (from - 1) as f64);
     let first = (at as usize).min(from.saturating_sub(2));
     let share = (at - first as f64) as f32;
     let weights = if from == 1 { vec![1.0] } else { vec![1.0 - share, share] };
-    Taps { first, weights }
+    ResizeTaps { first, weights }
 }
 
-/// Keys' cubic with a = −½ about `centre`, stretched by `scale`, over the pixels that there are.
-fn cubic(centre: f64, scale: f64, from: usize) -> Taps {
+/// Samples Keys' cubic with a = −½ about `centre`, stretched by `scale`, at the pixels inside the image.
+fn cubic(centre: f64, scale: f64, from: usize) -> ResizeTaps {
     let reach = 2.0 * scale;
     let first = (centre - reach + 0.5).max(0.0) as usize;
     let end = ((centre + reach + 0.5) as usize).min(from);
     let weight = |x: usize| keys((x as f64 + 0.5 - centre) / scale);
     let total: f64 = (first..end).map(weight).sum();
-    Taps { first, weights: (first..end).map(|x| (weight(x) / total) as f32).collect() }
+    ResizeTaps { first, weights: (first..end).map(|x| (weight(x) / total) as f32).collect() }
 }
 
 fn keys(x: f64) -> f64 {
@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_same_size_is_the_same_picture() {
+    fn resizing_to_the_same_size_changes_nothing() {
         let picture = Picture::new((0..25).map(|i| [i as f32 / 25.0, 0.0, 1.0]).collect(), 5, 5).unwrap();
         for input in [InceptionInput::PytorchFid, InceptionInput::CleanFid] {
             let resized = resized(&picture, 5, input);
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flat_picture_stays_flat_at_any_size() {
+    fn flat_images_stay_flat_at_any_size() {
         for (width, height) in [(1, 1), (1, 7), (2, 3), (31, 400)] {
             let picture = Picture::new(vec![[0.25; 3]; width * height], width, height).unwrap();
             let expected = (255.0 * 0.25 - 128.0) / 128.0;

@@ -1,139 +1,121 @@
-use crate::TensorShape;
-use crate::maps::Window;
+use crate::file::TensorShape;
+use crate::layers::Window;
 
-/// Layers of LPIPS's backbone.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// Layers of the backbone of LPIPS.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LpipsConfig {
-    layers: Vec<Layer>,
+    pub(super) layers: Vec<LpipsLayer>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Layer {
-    /// A convolution and a rectifier. Pictures are compared behind it if it `is_compared`.
-    Convolution { window: Window, channels: usize, is_compared: bool },
+pub(super) enum LpipsLayer {
+    /// Convolution and rectifier.
+    Convolution(ConvolutionShape),
     /// Max pooling.
     Pool(Window),
 }
 
-/// A layer with what follows from those before it.
-pub(super) enum Placed {
-    Convolution(PlacedConvolution),
-    Pool(Window),
-}
-
-pub(super) struct PlacedConvolution {
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ConvolutionShape {
     pub(super) window: Window,
     /// Inputs and outputs.
     pub(super) channels: [usize; 2],
-    /// Number among the layers of torchvision's `features`, which counts rectifiers.
-    place: usize,
-    /// Number among the heads, if pictures are compared behind it.
+    /// Index among the layers of torchvision's `features`, which counts rectifiers.
+    index: usize,
+    /// Index among the heads, if images are compared after it.
     head: Option<usize>,
 }
 
 impl LpipsConfig {
-    /// AlexNet (Krizhevsky 2014), compared behind each of its five convolutions.
+    /// Returns AlexNet (Krizhevsky 2014), compared after each of its five convolutions.
     #[must_use]
     pub fn alex() -> Self {
-        let convolution = |kernel, stride, padding, channels| {
-            let window = Window::square(kernel, stride, padding);
-            Layer::Convolution { window, channels, is_compared: true }
-        };
-        let pool = Layer::Pool(Window::square(3, 2, 0));
-        let layers = vec![
-            convolution(11, 4, 2, 64),
-            pool,
-            convolution(5, 1, 2, 192),
-            pool,
-            convolution(3, 1, 1, 384),
-            convolution(3, 1, 1, 256),
-            convolution(3, 1, 1, 256),
-        ];
-        Self { layers }
+        Self::default()
+            .convolution(Window::square(11, 4, 2), 64, true)
+            .pool(Window::square(3, 2, 0))
+            .convolution(Window::square(5, 1, 2), 192, true)
+            .pool(Window::square(3, 2, 0))
+            .convolution(Window::square(3, 1, 1), 384, true)
+            .convolution(Window::square(3, 1, 1), 256, true)
+            .convolution(Window::square(3, 1, 1), 256, true)
     }
 
-    /// VGG-16 (Simonyan and Zisserman 2015), compared behind the last convolution at each size.
+    /// Returns VGG-16 (Simonyan and Zisserman 2015), compared after the last convolution at each size.
     #[must_use]
     pub fn vgg() -> Self {
-        let mut layers = Vec::new();
+        let mut config = Self::default();
         for (channels, count) in [(64, 2), (128, 2), (256, 3), (512, 3), (512, 3)] {
-            if !layers.is_empty() {
-                layers.push(Layer::Pool(Window::square(2, 2, 0)));
+            if !config.layers.is_empty() {
+                config = config.pool(Window::square(2, 2, 0));
             }
-            let window = Window::square(3, 1, 1);
-            let convolution = |index| Layer::Convolution { window, channels, is_compared: index + 1 == count };
-            layers.extend((0..count).map(convolution));
+            for index in 1..=count {
+                config = config.convolution(Window::square(3, 1, 1), channels, index == count);
+            }
         }
-        Self { layers }
+        config
     }
 
-    /// The same with a fraction of the channels, for tests.
-    ///
-    /// # Panics
-    /// If a number of channels cannot be divided by `divisor`.
+    fn convolution(mut self, window: Window, outputs: usize, is_compared: bool) -> Self {
+        let torchvision_layers = |layer: &LpipsLayer| if matches!(layer, LpipsLayer::Pool(_)) { 1 } else { 2 };
+        let index = self.layers.iter().map(torchvision_layers).sum();
+        let inputs = self.convolutions().last().map_or(3, |before| before.channels[1]);
+        let heads = self.convolutions().filter(|before| before.head.is_some()).count();
+        let shape = ConvolutionShape { window, channels: [inputs, outputs], index, head: is_compared.then_some(heads) };
+        self.layers.push(LpipsLayer::Convolution(shape));
+        self
+    }
+
+    fn pool(mut self, window: Window) -> Self {
+        self.layers.push(LpipsLayer::Pool(window));
+        self
+    }
+
+    /// Divides all numbers of channels but the image's by `divisor`, for tests.
     #[must_use]
     pub fn narrowed(mut self, divisor: usize) -> Self {
         for layer in &mut self.layers {
-            if let Layer::Convolution { channels, .. } = layer {
-                assert!(channels.is_multiple_of(divisor), "{channels} channels by {divisor}");
-                *channels /= divisor;
+            if let LpipsLayer::Convolution(ConvolutionShape { channels, .. }) = layer {
+                *channels = channels.map(|count| if count == 3 { count } else { count / divisor });
             }
         }
         self
     }
 
-    /// Names and shapes of the backbone's tensors, as torchvision has them.
+    /// Returns names and shapes of the backbone's tensors, as in torchvision.
     pub fn backbone_tensors(&self) -> Vec<TensorShape> {
-        self.convolutions().flat_map(|convolution| convolution.tensors()).collect()
+        self.convolutions().flat_map(ConvolutionShape::tensors).collect()
     }
 
-    /// Names and shapes of the heads' tensors, as the `lpips` package has them.
+    /// Returns names and shapes of the heads' tensors, as in the `lpips` package.
     pub fn head_tensors(&self) -> Vec<TensorShape> {
-        self.convolutions().filter_map(|convolution| convolution.head_tensor()).collect()
+        self.convolutions().filter_map(ConvolutionShape::head_tensor).collect()
     }
 
-    /// Every layer in its place.
-    pub(super) fn placed(&self) -> impl Iterator<Item = Placed> {
-        let (mut place, mut inputs, mut heads) = (0, 3, 0..);
-        self.layers.iter().map(move |layer| match *layer {
-            Layer::Pool(window) => {
-                place += 1;
-                Placed::Pool(window)
-            }
-            Layer::Convolution { window, channels, is_compared } => {
-                let head = if is_compared { heads.next() } else { None };
-                let placed = PlacedConvolution { window, channels: [inputs, channels], place, head };
-                (place, inputs) = (place + 2, channels);
-                Placed::Convolution(placed)
-            }
+    fn convolutions(&self) -> impl Iterator<Item = &ConvolutionShape> {
+        self.layers.iter().filter_map(|layer| match layer {
+            LpipsLayer::Convolution(convolution) => Some(convolution),
+            LpipsLayer::Pool(_) => None,
         })
     }
 
-    fn convolutions(&self) -> impl Iterator<Item = PlacedConvolution> {
-        self.placed().filter_map(|layer| match layer {
-            Placed::Convolution(convolution) => Some(convolution),
-            Placed::Pool(_) => None,
-        })
-    }
-
-    /// Whether it can look at pictures of `size` = (height, width).
+    /// Returns whether images of `size` = (height, width) are large enough for every window.
     pub(super) fn fits(&self, size: [usize; 2]) -> bool {
-        let output = |size: [usize; 2], layer: &Layer| match layer {
-            Layer::Convolution { window, .. } | Layer::Pool(window) => window.output(size),
+        let output = |size: [usize; 2], layer: &LpipsLayer| match layer {
+            LpipsLayer::Convolution(ConvolutionShape { window, .. }) | LpipsLayer::Pool(window) => window.output(size),
         };
         self.layers.iter().try_fold(size, output).is_some()
     }
 }
 
-impl PlacedConvolution {
-    /// Names and shapes of weight and bias.
+impl ConvolutionShape {
+    /// Returns names and shapes of weight and bias.
     pub(super) fn tensors(&self) -> [TensorShape; 2] {
         let ([inputs, outputs], [height, width]) = (self.channels, self.window.kernel);
-        let name = |part: &str| format!("features.{}.{part}", self.place);
+        let name = |part: &str| format!("features.{}.{part}", self.index);
         [(name("weight"), vec![outputs, inputs, height, width]), (name("bias"), vec![outputs])]
     }
 
-    /// Name and shape of the head behind it.
+    /// Returns name and shape of the head after it, if any.
     pub(super) fn head_tensor(&self) -> Option<TensorShape> {
         self.head.map(|head| (format!("lin{head}.model.1.weight"), vec![1, self.channels[1], 1, 1]))
     }
@@ -144,16 +126,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn layers_are_counted_as_torchvision_does() {
-        let places = |config: LpipsConfig| config.convolutions().map(|placed| placed.place).collect::<Vec<_>>();
-        assert_eq!(places(LpipsConfig::alex()), [0, 3, 6, 8, 10]);
-        assert_eq!(places(LpipsConfig::vgg()), [0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28]);
+    fn layer_indices_agree_with_torchvision() {
+        let indices = |config: LpipsConfig| config.convolutions().map(|shape| shape.index).collect::<Vec<_>>();
+        assert_eq!(indices(LpipsConfig::alex()), [0, 3, 6, 8, 10]);
+        assert_eq!(indices(LpipsConfig::vgg()), [0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28]);
         let heads: Vec<usize> = LpipsConfig::vgg().head_tensors().iter().map(|(_, shape)| shape[1]).collect();
         assert_eq!(heads, [64, 128, 256, 512, 512]);
     }
 
     #[test]
-    fn small_pictures_do_not_fit() {
+    fn fits_from_the_smallest_possible_side() {
         let smallest = |config: LpipsConfig| (1..100).find(|side| config.fits([*side, *side])).unwrap();
         assert_eq!((smallest(LpipsConfig::alex()), smallest(LpipsConfig::vgg())), (31, 16));
     }

@@ -1,42 +1,44 @@
-//! LPIPS, version 0.1 (Zhang, Isola, Efros, Shechtman, Wang 2018): how different two pictures look.
+//! LPIPS 0.1 (Zhang, Isola, Efros, Shechtman, Wang 2018), a learned perceptual distance between two images.
 
 mod config;
-mod difference;
 
 pub use config::LpipsConfig;
 
 use std::path::Path;
 
-use burn::tensor::Device;
+use burn::tensor::{Device, Tensor, TensorData};
 use infonerf_metrics::protocol::LpipsInput;
 use infonerf_metrics::{Picture, PictureDistance, Protocol};
+use infonerf_ops::to_host;
 
-use crate::file::Named;
-use crate::maps::{Convolution, Maps, Window, max_pool};
-use config::Placed;
-use difference::difference;
+use crate::file::{NamedFile, TensorShape};
+use crate::layers::{Convolution, Window, maps_of_pixels, max_pool};
+use config::LpipsLayer;
 
-/// Mean and standard deviation of each channel, for pictures in [−1, 1].
+/// Mean and standard deviation of each channel, for images in [−1, 1].
 const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
 const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
-/// Pixels that a device other than the host works on at a time, of renders and truths each.
-const BATCH_PIXELS: usize = 640_000;
+/// Pixels of the renders in one pass, and as many of the truths.
+const BATCH_PIXELS: usize = 160_000;
+/// Added to the length of a feature vector, which may be 0.
+const EPSILON: f32 = 1e-10;
 
-/// The learned perceptual distance
+/// Learned perceptual distance
 ///
 /// `d(x, y) = Σ_l mean_hw Σ_c w_lc (x̂_lhwc − ŷ_lhwc)²`
 ///
-/// with the features of layer l of a backbone, each pixel's of unit length, `x̂ = x / (‖x‖ + 1e-10)`, and a learned weight
-/// `w` per channel. Weights are fixed, and there is no gradient.
+/// with the features of layer l of a backbone, scaled to unit length at each pixel, `x̂ = x / (‖x‖ + 1e-10)`, and a learned
+/// weight `w` per channel. Weights are fixed, and there is no gradient.
 pub struct Lpips {
     config: LpipsConfig,
-    layers: Vec<Stage>,
+    layers: Vec<LpipsStage>,
     device: Device,
 }
 
-enum Stage {
-    /// A convolution, and the weights `w` if pictures are compared behind it.
-    Convolution(Convolution, Option<Vec<f32>>),
+#[allow(clippy::large_enum_variant, reason = "a network has few stages")]
+enum LpipsStage {
+    /// A convolution, and the weights `w`, `[1, channels, 1, 1]`, if images are compared after it.
+    Convolution(Convolution, Option<Tensor<4>>),
     Pool(Window),
 }
 
@@ -47,66 +49,59 @@ impl Lpips {
     /// One line that names the file, and the tensor which is missing or has another shape.
     pub fn read(backbone: &Path, heads: &Path, config: LpipsConfig, device: &Device) -> Result<Self, String> {
         let device = device.clone().inner();
-        let backbone = Named::open(backbone)?;
-        let heads = Named::open(heads)?;
-        let stage = |layer: Placed| match layer {
-            Placed::Pool(window) => Ok(Stage::Pool(window)),
-            Placed::Convolution(convolution) => {
+        let backbone = NamedFile::open(backbone)?;
+        let heads = NamedFile::open(heads)?;
+        let head = |tensor: TensorShape| {
+            let weights: Vec<f32> = heads.floats(&tensor)?;
+            let shape = [1, weights.len(), 1, 1];
+            Ok::<_, String>(Tensor::from_data(TensorData::new(weights, shape), &device))
+        };
+        let stage = |layer: &LpipsLayer| match layer {
+            LpipsLayer::Pool(window) => Ok(LpipsStage::Pool(*window)),
+            LpipsLayer::Convolution(convolution) => {
                 let [weight, bias] = convolution.tensors().map(|tensor| backbone.floats(&tensor));
-                let numbers = (weight?, bias?);
-                let head = convolution.head_tensor().map(|tensor| heads.floats(&tensor)).transpose()?;
-                Ok(Stage::Convolution(
-                    Convolution::new(convolution.window, convolution.channels, numbers, &device),
-                    head,
-                ))
+                let head = convolution.head_tensor().map(head).transpose();
+                let weights = (weight?, bias?);
+                let convolution = Convolution::new(convolution.window, convolution.channels, weights, &device);
+                Ok(LpipsStage::Convolution(convolution, head?))
             }
         };
-        let layers = config.placed().map(stage).collect::<Result<_, String>>()?;
+        let layers = config.layers.iter().map(stage).collect::<Result<_, String>>()?;
         Ok(Self { config, layers, device })
     }
 
-    /// The distance of each pair of pictures. The host works on one pair at a time, other devices on as many of the same
-    /// size as fit in a batch; it takes about 1 KiB of memory per pixel with VGG-16.
+    /// Computes the distance of each pair. Neighbours of one size share a pass while they are small together; with VGG-16 a
+    /// pass takes about 2 KiB of memory per pixel of a pair.
     ///
     /// # Errors
-    /// One line if the pictures of a pair differ in size, or are too small for the backbone.
+    /// One line if the images of a pair differ in size, or are too small for the backbone.
     pub fn distances(&self, pairs: &[(&Picture, &Picture)], input: LpipsInput) -> Result<Vec<f64>, String> {
         for (render, truth) in pairs {
             let [width, height] = truth.size();
             if render.size() != truth.size() {
-                return Err(format!(
-                    "pictures of {:?} and {:?} pixels cannot be compared",
-                    render.size(),
-                    truth.size()
-                ));
+                let (render, truth) = (render.size(), truth.size());
+                return Err(format!("images of {render:?} and {truth:?} pixels cannot be compared"));
             }
             if !self.config.fits([height, width]) {
                 return Err(format!("{width}×{height} pixels are too few for its convolutions"));
             }
         }
         let same_size = pairs.chunk_by(|(one, _), (other, _)| one.size() == other.size());
-        let batches = same_size.flat_map(|pairs| pairs.chunks(self.batch(pairs[0].0)));
-        Ok(batches.flat_map(|batch| self.of_batch(batch, input)).collect())
+        let passes = same_size.flat_map(|pairs| pairs.chunks((BATCH_PIXELS / pairs[0].0.pixels().len()).max(1)));
+        Ok(passes.flat_map(|pairs| self.distances_of_one_size(pairs, input)).collect())
     }
 
-    fn batch(&self, picture: &Picture) -> usize {
-        let on_host = infonerf_ops::has_host_kernels(&self.device);
-        if on_host { 1 } else { (BATCH_PIXELS / picture.pixels().len()).max(1) }
-    }
-
-    /// The same of pictures of one size, in one pass.
-    fn of_batch(&self, pairs: &[(&Picture, &Picture)], input: LpipsInput) -> Vec<f64> {
-        let renders = pairs.iter().map(|(render, _)| *render);
-        let truths = pairs.iter().map(|(_, truth)| *truth);
-        let mut maps = self.input(renders.chain(truths), input);
+    fn distances_of_one_size(&self, pairs: &[(&Picture, &Picture)], input: LpipsInput) -> Vec<f64> {
+        let pictures: Vec<&Picture> = pairs.iter().map(|pair| pair.0).chain(pairs.iter().map(|pair| pair.1)).collect();
+        let mut maps = self.input(&pictures, input);
         let mut distances = vec![0.0; pairs.len()];
         for layer in &self.layers {
             match layer {
-                Stage::Pool(window) => maps = max_pool(&maps, *window),
-                Stage::Convolution(convolution, weights) => {
-                    maps = convolution.forward(&maps);
+                LpipsStage::Pool(window) => maps = max_pool(maps, *window),
+                LpipsStage::Convolution(convolution, weights) => {
+                    maps = convolution.forward(maps);
                     if let Some(weights) = weights {
-                        let differences = difference(&maps, weights);
+                        let differences = differences(&maps, weights);
                         distances.iter_mut().zip(differences).for_each(|(sum, difference)| *sum += difference);
                     }
                 }
@@ -115,25 +110,51 @@ impl Lpips {
         distances
     }
 
-    /// Pictures with each channel shifted and scaled to what the backbone was trained on.
-    fn input<'a>(&self, pictures: impl Iterator<Item = &'a Picture>, input: LpipsInput) -> Maps {
-        let (mut values, mut count, mut size) = (Vec::new(), 0, [0; 2]);
-        for picture in pictures {
-            for pixel in picture.pixels() {
-                let value = |channel: usize| {
-                    let value = if input == LpipsInput::Signed { 2.0 * pixel[channel] - 1.0 } else { pixel[channel] };
-                    (value - SHIFT[channel]) / SCALE[channel]
-                };
-                values.extend([value(0), value(1), value(2)]);
-            }
-            (count, size) = (count + 1, picture.size());
-        }
-        Maps::new(values, [count, size[1], size[0], 3], &self.device)
+    /// Uploads images of one size, with each channel shifted and scaled to what the backbone was trained on.
+    fn input(&self, pictures: &[&Picture], input: LpipsInput) -> Tensor<4> {
+        let value = |value: f32, channel: usize| {
+            let value = if input == LpipsInput::Signed { 2.0 * value - 1.0 } else { value };
+            (value - SHIFT[channel]) / SCALE[channel]
+        };
+        let pixels = pictures.iter().flat_map(|picture| picture.pixels());
+        let values = pixels.flat_map(|pixel| [0, 1, 2].map(|channel| value(pixel[channel], channel))).collect();
+        let [width, height] = pictures[0].size();
+        maps_of_pixels(values, [pictures.len(), height, width], &self.device)
     }
+}
+
+/// Returns `mean_hw Σ_c w_c (x̂_hwc − ŷ_hwc)²` for each pair of the first and the second half of the maps.
+fn differences(maps: &Tensor<4>, weights: &Tensor<4>) -> Vec<f64> {
+    let pairs = maps.dims()[0] / 2;
+    let difference = |pair: usize| {
+        // One pair at a time, for the memory's sake.
+        let [x, y] = [pair, pair + pairs].map(|index| {
+            let map = maps.clone().narrow(0, index, 1);
+            map.clone() / (map.square().sum_dim(1).sqrt() + EPSILON)
+        });
+        ((x - y).square() * weights.clone()).sum_dim(1).mean()
+    };
+    to_host(Tensor::cat((0..pairs).map(difference).collect(), 0)).into_iter().map(f64::from).collect()
 }
 
 impl PictureDistance for Lpips {
     fn distance(&self, render: &Picture, truth: &Picture, protocol: &Protocol) -> Result<f64, String> {
         Ok(self.distances(&[(render, truth)], protocol.lpips_input)?[0])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn differences_have_the_closed_form() {
+        // Two pairs of 1×2 pixels with 2 channels: (3, 4) against (1, 0) and 0 against (0, 2); then twice the same.
+        let values = vec![3.0f32, 0.0, 4.0, 0.0, 1.0, 2.0, 1.0, 5.0, 1.0, 0.0, 0.0, 2.0, 1.0, 2.0, 1.0, 5.0];
+        let maps = Tensor::from_data(TensorData::new(values, [4, 2, 1, 2]), &Device::flex());
+        let found = differences(&maps, &Tensor::from_floats([[[[0.5]], [[2.0]]]], &Device::flex()));
+        let expected = (0.5 * 0.16 + 2.0 * 0.64 + 2.0) / 2.0;
+        approx::assert_relative_eq!(found[0], expected, max_relative = 1e-6);
+        assert_eq!(found[1], 0.0);
     }
 }

@@ -4,12 +4,12 @@ use safetensors::Dtype;
 use safetensors::tensor::{TensorView, serialize_to_file};
 
 use super::{KNOWN_WEIGHTS, KnownWeights, Store, WeightsError};
-use crate::WeightFile;
+use crate::file::WeightFile;
 
 impl Store {
-    /// Takes the weights in `file`, which is safetensors or PyTorch's: finds out by names and shapes what they are, and
-    /// writes the tensors that are needed as safetensors into the first folder, where a file of that name is replaced only
-    /// by a whole one. Gives what it found and where it is.
+    /// Imports the weights in `file`, safetensors or PyTorch's: recognises them by names and shapes, and writes the tensors
+    /// that are needed as safetensors into the first folder, where a file of that name is replaced only by a whole one.
+    /// Returns what was found, with the path of the copy.
     ///
     /// # Errors
     /// If the file cannot be read, holds none of [`KNOWN_WEIGHTS`] in full, or the folder cannot be written.
@@ -20,7 +20,7 @@ impl Store {
         found.into_iter().map(|weights| Ok((weights, self.keep(weights, &tensors, file)?))).collect()
     }
 
-    /// Writes what is needed of `tensors`, which come from the file `source`.
+    /// Writes the tensors of `weights` from `tensors`, which were read from `source`.
     pub(super) fn keep(
         &self,
         weights: &KnownWeights,
@@ -28,8 +28,8 @@ impl Store {
         source: &Path,
     ) -> Result<PathBuf, WeightsError> {
         let read = |(name, shape): (String, Vec<usize>)| {
-            let numbers = tensors.floats(&name, &shape)?;
-            Ok((name, shape, numbers.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<u8>>()))
+            let values = tensors.floats(&name, &shape)?;
+            Ok((name, shape, values.into_iter().flat_map(f32::to_le_bytes).collect::<Vec<u8>>()))
         };
         let needed = (weights.tensors)().into_iter().map(read).collect::<Result<Vec<_>, String>>();
         let needed = needed.map_err(|cause| WeightsError::File { path: source.to_owned(), cause })?;
@@ -41,26 +41,26 @@ impl Store {
         let folder = self.target();
         std::fs::create_dir_all(folder).map_err(|error| WeightsError::io(folder, &error))?;
         let path = folder.join(weights.file());
-        let beside = folder.join(format!(".{}.{}", weights.file(), std::process::id()));
-        let written = serialize_to_file(views, &None, &beside)
+        let temporary = folder.join(format!(".{}.{}", weights.file(), std::process::id()));
+        let written = serialize_to_file(views, &None, &temporary)
             .map_err(|error| match error {
                 safetensors::SafeTensorError::IoError(error) => WeightsError::io(&path, &error),
                 error => WeightsError::File { path: path.clone(), cause: format!("{error:?}") },
             })
-            .and_then(|()| std::fs::rename(&beside, &path).map_err(|error| WeightsError::io(&path, &error)));
+            .and_then(|()| std::fs::rename(&temporary, &path).map_err(|error| WeightsError::io(&path, &error)));
         if let Err(error) = written {
-            // What is half written is of no use; if it cannot be removed, the first fault is the one to tell.
-            let _ = std::fs::remove_file(&beside);
+            // The first error matters, not one of cleaning up.
+            let _ = std::fs::remove_file(&temporary);
             return Err(error);
         }
         Ok(path)
     }
 }
 
-/// Which weights a file holds in full.
+/// Returns the weights that a file holds in full.
 ///
 /// # Errors
-/// If none: what the most similar ones lack.
+/// If there are none; names what the most similar ones lack.
 pub(super) fn recognised(file: &WeightFile) -> Result<Vec<&'static KnownWeights>, String> {
     let mut nearest = (0.0, "it has no tensor that a known network has".to_owned());
     let mut found = Vec::new();

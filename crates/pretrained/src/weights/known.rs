@@ -1,28 +1,31 @@
 use infonerf_metrics::{INCEPTION_NETWORK, LPIPS_ALEX_NETWORK, LPIPS_VGG_NETWORK};
 
 use super::resnet34;
-use crate::{ClipConfig, InceptionConfig, LpipsConfig, TensorShape};
+use crate::clip::ClipConfig;
+use crate::file::TensorShape;
+use crate::inception::InceptionConfig;
+use crate::lpips::LpipsConfig;
 
-/// Published weights that something in this program needs.
+/// Published weights that this program can use.
 #[derive(Debug, Clone, Copy)]
 pub struct KnownWeights {
-    /// How they are called here.
+    /// Name in this program, such as `lpips-vgg`.
     pub name: &'static str,
-    /// What needs them.
+    /// Metric, loss or encoder that needs them.
     pub needed_by: &'static str,
-    /// Other weights that are of use only together with these.
+    /// Names of further weights without which these are of no use.
     pub companions: &'static [&'static str],
-    /// Where they are published.
+    /// Address of the published file.
     pub url: &'static str,
     /// SHA-256 of the published file.
     pub sha256: &'static str,
     /// Size of the published file.
     pub bytes: u64,
-    /// Which of its tensors are needed.
+    /// Lists the tensors of the file that are needed.
     pub(super) tensors: fn() -> Vec<TensorShape>,
 }
 
-/// All of them.
+/// All weights that this program can use.
 pub const KNOWN_WEIGHTS: &[KnownWeights] = &[
     KnownWeights {
         name: LPIPS_ALEX_NETWORK,
@@ -91,17 +94,17 @@ pub const KNOWN_WEIGHTS: &[KnownWeights] = &[
 ];
 
 impl KnownWeights {
-    /// The weights called `name`.
+    /// Finds the weights called `name`.
     pub fn named(name: &str) -> Option<&'static Self> {
         KNOWN_WEIGHTS.iter().find(|weights| weights.name == name)
     }
 
-    /// Name of the published file.
+    /// Returns the name of the published file.
     pub fn published_file(&self) -> &'static str {
         self.url.rsplit('/').next().unwrap_or(self.url)
     }
 
-    /// Name of the file that an import writes: safetensors of what is needed.
+    /// Returns the name of the file that an import writes: safetensors of the needed tensors.
     pub fn file(&self) -> String {
         format!("{}.safetensors", self.name)
     }
@@ -114,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_is_told_from_the_others_by_its_tensors() {
+    fn tensors_distinguish_all_weights() {
         let names: HashSet<&str> = KNOWN_WEIGHTS.iter().map(|weights| weights.name).collect();
         assert_eq!(names.len(), KNOWN_WEIGHTS.len());
         for one in KNOWN_WEIGHTS {
@@ -132,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn sums_are_sums_and_agree_with_names() {
+    fn checksums_are_well_formed_and_agree_with_file_names() {
         for weights in KNOWN_WEIGHTS {
             assert!(weights.sha256.len() == 64 && weights.sha256.bytes().all(|b| b.is_ascii_hexdigit()));
             // PyTorch's published files have the first eight digits of their sum in their names.

@@ -1,4 +1,4 @@
-//! Which published weights there are, where they are looked for, and how they get there.
+//! Published weights: the list, where files are searched, importing and fetching.
 
 mod error;
 #[cfg(feature = "fetch")]
@@ -11,6 +11,6 @@ mod store;
 
 pub use error::WeightsError;
 #[cfg(feature = "fetch")]
-pub use fetch::Progress;
+pub use fetch::DownloadProgress;
 pub use known::{KNOWN_WEIGHTS, KnownWeights};
 pub use store::{Status, Store};

@@ -2,21 +2,29 @@ use burn::tensor::Device;
 use infonerf_metrics::{INCEPTION_NETWORK, LPIPS_ALEX_NETWORK, LPIPS_VGG_NETWORK, Metric, Networks};
 
 use super::{KnownWeights, Store, WeightsError};
-use crate::{Inception, InceptionConfig, Lpips, LpipsConfig};
+use crate::inception::{Inception, InceptionConfig};
+use crate::lpips::{Lpips, LpipsConfig};
 
 impl Store {
-    /// The networks that `metrics` need, of those whose weights are here, on `device`.
+    /// Reads to `device` the networks that `metrics` need and whose weights are present.
     ///
     /// # Errors
-    /// If weights are here and cannot be read: what is broken is not taken for missing.
+    /// If weights are present and cannot be read: broken files do not count as missing.
     pub fn networks(&self, metrics: &[&Metric], device: &Device) -> Result<Networks, WeightsError> {
         let is_needed = |name: &str| metrics.iter().any(|metric| metric.network() == Some(name));
         let mut networks = Networks::none();
-        for (name, config) in [(LPIPS_ALEX_NETWORK, LpipsConfig::alex()), (LPIPS_VGG_NETWORK, LpipsConfig::vgg())] {
-            let files = [self.path(name), self.path(&format!("{name}-heads"))];
-            if let ([Some(backbone), Some(heads)], true) = (files, is_needed(name)) {
-                let lpips = Lpips::read(&backbone, &heads, config, device).map_err(WeightsError::Network)?;
-                networks = networks.with_distance(name, Box::new(lpips));
+        let lpips = [
+            (LPIPS_ALEX_NETWORK, "lpips-alex-heads", LpipsConfig::alex()),
+            (LPIPS_VGG_NETWORK, "lpips-vgg-heads", LpipsConfig::vgg()),
+        ];
+        for (name, heads, config) in lpips.into_iter().filter(|(name, ..)| is_needed(name)) {
+            match (self.path(name), self.path(heads)) {
+                (Some(backbone), Some(heads)) => {
+                    let lpips = Lpips::read(&backbone, &heads, config, device).map_err(WeightsError::Network)?;
+                    networks = networks.with_distance(name, Box::new(lpips));
+                }
+                (Some(_), None) => networks = networks.with_missing(name, heads),
+                (None, _) => {}
             }
         }
         if let (Some(path), true) = (self.path(INCEPTION_NETWORK), is_needed(INCEPTION_NETWORK)) {

@@ -1,6 +1,6 @@
-use crate::TensorShape;
+use crate::file::TensorShape;
 
-/// Names and shapes of torchvision's `resnet34` without its classifier: convolutions and batch normalisations.
+/// Returns names and shapes of torchvision's `resnet34` without its classifier: convolutions and batch normalisations.
 pub(super) fn tensors() -> Vec<TensorShape> {
     let mut tensors = layer("conv1", "bn1", [3, 64], 7);
     let mut inputs = 64;
@@ -30,7 +30,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_has_the_published_number_of_parameters() {
+    fn resnet34_has_the_published_number_of_parameters() {
         let parameters = |(name, shape): &TensorShape| {
             if name.contains("running") { 0 } else { shape.iter().product::<usize>() }
         };

@@ -2,29 +2,29 @@ use std::path::{Path, PathBuf};
 
 use super::import::recognised;
 use super::{KNOWN_WEIGHTS, KnownWeights, WeightsError};
-use crate::WeightFile;
+use crate::file::WeightFile;
 
-/// Where weights are looked for.
+/// Files and folders in which weights are searched.
 #[derive(Debug, Clone)]
 pub struct Store {
-    /// Files that were named, and what each is.
+    /// Explicitly given files with their content.
     files: Vec<(&'static KnownWeights, PathBuf)>,
-    /// Folders in the order in which they are searched; imports go to the first.
+    /// Folders in order of search; imports go to the first.
     folders: Vec<PathBuf>,
 }
 
-/// Whether weights are there.
+/// Weights and their file, if present.
 #[derive(Debug, Clone)]
 pub struct Status {
     /// The weights.
     pub weights: &'static KnownWeights,
-    /// The file that would be used.
+    /// File that would be used.
     pub path: Option<PathBuf>,
 }
 
 impl Store {
-    /// Looks at `explicit` (a folder or a weight file, if given), then in the folder `INFONERF_WEIGHTS`, then in
-    /// `infonerf/weights` of the user's cache folder.
+    /// Searches `explicit` (a folder or a weight file, if given), then the folder in the environment variable
+    /// `INFONERF_WEIGHTS`, then `infonerf/weights` in the user's cache folder.
     ///
     /// # Errors
     /// If `explicit` does not exist or is a file of other weights, or if there is no folder at all.
@@ -44,23 +44,23 @@ impl Store {
         if folders.is_empty() { Err(WeightsError::NoFolder) } else { Ok(Self { files, folders }) }
     }
 
-    /// Looks in `folder` alone.
+    /// Searches `folder` alone.
     #[must_use]
     pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
         Self { files: Vec::new(), folders: vec![folder.into()] }
     }
 
-    /// The folders that are searched, in order.
+    /// Folders in order of search.
     pub fn folders(&self) -> &[PathBuf] {
         &self.folders
     }
 
-    /// The folder that imports and downloads go to.
+    /// Folder of imports and downloads.
     pub(super) fn target(&self) -> &Path {
         &self.folders[0]
     }
 
-    /// The file of `weights`: what an import wrote, or the published file itself.
+    /// Finds the file of `weights`: written by an import, or the published file itself.
     pub fn find(&self, weights: &KnownWeights) -> Option<PathBuf> {
         let named = self.files.iter().find(|(known, _)| known.name == weights.name).map(|(_, path)| path.clone());
         let names = [weights.file(), weights.published_file().to_owned()];
@@ -68,7 +68,7 @@ impl Store {
         named.or_else(|| places.into_iter().find(|path| path.is_file()))
     }
 
-    /// Whether each of [`KNOWN_WEIGHTS`] is there.
+    /// Finds the files of all [`KNOWN_WEIGHTS`].
     pub fn status(&self) -> Vec<Status> {
         KNOWN_WEIGHTS.iter().map(|weights| Status { weights, path: self.find(weights) }).collect()
     }

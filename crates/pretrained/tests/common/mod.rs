@@ -1,4 +1,4 @@
-//! Weights and pictures by the rule of `rule.py`, so that neither is stored; and the devices.
+//! Weights and images by the rule of `rule.py`, so that neither is stored; and the devices.
 #![allow(dead_code, reason = "each test uses its part")]
 
 use std::path::Path;
@@ -9,7 +9,7 @@ use infonerf_pretrained::TensorShape;
 use safetensors::Dtype;
 use safetensors::tensor::{TensorView, serialize_to_file};
 
-/// `count` numbers in [−1, 1) that look random, different for each name.
+/// Generates `count` pseudorandom values in [−1, 1), different for each name.
 fn hashed(name: &str, count: usize) -> impl Iterator<Item = f64> {
     let seed = name.bytes().fold(0x811C_9DC5u32, |seed, byte| (seed ^ u32::from(byte)).wrapping_mul(0x0100_0193));
     (0..count).map(move |i| {
@@ -20,8 +20,8 @@ fn hashed(name: &str, count: usize) -> impl Iterator<Item = f64> {
     })
 }
 
-/// The tensor of a network that is called so.
-pub fn numbers(name: &str, shape: &[usize]) -> Vec<f32> {
+/// Generates the values of the tensor `name`.
+pub fn values_of(name: &str, shape: &[usize]) -> Vec<f32> {
     let fan_in: usize = shape.iter().skip(1).product();
     let value = |u: f64| {
         if name.starts_with("lin") {
@@ -37,11 +37,11 @@ pub fn numbers(name: &str, shape: &[usize]) -> Vec<f32> {
     hashed(name, shape.iter().product()).map(|u| value(u) as f32).collect()
 }
 
-/// Writes a safetensors file of these tensors.
+/// Writes a safetensors file of `tensors`.
 pub fn write_weights(path: &Path, tensors: &[TensorShape]) {
     let bytes: Vec<Vec<u8>> = tensors
         .iter()
-        .map(|(name, shape)| numbers(name, shape).iter().flat_map(|number| number.to_le_bytes()).collect())
+        .map(|(name, shape)| values_of(name, shape).iter().flat_map(|number| number.to_le_bytes()).collect())
         .collect();
     let views = tensors
         .iter()
@@ -50,7 +50,7 @@ pub fn write_weights(path: &Path, tensors: &[TensorShape]) {
     serialize_to_file(views, &None, path).unwrap();
 }
 
-/// Picture `index` of a few waves and some noise.
+/// Generates image `index`: a few waves and some noise.
 pub fn picture(index: usize, height: usize, width: usize) -> Picture {
     let value = |c: usize, y: usize, x: usize| {
         let waves = (x * (index + 2) * 3 + y * (c + 1) * 5) % 128 + (x * y / (3 + index) + 40 * c) % 64;
@@ -61,8 +61,8 @@ pub fn picture(index: usize, height: usize, width: usize) -> Picture {
     Picture::new((0..height * width).map(pixel).collect(), width, height).unwrap()
 }
 
-/// One whose layers are the host's kernels, and one whose layers are Burn's.
-#[allow(deprecated, reason = "the older CPU backend has Burn's own layers")]
+/// Both CPU backends.
+#[allow(deprecated, reason = "the older CPU backend stays tested")]
 pub fn devices() -> [Device; 2] {
     [Device::flex(), Device::ndarray()]
 }

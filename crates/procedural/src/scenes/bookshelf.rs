@@ -4,7 +4,7 @@ use glam::DVec3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{polar, rgb, v};
+use super::{flowers, glossy, matt, polar, rgb, satin, stripes, v};
 use crate::convex::{Convex, Frame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
@@ -40,7 +40,7 @@ fn floor(shelf: usize) -> f64 {
 
 fn carcass(scene: &mut Builder) {
     for shelf in 0..=SHELVES {
-        scene.solid(Convex::block(v(0.0, 0.0, floor(shelf) - 0.015), v(WIDE, DEEP, 0.035)), oak());
+        scene.block(v(0.0, 0.0, floor(shelf) - 0.015), v(WIDE, DEEP, 0.035), oak());
     }
     let height = RISE * SHELVES as f64 + 0.05;
     let board = |x: f64| Convex::block(v(x * (0.5 * WIDE - 0.02), 0.0, LOW + 0.5 * height), v(0.04, DEEP, height));
@@ -57,14 +57,11 @@ fn carcass(scene: &mut Builder) {
         }
         scene.carved(board(x), cuts, oak());
     }
-    let back = Texture::Flowers { ground: rgb(96, 116, 104), petal: rgb(196, 176, 130), per_unit: 8.0, round: false };
-    scene.solid(
-        Convex::block(v(0.0, 0.0, LOW + 0.5 * height), v(WIDE - 0.06, 0.02, height - 0.02)),
-        Material::matt(back),
-    );
+    let back = flowers(rgb(96, 116, 104), rgb(196, 176, 130), 8.0, false);
+    scene.block(v(0.0, 0.0, LOW + 0.5 * height), v(WIDE - 0.06, 0.02, height - 0.02), Material::matt(back));
     for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let foot = v(x * (0.5 * WIDE - 0.08), y * (0.5 * DEEP - 0.08), LOW - 0.05);
-        scene.solid(Convex::sphere(foot, 0.06), Material::glossy(Texture::Plain(rgb(70, 38, 20))));
+        scene.sphere(foot, 0.06, glossy(rgb(70, 38, 20)));
     }
 }
 
@@ -93,24 +90,20 @@ fn row(scene: &mut Builder, rng: &mut ChaCha8Rng, shelf: usize, side: f64, half:
         let a = rgb(a[0], a[1], a[2]);
         let cover = match rng.random_range(0..3) {
             0 => Texture::Plain(a),
-            1 => Texture::Stripes { a, b: a * 0.45, direction: v(0.0, 0.0, rng.random_range(3.0..6.0)) },
-            _ => Texture::Flowers { ground: a, petal: a.lerp(b, 0.6), per_unit: 18.0, round: false },
+            1 => stripes(a, a * 0.45, v(0.0, 0.0, rng.random_range(3.0..6.0))),
+            _ => flowers(a, a.lerp(b, 0.6), 18.0, false),
         };
         let lean = if rng.random_range(0..9) == 0 { 7.0 } else { 0.0 };
         let lean = |c: Convex| c.swung(v(x, 0.0, z), DVec3::Y, lean);
         scene.solid(lean(Convex::block(centre, v(thick - 0.005, depth, tall))), Material::satin(cover));
-        let paper = Material::matt(Texture::Stripes {
-            a: rgb(240, 232, 212),
-            b: rgb(206, 196, 172),
-            direction: v(60.0, 0.0, 0.0),
-        });
+        let paper = Material::matt(stripes(rgb(240, 232, 212), rgb(206, 196, 172), v(60.0, 0.0, 0.0)));
         scene.solid(
             lean(Convex::block(centre + v(0.0, -side * 0.004, 0.004), v(thick - 0.016, depth - 0.012, tall))),
             paper,
         );
         // A label and two bands on the spine.
         let spine = centre + v(0.0, side * 0.5 * depth, 0.0);
-        let label = Material::satin(Texture::Plain(b));
+        let label = satin(b);
         let high = rng.random_range(0.06..0.12);
         scene.solid(lean(Convex::block(spine + v(0.0, 0.0, 0.22 * tall), v(thick - 0.012, 0.006, high))), label);
         scene.solid(lean(Convex::block(spine - v(0.0, 0.0, 0.36 * tall), v(thick - 0.004, 0.006, 0.014))), label);
@@ -149,7 +142,7 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
                 &[(0.07, 0.0), (0.05, 0.03), (0.015, 0.06), (0.012, 0.10)],
                 Material::metal(rgb(200, 156, 76)),
             );
-            scene.solid(Convex::sphere(at + DVec3::Z * 0.19, 0.095), Material::glossy(globe));
+            scene.sphere(at + DVec3::Z * 0.19, 0.095, Material::glossy(globe));
             scene.ring(
                 Frame::along(at + DVec3::Z * 0.19, v(1.0, 0.3, 0.3)),
                 0.11,
@@ -160,14 +153,10 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
         2 => {
             let box_ = Texture::Checker { a: rgb(236, 190, 60), b: rgb(190, 50, 40), per_unit: v(16.0, 16.0, 16.0) };
             scene.solid(Convex::block(at + DVec3::Z * 0.08, v(0.19, 0.16, 0.16)).turned(12.0), Material::satin(box_));
-            scene.solid(Convex::sphere(at + DVec3::Z * 0.23, 0.07), Material::metal(rgb(222, 226, 232)));
+            scene.sphere(at + DVec3::Z * 0.23, 0.07, Material::metal(rgb(222, 226, 232)));
         }
         3 => {
-            scene.lathe(
-                foot,
-                &[(0.05, 0.0), (0.075, 0.10), (0.08, 0.13)],
-                Material::matt(Texture::Plain(rgb(190, 96, 60))),
-            );
+            scene.lathe(foot, &[(0.05, 0.0), (0.075, 0.10), (0.08, 0.13)], matt(rgb(190, 96, 60)));
             let leaf =
                 Material::matt(Texture::Patches { a: rgb(90, 170, 60), b: rgb(40, 110, 50), per_unit: 24.0, cap: 9.0 });
             for k in 0..9 {
@@ -178,9 +167,9 @@ fn curio(scene: &mut Builder, at: DVec3, which: u32) {
         _ => {
             let frame = Material::metal(rgb(206, 166, 86));
             let side = at.y.signum();
-            scene.solid(Convex::block(at + DVec3::Z * 0.15, v(0.22, 0.02, 0.30)), frame);
+            scene.block(at + DVec3::Z * 0.15, v(0.22, 0.02, 0.30), frame);
             let picture = Texture::Patches { a: rgb(230, 150, 90), b: rgb(60, 110, 150), per_unit: 11.0, cap: 9.0 };
-            scene.solid(Convex::block(at + v(0.0, side * 0.01, 0.15), v(0.17, 0.012, 0.25)), Material::matt(picture));
+            scene.block(at + v(0.0, side * 0.01, 0.15), v(0.17, 0.012, 0.25), Material::matt(picture));
         }
     }
 }
@@ -192,16 +181,16 @@ fn on_top(scene: &mut Builder) {
     for (k, colour) in [rgb(150, 30, 36), rgb(228, 214, 180), rgb(24, 66, 120)].into_iter().enumerate() {
         let size = v(0.40 - 0.05 * k as f64, 0.28, 0.055);
         at.z += 0.031;
-        scene.solid(Convex::block(at, size).turned(14.0 * k as f64 - 10.0), Material::satin(Texture::Plain(colour)));
+        scene.solid(Convex::block(at, size).turned(14.0 * k as f64 - 10.0), satin(colour));
         at.z += 0.028;
     }
-    let cat = Material::matt(Texture::Plain(rgb(52, 50, 54)));
+    let cat = matt(rgb(52, 50, 54));
     let seat = Frame::at(at);
     scene.lathe(seat, &[(0.10, -0.005), (0.11, 0.04), (0.07, 0.12), (0.03, 0.155)], cat);
-    scene.solid(Convex::sphere(at + v(-0.03, 0.0, 0.17), 0.05), cat);
+    scene.sphere(at + v(-0.03, 0.0, 0.17), 0.05, cat);
     let lamp = Frame::at(v(-0.48, 0.02, z));
     scene.lathe(lamp, &[(0.10, 0.0), (0.09, 0.02), (0.02, 0.05)], Material::metal(rgb(206, 166, 86)));
-    let shade = Texture::Stripes { a: rgb(250, 220, 150), b: rgb(226, 150, 70), direction: v(14.0, 0.0, 0.0) };
+    let shade = stripes(rgb(250, 220, 150), rgb(226, 150, 70), v(14.0, 0.0, 0.0));
     scene.lathe(lamp, &[(0.018, 0.05), (0.018, 0.09)], Material::metal(rgb(206, 166, 86)));
     scene.lathe(lamp, &[(0.16, 0.08), (0.13, 0.14), (0.085, 0.21)], Material::matt(shade));
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{polar, rgb, v};
+use super::{bricks, matt, polar, rgb, stripes, v};
 use crate::convex::Convex;
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
@@ -29,13 +29,7 @@ pub(crate) fn castle() -> Builder {
 const ROOFS: [[u8; 3]; 4] = [[196, 60, 44], [40, 96, 160], [214, 150, 40], [60, 140, 96]];
 
 fn stone(round: bool) -> Material {
-    Material::matt(Texture::Bricks {
-        brick: rgb(186, 176, 156),
-        mortar: rgb(96, 90, 82),
-        width: 0.14,
-        height: 0.075,
-        round,
-    })
+    Material::matt(bricks(rgb(186, 176, 156), rgb(96, 90, 82), [0.14, 0.075], round))
 }
 
 fn roof([r, g, b]: [u8; 3]) -> Material {
@@ -45,9 +39,9 @@ fn roof([r, g, b]: [u8; 3]) -> Material {
 
 fn island(scene: &mut Builder) {
     let grass = Texture::Patches { a: rgb(96, 150, 62), b: rgb(70, 112, 46), per_unit: 6.0, cap: 9.0 };
-    scene.solid(Convex::cone(v(0.0, 0.0, -1.12), 0.90, 1.20, 0.2), Material::matt(grass));
+    scene.cone(v(0.0, 0.0, -1.12), 0.90, 1.20, 0.2, Material::matt(grass));
     let cobble = Texture::Checker { a: rgb(150, 140, 124), b: rgb(104, 96, 88), per_unit: v(9.0, 9.0, 0.1) };
-    scene.solid(Convex::block(v(0.0, 0.0, FLOOR), v(1.5, 1.5, 0.03)), Material::matt(cobble));
+    scene.block(v(0.0, 0.0, FLOOR), v(1.5, 1.5, 0.03), Material::matt(cobble));
 }
 
 /// A round tower with arrow slits, battlements and a pointed roof with a flag.
@@ -62,17 +56,13 @@ fn tower(scene: &mut Builder, at: DVec3, height: f64, colour: [u8; 3]) {
         cuts.push(Convex::block(window, v(0.30, 0.05, 0.14)).turned(angle));
     }
     scene.carved(Convex::cylinder(foot, radius, height), cuts, stone(true));
-    scene.solid(Convex::cone(foot + DVec3::Z * (height - 0.06), radius, radius + 0.05, 0.07), stone(true));
-    scene.solid(Convex::cone(foot + DVec3::Z * (height + 0.01), radius + 0.06, 0.0, 0.40), roof(colour));
+    scene.cone(foot + DVec3::Z * (height - 0.06), radius, radius + 0.05, 0.07, stone(true));
+    scene.cone(foot + DVec3::Z * (height + 0.01), radius + 0.06, 0.0, 0.40, roof(colour));
     let tip = foot + DVec3::Z * (height + 0.36);
     let pole = Material::metal(rgb(200, 200, 190));
-    scene.solid(Convex::rod(tip, tip + DVec3::Z * 0.26, 0.010), pole);
-    let flag = Texture::Stripes {
-        a: rgb(250, 250, 245),
-        b: rgb(colour[0], colour[1], colour[2]),
-        direction: v(0.0, 0.0, 18.0),
-    };
-    scene.solid(Convex::block(tip + v(0.085, 0.0, 0.19), v(0.16, 0.012, 0.11)), Material::matt(flag));
+    scene.rod(tip, tip + DVec3::Z * 0.26, 0.010, pole);
+    let flag = stripes(rgb(250, 250, 245), rgb(colour[0], colour[1], colour[2]), v(0.0, 0.0, 18.0));
+    scene.block(tip + v(0.085, 0.0, 0.19), v(0.16, 0.012, 0.11), Material::matt(flag));
 }
 
 /// Four walls with battlements; the front one has an arched gate.
@@ -103,16 +93,16 @@ fn gate(scene: &mut Builder) {
     let iron = Material::metal(rgb(120, 122, 130));
     for i in -2..=2 {
         let x = f64::from(i) * 0.06;
-        scene.solid(Convex::rod(v(x, -SIDE, FLOOR + 0.06), v(x, -SIDE, FLOOR + 0.35), 0.010), iron);
+        scene.rod(v(x, -SIDE, FLOOR + 0.06), v(x, -SIDE, FLOOR + 0.35), 0.010, iron);
     }
     for z in [0.12, 0.20, 0.28] {
-        scene.solid(Convex::rod(v(-0.15, -SIDE, FLOOR + z), v(0.15, -SIDE, FLOOR + z), 0.009), iron);
+        scene.rod(v(-0.15, -SIDE, FLOOR + z), v(0.15, -SIDE, FLOOR + z), 0.009, iron);
     }
-    let plank = Texture::Stripes { a: rgb(142, 92, 48), b: rgb(96, 58, 28), direction: v(16.0, 0.0, 0.0) };
-    scene.solid(Convex::block(v(0.0, -1.02, FLOOR + 0.02), v(0.30, 0.36, 0.03)), Material::matt(plank));
+    let plank = stripes(rgb(142, 92, 48), rgb(96, 58, 28), v(16.0, 0.0, 0.0));
+    scene.block(v(0.0, -1.02, FLOOR + 0.02), v(0.30, 0.36, 0.03), Material::matt(plank));
     for side in [-0.14, 0.14] {
         let (low, high) = (v(side, -1.17, FLOOR + 0.03), v(side, -SIDE - 0.05, FLOOR + 0.36));
-        scene.solid(Convex::rod(low, high, 0.008), iron);
+        scene.rod(low, high, 0.008, iron);
     }
 }
 
@@ -132,24 +122,18 @@ fn keep(scene: &mut Builder) {
         }
     }
     let size = v(2.0 * half, 2.0 * half, height);
-    let warm = Texture::Bricks {
-        brick: rgb(206, 160, 112),
-        mortar: rgb(120, 100, 80),
-        width: 0.12,
-        height: 0.06,
-        round: false,
-    };
+    let warm = bricks(rgb(206, 160, 112), rgb(120, 100, 80), [0.12, 0.06], false);
     scene.carved(Convex::block(centre, size), cuts, Material::matt(warm));
     for (x, y) in [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)] {
         let at = foot + v(half * x, half * y, height - 0.20);
-        scene.solid(Convex::cone(at, 0.05, 0.09, 0.10), stone(true));
-        scene.solid(Convex::cylinder(at + DVec3::Z * 0.10, 0.09, 0.22), stone(true));
-        scene.solid(Convex::cone(at + DVec3::Z * 0.32, 0.11, 0.0, 0.20), roof([110, 60, 130]));
+        scene.cone(at, 0.05, 0.09, 0.10, stone(true));
+        scene.cylinder(at + DVec3::Z * 0.10, 0.09, 0.22, stone(true));
+        scene.cone(at + DVec3::Z * 0.32, 0.11, 0.0, 0.20, roof([110, 60, 130]));
     }
     let gold = Material::metal(rgb(226, 178, 70));
-    scene.solid(Convex::sphere(foot + DVec3::Z * height, 0.23), gold);
-    scene.solid(Convex::rod(foot + DVec3::Z * (height + 0.2), foot + DVec3::Z * (height + 0.52), 0.014), gold);
-    scene.solid(Convex::sphere(foot + DVec3::Z * (height + 0.54), 0.035), gold);
+    scene.sphere(foot + DVec3::Z * height, 0.23, gold);
+    scene.rod(foot + DVec3::Z * (height + 0.2), foot + DVec3::Z * (height + 0.52), 0.014, gold);
+    scene.sphere(foot + DVec3::Z * (height + 0.54), 0.035, gold);
 }
 
 /// A well, a tree and some barrels in the yard.
@@ -157,16 +141,16 @@ fn yard(scene: &mut Builder) {
     let well = v(-0.42, -0.40, FLOOR);
     let bore = vec![Convex::cylinder(well + DVec3::Z * 0.02, 0.09, 0.3)];
     scene.carved(Convex::cylinder(well, 0.13, 0.15), bore, stone(true));
-    let wood = Material::matt(Texture::Plain(rgb(110, 70, 36)));
+    let wood = matt(rgb(110, 70, 36));
     for side in [-0.11, 0.11] {
         let post = well + DVec3::X * side;
-        scene.solid(Convex::rod(post, post + DVec3::Z * 0.34, 0.014), wood);
+        scene.rod(post, post + DVec3::Z * 0.34, 0.014, wood);
     }
-    scene.solid(Convex::cone(well + DVec3::Z * 0.32, 0.19, 0.0, 0.13), roof([150, 84, 50]));
+    scene.cone(well + DVec3::Z * 0.32, 0.19, 0.0, 0.13, roof([150, 84, 50]));
     let leaves = Texture::Patches { a: rgb(120, 180, 60), b: rgb(36, 92, 40), per_unit: 16.0, cap: 9.0 };
     let trunk = v(0.52, -0.42, FLOOR);
-    scene.solid(Convex::rod(trunk, trunk + DVec3::Z * 0.30, 0.028), wood);
+    scene.rod(trunk, trunk + DVec3::Z * 0.30, 0.028, wood);
     for (dx, dy, dz, r) in [(0.0, 0.0, 0.40, 0.13), (0.08, 0.05, 0.32, 0.09), (-0.07, -0.05, 0.34, 0.10)] {
-        scene.solid(Convex::sphere(trunk + v(dx, dy, dz), r), Material::matt(leaves));
+        scene.sphere(trunk + v(dx, dy, dz), r, Material::matt(leaves));
     }
 }

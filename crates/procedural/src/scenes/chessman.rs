@@ -1,7 +1,7 @@
-//! A chess queen, alone and small in the picture.
+//! A chess queen, alone and small in the image.
 
-use super::{polar, rgb, v};
-use crate::convex::{Convex, Frame};
+use super::{glossy, matt, polar, rgb, v};
+use crate::convex::Frame;
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
@@ -11,7 +11,7 @@ pub(crate) fn chessman() -> Builder {
     let at = |z: f64| foot.origin + v(0.0, 0.0, z);
     let wood = Texture::Bands { a: rgb(190, 84, 40), b: rgb(120, 40, 20), c: rgb(226, 140, 70), per_unit: 11.0 };
     let gold = Material::metal(rgb(232, 186, 84));
-    scene.solid(Convex::cylinder(at(-0.01), 0.165, 0.02), Material::matt(Texture::Plain(rgb(20, 84, 50))));
+    scene.cylinder(at(-0.01), 0.165, 0.02, matt(rgb(20, 84, 50)));
     let body = [
         (0.165, 0.01),
         (0.175, 0.035),
@@ -35,9 +35,9 @@ pub(crate) fn chessman() -> Builder {
     for k in 0..8 {
         let pearl = if k % 2 == 0 { rgb(240, 238, 230) } else { rgb(40, 90, 170) };
         let tip = foot.origin + polar(0.092, f64::from(k) * 45.0, 0.675);
-        scene.solid(Convex::sphere(tip, 0.024), Material::glossy(Texture::Plain(pearl)));
+        scene.sphere(tip, 0.024, glossy(pearl));
     }
     scene.lathe(foot, &[(0.085, 0.65), (0.075, 0.69), (0.03, 0.72), (0.004, 0.725)], Material::glossy(wood));
-    scene.solid(Convex::sphere(at(0.745), 0.036), gold);
+    scene.sphere(at(0.745), 0.036, gold);
     scene
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{rgb, v};
+use super::{bricks, glossy, matt, rgb, stripes, v};
 use crate::convex::{Convex, Frame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
@@ -14,7 +14,7 @@ const BRACE: f64 = 0.012;
 pub(crate) fn crane() -> Builder {
     let mut scene = Builder::default();
     base(&mut scene);
-    let yellow = Material::glossy(Texture::Plain(rgb(242, 178, 28)));
+    let yellow = glossy(rgb(242, 178, 28));
     mast(&mut scene, yellow);
     jib(&mut scene, yellow);
     cabin(&mut scene);
@@ -24,13 +24,7 @@ pub(crate) fn crane() -> Builder {
 
 /// A brick block with a vaulted passage each way, crates and barrels around it.
 fn base(scene: &mut Builder) {
-    let brick = Texture::Bricks {
-        brick: rgb(176, 74, 52),
-        mortar: rgb(214, 206, 190),
-        width: 0.16,
-        height: 0.075,
-        round: false,
-    };
+    let brick = bricks(rgb(176, 74, 52), rgb(214, 206, 190), [0.16, 0.075], false);
     let centre = v(-0.25, 0.0, -0.93);
     let mut cuts = Vec::new();
     for axis in [DVec3::X, DVec3::Y] {
@@ -42,19 +36,19 @@ fn base(scene: &mut Builder) {
     }
     scene.carved(Convex::block(centre, v(0.8, 0.8, 0.5)), cuts, Material::matt(brick));
     let slab = Texture::Checker { a: rgb(120, 124, 128), b: rgb(176, 178, 180), per_unit: v(5.0, 5.0, 0.1) };
-    scene.solid(Convex::block(v(0.05, 0.0, -1.14), v(2.1, 1.3, 0.08)), Material::matt(slab));
+    scene.block(v(0.05, 0.0, -1.14), v(2.1, 1.3, 0.08), Material::matt(slab));
 
-    let plank = Texture::Stripes { a: rgb(150, 96, 48), b: rgb(108, 64, 30), direction: v(0.0, 0.0, 14.0) };
+    let plank = stripes(rgb(150, 96, 48), rgb(108, 64, 30), v(0.0, 0.0, 14.0));
     scene.solid(Convex::block(v(0.62, -0.35, -0.96), v(0.28, 0.28, 0.28)).turned(20.0), Material::matt(plank));
     scene.solid(Convex::block(v(0.62, -0.33, -0.73), v(0.18, 0.18, 0.18)).turned(50.0), Material::matt(plank));
     for (place, colour) in [(v(0.75, 0.30, -1.10), rgb(30, 96, 170)), (v(0.45, 0.42, -1.10), rgb(40, 140, 80))] {
-        let hoops = Texture::Stripes { a: colour, b: rgb(226, 226, 226), direction: v(0.0, 0.0, 7.0) };
-        scene.solid(Convex::cylinder(place, 0.115, 0.30), Material::glossy(hoops));
+        let hoops = stripes(colour, rgb(226, 226, 226), v(0.0, 0.0, 7.0));
+        scene.cylinder(place, 0.115, 0.30, Material::glossy(hoops));
     }
 }
 
 fn strut(scene: &mut Builder, a: DVec3, b: DVec3, radius: f64, material: Material) {
-    scene.solid(Convex::rod(a, b, radius), material);
+    scene.rod(a, b, radius, material);
 }
 
 /// A square lattice mast on the block.
@@ -106,33 +100,33 @@ fn jib(scene: &mut Builder, paint: Material) {
     }
     strut(scene, peak, upper(0.85), 0.009, steel);
     strut(scene, peak, upper(0.40), 0.009, steel);
-    let warning = Texture::Stripes { a: rgb(236, 190, 20), b: rgb(24, 24, 26), direction: v(4.5, 0.0, 4.5) };
-    scene.solid(Convex::block(v(-0.90, 0.0, 0.56), v(0.26, 0.26, 0.26)), Material::glossy(warning));
+    let warning = stripes(rgb(236, 190, 20), rgb(24, 24, 26), v(4.5, 0.0, 4.5));
+    scene.block(v(-0.90, 0.0, 0.56), v(0.26, 0.26, 0.26), Material::glossy(warning));
 }
 
-/// The driver's cabin, with windows cut out, beside the mast.
+/// The driver's cabin, with windows cut out, next to the mast.
 fn cabin(scene: &mut Builder) {
     let centre = v(-0.03, -0.21, 0.47);
-    let red = Material::glossy(Texture::Plain(rgb(200, 36, 32)));
+    let red = glossy(rgb(200, 36, 32));
     let cuts = vec![
         Convex::block(centre + v(0.0, 0.0, 0.03), v(0.20, 0.5, 0.12)),
         Convex::block(centre + v(0.1, 0.0, 0.03), v(0.3, 0.17, 0.12)),
     ];
     scene.carved(Convex::block(centre, v(0.28, 0.24, 0.27)), cuts, red);
-    let seat = Material::matt(Texture::Plain(rgb(30, 60, 110)));
-    scene.solid(Convex::sphere(centre - DVec3::Z * 0.02, 0.07), seat);
+    let seat = matt(rgb(30, 60, 110));
+    scene.sphere(centre - DVec3::Z * 0.02, 0.07, seat);
 }
 
 /// A polished ball with a ring, hung from the trolley.
 fn load(scene: &mut Builder) {
     let steel = Material::metal(rgb(190, 196, 204));
     let x = 0.72;
-    let dark = Material::matt(Texture::Plain(rgb(50, 52, 58)));
-    scene.solid(Convex::block(v(x, 0.0, 0.62), v(0.16, 0.24, 0.06)), dark);
+    let dark = matt(rgb(50, 52, 58));
+    scene.block(v(x, 0.0, 0.62), v(0.16, 0.24, 0.06), dark);
     for side in [-0.04, 0.04] {
         strut(scene, v(x, side, 0.62), v(x, side * 0.3, 0.06), 0.008, steel);
     }
     scene.ring(Frame::along(v(x, 0.0, 0.0), DVec3::X), 0.06, 0.016, steel);
     let globe = Texture::Patches { a: rgb(60, 130, 60), b: rgb(28, 84, 168), per_unit: 7.0, cap: 0.95 };
-    scene.solid(Convex::sphere(v(x, 0.0, -0.27), 0.21), Material::glossy(globe));
+    scene.sphere(v(x, 0.0, -0.27), 0.21, Material::glossy(globe));
 }

@@ -1,8 +1,8 @@
-//! The corner of a town house, so near that it runs over the picture's edges.
+//! The corner of a town house, so near that it runs over the image's edges.
 
 use glam::DVec3;
 
-use super::{polar, rgb, v};
+use super::{bricks, glossy, matt, polar, rgb, satin, stripes, v};
 use crate::convex::{Convex, Frame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
@@ -14,7 +14,7 @@ const STOREY: f64 = 0.62;
 pub(crate) fn facade() -> Builder {
     let mut scene = Builder::default();
     let pave = Texture::Checker { a: rgb(150, 146, 138), b: rgb(118, 116, 112), per_unit: v(5.0, 5.0, 0.1) };
-    scene.solid(Convex::block(v(0.0, 0.0, LOW - 0.02), v(2.58, 2.58, 0.06)), Material::matt(pave));
+    scene.block(v(0.0, 0.0, LOW - 0.02), v(2.58, 2.58, 0.06), Material::matt(pave));
     body(&mut scene);
     for side in 0..4u32 {
         front(&mut scene, side);
@@ -24,24 +24,12 @@ pub(crate) fn facade() -> Builder {
 }
 
 fn stone() -> Material {
-    Material::matt(Texture::Plain(rgb(192, 174, 144)))
+    matt(rgb(192, 174, 144))
 }
 
 fn body(scene: &mut Builder) {
-    let brick = Texture::Bricks {
-        brick: rgb(196, 104, 78),
-        mortar: rgb(218, 204, 184),
-        width: 0.13,
-        height: 0.06,
-        round: false,
-    };
-    let rustic = Texture::Bricks {
-        brick: rgb(206, 190, 160),
-        mortar: rgb(120, 106, 88),
-        width: 0.34,
-        height: 0.14,
-        round: false,
-    };
+    let brick = bricks(rgb(196, 104, 78), rgb(218, 204, 184), [0.13, 0.06], false);
+    let rustic = bricks(rgb(206, 190, 160), rgb(120, 106, 88), [0.34, 0.14], false);
     let storeys = |from: f64, to: f64| {
         let (low, high) = (LOW + from * STOREY, LOW + to * STOREY);
         Convex::block(v(0.0, 0.0, 0.5 * (low + high)), v(2.0 * HALF, 2.0 * HALF, high - low))
@@ -92,11 +80,10 @@ fn front(scene: &mut Builder, side: u32) {
         scene.solid(block(out * HALF + along * (HALF - 0.5 * wide + 0.012) + DVec3::Z * z, wide, 0.05, 0.10), stone());
         scene.solid(block(out * HALF - along * (HALF - 0.5 * wide + 0.012) + DVec3::Z * z, wide, 0.05, 0.10), stone());
     }
-    let glass = Material { reflectance: 0.25, ..Material::glossy(Texture::Plain(rgb(46, 66, 84))) };
-    let frame = Material::matt(Texture::Plain(rgb(244, 240, 230)));
+    let glass = Material { reflectance: 0.25, ..glossy(rgb(46, 66, 84)) };
+    let frame = matt(rgb(244, 240, 230));
     let shutter_colour = [rgb(46, 110, 84), rgb(40, 86, 140), rgb(150, 44, 48), rgb(96, 80, 130)][side as usize];
-    let shutter =
-        Material::matt(Texture::Stripes { a: shutter_colour, b: shutter_colour * 0.5, direction: v(0.0, 0.0, 22.0) });
+    let shutter = Material::matt(stripes(shutter_colour, shutter_colour * 0.5, v(0.0, 0.0, 22.0)));
     for column in -2..=2i32 {
         for floor in 1..=2 {
             let c = window(side, column, floor);
@@ -130,16 +117,16 @@ fn balcony(scene: &mut Builder, at: DVec3, along: DVec3, out: DVec3, turn: f64) 
     let corner = |x: f64, y: f64, z: f64| at + along * x + out * y + DVec3::Z * z;
     for k in 0..9 {
         let x = -0.17 + 0.0425 * f64::from(k);
-        scene.solid(Convex::rod(corner(x, 0.15, 0.0), corner(x, 0.15, 0.15), 0.007), iron);
+        scene.rod(corner(x, 0.15, 0.0), corner(x, 0.15, 0.15), 0.007, iron);
     }
     for z in [0.02, 0.15] {
-        scene.solid(Convex::rod(corner(-0.17, 0.15, z), corner(0.17, 0.15, z), 0.010), iron);
+        scene.rod(corner(-0.17, 0.15, z), corner(0.17, 0.15, z), 0.010, iron);
         for x in [-0.17, 0.17] {
-            scene.solid(Convex::rod(corner(x, 0.0, z), corner(x, 0.15, z), 0.010), iron);
+            scene.rod(corner(x, 0.0, z), corner(x, 0.15, z), 0.010, iron);
         }
     }
     for x in [-0.17, 0.17] {
-        scene.solid(Convex::rod(corner(x, 0.075, 0.0), corner(x, 0.075, 0.15), 0.007), iron);
+        scene.rod(corner(x, 0.075, 0.0), corner(x, 0.075, 0.15), 0.007, iron);
     }
 }
 
@@ -149,15 +136,12 @@ fn flowers(scene: &mut Builder, at: DVec3, along: DVec3, key: i32) {
     let petal = [rgb(226, 40, 60), rgb(250, 200, 60), rgb(230, 110, 190)][key.rem_euclid(3) as usize];
     for k in -3..=3i32 {
         let place = at + along * (0.036 * f64::from(k));
-        scene.solid(Convex::sphere(place, 0.026), green);
-        scene.solid(
-            Convex::sphere(place + DVec3::Z * (0.022 + 0.008 * f64::from(k.rem_euclid(2))), 0.016),
-            Material::matt(Texture::Plain(petal)),
-        );
+        scene.sphere(place, 0.026, green);
+        scene.sphere(place + DVec3::Z * (0.022 + 0.008 * f64::from(k.rem_euclid(2))), 0.016, matt(petal));
     }
 }
 
-/// A door in the middle of the ground floor, shop windows with awnings beside it.
+/// A door in the middle of the ground floor, shop windows with awnings next to it.
 fn shop(scene: &mut Builder, side: u32, column: i32, colour: DVec3) {
     let turn = f64::from(side) * 90.0;
     let (along, out) = (polar(1.0, turn, 0.0), polar(1.0, turn - 90.0, 0.0));
@@ -166,7 +150,7 @@ fn shop(scene: &mut Builder, side: u32, column: i32, colour: DVec3) {
     if column == 0 {
         let door = Texture::Planks { a: colour, b: colour * 0.5, width: 0.06, length: 2.0 };
         scene.solid(block(c - out * 0.06, 0.28, 0.02, 0.42), Material::satin(door));
-        scene.solid(Convex::sphere(c - out * 0.045 + along * 0.09, 0.018), Material::metal(rgb(226, 186, 90)));
+        scene.sphere(c - out * 0.045 + along * 0.09, 0.018, Material::metal(rgb(226, 186, 90)));
         for x in [-0.19, 0.19] {
             let foot = c + along * x + out * 0.06 - DVec3::Z * 0.235;
             scene.lathe(
@@ -181,91 +165,73 @@ fn shop(scene: &mut Builder, side: u32, column: i32, colour: DVec3) {
     }
     let warm = Texture::Checker { a: rgb(250, 206, 120), b: rgb(190, 110, 70), per_unit: v(14.0, 14.0, 11.0) };
     scene.solid(block(c - out * 0.09, 0.30, 0.02, 0.42), Material { reflectance: 0.10, ..Material::glossy(warm) });
-    let frame = Material::matt(Texture::Plain(colour * 0.6));
+    let frame = matt(colour * 0.6);
     for x in [-0.135, 0.0, 0.135] {
         scene.solid(block(c - out * 0.05 + along * x, 0.02, 0.03, 0.40), frame);
     }
     scene.solid(block(c - DVec3::Z * 0.17, 0.28, 0.05, 0.07), frame);
-    let cloth = Texture::Stripes { a: colour, b: rgb(246, 240, 226), direction: v(14.0, 0.0, 0.0) };
+    let cloth = stripes(colour, rgb(246, 240, 226), v(14.0, 0.0, 0.0));
     let awning = block(c + out * 0.10 + DVec3::Z * 0.20, 0.36, 0.20, 0.012);
     scene.solid(awning.swung(c + out * 0.01 + DVec3::Z * 0.20, along, -32.0), Material::matt(cloth));
 }
 
 fn roof(scene: &mut Builder) {
     let z = LOW + 3.0 * STOREY + 0.04;
-    let slate = Material::satin(Texture::Bricks {
-        brick: rgb(96, 108, 126),
-        mortar: rgb(48, 54, 66),
-        width: 0.10,
-        height: 0.07,
-        round: false,
-    });
-    scene.solid(Convex::block(v(0.0, 0.0, z + 0.06), v(1.86, 1.86, 0.12)), slate);
-    scene.solid(Convex::block(v(0.0, 0.0, z + 0.17), v(1.60, 1.60, 0.14)), slate);
+    let slate = Material::satin(bricks(rgb(96, 108, 126), rgb(48, 54, 66), [0.10, 0.07], false));
+    scene.block(v(0.0, 0.0, z + 0.06), v(1.86, 1.86, 0.12), slate);
+    scene.block(v(0.0, 0.0, z + 0.17), v(1.60, 1.60, 0.14), slate);
     let tiles = Texture::Checker { a: rgb(168, 104, 72), b: rgb(126, 74, 54), per_unit: v(8.0, 8.0, 0.1) };
-    scene.solid(Convex::block(v(0.0, 0.0, z + 0.24), v(1.50, 1.50, 0.02)), Material::matt(tiles));
+    scene.block(v(0.0, 0.0, z + 0.24), v(1.50, 1.50, 0.02), Material::matt(tiles));
     for side in 0..4 {
         let turn = f64::from(side) * 90.0;
         let (along, out) = (polar(1.0, turn, 0.0), polar(1.0, turn - 90.0, 0.0));
         let parapet = Convex::block(out * 0.79 + DVec3::Z * (z + 0.27), v(1.64, 0.06, 0.08));
         scene.solid(parapet.turned(turn), stone());
-        // Dormers in the slope.
+        // Dormers in the roof.
         for x in [-0.55, 0.0, 0.55] {
             let c = out * 0.88 + along * x + DVec3::Z * (z + 0.13);
             scene.solid(Convex::block(c, v(0.24, 0.22, 0.20)).turned(turn), stone());
-            let pane = Material { reflectance: 0.25, ..Material::glossy(Texture::Plain(rgb(46, 66, 84))) };
+            let pane = Material { reflectance: 0.25, ..glossy(rgb(46, 66, 84)) };
             scene.solid(Convex::block(c + out * 0.11, v(0.16, 0.01, 0.14)).turned(turn), pane);
-            scene.solid(Convex::rod(c + out * 0.13 + DVec3::Z * 0.08, c - out * 0.12 + DVec3::Z * 0.08, 0.12), slate);
+            scene.rod(c + out * 0.13 + DVec3::Z * 0.08, c - out * 0.12 + DVec3::Z * 0.08, 0.12, slate);
         }
     }
     terrace(scene, z);
-    let brick = Texture::Bricks {
-        brick: rgb(176, 84, 62),
-        mortar: rgb(206, 196, 180),
-        width: 0.09,
-        height: 0.045,
-        round: false,
-    };
+    let brick = bricks(rgb(176, 84, 62), rgb(206, 196, 180), [0.09, 0.045], false);
     for (x, y) in [(0.30, 0.56), (-0.60, 0.15), (0.45, -0.5)] {
-        scene.solid(Convex::block(v(x, y, z + 0.38), v(0.20, 0.16, 0.28)), Material::matt(brick));
+        scene.block(v(x, y, z + 0.38), v(0.20, 0.16, 0.28), Material::matt(brick));
         for dx in [-0.05, 0.05] {
-            scene.solid(
-                Convex::cylinder(v(x + dx, y, z + 0.50), 0.03, 0.12),
-                Material::matt(Texture::Plain(rgb(196, 110, 70))),
-            );
+            scene.cylinder(v(x + dx, y, z + 0.50), 0.03, 0.12, matt(rgb(196, 110, 70)));
         }
     }
     let green =
         Material::matt(Texture::Patches { a: rgb(110, 170, 70), b: rgb(50, 110, 50), per_unit: 12.0, cap: 9.0 });
     for (x, y) in [(-0.5, 0.55), (-0.3, 0.6), (0.0, -0.6), (0.6, -0.1)] {
-        scene.solid(
-            Convex::cone(v(x, y, z + 0.26), 0.06, 0.08, 0.10),
-            Material::matt(Texture::Plain(rgb(196, 110, 70))),
-        );
-        scene.solid(Convex::sphere(v(x, y, z + 0.40), 0.10), green);
+        scene.cone(v(x, y, z + 0.26), 0.06, 0.08, 0.10, matt(rgb(196, 110, 70)));
+        scene.sphere(v(x, y, z + 0.40), 0.10, green);
     }
 }
 
 /// A skylight, a sunshade with a table, and a bed of herbs.
 fn terrace(scene: &mut Builder, z: f64) {
-    let pane = Material { reflectance: 0.20, ..Material::glossy(Texture::Plain(rgb(70, 110, 130))) };
-    let white = Material::satin(Texture::Plain(rgb(200, 200, 196)));
+    let pane = Material { reflectance: 0.20, ..glossy(rgb(70, 110, 130)) };
+    let white = satin(rgb(200, 200, 196));
     for side in [-1.0, 1.0] {
         let leaf = Convex::block(v(-0.05 + side * 0.10, 0.10, z + 0.32), v(0.24, 0.50, 0.015));
         scene.solid(leaf.swung(v(-0.05 + side * 0.10, 0.10, z + 0.32), DVec3::Y, side * 38.0), pane);
-        scene.solid(Convex::block(v(-0.05 + side * 0.20, 0.10, z + 0.27), v(0.03, 0.54, 0.06)), white);
+        scene.block(v(-0.05 + side * 0.20, 0.10, z + 0.27), v(0.03, 0.54, 0.06), white);
     }
     for y in [-0.15, 0.02, 0.18, 0.35] {
         for x in [-0.25, 0.15] {
-            scene.solid(Convex::rod(v(x, y, z + 0.26), v(-0.05, y, z + 0.41), 0.012), white);
+            scene.rod(v(x, y, z + 0.26), v(-0.05, y, z + 0.41), 0.012, white);
         }
     }
     let shade = Texture::Shingles { a: rgb(206, 44, 50), b: rgb(240, 220, 180), around: 12.0, per_unit: 3.0 };
-    scene.solid(Convex::cone(v(-0.45, -0.42, z + 0.44), 0.20, 0.0, 0.10), Material::matt(shade));
-    scene.solid(Convex::cylinder(v(-0.45, -0.42, z + 0.24), 0.012, 0.22), white);
-    scene.solid(Convex::cylinder(v(-0.45, -0.42, z + 0.31), 0.10, 0.015), white);
+    scene.cone(v(-0.45, -0.42, z + 0.44), 0.20, 0.0, 0.10, Material::matt(shade));
+    scene.cylinder(v(-0.45, -0.42, z + 0.24), 0.012, 0.22, white);
+    scene.cylinder(v(-0.45, -0.42, z + 0.31), 0.10, 0.015, white);
     let herbs = Texture::Patches { a: rgb(130, 180, 70), b: rgb(60, 110, 50), per_unit: 22.0, cap: 9.0 };
     let wood = Texture::Plain(rgb(120, 80, 46));
-    scene.solid(Convex::block(v(0.60, 0.40, z + 0.27), v(0.16, 0.52, 0.07)), Material::matt(wood));
-    scene.solid(Convex::block(v(0.60, 0.40, z + 0.31), v(0.13, 0.49, 0.03)), Material::matt(herbs));
+    scene.block(v(0.60, 0.40, z + 0.27), v(0.16, 0.52, 0.07), Material::matt(wood));
+    scene.block(v(0.60, 0.40, z + 0.31), v(0.13, 0.49, 0.03), Material::matt(herbs));
 }

@@ -2,23 +2,21 @@
 
 use glam::DVec3;
 
-use super::{rgb, v};
+use super::{glossy, matt, rgb, satin, stripes, v};
 use crate::convex::{Convex, Frame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
 
 pub(crate) fn figure() -> Builder {
     let mut scene = Builder::default();
-    let skin = Material::satin(Texture::Plain(rgb(222, 164, 128)));
-    let jersey =
-        Material::matt(Texture::Stripes { a: rgb(206, 44, 50), b: rgb(246, 240, 230), direction: v(0.0, 0.0, 11.0) });
-    let sleeve = Material::matt(Texture::Plain(rgb(196, 40, 46)));
+    let skin = satin(rgb(222, 164, 128));
+    let jersey = Material::matt(stripes(rgb(206, 44, 50), rgb(246, 240, 230), v(0.0, 0.0, 11.0)));
+    let sleeve = matt(rgb(196, 40, 46));
     let jeans =
         Material::matt(Texture::Checker { a: rgb(40, 66, 120), b: rgb(48, 78, 136), per_unit: v(22.0, 22.0, 22.0) });
-    let shoe = Material::glossy(Texture::Plain(rgb(240, 236, 226)));
-    let hair =
-        Material::satin(Texture::Stripes { a: rgb(70, 40, 20), b: rgb(46, 24, 12), direction: v(22.0, 0.0, 6.0) });
-    let ink = Material::glossy(Texture::Plain(rgb(24, 20, 22)));
+    let shoe = glossy(rgb(240, 236, 226));
+    let hair = Material::satin(stripes(rgb(70, 40, 20), rgb(46, 24, 12), v(22.0, 0.0, 6.0)));
+    let ink = glossy(rgb(24, 20, 22));
 
     // Standing on the left leg, the right one bent; the left arm up, the right one to the side. It faces −y.
     let hip = v(0.0, 0.0, -0.08);
@@ -38,16 +36,13 @@ pub(crate) fn figure() -> Builder {
         &[(0.02, -0.165), (0.075, -0.13), (0.115, -0.03), (0.12, 0.05), (0.08, 0.13), (0.01, 0.16)],
         skin,
     );
-    scene.solid(Convex::sphere(head + v(0.005, 0.022, 0.065), 0.126), hair);
-    scene.solid(Convex::sphere(head + v(0.02, 0.14, 0.12), 0.07), hair);
+    scene.sphere(head + v(0.005, 0.022, 0.065), 0.126, hair);
+    scene.sphere(head + v(0.02, 0.14, 0.12), 0.07, hair);
     for x in [-0.045, 0.045] {
-        scene.solid(Convex::sphere(head + v(x, -0.105, 0.0), 0.019), ink);
+        scene.sphere(head + v(x, -0.105, 0.0), 0.019, ink);
     }
     scene.solid(Convex::taper(head + v(0.0, -0.11, -0.02), head + v(0.0, -0.15, -0.045), 0.012, 0.02), skin);
-    scene.solid(
-        Convex::rod(head + v(-0.03, -0.098, -0.085), head + v(0.03, -0.098, -0.085), 0.012),
-        Material::satin(Texture::Plain(rgb(190, 70, 70))),
-    );
+    scene.rod(head + v(-0.03, -0.098, -0.085), head + v(0.03, -0.098, -0.085), 0.012, satin(rgb(190, 70, 70)));
 
     for (shoulder, elbow, hand) in [
         (v(0.17, -0.01, 0.44), v(0.40, -0.06, 0.60), v(0.42, -0.16, 0.88)),
@@ -55,7 +50,7 @@ pub(crate) fn figure() -> Builder {
     ] {
         limb(&mut scene, shoulder, elbow, 0.075, 0.058, sleeve);
         limb(&mut scene, elbow, hand, 0.050, 0.038, skin);
-        scene.solid(Convex::sphere(hand, 0.052), skin);
+        scene.sphere(hand, 0.052, skin);
         let ahead = (hand - elbow).normalize_or(DVec3::Z);
         for k in -1..=1 {
             let spread = ahead.cross(DVec3::Y).normalize_or(DVec3::X) * (0.028 * f64::from(k));
@@ -71,13 +66,13 @@ pub(crate) fn figure() -> Builder {
         limb(&mut scene, ankle - DVec3::Z * 0.04, toe, 0.056, 0.048, shoe);
     }
     let disc = Texture::Checker { a: rgb(60, 64, 76), b: rgb(84, 90, 104), per_unit: v(8.0, 8.0, 0.1) };
-    scene.solid(Convex::cylinder(v(0.0, 0.0, -1.20), 0.50, 0.06), Material::satin(disc));
+    scene.cylinder(v(0.0, 0.0, -1.20), 0.50, 0.06, Material::satin(disc));
     scene
 }
 
 /// A tapered rod with balls at its ends.
 fn limb(scene: &mut Builder, a: DVec3, b: DVec3, from: f64, to: f64, material: Material) {
     scene.solid(Convex::taper(a, b, from, to), material);
-    scene.solid(Convex::sphere(a, from), material);
-    scene.solid(Convex::sphere(b, to), material);
+    scene.sphere(a, from, material);
+    scene.sphere(b, to, material);
 }

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use glam::DVec3;
 
-use super::{polar, rgb, v};
+use super::{flowers, glossy, matt, polar, rgb, stripes, v};
 use crate::convex::{Convex, Frame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
@@ -29,10 +29,10 @@ fn gold() -> Material {
 
 fn tray(scene: &mut Builder) {
     let tiles = Texture::Checker { a: rgb(176, 34, 40), b: rgb(240, 232, 214), per_unit: v(6.5, 6.5, 0.1) };
-    scene.solid(Convex::cylinder(v(0.0, 0.0, TOP - 0.09), 1.08, 0.09), Material::glossy(tiles));
+    scene.cylinder(v(0.0, 0.0, TOP - 0.09), 1.08, 0.09, Material::glossy(tiles));
     scene.ring(Frame::at(v(0.0, 0.0, TOP - 0.02)), 1.08, 0.04, gold());
     for k in 0..5 {
-        scene.solid(Convex::sphere(polar(0.9, f64::from(k) * 72.0, TOP - 0.13), 0.06), gold());
+        scene.sphere(polar(0.9, f64::from(k) * 72.0, TOP - 0.13), 0.06, gold());
     }
 }
 
@@ -57,17 +57,14 @@ fn body(scene: &mut Builder) {
     scene.lathe(
         foot,
         &[(0.03, 1.04), (0.035, 1.08), (0.075, 1.13), (0.07, 1.18), (0.01, 1.205)],
-        Material::glossy(Texture::Plain(rgb(24, 22, 24))),
+        glossy(rgb(24, 22, 24)),
     );
     // The spout rises towards +x.
     let spout = Frame::along(at(0.42, 0.30), v(1.0, 0.0, 0.78));
     scene.lathe(spout, &[(0.19, 0.0), (0.14, 0.14), (0.10, 0.30), (0.085, 0.44), (0.10, 0.52)], steel());
     scene.ring(Frame { origin: spout.origin + spout.rotation.z_axis * 0.52, ..spout }, 0.088, 0.016, gold());
-    let dark = Material::matt(Texture::Plain(rgb(14, 14, 16)));
-    scene.solid(
-        Convex::rod(spout.origin + spout.rotation.z_axis * 0.5, spout.origin + spout.rotation.z_axis * 0.524, 0.08),
-        dark,
-    );
+    let dark = matt(rgb(14, 14, 16));
+    scene.rod(spout.origin + spout.rotation.z_axis * 0.5, spout.origin + spout.rotation.z_axis * 0.524, 0.08, dark);
     // The handle arches over the lid.
     let arch = |s: f64| {
         let a = PI * s;
@@ -75,12 +72,12 @@ fn body(scene: &mut Builder) {
     };
     scene.closed_tube(arch, 30, 0.028, steel());
     let grip = |s: f64| arch(0.30 + 0.40 * s);
-    let cane = Texture::Stripes { a: rgb(120, 60, 30), b: rgb(70, 32, 18), direction: v(20.0, 0.0, 0.0) };
+    let cane = stripes(rgb(120, 60, 30), rgb(70, 32, 18), v(20.0, 0.0, 0.0));
     scene.closed_tube(grip, 16, 0.048, Material::glossy(cane));
     for s in [0.0, 0.30, 0.70, 1.0] {
-        scene.solid(Convex::sphere(arch(s), 0.062), gold());
+        scene.sphere(arch(s), 0.062, gold());
     }
-    let band = Texture::Stripes { a: rgb(232, 190, 90), b: rgb(150, 100, 30), direction: v(0.0, 12.0, 0.0) };
+    let band = stripes(rgb(232, 190, 90), rgb(150, 100, 30), v(0.0, 12.0, 0.0));
     scene.ring(Frame::at(at(0.0, 0.30)), 0.605, 0.014, Material { texture: band, ..gold() });
 }
 
@@ -90,12 +87,9 @@ fn company(scene: &mut Builder) {
     let can = Frame::at(v(0.52, 0.58, TOP));
     scene.lathe(can, &[(0.15, 0.0), (0.19, 0.08), (0.18, 0.20), (0.12, 0.32), (0.11, 0.38), (0.15, 0.46)], copper);
     scene.ring(Frame::at(can.origin + DVec3::Z * 0.46), 0.145, 0.012, copper);
-    scene.solid(
-        Convex::cylinder(can.origin + DVec3::Z * 0.44, 0.14, 0.015),
-        Material::matt(Texture::Plain(rgb(246, 240, 226))),
-    );
+    scene.cylinder(can.origin + DVec3::Z * 0.44, 0.14, 0.015, matt(rgb(246, 240, 226)));
     scene.ring(Frame::along(can.origin + v(0.17, 0.05, 0.24), v(-0.3, 1.0, 0.0)), 0.10, 0.018, copper);
-    scene.solid(Convex::sphere(v(0.58, -0.50, TOP + 0.17), 0.17), steel());
+    scene.sphere(v(0.58, -0.50, TOP + 0.17), 0.17, steel());
     let lemon = Texture::Plain(rgb(250, 208, 40));
     let along = Frame::along(v(0.20, -0.74, TOP + 0.10), v(1.0, 0.5, 0.1));
     scene.lathe(
@@ -103,19 +97,14 @@ fn company(scene: &mut Builder) {
         &[(0.01, -0.17), (0.03, -0.14), (0.085, -0.08), (0.10, 0.0), (0.085, 0.08), (0.03, 0.14), (0.01, 0.16)],
         Material::glossy(lemon),
     );
-    let leaf = Material::glossy(Texture::Plain(rgb(50, 130, 50)));
+    let leaf = glossy(rgb(50, 130, 50));
     scene.solid(Convex::block(v(0.36, -0.62, TOP + 0.13), v(0.14, 0.07, 0.012)).turned(40.0), leaf);
     let mug = v(-0.62, 0.52, TOP);
-    let blue = Texture::Flowers { ground: rgb(34, 70, 150), petal: rgb(246, 240, 220), per_unit: 11.0, round: true };
+    let blue = flowers(rgb(34, 70, 150), rgb(246, 240, 220), 11.0, true);
     let hollow = vec![Convex::cylinder(mug + DVec3::Z * 0.05, 0.125, 0.5)];
     scene.carved(Convex::cylinder(mug, 0.145, 0.30), hollow, Material::glossy(blue));
-    scene.ring(
-        Frame::along(mug + v(-0.16, 0.03, 0.15), v(0.2, 1.0, 0.0)),
-        0.085,
-        0.02,
-        Material::glossy(Texture::Plain(rgb(34, 70, 150))),
-    );
-    scene.solid(Convex::cylinder(mug + DVec3::Z * 0.2, 0.125, 0.02), Material::glossy(Texture::Plain(rgb(96, 46, 18))));
+    scene.ring(Frame::along(mug + v(-0.16, 0.03, 0.15), v(0.2, 1.0, 0.0)), 0.085, 0.02, glossy(rgb(34, 70, 150)));
+    scene.cylinder(mug + DVec3::Z * 0.2, 0.125, 0.02, glossy(rgb(96, 46, 18)));
     for (angle, colour) in [(215.0, rgb(60, 150, 90)), (245.0, rgb(226, 120, 40))] {
         let jar = Frame::at(polar(0.82, angle, TOP));
         scene.lathe(jar, &[(0.10, 0.0), (0.12, 0.04), (0.12, 0.16), (0.09, 0.21)], Material::metal(colour));

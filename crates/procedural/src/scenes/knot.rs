@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::{polar, rgb, v};
+use super::{glossy, polar, rgb, v};
 use crate::convex::{Convex, Frame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
@@ -19,15 +19,15 @@ pub(crate) fn knot() -> Builder {
     // (length along the tube, angle about it): eight strands of cells that twist around.
     let scales = Texture::Checker { a: rgb(214, 62, 40), b: rgb(250, 196, 66), per_unit: v(7.0, 8.0 / TAU, 1.0) };
     scene.closed_tube(trefoil, PIECES, 0.155, Material::glossy(scales));
-    scene.solid(Convex::sphere(v(0.0, 0.0, 0.25), 0.24), Material::metal(rgb(225, 230, 238)));
+    scene.sphere(v(0.0, 0.0, 0.25), 0.24, Material::metal(rgb(225, 230, 238)));
     scene.ring(Frame::along(v(0.0, 0.0, 0.25), v(0.5, 0.3, 1.0)), 0.30, 0.018, brass());
 
     plinth(&mut scene);
     for i in 0..12 {
         let angle = f64::from(i) * 30.0 + 15.0;
         let colour = if i % 2 == 0 { rgb(32, 120, 190) } else { rgb(240, 240, 230) };
-        let bead = Material::glossy(Texture::Plain(colour));
-        scene.solid(Convex::sphere(polar(0.86, angle, -0.56), 0.075), bead);
+        let bead = glossy(colour);
+        scene.sphere(polar(0.86, angle, -0.56), 0.075, bead);
     }
     scene
 }
@@ -47,10 +47,10 @@ fn plinth(scene: &mut Builder) {
     }
     scene.carved(Convex::cylinder(v(0.0, 0.0, -0.98), 0.95, 0.36), cuts, Material::satin(marble));
     let steps = Texture::Checker { a: rgb(40, 46, 60), b: rgb(176, 170, 150), per_unit: v(6.0, 6.0, 0.1) };
-    scene.solid(Convex::cylinder(v(0.0, 0.0, -1.10), 1.10, 0.12), Material::matt(steps));
+    scene.cylinder(v(0.0, 0.0, -1.10), 1.10, 0.12, Material::matt(steps));
     for i in 0..3 {
         let angle = f64::from(i) * 120.0 + 30.0;
-        scene.solid(Convex::rod(polar(0.5, angle, -1.0), polar(0.72, angle, 0.1), 0.022), brass());
-        scene.solid(Convex::rod(polar(0.5, angle, -1.0), polar(0.42, angle + 60.0, 0.1), 0.022), brass());
+        scene.rod(polar(0.5, angle, -1.0), polar(0.72, angle, 0.1), 0.022, brass());
+        scene.rod(polar(0.5, angle, -1.0), polar(0.42, angle + 60.0, 0.1), 0.022, brass());
     }
 }

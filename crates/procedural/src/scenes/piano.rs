@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{rgb, v};
+use super::{flowers, glossy, matt, rgb, stripes, v};
 use crate::convex::{Convex, Frame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
@@ -12,9 +12,9 @@ const RUG: f64 = -0.98;
 
 pub(crate) fn piano() -> Builder {
     let mut scene = Builder::default();
-    let rug = Texture::Flowers { ground: rgb(36, 22, 30), petal: rgb(74, 30, 34), per_unit: 4.2, round: false };
-    scene.solid(Convex::cylinder(v(0.0, 0.0, RUG - 0.05), 0.98, 0.05), Material::matt(rug));
-    scene.ring(Frame::at(v(0.0, 0.0, RUG - 0.02)), 0.98, 0.026, Material::matt(Texture::Plain(rgb(52, 42, 28))));
+    let rug = flowers(rgb(36, 22, 30), rgb(74, 30, 34), 4.2, false);
+    scene.cylinder(v(0.0, 0.0, RUG - 0.05), 0.98, 0.05, Material::matt(rug));
+    scene.ring(Frame::at(v(0.0, 0.0, RUG - 0.02)), 0.98, 0.026, matt(rgb(52, 42, 28)));
     case(&mut scene);
     keyboard(&mut scene);
     lid(&mut scene);
@@ -24,7 +24,7 @@ pub(crate) fn piano() -> Builder {
 }
 
 fn lacquer() -> Material {
-    Material { reflectance: 0.045, ..Material::glossy(Texture::Plain(rgb(22, 22, 24))) }
+    Material { reflectance: 0.045, ..glossy(rgb(22, 22, 24)) }
 }
 
 /// A grand piano's outline from `y` back: a block with its bent side hollowed out, and the round tail. All of it
@@ -46,43 +46,40 @@ fn case(scene: &mut Builder) {
         scene.carved(part, cuts, Material::satin(board));
     }
     let iron = Material::metal(rgb(150, 112, 48));
-    scene.solid(Convex::block(v(0.0, -0.33, TOP + 0.02), v(1.24, 0.07, 0.03)), iron);
+    scene.block(v(0.0, -0.33, TOP + 0.02), v(1.24, 0.07, 0.03), iron);
     for (x, y) in [(-0.56, 0.70), (-0.30, 0.92), (-0.02, 0.74), (0.20, 0.46), (0.46, 0.14)] {
-        scene.solid(Convex::rod(v(x, -0.30, TOP + 0.03), v(x, y, TOP + 0.03), 0.018), iron);
+        scene.rod(v(x, -0.30, TOP + 0.03), v(x, y, TOP + 0.03), 0.018, iron);
     }
     let string = Material::metal(rgb(190, 186, 176));
     for k in 0..22 {
         let s = f64::from(k) / 21.0;
         let x = -0.58 + 1.14 * s;
         let length = if s < 0.45 { 1.04 } else { 1.04 - 1.25 * (s - 0.45) };
-        scene.solid(Convex::rod(v(x, -0.30, TOP + 0.02), v(x + 0.04, -0.30 + length, TOP + 0.02), 0.006), string);
+        scene.rod(v(x, -0.30, TOP + 0.02), v(x + 0.04, -0.30 + length, TOP + 0.02), 0.006, string);
     }
-    scene.solid(
-        Convex::block(v(0.0, -0.22, TOP + 0.035), v(1.14, 0.035, 0.03)),
-        Material::matt(Texture::Plain(rgb(90, 24, 26))),
-    );
+    scene.block(v(0.0, -0.22, TOP + 0.035), v(1.14, 0.035, 0.03), matt(rgb(90, 24, 26)));
 }
 
 fn keyboard(scene: &mut Builder) {
     let key = TOP - 0.10;
-    scene.solid(Convex::block(v(0.0, -0.60, key - 0.09), v(1.36, 0.26, 0.12)), lacquer());
+    scene.block(v(0.0, -0.60, key - 0.09), v(1.36, 0.26, 0.12), lacquer());
     for x in [-0.645, 0.645] {
-        scene.solid(Convex::block(v(x, -0.60, key - 0.02), v(0.07, 0.26, 0.16)), lacquer());
+        scene.block(v(x, -0.60, key - 0.02), v(0.07, 0.26, 0.16), lacquer());
     }
-    let ivory = Material::glossy(Texture::Plain(rgb(226, 220, 204)));
-    let felt = Material::matt(Texture::Plain(rgb(110, 16, 22)));
-    scene.solid(Convex::block(v(0.0, -0.50, key - 0.01), v(1.22, 0.02, 0.05)), felt);
+    let ivory = glossy(rgb(226, 220, 204));
+    let felt = matt(rgb(110, 16, 22));
+    scene.block(v(0.0, -0.50, key - 0.01), v(1.22, 0.02, 0.05), felt);
     for k in 0..28 {
         let x = -0.594 + 0.044 * f64::from(k);
-        scene.solid(Convex::block(v(x, -0.615, key - 0.01), v(0.039, 0.21, 0.04)), ivory);
+        scene.block(v(x, -0.615, key - 0.01), v(0.039, 0.21, 0.04), ivory);
         if ![2, 6].contains(&(k % 7)) {
-            scene.solid(Convex::block(v(x + 0.022, -0.575, key + 0.018), v(0.024, 0.13, 0.03)), lacquer());
+            scene.block(v(x + 0.022, -0.575, key + 0.018), v(0.024, 0.13, 0.03), lacquer());
         }
     }
     // The music desk with an open book.
     let desk = |c: Convex| c.swung(v(0.0, -0.38, TOP + 0.02), DVec3::X, -18.0);
     scene.solid(desk(Convex::block(v(0.0, -0.38, TOP + 0.15), v(0.70, 0.02, 0.26))), lacquer());
-    let page = Texture::Stripes { a: rgb(232, 226, 210), b: rgb(150, 144, 134), direction: v(0.0, 0.0, 26.0) };
+    let page = stripes(rgb(232, 226, 210), rgb(150, 144, 134), v(0.0, 0.0, 26.0));
     for x in [-0.105, 0.105] {
         scene.solid(desk(Convex::block(v(x, -0.40, TOP + 0.16), v(0.195, 0.012, 0.24))), Material::matt(page));
     }
@@ -95,14 +92,14 @@ fn lid(scene: &mut Builder) {
     for (part, cuts) in outline(TOP + 0.02, TOP + 0.05, -0.20, 0.0) {
         scene.carved(swing(part), cuts.into_iter().map(swing).collect(), lacquer());
     }
-    scene.solid(Convex::rod(v(0.54, 0.02, TOP), v(0.36, 0.02, TOP + 0.82), 0.014), Material::metal(rgb(150, 112, 48)));
+    scene.rod(v(0.54, 0.02, TOP), v(0.36, 0.02, TOP + 0.82), 0.014, Material::metal(rgb(150, 112, 48)));
 }
 
 fn legs(scene: &mut Builder) {
     let brass = Material::metal(rgb(176, 134, 60));
     for at in [v(-0.54, -0.50, RUG), v(0.54, -0.50, RUG), v(-0.28, 0.66, RUG)] {
         let foot = Frame::at(at);
-        scene.solid(Convex::sphere(at + DVec3::Z * 0.035, 0.035), brass);
+        scene.sphere(at + DVec3::Z * 0.035, 0.035, brass);
         scene.lathe(
             foot,
             &[(0.035, 0.06), (0.05, 0.12), (0.04, 0.20), (0.07, 0.46), (0.09, 0.54), (0.07, 0.58), (0.09, 0.66)],
@@ -110,18 +107,18 @@ fn legs(scene: &mut Builder) {
         );
     }
     for x in [-0.04, 0.04] {
-        scene.solid(Convex::rod(v(x, -0.25, RUG + 0.05), v(0.5 * x, -0.20, TOP - 0.2), 0.014), lacquer());
+        scene.rod(v(x, -0.25, RUG + 0.05), v(0.5 * x, -0.20, TOP - 0.2), 0.014, lacquer());
     }
     for x in [-0.07, 0.0, 0.07] {
-        scene.solid(Convex::block(v(x, -0.30, RUG + 0.06), v(0.03, 0.14, 0.02)), brass);
+        scene.block(v(x, -0.30, RUG + 0.06), v(0.03, 0.14, 0.02), brass);
     }
 }
 
 fn bench(scene: &mut Builder) {
     let at = v(0.0, -0.90, RUG);
     let leather = Texture::Checker { a: rgb(40, 20, 18), b: rgb(52, 26, 22), per_unit: v(14.0, 14.0, 0.1) };
-    scene.solid(Convex::block(at + DVec3::Z * 0.42, v(0.52, 0.22, 0.07)), Material::satin(leather));
-    scene.solid(Convex::block(at + DVec3::Z * 0.36, v(0.54, 0.24, 0.05)), lacquer());
+    scene.block(at + DVec3::Z * 0.42, v(0.52, 0.22, 0.07), Material::satin(leather));
+    scene.block(at + DVec3::Z * 0.36, v(0.54, 0.24, 0.05), lacquer());
     for (x, y) in [(-0.23, -0.08), (0.23, -0.08), (0.23, 0.08), (-0.23, 0.08)] {
         scene.solid(Convex::taper(at + v(x, y, 0.0), at + v(x, y, 0.35), 0.02, 0.035), lacquer());
     }

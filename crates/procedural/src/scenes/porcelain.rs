@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{polar, rgb, v};
+use super::{flowers, glossy, matt, polar, rgb, v};
 use crate::convex::{Convex, Frame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
@@ -21,11 +21,11 @@ pub(crate) fn porcelain() -> Builder {
 }
 
 fn white() -> Material {
-    Material::glossy(Texture::Plain(rgb(232, 232, 230)))
+    glossy(rgb(232, 232, 230))
 }
 
 fn sprigged() -> Material {
-    let sprigs = Texture::Flowers { ground: rgb(234, 234, 234), petal: rgb(150, 178, 218), per_unit: 7.5, round: true };
+    let sprigs = flowers(rgb(234, 234, 234), rgb(150, 178, 218), 7.5, true);
     Material::glossy(sprigs)
 }
 
@@ -36,9 +36,9 @@ fn gilt() -> Material {
 /// A scalloped board.
 fn plate(scene: &mut Builder) {
     let veins = Texture::Marble { a: rgb(200, 201, 204), b: rgb(168, 174, 184), per_unit: 2.2 };
-    scene.solid(Convex::cylinder(v(0.0, 0.0, TOP - 0.10), 0.98, 0.10), Material::satin(veins));
+    scene.cylinder(v(0.0, 0.0, TOP - 0.10), 0.98, 0.10, Material::satin(veins));
     for k in 0..24 {
-        scene.solid(Convex::cylinder(polar(0.98, f64::from(k) * 15.0, TOP - 0.10), 0.10, 0.085), white());
+        scene.cylinder(polar(0.98, f64::from(k) * 15.0, TOP - 0.10), 0.10, 0.085, white());
     }
 }
 
@@ -68,7 +68,7 @@ fn pot(scene: &mut Builder) {
         let (a, b) = (f64::from(k) / 14.0, f64::from(k + 1) / 14.0);
         let radius = |s: f64| 0.092 - 0.052 * s;
         scene.solid(Convex::taper(spout(a), spout(b), radius(a), radius(b)), white());
-        scene.solid(Convex::sphere(spout(b), radius(b)), white());
+        scene.sphere(spout(b), radius(b), white());
     }
     let handle = |s: f64| {
         let (sin, cos) = (std::f64::consts::PI * (s - 0.5)).sin_cos();
@@ -96,11 +96,8 @@ fn vase(scene: &mut Builder) {
     for z in [0.96, 1.03] {
         scene.ring(Frame::at(foot.origin + DVec3::Z * z), 0.086, 0.014, white());
     }
-    scene.solid(
-        Convex::cylinder(foot.origin + DVec3::Z * 1.12, 0.115, 0.01),
-        Material::matt(Texture::Plain(rgb(150, 148, 144))),
-    );
-    let twig = Material::matt(Texture::Plain(rgb(206, 200, 190)));
+    scene.cylinder(foot.origin + DVec3::Z * 1.12, 0.115, 0.01, matt(rgb(150, 148, 144)));
+    let twig = matt(rgb(206, 200, 190));
     for k in 0..6u32 {
         let angle = f64::from(k) * 60.0 + 11.0;
         let start = foot.origin + DVec3::Z * 1.10;
@@ -110,7 +107,7 @@ fn vase(scene: &mut Builder) {
         for s in [0.55, 0.72, 0.86, 1.0] {
             let bud = Texture::Plain(if s == 0.55 || s == 0.86 { rgb(250, 248, 248) } else { rgb(246, 226, 230) });
             let side = polar(0.03, angle + 400.0 * s, 0.012);
-            scene.solid(Convex::sphere(curve(s) + side, 0.030), Material::matt(bud));
+            scene.sphere(curve(s) + side, 0.030, Material::matt(bud));
         }
     }
 }
@@ -122,10 +119,7 @@ fn cup(scene: &mut Builder, at: DVec3, turn: f64) {
     scene.ring(Frame::at(at + DVec3::Z * 0.055), 0.24, 0.010, gilt());
     scene.lathe(foot, &[(0.08, 0.05), (0.07, 0.075), (0.13, 0.13), (0.155, 0.20), (0.165, 0.26)], sprigged());
     scene.ring(Frame::at(at + DVec3::Z * 0.262), 0.160, 0.009, white());
-    scene.solid(
-        Convex::cylinder(at + DVec3::Z * 0.255, 0.152, 0.008),
-        Material::glossy(Texture::Plain(rgb(236, 222, 200))),
-    );
+    scene.cylinder(at + DVec3::Z * 0.255, 0.152, 0.008, glossy(rgb(236, 222, 200)));
     let side = polar(1.0, turn, 0.0);
     scene.ring(Frame::along(at + side * 0.17 + DVec3::Z * 0.16, side.cross(DVec3::Z)), 0.065, 0.014, white());
 }
@@ -140,17 +134,14 @@ fn hare(scene: &mut Builder) {
         &[(0.01, -0.06), (0.09, -0.02), (0.145, 0.10), (0.13, 0.22), (0.08, 0.34), (0.01, 0.40)],
         white(),
     );
-    scene.solid(Convex::sphere(at(-0.22, 0.0, 0.36), 0.105), white());
-    scene.solid(Convex::sphere(at(-0.30, 0.0, 0.33), 0.065), white());
-    scene.solid(Convex::sphere(at(0.20, 0.0, 0.12), 0.055), white());
+    scene.sphere(at(-0.22, 0.0, 0.36), 0.105, white());
+    scene.sphere(at(-0.30, 0.0, 0.33), 0.065, white());
+    scene.sphere(at(0.20, 0.0, 0.12), 0.055, white());
     for side in [-1.0, 1.0] {
         let ear = Frame::along(at(-0.20, side * 0.045, 0.42), v(0.12, 0.12, 1.0) + (at(0.0, side * 0.2, 0.0) - ground));
         scene.lathe(ear, &[(0.01, 0.0), (0.038, 0.08), (0.036, 0.18), (0.004, 0.29)], white());
-        scene.solid(Convex::sphere(at(0.06, side * 0.10, 0.09), 0.09), white());
-        scene.solid(Convex::sphere(at(-0.22, side * 0.07, 0.04), 0.045), white());
-        scene.solid(
-            Convex::sphere(at(-0.285, side * 0.075, 0.39), 0.014),
-            Material::glossy(Texture::Plain(rgb(120, 126, 140))),
-        );
+        scene.sphere(at(0.06, side * 0.10, 0.09), 0.09, white());
+        scene.sphere(at(-0.22, side * 0.07, 0.04), 0.045, white());
+        scene.sphere(at(-0.285, side * 0.075, 0.39), 0.014, glossy(rgb(120, 126, 140)));
     }
 }

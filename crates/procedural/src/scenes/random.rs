@@ -6,7 +6,7 @@ use glam::DVec3;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{polar, v};
+use super::{polar, stripes, v};
 use crate::convex::{Convex, Frame};
 use crate::model::{Builder, Material};
 use crate::texture::Texture;
@@ -21,7 +21,7 @@ pub(crate) fn random(seed: u64) -> Builder {
     let mut scene = Builder::default();
     let plate = material(rng);
     if rng.random() {
-        scene.solid(Convex::cylinder(v(0.0, 0.0, GROUND - 0.12), REACH, 0.12), plate);
+        scene.cylinder(v(0.0, 0.0, GROUND - 0.12), REACH, 0.12, plate);
     } else {
         let side = REACH * 1.35;
         scene.solid(Convex::block(v(0.0, 0.0, GROUND - 0.06), v(side, side, 0.12)).turned(turn(rng)), plate);
@@ -50,13 +50,13 @@ fn thing(scene: &mut Builder, rng: &mut impl Rng, foot: DVec3, size: f64) {
     let tall = size * rng.random_range(1.0..2.6);
     let material = material(rng);
     match rng.random_range(0..6) {
-        0 => scene.solid(Convex::sphere(foot + DVec3::Z * size, size), material),
+        0 => scene.sphere(foot + DVec3::Z * size, size, material),
         1 => {
             let half = v(0.5 * size, 0.5 * size, 0.5 * tall);
             scene.solid(Convex::block(foot + DVec3::Z * half.z, 2.0 * half).turned(turn(rng)), material)
         }
-        2 => scene.solid(Convex::cylinder(foot, 0.7 * size, tall), material),
-        3 => scene.solid(Convex::cone(foot, size, 0.1 * size, tall), material),
+        2 => scene.cylinder(foot, 0.7 * size, tall, material),
+        3 => scene.cone(foot, size, 0.1 * size, tall, material),
         4 => {
             let across = polar(1.0, turn(rng), 0.0);
             let tube = 0.25 * size;
@@ -64,8 +64,8 @@ fn thing(scene: &mut Builder, rng: &mut impl Rng, foot: DVec3, size: f64) {
         }
         _ => {
             let on_top = self::material(rng);
-            scene.solid(Convex::cylinder(foot, 0.5 * size, tall), material);
-            scene.solid(Convex::sphere(foot + DVec3::Z * (tall + 0.7 * size), 0.7 * size), on_top)
+            scene.cylinder(foot, 0.5 * size, tall, material);
+            scene.sphere(foot + DVec3::Z * (tall + 0.7 * size), 0.7 * size, on_top)
         }
     };
 }
@@ -77,7 +77,7 @@ fn material(rng: &mut impl Rng) -> Material {
         2 => Texture::Checker { a, b, per_unit: DVec3::splat(rng.random_range(2.0..6.0)) },
         3 => {
             let along = [DVec3::X, DVec3::Y, DVec3::Z][rng.random_range(0..3)];
-            Texture::Stripes { a, b, direction: along * rng.random_range(2.0..6.0) }
+            stripes(a, b, along * rng.random_range(2.0..6.0))
         }
         _ => Texture::Bands { a, b, c: colour(rng), per_unit: rng.random_range(1.5..4.0) },
     };

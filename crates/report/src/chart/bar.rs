@@ -4,13 +4,13 @@ use plotters::{
 };
 
 use super::{
-    Frame,
+    AxisScale, Frame,
     canvas::{INK, anchored, colour, drawn, fits_below, font, plot},
     scale::{Scale, drawable},
 };
 use crate::{ReportError, text::plain};
 
-/// A bar of a [`bar_chart`].
+/// Bar of a [`bar_chart`].
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Bar {
     /// Name below the bar.
@@ -21,23 +21,23 @@ pub struct Bar {
     pub spread: Option<f64>,
 }
 
-/// A bar for each entry, from zero, its value written above. The frame's axes are taken as linear.
+/// Draws a bar for each entry, from zero, its value written above. The frame's axes are taken as linear.
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
 pub fn bar_chart(frame: &Frame, bars: &[Bar]) -> Result<String, ReportError> {
-    let spread = |bar: &Bar| bar.spread.filter(|spread| drawable(*spread, false)).unwrap_or(0.0).abs();
+    let spread = |bar: &Bar| bar.spread.filter(|spread| drawable(*spread, AxisScale::Linear)).unwrap_or(0.0).abs();
     let ends = bars.iter().flat_map(|bar| [bar.value - spread(bar), 1.05 * (bar.value + spread(bar))]);
-    // Names that have no room below their bars go into a legend.
+    // Names that are wider than their bars' places go into a legend.
     let labels: Vec<String> = bars.iter().map(|bar| plain(&bar.label)).collect();
     let fit = labels.iter().all(|label| fits_below(label, bars.len()));
     let legend = labels.iter().enumerate().map(|(index, label)| (label.clone(), colour(index)));
     let legend: Vec<(String, RGBColor)> = if fit { Vec::new() } else { legend.collect() };
     let x = Scale::labels(if fit { labels } else { vec![String::new(); bars.len()] });
-    let y = Scale::around(ends.chain([0.0]), false).with_zero();
+    let y = Scale::around(ends.chain([0.0]), AxisScale::Linear).with_zero();
     drawn(frame, |sheet| {
         let mut plot = plot(sheet, frame, &legend, x, y)?;
-        for (index, bar) in bars.iter().enumerate().filter(|(_, bar)| drawable(bar.value, false)) {
+        for (index, bar) in bars.iter().enumerate().filter(|(_, bar)| drawable(bar.value, AxisScale::Linear)) {
             let (left, middle, right) = (index as f64 + 0.2, index as f64 + 0.5, index as f64 + 0.8);
             let body = Rectangle::new([(left, 0.0), (right, bar.value)], colour(index).filled());
             plot.draw_series([body])?;

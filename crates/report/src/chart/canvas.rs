@@ -1,4 +1,4 @@
-//! What all charts share: the sheet, its title and legend, and the plotting area with its axes.
+//! Parts of every chart: the sheet, its title and legend, and the plotting area with its axes.
 
 use std::sync::Once;
 
@@ -17,7 +17,7 @@ use plotters::{
 use super::{Frame, scale::Scale};
 use crate::{ReportError, text::plain};
 
-/// Stands for the colour of the surrounding text until [`drawn`] replaces it: no chart uses it for anything else.
+/// Placeholder of the surrounding text's colour, which [`drawn`] replaces: no chart uses it for anything else.
 pub(super) const INK: RGBColor = RGBColor(1, 2, 3);
 const INK_CODE: &str = "#010203";
 /// Eight colours that the colour-blind can tell apart, on white and on black (after Okabe and Ito).
@@ -38,6 +38,9 @@ const CHARACTER: f64 = 0.56;
 /// The drawing library divides sizes by this.
 const FONT_SCALE: f64 = 1.24;
 
+/// Size of the labels that [`write_text`] writes, in pixels.
+pub(crate) const LABEL: f64 = 14.0;
+
 pub(super) type Area<B> = DrawingArea<B, Shift>;
 pub(super) type Plot<'a, B> = ChartContext<'a, B, Cartesian2d<Scale, Scale>>;
 pub(super) type Outcome = Result<(), Box<dyn std::error::Error>>;
@@ -54,19 +57,19 @@ pub(super) fn anchored<'a>(style: TextStyle<'a>, h: HPos, v: VPos) -> TextStyle<
     style.pos(Pos::new(h, v))
 }
 
-/// How many times as large as an SVG a sheet is: 1, or that of a picture.
+/// Returns the size of a sheet over that of an SVG.
 pub(super) fn zoom<B: DrawingBackend>(sheet: &Area<B>) -> u32 {
     sheet.dim_in_pixel().0 / WIDTH
 }
 
-/// The font of all charts, which the drawing library looks for by this name.
+/// Registers the font of all charts under the name that they use.
 fn register_fonts() {
     static ONCE: Once = Once::new();
     // A font that cannot be read is named by the first chart that asks for it.
     ONCE.call_once(|| drop(register_font("sans-serif", FontStyle::Normal, UBUNTU_LIGHT)));
 }
 
-/// Draws on a sheet and returns its pixels, dark on white, of twice the size that an SVG has.
+/// Draws on a sheet and returns its pixels, dark on white, of twice the size of an SVG.
 pub(super) fn pictured(
     frame: &Frame,
     draw: impl FnOnce(&Area<BitMapBackend>) -> Outcome,
@@ -76,11 +79,11 @@ pub(super) fn pictured(
     Ok(picture)
 }
 
-/// Writes texts, each with the place of its upper left corner, on a picture.
+/// Writes texts, each with the place of its upper left corner, on an image.
 pub(crate) fn write_text(picture: &mut RgbImage, texts: &[(String, (i32, i32))]) -> Result<(), ReportError> {
     on_picture(picture, "labels", |sheet| {
         for (text, place) in texts {
-            sheet.draw(&Text::new(plain(text), *place, anchored(font(14.0), HPos::Left, VPos::Top)))?;
+            sheet.draw(&Text::new(plain(text), *place, anchored(font(LABEL), HPos::Left, VPos::Top)))?;
         }
         Ok(())
     })
@@ -110,7 +113,7 @@ pub(super) fn drawn(frame: &Frame, draw: impl FnOnce(&Area<SVGBackend>) -> Outco
     Ok(svg.replace(INK_CODE, "currentColor"))
 }
 
-/// Title, then legend, then axes; the plot that is returned is ready to be drawn into.
+/// Draws title, legend and axes, and returns the plot to draw into.
 ///
 /// `legend` holds names and colours; a single nameless entry needs none.
 pub(super) fn plot<'a, B: DrawingBackend<ErrorType: 'static>>(
@@ -149,13 +152,12 @@ pub(super) fn plot<'a, B: DrawingBackend<ErrorType: 'static>>(
     Ok(plot)
 }
 
-/// Whether a label has room below one of `places` bars.
+/// Returns whether a label fits below one of `places` bars.
 pub(super) fn fits_below(label: &str, places: usize) -> bool {
-    let room = f64::from(WIDTH - 58 - 26) / places.max(1) as f64;
-    text_width(label, 11.0) < room
+    text_width(label, 11.0) < f64::from(WIDTH - 58 - 26) / places.max(1) as f64
 }
 
-/// Names in rows from the left; returns where they end.
+/// Draws names in rows from the left, and returns where they end.
 fn draw_legend<B: DrawingBackend<ErrorType: 'static>>(
     sheet: &Area<B>,
     legend: &[(String, RGBColor)],
@@ -184,7 +186,7 @@ fn draw_legend<B: DrawingBackend<ErrorType: 'static>>(
     Ok(row + 18 * zoom)
 }
 
-/// Width of a text in a font of so many pixels, about.
-pub(super) fn text_width(text: &str, pixels: f64) -> f64 {
+/// Estimates the width of a text in a font of `pixels`.
+pub(crate) fn text_width(text: &str, pixels: f64) -> f64 {
     text.chars().count() as f64 * pixels * CHARACTER
 }

@@ -1,20 +1,20 @@
-/// `y = scale · x^exponent`.
+/// Power law `y = scale · x^exponent`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PowerLaw {
-    /// Slope in log-log coordinates.
+    /// Exponent of `x`.
     pub exponent: f64,
     /// Value at `x = 1`.
     pub scale: f64,
 }
 
 impl PowerLaw {
-    /// Value at `x`.
+    /// Returns the value at `x`.
     pub fn at(self, x: f64) -> f64 {
         self.scale * x.powf(self.exponent)
     }
 }
 
-/// Least-squares line through `(ln x, ln y)`; points that are not positive and finite are left out.
+/// Fits a least-squares line through `(ln x, ln y)`; points that are not positive and finite are left out.
 ///
 /// `None` for fewer than two different `x`.
 pub fn fit_power_law(points: &[(f64, f64)]) -> Option<PowerLaw> {
@@ -31,8 +31,8 @@ pub fn fit_power_law(points: &[(f64, f64)]) -> Option<PowerLaw> {
     (variance > 1e-12 && exponent.is_finite() && law.scale.is_finite()).then_some(law)
 }
 
-/// The points that no other beats in both coordinates, where smaller `x` and larger `y` are better, sorted by `x`: the
-/// frontier of time against PSNR. Points that are not finite are left out.
+/// Returns the points that no other beats in both coordinates, where smaller `x` and larger `y` are better, sorted by
+/// `x`: the frontier of time against PSNR. Points that are not finite are left out.
 pub fn pareto_frontier(points: &[(f64, f64)]) -> Vec<(f64, f64)> {
     let mut sorted: Vec<(f64, f64)> = points.iter().copied().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
     sorted.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.total_cmp(&a.1)));

@@ -4,7 +4,7 @@ use plotters::{
 };
 
 use super::{
-    Frame,
+    AxisScale, Frame,
     canvas::{INK, anchored, drawn, font, plot},
     scale::{Scale, drawable, short},
 };
@@ -14,8 +14,8 @@ use crate::{
     text::plain,
 };
 
-/// A grid of coloured cells with their values written in: `values[row][column]`, the first row on top, dark is the
-/// smallest.
+/// Draws a grid of coloured cells with their values written in: `values[row][column]`, the first row on top, dark is
+/// the smallest.
 ///
 /// A value that is `None`, not finite or missing leaves its cell empty; values beyond the labels are not drawn.
 ///
@@ -32,7 +32,9 @@ pub fn heat_map(
         .take(rows.len())
         .enumerate()
         .flat_map(|(row, line)| line.iter().take(columns.len()).enumerate().map(move |(column, v)| (row, column, *v)))
-        .filter_map(|(row, column, value)| Some((row, column, value.filter(|value| drawable(*value, false))?)))
+        .filter_map(|(row, column, value)| {
+            Some((row, column, value.filter(|value| drawable(*value, AxisScale::Linear))?))
+        })
         .collect();
     let least = cells.iter().map(|cell| cell.2).fold(f64::INFINITY, f64::min);
     let most = cells.iter().map(|cell| cell.2).fold(f64::NEG_INFINITY, f64::max);

@@ -7,93 +7,95 @@ use plotters::{
 use super::{
     Axis, Frame, Series,
     canvas::{Area, INK, Outcome, anchored, colour, drawn, font, pictured, plot, text_width, zoom},
-    fit_power_law,
+    fit_power_law, pareto_frontier,
     scale::{Scale, drawable},
 };
 use crate::{ReportError, text::plain};
 
+/// Maximum number of points of a line with a marker on each.
 const MARKED: usize = 24;
+/// Colour of a frontier, on white and on black.
+const GREY: RGBColor = RGBColor(128, 128, 128);
 
-/// Lines through the points of each series, in the order given, with a marker on each point where there are few.
+/// Draws lines through the points of each series, in the order given, with a marker on each point where there are few.
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
 pub fn line_chart(frame: &Frame, series: &[Series]) -> Result<String, ReportError> {
-    let lines: Vec<Line> = series
-        .iter()
-        .enumerate()
-        .map(|(index, series)| {
-            let points = series.drawable(frame);
-            Line { name: series.name.clone(), marked: points.len() <= MARKED, points, colour: colour(index), width: 2 }
-        })
-        .collect();
+    let mut lines = PlotLine::of_each(series, frame, 2);
+    lines.iter_mut().for_each(|line| line.marked = line.points.len() <= MARKED);
     draw(frame, &lines)
 }
 
-/// Points on logarithmic axes with the [`fit_power_law`] of each series as a line, its exponent in the legend: `flex:
-/// x^0.98`.
+/// Draws points on logarithmic axes with the [`fit_power_law`] of each series as a line, its exponent in the legend:
+/// `flex: x^0.98`.
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
 pub fn power_law_chart(frame: &Frame, series: &[Series]) -> Result<String, ReportError> {
-    let log = |axis: &Axis| Axis { log: true, ..axis.clone() };
-    let frame = Frame { title: frame.title.clone(), x: log(&frame.x), y: log(&frame.y) };
-    let mut lines = Vec::new();
-    for (index, series) in series.iter().enumerate() {
-        let points = series.drawable(&frame);
-        let law = fit_power_law(&points);
-        let name = law.map_or(series.name.clone(), |law| format!("{}: x^{:.2}", series.name, law.exponent));
-        if let Some(law) = law {
-            let ends = points.iter().map(|(x, _)| *x).fold((f64::INFINITY, 0.0f64), |(a, b), x| (a.min(x), b.max(x)));
-            let fitted = Series { points: [ends.0, ends.1].map(|x| (x, law.at(x))).to_vec(), ..Series::default() };
-            let points = fitted.drawable(&frame);
-            lines.push(Line { name, marked: false, points, colour: colour(index), width: 1 });
-            lines.push(Line {
-                name: String::new(),
-                marked: true,
-                points: series.drawable(&frame),
-                colour: colour(index),
-                width: 0,
-            });
-        } else {
-            lines.push(Line { name, marked: true, points, colour: colour(index), width: 0 });
-        }
+    let frame = Frame { title: frame.title.clone(), x: Axis::log(&frame.x.label), y: Axis::log(&frame.y.label) };
+    let mut lines = PlotLine::of_each(series, &frame, 0);
+    for index in 0..lines.len() {
+        let line = &mut lines[index];
+        let Some(law) = fit_power_law(&line.points) else { continue };
+        line.name = format!("{}: x^{:.2}", line.name, law.exponent);
+        let ends = line.points.iter().map(|(x, _)| *x).fold((f64::INFINITY, 0.0f64), |(a, b), x| (a.min(x), b.max(x)));
+        let points = [ends.0, ends.1].map(|x| (x, law.at(x))).to_vec();
+        let fitted = Series { name: String::new(), points };
+        lines.push(PlotLine { marked: false, ..PlotLine::of(&fitted, &frame, index, 1) });
     }
     draw(&frame, &lines)
 }
 
-/// Somebody else's figure in a chart.
+/// Draws the points of each series; with `frontier`, a stepped line along the [`pareto_frontier`] of all of them
+/// (smaller `x` and larger `y` are better).
+///
+/// # Errors
+/// [`ReportError::Chart`] when the drawing library refuses.
+pub fn scatter_chart(frame: &Frame, series: &[Series], frontier: bool) -> Result<String, ReportError> {
+    let mut lines = PlotLine::of_each(series, frame, 0);
+    if frontier {
+        let all: Vec<(f64, f64)> = lines.iter().flat_map(|line| line.points.iter().copied()).collect();
+        let points = steps(&pareto_frontier(&all), &all);
+        lines.insert(0, PlotLine { name: String::new(), points, colour: GREY, width: 1, marked: false });
+    }
+    draw(frame, &lines)
+}
+
+/// Returns the best `y` so far at each `x`: right along a point's level, then up to the next, on to the last of all
+/// points.
+fn steps(frontier: &[(f64, f64)], all: &[(f64, f64)]) -> Vec<(f64, f64)> {
+    let corners = frontier.windows(2).flat_map(|pair| [pair[0], (pair[1].0, pair[0].1)]);
+    let end = all.iter().map(|point| point.0).fold(f64::NEG_INFINITY, f64::max);
+    let last = frontier.last().into_iter().flat_map(|&(x, y)| [(x, y), (end, y)]);
+    corners.chain(last).collect()
+}
+
+/// Published figure in a chart.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Mark {
-    /// Written beside it.
+    /// Text next to the point.
     pub label: String,
     /// `(x, y)`.
     pub point: (f64, f64),
 }
 
-/// A chart as text, and as a picture of twice the size.
+/// Chart as SVG, and as an image of twice the size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drawing {
-    /// The SVG.
+    /// SVG text.
     pub svg: String,
     /// Dark lines on white.
     pub picture: RgbImage,
 }
 
-/// As [`line_chart`], with every point marked, and with `marks` beside the lines.
+/// Draws a [`line_chart`] in which every point is marked, with `marks` in addition to the lines.
 ///
 /// # Errors
 /// [`ReportError::Chart`] when the drawing library refuses.
 pub fn marked_chart(frame: &Frame, series: &[Series], marks: &[Mark]) -> Result<Drawing, ReportError> {
-    let line = |(index, series): (usize, &Series)| Line {
-        name: series.name.clone(),
-        points: series.drawable(frame),
-        colour: colour(index),
-        width: 2,
-        marked: true,
-    };
-    let lines: Vec<Line> = series.iter().enumerate().map(line).collect();
-    let fits = |mark: &&Mark| drawable(mark.point.0, frame.x.log) && drawable(mark.point.1, frame.y.log);
+    let lines = PlotLine::of_each(series, frame, 2);
+    let fits = |mark: &&Mark| drawable(mark.point.0, frame.x.scale) && drawable(mark.point.1, frame.y.scale);
     let marks: Vec<Mark> = marks.iter().filter(fits).cloned().collect();
     Ok(Drawing {
         svg: drawn(frame, |sheet| paint(sheet, frame, &lines, &marks))?,
@@ -101,7 +103,7 @@ pub fn marked_chart(frame: &Frame, series: &[Series], marks: &[Mark]) -> Result<
     })
 }
 
-struct Line {
+struct PlotLine {
     name: String,
     points: Vec<(f64, f64)>,
     colour: RGBColor,
@@ -110,20 +112,32 @@ struct Line {
     marked: bool,
 }
 
-fn draw(frame: &Frame, lines: &[Line]) -> Result<String, ReportError> {
+impl PlotLine {
+    /// Makes the line of the series at `index`, with a marker on each point and a stroke of `width`.
+    fn of(series: &Series, frame: &Frame, index: usize, width: u32) -> Self {
+        let (name, points) = (series.name.clone(), series.drawable(frame));
+        Self { name, points, colour: colour(index), width, marked: true }
+    }
+
+    fn of_each(series: &[Series], frame: &Frame, width: u32) -> Vec<Self> {
+        series.iter().enumerate().map(|(index, series)| Self::of(series, frame, index, width)).collect()
+    }
+}
+
+fn draw(frame: &Frame, lines: &[PlotLine]) -> Result<String, ReportError> {
     drawn(frame, |sheet| paint(sheet, frame, lines, &[]))
 }
 
 fn paint<B: DrawingBackend<ErrorType: 'static>>(
     sheet: &Area<B>,
     frame: &Frame,
-    lines: &[Line],
+    lines: &[PlotLine],
     marks: &[Mark],
 ) -> Outcome {
     let points =
         || lines.iter().flat_map(|line| line.points.iter().copied()).chain(marks.iter().map(|mark| mark.point));
-    let x = Scale::around(points().map(|(x, _)| x), frame.x.log);
-    let y = Scale::around(points().map(|(_, y)| y), frame.y.log);
+    let x = Scale::around(points().map(|(x, _)| x), frame.x.scale);
+    let y = Scale::around(points().map(|(_, y)| y), frame.y.scale);
     let legend: Vec<_> = lines.iter().map(|line| (line.name.clone(), line.colour)).collect();
     let zoom = zoom(sheet);
     let scale = zoom as i32;
@@ -150,13 +164,13 @@ fn paint<B: DrawingBackend<ErrorType: 'static>>(
     Ok(())
 }
 
-/// The square around a place, as left, top, right, bottom.
+/// Returns the square around a place, as left, top, right, bottom.
 fn around((x, y): (i32, i32), reach: i32) -> [i32; 4] {
     [x - reach, y - reach, x + reach, y + reach]
 }
 
-/// Upper left corner and box of a label of so many pixels right or left of a mark, on its line or up to three above or
-/// below, whichever first meets nothing that is there and stays on the sheet.
+/// Returns the upper left corner and the box of a label of `width` pixels right or left of a mark, on its line or up to
+/// three above or below: the first place on the sheet that overlaps none of `taken`.
 fn free_place((x, y): (i32, i32), width: i32, zoom: i32, taken: &[[i32; 4]], sheet: i32) -> ((i32, i32), [i32; 4]) {
     let (gap, height) = (8 * zoom, 14 * zoom);
     let at = |left: i32, line: i32| {

@@ -1,4 +1,4 @@
-//! Charts: numbers in, an SVG string out.
+//! Charts as SVG strings.
 //!
 //! Lines and text take the colour of the text around them (`currentColor`), so that a chart inside a page follows its
 //! light or dark scheme; [`standalone`] makes a file of it. Points that are not finite, or not positive on a
@@ -10,14 +10,12 @@ mod fit;
 mod heat;
 mod line;
 mod scale;
-mod scatter;
 
 pub use bar::{Bar, bar_chart};
-pub(crate) use canvas::write_text;
+pub(crate) use canvas::{LABEL, text_width, write_text};
 pub use fit::{PowerLaw, fit_power_law, pareto_frontier};
 pub use heat::heat_map;
-pub use line::{Drawing, Mark, line_chart, marked_chart, power_law_chart};
-pub use scatter::scatter_chart;
+pub use line::{Drawing, Mark, line_chart, marked_chart, power_law_chart, scatter_chart};
 
 /// Title and axes of a chart.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -30,26 +28,43 @@ pub struct Frame {
     pub y: Axis,
 }
 
-/// One axis of a chart.
+/// Axis of a chart.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Axis {
     /// Quantity and unit.
     pub label: String,
-    /// Logarithmic.
-    pub log: bool,
+    /// Scale of the axis.
+    pub scale: AxisScale,
 }
 
-/// A named set of points, in one colour.
+/// Scale of an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum AxisScale {
+    /// Linear.
+    #[default]
+    Linear,
+    /// Logarithmic: values that are not positive are left out.
+    Log,
+    /// Logarithmic on both sides of 0, linear about it.
+    SymmetricLog,
+}
+
+impl AxisScale {
+    /// Every scale.
+    pub const ALL: [Self; 3] = [Self::Linear, Self::Log, Self::SymmetricLog];
+}
+
+/// Named set of points, in one colour.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Series {
-    /// Name in the legend.
+    /// Name in the legend; may be empty.
     pub name: String,
     /// `(x, y)`.
     pub points: Vec<(f64, f64)>,
 }
 
 impl Frame {
-    /// A frame with linear axes.
+    /// Returns a frame with linear axes.
     #[must_use]
     pub fn new(title: &str, x: &str, y: &str) -> Self {
         Self { title: title.into(), x: Axis::linear(x), y: Axis::linear(y) }
@@ -57,28 +72,34 @@ impl Frame {
 }
 
 impl Axis {
-    /// A linear axis.
+    /// Returns a linear axis.
     #[must_use]
     pub fn linear(label: &str) -> Self {
-        Self { label: label.into(), log: false }
+        Self { label: label.into(), scale: AxisScale::Linear }
     }
 
-    /// A logarithmic axis.
+    /// Returns a logarithmic axis.
     #[must_use]
     pub fn log(label: &str) -> Self {
-        Self { label: label.into(), log: true }
+        Self { label: label.into(), scale: AxisScale::Log }
+    }
+
+    /// Returns a logarithmic axis that also has 0 and negative values.
+    #[must_use]
+    pub fn symmetric_log(label: &str) -> Self {
+        Self { label: label.into(), scale: AxisScale::SymmetricLog }
     }
 }
 
 impl Series {
-    /// The points that an axis pair can show.
+    /// Returns the points that the axes can show.
     fn drawable(&self, frame: &Frame) -> Vec<(f64, f64)> {
-        let fits = |value: f64, axis: &Axis| scale::drawable(value, axis.log);
+        let fits = |value: f64, axis: &Axis| scale::drawable(value, axis.scale);
         self.points.iter().copied().filter(|&(x, y)| fits(x, &frame.x) && fits(y, &frame.y)).collect()
     }
 }
 
-/// A chart as a file of its own: dark lines on white.
+/// Returns a chart as a file of its own: dark lines on white.
 pub fn standalone(svg: &str) -> String {
     svg.replacen("<svg ", "<svg style=\"color:#1f2328;background:#fff\" ", 1)
 }

@@ -4,97 +4,148 @@ use std::ops::Range;
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
+use super::AxisScale;
+
 /// Values beyond this magnitude are not drawn, so that differences of two cannot overflow.
-const LARGEST: f64 = 1e300;
-const SMALLEST_LOG: f64 = 1e-300;
-const MOST_TICKS: i64 = 12;
+const MAX_MAGNITUDE: f64 = 1e300;
+const MIN_LOG: f64 = 1e-300;
+const MAX_TICKS: i64 = 12;
+/// Share of the greatest magnitude below which a symmetric logarithmic axis is linear at the most.
+const MIN_SHARE: f64 = 1e-5;
 /// Decades below which a logarithmic axis has evenly spaced ticks.
 const NARROW: f64 = 0.7;
 
-/// Maps values to pixels along one axis.
+/// Map from values to pixels along one axis.
 #[derive(Debug, Clone)]
 pub(super) struct Scale {
+    /// Ends in the coordinate of [`ScaleKind::coordinate`].
     low: f64,
     high: f64,
-    kind: Kind,
+    kind: ScaleKind,
 }
 
 #[derive(Debug, Clone)]
-enum Kind {
+enum ScaleKind {
     Linear,
     Log,
-    /// Category `i` lies at `i + ½`.
+    /// sign(v) · log₁₀(1 + |v|/unit): linear about 0, logarithmic beyond `unit`.
+    SymmetricLog {
+        unit: f64,
+    },
+    /// Category `i` at `i + ½`.
     Labels(Vec<String>),
 }
 
-/// Whether an axis can show a value.
-pub(super) fn drawable(value: f64, log: bool) -> bool {
-    value.is_finite() && value.abs() <= LARGEST && (!log || value >= SMALLEST_LOG)
+/// Returns whether an axis can show a value.
+pub(super) fn drawable(value: f64, scale: AxisScale) -> bool {
+    value.is_finite() && value.abs() <= MAX_MAGNITUDE && (scale != AxisScale::Log || value >= MIN_LOG)
+}
+
+impl ScaleKind {
+    /// Returns the kind of an axis that holds `values`, all of them drawable.
+    fn of(scale: AxisScale, values: &[f64]) -> Self {
+        let magnitudes = || values.iter().map(|value| value.abs()).filter(|magnitude| *magnitude > 0.0);
+        let (least, most) = (magnitudes().fold(f64::INFINITY, f64::min), magnitudes().fold(0.0, f64::max));
+        match scale {
+            AxisScale::Linear => Self::Linear,
+            AxisScale::Log => Self::Log,
+            AxisScale::SymmetricLog if most == 0.0 => Self::SymmetricLog { unit: 1.0 },
+            AxisScale::SymmetricLog => {
+                let unit = 10f64.powf(least.max(MIN_SHARE * most).max(MIN_LOG).log10().floor());
+                Self::SymmetricLog { unit: unit.max(MIN_LOG) }
+            }
+        }
+    }
+
+    fn coordinate(&self, value: f64) -> f64 {
+        match self {
+            Self::Linear | Self::Labels(_) => value,
+            Self::Log => value.max(MIN_LOG).log10(),
+            Self::SymmetricLog { unit } => value.signum() * (1.0 + value.abs() / unit).log10(),
+        }
+    }
+
+    /// Value whose coordinate is `place`.
+    fn value(&self, place: f64) -> f64 {
+        match self {
+            Self::Linear | Self::Labels(_) => place,
+            Self::Log => 10f64.powf(place),
+            Self::SymmetricLog { unit } => place.signum() * unit * (10f64.powf(place.abs()) - 1.0),
+        }
+    }
 }
 
 impl Scale {
-    /// A range that holds `values` and a little more.
-    pub(super) fn around(values: impl Iterator<Item = f64>, log: bool) -> Self {
+    /// Returns a range that holds `values` and a little more.
+    pub(super) fn around(values: impl Iterator<Item = f64>, scale: AxisScale) -> Self {
+        let values: Vec<f64> = values.filter(|&value| drawable(value, scale)).collect();
+        let kind = ScaleKind::of(scale, &values);
         let (low, high) = values
-            .filter(|&value| drawable(value, log))
-            .map(|value| if log { value.log10() } else { value })
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+            .iter()
+            .map(|&value| kind.coordinate(value))
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), place| (low.min(place), high.max(place)));
         let (low, high) = if low <= high { (low, high) } else { (0.0, 1.0) };
+        let log = scale != AxisScale::Linear;
         let least = if log { 0.02 } else { 1e-9 * low.abs().max(high.abs()) };
         let (low, high) = if high - low > least { (low, high) } else { widened(low, high, log) };
         let margin = 0.04 * (high - low);
-        let (low, high) = (low - margin, high + margin);
-        if log { Self { low, high, kind: Kind::Log } } else { Self { low, high, kind: Kind::Linear } }
+        Self { low: low - margin, high: high + margin, kind }
     }
 
-    /// One unit for each label.
+    /// Returns a range of one unit for each label.
     pub(super) fn labels(labels: Vec<String>) -> Self {
-        Self { low: 0.0, high: labels.len().max(1) as f64, kind: Kind::Labels(labels) }
+        Self { low: 0.0, high: labels.len().max(1) as f64, kind: ScaleKind::Labels(labels) }
     }
 
-    /// The same, with zero inside it, for bars.
+    /// Extends the range to zero, for bars.
     pub(super) fn with_zero(self) -> Self {
         Self { low: self.low.min(0.0), high: self.high.max(0.0), ..self }
     }
 
     fn position(&self, value: f64) -> f64 {
-        let value = if matches!(self.kind, Kind::Log) { value.max(SMALLEST_LOG).log10() } else { value };
-        ((value - self.low) / (self.high - self.low)).clamp(0.0, 1.0)
+        ((self.kind.coordinate(value) - self.low) / (self.high - self.low)).clamp(0.0, 1.0)
     }
 
     fn ticks(&self) -> Vec<f64> {
         match &self.kind {
-            Kind::Linear => multiples(self.low, self.high, step(self.high - self.low)),
-            Kind::Labels(labels) => (0..labels.len()).map(|i| i as f64 + 0.5).collect(),
-            Kind::Log if self.high - self.low < NARROW => {
+            ScaleKind::Linear => multiples(self.low, self.high, step(self.high - self.low)),
+            ScaleKind::Labels(labels) => (0..labels.len()).map(|i| i as f64 + 0.5).collect(),
+            ScaleKind::Log if self.high - self.low < NARROW => {
                 let (low, high) = (10f64.powf(self.low), 10f64.powf(self.high));
                 multiples(low, high, step(high - low))
             }
-            Kind::Log if self.high - self.low < 2.0 => {
+            ScaleKind::Log if self.high - self.low < 2.0 => {
                 let decades = self.low.floor() as i32..=self.high.ceil() as i32;
                 let candidates = decades.flat_map(|decade| [1.0, 2.0, 5.0].map(|m| m * 10f64.powi(decade)));
                 candidates.filter(|tick| (self.low..=self.high).contains(&tick.log10())).collect()
             }
-            Kind::Log => {
+            ScaleKind::Log => {
                 let step = ((self.high - self.low) / 7.0).ceil();
                 multiples(self.low, self.high, step).into_iter().map(|decade| 10f64.powf(decade)).collect()
+            }
+            ScaleKind::SymmetricLog { unit } => {
+                let step = ((self.high - self.low) / 7.0).ceil() as usize;
+                let decades = (0..=self.high.max(-self.low) as i32).step_by(step.max(1));
+                let powers = decades.map(|decade| unit * 10f64.powi(decade));
+                let ticks = powers.flat_map(|power| [power, -power]).chain([0.0]);
+                ticks.filter(|tick| (self.low..=self.high).contains(&self.kind.coordinate(*tick))).collect()
             }
         }
     }
 
     fn label(&self, tick: f64) -> String {
         match &self.kind {
-            Kind::Labels(labels) => labels.get(tick as usize).cloned().unwrap_or_default(),
-            Kind::Linear => multiple(tick, step(self.high - self.low)),
-            Kind::Log if self.high - self.low < NARROW => {
+            ScaleKind::Labels(labels) => labels.get(tick as usize).cloned().unwrap_or_default(),
+            ScaleKind::Linear => multiple(tick, step(self.high - self.low)),
+            ScaleKind::Log if self.high - self.low < NARROW => {
                 multiple(tick, step(10f64.powf(self.high) - 10f64.powf(self.low)))
             }
-            Kind::Log => short(tick, 0),
+            ScaleKind::Log | ScaleKind::SymmetricLog { .. } => short(tick, 0),
         }
     }
 }
 
-/// A tick with the decimals that tell it from the next, `step` away.
+/// Formats a tick with the decimals that distinguish it from the next, `step` away.
 fn multiple(tick: f64, step: f64) -> String {
     let unit = if tick.abs() >= 1e4 { 10f64.powf(3.0 * (tick.abs().log10() / 3.0).floor()) } else { 1.0 };
     short(tick, (-(step / unit).log10()).ceil().clamp(0.0, 6.0) as usize)
@@ -105,7 +156,7 @@ fn widened(low: f64, high: f64, log: bool) -> (f64, f64) {
     (low - half, high + half)
 }
 
-/// Distance of ticks over a span: 1, 2 or 5 times a power of ten, about six to an axis.
+/// Returns the distance of ticks over a span: 1, 2 or 5 times a power of ten, about six to an axis.
 fn step(span: f64) -> f64 {
     let rough = span / 7.0;
     let power = 10f64.powf(rough.log10().floor());
@@ -116,10 +167,10 @@ fn step(span: f64) -> f64 {
 fn multiples(low: f64, high: f64, step: f64) -> Vec<f64> {
     let first = (low / step).ceil() as i64;
     let last = (high / step).floor() as i64;
-    (first..=last.min(first.saturating_add(MOST_TICKS))).map(|i| i as f64 * step).collect()
+    (first..=last.min(first.saturating_add(MAX_TICKS))).map(|i| i as f64 * step).collect()
 }
 
-/// `value` with a metric suffix from ten thousand upwards, in powers of ten when very small or large.
+/// Formats `value` with a metric suffix from ten thousand upwards, in powers of ten when very small or large.
 pub(super) fn short(value: f64, decimals: usize) -> String {
     let magnitude = value.abs();
     let suffixed = [(1e4, 1e3, "k"), (1e6, 1e6, "M"), (1e9, 1e9, "G"), (1e12, 1e12, "T")]
@@ -133,7 +184,7 @@ pub(super) fn short(value: f64, decimals: usize) -> String {
     }
 }
 
-/// At least the decimals asked for, and as many as a number below one needs.
+/// Formats `value` with at least the given decimals, and as many as a number below one needs.
 fn trimmed(value: f64, decimals: usize) -> String {
     let needed = if value != 0.0 && value.abs() < 1.0 { (-value.abs().log10()).ceil() as usize } else { 0 };
     format!("{value:.*}", decimals.max(needed))
@@ -152,7 +203,7 @@ impl Ranged for Scale {
     }
 
     fn range(&self) -> Range<f64> {
-        if matches!(self.kind, Kind::Log) { 10f64.powf(self.low)..10f64.powf(self.high) } else { self.low..self.high }
+        self.kind.value(self.low)..self.kind.value(self.high)
     }
 }
 
@@ -168,27 +219,32 @@ mod tests {
 
     use super::*;
 
-    fn labels(low: f64, high: f64, log: bool) -> Vec<String> {
-        let scale = Scale::around([low, high].into_iter(), log);
+    fn labels(low: f64, high: f64, scale: AxisScale) -> Vec<String> {
+        let scale = Scale::around([low, high].into_iter(), scale);
         scale.ticks().into_iter().map(|tick| scale.label(tick)).collect()
     }
 
     #[test]
     fn ticks_are_round_numbers() {
-        assert_eq!(labels(0.0, 1000.0, false), ["0", "200", "400", "600", "800", "1000"]);
-        assert_eq!(labels(15.0, 21.0, false), ["15", "16", "17", "18", "19", "20", "21"]);
-        assert_eq!(labels(0.7, 0.82, false), ["0.70", "0.72", "0.74", "0.76", "0.78", "0.80", "0.82"]);
-        assert_eq!(labels(0.0, 50_000.0, false), ["0", "10k", "20k", "30k", "40k", "50k"]);
-        assert_eq!(labels(40.0, 60.0, true), ["40", "45", "50", "55", "60"]);
-        assert_eq!(labels(3.9, 4.6, true), ["4.0", "4.2", "4.4", "4.6"]);
-        assert_eq!(labels(10.0, 300.0, true), ["10", "20", "50", "100", "200"]);
-        assert_eq!(labels(1e-4, 1.0, true), ["1e-4", "0.001", "0.01", "0.1", "1"]);
+        assert_eq!(labels(0.0, 1000.0, AxisScale::Linear), ["0", "200", "400", "600", "800", "1000"]);
+        assert_eq!(labels(15.0, 21.0, AxisScale::Linear), ["15", "16", "17", "18", "19", "20", "21"]);
+        assert_eq!(labels(0.7, 0.82, AxisScale::Linear), ["0.70", "0.72", "0.74", "0.76", "0.78", "0.80", "0.82"]);
+        assert_eq!(labels(0.0, 50_000.0, AxisScale::Linear), ["0", "10k", "20k", "30k", "40k", "50k"]);
+        assert_eq!(labels(40.0, 60.0, AxisScale::Log), ["40", "45", "50", "55", "60"]);
+        assert_eq!(labels(3.9, 4.6, AxisScale::Log), ["4.0", "4.2", "4.4", "4.6"]);
+        assert_eq!(labels(10.0, 300.0, AxisScale::Log), ["10", "20", "50", "100", "200"]);
+        assert_eq!(labels(1e-4, 1.0, AxisScale::Log), ["1e-4", "0.001", "0.01", "0.1", "1"]);
+        let symmetric = Scale::around([-0.2, 0.0, 0.01, 5.0].into_iter(), AxisScale::SymmetricLog);
+        let mut ticks = symmetric.ticks();
+        ticks.sort_by(f64::total_cmp);
+        let ticks: Vec<String> = ticks.into_iter().map(|tick| symmetric.label(tick)).collect();
+        assert_eq!(ticks, ["-0.1", "-0.01", "0", "0.01", "0.1", "1"]);
     }
 
     proptest! {
         #[test]
-        fn any_values_have_few_finite_ticks(values in prop::collection::vec(prop::num::f64::ANY, 0..5), log: bool) {
-            let scale = Scale::around(values.iter().copied(), log);
+        fn any_values_have_few_finite_ticks(values in prop::collection::vec(prop::num::f64::ANY, 0..5), scale in 0usize..3) {
+            let scale = Scale::around(values.iter().copied(), AxisScale::ALL[scale]);
             prop_assert!(scale.low < scale.high);
             let ticks = scale.ticks();
             prop_assert!(ticks.len() <= 13, "{ticks:?}");

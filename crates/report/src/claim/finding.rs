@@ -6,17 +6,17 @@ use infonerf_metrics::Better;
 use super::{Claim, Comparison, Interval, Relation, Side, Verdict};
 use crate::{Published, Quantity, Record, table::distinct};
 
-/// A [`Comparison`] with what came of it.
+/// Result of a [`Comparison`].
 ///
-/// A pair is both sides of it on one scene with one view set (seed).
+/// A pair is both of its sides on one scene with one view set (seed).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Finding {
-    /// The comparison as a formula, such as `PSNR (dB): entropy > none`.
+    /// Formula of the comparison, such as `PSNR (dB): entropy > none`.
     pub formula: String,
-    /// What stands left of the sign minus what stands right of it: the mean of the pairs' differences, with the interval
-    /// that decides.
+    /// Left side minus right side, as the mean over pairs, with the interval that decides; for *near* the excess
+    /// |left| − ½ |right| of the means.
     pub difference: Option<Interval>,
-    /// The same with the interval over scenes like these, where `difference` is of these scenes alone.
+    /// Mean difference with the interval over scenes like these, if `difference` is of these scenes alone.
     pub alike: Option<Interval>,
     /// Pairs of each scene.
     pub pairs: Vec<usize>,
@@ -26,30 +26,31 @@ pub struct Finding {
     pub collapsed: usize,
     /// Pairs that are left out since a side was not run.
     pub incomplete: usize,
-    /// The same difference in the paper, where it gives both sides.
+    /// Difference in the paper; `None` if it lacks a side.
     pub published: Option<f64>,
-    /// What they say.
+    /// Verdict of `difference`.
     pub verdict: Verdict,
     decimals: usize,
 }
 
 impl Finding {
     /// Tests `comparison`, one of `claim`.
-    pub(super) fn of(
+    pub(super) fn of<R: AsRef<Record>>(
         claim: &Claim,
         comparison: &Comparison,
-        records: &[Record],
+        records: &[R],
         published: Option<&Published>,
     ) -> Self {
         let quantity = claim.metric;
         let pairs = Pairs::of(comparison, quantity, records);
-        let scenes: Vec<Vec<f64>> = pairs.differences.into_values().collect();
+        let scenes = differences(comparison.is, pairs.sides.into_values().collect());
         let (these, alike) = (Interval::on_these_scenes(&scenes), Interval::on_scenes_alike(&scenes));
         let single = scenes.first().map(|scene| Interval { mean: scene[0], bounds: None });
         let difference = these.or(alike).or(single);
         let in_paper = published.and_then(|published| {
-            let value = |variant: &str| published.value(variant, quantity);
-            Some(comparison.difference(comparison.left.value(value)?, comparison.right.value(value)?))
+            let value = |variant: &str| published.value(variant, quantity).map(|value| compared(quantity, value));
+            let sides = [comparison.left.value(value)?, comparison.right.value(value)?];
+            Some(differences(comparison.is, vec![vec![sides]])[0][0])
         });
         Self {
             formula: formula(claim, comparison, records),
@@ -65,8 +66,8 @@ impl Finding {
         }
     }
 
-    /// What was found, such as `+0.42 [+0.10, +0.74] on these 4 scenes × 5 view sets; +0.42 [-0.31, +1.15] on scenes like
-    /// them (mixed model, REML, Satterthwaite)`.
+    /// Describes the difference, such as `+0.42 [+0.10, +0.74] on these 4 scenes × 5 view sets; +0.42 [-0.31, +1.15] on
+    /// scenes like them (mixed model, REML, Satterthwaite)`.
     pub fn found(&self) -> String {
         let (Some(interval), Some(&first)) = (self.difference, self.pairs.first()) else { return "no runs".to_owned() };
         let (scenes, pairs) = (self.pairs.len(), self.pairs.iter().sum());
@@ -95,7 +96,7 @@ impl Finding {
         )
     }
 
-    /// The paper's difference; empty where it gives none.
+    /// Formats the paper's difference; empty if it has none.
     pub fn in_paper(&self) -> String {
         let decimals = self.decimals;
         self.published.map_or(String::new(), |difference| format!("{difference:+.decimals$}"))
@@ -106,45 +107,58 @@ fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
-/// The differences of a comparison on each scene and seed.
+/// Both sides of a comparison on each scene and seed.
 struct Pairs {
-    differences: IndexMap<String, Vec<f64>>,
+    sides: IndexMap<String, Vec<[f64; 2]>>,
     view_sets: bool,
     collapsed: usize,
     incomplete: usize,
 }
 
 impl Pairs {
-    fn of(comparison: &Comparison, quantity: Quantity, records: &[Record]) -> Self {
-        let mut pairs = Self { differences: IndexMap::new(), view_sets: false, collapsed: 0, incomplete: 0 };
+    fn of<R: AsRef<Record>>(comparison: &Comparison, quantity: Quantity, records: &[R]) -> Self {
+        let mut pairs = Self { sides: IndexMap::new(), view_sets: false, collapsed: 0, incomplete: 0 };
         let mut views = HashSet::new();
         for (scene, seed) in distinct(records, |record| (&record.scene, record.seed)) {
+            let own = |record: &&Record| record.scene == *scene && record.seed == seed;
             let run =
-                |variant: &str| records.iter().find(|r| r.variant == variant && r.scene == *scene && r.seed == seed);
-            let value = |variant: &str| quantity.value(run(variant)?);
+                |variant: &str| records.iter().map(AsRef::as_ref).filter(own).find(|record| record.variant == variant);
+            let value = |variant: &str| Some(compared(quantity, quantity.value(run(variant)?)?));
             match (comparison.left.value(value), comparison.right.value(value)) {
                 (Some(left), Some(right)) => {
                     pairs.collapsed += usize::from(comparison.variants().filter_map(run).any(|run| run.collapsed));
-                    pairs.differences.entry(scene.clone()).or_default().push(comparison.difference(left, right));
+                    pairs.sides.entry(scene.clone()).or_default().push([left, right]);
                     views.extend(comparison.variants().find_map(run).map(|run| (scene, &run.train_views)));
                 }
                 _ => pairs.incomplete += usize::from(comparison.variants().any(|variant| run(variant).is_some())),
             }
         }
-        pairs.view_sets = views.len() > pairs.differences.len();
+        pairs.view_sets = views.len() > pairs.sides.len();
         pairs
     }
 }
 
-impl Comparison {
-    /// Left minus right, or for *near* |left| − ½ |right|.
-    fn difference(&self, left: f64, right: f64) -> f64 {
-        if self.is == Relation::Near { left.abs() - 0.5 * right.abs() } else { left - right }
-    }
+/// Maps the value of a quantity that is best at 1 to its distance from 1, of which less is better; keeps any other.
+fn compared(quantity: Quantity, value: f64) -> f64 {
+    if quantity.better() == Better::NearOne { (value - 1.0).abs() } else { value }
+}
+
+/// Returns left minus right of each scene's pairs; for *near* `|left| − ½ |right|` with the signs of the sides' means.
+/// A sign for each pair would take noise about 0 for a distance.
+fn differences(relation: Relation, scenes: Vec<Vec<[f64; 2]>>) -> Vec<Vec<f64>> {
+    let mean = |side: usize| {
+        let of_scene = |pairs: &Vec<[f64; 2]>| pairs.iter().map(|pair| pair[side]).sum::<f64>() / pairs.len() as f64;
+        scenes.iter().map(of_scene).sum::<f64>()
+    };
+    let [left, right] = match relation {
+        Relation::Near => [mean(0).signum(), 0.5 * mean(1).signum()],
+        Relation::Better | Relation::NotWorse => [1.0; 2],
+    };
+    scenes.iter().map(|pairs| pairs.iter().map(|[l, r]| left * l - right * r).collect()).collect()
 }
 
 fn verdict(claim: &Claim, relation: Relation, difference: Interval) -> Verdict {
-    let lower_is_better = claim.metric.better() == Better::Lower;
+    let lower_is_better = claim.metric.better() != Better::Higher;
     let in_favour = match (difference.bounds, relation) {
         (None, _) => return Verdict::Undecided,
         (Some([low, high]), Relation::Near) => [-high, -low],
@@ -163,17 +177,19 @@ fn verdict(claim: &Claim, relation: Relation, difference: Interval) -> Verdict {
     }
 }
 
-fn formula(claim: &Claim, comparison: &Comparison, records: &[Record]) -> String {
-    let lower = claim.metric.better() == Better::Lower;
+fn formula<R: AsRef<Record>>(claim: &Claim, comparison: &Comparison, records: &[R]) -> String {
+    let better = claim.metric.better();
     let label = |variant: &str| {
-        records.iter().find(|record| record.variant == variant).map_or_else(|| variant.to_owned(), Record::label)
+        let mut all = records.iter().map(AsRef::as_ref);
+        all.find(|record| record.variant == variant).map_or_else(|| variant.to_owned(), Record::label)
     };
     let [left, right] = [&comparison.left, &comparison.right].map(|side| match side {
         Side::Variant(variant) => label(variant),
         Side::Difference([above, below]) => format!("{} − {}", label(above), label(below)),
     });
     let (name, margin) = (claim.metric.name(), claim.margin);
-    match (comparison.is, lower) {
+    let name = if better == Better::NearOne { format!("|{name} − 1|") } else { name };
+    match (comparison.is, better != Better::Higher) {
         (Relation::Better, false) => format!("{name}: {left} > {right}"),
         (Relation::Better, true) => format!("{name}: {left} < {right}"),
         (Relation::NotWorse, false) => format!("{name}: {left} > {right} − {margin}"),

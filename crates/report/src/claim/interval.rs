@@ -1,5 +1,6 @@
 use std::fmt;
 
+use infonerf_metrics::Summary;
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
 /// Share of repetitions whose interval contains the true mean.
@@ -7,12 +8,12 @@ const CONFIDENCE: f64 = 0.95;
 /// Sums of squares below this share of the total are rounding errors.
 const ROUNDING: f64 = 1e-18;
 
-/// A mean with its 95 % confidence interval: mean ± t SE, where t is the 97.5 % quantile of Student's distribution.
+/// Mean with its 95 % confidence interval: mean ± t SE, where t is the 97.5 % quantile of Student's distribution.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Interval {
-    /// The estimate.
+    /// Estimate of the mean.
     pub mean: f64,
-    /// Lower and upper end; none where a single value leaves nothing to estimate a spread from.
+    /// Lower and upper end; `None` if a single value leaves nothing to estimate a spread from.
     pub bounds: Option<[f64; 2]>,
 }
 
@@ -20,10 +21,16 @@ pub struct Interval {
 pub(super) type Differences = [Vec<f64>];
 
 impl Interval {
-    /// Of independent values: SE = s/√n with n − 1 degrees of freedom. None without any.
+    /// Returns the mean of independent values: SE = s/√n with n − 1 degrees of freedom; `None` without any.
     fn of(values: &[f64]) -> Option<Self> {
         let [n, mean, squares] = moments(values);
         (n > 0.0).then(|| Self::student(mean, (squares / ((n - 1.0) * n)).sqrt(), n - 1.0))
+    }
+
+    /// Returns the mean of `summary` with its interval, as [`Interval::of`] does from the values.
+    pub(crate) fn of_summary(summary: &Summary) -> Self {
+        let n = summary.n as f64;
+        Self::student(summary.mean, summary.std.unwrap_or(0.0) / n.sqrt(), n - 1.0)
     }
 
     fn student(mean: f64, se: f64, degrees: f64) -> Self {
@@ -32,14 +39,14 @@ impl Interval {
         Self { mean, bounds: half.map(|half| [mean - half, mean + half]) }
     }
 
-    /// The mean over exactly these scenes, each with the same weight, over other view sets: a linear model with the a
-    /// scenes as fixed effects. SE = s √(Σ 1/n)/a, where s² = Σ (d − scene's mean)² / (N − a) is pooled over the scenes
-    /// and has N − a degrees of freedom. Of a single scene, Student's paired test.
+    /// Estimates the mean over exactly these scenes, each with the same weight, over other view sets: a linear model
+    /// with the a scenes as fixed effects. SE = s √(Σ 1/n)/a, where s² = Σ (d − scene's mean)² / (N − a) is pooled over
+    /// the scenes and has N − a degrees of freedom. For a single scene it is Student's paired test.
     ///
     /// View sets of one scene count as independent of those of another. The paper's spreads agree with that: NeRF's
     /// standard deviations on its eight scenes (Table 2) make 3.05/√8 = 1.08 dB for their mean, where Table 1 has 1.06.
     ///
-    /// None where every scene has a single pair: nothing tells how view sets spread.
+    /// `None` if every scene has a single pair, from which no spread of view sets follows.
     pub(super) fn on_these_scenes(scenes: &Differences) -> Option<Self> {
         let moments: Vec<[f64; 3]> = scenes.iter().map(|scene| moments(scene)).collect();
         let count = scenes.len() as f64;
@@ -55,11 +62,11 @@ impl Interval {
         })
     }
 
-    /// The mean over scenes like these: the mixed model d = μ + b_scene + e with independent normal b and e, fitted by
-    /// restricted maximum likelihood (REML), the degrees of freedom by Satterthwaite's method as in lmerTest. Where all
-    /// scenes have as many pairs and differ by more than these do, that is Student's test of the scenes' means.
+    /// Estimates the mean over scenes like these: the mixed model d = μ + b_scene + e with independent normal b and e,
+    /// fitted by restricted maximum likelihood (REML), the degrees of freedom by Satterthwaite's method as in lmerTest.
+    /// If all scenes have as many pairs and differ by more than these do, it is Student's test of the scenes' means.
     ///
-    /// None for a single scene.
+    /// `None` for a single scene.
     pub(super) fn on_scenes_alike(scenes: &Differences) -> Option<Self> {
         let moments: Vec<[f64; 3]> = scenes.iter().map(|scene| moments(scene)).collect();
         let means: Vec<f64> = moments.iter().map(|[_, mean, _]| *mean).collect();
@@ -75,14 +82,14 @@ impl Interval {
     }
 }
 
-/// How many values, their mean, and Σ (x − mean)².
+/// Returns n, the mean and Σ (x − mean)² of `values`.
 fn moments(values: &[f64]) -> [f64; 3] {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     [n, mean, values.iter().map(|value| (value - mean).powi(2)).sum()]
 }
 
-/// The mixed model of scenes by their [`moments`]; `within` is the sum of their squares.
+/// Fits the mixed model of scenes by their [`moments`]; `within` is the sum of their squares.
 ///
 /// With λ = Var b / Var e, a scene has the weight w = n/(1 + λn), and μ = Σ w·mean / Σ w. REML minimises the deviance
 /// (N − 1) ln s² + R/s² + Σ ln(1 + λn) + ln Σ w, where R = within + Σ w (mean − μ)², so s² = R/(N − 1), over λ ≥ 0. The
@@ -101,7 +108,7 @@ fn reml(moments: &[[f64; 3]], within: f64) -> Interval {
     };
     let variance = |lambda: f64| (within + residual(lambda, 1, 2)) / free;
     // Derivative of the deviance by λ, at the best s².
-    let slope = |lambda: f64| {
+    let gradient = |lambda: f64| {
         let (w, w2) = (residual(lambda, 1, 0), residual(lambda, 2, 0));
         w - w2 / w - residual(lambda, 2, 2) / variance(lambda)
     };
@@ -110,24 +117,24 @@ fn reml(moments: &[[f64; 3]], within: f64) -> Interval {
     let (mut low, mut high) = (0.0, 1.0 - 1e-12);
     while high - low > 1e-14 {
         let middle = 0.5 * (low + high);
-        if slope(lambda_of(middle)) < 0.0 { low = middle } else { high = middle }
+        if gradient(lambda_of(middle)) < 0.0 { low = middle } else { high = middle }
     }
-    let lambda = if slope(0.0) < 0.0 { lambda_of(low) } else { 0.0 };
+    let lambda = if gradient(0.0) < 0.0 { lambda_of(low) } else { 0.0 };
 
     let [w, w2, w3] = [1, 2, 3].map(|power| residual(lambda, power, 0));
     let s2 = variance(lambda);
     let mixed = residual(lambda, 2, 2) / s2;
     let curvature = (2.0 * residual(lambda, 3, 2) - 2.0 * residual(lambda, 2, 1).powi(2) / w) / s2 - w2 + 2.0 * w3 / w
         - (w2 / w).powi(2);
-    let gradient = w2 / w;
+    let log_gradient = w2 / w;
     let determinant = free * curvature - mixed * mixed;
-    let degrees = determinant / (curvature - 2.0 * gradient * mixed + gradient * gradient * free);
+    let degrees = determinant / (curvature - 2.0 * log_gradient * mixed + log_gradient * log_gradient * free);
     let degrees = if lambda > 0.0 { degrees } else { free };
     Interval::student(sum(lambda, 1, &|mean| mean) / w, (s2 / w).sqrt(), degrees)
 }
 
 impl fmt::Display for Interval {
-    /// `+0.42 [+0.10, +0.74]`, with the formatter's precision (2 decimals when none is given).
+    /// Writes `+0.42 [+0.10, +0.74]`, with the formatter's precision (2 decimals when none is given).
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let precision = f.precision().unwrap_or(2);
         // No "-0.00".
@@ -164,7 +171,7 @@ mod tests {
         high: f64,
     }
 
-    /// R's t.test and lm, and lmer with lmerTest: `tests/claim/reference.R`.
+    /// Compares with R's t.test and lm, and lmer with lmerTest: `tests/claim/reference.R`.
     #[test]
     fn intervals_are_those_of_r() {
         let cases: Vec<Case> = serde_json::from_str(include_str!("../../tests/claim/reference.json")).unwrap();

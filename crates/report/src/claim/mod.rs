@@ -1,4 +1,4 @@
-//! Claims about the order of variants, such as a paper's, tested on records.
+//! Claims on the order of variants, such as a paper's, tested on records.
 
 mod finding;
 mod interval;
@@ -12,22 +12,22 @@ pub use interval::Interval;
 
 use crate::{Published, Quantity, Record};
 
-/// A statement on the order of variants: all of its comparisons together.
+/// Statement on the order of variants, which holds if all of its comparisons do.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "Unchecked")]
 pub struct Claim {
-    /// In words.
+    /// Statement in words.
     pub statement: String,
-    /// What is compared.
+    /// Quantity that is compared; one that is best at 1 by its distance from 1.
     pub metric: Quantity,
-    /// The smallest difference that matters, in the metric's unit: what *not worse* allows for, and what a *better* that fails
-    /// has been shown not to reach. 0 if none is given.
+    /// Smallest difference that matters, in the metric's unit: the allowance of *not worse*, and the gain that a
+    /// *better* that fails has been shown not to reach. 0 if none is given.
     pub margin: f64,
-    /// Each of which has to hold.
+    /// Comparisons, each of which has to hold.
     pub comparisons: Vec<Comparison>,
 }
 
-/// A claim as a file has it.
+/// Claim in a file, before it is checked.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Unchecked {
@@ -56,61 +56,61 @@ impl TryFrom<Unchecked> for Claim {
     }
 }
 
-/// One relation between two sides.
+/// Relation between two sides.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Comparison {
-    /// Left of the sign.
+    /// Side left of the sign.
     pub left: Side,
-    /// The sign.
+    /// Relation that is claimed.
     pub is: Relation,
-    /// Right of the sign.
+    /// Side right of the sign.
     pub right: Side,
 }
 
-/// What a comparison compares.
+/// Side of a [`Comparison`].
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(untagged)]
 pub enum Side {
-    /// A variant.
+    /// Value of a variant.
     Variant(String),
-    /// How far the first variant is above the second.
+    /// Value of the first variant minus that of the second.
     Difference([String; 2]),
 }
 
-/// How the left of a [`Comparison`] is to the right.
+/// Relation of the left side of a [`Comparison`] to the right.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Relation {
-    /// Better.
+    /// Better than the right side.
     Better,
     /// Worse by less than the claim's margin.
     NotWorse,
-    /// At most half of it, both taken as distances: |left| ≤ ½ |right|.
+    /// At most half of the right side, both as distances: |left| ≤ ½ |right|.
     Near,
 }
 
-/// What the records say.
+/// Outcome of a test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verdict {
-    /// It holds.
+    /// The claim holds.
     Holds,
     /// The difference is within the noise.
     Undecided,
-    /// There are no runs to tell.
+    /// No runs have both sides.
     Untested,
-    /// It does not hold.
+    /// The claim does not hold.
     Fails,
 }
 
-/// A [`Claim`] with what came of it.
+/// [`Claim`] with its findings.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TestedClaim {
-    /// The claim's.
+    /// Statement of the claim.
     pub statement: String,
-    /// The least favourable of the findings.
+    /// Least favourable verdict of the findings.
     pub verdict: Verdict,
-    /// One per comparison.
+    /// Finding of each comparison.
     pub findings: Vec<Finding>,
 }
 
@@ -118,21 +118,21 @@ impl Claim {
     /// Tests the claim on `records`.
     ///
     /// Differences are taken within pairs of the same scene and view set (seed), so that hard scenes and lucky views
-    /// cancel. What decides is the 95 % confidence interval of their mean: *better* holds if all of it is above zero and
-    /// fails if all of it is below the margin, the smallest difference that matters (a gain of that size is excluded then,
-    /// as in a test of equivalence; 0 if none is given); *not worse* holds if all of it is above −margin and fails if all of
-    /// it is below. It is the interval over other
-    /// view sets of *these scenes*, which is what a mean over a benchmark's scenes with its spread speaks of; the wider
-    /// one over *scenes like these* (a mixed model) stands beside it, and decides where scenes have one view set each.
-    /// Runs that collapsed count with what they show. A single pair decides nothing.
-    pub fn test(&self, records: &[Record], published: Option<&Published>) -> TestedClaim {
+    /// cancel. The 95 % confidence interval of their mean decides: *better* holds if all of it is above zero and fails
+    /// if all of it is below the margin (a gain of that size is excluded then, as in a test of equivalence); *not
+    /// worse* holds if all of it is above −margin and fails if all of it is below; *near* holds if all of |left| − ½
+    /// |right| is below zero, with the signs of the sides' means. It is the interval over other view sets of *these
+    /// scenes*, as for a mean over a benchmark's scenes with its spread; the wider one over *scenes like these* (a
+    /// mixed model) is given as well, and decides where scenes have one view set each. Runs that collapsed count as
+    /// they are. A single pair decides nothing.
+    pub fn test<R: AsRef<Record>>(&self, records: &[R], published: Option<&Published>) -> TestedClaim {
         let test = |comparison: &Comparison| Finding::of(self, comparison, records, published);
         let findings: Vec<Finding> = self.comparisons.iter().map(test).collect();
         let verdict = findings.iter().map(|finding| finding.verdict).max().unwrap_or(Verdict::Untested);
         TestedClaim { statement: self.statement.clone(), verdict, findings }
     }
 
-    /// Every variant that it names.
+    /// Returns every variant that the claim names.
     pub fn variants(&self) -> impl Iterator<Item = &str> {
         self.comparisons.iter().flat_map(Comparison::variants)
     }
@@ -230,7 +230,7 @@ mod tests {
 
     /// A gain on one scene and a loss on the other are a gain on these two, and say nothing of a third.
     #[test]
-    fn these_scenes_decide_and_scenes_like_them_stand_beside() {
+    fn interval_of_these_scenes_decides() {
         let mut list = Vec::new();
         for (scene, gain) in [("x", 1.0), ("y", -0.8)] {
             for seed in 0..4 {
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn what_collapsed_counts_and_what_is_left_out_is_told() {
+    fn collapsed_pairs_count_and_incomplete_pairs_are_named() {
         let mut list = records(&[("a", [10.0, 20.0, 30.0]), ("b", [11.0, 21.1, 5.0])]);
         list[5].collapsed = true;
         let found = |list: &[Record]| claim(&["b"], Relation::Better, &["a"]).test(list, None).findings[0].found();
@@ -290,6 +290,42 @@ mod tests {
         claim.comparisons.push(Comparison { left: side(&["b"]), is: Relation::NotWorse, right: side(&["a"]) });
         assert_eq!(claim.test(&list, None).verdict, Verdict::Fails);
         assert_eq!(claim.variants().collect::<Vec<_>>(), ["a", "b", "b", "a"]);
+    }
+
+    /// Sharpness is best at 1: 0.9 beats 1.3 and 0.6, and half of the distance is *near*.
+    #[test]
+    fn quantities_best_at_one_are_compared_by_distance() {
+        let mut list =
+            records(&[("sharp", [1.30, 1.31, 1.32]), ("good", [0.90, 0.91, 0.92]), ("soft", [0.6, 0.61, 0.6])]);
+        for record in &mut list {
+            record.metrics = [("sharpness".to_owned(), record.metrics["psnr"])].into_iter().collect();
+        }
+        let metric = Quantity::named("sharpness").unwrap();
+        let better = |left, right| {
+            let tested = Claim { metric, ..claim(&[left], Relation::Better, &[right]) }.test(&list, None);
+            (tested.verdict, tested.findings[0].formula.clone())
+        };
+        assert_eq!(better("good", "sharp"), (Verdict::Holds, "|Sharpness − 1|: good < sharp".into()));
+        assert_eq!(better("good", "soft").0, Verdict::Holds);
+        assert_eq!(better("sharp", "good").0, Verdict::Fails);
+        let near = Claim { metric, ..claim(&["good"], Relation::Near, &["soft"]) };
+        assert_eq!(near.test(&list, None).verdict, Verdict::Holds);
+    }
+
+    /// Two equal variants whose views differ by 0.9 either way are near each other, as the scenes' mean difference is
+    /// 0.
+    #[test]
+    fn noise_about_zero_is_near() {
+        let mut list = Vec::new();
+        for (seed, noise) in [(0, 0.9), (1, -0.9), (2, 0.8), (3, -0.8), (4, 0.85), (5, -0.85)] {
+            list.push(record("x", "few", seed, 15.0));
+            list.push(record("x", "many", seed, 18.0));
+            list.push(record("x", "info", seed, 18.0 + noise));
+            list.push(record("x", "half", seed, 16.0 + noise));
+        }
+        let near = |left| claim(&[left, "many"], Relation::Near, &["few", "many"]).test(&list, None);
+        assert_eq!(near("info").verdict, Verdict::Holds, "{}", near("info").findings[0].found());
+        assert_ne!(near("half").verdict, Verdict::Holds, "two thirds of the way off");
     }
 
     #[test]

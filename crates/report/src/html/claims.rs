@@ -1,16 +1,19 @@
-//! Claims of a paper with what was found.
+//! Claims of a paper with their findings.
 
-use crate::{Finding, TestedClaim, Verdict, text::escape_html};
+use crate::{
+    Finding, TestedClaim, Verdict,
+    text::{escape_html, html_prose},
+};
 
-/// Every claim with its comparisons; nothing for no claims.
+/// Lists every claim with its comparisons; empty without claims.
 pub(super) fn list(claims: &[TestedClaim]) -> String {
     if claims.is_empty() {
         return String::new();
     }
     format!(
-        "<h3>What the paper says, and what was found here</h3>\n{}\
-         <p class=\"muted\">Differences are of runs of the same scene and view set: their mean with its 95 % interval. What is \
-         said of these scenes is over other view sets of theirs, and of scenes like them, over other scenes.</p>\n",
+        "<h3>Claims of the paper, tested here</h3>\n{}\
+         <p class=\"muted\">Differences are taken between runs on the same scene and view set: their mean with its 95 % interval, \
+         for other view sets of these scenes and for other scenes like them.</p>\n",
         claims.iter().map(claim).collect::<String>()
     )
 }
@@ -21,7 +24,7 @@ fn claim(claim: &TestedClaim) -> String {
          <th scope=\"col\">Comparison</th><th scope=\"col\">Left − right, here</th><th scope=\"col\">In the paper</th>\
          <th scope=\"col\"></th></tr></thead>\n<tbody>\n{}</tbody>\n</table></div>\n",
         tag(claim.verdict),
-        escape_html(&claim.statement),
+        html_prose(&claim.statement),
         claim.findings.iter().map(row).collect::<String>(),
     )
 }

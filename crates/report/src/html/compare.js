@@ -1,5 +1,5 @@
-// Holding a render shows the truth in its place.
-for (const view of document.querySelectorAll('.view')) {
+// A render that is held shows the truth in its place.
+for (const view of document.querySelectorAll('.view, .panel')) {
   const truth = view.querySelector('img.truth');
   if (!truth) continue;
   for (const render of view.querySelectorAll('img.render')) {

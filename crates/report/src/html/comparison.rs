@@ -1,4 +1,4 @@
-//! A table of views, and each render over its truth with a slider between the two.
+//! Page with a table of views, and each render over its truth with a slider between the two.
 
 use std::fs;
 use std::path::Path;
@@ -9,8 +9,8 @@ use infonerf_metrics::{ComparedView, Metric, Values};
 use crate::comparison::cell;
 use crate::{PictureComparison, ReportError, text::escape_html};
 
-/// Pictures of more bytes than this are not put into the page: browsers would take long to open it.
-const MOST_BYTES: u64 = 96 << 20;
+/// Maximum number of bytes of a page's images: browsers would take long to open more.
+const MAX_BYTES: u64 = 96 << 20;
 
 pub(crate) fn comparison_page(comparison: &PictureComparison<'_>) -> Result<String, ReportError> {
     let metrics = comparison.metrics();
@@ -19,7 +19,7 @@ pub(crate) fn comparison_page(comparison: &PictureComparison<'_>) -> Result<Stri
     let mut left_out = 0;
     for (view, values) in views {
         bytes += size(&view.render)? + size(&view.truth)?;
-        if bytes > MOST_BYTES {
+        if bytes > MAX_BYTES {
             left_out += 1;
             continue;
         }
@@ -63,7 +63,7 @@ fn table(comparison: &PictureComparison<'_>, metrics: &[&Metric]) -> String {
     )
 }
 
-/// The first metrics of a view, such as `PSNR 18.92 · SSIM 0.788`.
+/// Formats the first metrics of a view, such as `PSNR 18.92 · SSIM 0.788`.
 fn scores(metrics: &[&Metric], values: &Values) -> String {
     let score = |metric: &&Metric| format!("{} {}", metric.descriptor.name, cell(metric, values));
     metrics.iter().take(4).map(score).collect::<Vec<_>>().join(" · ")

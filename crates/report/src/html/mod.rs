@@ -1,4 +1,4 @@
-//! `report.html`: one file with its style, charts and pictures inside.
+//! `report.html`, one file with its style, charts and images inside.
 
 mod claims;
 mod collection;
@@ -9,14 +9,16 @@ mod table;
 pub(crate) use collection::page as collection_page;
 pub(crate) use comparison::comparison_page;
 
-use base64::prelude::{BASE64_STANDARD, Engine};
-
-use crate::{Figure, contents::Contents, text::escape_html};
+use crate::{
+    Figure,
+    contents::ReportContents,
+    text::{escape_html, html_prose},
+};
 
 const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("compare.js");
 
-pub(crate) fn page(contents: &Contents) -> String {
+pub(crate) fn page(contents: &ReportContents) -> String {
     let sections = [
         results(contents),
         contents.scenes.iter().enumerate().map(scene::section).collect(),
@@ -26,23 +28,21 @@ pub(crate) fn page(contents: &Contents) -> String {
     document(&contents.input.heading(), &header(contents), &sections.concat())
 }
 
-/// A page with its style and script inside. `header` and `main` are HTML, `title` is text.
+/// Makes a page with its style and script inside. `header` and `main` are HTML, `title` is text.
 fn document(title: &str, header: &str, main: &str) -> String {
     let title = escape_html(title);
     format!(
         "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <title>{title}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n{header}<main>\n{main}</main>\n\
-         <footer>Every table, chart and picture of this page is inside this one file.</footer>\n\
+         <footer>Every table, chart and image of this page is inside this one file.</footer>\n\
          <script>\n{SCRIPT}</script>\n</body>\n</html>\n"
     )
 }
 
-fn header(contents: &Contents) -> String {
+fn header(contents: &ReportContents) -> String {
     let links = contents.scenes.iter().enumerate();
     let links = links.map(|(i, scene)| format!("<a href=\"#{}\">{}</a>", scene::anchor(i), escape_html(&scene.name)));
-    let warnings =
-        contents.warnings.iter().map(|warning| format!("<p class=\"warning\">{}</p>\n", escape_html(warning)));
     format!(
         "<header>\n<p class=\"eyebrow\">{}</p>\n<h1>{}</h1>\n{}\
          <nav><a href=\"#results\">Results</a>{}<a href=\"#runs\">Runs</a><a href=\"#notes\">Notes</a></nav>\n{}</header>\n",
@@ -50,18 +50,22 @@ fn header(contents: &Contents) -> String {
         escape_html(&contents.input.heading()),
         protocol(contents),
         links.collect::<String>(),
-        warnings.collect::<String>(),
+        warnings(contents),
     )
 }
 
-/// How the numbers were obtained.
-fn protocol(contents: &Contents) -> String {
+fn warnings(contents: &ReportContents) -> String {
+    contents.warnings.iter().map(|warning| format!("<p class=\"warning\">{}</p>\n", html_prose(warning))).collect()
+}
+
+/// Lists how the numbers were obtained.
+fn protocol(contents: &ReportContents) -> String {
     let parts = contents.protocol.iter().flat_map(|line| line.split(" · "));
     let parts = parts.map(|part| format!("<li>{}</li>", escape_html(part)));
     format!("<ul class=\"protocol\">{}</ul>\n", parts.collect::<String>())
 }
 
-fn results(contents: &Contents) -> String {
+fn results(contents: &ReportContents) -> String {
     let more: String = contents.tables.iter().skip(2).map(table::table).collect();
     let more = if more.is_empty() {
         more
@@ -70,29 +74,21 @@ fn results(contents: &Contents) -> String {
     };
     format!(
         "<section id=\"results\">\n<h2>Results</h2>\n{}{}{}{}{}{more}</section>\n",
+        scene::panel(&contents.scenes),
         contents.overviews.iter().chain(&contents.published).map(table::table).collect::<String>(),
-        contents.panel.as_deref().map_or(String::new(), panel),
         claims::list(&contents.claims),
         contents.tables.iter().take(2).map(table::table).collect::<String>(),
         figures(&contents.figures),
     )
 }
 
-/// The figure of all scenes, a PNG.
-fn panel(png: &[u8]) -> String {
-    format!(
-        "<figure class=\"panel\"><img alt=\"truth, render and depth of every variant\" src=\"data:image/png;base64,{}\"></figure>\n",
-        BASE64_STANDARD.encode(png)
-    )
-}
-
-/// Charts side by side.
+/// Lays out charts side by side.
 fn figures(figures: &[Figure]) -> String {
     let figure = |figure: &Figure| {
         let caption = if figure.caption.is_empty() {
             String::new()
         } else {
-            format!("<figcaption>{}</figcaption>", escape_html(&figure.caption))
+            format!("<figcaption>{}</figcaption>", html_prose(&figure.caption))
         };
         format!(
             "<figure class=\"chart\" aria-label=\"{}\">\n{}{caption}</figure>\n",
@@ -107,9 +103,9 @@ fn figures(figures: &[Figure]) -> String {
     }
 }
 
-fn notes(contents: &Contents) -> String {
+fn notes(contents: &ReportContents) -> String {
     let item = |note: &str, runs: &str| {
-        format!("<li>{} <span class=\"muted\">{}</span></li>\n", escape_html(note), escape_html(runs))
+        format!("<li>{} <span class=\"muted\">{}</span></li>\n", html_prose(note), escape_html(runs))
     };
     let notes: String = contents.notes.iter().map(|(note, runs)| item(note, runs)).collect();
     let notes =

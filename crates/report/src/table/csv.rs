@@ -2,8 +2,8 @@ use super::Table;
 use crate::text::plain;
 
 impl Table {
-    /// Comma-separated values at full precision (RFC 4180 quoting): for each column its mean, standard deviation and
-    /// number of seeds; title and protocol above, in lines that start with `#`. What was not measured is empty.
+    /// Formats comma-separated values at full precision (RFC 4180 quoting): for each column its mean, standard
+    /// deviation and number of seeds; title and protocol above, in lines that start with `#`. Missing values are empty.
     pub fn to_csv(&self) -> String {
         let mut lines: Vec<String> =
             std::iter::once(&self.title).chain(&self.protocol).map(|line| format!("# {}", plain(line))).collect();

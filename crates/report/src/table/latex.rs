@@ -2,7 +2,7 @@ use super::{Cell, Table};
 use crate::text::escape_latex;
 
 impl Table {
-    /// A LaTeX `table` for the `booktabs` package, protocol in the caption above the rows.
+    /// Formats a LaTeX `table` for the `booktabs` package, protocol in the caption above the rows.
     pub fn to_latex(&self) -> String {
         let caption: Vec<String> =
             std::iter::once(&self.title).chain(&self.protocol).map(|line| escape_latex(line) + ".").collect();

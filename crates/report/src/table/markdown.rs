@@ -2,7 +2,7 @@ use super::{Cell, Table};
 use crate::text::escape_markdown;
 
 impl Table {
-    /// GitHub-flavoured Markdown: title, protocol, table with the best in bold, footnotes.
+    /// Formats GitHub-flavoured Markdown: title, protocol, table with the best in bold, footnotes.
     pub fn to_markdown(&self) -> String {
         let mut lines = vec![format!("**{}**", escape_markdown(&self.title)), String::new()];
         lines.extend(self.protocol.iter().map(|line| format!("> {}  ", escape_markdown(line))));

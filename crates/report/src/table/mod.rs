@@ -11,76 +11,78 @@ use std::hash::Hash;
 use indexmap::{IndexMap, IndexSet};
 use infonerf_metrics::Summary;
 
-use crate::{Quantity, Record, protocol_lines, record::short_key};
+use crate::{Quantity, Record, claim::Interval, protocol_lines, record::short_key};
 pub use plain::Emphasis;
 
 /// Heading of the mean over scenes.
 const MEAN: &str = "mean";
-/// What stands where nothing was measured.
+/// Text of a cell in which nothing was measured.
 const MISSING: &str = "–";
-/// Marks a cell in which a run collapsed.
+/// Mark of a cell in which a run collapsed.
 const COLLAPSED: &str = "†";
 const COLLAPSED_NOTE: &str = "† a run of this cell collapsed: its field went empty";
 
-/// A table of results with the protocol that its numbers follow.
+/// Table of results with the protocol that its numbers follow.
 ///
 /// Every rendering prints the protocol above the table: [`Table::to_markdown`], [`Table::to_csv`], [`Table::to_latex`],
 /// [`Table::to_text`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Table {
-    /// What the table shows.
+    /// Heading.
     pub title: String,
-    /// How the numbers were obtained, from [`protocol_lines`].
+    /// Protocol of the numbers, from [`protocol_lines`].
     pub protocol: Vec<String>,
     /// Keys that a sweep set, each with a column after that of the variants.
     pub keys: Vec<String>,
-    /// The columns of numbers.
+    /// Columns of numbers.
     pub columns: Vec<Column>,
-    /// One row a variant, in the order of the records.
-    pub rows: Vec<Row>,
-    /// Remarks below the table, beside those that its cells ask for.
+    /// A row for each variant, in the order of the records.
+    pub rows: Vec<TableRow>,
+    /// Remarks below the table, in addition to those that its cells need.
     pub notes: Vec<String>,
 }
 
-/// A column of a [`Table`].
+/// Column of a [`Table`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct Column {
     /// Scene or quantity.
     pub heading: String,
-    /// What its cells hold, for decimals and for which side is better.
+    /// Quantity of its cells, for decimals and the better side.
     pub quantity: Quantity,
 }
 
-/// A row of a [`Table`].
+/// Row of a [`Table`].
 #[derive(Debug, Clone, PartialEq)]
-pub struct Row {
-    /// The variant, with its preset where the records have several.
+pub struct TableRow {
+    /// Variant, with its preset if the records have several.
     pub label: String,
-    /// Its value of each of the table's keys.
+    /// Value of each of the table's keys.
     pub settings: Vec<String>,
-    /// As many as the table has columns.
+    /// Cell of each of the table's columns.
     pub cells: Vec<Cell>,
 }
 
-/// A cell of a [`Table`].
+/// Cell of a [`Table`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Cell {
-    /// Mean and spread over seeds; `None` where nothing was measured.
+    /// Mean and spread over seeds; `None` if nothing was measured.
     pub summary: Option<Summary>,
-    /// Best of its column, to the decimals shown, among cells in which nothing collapsed. Never set in a column
-    /// whose values are all the same, or single.
+    /// Whether it is the best of its column, to the decimals shown, among cells in which nothing collapsed. Never set
+    /// in a column whose values are all the same, or single.
     pub best: bool,
-    /// A run of this cell collapsed.
+    /// Whether it is the best, and its 95 % interval over seeds overlaps that of no other cell.
+    pub clear: bool,
+    /// Whether one of its runs collapsed.
     pub collapsed: bool,
 }
 
-/// Variants against scenes for one quantity, and the mean over scenes in the last column where there are several.
+/// Makes a table of variants against scenes for one quantity; its last column is the mean over several scenes.
 ///
 /// A mean over scenes is taken for each seed first, over the seeds that ran on every scene, and summarised over those
 /// seeds: its spread is that of the figure a paper would print. A variant which lacks a scene has no mean.
-pub fn scene_table(records: &[Record], quantity: Quantity) -> Table {
+pub fn scene_table<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
-    let row = |group: &Group| {
+    let row = |group: &VariantGroup| {
         let on = |scene: &String| group.cell(quantity, std::slice::from_ref(scene));
         let mean = (scenes.len() > 1).then(|| group.cell(quantity, &scenes));
         scenes.iter().map(on).chain(mean).collect()
@@ -90,12 +92,12 @@ pub fn scene_table(records: &[Record], quantity: Quantity) -> Table {
     assemble(quantity.heading(), records, columns, row)
 }
 
-/// Variants against quantities, each the mean over all scenes as in [`scene_table`]. Quantities without any value are left
-/// out.
-pub fn overview_table(records: &[Record], quantities: &[Quantity]) -> Table {
+/// Makes a table of variants against quantities, each the mean over all scenes as in [`scene_table`]. Quantities
+/// without any value are left out.
+pub fn overview_table<R: AsRef<Record>>(records: &[R], quantities: &[Quantity]) -> Table {
     let scenes = distinct(records, |record| record.scene.clone());
-    let measured = |quantity: &Quantity| records.iter().any(|record| quantity.value(record).is_some());
-    let quantities: Vec<Quantity> = quantities.iter().copied().filter(measured).collect();
+    let quantities: Vec<Quantity> =
+        quantities.iter().copied().filter(|quantity| measured(records, *quantity)).collect();
     let columns = quantities.iter().map(|&quantity| Column { heading: quantity.heading(), quantity }).collect();
     let title = match scenes.as_slice() {
         [scene] => scene.clone(),
@@ -106,30 +108,30 @@ pub fn overview_table(records: &[Record], quantities: &[Quantity]) -> Table {
     })
 }
 
-/// The records of one row.
-pub(crate) struct Group<'a> {
-    /// Variant, values and, where there are several, preset.
+/// Records of one row.
+pub(crate) struct VariantGroup<'a> {
+    /// Variant, values and, if there are several, preset.
     pub(crate) label: String,
-    /// The same without the values.
+    /// Label without the values.
     name: String,
     values: Option<&'a IndexMap<String, String>>,
     /// Variant and preset.
     pub(crate) key: (&'a str, &'a str),
-    /// By scene and seed; of several with the same, the first.
+    /// Records by scene and seed; the first of several with the same.
     records: IndexMap<(&'a str, u64), &'a Record>,
 }
 
-/// Records by variant and preset, in order of appearance; the preset is part of the label where there are several.
-pub(crate) fn groups(records: &[Record]) -> Vec<Group<'_>> {
+/// Groups records by variant and preset, in order of appearance; the preset is part of the label if there are several.
+pub(crate) fn groups<R: AsRef<Record>>(records: &[R]) -> Vec<VariantGroup<'_>> {
     let presets = distinct(records, |record| record.preset.clone()).len();
-    let mut groups: IndexMap<(&str, &str), Group> = IndexMap::new();
-    for record in records {
+    let mut groups: IndexMap<(&str, &str), VariantGroup> = IndexMap::new();
+    for record in records.iter().map(AsRef::as_ref) {
         let key = (record.variant.as_str(), record.preset.as_str());
         let group = groups.entry(key).or_insert_with(|| {
             let suffix = if presets > 1 { format!(" ({})", record.preset) } else { String::new() };
             let setting = record.setting.as_ref();
             let variant = setting.map_or(&record.variant, |setting| &setting.variant);
-            Group {
+            VariantGroup {
                 label: record.label() + &suffix,
                 name: format!("{variant}{suffix}"),
                 values: setting.map(|setting| &setting.values),
@@ -142,13 +144,18 @@ pub(crate) fn groups(records: &[Record]) -> Vec<Group<'_>> {
     groups.into_values().collect()
 }
 
-/// The distinct values of `key`, in order of appearance.
-pub(crate) fn distinct<'a, T: Hash + Eq>(records: &'a [Record], key: impl Fn(&'a Record) -> T) -> Vec<T> {
-    records.iter().map(key).collect::<IndexSet<T>>().into_iter().collect()
+/// Returns the distinct values of `key`, in order of appearance.
+pub(crate) fn distinct<'a, R: AsRef<Record>, T: Hash + Eq>(records: &'a [R], key: impl Fn(&'a Record) -> T) -> Vec<T> {
+    records.iter().map(AsRef::as_ref).map(key).collect::<IndexSet<T>>().into_iter().collect()
 }
 
-impl Group<'_> {
-    /// Summary over seeds of the mean over `scenes`, each of which a seed needs.
+impl<'a> VariantGroup<'a> {
+    /// Returns the variant's name, without preset.
+    pub(crate) fn variant(&self) -> &'a str {
+        self.key.0
+    }
+
+    /// Summarises over seeds the mean over `scenes`, each of which a seed needs.
     pub(crate) fn cell(&self, quantity: Quantity, scenes: &[String]) -> Cell {
         let seeds: BTreeSet<u64> = self.records.keys().map(|(_, seed)| *seed).collect();
         let mean = |seed: u64| {
@@ -159,17 +166,27 @@ impl Group<'_> {
         let in_cell = self.records.iter().filter(|((scene, _), _)| scenes.iter().any(|wanted| wanted == scene));
         Cell {
             summary: Summary::of(seeds.into_iter().filter_map(mean)),
-            best: false,
             collapsed: in_cell.map(|(_, record)| record).any(|record| record.collapsed),
+            ..Cell::default()
         }
     }
 }
 
-fn assemble(title: String, records: &[Record], columns: Vec<Column>, cells: impl Fn(&Group) -> Vec<Cell>) -> Table {
+/// Returns whether a record has a value of `quantity`.
+pub(crate) fn measured<R: AsRef<Record>>(records: &[R], quantity: Quantity) -> bool {
+    records.iter().any(|record| quantity.value(record.as_ref()).is_some())
+}
+
+fn assemble<R: AsRef<Record>>(
+    title: String,
+    records: &[R],
+    columns: Vec<Column>,
+    cells: impl Fn(&VariantGroup) -> Vec<Cell>,
+) -> Table {
     let groups = groups(records);
     let keys: IndexSet<&String> = groups.iter().filter_map(|group| group.values).flat_map(IndexMap::keys).collect();
-    let value = |group: &Group, key: &String| group.values.and_then(|values| values.get(key)).cloned();
-    let row = |group: &Group| Row {
+    let value = |group: &VariantGroup, key: &String| group.values.and_then(|values| values.get(key)).cloned();
+    let row = |group: &VariantGroup| TableRow {
         label: group.name.clone(),
         settings: keys.iter().map(|key| value(group, key).unwrap_or_else(|| MISSING.to_owned())).collect(),
         cells: cells(group),
@@ -189,7 +206,7 @@ fn assemble(title: String, records: &[Record], columns: Vec<Column>, cells: impl
 
 fn mark_best(table: &mut Table) {
     for (index, column) in table.columns.iter().enumerate() {
-        let rank = |row: &Row| {
+        let rank = |row: &TableRow| {
             let cell = row.cells.get(index).filter(|cell| !cell.collapsed)?;
             cell.summary.map(|summary| column.quantity.rank(summary.mean))
         };
@@ -198,16 +215,32 @@ fn mark_best(table: &mut Table) {
         let shown: Vec<f64> = shown.map(|summary| column.quantity.rank(summary.mean)).collect();
         let differ = shown.windows(2).any(|pair| pair[0] != pair[1]);
         let best = ranks.iter().flatten().copied().min_by(f64::total_cmp);
-        for (row, rank) in table.rows.iter_mut().zip(ranks) {
+        let intervals: Vec<Option<[f64; 2]>> = table.rows.iter().map(|row| interval(row.cells.get(index)?)).collect();
+        let disjoint = |one: usize| {
+            let others = table.rows.iter().zip(&intervals).enumerate().filter(|(other, _)| *other != one);
+            intervals[one].is_some_and(|[low, high]| {
+                let mut measured =
+                    others.filter(|(_, (row, _))| row.cells.get(index).is_some_and(|c| c.summary.is_some()));
+                measured.all(|(_, (_, bounds))| bounds.is_some_and(|other| other[1] < low || high < other[0]))
+            })
+        };
+        let clear: Vec<bool> = (0..intervals.len()).map(disjoint).collect();
+        for ((row, rank), clear) in table.rows.iter_mut().zip(ranks).zip(clear) {
             if let Some(cell) = row.cells.get_mut(index) {
                 cell.best = differ && rank.is_some() && rank == best;
+                cell.clear = cell.best && clear;
             }
         }
     }
 }
 
+/// Returns the 95 % interval of a cell's mean over seeds; `None` for a single seed.
+fn interval(cell: &Cell) -> Option<[f64; 2]> {
+    Interval::of_summary(&cell.summary?).bounds
+}
+
 impl Column {
-    /// Place among the columns by how much they tell: the mean over scenes first, then what papers print.
+    /// Returns the column's place by importance: the mean over scenes first, then the metrics that papers print.
     fn rank(&self) -> usize {
         const FIRST: [&str; 4] = ["psnr", "ssim", "lpips_vgg", "train_seconds"];
         let place = FIRST.iter().position(|key| *key == self.quantity.key()).unwrap_or(FIRST.len());
@@ -215,27 +248,27 @@ impl Column {
     }
 }
 
-impl Row {
-    /// What stands before the numbers.
+impl TableRow {
+    /// Texts before the numbers.
     pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         std::iter::once(&self.label).chain(&self.settings).map(String::as_str)
     }
 }
 
 impl Table {
-    /// Headings of the columns before the numbers.
+    /// Returns the headings of the columns before the numbers.
     pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
         std::iter::once("variant").chain(self.keys.iter().map(|key| short_key(key)))
     }
 
-    /// Text of a cell without emphasis: `18.65 ± 0.12`, `18.65`, `18.65†` or `–`.
+    /// Formats a cell without emphasis: `18.65 ± 0.12`, `18.65`, `18.65†` or `–`.
     pub(crate) fn text(&self, cell: &Cell, column: usize) -> String {
         let decimals = self.columns.get(column).map_or(2, |column| column.quantity.decimals());
         let value = cell.summary.map_or(MISSING.to_owned(), |summary| format!("{summary:.decimals$}"));
         if cell.collapsed { value + COLLAPSED } else { value }
     }
 
-    /// Remarks below the table.
+    /// Returns the remarks below the table.
     pub(crate) fn footnotes(&self) -> Vec<&str> {
         let collapsed = self.rows.iter().flat_map(|row| &row.cells).any(|cell| cell.collapsed);
         collapsed.then_some(COLLAPSED_NOTE).into_iter().chain(self.notes.iter().map(String::as_str)).collect()
@@ -290,6 +323,20 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn best_is_clear_where_intervals_are_disjoint() {
+        let table = |gain: f64, seeds: u64| {
+            let of =
+                |variant, offset: f64| (0..seeds).map(move |s| record("lego", variant, s, offset + (s % 2) as f64));
+            let records: Vec<Record> = of("nerf", 15.0).chain(of("infonerf", 15.0 + gain)).collect();
+            scene_table(&records, Quantity::PSNR).rows[1].cells[0]
+        };
+        for (gain, seeds, clear) in [(3.0, 5, true), (0.5, 5, false), (3.0, 1, false)] {
+            let cell = table(gain, seeds);
+            assert!(cell.best && cell.clear == clear, "{gain} over {seeds} seeds: {cell:?}");
+        }
+    }
+
+    #[test]
     fn a_missing_scene_leaves_no_mean() {
         let mut records = two_by_two();
         records.retain(|record| !(record.scene == "mic" && record.variant == "nerf"));
@@ -299,7 +346,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn what_collapsed_is_never_best_and_ties_share() {
+    fn collapsed_cells_are_never_best_and_ties_share() {
         let mut records =
             vec![record("lego", "a", 0, 10.0), record("lego", "b", 0, 20.0), record("lego", "c", 0, 10.001)];
         records[1].collapsed = true;
@@ -322,9 +369,8 @@ pub(crate) mod tests {
         assert_eq!(labels, ["nerf (fast)", "nerf (paper)"]);
     }
 
-    /// What a sweep set has columns of its own, under the paper's symbols.
     #[test]
-    fn settings_are_columns() {
+    fn settings_of_a_sweep_are_columns_under_the_papers_symbols() {
         let run = |variant: &str, values: &[(&str, &str)], psnr| {
             let values = values.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
             let setting = Some(crate::Setting { variant: "infonerf".into(), values });
@@ -349,11 +395,11 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn an_overview_leaves_out_what_nobody_measured() {
+    fn overview_leaves_out_unmeasured_quantities() {
         let [lpips, skipped] = ["lpips_alex", "samples_skipped"].map(|key| Quantity::named(key).unwrap());
         let table = overview_table(&two_by_two(), &[Quantity::PSNR, lpips, skipped]);
         let quantities: Vec<Quantity> = table.columns.iter().map(|column| column.quantity).collect();
         assert_eq!(quantities, [Quantity::PSNR, skipped]);
-        assert_eq!(overview_table(&[], &Quantity::all()).rows, []);
+        assert_eq!(overview_table::<Record>(&[], &Quantity::all()).rows, []);
     }
 }

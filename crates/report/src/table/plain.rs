@@ -1,17 +1,17 @@
-use super::{Cell, Row, Table};
+use super::{Cell, Table, TableRow};
 use crate::text::plain;
 
-/// How [`Table::to_text`] marks the best of a column.
+/// Mark of the best of a column in [`Table::to_text`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Emphasis {
-    /// Bold by terminal escape codes.
+    /// Bold, by terminal escape codes.
     Terminal,
-    /// A `*` after the value, for files and pipes.
+    /// `*` after the value, for files and pipes.
     Star,
 }
 
 impl Table {
-    /// Aligned columns for a terminal, protocol above.
+    /// Formats aligned columns for a terminal, protocol above.
     pub fn to_text(&self, emphasis: Emphasis) -> String {
         let grid = self.grid(emphasis);
         let widths = widths(&grid);
@@ -23,7 +23,7 @@ impl Table {
                 lines.push(rule.clone());
             }
             let bold = |column: usize| {
-                let cell = |row: &Row| row.cells.get(column.checked_sub(1 + self.keys.len())?).copied();
+                let cell = |row: &TableRow| row.cells.get(column.checked_sub(1 + self.keys.len())?).copied();
                 let cell = index.checked_sub(1).and_then(|index| self.rows.get(index)).and_then(cell);
                 emphasis == Emphasis::Terminal && cell.is_some_and(|cell| cell.best)
             };
@@ -39,18 +39,18 @@ impl Table {
         lines.join("\n") + "\n"
     }
 
-    /// The table with as many columns of numbers as [`Table::to_text`] can put into `width` characters, the most telling
-    /// first, and a note that says how many are left out.
+    /// Returns the table with as many columns of numbers as [`Table::to_text`] can put into `width` characters, the
+    /// most important first, and a note of the number left out.
     #[must_use]
     pub fn narrowed(&self, width: usize) -> Self {
         let widths = widths(&self.grid(Emphasis::Star));
         let (names, numbers) = widths.split_at(1 + self.keys.len());
         let mut by_rank: Vec<usize> = (0..self.columns.len()).collect();
         by_rank.sort_by_key(|&column| self.columns[column].rank());
-        let (mut room, mut kept) = (width.saturating_sub(total(names)), Vec::new());
+        let (mut left, mut kept) = (width.saturating_sub(total(names)), Vec::new());
         for column in by_rank {
-            let Some(left) = room.checked_sub(2 + numbers[column]) else { break };
-            room = left;
+            let Some(rest) = left.checked_sub(2 + numbers[column]) else { break };
+            left = rest;
             kept.push(column);
         }
         kept.sort_unstable();
@@ -60,26 +60,27 @@ impl Table {
             1 => Some("1 more column is in report.html".into()),
             _ => Some(format!("{left_out} more columns are in report.html")),
         };
-        let cells = |row: &Row| kept.iter().filter_map(|&column| row.cells.get(column).copied()).collect();
+        let cells = |row: &TableRow| kept.iter().filter_map(|&column| row.cells.get(column).copied()).collect();
         Self {
             columns: kept.iter().map(|&column| self.columns[column].clone()).collect(),
-            rows: self.rows.iter().map(|row| Row { cells: cells(row), ..row.clone() }).collect(),
+            rows: self.rows.iter().map(|row| TableRow { cells: cells(row), ..row.clone() }).collect(),
             notes: self.notes.iter().cloned().chain(note).collect(),
             ..self.clone()
         }
     }
 
-    /// The cells as text, headings first.
+    /// Formats the cells, headings first.
     fn grid(&self, emphasis: Emphasis) -> Vec<Vec<String>> {
         let headings = self.names().chain(self.columns.iter().map(|column| column.heading.as_str())).map(plain);
-        let row = |row: &Row| {
+        let row = |row: &TableRow| {
             let cells = row.cells.iter().enumerate().map(|(column, cell)| self.plain(cell, column, emphasis));
             row.names().map(plain).chain(cells).collect()
         };
         std::iter::once(headings.collect()).chain(self.rows.iter().map(row)).collect()
     }
 
-    /// With [`Emphasis::Star`] every value of a column with a best keeps a place for the star, so that decimals align.
+    /// Formats a cell. With [`Emphasis::Star`] every value of a column with a best keeps a place for the star, so that
+    /// decimals align.
     fn plain(&self, cell: &Cell, column: usize, emphasis: Emphasis) -> String {
         let text = self.text(cell, column);
         let starred = self.rows.iter().filter_map(|row| row.cells.get(column)).any(|cell| cell.best);
@@ -90,13 +91,13 @@ impl Table {
     }
 }
 
-/// Characters of each column.
+/// Returns the number of characters of each column.
 fn widths(grid: &[Vec<String>]) -> Vec<usize> {
     let width = |column: usize| grid.iter().filter_map(|row| row.get(column)).map(|text| length(text)).max();
     (0..grid[0].len()).map(|column| width(column).unwrap_or(0)).collect()
 }
 
-/// Characters of columns with two spaces between.
+/// Returns the number of characters of columns with two spaces between.
 fn total(widths: &[usize]) -> usize {
     widths.iter().sum::<usize>() + 2 * widths.len().saturating_sub(1)
 }
@@ -126,7 +127,7 @@ infonerf  18.50 ± 0.71*  19.50 ± 0.71*  19.00 ± 0.71*
     }
 
     #[test]
-    fn a_narrow_table_keeps_what_tells_most() {
+    fn narrow_table_keeps_the_most_important_columns() {
         let wide = scene_table(&two_by_two(), Quantity::PSNR);
         assert_eq!(wide.narrowed(53), wide);
         let narrow = wide.narrowed(52);
@@ -141,7 +142,7 @@ infonerf  18.50 ± 0.71*  19.50 ± 0.71*  19.00 ± 0.71*
     }
 
     #[test]
-    fn a_terminal_sees_bold() {
+    fn best_is_bold_in_a_terminal() {
         let text = scene_table(&two_by_two(), Quantity::PSNR).to_text(Emphasis::Terminal);
         assert!(text.contains("\u{1b}[1m18.50 ± 0.71\u{1b}[0m"), "{text}");
     }

@@ -1,30 +1,90 @@
 //! Reading image files, with limits.
 
+use std::fs::{self, File};
 use std::io::{self, BufRead, BufReader, Cursor, Seek};
-use std::{fs::File, path::Path};
+use std::path::{Path, PathBuf};
 
+use ::image::metadata::Orientation;
 use ::image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 
 use super::RgbaImage;
+use super::exif::{is_sideways, orientation};
 use crate::SceneError;
 
-/// The longest side that is read, in pixels.
-const LONGEST_SIDE: u32 = 16_384;
-/// The most pixels that are read: 64 million take 1 GiB once decoded.
-const MOST_PIXELS: u64 = 1 << 26;
-const EXPECTED: &str = "a complete PNG or JPEG image";
+/// Longest side that is read, in pixels.
+const MAX_SIDE: u32 = 16_384;
+/// Most pixels that are read: 64 million take 1 GiB once decoded.
+const MAX_PIXELS: u64 = 1 << 26;
+/// Extensions of the formats that are read, in lower case.
+const EXTENSIONS: [&str; 7] = ["png", "jpg", "jpeg", "webp", "tif", "tiff", "bmp"];
+/// Extensions of photographs that phones and browsers write and that are not read.
+const UNREAD: [&str; 3] = ["heic", "heif", "avif"];
+const EXPECTED: &str = "a complete PNG, JPEG, WebP, TIFF or BMP image";
 
-/// The `(width, height)` that the header of an image file states.
+/// Whether the file's name has the extension of an image format that is read, in any case.
+pub fn is_image_name(path: &Path) -> bool {
+    has_extension(path, &EXTENSIONS)
+}
+
+fn has_extension(path: &Path, known: &[&str]) -> bool {
+    path.extension().is_some_and(|e| known.iter().any(|known| e.eq_ignore_ascii_case(known)))
+}
+
+/// Lists the images in `folder`, sorted by name; hidden files, such as macOS's `._IMG_1.png`, are passed over.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn list_images(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
+    let io = |e| SceneError::io(folder, e);
+    let mut images = Vec::new();
+    for entry in fs::read_dir(folder).map_err(io)? {
+        let path = entry.map_err(io)?.path();
+        let hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+        if !hidden && is_image_name(&path) && path.is_file() {
+            images.push(path);
+        }
+    }
+    images.sort();
+    Ok(images)
+}
+
+/// Returns the image that `path` names, whatever the case or kind of its extension: `path` itself, else the first file
+/// next to it of the same name with a known extension in place of its own, or added to it. `None` if there is none.
+pub fn find_image(path: &Path) -> Option<PathBuf> {
+    if path.is_file() {
+        return Some(path.to_owned());
+    }
+    let name = path.file_name()?.to_str()?;
+    let stem = if has_extension(path, &EXTENSIONS) || has_extension(path, &UNREAD) {
+        path.file_stem()?.to_str()?
+    } else {
+        name
+    };
+    let with = |extension: &str| path.with_file_name(format!("{stem}.{extension}"));
+    let candidates = EXTENSIONS.iter().flat_map(|e| [with(e), with(&e.to_ascii_uppercase())]);
+    candidates.into_iter().find(|candidate| candidate.is_file())
+}
+
+/// Returns the `(width, height)` of the image in a file as it is shown, turned as its EXIF data state.
 ///
 /// # Errors
 /// The file is missing, unreadable, not an image, or larger than this crate reads.
 pub fn dimensions(path: &Path) -> Result<(u32, u32), SceneError> {
+    let (width, height) = stored_dimensions(path)?;
+    Ok(if is_sideways(orientation(path)) { (height, width) } else { (width, height) })
+}
+
+/// Returns the `(width, height)` that the header of an image file states, whatever its EXIF data.
+///
+/// # Errors
+/// The file is missing, unreadable, not an image, or larger than this crate reads.
+pub fn stored_dimensions(path: &Path) -> Result<(u32, u32), SceneError> {
     let size = open(path)?.into_dimensions().map_err(|e| decode_error(path, e))?;
     check_side(path, size)?;
     Ok(size)
 }
 
-/// Whether an image file says that it has an alpha channel.
+/// Whether an image file states that it has an alpha channel.
 ///
 /// # Errors
 /// The file is missing, unreadable, not an image, or larger than this crate reads.
@@ -33,13 +93,13 @@ pub fn has_alpha(path: &Path) -> Result<bool, SceneError> {
     Ok(decoder.color_type().has_alpha())
 }
 
-/// Decodes a PNG or JPEG, 8 or 16 bits a channel, grey or colour, with or without alpha.
+/// Decodes an image of 8 or 16 bits a channel, grey or colour, with or without alpha, turned as its EXIF data state.
 ///
 /// # Errors
 /// The file is missing, unreadable, not an image, or larger than this crate reads.
 pub fn read_rgba(path: &Path) -> Result<RgbaImage, SceneError> {
-    let size = dimensions(path)?;
-    decode(path, open(path)?, size)
+    let size = stored_dimensions(path)?;
+    decode(path, open(path)?, size, orientation(path))
 }
 
 /// Decodes the file at `path`, whose header states `size`.
@@ -47,13 +107,15 @@ fn decode(
     path: &Path,
     mut reader: ImageReader<impl BufRead + Seek>,
     size: (u32, u32),
+    turned: Orientation,
 ) -> Result<RgbaImage, SceneError> {
     check_pixels(path, size)?;
     let mut limits = Limits::default();
-    limits.max_image_width = Some(LONGEST_SIDE);
-    limits.max_image_height = Some(LONGEST_SIDE);
+    limits.max_image_width = Some(MAX_SIDE);
+    limits.max_image_height = Some(MAX_SIDE);
     reader.limits(limits);
-    let decoded = reader.decode().map_err(|e| decode_error(path, e))?;
+    let mut decoded = reader.decode().map_err(|e| decode_error(path, e))?;
+    decoded.apply_orientation(turned);
     let has_alpha = decoded.color().has_alpha();
     let (width, height) = (decoded.width(), decoded.height());
     let pixels = match decoded {
@@ -63,7 +125,7 @@ fn decode(
     Ok(RgbaImage { width, height, pixels, has_alpha })
 }
 
-/// [`read_rgba`] of bytes in memory; `path` is what errors name.
+/// Decodes an image in memory as [`read_rgba`] does a file, but not turned; errors name `path`.
 ///
 /// # Errors
 /// The bytes are not an image, or larger than this crate reads.
@@ -74,35 +136,36 @@ pub fn decode_bytes(path: &Path, bytes: &[u8]) -> Result<RgbaImage, SceneError> 
     };
     let size = reader()?.into_dimensions().map_err(|e| decode_error(path, e))?;
     check_side(path, size)?;
-    decode(path, reader()?, size)
+    decode(path, reader()?, size, Orientation::NoTransforms)
 }
 
 fn unit_u8(v: u8) -> f32 {
     f32::from(v) / 255.0
 }
 
-/// Whether the file's name says that it is a HEIC, as telephones make them.
-pub fn is_heic(path: &Path) -> bool {
-    path.extension().is_some_and(|e| ["heic", "heif"].iter().any(|heic| e.eq_ignore_ascii_case(heic)))
-}
-
-/// What to do with a HEIC, which is not read.
-pub fn heic_error(path: &Path) -> SceneError {
-    let reason = "HEIC is not read; convert it, such as with ImageMagick: `magick mogrify -format jpg *.heic`";
-    SceneError::malformed(path, "PNG or JPEG", reason)
+/// Returns the error about a photograph in a format that is not read, HEIC or AVIF; `None` for other files.
+pub fn unread_format(path: &Path) -> Option<SceneError> {
+    let extension = path.extension()?.to_str()?.to_ascii_lowercase();
+    UNREAD.contains(&extension.as_str()).then(|| {
+        let name = extension.to_ascii_uppercase();
+        let reason = format!(
+            "{name} is not read; convert it, such as with ImageMagick: `magick mogrify -format jpg *.{extension}`"
+        );
+        SceneError::malformed(path, "PNG or JPEG", reason)
+    })
 }
 
 fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
     let fault = |source: io::Error| match source.kind() {
-        io::ErrorKind::NotFound => SceneError::NotFound { path: path.into(), expected: "a PNG or JPEG image".into() },
+        io::ErrorKind::NotFound => SceneError::NotFound { path: path.into(), expected: "an image".into() },
         _ => SceneError::io(path, source),
     };
     // Opening a pipe would wait for somebody to write into it.
-    if !std::fs::metadata(path).map_err(fault)?.is_file() {
-        return Err(SceneError::malformed(path, "a PNG or JPEG image", "it is no regular file"));
+    if !fs::metadata(path).map_err(fault)?.is_file() {
+        return Err(SceneError::malformed(path, "an image", "it is no regular file"));
     }
-    if is_heic(path) {
-        return Err(heic_error(path));
+    if let Some(error) = unread_format(path) {
+        return Err(error);
     }
     let file = File::open(path).map_err(fault)?;
     ImageReader::new(BufReader::new(file)).with_guessed_format().map_err(|source| SceneError::io(path, source))
@@ -110,22 +173,22 @@ fn open(path: &Path) -> Result<ImageReader<BufReader<File>>, SceneError> {
 
 fn check_side(path: &Path, (width, height): (u32, u32)) -> Result<(), SceneError> {
     let longest = width.max(height);
-    if longest > LONGEST_SIDE {
+    if longest > MAX_SIDE {
         return Err(SceneError::TooLarge {
             path: path.into(),
             what: "the longest image side in pixels",
             size: u64::from(longest),
-            limit: u64::from(LONGEST_SIDE),
+            limit: u64::from(MAX_SIDE),
         });
     }
     Ok(())
 }
 
-/// A header of a few bytes may claim any size: what it claims is checked before it is allocated.
+/// Refuses an image of too many pixels before memory is allocated: a header of a few bytes may claim any size.
 fn check_pixels(path: &Path, (width, height): (u32, u32)) -> Result<(), SceneError> {
     let size = u64::from(width) * u64::from(height);
-    if size > MOST_PIXELS {
-        return Err(SceneError::TooLarge { path: path.into(), what: "the number of pixels", size, limit: MOST_PIXELS });
+    if size > MAX_PIXELS {
+        return Err(SceneError::TooLarge { path: path.into(), what: "the number of pixels", size, limit: MAX_PIXELS });
     }
     Ok(())
 }
@@ -139,7 +202,6 @@ mod tests {
     use super::super::png::write_png;
     use super::*;
     use ::image::ColorType;
-    use std::fs;
 
     #[test]
     fn truncated_png_is_an_error() {
@@ -178,7 +240,7 @@ mod tests {
     fn huge_header_is_refused_before_decoding() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("huge.png");
-        write_png(&path, LONGEST_SIDE + 1, 1, &vec![0; LONGEST_SIDE as usize + 1], ColorType::L8).unwrap();
+        write_png(&path, MAX_SIDE + 1, 1, &vec![0; MAX_SIDE as usize + 1], ColorType::L8).unwrap();
         assert!(matches!(read_rgba(&path), Err(SceneError::TooLarge { .. })));
     }
 
@@ -197,6 +259,52 @@ mod tests {
         assert!(!grey.has_alpha);
         for (found, expected) in grey.pixels[0].into_iter().zip([0.2, 0.2, 0.2, 1.0]) {
             assert!((found - expected).abs() < 1e-6, "{found}");
+        }
+    }
+
+    /// A baseline JPEG of 2 × 1 blocks (16 × 8 pixels), black on the left, with orientation 6: shown upright it is 8 × 16
+    /// with black above.
+    #[test]
+    fn images_are_turned_as_exif_states() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("side.jpg");
+        let pixels: Vec<u8> = (0..16 * 8).map(|i| if i % 16 < 8 { 0 } else { 255 }).collect();
+        ::image::save_buffer(&path, &pixels, 16, 8, ColorType::L8).unwrap();
+        assert_eq!(dimensions(&path).unwrap(), (16, 8));
+        super::super::testing::set_orientation(&path, 6);
+        assert_eq!((dimensions(&path).unwrap(), stored_dimensions(&path).unwrap()), ((8, 16), (16, 8)));
+        let image = read_rgba(&path).unwrap();
+        assert_eq!((image.width, image.height), (8, 16));
+        assert!(image.pixels[3][0] < 0.1 && image.pixels[8 * 12 + 3][0] > 0.9);
+    }
+
+    #[test]
+    fn images_are_found_whatever_their_extension() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |name: &str| dir.path().join(name);
+        for name in ["a.JPG", "b.png", "r_0.5.png", "._a.JPG", "w.webp", "Thumbs.db"] {
+            fs::write(at(name), "").unwrap();
+        }
+        let found = |name: &str| find_image(&at(name)).map(|path| path.file_name().unwrap().to_owned());
+        for (name, file) in
+            [("a.jpg", "a.JPG"), ("a", "a.JPG"), ("b.jpg", "b.png"), ("r_0.5", "r_0.5.png"), ("w", "w.webp")]
+        {
+            assert_eq!(found(name).unwrap(), file);
+        }
+        assert_eq!(found("none.png"), None);
+        let listed = list_images(dir.path()).unwrap();
+        assert_eq!(listed, ["a.JPG", "b.png", "r_0.5.png", "w.webp"].map(at));
+    }
+
+    #[test]
+    fn webp_tiff_and_bmp_are_read() {
+        let dir = tempfile::tempdir().unwrap();
+        for extension in ["webp", "tiff", "bmp"] {
+            let path = dir.path().join(format!("a.{extension}"));
+            let pixels = ::image::RgbImage::from_fn(3, 2, |x, y| ::image::Rgb([40 * x as u8, 90 * y as u8, 7]));
+            pixels.save(&path).unwrap();
+            let [r, g, _, _] = read_rgba(&path).unwrap().pixels[5];
+            assert!((r - 80.0 / 255.0).abs() < 1e-6 && (g - 90.0 / 255.0).abs() < 1e-6, "{extension}");
         }
     }
 }

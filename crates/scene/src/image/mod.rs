@@ -1,11 +1,19 @@
 //! Images: composited colours for training, and straight RGBA as files hold it.
 
 mod codec;
+mod exif;
+mod grey;
 mod png;
 mod resize;
 mod rgba;
 
-pub use codec::{decode_bytes, dimensions, has_alpha, heic_error, is_heic, read_rgba};
+pub use ::image::metadata::Orientation;
+pub use codec::{
+    decode_bytes, dimensions, find_image, has_alpha, is_image_name, list_images, read_rgba, stored_dimensions,
+    unread_format,
+};
+pub use exif::{focal_length, orientation, quarter_turns};
+pub use grey::GreyImage;
 pub use resize::resized_dimensions;
 pub use rgba::{Rgba8, RgbaImage};
 
@@ -30,12 +38,12 @@ pub struct Image {
 }
 
 impl Image {
-    /// An image of one colour without alpha.
+    /// Returns an image of one colour without alpha.
     pub fn filled(width: u32, height: u32, rgb: [f32; 3]) -> Self {
         Self { width, height, rgb: vec![rgb; width as usize * height as usize], alpha: None }
     }
 
-    /// The colour of column `x`, row `y`, or `None` outside the image.
+    /// Returns the colour of column `x`, row `y`, or `None` outside the image.
     pub fn get(&self, x: u32, y: u32) -> Option<[f32; 3]> {
         if x >= self.width || y >= self.height {
             return None;
@@ -48,13 +56,13 @@ impl Image {
         self.rgb.iter().flatten().map(|&v| round_to_u8(v)).collect()
     }
 
-    /// The image after a round trip through 8 bits, as it would come back from a PNG.
+    /// Returns the image after a round trip through 8 bits, as it would come back from a PNG.
     pub fn rounded(&self) -> Self {
         let round = |v: f32| f32::from(round_to_u8(v)) / 255.0;
         Self { rgb: self.rgb.iter().map(|p| p.map(round)).collect(), ..self.clone() }
     }
 
-    /// The image at another size: each pixel the mean over the area that it covers.
+    /// Returns the image at another size: each pixel the mean over the area that it covers.
     pub fn resized(&self, width: u32, height: u32) -> Self {
         let (from, to) = ((self.width, self.height), (width, height));
         let coverage = |alpha: &Vec<f32>| {
@@ -75,7 +83,7 @@ impl Image {
         all > 0 && alike * 100 >= all * 95
     }
 
-    /// Reads a PNG or JPEG and composites it on `background`.
+    /// Reads an image file and composites it on `background`.
     ///
     /// # Errors
     /// The file is missing, unreadable, not an image, or larger than this crate reads.
@@ -93,7 +101,7 @@ impl Image {
     }
 }
 
-/// A mask at another size: a pixel counts if at least half of the area that it covers does.
+/// Resizes a mask: a pixel of the result is true if at least half of the area that it covers is.
 pub fn resized_mask(mask: &[bool], from: (u32, u32), to: (u32, u32)) -> Vec<bool> {
     if from == to {
         return mask.to_vec();
@@ -102,14 +110,14 @@ pub fn resized_mask(mask: &[bool], from: (u32, u32), to: (u32, u32)) -> Vec<bool
     resize::box_filter(&weights, from, to).into_iter().map(|[w]| w >= 0.5 - 1e-6).collect()
 }
 
-/// `⌊255 · clamp(v, 0, 1) + ½⌋`; NaN gives 0.
+/// Returns `⌊255 · clamp(v, 0, 1) + ½⌋`; NaN gives 0.
 pub fn round_to_u8(v: f32) -> u8 {
     // `as` saturates, and takes NaN to 0.
     (v * 255.0 + 0.5) as u8
 }
 
-/// The bilinear mean of `value` at the four pixels around the continuous position `(x, y)`, of an image of `[width, height]`
-/// pixels, row-major. Beyond the outermost centres it is the value at the edge.
+/// Interpolates `value`, a function of row-major pixel indices, between the four pixels around the continuous position
+/// `(x, y)` of an image of `[width, height]` pixels. Beyond the outermost centres it returns the value at the edge.
 pub fn bilinear<T: Add<Output = T> + Mul<f32, Output = T>>(
     [width, height]: [usize; 2],
     (x, y): (f32, f32),
@@ -121,6 +129,21 @@ pub fn bilinear<T: Add<Output = T> + Mul<f32, Output = T>>(
     let (u, v) = (x - left as f32, y - top as f32);
     let row = |row: usize| value(row * width + left) * (1.0 - u) + value(row * width + right) * u;
     row(top) * (1.0 - v) + row(bottom) * v
+}
+
+#[cfg(test)]
+pub(crate) mod testing {
+    use std::fs;
+    use std::path::Path;
+
+    /// Adds an EXIF segment with `orientation` to a JPEG, directly after its first marker.
+    pub fn set_orientation(path: &Path, orientation: u8) {
+        let mut bytes = fs::read(path).unwrap();
+        let mut segment = b"\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
+        segment.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
+        bytes.splice(2..2, segment);
+        fs::write(path, bytes).unwrap();
+    }
 }
 
 #[cfg(test)]

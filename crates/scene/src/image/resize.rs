@@ -1,6 +1,6 @@
 //! Area resampling.
 
-/// The size with longest side `longest` and the aspect ratio of `(width, height)`, each side
+/// Returns the size with longest side `longest` and the aspect ratio of `(width, height)`, each side
 /// rounded to the nearest pixel and at least 1.
 pub fn resized_dimensions(width: u32, height: u32, longest: u32) -> (u32, u32) {
     let long = f64::from(width.max(height)).max(1.0);

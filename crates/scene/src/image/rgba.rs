@@ -21,7 +21,7 @@ pub struct RgbaImage {
 }
 
 impl RgbaImage {
-    /// `rgb · α + background · (1 − α)` in every pixel.
+    /// Returns `rgb · α + background · (1 − α)` in every pixel.
     pub fn composite(&self, background: [f32; 3]) -> Image {
         compose(self.width, self.height, self.premultiplied(), background, self.has_alpha)
     }
@@ -75,7 +75,7 @@ pub struct Rgba8 {
 }
 
 impl Rgba8 {
-    /// The same pixels in `[0, 1]`: `v / 255`.
+    /// Converts the pixels to `[0, 1]`: `v / 255`.
     pub fn to_f32(&self) -> RgbaImage {
         let pixels = self.pixels.iter().map(|p| p.map(|v| f32::from(v) / 255.0)).collect();
         RgbaImage { width: self.width, height: self.height, pixels, has_alpha: true }

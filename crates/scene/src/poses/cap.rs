@@ -14,7 +14,7 @@ pub(crate) struct Cap {
 }
 
 impl Cap {
-    /// The smallest cap that holds all `directions`, to about 1 % in the axis; the angle is exactly
+    /// Returns the smallest cap that holds all `directions`, to about 1 % in the axis; the angle is exactly
     /// that of the direction farthest from it.
     ///
     /// The axis is the centre of the smallest ball around the directions (Bădoiu and Clarkson's
@@ -38,7 +38,7 @@ impl Cap {
         Self { axis, half_angle }
     }
 
-    /// A direction uniform by area.
+    /// Returns a direction uniform by area.
     pub fn sample(&self, rng: &mut impl Rng) -> DVec3 {
         let lowest = self.half_angle.min(std::f64::consts::PI).cos();
         let along = 1.0 - rng.random::<f64>() * (1.0 - lowest);
@@ -46,7 +46,7 @@ impl Cap {
         self.at(along.clamp(-1.0, 1.0).acos(), turn)
     }
 
-    /// The direction at `angle` radians from the axis, turned by `turn` about it.
+    /// Returns the direction at `angle` radians from the axis, turned by `turn` about it.
     pub fn at(&self, angle: f64, turn: f64) -> DVec3 {
         let (u, v) = self.axis.any_orthonormal_pair();
         let across = turn.cos() * u + turn.sin() * v;
@@ -54,7 +54,7 @@ impl Cap {
     }
 }
 
-/// The angle between two unit vectors, accurate near 0 and π.
+/// Returns the angle between two unit vectors, accurate near 0 and π.
 pub fn angle(a: DVec3, b: DVec3) -> f64 {
     2.0 * (a - b).length().atan2((a + b).length())
 }

@@ -24,7 +24,7 @@ pub(crate) struct Focus {
 }
 
 impl Focus {
-    /// The direction of a camera on the sphere about the centre: from the centre back to it along
+    /// Returns the direction of a camera on the sphere about the centre: from the centre back to it along
     /// its optical axis, or along the view where cameras look outwards.
     pub fn direction(&self, camera: &Camera) -> DVec3 {
         let forward = camera.forward_f64().normalize_or(DVec3::NEG_Z);
@@ -32,7 +32,7 @@ impl Focus {
     }
 }
 
-/// The centre `c` that minimises `Σ‖(I − dᵢdᵢᵀ)(c − pᵢ)‖² + λn‖c − c₀‖²` over the optical axes
+/// Returns the centre `c` that minimises `Σ‖(I − dᵢdᵢᵀ)(c − pᵢ)‖² + λn‖c − c₀‖²` over the optical axes
 /// `pᵢ + t dᵢ`, λ = [`PRIOR`].
 ///
 /// The prior `c₀` decides only where the axes do not: for one camera, identical or parallel ones. It
@@ -74,19 +74,19 @@ pub(crate) fn scene_focus(cameras: &[Camera]) -> Focus {
     Focus { centre, inward: towards >= 0.0 }
 }
 
-/// Unit directions of the cameras on the sphere about the scene's centre, see [`Focus::direction`].
+/// Returns unit directions of the cameras on the sphere about the scene's centre, see [`Focus::direction`].
 pub(crate) fn view_directions(cameras: &[Camera]) -> Vec<DVec3> {
     let focus = scene_focus(cameras);
     cameras.iter().map(|c| focus.direction(c)).collect()
 }
 
-/// The half-angle, in radians, of the smallest cone that holds all viewing directions.
+/// Returns the half-angle, in radians, of the smallest cone that holds all viewing directions.
 pub(crate) fn cone(cameras: &[Camera]) -> f64 {
     let forward: Vec<DVec3> = cameras.iter().map(|c| c.forward_f64().normalize_or(DVec3::NEG_Z)).collect();
     Cap::enclosing(&forward, DVec3::NEG_Z).half_angle
 }
 
-/// The world's up direction, from cameras that were held level: the unit vector most nearly at
+/// Returns the world's up direction, from cameras that were held level: the unit vector most nearly at
 /// right angles to all their x axes, on the side of their mean y axis.
 ///
 /// Inverse iteration on `Σ xᵢxᵢᵀ` from the mean y axis; where the x axes leave a choice (one camera,

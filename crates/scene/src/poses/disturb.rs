@@ -5,9 +5,10 @@ use rand_chacha::ChaCha8Rng;
 use crate::Scene;
 
 impl Scene {
-    /// The scene with training cameras as a careless reconstruction would find them: each is rotated by `degrees` about a
-    /// random axis through its centre, and moved by `distance`, a share of its distance from the scene's centre, in a random
-    /// direction. The exact ones are kept in [`Scene::exact_cameras`]; test views, and what is known of the space, stay.
+    /// Returns the scene with training cameras as a careless reconstruction would find them: each is rotated by
+    /// `degrees` about a random axis through its centre, and moved by `distance`, a share of its distance from the
+    /// scene's centre, in a random direction. The exact ones are kept in [`Scene::exact_cameras`]; test views, and what
+    /// is known of the space, stay.
     #[must_use]
     pub fn disturbed(mut self, degrees: f64, distance: f64, seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
@@ -24,7 +25,7 @@ impl Scene {
     }
 }
 
-/// A unit vector, uniform over the sphere.
+/// Returns a unit vector, uniform over the sphere.
 fn direction(rng: &mut impl Rng) -> DVec3 {
     let z = rng.random_range(-1.0..=1.0f64);
     let (sine, cosine) = rng.random_range(0.0..std::f64::consts::TAU).sin_cos();

@@ -21,7 +21,7 @@ pub use unseen::{ViewRegion, unseen_pose};
 use glam::{DMat3, DMat4, DVec3};
 use rand::Rng;
 
-/// A pose near `pose`: three angles from U(−a, a), a = `max_angle_deg` degrees, rotate it about the
+/// Returns a pose near `pose`: three angles from U(−a, a), a = `max_angle_deg` degrees, rotate it about the
 /// *world origin*, position and orientation alike: `R_x(α) · R_y(β) · R_z(γ) · pose`.
 ///
 /// This is the neighbour rule of information-gain reduction as released: both rays of a pair then pass the

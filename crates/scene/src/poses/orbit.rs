@@ -7,7 +7,7 @@ use glam::{DMat4, DVec3};
 use super::ViewRegion;
 use crate::Camera;
 
-/// `n` camera-to-world poses, evenly spaced along a closed path about the scene.
+/// Returns `n` camera-to-world poses, evenly spaced along a closed path about the scene.
 ///
 /// Cameras that surround a scene (or a single one) give a full circle about the up direction at
 /// their mean distance and mean elevation, starting at the first camera's azimuth. Several cameras
@@ -31,8 +31,8 @@ pub fn orbit(cameras: &[Camera], n: usize) -> Vec<DMat4> {
     (0..n).map(|i| region.pose(level.direction(turn(i), level.elevation), radius)).collect()
 }
 
-/// `n` camera-to-world poses, evenly spaced along a figure eight that lies on its side, twice as wide as high, all at the
-/// mean distance.
+/// Returns `n` camera-to-world poses, evenly spaced along a figure eight that lies on its side, twice as wide as high,
+/// all at the mean distance.
 ///
 /// With the angle θ along it, cameras that face one way swing about their mean direction by `(a sin θ, ½ a sin 2θ)`, a
 /// being 0.7 of their greatest angle to it. Around an object azimuth and elevation swing by as much about the first camera's

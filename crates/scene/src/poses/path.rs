@@ -14,7 +14,7 @@ pub struct Keyframe {
     pub fov_y: Option<f64>,
 }
 
-/// `n` frames along a path through `keyframes`, which passes from each to the next in equal time.
+/// Returns `n` frames along a path through `keyframes`, which passes from each to the next in equal time.
 ///
 /// Positions follow a Catmull-Rom spline, rotations are interpolated spherically (slerp), and fields of view linearly
 /// between neighbours. A closed path returns to its first keyframe and stops one frame short of it, so that it can be
@@ -32,8 +32,8 @@ pub fn interpolate_keyframes(keyframes: &[Keyframe], closed: bool, n: usize) -> 
         .collect()
 }
 
-/// `n` camera-to-world poses along a closed path that visits the pose of each camera once, always going to the nearest of
-/// those left.
+/// Returns `n` camera-to-world poses along a closed path that visits the pose of each camera once, always going to the
+/// nearest of those left.
 ///
 /// Cameras that face one way are interpolated as by [`interpolate_keyframes`]. Around an object straight lines between cameras
 /// would lead through it: there the distance from the centre is interpolated on its own, and so is each camera's rotation
@@ -68,7 +68,7 @@ struct Place {
     share: f64,
 }
 
-/// `n` positions, evenly spaced in time, on a path of `count` keyframes.
+/// Returns `n` positions, evenly spaced in time, on a path of `count` keyframes.
 fn places(count: usize, closed: bool, n: usize) -> impl Iterator<Item = Place> {
     let segments = if closed { count } else { count.saturating_sub(1) };
     let steps = if closed { n } else { n.saturating_sub(1) }.max(1);
@@ -81,7 +81,7 @@ fn places(count: usize, closed: bool, n: usize) -> impl Iterator<Item = Place> {
     })
 }
 
-/// The Catmull-Rom spline at a fraction `s` of the way from point `from` to point `to`, its successor:
+/// Returns the Catmull-Rom spline at a fraction `s` of the way from point `from` to point `to`, its successor:
 /// `h₀₀(s) p₁ + h₁₀(s) m₁ + h₀₁(s) p₂ + h₁₁(s) m₂` with the tangents `m₁ = (p₂ − p₀)/2`, `m₂ = (p₃ − p₁)/2`. An open
 /// spline repeats its end points.
 fn spline(points: &[DVec3], closed: bool, from: usize, to: usize, s: f64) -> DVec3 {
@@ -98,7 +98,7 @@ fn rotation(pose: &DMat4) -> DQuat {
     DQuat::from_mat3(&DMat3::from_mat4(*pose))
 }
 
-/// The cameras in the order of a walk that starts at the first and always goes to the nearest of those left.
+/// Returns the cameras in the order of a walk that starts at the first and always goes to the nearest of those left.
 fn nearest_first(cameras: &[Camera]) -> Vec<&Camera> {
     let mut left: Vec<&Camera> = cameras.iter().collect();
     let mut tour: Vec<&Camera> = Vec::with_capacity(left.len());

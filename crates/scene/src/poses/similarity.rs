@@ -16,7 +16,7 @@ pub struct Similarity {
 }
 
 impl Similarity {
-    /// The similarity that takes the poses `from` to the poses `to` of the same cameras (Procrustes):
+    /// Returns the similarity that takes the poses `from` to the poses `to` of the same cameras (Procrustes):
     /// R is the rotation nearest to `Σ (c′ᵢ − c̄′)(cᵢ − c̄)ᵀ σ/(σ′d²) + Σ R′ᵢRᵢᵀ`, with the cameras' positions cᵢ, their mean c̄
     /// and root-mean-square distances σ from it and d from the scene's `centre` (in the world of `from`); then s and t are the
     /// least-squares fit of the positions (Umeyama 1991).
@@ -64,7 +64,7 @@ impl Similarity {
         (self.rotation * d.as_dvec3()).as_vec3()
     }
 
-    /// The camera that sees of the mapped world what `camera` sees of the world.
+    /// Returns the camera that sees of the mapped world what `camera` sees of the world.
     pub fn camera(&self, camera: &Camera) -> Camera {
         let rotation = self.rotation * camera.rotation();
         let position = self.scale * (self.rotation * camera.position_f64()) + self.translation;
@@ -82,7 +82,7 @@ pub struct PoseError {
 }
 
 impl PoseError {
-    /// The error of the poses `found` against those of `truth`, after `found` are aligned with them
+    /// Returns the error of the poses `found` against those of `truth`, after `found` are aligned with them
     /// ([`Similarity::between`]); `centre` is the scene's, in the world of `truth`.
     pub fn of(found: &[Camera], truth: &[Camera], centre: DVec3) -> Self {
         let similarity = Similarity::between(truth, found, centre).inverse();
@@ -99,7 +99,7 @@ impl PoseError {
     }
 }
 
-/// The orthogonal factor of the polar decomposition of a matrix of positive determinant, by Newton's iteration
+/// Returns the orthogonal factor of the polar decomposition of a matrix of positive determinant, by Newton's iteration
 /// `M ← (M + M⁻ᵀ)/2` (Higham 1986); the identity for any other matrix.
 fn nearest_rotation(matrix: DMat3) -> DMat3 {
     if matrix.determinant() <= 1e-12 {
@@ -108,7 +108,7 @@ fn nearest_rotation(matrix: DMat3) -> DMat3 {
     (0..40).fold(matrix, |m, _| (m + m.inverse().transpose()) * 0.5)
 }
 
-/// `a bᵀ`.
+/// Returns `a bᵀ`.
 fn outer(a: DVec3, b: DVec3) -> DMat3 {
     DMat3::from_cols(a * b.x, a * b.y, a * b.z)
 }
@@ -123,7 +123,7 @@ mod tests {
         Similarity { rotation, scale: 1.7, translation: DVec3::new(3.0, -0.2, 40.0) }
     }
 
-    /// Of many cameras, and of so few that their positions alone would leave a rotation open.
+    /// Few cameras alone would leave a rotation open by their positions.
     #[test]
     fn a_similarity_of_cameras_is_found() {
         let cameras = train_cameras(8);

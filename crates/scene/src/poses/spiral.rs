@@ -19,8 +19,8 @@ const PERCENTILE: f64 = 0.9;
 /// Greatest radius of the spiral, as a fraction of the distance to the point looked at.
 const WIDEST: f64 = 0.25;
 
-/// `n` camera-to-world poses along the spiral of LLFF (Mildenhall et al. 2019; NeRF's videos of captures): two turns
-/// about the mean camera, swinging to and fro once, all looking at one point.
+/// Returns `n` camera-to-world poses along the spiral of LLFF (Mildenhall et al. 2019; NeRF's videos of captures): two
+/// turns about the mean camera, swinging to and fro once, all looking at one point.
 ///
 /// In the mean camera's axes the position is `(cos θ · rₓ, −sin θ · r_y, −sin(θ/2) · r_z)`, with r the 90th percentile of the
 /// cameras' distances from the mean along each axis, at most a quarter of the distance to the point looked at. That
@@ -55,7 +55,7 @@ pub fn spiral(cameras: &[Camera], range: (f64, f64), n: usize) -> Vec<DMat4> {
         .collect()
 }
 
-/// The [`PERCENTILE`] of `values`, interpolated; 0 for none.
+/// Returns the [`PERCENTILE`] of `values`, interpolated; 0 for none.
 fn percentile(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_unstable_by(f64::total_cmp);

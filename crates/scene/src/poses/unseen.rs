@@ -40,7 +40,7 @@ pub struct ViewRegion {
 }
 
 impl ViewRegion {
-    /// The region that `cameras` span. Without cameras: the unit sphere's top, looking down.
+    /// Returns the region that `cameras` span. Without cameras: the unit sphere's top, looking down.
     pub fn new(cameras: &[Camera]) -> Self {
         let focus = scene_focus(cameras);
         let up = up_direction(cameras);
@@ -64,17 +64,17 @@ impl ViewRegion {
         Self { focus, up, several: cameras.len() > 1, directions, cap, radii, lowest }
     }
 
-    /// The point nearest to all optical axes.
+    /// Returns the point nearest to all optical axes.
     pub fn centre(&self) -> DVec3 {
         self.focus.centre
     }
 
-    /// The up direction that the cameras share, unit length.
+    /// Returns the up direction that the cameras share, unit length.
     pub fn up(&self) -> DVec3 {
         self.up
     }
 
-    /// The axis (unit length) and half-angle (radians) of the smallest cap that holds the cameras'
+    /// Returns the axis (unit length) and half-angle (radians) of the smallest cap that holds the cameras'
     /// directions from the centre.
     pub fn cap(&self) -> (DVec3, f64) {
         (self.cap.axis, self.cap.half_angle)
@@ -90,19 +90,19 @@ impl ViewRegion {
         self.several && self.cap.half_angle < FORWARD_FACING
     }
 
-    /// The least and greatest distance of a camera from the centre.
+    /// Returns the least and greatest distance of a camera from the centre.
     pub fn radii(&self) -> (f64, f64) {
         self.radii
     }
 
-    /// A random camera-to-world pose in the region.
+    /// Returns a random camera-to-world pose in the region.
     pub fn sample(&self, rng: &mut impl Rng) -> DMat4 {
         let direction = self.sample_direction(rng);
         let radius = self.radii.0 + rng.random::<f64>() * (self.radii.1 - self.radii.0);
         self.pose(direction, radius)
     }
 
-    /// The pose in `direction` (unit length) from the centre at distance `radius`.
+    /// Returns the pose in `direction` (unit length) from the centre at distance `radius`.
     pub(crate) fn pose(&self, direction: DVec3, radius: f64) -> DMat4 {
         let forward = if self.focus.inward { -direction } else { direction };
         look_along(self.focus.centre + radius * direction, forward, self.up)
@@ -128,7 +128,7 @@ impl ViewRegion {
     }
 }
 
-/// A random camera-to-world pose in the [`ViewRegion`] of the training cameras.
+/// Returns a random camera-to-world pose in the [`ViewRegion`] of the training cameras.
 ///
 /// It is made from `train` alone, never from test poses. Sets that span nothing (one camera,
 /// identical, parallel, looking away from each other) still give a proper pose. To draw many, keep
@@ -137,7 +137,7 @@ pub fn unseen_pose(train: &[Camera], rng: &mut impl Rng) -> DMat4 {
     ViewRegion::new(train).sample(rng)
 }
 
-/// The direction a share `s` of the way along the arc from `a` to `b`. Opposite directions have no
+/// Returns the direction a share `s` of the way along the arc from `a` to `b`. Opposite directions have no
 /// arc of their own and take one of the many.
 fn slerp(a: DVec3, b: DVec3, s: f64) -> DVec3 {
     let whole = angle(a, b);

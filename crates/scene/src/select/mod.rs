@@ -22,11 +22,11 @@ use mt19937::Mt19937;
 /// cameras, or between viewing directions where cameras look outwards.
 ///
 /// As text ([`std::fmt::Display`], [`std::str::FromStr`]): `all`, `26,86,2,55`, `seed-4@0`, `farthest-4@0`,
-/// `wide-4@0`, `narrow-4/30@0` (degrees), or a published selection's name.
+/// `wide-4@0`, `narrow-4/30@0` (degrees), a published selection's name, or names of images such as `image006,image008`.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ViewSelection {
-    /// These views, in this order.
+    /// Views by their ids, in this order.
     Ids(Vec<usize>),
     /// `count` views as NumPy's `RandomState(seed).choice(n, count, replace=False)` draws them.
     ///
@@ -65,12 +65,12 @@ pub enum ViewSelection {
     },
     /// Every view.
     All,
-    /// A published selection by its name, such as `regnerf-3` for LLFF and DTU.
+    /// A published selection by its name, such as `regnerf-3` for LLFF and DTU, or names of images between commas.
     Named(String),
 }
 
 impl ViewSelection {
-    /// The indices of the chosen views in `cameras`, in the order in which they were chosen.
+    /// Returns the indices of the chosen views in `cameras`, in the order in which they were chosen.
     ///
     /// # Errors
     /// `cameras` is empty; no view is asked for, or more than there are; an id is out of range or

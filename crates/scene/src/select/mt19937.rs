@@ -56,7 +56,7 @@ impl Mt19937 {
         }
     }
 
-    /// `np.random.permutation(n)`: Fisher–Yates from the end. `n` is at most `u32::MAX`.
+    /// Returns `np.random.permutation(n)`: Fisher–Yates from the end. `n` is at most `u32::MAX`.
     pub(super) fn permutation(&mut self, n: usize) -> Vec<usize> {
         let mut order: Vec<usize> = (0..n).collect();
         for i in (1..n).rev() {

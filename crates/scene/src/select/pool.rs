@@ -6,7 +6,7 @@ use crate::{Camera, SceneError};
 /// Named sets of view ids.
 pub type Named = Vec<(String, Vec<usize>)>;
 
-/// The positions in a pool of the views that `selection` chooses. `ids` are the ids of the pool's views.
+/// Returns the positions in a pool of the views that `selection` chooses. `ids` are the ids of the pool's views.
 ///
 /// # Errors
 /// As [`ViewSelection::select`], or there is no selection of that name.
@@ -23,7 +23,8 @@ pub fn train(
     }
 }
 
-/// The positions in a pool of the views that `protocol` chooses. `split` are the ids of the format's own test views.
+/// Returns the positions in a pool of the views that `protocol` chooses. `split` are the ids of the format's own test
+/// views.
 ///
 /// # Errors
 /// As [`TestProtocol::select`], or there is no set of that name.
@@ -51,7 +52,7 @@ fn by_name<'a>(field: &'static str, name: &str, named: &'a Named) -> Result<&'a 
     })
 }
 
-/// The position in `ids` of each of `wanted`.
+/// Returns the position in `ids` of each of `wanted`.
 fn positions(field: &'static str, wanted: &[usize], ids: &[usize]) -> Result<Vec<usize>, SceneError> {
     if ids.iter().enumerate().all(|(i, &id)| i == id) {
         return super::check_ids(field, wanted, ids.len()).map(|()| wanted.to_vec());

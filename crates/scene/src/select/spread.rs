@@ -31,7 +31,7 @@ pub(super) fn farthest_point(cameras: &[Camera], count: usize, rng: &mut impl Rn
     chosen
 }
 
-/// The set with the greatest least pairwise angle among [`TRIES`] random sets.
+/// Returns the set with the greatest least pairwise angle among [`TRIES`] random sets.
 pub(super) fn wide(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<usize> {
     let directions = view_directions(cameras);
     let greatest_cosine = |set: &Vec<usize>| {
@@ -44,7 +44,7 @@ pub(super) fn wide(cameras: &[Camera], count: usize, rng: &mut impl Rng) -> Vec<
         .unwrap_or_default()
 }
 
-/// `count` views that are pairwise within `angle` radians: anchors in random order, each completed
+/// Returns `count` views that are pairwise within `angle` radians: anchors in random order, each completed
 /// greedily from its neighbours in random order and then in order of nearness; the first anchor
 /// that can be completed wins. `None` where none can.
 pub(super) fn narrow(cameras: &[Camera], count: usize, angle: f64, rng: &mut impl Rng) -> Option<Vec<usize>> {

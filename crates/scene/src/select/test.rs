@@ -3,7 +3,7 @@
 use super::check_ids;
 use crate::SceneError;
 
-/// Which of a scene's test views to evaluate on.
+/// Choice of the test views to evaluate on.
 ///
 /// As text ([`std::fmt::Display`], [`std::str::FromStr`]): `all`, `split`, `every-8`, `first-3`, `26,86,2`, `training`, or
 /// the name of a published protocol.
@@ -16,7 +16,7 @@ pub enum TestProtocol {
     Every(usize),
     /// The first n.
     First(usize),
-    /// These, in this order.
+    /// Test views by their ids, in this order.
     Ids(Vec<usize>),
     /// The format's own test split: Blender's test set, every eighth view that LLFF and captures hold out, the 25 of
     /// RegNeRF for DTU.
@@ -29,7 +29,7 @@ pub enum TestProtocol {
 }
 
 impl TestProtocol {
-    /// The indices of the chosen views among `n` of a scene whose whole test set is its split and that knows no
+    /// Returns the indices of the chosen views among `n` of a scene whose whole test set is its split and that knows no
     /// published protocol.
     ///
     /// # Errors

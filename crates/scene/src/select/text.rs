@@ -67,8 +67,8 @@ impl FromStr for ViewSelection {
     type Err = SceneError;
 
     fn from_str(text: &str) -> Result<Self, SceneError> {
-        let expected = "`all`, view ids `26,86,2,55`, `seed-4@0`, `farthest-4@0`, `wide-4@0`, `narrow-4/30@0` or a \
-                        selection's name such as `regnerf-3`";
+        let expected = "`all`, view ids `26,86,2,55`, `seed-4@0`, `farthest-4@0`, `wide-4@0`, `narrow-4/30@0`, a \
+                        selection's name such as `regnerf-3`, or names of images such as `image006,image008`";
         let error = || SceneError::request("train", expected, format!("`{text}`"));
         if text == "all" {
             return Ok(Self::All);
@@ -108,10 +108,10 @@ fn list(ids: &[usize]) -> String {
     ids.iter().map(usize::to_string).collect::<Vec<_>>().join(",")
 }
 
-/// Names are a letter followed by small letters, digits and hyphens.
+/// Whether `text` is a name, or names between commas: none empty, none with a white space, the first begins with a letter.
 fn is_name(text: &str) -> bool {
-    let rest = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
-    text.starts_with(|c: char| c.is_ascii_lowercase()) && text.chars().all(rest)
+    let name = |name: &str| !name.is_empty() && !name.contains(|c: char| c.is_whitespace() || c == '@');
+    text.starts_with(char::is_alphabetic) && text.split(',').all(name)
 }
 
 #[cfg(test)]
@@ -123,8 +123,17 @@ mod tests {
         for text in ["all", "split", "every-8", "first-3", "26,86,2,55", "7", "training", "pixelnerf"] {
             assert_eq!(text.parse::<TestProtocol>().unwrap().to_string(), text);
         }
-        let selections =
-            ["all", "26,86,2,55", "seed-4@1", "farthest-3@0", "wide-4@7", "narrow-4/30.5@2", "regnerf-3", "infonerf-2"];
+        let selections = [
+            "all",
+            "26,86,2,55",
+            "seed-4@1",
+            "farthest-3@0",
+            "wide-4@7",
+            "narrow-4/30.5@2",
+            "regnerf-3",
+            "infonerf-2",
+            "images/IMG_06.jpg,IMG_7",
+        ];
         for text in selections {
             assert_eq!(text.parse::<ViewSelection>().unwrap().to_string(), text);
         }
@@ -137,7 +146,7 @@ mod tests {
             let error = text.parse::<TestProtocol>().unwrap_err().to_string();
             assert!(error.contains(&format!("found `{text}`")), "{error}");
         }
-        for text in ["", "seed-0", "seed-x@1", "seed-4@x", "narrow-4/0", "regnerf-3@1", "1,x"] {
+        for text in ["", "seed-0", "seed-x@1", "seed-4@x", "narrow-4/0", "regnerf-3@1", "1,x", "a,,b", "a b"] {
             assert!(text.parse::<ViewSelection>().is_err(), "{text}");
         }
     }

@@ -1,6 +1,6 @@
 //! Consistency checks, made before anything is trained: of a config alone, with a scene, and with many scenes.
 
-use infonerf_field::FieldSpec;
+use infonerf_field::{FieldSpec, SourceImages};
 use infonerf_loss::Need;
 use infonerf_render::{Placement, SpaceChoice, Warp};
 use infonerf_scene::Scene;
@@ -28,14 +28,14 @@ pub fn of_config(config: &Config) -> Result<(), Fault> {
     if learned || eval.pose_steps > 0 {
         let expected = "a field that passes gradients on to positions where cameras are learned (train.cameras.refine, \
                         eval.pose_steps), as all but `pixelnerf` do";
-        Fault::unless(field.tracks_positions(), "field.kind", expected, field)?;
+        Fault::unless(field.traits().tracks_positions, "field.kind", expected, field)?;
         let expected = "false where cameras are learned (train.cameras.refine): space is carved once, by the cameras as they begin";
         Fault::unless(!learned || !render.occupancy.carve, "render.occupancy.carve", expected, true)?;
     }
-    let whole = !field.needs_intervals() || render.placement == Placement::Interval;
+    let whole = !field.traits().intervals || render.placement == Placement::Interval;
     let expected = format!("\"interval\" with a {field}, whose samples are pieces of cones");
     Fault::unless(whole, "render.placement", expected, name(&render.placement))?;
-    if let Some((key, images)) = field.first_photographs() {
+    if let SourceImages::First { key, count: images } = field.traits().sources {
         // It is shown the same ones in every step.
         Fault::unless(train.sources == 0, "train.sources", format!("0 with {field}"), train.sources)?;
         let expected = format!("\"pixels\" or \"image\" with {field}");
@@ -65,7 +65,7 @@ pub fn of_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
         let found = format!("none in {}", view.name);
         return Err(Fault::new("render.occupancy.carve", "training images with an alpha channel", found));
     }
-    if let Some((key, images)) = field.first_photographs() {
+    if let SourceImages::First { key, count: images } = field.traits().sources {
         enough_views(key, images, scene.train.len())?;
     }
     body(config, scene.space.body.is_some())?;
@@ -82,8 +82,8 @@ pub fn of_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
     let placement = render.placement;
     within_a_box(placement != Placement::Interval, "render.placement", "\"mid\" or \"left\"", name(&placement))?;
     let looks = "a field that looks at no photographs";
-    within_a_box(!field.sees_photographs(), "field.kind", looks, field.to_string())?;
-    within_a_box(!field.needs_body(), "field.kind", "a field that hangs on no body", field.to_string())?;
+    within_a_box(field.traits().sources != SourceImages::Any, "field.kind", looks, field.to_string())?;
+    within_a_box(!field.traits().body, "field.kind", "a field that hangs on no body", field.to_string())?;
     within_a_box(!render.occupancy.carve, "render.occupancy.carve", "false", "true".to_owned())
 }
 
@@ -94,7 +94,7 @@ pub fn of_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
 pub fn of_many(config: &Config) -> Result<(), Fault> {
     let Config { field, render, train, .. } = config;
     Fault::unless(
-        field.sees_photographs(),
+        field.traits().sources == SourceImages::Any,
         "field.kind",
         "`pixelnerf`, which looks at photographs of each scene",
         field,
@@ -113,10 +113,10 @@ pub fn of_many(config: &Config) -> Result<(), Fault> {
 /// # Errors
 /// If it gets none.
 pub fn body(config: &Config, has_body: bool) -> Result<(), Fault> {
-    let named = || config.field.clone().files().iter().any(|path| !path.as_os_str().is_empty());
+    let named = || config.field.clone().files().iter().any(|file| !file.path.as_os_str().is_empty());
     let expected = "a PLY or OBJ file, or a scene that comes with a body's vertices (ZJU-MoCap with `new_vertices`, or the \
                     built-in figure)";
-    Fault::unless(!config.field.needs_body() || has_body || named(), "field.vertices", expected, "neither")
+    Fault::unless(!config.field.traits().body || has_body || named(), "field.vertices", expected, "neither")
 }
 
 /// Refuses a field that looks at more training views, `images` by the key within `[field]`, than there are.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use infonerf_field::FieldSpec;
+use infonerf_field::{FieldFile, FieldSpec};
 use infonerf_schedule::Schedule;
 
 use super::Config;
@@ -15,7 +15,7 @@ impl Config {
             return Some(format!("initial weights from {}", init.display()));
         }
         let mut field = self.field.clone();
-        let (key, path) = field.weights_file()?;
+        let FieldFile { key, path, .. } = field.files().into_iter().find(|file| file.holds_weights)?;
         Some(if path.as_os_str().is_empty() {
             format!("field.{key}: random weights, not published ones")
         } else {
@@ -27,8 +27,8 @@ impl Config {
     pub fn without_weight_files(&self) -> Self {
         let mut config = self.clone();
         config.train.init = PathBuf::new();
-        if let Some((_, path)) = config.field.weights_file() {
-            *path = PathBuf::new();
+        for file in config.field.files().into_iter().filter(|file| file.holds_weights) {
+            *file.path = PathBuf::new();
         }
         for (_, spec) in config.loss.specs_mut() {
             if spec.weights_file().is_some() {

@@ -326,7 +326,7 @@ fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
 
 /// Densities at `positions`, three values each, on no ray, for the occupancy grid.
 pub(super) fn densities<F: Field>(field: &F, positions: Vec<f32>, extent: &Extent, at: Moment) -> Vec<f32> {
-    to_host(evaluate_at(field, positions, None, extent.clone(), at).sigma)
+    to_host(evaluate_at(field, positions, None, extent.clone(), false, at).sigma)
 }
 
 #[cfg(test)]

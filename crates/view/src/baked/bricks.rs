@@ -1,58 +1,59 @@
-//! Bricks that are not empty, and their densities.
+//! Bricks that are not empty, with their densities.
 
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::ask::Ask;
 use super::density::byte;
 use super::domain::Domain;
 use super::lattice::{CELLS, Lattice, POINTS, VOLUME};
+use super::probe::FieldProbe;
 
-/// The most bricks: 46 MB at 13 bytes per point, which graphics cards hold and pages can be sent with.
-pub(super) const MOST: usize = 4900;
-/// Voxels between the points that find occupied bricks. What is smaller and has a sharp density may be missed.
+/// Maximum number of bricks: 46 MB at 13 bytes per point, which graphics cards hold and pages can be sent with.
+pub(super) const MAX_BRICKS: usize = 4900;
+/// Number of voxels between the points that find occupied bricks. Smaller details of a sharp density may be missed.
 const COARSE: usize = 4;
-/// The fewest voxels along the longest side that are tried.
-const LEAST_RESOLUTION: usize = 16;
+/// Minimum number of voxels along the longest side that is tried.
+const MIN_RESOLUTION: usize = 16;
 
-/// The cells of a lattice in which a field is not empty.
+/// Cells of a lattice in which a field is not empty.
 pub(super) struct Bricks {
     pub(super) lattice: Lattice,
-    /// Ascending. A cell's place here is the number of its brick.
+    /// Cells, ascending. A cell's place here is the number of its brick.
     pub(super) cells: Vec<usize>,
-    /// For each brick the [`byte`] of each point.
+    /// [`byte`] of each point of each brick.
     pub(super) roots: Vec<u8>,
-    /// The number of each cell's brick, if it has one.
+    /// Number of each cell's brick, if it has one.
     numbers: Vec<Option<u32>>,
 }
 
 impl Bricks {
-    /// The bricks at `resolution` voxels along the domain's side, or at as many as give [`MOST`] bricks, and that number.
-    pub(super) fn find(ask: &Ask<'_>, domain: &Domain, mut resolution: usize) -> (usize, Self) {
+    /// Finds the bricks at `resolution` voxels along the domain's side, or at as many as give [`MAX_BRICKS`] bricks;
+    /// returns that number as well.
+    pub(super) fn find(probe: &FieldProbe<'_>, domain: &Domain, mut resolution: usize) -> (usize, Self) {
         loop {
             let lattice = Lattice::over(&domain.bounds, domain.side / resolution as f32);
-            let cells = candidates(ask, domain, &lattice);
-            if cells.len() <= MOST || resolution <= LEAST_RESOLUTION {
-                return (resolution, Self::of(ask, domain, lattice, &cells));
+            let cells = candidates(probe, domain, &lattice);
+            if cells.len() <= MAX_BRICKS || resolution <= MIN_RESOLUTION {
+                return (resolution, Self::of(probe, domain, lattice, &cells));
             }
-            // A volume has so many bricks less; a surface may need another round.
-            let fewer = resolution as f32 * (MOST as f32 / cells.len() as f32).cbrt();
-            resolution = (fewer as usize).min(resolution * 15 / 16).max(LEAST_RESOLUTION);
+            // A volume then has few enough bricks; a surface may need another round.
+            let fewer = resolution as f32 * (MAX_BRICKS as f32 / cells.len() as f32).cbrt();
+            resolution = (fewer as usize).min(resolution * 15 / 16).max(MIN_RESOLUTION);
         }
     }
 
-    /// Those of `candidates` that are not empty at every point.
-    fn of(ask: &Ask<'_>, domain: &Domain, lattice: Lattice, candidates: &[usize]) -> Self {
+    /// Keeps the `candidates` that are not empty at every point.
+    fn of(probe: &FieldProbe<'_>, domain: &Domain, lattice: Lattice, candidates: &[usize]) -> Self {
         let mut points: Vec<usize> = candidates.par_iter().flat_map_iter(|&cell| lattice.points(cell)).collect();
         points.par_sort_unstable();
         points.dedup();
-        let asked: Vec<usize> =
+        let wanted: Vec<usize> =
             points.into_par_iter().filter(|&point| domain.holds(lattice.position(point), lattice.voxel)).collect();
-        let positions: Vec<Vec3> = asked.par_iter().map(|&point| lattice.position(point)).collect();
-        let densities = ask.densities(&positions, lattice.voxel);
+        let positions: Vec<Vec3> = wanted.par_iter().map(|&point| lattice.position(point)).collect();
+        let densities = probe.densities(&positions, lattice.voxel);
         let least = domain.least_density();
         let root = |point: usize| {
-            let density = asked.binary_search(&point).map_or(0.0, |index| densities[index]);
+            let density = wanted.binary_search(&point).map_or(0.0, |index| densities[index]);
             if density < least { 0 } else { byte(density, lattice.voxel) }
         };
         let of_cell = |&cell: &usize| {
@@ -68,7 +69,7 @@ impl Bricks {
         Self { lattice, cells, roots: roots.concat(), numbers }
     }
 
-    /// The byte of the point that is `offset` from the first of a cell's brick, 0 where there is no brick.
+    /// Returns the byte of the point that is `offset` from the first of a cell's brick, 0 where there is no brick.
     pub(super) fn root(&self, cell: usize, offset: [isize; 3]) -> u8 {
         let (mut place, mut local) = (self.lattice.cell(cell), [0; 3]);
         for axis in 0..3 {
@@ -84,14 +85,14 @@ impl Bricks {
         number.map_or(0, |number| self.brick(number as usize)[x + POINTS * (y + POINTS * z)])
     }
 
-    /// The bytes of a brick.
+    /// Returns the bytes of a brick.
     pub(super) fn brick(&self, number: usize) -> &[u8] {
         &self.roots[number * VOLUME..][..VOLUME]
     }
 }
 
-/// Cells with at least one point of a coarse lattice that is not empty.
-fn candidates(ask: &Ask<'_>, domain: &Domain, lattice: &Lattice) -> Vec<usize> {
+/// Finds the cells with at least one point of a coarse lattice that is not empty.
+fn candidates(probe: &FieldProbe<'_>, domain: &Domain, lattice: &Lattice) -> Vec<usize> {
     const PER_CELL: usize = CELLS / COARSE;
     const ALONG: usize = PER_CELL + 1;
     let spacing = COARSE as f32 * lattice.voxel;
@@ -100,9 +101,9 @@ fn candidates(ask: &Ask<'_>, domain: &Domain, lattice: &Lattice) -> Vec<usize> {
     for (z, layer) in dense.chunks_mut(nx * ny).enumerate() {
         let position =
             |index: usize| lattice.low + spacing * Vec3::new((index % nx) as f32, (index / nx) as f32, z as f32);
-        let asked: Vec<usize> = (0..layer.len()).filter(|&index| domain.holds(position(index), spacing)).collect();
-        let positions: Vec<Vec3> = asked.iter().map(|&index| position(index)).collect();
-        for (index, density) in asked.into_iter().zip(ask.densities(&positions, spacing)) {
+        let wanted: Vec<usize> = (0..layer.len()).filter(|&index| domain.holds(position(index), spacing)).collect();
+        let positions: Vec<Vec3> = wanted.iter().map(|&index| position(index)).collect();
+        for (index, density) in wanted.into_iter().zip(probe.densities(&positions, spacing)) {
             layer[index] = density >= domain.least_density();
         }
     }

@@ -1,4 +1,4 @@
-//! A baked package read back and evaluated as the shader does: the oracle for packing.
+//! Oracle for baked packing: a package read back and evaluated as the shader does.
 
 use glam::Vec3;
 use infonerf_field::{Extent, Field, Points};
@@ -9,28 +9,28 @@ use infonerf_train::{Config, Preset};
 
 use super::CHANNELS;
 use super::lattice::{CELLS, POINTS, VOLUME};
-use crate::decode::{Decoded, model, package};
+use crate::decode::{DecodedPackage, model, package};
 
-/// A small MLP whose density and colour change slowly, before any training.
+/// Small MLP whose density and colour change slowly, before any training.
 const SMOOTH: &str = "field={kind=\"nerf\",layers=2,width=32,skip=9,position_frequencies=2,direction_frequencies=1,\
                       density=\"softplus\",detail=1.0}";
 
-/// Rays that end at the box, and an occupancy grid of 4³ cells.
+/// Settings of rays that end at the box, and of an occupancy grid of 4³ cells.
 const GRID: &[&str] = &["render.clip_to_bounds=true", "render.occupancy.enabled=true", "render.occupancy.resolution=4"];
 
-/// What the shader reads.
-struct Bricks {
-    decoded: Decoded,
-    /// The number of each cell's brick.
+/// Bricks as the shader reads them.
+struct PackedBricks {
+    decoded: DecodedPackage,
+    /// Number of each cell's brick, if it has one.
     numbers: Vec<Option<usize>>,
     cells: [usize; 3],
     opacities: Vec<u8>,
-    /// `[channel, 4, bricks, points]`.
+    /// Bytes `[channel, 4, bricks, points]`.
     colors: Vec<Vec<u8>>,
 }
 
-impl Bricks {
-    fn new(decoded: Decoded) -> Self {
+impl PackedBricks {
+    fn new(decoded: DecodedPackage) -> Self {
         let cells = [0, 1, 2].map(|axis| decoded.package["grid"][axis].as_u64().unwrap() as usize);
         let bits = decoded.part("occupied");
         let mut count = 0;
@@ -44,12 +44,12 @@ impl Bricks {
         let colors: Vec<Vec<u8>> = CHANNELS.iter().map(|name| from_rows(decoded.part(&format!("{name}s")))).collect();
         assert_eq!(opacities.len(), count * VOLUME);
         assert!(colors.iter().all(|color| color.len() == 4 * opacities.len()));
-        let room: f32 = decoded.vector("ATLAS").iter().product();
-        assert!(room >= count as f32);
+        let capacity: f32 = decoded.vector("ATLAS").iter().product();
+        assert!(capacity >= count as f32);
         Self { decoded, numbers, cells, opacities, colors }
     }
 
-    /// The brick at `p`, and where `p` is in it, in voxels.
+    /// Returns the brick at `p`, and the place of `p` in it, in voxels.
     fn place(&self, p: Vec3) -> Option<(usize, Vec3)> {
         let voxel = (p - Vec3::from_slice(&self.decoded.vector("LOW"))) / self.decoded.constant("VOXEL");
         let cell = (voxel / CELLS as f32).floor().as_uvec3();
@@ -58,7 +58,7 @@ impl Bricks {
         Some((number, voxel - CELLS as f32 * cell.as_vec3()))
     }
 
-    /// A texture of bytes between the eight points around a place in a brick.
+    /// Interpolates a texture of bytes between the eight points around a place in a brick.
     fn read(bytes: &[u8], brick: usize, at: Vec3) -> f32 {
         let first = at.floor().min(Vec3::splat(CELLS as f32 - 1.0));
         let share = at - first;
@@ -73,7 +73,7 @@ impl Bricks {
 
     fn density(&self, p: Vec3) -> f32 {
         let root = self.place(p).map_or(0.0, |(brick, at)| Self::read(&self.opacities, brick, at));
-        -(1.0 - self.decoded.constant("MOST_OPACITY") * root * root).ln() / self.decoded.constant("VOXEL")
+        -(1.0 - self.decoded.constant("MAX_OPACITY") * root * root).ln() / self.decoded.constant("VOXEL")
     }
 
     fn color(&self, p: Vec3, direction: Vec3) -> [f32; 3] {
@@ -87,12 +87,12 @@ impl Bricks {
                 .zip(low.iter().zip(&range))
                 .map(|(plane, (low, range))| low + range * Self::read(plane, brick, at));
             let sum: f32 = numbers.zip(terms).map(|(number, term)| number * term).sum();
-            sum.clamp(0.0, self.decoded.constant("MOST_COLOR"))
+            sum.clamp(0.0, self.decoded.constant("MAX_COLOR"))
         })
     }
 }
 
-/// Rows of differences as they were.
+/// Undoes the differences along rows.
 fn from_rows(stored: &[u8]) -> Vec<u8> {
     let row = |row: &[u8]| -> Vec<u8> {
         let sum = |last: &mut u8, byte: &u8| {
@@ -104,7 +104,7 @@ fn from_rows(stored: &[u8]) -> Vec<u8> {
     stored.chunks(POINTS).flat_map(row).collect()
 }
 
-/// The field itself at a point.
+/// Evaluates the field itself at a point.
 fn exact(trained: &TrainedModel, p: Vec3, direction: Vec3) -> (f32, Vec<f32>) {
     let field = &trained.model.fine;
     let [p, direction] = [p, direction].map(|v| from_host(&v.to_array(), 3, &field.device()));
@@ -117,7 +117,7 @@ fn config(set: &[&str]) -> Config {
     Config::of(Preset::Paper, [SMOOTH].iter().chain(set)).unwrap()
 }
 
-/// Points of the cube ±`half`.
+/// Draws points of the cube ±`half`.
 fn draw(half: f32) -> impl Iterator<Item = Vec3> {
     (1..60).map(move |i: u32| {
         let [x, y, z] = [0.754_877_7, 0.569_840_3, 0.430_159_7].map(|step: f64| (f64::from(i) * step).fract() as f32);
@@ -126,10 +126,10 @@ fn draw(half: f32) -> impl Iterator<Item = Vec3> {
 }
 
 #[test]
-fn what_the_shader_reads_is_the_field() {
+fn packed_bricks_evaluate_to_the_field() {
     let config = config(&["render.clip_to_bounds=true"]);
     let trained = model(&config.field);
-    let bricks = Bricks::new(Decoded::new(package(&config.render, &trained, 48)));
+    let bricks = PackedBricks::new(DecodedPackage::new(package(&config.render, &trained, 48)));
     assert!(!bricks.decoded.package["shader"].as_str().unwrap().contains("{{"));
     assert_eq!((bricks.cells, bricks.opacities.len()), ([6; 3], 216 * VOLUME));
     // Directions from places that are looked from, and from between them.
@@ -148,7 +148,7 @@ fn what_the_shader_reads_is_the_field() {
 }
 
 #[test]
-fn only_what_is_not_empty_is_kept() {
+fn empty_bricks_are_left_out() {
     let config = config(GRID);
     let mut trained = model(&config.field);
     let mut grid = OccupancyGrid::new(&config.render.occupancy, Aabb::cube(Vec3::ZERO, 1.5));
@@ -156,7 +156,7 @@ fn only_what_is_not_empty_is_kept() {
     let occupied = (0..64).map(|cell| cell % 4 < 2 && cell / 4 % 4 < 2 && cell / 16 < 2).collect();
     grid.restore(vec![1.0; 64], occupied, true).unwrap();
     trained.occupancy = Some(grid);
-    let bricks = Bricks::new(Decoded::new(package(&config.render, &trained, 32)));
+    let bricks = PackedBricks::new(DecodedPackage::new(package(&config.render, &trained, 32)));
     assert_eq!((bricks.cells, bricks.opacities.len()), ([4; 3], 8 * VOLUME));
     for p in draw(1.49) {
         let found = bricks.density(p);
@@ -169,18 +169,18 @@ fn only_what_is_not_empty_is_kept() {
 }
 
 #[test]
-fn nothing_at_all_and_warped_space_are_packages() {
+fn empty_fields_and_warped_space_are_packages() {
     let empty = config(GRID);
     let mut trained = model(&empty.field);
     let mut grid = OccupancyGrid::new(&empty.render.occupancy, Aabb::cube(Vec3::ZERO, 1.5));
     grid.restore(vec![1.0; 64], vec![false; 64], true).unwrap();
     trained.occupancy = Some(grid);
-    let bricks = Bricks::new(Decoded::new(package(&empty.render, &trained, 32)));
+    let bricks = PackedBricks::new(DecodedPackage::new(package(&empty.render, &trained, 32)));
     assert_eq!((bricks.opacities.len(), bricks.decoded.vector("RED_LOW")), (0, vec![0.0; 4]));
 
     let contracted = config(&["render.space=\"contraction\""]);
     let trained = model(&contracted.field);
-    let bricks = Bricks::new(Decoded::new(package(&contracted.render, &trained, 32)));
+    let bricks = PackedBricks::new(DecodedPackage::new(package(&contracted.render, &trained, 32)));
     let shader = bricks.decoded.package["shader"].as_str().unwrap();
     assert!(shader.contains("#define CLIPS 0") && shader.contains("#define HORIZON"));
     for p in draw(1.1) {

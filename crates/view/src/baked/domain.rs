@@ -1,4 +1,4 @@
-//! The region in which a field is baked.
+//! Region in which a field is baked.
 
 use glam::Vec3;
 use infonerf_render::{RenderConfig, Warp};
@@ -6,26 +6,28 @@ use infonerf_scene::{Aabb, Scene};
 
 use crate::shader::clips;
 
-/// How far from its centre a scene is baked where rays are not clipped to its box, in halves of its longest side.
-const FARTHEST: f32 = 3.0;
-/// A density that absorbs less than this share of the light across the whole box counts as none.
-const LEAST_SHARE: f32 = 0.02;
+/// Distance from its centre to which a scene is baked if rays are not clipped to its box, in halves of its longest
+/// side.
+const MAX_REACH: f32 = 3.0;
+/// Share of the light that a density absorbs across the whole box, below which it counts as none.
+const MIN_SHARE: f32 = 0.02;
 
-/// The part of the field's space that can contain something.
+/// Part of the field's space that can be occupied.
 #[derive(Debug)]
 pub(super) struct Domain {
-    /// A box around it.
+    /// Box around it.
     pub(super) bounds: Aabb,
-    /// A ball around it.
+    /// Ball around it.
     centre: Vec3,
     radius: f32,
-    /// The longest side of the box that the field is made for, along which voxels are counted.
+    /// Longest side of the box that the field is made for, along which voxels are counted.
     pub(super) side: f32,
 }
 
 impl Domain {
-    /// The scene's box where rays are clipped to it; otherwise also what the training cameras see beyond it between near and
-    /// far, within three times the box. In warped space, the box or ball that the warp maps to.
+    /// Returns the scene's box if rays are clipped to it; otherwise also the region that the training cameras see
+    /// beyond it between near and far, within three times the box. In warped space it is the box or ball that the warp
+    /// maps to.
     pub(super) fn of(scene: &Scene, config: &RenderConfig, warp: &Warp) -> Self {
         let bounds = warp.bounds(scene);
         let (centre, side) = (bounds.centre(), bounds.size().max_element());
@@ -34,27 +36,27 @@ impl Domain {
         match warp {
             Warp::Contraction { .. } => Self { radius: 0.5 * side, ..box_alone },
             Warp::Identity if !clips(config, warp) => {
-                let radius = reach(scene, centre).min(0.5 * FARTHEST * side).max(corner);
+                let radius = reach(scene, centre).min(0.5 * MAX_REACH * side).max(corner);
                 Self { bounds: Aabb::cube(centre, radius), radius, ..box_alone }
             }
             Warp::Identity | Warp::Ndc { .. } => box_alone,
         }
     }
 
-    /// Whether `p` is in it, or at most `margin` away.
+    /// Returns whether `p` is in it, or at most `margin` away.
     pub(super) fn holds(&self, p: Vec3, margin: f32) -> bool {
         let margins = Vec3::splat(margin);
         let bounds = Aabb { min: self.bounds.min - margins, max: self.bounds.max + margins };
         bounds.contains(p) && self.centre.distance(p) <= self.radius + margin
     }
 
-    /// The density below which space counts as empty.
+    /// Returns the density below which space counts as empty.
     pub(super) fn least_density(&self) -> f32 {
-        LEAST_SHARE / self.side
+        MIN_SHARE / self.side
     }
 }
 
-/// The greatest distance from `centre` of what training cameras see between near and far: the ends of their outermost rays.
+/// Returns the greatest distance from `centre` of the ends, at near and far, of the training cameras' outermost rays.
 fn reach(scene: &Scene, centre: Vec3) -> f32 {
     let cameras = scene.all_train_cameras.iter().chain(scene.train.iter().map(|view| &view.camera));
     let ends = cameras.flat_map(|camera| {
@@ -81,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_what_rays_can_meet() {
+    fn domain_holds_everything_that_rays_can_meet() {
         let scene = scene();
         let mut config = Config::from_table(Preset::Fast.table()).unwrap().render;
         let cut = Domain::of(&scene, &config, &Warp::Identity);

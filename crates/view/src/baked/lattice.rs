@@ -1,28 +1,28 @@
-//! The lattice of points at which a field is baked.
+//! Lattice of points at which a field is baked.
 
 use glam::Vec3;
 use infonerf_scene::Aabb;
 
-/// Voxels along a brick.
+/// Number of voxels along a brick.
 pub(super) const CELLS: usize = 8;
-/// Points along a brick: the corners of its voxels.
+/// Number of points along a brick: the corners of its voxels.
 pub(super) const POINTS: usize = CELLS + 1;
-/// Points of a brick.
+/// Number of points of a brick.
 pub(super) const VOLUME: usize = POINTS * POINTS * POINTS;
 
-/// The corners of cubic voxels that fill a box, in cells of a brick's size. Points and cells are numbered, x fastest.
+/// Corners of cubic voxels that fill a box, in cells of a brick's size. Points and cells are numbered, x fastest.
 #[derive(Clone, Debug)]
 pub(super) struct Lattice {
-    /// The first point.
+    /// First point.
     pub(super) low: Vec3,
     /// Edge of a voxel.
     pub(super) voxel: f32,
-    /// Cells along each axis.
+    /// Number of cells along each axis.
     pub(super) cells: [usize; 3],
 }
 
 impl Lattice {
-    /// From the first corner of the box to its last one or beyond.
+    /// Makes a lattice from the first corner of the box to its last one or beyond.
     pub(super) fn over(bounds: &Aabb, voxel: f32) -> Self {
         // A side that is a whole number of cells has that many, whatever the rounding.
         let cells = (bounds.size() / (voxel * CELLS as f32) - 1e-3).ceil().max(Vec3::ONE);
@@ -33,25 +33,25 @@ impl Lattice {
         self.cells.iter().product()
     }
 
-    /// Where a cell begins, in cells.
+    /// Returns the place of a cell, in cells.
     pub(super) fn cell(&self, cell: usize) -> [usize; 3] {
         let [nx, ny, _] = self.cells;
         [cell % nx, cell / nx % ny, cell / (nx * ny)]
     }
 
-    /// The number of the cell at a place, if there is one.
+    /// Returns the number of the cell at a place; `None` if there is none.
     pub(super) fn cell_at(&self, place: [usize; 3]) -> Option<usize> {
         let [nx, ny, _] = self.cells;
         let inside = place.iter().zip(self.cells).all(|(place, count)| *place < count);
         inside.then(|| place[0] + nx * (place[1] + ny * place[2]))
     }
 
-    /// Points along each axis.
+    /// Returns the number of points along each axis.
     fn sides(&self) -> [usize; 3] {
         self.cells.map(|n| n * CELLS + 1)
     }
 
-    /// The points of a cell's brick, [`VOLUME`] of them.
+    /// Returns the points of a cell's brick, [`VOLUME`] of them.
     pub(super) fn points(&self, cell: usize) -> impl Iterator<Item = usize> + use<> {
         let first = self.cell(cell).map(|c| c * CELLS);
         let [nx, ny, _] = self.sides();
@@ -61,7 +61,7 @@ impl Lattice {
         })
     }
 
-    /// Where a point is.
+    /// Returns the position of a point.
     pub(super) fn position(&self, point: usize) -> Vec3 {
         let [nx, ny, _] = self.sides();
         let place = [point % nx, point / nx % ny, point / (nx * ny)];
@@ -69,7 +69,7 @@ impl Lattice {
     }
 }
 
-/// The coordinates of a brick's `index`th point within it.
+/// Returns the coordinates of a brick's `index`th point within it.
 pub(super) fn within(index: usize) -> [usize; 3] {
     [index % POINTS, index / POINTS % POINTS, index / (POINTS * POINTS)]
 }

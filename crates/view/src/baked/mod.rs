@@ -1,20 +1,19 @@
-//! Fields that a browser cannot evaluate, baked to bricks of voxels.
+//! Baking to bricks of voxels, for fields that a browser cannot evaluate.
 //!
 //! ```text
 //! field ─► coarse densities ─► bricks that are not empty ─► densities ─► colours where they are seen ─► bytes
 //! ```
 //!
-//! - **Where** ([`domain`], [`lattice`]). Cubic voxels over the box that the field lies in, in the field's own space. A brick is 8³ voxels with the 9³ points at their corners, so that a graphics card interpolates
-//!   within it alone; bricks side by side share their outermost points.
+//! - **Where** ([`domain`], [`lattice`]). Cubic voxels over the box that the field lies in, in the field's own space. A brick is 8³ voxels
+//!   with the 9³ points at their corners, so that a graphics card interpolates within it alone; bricks side by side share their outermost points.
 //! - **Density** ([`density`]): √(opacity of a voxel) in 8 bits.
 //! - **Colour** ([`colors`]): `a + b·d` along the direction d, spherical harmonics of degree 1: four numbers of 8 bits for each of
 //!   red, green and blue, fitted to the field's colours along directions from which the cameras look.
 //! - **A field of volumes** (mip-NeRF) is evaluated over what a pixel of the nearest training camera covers there, or over
 //!   a voxel if that is larger.
-//! - **The march** takes half a voxel at a time, so pictures differ from the program's also by their sampling: the program's
+//! - **The march** takes half a voxel at a time, so images differ from the program's also by their sampling: the program's
 //!   own samples may be farther apart.
 
-mod ask;
 mod bricks;
 mod colors;
 #[cfg(test)]
@@ -22,6 +21,7 @@ mod decode;
 mod density;
 mod domain;
 mod lattice;
+mod probe;
 mod seen;
 
 use std::fmt::Write;
@@ -32,45 +32,45 @@ use infonerf_field::{FieldConfig, FieldSpec};
 use serde_json::{Value, json};
 
 use crate::blob::{Blob, bits};
-use crate::shader::{March, integers3, vector4};
+use crate::shader::{FieldMarch, integers3, vector4};
 use crate::subjects::Subjects;
-use ask::Ask;
 use bricks::Bricks;
-use colors::{Colors, MOST_COLOR};
+use colors::{Colors, MAX_COLOR};
 use domain::Domain;
 use lattice::{CELLS, POINTS};
+use probe::FieldProbe;
 
 const FIELD: &str = include_str!("../../assets/bricks.glsl");
 const CHANNELS: [&str; 3] = ["red", "green", "blue"];
-/// Voxels along the longest side of a field's box, of a slow field's, and at most while it trains.
+/// Number of voxels along the longest side of a field's box, of a slow field's, and at most while it trains.
 const RESOLUTION: usize = 256;
 const SLOW_RESOLUTION: usize = 128;
 const LIVE_RESOLUTION: usize = 96;
-/// A field with more numbers per sample than this is slow: an MLP of eight layers of 256 is, one of four is not.
+/// Number of values per sample above which a field is slow: an MLP of eight layers of 256 is, one of four is not.
 const SLOW: u64 = 1024;
-/// Rays end at this transmittance at the latest: less is invisible in 8 bits.
+/// Transmittance at which rays end at the latest: less is invisible in 8 bits.
 const STOP: f32 = 1e-3;
 
-/// Voxels along the longest side of a field's box, by default.
+/// Returns the default number of voxels along the longest side of a field's box.
 pub(crate) fn resolution(field: &FieldConfig) -> usize {
     if field.footprint().per_sample > SLOW { SLOW_RESOLUTION } else { RESOLUTION }
 }
 
-/// The same while the field trains and is baked again and again.
+/// Returns this number while the field trains and is baked repeatedly.
 pub(crate) fn live_resolution(field: &FieldConfig) -> usize {
     (resolution(field) / 2).min(LIVE_RESOLUTION)
 }
 
-/// The shader and the arrays of a field of any kind, at `resolution` or as fine as [`bricks::MOST`] allows.
+/// Makes the shader and the arrays of a field of any kind, at `resolution` or as fine as [`bricks::MAX_BRICKS`] allows.
 pub(crate) fn package(subjects: &Subjects<'_>, resolution: usize) -> Result<Value> {
     let Subjects { scene, renderer, config, .. } = subjects;
     let warp = renderer.warp();
     let domain = Domain::of(scene, config, warp);
-    let ask = Ask::new(subjects);
-    let (resolution, bricks) = Bricks::find(&ask, &domain, resolution);
+    let probe = FieldProbe::new(subjects);
+    let (resolution, bricks) = Bricks::find(&probe, &domain, resolution);
     let lattice = &bricks.lattice;
-    let colors = Colors::of(&ask, lattice, &seen::points(&bricks));
-    let march = March {
+    let colors = Colors::of(&probe, lattice, &seen::points(&bricks));
+    let march = FieldMarch {
         scene,
         config,
         warp,
@@ -80,7 +80,7 @@ pub(crate) fn package(subjects: &Subjects<'_>, resolution: usize) -> Result<Valu
         cells: lattice.cells,
         step: 0.5 * lattice.voxel,
         stop: config.early_stop_transmittance.max(STOP),
-        // Over less than two voxels a slope is that of the bytes.
+        // Over less than two voxels a difference is that of the bytes.
         detail: 2.0 * lattice.voxel,
     };
     let atlas = atlas(bricks.cells.len());
@@ -103,7 +103,7 @@ pub(crate) fn package(subjects: &Subjects<'_>, resolution: usize) -> Result<Valu
     }))
 }
 
-/// How many bricks lie side by side in the textures along x, y and z: about a cube.
+/// Returns the number of bricks in the textures along x, y and z: about a cube.
 fn atlas(bricks: usize) -> [usize; 3] {
     let side = (1..).find(|side: &usize| side.pow(3) >= bricks).unwrap_or(1);
     [side, side, bricks.div_ceil(side * side).max(1)]
@@ -111,7 +111,7 @@ fn atlas(bricks: usize) -> [usize; 3] {
 
 fn constants(voxel: f32, atlas: [usize; 3], colors: &Colors) -> String {
     let mut text = format!("#define BRICK {CELLS}\nconst ivec3 ATLAS = {};\n", integers3(atlas));
-    for (name, value) in [("VOXEL", voxel), ("MOST_OPACITY", density::MOST_OPACITY), ("MOST_COLOR", MOST_COLOR)] {
+    for (name, value) in [("VOXEL", voxel), ("MAX_OPACITY", density::MAX_OPACITY), ("MAX_COLOR", MAX_COLOR)] {
         let _ = writeln!(text, "const float {name} = {value:?};");
     }
     for (name, channel) in CHANNELS.iter().zip(&colors.channels) {
@@ -123,7 +123,8 @@ fn constants(voxel: f32, atlas: [usize; 3], colors: &Colors) -> String {
     text
 }
 
-/// Each byte less the one before it in its row of [`POINTS`], modulo 256: small for smooth numbers, so they deflate well.
+/// Subtracts from each byte the one before it in its row of [`POINTS`], modulo 256: small for smooth values, which
+/// deflate well.
 fn differences(bytes: &[u8]) -> Vec<u8> {
     let of_row = |row: &[u8]| -> Vec<u8> {
         let before = std::iter::once(0).chain(row.iter().copied());
@@ -148,9 +149,9 @@ mod tests {
     }
 
     #[test]
-    fn the_textures_have_room_for_all_bricks() {
+    fn textures_hold_all_bricks() {
         assert_eq!(atlas(0), [1, 1, 1]);
-        for bricks in [1, 2, 8, 9, 100, bricks::MOST] {
+        for bricks in [1, 2, 8, 9, 100, bricks::MAX_BRICKS] {
             let sides = atlas(bricks);
             assert!(sides.iter().product::<usize>() >= bricks);
             assert!(sides.iter().all(|side| side * POINTS <= 256), "WebGL2 promises no more: {sides:?}");

@@ -1,4 +1,4 @@
-//! Points whose colours are visible.
+//! Choice of the points whose colours are visible.
 
 use rayon::prelude::*;
 
@@ -6,13 +6,14 @@ use super::bricks::Bricks;
 use super::density::NEARLY_OPAQUE;
 use super::lattice::{POINTS, VOLUME, within};
 
-/// A point is hidden if all points up to this far around it are nearly opaque: less than 1 % of the light reaches it.
+/// Distance, in points, within which a point is hidden if all others are nearly opaque: less than 1 % of the light
+/// reaches it.
 const COVER: usize = 2;
-/// Points along a brick with those around it.
+/// Number of points along a brick with those around it.
 const WIDE: usize = POINTS + 2 * COVER;
 
-/// The points, ascending, whose colour shows: those of a voxel with any density, unless they are hidden in what is nearly
-/// opaque.
+/// Returns the points, ascending, whose colour is visible: those of a voxel with any density, unless nearly opaque ones
+/// hide them.
 pub(super) fn points(bricks: &Bricks) -> Vec<usize> {
     let of_brick = |(number, &cell): (usize, &usize)| -> Vec<usize> {
         let shown = shown(bricks, number, cell);
@@ -24,7 +25,7 @@ pub(super) fn points(bricks: &Bricks) -> Vec<usize> {
     points
 }
 
-/// For each point of a brick whether its colour shows in it.
+/// Returns for each point of a brick whether its colour is visible.
 fn shown(bricks: &Bricks, number: usize, cell: usize) -> Vec<bool> {
     let filled = bricks.brick(number).iter().map(|&root| root > 0).collect();
     let near = spread(filled, POINTS, 1);
@@ -39,7 +40,7 @@ fn shown(bricks: &Bricks, number: usize, cell: usize) -> Vec<bool> {
     (0..VOLUME).map(|index| near[index] && is_open(index)).collect()
 }
 
-/// Flags of a cube of `side`³: whether any is set that is at most `reach` away along each axis.
+/// Sets each flag of a cube of `side`³ if any is set that is at most `reach` away along each axis.
 fn spread(mut flags: Vec<bool>, side: usize, reach: usize) -> Vec<bool> {
     for stride in [1, side, side * side] {
         let any = |index: usize| {

@@ -6,19 +6,19 @@ use std::path::Path;
 
 use http::{Method, Request, Response, StatusCode};
 use infonerf_experiment::OpenDevice;
-use infonerf_report::{Events, Step, picture_names};
+use infonerf_report::{Events, StepEvent, picture_names};
 use serde_json::{Value, json};
 
 use super::control::TrainingControl;
 use super::fields::Fields;
 use super::guard::{Guard, TOKEN};
-use super::routes::Route;
+use super::routes::PageRoute;
 use super::runs::{Roots, first_field};
 use crate::page;
 
-/// The most points of a curve.
-const MOST_POINTS: usize = 400;
-/// The page may load only from this server and run only its own script, and no page may frame it.
+/// Maximum number of points of a curve.
+const MAX_POINTS: usize = 400;
+/// Content policy: the page may load only from this server and run only its own script, and no page may frame it.
 const POLICY: &str = "default-src 'none'; connect-src 'self'; img-src 'self' data:; style-src 'unsafe-inline'; \
                       script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
 
@@ -27,7 +27,7 @@ pub(super) struct Answers {
     roots: Roots,
     fields: Fields,
     guard: Guard,
-    /// Of the training in this process, if there is any.
+    /// Control of the training in this process, if there is any.
     control: Option<TrainingControl>,
 }
 
@@ -36,36 +36,39 @@ impl Answers {
         Self { roots, fields: Fields::new(device), guard, control }
     }
 
-    /// The answer to a request.
+    /// Answers a request.
     pub(super) fn to(&self, request: &Request<()>) -> Response<Vec<u8>> {
         let uri = request.uri();
         let nothing = || text(StatusCode::NOT_FOUND, "nothing of this name");
-        let route = Route::of(uri.path(), uri.query().unwrap_or_default());
-        if let Some(reason) = self.guard.refusal(request, route == Some(Route::Page)) {
+        let route = PageRoute::of(uri.path(), uri.query().unwrap_or_default());
+        if let Some(reason) = self.guard.refusal(request, route == Some(PageRoute::Page)) {
             return text(StatusCode::FORBIDDEN, &reason);
         }
-        let method = if matches!(route, Some(Route::Command(_))) { Method::POST } else { Method::GET };
+        let method = if matches!(route, Some(PageRoute::TrainingCommand(_))) { Method::POST } else { Method::GET };
         if *request.method() != method {
             return text(StatusCode::METHOD_NOT_ALLOWED, &format!("expected {method}"));
         }
         match route {
             None => nothing(),
-            Some(Route::Command(_)) if !self.guard.has_token(request) => {
+            Some(PageRoute::TrainingCommand(_)) if !self.guard.has_token(request) => {
                 text(StatusCode::FORBIDDEN, &format!("{TOKEN}: expected the page's token"))
             }
-            Some(Route::Command(command)) => self.control.as_ref().map_or_else(nothing, |control| {
+            Some(PageRoute::TrainingCommand(command)) => self.control.as_ref().map_or_else(nothing, |control| {
                 control.apply(command);
                 json_answer(&control.state())
             }),
-            Some(Route::Training) => json_answer(&self.control.as_ref().map_or(Value::Null, TrainingControl::state)),
-            Some(Route::Page) => answer(StatusCode::OK, "text/html; charset=utf-8", page::live(self.guard.token())),
-            Some(Route::Runs) => json_answer(&self.roots.list()),
-            Some(Route::Field { run }) => self.in_run(&run, |folder| match self.fields.package(folder) {
+            Some(PageRoute::Training) => {
+                json_answer(&self.control.as_ref().map_or(Value::Null, TrainingControl::state))
+            }
+            Some(PageRoute::Page) => answer(StatusCode::OK, "text/html; charset=utf-8", page::live(self.guard.token())),
+            Some(PageRoute::Runs) => json_answer(&self.roots.list()),
+            Some(PageRoute::Field { run }) => self.in_run(&run, |folder| match self.fields.package(folder) {
                 Ok(package) => answer(StatusCode::OK, "application/json", package.to_string()),
                 Err(error) => text(StatusCode::CONFLICT, &format!("{error:#}")),
             }),
-            Some(Route::Progress { run }) => self.in_run(&run, |folder| json_answer(&progress(folder))),
-            Some(Route::Picture { run, kind, name }) => self.in_run(&run, |folder| {
+            Some(PageRoute::Work { run }) => self.in_run(&run, |folder| json_answer(&self.fields.work(folder).into())),
+            Some(PageRoute::Progress { run }) => self.in_run(&run, |folder| json_answer(&progress(folder))),
+            Some(PageRoute::Image { run, kind, name }) => self.in_run(&run, |folder| {
                 let path = folder.join(kind).join(format!("{name}.png")).canonicalize();
                 let inside = path.ok().filter(|path| path.starts_with(folder));
                 let bytes = inside.and_then(|path| fs::read(path).ok());
@@ -80,13 +83,13 @@ impl Answers {
     }
 }
 
-/// Curves of the first field's training, each point the mean over a range of steps: the total loss, its terms and PSNR; and the
-/// test views that have a render and a truth.
+/// Collects curves of the first field's training, each point the mean over a range of steps: the total loss, its terms
+/// and PSNR; and the test views that have a render and a truth.
 fn progress(run: &Path) -> Value {
     let steps = Events::read(&first_field(run).join("metrics.jsonl")).unwrap_or_default().steps;
-    let chunks: Vec<&[Step]> = steps.chunks(steps.len().div_ceil(MOST_POINTS).max(1)).collect();
-    let curve = |of: &dyn Fn(&Step) -> Option<f64>| -> Vec<Option<f64>> {
-        let mean = |chunk: &&[Step]| {
+    let chunks: Vec<&[StepEvent]> = steps.chunks(steps.len().div_ceil(MAX_POINTS).max(1)).collect();
+    let curve = |of: &dyn Fn(&StepEvent) -> Option<f64>| -> Vec<Option<f64>> {
+        let mean = |chunk: &&[StepEvent]| {
             let values: Vec<f64> = chunk.iter().filter_map(of).collect();
             (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
         };

@@ -1,4 +1,4 @@
-//! Connections: HTTP/1.1 with one request each, which has no body.
+//! Connections of HTTP/1.1 with one request each, which has no body.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -8,14 +8,14 @@ use std::time::{Duration, Instant};
 
 use http::{Request, Response, StatusCode};
 
-/// Connections that are open at a time, each with a thread of its own; others wait.
-const MOST_CONNECTIONS: usize = 256;
-/// Bytes and fields of a request's header at most.
-const MOST_BYTES: usize = 8 << 10;
-const MOST_FIELDS: usize = 64;
-/// How long a client may take to send its request, and how long to read more of the answer.
+/// Maximum number of open connections, each with a thread of its own; others wait.
+const MAX_CONNECTIONS: usize = 256;
+/// Maximum number of bytes and fields of a request's header.
+const MAX_BYTES: usize = 8 << 10;
+const MAX_FIELDS: usize = 64;
+/// Time that a client may take to send its request, and to read more of the answer.
 const PATIENCE: Duration = Duration::from_secs(5);
-/// How often, and how long each time, a client is waited for to close the connection.
+/// Number and length of the waits for a client to close the connection.
 const LINGER: (usize, Duration) = (8, Duration::from_secs(1));
 /// Time between two looks for a connection that has ended.
 const PAUSE: Duration = Duration::from_millis(5);
@@ -29,7 +29,7 @@ pub(super) fn serve(
     let mut open: Vec<JoinHandle<()>> = Vec::new();
     for stream in listener.incoming() {
         open.retain(|connection| !connection.is_finished());
-        while open.len() >= MOST_CONNECTIONS {
+        while open.len() >= MAX_CONNECTIONS {
             thread::sleep(PAUSE);
             open.retain(|connection| !connection.is_finished());
         }
@@ -71,7 +71,7 @@ fn respond(mut stream: TcpStream, answer: &dyn Fn(&Request<()>) -> Response<Vec<
     Ok(())
 }
 
-/// The request of a connection, or the status that says what is wrong with it.
+/// Reads the request of a connection, or returns the status of its fault.
 fn read(stream: &mut TcpStream) -> io::Result<Result<Request<()>, StatusCode>> {
     let end = Instant::now() + PATIENCE;
     let (mut header, mut more) = (Vec::new(), [0; 1024]);
@@ -89,16 +89,16 @@ fn read(stream: &mut TcpStream) -> io::Result<Result<Request<()>, StatusCode>> {
         }
         match parse(&header) {
             Ok(Some(request)) => return Ok(Ok(request)),
-            Ok(None) if header.len() < MOST_BYTES => {}
+            Ok(None) if header.len() < MAX_BYTES => {}
             Ok(None) => return Ok(Err(StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE)),
             Err(status) => return Ok(Err(status)),
         }
     }
 }
 
-/// The request whose header these bytes are; none if there is more to come.
+/// Parses the header of a request; `None` if there is more to come.
 fn parse(header: &[u8]) -> Result<Option<Request<()>>, StatusCode> {
-    let mut fields = [httparse::EMPTY_HEADER; MOST_FIELDS];
+    let mut fields = [httparse::EMPTY_HEADER; MAX_FIELDS];
     let mut parsed = httparse::Request::new(&mut fields);
     match parsed.parse(header) {
         Ok(status) if status.is_partial() => return Ok(None),

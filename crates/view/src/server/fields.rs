@@ -1,69 +1,142 @@
-//! Fields of runs as packages, kept until a newer checkpoint is there.
+//! Packages of runs, kept until a newer checkpoint is there.
 
+use std::collections::hash_map::DefaultHasher;
 use std::fs;
+use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use anyhow::Result;
 use infonerf_experiment::{OpenDevice, RunPlan, Trained, is_finished};
+use infonerf_report::write_atomically;
 use infonerf_scene::Scene;
 
-use super::runs::stamp;
-use crate::{baked, package};
+use super::runs::{first_field, stamp};
+use crate::factored::holds;
+use crate::{baked, package, page};
 
-/// The most packages that are kept.
-const KEPT: usize = 16;
+/// Maximum number of runs whose packages are kept in memory.
+const MAX_RUNS: usize = 16;
+/// File next to the checkpoint of a finished run: a line with its version, and its package.
+const FILE: &str = "viewer.json";
 
-/// Makes packages, one at a time.
+/// Packages of runs; those of different runs are made at the same time.
 pub(super) struct Fields {
     device: OpenDevice,
-    made: Mutex<Vec<Made>>,
+    runs: Mutex<Vec<Arc<RunPackage>>>,
 }
 
-/// A package with what it was made from.
-struct Made {
+/// Package of one run.
+struct RunPackage {
     run: PathBuf,
-    config: String,
-    stamp: u64,
-    finished: bool,
+    /// Locked while the package is made.
+    made: Mutex<Option<Made>>,
+    /// Work that is being done; empty if none is.
+    work: Mutex<&'static str>,
+}
+
+/// Package with the state of the run that it was made from.
+struct Made {
+    version: Version,
     scene: Arc<Scene>,
     package: Arc<str>,
 }
 
+/// State of a run that a package depends on.
+#[derive(PartialEq)]
+struct Version {
+    config: String,
+    stamp: u64,
+    finished: bool,
+}
+
 impl Fields {
     pub(super) fn new(device: OpenDevice) -> Self {
-        Self { device, made: Mutex::default() }
+        Self { device, runs: Mutex::default() }
     }
 
-    /// The package of a run's first field, from its newest checkpoint. A baked one has fewer voxels until the run is
-    /// finished.
+    /// Returns the package of a run's first field, from its newest checkpoint. A baked one has fewer voxels until the
+    /// run is finished.
     ///
     /// # Errors
     /// If the run has no checkpoint, or its scene cannot be read.
     pub(super) fn package(&self, run: &Path) -> Result<Arc<str>> {
-        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
-        let (stamp, finished) = (stamp(run), is_finished(run));
-        let config = fs::read_to_string(run.join("config.toml"))?;
-        let before = made.iter().position(|made| made.run == run && made.config == config);
-        let before = before.map(|index| made.remove(index));
-        if let Some(same) = before.as_ref().filter(|made| (made.stamp, made.finished) == (stamp, finished)) {
-            let package = same.package.clone();
-            made.extend(before);
+        let entry = self.entry(run);
+        let mut made = locked(&entry.made);
+        let version = Version::of(run)?;
+        if let Some(made) = made.as_ref().filter(|made| made.version == version) {
+            return Ok(made.package.clone());
+        }
+        let file = first_field(run).join(FILE);
+        if let Some(package) = kept(&file, &version) {
             return Ok(package);
         }
+        let doing = |work| *locked(&entry.work) = work;
+        let result = self.make(run, version, made.take(), &doing);
+        doing("");
+        let new = made.insert(result?);
+        if new.version.finished {
+            // A folder that cannot be written to costs the next server some time.
+            let _ = write_atomically(&file, format!("{}\n{}", new.version.line(), new.package).as_bytes());
+        }
+        Ok(new.package.clone())
+    }
+
+    /// Returns the work that is being done for the package of a run; empty if none is.
+    pub(super) fn work(&self, run: &Path) -> &'static str {
+        *locked(&self.entry(run).work)
+    }
+
+    fn entry(&self, run: &Path) -> Arc<RunPackage> {
+        let mut runs = locked(&self.runs);
+        let new = || RunPackage { run: run.to_owned(), made: Mutex::default(), work: Mutex::new("") };
+        let known = runs.iter().position(|entry| entry.run == run).map(|index| runs.remove(index));
+        let entry = known.unwrap_or_else(|| Arc::new(new()));
+        if runs.len() == MAX_RUNS {
+            runs.remove(0);
+        }
+        runs.push(entry.clone());
+        entry
+    }
+
+    fn make(&self, run: &Path, version: Version, last: Option<Made>, doing: &dyn Fn(&'static str)) -> Result<Made> {
         let plan = RunPlan::of_run(run)?;
-        let scene = match before {
-            Some(before) => before.scene,
+        doing("Reading the scene");
+        let same = last.filter(|last| last.version.config == version.config).map(|last| last.scene);
+        let scene = match same {
+            Some(scene) => scene,
             None => Arc::new(plan.load()?),
         };
+        doing("Reading the field");
         let trained = Trained::on_scene(plan, scene.clone(), run, &self.device)?;
         let field = &trained.plan.config.field;
-        let voxels = if finished { baked::resolution(field) } else { baked::live_resolution(field) };
-        let package: Arc<str> = package::of_run(&trained, &trained.trainers[0].trained(), voxels)?.to_string().into();
-        if made.len() == KEPT {
-            made.remove(0);
-        }
-        made.push(Made { run: run.to_owned(), config, stamp, finished, scene, package: package.clone() });
-        Ok(package)
+        doing(if holds(field) { "Packing the field" } else { "Baking the field to voxels" });
+        let voxels = if version.finished { baked::resolution(field) } else { baked::live_resolution(field) };
+        let package = package::of_run(&trained, run, &trained.trainers[0].trained(), voxels)?;
+        Ok(Made { version, scene, package: package.to_string().into() })
     }
+}
+
+impl Version {
+    fn of(run: &Path) -> Result<Self> {
+        let config = fs::read_to_string(run.join("config.toml"))?;
+        Ok(Self { config, stamp: stamp(run), finished: is_finished(run) })
+    }
+
+    /// Identifies the version, and the program that draws it, in one line.
+    fn line(&self) -> String {
+        let mut hasher = DefaultHasher::new();
+        (env!("CARGO_PKG_VERSION"), page::sources(), &self.config).hash(&mut hasher);
+        format!("{:016x} {} {}", hasher.finish(), self.stamp, self.finished)
+    }
+}
+
+/// Reads the package in `file`, if it is of this version.
+fn kept(file: &Path, version: &Version) -> Option<Arc<str>> {
+    let text = fs::read_to_string(file).ok()?;
+    text.split_once('\n').filter(|(line, _)| *line == version.line()).map(|(_, package)| package.into())
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,4 +1,4 @@
-//! Which requests are answered: those of this server's own page.
+//! Guard that admits requests of this server's own page alone.
 
 use std::net::{IpAddr, SocketAddr};
 
@@ -8,19 +8,19 @@ use http::uri::Authority;
 use rand::TryRngCore;
 use rand::rngs::OsRng;
 
-/// The header that carries the page's token.
+/// Header that carries the page's token.
 pub(super) const TOKEN: &str = "x-infonerf-token";
-/// Where a browser says a request comes from (Fetch Metadata).
+/// Header in which a browser names the source of a request (Fetch Metadata).
 const SITE: &str = "sec-fetch-site";
 
-/// Tells requests of the server's own page from those that other pages make a browser send.
+/// Guard against requests that other pages make a browser send.
 pub(super) struct Guard {
     address: SocketAddr,
     token: String,
 }
 
 impl Guard {
-    /// A guard for a server on `address`, with a token of 128 random bits.
+    /// Makes a guard for a server on `address`, with a token of 128 random bits.
     ///
     /// # Errors
     /// If the operating system has no random numbers.
@@ -30,17 +30,18 @@ impl Guard {
         Ok(Self { address, token: format!("{:032x}", u128::from_ne_bytes(bits)) })
     }
 
-    /// What the page sends with requests that change something. Other sites cannot read the page, so they cannot know it.
+    /// Returns the token that the page sends with commands. Other sites cannot read the page, so they cannot know it.
     pub(super) fn token(&self) -> &str {
         &self.token
     }
 
-    /// Whether the request carries the token.
+    /// Returns whether the request carries the token.
     pub(super) fn has_token(&self, request: &Request<()>) -> bool {
         request.headers().get(TOKEN).is_some_and(|token| token.as_bytes() == self.token.as_bytes())
     }
 
-    /// Why a request is refused, if it is. `linked` requests may come from a link on another site.
+    /// Returns the reason why a request is refused; `None` if it is admitted. `linked` requests may come from a link on
+    /// another site.
     ///
     /// The host must be this server's: a site that points its own name at this machine (DNS rebinding) is another host.
     /// An origin, which browsers send along with what a page's script asks for, must be the same.
@@ -64,8 +65,8 @@ impl Guard {
         (elsewhere && !linked).then(|| format!("{SITE}: expected same-origin"))
     }
 
-    /// Whether `host:port` names this server: localhost, a loopback address or the one it listens on, which 0.0.0.0 and [::]
-    /// are for every address, and its port.
+    /// Returns whether `host:port` names this server: localhost, a loopback address or the one it listens on, which
+    /// 0.0.0.0 and [::] are for every address, and its port.
     fn is_own(&self, host: &str) -> bool {
         let Ok(authority) = host.parse::<Authority>() else { return false };
         let name = authority.host();
@@ -82,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_of_the_server() {
+    fn guard_knows_the_names_of_the_server() {
         let is_own = |address: &str, host: &str| Guard::new(address.parse().unwrap()).unwrap().is_own(host);
         for host in ["localhost:7007", "LOCALHOST:7007", "127.0.0.1:7007", "127.8.8.8:7007", "[::1]:7007"] {
             assert!(is_own("127.0.0.1:7007", host) && is_own("192.168.0.1:7007", host), "{host}");

@@ -1,4 +1,4 @@
-//! The live viewer: a small server whose page shows runs, also while they train.
+//! Live viewer: a small server whose page shows runs, also while they train.
 
 mod answer;
 mod connection;
@@ -8,7 +8,7 @@ mod guard;
 mod routes;
 mod runs;
 
-use std::net::{SocketAddr, TcpListener};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, UdpSocket};
 use std::path::PathBuf;
 use std::thread::{self, JoinHandle};
 
@@ -20,20 +20,21 @@ pub use control::TrainingControl;
 use guard::Guard;
 use runs::Roots;
 
-/// Serves a page that lists the runs below some folders and shows each: its field, curves, and test views beside their truth; or
-/// two of them side by side.
+/// Server of a page that lists the runs below some folders and shows each: its field, curves, and test views next to
+/// their truth; or two of them under one camera.
 ///
-/// It writes nothing and reads only files of these runs. Other pages that are open in the browser are kept out: requests must
-/// name this server as their host and, if they say where they come from, as their origin; no page can frame it; and what
-/// changes something (POST, beside training) must carry a random token that the page holds.
+/// It reads only files of these runs, and keeps the package of a finished one next to its checkpoint. Other pages that
+/// are open in the browser are kept out: requests must name this server as their host and, if they have an origin, as
+/// their origin; no page can frame it; and commands (POST, where a training runs in this process) must carry a random
+/// token that the page holds.
 pub struct Server {
     address: SocketAddr,
     listening: JoinHandle<()>,
 }
 
 impl Server {
-    /// Serves `roots`, each a run or a folder that holds runs, on `address`. Port 0 is any that is free. With `control`, the
-    /// page can pause and stop the training in this process.
+    /// Serves `roots`, each a run or a folder that holds runs, on `address`. Port 0 is any that is free. With
+    /// `control`, the page can pause and stop the training in this process.
     ///
     /// # Errors
     /// If there is no such folder, the address cannot be listened on, or the system has no random numbers.
@@ -51,9 +52,11 @@ impl Server {
         Ok(Self { address, listening })
     }
 
-    /// The address of the page.
+    /// Returns an address of the page that a browser can open: where the server listens on every address of this
+    /// machine, the one at which others reach it.
     pub fn url(&self) -> String {
-        format!("http://{}/", self.address)
+        let ip = if self.address.ip().is_unspecified() { own_ip(self.address.ip()) } else { self.address.ip() };
+        format!("http://{}/", SocketAddr::new(ip, self.address.port()))
     }
 
     /// Serves until the program ends.
@@ -62,5 +65,35 @@ impl Server {
     /// If the listening thread panicked.
     pub fn wait(self) -> Result<()> {
         self.listening.join().map_err(|_| anyhow!("the server's thread panicked"))
+    }
+}
+
+/// Returns the address from which this machine reaches others, of the kind of `unspecified`; the loopback address
+/// without a network.
+fn own_ip(unspecified: IpAddr) -> IpAddr {
+    // Connecting a datagram socket sends nothing, but chooses the interface. The targets are documentation's (RFC 5737,
+    // 3849).
+    let (loopback, target): (IpAddr, IpAddr) = match unspecified {
+        IpAddr::V4(_) => (Ipv4Addr::LOCALHOST.into(), Ipv4Addr::new(192, 0, 2, 1).into()),
+        IpAddr::V6(_) => (Ipv6Addr::LOCALHOST.into(), Ipv6Addr::new(0x2001, 0xdb8, 0, 0, 0, 0, 0, 1).into()),
+    };
+    let socket = UdpSocket::bind(SocketAddr::new(unspecified, 0));
+    let own = socket.and_then(|socket| socket.connect((target, 9)).and_then(|()| socket.local_addr()));
+    own.map_or(loopback, |own| own.ip())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn url_can_be_opened_whatever_the_server_listens_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let device = infonerf_experiment::open(infonerf_experiment::DeviceName::Flex).unwrap();
+        let server = Server::start(&[folder.path().to_owned()], "0.0.0.0:0".parse().unwrap(), device, None).unwrap();
+        let url = server.url();
+        let address: SocketAddr = url.trim_start_matches("http://").trim_end_matches('/').parse().unwrap();
+        assert!(!address.ip().is_unspecified(), "{url}");
+        std::net::TcpStream::connect(address).unwrap();
     }
 }

@@ -1,31 +1,33 @@
 //! Routes of the server.
 
-use super::control::Command;
+use super::control::TrainingCommand;
 
-/// Folders of pictures in a run.
-const PICTURES: [&str; 4] = ["test", "truth", "depth", "error"];
+/// Folders of images in a run.
+const IMAGE_FOLDERS: [&str; 4] = ["test", "truth", "depth", "error"];
 
-/// What a request asks for. [`Roots`](super::runs::Roots) says how runs are named.
+/// Subject of a request. [`Roots`](super::runs::Roots) defines the names of runs.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) enum Route {
-    /// The page.
+pub(super) enum PageRoute {
+    /// Page.
     Page,
-    /// The list of runs.
+    /// List of runs.
     Runs,
-    /// Whether this process trains, and whether it is paused.
+    /// State of the training in this process.
     Training,
-    /// To pause, resume or stop it.
-    Command(Command),
-    /// A run's field as it is now.
+    /// Command to the training in this process.
+    TrainingCommand(TrainingCommand),
+    /// Field of a run at its newest checkpoint.
     Field { run: String },
-    /// A run's loss and PSNR by step, and the names of its test views.
+    /// Work that is being done to answer for a run's field.
+    Work { run: String },
+    /// Loss and PSNR of a run by step, and the names of its test views.
     Progress { run: String },
-    /// A picture of a run.
-    Picture { run: String, kind: &'static str, name: String },
+    /// Image of a run.
+    Image { run: String, kind: &'static str, name: String },
 }
 
-impl Route {
-    /// The route of a path and its query, if there is one.
+impl PageRoute {
+    /// Returns the route of a path and its query; `None` if there is none.
     pub(super) fn of(path: &str, query: &str) -> Option<Self> {
         let value = |wanted: &str| {
             let mut pairs = form_urlencoded::parse(query.as_bytes());
@@ -35,16 +37,17 @@ impl Route {
             "/" => Self::Page,
             "/runs" => Self::Runs,
             "/training" => Self::Training,
-            "/pause" => Self::Command(Command::Pause),
-            "/resume" => Self::Command(Command::Resume),
-            "/stop" => Self::Command(Command::Stop),
+            "/pause" => Self::TrainingCommand(TrainingCommand::Pause),
+            "/resume" => Self::TrainingCommand(TrainingCommand::Resume),
+            "/stop" => Self::TrainingCommand(TrainingCommand::Stop),
             "/field" => Self::Field { run: value("run")? },
+            "/work" => Self::Work { run: value("run")? },
             "/progress" => Self::Progress { run: value("run")? },
             "/picture" => {
                 let (kind, name) = (value("kind")?, value("name")?);
-                let kind = PICTURES.into_iter().find(|known| *known == kind)?;
+                let kind = IMAGE_FOLDERS.into_iter().find(|known| *known == kind)?;
                 let plain = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
-                plain.then_some(Self::Picture { run: value("run")?, kind, name })?
+                plain.then_some(Self::Image { run: value("run")?, kind, name })?
             }
             _ => return None,
         })
@@ -56,18 +59,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn paths_and_queries() {
-        assert_eq!(Route::of("/", ""), Some(Route::Page));
+    fn paths_and_queries_have_routes() {
+        assert_eq!(PageRoute::of("/", ""), Some(PageRoute::Page));
         assert_eq!(
-            Route::of("/field", "run=a%2Finfonerf%2B/seed0"),
-            Some(Route::Field { run: "a/infonerf+/seed0".into() })
+            PageRoute::of("/field", "run=a%2Finfonerf%2B/seed0"),
+            Some(PageRoute::Field { run: "a/infonerf+/seed0".into() })
         );
-        let picture = Route::Picture { run: ".".into(), kind: "truth", name: "003".into() };
-        assert_eq!(Route::of("/picture", "run=.&kind=truth&name=003"), Some(picture));
+        let image = PageRoute::Image { run: ".".into(), kind: "truth", name: "003".into() };
+        assert_eq!(PageRoute::of("/picture", "run=.&kind=truth&name=003"), Some(image));
     }
 
     #[test]
-    fn what_is_not_there() {
+    fn unknown_paths_have_no_route() {
         for (path, query) in [
             ("/field", ""),
             ("/../etc/passwd", ""),
@@ -77,7 +80,7 @@ mod tests {
             ("/picture", "run=.&kind=test&name="),
             ("/picture", "run=.&kind=test&name=%00"),
         ] {
-            assert_eq!(Route::of(path, query), None, "{path}?{query}");
+            assert_eq!(PageRoute::of(path, query), None, "{path}?{query}");
         }
     }
 }

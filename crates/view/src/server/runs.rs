@@ -1,4 +1,4 @@
-//! The runs below the served folders.
+//! Runs below the served folders.
 
 use std::fs;
 use std::path::{Component, Path, PathBuf};
@@ -8,25 +8,27 @@ use anyhow::{Context, Result, bail};
 use infonerf_experiment::is_finished;
 use serde_json::{Value, json};
 
-/// The greatest depth of a run below the folder: `runs/<experiment>/<scene>/<variant>/seed<N>`.
+/// Maximum depth of a run below the folder: `runs/<experiment>/<scene>/<variant>/seed<N>`.
 const DEPTH: usize = 5;
-/// The most runs that are listed.
-const MOST: usize = 2000;
-/// A run trains if its log was written to this recently.
+/// Maximum number of runs that are listed.
+const MAX_LISTED: usize = 2000;
+/// Age of its log up to which a run counts as training.
 const LIVELY: Duration = Duration::from_secs(20);
 
-/// The served folders, each of which is a run or holds runs. A run is named by its folder's number and its path below it, as in
-/// `0/castle/infonerf/seed0`, and `0/.` for the folder itself.
+/// Served folders, each of which is a run or holds runs. The name of a run is its folder's number and its path below
+/// it, as in `0/castle/infonerf/seed0`, and `0/.` for the folder itself.
 pub(super) struct Roots(Vec<Root>);
 
 struct Root {
-    /// Canonical.
+    /// Canonical path.
     folder: PathBuf,
-    /// As the user wrote it.
+    /// Path as the user wrote it.
     given: PathBuf,
 }
 
 impl Roots {
+    /// Makes the served folders.
+    ///
     /// # Errors
     /// If one is no folder.
     pub(super) fn new(roots: &[PathBuf]) -> Result<Self> {
@@ -40,7 +42,7 @@ impl Roots {
         Ok(Self(roots.iter().map(root).collect::<Result<_>>()?))
     }
 
-    /// All runs, as the page lists them: by folder and path.
+    /// Lists all runs for the page, by folder and path.
     pub(super) fn list(&self) -> Value {
         let several = self.0.len() > 1;
         let of_root = |(index, root): (usize, &Root)| {
@@ -52,7 +54,8 @@ impl Roots {
         self.0.iter().enumerate().flat_map(of_root).collect()
     }
 
-    /// The folder of a run that the page named, links followed; none if it is no run or outside of the served folders.
+    /// Returns the folder of a run that the page named, links followed; `None` if it is no run or outside of the served
+    /// folders.
     pub(super) fn resolve(&self, run: &str) -> Option<PathBuf> {
         let (index, relative) = run.split_once('/')?;
         let root = &self.0.get(index.parse::<usize>().ok()?)?.folder;
@@ -72,7 +75,7 @@ impl Root {
         let name = match (several, path.is_empty()) {
             (true, _) => self.given.join(&path).display().to_string().trim_end_matches('/').to_owned(),
             (false, false) => path.clone(),
-            // A run on its own: scene, variant and seed.
+            // A single run has the name of its scene, variant and seed.
             (false, true) => joined(run.components().skip(run.components().count().saturating_sub(3)).collect()),
         };
         let path = if path.is_empty() { "." } else { &path };
@@ -80,13 +83,13 @@ impl Root {
     }
 }
 
-/// The folder of the run's first field.
+/// Returns the folder of the run's first field.
 pub(super) fn first_field(run: &Path) -> PathBuf {
     let member = run.join("member0");
     if member.is_dir() { member } else { run.to_owned() }
 }
 
-/// When the first field's newest checkpoint was written, in milliseconds; 0 without one.
+/// Returns the time at which the first field's newest checkpoint was written, in milliseconds; 0 without one.
 pub(super) fn stamp(run: &Path) -> u64 {
     written(&first_field(run).join("checkpoint/manifest.json"))
         .and_then(|time| time.duration_since(UNIX_EPOCH).ok())
@@ -106,7 +109,7 @@ fn collect(folder: &Path, depth: usize, runs: &mut Vec<PathBuf>) {
     // Links are not followed: they could lead in a circle.
     let below = entries.flatten().filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()));
     for entry in below {
-        if depth > 0 && runs.len() < MOST {
+        if depth > 0 && runs.len() < MAX_LISTED {
             collect(&entry.path(), depth - 1, runs);
         }
     }

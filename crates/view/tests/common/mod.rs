@@ -1,4 +1,4 @@
-//! A small run that the tests look at.
+//! Small runs for the tests.
 
 #![allow(dead_code, reason = "each test binary uses its own part")]
 
@@ -6,11 +6,10 @@ use std::path::{Path, PathBuf};
 
 use infonerf_experiment::{
     Control, DeviceName, Existing, Experiment, Finished, OpenDevice, RunEvent, RunPlan, Selection, Session, Trained,
-    open,
+    open, save_record,
 };
-use infonerf_report::save_record;
 
-/// A run of a few steps, with a field of small tables.
+/// Settings of a run of a few steps, with a field of small tables.
 pub const TINY: &[&str] = &[
     "train.iterations=4",
     "train.checkpoint_every=2",
@@ -36,8 +35,12 @@ pub fn plan(variant: &str, set: &[&str]) -> RunPlan {
 }
 
 pub fn plan_of(experiment: &str, variant: &str, set: &[&str]) -> RunPlan {
+    plan_on("crane", experiment, variant, set)
+}
+
+pub fn plan_on(scene: &str, experiment: &str, variant: &str, set: &[&str]) -> RunPlan {
     let selection = Selection {
-        scenes: vec!["crane".into()],
+        scenes: vec![scene.into()],
         variants: vec![variant.into()],
         set: set.iter().map(|&setting| setting.to_owned()).collect(),
         ..Selection::default()
@@ -45,7 +48,7 @@ pub fn plan_of(experiment: &str, variant: &str, set: &[&str]) -> RunPlan {
     Experiment::plan(experiment, &selection).unwrap().runs.remove(0)
 }
 
-/// Trains and evaluates below `out`; the run's folder. `stop` ends training at that step.
+/// Trains and evaluates below `out`, and returns the run's folder. `stop` ends training at that step.
 pub fn train(out: &Path, plan: &RunPlan, existing: Existing, stop: Option<usize>) -> PathBuf {
     let session = Session::new(device(), out, existing);
     let mut watch = |event: RunEvent<'_>| match event {
@@ -54,7 +57,7 @@ pub fn train(out: &Path, plan: &RunPlan, existing: Existing, stop: Option<usize>
     };
     let folder = session.experiment_folder(&plan.experiment);
     match session.run(plan, &mut watch).unwrap() {
-        Finished::Record(record, _) => drop(save_record(&folder, &record).unwrap()),
+        Finished::Record(record, _) => save_record(&folder, &record).unwrap(),
         Finished::Stopped => assert!(stop.is_some()),
         Finished::Kept(_) => panic!("the run was finished before"),
     }

@@ -16,7 +16,7 @@ const EVAL_EXAMPLES: &str = "\
 Examples:
   infonerf eval runs/synthetic-4view/castle/infonerf+/seed0 --test all
       on all 200 test views
-  infonerf eval runs/scales/castle/nerf/seed0 runs/scales/castle/mipnerf/seed0 --scale 1/2,1/4,1/8
+  infonerf eval runs/integration/castle/nerf/seed0 runs/integration/castle/mipnerf/seed0 --scale 1/2,1/4,1/8
       compares two runs at smaller image sizes than they were trained at
   infonerf eval --renders their/renders --truth their/test --out compared
       compares PNG or JPEG pictures of equal names: a table, compared/comparison.json and a page with sliders";
@@ -28,8 +28,6 @@ pub(crate) struct EvalArgs {
     /// Folder of a run, such as runs/synthetic-4view/castle/infonerf+/seed0; several are compared
     #[arg(required_unless_present = "renders", conflicts_with = "renders", value_name = "RUN")]
     runs: Vec<PathBuf>,
-    #[command(flatten)]
-    pictures: PicturesArgs,
     /// Test views: all, split, every-8, first-3, 0,8,16, training or a published protocol [default: the run's]
     #[arg(long, value_name = "PROTOCOL")]
     test: Option<String>,
@@ -40,6 +38,8 @@ pub(crate) struct EvalArgs {
     device: DeviceArgs,
     #[command(flatten)]
     networks: NetworkArgs,
+    #[command(flatten)]
+    pictures: PicturesArgs,
 }
 
 pub(crate) fn run(args: &EvalArgs) -> Result<ExitCode> {

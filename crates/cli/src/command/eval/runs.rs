@@ -11,6 +11,7 @@ use infonerf_train::{Evaluated, Evaluation, TestView};
 
 use super::EvalArgs;
 use crate::print::{errln, outln};
+use crate::progress::counting_bar;
 use crate::terminal::open_device;
 
 /// `1/8` gives 8.
@@ -35,7 +36,12 @@ pub(super) fn run(args: &EvalArgs) -> Result<ExitCode> {
             errln!("warning: {warning}");
         }
         let (label, test) = (trained.plan.label(), &trained.plan.config.eval.test);
-        outln!("{label}: {} test views ({test})", trained.scene().test.len());
+        let views = if test.test() == TestProtocol::Training {
+            "training views, each without its own residual"
+        } else {
+            "test views"
+        };
+        outln!("{label}: {} {views} ({test})", trained.scene().test.len());
         let models = trained.models_with_residuals();
         if args.scales.is_empty() {
             each_view(&trained, &models, &networks)?;
@@ -64,14 +70,14 @@ fn tested_by(plan: &RunPlan, test: &str) -> Result<RunPlan> {
         ensure!(
             same,
             "--test: expected {expected}, found {test}: {} photographs are held out only where they are tested, and so the \
-             run learnt from others, in another space",
+             run learned from others, in another space",
             then.format
         );
     }
     Ok(other)
 }
 
-/// Evaluates `views`, and shows each when it is there.
+/// Evaluates `views`, and shows each once it is measured.
 fn evaluate(
     trained: &Trained,
     models: &[TrainedModel],
@@ -80,9 +86,13 @@ fn evaluate(
     mut show: impl FnMut(&View, &TestView),
 ) -> Result<Evaluated> {
     let fit = (Pivot::of(trained.scene()), trained.plan.config.eval.pose_steps);
+    let bar = counting_bar("test views", views.len());
     for view in views {
-        show(view, &evaluation.add_fitted(trained.renderer(), models, view, fit)?);
+        let tested = evaluation.add_fitted(trained.renderer(), models, view, fit)?;
+        bar.suspend(|| show(view, &tested));
+        bar.inc(1);
     }
+    bar.finish_and_clear();
     evaluation.finish().context("no test views")
 }
 

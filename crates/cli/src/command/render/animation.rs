@@ -25,8 +25,11 @@ const PROGRAM: &str = "ffmpeg";
 const EVEN: &str = "pad=ceil(iw/2)*2:ceil(ih/2)*2";
 
 /// An animated GIF, written frame by frame.
+///
+/// Its file has another name until it is whole.
 pub(super) struct Animation {
     path: PathBuf,
+    part: PathBuf,
     encoder: GifEncoder<File>,
     delay: Delay,
 }
@@ -34,11 +37,12 @@ pub(super) struct Animation {
 impl Animation {
     /// An animation of `fps` frames per second that repeats for ever.
     pub(super) fn new(path: &Path, fps: f64) -> Result<Self> {
-        let file = File::create(path).with_context(|| path.display().to_string())?;
+        let part = path.with_extension("gif.part");
+        let file = File::create(&part).with_context(|| part.display().to_string())?;
         let mut encoder = GifEncoder::new_with_speed(file, 10);
         encoder.set_repeat(Repeat::Infinite)?;
         let delay = Delay::from_saturating_duration(Duration::from_secs_f64(1.0 / fps));
-        Ok(Self { path: path.to_owned(), encoder, delay })
+        Ok(Self { path: path.to_owned(), part, encoder, delay })
     }
 
     pub(super) fn add(&mut self, picture: &RgbImage) -> Result<()> {
@@ -46,19 +50,22 @@ impl Animation {
         self.encoder.encode_frame(frame).with_context(|| self.path.display().to_string())
     }
 
-    pub(super) fn path(&self) -> &Path {
-        &self.path
+    /// Ends the animation and returns its path.
+    pub(super) fn finish(self) -> Result<PathBuf> {
+        drop(self.encoder);
+        std::fs::rename(&self.part, &self.path).with_context(|| self.path.display().to_string())?;
+        Ok(self.path)
     }
 }
 
-/// A film of a kind that the installed `ffmpeg` is to write.
+/// A film of one kind, for the installed `ffmpeg` to write.
 pub(super) struct Film {
     extension: &'static str,
     codec: &'static [&'static str],
 }
 
 impl Film {
-    /// Fails unless there is an `ffmpeg`.
+    /// Checks that there is an `ffmpeg`.
     pub(super) fn new(kind: VideoName) -> Result<Self> {
         let (extension, codec): (_, &[&str]) = match kind {
             VideoName::Mp4 => ("mp4", &["-c:v", "libx264", "-crf", "18", "-movflags", "+faststart"]),
@@ -76,25 +83,26 @@ impl Film {
         }
     }
 
-    /// Makes a film of the frames in `folder`, and gives its path.
+    /// Makes a film of the frames in `folder`, and returns its path.
     pub(super) fn write(&self, folder: &Path, name: &str, fps: f64) -> Result<PathBuf> {
-        let file = format!("{name}.{}", self.extension);
+        let part = format!("{name}.part.{}", self.extension);
         let output = Command::new(PROGRAM)
             .current_dir(folder)
             .args(["-y", "-loglevel", "error", "-framerate", &fps.to_string(), "-i", "%04d.png", "-vf", EVEN])
             .args(self.codec)
             .args(["-pix_fmt", "yuv420p"])
             // Not an option or a protocol, whatever the path's file is called.
-            .arg(format!("./{file}"))
+            .arg(format!("./{part}"))
             .stdin(Stdio::null())
             .output()
             .with_context(|| PROGRAM.to_owned())?;
-        let path = folder.join(file);
+        let path = folder.join(format!("{name}.{}", self.extension));
         if !output.status.success() {
             let said = String::from_utf8_lossy(&output.stderr);
             let last = said.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
             bail!("{}: {PROGRAM}: {last}", path.display());
         }
+        std::fs::rename(folder.join(part), &path).with_context(|| path.display().to_string())?;
         Ok(path)
     }
 }

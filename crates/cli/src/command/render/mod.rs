@@ -16,6 +16,7 @@ use infonerf_render::{render_image, render_normals};
 use infonerf_report::{depth_image, normal_image};
 
 use crate::print::{errln, outln};
+use crate::progress::counting_bar;
 use crate::selection::DeviceArgs;
 use crate::terminal::open_device;
 use animation::{Animation, Film, VideoName};
@@ -25,7 +26,7 @@ const RENDER_EXAMPLES: &str = "\
 Examples:
   infonerf render runs/synthetic-4view/castle/infonerf+/seed0
       once around the scene: PNG frames with depth, and orbit.gif
-  infonerf render runs/llff-3view/fern/nerf/seed0 --path spiral --video mp4
+  infonerf render runs/llff-3view/fern/infonerf+/seed0 --path spiral --video mp4
       LLFF's spiral, also as a video (needs `ffmpeg` on PATH)
   infonerf render runs/synthetic-4view/castle/infonerf+/seed0 --path camera_path.json
       the frames of nerfstudio's camera_path.json, in the scene's own coordinates
@@ -48,7 +49,7 @@ pub(crate) struct RenderArgs {
     /// Longest side of the frames in pixels [default: as trained, or the JSON file's]
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..=8192))]
     size: Option<u32>,
-    /// Also write pictures of normals, n as (n + 1)/2 in the camera's axes (x right, y up, z towards it); takes several times as long
+    /// Also write images of normals, n as (n + 1)/2 in the camera's axes (x right, y up, z towards it); takes several times as long
     #[arg(long)]
     normals: bool,
     /// Also write a video, with the installed `ffmpeg`
@@ -61,17 +62,17 @@ pub(crate) struct RenderArgs {
     device: DeviceArgs,
 }
 
-/// What animations and films are called after, beside the names of files.
+/// Names of animations and films, next to those of path files.
 const PATHS: [&str; 4] = ["orbit", "spiral", "figure-eight", "interpolate"];
 /// Extensions of animations and films.
-const EXTENSIONS: [&str; 3] = ["gif", "mp4", "webm"];
+const EXTENSIONS: [&str; 4] = ["gif", "mp4", "webm", "part"];
 
 pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
-    // What can be wrong with the arguments is said before anything is loaded.
+    // Faults of the arguments are reported before anything is loaded.
     let film = args.video.map(Film::new).transpose()?;
     let route = Route::read(&args.path)?;
     let plan = RunPlan::of_run(&args.run)?;
-    if args.normals && !plan.config.field.tracks_positions() {
+    if args.normals && !plan.config.field.traits().tracks_positions {
         bail!(
             "--normals: expected a field whose density has a gradient with respect to positions, found {}",
             plan.config.field
@@ -93,6 +94,8 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
     let mut animation = Animation::new(&out.join(format!("{}.gif", route.name())), route.fps())?;
     let models = trained.models_with_residuals();
     let start = Instant::now();
+    outln!("{} frames of {width}×{height}; --size and --frames make fewer and smaller ones", cameras.len());
+    let bar = counting_bar("frames", cameras.len());
     for (index, camera) in cameras.iter().enumerate() {
         let image = render_image(trained.renderer(), &models, camera);
         let picture = to_rgb8(&image.rgb, image.width, image.height)?;
@@ -106,9 +109,11 @@ pub(crate) fn run(args: &RenderArgs) -> Result<ExitCode> {
             save_png(&normals, &out.join(format!("normals/{index:04}.png")))?;
         }
         animation.add(&picture)?;
+        bar.inc(1);
     }
+    bar.finish_and_clear();
     let seconds = start.elapsed().as_secs_f64();
-    outln!("{} frames of {width}x{height} in {seconds:.1} s: {}", cameras.len(), animation.path().display());
+    outln!("{} frames of {width}×{height} in {seconds:.1} s: {}", cameras.len(), animation.finish()?.display());
     if let Some(film) = film {
         outln!("{}", film.write(&out, route.name(), route.fps())?.display());
     }
@@ -120,7 +125,10 @@ fn clear(out: &Path, name: &str) -> Result<()> {
     let is_frame = |stem: &str| stem.len() >= 4 && stem.bytes().all(|b| b.is_ascii_digit());
     let is_ours = |file: &str| match file.rsplit_once('.') {
         Some((stem, "png")) => is_frame(stem),
-        Some((stem, extension)) => EXTENSIONS.contains(&extension) && (PATHS.contains(&stem) || stem == name),
+        Some((stem, extension)) => {
+            let stem = stem.strip_suffix(".gif").or(stem.strip_suffix(".part")).unwrap_or(stem);
+            EXTENSIONS.contains(&extension) && (PATHS.contains(&stem) || stem == name)
+        }
         None => false,
     };
     for folder in [out.to_owned(), out.join("depth"), out.join("normals")] {

@@ -18,7 +18,7 @@ pub(super) enum PathName {
 }
 
 impl From<&str> for PathName {
-    /// What is no name of a path is a file.
+    /// Takes anything but the name of a path for a file.
     fn from(text: &str) -> Self {
         match text {
             "orbit" => Self::Orbit,
@@ -38,7 +38,7 @@ const FPS: f64 = 20.0;
 pub(super) enum Route {
     /// Poses that follow from the training cameras and the scene, as many as are asked for.
     BuiltIn { name: &'static str, poses: fn(&[Camera], &Scene, usize) -> Vec<DMat4> },
-    /// What a file says.
+    /// The path of a file.
     File { name: String, path: CameraPath },
 }
 
@@ -105,8 +105,8 @@ fn camera(like: &Camera, of_file: Option<(u32, u32)>, longest: Option<u32>, fram
     if of_file.is_none() && frame.fov_y.is_none() {
         return like.resized(width, height).with_pose(frame.pose);
     }
-    let slope = frame.fov_y.map_or(0.5 * f64::from(like.height) / like.fy, |fov_y| (0.5 * fov_y).tan());
-    let focal = 0.5 * f64::from(height) / slope;
+    let tangent = frame.fov_y.map_or(0.5 * f64::from(like.height) / like.fy, |fov_y| (0.5 * fov_y).tan());
+    let focal = 0.5 * f64::from(height) / tangent;
     let centre = [0.5 * f64::from(width), 0.5 * f64::from(height)];
     Camera::pinhole((width, height), [focal, focal], centre, frame.pose)
 }

@@ -8,7 +8,7 @@ use burn_cubecl::tensor::CubeTensor;
 
 use crate::cube::outputs::Outputs;
 use crate::cube::random::{Bits, uniform};
-use crate::cube::rays::Rays;
+use crate::cube::rays::RayOffsets;
 use crate::cube::{CubeKernel, Pass, apply, empty};
 use crate::sampling::PackedSamples;
 use crate::sampling::march::{Cells, MarchSettings, MarchedRays};
@@ -39,7 +39,7 @@ pub(crate) fn march(rays: &MarchedRays, cells: Option<&Cells>, march: MarchSetti
     let segments = Segments::from_counts(to_host(counts).into_iter().map(|count| count as usize));
     let samples = segments.samples();
     let outputs = Outputs::new([[samples.max(1), 1], [samples.max(1), 1], [samples.max(1), 3]].map(Shape::new));
-    let kernel = Write { walk, rays: Rays::new(&segments), outputs: outputs.clone() };
+    let kernel = Write { walk, rays: RayOffsets::new(&segments), outputs: outputs.clone() };
     let buffer: tensor::Tensor<1> = apply(kernel, (geometry, jitter, density));
     let [distance, delta] = [0, 1].map(|index| outputs.output::<2>(&buffer, index).flatten(0, 1).narrow(0, 0, samples));
     let positions = outputs.output::<2>(&buffer, 2).narrow(0, 0, samples);
@@ -76,7 +76,7 @@ impl CubeKernel for Count {
 #[derive(Debug)]
 struct Write {
     walk: Walk,
-    rays: Rays,
+    rays: RayOffsets,
     outputs: Arc<Outputs<3>>,
 }
 
@@ -88,7 +88,7 @@ impl CubeKernel for Write {
         let [distance, delta, positions] = self.outputs.parts(&buffer);
         launch!(
             write::launch, rays.meta.shape()[0];
-            rays, &streams, density, &settings, &self.rays.offsets(rays), &distance, &delta, &positions;
+            rays, &streams, density, &settings, &self.rays.on_device_of(rays), &distance, &delta, &positions;
             self.walk.jittered, self.walk.has_cells
         );
         buffer

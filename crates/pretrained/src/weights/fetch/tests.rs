@@ -1,4 +1,4 @@
-//! Downloads from a server on this machine.
+//! Tests of downloads, from a server on this machine.
 
 use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
@@ -9,23 +9,23 @@ use super::*;
 /// LPIPS heads by rule; `tests/files.py` made them.
 const FILE: &[u8] = include_bytes!("../../../tests/heads.pth");
 
-/// What the server does with a request.
+/// Behaviour of the server at a request.
 enum Answer {
-    /// Sends what was asked for, all of the file or the rest of it.
+    /// Sends the requested part of the file.
     File,
-    /// The same, but closes the connection after so many bytes.
+    /// Sends the requested part, but closes the connection after this number of bytes.
     Cut(usize),
-    /// Sends all of the file, whatever was asked for.
+    /// Sends the whole file, whatever was requested.
     Whole,
-    /// The rest of the file from another byte than was asked for.
+    /// Sends the rest of the file from another byte than requested.
     Elsewhere,
-    /// Sends this instead.
+    /// Sends other content.
     Other(&'static [u8]),
-    /// Sends nothing but a status.
+    /// Sends a status without content.
     Status(&'static str),
 }
 
-/// A server that gives these answers and ends; it returns the `Range` of each request.
+/// Starts a server that gives these answers and ends; its thread returns the `Range` of each request.
 fn serve(answers: Vec<Answer>) -> (String, JoinHandle<Vec<Option<String>>>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("http://{}/models/heads-12345678.pth", listener.local_addr().unwrap());
@@ -62,7 +62,7 @@ fn serve(answers: Vec<Answer>) -> (String, JoinHandle<Vec<Option<String>>>) {
     (url, std::thread::spawn(move || answers.into_iter().map(answer).collect()))
 }
 
-/// The heads of LPIPS as if they were published at `url`.
+/// Describes the heads of LPIPS as if `file` were published at `url`.
 fn published(url: String, file: &[u8]) -> KnownWeights {
     let sha256: String = Sha256::digest(file).iter().map(|byte| format!("{byte:02x}")).collect();
     let heads = KnownWeights::named("lpips-alex-heads").unwrap();
@@ -70,10 +70,10 @@ fn published(url: String, file: &[u8]) -> KnownWeights {
     KnownWeights { url, sha256, bytes: file.len() as u64, ..*heads }
 }
 
-/// A folder for weights, and what is in it.
-struct Folder(tempfile::TempDir);
+/// Temporary folder for weights.
+struct WeightFolder(tempfile::TempDir);
 
-impl Folder {
+impl WeightFolder {
     fn new() -> Self {
         Self(tempfile::tempdir().unwrap())
     }
@@ -95,14 +95,14 @@ impl Folder {
 const KEPT: &str = "lpips-alex-heads.safetensors";
 
 #[test]
-fn a_file_arrives_with_progress_and_nothing_else_stays() {
+fn fetch_reports_progress_and_leaves_only_the_weights() {
     let (url, server) = serve(vec![Answer::File]);
-    let (weights, folder) = (published(url, FILE), Folder::new());
+    let (weights, folder) = (published(url, FILE), WeightFolder::new());
     let mut reports = Vec::new();
     let store = Store::in_folder(folder.0.path().join("new"));
     let path = store.fetch_file(&weights, &mut |progress| reports.push(progress)).unwrap();
     let total = FILE.len() as u64;
-    assert_eq!(reports[0], Progress { weights: "lpips-alex-heads", done: 0, total });
+    assert_eq!(reports[0], DownloadProgress { weights: "lpips-alex-heads", done: 0, total });
     assert_eq!(reports.last().unwrap().done, total);
     assert!(WeightFile::read(&path).unwrap().check("lin4.model.1.weight", &[1, 256, 1, 1]).is_ok());
     assert_eq!(std::fs::read_dir(folder.0.path().join("new")).unwrap().count(), 1);
@@ -110,9 +110,9 @@ fn a_file_arrives_with_progress_and_nothing_else_stays() {
 }
 
 #[test]
-fn what_was_cut_off_goes_on_where_it_ended() {
+fn interrupted_downloads_resume() {
     let (url, server) = serve(vec![Answer::Cut(1000), Answer::Cut(2000), Answer::File]);
-    let (weights, folder) = (published(url.clone(), FILE), Folder::new());
+    let (weights, folder) = (published(url.clone(), FILE), WeightFolder::new());
     for done in [1000, 3000] {
         let expected = format!(
             "{url}: the connection ended after {done} of {} bytes; what has arrived is kept; try again to resume",
@@ -128,13 +128,19 @@ fn what_was_cut_off_goes_on_where_it_ended() {
 }
 
 #[test]
-fn a_server_that_cannot_go_on_starts_again() {
-    let unable =
-        [vec![Answer::Whole], vec![Answer::Elsewhere, Answer::File], vec![Answer::Status("416 No"), Answer::File]];
-    for answers in unable {
+fn partial_files_are_completed_or_replaced() {
+    let (some, twice) = (&FILE[..500], [FILE, FILE].concat());
+    let cases = [
+        (some, vec![Answer::Whole]),
+        (some, vec![Answer::Elsewhere, Answer::File]),
+        (some, vec![Answer::Status("416 No"), Answer::File]),
+        (&twice, vec![Answer::File]),
+        (FILE, vec![]),
+    ];
+    for (part, answers) in cases {
         let (url, server) = serve(answers);
-        let (weights, folder) = (published(url, FILE), Folder::new());
-        std::fs::write(folder.part(), &FILE[..500]).unwrap();
+        let (weights, folder) = (published(url, FILE), WeightFolder::new());
+        std::fs::write(folder.part(), part).unwrap();
         folder.fetch(&weights).unwrap();
         assert_eq!(folder.files(), [KEPT]);
         server.join().unwrap();
@@ -142,26 +148,9 @@ fn a_server_that_cannot_go_on_starts_again() {
 }
 
 #[test]
-fn a_part_that_is_whole_needs_no_server() {
-    let (weights, folder) = (published("http://127.0.0.1:1/heads-12345678.pth".to_owned(), FILE), Folder::new());
-    std::fs::write(folder.part(), FILE).unwrap();
-    folder.fetch(&weights).unwrap();
-    assert_eq!(folder.files(), [KEPT]);
-}
-
-#[test]
-fn a_part_that_is_too_long_is_none() {
+fn wrong_checksum_keeps_nothing() {
     let (url, server) = serve(vec![Answer::File]);
-    let (weights, folder) = (published(url, FILE), Folder::new());
-    std::fs::write(folder.part(), [FILE, FILE].concat()).unwrap();
-    folder.fetch(&weights).unwrap();
-    assert_eq!(server.join().unwrap(), [None]);
-}
-
-#[test]
-fn a_wrong_sum_keeps_nothing() {
-    let (url, server) = serve(vec![Answer::File]);
-    let (mut weights, folder) = (published(url.clone(), FILE), Folder::new());
+    let (mut weights, folder) = (published(url.clone(), FILE), WeightFolder::new());
     let found = weights.sha256;
     weights.sha256 = "00ff";
     let expected = format!("{url}: wrong checksum: SHA-256 is {found}, expected 00ff; nothing was kept");
@@ -171,10 +160,10 @@ fn a_wrong_sum_keeps_nothing() {
 }
 
 #[test]
-fn other_answers_are_one_line() {
+fn refusals_are_one_line() {
     let (url, server) =
         serve(vec![Answer::Status("404 Not Found"), Answer::Status("503 Busy"), Answer::Other(b"<html>")]);
-    let (weights, folder) = (published(url.clone(), FILE), Folder::new());
+    let (weights, folder) = (published(url.clone(), FILE), WeightFolder::new());
     assert_eq!(folder.fetch(&weights), Err(format!("{url}: the server answered with HTTP status 404")));
     assert_eq!(folder.fetch(&weights), Err(format!("{url}: the server answered with HTTP status 503")));
     let expected = format!("{url}: the server offers 6 bytes, expected {}", FILE.len());
@@ -184,11 +173,11 @@ fn other_answers_are_one_line() {
 }
 
 #[test]
-fn no_connection_is_one_line_that_names_the_way_out() {
+fn missing_connection_is_one_line_that_names_import() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let url = format!("http://{}/heads-12345678.pth", listener.local_addr().unwrap());
     drop(listener);
-    let error = Folder::new().fetch(&published(url.clone(), FILE)).unwrap_err();
+    let error = WeightFolder::new().fetch(&published(url.clone(), FILE)).unwrap_err();
     assert!(
         error.starts_with(&format!("no connection to {url}: ")) && error.contains("weights import FILE"),
         "{error}"
@@ -198,27 +187,27 @@ fn no_connection_is_one_line_that_names_the_way_out() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn no_space_is_one_line() {
+fn full_disk_is_one_line() {
     let (url, server) = serve(vec![Answer::File]);
-    let (weights, folder) = (published(url, FILE), Folder::new());
+    let (weights, folder) = (published(url, FILE), WeightFolder::new());
     std::os::unix::fs::symlink("/dev/full", folder.part()).unwrap();
     assert_eq!(folder.fetch(&weights), Err(format!("no space left in {}", folder.0.path().display())));
     server.join().unwrap();
 }
 
 #[test]
-fn a_file_of_other_tensors_is_refused() {
+fn other_tensors_are_refused() {
     const OTHER: &[u8] = b"\x08\0\0\0\0\0\0\0{}      ";
     let (url, server) = serve(vec![Answer::Other(OTHER)]);
-    let (weights, folder) = (published(url, OTHER), Folder::new());
+    let (weights, folder) = (published(url, OTHER), WeightFolder::new());
     let error = folder.fetch(&weights).unwrap_err();
     assert!(error.ends_with("no tensor `lin0.model.1.weight`, expected F32 [1, 64, 1, 1]"), "{error}");
     server.join().unwrap();
 }
 
 #[test]
-fn only_what_is_not_here_is_fetched() {
-    let folder = Folder::new();
+fn present_weights_are_not_fetched_again() {
+    let folder = WeightFolder::new();
     let store = Store::in_folder(folder.0.path());
     for name in ["lpips-vgg", "lpips-vgg-heads"] {
         std::fs::write(folder.0.path().join(KnownWeights::named(name).unwrap().file()), b"").unwrap();

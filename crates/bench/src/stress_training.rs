@@ -1,0 +1,271 @@
+//! Training under stress: many seeds of tiny runs with settings and scenes that make it diverge or collapse.
+
+use std::sync::Arc;
+
+use anyhow::{Context, Result};
+use infonerf_experiment::RunPlan;
+use infonerf_report::chart::{Frame, heat_map};
+use infonerf_scene::{Range, Scene};
+use infonerf_train::{Event, Outcome, TrainError, Trainer, evaluate_view};
+use serde::Serialize;
+use serde_json::json;
+
+use crate::context::Bench;
+use crate::output::{TextTable, number};
+use crate::trial::with_settings;
+
+const PROTOCOL: &str = "each row: one run per seed of a tiny field on 24-pixel images, with the other settings as the preset has \
+                        them; train PSNR is of the first training view, rendered in the end; recovered: started over with \
+                        other weights and ended with a field that is not empty; faint: ended with empty renders, \
+                        for which a run is reported as collapsed";
+
+/// Settings with which a run takes a second.
+const TINY: [&str; 11] = [
+    "scene.size=24",
+    "eval.test=first-1",
+    "eval.information_rays=0",
+    "train.rays=96",
+    "train.unseen_rays=48",
+    "train.target_samples=0",
+    "train.downscale=1",
+    "render.samples={from=24,to=48,end=0.5,curve=\"exponential\"}",
+    "render.occupancy.resolution=16",
+    "render.occupancy.warmup=10",
+    "render.occupancy.every=8",
+];
+
+/// Small factored field.
+const FACTORED: [&str; 3] = ["field.resolutions=[8,16,32]", "field.channels=2", "field.width=16"];
+
+/// Small network with the paper's losses: ReLU density, a coarse network, no priors.
+const NERF: [&str; 7] = [
+    "field={kind=\"nerf\",layers=3,width=32,skip=1,position_frequencies=6,direction_frequencies=2,density=\"relu\",detail=1.0}",
+    "render.samples=16",
+    "render.fine_samples=16",
+    "render.occupancy.enabled=false",
+    "loss.silhouette.weight=0.0",
+    "loss.entropy.weight=1e-3",
+    "train.lr=5e-4",
+];
+
+/// Change of the scene before training.
+type Change = fn(&mut Scene);
+
+struct StressSetting {
+    name: &'static str,
+    field: &'static [&'static str],
+    settings: &'static [&'static str],
+    change: Change,
+}
+
+const fn fast(name: &'static str, settings: &'static [&'static str], change: Change) -> StressSetting {
+    StressSetting { name, field: &FACTORED, settings, change }
+}
+
+const fn nerf(name: &'static str, settings: &'static [&'static str]) -> StressSetting {
+    StressSetting { name, field: &NERF, settings, change: keep }
+}
+
+const SETTINGS: [StressSetting; 27] = [
+    fast("as configured", &[], keep),
+    fast("lambda1 = 0", &["loss.entropy.weight=0"], keep),
+    fast("lambda1 = 0.1", &["loss.entropy.weight=0.1"], keep),
+    fast("lambda1 = 1", &["loss.entropy.weight=1"], keep),
+    fast("lambda1 = 10", &["loss.entropy.weight=10"], keep),
+    fast("lambda2 = 1e-5", &["loss.kl.weight=1e-5"], keep),
+    fast("lambda2 = 0.1", &["loss.kl.weight=0.1"], keep),
+    fast("lambda2 = 1 (the authors' default)", &["loss.kl.weight=1"], keep),
+    fast("lambda2 = 10", &["loss.kl.weight=10"], keep),
+    fast("lambda1 = lambda2 = 10", &["loss.entropy.weight=10", "loss.kl.weight=10"], keep),
+    fast("learning rate x 100", &["train.lr=0.2"], keep),
+    fast("learning rate x 100, both losses at 1", &["train.lr=0.2", "loss.entropy.weight=1", "loss.kl.weight=1"], keep),
+    fast("one view", &["scene.views={kind=\"seed\",count=1}"], keep),
+    fast("identical views", &[], identical),
+    fast("views that look away", &[], looking_away),
+    fast("black images", &[], |scene| paint(scene, |_| [0.0; 3])),
+    fast("white images", &[], |scene| paint(scene, |_| [1.0; 3])),
+    fast("noise images", &[], |scene| paint(scene, noise)),
+    fast("noise images, both losses at 1", &["loss.entropy.weight=1", "loss.kl.weight=1"], |scene| {
+        paint(scene, noise);
+    }),
+    fast("a scene of 1e-3 units", &[], |scene| scale(scene, 1e-3)),
+    fast("a scene of 1e3 units", &[], |scene| scale(scene, 1e3)),
+    fast("silhouette of 1", &["loss.silhouette={weight=1.0,foreground=0.0}"], keep),
+    nerf("NeRF MLP", &[]),
+    nerf("NeRF MLP, lambda2 = 1 (the authors' default)", &["loss.kl.weight=1"]),
+    nerf("NeRF MLP, lambda1 = lambda2 = 10", &["loss.entropy.weight=10", "loss.kl.weight=10"]),
+    nerf("NeRF MLP, learning rate x 100", &["train.lr=0.05"]),
+    nerf(
+        "NeRF MLP, last interval 1e10, lambda1 = 1",
+        &["render.last_interval=infinite", "render.placement=left", "loss.entropy.weight=1"],
+    ),
+];
+
+/// Outcome of all seeds of one setting.
+#[derive(Default, Serialize)]
+struct SettingOutcome {
+    setting: &'static str,
+    runs: usize,
+    /// Runs stopped because a loss was not finite.
+    stopped: usize,
+    /// Runs that ended with weights or renders that are not finite.
+    not_finite: usize,
+    /// Runs that ended, and were reported, as collapsed.
+    collapsed: usize,
+    /// Restarts of all runs together.
+    restarts: usize,
+    /// Runs that restarted and ended with a field that is not empty.
+    recovered: usize,
+    /// Runs that ended with empty renders, which an experiment reports as collapsed.
+    faint: usize,
+    train_psnr: Option<f64>,
+}
+
+/// Returns whether all losses, weights and renders were finite.
+pub(crate) fn run(bench: &Bench, seeds: u32, steps: u32, print: &mut dyn FnMut(&str)) -> Result<bool> {
+    let plan = bench.first_plan();
+    let mut rows = Vec::new();
+    for setting in &SETTINGS {
+        rows.push(measure(bench, plan, setting, seeds, steps)?);
+        // Results so far stay if the rest is interrupted.
+        bench.save_results(PROTOCOL, &rows, json!({ "steps": steps }))?;
+    }
+    let table = TextTable::new(
+        &rows,
+        &[
+            ("setting", |row: &SettingOutcome| row.setting.to_owned()),
+            ("runs", |row| row.runs.to_string()),
+            ("stopped", |row| row.stopped.to_string()),
+            ("not finite", |row| row.not_finite.to_string()),
+            ("collapsed", |row| row.collapsed.to_string()),
+            ("restarts", |row| row.restarts.to_string()),
+            ("recovered", |row| row.recovered.to_string()),
+            ("faint", |row| row.faint.to_string()),
+            ("train PSNR", |row| number(row.train_psnr, 2)),
+        ],
+    );
+    print(&format!("\n{}", table.to_text()));
+    bench.save_csv(&table)?;
+    draw(bench, &rows)?;
+    Ok(rows.iter().all(|row| row.stopped == 0 && row.not_finite == 0))
+}
+
+fn measure(
+    bench: &Bench,
+    plan: &RunPlan,
+    setting: &'static StressSetting,
+    seeds: u32,
+    steps: u32,
+) -> Result<SettingOutcome> {
+    let iterations = format!("train.iterations={steps}");
+    let settings: Vec<&str> =
+        TINY.iter().chain(setting.field).chain(setting.settings).copied().chain([iterations.as_str()]).collect();
+    let plan = with_settings(plan, &settings).with_context(|| setting.name)?;
+    let mut outcome = SettingOutcome { setting: setting.name, ..SettingOutcome::default() };
+    let mut psnrs = Vec::new();
+    for seed in (0..seeds).map(u64::from) {
+        let plan = RunPlan { seed, ..plan.clone() };
+        let mut scene = plan.load()?;
+        (setting.change)(&mut scene);
+        let mut trainer = Trainer::new(&plan.config, scene, seed, None, &bench.device)?;
+        psnrs.extend(outcome.count(&mut trainer)?);
+    }
+    outcome.train_psnr = (!psnrs.is_empty()).then(|| psnrs.iter().sum::<f64>() / psnrs.len() as f64);
+    Ok(outcome)
+}
+
+impl SettingOutcome {
+    /// Trains to the end and counts the outcome; returns the PSNR of the first training view.
+    fn count(&mut self, trainer: &mut Trainer) -> Result<Option<f64>> {
+        self.runs += 1;
+        let outcome = loop {
+            let mut finite = true;
+            let mut report = |event| {
+                if let Event::Step { loss, losses, .. } = event {
+                    finite &= losses.into_values().chain([loss]).all(f32::is_finite);
+                }
+            };
+            match trainer.step(&mut report) {
+                Ok(Outcome::Running) if finite => {}
+                Ok(outcome) if finite => break outcome,
+                Ok(_) | Err(TrainError::NonFinite { .. }) => {
+                    self.stopped += 1;
+                    return Ok(None);
+                }
+                Err(error) => return Err(error.into()),
+            }
+        };
+        let view = &trainer.scene().train[0].clone();
+        // A checkpoint refuses weights that are not finite, an evaluation refuses such pixels.
+        let rendered = trainer.checkpoint(&mut |_| ());
+        let rendered = rendered.and_then(|_| evaluate_view(trainer.renderer(), &[trainer.trained()], view));
+        let Ok(rendered) = rendered else {
+            self.not_finite += 1;
+            return Ok(None);
+        };
+        let background = trainer.scene().background;
+        let shown = view.image.rgb.iter().any(|color| *color != background);
+        let restarts = trainer.progress().restarts;
+        self.restarts += restarts;
+        match outcome {
+            Outcome::Collapsed => self.collapsed += 1,
+            _ if shown && rendered.shows_nothing() => self.faint += 1,
+            _ if restarts > 0 => self.recovered += 1,
+            _ => {}
+        }
+        Ok(rendered.value("psnr"))
+    }
+}
+
+fn keep(_: &mut Scene) {}
+
+fn identical(scene: &mut Scene) {
+    let first = scene.train[0].clone();
+    scene.train.iter_mut().for_each(|view| *view = first.clone());
+}
+
+/// Turns every camera about its own upright axis by half a turn.
+fn looking_away(scene: &mut Scene) {
+    for view in &mut scene.train {
+        let pose = &mut view.camera.to_world;
+        (pose.x_axis, pose.z_axis) = (-pose.x_axis, -pose.z_axis);
+    }
+}
+
+fn paint(scene: &mut Scene, color: fn(usize) -> [f32; 3]) {
+    for view in &mut scene.train {
+        Arc::make_mut(&mut view.image).rgb.iter_mut().enumerate().for_each(|(i, pixel)| *pixel = color(i));
+    }
+}
+
+/// Returns a random colour that depends on the pixel alone.
+fn noise(pixel: usize) -> [f32; 3] {
+    let mut rng = fastrand::Rng::with_seed(pixel as u64);
+    [rng.f32(), rng.f32(), rng.f32()]
+}
+
+/// Scales cameras, ranges and bounds by `factor`.
+fn scale(scene: &mut Scene, factor: f32) {
+    let views = scene.train.iter_mut().chain(&mut scene.test).map(|view| &mut view.camera);
+    for camera in views.chain(&mut scene.all_train_cameras) {
+        let position = &mut camera.to_world.w_axis;
+        (position.x, position.y, position.z) =
+            (position.x * f64::from(factor), position.y * f64::from(factor), position.z * f64::from(factor));
+    }
+    scene.train.iter_mut().chain(&mut scene.test).for_each(|view| view.depth = None);
+    let space = &mut scene.space;
+    (space.near, space.far) = (space.near * factor, space.far * factor);
+    space.range = Range::Distance { near: space.near, far: space.far };
+    (space.bounds.min, space.bounds.max) = (space.bounds.min * factor, space.bounds.max * factor);
+}
+
+/// Draws the number of runs of each setting by outcome.
+fn draw(bench: &Bench, rows: &[SettingOutcome]) -> Result<()> {
+    let columns = ["stopped", "not finite", "collapsed", "recovered", "faint"].map(str::to_owned);
+    let labels: Vec<String> = rows.iter().map(|row| row.setting.to_owned()).collect();
+    let counts = |row: &SettingOutcome| [row.stopped, row.not_finite, row.collapsed, row.recovered, row.faint];
+    let values: Vec<Vec<Option<f64>>> =
+        rows.iter().map(|row| counts(row).into_iter().map(|count| Some(count as f64)).collect()).collect();
+    let svg = heat_map(&Frame::new("runs by outcome", "", ""), &columns, &labels, &values)?;
+    bench.save_chart("stress-training", &svg)
+}

@@ -1,0 +1,77 @@
+//! Events of an experiment as JSON, one object per line, for other programs.
+
+use std::time::{Duration, Instant};
+
+use infonerf_experiment::RunEvent;
+use infonerf_experiment::execute::{PlanEvent, RunEnd};
+use infonerf_train::Event;
+use serde_json::{Value, json};
+
+/// Time between two steps that are printed.
+const REFRESH: Duration = Duration::from_secs(1);
+
+/// Turns events into JSON, steps once per second.
+#[derive(Default)]
+pub(crate) struct JsonEvents {
+    runs: usize,
+    last: Option<Instant>,
+}
+
+impl JsonEvents {
+    /// The object to print for an event, if there is one.
+    pub(crate) fn event(&mut self, event: &PlanEvent<'_>) -> Option<Value> {
+        match event {
+            PlanEvent::Started(sweep, _) => {
+                self.runs = sweep.len();
+                None
+            }
+            PlanEvent::Run(index, plan, event) => {
+                let run = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
+                self.run_event(&run, event)
+            }
+            PlanEvent::RunEnded(index, plan, ended) => {
+                let run = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
+                self.last = None;
+                Some(match ended {
+                    RunEnd::Trained(record, _) | RunEnd::Kept(record) => {
+                        json!({ "event": "record", "run": run, "record": record })
+                    }
+                    RunEnd::Stopped => json!({ "event": "stopped", "run": run }),
+                    RunEnd::Finished(_) | RunEnd::Failed(_) => return None,
+                })
+            }
+            PlanEvent::Over => None,
+            PlanEvent::Written(_, outcome, _) => outcome
+                .map(|outcome| json!({ "event": "finished", "report": outcome.report, "numbers": outcome.results })),
+        }
+    }
+
+    fn run_event(&mut self, run: &str, event: &RunEvent<'_>) -> Option<Value> {
+        Some(match event {
+            RunEvent::Loading => json!({ "event": "loading", "run": run }),
+            RunEvent::Started { fields, of } => {
+                json!({ "event": "started", "run": run, "field": fields.start, "beside": fields.len(), "fields": of })
+            }
+            RunEvent::Training { event: Event::Step { step, seconds, loss, psnr, .. }, trainer } => {
+                let now = Instant::now();
+                if self.last.is_some_and(|last| now.duration_since(last) < REFRESH) {
+                    return None;
+                }
+                self.last = Some(now);
+                let done = trainer.done();
+                json!({ "event": "step", "run": run, "step": step, "seconds": seconds, "done": done, "loss": loss, "psnr": psnr })
+            }
+            RunEvent::Training { event: Event::Plateau { step }, .. } => {
+                json!({ "event": "plateau", "run": run, "step": step })
+            }
+            RunEvent::Training { event: Event::Collapse { step, restarted }, .. } => {
+                json!({ "event": "collapse", "run": run, "step": step, "restarted": restarted })
+            }
+            RunEvent::Ended => json!({ "event": "trained", "run": run }),
+            RunEvent::Evaluating { view, views } => {
+                json!({ "event": "evaluating", "run": run, "view": view, "views": views })
+            }
+            RunEvent::Warning(warning) => json!({ "event": "warning", "run": run, "warning": warning }),
+        })
+    }
+}

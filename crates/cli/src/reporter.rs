@@ -1,0 +1,175 @@
+//! Shows people how far the runs of experiments are, and what became of them.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use indicatif::{HumanDuration, ProgressBar, ProgressStyle};
+use infonerf_experiment::execute::{PlanEvent, RunEnd};
+use infonerf_experiment::sweep::{Outcome, Prepared, Sweep};
+use infonerf_experiment::{Control, DeviceName};
+use infonerf_report::{Quantity, Record, ReportInput};
+
+use crate::existing::ExistingArgs;
+use crate::print::{errln, outln};
+use crate::progress::Progress;
+use crate::terminal::fitted;
+use crate::{command_line, interrupt};
+
+/// Unfinished runs that are named, at most.
+const MAX_NAMED: usize = 8;
+
+/// Prints the events of experiments.
+pub(crate) struct Reporter {
+    same_command: &'static str,
+    device: DeviceName,
+    /// Whether runs are in this process, where each has a bar of its own.
+    in_process: bool,
+    out: PathBuf,
+    runs: usize,
+    /// How far the runs in processes of their own are.
+    bar: ProgressBar,
+    /// The run of this process.
+    progress: Option<(usize, Progress)>,
+}
+
+impl Reporter {
+    /// For experiments below `out`, whose runs are `in_process` or elsewhere.
+    pub(crate) fn new(existing: &ExistingArgs, device: DeviceName, in_process: bool, out: &Path) -> Self {
+        let (same_command, out) = (existing.same_command(), out.to_owned());
+        Self { same_command, device, in_process, out, runs: 0, bar: ProgressBar::hidden(), progress: None }
+    }
+
+    /// Shows `event`, and returns what the user wants.
+    pub(crate) fn watch(&mut self, event: PlanEvent<'_>) -> Control {
+        match event {
+            PlanEvent::Started(sweep, prepared) => self.started(sweep, prepared),
+            PlanEvent::Run(index, plan, event) => {
+                if self.progress.as_ref().is_none_or(|(shown, _)| *shown != index) {
+                    self.progress =
+                        Some((index, Progress::new(&format!("[{}/{}] {}", index + 1, self.runs, plan.label()))));
+                }
+                if let Some((_, progress)) = &mut self.progress {
+                    progress.show(event);
+                }
+            }
+            PlanEvent::RunEnded(index, plan, ended) => {
+                let label = format!("[{}/{}] {}", index + 1, self.runs, plan.label());
+                let stages = self.progress.as_ref().map_or_else(String::new, |(_, progress)| progress.stages());
+                self.bar.suspend(|| match ended {
+                    RunEnd::Trained(record, _) => outln!("{label}: {}{stages}", summary(&record)),
+                    RunEnd::Kept(record) => outln!("{label}: {} (finished before)", summary(&record)),
+                    RunEnd::Finished(line) => outln!("{label}: {line}"),
+                    RunEnd::Stopped => outln!("{label}: saved; {} continues it", self.same_command),
+                    RunEnd::Failed(reason) => errln!("{label}: failed: {reason}"),
+                });
+                self.count_run();
+            }
+            PlanEvent::Over => self.bar.finish_and_clear(),
+            PlanEvent::Written(sweep, outcome, missing) => self.written(sweep, outcome, &missing),
+        }
+        interrupt::control()
+    }
+
+    /// Moves the bar on, with the time left as it is after the runs that have ended.
+    fn count_run(&self) {
+        self.bar.inc(1);
+        let (done, all) = (self.bar.position() as f64, self.bar.length().unwrap_or(0) as f64);
+        if done < all {
+            let left = self.bar.elapsed().mul_f64((all - done) / done);
+            self.bar.set_message(format!(", about {} left", HumanDuration(left)));
+        }
+    }
+
+    /// Prints what there is to do.
+    fn started(&mut self, sweep: &Sweep, prepared: &Prepared) {
+        let (about, kept, todo) = (&sweep.about, prepared.kept, prepared.missing.len());
+        if self.runs > 0 {
+            outln!();
+        }
+        self.runs = sweep.len();
+        let finished = if kept > 0 { format!(", {kept} of them finished before") } else { String::new() };
+        outln!("{}: {} ({} runs{finished}) on {}", about.name, about.title, sweep.len(), self.device);
+        match &about.data {
+            Some(data) => outln!("scenes from {}", data.display()),
+            None => outln!("no --data given: using the built-in procedural scenes"),
+        }
+        let mut presets: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+        for plan in sweep.runs() {
+            let listed = presets.entry(plan.preset.name()).or_default();
+            if !listed.contains(&plan.scene.as_str()) {
+                listed.push(&plan.scene);
+            }
+        }
+        for (preset, scenes) in presets {
+            outln!("preset {preset}: {}", scenes.join(", "));
+        }
+        if let Some((plan, budget)) = sweep.runs().find_map(|plan| Some((plan, plan.budget?))) {
+            let fields = match plan.members() {
+                1 => String::new(),
+                fields => format!(", shared by {fields} fields"),
+            };
+            outln!(
+                "each run trains for {budget} s{fields}; reading the scene before and testing afterwards take time of their own"
+            );
+        }
+        if prepared.adopted > 0 {
+            outln!("{} of these runs are those of experiments above, under other names", prepared.adopted);
+        }
+        if let Some(warning) = &prepared.warning {
+            errln!("warning: {warning}");
+        }
+        sweep.notices.iter().for_each(|notice| outln!("{notice}"));
+        self.bar = ProgressBar::hidden();
+        if let Ok(style) = ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} runs {elapsed}{msg}")
+            && !self.in_process
+        {
+            self.bar = ProgressBar::new(todo as u64).with_style(style).with_prefix(about.name.clone());
+            self.bar.enable_steady_tick(Duration::from_millis(500));
+        }
+    }
+
+    fn written(&self, sweep: &Sweep, outcome: Option<&Outcome>, missing: &[String]) {
+        if let Some(Outcome { table, input, report, results }) = outcome {
+            outln!("\n{}", fitted(table));
+            print_claims(input);
+            outln!("report: {}\nrecords: {}", report.display(), results.display());
+            command_line::save_or_warn(&sweep.folder(&self.out));
+        }
+        if !missing.is_empty() {
+            let named = missing.iter().take(MAX_NAMED).cloned().collect::<Vec<_>>().join(", ");
+            let more = if missing.len() > MAX_NAMED { ", ..." } else { "" };
+            let (name, count, all) = (&sweep.about.name, missing.len(), sweep.len());
+            errln!(
+                "{name}: {count} of {all} runs are not finished: {named}{more}; {} tries them again",
+                self.same_command
+            );
+        }
+    }
+}
+
+/// The main figures of a run on one line.
+pub(crate) fn summary(record: &Record) -> String {
+    let shown = |quantity: Quantity| quantity.value(record).map_or_else(|| "-".into(), |value| quantity.format(value));
+    let on = if record.test_views.protocol == "training" { " on training views" } else { "" };
+    format!(
+        "PSNR {} dB{on}, SSIM {}, {} steps in {:.1} s{}",
+        shown(Quantity::PSNR),
+        shown(Quantity::SSIM),
+        record.iterations,
+        record.train_seconds,
+        if record.collapsed { ", COLLAPSED" } else { "" }
+    )
+}
+
+/// Prints which statements on the order of variants hold, if the experiment has some.
+fn print_claims(input: &ReportInput) {
+    for claim in input.tested_claims() {
+        outln!("{:13} {}", claim.verdict.to_string(), claim.statement);
+        for finding in &claim.findings {
+            let there = finding.in_paper();
+            let there = if there.is_empty() { there } else { format!(" (paper {there})") };
+            outln!("{:13}   {}: {}{there}", "", finding.formula, finding.found());
+        }
+    }
+}

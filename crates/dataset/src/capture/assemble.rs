@@ -1,0 +1,422 @@
+//! From the frames of a capture to a scene: selection, decoding, resizing, compositing.
+
+use std::collections::{HashMap, HashSet};
+use std::path::Path;
+use std::sync::Arc;
+
+use infonerf_scene::image::{dimensions, has_alpha, read_rgba, resized_mask};
+use infonerf_scene::select::pool::{self, Named};
+use infonerf_scene::{
+    Backdrop, Camera, Image, Layout, MaskUse, PixelCount, Scene, SceneError, SceneRequest, TestProtocol, View,
+    ViewSelection,
+};
+use rayon::prelude::*;
+
+use super::mask::{check_valid, lens_mask, read_mask};
+use super::sizes::ImageScale;
+use super::{Capture, Extent, Found, same_proportions};
+use crate::files::depth::read_depth;
+use crate::frame::{Frame, MaskRole};
+
+/// Most bytes that the chosen images may take in memory together: 3.75 GiB.
+const MAX_BYTES: u64 = 15 << 28;
+/// Most pixels of files that are decoded at once before they are resized.
+const MAX_AT_ONCE: u64 = 24 << 20;
+/// Image sides that differ from the stated ones by at most this many pixels, and by at most [`MAX_TRIMMED`] of the side,
+/// were cut off, as undistortion does.
+const TRIMMED: f64 = 2.0;
+const MAX_TRIMMED: f64 = 0.02;
+/// Pixels by which images are told apart before all are compared.
+const FINGERPRINT: usize = 997;
+
+/// The views that a request chooses, with no image decoded.
+struct Chosen<'f> {
+    train: Vec<&'f Frame>,
+    test: Vec<&'f Frame>,
+    /// Cameras of the training and then the test images as they are in their files.
+    cameras: Vec<Camera>,
+    scale: ImageScale,
+    alpha: bool,
+    warnings: Vec<String>,
+}
+
+/// Chooses views and their scale. A view that is in both pools and chosen for training is left out of the test, unless
+/// training views are to be tested. Views of a capture whose image is missing are not chosen unless they are asked for by
+/// id or name; those of a data set, whose choice is published, are left out only if all are asked for.
+fn choose<'f>(found: &'f Found<'_>, request: &SceneRequest) -> Result<Chosen<'f>, SceneError> {
+    let mut warnings = Vec::new();
+    let selection = by_image_names(&request.train, &found.train, &found.selections)?;
+    let all: Vec<&Frame> = found.train.iter().collect();
+    let mut train = select(&selection, &all, &found.selections)?;
+    let is_there = |frame: &&Frame| frame.image.is_file();
+    let there: Vec<&Frame> = all.iter().copied().filter(is_there).collect();
+    let is_capture = matches!(found.extent, Extent::Estimated(_));
+    let is_explicit = matches!(selection, ViewSelection::Ids(_) | ViewSelection::Named(_));
+    if let Some(lost) = train.iter().find(|frame| !is_there(frame))
+        && (selection == ViewSelection::All || is_capture && !is_explicit)
+        && !there.is_empty()
+    {
+        warnings.push(format!(
+            "{} of {} training images are not there, such as {}: views are chosen among the others",
+            all.len() - there.len(),
+            all.len(),
+            lost.image.display()
+        ));
+        train = select(&selection, &there, &found.selections)?;
+    }
+    let test = if request.test == TestProtocol::Training {
+        train.clone()
+    } else {
+        let ids: Vec<usize> = found.test.iter().map(|frame| frame.id).collect();
+        let test = pool::test(&request.test, &ids, found.split.as_deref(), &found.protocols)?;
+        let mut test = pick(&found.test.iter().collect::<Vec<_>>(), &test);
+        test.retain(|t| train.iter().all(|f| f.image != t.image));
+        let lost: Vec<&Frame> = test.iter().copied().filter(|frame| !is_there(frame)).collect();
+        if let Some(first) = lost.first()
+            && lost.len() < test.len()
+            && (request.test == TestProtocol::All || is_capture && !matches!(request.test, TestProtocol::Ids(_)))
+        {
+            let (count, path) = (lost.len(), first.image.display());
+            warnings.push(format!(
+                "{count} of {} test images are not there, such as {path}: they are not tested",
+                test.len()
+            ));
+            test.retain(is_there);
+        }
+        test
+    };
+    if test.is_empty() {
+        let expected = "at least one view that is not trained on (or `training`, to look at those that are)";
+        return Err(SceneError::request("test", expected, "none"));
+    }
+    let Some(first) = train.first() else {
+        return Err(SceneError::request("train", "at least one view", "none"));
+    };
+    let alpha = has_alpha(&first.image)?;
+    let frames: Vec<&Frame> = train.iter().chain(&test).copied().collect();
+    let cameras: Vec<_> = frames.par_iter().map(|frame| stored_camera(frame)).collect();
+    let cameras = cameras.into_iter().collect::<Result<Vec<_>, _>>()?;
+    let none = || SceneError::request("train", "at least one view", "none");
+    let scale = ImageScale::new(&cameras, request.image_size).ok_or_else(none)?;
+    Ok(Chosen { alpha, train, test, cameras, scale, warnings })
+}
+
+/// Replaces names of images, with or without folder and extension, by the ids of their frames.
+fn by_image_names(selection: &ViewSelection, frames: &[Frame], known: &Named) -> Result<ViewSelection, SceneError> {
+    let ViewSelection::Named(text) = selection else { return Ok(selection.clone()) };
+    let id = |name: &str| {
+        let is_named = |frame: &&Frame| {
+            let part = |part: Option<&std::ffi::OsStr>| part.is_some_and(|part| part == name);
+            frame.name == name || part(frame.image.file_name()) || part(frame.image.file_stem())
+        };
+        frames.iter().find(is_named).map(|frame| frame.id)
+    };
+    let names: Vec<&str> = text.split(',').collect();
+    match names.iter().map(|name| id(name)).collect::<Option<Vec<usize>>>() {
+        Some(ids) if known.iter().all(|(name, _)| name != text) => Ok(ViewSelection::Ids(ids)),
+        None if names.len() > 1 => {
+            let unknown = names.iter().find(|name| id(name).is_none()).copied().unwrap_or_default();
+            let example = frames.first().map_or("", |frame| frame.name.as_str());
+            let expected = format!("names of training images, such as {example}");
+            Err(SceneError::request("train", expected, format!("`{unknown}`")))
+        }
+        _ => Ok(selection.clone()),
+    }
+}
+
+/// Selects among `frames`; rules look at poses alone, so that any image size will do.
+fn select<'f>(selection: &ViewSelection, frames: &[&'f Frame], known: &Named) -> Result<Vec<&'f Frame>, SceneError> {
+    let poses: Vec<Camera> = frames.iter().map(|frame| frame.camera(1, 1)).collect();
+    let ids: Vec<usize> = frames.iter().map(|frame| frame.id).collect();
+    Ok(pick(frames, &pool::train(selection, &poses, &ids, known)?))
+}
+
+fn pick<'f>(frames: &[&'f Frame], positions: &[usize]) -> Vec<&'f Frame> {
+    positions.iter().filter_map(|&i| frames.get(i).copied()).collect()
+}
+
+/// Returns the camera for the image as it is in its file: scaled from the size that it is stated for, or cut by what the
+/// image lacks of that if it is hardly anything.
+///
+/// # Errors
+/// The image cannot be read, or has not the proportions that its camera is for.
+fn stored_camera(frame: &Frame) -> Result<Camera, SceneError> {
+    let found = dimensions(&frame.image)?;
+    let Some(stated) = frame.stated_size() else { return Ok(frame.camera(found.0, found.1)) };
+    let trimmed = |found: u32, stated: u32| {
+        let lacking = (f64::from(stated) - f64::from(found)).abs();
+        lacking <= TRIMMED && lacking <= MAX_TRIMMED * f64::from(stated)
+    };
+    if trimmed(found.0, stated.0) && trimmed(found.1, stated.1) {
+        return Ok(Camera { width: found.0, height: found.1, ..frame.camera(stated.0, stated.1) });
+    }
+    if same_proportions(found, stated) {
+        return Ok(frame.camera(found.0, found.1));
+    }
+    let expected =
+        format!("an image of {}×{} pixels (or of these proportions), which its camera is for", stated.0, stated.1);
+    Err(SceneError::malformed(&frame.image, expected, format!("it has {}×{}", found.0, found.1)))
+}
+
+/// Returns how many pixels loading the chosen views gives.
+pub(crate) fn count_pixels(found: Found<'_>, request: &SceneRequest) -> Result<PixelCount, SceneError> {
+    let Capture { found, .. } = found.understood()?;
+    let chosen = choose(&found, request)?;
+    Ok(PixelCount::new(chosen.scale.canvas, chosen.train.len(), chosen.test.len()))
+}
+
+/// Chooses views, reads their images in parallel and puts the scene together.
+///
+/// Test views without a valid pixel, and those that show the photograph of a training view, are left out with a warning.
+pub(crate) fn assemble(found: Found<'_>, request: &SceneRequest) -> Result<Scene, SceneError> {
+    let Capture { mut found, mut space, origin } = found.understood()?;
+    let mut warnings = std::mem::take(&mut found.warnings);
+    let Chosen { train, test: chosen_test, cameras, scale, alpha, warnings: left_out } = choose(&found, request)?;
+    check_memory(found.dir, scale.canvas, train.len() + chosen_test.len(), alpha)?;
+    let background = found.background.unwrap_or(request.background);
+    let reader = Reader { dir: found.dir, scale: &scale, background, masks: request.masks };
+    let (train_cameras, test_cameras) = cameras.split_at(train.len());
+    let (views, has_border) = reader.views(&train, train_cameras)?;
+    let (mut test, _) = reader.views(&chosen_test, test_cameras)?;
+    warnings.extend(scaled(&train, train_cameras));
+    warnings.extend(left_out);
+    warnings.extend(of_many_sizes(&cameras, &scale));
+    warnings.extend(check_valid(&train, &views, &mut test)?);
+    let train_views = views;
+    if request.test != TestProtocol::Training {
+        warnings.extend(leave_out_copies(&train_views, &mut test));
+    }
+    let tested: HashSet<&Path> = match request.test {
+        TestProtocol::Training => HashSet::new(),
+        _ => chosen_test.iter().map(|frame| frame.image.as_path()).collect(),
+    };
+    let others = found.train.iter().filter(|frame| !tested.contains(frame.image.as_path()));
+    let base = scale.base_size();
+    let stated = train.iter().zip(train_cameras).find(|(_, camera)| (camera.width, camera.height) == base);
+    let stated = stated.and_then(|(frame, _)| frame.stated_size());
+    let all_train_cameras = others.map(|frame| scale.framed(&likely_camera(frame, base, stated))).collect();
+    let backdrop = if train_views.iter().zip(has_border).all(|(view, border)| view.image.alpha.is_some() || border) {
+        Backdrop::Colour
+    } else {
+        Backdrop::Unknown
+    };
+    space.bounded |= backdrop == Backdrop::Colour && space.layout == Layout::Object;
+    Ok(Scene {
+        name: scene_name(found.dir),
+        train: train_views,
+        test,
+        format: found.format,
+        background,
+        backdrop,
+        space,
+        all_train_cameras,
+        exact_cameras: None,
+        unrefined_cameras: None,
+        origin,
+        warnings,
+    }
+    .with_guessed_background())
+}
+
+/// Returns the camera of a frame whose image need not be there: for the `base` size if its own is not stated, or is the
+/// one that images of the base size are stated to have.
+fn likely_camera(frame: &Frame, base: (u32, u32), stated: Option<(u32, u32)>) -> Camera {
+    let size = match (frame.stated_size(), stated) {
+        (Some(own), Some(of_base)) if own != of_base => {
+            let side = |side: u32| (f64::from(side) * f64::from(base.0) / f64::from(of_base.0)).round().max(1.0) as u32;
+            (side(own.0), side(own.1))
+        }
+        _ => base,
+    };
+    frame.camera(size.0, size.1)
+}
+
+/// Warns of cameras that were given for images of another size.
+fn scaled(frames: &[&Frame], cameras: &[Camera]) -> Option<String> {
+    let differs = |(frame, camera): (&&Frame, &Camera)| {
+        let found = (camera.width, camera.height);
+        let stated = frame.stated_size()?;
+        (frame.camera(stated.0, stated.1).fx != camera.fx).then_some((stated, found))
+    };
+    let ((width, height), found) = frames.iter().zip(cameras).find_map(differs)?;
+    let found = format!("{}×{}", found.0, found.1);
+    Some(format!("the cameras are for images of {width}×{height} pixels, these have {found}: they are scaled"))
+}
+
+/// Warns of images of several sizes.
+fn of_many_sizes(cameras: &[Camera], scale: &ImageScale) -> Option<String> {
+    let mut counts: Vec<((u32, u32), usize)> = Vec::new();
+    for camera in cameras {
+        let size = (camera.width, camera.height);
+        match counts.iter_mut().find(|(known, _)| *known == size) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((size, 1)),
+        }
+    }
+    let sizes: Vec<String> = counts.iter().map(|((w, h), count)| format!("{count} of {w}×{h}")).collect();
+    let (width, height) = scale.canvas;
+    (counts.len() > 1).then(|| {
+        format!(
+            "images of several sizes ({}) are brought to one scale, in the middle of {width}×{height} pixels; what is \
+             outside of them is neither trained on nor measured",
+            sizes.join(", ")
+        )
+    })
+}
+
+/// Leaves the test views out that show the photograph of a training view under another name, unless all do, and warns of
+/// them, and of training views that show one photograph.
+fn leave_out_copies(train: &[View], test: &mut Vec<View>) -> Vec<String> {
+    let fingerprint = |view: &View| {
+        let step = view.image.rgb.len().div_ceil(FINGERPRINT).max(1);
+        view.image.rgb.iter().step_by(step).flatten().map(|value| value.to_bits()).collect::<Vec<u32>>()
+    };
+    let is_blank = |view: &View| view.image.rgb.iter().all(|pixel| *pixel == view.image.rgb[0]);
+    let mut known: HashMap<Vec<u32>, &View> = HashMap::new();
+    let mut warnings = Vec::new();
+    for view in train {
+        match known.insert(fingerprint(view), view) {
+            Some(other) if other.image == view.image && !is_blank(view) => {
+                warnings.push(format!("{} and {} show one photograph, with two cameras", other.name, view.name));
+            }
+            _ => {}
+        }
+    }
+    let original = |view: &View| {
+        known
+            .get(&fingerprint(view))
+            .filter(|other| other.image == view.image && !is_blank(view))
+            .map(|other| &other.name)
+    };
+    if test.iter().all(|view| original(view).is_some()) {
+        warnings
+            .push("all test views are copies of training views: they show nothing of how new views will look".into());
+        return warnings;
+    }
+    test.retain(|view| match original(view) {
+        Some(name) => {
+            warnings.push(format!("{} is a copy of {name}, which is trained on: it is not tested", view.name));
+            false
+        }
+        None => true,
+    });
+    warnings
+}
+
+/// Refuses, before any is decoded, more images than memory should hold.
+fn check_memory(dir: &Path, (width, height): (u32, u32), views: usize, alpha: bool) -> Result<(), SceneError> {
+    let each = (u64::from(width) * u64::from(height)).saturating_mul(if alpha { 16 } else { 12 });
+    let size = each.saturating_mul(views as u64);
+    if size > MAX_BYTES {
+        let what = "the memory for the chosen images in bytes (choose fewer views or a smaller image size)";
+        return Err(SceneError::TooLarge { path: dir.into(), what, size, limit: MAX_BYTES });
+    }
+    Ok(())
+}
+
+/// Reader of the images of a scene.
+struct Reader<'a> {
+    dir: &'a Path,
+    scale: &'a ImageScale,
+    background: [f32; 3],
+    masks: MaskUse,
+}
+
+impl Reader<'_> {
+    /// Reads views, with whether the border of each has the background's colour; `cameras` are those of the files.
+    fn views(&self, frames: &[&Frame], cameras: &[Camera]) -> Result<(Vec<View>, Vec<bool>), SceneError> {
+        let pixels = |camera: &Camera| u64::from(camera.width) * u64::from(camera.height);
+        let largest = cameras.iter().map(pixels).max().unwrap_or(1).max(1);
+        let at_once = (MAX_AT_ONCE / largest).clamp(1, 1 << 16) as usize;
+        let mut views = Vec::with_capacity(frames.len());
+        for (frames, cameras) in frames.chunks(at_once).zip(cameras.chunks(at_once)) {
+            let read: Vec<_> = frames.par_iter().zip(cameras).map(|(frame, camera)| self.view(frame, camera)).collect();
+            // The first fault in the order of the views, whichever thread met it first.
+            for view in read {
+                views.push(view?);
+            }
+        }
+        Ok(views.into_iter().unzip())
+    }
+
+    fn view(&self, frame: &Frame, stored: &Camera) -> Result<(View, bool), SceneError> {
+        let (native, size, canvas) = ((stored.width, stored.height), self.scale.size(stored), self.scale.canvas);
+        let depth = match &frame.depth {
+            Some(path) if canvas == native => Some(read_depth(path, native.0, native.1)?),
+            _ => None,
+        };
+        let mut rgba = read_rgba(&frame.image)?;
+        let mut mask: Option<Vec<bool>> = None;
+        let mut valid = (size != canvas).then(|| vec![true; (size.0 * size.1) as usize]);
+        if let Some((path, role)) = &frame.mask {
+            let counts = read_mask(path, *role, native)?;
+            if *role == MaskRole::Matte {
+                rgba.has_alpha = true;
+                for (pixel, &inside) in rgba.pixels.iter_mut().zip(&counts) {
+                    pixel[3] = if inside { 1.0 } else { 0.0 };
+                }
+            }
+            let counts = resized_mask(&counts, native, size);
+            if matches!(role, MaskRole::Capture | MaskRole::Dynamic) && self.masks == MaskUse::LeaveOut {
+                valid = Some(counts.clone());
+            }
+            mask = Some(counts);
+        }
+        if let Some(covered) = lens_mask(&stored.resized(size.0, size.1)) {
+            let left = |i: usize| valid.as_ref().is_none_or(|valid| valid[i]);
+            valid = Some(covered.iter().enumerate().map(|(i, &covered)| covered && left(i)).collect());
+        }
+        let file = frame.image.strip_prefix(self.dir).unwrap_or(&frame.image).to_string_lossy().into_owned();
+        let image = rgba.composite_resized(size.0, size.1, self.background);
+        let has_border = image.has_border(self.background);
+        let image = if size == canvas { image } else { self.framed(image) };
+        let on_canvas = |flags: Vec<bool>| -> Arc<[bool]> {
+            if size == canvas { flags.into() } else { padded(&flags, size, canvas, false).into() }
+        };
+        let (mask, valid) = (mask.map(on_canvas), valid.map(on_canvas));
+        let view = View::new(frame.id, frame.name.clone(), self.scale.framed(stored), image);
+        Ok((View { file, depth: depth.map(Into::into), mask, valid, ..view }, has_border))
+    }
+
+    /// Puts an image into the middle of the canvas, on the background.
+    fn framed(&self, image: Image) -> Image {
+        let (size, canvas) = ((image.width, image.height), self.scale.canvas);
+        Image {
+            width: canvas.0,
+            height: canvas.1,
+            rgb: padded(&image.rgb, size, canvas, self.background),
+            alpha: image.alpha.map(|alpha| padded(&alpha, size, canvas, 0.0)),
+        }
+    }
+}
+
+/// Puts row-major `values` into the middle of a canvas of `fill`.
+fn padded<T: Copy>(values: &[T], size: (u32, u32), canvas: (u32, u32), fill: T) -> Vec<T> {
+    let (left, top) = (((canvas.0 - size.0) / 2) as usize, ((canvas.1 - size.1) / 2) as usize);
+    let mut out = vec![fill; canvas.0 as usize * canvas.1 as usize];
+    for (y, row) in values.chunks_exact(size.0 as usize).enumerate() {
+        out[(top + y) * canvas.0 as usize + left..][..row.len()].copy_from_slice(row);
+    }
+    out
+}
+
+/// Returns the folder's name, also for paths such as `.` that do not end in one.
+pub(crate) fn scene_name(dir: &Path) -> String {
+    let whole = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
+    whole.file_name().map_or_else(|| "scene".into(), |n| n.to_string_lossy().into_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn more_than_memory_should_hold_is_refused() {
+        let dir = Path::new("capture");
+        assert!(check_memory(dir, (4000, 3000), 26, false).is_ok());
+        let text = check_memory(dir, (4000, 3000), 60, false).unwrap_err().to_string();
+        assert!(text.starts_with("capture: the memory for the chosen images"), "{text}");
+        assert!(check_memory(dir, (4000, 3000), 21, true).is_err());
+        assert!(check_memory(dir, (u32::MAX, u32::MAX), usize::MAX, true).is_err());
+    }
+}

@@ -1,0 +1,269 @@
+//! The space of a capture (near, far, box, layout), estimated from its cameras and points.
+
+use glam::Vec3;
+use infonerf_scene::poses::{ViewRegion, up_direction};
+use infonerf_scene::{Aabb, Camera, Layout, Range, Ray, Space};
+
+/// Rows and columns of rays that stand for an image.
+const GRID: usize = 5;
+/// Most points that are projected into each camera.
+const MAX_POINTS: usize = 20_000;
+/// Fewer visible points than this do not show near and far.
+const MIN_POINTS: usize = 32;
+/// Distances beyond this many times the median are sky, or mistakes of a reconstruction.
+const BEYOND: f32 = 30.0;
+/// Points of the box are at most this many times as far from its middle as the median point.
+const OUTSIDE: f32 = 10.0;
+/// Cameras reach at most this many times as far from the middle as three quarters of them.
+const REACH: f32 = 3.0;
+
+/// Estimates the space of a capture that does not state it.
+///
+/// With points, near and far are 0.8 of the 0.5 % and 1.1 of the 99.5 % quantile of the distances from the cameras to the
+/// points that they see: `distances` if these are known, else to those that fall into their images; distances beyond
+/// [`BEYOND`] times the median are left out. Without points, and with `c` the point nearest to all optical axes and `r` the
+/// greatest distance of a camera from it (at most [`REACH`] times the 75 % quantile): r / 20 and `r (1 + √3)`; for cameras
+/// that look outward, `s / 20` and `10 s` with `s` the spread of the cameras about their mean, or 1.
+///
+/// Around an object the bounds are the box of the points' 1 % to 99 % quantiles, a tenth wider, or the cube `c ± r`.
+/// Otherwise they hold all that the cameras see up to far.
+pub(crate) fn capture_space(cameras: &[Camera], points: Vec<Vec3>, distances: Vec<f32>) -> Space {
+    let region = ViewRegion::new(cameras);
+    let focus = region.centre().as_vec3();
+    let reach = robust_greatest(cameras.iter().map(|camera| camera.position_f64().distance(region.centre()) as f32));
+    let reach = reach.max(1e-3);
+    let layout = layout_with(cameras, &points, focus, reach);
+    let mean = cameras.iter().map(Camera::position).sum::<Vec3>() / cameras.len().max(1) as f32;
+    let spread = robust_greatest(cameras.iter().map(|c| c.position().distance(mean)));
+
+    let seen = ascending(distances).or_else(|| visible_distances(cameras, &points));
+    let (near, far) = match (&seen, layout) {
+        (Some(seen), _) => (0.8 * quantile(seen, 0.005), 1.1 * quantile(seen, 0.995)),
+        (None, Layout::Inside) => {
+            let unit = if spread > 1e-6 { spread } else { 1.0 };
+            (0.05 * unit, 10.0 * unit)
+        }
+        (None, _) => (0.05 * reach, (1.0 + 3f32.sqrt()) * reach),
+    };
+    let frusta = || frusta_bounds(cameras, Range::Distance { near, far });
+    let cube = Aabb::cube(focus, reach);
+    let bounds = match layout {
+        Layout::Object => point_box(&points, focus).unwrap_or(cube),
+        _ => frusta().unwrap_or(cube),
+    };
+    let (centre, radius) = match layout {
+        Layout::Inside => (mean, spread.max(0.05 * far)),
+        Layout::Forward if seen.is_some() => {
+            let ahead = cameras.iter().map(|c| c.forward()).sum::<Vec3>().normalize_or(Vec3::NEG_Z);
+            let middle = quantile(seen.as_deref().unwrap_or(&[reach]), 0.5);
+            (mean + ahead * middle, middle + spread)
+        }
+        _ => (focus, reach),
+    };
+    let up = up_direction(cameras).as_vec3();
+    Space {
+        range: Range::Distance { near, far },
+        near,
+        far,
+        bounds,
+        bounded: false,
+        layout,
+        up,
+        centre,
+        radius,
+        points,
+        body: None,
+    }
+}
+
+/// Returns the greatest of some distances, or [`REACH`] times their 75 % quantile if that is less.
+fn robust_greatest(distances: impl Iterator<Item = f32>) -> f32 {
+    let mut sorted: Vec<f32> = distances.collect();
+    sorted.sort_by(f32::total_cmp);
+    sorted.last().map_or(0.0, |last| last.min(REACH * quantile(&sorted, 0.75).max(1e-3 * last)))
+}
+
+/// Returns the layout of the cameras; points may show that the content lies beyond them.
+fn layout_with(cameras: &[Camera], points: &[Vec3], focus: Vec3, reach: f32) -> Layout {
+    let layout = Layout::of(cameras);
+    if layout != Layout::Object || points.len() < MIN_POINTS {
+        return layout;
+    }
+    let mut distances: Vec<f32> = points.iter().map(|p| p.distance(focus)).collect();
+    distances.sort_by(f32::total_cmp);
+    if quantile(&distances, 0.5) > reach { Layout::Inside } else { layout }
+}
+
+/// Returns the distances, in ascending order, from each camera to the points that fall into its image; `None` for too few.
+fn visible_distances(cameras: &[Camera], points: &[Vec3]) -> Option<Vec<f32>> {
+    let step = points.len().div_ceil(MAX_POINTS).max(1);
+    let distances = cameras
+        .iter()
+        .flat_map(|camera| {
+            points.iter().step_by(step).filter_map(move |&p| {
+                let pixel = camera.project(p)?;
+                let (w, h) = (camera.width as f32, camera.height as f32);
+                let inside = (0.0..=w).contains(&pixel.x) && (0.0..=h).contains(&pixel.y);
+                inside.then(|| p.distance(camera.position()))
+            })
+        })
+        .collect();
+    ascending(distances)
+}
+
+/// Sorts the distances that are finite, positive and at most [`BEYOND`] times their median; `None` for too few.
+fn ascending(mut distances: Vec<f32>) -> Option<Vec<f32>> {
+    distances.retain(|d| d.is_finite() && *d > 0.0);
+    distances.sort_by(f32::total_cmp);
+    let limit = BEYOND * quantile(&distances, 0.5);
+    distances.retain(|d| *d <= limit);
+    (distances.len() >= MIN_POINTS).then_some(distances)
+}
+
+/// Returns the box of the points' 1 % to 99 % quantiles on each axis, a tenth of its size wider on each side. Points
+/// farther from `middle` than [`OUTSIDE`] times the median are left out. `None` for too few points.
+fn point_box(points: &[Vec3], middle: Vec3) -> Option<Aabb> {
+    if points.len() < MIN_POINTS {
+        return None;
+    }
+    let mut distances: Vec<f32> = points.iter().map(|p| p.distance(middle)).collect();
+    distances.sort_by(f32::total_cmp);
+    let limit = OUTSIDE * quantile(&distances, 0.5);
+    let points: Vec<Vec3> = points.iter().copied().filter(|p| p.distance(middle) <= limit).collect();
+    let (mut min, mut max) = (Vec3::ZERO, Vec3::ZERO);
+    for axis in 0..3 {
+        let mut values: Vec<f32> = points.iter().map(|p| p[axis]).collect();
+        values.sort_by(f32::total_cmp);
+        (min[axis], max[axis]) = (quantile(&values, 0.01), quantile(&values, 0.99));
+    }
+    let margin = 0.1 * (max - min).max(Vec3::splat(1e-3));
+    Some(Aabb { min: min - margin, max: max + margin })
+}
+
+/// Returns the value below which a share `q` of the ascending `sorted` lies, or 0 if they are empty.
+fn quantile(sorted: &[f32], q: f64) -> f32 {
+    let last = sorted.len().saturating_sub(1);
+    sorted.get((last as f64 * q).round() as usize).copied().unwrap_or(0.0)
+}
+
+/// Returns the smallest box around what the cameras see within `range`, by a grid of rays through each.
+pub(crate) fn frusta_bounds(cameras: &[Camera], range: Range) -> Option<Aabb> {
+    let ends = cameras.iter().flat_map(grid).filter_map(|ray| {
+        let (near, far) = range.along(&ray)?;
+        Some([ray.at(near), ray.at(far)])
+    });
+    Aabb::containing(ends.flatten().filter(|p: &Vec3| p.is_finite()))
+}
+
+/// Returns rays through a grid of pixel positions, the borders included.
+pub(crate) fn grid(camera: &Camera) -> impl Iterator<Item = Ray> + use<'_> {
+    let at = |i: usize, side: u32| i as f32 / (GRID - 1) as f32 * side as f32;
+    (0..GRID * GRID).map(move |i| camera.ray(at(i % GRID, camera.width), at(i / GRID, camera.height)))
+}
+
+/// Returns the space in front of cameras that see content between two depths along their axes, `None` if it has no bounds.
+pub(super) fn space_of_depths(cameras: &[Camera], (near, far): (f32, f32)) -> Option<Space> {
+    let range = Range::Depth { near, far };
+    let bounds = frusta_bounds(cameras, range)?;
+    let farthest = cameras.iter().flat_map(grid).filter_map(|ray| range.along(&ray)).map(|r| r.1).fold(far, f32::max);
+    let mut space = Space::known(cameras, (near, farthest), bounds);
+    space.range = range;
+    space.bounded = false;
+    if space.layout == Layout::Forward {
+        // Half-way in inverse depth.
+        let middle = 2.0 / (1.0 / near + 1.0 / far);
+        let n = cameras.len().max(1) as f32;
+        let mean = cameras.iter().map(Camera::position).sum::<Vec3>() / n;
+        let ahead = cameras.iter().map(Camera::forward).sum::<Vec3>().normalize_or(Vec3::NEG_Z);
+        space = space.centred(mean + middle * ahead, cameras);
+    }
+    Some(space)
+}
+
+/// Returns the space of cameras around one object on transparent ground: the cube about their centre that the narrowest of
+/// them sees whole at its distance, and the distances that it lies between.
+pub(super) fn object_space(cameras: &[Camera]) -> Space {
+    let region = ViewRegion::new(cameras);
+    let centre = region.centre().as_vec3();
+    let (nearest, farthest) = (region.radii().0 as f32, (region.radii().1 as f32).max(1e-3));
+    let half = cameras
+        .iter()
+        .map(|c| {
+            let tangent = 0.5 * (f64::from(c.width) / c.fx).min(f64::from(c.height) / c.fy);
+            c.position().distance(centre) * tangent as f32
+        })
+        .fold(f32::INFINITY, f32::min);
+    let half = (1.05 * half).clamp(0.01 * farthest, farthest);
+    let corner = 3f32.sqrt() * half;
+    let near = (nearest - corner).max(0.05 * farthest);
+    Space::known(cameras, (near, farthest + corner), Aabb::cube(centre, half))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use infonerf_scene::look_along;
+
+    #[test]
+    fn frusta_of_one_camera() {
+        let camera = Camera::from_fov(2, 2, std::f64::consts::FRAC_PI_2, glam::DMat4::IDENTITY);
+        let bounds = frusta_bounds(std::slice::from_ref(&camera), Range::Depth { near: 1.0, far: 2.0 }).unwrap();
+        assert!((bounds.min - Vec3::new(-2.0, -2.0, -2.0)).length() < 1e-5);
+        assert!((bounds.max - Vec3::new(2.0, 2.0, -1.0)).length() < 1e-5);
+        let bounds = frusta_bounds(&[camera], Range::Distance { near: 1.0, far: 2.0 }).unwrap();
+        assert!((bounds.min.z + 2.0).abs() < 1e-5 && bounds.max.z > -0.6);
+    }
+
+    fn room() -> Vec<Camera> {
+        (0..8)
+            .map(|i| {
+                let a = f64::from(i) * std::f64::consts::TAU / 8.0;
+                let d = DVec3::new(a.cos(), a.sin(), 0.0);
+                Camera::from_fov(16, 12, 1.2, look_along(DVec3::Z + 0.4 * d, d, DVec3::Z))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_room_seen_from_within_lies_in_its_bounds() {
+        let cameras = room();
+        let walls: Vec<Vec3> = (0..400)
+            .map(|i| {
+                let a = i as f32 * 0.7;
+                Vec3::new(3.0 * a.cos(), 3.0 * a.sin(), 0.2 + 0.004 * i as f32)
+            })
+            .collect();
+        for points in [vec![], walls.clone()] {
+            let known = !points.is_empty();
+            let space = capture_space(&cameras, points, Vec::new());
+            assert_eq!(space.layout, Layout::Inside);
+            assert!((space.centre - Vec3::Z).length() < 1e-3 && space.up.z > 0.999);
+            for ray in cameras.iter().flat_map(grid) {
+                let (near, far) = space.range.along(&ray).unwrap();
+                assert!(space.bounds.contains(ray.at(near)) && space.bounds.contains(ray.at(0.999 * far)));
+            }
+            assert!(walls.iter().all(|&p| space.bounds.contains(p)), "{:?}", space.bounds);
+            if known {
+                assert!((2.0..2.7).contains(&space.near) && (2.8..5.0).contains(&space.far), "{space:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn points_give_the_box_of_an_object() {
+        let cameras = infonerf_procedural::train_cameras(20);
+        let mut points: Vec<Vec3> = (0..1000)
+            .map(|i| {
+                let a = i as f32;
+                Vec3::new((a * 0.37).sin(), (a * 0.91).cos(), 0.5 * (a * 0.53).sin())
+            })
+            .collect();
+        points.push(Vec3::splat(500.0));
+        let space = capture_space(&cameras, points, Vec::new());
+        assert_eq!(space.layout, Layout::Object);
+        assert!((space.bounds.max.x - 1.2).abs() < 0.05 && (space.bounds.max.z - 0.6).abs() < 0.05, "{space:?}");
+        assert!(space.near > 1.5 && space.far < 7.0);
+        assert!(space.centre.length() < 1e-3 && (space.radius - 4.03).abs() < 0.01);
+    }
+}

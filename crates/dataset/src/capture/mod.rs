@@ -1,0 +1,495 @@
+//! From what a loader found in a folder to a [`Scene`](infonerf_scene::Scene).
+//!
+//! A capture is understood before anything is trained on it: [`Found::understood`] turns images and cameras as EXIF
+//! states, finds masks, leaves out cameras that are far from all others, takes the middle of the world off, and estimates
+//! where the content lies. [`assemble`] then brings the chosen images to one scale, and [`compare`] asks the photographs
+//! whether they agree with the poses. Whatever is changed or doubted is a line of the scene's warnings.
+
+mod assemble;
+mod compare;
+mod extent;
+mod mask;
+mod outliers;
+mod sizes;
+
+pub(crate) use assemble::{assemble, count_pixels, scene_name};
+pub(crate) use compare::{camera_pose, compare, ray};
+pub(crate) use extent::{capture_space, frusta_bounds, grid};
+pub(crate) use mask::{is_mask_name, read_mask};
+
+use std::path::Path;
+
+use glam::DVec3;
+use infonerf_scene::image::{orientation, quarter_turns, stored_dimensions};
+use infonerf_scene::select::pool::Named;
+use infonerf_scene::{Aabb, Camera, Format, SceneError, SceneRequest, Space, TestProtocol};
+
+use crate::frame::{Frame, Intrinsics, cameras_of, numbered, present};
+
+/// One view in this many is held out for test, starting with the first.
+const HOLD_OUT: usize = 8;
+/// Difference in proportions that rounding of image sides explains.
+const SAME_PROPORTIONS: f64 = 0.01;
+
+/// Contents of a scene's folder as its loader read them, with no image decoded.
+pub(crate) struct Found<'a> {
+    /// The scene's folder, for its name.
+    pub dir: &'a Path,
+    /// Format of the folder.
+    pub format: Format,
+    /// Every training frame.
+    pub train: Vec<Frame>,
+    /// Every test frame.
+    pub test: Vec<Frame>,
+    /// Ids of the test frames that are the format's own test split; `None` if all are.
+    pub split: Option<Vec<usize>>,
+    /// Published selections of training frames.
+    pub selections: Named,
+    /// Published sets of test frames.
+    pub protocols: Named,
+    /// Where the content is.
+    pub extent: Extent,
+    /// Colour that mattes are composited on, if the format defines it.
+    pub background: Option<[f32; 3]>,
+    /// Lines for a person to read.
+    pub warnings: Vec<String>,
+}
+
+/// Statement of a format about where the content is.
+pub(crate) enum Extent {
+    /// All of it.
+    Known(Box<Space>),
+    /// The nearest and the farthest depth along the viewing axes.
+    Depths(f32, f32),
+    /// Little: the rest is estimated from cameras and points.
+    Estimated(Estimate),
+}
+
+/// Statements of a capture about where its content is.
+#[derive(Default)]
+pub(crate) struct Estimate {
+    /// Surface points.
+    pub points: Vec<DVec3>,
+    /// Near and far.
+    pub range: Option<(f32, f32)>,
+    /// The box.
+    pub bounds: Option<Aabb>,
+    /// Whether images show one object on transparent ground.
+    pub transparent: bool,
+}
+
+/// A capture whose frames and space are ready to be loaded.
+pub(crate) struct Capture<'a> {
+    /// The frames, turned and moved.
+    pub found: Found<'a>,
+    /// Where the content is.
+    pub space: Space,
+    /// World coordinates of the scene's origin in the capture's files.
+    pub origin: DVec3,
+}
+
+impl<'a> Found<'a> {
+    /// Makes the contents of a folder whose test frames are its test split, without names and warnings.
+    pub fn new(dir: &'a Path, format: Format, train: Vec<Frame>, test: Vec<Frame>, extent: Extent) -> Self {
+        Self {
+            dir,
+            format,
+            train,
+            test,
+            split: None,
+            selections: Vec::new(),
+            protocols: Vec::new(),
+            extent,
+            background: None,
+            warnings: Vec::new(),
+        }
+    }
+
+    /// Makes the contents of a folder without a split: frames without their image are left out, with a warning, and
+    /// every eighth of the others is held out for test.
+    pub fn captured(
+        dir: &'a Path,
+        format: Format,
+        frames: Vec<Frame>,
+        request: &SceneRequest,
+        estimate: Estimate,
+    ) -> Self {
+        let (frames, warning) = present(frames);
+        let (train, test) = hold_out(frames, &request.test);
+        let mut found = Self::new(dir, format, numbered(train), numbered(test), Extent::Estimated(estimate));
+        found.warnings.extend(warning);
+        found
+    }
+
+    /// Prepares the frames and derives the space.
+    ///
+    /// # Errors
+    /// An image file that gives the size of cameras cannot be read, or the cameras' rays do not end at finite points.
+    pub fn understood(mut self) -> Result<Capture<'a>, SceneError> {
+        self.turn();
+        self.warnings.extend(mask::find_masks(self.dir, self.format, &mut self.train, &mut self.test));
+        let mut origin = DVec3::ZERO;
+        if let Extent::Estimated(estimate) = &mut self.extent {
+            let left_out = outliers::leave_out(&mut self.train, &mut self.test);
+            if let Some(warning) = left_out {
+                self.warnings.push(warning);
+                self.train = numbered(self.train);
+                self.test = numbered(self.test);
+            }
+            if let Some(middle) = outliers::distant_middle(&self.train) {
+                take_off(middle, &mut self.train, &mut self.test, estimate);
+                origin = middle;
+                self.warnings.push(format!(
+                    "the world's origin is far from the cameras: ({:.3}, {:.3}, {:.3}) is taken off all coordinates, and \
+                     added again in exported cameras",
+                    middle.x, middle.y, middle.z
+                ));
+            }
+        }
+        let cameras = cameras_of(&self.train)?;
+        let space = self.space(&cameras)?;
+        Ok(Capture { found: self, space, origin })
+    }
+
+    /// Turns cameras along with images that EXIF data turn: image files are decoded upright, poses and intrinsics may be
+    /// those of the pixels as they are stored.
+    ///
+    /// A stated size tells which; if it fits both ways (square images, half turns), reconstructions (COLMAP, LLFF, DTU,
+    /// ZJU-MoCap) are taken to have seen the stored pixels, and JSON files of other tools the upright image.
+    fn turn(&mut self) {
+        let by_stored = !matches!(self.format, Format::Blender | Format::Transforms);
+        let (mut upright, mut turned) = (Vec::new(), Vec::new());
+        for frame in self.train.iter_mut().chain(&mut self.test) {
+            let Some(quarters @ 1..=3) = quarter_turns(orientation(&frame.image)) else { continue };
+            let Ok((width, height)) = stored_dimensions(&frame.image) else { continue };
+            let shown = if quarters == 2 { (width, height) } else { (height, width) };
+            let fits = |size: (u32, u32)| frame.stated_size().is_none_or(|stated| same_proportions(stated, size));
+            if fits((width, height)) && (by_stored || !fits(shown)) {
+                let camera = frame.camera(width, height).turned(quarters);
+                (frame.pose, frame.lens, frame.intrinsics) = (camera.to_world, camera.lens, Intrinsics::of(&camera));
+                turned.push(frame.name.clone());
+            } else {
+                upright.push(frame.name.clone());
+            }
+        }
+        for (names, whose) in [(turned, "their cameras are turned with them"), (upright, "their cameras stay as given")]
+        {
+            if let Some(first) = names.first() {
+                self.warnings.push(format!("EXIF data turn {} images, the first {first}: {whose}", names.len()));
+            }
+        }
+    }
+
+    /// Derives where the content is from the training cameras and what the format states.
+    fn space(&mut self, cameras: &[Camera]) -> Result<Space, SceneError> {
+        let estimate = match &self.extent {
+            Extent::Known(space) => return Ok(Space::clone(space)),
+            Extent::Depths(near, far) => {
+                let no_end =
+                    || SceneError::malformed(self.dir, "poses and depths with finite bounds", "no finite bounds");
+                return extent::space_of_depths(cameras, (*near, *far)).ok_or_else(no_end);
+            }
+            Extent::Estimated(estimate) => estimate,
+        };
+        let all = || self.train.iter().chain(&self.test);
+        let unseen = !estimate.points.is_empty() && all().all(|frame| frame.points.is_empty());
+        if unseen && !self.test.is_empty() {
+            let text =
+                "the reconstruction does not say who sees a point: those of test photographs shape the space too";
+            self.warnings.push(text.into());
+        }
+        let mut is_seen = vec![unseen; estimate.points.len()];
+        self.train.iter().flat_map(|frame| &frame.points).for_each(|&point| is_seen[point] = true);
+        let seen = estimate.points.iter().zip(is_seen).filter(|(_, seen)| *seen);
+        let points = seen.map(|(point, _)| point.as_vec3()).collect();
+        let distances = self.train.iter().flat_map(|frame| {
+            let position = frame.pose.w_axis.truncate();
+            frame.points.iter().map(move |&point| estimate.points[point].distance(position) as f32)
+        });
+        let space = if estimate.transparent {
+            extent::object_space(cameras)
+        } else {
+            capture_space(cameras, points, distances.collect())
+        };
+        Ok(space.with(estimate.range, estimate.bounds))
+    }
+}
+
+/// Splits views into a training and a test pool: views 0, 8, 16, … are for test, unless a single view is all there is, or
+/// `protocol` tests training views.
+pub(crate) fn hold_out<T>(views: Vec<T>, protocol: &TestProtocol) -> (Vec<T>, Vec<T>) {
+    let alone = views.len() == 1 || *protocol == TestProtocol::Training;
+    let (test, train): (Vec<_>, Vec<_>) = views.into_iter().enumerate().partition(|(i, _)| !alone && i % HOLD_OUT == 0);
+    let strip = |pool: Vec<(usize, T)>| pool.into_iter().map(|(_, view)| view).collect();
+    (strip(train), strip(test))
+}
+
+/// Whether two image sizes have the same proportions, up to rounding.
+fn same_proportions(a: (u32, u32), b: (u32, u32)) -> bool {
+    let ratio = f64::from(a.0) * f64::from(b.1) / (f64::from(a.1) * f64::from(b.0));
+    (ratio - 1.0).abs() <= SAME_PROPORTIONS
+}
+
+/// Moves `middle` to the origin, in `f64`.
+fn take_off(middle: DVec3, train: &mut [Frame], test: &mut [Frame], estimate: &mut Estimate) {
+    for frame in train.iter_mut().chain(test) {
+        frame.pose.w_axis -= middle.extend(0.0);
+    }
+    estimate.points.iter_mut().for_each(|point| *point -= middle);
+    if let Some(bounds) = &mut estimate.bounds {
+        let moved = |corner: glam::Vec3| (corner.as_dvec3() - middle).as_vec3();
+        *bounds = Aabb { min: moved(bounds.min), max: moved(bounds.max) };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::PathBuf;
+
+    use glam::{DMat4, Vec3};
+    use infonerf_scene::{Layout, Scene, ViewSelection};
+
+    use super::*;
+    use crate::colmap::testing::write_text;
+    use crate::colmap::{ColmapCamera, ColmapImage, Reconstruction};
+    use crate::loaders::testing::*;
+
+    fn cameras(count: usize) -> Vec<Camera> {
+        infonerf_procedural::train_cameras(16)[..count].to_vec()
+    }
+
+    /// Returns photographs of `cameras`, loaded.
+    fn loaded(cameras: &[Camera]) -> Scene {
+        let guard = tempfile::tempdir().unwrap();
+        photographs(guard.path(), cameras);
+        load(guard.path(), &request()).unwrap()
+    }
+
+    fn moved(camera: &Camera, by: impl Fn(DVec3) -> DVec3) -> Camera {
+        let mut pose = camera.to_world;
+        pose.w_axis = by(camera.position_f64()).extend(1.0);
+        camera.with_pose(pose)
+    }
+
+    /// Photographs in the layout of NeRF's synthetic scenes load as they do in that of nerfstudio.
+    #[test]
+    fn constants_of_a_data_set_apply_to_that_alone() {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path();
+        let around: Vec<Camera> = cameras(10).iter().map(|camera| moved(camera, |p| 0.95 * p)).collect();
+        photographs(dir, &around);
+        let json = dir.join("transforms.json");
+        let as_capture = load(dir, &request()).unwrap();
+        fs::rename(&json, dir.join("transforms_train.json")).unwrap();
+        let as_blender = load(dir, &request()).unwrap();
+        assert_eq!((&as_blender.space, as_blender.test.len()), (&as_capture.space, as_capture.test.len()));
+        assert_eq!(as_blender.backdrop, as_capture.backdrop);
+        assert!(as_blender.space.near < 1.0 && as_blender.warnings[0].contains("estimated from the cameras"));
+        assert!(as_blender.warnings[1].contains("every eighth training view is held out"), "{:?}", as_blender.warnings);
+        let exact = dir.join("blender");
+        blender(&exact, 8, 2);
+        let published = load(&exact, &request()).unwrap();
+        assert_eq!((published.space.near, published.space.far, published.warnings.len()), (2.0, 6.0, 0));
+    }
+
+    #[test]
+    fn worlds_far_from_their_origin_keep_their_detail() {
+        let far = DVec3::new(448_262.25, 4_649_776.5, 85.0);
+        let near = loaded(&cameras(10));
+        let guard = tempfile::tempdir().unwrap();
+        photographs(guard.path(), &cameras(10).iter().map(|camera| moved(camera, |p| p + far)).collect::<Vec<_>>());
+        let scene = load(guard.path(), &request()).unwrap();
+        assert!(near.origin == DVec3::ZERO && near.warnings.is_empty());
+        assert!(scene.origin.distance(far) < 10.0 && scene.warnings[0].contains("is taken off all coordinates"));
+        let shift = scene.origin - far;
+        for (moved, exact) in scene.train.iter().zip(&near.train) {
+            let off = moved.camera.position_f64() + shift - exact.camera.position_f64();
+            assert!(off.length() < 1e-8, "{off}");
+        }
+        assert!((scene.space.near - near.space.near).abs() < 0.01 && (scene.space.far - near.space.far).abs() < 0.05);
+        // Exports add the origin.
+        let written = crate::transforms(&scene);
+        let x = written["frames"][0]["transform_matrix"][0][3].as_f64().unwrap();
+        assert!((x - far.x - near.train[0].camera.position_f64().x).abs() < 1e-8);
+    }
+
+    #[test]
+    fn cameras_far_from_all_others_are_left_out_and_named() {
+        let exact = loaded(&cameras(26));
+        for (index, times) in [(5, 10.0), (5, 100.0), (8, 10.0)] {
+            let mut all = cameras(26);
+            all[index] = moved(&all[index], |p| times * p);
+            let scene = loaded(&all);
+            assert!(scene.warnings[0].contains(&format!("images/p{index:02}")), "{:?}", scene.warnings);
+            assert_eq!(scene.train.len() + scene.test.len(), 25);
+            let (a, b) = (&scene.space, &exact.space);
+            assert!((a.near / b.near - 1.0).abs() < 0.05 && (a.far / b.far - 1.0).abs() < 0.05, "{a:?}");
+            assert!(a.centre.distance(b.centre) < 0.05 && (a.radius / b.radius - 1.0).abs() < 0.05, "{a:?}");
+        }
+    }
+
+    #[test]
+    fn images_of_all_sizes_make_one_scene() {
+        let pose = |i: usize| cameras(10)[i].to_world;
+        let upright = Camera::pinhole((12, 16), [22.0; 2], [6.0, 8.0], DMat4::IDENTITY);
+        let lying = Camera::pinhole((16, 12), [22.0; 2], [8.0, 6.0], DMat4::IDENTITY);
+        let all: Vec<Camera> = (0..10).map(|i| if i % 3 == 0 { &upright } else { &lying }.with_pose(pose(i))).collect();
+        let scene = loaded(&all);
+        assert!(
+            scene.warnings[0].starts_with("images of several sizes (6 of 16×12, 4 of 12×16)"),
+            "{:?}",
+            scene.warnings
+        );
+        for view in scene.train.iter().chain(&scene.test) {
+            let index: usize = view.name[8..].parse().unwrap();
+            let own = &all[index];
+            assert_eq!((view.camera.width, view.camera.height, view.image.width, view.image.height), (16, 16, 16, 16));
+            let (left, top) = ((16 - own.width) / 2, (16 - own.height) / 2);
+            let valid = view.valid.as_ref().unwrap();
+            assert_eq!(valid.iter().filter(|valid| **valid).count(), 192);
+            let shown = infonerf_procedural::render("knot", own).unwrap().rgba.to_f32().composite([1.0; 3]).rounded();
+            for (x, y) in [(0, 0), (5, 7), (own.width - 1, own.height - 1)] {
+                let (found, exact) = (view.image.get(left + x, top + y).unwrap(), shown.get(x, y).unwrap());
+                assert!(found.iter().zip(exact).all(|(a, b)| (a - b).abs() < 1e-6));
+                assert!(valid[((top + y) * 16 + left + x) as usize]);
+                let (a, b) = (own.ray(x as f32, y as f32), view.camera.ray((left + x) as f32, (top + y) as f32));
+                assert!(a.direction.distance(b.direction) < 1e-6);
+            }
+        }
+        assert_eq!(scene.space.layout, Layout::Object);
+    }
+
+    #[test]
+    fn a_pixel_that_undistortion_cuts_off_does_not_matter() {
+        let guard = tempfile::tempdir().unwrap();
+        let whole = Camera::pinhole((100, 100), [140.0; 2], [50.0; 2], DMat4::IDENTITY);
+        let all: Vec<Camera> = cameras(4).iter().map(|camera| whole.with_pose(camera.to_world)).collect();
+        photographs(guard.path(), &all);
+        let cut = Camera { height: 99, ..all[2].clone() };
+        write_view(&guard.path().join("images/p02.png"), &cut);
+        let scene = load(guard.path(), &request()).unwrap();
+        let view = scene.train.iter().find(|view| view.name == "images/p02").unwrap();
+        assert_same_rays(&view.camera, &all[2]);
+        assert!(view.valid.as_ref().is_some_and(|valid| !valid[9900] && valid[0]));
+    }
+
+    /// JPEGs of a camera that was held upright, stored lying on their side.
+    fn sideways(dir: &Path, cameras: &[Camera]) {
+        photographs(dir, cameras);
+        for i in 0..cameras.len() {
+            let (from, to) = (dir.join(format!("images/p{i:02}.png")), dir.join(format!("images/p{i:02}.jpg")));
+            image::open(&from).unwrap().rotate270().save(&to).unwrap();
+            fs::remove_file(from).unwrap();
+            set_orientation(&to, 6);
+        }
+    }
+
+    #[test]
+    fn images_and_cameras_are_turned_as_exif_states() {
+        let lens = Camera::pinhole((16, 24), [30.0; 2], [7.0, 13.0], DMat4::IDENTITY);
+        let all: Vec<Camera> = cameras(9).iter().map(|camera| lens.with_pose(camera.to_world)).collect();
+        let upright = loaded(&all);
+        let guard = tempfile::tempdir().unwrap();
+        sideways(guard.path(), &all);
+        // A tool that turned the images before it found the poses.
+        let shown = load(guard.path(), &request()).unwrap();
+        assert!(shown.warnings[0].starts_with("EXIF data turn 9 images"), "{:?}", shown.warnings);
+        // COLMAP, which saw the pixels as they are stored.
+        let stored: Vec<Camera> = all.iter().map(|camera| camera.turned(3)).collect();
+        fs::remove_file(guard.path().join("transforms.json")).unwrap();
+        write_model(guard.path(), &stored);
+        let turned = load(guard.path(), &request()).unwrap();
+        assert!(turned.warnings[0].ends_with("their cameras are turned with them"), "{:?}", turned.warnings);
+        for ((a, b), exact) in shown.train.iter().zip(&turned.train).zip(&upright.train) {
+            for view in [a, b] {
+                assert_same_rays(&view.camera, &exact.camera);
+                let apart = view.image.rgb.iter().zip(&exact.image.rgb).map(|(a, b)| (a[0] - b[0]).abs()).sum::<f32>();
+                assert!(apart / 384.0 < 0.05, "{apart}");
+            }
+        }
+    }
+
+    /// A reconstruction of COLMAP without points, of `images/p00.jpg` and so on.
+    fn write_model(dir: &Path, cameras: &[Camera]) {
+        let first = &cameras[0];
+        let parameters = vec![first.fx, first.fy, first.cx, first.cy];
+        let camera = ColmapCamera::new(dir, "camera", 1, (first.width, first.height), parameters).unwrap();
+        let image = |(i, camera): (usize, &Camera)| ColmapImage {
+            id: i as u32 + 1,
+            name: format!("p{i:02}.jpg"),
+            camera: 1,
+            pose: camera.to_world,
+            observations: Vec::new(),
+        };
+        let images = cameras.iter().enumerate().map(image).collect();
+        let all = Reconstruction { cameras: [(1, camera)].into(), images, points: [].into() };
+        write_text(&dir.join("sparse/0"), &all);
+    }
+
+    #[test]
+    fn copies_of_training_photographs_are_not_tested() {
+        let guard = tempfile::tempdir().unwrap();
+        let mut all = cameras(10);
+        all.extend([all[8].clone(), all[3].clone()]);
+        photographs(guard.path(), &all);
+        let scene = load(guard.path(), &request()).unwrap();
+        assert_eq!(scene.test.iter().map(|view| view.name.as_str()).collect::<Vec<_>>(), ["images/p00"]);
+        let copies = "images/p03 and images/p11 show one photograph, with two cameras";
+        assert_eq!(
+            scene.warnings,
+            [copies, "images/p08 is a copy of images/p10, which is trained on: it is not tested"]
+        );
+    }
+
+    #[test]
+    fn views_are_chosen_by_the_names_of_their_images() {
+        let guard = tempfile::tempdir().unwrap();
+        photographs(guard.path(), &cameras(10));
+        let named = |names: &str| SceneRequest { train: names.parse().unwrap(), ..request() };
+        let scene = load(guard.path(), &named("p06,images/p02,p05.png")).unwrap();
+        let names: Vec<_> = scene.train.iter().map(|view| view.file.as_str()).collect();
+        assert_eq!(names, ["images/p06.png", "images/p02.png", "images/p05.png"]);
+        let text = message(guard.path(), &named("p06,p77"));
+        assert!(text.contains("names of training images, such as images/p01, found `p77`"), "{text}");
+    }
+
+    #[test]
+    fn missing_photographs_are_passed_over_unless_they_are_asked_for() {
+        let guard = tempfile::tempdir().unwrap();
+        let dir: PathBuf = guard.path().join("toy");
+        blender(&dir, 6, 3);
+        fs::remove_file(dir.join("train/r_4.png")).unwrap();
+        fs::remove_file(dir.join("test/r_1.png")).unwrap();
+        let scene = load(&dir, &request()).unwrap();
+        assert_eq!(scene.train.iter().map(|view| view.id).collect::<Vec<_>>(), [0, 1, 2, 3, 5]);
+        assert_eq!(scene.test.iter().map(|view| view.id).collect::<Vec<_>>(), [0, 2]);
+        assert!(scene.warnings[0].contains("r_4.png") && scene.warnings[1].contains("r_1.png"), "{:?}", scene.warnings);
+        let asked = SceneRequest { train: ViewSelection::Ids(vec![4]), ..request() };
+        assert!(message(&dir, &asked).contains("r_4.png: not found"));
+    }
+
+    #[test]
+    fn points_far_out_do_not_move_the_box() {
+        let around = infonerf_procedural::train_cameras(20);
+        let point = |i: usize| Vec3::new((i as f32 * 0.37).sin(), (i as f32 * 0.91).cos(), (i as f32 * 0.53).sin());
+        let near: Vec<Vec3> = (0..300).map(point).collect();
+        let far = near.iter().copied().chain((0..30).map(|i| 2000.0 * point(i)));
+        let distances = |points: &[Vec3]| -> Vec<f32> {
+            around.iter().flat_map(|camera| points.iter().map(|p| p.distance(camera.position()))).collect()
+        };
+        let (far, near) = (far.collect::<Vec<_>>(), near);
+        let exact = capture_space(&around, near.clone(), distances(&near));
+        let found = capture_space(&around, far.clone(), distances(&far));
+        assert!((found.far / exact.far - 1.0).abs() < 0.01 && found.bounds.size().distance(exact.bounds.size()) < 0.1);
+    }
+
+    #[test]
+    fn every_eighth_is_held_out() {
+        let (train, test) = hold_out((0..20).collect(), &TestProtocol::All);
+        assert_eq!(test, [0, 8, 16]);
+        assert_eq!(train.len(), 17);
+        assert_eq!(hold_out(vec![7], &TestProtocol::All), (vec![7], vec![]));
+        assert_eq!(hold_out(vec![7, 8], &TestProtocol::Training), (vec![7, 8], vec![]));
+    }
+}

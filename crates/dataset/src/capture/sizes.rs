@@ -1,0 +1,106 @@
+//! One image scale for images of all sizes.
+
+use infonerf_scene::{Camera, resized_dimensions};
+
+/// Images whose focal lengths in pixels differ by at most this share were taken at one scale: they are crops, or stand
+/// upright among others that lie.
+const SAME_SCALE: f64 = 0.1;
+
+/// The scale at which the images of a scene are loaded: each in the middle of a canvas that all share.
+#[derive(Debug)]
+pub(super) struct ImageScale {
+    /// Camera of an image of the most frequent size.
+    base: Camera,
+    /// Factor from the sides of that image to those at which it is loaded.
+    factor: f64,
+    /// Size of all views.
+    pub canvas: (u32, u32),
+}
+
+impl ImageScale {
+    /// Chooses the scale for the images of `cameras`, the longest side of all at most `longest`; none is enlarged. `None`
+    /// without cameras.
+    ///
+    /// The most frequent size gives the scale. Images of about its focal length in pixels keep their scale to it; others,
+    /// of another resolution or lens, are brought to its longest side.
+    pub fn new(cameras: &[Camera], longest: Option<u32>) -> Option<Self> {
+        let size = |camera: &Camera| (camera.width, camera.height);
+        let count = |camera: &&Camera| cameras.iter().filter(|other| size(other) == size(camera)).count();
+        let base = cameras.iter().rev().max_by_key(count)?.clone();
+        let mut scale = Self { base, factor: 1.0, canvas: (1, 1) };
+        let greatest = cameras.iter().map(|camera| scale.relative(camera)).fold(1.0, f64::max);
+        let whole = cameras.iter().map(|camera| scale.relative(camera) * long_side(camera)).fold(1.0, f64::max);
+        scale.factor = longest.map_or(1.0, |longest| f64::from(longest) / whole).min(1.0 / greatest);
+        let sizes: Vec<(u32, u32)> = cameras.iter().map(|camera| scale.size(camera)).collect();
+        let side = |of: fn(&(u32, u32)) -> u32| sizes.iter().map(of).max().unwrap_or(1);
+        scale.canvas = (side(|size| size.0), side(|size| size.1));
+        Some(scale)
+    }
+
+    /// Returns the size of the image of the most frequent size, as it is in its file.
+    pub fn base_size(&self) -> (u32, u32) {
+        (self.base.width, self.base.height)
+    }
+
+    /// Returns the size at which the image of `camera` is loaded.
+    pub fn size(&self, camera: &Camera) -> (u32, u32) {
+        let longest = (self.factor * self.relative(camera) * long_side(camera)).round().max(1.0) as u32;
+        resized_dimensions(camera.width, camera.height, longest)
+    }
+
+    /// Returns `camera` for its image as it is loaded, on the canvas.
+    pub fn framed(&self, camera: &Camera) -> Camera {
+        let (width, height) = self.size(camera);
+        camera.resized(width, height).framed(self.canvas.0, self.canvas.1)
+    }
+
+    /// Returns the factor that brings the image of `camera` to the scale of the base's.
+    fn relative(&self, camera: &Camera) -> f64 {
+        let focal = |camera: &Camera| (camera.fx * camera.fy).sqrt();
+        let same = (camera.width, camera.height) == self.base_size();
+        if same || (focal(camera) / focal(&self.base)).ln().abs() < SAME_SCALE {
+            1.0
+        } else {
+            long_side(&self.base) / long_side(camera)
+        }
+    }
+}
+
+fn long_side(camera: &Camera) -> f64 {
+    f64::from(camera.width.max(camera.height))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DMat4;
+
+    fn camera((width, height): (u32, u32), focal: f64) -> Camera {
+        let centre = [f64::from(width) / 2.0, f64::from(height) / 2.0];
+        Camera::pinhole((width, height), [focal; 2], centre, DMat4::IDENTITY)
+    }
+
+    #[test]
+    fn images_of_all_sizes_come_to_one_scale() {
+        let sizes = |sides: &[((u32, u32), f64)], longest| {
+            let cameras: Vec<_> = sides.iter().map(|&(size, focal)| camera(size, focal)).collect();
+            let scale = ImageScale::new(&cameras, longest).unwrap();
+            (cameras.iter().map(|camera| scale.size(camera)).collect::<Vec<_>>(), scale.canvas)
+        };
+        // Images of one size, reduced as asked for.
+        let one = sizes(&[((800, 600), 700.0), ((800, 600), 1400.0)], Some(400));
+        assert_eq!(one, (vec![(400, 300); 2], (400, 300)));
+        assert_eq!(sizes(&[((8, 6), 7.0)], Some(400)).1, (8, 6), "none is enlarged");
+        // Portrait and landscape.
+        let both = sizes(&[((96, 72), 100.0), ((72, 96), 100.0), ((96, 72), 100.0)], None);
+        assert_eq!(both, (vec![(96, 72), (72, 96), (96, 72)], (96, 96)));
+        // A pixel is missing.
+        let cut = sizes(&[((96, 96), 100.0), ((96, 95), 100.0), ((96, 96), 100.0)], Some(48));
+        assert_eq!(cut, (vec![(48, 48), (48, 48), (48, 48)], (48, 48)));
+        // Twice as many pixels, and half as many: the fewest decide.
+        let twice = sizes(&[((96, 96), 100.0), ((192, 192), 200.0), ((96, 96), 100.0)], None);
+        assert_eq!(twice, (vec![(96, 96); 3], (96, 96)));
+        let half = sizes(&[((96, 96), 100.0), ((48, 48), 50.0), ((96, 96), 100.0)], Some(96));
+        assert_eq!(half, (vec![(48, 48); 3], (48, 48)));
+    }
+}

@@ -1,0 +1,226 @@
+//! JSON files in which every value knows its path, for error messages.
+
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+use infonerf_scene::SceneError;
+use serde_json::Value;
+
+use super::read_file;
+
+/// Largest file that is read, in bytes.
+const MAX_BYTES: u64 = 256 << 20;
+
+/// Plausible focal lengths and image sides, in pixels.
+pub(crate) const PIXELS: RangeInclusive<f64> = 1e-3..=1e9;
+
+/// A parsed JSON file.
+pub(crate) struct JsonFile {
+    path: PathBuf,
+    root: Value,
+}
+
+impl JsonFile {
+    /// Reads and parses a file, refusing one of more than [`MAX_BYTES`] bytes unread.
+    pub fn read(path: &Path) -> Result<Self, SceneError> {
+        Self::parse(path, &read_file(path, "a JSON file with camera poses", MAX_BYTES)?)
+    }
+
+    /// Parses the contents of the file at `path`. A byte-order mark, as Windows editors write it, and comments are skipped;
+    /// Python's `NaN` and `Infinity` become null.
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, SceneError> {
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+        let root = serde_json::from_slice(bytes)
+            .or_else(|_| serde_json::from_slice(&strict(bytes)))
+            .map_err(|e| SceneError::malformed(path, "JSON", e))?;
+        Ok(Self { path: path.into(), root })
+    }
+
+    /// Returns the outermost value.
+    pub fn root(&self) -> Node<'_> {
+        Node { file: &self.path, field: String::new(), value: &self.root }
+    }
+}
+
+/// A value in a [`JsonFile`], with its path.
+#[derive(Clone)]
+pub(crate) struct Node<'a> {
+    file: &'a Path,
+    field: String,
+    value: &'a Value,
+}
+
+impl<'a> Node<'a> {
+    /// Returns the field `key` of an object, which must be there.
+    pub fn get(&self, key: &str, expected: &str) -> Result<Self, SceneError> {
+        match self.find(key) {
+            Some(node) => Ok(node),
+            None => Err(SceneError::field(self.file, self.join(key), expected, "nothing")),
+        }
+    }
+
+    /// Returns the field `key`, if this is an object that has it and it is not null.
+    pub fn find(&self, key: &str) -> Option<Self> {
+        let value = self.value.get(key).filter(|v| !v.is_null())?;
+        Some(Node { file: self.file, field: self.join(key), value })
+    }
+
+    /// Returns the elements of an array.
+    pub fn items(&self, expected: &str) -> Result<Vec<Self>, SceneError> {
+        let items = self.value.as_array().ok_or_else(|| self.error(expected))?;
+        let node = |(i, value)| Node { file: self.file, field: format!("{}[{i}]", self.field), value };
+        Ok(items.iter().enumerate().map(node).collect())
+    }
+
+    /// Whether this is null, or an array with a null among its elements.
+    pub fn holds_null(&self) -> bool {
+        self.value.is_null() || self.value.as_array().is_some_and(|items| items.iter().any(Value::is_null))
+    }
+
+    /// Returns a finite number.
+    pub fn number(&self, expected: &str) -> Result<f64, SceneError> {
+        self.value.as_f64().filter(|v| v.is_finite()).ok_or_else(|| self.error(expected))
+    }
+
+    /// Returns a finite number greater than 0.
+    pub fn positive(&self, expected: &str) -> Result<f64, SceneError> {
+        self.number(expected)?.gt(&0.0).then(|| self.value.as_f64()).flatten().ok_or_else(|| self.error(expected))
+    }
+
+    /// Returns a focal length or image side in pixels, which rays can be computed with.
+    pub fn pixels(&self, expected: &str) -> Result<f64, SceneError> {
+        let value = self.number(expected)?;
+        if PIXELS.contains(&value) { Ok(value) } else { Err(self.error(expected)) }
+    }
+
+    /// Returns an array of `N` finite numbers.
+    pub fn numbers<const N: usize>(&self, expected: &str) -> Result<[f64; N], SceneError> {
+        let items = self.items(expected)?;
+        if items.len() != N {
+            return Err(self.fault(expected, format!("{} values", items.len())));
+        }
+        let mut numbers = [0.0; N];
+        for (number, item) in numbers.iter_mut().zip(&items) {
+            *number = item.number(expected)?;
+        }
+        Ok(numbers)
+    }
+
+    /// Returns `true` or `false`.
+    pub fn flag(&self, expected: &str) -> Result<bool, SceneError> {
+        self.value.as_bool().ok_or_else(|| self.error(expected))
+    }
+
+    /// Returns a string that is not empty.
+    pub fn text(&self, expected: &str) -> Result<&'a str, SceneError> {
+        self.value.as_str().filter(|s| !s.is_empty()).ok_or_else(|| self.error(expected))
+    }
+
+    /// Returns an error that this value is not what was expected.
+    pub fn error(&self, expected: impl Into<String>) -> SceneError {
+        self.fault(expected, short(self.value))
+    }
+
+    /// Returns an error that this value is not what was expected, with a description of what it is.
+    pub fn fault(&self, expected: impl Into<String>, found: impl std::fmt::Display) -> SceneError {
+        SceneError::field(self.file, self.field.clone(), expected, found)
+    }
+
+    fn join(&self, key: &str) -> String {
+        if self.field.is_empty() { key.into() } else { format!("{}.{key}", self.field) }
+    }
+}
+
+/// Leaves out comments, `//` to the end of the line and `/* … */`, and replaces numbers that are not finite by null.
+fn strict(bytes: &[u8]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(bytes.len());
+    let mut rest = bytes;
+    while let Some(&first) = rest.first() {
+        let until = |mark: &[u8]| rest.windows(mark.len()).position(|part| part == mark);
+        let word = [&b"-Infinity"[..], b"Infinity", b"NaN"].into_iter().find(|word| rest.starts_with(word));
+        let (length, text) = if first == b'"' {
+            let mut escaped = false;
+            let ends = |byte: &u8| {
+                let ends = *byte == b'"' && !escaped;
+                escaped = *byte == b'\\' && !escaped;
+                ends
+            };
+            let length = rest[1..].iter().position(ends).map_or(rest.len(), |end| end + 2);
+            (length, &rest[..length])
+        } else if rest.starts_with(b"//") {
+            (until(b"\n").unwrap_or(rest.len()), &b""[..])
+        } else if rest.starts_with(b"/*") {
+            (until(b"*/").map_or(rest.len(), |end| end + 2), &b""[..])
+        } else if let Some(word) = word {
+            (word.len(), &b"null"[..])
+        } else {
+            (1, &rest[..1])
+        };
+        out.extend(text);
+        rest = &rest[length..];
+    }
+    out
+}
+
+/// Describes a value in a few words.
+fn short(value: &Value) -> String {
+    match value {
+        Value::Array(items) => format!("an array of {}", items.len()),
+        Value::Object(_) => "an object".into(),
+        Value::String(s) => format!("\"{}\"", s.chars().take(60).collect::<String>()),
+        other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn errors_name_file_and_place() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.json");
+        fs::write(&path, r#"{"a": [{"b": "x"}]}"#).unwrap();
+        let file = JsonFile::read(&path).unwrap();
+        let items = file.root().get("a", "a list").unwrap().items("a list").unwrap();
+        let b = items[0].get("b", "a number").unwrap();
+        let text = b.number("a number").unwrap_err().to_string();
+        assert!(text.ends_with("a.json: field `a[0].b`: expected a number, found \"x\""), "{text}");
+        let text = items[0].get("c", "a flag").err().unwrap().to_string();
+        assert!(text.ends_with("field `a[0].c`: expected a flag, found nothing"), "{text}");
+    }
+
+    #[test]
+    fn broken_json_says_where() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.json");
+        for text in ["", "{", "{\"a\": \"b}", "{\"a\": 1e999}", "/* {}"] {
+            fs::write(&path, text).unwrap();
+            let text = JsonFile::read(&path).err().unwrap().to_string();
+            assert!(text.contains("a.json: expected JSON") && text.contains("line"), "{text}");
+        }
+    }
+
+    #[test]
+    fn comments_are_skipped_and_numbers_that_are_not_finite_are_null() {
+        let text = br#"{ // a rig's "poses"
+            "a": [1, NaN, -Infinity], /* "b": 2, */ "c": "// \" NaN /* */" }"#;
+        let file = JsonFile::parse(Path::new("a.json"), text).unwrap();
+        let (a, c) = (file.root().get("a", "").unwrap(), file.root().get("c", "").unwrap());
+        assert!(
+            a.holds_null() && a.items("").unwrap()[0].number("").unwrap() == 1.0 && file.root().find("b").is_none()
+        );
+        assert_eq!(c.text("").unwrap(), "// \" NaN /* */");
+    }
+
+    #[test]
+    fn huge_files_are_refused_unread() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("a.json");
+        // Sparse: takes no space on disk.
+        fs::File::create(&path).unwrap().set_len(MAX_BYTES + 1).unwrap();
+        assert!(matches!(JsonFile::read(&path), Err(SceneError::TooLarge { .. })));
+    }
+}

@@ -1,0 +1,27 @@
+//! Files of numbers: JSON, NumPy's arrays and archives, pickles; with limits on what is read.
+
+pub(crate) mod depth;
+pub(crate) mod json;
+pub(crate) mod npy;
+pub(crate) mod npz;
+pub(crate) mod pickle;
+
+use std::fs;
+use std::path::Path;
+
+use infonerf_scene::SceneError;
+
+/// Greatest coordinate that is read, scene units.
+pub(crate) const FARTHEST: f64 = 1e9;
+
+/// Reads a file. One of more than `limit` bytes is refused unread.
+pub(crate) fn read_file(path: &Path, expected: &str, limit: u64) -> Result<Vec<u8>, SceneError> {
+    if !path.is_file() {
+        return Err(SceneError::NotFound { path: path.into(), expected: expected.into() });
+    }
+    let size = fs::metadata(path).map_err(|e| SceneError::io(path, e))?.len();
+    if size > limit {
+        return Err(SceneError::TooLarge { path: path.into(), what: "the size of the file in bytes", size, limit });
+    }
+    fs::read(path).map_err(|e| SceneError::io(path, e))
+}

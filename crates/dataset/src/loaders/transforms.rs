@@ -1,0 +1,228 @@
+//! The `frames` of a `transforms*.json` file, as Blender exports and nerfstudio write them.
+
+use std::path::{Path, PathBuf};
+
+use glam::Vec3;
+use infonerf_scene::image::{find_image, is_image_name, unread_format};
+use infonerf_scene::{Aabb, SceneError};
+
+use super::optics::read_optics;
+use super::pose::{GivenPose, read_pose};
+use crate::files::FARTHEST;
+use crate::files::json::{JsonFile, Node};
+use crate::frame::{Frame, MaskRole, without_extension};
+
+/// Factor by which instant-ngp scales positions before it puts them into its unit cube.
+const NGP_SCALE: f64 = 0.33;
+
+/// Contents of a `transforms*.json` file.
+#[derive(Debug)]
+pub(crate) struct Transforms {
+    /// Frames with a pose, in the file's order.
+    pub frames: Vec<Frame>,
+    /// Names of the frames without a pose.
+    pub lost: Vec<String>,
+    /// Warnings about the frames.
+    pub warnings: Vec<String>,
+    /// Optional fields `near` and `far`, scene units.
+    pub range: Option<(f32, f32)>,
+    /// Optional field `aabb`: `[[x, y, z], [x, y, z]]`.
+    pub bounds: Option<Aabb>,
+    /// The cube of instant-ngp's `aabb_scale`, in the file's coordinates.
+    pub cube: Option<Aabb>,
+    /// Names under the fields `train_filenames` and `test_filenames` of nerfstudio (without these, `val_filenames`).
+    pub split: Option<Split>,
+}
+
+/// Names of frames, without extension.
+#[derive(Debug)]
+pub(crate) struct Split {
+    pub train: Vec<String>,
+    pub test: Vec<String>,
+    /// Field that `test` is from.
+    pub test_field: &'static str,
+}
+
+/// Reads a `transforms*.json` file; no image is opened.
+pub(super) fn read_transforms(path: &Path) -> Result<Transforms, SceneError> {
+    transforms(path, &JsonFile::read(path)?)
+}
+
+/// Interprets the parsed file at `path`.
+pub(crate) fn transforms(path: &Path, file: &JsonFile) -> Result<Transforms, SceneError> {
+    let root = file.root();
+    let expected = "a list of at least one frame";
+    let list = root.get("frames", expected)?;
+    let items = list.items(expected)?;
+    if items.is_empty() {
+        return Err(list.error(expected));
+    }
+    let dir = path.parent().unwrap_or(Path::new(""));
+    let (mut frames, mut lost, mut scaled) = (Vec::new(), Vec::new(), Vec::new());
+    for (id, item) in items.iter().enumerate() {
+        let name = item.get("file_path", "the path of an image")?.text("the path of an image")?;
+        match read_pose(item, "transform_matrix")? {
+            Some(GivenPose { matrix, mended }) => {
+                scaled.extend(mended.then(|| name.to_owned()));
+                frames.push(Frame { id, pose: matrix, ..read_frame(dir, &root, item, name)? });
+            }
+            None => lost.push(name.to_owned()),
+        }
+    }
+    if frames.is_empty() {
+        return items[0].get("transform_matrix", "a 4×4 matrix").and_then(|node| Err(node.error("finite numbers")));
+    }
+    check_applied(&root)?;
+    let of = |names: &[String], what: &str| {
+        names.first().map(|first| {
+            format!("{} of {} frames of {} {what}, the first {first}", names.len(), items.len(), file_name(path))
+        })
+    };
+    let warnings = [
+        of(&lost, "have no pose and are left out"),
+        of(&scaled, "have matrices that are no exact rotations and are corrected"),
+    ];
+    Ok(Transforms {
+        frames,
+        lost,
+        warnings: warnings.into_iter().flatten().collect(),
+        range: read_range(&root)?,
+        bounds: read_bounds(&root)?,
+        cube: read_aabb_scale(&root)?,
+        split: read_split(dir, &root)?,
+    })
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Checks that `applied_transform` is a matrix. It took the capture's own coordinates to the file's, which are used here.
+fn check_applied(root: &Node<'_>) -> Result<(), SceneError> {
+    let Some(node) = root.find("applied_transform") else { return Ok(()) };
+    let expected = "a 3×4 matrix";
+    let rows = node.items(expected)?;
+    if !(3..=4).contains(&rows.len()) {
+        return Err(node.fault(expected, format!("{} rows", rows.len())));
+    }
+    rows.iter().try_for_each(|row| row.numbers::<4>("4 finite numbers, a row of a 3×4 matrix").map(drop))
+}
+
+/// Reads instant-ngp's box: a cube of `aabb_scale` times its unit cube, which is `1 / 0.33` wide about the origin.
+fn read_aabb_scale(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
+    let Some(node) = root.find("aabb_scale") else { return Ok(None) };
+    let expected = "a power of two from 1 to 128";
+    let scale = node.number(expected)?;
+    if !(1.0..=128.0).contains(&scale) || scale.log2().fract() != 0.0 {
+        return Err(node.error(expected));
+    }
+    Ok(Some(Aabb::cube(Vec3::ZERO, (0.5 * scale / NGP_SCALE) as f32)))
+}
+
+fn read_frame(dir: &Path, root: &Node<'_>, frame: &Node<'_>, path: &str) -> Result<Frame, SceneError> {
+    let depth = match frame.find("ray_depth_file_path") {
+        Some(node) => Some(dir.join(node.text("the path of an .npy file")?)),
+        None => None,
+    };
+    let mask = match frame.find("mask_path") {
+        Some(node) => Some((image_path(dir, node.text("the path of a mask image")?), MaskRole::Capture)),
+        None => None,
+    };
+    let (intrinsics, lens) = read_optics(root, frame)?;
+    let image = image_path(dir, path);
+    let name = name_of(dir, &image);
+    Ok(Frame { id: 0, name, image, depth, mask, pose: glam::DMat4::IDENTITY, intrinsics, lens, points: Vec::new() })
+}
+
+fn read_range(root: &Node<'_>) -> Result<Option<(f32, f32)>, SceneError> {
+    let (Some(near), Some(far)) = (root.find("near"), root.find("far")) else {
+        return Ok(None);
+    };
+    let n = near.number("a distance of at least 0")? as f32;
+    let f = far.number("a distance beyond `near`")? as f32;
+    if n < 0.0 {
+        return Err(near.error("a distance of at least 0"));
+    }
+    if n >= f || f64::from(f) > FARTHEST {
+        return Err(far.error(format!("a distance beyond `near` = {n}")));
+    }
+    Ok(Some((n, f)))
+}
+
+fn read_bounds(root: &Node<'_>) -> Result<Option<Aabb>, SceneError> {
+    let Some(node) = root.find("aabb") else {
+        return Ok(None);
+    };
+    let expected = "two corners [[x, y, z], [x, y, z]], the least first";
+    let [min, max] = &node.items(expected)?[..] else {
+        return Err(node.error(expected));
+    };
+    let corner = |n: &Node<'_>| n.numbers::<3>(expected).map(|v| Vec3::from(v.map(|c| c as f32)));
+    let (min, max) = (corner(min)?, corner(max)?);
+    let inside = |corner: Vec3| f64::from(corner.abs().max_element()) <= FARTHEST;
+    if !min.cmplt(max).all() || !inside(min) || !inside(max) {
+        return Err(node.fault(expected, format!("{min} and {max}")));
+    }
+    Ok(Some(Aabb { min, max }))
+}
+
+fn read_split(dir: &Path, root: &Node<'_>) -> Result<Option<Split>, SceneError> {
+    let test = ["test_filenames", "val_filenames"].into_iter().find_map(|field| Some((field, root.find(field)?)));
+    let (Some(train), Some((test_field, test))) = (root.find("train_filenames"), test) else {
+        return Ok(None);
+    };
+    let names = |node: Node<'_>| {
+        let expected = "a list of file paths";
+        let name = |n: &Node<'_>| n.text(expected).map(|s| name_of(dir, &image_path(dir, s)));
+        node.items(expected)?.iter().map(name).collect::<Result<Vec<_>, _>>()
+    };
+    Ok(Some(Split { train: names(train)?, test: names(test)?, test_field }))
+}
+
+/// Returns path of an image below `dir`, without extension.
+fn name_of(dir: &Path, image: &Path) -> String {
+    without_extension(&image.strip_prefix(dir).unwrap_or(image).to_string_lossy())
+}
+
+/// Finds the image that a file names: with the extension as it is, another or none, with backslashes, and by the end of a
+/// path of another computer. If there is none, returns the path for the error, `.png` if it has no extension.
+///
+/// Extensions are appended: a name such as `r_0.5` keeps its dot.
+fn image_path(dir: &Path, named: &str) -> PathBuf {
+    let relative = named.replace('\\', "/");
+    let relative = relative.trim_start_matches("./");
+    let whole = dir.join(relative);
+    let parts: Vec<&str> = relative.split('/').collect();
+    let end = |first: usize| find_image(&dir.join(parts[first..].join("/")));
+    find_image(&whole).or_else(|| (1..parts.len()).find_map(end)).unwrap_or_else(|| {
+        let complete = is_image_name(&whole) || unread_format(&whole).is_some();
+        if complete { whole } else { dir.join(format!("{relative}.png")) }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+
+    #[test]
+    fn images_are_found_by_paths_of_other_computers() {
+        let guard = tempfile::tempdir().unwrap();
+        let dir = guard.path();
+        fs::create_dir_all(dir.join("scan/images")).unwrap();
+        fs::write(dir.join("scan/images/0.png"), "").unwrap();
+        for named in [
+            "scan/images/0.png",
+            ".\\scan\\images\\0",
+            "C:\\Users\\me\\scan\\images\\0.png",
+            "/home/other/scan/images/0.JPG",
+            "..\\data\\scan\\images\\0.png",
+        ] {
+            let found = image_path(dir, named);
+            assert_eq!((found.is_file(), name_of(dir, &found)), (true, "scan/images/0".into()), "{named}");
+        }
+        assert_eq!(image_path(dir, "./train/r_0.5"), dir.join("train/r_0.5.png"));
+        assert_eq!(image_path(dir, "train/r_0.webp"), dir.join("train/r_0.webp"));
+    }
+}

@@ -1,0 +1,204 @@
+//! Cameras of a scene, refined by `infonerf-sfm`.
+
+use glam::DVec2;
+use infonerf_scene::image::GreyImage;
+use infonerf_scene::{Camera, PoseError, Scene, View};
+use infonerf_sfm::{Pose, Posed, SfmSettings, Uncertainty, refine};
+
+use crate::capture::{camera_pose, ray};
+use crate::colmap::opengl;
+
+/// Deviations of given cameras: radians, shares of the mean distance from the scene's centre, and shares of the focal
+/// length.
+const TURN: f64 = 2.0 * std::f64::consts::PI / 180.0;
+const SHIFT: f64 = 0.03;
+const FOCAL: f64 = 0.05;
+/// Given cameras stay if points fall within this many times their distance by refined ones: what is left is noise.
+const AS_GOOD: f64 = 1.25;
+/// Given cameras by which points fall more pixels than this from where they are seen are not just inexact.
+const ABSURD: f64 = 50.0;
+
+/// Corrects the training cameras of `scene` by matches between the training photographs: bundle adjustment that begins at
+/// the given cameras and is weakly drawn to them ([`infonerf_sfm::refine`]), with one factor for all focal lengths if
+/// `focal`. No test view has a part in it.
+///
+/// The pull also fixes the frame: no similarity of all refined cameras would be nearer to the given ones, in these deviations.
+/// A camera whose photograph shares too few points with others stays as it is, and so do all if the given ones explain what
+/// the photographs share as well: [`Scene::warnings`] hold what was done. The given cameras are kept in
+/// [`Scene::unrefined_cameras`].
+#[must_use]
+pub fn with_refined_cameras(mut scene: Scene, focal: bool) -> Scene {
+    let given = scene.given_cameras();
+    let count = given.len().max(1) as f64;
+    let mean = |of: &dyn Fn(&Camera) -> f64| given.iter().map(of).sum::<f64>() / count;
+    let centre = scene.space.centre.as_dvec3();
+    let uncertainty = Uncertainty {
+        turn: TURN,
+        shift: SHIFT * mean(&|camera| camera.position_f64().distance(centre)).max(1e-6),
+        focal: if focal { FOCAL } else { 0.0 },
+    };
+    let unproject: Vec<_> = scene.train.iter().map(|view| move |pixel| point_at_depth_one(view, pixel)).collect();
+    let posed = scene.train.iter().zip(&unproject).map(|(view, unproject)| {
+        let image =
+            GreyImage::luma(view.image.width as usize, view.image.height as usize, view.image.rgb.iter().copied());
+        Posed { image, pose: camera_pose(&view.camera.to_world), unproject }
+    });
+    let pixels = mean(&|camera| (camera.fx * camera.fy).sqrt());
+    let found = refine(&posed.collect::<Vec<_>>(), pixels, uncertainty, &SfmSettings::default());
+    let [before, after] = found.errors;
+    let shared = format!("{} points that the photographs share are off by a median of", found.points.len());
+    if found.poses.iter().all(Result::is_err) {
+        scene.warnings.push("training cameras stay as given: their photographs share too few points".into());
+    } else if before <= AS_GOOD * after {
+        scene.warnings.push(format!(
+            "training cameras stay as given: {shared} {before:.3} pixels, with refined cameras {after:.3}"
+        ));
+    } else {
+        for (view, pose) in scene.train.iter_mut().zip(&found.poses) {
+            match pose {
+                Ok(pose) => view.camera = refocused(&view.camera, found.focal, pose),
+                Err(reason) => {
+                    scene.warnings.push(format!("the camera of {} stays as given: {reason}", view.name));
+                }
+            }
+        }
+        // One factor for all: the cameras that no photograph here has refined are of the same lens.
+        let others = scene.test.iter_mut().map(|view| &mut view.camera).chain(&mut scene.all_train_cameras);
+        for camera in others {
+            (camera.fx, camera.fy) = (found.focal * camera.fx, found.focal * camera.fy);
+        }
+        let now: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let by = PoseError::of(&now, &given, centre);
+        scene.warnings.push(format!(
+            "training cameras were refined by {:.2}° and {:.2} % of their distance: {shared} {after:.2} pixels, before \
+             {before:.2}",
+            by.rotation_deg, by.translation_percent
+        ));
+        if before > ABSURD {
+            scene.warnings.push(
+                "the given cameras were far from what the photographs share: `infonerf scene check` looks for another \
+                 convention of the poses"
+                    .into(),
+            );
+        }
+    }
+    scene.unrefined_cameras = Some(given);
+    scene
+}
+
+/// Returns `(x, y) / z` of what a view sees at a pixel, if the pixel is valid.
+fn point_at_depth_one(view: &View, pixel: DVec2) -> Option<DVec2> {
+    let (width, height) = (view.camera.width, view.camera.height);
+    let [x, y] = [(pixel.x, width), (pixel.y, height)].map(|(v, size)| (v as usize).min(size as usize - 1));
+    let valid = view.valid.as_ref().is_none_or(|valid| valid[y * width as usize + x]);
+    ray(&view.camera, pixel, 1.0).filter(|_| valid)
+}
+
+/// Moves `camera` to `pose`, with focal lengths `factor` times as long.
+fn refocused(camera: &Camera, factor: f64, pose: &Pose) -> Camera {
+    let to_world = opengl(pose.rotation.transpose(), pose.centre());
+    Camera { fx: factor * camera.fx, fy: factor * camera.fy, ..camera.with_pose(to_world) }
+}
+
+#[cfg(test)]
+mod tests {
+    use infonerf_scene::{Lens, SceneRequest, TestProtocol, ViewSelection};
+
+    use super::*;
+    use crate::loaders::testing::shared_data;
+    use crate::{SceneSource, load};
+
+    fn error(scene: &Scene) -> PoseError {
+        let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        PoseError::of(&cameras, scene.exact_cameras.as_ref().unwrap(), scene.space.centre.as_dvec3())
+    }
+
+    fn scene(source: &SceneSource, train: ViewSelection, size: u32) -> Scene {
+        let request = SceneRequest {
+            train,
+            test: TestProtocol::First(1),
+            image_size: Some(size),
+            background: [1.0; 3],
+            ..Default::default()
+        };
+        load(source, &request).unwrap()
+    }
+
+    /// Refinement uses the lens: with a distortion that the images do not have, they give worse cameras.
+    #[test]
+    fn cameras_of_a_built_in_scene_are_refined() {
+        let train = ViewSelection::Narrow { count: 4, angle_deg: 40.0, seed: 0 };
+        let exact = scene(&SceneSource::Procedural("castle".into()), train, 252);
+        let scene = exact.clone().disturbed(2.0, 0.03, 0);
+        let refined = with_refined_cameras(scene.clone(), false);
+        let (before, after) = (error(&scene), error(&refined));
+        assert!(after.rotation_deg < 0.4 * before.rotation_deg, "{before:?} {after:?}");
+        assert!(after.translation_percent < 0.4 * before.translation_percent, "{before:?} {after:?}");
+        assert_eq!(refined.unrefined_cameras.as_ref(), Some(&scene.given_cameras()));
+        assert!(
+            refined.warnings.iter().any(|line| line.starts_with("training cameras were refined by ")),
+            "{:?}",
+            refined.warnings
+        );
+        let kept = with_refined_cameras(exact.clone(), false);
+        assert_eq!(kept.warnings.len(), exact.warnings.len() + 1);
+        assert!(kept.train.iter().zip(&exact.train).all(|(kept, exact)| kept.camera == exact.camera));
+        let mut bent = scene.clone();
+        let lens = Lens::radial_tangential([0.4, 0.0, 0.0, 0.0], [0.0; 2]);
+        bent.train.iter_mut().for_each(|view| view.camera = view.camera.with_lens(lens));
+        let bent = error(&with_refined_cameras(bent, false));
+        assert!(bent.rotation_deg > 1.5 * after.rotation_deg, "{after:?} {bent:?}");
+    }
+
+    #[test]
+    fn cameras_without_matches_stay() {
+        let ids = ViewSelection::Ids(vec![0, 1]);
+        let scene = scene(&SceneSource::Procedural("knot".into()), ids, 24).disturbed(2.0, 0.03, 0);
+        let refined = with_refined_cameras(scene.clone(), false);
+        assert_eq!(refined.given_cameras(), scene.given_cameras());
+        assert_eq!(error(&refined), error(&scene));
+        assert!(
+            refined.warnings.last().unwrap().ends_with("their photographs share too few points"),
+            "{:?}",
+            refined.warnings
+        );
+    }
+
+    /// Prints the table of errors in docs/cameras.md: of published captures, and of built-in scenes with views
+    /// within 40° of each other.
+    #[test]
+    #[ignore = "needs published captures: INFONERF_DATA=DIR"]
+    fn errors_of_refined_cameras() {
+        let captures = ["fern", "flower", "room"];
+        let built_in = ["bookshelf", "facade", "table", "castle", "knot"];
+        eprintln!(
+            "| scene | views | disturbed by | rotation, degrees | translation, % | what was done |\n|---|---|---|---|---|---|"
+        );
+        for name in captures.into_iter().chain(built_in) {
+            for count in [4, 8] {
+                let scene = if captures.contains(&name) {
+                    let path = shared_data(&format!("nerf_llff_data/{name}"));
+                    scene(&SceneSource::Folder { path }, ViewSelection::Seed { seed: 0, count }, 504)
+                } else {
+                    let train = ViewSelection::Narrow { count, angle_deg: 40.0, seed: 0 };
+                    scene(&SceneSource::Procedural(name.into()), train, 400)
+                };
+                for degrees in [0.0, 2.0, 5.0] {
+                    let distance = if degrees > 0.0 { 0.03 } else { 0.0 };
+                    let scene = scene.clone().disturbed(degrees, distance, 0);
+                    let refined = with_refined_cameras(scene.clone(), false);
+                    let (before, after) = (error(&scene), error(&refined));
+                    eprintln!(
+                        "| {name} | {count} | {degrees}°, {} % | {:.2} → {:.2} | {:.2} → {:.2} | {} |",
+                        100.0 * distance,
+                        before.rotation_deg,
+                        after.rotation_deg,
+                        before.translation_percent,
+                        after.translation_percent,
+                        refined.warnings.last().unwrap()
+                    );
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Descriptions of experiments before they run: for `infonerf list NAME` and `infonerf config NAME`.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use infonerf_train::Preset;
+use toml::{Table, Value};
+
+use crate::file::{Layers, Start};
+use crate::plan::assign;
+use crate::{Experiment, RunPlan, Selection};
+
+/// An experiment before it runs.
+#[derive(Clone, Debug)]
+pub struct Description {
+    /// One line on what it shows.
+    pub title: String,
+    /// The experiments that it changes, the nearest first.
+    pub bases: Vec<String>,
+    /// Folder of its scenes; `None` for the built-in ones.
+    pub data: Option<PathBuf>,
+    /// Runs by scene, variant and seed.
+    pub runs: Vec<RunPlan>,
+    /// The text of its file.
+    pub text: String,
+}
+
+/// Describes the experiment called `name`: a built-in one, or the path of a file.
+///
+/// # Errors
+/// As [`Experiment::plan`].
+pub fn describe(name: &str) -> Result<Description> {
+    let layers = Layers::read(name)?;
+    let Experiment { about, runs } = Experiment::plan(name, &Selection::default())?;
+    let bases = layers.bases().map(str::to_owned).collect();
+    Ok(Description { title: about.title, bases, data: about.data, runs, text: layers.text.clone() })
+}
+
+/// A key of a config, its value, and what set it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ConfigKey {
+    /// Dotted.
+    pub key: String,
+    /// As TOML.
+    pub value: String,
+    /// `preset fast`, `fast-losses.toml`, `variant nerf` or `--set`.
+    pub origin: String,
+}
+
+/// The complete config of a variant of the experiment called `name`, by key, with what set each key last: the preset, a file, the
+/// variant or `selection`. The preset is that of the first run, unless the selection has one.
+///
+/// # Errors
+/// As [`Experiment::plan`].
+pub fn config_origins(name: &str, variant: &str, selection: &Selection) -> Result<Vec<ConfigKey>> {
+    let selection = Selection { variants: vec![variant.to_owned()], ..selection.clone() };
+    let plan = Experiment::plan(name, &selection)?.runs.into_iter().next().context("expected at least one run")?;
+    let layers = Layers::read(name)?;
+    let variants = layers.variants()?;
+    let chosen = variants.iter().find(|known| known.name == variant).context("expected the variant")?;
+    let mut origins = vec![(format!("preset {}", plan.preset.name()), plan.preset.table())];
+    if chosen.start == Start::Experiment {
+        origins.extend(layers.configs().map(|(file, config)| (file.to_owned(), config.clone())));
+    }
+    origins.push((format!("variant {variant}"), chosen.changes.clone()));
+    let mut set = Table::new();
+    assign(&mut set, &selection.set)?;
+    origins.push(("--set".to_owned(), set));
+    // By way of text, in which 0.001 in single precision is 0.001.
+    let whole: Table = toml::to_string(&plan.config)?.parse()?;
+    let mut keys = Vec::new();
+    leaves(&whole, &mut Vec::new(), &mut |path, value| {
+        let origin = origins.iter().rev().find(|(_, table)| sets(table, path)).map_or("", |(origin, _)| origin);
+        keys.push(ConfigKey { key: path.join("."), value: value.to_string(), origin: origin.to_owned() });
+    });
+    Ok(keys)
+}
+
+/// Calls `found` for every value of `table` that is no table.
+fn leaves<'a>(table: &'a Table, path: &mut Vec<&'a str>, found: &mut impl FnMut(&[&str], &Value)) {
+    for (key, value) in table {
+        path.push(key);
+        match value {
+            Value::Table(table) => leaves(table, path, found),
+            value => found(path, value),
+        }
+        path.pop();
+    }
+}
+
+/// Whether `table` sets the value at `path`, or something that it is a part of.
+fn sets(table: &Table, path: &[&str]) -> bool {
+    let Some((first, rest)) = path.split_first() else { return true };
+    match table.get(*first) {
+        Some(Value::Table(table)) => sets(table, rest),
+        Some(_) => true,
+        None => false,
+    }
+}
+
+/// Names of the variants of all built-in experiments, each once.
+///
+/// # Errors
+/// If one of them cannot be read, which a test excludes.
+pub fn variant_names() -> Result<Vec<String>> {
+    let mut names = Vec::new();
+    for (name, _) in crate::list()? {
+        names.extend(Layers::read(name)?.variants()?.into_iter().map(|variant| variant.name));
+    }
+    names.sort();
+    names.dedup();
+    Ok(names)
+}
+
+/// Dotted names of the keys that every config of `preset` has.
+pub fn config_keys(preset: Preset) -> Vec<String> {
+    let mut keys = Vec::new();
+    leaves(&preset.table(), &mut Vec::new(), &mut |path, _| keys.push(path.join(".")));
+    keys
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_key_has_an_origin() {
+        let selection = Selection { set: vec!["train.rays=77".into()], ..Selection::default() };
+        let keys = config_origins("fast-losses", "infonerf", &selection).unwrap();
+        let of = |name: &str| keys.iter().find(|key| key.key == name).unwrap();
+        assert_eq!((of("train.rays").value.as_str(), of("train.rays").origin.as_str()), ("77", "--set"));
+        assert_eq!(of("scene.background").origin, "preset fast");
+        assert!(keys.iter().any(|key| key.origin == "variant infonerf"), "{keys:?}");
+        assert!(keys.iter().filter(|key| key.origin.is_empty()).count() < keys.len() / 10, "{keys:?}");
+        assert!(config_keys(Preset::Fast).contains(&"train.rays".to_owned()));
+    }
+
+    #[test]
+    fn every_built_in_experiment_is_described() {
+        for (name, title) in crate::list().unwrap() {
+            let described = describe(name).unwrap();
+            assert_eq!(described.title, title, "{name}");
+            assert!(!described.runs.is_empty() && !described.text.is_empty(), "{name}");
+        }
+        assert!(variant_names().unwrap().contains(&"infonerf+".to_owned()));
+    }
+}

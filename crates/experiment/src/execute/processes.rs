@@ -1,0 +1,190 @@
+//! Runs of a sweep as processes of this machine.
+
+use std::collections::BTreeSet;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::Mutex;
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
+
+use infonerf_train::available_memory;
+
+use super::{PlanEvent, PlanWatch, RunEnd};
+use crate::DeviceName;
+use crate::sweep::{Prepared, Sweep};
+
+/// The start of the line in which an item's process prints how much memory it took, in MiB.
+pub const PEAK_MEMORY: &str = "peak memory (MiB): ";
+
+/// Exit code of an item's process that was asked to stop, and saved.
+pub const STOPPED: i32 = 130;
+
+/// Share of the free memory that runs may take.
+const MEMORY_SHARE: f64 = 0.8;
+
+/// The program that runs items of a manifest, and how.
+#[derive(Clone, Debug)]
+pub struct Runner {
+    /// The program of which `PROGRAM sweep-item MANIFEST ITEM` runs an item.
+    pub program: PathBuf,
+    /// Where to compute.
+    pub device: DeviceName,
+    /// A file or folder of weights of learned metrics, in addition to the places where they are looked for.
+    pub weights: Option<PathBuf>,
+    /// Time after which a run is given up.
+    pub timeout: Option<Duration>,
+}
+
+/// How runs are executed on this machine.
+#[derive(Clone, Debug)]
+pub struct Workers {
+    /// The program that runs them.
+    pub runner: Runner,
+    /// Runs at a time, at most: no more than there are cores, nor than fit into the free memory.
+    pub jobs: usize,
+    /// Whether no more runs are to be started.
+    pub stop: fn() -> bool,
+}
+
+impl Runner {
+    /// The command that runs the item whose number is put at its end.
+    pub(super) fn command(&self, manifest: &Path) -> Vec<OsString> {
+        let mut command: Vec<OsString> =
+            vec![self.program.clone().into(), "sweep-item".into(), "--device".into(), self.device.name().into()];
+        if let Some(weights) = &self.weights {
+            command.extend(["--weights".into(), weights.into()]);
+        }
+        if let Some(timeout) = self.timeout {
+            command.extend(["--timeout".into(), format!("{}s", timeout.as_secs_f64()).into()]);
+        }
+        command.push(manifest.into());
+        command
+    }
+
+    /// Runs an item of `manifest` while `jobs - 1` others run: how it ended, and how many bytes of memory it took.
+    fn run(&self, manifest: &Path, item: usize, jobs: usize) -> (RunEnd, Option<u64>) {
+        let words = self.command(manifest);
+        let mut command = Command::new(&words[0]);
+        command.args(&words[1..]).arg(item.to_string()).arg("--tied");
+        if jobs > 1 {
+            command.env("RAYON_NUM_THREADS", (cores() / jobs).max(1).to_string());
+        }
+        command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let output = command.spawn().and_then(|mut child| {
+            // Held open until the item ends: if this process dies, the item's sees its input end.
+            let input = child.stdin.take();
+            let output = child.wait_with_output();
+            drop(input);
+            output
+        });
+        match output {
+            Ok(output) => (run_end(&output), peak_memory(&output)),
+            Err(error) => (RunEnd::Failed(error.to_string()), None),
+        }
+    }
+}
+
+impl Workers {
+    /// Runs what is missing of `sweep`, in its order, and reports each run when it ends; which of them failed, or `None` if
+    /// they were asked to stop.
+    ///
+    /// The first of them runs alone, with all cores, if more than one may run at a time and it is not known how much memory
+    /// a run takes.
+    pub(super) fn run(&self, sweep: &Sweep, prepared: &Prepared, watch: &mut PlanWatch<'_>) -> Option<BTreeSet<usize>> {
+        let manifest = prepared.manifest();
+        let (mut failed, mut stopped) = (BTreeSet::new(), false);
+        let mut report = |item: usize, end: RunEnd| {
+            match &end {
+                RunEnd::Failed(_) => drop(failed.insert(item)),
+                RunEnd::Stopped => stopped = true,
+                _ => {}
+            }
+            watch(PlanEvent::RunEnded(item, sweep.run(item), end));
+        };
+        let jobs = self.jobs.min(prepared.missing.len());
+        let mut peak = prepared.peak;
+        let mut items = prepared.missing.iter().copied();
+        while jobs > 1 && peak.is_none() && available_memory().is_some() && !(self.stop)() {
+            let Some(item) = items.next() else { break };
+            let (end, taken) = self.runner.run(&manifest, item, 1);
+            peak = taken;
+            report(item, end);
+        }
+        let jobs = fitting(jobs, cores(), available_memory(), peak);
+        let queue = Mutex::new(items);
+        let next = || queue.lock().ok().filter(|_| !(self.stop)()).and_then(|mut queue| queue.next());
+        thread::scope(|scope| {
+            let (sender, receiver) = mpsc::channel();
+            for _ in 0..jobs {
+                let (sender, next, manifest) = (sender.clone(), &next, &manifest);
+                scope.spawn(move || {
+                    while let Some(item) = next() {
+                        if sender.send((item, self.runner.run(manifest, item, jobs).0)).is_err() {
+                            break;
+                        }
+                    }
+                });
+            }
+            drop(sender);
+            receiver.into_iter().for_each(|(item, end)| report(item, end));
+        });
+        (!stopped && !(self.stop)()).then_some(failed)
+    }
+}
+
+/// Processor cores of this machine.
+fn cores() -> usize {
+    thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// How many of `jobs` runs fit: no more than `cores`, and no more than there is `free` memory for if each takes `peak`
+/// bytes; at least one. An unknown value does not limit.
+fn fitting(jobs: usize, cores: usize, free: Option<u64>, peak: Option<u64>) -> usize {
+    let in_memory = match (free, peak) {
+        (Some(free), Some(peak)) if peak > 0 => (MEMORY_SHARE * free as f64 / peak as f64) as usize,
+        _ => usize::MAX,
+    };
+    jobs.min(cores).min(in_memory).max(1)
+}
+
+fn run_end(output: &Output) -> RunEnd {
+    let last = |bytes: &[u8]| {
+        let text = String::from_utf8_lossy(bytes).into_owned();
+        text.lines().map(str::trim).rfind(|line| !line.is_empty()).map(str::to_owned)
+    };
+    if output.status.success() {
+        return RunEnd::Finished(last(&output.stdout).unwrap_or_default());
+    }
+    if output.status.code() == Some(STOPPED) {
+        return RunEnd::Stopped;
+    }
+    let reason = last(&output.stderr).unwrap_or_else(|| output.status.to_string());
+    RunEnd::Failed(reason.strip_prefix("error: ").map_or(reason.clone(), str::to_owned))
+}
+
+fn peak_memory(output: &Output) -> Option<u64> {
+    let text = String::from_utf8_lossy(&output.stdout);
+    let mebibytes: u64 = text.lines().find_map(|line| line.strip_prefix(PEAK_MEMORY))?.trim().parse().ok()?;
+    Some(mebibytes << 20)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cores_and_memory_limit_jobs() {
+        let gib = |n: u64| Some(n << 30);
+        for (jobs, cores, free, peak, expected) in [
+            (8, 4, None, None, 4),
+            (2, 4, gib(16), gib(1), 2),
+            (8, 8, gib(10), gib(2), 4),
+            (8, 8, gib(1), gib(2), 1),
+            (8, 8, gib(1), None, 8),
+        ] {
+            assert_eq!(fitting(jobs, cores, free, peak), expected);
+        }
+    }
+}

@@ -1,0 +1,200 @@
+//! Exports of a run: its surface, gaussian splats and cameras.
+
+use std::collections::HashSet;
+use std::path::Path;
+
+use anyhow::Result;
+use infonerf_dataset::{SceneSource, transforms};
+use infonerf_export::{
+    Chamfer, DensityGrid, ExportError, Gaussian, SplatTarget, Surface, chamfer, gaussians, refine, splat_image,
+    surface_density,
+};
+use infonerf_metrics::{Picture, psnr};
+use infonerf_procedural as procedural;
+use infonerf_render::render_image;
+use infonerf_report::{Quantity, read_records};
+use infonerf_scene::{Camera, Lens, TestProtocol, View, ViewRegion, resized_dimensions};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use serde_json::Value;
+
+use crate::{RunPlan, Trained};
+
+/// Number of points on a surface that is compared with the exact one, and of pixels along a side of the cameras that
+/// find points of the latter: enough for distances of a fraction of a voxel.
+const SURFACE_POINTS: usize = 100_000;
+const TRUTH_SIZE: u32 = 48;
+/// Maximum number of test views on which splats are measured.
+const TEST_VIEWS: usize = 8;
+/// Number of images that splats are fitted to in addition to those of the training cameras.
+const SPLAT_VIEWS: usize = 36;
+/// Longest side of these images, and steps of the fit.
+const SPLAT_SIDE: u32 = 200;
+const SPLAT_STEPS: usize = 240;
+
+/// Mean PSNR on test views of gaussian splats and of the fields that they were made from, in dB.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SplatFidelity {
+    /// Number of test views.
+    pub views: usize,
+    /// PSNR of the splats.
+    pub splats: f64,
+    /// PSNR of the fields, without residuals.
+    pub fields: f64,
+}
+
+impl Trained {
+    /// Extracts the surface of the fields within the scene's box, at `resolution` voxels along its longest side: the
+    /// isosurface that looks most like the fields to the training cameras.
+    ///
+    /// # Errors
+    /// If the resolution is out of range, or the fields have no surface.
+    pub fn surface(&self, resolution: usize) -> Result<Surface, ExportError> {
+        let volume = self.volume();
+        let cameras: Vec<Camera> = self.scene().train.iter().map(|view| view.camera.clone()).collect();
+        Surface::extract(&DensityGrid::sample(&volume, resolution, surface_density(&volume, &cameras)?)?)
+    }
+
+    /// Makes gaussian splats on `surface`, fitted to images of the fields from the training cameras and from random
+    /// poses in the region that they span. Test views have no part in them.
+    pub fn splats(&self, surface: &Surface) -> Vec<Gaussian> {
+        let (scene, models) = (self.scene(), self.models());
+        let training: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
+        let (region, mut rng) = (ViewRegion::new(&training), ChaCha8Rng::seed_from_u64(0));
+        let more: Vec<_> = (0..SPLAT_VIEWS).map(|_| region.sample(&mut rng)).collect();
+        let first = &training[0];
+        let side = first.width.max(first.height).min(SPLAT_SIDE);
+        let (width, height) = resized_dimensions(first.width, first.height, side);
+        // Splats have no lens.
+        let camera = first.resized(width, height).with_lens(Lens::default());
+        let target = |pose| {
+            let camera = camera.with_pose(pose);
+            SplatTarget { image: render_image(self.renderer(), &models, &camera).rgb, camera }
+        };
+        let poses = training.iter().map(|camera| camera.to_world).chain(more);
+        let targets: Vec<SplatTarget> = poses.map(target).collect();
+        let mut splats = gaussians(surface, &self.volume());
+        refine(&mut splats, &targets, scene.background, SPLAT_STEPS);
+        splats
+    }
+
+    /// Measures `splats` and the fields on up to eight test views; `None` without test views or behind a lens, through
+    /// which splats are not rendered.
+    ///
+    /// # Errors
+    /// If images cannot be compared.
+    pub fn splat_fidelity(&self, splats: &[Gaussian]) -> Result<Option<SplatFidelity>> {
+        let (scene, models) = (self.scene(), self.models());
+        let views = scene.test.iter().filter(|view| view.camera.lens.is_perspective()).take(TEST_VIEWS);
+        let (mut count, mut sums) = (0, [0.0; 2]);
+        for view in views {
+            let [width, height] = [view.image.width, view.image.height].map(|side| side as usize);
+            let truth = Picture::new(view.image.rgb.clone(), width, height)?;
+            let shown = splat_image(splats, &view.camera, scene.background);
+            let rendered = render_image(self.renderer(), &models, &view.camera).rgb;
+            for (sum, image) in sums.iter_mut().zip([shown, rendered]) {
+                *sum += psnr(&Picture::new(image, width, height)?.rounded(), &truth)?;
+            }
+            count += 1;
+        }
+        let [splats, fields] = sums.map(|sum| sum / count as f64);
+        Ok((count > 0).then_some(SplatFidelity { views: count, splats, fields }))
+    }
+
+    /// Measures the distance of `surface` from the exact one that the training cameras see; `None` for other than
+    /// built-in scenes.
+    ///
+    /// # Errors
+    /// If there is no such built-in scene.
+    pub fn surface_error(&self, surface: &Surface) -> Result<Option<Chamfer>> {
+        let SceneSource::Procedural(name) = &self.plan.source else { return Ok(None) };
+        let truth = procedural::surface_points(name, TRUTH_SIZE)?;
+        Ok(chamfer(&surface.sample(SURFACE_POINTS), &truth))
+    }
+}
+
+impl RunPlan {
+    /// Describes how an export of the run in `folder` differs from what its record measures: `first_field` if it has
+    /// only the first of several fields, and no export has residuals. `None` if it does not differ.
+    pub fn export_note(&self, folder: &Path, first_field: bool) -> Option<String> {
+        let several = first_field && self.members() > 1;
+        let fields = several.then(|| format!("the first of {} fields alone", self.members()));
+        let residuals = self.config.render.residuals.then(|| "without the residuals of the training views".to_owned());
+        let parts: Vec<String> = fields.into_iter().chain(residuals).collect();
+        let held_out = self.config.eval.test.test() != TestProtocol::Training;
+        let records = read_records(&self.record_path(folder)).unwrap_or_default();
+        let psnr = records.first().filter(|_| held_out).and_then(|record| Quantity::PSNR.value(record));
+        let whole = psnr.map_or(String::new(), |psnr| {
+            format!("; the whole model has {} dB PSNR on held-out views", Quantity::PSNR.format(psnr))
+        });
+        (!parts.is_empty()).then(|| format!("{}{whole}", parts.join(", ")))
+    }
+
+    /// Returns the training and test cameras as the `transforms.json` of nerfstudio and instant-ngp, to stand next to
+    /// the scene's images: intrinsics at the size of the image files, each file once.
+    ///
+    /// # Errors
+    /// If the scene cannot be loaded.
+    pub fn cameras(&self) -> Result<Value> {
+        let mut scene = self.load()?;
+        if let SceneSource::Folder { path } = &self.source {
+            scene.train.iter_mut().chain(&mut scene.test).for_each(|view| at_file_size(view, path));
+        }
+        let mut cameras = transforms(&scene);
+        let mut seen = HashSet::new();
+        if let Some(frames) = cameras["frames"].as_array_mut() {
+            frames.retain(|frame| seen.insert(frame["file_path"].as_str().map(str::to_owned)));
+            // nerfstudio reads the camera's model of the file, not of a frame.
+            let model = frames.first().map(|frame| frame["camera_model"].clone());
+            cameras["camera_model"] = model.unwrap_or_default();
+        }
+        // It evaluates on these while it trains.
+        cameras["val_filenames"] = cameras["test_filenames"].clone();
+        Ok(cameras)
+    }
+}
+
+/// Scales the camera of `view` to the size of its image file below `folder`. A file of another shape, as one that EXIF
+/// turns, is left alone.
+fn at_file_size(view: &mut View, folder: &Path) {
+    let Ok((width, height)) = image::image_dimensions(folder.join(&view.file)) else { return };
+    let camera = &view.camera;
+    let shape = |width: u32, height: u32| f64::from(width) / f64::from(height);
+    if (shape(width, height) / shape(camera.width, camera.height) - 1.0).abs()
+        < 2.0 / f64::from(camera.height.min(camera.width))
+    {
+        view.camera = camera.resized(width, height);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use infonerf_report::Record;
+
+    use super::*;
+    use crate::{Experiment, Selection};
+
+    #[test]
+    fn export_note_names_the_field_and_the_held_out_psnr() {
+        let folder = tempfile::tempdir().unwrap();
+        let note = |set: &[&str], first_field| {
+            let set = set.iter().map(|&setting| setting.to_owned()).collect();
+            let (scenes, variants) = (vec!["knot".into()], vec!["infonerf".into()]);
+            let selection = Selection { scenes, variants, set, ..Selection::default() };
+            let plan = Experiment::plan("fast-losses", &selection).unwrap().runs.remove(0);
+            let metrics = [("psnr".to_owned(), Some(24.314))].into_iter().collect();
+            let record = serde_json::to_vec(&[Record { metrics, ..Record::default() }]).unwrap();
+            fs::write(plan.record_path(folder.path()), record).unwrap();
+            plan.export_note(folder.path(), first_field).unwrap_or_default()
+        };
+        let several = ["train.ensemble.size=3", "train.ensemble.seconds_per_member=0", "render.residuals=true"];
+        let whole = "; the whole model has 24.31 dB PSNR on held-out views";
+        let residuals = "without the residuals of the training views";
+        assert_eq!(note(&[], true), "");
+        assert_eq!(note(&several, true), format!("the first of 3 fields alone, {residuals}{whole}"));
+        assert_eq!(note(&several, false), format!("{residuals}{whole}"));
+        assert_eq!(note(&["render.residuals=true", "eval.test=training"], true), residuals);
+    }
+}

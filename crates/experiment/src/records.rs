@@ -1,0 +1,239 @@
+//! Records of runs on disk: a file in each run's folder, and `results.json` with all of an experiment's.
+//!
+//! `results.json` is derived from the runs' own files, `<scene>/<variant>/seed<N>/record-<preset>.json`, and may be written
+//! by several processes at once without a lock: whoever writes it looks again afterwards and starts over if a run has come
+//! in between. A record is on disk before its process first derives the list, so that the last process to rename
+//! `results.json` sees every record.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, anyhow, bail};
+use infonerf_report::{Record, RunKey, run_directory, write_atomically};
+use serde_json::Value;
+
+/// File name of the list.
+pub(crate) const LIST: &str = "results.json";
+const ATTEMPTS: usize = 1000;
+
+/// Reads a list of records. Unknown keys are ignored; an optional metric that is missing is `None`.
+///
+/// # Errors
+/// If the file is no JSON list of records: one line that names the file, the record and its field.
+pub fn read_records(path: &Path) -> Result<Vec<Record>> {
+    let text = fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    parse_records(&text).with_context(|| path.display().to_string())
+}
+
+/// Writes a list of records, whole or not at all. Metrics that are not finite become `null` with a note
+/// ([`Record::representable`]).
+///
+/// # Errors
+/// If the file cannot be written, or a duration is not finite.
+pub(crate) fn write_records(path: &Path, records: &[Record]) -> Result<()> {
+    for record in records {
+        let durations =
+            [("train_seconds", record.train_seconds), ("render_seconds_per_image", record.render_seconds_per_image)];
+        if let Some((field, value)) = durations.into_iter().find(|(_, value)| !value.is_finite()) {
+            bail!("{}: field `{field}`: expected a finite number, found {value}", path.display());
+        }
+    }
+    let records: Vec<Record> = records.iter().cloned().map(Record::representable).collect();
+    let mut bytes = serde_json::to_vec_pretty(&records)?;
+    bytes.push(b'\n');
+    Ok(write_atomically(path, &bytes)?)
+}
+
+/// Writes the file of a run below the experiment's `folder`, which says that the run is finished.
+///
+/// # Errors
+/// As [`write_records`].
+pub(crate) fn save_own_record(folder: &Path, record: &Record) -> Result<()> {
+    let run = folder.join(run_directory(&record.scene, &record.variant, record.seed));
+    write_records(&run.join(format!("record-{}.json", record.preset)), std::slice::from_ref(record))
+}
+
+/// Saves a finished run's record, in its own file and in the `results.json` of the experiment's `folder`.
+///
+/// # Errors
+/// As [`write_records`] and [`read_records`].
+pub fn save_record(folder: &Path, record: &Record) -> Result<()> {
+    save_own_record(folder, record)?;
+    list_records(folder, std::slice::from_ref(record))
+}
+
+/// Lists `records` in the `results.json` of the experiment's `folder`, in addition to those that are listed and those that
+/// its runs hold. Entries keep their place, new ones come last; those of deleted runs stay.
+///
+/// # Errors
+/// As [`write_records`] and [`read_records`].
+pub(crate) fn list_records(folder: &Path, records: &[Record]) -> Result<()> {
+    let path = folder.join(LIST);
+    let given: Vec<Record> = records.iter().cloned().map(Record::representable).collect();
+    for _ in 0..ATTEMPTS {
+        let listed = if path.exists() { Some(read_records(&path)?) } else { None };
+        let merged = merge(listed.clone().unwrap_or_default(), &given, stored_records(folder)?);
+        if listed.as_ref() == Some(&merged) {
+            return Ok(());
+        }
+        write_records(&path, &merged)?;
+    }
+    bail!("{}: other processes kept writing it; the records themselves are saved", path.display())
+}
+
+/// `listed` with `given`, else `stored`, in the place of the same key, or at the end in their order.
+fn merge(listed: Vec<Record>, given: &[Record], stored: Vec<Record>) -> Vec<Record> {
+    let mut new: BTreeMap<RunKey, Record> = stored.into_iter().map(|record| ((&record).into(), record)).collect();
+    new.extend(given.iter().map(|record| (record.into(), record.clone())));
+    let replace = |record: Record| new.remove(&(&record).into()).unwrap_or(record);
+    let mut merged: Vec<Record> = listed.into_iter().map(replace).collect();
+    merged.extend(given.iter().filter_map(|record| new.remove(&record.into())));
+    merged.extend(new.into_values());
+    merged
+}
+
+/// The records that the runs below `folder` hold themselves.
+fn stored_records(folder: &Path) -> Result<Vec<Record>> {
+    let mut folders = vec![folder.to_path_buf()];
+    for _level in ["scene", "variant", "seed"] {
+        let children = folders.iter().map(|folder| entries(folder)).collect::<Result<Vec<_>>>()?;
+        folders = children.into_iter().flatten().filter(|path| path.is_dir()).collect();
+    }
+    let mut records = Vec::new();
+    for folder in folders {
+        for path in entries(&folder)?.into_iter().filter(|path| is_own_record(path)) {
+            records.extend(read_records(&path)?);
+        }
+    }
+    Ok(records)
+}
+
+/// Whether `path` is the file of a finished run.
+pub(crate) fn is_own_record(path: &Path) -> bool {
+    let name = path.file_name().and_then(|name| name.to_str());
+    name.is_some_and(|name| name.starts_with("record-") && name.ends_with(".json"))
+}
+
+/// Sorted entries of a folder; empty if it vanished meanwhile.
+fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.with_context(|| folder.display().to_string())?,
+    };
+    let paths: std::io::Result<Vec<PathBuf>> = entries.map(|entry| entry.map(|entry| entry.path())).collect();
+    let mut paths = paths.with_context(|| folder.display().to_string())?;
+    paths.sort();
+    Ok(paths)
+}
+
+fn parse_records(text: &str) -> Result<Vec<Record>> {
+    let values: Vec<Value> = serde_json::from_str(text).map_err(|error| anyhow!("not a list of records: {error}"))?;
+    let parse = |(index, value): (usize, Value)| {
+        serde_json::from_value(value.clone()).map_err(|error: serde_json::Error| {
+            let (field, reason) = offending_field(&value).unwrap_or_else(|| ("record".into(), error.to_string()));
+            anyhow!("record {index}: field `{field}`: {reason}")
+        })
+    };
+    values.into_iter().enumerate().map(parse).collect()
+}
+
+/// The first key of a default record that `value` lacks, or whose value does not fit; and what was expected.
+fn offending_field(value: &Value) -> Option<(String, String)> {
+    let given = value.as_object()?;
+    let default = serde_json::to_value(Record::default()).ok()?;
+    let missing = |key: &&String| !given.contains_key(*key) && default.get(*key).is_some_and(|value| !value.is_null());
+    if let Some(key) = default.as_object()?.keys().find(missing) {
+        return Some((key.clone(), "is missing".into()));
+    }
+    for (key, found) in given {
+        let mut probe = default.clone();
+        probe[key] = found.clone();
+        if let Err(error) = serde_json::from_value::<Record>(probe) {
+            return Some((key.clone(), error.to_string()));
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use std::thread;
+
+    use super::*;
+
+    fn record(scene: &str, variant: &str, seed: u64) -> Record {
+        Record {
+            experiment: "e".into(),
+            scene: scene.into(),
+            variant: variant.into(),
+            seed,
+            preset: "fast".into(),
+            metrics: [("psnr".to_owned(), Some(18.123_456_789_012_345))].into_iter().collect(),
+            ..Record::default()
+        }
+    }
+
+    fn with_psnr(psnr: f64, record: Record) -> Record {
+        Record { metrics: [("psnr".to_owned(), Some(psnr))].into_iter().collect(), ..record }
+    }
+
+    #[test]
+    fn saving_again_replaces_in_place_and_deleted_runs_stay_listed() {
+        let folder = tempfile::tempdir().unwrap();
+        let listed = || read_records(&folder.path().join(LIST)).unwrap();
+        let (first, second) = (record("lego", "nerf", 0), record("lego", "infonerf", 0));
+        let better = with_psnr(20.0, first.clone());
+        for saved in [&first, &second, &better] {
+            save_record(folder.path(), saved).unwrap();
+        }
+        assert_eq!(listed(), [better.clone(), second.clone()]);
+        fs::remove_dir_all(folder.path().join("lego")).unwrap();
+        let paper = Record { preset: "paper".into(), ..first };
+        save_record(folder.path(), &paper).unwrap();
+        assert_eq!(listed(), [better, second, paper]);
+    }
+
+    #[test]
+    fn many_writers_lose_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        thread::scope(|scope| {
+            for seed in 0..8 {
+                let path = folder.path();
+                scope.spawn(move || {
+                    for variant in ["a", "b", "c"] {
+                        save_record(path, &record("lego", variant, seed)).unwrap();
+                    }
+                });
+            }
+        });
+        assert_eq!(read_records(&folder.path().join(LIST)).unwrap().len(), 24);
+        let files = entries(folder.path()).unwrap();
+        assert_eq!(files, ["lego", LIST].map(|name| folder.path().join(name)), "nothing half-written is left");
+    }
+
+    #[test]
+    fn values_that_json_cannot_hold_are_null_with_a_note() {
+        let folder = tempfile::tempdir().unwrap();
+        save_record(folder.path(), &with_psnr(f64::INFINITY, record("lego", "nerf", 0))).unwrap();
+        let saved = read_records(&folder.path().join(LIST)).unwrap().remove(0);
+        assert_eq!((saved.metrics["psnr"], saved.notes.len()), (None, 1));
+        let timeless = Record { train_seconds: f64::NAN, ..record("lego", "nerf", 0) };
+        let error = save_record(folder.path(), &timeless).unwrap_err().to_string();
+        assert!(error.contains("field `train_seconds`: expected a finite number"), "{error}");
+    }
+
+    #[test]
+    fn errors_name_the_record_and_the_field() {
+        let fault = |text: &str| parse_records(text).unwrap_err().to_string();
+        let mut value = serde_json::to_value([record("lego", "nerf", 0)]).unwrap();
+        value[0]["psnr"] = "high".into();
+        let error = fault(&value.to_string());
+        assert!(error.starts_with("record 0: field `psnr`: psnr: invalid type: string \"high\""), "{error}");
+        value[0]["psnr"] = Value::Null;
+        value[0].as_object_mut().unwrap().remove("device");
+        assert_eq!(fault(&value.to_string()), "record 0: field `device`: is missing");
+        assert!(fault("[{").starts_with("not a list of records: EOF"));
+    }
+}

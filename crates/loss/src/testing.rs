@@ -1,0 +1,153 @@
+//! Renders for the tests of terms, and a check of a term against its formula in `f64`.
+
+use std::collections::BTreeMap;
+
+use burn::tensor::{Device, Tensor};
+use infonerf_ops::{Segments, composite, to_host};
+use infonerf_render::{Passes, RenderOutput, Samples};
+
+use crate::objective::LossConfig;
+use crate::renders::{Bundle, NeighbourBundles, Renders, Target};
+use crate::term::Term;
+
+/// The config of every term, all off, with `settings` (TOML) merged in.
+pub fn config(settings: &str) -> LossConfig {
+    let mut table: toml::Table = "
+        rgb = { weight = 0, norm = 'mean', coarse = 1 }
+        entropy = { weight = 0, rays = 'all', neighbours = false, distribution = 'alpha', epsilon = 1e-10, \
+                    mask = { rule = 'acc', threshold = 0.1 } }
+        kl = { weight = 0, direction = 'paper', rays = 'all', epsilon = 1e-10 }
+        semantic = { weight = 0, every = 10, size = 64, weights = '' }
+        distortion = { weight = 0, rays = 'all' }
+        stereo = { weight = 0, width = 2, outliers = 0.01 }
+        opacity_prior = { weight = 0, rays = 'seen' }
+        silhouette = { weight = 0, background = 1, foreground = 1, edge = 0 }
+        mask = { weight = 0 }
+        tv = { weight = 0, views = 0 }
+        latent = { weight = 0 }
+    "
+    .parse()
+    .unwrap();
+    for (name, term) in settings.parse::<toml::Table>().unwrap() {
+        table[&name].as_table_mut().unwrap().extend(term.as_table().unwrap().clone());
+    }
+    table.try_into().unwrap()
+}
+
+/// Optical depths along the rays of each bundle: seen, unseen, neighbours of seen and of unseen ones, and the coarse pass of
+/// seen ones. Rays without samples, thin and opaque ones are among them.
+pub type Depths<T> = [Vec<Vec<T>>; 5];
+
+/// Indices into [`Depths`].
+pub const SEEN: usize = 0;
+pub const UNSEEN: usize = 1;
+pub const NEAR_SEEN: usize = 2;
+pub const NEAR_UNSEEN: usize = 3;
+pub const COARSE: usize = 4;
+
+fn depths() -> Depths<f32> {
+    let seen = vec![vec![0.3, 1.2, 0.7], vec![], vec![2.0, 0.1], vec![0.01, 0.02]];
+    let unseen = vec![vec![0.9], vec![0.5, 3.0, 0.2, 0.4]];
+    let near = |rays: &[Vec<f32>]| {
+        let turned = |ray: &Vec<f32>| ray.iter().rev().map(|tau| 0.8 * tau + 0.05).collect();
+        rays.iter().map(turned).collect::<Vec<Vec<f32>>>()
+    };
+    let coarse = vec![vec![1.0, 0.2], vec![0.4], vec![0.6, 0.6], vec![0.3]];
+    [seen.clone(), unseen.clone(), near(&seen), near(&unseen), coarse]
+}
+
+/// Colour of sample `i` of any ray.
+pub fn color(i: usize) -> [f64; 3] {
+    [0.2 * i as f64, 0.5, 1.0 - 0.1 * i as f64]
+}
+
+/// Colours of the training pixels.
+pub const PIXELS: [[f64; 3]; 4] = [[0.1, 0.9, 0.4], [0.0, 0.0, 0.2], [1.0, 0.3, 0.5], [0.7, 0.2, 0.0]];
+
+/// Sample `i` of any ray lies from `i` to `i + 1`.
+fn output(rays: &[Vec<f32>], device: &Device) -> (Tensor<1>, RenderOutput) {
+    let segments = Segments::from_counts(rays.iter().map(Vec::len));
+    let count = segments.samples();
+    let tau = infonerf_ops::upload(rays.concat(), [count], device).require_grad();
+    let places = || rays.iter().flat_map(|ray| 0..ray.len());
+    let colors: Vec<f32> = places().flat_map(color).map(|c| c as f32).collect();
+    let t: Vec<f32> = places().map(|i| i as f32 + 0.5).collect();
+    let seen = composite(tau.clone(), infonerf_ops::upload(colors, [count, 3], device), &segments);
+    let depth = Tensor::zeros([rays.len()], device);
+    let samples =
+        Samples::new(segments, infonerf_ops::upload(t, [count], device), Tensor::ones([count], device), count);
+    let output = RenderOutput {
+        samples,
+        tau: tau.clone(),
+        color: Some(seen.values),
+        depth,
+        acc: seen.acc,
+        background: [0.0; 3],
+    };
+    (tau, output)
+}
+
+/// Renders of [`depths`], with the tensors of optical depths that they depend on.
+pub fn scenario(device: &Device) -> ([Tensor<1>; 5], Renders) {
+    let depths = depths();
+    let mut outputs = depths.iter().map(|rays| output(rays, device));
+    let [seen, unseen, near_seen, near_unseen, coarse] = std::array::from_fn(|_| outputs.next().unwrap());
+    let rays = PIXELS.len();
+    let rgb = PIXELS.iter().flatten().map(|c| *c as f32).collect::<Vec<_>>();
+    let target = Target {
+        rgb: infonerf_ops::upload(rgb, [rays, 3], device),
+        rgba: PIXELS.map(|[r, g, b]| [r as f32, g as f32, b as f32, 1.0]).to_vec(),
+        coverage: vec![1.0; rays],
+        classes: None,
+        pixels: vec![infonerf_scene::PixelAt { view: 0, x: 0.5, y: 0.5 }; rays],
+        background: [1.0; 3],
+    };
+    let bundle = |coarse, fine, target| Bundle { passes: Passes { coarse, fine }, target };
+    let bundles = bundle(Some(coarse.1), seen.1, Some(target));
+    let renders = Renders {
+        squared_error: bundles.squared_error(),
+        seen: bundles,
+        unseen: Some(bundle(None, unseen.1, None)),
+        neighbours: NeighbourBundles { seen: Some(near_seen.1), unseen: Some(near_unseen.1) },
+        picture: None,
+        penalties: BTreeMap::new(),
+    };
+    ([seen.0, unseen.0, near_seen.0, near_unseen.0, coarse.0], renders)
+}
+
+/// Checks the value of `term`, and its gradient in every optical depth, against `formula` and its central differences.
+pub fn check(term: &dyn Term, set_up: impl Fn(&mut Renders), formula: impl Fn(&Depths<f64>) -> f64) {
+    let (tau, mut renders) = scenario(&Device::flex().autodiff());
+    set_up(&mut renders);
+    let value = term.value(&renders);
+    let gradients = value.backward();
+    let mut depths =
+        depths().map(|rays| rays.into_iter().map(|ray| ray.into_iter().map(f64::from).collect()).collect());
+    let want = formula(&depths);
+    approx::assert_abs_diff_eq!(f64::from(value.into_scalar::<f32>()), want, epsilon = 2e-6 * (1.0 + want.abs()));
+    for (bundle, tau) in tau.into_iter().enumerate() {
+        let mut got = tau.grad(&gradients).map(to_host).unwrap_or_default().into_iter();
+        for ray in 0..depths[bundle].len() {
+            for i in 0..depths[bundle][ray].len() {
+                let mut moved = |step: f64| {
+                    depths[bundle][ray][i] += step;
+                    let value = formula(&depths);
+                    depths[bundle][ray][i] -= step;
+                    value
+                };
+                let want = (moved(1e-6) - moved(-1e-6)) / 2e-6;
+                let got = f64::from(got.next().unwrap_or(0.0));
+                assert!(
+                    (got - want).abs() <= 1e-5 * (1.0 + want.abs()),
+                    "bundle {bundle}, ray {ray}, {i}: {got}, {want}"
+                );
+            }
+        }
+    }
+}
+
+/// Mean over all `rays` of `value`.
+pub fn mean<'a>(rays: impl Iterator<Item = &'a Vec<f64>>, value: impl Fn(&[f64]) -> f64) -> f64 {
+    let values: Vec<f64> = rays.map(|ray| value(ray)).collect();
+    values.iter().sum::<f64>() / values.len() as f64
+}

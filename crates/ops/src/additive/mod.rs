@@ -1,0 +1,51 @@
+//! The additive march of Neural Volumes, as optical depths.
+
+#[cfg(feature = "flex")]
+mod host;
+mod plain;
+
+use burn::tensor::Tensor;
+
+pub use self::plain::plain;
+use crate::Segments;
+use crate::dispatch::dispatch;
+
+/// Computes optical depths τ′ whose [compositing](crate::composite()) is the additive march of Neural Volumes (Lombardi et al. 2019,
+/// Eq. 7), `[M]`, differentiable in `tau`.
+///
+/// There a sample adds `wᵢ = min(Aᵢ + τᵢ, 1) − Aᵢ` to the opacity `Aᵢ = Σ_{j<i} wⱼ` in front of it: the weights are the
+/// optical depths themselves until their sum reaches 1. Compositing has `wᵢ = (1 − Aᵢ)(1 − e^−τ′ᵢ)`, so the same weights
+/// follow from
+///
+/// `τ′ᵢ = −ln(1 − τᵢ/(1 − Aᵢ))`,
+///
+/// which is infinite for the sample that fills the ray, and 0 for those behind it. Whatever is defined on optical depths
+/// (entropy, distortion, importance sampling) thus serves the additive march too. The gradient is 0 for the sample that
+/// fills the ray and those behind it, as in PyTorch's `clamp`.
+///
+/// - `tau`: optical depths τ = σδ ≥ 0, packed `[M]`.
+///
+/// # Panics
+/// If `tau` does not match `segments`.
+///
+/// # Examples
+/// Three samples of 0.4: the third adds 0.2, which fills the ray.
+/// ```
+/// # #[cfg(feature = "flex")] {
+/// use burn::tensor::{Device, Tensor};
+/// use infonerf_ops::{Segments, additive_depth, composite::weights, to_host};
+///
+/// let rays = Segments::from_counts([3]);
+/// let depths = additive_depth(Tensor::from_floats([0.4, 0.4, 0.4], &Device::flex()), &rays);
+/// let w = weights(&to_host(depths), &rays);
+/// assert!(w.iter().zip([0.4, 0.4, 0.2]).all(|(w, expected)| (w - expected).abs() < 1e-6));
+/// # }
+/// ```
+pub fn additive_depth(tau: Tensor<1>, segments: &Segments) -> Tensor<1> {
+    assert_eq!(tau.dims(), [segments.samples()], "tau holds one value per packed sample");
+    dispatch! {
+        &tau.device();
+        host => crate::kernel::apply(host::AdditiveKernel { segments: segments.clone() }, tau),
+        plain => plain(tau, segments),
+    }
+}

@@ -1,0 +1,88 @@
+//! Host kernel of [`bilinear`](super::bilinear()).
+
+use rayon::prelude::*;
+
+use super::Taps;
+use crate::kernel::{Kernel, Pass};
+
+/// Rows that a thread takes at a time.
+const CHUNK: usize = 256;
+
+#[derive(Debug)]
+pub(super) struct BilinearKernel {
+    pub(super) taps: Taps,
+    pub(super) rows: usize,
+    pub(super) channels: usize,
+}
+
+/// Adds `weight · row` to `sum`.
+fn add(sum: &mut [f32], row: &[f32], weight: f32) {
+    for (sum, value) in sum.iter_mut().zip(row) {
+        *sum += weight * value;
+    }
+}
+
+impl BilinearKernel {
+    /// Lists for each row of the table the (place, weight) that read it, in the order of the places. By this transpose of the
+    /// taps each thread writes rows of its own, and the order of sums is fixed.
+    fn readers(&self) -> (Vec<u32>, Vec<(u32, f32)>) {
+        let mut ends = vec![0u32; self.rows + 1];
+        for row in self.taps.rows.as_flattened() {
+            ends[*row as usize + 1] += 1;
+        }
+        for row in 0..self.rows {
+            ends[row + 1] += ends[row];
+        }
+        let mut next = ends.clone();
+        let mut readers = vec![(0, 0.0); 4 * self.taps.len()];
+        for (place, (rows, weights)) in self.taps.rows.iter().zip(self.taps.weights.iter()).enumerate() {
+            for (row, weight) in rows.iter().zip(weights) {
+                let slot = &mut next[*row as usize];
+                readers[*slot as usize] = (place as u32, *weight);
+                *slot += 1;
+            }
+        }
+        (ends, readers)
+    }
+}
+
+impl Kernel for BilinearKernel {
+    fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
+        vec![self.taps.len(), self.channels]
+    }
+
+    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
+        let &[table] = inputs else { unreachable!("bilinear reading has one input") };
+        let channels = self.channels;
+        let mut out = vec![0.0; self.taps.len() * channels];
+        let taps = self.taps.rows.par_chunks(CHUNK).zip(self.taps.weights.par_chunks(CHUNK));
+        out.par_chunks_mut(CHUNK * channels).zip(taps).for_each(|(out, (rows, weights))| {
+            for ((out, rows), weights) in out.chunks_exact_mut(channels).zip(rows).zip(weights) {
+                for (row, weight) in rows.iter().zip(weights) {
+                    let start = *row as usize * channels;
+                    add(out, &table[start..start + channels], *weight);
+                }
+            }
+        });
+        out
+    }
+
+    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+        if !wanted[0] {
+            return vec![None];
+        }
+        let (channels, grad) = (self.channels, pass.grad);
+        let (ends, readers) = self.readers();
+        let mut table = vec![0.0; self.rows * channels];
+        table.par_chunks_mut(CHUNK * channels).enumerate().for_each(|(chunk, part)| {
+            for (index, sum) in part.chunks_exact_mut(channels).enumerate() {
+                let row = chunk * CHUNK + index;
+                for (place, weight) in &readers[ends[row] as usize..ends[row + 1] as usize] {
+                    let start = *place as usize * channels;
+                    add(sum, &grad[start..start + channels], *weight);
+                }
+            }
+        });
+        vec![Some(table)]
+    }
+}

@@ -1,0 +1,135 @@
+//! Compositing along rays.
+
+#[cfg(feature = "cube")]
+mod gpu;
+#[cfg(feature = "flex")]
+mod host;
+mod plain;
+
+use burn::tensor::Tensor;
+
+pub use self::plain::plain;
+pub(crate) use self::plain::{Padding, exclusive_sum, plain_alpha, working_dtype};
+use crate::dispatch::dispatch;
+use crate::{Segments, upload};
+
+/// Least Σα of a ray that hits something. Below it, entropy and divergence are 0 with zero gradient.
+///
+/// The gradient of an entropy or divergence goes with 1/(ε Σα): with ε ≥ 1e-12 and upstream gradients up to 1e6, this
+/// keeps it within `f32`.
+pub const MIN_ALPHA_SUM: f32 = 1e-20;
+
+/// The result of [`composite`], one row per ray.
+#[derive(Clone, Debug)]
+pub struct Composite {
+    /// Σ wᵢ vᵢ of the given per-sample values, `[R, C]`.
+    pub values: Tensor<2>,
+    /// Accumulated opacity Σ wᵢ = 1 − exp(−Σ τᵢ), `[R]`.
+    pub acc: Tensor<1>,
+}
+
+/// Composites packed samples.
+///
+/// wᵢ = Tᵢ αᵢ with Tᵢ = exp(−Σ_{j<i} τⱼ) and αᵢ = −expm1(−τᵢ) (InfoNeRF, Eq. 1, in optical depth).
+///
+/// - `tau`: optical depths τ = σδ ≥ 0, `[M]`.
+/// - `values`: what to integrate (colour, distance, features), `[M, C]`.
+///
+/// Differentiable in both; with `tau = sigma * delta` as tensors, so is it in the intervals δ.
+///
+/// An empty ray gives zeros. Values and gradients are finite for every τ in [0, ∞].
+///
+/// # Panics
+/// If the shapes do not match `segments`.
+pub fn composite(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {
+    let [samples, channels] = values.dims();
+    assert_eq!(tau.dims(), [segments.samples()], "tau holds one value per packed sample");
+    assert_eq!(samples, segments.samples(), "values holds one row per packed sample");
+    dispatch! {
+        &tau.device();
+        host => {
+            let kernel = host::CompositeKernel { segments: segments.clone(), channels };
+            let packed: Tensor<2> = crate::ray_kernel::apply(kernel, (tau, values));
+            Composite { acc: packed.clone().narrow(1, channels, 1).squeeze_dim(1), values: packed.narrow(1, 0, channels) }
+        },
+        cube if samples > 0 => {
+            let (values, _, acc) = gpu::composite(tau, Some(values), None, None, segments);
+            Composite { values: values.expect("values were given"), acc }
+        },
+        plain => plain(tau, values, segments),
+    }
+}
+
+/// The result of [`composite_over`], one row per ray.
+#[derive(Clone, Debug)]
+pub struct CompositeOver {
+    /// Σ wᵢ cᵢ + (1 − Σ wᵢ) · background, `[R, 3]`, if colours were given.
+    pub color: Option<Tensor<2>>,
+    /// Σ wᵢ tᵢ, `[R]`.
+    pub depth: Tensor<1>,
+    /// Σ wᵢ, `[R]`.
+    pub acc: Tensor<1>,
+}
+
+/// Composites the colours of packed samples, `[M, 3]`, over a background, and their `distances`, `[M]`, which have no gradient.
+/// Otherwise as [`composite`].
+///
+/// # Panics
+/// If the shapes do not match `segments`.
+pub fn composite_over(
+    tau: Tensor<1>,
+    color: Option<Tensor<2>>,
+    distances: Tensor<1>,
+    background: [f32; 3],
+    segments: &Segments,
+) -> CompositeOver {
+    let samples = segments.samples();
+    assert_eq!([tau.dims(), distances.dims()], [[samples]; 2], "τ and distance are one value per packed sample");
+    dispatch! {
+        &tau.device();
+        host => over(tau, color, distances, background, segments),
+        cube if samples > 0 => {
+            let background = color.is_some().then_some(background);
+            let (color, depth, acc) = gpu::composite(tau, color, Some(distances), background, segments);
+            CompositeOver { color, depth, acc }
+        },
+        plain => over(tau, color, distances, background, segments),
+    }
+}
+
+/// [`composite_over`] by way of [`composite`].
+fn over(
+    tau: Tensor<1>,
+    color: Option<Tensor<2>>,
+    distances: Tensor<1>,
+    background: [f32; 3],
+    segments: &Segments,
+) -> CompositeOver {
+    let (device, is_colored) = (tau.device(), color.is_some());
+    let t = distances.detach().unsqueeze_dim(1);
+    let values = match color {
+        Some(color) => Tensor::cat(vec![color, t], 1),
+        None => t,
+    };
+    let Composite { values, acc } = composite(tau, values, segments);
+    let color = is_colored.then(|| {
+        let behind = acc.clone().neg() + 1.0;
+        let background = upload(background.to_vec(), [1, 3], &device);
+        values.clone().narrow(1, 0, 3) + behind.unsqueeze_dim::<2>(1).mul(background)
+    });
+    let depth = values.narrow(1, if is_colored { 3 } else { 0 }, 1).reshape([segments.rays()]);
+    CompositeOver { color, depth, acc }
+}
+
+/// Computes the compositing weights `w` of packed samples on the host, `[M]`, without a gradient: for importance sampling.
+pub fn weights(tau: &[f32], segments: &Segments) -> Vec<f32> {
+    let mut weights = vec![0.0; tau.len()];
+    for range in segments.ranges() {
+        let mut depth = 0f64;
+        for i in range {
+            weights[i] = (-depth).exp() as f32 * crate::numeric::alpha(tau[i]);
+            depth += f64::from(tau[i]);
+        }
+    }
+    weights
+}

@@ -1,0 +1,75 @@
+//! Compositing from plain tensor operations, and what such bodies of operations along rays share.
+
+#[cfg(feature = "ndarray")]
+use burn::backend::DispatchDevice;
+use burn::tensor::{Bool, Device, FloatDType, Int, Tensor};
+
+use super::Composite;
+use crate::{Segments, upload};
+
+/// [`composite`](super::composite()) from plain tensor operations, on any backend.
+pub fn plain(tau: Tensor<1>, values: Tensor<2>, segments: &Segments) -> Composite {
+    let (rays, channels) = (segments.rays(), values.dims()[1]);
+    let device = tau.device();
+    let dtype = working_dtype(&device);
+    let longest = segments.longest();
+    if longest == 0 {
+        return Composite { values: Tensor::zeros([rays, channels], &device), acc: Tensor::zeros([rays], &device) };
+    }
+    let padding = Padding::new(segments, &device);
+    let tau = padding.apply(tau.cast(dtype));
+    let alpha = plain_alpha(tau.clone());
+    // Σw from the depth: its gradient is what leaves the ray, and not a difference of sums.
+    let acc = plain_alpha(tau.clone().sum_dim(1));
+    let weights = exclusive_sum(tau).neg().exp() * alpha;
+    let values = values.cast(dtype).select(0, padding.indices.clone()).reshape([rays, longest, channels]);
+    let values = (values * weights.unsqueeze_dim::<3>(2)).sum_dim(1).squeeze_dim::<2>(1);
+    Composite { values: values.cast(FloatDType::F32), acc: acc.squeeze_dim::<1>(1).cast(FloatDType::F32) }
+}
+
+/// Gather from packed samples `[M]` to rays padded with empty samples `[R, longest]`.
+pub(crate) struct Padding {
+    indices: Tensor<1, Int>,
+    empty: Tensor<2, Bool>,
+}
+
+impl Padding {
+    pub(crate) fn new(segments: &Segments, device: &Device) -> Self {
+        let shape = [segments.rays(), segments.longest()];
+        let (indices, valid) = segments.padded();
+        let empty: Vec<bool> = valid.iter().map(|valid| !valid).collect();
+        Self { indices: upload(indices, [shape[0] * shape[1]], device), empty: upload(empty, shape, device) }
+    }
+
+    pub(crate) fn apply(&self, packed: Tensor<1>) -> Tensor<2> {
+        let [rays, longest] = self.empty.dims();
+        packed.select(0, self.indices.clone()).reshape([rays, longest]).mask_fill(self.empty.clone(), 0.0)
+    }
+}
+
+/// Computes Σ_{j<i} xⱼ along each row, by shifting: subtracting xᵢ from an inclusive sum would lose what is before a huge xᵢ.
+pub(crate) fn exclusive_sum(rows: Tensor<2>) -> Tensor<2> {
+    let [_, columns] = rows.dims();
+    let nothing = rows.clone().narrow(1, 0, 1).zeros_like();
+    Tensor::cat(vec![nothing, rows.narrow(1, 0, columns - 1)], 1).cumsum(1)
+}
+
+/// Returns the float type of plain tensor operations: `f64` on `ndarray`, as sums over a ray would lose digits in `f32`.
+pub(crate) fn working_dtype(device: &Device) -> FloatDType {
+    match device.clone().inner().as_dispatch() {
+        #[cfg(feature = "ndarray")]
+        DispatchDevice::NdArray(_) => FloatDType::F64,
+        _ => FloatDType::F32,
+    }
+}
+
+/// Computes α = 1 − e^−τ: by its series below 0.1, where the difference would cancel.
+pub(crate) fn plain_alpha<const D: usize>(tau: Tensor<D>) -> Tensor<D> {
+    let small = tau.clone().lower_elem(0.1);
+    // Both branches are computed, so the series is kept off large inputs.
+    let t = tau.clone().clamp(0.0, 0.1);
+    // 1 − t/2 + t²/6 − …: nine terms are exact in `f64`.
+    let horner =
+        (1..=9).rev().fold(t.zeros_like() + 1.0, |sum: Tensor<D>, n| sum * t.clone() / -(n as f64 + 1.0) + 1.0);
+    (tau.neg().exp().neg() + 1.0).mask_where(small, horner * t)
+}

@@ -1,0 +1,39 @@
+//! Divergence of the distributions along neighbouring rays: InfoNeRF's information gain.
+
+#[cfg(feature = "cube")]
+mod gpu;
+#[cfg(feature = "flex")]
+mod host;
+mod plain;
+
+use burn::tensor::Tensor;
+
+pub use self::plain::plain;
+use crate::Segments;
+use crate::dispatch::dispatch;
+
+/// Computes KL(P(r) ‖ P(r̃)) of paired rays in nats (InfoNeRF, Eq. 9), `[R]`.
+///
+/// KL = Σ pᵢ [ln(pᵢ + ε) − ln(qᵢ + ε)] with p = α/Σα of `tau` and q = α/Σα of `near`; samples are paired by index.
+/// `epsilon` > 0 bounds the divergence of disjoint rays at −ln ε nats (the released code has 1e-10). A pair in which
+/// either ray hits nothing (Σα < 1e-20) gives 0 with zero gradient.
+///
+/// - `tau`, `near`: optical depths, both `[M]`, packed by the same `segments`.
+///
+/// For the reverse direction of the released code swap the arguments.
+///
+/// # Panics
+/// If the shapes do not match `segments`, or `epsilon` is not positive.
+pub fn ray_divergence(tau: Tensor<1>, near: Tensor<1>, segments: &Segments, epsilon: f32) -> Tensor<1> {
+    assert_eq!(tau.dims(), [segments.samples()], "tau holds one value per packed sample");
+    assert_eq!(near.dims(), [segments.samples()], "near holds one value per packed sample");
+    assert!(epsilon > 0.0, "epsilon must be positive: it bounds the divergence");
+    dispatch! {
+        &tau.device();
+        host => {
+            crate::ray_kernel::apply(host::DivergenceKernel { segments: segments.clone(), epsilon }, (tau, near))
+        },
+        cube if segments.samples() > 0 => gpu::divergence(tau, near, segments, epsilon),
+        plain => plain(tau, near, segments, epsilon),
+    }
+}

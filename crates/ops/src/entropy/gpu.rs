@@ -1,0 +1,162 @@
+//! Kernels of ray entropy: one thread per ray.
+
+use std::sync::Arc;
+
+use burn::cubecl::{self, prelude::*};
+use burn::tensor::{self, Shape};
+use burn_cubecl::tensor::CubeTensor;
+
+use crate::Segments;
+use crate::composite::MIN_ALPHA_SUM;
+use crate::cube::outputs::Outputs;
+use crate::cube::rays::{RayMass, RayOffsets, alpha_of, clear_tail, first_sample, ln_1p, mass_of};
+use crate::cube::{CubeKernel, Pass, apply, arg, empty_like, launch};
+
+/// Computes the results of [`ray_entropy`](super::ray_entropy) for p = α/Σα: bits and Σα, `[R]` each.
+pub(super) fn entropy(tau: tensor::Tensor<1>, segments: &Segments, epsilon: f32) -> [tensor::Tensor<1>; 2] {
+    let outputs = Outputs::new([0, 1].map(|_| Shape::new([segments.rays()])));
+    let kernel = GpuEntropy { offsets: RayOffsets::new(segments), outputs: outputs.clone(), epsilon };
+    let buffer = apply(kernel, tau);
+    [0, 1].map(|index| outputs.output(&buffer, index))
+}
+
+#[derive(Debug)]
+struct GpuEntropy {
+    offsets: RayOffsets,
+    outputs: Arc<Outputs<2>>,
+    epsilon: f32,
+}
+
+impl CubeKernel for GpuEntropy {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        let tau = &inputs[0];
+        let buffer = self.outputs.buffer(tau);
+        let [bits, alpha_sum] = self.outputs.parts(&buffer);
+        launch!(
+            entropy_forward::launch, self.offsets.rays();
+            tau, &self.offsets.on_device_of(tau), &bits, &alpha_sum;
+            self.epsilon, MIN_ALPHA_SUM
+        );
+        buffer
+    }
+
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        let tau = &pass.inputs[0];
+        let dtau = empty_like(tau);
+        let gradients = self.outputs.gradients();
+        let has = gradients.each_ref().map(Option::is_some);
+        // Any tensor stands for a gradient that is missing, which is not read.
+        let [bits, alpha_sum] = gradients.map(|grad| arg(&grad.unwrap_or_else(|| tau.clone())));
+        launch!(
+            entropy_backward::launch, self.offsets.rays();
+            tau, &self.offsets.on_device_of(tau), &dtau;
+            self.epsilon, MIN_ALPHA_SUM, EntropyGradientsLaunch::new(bits, alpha_sum, has[0], has[1])
+        );
+        vec![Some(dtau)]
+    }
+}
+
+/// EntropyGradients with respect to the entropy in bits and Σα of each ray.
+#[derive(CubeType, CubeLaunch)]
+struct EntropyGradients {
+    bits: OwnedTensor<f32>,
+    alpha_sum: OwnedTensor<f32>,
+    #[cube(comptime)]
+    has_bits: bool,
+    #[cube(comptime)]
+    has_alpha_sum: bool,
+}
+
+/// Computes ln(p + ε) of a sample. Without ε an empty sample counts as the smallest normal `f32`.
+#[cube]
+fn ln_density(alpha: f32, place: usize, ray: &RayMass, epsilon: f32) -> f32 {
+    let mut ln = f32::ln(alpha / ray.sum + epsilon);
+    if epsilon == 0.0f32 {
+        ln = f32::ln(f32::max(alpha, 1.175_494_4e-38f32)) - f32::ln(ray.sum);
+    }
+    if place == ray.top && 2.0f32 * ray.rest < ray.sum {
+        ln = ln_1p(epsilon - ray.rest / ray.sum);
+    }
+    ln
+}
+
+/// Writes a ray's entropy in bits and Σα.
+#[cube(launch)]
+fn entropy_forward(
+    tau: &Tensor<f32>,
+    offsets: &Tensor<i32>,
+    bits: &mut Tensor<f32>,
+    alpha_sum: &mut Tensor<f32>,
+    epsilon: f32,
+    min_sum: f32,
+) {
+    let place = ABSOLUTE_POS;
+    if place >= bits.shape(0) {
+        terminate!();
+    }
+    let (start, end) = (first_sample(offsets, place), first_sample(offsets, place + 1));
+    let ray = mass_of(tau, start, end);
+    let missed = ray.sum < min_sum;
+    let mut entropy = 0.0f32;
+    if !missed {
+        for i in start..end {
+            let alpha = alpha_of(tau[i]);
+            entropy -= alpha / ray.sum * ln_density(alpha, i, &ray, epsilon) * std::f32::consts::LOG2_E;
+        }
+    }
+    bits[place] = entropy;
+    alpha_sum[place] = ray.sum;
+}
+
+/// Writes the gradient with respect to τ.
+#[cube(launch)]
+fn entropy_backward(
+    tau: &Tensor<f32>,
+    offsets: &Tensor<i32>,
+    dtau: &mut Tensor<f32>,
+    epsilon: f32,
+    min_sum: f32,
+    gradients: &EntropyGradients,
+) {
+    let place = ABSOLUTE_POS;
+    if place >= offsets.shape(0) - 1 {
+        terminate!();
+    }
+    let (start, end) = (first_sample(offsets, place), first_sample(offsets, place + 1));
+    let ray = mass_of(tau, start, end);
+    clear_tail(dtau, offsets, 1, place);
+    let mut dsum = 0.0f32;
+    if comptime!(gradients.has_alpha_sum) {
+        dsum = gradients.alpha_sum[place];
+    }
+    for i in start..end {
+        dtau[i] = dsum * f32::exp(-tau[i]);
+    }
+    let missed = ray.sum < min_sum;
+    if comptime!(gradients.has_bits) {
+        if !missed {
+            let scale = gradients.bits[place] * std::f32::consts::LOG2_E;
+            let common = entropy_gradient(tau[ray.top], ray.top, &ray, epsilon);
+            let mut mean = 0.0f32;
+            for i in start..end {
+                let dp = entropy_gradient(tau[i], i, &ray, epsilon);
+                mean += alpha_of(tau[i]) / ray.sum * (dp - common);
+            }
+            for i in start..end {
+                let dp = entropy_gradient(tau[i], i, &ray, epsilon) - common - mean;
+                dtau[i] += scale * dp / ray.sum * f32::exp(-tau[i]);
+            }
+        }
+    }
+}
+
+/// Computes ∂H/∂p in nats, plus 1: a constant drops out.
+#[cube]
+fn entropy_gradient(tau: f32, place: usize, ray: &RayMass, epsilon: f32) -> f32 {
+    let alpha = alpha_of(tau);
+    let mut dp = -ln_density(alpha, place, ray, epsilon);
+    if epsilon > 0.0f32 {
+        dp += epsilon / (alpha / ray.sum + epsilon);
+    }
+    dp
+}

@@ -1,0 +1,58 @@
+use super::RayDistribution;
+use crate::Segments;
+use crate::distribution::Distributions;
+use crate::numeric::SampleOpacity;
+use crate::ray_kernel::{Group, RayKernel};
+
+/// Entropy in bits, and Σα.
+const COLUMNS: usize = 2;
+
+/// Input: τ. Output: entropy and Σα of each ray, `[R, 2]`.
+#[derive(Debug)]
+pub(super) struct EntropyKernel {
+    pub(super) segments: Segments,
+    pub(super) distribution: RayDistribution,
+    pub(super) epsilon: f32,
+}
+
+impl RayKernel<1> for EntropyKernel {
+    fn segments(&self) -> &Segments {
+        &self.segments
+    }
+
+    fn shape(&self) -> Vec<usize> {
+        vec![self.segments.rays(), COLUMNS]
+    }
+
+    #[inline(always)]
+    fn forward<const FMA: bool>(&self, group: Group<'_>, [tau]: [&[f32]; 1], out: &mut [f32]) {
+        let opacity = SampleOpacity::new::<FMA>(tau);
+        for (range, row) in group.ranges().zip(out.chunks_exact_mut(COLUMNS)) {
+            row[1] = opacity.alpha[range].iter().sum::<f64>() as f32;
+        }
+        let distributions = Distributions::new(&opacity, &group, self.distribution);
+        distributions.entropies::<FMA>(self.epsilon, |ray, nats| {
+            out[ray * COLUMNS] = (nats * std::f64::consts::LOG2_E) as f32;
+        });
+    }
+
+    #[inline(always)]
+    fn backward<const FMA: bool>(
+        &self,
+        group: Group<'_>,
+        [tau]: [&[f32]; 1],
+        grad: &[f32],
+        [dtau]: [Option<&mut [f32]>; 1],
+    ) {
+        let Some(dtau) = dtau else { return };
+        let opacity = SampleOpacity::new::<FMA>(tau);
+        for (range, row) in group.ranges().zip(grad.chunks_exact(COLUMNS)).filter(|(_, row)| row[1] != 0.0) {
+            for (dtau, through) in dtau[range.clone()].iter_mut().zip(&opacity.through[range]) {
+                *dtau = (f64::from(row[1]) * through) as f32;
+            }
+        }
+        let scale = |ray: usize| f64::from(grad[ray * COLUMNS]) * std::f64::consts::LOG2_E;
+        let distributions = Distributions::new(&opacity, &group, self.distribution);
+        distributions.add_entropy_gradients::<FMA>(self.epsilon, scale, dtau);
+    }
+}

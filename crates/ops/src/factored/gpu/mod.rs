@@ -1,0 +1,83 @@
+//! GPU kernels of the input of a factored field's MLP: planes, lines, and frequencies of the position.
+
+mod kernels;
+
+use std::sync::Arc;
+
+use burn::cubecl::features::AtomicUsage;
+use burn::cubecl::ir::{FloatKind, Type};
+use burn::tensor::Tensor;
+use burn_cubecl::tensor::CubeTensor;
+
+use super::{Layout, Level, PLANES, Query};
+use crate::cube::{CubeKernel, Pass, apply, empty, empty_like, launch, numbers, zeros};
+use kernels::{CompareExchange, Native};
+
+/// Computes the MLP's input at the points of `query`, `[M, layout.features()]`; differentiable in `tables` and positions.
+pub(super) fn features(tables: Tensor<1>, layout: &Arc<Layout>, query: &Query) -> Tensor<2> {
+    let weights = [query.frequency_weights.as_slice(), &query.level_weights].concat();
+    let kernel = FeatureKernel { layout: layout.clone(), weights };
+    apply(kernel, (tables, query.positions.clone()))
+}
+
+#[derive(Debug)]
+struct FeatureKernel {
+    layout: Arc<Layout>,
+    /// Weights of the frequencies, then of the levels.
+    weights: Vec<f32>,
+}
+
+impl FeatureKernel {
+    fn sizes(&self) -> (usize, Vec<Level>) {
+        (self.layout.frequencies, self.layout.levels.clone())
+    }
+}
+
+impl CubeKernel for FeatureKernel {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        self.forward_keeping(inputs).0
+    }
+
+    /// Keeps the weights.
+    fn forward_keeping(&self, inputs: &[CubeTensor]) -> (CubeTensor, Vec<CubeTensor>) {
+        let [tables, positions] = inputs else { unreachable!("tables are read at positions") };
+        let samples = positions.meta.shape()[0];
+        let out = empty(tables, [samples, self.layout.features()]);
+        let weights = numbers(&self.weights, tables);
+        let (frequencies, levels) = self.sizes();
+        launch!(kernels::features::launch, samples * PLANES.len(); tables, positions, &weights, &out; frequencies, levels);
+        (out, vec![weights])
+    }
+
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        let [tables, positions] = pass.inputs else { unreachable!("tables are read at positions") };
+        let (samples, weights) = (positions.meta.shape()[0], &pass.kept[0]);
+        let in_tables = || {
+            // Many samples add to one element of the tables.
+            let usage = tables.client.properties().atomic_type_usage(Type::atomic(FloatKind::F32));
+            let launch = match usage.contains(AtomicUsage::Add) {
+                true => kernels::table_gradient::launch::<Native>,
+                false => kernels::table_gradient::launch::<CompareExchange>,
+            };
+            let dtables = zeros(tables, tables.meta.shape().clone());
+            let (frequencies, levels) = self.sizes();
+            launch!(
+                launch, samples * PLANES.len();
+                tables, positions, weights, pass.grad, &dtables;
+                frequencies, levels
+            );
+            dtables
+        };
+        let in_positions = || {
+            let dpositions = empty_like(positions);
+            let (frequencies, levels) = self.sizes();
+            launch!(
+                kernels::position_gradient::launch, samples;
+                tables, positions, weights, pass.output, pass.grad, &dpositions;
+                frequencies, levels
+            );
+            dpositions
+        };
+        vec![pass.wanted[0].then(in_tables), pass.wanted[1].then(in_positions)]
+    }
+}

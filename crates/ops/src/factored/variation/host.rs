@@ -1,0 +1,142 @@
+//! Host kernel of [`plane_variation`](super::plane_variation).
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::{Layout, weight};
+use crate::kernel::{Kernel, Pass};
+use crate::parts::in_parts;
+use crate::simd::{self, Job};
+
+#[derive(Debug)]
+pub(super) struct VariationKernel {
+    pub(super) layout: Arc<Layout>,
+}
+
+impl VariationKernel {
+    /// Lists `(first element, resolution, channels)` of every plane.
+    fn planes(&self) -> Vec<(usize, usize, usize)> {
+        let of_level =
+            |level: &crate::factored::Level| [0, 1, 2].map(|p| (level.plane(p), level.resolution, level.channels));
+        self.layout.levels.iter().flat_map(of_level).collect()
+    }
+}
+
+/// Computes Σ (a − b)², in as many running sums as fit a vector.
+#[inline(always)]
+fn squares(a: &[f32], b: &[f32]) -> f64 {
+    const LANES: usize = 16;
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    let mut sums = [0f32; LANES];
+    for (a, b) in a.iter().zip(b) {
+        for lane in 0..LANES {
+            sums[lane] += (a[lane] - b[lane]) * (a[lane] - b[lane]);
+        }
+    }
+    let mut sum = 0.0;
+    for (a, b) in a_rest.iter().zip(b_rest) {
+        sum += f64::from((a - b) * (a - b));
+    }
+    for lane in sums {
+        sum += f64::from(lane);
+    }
+    sum
+}
+
+/// Sum over neighbours in a plane whose rows have `width` elements, `step` of them a texel.
+struct SquaredDifferences<'a> {
+    plane: &'a [f32],
+    width: usize,
+    step: usize,
+    sum: &'a mut f64,
+}
+
+impl Job for SquaredDifferences<'_> {
+    #[inline(always)]
+    fn run<const FMA: bool, const WIDE: bool>(self) {
+        // Row by row, so that each sum in `f32` is short.
+        for row in self.plane.chunks_exact(self.width) {
+            *self.sum += squares(&row[self.step..], &row[..self.width - self.step]);
+        }
+        for (above, row) in self.plane.chunks_exact(self.width).zip(self.plane[self.width..].chunks_exact(self.width)) {
+            *self.sum += squares(row, above);
+        }
+    }
+}
+
+/// Gradient of [`SquaredDifferences`] times half of `factor`, added to `out`.
+struct DifferenceGradient<'a> {
+    plane: &'a [f32],
+    width: usize,
+    step: usize,
+    factor: f32,
+    out: &'a mut [f32],
+}
+
+/// Adds k (from − to) to `out`.
+#[inline(always)]
+fn add_difference(out: &mut [f32], k: f32, from: &[f32], to: &[f32]) {
+    for ((out, a), b) in out.iter_mut().zip(from).zip(to) {
+        *out += k * (a - b);
+    }
+}
+
+impl Job for DifferenceGradient<'_> {
+    #[inline(always)]
+    fn run<const FMA: bool, const WIDE: bool>(self) {
+        let Self { plane, width, step, factor, out } = self;
+        for (y, out) in out.chunks_exact_mut(width).enumerate() {
+            let row = &plane[y * width..(y + 1) * width];
+            add_difference(&mut out[..width - step], factor, row, &row[step..]);
+            add_difference(&mut out[step..], factor, &row[step..], row);
+            if y > 0 {
+                add_difference(out, factor, row, &plane[(y - 1) * width..y * width]);
+            }
+            if (y + 2) * width <= plane.len() {
+                add_difference(out, factor, row, &plane[(y + 1) * width..(y + 2) * width]);
+            }
+        }
+    }
+}
+
+impl Kernel for VariationKernel {
+    fn shape(&self, _inputs: &[Vec<usize>]) -> Vec<usize> {
+        vec![1]
+    }
+
+    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
+        let parts: Vec<f64> = self
+            .planes()
+            .into_par_iter()
+            .map(|(start, r, c)| {
+                let mut sum = 0.0;
+                let plane = &inputs[0][start..start + r * r * c];
+                simd::run(SquaredDifferences { plane, width: r * c, step: c, sum: &mut sum });
+                sum * f64::from(weight(r))
+            })
+            .collect();
+        vec![parts.iter().sum::<f64>() as f32]
+    }
+
+    fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+        let tables = pass.inputs[0];
+        let grad = in_parts(self.layout.table_parts(), |parts| {
+            let mut parts = parts.into_iter();
+            let mut tasks = Vec::new();
+            for level in &self.layout.levels {
+                let planes = parts.by_ref().take(3).enumerate();
+                tasks.extend(planes.map(|(p, part)| (part, Some((level.plane(p), level.resolution, level.channels)))));
+                tasks.extend(parts.by_ref().take(3).map(|line| (line, None)));
+            }
+            tasks.into_par_iter().for_each(|(part, plane)| {
+                let out = part.zeros();
+                let Some((start, r, c)) = plane else { return };
+                let plane = &tables[start..start + r * r * c];
+                let factor = 2.0 * weight(r) * pass.grad[0];
+                simd::run(DifferenceGradient { plane, width: r * c, step: c, factor, out });
+            });
+        });
+        vec![Some(grad)]
+    }
+}

@@ -1,0 +1,110 @@
+//! Host kernel of the encodings.
+
+use rayon::prelude::*;
+
+use crate::kernel::{Kernel, Pass};
+
+/// Rows that a task takes at a time.
+const CHUNK: usize = 256;
+
+/// Encoding of `[M, dims]` points, or of means and variances if `integrated`.
+#[derive(Debug)]
+pub(super) struct EncodingKernel {
+    pub(super) dims: usize,
+    /// Weight of each frequency.
+    pub(super) window: Vec<f32>,
+    pub(super) integrated: bool,
+}
+
+impl EncodingKernel {
+    /// Returns the column of the first sine, which follows the point unless the encoding is integrated.
+    fn first_wave(&self) -> usize {
+        if self.integrated { 0 } else { self.dims }
+    }
+
+    fn width(&self) -> usize {
+        self.first_wave() + 2 * self.dims * self.window.len()
+    }
+
+    fn encode(&self, point: &[f32], variance: Option<&[f32]>, out: &mut [f32]) {
+        let dims = self.dims;
+        let (copy, waves) = out.split_at_mut(self.first_wave());
+        copy.copy_from_slice(&point[..copy.len()]);
+        for (axis, &x) in point.iter().enumerate() {
+            let mut exponent = variance.map(|variance| -0.5 * f64::from(variance[axis]));
+            let blocks = waves.chunks_exact_mut(2 * dims).zip(&self.window);
+            for ((block, &weight), (sine, cosine)) in blocks.zip(sines_and_cosines(x)) {
+                let weight = weight * exponent.map_or(1.0, |exponent| exponent.exp() as f32);
+                block[axis] = weight * sine;
+                block[dims + axis] = weight * cosine;
+                exponent = exponent.map(|exponent| 4.0 * exponent);
+            }
+        }
+    }
+
+    /// Evaluates `gradient(start of the row, axis)` for each coordinate of the inputs.
+    fn each_coordinate(&self, pass: &Pass<'_>, gradient: impl Fn(usize, usize) -> f64 + Sync) -> Vec<f32> {
+        let mut all = vec![0.0; pass.inputs[0].len()];
+        all.par_chunks_mut(self.dims).enumerate().for_each(|(row, all)| {
+            all.iter_mut().enumerate().for_each(|(axis, d)| *d = gradient(row * self.width(), axis) as f32);
+        });
+        all
+    }
+
+    /// Sums `term(l, [sine, cosine], their gradients)` over all frequencies l of a coordinate, whose first sine is at `start`.
+    fn sum(&self, pass: &Pass<'_>, start: usize, term: impl Fn(i32, [f64; 2], [f64; 2]) -> f64) -> f64 {
+        let pair = |values: &[f32], at: usize| [f64::from(values[at]), f64::from(values[at + self.dims])];
+        let waves = (0..self.window.len()).map(|l| (l as i32, start + 2 * self.dims * l));
+        waves.map(|(l, at)| term(l, pair(pass.output, at), pair(pass.grad, at))).sum()
+    }
+}
+
+/// Iterates over (sin 2ˡx, cos 2ˡx) for l = 0, 1, …, by doubling the angle in `f64`. As that loses one bit per frequency, every
+/// 16th pair is computed anew.
+fn sines_and_cosines(x: f32) -> impl Iterator<Item = (f32, f32)> {
+    const PERIOD: i32 = 16;
+    let mut pair = (0f64, 1f64);
+    (0..).map(move |frequency| {
+        pair = match pair {
+            _ if frequency % PERIOD == 0 => (f64::from(x) * 2f64.powi(frequency)).sin_cos(),
+            (sine, cosine) => (2.0 * sine * cosine, (cosine - sine) * (cosine + sine)),
+        };
+        (pair.0 as f32, pair.1 as f32)
+    })
+}
+
+impl Kernel for EncodingKernel {
+    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
+        vec![inputs[0][0], self.width()]
+    }
+
+    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
+        let (points, variances) = (inputs[0], inputs.get(1));
+        let (dims, width) = (self.dims, self.width());
+        let mut out = vec![0f32; points.len() / dims * width];
+        out.par_chunks_mut(width * CHUNK).enumerate().for_each(|(chunk, out)| {
+            for (row, out) in out.chunks_exact_mut(width).enumerate() {
+                let start = (chunk * CHUNK + row) * dims;
+                let range = start..start + dims;
+                self.encode(&points[range.clone()], variances.map(|variances| &variances[range]), out);
+            }
+        });
+        out
+    }
+
+    /// Computes Σ 2ˡ(g_sin cos 2ˡx − g_cos sin 2ˡx), the gradient with respect to x, and −½ Σ 4ˡ(g_sin sin 2ˡx + g_cos cos 2ˡx),
+    /// the gradient with respect to σ².
+    fn backward(&self, pass: Pass<'_>, _wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+        let first = self.first_wave();
+        let dpoints = self.each_coordinate(&pass, |row, axis| {
+            let own = if self.integrated { 0.0 } else { f64::from(pass.grad[row + axis]) };
+            let term = |l, out: [f64; 2], grad: [f64; 2]| 2f64.powi(l) * (grad[0] * out[1] - grad[1] * out[0]);
+            own + self.sum(&pass, row + first + axis, term)
+        });
+        let dvariances = self.integrated.then(|| {
+            let term = |l, out: [f64; 2], grad: [f64; 2]| -0.5 * 4f64.powi(l) * (grad[0] * out[0] + grad[1] * out[1]);
+            Some(self.each_coordinate(&pass, |row, axis| self.sum(&pass, row + axis, term)))
+        });
+        std::iter::once(Some(dpoints)).chain(dvariances).collect()
+    }
+}

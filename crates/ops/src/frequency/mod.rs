@@ -1,0 +1,162 @@
+//! Positional encodings: of points (NeRF, Eq. 4), and integrated over Gaussians (mip-NeRF, Sec. 3.1).
+
+#[cfg(feature = "cube")]
+pub(crate) mod gpu;
+#[cfg(feature = "flex")]
+mod host;
+
+use burn::tensor::{FloatDType, Tensor};
+
+use crate::composite::working_dtype;
+use crate::dispatch::dispatch;
+
+/// Encodes points with sines and cosines of doubling frequency.
+///
+/// γ(x) = (x, sin 2⁰x, cos 2⁰x, …, sin 2^(L−1)x, cos 2^(L−1)x), with `x` itself and without a factor π, as in the released
+/// code: `[M, D]` → `[M, D·(1 + 2·L)]`, each frequency's sines before its cosines. `window[l]` scales frequency `l`
+/// (FreeNeRF's annealing); a frequency beyond its length has weight 1. Differentiable in `points`:
+/// `∂/∂x sin 2ˡx = 2ˡ cos 2ˡx`.
+///
+/// Finite for every finite point. On GPUs the error is below 1e-6 while 2^(L−1)|x| < 10⁷, and unbounded far beyond.
+pub fn frequency_encode(points: Tensor<2>, frequencies: usize, window: &[f32]) -> Tensor<2> {
+    let window = weights(frequencies, window);
+    dispatch! {
+        &points.device();
+        host => {
+            let kernel = host::EncodingKernel { dims: points.dims()[1], window, integrated: false };
+            crate::kernel::apply(kernel, points)
+        },
+        cube if points.dims()[0] > 0 => gpu::encode(points, None, window),
+        plain => plain(points, None, &window),
+    }
+}
+
+/// Computes the mean of the positional encoding over axis-aligned Gaussians in space (mip-NeRF, Eq. 13–14).
+///
+/// γ(μ, σ²) = (…, sin(2ˡμ) exp(−½ 4ˡσ²), cos(2ˡμ) exp(−½ 4ˡσ²), …) for each frequency l and axis, since E[sin x] of
+/// x ~ N(μ, σ²) is sin μ · exp(−σ²/2): frequencies that vary within the Gaussian vanish. Columns are in the order of
+/// [`frequency_encode`], without the position itself. `means` and `variances` are `[M, 3]`, scene
+/// units and their square; the result is `[M, 6·L]`, differentiable in both. `window[l]` scales frequency `l`; a frequency
+/// beyond its length has weight 1.
+///
+/// # Panics
+/// If the shapes of means and variances differ.
+pub fn integrated_encode(means: Tensor<2>, variances: Tensor<2>, frequencies: usize, window: &[f32]) -> Tensor<2> {
+    assert_eq!(means.dims(), variances.dims(), "one variance per axis of a mean");
+    let window = weights(frequencies, window);
+    if window.is_empty() {
+        return Tensor::zeros([means.dims()[0], 0], &means.device());
+    }
+    dispatch! {
+        &means.device();
+        host => crate::kernel::apply(host::EncodingKernel { dims: 3, window, integrated: true }, (means, variances)),
+        cube if means.dims()[0] > 0 => gpu::encode(means, Some(variances), window),
+        plain => plain(means, Some(variances), &window),
+    }
+}
+
+/// Returns the weight of each frequency.
+fn weights(frequencies: usize, window: &[f32]) -> Vec<f32> {
+    (0..frequencies).map(|frequency| window.get(frequency).copied().unwrap_or(1.0)).collect()
+}
+
+/// Computes [`integrated_encode`] if there are variances, else [`frequency_encode`], by plain tensor operations on any backend,
+/// with a weight for each frequency.
+pub fn plain(points: Tensor<2>, variances: Option<Tensor<2>>, window: &[f32]) -> Tensor<2> {
+    let dtype = working_dtype(&points.device());
+    let (wide, variances) = (points.clone().cast(dtype), variances.map(|variances| variances.cast(dtype)));
+    let waves = window.iter().enumerate().flat_map(|(frequency, weight)| {
+        let phase = wide.clone() * 2f64.powi(frequency as i32);
+        let fading = variances.clone().map(|variances| (variances * (-0.5 * 4f64.powi(frequency as i32))).exp());
+        [phase.clone().sin(), phase.cos()].map(|wave| match &fading {
+            Some(fading) => (wave * (fading.clone() * *weight)).cast(FloatDType::F32),
+            None => (wave * *weight).cast(FloatDType::F32),
+        })
+    });
+    let point = variances.is_none().then(|| points.clone());
+    Tensor::cat(point.into_iter().chain(waves).collect(), 1)
+}
+
+/// Returns the width of [`frequency_encode`] of a `dims`-dimensional point.
+pub const fn encoded_width(dims: usize, frequencies: usize) -> usize {
+    dims * (1 + 2 * frequencies)
+}
+
+/// Returns the width of [`integrated_encode`].
+pub const fn integrated_width(frequencies: usize) -> usize {
+    6 * frequencies
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::tensor::Device;
+
+    use super::*;
+    use crate::traffic::{from_host, to_host};
+
+    fn encoded(x: &[f32], dims: usize, frequencies: usize, window: &[f32]) -> Vec<f32> {
+        to_host(frequency_encode(from_host(x, dims, &Device::flex()), frequencies, window))
+    }
+
+    #[test]
+    fn matches_the_formula() {
+        const FREQUENCIES: usize = 20;
+        let x = [0.3f32, -1.2, 2.5];
+        let got = encoded(&x, 3, FREQUENCIES, &[]);
+        assert_eq!(got.len(), encoded_width(3, FREQUENCIES));
+        assert_eq!(&got[..3], &x);
+        for frequency in 0..FREQUENCIES {
+            for (axis, x) in x.iter().enumerate() {
+                let phase = f64::from(*x) * 2f64.powi(frequency as i32);
+                let base = 3 + frequency * 6 + axis;
+                approx::assert_abs_diff_eq!(f64::from(got[base]), phase.sin(), epsilon = 1e-7);
+                approx::assert_abs_diff_eq!(f64::from(got[base + 3]), phase.cos(), epsilon = 1e-7);
+            }
+        }
+    }
+
+    #[test]
+    fn window_scales_its_frequency_only() {
+        let (full, half) = (encoded(&[0.7], 1, 3, &[]), encoded(&[0.7], 1, 3, &[1.0, 0.5, 0.0]));
+        assert_eq!(full[..3], half[..3]);
+        assert_eq!([full[3] * 0.5, full[4] * 0.5, 0.0, 0.0], half[3..7]);
+    }
+
+    const MEAN: [f32; 3] = [0.3, -1.2, 2.5];
+
+    fn integrated(means: &[f32], variances: &[f32], frequencies: usize, window: &[f32]) -> Tensor<2> {
+        let [means, variances] = [means, variances].map(|rows| from_host(rows, 3, &Device::flex()));
+        integrated_encode(means, variances, frequencies, window)
+    }
+
+    #[test]
+    fn encoding_is_the_mean_over_the_gaussian() {
+        let variance = [1e-4f32, 0.01, 0.5];
+        let got = to_host(integrated(&MEAN, &variance, 6, &[]));
+        assert_eq!(got.len(), integrated_width(6));
+        for frequency in 0..6 {
+            for (axis, (mean, variance)) in MEAN.into_iter().zip(variance).enumerate() {
+                let scale = 2f64.powi(frequency as i32);
+                let (mean, deviation) = (f64::from(mean) * scale, f64::from(variance).sqrt() * scale);
+                let expected = |f: fn(f64) -> f64| infonerf_oracle::gaussian_mean(mean, deviation, f);
+                let base = frequency * 6 + axis;
+                approx::assert_abs_diff_eq!(f64::from(got[base]), expected(f64::sin), epsilon = 2e-6);
+                approx::assert_abs_diff_eq!(f64::from(got[base + 3]), expected(f64::cos), epsilon = 2e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn zero_variance_gives_the_plain_encoding() {
+        let window = [1.0, 0.5, 0.0];
+        let got = to_host(integrated(&MEAN, &[0.0; 3], 4, &window));
+        let plain = to_host(frequency_encode(from_host(&MEAN, 3, &Device::flex()), 4, &window));
+        assert_eq!(got, plain[3..]);
+    }
+
+    #[test]
+    fn no_frequencies_or_no_points_give_an_empty_encoding() {
+        assert_eq!(integrated(&MEAN, &[0.0; 3], 0, &[]).dims(), [1, 0]);
+        assert_eq!(integrated(&[], &[], 4, &[]).dims(), [0, 24]);
+    }
+}

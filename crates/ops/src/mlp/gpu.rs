@@ -1,0 +1,138 @@
+//! Dense layers on GPUs: Burn's matrix product, then bias and activation in one launch.
+
+use burn::backend::ops::FloatTensorOps;
+use burn::cubecl::{self, prelude::*};
+use burn::tensor::{self, FloatDType};
+use burn_cubecl::CubeBackend;
+use burn_cubecl::kernel::into_contiguous;
+use burn_cubecl::ops::reshape;
+use burn_cubecl::tensor::CubeTensor;
+
+use super::{Activation, Dense, Precision};
+use crate::cube::{CubeKernel, Pass, alpha_of, apply, empty, empty_like, launch, ln_1p};
+
+/// Threads that share the sums of a bias's gradient.
+const THREADS: usize = 1 << 14;
+
+/// Evaluates `activation(x W + b)` of at least one row.
+pub(super) fn dense(
+    x: tensor::Tensor<2>,
+    layer: &Dense,
+    activation: Activation,
+    precision: Precision,
+) -> tensor::Tensor<2> {
+    apply(DenseKernel { activation, precision }, (x, layer.weight.clone(), layer.bias.clone()))
+}
+
+#[derive(Debug)]
+struct DenseKernel {
+    activation: Activation,
+    precision: Precision,
+}
+
+impl DenseKernel {
+    fn product(&self, a: CubeTensor, b: CubeTensor) -> CubeTensor {
+        let product = match self.precision {
+            Precision::F32 => CubeBackend::float_matmul(a, b),
+            Precision::Bf16 => {
+                let [a, b] = [a, b].map(|factor| CubeBackend::float_cast(factor, FloatDType::BF16));
+                CubeBackend::float_cast(CubeBackend::float_matmul(a, b), FloatDType::F32)
+            }
+        };
+        into_contiguous(product)
+    }
+}
+
+impl CubeKernel for DenseKernel {
+    fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
+        let [x, weight, bias] = inputs else { unreachable!("a layer has an input, a matrix and a bias") };
+        let out = self.product(x.clone(), weight.clone());
+        launch!(activate::launch, out.meta.num_elements(); &out, bias; self.activation);
+        out
+    }
+
+    fn backward(&self, pass: Pass<'_>) -> Vec<Option<CubeTensor>> {
+        let [x, weight, bias] = pass.inputs else { unreachable!("a layer has an input, a matrix and a bias") };
+        let out = pass.output;
+        let [rows, columns] = out.meta.shape().dims();
+        let sums = THREADS.div_ceil(columns).clamp(1, rows);
+        let (dy, bias_sums) = (empty_like(out), empty(out, [sums, columns]));
+        launch!(activate_backward::launch, sums * columns; out, pass.grad, &dy, &bias_sums; sums, self.activation);
+        let dweight = pass.wanted[1].then(|| self.product(CubeBackend::float_transpose(x.clone()), dy.clone()));
+        let dbias = reshape(CubeBackend::float_sum_dim(bias_sums, 0), bias.meta.shape().clone());
+        let dx = pass.wanted[0].then(|| self.product(dy, CubeBackend::float_transpose(weight.clone())));
+        vec![dx, dweight, Some(dbias)]
+    }
+}
+
+/// Adds the bias and applies the activation in place; NaN stays NaN.
+#[cube(launch)]
+fn activate(y: &mut Tensor<f32>, bias: &Tensor<f32>, #[comptime] activation: Activation) {
+    if ABSOLUTE_POS >= y.len() {
+        terminate!();
+    }
+    let x = y[ABSOLUTE_POS] + bias[ABSOLUTE_POS % y.shape(1)];
+    y[ABSOLUTE_POS] = activated(x, activation);
+}
+
+/// Computes the gradient with respect to y + b, and its partial sums over every `sums`-th row.
+#[cube(launch)]
+fn activate_backward(
+    out: &Tensor<f32>,
+    grad: &Tensor<f32>,
+    dy: &mut Tensor<f32>,
+    partial: &mut Tensor<f32>,
+    sums: usize,
+    #[comptime] activation: Activation,
+) {
+    let columns = dy.shape(1);
+    if ABSOLUTE_POS >= sums * columns {
+        terminate!();
+    }
+    let mut sum = 0.0f32;
+    let mut row = ABSOLUTE_POS / columns;
+    while row < dy.shape(0) {
+        let at = row * columns + ABSOLUTE_POS % columns;
+        let d = before_activation(out[at], grad[at], activation);
+        dy[at] = d;
+        sum += d;
+        row += sums;
+    }
+    partial[ABSOLUTE_POS] = sum;
+}
+
+/// Evaluates the activation at x; NaN stays NaN.
+#[cube]
+fn activated(x: f32, #[comptime] activation: Activation) -> f32 {
+    let mut value = x + 0.0f32;
+    match comptime!(activation) {
+        Activation::None => {}
+        Activation::Relu => {
+            if x < 0.0f32 {
+                value = 0.0f32;
+            }
+        }
+        Activation::ShiftedSoftplus => {
+            value = f32::max(x - 1.0f32, 0.0f32) + ln_1p(f32::exp(-f32::abs(x - 1.0f32)));
+        }
+        Activation::Sigmoid => value = 1.0f32 / (1.0f32 + f32::exp(-x)),
+    }
+    value
+}
+
+/// Computes the gradient with respect to x, given y = activation(x) and the gradient with respect to y.
+#[cube]
+fn before_activation(y: f32, grad: f32, #[comptime] activation: Activation) -> f32 {
+    let mut d = grad + 0.0f32;
+    match comptime!(activation) {
+        Activation::None => {}
+        Activation::Relu => {
+            if y <= 0.0f32 {
+                d = 0.0f32;
+            }
+        }
+        Activation::ShiftedSoftplus => d *= alpha_of(y),
+        Activation::Sigmoid => d *= y * (1.0f32 - y),
+    }
+    d
+}

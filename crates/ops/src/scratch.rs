@@ -1,0 +1,69 @@
+//! Buffers that are used again: having the system map and clear pages takes longer than filling them.
+
+use std::ops::{Deref, DerefMut};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Buffer of `f32` that returns to a pool when it is dropped. A buffer from the pool still holds the values of its last user.
+#[derive(Debug)]
+pub(crate) struct Scratch(Vec<f32>);
+
+static POOL: Mutex<Vec<Vec<f32>>> = Mutex::new(Vec::new());
+
+fn pool() -> MutexGuard<'static, Vec<Vec<f32>>> {
+    POOL.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Scratch {
+    /// Takes the buffer that was returned last, or an empty one.
+    pub(crate) fn new() -> Self {
+        Self(pool().pop().unwrap_or_default())
+    }
+
+    /// Takes the smallest buffer that holds `len` values, or a new one, and sets its length.
+    pub(crate) fn of_len(len: usize) -> Self {
+        let mut pool = pool();
+        let fits = pool.iter().enumerate().filter(|(_, buffer)| buffer.capacity() >= len);
+        let smallest = fits.min_by_key(|(_, buffer)| buffer.capacity()).map(|(index, _)| index);
+        let mut buffer = smallest.map(|index| pool.remove(index)).unwrap_or_default();
+        drop(pool);
+        buffer.resize(len, 0.0);
+        Self(buffer)
+    }
+}
+
+impl Deref for Scratch {
+    type Target = Vec<f32>;
+
+    fn deref(&self) -> &Vec<f32> {
+        &self.0
+    }
+}
+
+impl DerefMut for Scratch {
+    fn deref_mut(&mut self) -> &mut Vec<f32> {
+        &mut self.0
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        /// Buffers that an optimizer step keeps at once, next to one of each thread.
+        const OF_A_STEP: usize = 4;
+        let mut pool = pool();
+        if pool.len() < OF_A_STEP + rayon::current_num_threads() {
+            pool.push(std::mem::take(&mut self.0));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn buffers_of_a_length_have_that_length() {
+        for len in [1000, 10, 0, 2000] {
+            assert_eq!(Scratch::of_len(len).len(), len);
+        }
+    }
+}

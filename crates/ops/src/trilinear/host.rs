@@ -1,0 +1,136 @@
+//! Host kernel of [`trilinear`](super::trilinear()).
+
+use rayon::prelude::*;
+
+use super::{Beyond, Voxels};
+use crate::kernel::{Kernel, Pass};
+
+/// Places that a thread takes at a time.
+const CHUNK: usize = 1024;
+
+#[derive(Debug)]
+pub(super) struct TrilinearKernel {
+    pub(super) voxels: Voxels,
+    pub(super) channels: usize,
+}
+
+/// Place of a coordinate: the voxel below it, the fraction beyond that, and whether the value changes with the coordinate.
+#[derive(Clone, Copy)]
+struct GridAxis {
+    below: isize,
+    fraction: f32,
+    moves: bool,
+}
+
+impl GridAxis {
+    fn new(at: f32, size: usize, beyond: Beyond) -> Self {
+        let last = (size - 1) as f32;
+        let (least, largest) = match beyond {
+            Beyond::Border => (0.0, last),
+            Beyond::Zero => (-1.0, last + 1.0),
+        };
+        let within = at.clamp(least, largest);
+        let below = within.floor();
+        Self { below: below as isize, fraction: within - below, moves: at > least && at < largest }
+    }
+}
+
+/// One of the eight voxels around a place: its row, its weight, and the derivative of the weight along each axis.
+struct VoxelCorner {
+    row: usize,
+    weight: f32,
+    derivative: [f32; 3],
+}
+
+impl TrilinearKernel {
+    /// Iterates over the voxels around a place that exist.
+    fn corners(&self, index: usize, place: &[f32]) -> impl Iterator<Item = VoxelCorner> {
+        let Voxels { grids, size, beyond } = self.voxels;
+        let axes = [0, 1, 2].map(|axis| GridAxis::new(place[axis], size[axis], beyond));
+        let grid = index % grids * (size[0] * size[1] * size[2]);
+        (0..8).filter_map(move |corner: usize| {
+            let sides = [corner & 1, corner >> 1 & 1, corner >> 2];
+            let [x, y, z] = [0, 1, 2].map(|axis| {
+                let voxel = axes[axis].below + sides[axis] as isize;
+                usize::try_from(voxel).ok().filter(|voxel| *voxel < size[axis])
+            });
+            let row = grid + (z? * size[1] + y?) * size[0] + x?;
+            let weights = [0, 1, 2].map(|axis| {
+                let GridAxis { fraction, .. } = axes[axis];
+                if sides[axis] == 1 { fraction } else { 1.0 - fraction }
+            });
+            let derivative = [0, 1, 2].map(|axis| {
+                let sign = if sides[axis] == 1 { 1.0 } else { -1.0 };
+                if axes[axis].moves { sign * weights[(axis + 1) % 3] * weights[(axis + 2) % 3] } else { 0.0 }
+            });
+            Some(VoxelCorner { row, weight: weights[0] * weights[1] * weights[2], derivative })
+        })
+    }
+
+    fn voxel<'a>(&self, table: &'a [f32], row: usize) -> &'a [f32] {
+        &table[row * self.channels..(row + 1) * self.channels]
+    }
+
+    /// Computes the gradient of the table, place by place: places that share a voxel are not known in advance.
+    fn table_gradient(&self, places: &[f32], grad: &[f32]) -> Vec<f32> {
+        let mut table = vec![0.0; self.voxels.rows() * self.channels];
+        for (index, (place, grad)) in places.chunks_exact(3).zip(grad.chunks_exact(self.channels)).enumerate() {
+            for corner in self.corners(index, place) {
+                let start = corner.row * self.channels;
+                for (sum, g) in table[start..start + self.channels].iter_mut().zip(grad) {
+                    *sum += corner.weight * g;
+                }
+            }
+        }
+        table
+    }
+
+    fn place_gradient(&self, table: &[f32], places: &[f32], grad: &[f32]) -> Vec<f32> {
+        let mut out = vec![0.0; places.len()];
+        let chunks = places.par_chunks(3 * CHUNK).zip(grad.par_chunks(self.channels * CHUNK));
+        out.par_chunks_mut(3 * CHUNK).zip(chunks).enumerate().for_each(|(chunk, (out, (places, grad)))| {
+            let rows = out.chunks_exact_mut(3).zip(places.chunks_exact(3)).zip(grad.chunks_exact(self.channels));
+            for (index, ((out, place), grad)) in rows.enumerate() {
+                for corner in self.corners(chunk * CHUNK + index, place) {
+                    let voxel = self.voxel(table, corner.row);
+                    let d: f32 = voxel.iter().zip(grad).map(|(value, g)| value * g).sum();
+                    for (out, derivative) in out.iter_mut().zip(corner.derivative) {
+                        *out += derivative * d;
+                    }
+                }
+            }
+        });
+        out
+    }
+}
+
+impl Kernel for TrilinearKernel {
+    fn shape(&self, inputs: &[Vec<usize>]) -> Vec<usize> {
+        vec![inputs[1][0], self.channels]
+    }
+
+    fn forward(&self, inputs: &[&[f32]], _saved: Option<&mut Vec<f32>>) -> Vec<f32> {
+        let &[table, places] = inputs else { unreachable!("trilinear reading has two inputs") };
+        let mut out = vec![0.0; places.len() / 3 * self.channels];
+        let chunks = out.par_chunks_mut(CHUNK * self.channels).zip(places.par_chunks(3 * CHUNK));
+        chunks.enumerate().for_each(|(chunk, (out, places))| {
+            for (index, (out, place)) in out.chunks_exact_mut(self.channels).zip(places.chunks_exact(3)).enumerate() {
+                for corner in self.corners(chunk * CHUNK + index, place) {
+                    for (sum, value) in out.iter_mut().zip(self.voxel(table, corner.row)) {
+                        *sum += corner.weight * value;
+                    }
+                }
+            }
+        });
+        out
+    }
+
+    fn backward(&self, pass: Pass<'_>, wanted: &[bool]) -> Vec<Option<Vec<f32>>> {
+        let &[table, places] = pass.inputs else { unreachable!("trilinear reading has two inputs") };
+        let (dtable, dplaces) = rayon::join(
+            || wanted[0].then(|| self.table_gradient(places, pass.grad)),
+            || wanted[1].then(|| self.place_gradient(table, places, pass.grad)),
+        );
+        vec![dtable, dplaces]
+    }
+}

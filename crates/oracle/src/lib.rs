@@ -1,0 +1,203 @@
+//! The operations of `infonerf-ops` in `f64`, written for clarity: the oracle that bounds the error of every body.
+//!
+//! Gradients are exact derivatives of the functions as defined, computed term by term rather than by the running sums
+//! of the fast bodies, so that the two share no shortcut. Where the textbook formula is a difference of nearly equal
+//! values, another is used: an oracle that cancels could not decide which body is wrong. The tests of `infonerf-ops`
+//! compare the oracle with finite differences and values of arbitrary precision.
+
+mod encodings;
+pub mod factored;
+
+pub use encodings::{frustum_moments, gaussian_mean, waves, waves_gradient};
+use infonerf_ops::RayDistribution;
+use infonerf_ops::composite::MIN_ALPHA_SUM;
+
+/// Computes α = 1 − e^−τ.
+pub fn alpha(tau: f64) -> f64 {
+    -(-tau).exp_m1()
+}
+
+/// Computes Tᵢ = exp(−Σ_{j<i} τⱼ), one more than samples: the last is what leaves the ray.
+pub fn transmittance(tau: &[f64]) -> Vec<f64> {
+    let mut sum = 0.0;
+    std::iter::once(1.0)
+        .chain(tau.iter().map(|tau| {
+            sum += tau;
+            (-sum).exp()
+        }))
+        .collect()
+}
+
+/// Computes wᵢ = Tᵢ αᵢ.
+pub fn weights(tau: &[f64]) -> Vec<f64> {
+    transmittance(tau).iter().zip(tau).map(|(t, &tau)| t * alpha(tau)).collect()
+}
+
+/// Computes Σ w = 1 − e^(−Σ τ).
+pub fn opacity(tau: &[f64]) -> f64 {
+    alpha(tau.iter().sum())
+}
+
+/// ∂(Σ uᵢ wᵢ)/∂τ for fixed u.
+///
+/// uᵢ T_{i+1} − Σ_{j>i} uⱼ wⱼ with T_{i+1} = Σ_{j>i} wⱼ + T_N put in: Σ_{j>i} (uᵢ − uⱼ) wⱼ + uᵢ T_N.
+pub fn weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
+    let (trans, w) = (transmittance(tau), weights(tau));
+    let behind = |i: usize| (i + 1..tau.len()).map(|j| (u[i] - u[j]) * w[j]).sum::<f64>();
+    (0..tau.len()).map(|i| behind(i) + u[i] * trans[tau.len()]).collect()
+}
+
+/// Weights of the additive march of Neural Volumes: wᵢ = min(Aᵢ + τᵢ, 1) − Aᵢ with Aᵢ = Σ_{j<i} wⱼ.
+pub fn additive_weights(tau: &[f64]) -> Vec<f64> {
+    let mut opacity = 0f64;
+    let mut weight = |tau: &f64| {
+        let before = opacity;
+        opacity = (before + tau).min(1.0);
+        opacity - before
+    };
+    tau.iter().map(&mut weight).collect()
+}
+
+/// ∂(Σ uᵢ wᵢ)/∂τ of the additive march for fixed u: a sample takes from the one that fills the ray what it gets itself.
+pub fn additive_weights_vjp(tau: &[f64], u: &[f64]) -> Vec<f64> {
+    let mut sum = 0.0;
+    let fills = tau.iter().position(|tau| {
+        sum += tau;
+        sum >= 1.0
+    });
+    let dp = |i: usize| match fills {
+        Some(last) if i >= last => 0.0,
+        Some(last) => u[i] - u[last],
+        None => u[i],
+    };
+    (0..tau.len()).map(dp).collect()
+}
+
+/// Computes p = α/Σα; `None` if Σα is below [`MIN_ALPHA_SUM`].
+pub fn ray_density(tau: &[f64]) -> Option<Vec<f64>> {
+    let sum = alpha_sum(tau);
+    (sum >= f64::from(MIN_ALPHA_SUM)).then(|| tau.iter().map(|&tau| alpha(tau) / sum).collect())
+}
+
+/// Computes Σ α.
+pub fn alpha_sum(tau: &[f64]) -> f64 {
+    tau.iter().map(|&tau| alpha(tau)).sum()
+}
+
+/// Returns the masses of the samples, and of the background if the distribution has one, before normalisation; with their
+/// sum, exact also where it is 1 by definition.
+fn masses(tau: &[f64], distribution: RayDistribution) -> (Vec<f64>, f64) {
+    let alphas = || tau.iter().map(|&tau| alpha(tau));
+    match distribution {
+        RayDistribution::Alpha => (alphas().collect(), alpha_sum(tau)),
+        RayDistribution::AlphaBackground => (alphas().chain([1.0]).collect(), alpha_sum(tau) + 1.0),
+        RayDistribution::Termination => {
+            let background = transmittance(tau)[tau.len()];
+            (weights(tau).into_iter().chain([background]).collect(), 1.0)
+        }
+    }
+}
+
+/// Computes ln(p + ε); without ε a mass counts as at least the smallest normal `f32`.
+fn ln_density(masses: &[f64], sum: f64, epsilon: f64) -> Vec<f64> {
+    let floor = f64::from(f32::MIN_POSITIVE);
+    // A sample that holds more than half of the ray: p = 1 − (all others)/sum.
+    let others = |i: usize| (0..masses.len()).filter(|&j| j != i).map(|j| masses[j]).sum::<f64>();
+    let ln = |(i, &mass): (usize, &f64)| match mass {
+        mass if mass > 0.5 * sum => (epsilon - others(i) / sum).ln_1p(),
+        mass if epsilon > 0.0 => (mass / sum + epsilon).ln(),
+        mass => (mass.max(floor) / sum).ln(),
+    };
+    masses.iter().enumerate().map(ln).collect()
+}
+
+/// Computes H = −Σ p log₂(p + ε) in bits; 0 for a ray that hits nothing.
+pub fn entropy(tau: &[f64], distribution: RayDistribution, epsilon: f64) -> f64 {
+    let (masses, sum) = masses(tau, distribution);
+    if sum < f64::from(MIN_ALPHA_SUM) {
+        return 0.0;
+    }
+    let ln = ln_density(&masses, sum, epsilon);
+    -masses.iter().zip(ln).map(|(mass, ln)| mass / sum * ln).sum::<f64>() * std::f64::consts::LOG2_E
+}
+
+/// Computes ∂H/∂τ.
+pub fn entropy_gradient(tau: &[f64], distribution: RayDistribution, epsilon: f64) -> Vec<f64> {
+    let (masses, sum) = masses(tau, distribution);
+    if sum < f64::from(MIN_ALPHA_SUM) {
+        return vec![0.0; tau.len()];
+    }
+    // −ln(p + ε) − p/(p + ε), without the −1 that all have in common.
+    let dp = |(mass, ln): (&f64, f64)| if epsilon > 0.0 { epsilon / (mass / sum + epsilon) - ln } else { -ln };
+    let gradients: Vec<f64> = masses.iter().zip(ln_density(&masses, sum, epsilon)).map(dp).collect();
+    let gradient = match distribution {
+        RayDistribution::Termination => {
+            // Relative to the background, whose probability is what the weights leave: ∂Σw/∂τ = −∂(1 − Σw)/∂τ.
+            let background = gradients[tau.len()];
+            weights_vjp(tau, &gradients[..tau.len()].iter().map(|gradient| gradient - background).collect::<Vec<_>>())
+        }
+        _ => through_normalisation(tau, &masses, sum, &gradients),
+    };
+    gradient.into_iter().map(|g| g * std::f64::consts::LOG2_E).collect()
+}
+
+/// Computes ln((p + ε)/(q + ε)) of each pair of samples.
+fn ln_ratios(p: &[f64], q: &[f64], epsilon: f64) -> Vec<f64> {
+    let ln = |(p, q): (&f64, &f64)| {
+        let r = (p - q) / (q + epsilon);
+        // Without ε an empty sample of P has p ln p = 0.
+        let a = (p + epsilon).max(f64::MIN_POSITIVE);
+        if r.abs() < 0.5 { r.ln_1p() } else { (a / (q + epsilon)).ln() }
+    };
+    p.iter().zip(q).map(ln).collect()
+}
+
+/// Computes KL(P ‖ Q) in nats with ε in both logarithms; 0 where either ray hits nothing.
+///
+/// Σ p ln((p + ε)/(q + ε)), less Σ (p − q) = 0 term by term: what remains is of second order where p ≈ q.
+pub fn divergence(tau: &[f64], near: &[f64], epsilon: f64) -> f64 {
+    let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else { return 0.0 };
+    p.iter()
+        .zip(&q)
+        .zip(ln_ratios(&p, &q, epsilon))
+        .map(|((p, q), ln)| (p + epsilon) * ln - (p - q) - epsilon * ln)
+        .sum()
+}
+
+/// Computes (∂KL/∂τ, ∂KL/∂τ̃).
+pub fn divergence_gradient(tau: &[f64], near: &[f64], epsilon: f64) -> (Vec<f64>, Vec<f64>) {
+    let (Some(p), Some(q)) = (ray_density(tau), ray_density(near)) else {
+        return (vec![0.0; tau.len()], vec![0.0; near.len()]);
+    };
+    // ln((p + ε)/(q + ε)) + p/(p + ε) and −p/(q + ε), without the 1 and the −1 that all have in common.
+    let lost = |p: f64| if epsilon > 0.0 { epsilon / (p + epsilon) } else { 0.0 };
+    let dp: Vec<f64> = ln_ratios(&p, &q, epsilon).iter().zip(&p).map(|(ln, &p)| ln - lost(p)).collect();
+    let dq: Vec<f64> = p.iter().zip(&q).map(|(p, q)| (epsilon - (p - q)) / (q + epsilon)).collect();
+    (through_normalisation(tau, &p, alpha_sum(tau), &dp), through_normalisation(near, &q, alpha_sum(near), &dq))
+}
+
+/// Computes Σᵢⱼ wᵢ wⱼ |mᵢ − mⱼ| + ⅓ Σ wᵢ² δᵢ.
+pub fn distortion(tau: &[f64], middle: &[f64], length: &[f64]) -> f64 {
+    let w = weights(tau);
+    let between = |i: usize| (0..w.len()).map(|j| w[j] * (middle[i] - middle[j]).abs()).sum::<f64>();
+    (0..w.len()).map(|i| w[i] * (between(i) + w[i] * length[i] / 3.0)).sum()
+}
+
+/// Computes ∂(distortion)/∂τ, ∂/∂m and ∂/∂δ.
+pub fn distortion_gradient(tau: &[f64], middle: &[f64], length: &[f64]) -> [Vec<f64>; 3] {
+    let w = weights(tau);
+    let sum = |i: usize, f: fn(f64) -> f64| (0..w.len()).map(|j| w[j] * f(middle[i] - middle[j])).sum::<f64>();
+    let gradients: Vec<f64> = (0..w.len()).map(|i| 2.0 * sum(i, f64::abs) + 2.0 / 3.0 * w[i] * length[i]).collect();
+    let sign = |x: f64| if x == 0.0 { 0.0 } else { x.signum() };
+    let dmiddle = (0..w.len()).map(|i| 2.0 * w[i] * sum(i, sign)).collect();
+    [weights_vjp(tau, &gradients), dmiddle, w.iter().map(|w| w * w / 3.0).collect()]
+}
+
+/// Computes ∂L/∂τ from ∂L/∂p, where p is `masses` over their sum S: ∂L/∂αᵢ = (gᵢ − Σ pⱼ gⱼ)/S and ∂α/∂τ = e^−τ. As Σ p = 1, a
+/// constant in g drops out.
+fn through_normalisation(tau: &[f64], masses: &[f64], sum: f64, gradients: &[f64]) -> Vec<f64> {
+    let total: f64 = masses.iter().sum();
+    let most = (0..masses.len()).max_by(|&i, &j| masses[i].total_cmp(&masses[j])).map_or(0.0, |i| gradients[i]);
+    let mean: f64 = masses.iter().zip(gradients).map(|(mass, g)| mass / total * (g - most)).sum();
+    tau.iter().zip(gradients).map(|(&tau, g)| (g - most - mean) / sum * (-tau).exp()).collect()
+}

@@ -1,0 +1,104 @@
+//! Orientation and focal length that cameras write into image files (EXIF).
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Seek};
+use std::path::Path;
+
+use ::image::metadata::Orientation;
+use exif::{Exif, In, Reader, Tag, Value};
+
+/// Width of 35 mm film in millimetres.
+const FILM_WIDTH: f64 = 36.0;
+/// Extensions of the formats in which cameras write EXIF.
+const WITH_EXIF: [&str; 5] = ["jpg", "jpeg", "tif", "tiff", "webp"];
+
+/// Returns how the image in `path` is to be turned before it is shown; not at all if the file has no such data.
+pub fn orientation(path: &Path) -> Orientation {
+    let has_exif = path.extension().is_some_and(|e| WITH_EXIF.iter().any(|known| e.eq_ignore_ascii_case(known)));
+    let stated = || {
+        let data = Reader::new().read_from_container(&mut BufReader::new(File::open(path).ok()?)).ok()?;
+        let value = data.get_field(Tag::Orientation, In::PRIMARY)?.value.get_uint(0)?;
+        Orientation::from_exif(u8::try_from(value).ok()?)
+    };
+    has_exif.then(stated).flatten().unwrap_or(Orientation::NoTransforms)
+}
+
+/// Returns the number of clockwise quarter turns of `orientation`; `None` if it mirrors.
+pub fn quarter_turns(orientation: Orientation) -> Option<u8> {
+    match orientation {
+        Orientation::NoTransforms => Some(0),
+        Orientation::Rotate90 => Some(1),
+        Orientation::Rotate180 => Some(2),
+        Orientation::Rotate270 => Some(3),
+        _ => None,
+    }
+}
+
+/// Whether `orientation` exchanges width and height.
+pub(super) fn is_sideways(orientation: Orientation) -> bool {
+    use Orientation::{Rotate90, Rotate90FlipH, Rotate270, Rotate270FlipH};
+    matches!(orientation, Rotate90 | Rotate270 | Rotate90FlipH | Rotate270FlipH)
+}
+
+/// Returns the focal length of a JPEG, PNG, TIFF, WebP or HEIF over the longer side of the image: from
+/// `FocalLengthIn35mmFilm`, else from `FocalLength` and `FocalPlaneXResolution`. `None` if the file has no such data.
+pub fn focal_length(file: &mut (impl BufRead + Seek)) -> Option<f64> {
+    over_longer_side(&Reader::new().read_from_container(file).ok()?)
+}
+
+fn over_longer_side(data: &Exif) -> Option<f64> {
+    let number = |tag: Tag| match &data.get_field(tag, In::PRIMARY)?.value {
+        Value::Rational(v) => v.first().map(|r| r.to_f64()),
+        value => value.get_uint(0).map(f64::from),
+    };
+    let positive = |tag: Tag| number(tag).filter(|v| v.is_finite() && *v > 0.0);
+    if let Some(film) = positive(Tag::FocalLengthIn35mmFilm) {
+        return Some(film / FILM_WIDTH);
+    }
+    // The resolution counts pixels per centimetre or per inch.
+    let millimetres = if number(Tag::FocalPlaneResolutionUnit) == Some(3.0) { 10.0 } else { 25.4 };
+    let longer = positive(Tag::PixelXDimension)?.max(positive(Tag::PixelYDimension)?);
+    Some(positive(Tag::FocalLength)? * positive(Tag::FocalPlaneXResolution)? / millimetres / longer)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Cursor;
+
+    use exif::{Field, Rational, experimental::Writer};
+
+    use super::*;
+
+    fn stated(fields: &[(Tag, Value)]) -> Option<f64> {
+        let fields: Vec<Field> =
+            fields.iter().map(|(tag, value)| Field { tag: *tag, ifd_num: In::PRIMARY, value: value.clone() }).collect();
+        let mut writer = Writer::new();
+        fields.iter().for_each(|field| writer.push_field(field));
+        let mut file = Cursor::new(Vec::new());
+        writer.write(&mut file, false).unwrap();
+        file.set_position(0);
+        focal_length(&mut file)
+    }
+
+    #[test]
+    fn focal_lengths_over_the_longer_side() {
+        let ratio = |num, denom| Value::Rational(vec![Rational { num, denom }]);
+        let film = (Tag::FocalLengthIn35mmFilm, Value::Short(vec![27]));
+        assert_eq!(stated(std::slice::from_ref(&film)), Some(0.75));
+        // 50 mm at 4000 pixels per inch, of 6000 × 4000 pixels; 1000 per centimetre.
+        let sensor = |unit, resolution| {
+            stated(&[
+                (Tag::FocalLength, ratio(50, 1)),
+                (Tag::FocalPlaneXResolution, ratio(resolution, 1)),
+                (Tag::FocalPlaneResolutionUnit, Value::Short(vec![unit])),
+                (Tag::PixelXDimension, Value::Long(vec![6000])),
+                (Tag::PixelYDimension, Value::Long(vec![4000])),
+            ])
+        };
+        assert!((sensor(2, 4000).unwrap() - 50.0 * 4000.0 / 25.4 / 6000.0).abs() < 1e-12);
+        assert!((sensor(3, 1000).unwrap() - 50.0 * 100.0 / 6000.0).abs() < 1e-12);
+        assert_eq!(stated(&[(Tag::FocalLength, ratio(50, 1))]), None);
+        assert_eq!(stated(&[(Tag::FocalLengthIn35mmFilm, Value::Short(vec![0]))]), None);
+        assert_eq!(focal_length(&mut Cursor::new(b"no image")), None);
+    }
+}
