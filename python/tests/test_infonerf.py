@@ -107,7 +107,7 @@ class Runs(unittest.TestCase):
         endless = {**TINY, "train.iterations": 10_000_000, "train.checkpoint_every": 0}
         for attempt in range(3):
             out = self.out / f"signalled-{attempt}"
-            options = {"scene": "crane", "variant": "nerf", "out": str(out), "set": endless}
+            options = {"scene": "crane", "variant": "factored", "out": str(out), "set": endless}
             caller = subprocess.Popen(
                 [sys.executable, "-u", "-c", script, json.dumps(options)],
                 stdout=subprocess.PIPE,
@@ -120,7 +120,7 @@ class Runs(unittest.TestCase):
                 next(line for line in caller.stdout if "'step'" in line)
                 os.killpg(caller.pid, signal.SIGINT)
                 caller.wait(timeout=60)
-            run = out / "fast-losses" / "crane" / "nerf" / "seed0"
+            run = out / "fast-losses" / "crane" / "factored" / "seed0"
             self.assertTrue((run / "checkpoint" / "manifest.json").is_file(), f"attempt {attempt}")
 
 

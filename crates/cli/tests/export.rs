@@ -103,9 +103,9 @@ fn mesh_has_at_most_the_requested_triangles() {
 fn cameras_fit_next_to_the_image_files() {
     let place = Workplace::new();
     place.run("scene export facade data/facade --format llff --size 48").succeeds();
-    let exp = "exp fast-losses --variant nerf --data data --scene facade --set eval.test=training";
+    let exp = "exp fast-losses --variant factored --data data --scene facade --set eval.test=training";
     place.tiny(exp).succeeds();
-    let run = "runs/fast-losses/facade/nerf/seed0";
+    let run = "runs/fast-losses/facade/factored/seed0";
     let said = text(&place.run(&["export", run, "--format", "cameras"]).succeeds().stdout);
     assert!(said.contains("image paths start in data/facade"), "{said}");
     let text = fs::read_to_string(place.path(run).join("export/transforms.json")).unwrap();

@@ -12,12 +12,13 @@ use infonerf_export::{
 use infonerf_metrics::{Picture, psnr};
 use infonerf_procedural as procedural;
 use infonerf_render::render_image;
-use infonerf_report::{Quantity, read_records};
+use infonerf_report::Quantity;
 use infonerf_scene::{Camera, Lens, TestProtocol, View, ViewRegion, resized_dimensions};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
+use crate::records::read_records;
 use crate::{RunPlan, Trained};
 
 /// Number of points on a surface that is compared with the exact one, and of pixels along a side of the cameras that
@@ -173,7 +174,6 @@ mod tests {
 
     use infonerf_report::Record;
 
-    use super::*;
     use crate::{Experiment, Selection};
 
     #[test]

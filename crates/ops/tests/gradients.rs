@@ -15,6 +15,7 @@ const STEP: f64 = 1e-5;
 /// Largest error of a gradient, relative to the largest element.
 const TOLERANCE: f64 = 2e-5;
 
+type ExactFunction = Box<dyn Fn(&[Vec<f64>]) -> Vec<f64>>;
 type Function = Box<dyn Fn(&[Tensor<1>]) -> Tensor<1>>;
 
 /// Differentiable function of flat inputs.
@@ -24,7 +25,7 @@ struct GradientCase {
     /// Implementations, with the device of each.
     bodies: Vec<(Device, Function)>,
     /// The function in `f64`.
-    exact: Box<dyn Fn(&[Vec<f64>]) -> Vec<f64>>,
+    exact: ExactFunction,
 }
 
 impl GradientCase {

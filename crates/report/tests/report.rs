@@ -9,9 +9,7 @@ use image::{Rgb, RgbImage};
 use infonerf_metrics::{METRICS, Summary, Values};
 use infonerf_report::{
     Claim, Comparison, Figure, Published, PublishedRow, Quantity, Record, Relation, ReportInput, Side, TestViews,
-    VIEWER_PAGE,
-    chart::{Axis, Frame, Series, heat_map, power_law_chart, scatter_chart},
-    depth_image, error_image, panel, run_directory, write_report,
+    VIEWER_PAGE, depth_image, error_image, panel, run_directory, write_report,
 };
 
 /// Writes two scenes, two variants and two seeds, with images of a soft disc and with events.

@@ -28,14 +28,14 @@ pub(crate) struct Ramp {
     #[serde(default = "whole", skip_serializing_if = "is_whole")]
     end: f64,
     #[serde(default, skip_serializing_if = "is_default")]
-    curve: Shape,
+    curve: RampShape,
     #[serde(default, skip_serializing_if = "is_default")]
     warmup: usize,
 }
 
 #[derive(Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-enum Shape {
+enum RampShape {
     #[default]
     Linear,
     Exponential,
@@ -96,9 +96,9 @@ impl TryFrom<ScheduleForm> for Schedule {
                     ));
                 }
                 let curve = match curve {
-                    Shape::Linear => Curve::Linear { from, to, start, end },
-                    Shape::Exponential if from > 0.0 && to > 0.0 => Curve::Exponential { from, to, start, end },
-                    Shape::Exponential => {
+                    RampShape::Linear => Curve::Linear { from, to, start, end },
+                    RampShape::Exponential if from > 0.0 && to > 0.0 => Curve::Exponential { from, to, start, end },
+                    RampShape::Exponential => {
                         return Err(format!(
                             "expected from and to above 0 for an exponential curve, found {from} and {to}"
                         ));
@@ -132,9 +132,9 @@ impl From<Schedule> for ScheduleForm {
         let ramp = |from, to, start, end, curve| Self::Ramp(Ramp { from, to, start, end, curve, warmup });
         match curve {
             Curve::Constant(value) if warmup == 0 => Self::Number(value),
-            Curve::Constant(value) => ramp(value, value, 0.0, 1.0, Shape::Linear),
-            Curve::Linear { from, to, start, end } => ramp(from, to, start, end, Shape::Linear),
-            Curve::Exponential { from, to, start, end } => ramp(from, to, start, end, Shape::Exponential),
+            Curve::Constant(value) => ramp(value, value, 0.0, 1.0, RampShape::Linear),
+            Curve::Linear { from, to, start, end } => ramp(from, to, start, end, RampShape::Linear),
+            Curve::Exponential { from, to, start, end } => ramp(from, to, start, end, RampShape::Exponential),
             Curve::Decay { from, factor, every, stairs } => Self::Decay(Decay { from, factor, every, stairs, warmup }),
             Curve::Steps(steps) => Self::Steps(Steps { steps, warmup }),
         }

@@ -120,7 +120,7 @@ function showTraining(training) {
   pause.textContent = training.paused ? 'Resume' : 'Pause';
   pause.dataset.command = training.paused ? 'resume' : 'pause';
   for (const button of box.querySelectorAll('button')) button.disabled = training.stopped;
-  box.querySelector('small').textContent = training.stopped ? 'Stopped and saved; --resume continues it.' : training.paused ? 'Paused.' : '';
+  box.querySelector('small').textContent = training.stopped ? 'Stopped and saved; the same command continues it.' : training.paused ? 'Paused.' : '';
 }
 
 async function command(name) {

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::Result;
 use clap::Args;
 use infonerf_experiment::sweep::collect;
-use infonerf_report::{Results, results_document, write_atomically};
+use infonerf_report::{ReportInput, results_document, write_atomically};
 
 use crate::command_line;
 use crate::print::outln;
@@ -26,9 +26,8 @@ pub(crate) struct CollectArgs {
 }
 
 pub(crate) fn run(args: &CollectArgs) -> Result<ExitCode> {
-    let experiments =
-        args.folders.iter().map(|folder| Ok(Results { input: collect(folder)?, command: command_line::read(folder) }));
-    let experiments = experiments.collect::<Result<Vec<_>>>()?;
+    let read = |folder: &PathBuf| Ok(ReportInput { command: command_line::read(folder), ..collect(folder)? });
+    let experiments = args.folders.iter().map(read).collect::<Result<Vec<_>>>()?;
     write_atomically(&args.out, results_document(&args.title, &experiments).as_bytes())?;
     outln!("{} experiments: {}", experiments.len(), args.out.display());
     Ok(ExitCode::SUCCESS)

@@ -49,7 +49,7 @@ pub(crate) fn run(args: &ReproduceArgs) -> Result<ExitCode> {
     let sweeps = sweeps(&args.only, plan, &args.selection.selection(None))?;
     let out = args.out.join(folder);
     args.launch.run(sweeps, &args.selection, &out, |outcomes| {
-        let inputs = outcomes.into_iter().map(|outcome| outcome.input).collect();
+        let inputs: Vec<_> = outcomes.into_iter().map(|outcome| outcome.input).collect();
         outln!("\nreport: {}", write(&inputs, &out)?.display());
         Ok(())
     })

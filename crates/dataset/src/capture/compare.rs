@@ -35,7 +35,7 @@ const FOCAL_LENGTHS: std::ops::RangeInclusive<f64> = 0.3..=11.5;
 pub(crate) fn compare(capture: &Capture<'_>) -> Result<Vec<String>, SceneError> {
     let mut frames: Vec<&Frame> = capture.found.train.iter().chain(&capture.found.test).collect();
     frames.retain(|frame| frame.image.is_file());
-    frames.sort_by(|a, b| natural(&a.name).cmp(&natural(&b.name)));
+    frames.sort_by_key(|frame| natural(&frame.name));
     frames.dedup_by(|a, b| a.image == b.image);
     let chosen = spread(frames.len());
     let read: Result<Vec<_>, _> = chosen.par_iter().map(|&i| small(frames[i])).collect();
@@ -219,7 +219,9 @@ mod tests {
         let flip = DMat4::from_scale(DVec3::new(1.0, -1.0, -1.0));
         let order = [0, 1, 10, 11, 2, 3, 4, 5, 6, 7, 8, 9];
         let quarter = DMat4::from_rotation_z(90f64.to_radians());
-        let cases: [(&dyn Fn(usize, &[Camera]) -> (DMat4, f64), &str); 5] = [
+        /// Pose and focal length that a capture gives for a camera.
+        type Given<'a> = &'a dyn Fn(usize, &[Camera]) -> (DMat4, f64);
+        let cases: [(Given<'_>, &str); 5] = [
             (&|i, all| (all[i].to_world * flip, all[i].fx), "with OpenCV's axes"),
             (&|i, all| (all[i].to_world.inverse(), all[i].fx), "as world-to-camera matrices they"),
             (&|i, all| (all[i].to_world * quarter, all[i].fx), "with cameras rolled by 270°"),

@@ -106,7 +106,7 @@ pub(crate) fn models(dir: &Path) -> Vec<(PathBuf, u64)> {
         let places: Vec<PathBuf> = numbered(dir.join(place));
         places.into_iter().filter_map(counted).collect::<Vec<_>>()
     };
-    let mut models = PLACES.iter().map(|place| in_place(&place)).find(|models| !models.is_empty()).unwrap_or_default();
+    let mut models = PLACES.iter().map(in_place).find(|models| !models.is_empty()).unwrap_or_default();
     models.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
     models
 }

@@ -173,6 +173,6 @@ mod tests {
         let all = choices(&grids).unwrap();
         assert_eq!((all.len(), &all[1][..], &all[3][..]), (6, &[0, 1][..], &[1, 0][..]));
         assert_eq!(assignments(&grids, &all[3]), ["a=2", "b=3"]);
-        assert_eq!(choices(&[]).unwrap(), [Vec::new(); 1]);
+        assert_eq!(choices(&[]).unwrap(), [Vec::<usize>::new()]);
     }
 }

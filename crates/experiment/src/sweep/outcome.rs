@@ -1,12 +1,11 @@
 //! Writes `results.json`, tables and the report from a sweep's records.
 
-use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use infonerf_report::{Quantity, Record, ReportInput, Setting, Table, overview_table, write_report};
+use infonerf_report::{Quantity, ReportInput, Setting, Table, overview_table, write_report};
 
 use super::figures::figures;
 use super::{Item, Sweep, assignments, best};
@@ -55,13 +54,7 @@ impl Sweep {
         input.figures.extend(figures);
         input.claims.extend(claims);
         let files = write_report(&input, folder)?;
-        let table = match input.shown() {
-            Cow::Borrowed(_) => table,
-            Cow::Owned(shown) => {
-                let records: Vec<Record> = shown.runs.into_iter().map(|run| run.record).collect();
-                overview_table(&records, &Quantity::all())
-            }
-        };
+        let table = overview_table(&input.shown_runs(), &Quantity::all());
         Ok(Some(Outcome { table, input, report: files.html, results: folder.join(LIST) }))
     }
 
