@@ -75,8 +75,7 @@ fn rule(fixture: &Value, l: usize, shape: &[usize]) -> Vec<f32> {
 fn config() -> Config {
     let field =
         "field={kind=\"mip\",layers=8,width=256,skip=5,position_frequencies=16,direction_frequencies=4,detail=1.0}";
-    let settings =
-        [field, "render.samples=128", "render.fine_samples=128", "render.placement=interval", "render.jitter=false"];
+    let settings = [field, "render.samples=128", "render.fine_samples=128", "render.placement=interval"];
     Config::of(Preset::Paper, settings).unwrap()
 }
 
@@ -156,7 +155,9 @@ fn check(device: &Device) {
     };
     let rays: Vec<Ray> = rows.iter().map(ray).collect();
     let request = RenderRequest { color: true, hidden: true };
-    let passes = renderer(fixture).render(&model, &rays, request, None, Moment::END);
+    let renderer = renderer(fixture);
+    let rays = renderer.rays(rays, device);
+    let passes = renderer.render(&model, &rays, request, None, Moment::END);
     let (coarse, fine) = (passes.coarse.unwrap(), passes.fine);
     let delta = to_host(fine.samples.delta.clone());
     for (index, row) in rows.iter().enumerate() {

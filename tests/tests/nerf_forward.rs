@@ -100,7 +100,7 @@ impl Rule<'_> {
 /// Config of the paper's network and sampling, without jitter.
 fn config(last_interval: &str) -> Config {
     let last_interval = format!("render.last_interval={last_interval}");
-    Config::of(Preset::Paper, ["render.jitter=false", &last_interval]).unwrap()
+    Config::of(Preset::Paper, [&last_interval]).unwrap()
 }
 
 const HALF_EDGE: f32 = 6.0;
@@ -174,7 +174,7 @@ fn check(device: &Device) {
     for last_interval in ["finite", "infinite"] {
         let renderer = renderer(fixture, last_interval);
         let render = |origin, direction| {
-            let rays = rays(fixture, origin, direction);
+            let rays = renderer.rays(rays(fixture, origin, direction), device);
             let passes = renderer.render(&model, &rays, request, None, Moment::END);
             (passes.coarse.unwrap(), passes.fine)
         };

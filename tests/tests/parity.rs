@@ -12,7 +12,7 @@ use infonerf_ops::to_host;
 use infonerf_render::RandomStream;
 use infonerf_scene::{Aabb, Camera, Image, PixelAt, Range, Scene, Space, View};
 use infonerf_tests::{fixture, hashed, with_parameters};
-use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepPixels, Trainer};
+use infonerf_train::{Config, Event, Pixels, Preset, SeenPixels, StepBatch, Trainer};
 use safetensors::SafeTensors;
 use serde_json::Value;
 
@@ -154,12 +154,12 @@ fn scene(fixture: &Value) -> Scene {
 }
 
 /// Returns the pixels and poses of a step of the fixture.
-fn step_pixels(scene: &Scene, step: &Value) -> StepPixels {
+fn step_batch(scene: &Scene, step: &Value) -> StepBatch {
     let size = scene.train[0].image.width as usize;
     let pixels = |view: usize, numbers: &Value| {
         let numbers: Vec<usize> = numbers.as_array().unwrap().iter().map(number).collect();
         let at = numbers.iter().map(|&n| PixelAt { view, x: (n % size) as f32, y: (n / size) as f32 }).collect();
-        (Pixels { cameras: scene.all_train_cameras.clone(), at, width: 1.0 }, numbers)
+        (Pixels { cameras: scene.all_train_cameras.as_slice().into(), at, width: 1.0 }, numbers)
     };
     let view = number(&step["view"]);
     let (seen, numbers) = pixels(view, &step["seen"]);
@@ -170,7 +170,7 @@ fn step_pixels(scene: &Scene, step: &Value) -> StepPixels {
     let [x, y, z] = floats(&step["turn"])[..] else { panic!("three angles") };
     let turn = [(DVec3::X, x), (DVec3::Y, y), (DVec3::Z, z)]
         .map(|(axis, degrees)| DMat3::from_axis_angle(axis, degrees.to_radians()));
-    StepPixels {
+    StepBatch {
         scene: 0,
         seen: SeenPixels {
             pixels: seen,
@@ -200,7 +200,7 @@ fn train(fixture: &Value, mode: &str, device: &Device) -> [Weights; 2] {
     let first = Weights::of(&trainer.model());
     for (index, step) in run["steps"].as_array().unwrap().iter().enumerate() {
         let mut events = Vec::new();
-        trainer.step_on(step_pixels(&scene, step), &mut |event| events.push(event)).unwrap();
+        trainer.step_on(step_batch(&scene, step), &mut |event| events.push(event)).unwrap();
         let [Event::Step { loss, losses, .. }] = &events[..] else { panic!("{mode}, step {index}: {events:?}") };
         let expected = run["losses"].as_object().unwrap();
         assert_eq!(losses.len() + 1, expected.len(), "{mode}: {losses:?}");

@@ -51,7 +51,7 @@ pub(crate) fn of_step(
             ms(Phase::Backward),
             &peak,
         ),
-        RooflinePart::new("optimiser", adam, ms(Phase::Optimiser), &peak),
+        RooflinePart::new("optimiser", adam, ms(Phase::Optimizer), &peak),
     ]
 }
 

@@ -80,7 +80,7 @@ fn measure(bench: &Bench, plan: &RunPlan, from: Option<&Path>, warmup: usize, st
     let mut seconds = step_seconds(&mut trainer, steps)?;
     let traffic = trainer.profile().traffic() - before;
     let last_step = trainer.progress().step;
-    trainer.synchronise_phases();
+    trainer.synchronize_phases();
     let (before, samples) = (trainer.profile().clone(), trainer.progress().samples_evaluated);
     let synchronised = step_seconds(&mut trainer, steps)?;
     let samples = (trainer.progress().samples_evaluated - samples) as f64 / synchronised.len().max(1) as f64;

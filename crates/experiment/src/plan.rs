@@ -405,7 +405,7 @@ mod tests {
         assert_eq!(plan("llff-3view", &[], None).preset, Preset::Capture);
         assert_eq!(plan("capture", &[], Some(Preset::Capture)).preset, Preset::Capture);
         let set = plan("capture", &["field.view_dependence=0.5"], None).config;
-        assert_eq!(set.render.space, infonerf_render::Space::Content);
+        assert_eq!(set.render.space, infonerf_render::SpaceChoice::Content);
         let infonerf_field::FieldConfig::Factored(field) = set.field else { panic!("{:?}", set.field) };
         assert_eq!(field.view_dependence, 0.5);
     }

@@ -50,7 +50,6 @@ pub mod distortion;
 #[cfg(feature = "flex")]
 mod distribution;
 pub mod divergence;
-pub mod drawing;
 pub mod entropy;
 pub mod factored;
 pub mod frequency;
@@ -71,7 +70,6 @@ pub mod random;
 #[cfg(feature = "flex")]
 mod ray_kernel;
 pub mod rotation;
-mod rows;
 pub mod sampling;
 #[cfg(feature = "flex")]
 mod scratch;
@@ -95,7 +93,6 @@ pub use mlp::radiance_mlp;
 #[cfg(feature = "flex")]
 pub use peak::Peak;
 pub use rotation::rotate;
-pub use rows::split_rows;
 pub use segments::Segments;
 pub use traffic::{HostNumber, Traffic, from_host, to_host, to_host_together, upload, upload_together};
 pub use trilinear::trilinear;

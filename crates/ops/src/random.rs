@@ -1,12 +1,12 @@
 //! Counter-based random numbers, the same on the host and in kernels: number `index` of item `item` of the stream `key` is a pure
 //! function of the three.
 
-/// The random numbers of one ray: an item of a stream.
+/// Random numbers of one ray: an item of a stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stream {
-    /// Which stream.
+    /// Key of the stream.
     pub key: u64,
-    /// Which ray of it.
+    /// Index of the ray in it.
     pub item: usize,
 }
 
@@ -27,10 +27,10 @@ pub fn below(key: u64, item: usize, index: usize, count: usize) -> usize {
     ((u128::from(number(key, item, index)) * count as u128) >> 64) as usize
 }
 
-/// Place of `index` in a permutation of 0..`count` that `key` chooses, `count` being at most 2³². The places of the first few
-/// indices are thus as many distinct numbers, each of which is found by itself, which shuffling cannot do.
+/// Returns the place of `index` in a permutation of 0..`count` that `key` chooses, `count` being at most 2³². Each place is
+/// found without the others, which shuffling cannot do; the places of the first k indices are k distinct values.
 ///
-/// A Feistel network of six rounds permutes 0..4ᵇ, the least such range that has all indices, and is applied until it
+/// A Feistel network of six rounds permutes 0..4ᵇ, the smallest such range that has all indices, and is applied until it
 /// leads into 0..`count`: less than 4 times in the mean (Mitchell et al. 2021, "Bandwidth-Optimal Random Shuffling for GPUs").
 ///
 /// # Panics
@@ -53,14 +53,14 @@ pub fn permuted(key: u64, index: usize, count: usize) -> usize {
 }
 
 /// Rounds of [`permuted`].
-pub(crate) const ROUNDS: usize = 6;
+const ROUNDS: usize = 6;
 
-/// The least b ≥ 1 with 4ᵇ ≥ `count`.
-pub(crate) fn half_bits(count: usize) -> u32 {
+/// Smallest b ≥ 1 with 4ᵇ ≥ `count`.
+fn half_bits(count: usize) -> u32 {
     count.max(2).next_power_of_two().ilog2().div_ceil(2)
 }
 
-/// The finaliser of SplitMix64 (Steele et al. 2014) after its increment.
+/// Finaliser of SplitMix64 (Steele et al. 2014) after its increment.
 pub fn mix(x: u64) -> u64 {
     let mut z = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -1,20 +1,17 @@
-//! Corrections of the training cameras, which are learnt with the field (BARF, Lin et al. 2021; NeRF−−, Wang et al. 2021).
+//! Corrections of the training cameras, which are learned with the field (BARF, Lin et al. 2021; NeRF−−, Wang et al. 2021).
 
 use burn::module::{Module, Param};
 use burn::tensor::{Device, Tensor, TensorData};
 use glam::{DMat3, DMat4, DQuat, DVec3, Vec3};
-use infonerf_ops::drawing::DrawnRays;
 use infonerf_ops::{from_host, rotate, to_host, upload};
-use infonerf_scene::{Camera, PixelAt, Ray, Scene};
+use infonerf_scene::{Camera, PixelAt, Scene};
 use serde::{Deserialize, Serialize};
 
-use crate::Noise;
-
-/// Which focal lengths are learnt.
+/// Focal lengths that are learned.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Focal {
-    /// None: they stay as they are.
+    /// No focal length.
     #[default]
     Fixed,
     /// One factor for all views, of one camera.
@@ -43,12 +40,12 @@ pub struct CameraRefinement {
     gauge: bool,
 }
 
-/// What corrections of cameras are measured by.
+/// Origin and unit of the corrections of cameras.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pivot {
-    /// p, the point about which cameras turn.
+    /// Point p about which cameras turn.
     pub centre: Vec3,
-    /// s, the length of a unit of τ, scene units.
+    /// Length s of a unit of τ, scene units.
     pub scale: f32,
 }
 
@@ -58,51 +55,6 @@ impl Pivot {
         let centre = scene.space.centre;
         let sum: f32 = scene.train.iter().map(|view| view.camera.position().distance(centre)).sum();
         Self { centre, scale: (sum / scene.train.len() as f32).max(1e-3) }
-    }
-}
-
-/// Rays as tensors in an autodiff graph.
-#[derive(Clone, Debug)]
-pub struct TrackedRays {
-    /// `[R, 3]`, scene units.
-    pub origins: Tensor<2>,
-    /// Unit vectors, `[R, 3]`.
-    pub directions: Tensor<2>,
-}
-
-/// A bundle of rays to render: on the host, which places samples, and tracked where a gradient is to reach them.
-#[derive(Clone, Copy, Debug)]
-pub struct RayBundle<'a> {
-    /// The rays.
-    pub rays: &'a [Ray],
-    /// The same as tensors.
-    pub tracked: Option<&'a TrackedRays>,
-    /// The same where they were drawn on the device of the field: a GPU then places samples along these.
-    pub drawn: Option<&'a DrawnRays>,
-    /// Most samples that such a GPU places where it marches ([`Renderer::count_samples`](crate::Renderer::count_samples)).
-    pub capacity: usize,
-    /// By what samples along each ray are jittered; nothing for samples that are evenly spaced.
-    pub draws: &'a [Draw],
-}
-
-/// A ray's random numbers: a stream, and the ray's index in it.
-pub type Draw = (Noise, usize);
-
-impl<'a> From<&'a [Ray]> for RayBundle<'a> {
-    fn from(rays: &'a [Ray]) -> Self {
-        Self { rays, tracked: None, drawn: None, capacity: 0, draws: &[] }
-    }
-}
-
-impl<'a> From<&'a Vec<Ray>> for RayBundle<'a> {
-    fn from(rays: &'a Vec<Ray>) -> Self {
-        rays.as_slice().into()
-    }
-}
-
-impl<'a, const N: usize> From<&'a [Ray; N]> for RayBundle<'a> {
-    fn from(rays: &'a [Ray; N]) -> Self {
-        rays.as_slice().into()
     }
 }
 
@@ -168,11 +120,12 @@ impl CameraRefinement {
         cameras.iter().enumerate().map(of_view).collect()
     }
 
-    /// The rays of pixels `at` of the corrected `cameras`, differentiable in the corrections.
+    /// Origins and unit directions, `[R, 3]` each, of the rays of pixels `at` of the corrected `cameras`, differentiable in the
+    /// corrections ([`RayBatch::tracked`](crate::RayBatch::tracked)).
     ///
     /// A lens has no part in a rigid motion. By the focal length a ray is differentiated on the host, by central differences
     /// in `f64` of [`Camera::ray_f64`], through whatever lens there is.
-    pub fn rays(&self, cameras: &[Camera], at: &[PixelAt]) -> TrackedRays {
+    pub fn rays(&self, cameras: &[Camera], at: &[PixelAt]) -> [Tensor<2>; 2] {
         let device = self.poses.val().device();
         let views: Vec<i32> = at.iter().map(|pixel| pixel.view as i32).collect();
         let views = upload(views, [at.len()], &device);
@@ -185,24 +138,21 @@ impl CameraRefinement {
         let mut directions = rows(&|pixel| direction(&cameras[pixel.view], pixel));
         if let Some(focal) = &self.focal {
             const STEP: f64 = 1e-4;
-            let slope = rows(&|pixel| {
+            let derivative = rows(&|pixel| {
                 let [more, less] = [STEP, -STEP].map(|by| direction(&zoomed(&cameras[pixel.view], by), pixel));
                 (more - less) / (2.0 * STEP)
             });
             let focal = focal.val();
             let focal = if focal.dims()[0] == 1 { focal.expand([at.len()]) } else { focal.select(0, views.clone()) };
             let change = focal.clone() - focal.detach();
-            directions = directions + slope * change.unsqueeze_dim(1);
+            directions = directions + derivative * change.unsqueeze_dim(1);
         }
         let motions = self.motions().select(0, views);
         let [turns, shifts] = [0, 3].map(|first| motions.clone().narrow(1, first, 3));
         let Pivot { centre, scale } = self.pivot;
         let arms = rows(&|pixel| cameras[pixel.view].position_f64() - centre.as_dvec3());
         let centre = upload(centre.to_array().to_vec(), [1, 3], &device);
-        TrackedRays {
-            origins: rotate(arms, turns.clone()) + shifts * scale + centre,
-            directions: rotate(directions, turns),
-        }
+        [rotate(arms, turns.clone()) + shifts * scale + centre, rotate(directions, turns)]
     }
 }
 
@@ -237,12 +187,12 @@ mod tests {
         }
     }
 
-    /// Numbers that look random, at most `size`.
+    /// Values that look random, at most `size`.
     fn numbers(count: usize, size: f32) -> Vec<f32> {
         (1..=count).map(|i| size * (2.0 * (i as f32 * 0.618_034).fract() - 1.0)).collect()
     }
 
-    /// Of all corrections at once, through lenses with and without distortion: values against the corrected cameras on the
+    /// All corrections at once, through lenses with and without distortion: values against the corrected cameras on the
     /// host, gradients against their central differences in `f64`.
     #[test]
     fn rays_and_their_gradients_match_the_corrected_cameras() {
@@ -254,7 +204,7 @@ mod tests {
                 .to_vec();
             for size in [0.0, 0.1] {
                 let (poses, focal) = (numbers(18, size), numbers(3, size));
-                let learnt = refinement(&poses, &focal);
+                let learned = refinement(&poses, &focal);
                 let weights = numbers(24, 1.0);
                 let loss = |poses: &[f32], focal: &[f32]| -> f64 {
                     let corrected = refinement(poses, focal).apply(&cameras);
@@ -262,8 +212,7 @@ mod tests {
                     let numbers = rays.flat_map(|(o, d)| [o.to_array(), d.to_array()].concat());
                     numbers.zip(&weights).map(|(x, weight)| x * f64::from(*weight)).sum()
                 };
-                let TrackedRays { origins, directions } = learnt.rays(&cameras, &at);
-                let all = Tensor::cat(vec![origins, directions], 1);
+                let all = Tensor::cat(learned.rays(&cameras, &at).to_vec(), 1);
                 let total = (all * from_host(&weights, 6, &Device::flex().autodiff())).sum();
                 approx::assert_abs_diff_eq!(
                     f64::from(total.clone().into_scalar::<f32>()),
@@ -272,8 +221,8 @@ mod tests {
                 );
                 let gradients = total.backward();
                 let found = [
-                    to_host(learnt.poses.val().grad(&gradients).unwrap()),
-                    to_host(learnt.focal.as_ref().unwrap().val().grad(&gradients).unwrap()),
+                    to_host(learned.poses.val().grad(&gradients).unwrap()),
+                    to_host(learned.focal.as_ref().unwrap().val().grad(&gradients).unwrap()),
                 ]
                 .concat();
                 for (index, found) in found.into_iter().enumerate() {
@@ -289,7 +238,7 @@ mod tests {
         }
     }
 
-    /// What all cameras do alike is the frame's choice, and nothing that they see.
+    /// A motion of all cameras alike is the choice of a frame, and changes nothing that they see.
     #[test]
     fn a_common_motion_is_no_correction() {
         let cameras = cameras(Lens::PERSPECTIVE);

@@ -1,10 +1,11 @@
-use infonerf_ops::sampling::{LastInterval, Placement};
+use infonerf_ops::sampling::LastInterval;
 use infonerf_schedule::{Fault, Schedule};
 use serde::{Deserialize, Serialize};
 
-use crate::Space;
+use crate::sampler::Placement;
+use crate::warp::SpaceChoice;
 
-/// How rays are sampled and what is skipped.
+/// Sampling of rays, and skipping.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RenderConfig {
@@ -19,19 +20,17 @@ pub struct RenderConfig {
     pub last_interval: LastInterval,
     /// How samples are composited.
     pub compositing: Compositing,
-    /// Whether samples are jittered within their intervals in training.
-    pub jitter: bool,
     /// Whether space is warped: `auto`, `box` (unchanged), `ndc`, `contraction`.
-    pub space: Space,
+    pub space: SpaceChoice,
     /// Whether rays are clipped to the scene's box; only in unwarped space.
     pub clip_to_bounds: bool,
     /// In pictures of a single pass with [`Placement::Mid`]: transmittance at which a ray stops, which changes a colour by
-    /// no more than this. With a finer grid, fog through which steps are thin beside it takes longer steps too (`march.rs`
-    /// says which). 0 evaluates all samples.
+    /// no more than this. With a finer grid, thin fog takes longer steps too
+    /// (`march.rs`). 0 evaluates all samples.
     pub early_stop_transmittance: f32,
     /// In training, and for the reported entropy and information gain: optical depth of the occupancy grid's densities
     /// behind which a ray's samples are skipped; 0 skips none, as does a run without a grid. Densities of the grid are
-    /// maxima over cells, so that a ray may pass beside the matter that they stand for: 16 is a safe value. Pictures
+    /// maxima over cells, so that a ray may miss the matter that they stand for: 16 is a safe value. Pictures
     /// evaluate hidden samples.
     pub hidden_depth: f32,
     /// Whether pictures add the residuals of the training views nearest to them: [`Residuals`](crate::Residuals).
@@ -71,6 +70,41 @@ pub struct OccupancyConfig {
     pub refine: usize,
     /// Whether cells that the alpha channel of a training view shows to be background are empty for good.
     pub carve: bool,
+}
+
+impl Default for RenderConfig {
+    /// As preset `paper` has it.
+    fn default() -> Self {
+        Self {
+            samples: 64.0.into(),
+            fine_samples: 128,
+            placement: Placement::Left,
+            last_interval: LastInterval::Finite,
+            compositing: Compositing::Exponential,
+            space: SpaceChoice::Auto,
+            clip_to_bounds: false,
+            early_stop_transmittance: 0.0,
+            hidden_depth: 0.0,
+            residuals: false,
+            occupancy: OccupancyConfig::default(),
+        }
+    }
+}
+
+impl Default for OccupancyConfig {
+    /// As preset `paper` has it: off.
+    fn default() -> Self {
+        Self {
+            enabled: false,
+            resolution: 64,
+            warmup: 500,
+            every: 50,
+            alpha_threshold: 0.01,
+            decay: 0.8,
+            refine: 1,
+            carve: false,
+        }
+    }
 }
 
 impl OccupancyConfig {
@@ -119,7 +153,7 @@ impl RenderConfig {
         if self.hidden_depth > 0.0 { self.hidden_depth } else { f32::INFINITY }
     }
 
-    /// Keys that are set but have no effect beside the others, one line each.
+    /// Keys that are set but have no effect with the others as they are, one line each.
     pub fn without_effect(&self) -> Vec<&'static str> {
         let stop = self.early_stop_transmittance > 0.0 && !self.marches();
         let [hidden, carve] =
@@ -145,6 +179,6 @@ impl RenderConfig {
 
     /// Whether a single pass has steps of one length: pictures are then composited front to back and rays stop early.
     pub(crate) fn marches(&self) -> bool {
-        self.placement == Placement::Mid && !self.is_hierarchical()
+        self.placement.rule().marches() && !self.is_hierarchical()
     }
 }

@@ -3,8 +3,9 @@
 use infonerf_field::Field;
 use infonerf_scene::{Camera, View};
 
-use crate::image::{HIT, render_one};
-use crate::{RenderedImage, Renderer, TrainedModel};
+use crate::image::{HIT, RenderedImage, render_one};
+use crate::model::TrainedModel;
+use crate::renderer::Renderer;
 
 /// Renders the picture that `camera` sees: of several members their mean.
 ///

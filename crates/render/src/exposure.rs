@@ -4,7 +4,7 @@ use infonerf_ops::{to_host, upload};
 
 use crate::RenderedImage;
 
-/// A gain and a bias per training view and channel: exposure and white balance that differ between photographs of one scene.
+/// A gain and a bias per training view and channel: exposure and white balance that differ between images of one scene.
 ///
 /// A training view shows `gain · C + bias + (1 − A) · background`, where C is the colour accumulated along a ray and A its
 /// opacity, as in the released code of Neural Volumes (Lombardi et al. 2019). Gains start at 1 and biases at 0. Rendered
@@ -24,8 +24,8 @@ impl Exposure {
         Self { gain: parameter(1.0), bias: parameter(0.0) }
     }
 
-    /// The same differences between views, with a mean gain of 1 and a mean bias of 0 over them for each channel. Brighter
-    /// colours with smaller gains explain photographs as well, so that the means would drift.
+    /// Shifts gains to a mean of 1 and biases to a mean of 0 over the views, for each channel. Brighter colours with smaller gains
+    /// explain images as well, so that the means would drift.
     #[must_use]
     pub fn centred(self) -> Self {
         let with_mean = |values: Param<Tensor<2>>, mean: f32| {
@@ -65,7 +65,7 @@ mod tests {
     use crate::Counts;
 
     #[test]
-    fn a_picture_is_exposed_as_its_view_is() {
+    fn picture_takes_the_exposure_of_its_view() {
         let device = Device::flex();
         let parameter = |values: [f32; 6]| Param::from_data(TensorData::new(values.to_vec(), [2, 3]), &device);
         let (gain, bias) = (parameter([1.0, 1.0, 1.0, 2.0, 1.0, 0.5]), parameter([0.0, 0.0, 0.0, 0.0, 0.25, 0.0]));

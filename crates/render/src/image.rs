@@ -6,16 +6,18 @@ use rayon::prelude::*;
 
 use crate::fill::filled;
 use crate::march::march;
-use crate::{Counts, RenderOutput, RenderRequest, Renderer, TrainedModel};
+use crate::model::TrainedModel;
+use crate::output::{Counts, RenderOutput, RenderRequest};
+use crate::renderer::Renderer;
 
-/// A rendered picture with what the report shows beside it. All row-major.
+/// A rendered picture with distances, opacities and sample counts. All row-major.
 #[derive(Clone, Debug)]
 pub struct RenderedImage {
     /// Columns.
     pub width: u32,
     /// Rows.
     pub height: u32,
-    /// Colour on the background, not clamped; before an unknown one, on what is beside it in the picture.
+    /// Colour on the background, not clamped; before an unknown one, on the neighbouring pixels.
     pub rgb: Vec<[f32; 3]>,
     /// Expected distance Σ w t/Σ w along the ray; infinite where the ray hits nothing.
     pub depth: Vec<f32>,
@@ -27,7 +29,7 @@ pub struct RenderedImage {
 
 /// Rays that march at a time: bounds the memory of a picture.
 const CHUNK: usize = 1 << 15;
-/// The same on the host, where several march side by side.
+/// Rays that march at a time on the host, where several threads march side by side.
 const HOST_CHUNK: usize = 1 << 12;
 
 /// Renders the picture of one member, without the residual of the training view of the file `left_out`.
@@ -86,8 +88,9 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
         return image.before(renderer);
     }
     for rays in rays.chunks(renderer.rays_at_once(trained.at)) {
+        let rays = renderer.rays(rays.to_vec(), &trained.model.fine.device());
         let request = RenderRequest { color: true, hidden: true };
-        let passes = renderer.render(&trained.model, rays, request, trained.occupancy.as_ref(), trained.at);
+        let passes = renderer.render(&trained.model, &rays, request, trained.occupancy.as_ref(), trained.at);
         image.append(&passes.fine);
         image.counts += passes.counts();
     }
@@ -95,7 +98,8 @@ fn render_in_frame<F: Field>(renderer: &Renderer, trained: &TrainedModel<F>, cam
 }
 
 impl RenderedImage {
-    /// The same before the backdrop of `renderer`'s scene: where that is unknown and rays meet nothing, it shows what is beside.
+    /// Puts the picture before the backdrop of `renderer`'s scene. Before an unknown one, pixels of rays that meet nothing show
+    /// what is next to them.
     fn before(mut self, renderer: &Renderer) -> Self {
         if renderer.backdrop() == Backdrop::Unknown {
             let background = renderer.background();
@@ -109,7 +113,7 @@ impl RenderedImage {
         self
     }
 
-    /// Where the ray of `pixel` ends, and its direction; none if it hits nothing.
+    /// End of the ray of `pixel`, and its direction; `None` if it hits nothing.
     pub(crate) fn point(&self, camera: &Camera, pixel: usize) -> Option<(Vec3, Vec3)> {
         let (width, depth) = (self.width as usize, self.depth[pixel]);
         let ray = camera.ray((pixel % width) as f32 + 0.5, (pixel / width) as f32 + 0.5);
@@ -138,46 +142,51 @@ pub(crate) const HIT: f32 = 0.5;
 
 #[cfg(test)]
 pub(crate) mod testing {
-    use crate::{Placement, RenderConfig};
+    use crate::config::{OccupancyConfig, RenderConfig};
+    use crate::sampler::Placement;
 
+    /// 32 samples in a single pass, through a grid of 2³ cells.
     pub(crate) fn config(placement: Placement) -> RenderConfig {
-        serde_json::from_value(serde_json::json!({
-            "compositing": "exponential", "samples": 32, "fine_samples": 0, "placement": placement, "last_interval": "finite",
-            "jitter": false, "space": "auto", "clip_to_bounds": false, "early_stop_transmittance": 1e-3, "hidden_depth": 1.0, "residuals": false,
-            "occupancy": {
-                "enabled": true, "resolution": 2, "warmup": 0, "every": 1, "alpha_threshold": 0.01, "decay": 1.0,
-                "refine": 1, "carve": false,
+        RenderConfig {
+            samples: 32.0.into(),
+            fine_samples: 0,
+            placement,
+            early_stop_transmittance: 1e-3,
+            hidden_depth: 1.0,
+            occupancy: OccupancyConfig {
+                enabled: true,
+                resolution: 2,
+                warmup: 0,
+                every: 1,
+                ..OccupancyConfig::default()
             },
-        }))
-        .unwrap()
+            ..RenderConfig::default()
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::ops::Range;
-
     use burn::module::Module;
     use burn::tensor::{Device, Tensor, TensorData};
     use glam::{DMat4, DVec3};
     use infonerf_field::{FieldOutput, Points};
-    use infonerf_ops::to_host_together;
     use infonerf_scene::Scene;
     use infonerf_schedule::Moment;
 
     use super::testing::config;
     use super::*;
-    use crate::{Draw, Model, Noise, OccupancyGrid, Placement, RandomStream, RayBundle, RenderConfig};
+    use crate::{Model, Noise, OccupancyGrid, Placement, RandomStream, RenderConfig};
 
-    /// As grey as the run is far, with any density.
+    /// A field as grey as the run is far, with any density.
     #[derive(Module, Debug)]
-    struct Grey {
+    struct GreyField {
         none: Tensor<1>,
         #[module(skip)]
         sigma: fn(Vec3) -> f32,
     }
 
-    impl Field for Grey {
+    impl Field for GreyField {
         fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
             let positions = to_host(points.positions.clone());
             let sigma: Vec<f32> = positions.chunks_exact(3).map(|p| (self.sigma)(Vec3::from_slice(p))).collect();
@@ -191,14 +200,14 @@ mod tests {
         }
     }
 
-    /// The same a quarter into the run, seen along −z in the middle of the box of 3 units, of which a grid remembers each half
-    /// to hold something opaque.
-    fn seen(sigma: fn(Vec3) -> f32, placement: Placement) -> (Renderer, TrainedModel<Grey>, Camera) {
+    /// A [`GreyField`] field a quarter into the run, seen along −z in the middle of the box of 3 units; the grid remembers something
+    /// opaque in each half of the box.
+    fn seen(sigma: fn(Vec3) -> f32, placement: Placement) -> (Renderer, TrainedModel<GreyField>, Camera) {
         let scene = Scene::default();
         let config = config(placement);
         let mut grid = OccupancyGrid::new(&config.occupancy, scene.space.bounds);
         grid.restore(vec![1e4; 8], vec![true; 8], true).unwrap();
-        let model = Model::of(Grey { none: Tensor::zeros([1], &Device::flex()), sigma });
+        let model = Model::of(GreyField { none: Tensor::zeros([1], &Device::flex()), sigma });
         let camera = Camera::from_fov(1, 1, 0.1, DMat4::from_translation(DVec3::new(0.1, 0.1, 4.0)));
         let at = Moment { step: 10, progress: 0.25 };
         (
@@ -216,43 +225,13 @@ mod tests {
         }
     }
 
-    /// In training, with random numbers of each, some rays of which miss the box.
-    #[test]
-    fn bundles_rendered_as_one_are_what_they_are_alone() {
-        let (_, trained, camera) = seen(|p| 2.0 + p.x, Placement::Left);
-        let config = RenderConfig { fine_samples: 5, clip_to_bounds: true, jitter: true, ..config(Placement::Left) };
-        let renderer = Renderer::new(&config, &Scene::default());
-        let rays: Vec<Ray> = (0..7).map(|x| camera.ray(x as f32 * 1.5, 0.5)).collect();
-        let noise = |step| Noise::new(0, step, RandomStream::Samples);
-        let draws: Vec<Draw> = (0..3).map(|ray| (noise(0), ray)).chain((0..4).map(|ray| (noise(1), ray))).collect();
-        let request = RenderRequest { color: true, hidden: false };
-        let render = |part: Range<usize>| {
-            let bundle =
-                RayBundle { rays: &rays[part.clone()], tracked: None, drawn: None, capacity: 0, draws: &draws[part] };
-            renderer.render(&trained.model, bundle, request, trained.occupancy.as_ref(), trained.at)
-        };
-        let alone = [render(0..3), render(3..7)];
-        for (part, alone) in render(0..7).split(&[3, 4]).into_iter().zip(alone) {
-            for (part, alone) in [(part.fine, alone.fine), (part.coarse.unwrap(), alone.coarse.unwrap())] {
-                assert_eq!(part.segments(), alone.segments());
-                assert_eq!(part.samples.t(), alone.samples.t());
-                assert_eq!(part.samples.candidates, alone.samples.candidates);
-                let numbers = |of: &RenderOutput| {
-                    let color = of.color.clone().unwrap().flatten(0, 1);
-                    to_host_together([of.tau.clone(), of.depth.clone(), of.acc.clone(), color])
-                };
-                assert_eq!(numbers(&part), numbers(&alone));
-            }
-        }
-    }
-
-    /// A ray passes a cell with an opaque part beside that, to something behind.
+    /// A ray passes the clear part of a cell that is opaque elsewhere, and meets something behind.
     #[test]
     fn a_picture_shows_what_training_takes_to_be_hidden() {
         for placement in [Placement::Mid, Placement::Left] {
             let (renderer, trained, camera) = seen(|p| if p.x > 1.0 || p.z < 0.0 { 1e4 } else { 0.0 }, placement);
             let training = RenderRequest { color: false, hidden: false };
-            let rays = [camera.ray(0.5, 0.5)];
+            let rays = renderer.rays(vec![camera.ray(0.5, 0.5)], &Device::flex());
             let grid = trained.occupancy.as_ref();
             let passes = renderer.render(&trained.model, &rays, training, grid, trained.at);
             assert_eq!(passes.fine.acc.into_scalar::<f32>(), 0.0, "{placement:?}");

@@ -10,10 +10,7 @@
 //! use burn::module::Module;
 //! use burn::tensor::{Device, Tensor};
 //! use infonerf_field::{Field, Points, FieldOutput};
-//! use infonerf_render::{
-//!     Compositing, LastInterval, Model, OccupancyConfig, Placement, RenderConfig, Renderer, Space, TrainedModel,
-//!     render_image,
-//! };
+//! use infonerf_render::{Model, Placement, RenderConfig, Renderer, TrainedModel, render_image};
 //! use infonerf_procedural::load;
 //! use infonerf_scene::{Scene, SceneRequest, TestProtocol};
 //! use infonerf_schedule::Moment;
@@ -37,29 +34,7 @@
 //!
 //! let request = SceneRequest { image_size: Some(8), test: TestProtocol::First(1), ..SceneRequest::default() };
 //! let scene: Scene = load("knot", &request).unwrap();
-//! let config = RenderConfig {
-//!     compositing: Compositing::Exponential,
-//!     samples: 16.0.into(),
-//!     fine_samples: 0,
-//!     placement: Placement::Mid,
-//!     last_interval: LastInterval::Finite,
-//!     jitter: false,
-//!     space: Space::Auto,
-//!     clip_to_bounds: false,
-//!     early_stop_transmittance: 0.0,
-//!     hidden_depth: 0.0,
-//!     residuals: false,
-//!     occupancy: OccupancyConfig {
-//!         enabled: false,
-//!         resolution: 2,
-//!         warmup: 0,
-//!         every: 1,
-//!         alpha_threshold: 0.01,
-//!         decay: 1.0,
-//!         refine: 1,
-//!         carve: false,
-//!     },
-//! };
+//! let config = RenderConfig { samples: 16.0.into(), fine_samples: 0, placement: Placement::Mid, ..RenderConfig::default() };
 //! let fog = Fog { density: Tensor::from_floats([100.0], &Device::flex()) };
 //! let trained = TrainedModel { model: Model::of(fog), occupancy: None, at: Moment::START, frame: None, residuals: None };
 //! let picture = render_image(&Renderer::new(&config, &scene), &[trained], &scene.test[0].camera);
@@ -77,26 +52,30 @@ mod model;
 mod noise;
 mod normals;
 mod occupancy;
-mod on_device;
 mod output;
+mod query;
+mod rays;
 mod renderer;
 mod residuals;
 mod sampler;
 mod samples;
 mod warp;
 
-pub use cameras::{CameraRefinement, Draw, Focal, Pivot, RayBundle, TrackedRays};
+pub use cameras::{CameraRefinement, Focal, Pivot};
 pub use config::{Compositing, OccupancyConfig, RenderConfig};
 pub use ensemble::{render_image, render_tested};
 pub use exposure::Exposure;
 pub use image::RenderedImage;
-pub use infonerf_ops::sampling::{LastInterval, Placement};
-pub use model::{Frame, Model, TrainedModel};
+pub use infonerf_ops::sampling::LastInterval;
+pub use model::{Model, ModelFrame, TrainedModel};
 pub use noise::{Noise, RandomStream};
 pub use normals::render_normals;
 pub use occupancy::OccupancyGrid;
 pub use output::{Counts, Passes, RenderOutput, RenderRequest};
+pub use query::evaluate_at;
+pub use rays::RayBatch;
 pub use renderer::Renderer;
 pub use residuals::Residuals;
+pub use sampler::Placement;
 pub use samples::Samples;
-pub use warp::{Space, Warp};
+pub use warp::{SpaceChoice, Warp};

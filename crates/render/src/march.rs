@@ -12,12 +12,15 @@ use infonerf_scene::Ray;
 use infonerf_schedule::Moment;
 use rayon::prelude::*;
 
+use crate::config::Compositing;
+use crate::model::TrainedModel;
+use crate::output::Counts;
+use crate::renderer::Renderer;
 use crate::sampler::Steps;
-use crate::{Compositing, Counts, Renderer, TrainedModel};
 
-/// What a ray has accumulated so far.
+/// Accumulated colour, distance and transmittance of a ray.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Marched {
+pub(crate) struct MarchedRay {
     pub(crate) rgb: [f32; 3],
     /// Σ w t.
     pub(crate) depth: f32,
@@ -29,7 +32,7 @@ pub(crate) struct Marched {
 const ROUND: usize = 4;
 /// Optical depths of a step, in units of e/T, below which two are one sample, and four.
 const JOINED: [f32; 2] = [100.0, 10.0];
-/// Rays of a [`Part`].
+/// Maximal number of rays of a [`MarchingRays`].
 const PART: usize = 1 << 10;
 
 /// Colour on the background, distance and transmittance of each of `rays`, and the numbers of samples.
@@ -41,22 +44,22 @@ pub(crate) fn march<F: Field>(
     trained: &TrainedModel<F>,
     host: Option<&HostField>,
     rays: &[Ray],
-) -> (Vec<Marched>, Counts) {
-    let parts = rays.par_chunks(PART).map(|rays| Part::new(renderer, trained, rays));
-    let parts: Vec<Part<'_>> = match host {
+) -> (Vec<MarchedRay>, Counts) {
+    let parts = rays.par_chunks(PART).map(|rays| MarchingRays::new(renderer, trained, rays));
+    let parts: Vec<MarchingRays<'_>> = match host {
         Some(host) => parts
             .map(|mut part| {
-                while let Some(round) = part.take() {
-                    part.advance(&round, &host(&round.positions, &round.sample_directions()));
+                while let Some(round) = part.next_round() {
+                    part.composite(&round, &host(&round.positions, &round.sample_directions()));
                 }
                 part
             })
             .collect(),
         None => {
-            let mut parts: Vec<Part<'_>> = parts.collect();
+            let mut parts: Vec<MarchingRays<'_>> = parts.collect();
             loop {
                 let rounds: Vec<_> =
-                    parts.par_iter_mut().filter_map(|part| part.take().map(|round| (part, round))).collect();
+                    parts.par_iter_mut().filter_map(|part| part.next_round().map(|round| (part, round))).collect();
                 if rounds.is_empty() {
                     break;
                 }
@@ -64,7 +67,7 @@ pub(crate) fn march<F: Field>(
                 let mut values = values.as_slice();
                 let values: Vec<_> = rounds.iter().map(|(_, round)| values.split_off(..round.t.len())).collect();
                 rounds.into_par_iter().zip(values).for_each(|((part, round), values)| {
-                    part.advance(&round, values.expect("a value of each sample"));
+                    part.composite(&round, values.expect("a value of each sample"));
                 });
             }
             parts
@@ -74,18 +77,22 @@ pub(crate) fn march<F: Field>(
     let total = (rays.len() as f32 * sampler.longest() / sampler.step_length(trained.at)) as u64;
     let counts = Counts { total, evaluated: parts.iter().map(|part| part.evaluated).sum() };
     let background = renderer.background();
-    let behind = |mut ray: Marched| {
+    let behind = |mut ray: MarchedRay| {
         ray.rgb.iter_mut().zip(background).for_each(|(value, behind)| *value += ray.trans * behind);
         ray
     };
     (parts.into_iter().flat_map(|part| part.marched).map(behind).collect(), counts)
 }
 
-/// σ, r, g, b of each sample of `rounds`.
-fn evaluate<'a, F: Field>(field: &F, rounds: impl Iterator<Item = &'a Round> + Clone, at: Moment) -> Vec<[f32; 4]> {
+/// Evaluates σ, r, g, b of each sample of `rounds`.
+fn evaluate<'a, F: Field>(
+    field: &F,
+    rounds: impl Iterator<Item = &'a MarchRound> + Clone,
+    at: Moment,
+) -> Vec<[f32; 4]> {
     let device = field.device();
     let rays = rounds.clone().flat_map(|round| &round.rays);
-    let join = |of: fn(&Round) -> &[f32]| rounds.clone().map(of).collect::<Vec<_>>().concat();
+    let join = |of: fn(&MarchRound) -> &[f32]| rounds.clone().map(of).collect::<Vec<_>>().concat();
     let segments = Segments::from_counts(rounds.clone().flat_map(|round| round.counts.iter().copied()));
     let (samples, count) = (segments.samples(), segments.rays());
     let points = Points {
@@ -104,31 +111,31 @@ fn evaluate<'a, F: Field>(field: &F, rounds: impl Iterator<Item = &'a Round> + C
     values.map(|(sigma, &[r, g, b])| [sigma, r, g, b]).collect()
 }
 
-/// Some rays that march.
-struct Part<'a> {
+/// Rays that march side by side.
+struct MarchingRays<'a> {
     renderer: &'a Renderer,
     rays: &'a [Ray],
-    steps: Vec<Steps<'a>>,
-    marched: Vec<Marched>,
-    /// Those that have not stopped.
+    steps: Vec<Option<Steps<'a>>>,
+    marched: Vec<MarchedRay>,
+    /// Indices of the rays that have not stopped.
     active: Vec<usize>,
     evaluated: u64,
 }
 
 /// The next samples of the rays of a part.
-struct Round {
+struct MarchRound {
     /// Samples of each ray that has not stopped.
     counts: Vec<usize>,
-    /// That ray.
+    /// The active rays, parallel to `counts`.
     rays: Vec<Ray>,
-    /// Of each sample.
+    /// Distance of each sample.
     t: Vec<f32>,
     delta: Vec<f32>,
     positions: Vec<[f32; 3]>,
 }
 
-impl Round {
-    /// With room for the samples of so many rays.
+impl MarchRound {
+    /// A round with capacity for the samples of `rays` rays.
     fn for_rays(rays: usize) -> Self {
         let samples = ROUND * rays;
         Self {
@@ -146,28 +153,31 @@ impl Round {
     }
 }
 
-impl<'a> Part<'a> {
+impl<'a> MarchingRays<'a> {
     fn new<F: Field>(renderer: &'a Renderer, trained: &'a TrainedModel<F>, rays: &'a [Ray]) -> Self {
         let (sampler, grid) = (renderer.sampler(), trained.occupancy.as_ref());
         let step = sampler.step_length(trained.at);
         Self {
             renderer,
             rays,
-            steps: rays.iter().map(|ray| sampler.steps(ray, step, 0.5, grid)).collect(),
-            marched: vec![Marched { rgb: [0.0; 3], depth: 0.0, trans: 1.0 }; rays.len()],
+            steps: rays
+                .iter()
+                .map(|ray| sampler.interval(ray).map(|ends| sampler.steps(ray, ends, step, 0.5, grid)))
+                .collect(),
+            marched: vec![MarchedRay { rgb: [0.0; 3], depth: 0.0, trans: 1.0 }; rays.len()],
             active: (0..rays.len()).collect(),
             evaluated: 0,
         }
     }
 
     /// The next samples, unless all rays have stopped.
-    fn take(&mut self) -> Option<Round> {
-        let mut round = Round::for_rays(self.active.len());
+    fn next_round(&mut self) -> Option<MarchRound> {
+        let mut round = MarchRound::for_rays(self.active.len());
         let warp = self.renderer.warp();
         let stop = self.renderer.sampler().config().early_stop_transmittance;
         self.active.retain(|&index| {
             let (ray, before) = (&self.rays[index], round.t.len());
-            let steps = &mut self.steps[index];
+            let Some(steps) = &mut self.steps[index] else { return false };
             steps.join(JOINED.map(|depth| depth * stop / self.marched[index].trans));
             for (t, delta) in steps.take(ROUND) {
                 round.t.push(t);
@@ -186,7 +196,7 @@ impl<'a> Part<'a> {
     }
 
     /// Composites the samples of a round, of which `values` are σ, r, g, b.
-    fn advance(&mut self, round: &Round, values: &[[f32; 4]]) {
+    fn composite(&mut self, round: &MarchRound, values: &[[f32; 4]]) {
         let config = self.renderer.sampler().config();
         let mut samples = round.t.iter().zip(&round.delta).zip(values);
         let mut counts = round.counts.iter();
@@ -200,7 +210,7 @@ impl<'a> Part<'a> {
     }
 }
 
-impl Marched {
+impl MarchedRay {
     /// Composites a sample of optical depth `tau` at distance `t` behind what is there.
     fn add(&mut self, compositing: Compositing, tau: f32, t: f32, color: [f32; 3]) {
         let w = match compositing {

@@ -6,7 +6,10 @@ use infonerf_field::{Field, RadianceField, Sources};
 use infonerf_scene::{Camera, Similarity};
 use infonerf_schedule::Moment;
 
-use crate::{CameraRefinement, Exposure, OccupancyGrid, Residuals};
+use crate::cameras::CameraRefinement;
+use crate::exposure::Exposure;
+use crate::occupancy::OccupancyGrid;
+use crate::residuals::Residuals;
 
 /// The trained fields: one, or a coarse and a fine one (NeRF's hierarchical sampling).
 #[derive(Module, Debug)]
@@ -15,9 +18,9 @@ pub struct Model<F: Module> {
     pub coarse: Option<F>,
     /// The field that is rendered.
     pub fine: F,
-    /// Gain and bias per training view; none if photographs are taken to have one exposure.
+    /// Gain and bias per training view; `None` if images are taken to have one exposure.
     pub exposure: Option<Exposure>,
-    /// Corrections of the training cameras; none if these are taken to be exact.
+    /// Corrections of the training cameras; `None` if these are taken to be exact.
     pub cameras: Option<CameraRefinement>,
 }
 
@@ -38,32 +41,32 @@ impl<F: Field> Model<F> {
     }
 }
 
-/// The world of the cameras that a model was trained with, as they were learnt, beside that of a scene.
+/// ModelFrame of the cameras that a model was trained with, as they were learned, relative to the scene's.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Frame {
+pub struct ModelFrame {
     /// From the scene's world.
     pub similarity: Similarity,
     /// How many times as long as the scene's focal lengths are.
     pub zoom: f64,
 }
 
-impl Frame {
-    /// The frame of cameras that were `given` and are `learnt`: poses are aligned with those of `exact` cameras of the same views,
+impl ModelFrame {
+    /// The frame of cameras that were `given` and are `learned`: poses are aligned with those of `exact` cameras of the same views,
     /// about the scene's `centre`; the zoom is the geometric mean over the cameras.
-    pub fn of(exact: &[Camera], given: &[Camera], learnt: &[Camera], centre: DVec3) -> Self {
-        let logs = given.iter().zip(learnt).map(|(given, learnt)| (learnt.fx / given.fx).ln());
+    pub fn of(exact: &[Camera], given: &[Camera], learned: &[Camera], centre: DVec3) -> Self {
+        let logs = given.iter().zip(learned).map(|(given, learned)| (learned.fx / given.fx).ln());
         let zoom = (logs.sum::<f64>() / given.len().max(1) as f64).exp();
-        Self { similarity: Similarity::between(exact, learnt, centre), zoom }
+        Self { similarity: Similarity::between(exact, learned, centre), zoom }
     }
 
-    /// What a camera of the scene is here.
+    /// Converts a camera of the scene to this frame.
     pub fn camera(&self, camera: &Camera) -> Camera {
         let moved = self.similarity.camera(camera);
         Camera { fx: self.zoom * moved.fx, fy: self.zoom * moved.fy, ..moved }
     }
 }
 
-impl From<Similarity> for Frame {
+impl From<Similarity> for ModelFrame {
     fn from(similarity: Similarity) -> Self {
         Self { similarity, zoom: 1.0 }
     }
@@ -76,11 +79,11 @@ pub struct TrainedModel<F: Field = RadianceField> {
     pub model: Model<F>,
     /// Empty space, which pictures skip.
     pub occupancy: Option<OccupancyGrid>,
-    /// The moment of the last training step, at which the fields are evaluated: detail that fades in later is not learnt.
+    /// The moment of the last training step, at which the fields are evaluated: detail that fades in later is not learned.
     pub at: Moment,
-    /// From the scene's frame to that of the cameras that the model was trained with; none if these are the scene's own.
-    pub frame: Option<Frame>,
-    /// Residuals that pictures add to what the field shows; none for the field alone.
+    /// From the scene's frame to that of the cameras that the model was trained with; `None` if these are the scene's own.
+    pub frame: Option<ModelFrame>,
+    /// Residuals that pictures add to what the field shows; `None` for the field alone.
     pub residuals: Option<Arc<Residuals>>,
 }
 

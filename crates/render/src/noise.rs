@@ -24,7 +24,7 @@ pub enum RandomStream {
     Occupancy,
     /// Points at which the finer occupancy grid of pictures is evaluated.
     RefinedOccupancy,
-    /// Which photographs a field sees.
+    /// The images that a field sees.
     Sources,
     /// Test rays whose entropy and information gain are reported.
     InformationRays,
@@ -32,7 +32,7 @@ pub enum RandomStream {
     InformationNeighbours,
     /// A camera's pose.
     Pose,
-    /// Which of several views.
+    /// Choice of a view.
     View,
     /// A pixel's column.
     Column,

@@ -8,8 +8,10 @@ use infonerf_scene::Camera;
 use infonerf_schedule::Moment;
 
 use crate::ensemble::combine;
-use crate::image::render_one;
-use crate::{Model, RenderedImage, Renderer, TrainedModel, Warp};
+use crate::image::{RenderedImage, render_one};
+use crate::model::{Model, TrainedModel};
+use crate::renderer::Renderer;
+use crate::warp::Warp;
 
 /// The picture of normals that `camera` sees: in place of colour Σ w n in the camera's axes (x right, y up, z towards the
 /// camera), with the compositing weights w of a picture and n = −∇σ/|∇σ| in the world, 0 where σ does not change. Of several
@@ -70,17 +72,18 @@ mod tests {
 
     use super::*;
     use crate::image::testing::config;
-    use crate::{Placement, Space};
+    use crate::sampler::Placement;
+    use crate::warp::SpaceChoice;
 
     /// A ball in the space of a warp: σ = 50·softplus(300 (1 − |p − centre|)).
     #[derive(Module, Debug)]
-    struct Ball {
+    struct BallField {
         none: Tensor<1>,
         #[module(skip)]
         centre: Vec3,
     }
 
-    impl Field for Ball {
+    impl Field for BallField {
         fn evaluate(&self, points: &Points, _color: bool, _at: Moment) -> FieldOutput {
             let centre: Tensor<2> = upload(self.centre.to_array().to_vec(), [1, 3], &self.device());
             let distance = (points.positions.clone() - centre).square().sum_dim(1).sqrt().squeeze_dim(1);
@@ -96,7 +99,7 @@ mod tests {
     /// From a side, with a ray through the middle of each of 9 × 9 pixels: a sphere's normals are its points. Cameras of a model
     /// in a turned frame see the same.
     #[test]
-    fn a_sphere_has_its_points_as_normals() {
+    fn normals_of_a_sphere_are_its_points() {
         let rotation = glam::DMat3::from_rotation_x(0.3);
         let turned = Similarity { rotation, scale: 1.0, translation: DVec3::ZERO };
         let to_world = DMat4::from_rotation_y(0.7) * DMat4::from_translation(DVec3::new(0.0, 0.0, 4.0));
@@ -104,7 +107,7 @@ mod tests {
         for (placement, frame) in [(Placement::Mid, None), (Placement::Left, Some(turned.into()))] {
             let config = crate::RenderConfig { samples: 512.0.into(), ..config(placement) };
             let renderer = Renderer::new(&config, &Scene { background: [1.0; 3], ..Scene::default() });
-            let ball = Ball { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::ZERO };
+            let ball = BallField { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::ZERO };
             let at = Moment::END;
             let trained = TrainedModel { model: Model::of(ball), occupancy: None, at, frame, residuals: None };
             let image = render_normals(&renderer, &[trained.clone(), trained], &camera);
@@ -129,10 +132,10 @@ mod tests {
         let mut scene = Scene::default();
         scene.space.bounded = false;
         let config =
-            crate::RenderConfig { space: Space::Contraction, samples: 2048.0.into(), ..config(Placement::Left) };
+            crate::RenderConfig { space: SpaceChoice::Contraction, samples: 2048.0.into(), ..config(Placement::Left) };
         let renderer = Renderer::new(&config, &scene);
         let warp = renderer.warp();
-        let field = Ball { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::new(0.0, 1.2, 0.0) };
+        let field = BallField { none: Tensor::zeros([1], &Device::flex()), centre: Vec3::new(0.0, 1.2, 0.0) };
         let density = |p: Vec3| -f64::from(warp.point(p).distance(field.centre));
         let camera = Camera::from_fov(1, 1, 0.1, DMat4::from_translation(DVec3::new(0.5, 3.0, 9.0)));
         let trained = TrainedModel {
@@ -144,8 +147,8 @@ mod tests {
         };
         let image = render_normals(&renderer, &[trained], &camera);
         let met = camera.ray(0.5, 0.5).at(image.depth[0]);
-        let slope = Vec3::AXES.map(|axis| (density(met + 1e-2 * axis) - density(met - 1e-2 * axis)) as f32);
-        let want = camera.rotation().as_mat3().transpose() * -Vec3::from(slope).normalize();
+        let gradient = Vec3::AXES.map(|axis| (density(met + 1e-2 * axis) - density(met - 1e-2 * axis)) as f32);
+        let want = camera.rotation().as_mat3().transpose() * -Vec3::from(gradient).normalize();
         assert!(Vec3::from(image.rgb[0]).distance(want) < 0.02, "{:?} for {want} at {met}", image.rgb[0]);
         let own = (warp.point(met) - field.centre).normalize();
         assert!(own.distance(want) > 0.05, "the warp matters: {own}, {want}");

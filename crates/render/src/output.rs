@@ -1,9 +1,10 @@
-use burn::tensor::{Device, Tensor};
-use infonerf_ops::{Segments, split_rows, upload};
+use burn::tensor::Tensor;
+use infonerf_ops::{Segments, upload};
 
-use crate::{Exposure, Samples};
+use crate::exposure::Exposure;
+use crate::samples::Samples;
 
-/// What to evaluate and return in addition to opacity and distance.
+/// Outputs to evaluate in addition to opacity and distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RenderRequest {
     /// Colour. Without it only density is evaluated, and a coarse pass, which then only places fine samples, has no gradient.
@@ -16,7 +17,7 @@ pub struct RenderRequest {
 /// One pass of a field over a bundle of rays.
 #[derive(Clone, Debug)]
 pub struct RenderOutput {
-    /// Where the field was evaluated.
+    /// Samples at which the field was evaluated.
     pub samples: Samples,
     /// Optical depth τ per sample, `[M]`: σδ, under additive compositing converted by [`additive_depth`].
     ///
@@ -33,46 +34,25 @@ pub struct RenderOutput {
 }
 
 impl RenderOutput {
-    /// Which samples belong to which ray.
+    /// Samples of each ray.
     pub fn segments(&self) -> &Segments {
         &self.samples.segments
     }
 
-    /// The same with the exposure of each ray's training view.
+    /// The output with the exposure of each ray's training view.
     fn exposed(self, exposure: &Exposure, views: &[usize]) -> Self {
         let color = self.color.map(|color| exposure.apply(color, self.acc.clone(), self.background, views));
         Self { color, ..self }
     }
 
-    /// Those of the first `counts[0]` rays, of the next `counts[1]`, and so on.
-    fn split(self, counts: &[usize]) -> Vec<Self> {
-        if counts.len() == 1 {
-            return vec![self];
-        }
-        let samples = self.samples.split(counts);
-        let sizes: Vec<usize> = samples.iter().map(|samples| samples.segments.samples()).collect();
-        let (tau, background) = (split_rows(self.tau, &sizes), self.background);
-        let color = self.color.map(|color| split_rows(color, counts));
-        let [depth, acc] = [self.depth, self.acc].map(|numbers| split_rows(numbers, counts));
-        let part = |(index, samples): (usize, Samples)| Self {
-            samples,
-            tau: tau[index].clone(),
-            color: color.as_ref().map(|color| color[index].clone()),
-            depth: depth[index].clone(),
-            acc: acc[index].clone(),
-            background,
-        };
-        samples.into_iter().enumerate().map(part).collect()
-    }
-
     /// The output of rays without samples.
-    pub(crate) fn empty(samples: Samples, request: RenderRequest, background: [f32; 3], device: &Device) -> Self {
-        let rays = samples.segments.rays();
-        let zeros = Tensor::<1>::zeros([rays], device);
-        let behind = upload(background.to_vec(), [1, 3], device);
+    pub(crate) fn empty(samples: Samples, request: RenderRequest, background: [f32; 3]) -> Self {
+        let (rays, device) = (samples.segments.rays(), samples.distance.device());
+        let zeros = Tensor::<1>::zeros([rays], &device);
+        let behind = upload(background.to_vec(), [1, 3], &device);
         Self {
             samples,
-            tau: Tensor::empty([0], device),
+            tau: Tensor::empty([0], &device),
             color: request.color.then(|| behind.repeat_dim(0, rays)),
             depth: zeros.clone(),
             acc: zeros,
@@ -84,7 +64,7 @@ impl RenderOutput {
 /// The passes over a bundle of rays.
 #[derive(Clone, Debug)]
 pub struct Passes {
-    /// The coarse pass, which places the samples of the fine one; none for a single pass.
+    /// The coarse pass, which places the samples of the fine one; `None` for a single pass.
     pub coarse: Option<RenderOutput>,
     /// The fine pass, or the single one: the result.
     pub fine: RenderOutput,
@@ -97,13 +77,6 @@ impl Passes {
             coarse: self.coarse.map(|coarse| coarse.exposed(exposure, views)),
             fine: self.fine.exposed(exposure, views),
         }
-    }
-
-    /// The passes over the first `counts[0]` rays, over the next `counts[1]`, and so on.
-    pub fn split(self, counts: &[usize]) -> Vec<Self> {
-        let mut coarse = self.coarse.map(|coarse| coarse.split(counts).into_iter());
-        let mut coarse = || coarse.as_mut().and_then(Iterator::next);
-        self.fine.split(counts).into_iter().map(|fine| Self { coarse: coarse(), fine }).collect()
     }
 
     /// Samples of both passes before and after skipping.

@@ -1,14 +1,18 @@
 use burn::tensor::Device;
 use infonerf_field::{Field, Points};
-use infonerf_ops::{CompositeOver, additive_depth, composite_over, is_gpu};
+use infonerf_ops::{CompositeOver, additive_depth, composite_over};
 use infonerf_scene::{Backdrop, Ray, Scene};
 use infonerf_schedule::Moment;
 
-use crate::sampler::{Candidates, Sampler, Skip};
-use crate::{
-    Compositing, Draw, Model, OccupancyGrid, Passes, RandomStream, RayBundle, RenderConfig, RenderOutput,
-    RenderRequest, Samples, Warp,
-};
+use crate::config::{Compositing, RenderConfig};
+use crate::model::Model;
+use crate::noise::{Noise, RandomStream};
+use crate::occupancy::OccupancyGrid;
+use crate::output::{Passes, RenderOutput, RenderRequest};
+use crate::rays::RayBatch;
+use crate::sampler::{PassDistances, PlacedSamples, Sampler, Skip};
+use crate::samples::Samples;
+use crate::warp::Warp;
 
 /// Renders bundles of rays of one scene.
 #[derive(Clone, Debug)]
@@ -32,12 +36,12 @@ impl Renderer {
         self.sampler.step_length(at)
     }
 
-    /// Number of rays to render at a time without gradients: those of 65,536 samples.
+    /// Number of rays to render at a time without gradients: as many as have 65,536 samples.
     pub fn rays_at_once(&self, at: Moment) -> usize {
-        (SAMPLES_AT_ONCE / self.sampler.most(at).max(1)).max(1)
+        (SAMPLES_AT_ONCE / self.sampler.max_samples(at).max(1)).max(1)
     }
 
-    /// The same before black.
+    /// The renderer before a black background.
     pub(crate) fn on_black(&self) -> Self {
         Self { background: [0.0; 3], backdrop: Backdrop::Colour, ..self.clone() }
     }
@@ -59,11 +63,11 @@ impl Renderer {
         self.sampler.warp()
     }
 
-    /// The background colour. In training with an unknown backdrop it is random per bundle, so that the field learns to be
-    /// opaque.
-    fn behind(&self, draws: &[Draw]) -> [f32; 3] {
-        match (self.backdrop, draws.first()) {
-            (Backdrop::Unknown, Some((noise, _))) => {
+    /// The background colour. In training before an unknown backdrop it is drawn from `noise` for each batch, so that the field
+    /// learns to be opaque.
+    fn behind(&self, noise: Option<Noise>) -> [f32; 3] {
+        match (self.backdrop, noise) {
+            (Backdrop::Unknown, Some(noise)) => {
                 let noise = noise.child(RandomStream::Background);
                 [0, 1, 2].map(|channel| noise.uniform(0, channel))
             }
@@ -71,85 +75,56 @@ impl Renderer {
         }
     }
 
+    /// A batch of `rays` for a field on `device`.
+    pub fn rays(&self, rays: Vec<Ray>, device: &Device) -> RayBatch {
+        self.sampler.batch(rays, device)
+    }
+
     /// Renders `rays`. Fields are evaluated at the moment `at` of the run. Without colour, a coarse pass has no gradient.
-    pub fn render<'a, F: Field>(
+    pub fn render<F: Field>(
         &self,
         model: &Model<F>,
-        rays: impl Into<RayBundle<'a>>,
+        rays: &RayBatch,
         request: RenderRequest,
         occupancy: Option<&OccupancyGrid>,
         at: Moment,
     ) -> Passes {
-        let config = self.sampler.config();
-        let bundle = rays.into();
-        let RayBundle { rays, tracked, draws, .. } = bundle;
-        let background = self.behind(draws);
-        let hidden_depth = if request.hidden { f32::INFINITY } else { config.hidden_depth() };
+        let sampler = &self.sampler;
+        let background = self.behind(rays.jitter());
+        let hidden_depth = if request.hidden { f32::INFINITY } else { sampler.config().hidden_depth() };
         let skip = Skip { grid: occupancy, hidden_depth };
-        let draws = if config.jitter { draws } else { &[] };
-        let evaluate = |field: &F, (samples, mut points): (Samples, Points)| {
-            if let Some(rays) = tracked.filter(|_| !points.is_empty()) {
-                points.positions = samples.tracked(rays, self.warp());
-            }
-            self.evaluate(field, samples, &points, request, background, at)
+        let evaluate = |field: &F, samples: Samples, points: &Points| {
+            self.evaluate(field, samples, points, request, background, at)
         };
-        if config.marches() {
-            let samples = self.sampler.marched(RayBundle { draws, ..bundle }, skip, at, &model.fine.device());
-            return Passes { coarse: None, fine: evaluate(&model.fine, samples) };
+        if sampler.config().marches() {
+            let placed = sampler.march(rays, skip, at, &model.fine.device());
+            return Passes { coarse: None, fine: evaluate(&model.fine, placed.samples, &placed.points) };
         }
-        let candidates = self.sampler.coarse(RayBundle { draws, ..bundle }, occupancy, at, &model.fine.device());
-        let render = |field: &F, candidates: &Candidates| {
-            evaluate(field, self.sampler.pack(rays, candidates, skip, &field.device()))
+        let is_hierarchical = sampler.config().is_hierarchical();
+        if rays.hits().next().is_none() {
+            let empty = || RenderOutput::empty(Samples::none(rays.len(), &model.fine.device()), request, background);
+            return Passes { coarse: is_hierarchical.then(empty), fine: empty() };
+        }
+        let first = sampler.first(rays, at);
+        let pass = |field: &F, distances: &PassDistances| {
+            let PlacedSamples { samples, points, kept } = sampler.place(rays, distances, skip, &field.device());
+            (evaluate(field, samples, &points), kept)
         };
-        if !config.is_hierarchical() {
-            return Passes { coarse: None, fine: render(&model.fine, &candidates) };
+        if !is_hierarchical {
+            return Passes { coarse: None, fine: pass(&model.fine, &first).0 };
         }
         let coarse_field = model.coarse.as_ref().unwrap_or(&model.fine);
-        let coarse = if request.color {
-            render(coarse_field, &candidates)
-        } else {
-            let field = coarse_field.valid();
-            let (samples, points) = self.sampler.pack(rays, &candidates, skip, &field.device());
-            self.evaluate(&field, samples, &points, request, background, at)
-        };
-        let fine = self.sampler.fine(&candidates, &coarse, draws);
-        Passes { coarse: Some(coarse), fine: render(&model.fine, &fine) }
-    }
-
-    /// Whether samples of a field on `device` are placed there, where an `occupancy` grid may skip some: not if it would have to
-    /// march through warped space, along cameras' depths, or along more than one of `bundles`, whose samples nobody could tell
-    /// apart on the host; nor in a hierarchical run with a grid.
-    pub fn places_on(&self, device: &Device, occupancy: Option<&OccupancyGrid>, bundles: usize) -> bool {
-        let can = if self.marches() { bundles == 1 && self.sampler.march(0.0).is_some() } else { occupancy.is_none() };
-        is_gpu(device) && can
-    }
-
-    /// Whether a single pass has steps of one length.
-    pub fn marches(&self) -> bool {
-        self.sampler.config().marches()
-    }
-
-    /// The number of samples that marching along `rays` gives in training.
-    pub fn count_samples(&self, rays: &[Ray], occupancy: Option<&OccupancyGrid>, at: Moment) -> usize {
-        self.sampler.count(rays, Skip { grid: occupancy, hidden_depth: self.sampler.config().hidden_depth() }, at)
+        let (coarse, kept) =
+            if request.color { pass(coarse_field, &first) } else { pass(&coarse_field.valid(), &first) };
+        let fine = sampler.fine(rays, &first, kept.as_deref(), &coarse);
+        Passes { coarse: Some(coarse), fine: pass(&model.fine, &fine).0 }
     }
 
     /// Density of `field` along other `rays` at the distances of `output`: samples are paired one by one.
-    pub fn along<'a, F: Field>(
-        &self,
-        field: &F,
-        output: &RenderOutput,
-        rays: impl Into<RayBundle<'a>>,
-        at: Moment,
-    ) -> RenderOutput {
-        self.evaluate(
-            field,
-            output.samples.clone(),
-            &output.samples.along(rays.into(), self.sampler.warp()),
-            RenderRequest { color: false, hidden: true },
-            self.background,
-            at,
-        )
+    pub fn along<F: Field>(&self, field: &F, output: &RenderOutput, rays: &RayBatch, at: Moment) -> RenderOutput {
+        let points = rays.points(&output.samples, self.warp(), &field.device());
+        let request = RenderRequest { color: false, hidden: true };
+        self.evaluate(field, output.samples.clone(), &points, request, self.background, at)
     }
 
     fn evaluate<F: Field>(
@@ -161,9 +136,8 @@ impl Renderer {
         background: [f32; 3],
         at: Moment,
     ) -> RenderOutput {
-        let device = field.device();
         if samples.segments.samples() == 0 {
-            return RenderOutput::empty(samples, request, background, &device);
+            return RenderOutput::empty(samples, request, background);
         }
         let sampled = field.evaluate(points, request.color, at);
         let tau = sampled.sigma * samples.delta.clone();

@@ -6,9 +6,9 @@ use glam::{Vec2, Vec3, Vec4};
 use infonerf_scene::{Camera, Scene, bilinear};
 use rayon::prelude::*;
 
-use crate::RenderedImage;
+use crate::image::RenderedImage;
 
-/// How many photographs contribute to a picture: the nearest ones.
+/// Number of views that contribute to a picture: the nearest ones.
 const NEAREST: usize = 6;
 /// θ₀, radians.
 const ANGLE: f32 = 0.03;
@@ -16,7 +16,7 @@ const ANGLE: f32 = 0.03;
 const PRIOR: f32 = 0.01;
 /// ε: relative difference of distances.
 const TOLERANCE: f32 = 0.02;
-/// About how many pixels decide which photographs are the nearest.
+/// Approximate number of pixels that decide which views are the nearest.
 const PROBES: usize = 500;
 
 /// Residuals of the training views, photograph minus the field's picture of it, to be added to pictures of new views.
@@ -117,7 +117,7 @@ impl Residuals {
 }
 
 impl Source {
-    /// Residual and weight of `point` on a ray along `direction`; none where `camera` does not see it.
+    /// Residual and weight of `point` on a ray along `direction`; `None` if `camera` does not see it.
     fn at(&self, camera: &Camera, point: Vec3, direction: Vec3) -> Option<(Vec3, f32)> {
         let (at, size) = (seen_at(camera, point)?, [camera.width as usize, camera.height as usize]);
         let seen = bilinear(size, at, |pixel| self.distance[pixel]);
@@ -132,7 +132,7 @@ impl Source {
     }
 }
 
-/// Where `camera` has `point` in its picture, on or within the centres of the pixels at its edges, to rounding.
+/// Pixel of `camera` that shows `point`, on or within the centres of the pixels at its edges, to rounding.
 fn seen_at(camera: &Camera, point: Vec3) -> Option<(f32, f32)> {
     let at = camera.project(point)?;
     let inside = |at: f32, size: u32| (0.49..=size as f32 - 0.49).contains(&at);
@@ -178,7 +178,7 @@ mod tests {
         RenderedImage { width: SIZE, height: SIZE, rgb, depth, acc, counts: Counts::default() }
     }
 
-    /// What the plane shows beyond the field.
+    /// Difference between the colour of the plane and the field's grey.
     fn pattern(point: Vec3) -> f32 {
         0.2 * (5.0 * point.x).sin() * (4.0 * point.y).cos()
     }
@@ -204,14 +204,14 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_from_where_the_photograph_was_taken_is_the_photograph() {
+    fn picture_from_a_training_camera_is_its_image() {
         for (added, pattern) in added(photographed(), &camera(0.0), 1.0) {
             assert!((added - pattern / (1.0 + PRIOR)).abs() < 1e-3, "{added} {pattern}");
         }
     }
 
     #[test]
-    fn beside_it_the_residual_is_where_its_point_is_and_weighs_less() {
+    fn residuals_follow_their_points_and_weigh_less_from_other_directions() {
         let at = camera(0.2);
         let photograph = camera(0.0);
         let points: Vec<Vec3> = plane(&at).map(|(point, _)| point).skip(1).collect();
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_added_that_the_photograph_does_not_see() {
+    fn hidden_and_invalid_pixels_add_nothing() {
         let unchanged = |scene, factor| added(scene, &camera(0.1), factor).iter().all(|(added, _)| *added == 0.0);
         assert!(!unchanged(photographed(), 1.0));
         assert!(unchanged(photographed(), 0.8), "something before the plane hides it");
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_nearest_photographs_are_looked_at() {
+    fn only_the_nearest_views_are_rendered() {
         let mut scene = photographed();
         for i in 1..=NEAREST {
             let view = View { camera: camera(0.1 * i as f64), ..scene.train[0].clone() };

@@ -2,14 +2,14 @@
 
 use burn::tensor::Tensor;
 use glam::{Mat4, Vec2, Vec3};
-use infonerf_ops::{to_host, upload};
+use infonerf_ops::{is_gpu, to_host, upload};
 use infonerf_scene::{Aabb, Camera, Layout, Range, Scene};
 use serde::{Deserialize, Serialize};
 
-/// Which [`Warp`] a scene has.
+/// Choice of the [`Warp`] of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Space {
+pub enum SpaceChoice {
     /// Chosen by the scene: the world if it is bounded, NDC if the cameras face forward, else contraction.
     #[default]
     Auto,
@@ -29,8 +29,8 @@ pub enum Space {
 const REACH: f32 = 4.0;
 /// Distances are clamped to this many near depths or radii.
 const HORIZON: f32 = 1e4;
-/// Share of the surface points that the ball of [`Space::Content`] holds.
-const MOST: f32 = 0.75;
+/// Share of the surface points that the ball of [`SpaceChoice::Content`] holds.
+const SHARE: f32 = 0.75;
 
 /// A map from points of the world to points at which a field is evaluated, and from distances `t` along a ray to the
 /// coordinate `s` in which samples are evenly spaced.
@@ -60,15 +60,15 @@ pub enum Warp {
 
 impl Warp {
     /// The warp of `scene`: contraction in place of NDC if the cameras have none ([`Self::has_ndc`]).
-    pub fn of(scene: &Scene, space: Space) -> Self {
+    pub fn of(scene: &Scene, space: SpaceChoice) -> Self {
         let space = match (space, scene.space.layout) {
-            (Space::Auto | Space::Content, _) if scene.space.bounded => Space::Box,
-            (Space::Auto | Space::Content, Layout::Forward) => Space::Ndc,
-            (Space::Auto, Layout::Object | Layout::Inside) => Space::Contraction,
+            (SpaceChoice::Auto | SpaceChoice::Content, _) if scene.space.bounded => SpaceChoice::Box,
+            (SpaceChoice::Auto | SpaceChoice::Content, Layout::Forward) => SpaceChoice::Ndc,
+            (SpaceChoice::Auto, Layout::Object | Layout::Inside) => SpaceChoice::Contraction,
             (chosen, _) => chosen,
         };
         match (space, mean_camera(scene)) {
-            (Space::Ndc, Some(camera)) => Self::Ndc {
+            (SpaceChoice::Ndc, Some(camera)) => Self::Ndc {
                 to_camera: camera.to_world.inverse().as_mat4(),
                 scale: Vec2::new(
                     2.0 * camera.fx as f32 / camera.width as f32,
@@ -76,14 +76,14 @@ impl Warp {
                 ),
                 near: scene.space.near.max(1e-6 * scene.space.far),
             },
-            (Space::Contraction | Space::Content | Space::Ndc, _) => match scene.space.range {
+            (SpaceChoice::Contraction | SpaceChoice::Content | SpaceChoice::Ndc, _) => match scene.space.range {
                 Range::Sphere { centre, radius } => Self::Contraction { centre, radius },
-                _ if space == Space::Content => {
+                _ if space == SpaceChoice::Content => {
                     Self::Contraction { centre: scene.space.centre, radius: content_radius(&scene.space) }
                 }
                 _ => Self::Contraction { centre: scene.space.centre, radius: scene.space.radius },
             },
-            (Space::Box | Space::Auto, _) => Self::Identity,
+            (SpaceChoice::Box | SpaceChoice::Auto, _) => Self::Identity,
         }
     }
 
@@ -97,7 +97,7 @@ impl Warp {
         *self == Self::Identity
     }
 
-    /// The distance up to which rays are sampled whatever the scene's far distance; contraction has room for all of it.
+    /// The distance up to which rays are sampled whatever the scene's far distance; contraction holds any distance.
     pub(crate) fn horizon(&self) -> Option<f32> {
         if let Self::Contraction { radius, .. } = self { Some(radius * HORIZON) } else { None }
     }
@@ -120,7 +120,7 @@ impl Warp {
         }
     }
 
-    /// [`Self::point`] of each row, `[M, 3]`, differentiable.
+    /// Maps each row by [`Self::point`], `[M, 3]`, differentiable.
     pub fn points(&self, p: Tensor<2>) -> Tensor<2> {
         let device = p.device();
         let row = |v: [f32; 3]| upload(v.to_vec(), [1, 3], &device);
@@ -144,9 +144,15 @@ impl Warp {
         }
     }
 
-    /// [`Self::distance`] of each coordinate, `[M]`.
+    /// Converts each coordinate by [`Self::distance`], `[M]`.
     pub(crate) fn distances(&self, s: Tensor<1>) -> Tensor<1> {
+        let device = s.device();
         match self {
+            Self::Ndc { .. } | Self::Contraction { .. } if !is_gpu(&device) => {
+                let t: Vec<f32> = to_host(s).into_iter().map(|s| self.distance(s)).collect();
+                let count = t.len();
+                upload(t, [count], &device)
+            }
             Self::Identity => s,
             Self::Ndc { near, .. } => (s.neg() / REACH + 1.0).clamp_min(1.0 / HORIZON).recip() * *near,
             Self::Contraction { radius, .. } => {
@@ -254,12 +260,12 @@ impl Warp {
     }
 }
 
-/// Radius of the ball about the centre that holds [`MOST`] of the surface points; at most that of the cameras, which it is
+/// Radius of the ball about the centre that holds [`SHARE`] of the surface points; at most that of the cameras, which it is
 /// without points.
 fn content_radius(space: &infonerf_scene::Space) -> f32 {
     let mut distances: Vec<f32> = space.points.iter().map(|p| p.distance(space.centre)).collect();
     let Some(last) = distances.len().checked_sub(1) else { return space.radius };
-    let (_, distance, _) = distances.select_nth_unstable_by((MOST * last as f32) as usize, f32::total_cmp);
+    let (_, distance, _) = distances.select_nth_unstable_by((SHARE * last as f32) as usize, f32::total_cmp);
     distance.clamp(1e-3 * space.radius, space.radius)
 }
 
@@ -318,20 +324,20 @@ mod tests {
         let device = Device::flex().autodiff();
         let points = [[0.3, -0.2, -1.7], [0.1, 0.4, -9.0], [-2.0, 5.0, -30.0]];
         let contraction = Warp::Contraction { centre: Vec3::new(0.1, 0.0, -1.0), radius: 2.0 };
-        for warp in [Warp::Identity, Warp::of(&forward(), Space::Ndc), contraction] {
+        for warp in [Warp::Identity, Warp::of(&forward(), SpaceChoice::Ndc), contraction] {
             for axis in 0..3 {
                 let p = from_host(points.as_flattened(), 3, &device).require_grad();
                 let warped = warp.points(p.clone());
                 let gradients = warped.clone().narrow(1, axis, 1).sum().backward();
-                let slopes = to_host(p.grad(&gradients).unwrap());
+                let gradient = to_host(p.grad(&gradients).unwrap());
                 for (row, point) in points.into_iter().map(Vec3::from).enumerate() {
                     let value = to_host(warped.clone())[3 * row + axis];
                     assert!((value - warp.point(point)[axis]).abs() < 1e-5, "{warp:?} at {point}");
                     for along in 0..3 {
                         let step = Vec3::AXES[along] * 0.01;
                         let difference = warp.point(point + step)[axis] - warp.point(point - step)[axis];
-                        let (slope, want) = (slopes[3 * row + along], difference / 0.02);
-                        assert!((slope - want).abs() < 1e-3, "{warp:?} at {point}: {slope} for {want}");
+                        let (derivative, want) = (gradient[3 * row + along], difference / 0.02);
+                        assert!((derivative - want).abs() < 1e-3, "{warp:?} at {point}: {derivative} for {want}");
                     }
                 }
             }
@@ -346,7 +352,7 @@ mod tests {
 
         const SHORT: f32 = 1e-3;
         let contraction = Warp::Contraction { centre: Vec3::ZERO, radius: 2.0 };
-        for warp in [Warp::Identity, Warp::of(&forward(), Space::Ndc), contraction] {
+        for warp in [Warp::Identity, Warp::of(&forward(), SpaceChoice::Ndc), contraction] {
             for t in [1.5f32, 3.9, 4.1, 20.0] {
                 let s = warp.coordinate(t);
                 let span = warp.distance(s + 0.5 * SHORT) - warp.distance(s - 0.5 * SHORT);
@@ -359,13 +365,13 @@ mod tests {
 
     #[test]
     fn the_scene_says_which() {
-        assert!(Warp::of(&Scene::default(), Space::Auto).is_identity());
-        assert!(matches!(Warp::of(&forward(), Space::Auto), Warp::Ndc { .. }));
+        assert!(Warp::of(&Scene::default(), SpaceChoice::Auto).is_identity());
+        assert!(matches!(Warp::of(&forward(), SpaceChoice::Auto), Warp::Ndc { .. }));
         let mut around = forward();
         around.space.layout = Layout::Object;
-        assert!(matches!(Warp::of(&around, Space::Auto), Warp::Contraction { .. }));
-        assert!(Warp::of(&around, Space::Box).is_identity());
-        let radius_of = |scene: &Scene| match Warp::of(scene, Space::Content) {
+        assert!(matches!(Warp::of(&around, SpaceChoice::Auto), Warp::Contraction { .. }));
+        assert!(Warp::of(&around, SpaceChoice::Box).is_identity());
+        let radius_of = |scene: &Scene| match Warp::of(scene, SpaceChoice::Content) {
             Warp::Contraction { radius, .. } => radius,
             other => panic!("{other:?}"),
         };
@@ -375,12 +381,12 @@ mod tests {
         around.space.radius = 1.0;
         assert_eq!(radius_of(&around), 1.0);
         around.space.range = Range::Sphere { centre: Vec3::X, radius: 0.5 };
-        assert_eq!(Warp::of(&around, Space::Auto), Warp::Contraction { centre: Vec3::X, radius: 0.5 });
+        assert_eq!(Warp::of(&around, SpaceChoice::Auto), Warp::Contraction { centre: Vec3::X, radius: 0.5 });
     }
 
     #[test]
     fn ndc_brings_the_frustum_into_a_cube() {
-        let warp = Warp::of(&forward(), Space::Auto);
+        let warp = Warp::of(&forward(), SpaceChoice::Auto);
         let edge = 0.5f32.tan();
         for (p, expected) in [
             (Vec3::new(0.0, 0.0, -1.0), Vec3::new(0.0, 0.0, -1.0)),
@@ -406,7 +412,7 @@ mod tests {
 
     #[test]
     fn points_beyond_the_horizon_are_brought_there() {
-        for warp in [Warp::of(&forward(), Space::Auto), Warp::Contraction { centre: Vec3::X, radius: 2.0 }] {
+        for warp in [Warp::of(&forward(), SpaceChoice::Auto), Warp::Contraction { centre: Vec3::X, radius: 2.0 }] {
             for q in [Vec3::splat(1.5), Vec3::new(0.1, 0.2, 3.0)] {
                 assert!(warp.world(q).is_finite(), "{warp:?} {q}");
             }
@@ -418,7 +424,7 @@ mod tests {
         #[test]
         fn the_world_is_found_again(x in -1.0f32..1.0, y in -1.0f32..1.0, z in 1.1f32..30.0) {
             let p = Vec3::new(x * z, y * z, -z);
-            for warp in [Warp::of(&forward(), Space::Ndc), Warp::Contraction { centre: Vec3::X, radius: 3.0 }, Warp::Identity] {
+            for warp in [Warp::of(&forward(), SpaceChoice::Ndc), Warp::Contraction { centre: Vec3::X, radius: 3.0 }, Warp::Identity] {
                 let found = warp.world(warp.point(p));
                 prop_assert!(found.distance(p) < 2e-3 * p.length(), "{warp:?} {p}: {found}");
             }
@@ -427,13 +433,13 @@ mod tests {
         /// The coordinate rises with the distance, and `distance` inverts it.
         #[test]
         fn coordinates_and_distances_agree(t in 1.0f32..1000.0, further in 1.01f32..2.0) {
-            let warps = [Warp::of(&forward(), Space::Ndc), Warp::Contraction { centre: Vec3::ZERO, radius: 3.0 }, Warp::Identity];
+            let warps = [Warp::of(&forward(), SpaceChoice::Ndc), Warp::Contraction { centre: Vec3::ZERO, radius: 3.0 }, Warp::Identity];
             for warp in warps {
                 let s = warp.coordinate(t);
                 prop_assert!(warp.coordinate(t * further) > s);
                 prop_assert!((warp.distance(s) / t - 1.0).abs() < 1e-3, "{warp:?} {t}: {}", warp.distance(s));
-                let slope = (warp.coordinate(1.01 * t) - s) / (0.01 * t);
-                prop_assert!((slope / warp.rate(1.005 * t) - 1.0).abs() < 0.02, "{warp:?} {t}: {slope}");
+                let derivative = (warp.coordinate(1.01 * t) - s) / (0.01 * t);
+                prop_assert!((derivative / warp.rate(1.005 * t) - 1.0).abs() < 0.02, "{warp:?} {t}: {derivative}");
             }
         }
     }

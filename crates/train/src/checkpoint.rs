@@ -1,4 +1,4 @@
-//! Checkpoints: written beside and renamed, checksummed, the one before kept.
+//! Checkpoints: written to a temporary folder and renamed, checksummed, the previous one kept.
 
 use std::fs;
 use std::io::Write;
@@ -13,9 +13,10 @@ use infonerf_ops::to_host;
 use infonerf_render::{Model, OccupancyGrid};
 use serde::{Deserialize, Serialize};
 
+use crate::error::TrainError;
 use crate::error_sampling::PixelErrors;
+use crate::progress::Progress;
 use crate::weight_averaging::WeightAverage;
-use crate::{Progress, TrainError};
 
 /// Everything that a run needs to resume as if it had never stopped.
 #[derive(Clone, Debug)]
@@ -24,17 +25,17 @@ pub struct Checkpoint {
     model: Vec<u8>,
     average: Option<Vec<u8>>,
     averaged: usize,
-    optimiser: Vec<u8>,
+    optimizer: Vec<u8>,
     occupancy: Option<Vec<u8>>,
     pixel_errors: Option<Vec<u8>>,
 }
 
-/// What a checkpoint is taken of.
-pub(crate) struct State<'a, F: Field> {
+/// Parts of a run that a checkpoint is taken of.
+pub(crate) struct RunState<'a, F: Field> {
     pub(crate) progress: &'a Progress,
     pub(crate) model: &'a Model<F>,
     pub(crate) average: &'a WeightAverage<F>,
-    pub(crate) optimiser: &'a ModuleOptimizer,
+    pub(crate) optimizer: &'a ModuleOptimizer,
     pub(crate) occupancy: Option<&'a OccupancyGrid>,
     pub(crate) pixel_errors: Option<&'a PixelErrors>,
 }
@@ -44,14 +45,14 @@ pub(crate) struct State<'a, F: Field> {
 struct Manifest {
     version: u32,
     progress: Progress,
-    /// How many models are in the averaged one.
+    /// Number of models in the averaged one.
     averaged: usize,
-    files: Vec<Part>,
+    files: Vec<CheckpointFile>,
 }
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Part {
+struct CheckpointFile {
     name: String,
     bytes: u64,
     crc32: u32,
@@ -61,7 +62,7 @@ const VERSION: u32 = 5;
 const MANIFEST: &str = "manifest.json";
 
 impl Checkpoint {
-    pub(crate) fn take<F: Field>(state: State<'_, F>) -> Result<Self, TrainError> {
+    pub(crate) fn take<F: Field>(state: RunState<'_, F>) -> Result<Self, TrainError> {
         if let Some(value) = not_finite(state.model) {
             return Err(TrainError::NonFinite { what: "value of a weight".into(), value, step: state.progress.step });
         }
@@ -73,13 +74,13 @@ impl Checkpoint {
             model: bytes(state.model)?,
             average: state.average.mean().map(bytes).transpose()?,
             averaged: state.average.count(),
-            optimiser: state.optimiser.to_record().into_bytes().map_err(record)?.to_vec(),
+            optimizer: state.optimizer.to_record().into_bytes().map_err(record)?.to_vec(),
             occupancy: state.occupancy.map(encode_occupancy),
             pixel_errors: state.pixel_errors.map(PixelErrors::to_bytes),
         })
     }
 
-    /// How far the run was.
+    /// Progress of the run.
     pub fn progress(&self) -> &Progress {
         &self.progress
     }
@@ -95,14 +96,18 @@ impl Checkpoint {
         let parts = [
             ("model.bpk", Some(&self.model)),
             ("average.bpk", self.average.as_ref()),
-            ("optimiser.bpk", Some(&self.optimiser)),
+            ("optimiser.bpk", Some(&self.optimizer)),
             ("occupancy.bin", self.occupancy.as_ref()),
             ("pixel_errors.bin", self.pixel_errors.as_ref()),
         ];
         let mut files = Vec::new();
         for (name, bytes) in parts.into_iter().filter_map(|(name, bytes)| Some((name, bytes?))) {
             write(&beside.join(name), bytes)?;
-            files.push(Part { name: name.to_owned(), bytes: bytes.len() as u64, crc32: crc32fast::hash(bytes) });
+            files.push(CheckpointFile {
+                name: name.to_owned(),
+                bytes: bytes.len() as u64,
+                crc32: crc32fast::hash(bytes),
+            });
         }
         let manifest = Manifest { version: VERSION, progress: self.progress.clone(), averaged: self.averaged, files };
         let text = serde_json::to_vec_pretty(&manifest).map_err(|error| TrainError::file(&beside, error))?;
@@ -114,7 +119,7 @@ impl Checkpoint {
         fs::rename(&beside, &current).map_err(|error| TrainError::file(&current, error))
     }
 
-    /// Reads the newest intact checkpoint of a run; none if it has none. Also returns why newer ones were refused.
+    /// Reads the newest intact checkpoint of a run; `None` if there is none. Also returns why newer ones were refused.
     ///
     /// # Errors
     /// If there are checkpoints, but none is intact.
@@ -159,7 +164,7 @@ impl Checkpoint {
             model: needed("model.bpk")?,
             average: part("average.bpk")?,
             averaged: manifest.averaged,
-            optimiser: needed("optimiser.bpk")?,
+            optimizer: needed("optimiser.bpk")?,
             occupancy: part("occupancy.bin")?,
             pixel_errors: part("pixel_errors.bin")?,
             progress: manifest.progress,
@@ -180,10 +185,10 @@ impl Checkpoint {
         Ok(WeightAverage::restored(mean, self.averaged))
     }
 
-    pub(crate) fn restore_optimiser(&self, optimiser: ModuleOptimizer) -> Result<ModuleOptimizer, TrainError> {
-        let record = OptimizerRecord::from_bytes(Bytes::from_bytes_vec(self.optimiser.clone()))
+    pub(crate) fn restore_optimizer(&self, optimizer: ModuleOptimizer) -> Result<ModuleOptimizer, TrainError> {
+        let record = OptimizerRecord::from_bytes(Bytes::from_bytes_vec(self.optimizer.clone()))
             .map_err(|error| TrainError::Config(format!("checkpoint: {error}")))?;
-        Ok(optimiser.load_record(record))
+        Ok(optimizer.load_record(record))
     }
 
     /// The errors of training pixels.
@@ -209,7 +214,7 @@ impl Checkpoint {
     }
 }
 
-/// A weight that is not finite, if there is one: such a model is not worth keeping, and the checkpoint before it is.
+/// Finds a weight that is not finite: such a model is not worth keeping, and the checkpoint before it is.
 fn not_finite<F: Field>(model: &Model<F>) -> Option<f32> {
     struct Search(Option<f32>);
     impl ModuleVisitor for Search {

@@ -9,40 +9,22 @@ use infonerf_field::Field;
 use infonerf_render::{Noise, RandomStream};
 use rayon::prelude::*;
 
-use crate::config::{EnsembleConfig, LARGEST_ENSEMBLE, TrainConfig};
-use crate::{Event, Outcome, TrainError, Trainer};
+use crate::error::TrainError;
+use crate::event::Event;
+use crate::trainer::{Outcome, Trainer};
 
-impl EnsembleConfig {
-    /// How many fields a run trains: `size`, or with a budget of `budget` seconds as many as have `seconds_per_member`
-    /// each if those are more.
-    pub fn members(&self, budget: Option<f64>) -> usize {
-        let seconds = self.seconds_per_member;
-        let affordable = budget.filter(|_| seconds > 0.0).map_or(0, |budget| (budget / seconds) as usize);
-        self.size.max(affordable.min(LARGEST_ENSEMBLE))
-    }
-}
-
-impl TrainConfig {
-    /// How each of `members` fields is trained. Where there are several, their weights are not averaged over the end of the
-    /// run: the mean of their pictures evens out the same noise, and the fields stay sharper.
-    pub fn of_member(&self, members: usize) -> Self {
-        let weight_averaging = if members > 1 { 0.0 } else { self.weight_averaging };
-        Self { weight_averaging, ..self.clone() }
-    }
-}
-
-/// A step of one field: what happened, and what came of it.
-pub type Stepped = (Vec<Event>, Result<Outcome, TrainError>);
+/// Events of a step of one field, and its outcome.
+pub type MemberStep = (Vec<Event>, Result<Outcome, TrainError>);
 
 /// Takes a step of each of `trainers` at once, a thread each: faster than threads that share every operation of one field
 /// and wait for each other. Each step counts as its share of the time that all took together, so that the times of all fields
 /// add up to that of the run. No field's numbers depend on the others.
-pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<Stepped> {
+pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<MemberStep> {
     let start = Instant::now();
     let taken: Vec<_> = match trainers {
         // A device may know its work by the thread that asks for it.
-        [only] => vec![only.take_drawn_step()],
-        _ => trainers.par_iter_mut().map(|trainer| trainer.take_drawn_step()).collect(),
+        [only] => vec![only.advance(None)],
+        _ => trainers.par_iter_mut().map(|trainer| trainer.advance(None)).collect(),
     };
     let share = start.elapsed().as_secs_f64() / trainers.len() as f64;
     let count = |(trainer, taken): (&mut &mut Trainer<F>, bool)| {
@@ -53,14 +35,14 @@ pub fn step_side_by_side<F: Field>(trainers: &mut [&mut Trainer<F>]) -> Vec<Step
     trainers.iter_mut().zip(taken).map(count).collect()
 }
 
-/// The fields of a run that pictures are made of, and how many are left out because they went empty; all of them if there
-/// are no others.
+/// Splits off the fields that went empty, unless all did: returns the fields that pictures are made of, and how many are left
+/// out.
 pub fn without_collapsed<F: Field>(trainers: Vec<Trainer<F>>) -> (Vec<Trainer<F>>, usize) {
     let (collapsed, good): (Vec<_>, Vec<_>) = trainers.into_iter().partition(Trainer::has_collapsed);
     if good.is_empty() { (collapsed, 0) } else { (good, collapsed.len()) }
 }
 
-/// The seed of a run's `index`th field: the run's own for the first.
+/// Seed of a run's `index`th field: the run's own for the first.
 pub fn member_seed(seed: u64, index: usize) -> u64 {
     if index == 0 { seed } else { Noise::new(seed, index as u64, RandomStream::EnsembleMember).bits() }
 }
@@ -68,7 +50,7 @@ pub fn member_seed(seed: u64, index: usize) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Config, Preset};
+    use crate::config::{Config, EnsembleConfig, Preset};
 
     #[test]
     fn a_budget_buys_members() {
@@ -76,10 +58,7 @@ mod tests {
         let mut ensemble = EnsembleConfig { size: 2, seconds_per_member: 0.0 };
         assert_eq!((ensemble.members(None), ensemble.members(Some(1e4))), (2, 2));
         ensemble.seconds_per_member = 75.0;
-        assert_eq!(
-            [60.0, 149.0, 150.0, 300.0, 1e9].map(|budget| ensemble.members(Some(budget))),
-            [2, 2, 2, 4, LARGEST_ENSEMBLE]
-        );
+        assert_eq!([60.0, 149.0, 150.0, 300.0, 1e9].map(|budget| ensemble.members(Some(budget))), [2, 2, 2, 4, 8]);
         train.weight_averaging = 0.3;
         assert_eq!([1, 2].map(|members| train.of_member(members).weight_averaging), [0.3, 0.0]);
     }

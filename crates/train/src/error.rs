@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use infonerf_schedule::Fault;
 use thiserror::Error;
 
-/// What can go wrong in a run; each message is one line.
+/// Error of a run; each message is one line.
 #[derive(Debug, Error)]
 pub enum TrainError {
     /// A value of the config is out of range, or does not go with the rest.
@@ -15,19 +15,19 @@ pub enum TrainError {
     /// A loss is not finite. The last checkpoint is from before it.
     #[error("step {step}: the {what} is {value}, not a finite number; the last checkpoint is kept")]
     NonFinite {
-        /// What is not finite, such as ``loss `entropy` ``.
+        /// Name of the value, such as ``loss `entropy` ``.
         what: String,
-        /// Its value.
+        /// The value.
         value: f32,
-        /// At which step.
+        /// The step.
         step: usize,
     },
     /// A file could not be read or written.
     #[error("{}: {cause}", path.display())]
     File {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The cause.
         cause: String,
     },
     /// A scene could not be used.
@@ -39,7 +39,7 @@ pub enum TrainError {
 }
 
 impl TrainError {
-    /// What is wrong with the config at `key`.
+    /// A fault of the config at `key`.
     pub(crate) fn config(key: impl std::fmt::Display, cause: impl std::fmt::Display) -> Self {
         // What was typed may hold line breaks; a message is one line.
         let escaped = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };

@@ -7,7 +7,7 @@ use crate::config::ErrorSamplingConfig;
 /// The error of each training pixel when a step last drew it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct PixelErrors {
-    /// How much smaller than at full size the images are that the errors are of.
+    /// Factor by which the images of the errors are smaller than at full size.
     factor: u32,
     /// Largest difference of a channel, view by view; +∞ where no step was yet.
     errors: Vec<f32>,
@@ -24,7 +24,7 @@ impl PixelErrors {
         }
     }
 
-    /// The pixel for ray `ray`: `draw(k)` is the `k`th candidate, and a well-fitted one is accepted with probability
+    /// Chooses the pixel for ray `ray`: `draw(k)` is the `k`th candidate, and a well-fitted one is accepted with probability
     /// `config.keep` only. Also returns how many were rejected.
     pub(crate) fn choose(
         &self,
@@ -38,7 +38,7 @@ impl PixelErrors {
         (draw(rejected), rejected)
     }
 
-    /// `count` of `candidates`, in their order: a well-fitted one is accepted with probability `config.keep` only, unless
+    /// Chooses `count` of `candidates`, in their order: a well-fitted one is accepted with probability `config.keep` only, unless
     /// there would be too few. Also returns how many were rejected.
     pub(crate) fn among(
         &self,
@@ -68,13 +68,13 @@ impl PixelErrors {
         }
     }
 
-    /// For a checkpoint.
+    /// Encodes the errors for a checkpoint.
     pub(crate) fn to_bytes(&self) -> Vec<u8> {
         let errors = self.errors.iter().flat_map(|error| error.to_le_bytes());
         self.factor.to_le_bytes().into_iter().chain(errors).collect()
     }
 
-    /// From a checkpoint; none if the bytes are not whole numbers.
+    /// Decodes the errors of a checkpoint; `None` if the length is no multiple of 4.
     pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let (numbers, []) = bytes.as_chunks::<4>() else { return None };
         let (factor, errors) = numbers.split_first()?;
@@ -117,7 +117,7 @@ mod tests {
         assert!((mean - rejected * tries).abs() < 0.01, "{mean}");
     }
 
-    /// Of one image, each at most once: the others first, then as many well-fitted ones as are missing.
+    /// Pixels of one image are drawn at most once: the others first, then as many well-fitted ones as are missing.
     #[test]
     fn one_image_is_drawn_without_repetition() {
         let mut errors = PixelErrors::default();

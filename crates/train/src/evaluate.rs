@@ -8,7 +8,8 @@ use infonerf_metrics::{Depths, Evaluator, METRICS, Mask, Measured, Metric, Netwo
 use infonerf_render::{Pivot, RenderedImage, Renderer, TrainedModel, render_tested};
 use infonerf_scene::View;
 
-use crate::{TrainError, fitted_to};
+use crate::error::TrainError;
+use crate::test_pose::fit_test_pose;
 
 /// A picture with less mean opacity than this shows nothing.
 const EMPTY_PICTURE: f32 = 1e-3;
@@ -18,14 +19,14 @@ const EMPTY_PICTURE: f32 = 1e-3;
 pub struct TestView {
     /// The picture.
     pub image: RenderedImage,
-    /// Each metric by its key; none where it could not be computed.
+    /// Each metric by its key; `None` if it could not be computed.
     pub values: Values,
     /// Wall clock of rendering alone.
     pub seconds: f64,
 }
 
 impl TestView {
-    /// The metric of this key; none where it could not be computed.
+    /// The metric of this key; `None` if it could not be computed.
     pub fn value(&self, key: &str) -> Option<f64> {
         self.values.get(key).copied().flatten()
     }
@@ -50,7 +51,7 @@ pub struct Evaluation<'a> {
     shows_nothing: bool,
 }
 
-/// What came of an [`Evaluation`].
+/// Results of an [`Evaluation`].
 #[derive(Clone, Debug)]
 pub struct Evaluated {
     /// Metrics of each view and of all.
@@ -76,8 +77,8 @@ impl<'a> Evaluation<'a> {
         Self { evaluator, views: 0, seconds: 0.0, opacity: 0.0, shows_nothing: true }
     }
 
-    /// The same after the pose of each member's camera was fitted to the photograph in so many `steps`, if any
-    /// ([`fitted_to`]).
+    /// [`Self::add`] after the pose of each member's camera was fitted to the image of the view in `steps` steps, if any
+    /// ([`fit_test_pose`]).
     ///
     /// # Errors
     /// As [`Self::add`].
@@ -91,7 +92,7 @@ impl<'a> Evaluation<'a> {
         if steps == 0 {
             return self.add(renderer, members, view);
         }
-        let fitted: Vec<_> = members.iter().map(|member| fitted_to(renderer, member, view, pivot, steps)).collect();
+        let fitted: Vec<_> = members.iter().map(|member| fit_test_pose(renderer, member, view, pivot, steps)).collect();
         self.add(renderer, &fitted, view)
     }
 
@@ -126,7 +127,7 @@ impl<'a> Evaluation<'a> {
         Ok(view)
     }
 
-    /// The means; none for no views.
+    /// The means; `None` without views.
     pub fn finish(self) -> Option<Evaluated> {
         (self.views > 0).then(|| Evaluated {
             measured: self.evaluator.finish(),

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "event", rename_all = "lowercase")]
 pub enum Event {
-    /// An optimiser step.
+    /// An optimizer step.
     Step {
         /// Steps taken, counting this one.
         step: usize,

@@ -63,6 +63,8 @@ pub fn information<F: Field>(
         let (rays, near): (Vec<Ray>, Vec<Ray>) = pairs.unzip();
         let request = RenderRequest { color: false, hidden: false };
         let occupancy = trained.occupancy.as_ref();
+        let device = trained.model.fine.device();
+        let [rays, near] = [rays, near].map(|rays| renderer.rays(rays, &device));
         let output = renderer.render(&trained.model, &rays, request, occupancy, trained.at).fine;
         let near = renderer.along(&trained.model.fine, &output, &near, trained.at);
         entropy_sum += sum(to_host(loss.ray_entropy(&output)));

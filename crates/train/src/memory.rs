@@ -6,14 +6,14 @@ use infonerf_scene::PixelCount;
 use infonerf_schedule::{Fault, Moment};
 use sysinfo::{CGroupLimits, MemoryRefreshKind, ProcessRefreshKind, ProcessesToUpdate, System, get_current_pid};
 
-use crate::Config;
-use crate::model::sees_photographs;
+use crate::config::Config;
+use crate::model::sees_images;
 
 /// Bytes of an `f32`.
 const FLOAT: u64 = 4;
 /// Floats that a field keeps per parameter: itself and Adam's two moments.
 const KEPT: u64 = 3;
-/// Floats that a step adds per parameter: its gradient, and the copy that the optimiser changes.
+/// Floats that a step adds per parameter: its gradient, and the copy that the optimizer changes.
 const OF_STEP: u64 = 2;
 /// Floats of a pixel as it is loaded: RGB and alpha.
 const LOADED: u64 = 4;
@@ -33,8 +33,8 @@ pub struct MemoryPlan {
 }
 
 impl MemoryPlan {
-    /// The plan of `config` on scenes with so many pixels in all: of `fields` fields, which share the images, so many being
-    /// trained `side_by_side`.
+    /// The plan of `config` on scenes with `pixels` in all: `fields` fields share the images, and `side_by_side` of them are
+    /// trained at the same time.
     pub fn new(config: &Config, pixels: PixelCount, fields: usize, side_by_side: usize) -> Self {
         let (fields, side_by_side) = (fields as u64, side_by_side.min(fields) as u64);
         let Footprint { parameters, per_sample } = config.field.footprint();
@@ -45,7 +45,7 @@ impl MemoryPlan {
         let loaded = pixels.train.saturating_add(pixels.test).saturating_mul(LOADED);
         let areas: f64 = config.train.downscale_factors().map(|factor| f64::from(factor).powi(-2)).sum();
         let errors = if config.train.error_sampling.is_on() { fields } else { 0 };
-        let seen = if sees_photographs(&config.field) { SEEN } else { 0 };
+        let seen = if sees_images(&config.field) { SEEN } else { 0 };
         let drawn = pixels.train.saturating_mul((DRAWN * areas) as u64 + errors + seen);
         let occupancy = &config.render.occupancy;
         let cells = if occupancy.enabled { (occupancy.resolution as u64).pow(3) } else { 0 };
@@ -68,7 +68,7 @@ impl MemoryPlan {
         }
     }
 
-    /// The same where the images are in memory already.
+    /// The plan without the images, which are in memory already.
     #[must_use]
     pub fn with_images_loaded(mut self) -> Self {
         self.parts[2].1 = 0;
@@ -80,7 +80,7 @@ impl MemoryPlan {
         self.parts.iter().fold(0, |sum, (_, bytes)| sum.saturating_add(*bytes))
     }
 
-    /// Refuses a plan that needs more memory than can be had without swapping, where the system tells.
+    /// Refuses a plan that needs more memory than can be had without swapping, if the system reports it.
     ///
     /// # Errors
     /// As [`Self::check`].
@@ -103,7 +103,7 @@ impl MemoryPlan {
     }
 }
 
-/// Memory that can be had without swapping, in bytes, where the system tells: that of the machine, or what is left to the
+/// Memory that can be had without swapping, in bytes; `None` if the system does not report it: that of the machine, or what is left to the
 /// control group of this process (a container, a Slurm job) where that is less.
 pub fn available_memory() -> Option<u64> {
     let mut system = System::new();
@@ -117,7 +117,7 @@ pub fn available_memory() -> Option<u64> {
     least(system.available_memory(), group)
 }
 
-/// The less of what is free on the machine, 0 if unknown, and what the control group may still take. Its page cache counts
+/// Minimum of what is free on the machine, 0 if unknown, and what the control group may still take. Its page cache counts
 /// as free.
 fn least(machine: u64, group: Option<CGroupLimits>) -> Option<u64> {
     let machine = Some(machine).filter(|&bytes| bytes > 0);
@@ -157,7 +157,7 @@ fn samples(config: &Config) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Preset;
+    use crate::config::Preset;
 
     fn plan(settings: &[&str]) -> MemoryPlan {
         plan_of(settings, 1)
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_by_hand() {
+    fn plan_agrees_with_sizes_by_hand() {
         let settings = ["field.resolutions=[64]", "field.channels=2", "train.downscale=2", "train.weight_averaging=0"];
         let small = ["train.rays=10", "train.target_samples=5000", "render.samples={from=100,to=200}"];
         let with = |more: &[&'static str]| [&settings[..], &small, more].concat();
@@ -189,7 +189,7 @@ mod tests {
 
     /// Activations of every kind of ray, and those of the coarse pass along seen ones.
     #[test]
-    fn every_ray_that_a_step_renders_counts() {
+    fn rays_of_all_kinds_count() {
         let samples = |settings: &[&str]| {
             let sizes = ["train.rays=10", "train.unseen_rays=5", "render.samples=64", "render.fine_samples=128"];
             let off = ["loss.entropy.weight=0", "loss.kl.weight=0"];
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_control_group_may_have_less_than_the_machine() {
+    fn control_group_limits_the_machine() {
         let group = |total_memory, rss| Some(CGroupLimits { total_memory, rss, ..CGroupLimits::default() });
         assert_eq!([least(0, None), least(9, None), least(0, group(4, 1))], [None, Some(9), Some(3)]);
         assert_eq!([least(9, group(4, 1)), least(2, group(4, 1)), least(9, group(4, 5))], [Some(3), Some(2), Some(0)]);
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_named() {
+    fn refusal_names_the_largest_part() {
         let giant = plan(&["field.resolutions=[2048,2048,2048,2048,2048,2048,2048,2048]", "field.channels=16"]);
         let message = giant.check(16 << 30).unwrap_err().to_string();
         assert!(message.starts_with("field (its parameters") && message.contains("16.0 GiB"), "{message}");

@@ -1,4 +1,4 @@
-//! Builds the model that a config describes, with its initial weights, and its optimiser.
+//! Builds the model that a config describes, with its initial weights, and its optimizer.
 
 use std::fmt;
 use std::sync::Arc;
@@ -13,8 +13,9 @@ use infonerf_render::{CameraRefinement, Exposure, Model, Pivot};
 use infonerf_scene::{self as scene, Aabb, Scene};
 use infonerf_schedule::{Fault, Moment};
 
-use crate::config::TrainConfig;
-use crate::{Checkpoint, Config, TrainError};
+use crate::checkpoint::Checkpoint;
+use crate::config::{Config, TrainConfig};
+use crate::error::TrainError;
 
 type Build<F> = dyn Fn(u64, &Device) -> Result<F, TrainError> + Send + Sync;
 
@@ -24,7 +25,7 @@ pub(crate) struct FieldBuilder<F> {
     build: Arc<Build<F>>,
     /// Builds the coarse pass's network; `None` if both passes share one.
     build_coarse: Option<Arc<Build<F>>>,
-    sees_photographs: bool,
+    sees_images: bool,
 }
 
 impl<F> fmt::Debug for FieldBuilder<F> {
@@ -52,7 +53,7 @@ impl FieldBuilder<RadianceField> {
         Self {
             build: build(config.field.clone()),
             build_coarse: config.field.coarse().map(build),
-            sees_photographs: sees_photographs(&config.field),
+            sees_images: sees_images(&config.field),
         }
     }
 }
@@ -61,12 +62,12 @@ impl<F: Field> FieldBuilder<F> {
     /// Fields that `build` makes of a seed and a device.
     pub(crate) fn custom(build: impl Fn(u64, &Device) -> F + Send + Sync + 'static) -> Self {
         let build: Arc<Build<F>> = Arc::new(move |seed: u64, device: &Device| Ok(build(seed, device)));
-        Self { build_coarse: Some(build.clone()), build, sees_photographs: true }
+        Self { build_coarse: Some(build.clone()), build, sees_images: true }
     }
 
-    /// Whether the fields may look at photographs.
-    pub(crate) fn sees_photographs(&self) -> bool {
-        self.sees_photographs
+    /// Whether the fields may look at images.
+    pub(crate) fn sees_images(&self) -> bool {
+        self.sees_images
     }
 
     /// A model for `scene` with weights drawn from `seed`, or those of the run that `train.init` names.
@@ -89,7 +90,7 @@ impl<F: Field> FieldBuilder<F> {
 }
 
 /// Whether a field of this config looks at photographs: at those that it is shown, or always at the first.
-pub(crate) fn sees_photographs(config: &FieldConfig) -> bool {
+pub(crate) fn sees_images(config: &FieldConfig) -> bool {
     config.traits().sources != SourceImages::None
 }
 
@@ -119,7 +120,7 @@ pub(crate) fn learning_rates(config: &TrainConfig, at: Moment) -> ModuleLearning
     ModuleLrScheduler::new(config.lr.at(at)).with_group(cameras, config.cameras.lr.at(at)).step()
 }
 
-pub(crate) fn optimiser(config: &Config) -> ModuleOptimizer {
+pub(crate) fn optimizer(config: &Config) -> ModuleOptimizer {
     let t = &config.train;
     let adam = Adam { epsilon: t.adam_epsilon, beta2: t.adam_beta2, ..Adam::default() };
     let tables = Adam { rate: t.grid_lr_multiplier, ..adam.clone() };

@@ -1,51 +1,30 @@
-//! Which rays a step looks at. Every choice is a pure function of (seed, step), so that a resumed run sees the same rays.
+//! Pixels that a step looks at, of training images and of unseen poses. Every choice is a pure function of (seed, step), so that a resumed run sees the same rays.
 
-use glam::{DMat4, DVec3};
+use std::sync::Arc;
+
+use glam::DMat4;
 use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Camera, PixelAt, Ray, Scene, ViewRegion, near_pose, resized_dimensions};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use crate::config::{NeighbourConfig, RotationCentre, TrainConfig, Unseen};
+use crate::config::{NeighbourConfig, TrainConfig, Unseen};
 
 /// Pixels with the cameras that see them.
 #[derive(Clone, Debug)]
 pub struct Pixels {
     /// The cameras.
-    pub cameras: Vec<Camera>,
+    pub cameras: Arc<[Camera]>,
     /// Each pixel: the index of its camera, and where it is in the image.
     pub at: Vec<PixelAt>,
-    /// How wide a pixel is, in pixels of the cameras: more than 1 for images that are smaller.
+    /// Width of a pixel, in pixels of the cameras: more than 1 for images that are smaller.
     pub width: f32,
 }
 
-impl RotationCentre {
-    /// The point in the world, of the region that the training cameras span.
-    pub(crate) fn of(self, region: &ViewRegion) -> DVec3 {
-        match self {
-            Self::Origin => DVec3::ZERO,
-            Self::Centre => region.centre(),
-        }
-    }
-}
-
-impl NeighbourConfig {
-    /// What takes the cameras of a step to those of neighbouring rays: a rotation about the centre of `about`.
-    pub(crate) fn motion(&self, rotation: DMat4, region: &ViewRegion) -> DMat4 {
-        let centre = self.about.of(region);
-        DMat4::from_translation(centre) * rotation * DMat4::from_translation(-centre)
-    }
-}
-
 impl Pixels {
-    /// The view that the first pixel is of; that of all where a batch is of one image.
+    /// View of the first pixel, and of all where a batch is of one image.
     pub(crate) fn view(&self) -> usize {
         self.at[0].view
-    }
-
-    /// The view that each pixel is of.
-    pub(crate) fn views(&self) -> Vec<usize> {
-        self.at.iter().map(|pixel| pixel.view).collect()
     }
 
     pub(crate) fn rays(&self) -> Vec<Ray> {
@@ -60,7 +39,12 @@ impl Pixels {
             let there = DMat4::from_translation(-centre) * camera.to_world;
             camera.with_pose(DMat4::from_translation(centre) * (rotation * there))
         };
-        Self { cameras: self.cameras.iter().map(turned).collect(), ..self.clone() }.rays()
+        self.seen_by(self.cameras.iter().map(turned).collect()).rays()
+    }
+
+    /// These pixels, seen by other `cameras`.
+    pub(crate) fn seen_by(&self, cameras: Arc<[Camera]>) -> Self {
+        Self { cameras, ..self.clone() }
     }
 }
 
@@ -80,7 +64,7 @@ pub(crate) fn rotation(config: &NeighbourConfig, noise: Noise) -> DMat4 {
     near_pose(&DMat4::IDENTITY, &mut generator(noise), config.max_angle_deg)
 }
 
-/// Draws from what no photograph shows.
+/// Draws pixels and pictures of unseen poses.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct UnseenViews<'a> {
     pub(crate) scene: &'a Scene,
@@ -89,7 +73,7 @@ pub(crate) struct UnseenViews<'a> {
 }
 
 impl UnseenViews<'_> {
-    /// `rays` pixels of one unseen pose in step `step`, each `width` pixels of the full size wide.
+    /// Draws `rays` pixels of one unseen pose in step `step`, each `width` pixels of the full size wide.
     pub(crate) fn pixels(&self, rays: usize, width: f32, step: usize, noise: Noise) -> Pixels {
         let camera = self.camera(noise.child(RandomStream::Pose));
         let [column, row] = [RandomStream::Column, RandomStream::Row].map(|stream| noise.child(stream));
@@ -100,10 +84,10 @@ impl UnseenViews<'_> {
             let y = top as usize + row.below(i, 0, rows as usize);
             PixelAt { view: 0, x: x as f32 + 0.5, y: y as f32 + 0.5 }
         };
-        Pixels { at: (0..rays).map(at).collect(), cameras: vec![camera], width }
+        Pixels { at: (0..rays).map(at).collect(), cameras: [camera].into(), width }
     }
 
-    /// Every ray of a small picture from an unseen pose, with its height and width: the longer side has `size` pixels.
+    /// Draws an unseen pose and returns every ray of a small picture from it, with its height and width: the longer side has `size` pixels.
     pub(crate) fn picture(&self, size: u32, noise: Noise) -> (Vec<Ray>, (usize, usize)) {
         let camera = self.camera(noise.child(RandomStream::Pose));
         let (width, height) = resized_dimensions(camera.width, camera.height, size);
@@ -128,10 +112,11 @@ pub(crate) fn generator(noise: Noise) -> ChaCha8Rng {
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use glam::DVec3;
     use infonerf_scene::{SceneRequest, ViewSelection};
 
     use super::*;
-    use crate::{Config, Preset};
+    use crate::config::{Config, Preset, RotationCentre};
 
     /// Two views of 16 pixels.
     pub(crate) fn two_views() -> Scene {
@@ -153,7 +138,7 @@ pub(crate) mod tests {
         }
         let cameras: Vec<Camera> = scene.train.iter().map(|view| view.camera.clone()).collect();
         let region = ViewRegion::new(&cameras);
-        let pixels = Pixels { at: vec![PixelAt { view: 0, x: 8.0, y: 8.0 }], width: 1.0, cameras };
+        let pixels = Pixels { at: vec![PixelAt { view: 0, x: 8.0, y: 8.0 }], width: 1.0, cameras: cameras.into() };
         let mut config = Config::from_table(Preset::Paper.table()).unwrap().train.neighbours;
         let noise = Noise::new(0, 0, RandomStream::Neighbours);
         let distance = |config: &NeighbourConfig| {

@@ -19,13 +19,13 @@ pub enum Phase {
     /// Gradients.
     Backward,
     /// Adam.
-    Optimiser,
+    Optimizer,
 }
 
 impl Phase {
     /// All of them, in the order of a step.
     pub const ALL: [Self; 7] =
-        [Self::Occupancy, Self::Rays, Self::Seen, Self::Unseen, Self::Neighbours, Self::Backward, Self::Optimiser];
+        [Self::Occupancy, Self::Rays, Self::Seen, Self::Unseen, Self::Neighbours, Self::Backward, Self::Optimizer];
 
     /// For tables.
     pub fn name(self) -> &'static str {
@@ -36,7 +36,7 @@ impl Phase {
             Self::Unseen => "unseen rays",
             Self::Neighbours => "neighbours",
             Self::Backward => "backward",
-            Self::Optimiser => "optimiser",
+            Self::Optimizer => "optimiser",
         }
     }
 }
@@ -79,8 +79,8 @@ impl Profile {
         self.traffic = self.traffic + (Traffic::now() - before);
     }
 
-    /// What passed between the host and the device in all steps. It is counted for the whole process: that of other fields
-    /// that are trained at the same time is included.
+    /// Traffic between the host and the device in all steps. It is counted for the whole process: that of other fields
+    /// trained at the same time is included.
     pub fn traffic(&self) -> Traffic {
         self.traffic
     }

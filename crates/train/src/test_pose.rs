@@ -7,7 +7,7 @@ use infonerf_field::Field;
 use infonerf_loss::{Norm, photometric_loss};
 use infonerf_ops::{adam::Adam, upload};
 use infonerf_render::{
-    CameraRefinement, Frame, Noise, Pivot, RandomStream, RayBundle, RenderRequest, Renderer, TrainedModel,
+    CameraRefinement, ModelFrame, Noise, Pivot, RandomStream, RenderRequest, Renderer, TrainedModel,
 };
 use infonerf_scene::{PixelAt, Ray, Similarity, View};
 
@@ -16,16 +16,17 @@ const RAYS: usize = 512;
 /// Adam's learning rate at the first step; it falls linearly to 0.
 const RATE: f64 = 2e-3;
 /// The frame of cameras that are as given.
-const IDENTITY: Frame =
-    Frame { similarity: Similarity { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO }, zoom: 1.0 };
+const IDENTITY: ModelFrame = ModelFrame {
+    similarity: Similarity { rotation: DMat3::IDENTITY, scale: 1.0, translation: DVec3::ZERO },
+    zoom: 1.0,
+};
 
-/// `trained` with the frame in which it shows `view` best: the pose of the view's camera, in the model's frame as the
-/// training cameras align it, is fitted to the photograph in `steps` of Adam with the field held fixed. BARF (Lin et al.
-/// 2021, Sec. 4) so leaves the error of poses out of that of pictures.
+/// Optimizes the pose of `view` for `steps` Adam steps with the field fixed (BARF, Lin et al. 2021, Sec. 4), and returns
+/// `trained` with the frame in which it shows the view. The pose begins where the alignment of the training cameras puts it.
 ///
-/// The photograph is used for six numbers; it is not what a new view would have.
+/// So the error of poses is left out of the error of pictures. The image of the view determines six values; a new view has none.
 #[must_use]
-pub fn fitted_to<F: Field>(
+pub fn fit_test_pose<F: Field>(
     renderer: &Renderer,
     trained: &TrainedModel<F>,
     view: &View,
@@ -37,7 +38,7 @@ pub fn fitted_to<F: Field>(
     let model = trained.model.clone().train().no_grad();
     let device = model.fine.device();
     let mut refinement = CameraRefinement::of_one(pivot, &device);
-    let mut optimiser = ModuleOptimizer::from(Adam::default());
+    let mut optimizer = ModuleOptimizer::from(Adam::default());
     let image = &view.image;
     let usable = |index: &usize| view.valid.as_ref().is_none_or(|valid| valid[*index]);
     let pixels: Vec<usize> = (0..image.rgb.len()).filter(usable).collect();
@@ -49,26 +50,20 @@ pub fn fitted_to<F: Field>(
         let at: Vec<PixelAt> = drawn.iter().map(position).collect();
         let camera = refinement.apply(&cameras).remove(0);
         let rays: Vec<Ray> = at.iter().map(|pixel| camera.ray(pixel.x, pixel.y)).collect();
-        let bundle = RayBundle {
-            rays: &rays,
-            tracked: Some(&refinement.rays(&cameras, &at)),
-            drawn: None,
-            capacity: 0,
-            draws: &[],
-        };
+        let rays = renderer.rays(rays, &device).tracked(refinement.rays(&cameras, &at));
         let request = RenderRequest { color: true, hidden: true };
-        let passes = renderer.render(&model, bundle, request, trained.occupancy.as_ref(), trained.at);
+        let passes = renderer.render(&model, &rays, request, trained.occupancy.as_ref(), trained.at);
         let shown: Vec<f32> = drawn.iter().flat_map(|&index| image.rgb[index]).collect();
         let target = upload(shown, [RAYS, 3], &device);
         let loss = photometric_loss(passes.fine.color.expect("colour was asked for"), target, Norm::Mean);
         let gradients = GradientsParams::from_grads(loss.backward(), &refinement);
         let rate = RATE * (1.0 - step as f64 / steps as f64);
-        refinement = optimiser.step(rate, refinement, gradients);
+        refinement = optimizer.step(rate, refinement, gradients);
     }
     let fitted = refinement.apply(&cameras).remove(0);
-    let Frame { similarity: Similarity { scale, .. }, zoom } = trained.frame.unwrap_or(IDENTITY);
+    let ModelFrame { similarity: Similarity { scale, .. }, zoom } = trained.frame.unwrap_or(IDENTITY);
     let rotation = fitted.rotation() * view.camera.rotation().transpose();
     let translation = fitted.position_f64() - scale * (rotation * view.camera.position_f64());
     let similarity = Similarity { rotation, scale, translation };
-    TrainedModel { frame: Some(Frame { similarity, zoom }), ..trained.clone() }
+    TrainedModel { frame: Some(ModelFrame { similarity, zoom }), ..trained.clone() }
 }

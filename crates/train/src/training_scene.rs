@@ -1,31 +1,32 @@
 use std::sync::Arc;
 
 use burn::tensor::Device;
-use infonerf_loss::{Objective, TermSetup};
+use infonerf_loss::{Need, Objective, TermSetup, needs};
 use infonerf_render::Renderer;
 use infonerf_scene::{Scene, ViewRegion};
+use infonerf_schedule::Moment;
 
-use crate::config::checks;
-use crate::photographs::Photographs;
+use crate::config::{Config, TrainConfig, checks};
+use crate::error::TrainError;
+use crate::images::TrainingImages;
 use crate::pixels::UnseenViews;
-use crate::training_images::TrainingImages;
-use crate::{Config, TrainError};
+use crate::sources::SourceImages;
 
 /// A scene with what training makes of it once.
 #[derive(Debug)]
 pub(crate) struct TrainingScene {
     pub(crate) scene: Arc<Scene>,
     pub(crate) renderer: Renderer,
-    /// Where unseen poses are.
+    /// Region of unseen poses.
     pub(crate) region: ViewRegion,
     pub(crate) images: TrainingImages,
-    /// Training views as a field sees them that looks at photographs.
-    pub(crate) photographs: Photographs,
+    /// Training views for fields that look at images.
+    pub(crate) sources: SourceImages,
     pub(crate) objective: Objective,
 }
 
 impl TrainingScene {
-    /// For a field that `sees` photographs or does not.
+    /// A scene for a field that `sees` images or does not.
     pub(crate) fn new(config: &Config, scene: Arc<Scene>, sees: bool, device: &Device) -> Result<Self, TrainError> {
         let cameras: Vec<_> = scene.train.iter().map(|view| view.camera.clone()).collect();
         checks::of_scene(config, &scene)?;
@@ -36,13 +37,18 @@ impl TrainingScene {
             renderer,
             region: ViewRegion::new(&cameras),
             images: TrainingImages::new(&scene, &config.train),
-            photographs: Photographs::new(&scene, sees),
+            sources: SourceImages::new(&scene, sees),
             objective,
             scene,
         })
     }
 
-    pub(crate) fn unseen<'a>(&'a self, config: &'a Config) -> UnseenViews<'a> {
-        UnseenViews { scene: &self.scene, region: &self.region, config: &config.train }
+    /// The union of what the terms of the step at `at` need rendered.
+    pub(crate) fn needs(&self, at: Moment) -> Vec<Need> {
+        needs(&self.objective.due(at))
+    }
+
+    pub(crate) fn unseen<'a>(&'a self, config: &'a TrainConfig) -> UnseenViews<'a> {
+        UnseenViews { scene: &self.scene, region: &self.region, config }
     }
 }

@@ -1,4 +1,4 @@
-//! Cameras that are learnt.
+//! Learned cameras.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use glam::DVec3;
 use infonerf_render::Pivot;
 use infonerf_scene::{Camera, PoseError, Scene, SceneRequest, TestProtocol, View, ViewSelection};
 use infonerf_train::config::assign;
-use infonerf_train::{Config, Preset, Trainer, fitted_to};
+use infonerf_train::{Config, Preset, Trainer, fit_test_pose};
 
 const STEPS: usize = 300;
 
@@ -48,9 +48,9 @@ fn apart(found: &Camera, truth: &Camera) -> [f64; 2] {
     [cosine.clamp(-1.0, 1.0).acos().to_degrees(), 100.0 * moved]
 }
 
-/// With a field of many exact views held fixed, a photograph says where it was taken.
+/// With a field of many exact views held fixed, the pose of an image is recovered.
 #[test]
-fn the_pose_of_a_photograph_is_found() {
+fn pose_of_an_image_is_recovered() {
     let scene = scene();
     let mut trainer = Trainer::new(&config("none"), scene.clone(), 0, None, &Device::flex()).unwrap();
     steps(&mut trainer, STEPS);
@@ -58,7 +58,7 @@ fn the_pose_of_a_photograph_is_found() {
     let one = |view: &View| Scene { train: vec![view.clone()], ..Scene::default() };
     for view in &scene.test {
         let off = one(view).disturbed(2.0, 0.03, 1).train.remove(0);
-        let fitted = fitted_to(trainer.renderer(), &trained, &off, Pivot::of(&scene), 100);
+        let fitted = fit_test_pose(trainer.renderer(), &trained, &off, Pivot::of(&scene), 100);
         let (before, after) = (apart(&off.camera, &view.camera), apart(&fitted.camera(&off.camera), &view.camera));
         assert!((0..2).all(|i| after[i] < 0.5 * before[i]), "{before:?} {after:?}");
     }
@@ -66,7 +66,7 @@ fn the_pose_of_a_photograph_is_found() {
 
 /// Disturbed cameras of many views come nearer to the exact ones, in as few steps not by much.
 #[test]
-fn disturbed_cameras_are_mended() {
+fn disturbed_cameras_approach_the_exact_ones() {
     let scene = Arc::new(scene().as_ref().clone().disturbed(3.0, 0.04, 1));
     let mut trainer = Trainer::new(&config("photometric"), scene.clone(), 0, None, &Device::flex()).unwrap();
     steps(&mut trainer, STEPS);

@@ -1,4 +1,4 @@
-//! What pictures leave out.
+//! Error of the samples that pictures leave out.
 
 use burn::tensor::Device;
 use infonerf_render::{Renderer, render_image};

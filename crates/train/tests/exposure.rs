@@ -1,4 +1,4 @@
-//! Photographs of changing exposure.
+//! Images of changing exposure.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use infonerf_scene::Scene;
 use infonerf_train::config::Refine;
 use infonerf_train::{Event, Trainer};
 
-/// What is left of the light in the first photograph.
+/// Share of the light that is left in the first image.
 const DARKER: f32 = 0.5;
 const STEPS: usize = 600;
 
@@ -56,9 +56,9 @@ fn trained(compensated: bool) -> (f32, Option<Vec<f32>>) {
     (last.iter().sum::<f32>() / last.len() as f32, shown)
 }
 
-/// A photograph that is darker than the others is found to be, and no longer contradicts them.
+/// The gain of an image that is darker than the others is found, and the image no longer contradicts them.
 #[test]
-fn a_darker_photograph_is_compensated_for() {
+fn darker_image_is_compensated_for() {
     let (plain, none) = trained(false);
     assert_eq!(none, None);
     let (compensated, shown) = trained(true);

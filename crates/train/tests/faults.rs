@@ -1,4 +1,4 @@
-//! What happens when something breaks: a damaged checkpoint, a loss that is not finite, a field that goes empty.
+//! Faults: a damaged checkpoint, a loss that is not finite, a field that goes empty.
 
 use std::sync::Arc;
 
@@ -59,7 +59,7 @@ fn the_newest_intact_checkpoint_is_used() {
 }
 
 #[test]
-fn without_an_intact_checkpoint_the_newest_is_named() {
+fn error_names_the_newest_damaged_checkpoint() {
     let folder = tempfile::tempdir().unwrap();
     assert!(Checkpoint::load(folder.path()).unwrap().0.is_none());
     saved(folder.path());
@@ -73,7 +73,7 @@ fn without_an_intact_checkpoint_the_newest_is_named() {
 
 /// Killed while it wrote: what is half-written is not taken for a checkpoint, nor in the way of the next one.
 #[test]
-fn a_save_that_was_broken_off_does_no_harm() {
+fn interrupted_save_leaves_the_checkpoint_intact() {
     let folder = tempfile::tempdir().unwrap();
     saved(folder.path());
     let beside = folder.path().join("checkpoint.writing");
@@ -92,7 +92,7 @@ fn a_save_that_was_broken_off_does_no_harm() {
 }
 
 #[test]
-fn a_checkpoint_of_another_config_is_refused() {
+fn checkpoint_of_another_config_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     saved(folder.path());
     let checkpoint = Checkpoint::load(folder.path()).unwrap().0.unwrap();
@@ -107,7 +107,7 @@ fn a_checkpoint_of_another_config_is_refused() {
 }
 
 #[test]
-fn a_loss_that_is_not_finite_stops_the_run() {
+fn infinite_loss_stops_the_run() {
     for device in devices() {
         let mut poisoned = scene().as_ref().clone();
         let config = config(&["train.rays=64"]);
@@ -139,16 +139,24 @@ fn a_loss_that_is_not_finite_stops_the_run() {
     }
 }
 
-/// Everywhere as dense as its parameter says, which is not a number.
+/// A field of one density, its parameter; NaN in one step.
 #[derive(Module, Debug)]
-struct NotANumber {
+struct NanField {
     density: Param<Tensor<1>>,
+    #[module(skip)]
+    step: usize,
 }
 
-impl Field for NotANumber {
-    fn evaluate(&self, points: &Points, color: bool, _at: Moment) -> FieldOutput {
+impl NanField {
+    fn at(step: usize) -> impl Fn(u64, &Device) -> Self + Send + Sync + 'static {
+        move |_, device| Self { density: Param::from_data([1.0f32], device), step }
+    }
+}
+
+impl Field for NanField {
+    fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
         let (samples, device) = (points.len(), self.device());
-        let sigma = self.density.val().expand([samples]) * f32::NAN;
+        let sigma = self.density.val().expand([samples]) * if at.step == self.step { f32::NAN } else { 1.0 };
         FieldOutput { sigma, color: color.then(|| Tensor::zeros([samples, 3], &device)) }
     }
 
@@ -158,43 +166,23 @@ impl Field for NotANumber {
 }
 
 #[test]
-fn a_density_that_is_not_a_number_stops_the_step_that_meets_it() {
+fn density_nan_stops_the_step() {
     for device in devices() {
         let config = config(&["render.occupancy.enabled=false"]);
-        let build = |_, device: &Device| NotANumber { density: Param::from_data([1.0f32], device) };
-        let mut trainer = Trainer::with_field(&config, scene(), 1, None, &device, build).unwrap();
+        let mut trainer = Trainer::with_field(&config, scene(), 1, None, &device, NanField::at(0)).unwrap();
         let error = trainer.step(&mut |_| panic!("a step was reported")).unwrap_err();
         assert!(matches!(error, TrainError::NonFinite { step: 0, .. }), "{error}");
         assert_eq!(to_host(trainer.model().fine.density.val()), [1.0], "the weights are as they were");
     }
 }
 
-/// Everywhere as dense as its parameter says; in step 3 not a number.
-#[derive(Module, Debug)]
-struct OnceNotANumber {
-    density: Param<Tensor<1>>,
-}
-
-impl Field for OnceNotANumber {
-    fn evaluate(&self, points: &Points, color: bool, at: Moment) -> FieldOutput {
-        let (samples, device) = (points.len(), self.device());
-        let sigma = self.density.val().expand([samples]) * if at.step == 3 { f32::NAN } else { 1.0 };
-        FieldOutput { sigma, color: color.then(|| Tensor::zeros([samples, 3], &device)) }
-    }
-
-    fn device(&self) -> Device {
-        self.density.val().device()
-    }
-}
-
 /// Whether losses are read each step or later: the steps before are reported, and none after changes the weights.
 #[test]
-fn a_loss_that_is_not_finite_is_found_later_all_the_same() {
+fn infinite_loss_is_found_when_read_late() {
     for device in devices() {
         let config = config(&["render.occupancy.enabled=false", "train.lr=1e-2"]);
-        let build = |_, device: &Device| OnceNotANumber { density: Param::from_data([1.0f32], device) };
         let run = |read_every, asked: usize| {
-            let mut trainer = Trainer::with_field(&config, scene(), 1, None, &device, build).unwrap();
+            let mut trainer = Trainer::with_field(&config, scene(), 1, None, &device, NanField::at(3)).unwrap();
             trainer.read_every(read_every);
             let mut events = Vec::new();
             let mut report = |event| events.push(timeless(event));
@@ -220,7 +208,7 @@ fn a_loss_that_is_not_finite_is_found_later_all_the_same() {
 
 /// A field that is empty while the pictures are not starts over, and gives up when no start is left.
 #[test]
-fn an_empty_field_starts_over() {
+fn empty_field_starts_over() {
     // Nothing is learned, and the density of a ReLU field of this size is 0 everywhere for some seeds.
     let field = "field={kind=\"nerf\",layers=1,width=2,skip=1,position_frequencies=0,direction_frequencies=0,density=\"relu\",detail=1.0}";
     let run = |seed, restarts: usize, read_every| {
@@ -252,4 +240,16 @@ fn an_empty_field_starts_over() {
         let (_, collapses, restarts) = run(seed, 1, 1);
         assert_eq!((collapses[0], restarts), ((50, true), 1), "seed {seed}");
     }
+}
+
+/// Steps that aim for fewer samples than a ray has take one ray of each kind.
+#[test]
+fn step_has_at_least_one_ray_of_each_kind() {
+    let few = ["train.rays=2", "train.unseen_rays=1", "train.target_samples=1", "loss.kl.weight=0"];
+    let mut trainer = trainer(&config(&few), 1, &devices()[0]);
+    steps(&mut trainer, 2);
+    let before = trainer.progress().samples_total;
+    assert_eq!(steps(&mut trainer, 2).len(), 2);
+    // A coarse pass of 10 samples and a fine one of 16, along two rays in each step.
+    assert_eq!(trainer.progress().samples_total - before, 2 * 2 * (10 + 16));
 }

@@ -9,7 +9,7 @@ use infonerf_train::{Checkpoint, Config, Preset, TrainError, config as layers};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// What configs are made of, and numbers at the ends of their types.
+/// Words of configs, and numbers at the ends of their types.
 const WORDS: [&str; 24] = [
     "0",
     "-1",
@@ -65,7 +65,7 @@ fn one_line<T>(result: Result<T, TrainError>, what: &str) -> bool {
 }
 
 #[test]
-fn configs() {
+fn mutated_configs_are_read_or_refused() {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let text = toml::to_string(&Preset::Fast.table()).unwrap();
     let lines: Vec<&str> = text.lines().collect();
@@ -85,7 +85,7 @@ fn configs() {
 }
 
 #[test]
-fn assignments() {
+fn mutated_assignments_are_read_or_refused() {
     let mut rng = ChaCha8Rng::seed_from_u64(5);
     let valid = [
         "train.rays=64",
@@ -107,7 +107,7 @@ fn assignments() {
 
 /// Without the one before it, a damaged checkpoint is refused; a manifest may also be changed so that it still fits.
 #[test]
-fn checkpoints() {
+fn damaged_checkpoints_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mut trainer = trainer(&config(&[]), 1, &devices()[0]);
     steps(&mut trainer, 1);

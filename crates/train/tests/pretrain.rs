@@ -37,7 +37,7 @@ fn lessons(trainer: &mut Trainer, count: usize) -> Vec<f32> {
     losses
 }
 
-/// What a trainer's field shows of its first test view, nothing skipped.
+/// Renders a trainer's first test view, nothing skipped.
 fn shown(trainer: &Trainer) -> TestView {
     let trained = TrainedModel { occupancy: None, ..trainer.trained() };
     evaluate_view(trainer.renderer(), &[trained], &trainer.scene().test[0]).unwrap()
@@ -48,7 +48,7 @@ fn picture(trainer: &Trainer) -> Vec<[f32; 3]> {
 }
 
 #[test]
-fn a_broken_off_run_ends_as_an_unbroken_one() {
+fn resumed_pretraining_gives_the_same_losses() {
     let config = lesson_config(&["train.iterations=10"]);
     let mut whole = pretrainer(&config);
     let losses = lessons(&mut whole, 20);
@@ -61,7 +61,7 @@ fn a_broken_off_run_ends_as_an_unbroken_one() {
 }
 
 #[test]
-fn what_was_learned_serves_a_scene_that_was_not_seen() {
+fn pretrained_weights_help_on_a_new_scene() {
     let learning = lesson_config(&["train.iterations=150", "train.rays=64", "train.lr=3e-3"]);
     let mut pretrainer = pretrainer(&learning);
     let losses = lessons(&mut pretrainer, 150);
@@ -80,7 +80,7 @@ fn what_was_learned_serves_a_scene_that_was_not_seen() {
 }
 
 #[test]
-fn a_run_begins_with_the_weights_it_is_told_to() {
+fn run_begins_with_the_weights_of_train_init() {
     let run = tempfile::tempdir().unwrap();
     let mut first = trainer(&pixel_config(&[]), 1, &Device::flex());
     steps(&mut first, 3);
@@ -92,7 +92,7 @@ fn a_run_begins_with_the_weights_it_is_told_to() {
 }
 
 #[test]
-fn weights_that_do_not_fit_are_refused() {
+fn weights_of_another_shape_are_refused() {
     let run = tempfile::tempdir().unwrap();
     let fault = |config: &Config| match Trainer::new(config, scene_of("knot", 1), 0, None, &Device::flex()) {
         Ok(_) => panic!("expected a fault"),
@@ -109,7 +109,7 @@ fn weights_that_do_not_fit_are_refused() {
 }
 
 #[test]
-fn a_config_of_one_scene_cannot_learn_from_many() {
+fn config_of_one_scene_cannot_learn_from_many() {
     let fault = |config: &Config, scenes| match Trainer::on_scenes(config, scenes, 0, &Device::flex()) {
         Ok(_) => panic!("expected a fault"),
         Err(error) => error.to_string(),

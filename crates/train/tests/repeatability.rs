@@ -1,4 +1,4 @@
-//! The same seed gives the same numbers, and a resumed run those of an unbroken one.
+//! Runs with one seed give the same values, and so does a resumed run.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -38,7 +38,7 @@ fn informed(trainer: &Trainer, config: &Config, seed: u64) -> Information {
 
 /// Neighbours are those of training also where the information gain is reported.
 #[test]
-fn the_gain_is_about_the_centre_that_the_config_names() {
+fn information_gain_rotates_about_the_configured_centre() {
     let [flex, _] = devices();
     let gain = |about: &str| {
         let config = config(&[&format!("train.neighbours.about={about}")]);
@@ -48,7 +48,7 @@ fn the_gain_is_about_the_centre_that_the_config_names() {
 }
 
 #[test]
-fn a_seed_decides_everything() {
+fn runs_of_one_seed_agree() {
     for (config, device) in cases() {
         let run = |seed| {
             let mut trainer = trainer(&config, seed, &device);
@@ -72,7 +72,7 @@ fn a_seed_decides_everything() {
 
 /// The number of threads changes who computes, not what.
 #[test]
-fn threads_change_nothing() {
+fn number_of_threads_changes_nothing() {
     for (config, device) in cases() {
         let run = || steps(&mut trainer(&config, 3, &device), STEPS);
         let single = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
@@ -83,7 +83,7 @@ fn threads_change_nothing() {
 
 /// Fields that are trained side by side have the numbers of each alone, and the times of all add up to what passed.
 #[test]
-fn fields_side_by_side_are_those_alone() {
+fn training_side_by_side_changes_nothing() {
     for (config, device) in cases() {
         let seeds = 0..3;
         let alone: Vec<Vec<Event>> =
@@ -105,9 +105,9 @@ fn fields_side_by_side_are_those_alone() {
     }
 }
 
-/// A field's steps count as its share of the time before anything is decided or told by it.
+/// A field's steps count as its share of the time before anything is decided or reported by it.
 #[test]
-fn a_budget_is_spent_in_shares() {
+fn members_share_the_budget() {
     let (config, device) = cases().remove(0);
     let budgeted = |seed| Trainer::new(&config, scene(), seed, Some(0.02), &device).unwrap();
     let mut trainers: Vec<Trainer> = (0..3).map(budgeted).collect();
@@ -127,7 +127,7 @@ fn a_budget_is_spent_in_shares() {
 }
 
 #[test]
-fn a_broken_run_goes_on_to_the_same_numbers() {
+fn resumed_run_gives_the_same_values() {
     for (config, device) in cases() {
         let mut straight = trainer(&config, 1, &device);
         let events = steps(&mut straight, STEPS);
@@ -159,7 +159,7 @@ fn a_broken_run_goes_on_to_the_same_numbers() {
 
 /// Losses that are read later are the same, and so are the steps.
 #[test]
-fn it_does_not_matter_when_losses_are_read() {
+fn late_reading_changes_no_loss() {
     for (config, device) in cases() {
         let run = |read_every, broken_after: Option<usize>| {
             let mut first = trainer(&config, 1, &device);
@@ -185,7 +185,7 @@ fn it_does_not_matter_when_losses_are_read() {
 
 /// A term whose weight is 0 is not computed, and unseen rays that no term needs are not cast.
 #[test]
-fn a_term_that_is_off_costs_nothing() {
+fn term_of_weight_zero_renders_nothing() {
     let [flex, _] = devices();
     let off = config(&["loss.entropy.weight=0.0", "loss.kl.weight=0.0"]);
     let mut trainer = trainer(&off, 1, &flex);
@@ -199,7 +199,7 @@ fn a_term_that_is_off_costs_nothing() {
 
 /// Training lowers the loss that it minimises.
 #[test]
-fn training_learns() {
+fn training_lowers_the_loss() {
     let [flex, _] = devices();
     let quick = config(&["train.iterations=150", "train.rays=128", "train.lr=1e-2", "loss.kl.weight=0.0"]);
     let events = steps(&mut trainer(&quick, 0, &flex), 150);
@@ -216,7 +216,7 @@ fn training_learns() {
 
 /// Well-fitted pixels are sampled less often, and only those.
 #[test]
-fn well_fitted_pixels_are_passed_over() {
+fn well_fitted_pixels_are_drawn_less_often() {
     let [flex, _] = devices();
     let passed = |batch: &str, threshold: &str| {
         let setting = format!("train.error_sampling={{threshold={threshold},keep=0.0}}");
@@ -234,7 +234,7 @@ fn well_fitted_pixels_are_passed_over() {
 
 /// A run whose error has plateaued ends, and stays at its end when it is resumed.
 #[test]
-fn a_run_that_stopped_early_is_over() {
+fn run_that_stopped_early_stays_finished() {
     let [flex, _] = devices();
     let settings = ["train.batch=pixels", "train.iterations=40", "train.early_stopping={patience=5,min_delta=1.0}"];
     let config = config(&settings);

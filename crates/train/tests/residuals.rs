@@ -7,7 +7,7 @@ use infonerf_train::Trainer;
 use infonerf_train::config::Refine;
 
 #[test]
-fn a_training_view_with_residuals_is_nearer_to_its_photograph() {
+fn residuals_bring_a_training_view_nearer_to_its_image() {
     let [_, _, mut config, ..] = configs();
     config.train.cameras.refine = Refine::None;
     config.train.iterations = 200;
@@ -26,6 +26,6 @@ fn a_training_view_with_residuals_is_nearer_to_its_photograph() {
     };
     let ((without, hits), (with, _)) = (errors(false), errors(true));
     assert!(hits > 20, "{hits} of the pixels hit something");
-    // Pixels beside those that hit nothing, of which a small picture has many, stay as they are.
+    // Pixels next to those that hit nothing, of which a small picture has many, stay as they are.
     assert!(with < 0.6 * without, "{without} to {with}");
 }

@@ -6,17 +6,17 @@ use burn::optim::Optimizer;
 use burn::tensor::Tensor;
 use fastrand::Rng;
 use infonerf_ops::adam::{Adam, finite_after, step_if};
-use infonerf_ops::drawing::{DrawnViews, PixelDraw, PixelTables, draw_rays};
 use infonerf_ops::factored::{Layout, Query, factored_field, plane_variation};
 use infonerf_ops::means::{mean_squared_difference, sum_above, weighted_sum};
 use infonerf_ops::random::Stream;
-use infonerf_ops::sampling::march::{Cells, March, Marched, Reach, march};
+use infonerf_ops::sampling::march::{Cells, MarchSettings, MarchedRays, march};
 use infonerf_ops::sampling::{
-    LastInterval, Placement, Streams, importance, intervals, points_on_rays, resample, stratified,
+    LastInterval, PackedSamples, RaySamples, SampleRule, Streams, importance, intervals, points_on_rays, resample,
+    stratified,
 };
 use infonerf_ops::{
-    Intervals, RayDistribution, Segments, additive_depth, composite, composite_over, frequency_encode, from_host,
-    integrated_encode, ray_distortion, ray_divergence, ray_entropy, split_rows, to_host, to_host_together,
+    Intervals, RayDistribution, Segments, composite, composite_over, frequency_encode, from_host, integrated_encode,
+    ray_distortion, ray_divergence, ray_entropy, to_host, to_host_together,
 };
 
 use super::comparison::{DeviceComparisons, leaf, pulled, uniform};
@@ -30,8 +30,7 @@ const DISTANCE: f64 = 1e-3;
 pub(super) type Group = fn(&mut Rng, &mut DeviceComparisons<'_>);
 
 /// Groups of all operations but networks.
-pub(super) const GROUPS: [Group; 9] =
-    [along_rays, factored, placing, losses, encodings, padded, adam, drawing, marching];
+pub(super) const GROUPS: [Group; 8] = [along_rays, factored, placing, losses, encodings, padded, adam, marching];
 
 /// Compares compositing, entropies and divergence on rays of all lengths, some of them empty, with optical depths from almost
 /// nothing to opaque.
@@ -69,24 +68,13 @@ fn along_rays(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
         let intervals = Intervals { middle: middle.clone(), length: length.clone() };
         pulled(ray_distortion(tau.clone(), intervals, &segments), &[&tau, &middle, &length])
     });
-    compare.operation("entropy of parts of a bundle", |device| {
-        const COUNTS: [usize; 3] = [101, 150, RAYS - 251];
-        let tau = leaf(&tau, device);
-        let bits = |tau, segments: &Segments| ray_entropy(tau, segments, RayDistribution::Alpha, 0.0).bits;
-        // Parts share the transfers of the whole.
-        let mut out = vec![bits(tau.clone(), &segments)];
-        let parts = segments.split(&COUNTS);
-        let sizes: Vec<usize> = parts.iter().map(Segments::samples).collect();
-        out.extend(split_rows(tau.clone(), &sizes).into_iter().zip(&parts).map(|(tau, part)| bits(tau, part)));
-        pulled(Tensor::cat(out, 0), &[&tau])
-    });
     compare.operation("divergence", |device| {
         let (tau, near) = (leaf(&tau, device), leaf(&near, device));
         pulled(ray_divergence(tau.clone(), near.clone(), &segments, 1e-10), &[&tau, &near])
     });
 }
 
-/// Compares sample placement, with and without jitter, and points on rays, for a number of rays that no workgroup divides.
+/// Compares sample rule, with and without jitter, and points on rays, for a number of rays that no workgroup divides.
 fn placing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const RAYS: usize = 301;
     const SAMPLES: usize = 21;
@@ -94,20 +82,20 @@ fn placing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     let ends: Vec<f32> = (0..RAYS).flat_map(|_| [1.0 + rng.f32(), 3.0 + rng.f32()]).collect();
     let streams: Vec<Stream> = (0..RAYS).map(|_| Stream { key: rng.u64(..), item: rng.u32(..) as usize }).collect();
     let tau: Vec<f32> = uniform(rng, RAYS * SAMPLES, -14.0, 3.0).into_iter().map(f32::exp).collect();
-    for placement in [Placement::Left, Placement::Mid, Placement::Interval] {
+    for rule in [SampleRule::Left, SampleRule::Mid, SampleRule::Edges] {
         for jittered in [true, false] {
             let kind = if jittered { "jittered" } else { "even" };
-            compare.within(DISTANCE, &format!("samples {placement:?}, {kind}"), |device| {
+            compare.within(DISTANCE, &format!("samples {rule:?}, {kind}"), |device| {
                 let ends = from_host(&ends, 2, device);
                 let tau = Tensor::from_floats(tau.as_slice(), device);
                 let streams = Streams(Tensor::from_floats(Streams::bits(streams.iter().copied()).as_slice(), device));
                 let jitter = Some(&streams).filter(|_| jittered);
-                let t = stratified(ends.clone(), [RAYS, SAMPLES], placement, jitter);
-                let fine = match placement {
-                    Placement::Interval => resample(t.clone(), tau, FINE, jitter),
+                let t = stratified(ends.clone(), [RAYS, SAMPLES], rule, jitter);
+                let fine = match rule {
+                    SampleRule::Edges => resample(t.clone(), tau, FINE, jitter),
                     _ => importance(t.clone(), tau, FINE, jitter),
                 };
-                let [distance, length] = intervals(t.clone(), ends, placement, LastInterval::Finite);
+                let [distance, length] = intervals(t.clone(), ends, rule, LastInterval::Finite);
                 vec![to_host_together([t.flatten(0, 1), fine.flatten(0, 1), distance, length])]
             });
         }
@@ -122,45 +110,7 @@ fn placing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     });
 }
 
-/// Compares rays drawn for bundles of all views and of one, and the random values that jitter samples along them.
-fn drawing(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
-    const WIDTH: usize = 23;
-    const HEIGHT: usize = 17;
-    const VIEWS: usize = 3;
-    let rays = uniform(rng, 4 * WIDTH * HEIGHT, -1.0, 1.0);
-    let (poses, colors) = (uniform(rng, 12 * VIEWS, -1.0, 1.0), uniform(rng, 4 * VIEWS * WIDTH * HEIGHT, 0.0, 1.0));
-    let bundle = PixelDraw {
-        rays: 301,
-        views: DrawnViews::All { count: VIEWS, key: rng.u64(..) },
-        keys: [rng.u64(..), rng.u64(..)],
-        columns: [3, 19],
-        rows: [1, 15],
-        first: 0,
-        size: [WIDTH, HEIGHT],
-        widening: 2.0,
-        motion: std::array::from_fn(|_| rng.f32()),
-        has_poses: true,
-        streams: [rng.u64(..), rng.u64(..)],
-    };
-    let one = PixelDraw { views: DrawnViews::One(2), rays: 150, has_poses: false, ..bundle };
-    let bundles = [bundle, one, PixelDraw { views: DrawnViews::One(1), keys: [rng.u64(..); 2], ..one }];
-    compare.operation("rays of drawn pixels", |device| {
-        let tables = PixelTables {
-            rays: from_host(&rays, 4, device),
-            poses: from_host(&poses, 12, device),
-            shown: from_host(&colors, 4, device),
-        };
-        let drawn = draw_rays(&tables, &bundles);
-        let ends = from_host(&[2.0, 6.0], 2, device);
-        let jittered =
-            drawn.streams.each_ref().map(|streams| stratified(ends.clone(), [601, 2], Placement::Mid, Some(streams)));
-        let rows = [drawn.origins, drawn.directions, drawn.colors].into_iter().chain(jittered);
-        vec![to_host_together(rows.map(|rows| rows.flatten(0, 1)).chain([drawn.radii, drawn.classes]))]
-    });
-}
-
-/// Compares marches through a partly empty grid, with gradients of losses of their samples; the capacity is more than enough, or not
-/// enough.
+/// Compares marches through a partly empty grid, with gradients of losses of their samples.
 fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     const RAYS: usize = 301;
     const CELLS: usize = 7;
@@ -168,41 +118,56 @@ fn marching(rng: &mut Rng, compare: &mut DeviceComparisons<'_>) {
     let towards: Vec<f32> = origins.iter().map(|o| rng.f32() - 0.5 - o).collect();
     let unit = |v: &[f32; 3]| v.map(|x| x / v.iter().map(|x| x * x).sum::<f32>().sqrt());
     let directions: Vec<f32> = towards.as_chunks().0.iter().flat_map(unit).collect();
+    // One ray in ten misses.
+    let ends: Vec<f32> =
+        (0..RAYS).flat_map(|ray| if ray % 10 == 3 { [0.0; 2] } else { [1.0, 3.0 + 2.0 * rng.f32()] }).collect();
     let streams: Vec<Stream> = (0..RAYS).map(|_| Stream { key: rng.u64(..), item: rng.u32(..) as usize }).collect();
     let density: Vec<f32> = (0..CELLS.pow(3)).map(|_| if rng.f32() < 0.4 { -1.0 } else { 9.0 * rng.f32() }).collect();
-    let base = March {
-        reach: Reach::Distances { near: 1.0, far: 5.0 },
-        bounds: Some([[-1.0; 3], [1.0, 1.1, 0.9]]),
-        step: 0.1,
-        jittered: true,
-        hidden_depth: 6.0,
-        capacity: 9000,
-    };
-    let sphere = Reach::Sphere { centre: [0.1, 0.0, -0.1], radius: 0.9 };
-    let all = [
-        ("", base),
-        (", less capacity", March { capacity: 1001, ..base }),
-        (", a sphere", March { reach: sphere, bounds: None, jittered: false, hidden_depth: f32::INFINITY, ..base }),
-    ];
-    for (name, marching) in all {
+    let all = [("", 6.0, true), (", evenly and to the end", f32::INFINITY, false)];
+    for (name, hidden_depth, jittered) in all {
         compare.operation(&format!("marching{name}"), |device| {
             let plain = device.clone().inner();
-            let rays = [&origins, &directions].map(|values| from_host(values, 3, &plain));
-            let streams = Streams(Tensor::from_floats(Streams::bits(streams.iter().copied()).as_slice(), &plain));
-            let density = Tensor::from_floats(density.as_slice(), &plain);
-            let cells = Cells { density, resolution: CELLS, corner: [-1.0; 3], per_unit: [3.5; 3] };
-            let Marched { segments, distance, delta, positions } = march(rays, &streams, Some(&cells), &marching);
+            let settings = MarchSettings { step: 0.1, hidden_depth };
+            // Cell by cell, where the host marches.
+            let walk = |ray: usize, samples: &mut RaySamples| {
+                let [near, far] = [ends[2 * ray], ends[2 * ray + 1]];
+                if near >= far {
+                    return;
+                }
+                let count = ((far - near) / settings.step).ceil().max(1.0);
+                let length = (far - near) / count;
+                let shift = if jittered { streams[ray].uniform(0) } else { 0.5 };
+                let mut depth = 0.0;
+                for i in 0..count as usize {
+                    let t = near + (i as f32 + shift) * length;
+                    let p: [f32; 3] =
+                        std::array::from_fn(|axis| origins[3 * ray + axis] + t * directions[3 * ray + axis]);
+                    let cell = p.map(|x| ((x + 1.0) * 3.5).floor());
+                    let is_inside = cell.iter().all(|c| (0.0..CELLS as f32).contains(c));
+                    let [x, y, z] = cell.map(|c| c as usize);
+                    let found = if is_inside { density[x + CELLS * (y + CELLS * z)] } else { 0.0 };
+                    if found >= 0.0 && depth < hidden_depth {
+                        depth += found * length;
+                        samples.push(t, length, p);
+                    }
+                }
+            };
+            let on_gpu = || {
+                let [origins, directions] = [&origins, &directions].map(|values| from_host(values, 3, &plain));
+                let bits = Streams::bits(streams.iter().copied());
+                let jitter = jittered.then(|| Streams(Tensor::from_floats(bits.as_slice(), &plain)));
+                let density = Tensor::from_floats(density.as_slice(), &plain);
+                let cells = Cells { density, resolution: CELLS, corner: [-1.0; 3], per_unit: [3.5; 3] };
+                Some((MarchedRays { origins, directions, ends: from_host(&ends, 2, &plain), jitter }, Some(cells)))
+            };
+            let packed = march(RAYS, &plain, settings, walk, on_gpu);
+            let PackedSamples { segments, distance, delta, positions, .. } = packed;
             let tau = leaf(&to_host(distance.clone() * delta.clone() * 3.0), device);
             let color = (positions.clone() * 0.1 + 0.5).autodiff();
             let seen = composite_over(tau.clone(), Some(color), distance.clone(), [0.2, 0.5, 1.0], &segments);
             let bits = ray_entropy(tau.clone(), &segments, RayDistribution::Alpha, 0.0).bits;
-            // Plain tensor bodies need the offsets.
-            let intervals = Intervals { middle: distance.clone(), length: delta.clone() };
-            let distortion = ray_distortion(tau.clone(), intervals, &segments);
-            let depths = additive_depth(tau.clone() * 0.02, &segments);
             let color = seen.color.expect("colours were given").flatten(0, 1);
-            let out = Tensor::cat(vec![color, seen.acc, bits, distortion, depths], 0);
-            let mut answers = pulled(out, &[&tau]);
+            let mut answers = pulled(Tensor::cat(vec![color, seen.acc, bits], 0), &[&tau]);
             answers.push(to_host_together([distance, delta, positions.flatten(0, 1)]));
             answers
         });

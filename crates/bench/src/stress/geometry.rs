@@ -119,7 +119,7 @@ pub(super) fn rendered(
     let (range, bounds) = (Range::Distance { near, far }, Aabb::cube([0.0; 3].into(), scale));
     scene.space = Space { near, far, range, bounds, ..scene.space };
     let trainer = Trainer::new(&plan.config, scene, plan.seed, None, device)?;
-    let rays = rays(draw, scale, count, rng);
+    let rays = trainer.renderer().rays(rays(draw, scale, count, rng), device);
     let request = RenderRequest { color: true, hidden: true };
     let output = trainer.renderer().render(&trainer.model(), &rays, request, None, Moment::START).fine;
     let [acc, depth] = [&output.acc, &output.depth].map(|tensor| to_host(tensor.clone()));

@@ -43,7 +43,7 @@ pub struct Session {
     pub out: PathBuf,
     /// Policy for runs that exist already.
     pub existing: Existing,
-    /// Whether the device is waited for after each phase of a step: see [`Trainer::synchronise_phases`].
+    /// Whether the device is waited for after each phase of a step: see [`Trainer::synchronize_phases`].
     pub profiled: bool,
     /// Networks of learned metrics: those without one have no value.
     pub networks: Networks,
@@ -238,7 +238,7 @@ impl Session {
                     trainer.resume(&checkpoint)?;
                 }
                 if self.profiled {
-                    trainer.synchronise_phases();
+                    trainer.synchronize_phases();
                 }
                 training.push(Training::new(trainer, folder)?);
             }

@@ -4,7 +4,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use infonerf_train::{Checkpoint, Event, Outcome, Stepped, Trainer, step_side_by_side};
+use infonerf_train::{Checkpoint, Event, MemberStep, Outcome, Trainer, step_side_by_side};
 
 use super::log::Log;
 use crate::{Control, RunEvent, Watch};
@@ -87,7 +87,7 @@ impl Training {
     /// Logs a step and passes it to `watch`, whose answer is returned; ends or saves the field if that is due.
     fn follow(
         &mut self,
-        (events, outcome): Stepped,
+        (events, outcome): MemberStep,
         checkpoint_every: usize,
         watch: &mut Watch<'_>,
     ) -> Result<Control> {

@@ -2,9 +2,9 @@
 
 use glam::Vec3;
 use infonerf_export::Volume;
-use infonerf_field::{Extent, Field, FieldOutput, Points};
-use infonerf_ops::{to_host, upload};
-use infonerf_render::{TrainedModel, Warp};
+use infonerf_field::{Extent, FieldOutput};
+use infonerf_ops::to_host;
+use infonerf_render::{TrainedModel, Warp, evaluate_at};
 use infonerf_scene::Aabb;
 
 use super::Trained;
@@ -65,7 +65,7 @@ impl Volume for TrainedVolume {
                 None => directions.to_vec(),
             };
             for (points, directions) in self.warped(model, points).chunks(CHUNK).zip(turned.chunks(CHUNK)) {
-                let FieldOutput { sigma, color } = self.ask(model, points, directions, true);
+                let FieldOutput { sigma, color } = self.ask(model, points, Some(directions));
                 let color = to_host(color.expect("colour was asked for"));
                 for (i, (sigma, color)) in to_host(sigma).into_iter().zip(color.chunks_exact(3)).enumerate() {
                     let weight = MIN_WEIGHT - (-sigma * self.step).exp_m1();
@@ -95,7 +95,7 @@ impl TrainedVolume {
         let mut densities = vec![0.0; warped.len()];
         for asked in open.chunks(CHUNK) {
             let points: Vec<Vec3> = asked.iter().map(|&index| warped[index]).collect();
-            let sigma = self.ask(model, &points, &vec![Vec3::Z; points.len()], false).sigma;
+            let sigma = self.ask(model, &points, None).sigma;
             for (&index, sigma) in asked.iter().zip(to_host(sigma)) {
                 densities[index] = scale * sigma;
             }
@@ -104,14 +104,10 @@ impl TrainedVolume {
     }
 
     /// Asks a field at points on no ray, each of which stands for the space of a step.
-    fn ask(&self, model: &TrainedModel, points: &[Vec3], directions: &[Vec3], color: bool) -> FieldOutput {
-        let field = &model.model.fine;
-        let rows = |vectors: &[Vec3]| {
-            upload(vectors.iter().flat_map(|v| v.to_array()).collect(), [vectors.len(), 3], &field.device())
-        };
+    fn ask(&self, model: &TrainedModel, points: &[Vec3], directions: Option<&[Vec3]>) -> FieldOutput {
         let extent = Extent::Ball { variance: self.step * self.step / 12.0 };
-        let points = Points::scattered(rows(points), extent).seen_along(rows(directions));
-        field.evaluate(&points, color, model.at)
+        let positions = points.iter().flat_map(|p| p.to_array()).collect();
+        evaluate_at(&model.model.fine, positions, directions, extent, directions.is_some(), model.at)
     }
 
     /// How much the coordinate in which densities are measured grows per scene unit at `p`, for the nearest training

@@ -16,7 +16,8 @@ pub struct EntropyConfig {
     pub weight: Schedule,
     /// The rays over which the term is averaged (paper: all; released code: unseen).
     pub rays: RaySet,
-    /// Whether neighbours of these rays are included, as in the released code with the KL loss.
+    /// Whether neighbours are included: those of seen rays and, if `rays` includes unseen ones, of these, as in the released
+    /// code with the KL loss.
     pub neighbours: bool,
     /// The distribution along the ray.
     pub distribution: RayDistribution,
@@ -49,6 +50,11 @@ pub enum HitRule {
 }
 
 impl EntropyConfig {
+    /// The rays whose neighbours are included.
+    fn rays_with_neighbours(&self) -> RaySet {
+        if self.rays.unseen() { RaySet::All } else { RaySet::Seen }
+    }
+
     /// Computes M(r)·H(r) of each ray in bits (InfoNeRF, Eq. 5 and 6), `[R]`. The mask has no gradient.
     pub(crate) fn of_rays(&self, output: &RenderOutput) -> Tensor<1> {
         match self.bits_and_measure(output) {
@@ -72,7 +78,10 @@ impl EntropyConfig {
 
 impl TermSpec for EntropyConfig {
     fn needs(&self) -> Vec<Need> {
-        if self.neighbours { Need::neighbours_of(self.rays) } else { Need::of(self.rays) }
+        match self.neighbours {
+            true => Need::neighbours_of(self.rays_with_neighbours()),
+            false => Need::of(self.rays),
+        }
     }
 
     fn validate(&self) -> Result<(), Fault> {
@@ -87,7 +96,7 @@ impl TermSpec for EntropyConfig {
 
 impl Term for EntropyConfig {
     fn value(&self, renders: &Renders) -> Tensor<1> {
-        let neighbours = renders.neighbours(self.rays).filter(|_| self.neighbours);
+        let neighbours = renders.neighbours(self.rays_with_neighbours()).filter(|_| self.neighbours);
         renders.mean(renders.outputs(self.rays).chain(neighbours).map(|output| {
             let sum = match self.bits_and_measure(output) {
                 (bits, Some(measure)) => sum_above(bits, measure, self.mask.threshold),
@@ -136,14 +145,25 @@ mod tests {
         assert!(of_rays[1] == 0.0 && of_rays[3] == 0.0 && of_rays[0] > 1.0 && of_rays[2] > 0.1, "{of_rays:?}");
     }
 
+    /// With rays of unseen poses, as in the released code: unseen rays, and the neighbours of seen and of unseen ones.
     #[test]
-    fn neighbours_count_if_asked_for() {
+    fn neighbours_of_seen_rays_join_the_unseen_rays() {
         let of = RayDistribution::Termination;
-        let term = entropy_term(
-            "rays = 'all', neighbours = true, distribution = 'termination', mask = { rule = 'all', threshold = 0 }",
-        );
-        let bundles = [SEEN, UNSEEN, NEAR_SEEN, NEAR_UNSEEN];
-        let epsilon = f64::from(term.epsilon);
-        check(&term, |_| (), |d| mean(bundles.iter().flat_map(|bundle| &d[*bundle]), |ray| entropy(ray, of, epsilon)));
+        for (rays, bundles, needs) in [
+            ("all", &[SEEN, UNSEEN, NEAR_SEEN, NEAR_UNSEEN][..], 3),
+            ("unseen", &[UNSEEN, NEAR_SEEN, NEAR_UNSEEN], 3),
+            ("seen", &[SEEN, NEAR_SEEN], 1),
+        ] {
+            let term = entropy_term(&format!(
+                "rays = '{rays}', neighbours = true, distribution = 'termination', mask = {{ rule = 'all', threshold = 0 }}"
+            ));
+            assert_eq!(term.needs().len(), needs);
+            let epsilon = f64::from(term.epsilon);
+            check(
+                &term,
+                |_| (),
+                |d| mean(bundles.iter().flat_map(|bundle| &d[*bundle]), |ray| entropy(ray, of, epsilon)),
+            );
+        }
     }
 }

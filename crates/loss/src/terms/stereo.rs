@@ -133,10 +133,7 @@ impl Term for Stereo {
         let of_ray =
             |(range, end): (Range<usize>, &RayEnd)| output.samples.t()[range].iter().map(|&t| end.value(t)).collect();
         let values: Vec<Vec<f32>> = segments.ranges().zip(&ends).map(of_ray).collect();
-        let mut values = values.concat();
-        // Unused capacity at the end belongs to no ray.
-        values.resize(segments.samples(), 0.0);
-        let values = upload(values, [segments.samples(), 1], &device);
+        let values = upload(values.concat(), [segments.samples(), 1], &device);
         let offsets: Vec<f32> = ends.iter().map(|end| end.offset()).collect();
         let offsets = upload(offsets, [ends.len()], &device);
         let probability = composite(output.tau.clone(), values, segments).values.squeeze_dim(1) + offsets;

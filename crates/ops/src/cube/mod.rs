@@ -13,7 +13,6 @@ macro_rules! launch {
 }
 pub(crate) use launch;
 
-mod drawing;
 pub(crate) mod outputs;
 mod random;
 pub(crate) mod rays;
@@ -34,9 +33,7 @@ use burn_cubecl::kernel::into_contiguous;
 use burn_cubecl::ops::numeric::{empty_device_contiguous_dtype, zeros_client};
 use burn_cubecl::tensor::CubeTensor;
 
-pub(crate) use drawing::draw_rays;
-pub(crate) use outputs::part_or_copy;
-pub(crate) use rays::{alpha_of, ln_1p, points, read_offsets, spread};
+pub(crate) use rays::{alpha_of, ln_1p, points, spread};
 pub(crate) use sampling::{importance, intervals, march, resample, stratified};
 pub(crate) use together::together;
 

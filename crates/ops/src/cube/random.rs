@@ -2,8 +2,6 @@
 
 use burn::cubecl::{self, prelude::*};
 
-use crate::random::ROUNDS;
-
 /// 64 bits: WGSL may lack integers of that size.
 #[derive(CubeType, Clone, Copy)]
 pub(super) struct Bits {
@@ -40,43 +38,13 @@ fn mix(x: Bits) -> Bits {
 
 /// [`number`](crate::random::number), of an item below 2³².
 #[cube]
-pub(super) fn number(key: &Bits, item: u32, index: u32) -> Bits {
+fn number(key: &Bits, item: u32, index: u32) -> Bits {
     let inner = mix(Bits { high: item >> 8u32, low: (item << 24u32) ^ index });
     mix(Bits { high: key.high ^ inner.high, low: key.low ^ inner.low })
 }
 
-/// Its first 24 bits as a number in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
+/// First 24 bits of [`number`] as a value in [0, 1): [`Stream::uniform`](crate::random::Stream::uniform).
 #[cube]
 pub(super) fn uniform(key: &Bits, item: u32, index: u32) -> f32 {
     f32::cast_from(number(key, item, index).high >> 8u32) / 16_777_216.0f32
-}
-
-/// [`below`](crate::random::below), of number 0 and less than 2³².
-#[cube]
-pub(super) fn below(key: &Bits, item: u32, count: u32) -> u32 {
-    let z = number(key, item, 0u32);
-    let low = z.high * count;
-    let sum = low + u32::mul_hi(z.low, count);
-    u32::mul_hi(z.high, count) + select(sum < low, 1u32, 0u32)
-}
-
-/// [`permuted`](crate::random::permuted), given b.
-#[cube]
-pub(super) fn permuted(key: &Bits, index: u32, count: u32, bits: u32) -> u32 {
-    let mask = (1u32 << bits) - 1u32;
-    let mut place = index;
-    let mut is_outside = true;
-    while is_outside {
-        let mut left = place >> bits;
-        let mut right = place & mask;
-        #[unroll]
-        for round in 0..comptime!(ROUNDS as u32) {
-            let before = right;
-            right = left ^ (number(key, right, round).low & mask);
-            left = before;
-        }
-        place = (left << bits) | right;
-        is_outside = place >= count;
-    }
-    place
 }

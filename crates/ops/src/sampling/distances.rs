@@ -1,19 +1,19 @@
 //! Distances of samples along a ray, as pure functions.
 
-use super::{LastInterval, Placement};
+use super::{LastInterval, SampleRule};
 use crate::random::Stream;
 
-/// `count` distances that divide [near, far]: with jitter one at random in each stratum, else evenly spaced.
+/// Divides [near, far] by `count` distances: with jitter one at random in each stratum, else evenly spaced.
 ///
-/// [`Placement::Left`]: NeRF's rule, `linspace(near, far, count)`, each jittered between the midpoints beside it.
-/// [`Placement::Mid`]: `count` equal intervals, one sample in the middle of each, or anywhere in it if jittered.
-/// [`Placement::Interval`]: the `count + 1` edges of `count` intervals, by NeRF's rule.
-pub fn stratified(near: f32, far: f32, count: usize, placement: Placement, jitter: Option<Stream>) -> Vec<f32> {
+/// [`SampleRule::Left`]: NeRF's rule, `linspace(near, far, count)`, each jittered between the midpoints to its neighbours.
+/// [`SampleRule::Mid`]: `count` equal intervals, one sample in the middle of each, or anywhere in it if jittered.
+/// [`SampleRule::Edges`]: the `count + 1` edges of `count` intervals, by NeRF's rule.
+pub fn stratified(near: f32, far: f32, count: usize, rule: SampleRule, jitter: Option<Stream>) -> Vec<f32> {
     let at = |u: f32| near * (1.0 - u) + far * u;
     let draw = |i: usize| jitter.map(|stream| stream.uniform(i));
-    match placement {
-        Placement::Left | Placement::Interval => {
-            let count = if placement == Placement::Interval { count + 1 } else { count };
+    match rule {
+        SampleRule::Left | SampleRule::Edges => {
+            let count = if rule == SampleRule::Edges { count + 1 } else { count };
             let even = |i: usize| at(i as f32 / (count - 1) as f32);
             (0..count)
                 .map(|i| match draw(i) {
@@ -26,19 +26,19 @@ pub fn stratified(near: f32, far: f32, count: usize, placement: Placement, jitte
                 })
                 .collect()
         }
-        Placement::Mid => (0..count).map(|i| at((i as f32 + draw(i).unwrap_or(0.5)) / count as f32)).collect(),
+        SampleRule::Mid => (0..count).map(|i| at((i as f32 + draw(i).unwrap_or(0.5)) / count as f32)).collect(),
     }
 }
 
-/// `(distance, interval length)` of the samples of one ray with sorted distances `t`.
+/// Returns `(distance, interval length)` of the samples of one ray with sorted distances `t`.
 ///
-/// [`Placement::Left`]: from the sample to the next; the last one by `last`. [`Placement::Mid`]: between the midpoints
-/// to both neighbours, the first from `near` and the last to `far`. [`Placement::Interval`]: distances are edges, one more
+/// [`SampleRule::Left`]: from the sample to the next; the last one by `last`. [`SampleRule::Mid`]: between the midpoints
+/// to both neighbours, the first from `near` and the last to `far`. [`SampleRule::Edges`]: distances are edges, one more
 /// than samples.
-pub fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, last: LastInterval) -> Vec<(f32, f32)> {
+pub fn intervals(t: &[f32], near: f32, far: f32, rule: SampleRule, last: LastInterval) -> Vec<(f32, f32)> {
     let n = t.len();
-    match placement {
-        Placement::Left => (0..n)
+    match rule {
+        SampleRule::Left => (0..n)
             .map(|i| match (t.get(i + 1), last.length()) {
                 (Some(next), _) => (t[i], next - t[i]),
                 (None, Some(length)) => (t[i], length),
@@ -46,7 +46,7 @@ pub fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, last: Las
                 (None, None) => (t[i], far - t[i]),
             })
             .collect(),
-        Placement::Mid => {
+        SampleRule::Mid => {
             let edge = |i: usize| match i {
                 0 => near,
                 i if i == n => far,
@@ -54,11 +54,11 @@ pub fn intervals(t: &[f32], near: f32, far: f32, placement: Placement, last: Las
             };
             (0..n).map(|i| (t[i], (edge(i + 1) - edge(i)).max(0.0))).collect()
         }
-        Placement::Interval => t.windows(2).map(|edge| (0.5 * (edge[0] + edge[1]), edge[1] - edge[0])).collect(),
+        SampleRule::Edges => t.windows(2).map(|edge| (0.5 * (edge[0] + edge[1]), edge[1] - edge[0])).collect(),
     }
 }
 
-/// `count` distances drawn from the piecewise-constant density of the coarse `weights`, merged with the coarse `t`.
+/// Draws `count` distances from the piecewise-constant density of the coarse `weights` and merges them with the coarse `t`.
 ///
 /// NeRF's inverse transform (Mildenhall et al., Sec. 5.2): bins between the midpoints of `t`, weights of the inner
 /// samples + 1e-5, `u` even in [0, 1] or jittered. Returns sorted distances, `[t.len() + count]`.
@@ -93,7 +93,7 @@ pub fn importance(t: &[f32], weights: &[f32], count: usize, jitter: Option<Strea
     merged
 }
 
-/// Coarse weights as mip-NeRF resamples them (Eq. 18): the mean of the maxima over each pair of neighbours, + 0.01, so that
+/// Blurs coarse weights as mip-NeRF does before it resamples them (Eq. 18): the mean of the maxima over each pair of neighbours, + 0.01, so that
 /// a surface that moves from one interval to the next is not missed.
 pub fn blurred(weights: &[f32]) -> Vec<f32> {
     const PADDING: f32 = 0.01;
@@ -101,16 +101,16 @@ pub fn blurred(weights: &[f32]) -> Vec<f32> {
     (0..weights.len()).map(|i| 0.5 * (at(i.saturating_sub(1)).max(at(i)) + at(i).max(at(i + 1))) + PADDING).collect()
 }
 
-/// `count + 1` edges drawn from the piecewise-constant density of `weights` between `edges`, one fewer of the former.
+/// Draws `count + 1` edges from the piecewise-constant density of `weights` between `edges`, of which there is one more.
 ///
 /// mip-NeRF's inverse transform (Sec. 3.1, released code): `u` even in [0, 1), or jittered one in each stratum, so that
 /// edges are sorted; weights that sum to less than 1e-5 are padded evenly.
 pub fn resample(edges: &[f32], weights: &[f32], count: usize, jitter: Option<Stream>) -> Vec<f32> {
-    const LEAST: f32 = 1e-5;
+    const MIN_SUM: f32 = 1e-5;
     const LAST: f32 = 1.0 - f32::EPSILON;
     let n = weights.len();
     let sum: f32 = weights.iter().sum();
-    let padding = (LEAST - sum).max(0.0) / n as f32;
+    let padding = (MIN_SUM - sum).max(0.0) / n as f32;
     let total = sum + padding * n as f32;
     let mut cdf = Vec::with_capacity(n + 1);
     let mut below = 0.0;
@@ -141,17 +141,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn even_samples_of_both_placements() {
-        assert_eq!(stratified(2.0, 6.0, 5, Placement::Left, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
-        assert_eq!(stratified(2.0, 6.0, 4, Placement::Mid, None), [2.5, 3.5, 4.5, 5.5]);
-        assert_eq!(stratified(2.0, 6.0, 4, Placement::Interval, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
+    fn even_samples_of_both_rules() {
+        assert_eq!(stratified(2.0, 6.0, 5, SampleRule::Left, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
+        assert_eq!(stratified(2.0, 6.0, 4, SampleRule::Mid, None), [2.5, 3.5, 4.5, 5.5]);
+        assert_eq!(stratified(2.0, 6.0, 4, SampleRule::Edges, None), [2.0, 3.0, 4.0, 5.0, 6.0]);
         let t = [2.0, 3.0, 5.0];
-        let left = |last| intervals(&t, 2.0, 6.0, Placement::Left, last);
+        let left = |last| intervals(&t, 2.0, 6.0, SampleRule::Left, last);
         assert_eq!(left(LastInterval::Finite), [(2.0, 1.0), (3.0, 2.0), (5.0, 2.0)]);
         assert_eq!(left(LastInterval::Infinite), [(2.0, 1.0), (3.0, 2.0), (5.0, 1e10)]);
-        let finite = |placement| intervals(&t, 1.0, 6.0, placement, LastInterval::Finite);
-        assert_eq!(finite(Placement::Mid), [(2.0, 1.5), (3.0, 1.5), (5.0, 2.0)]);
-        assert_eq!(finite(Placement::Interval), [(2.5, 1.0), (4.0, 2.0)]);
+        let finite = |rule| intervals(&t, 1.0, 6.0, rule, LastInterval::Finite);
+        assert_eq!(finite(SampleRule::Mid), [(2.0, 1.5), (3.0, 1.5), (5.0, 2.0)]);
+        assert_eq!(finite(SampleRule::Edges), [(2.5, 1.0), (4.0, 2.0)]);
     }
 
     /// Values made by `tests/fixtures/mip_forward.py`.
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn resampling_nothing_is_even() {
+    fn resampling_zero_weights_is_even() {
         let edges = [2.0, 3.0, 4.0, 5.0, 6.0];
         for (got, want) in
             resample(&edges, &[0.0; 4], 8, None).iter().zip([2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5, 6.0])
@@ -187,7 +187,7 @@ mod tests {
 
     #[test]
     fn importance_goes_where_the_weight_is() {
-        let t = stratified(2.0, 6.0, 64, Placement::Left, None);
+        let t = stratified(2.0, 6.0, 64, SampleRule::Left, None);
         let mut weights = vec![0.0; 64];
         weights[40] = 1.0;
         let drawn = importance(&t, &weights, 100, None);
@@ -204,18 +204,18 @@ mod tests {
         ) {
             let far = near + length;
             let jitter = Some(Stream { key: seed, item: 3 });
-            for placement in [Placement::Left, Placement::Mid, Placement::Interval] {
-                let t = stratified(near, far, count, placement, jitter);
-                let drawn = match placement {
-                    Placement::Interval => resample(&t, &weights[..count], fine, jitter),
+            for rule in [SampleRule::Left, SampleRule::Mid, SampleRule::Edges] {
+                let t = stratified(near, far, count, rule, jitter);
+                let drawn = match rule {
+                    SampleRule::Edges => resample(&t, &weights[..count], fine, jitter),
                     _ => importance(&t, &weights[..count], fine, jitter),
                 };
                 for t in [&t, &drawn] {
                     prop_assert!(t.windows(2).all(|pair| pair[0] <= pair[1]));
                     prop_assert!(t.iter().all(|t| *t >= near - 1e-4 && *t <= far + 1e-4));
                 }
-                let samples = intervals(&drawn, near, far, placement, LastInterval::Finite);
-                let expected = if placement == Placement::Interval { fine } else { count + fine };
+                let samples = intervals(&drawn, near, far, rule, LastInterval::Finite);
+                let expected = if rule == SampleRule::Edges { fine } else { count + fine };
                 prop_assert_eq!(samples.len(), expected);
                 prop_assert!(samples.iter().all(|(_, delta)| *delta >= 0.0));
             }

@@ -1,64 +1,64 @@
-//! Distances of samples along rays, on the device that evaluates a field: stratified, or drawn from what another pass found.
+//! Samples along rays: stratified distances, distances drawn from what another pass found, marches, and their packing.
 //!
-//! Each of `H` rays has an interval `[near, far]` and as many samples as the others. [`distances`] has the same of one ray on
-//! the host, which other devices than GPUs are served by.
+//! Each of `H` rays has an interval `[near, far]` and as many samples as the others. [`distances`] holds the functions of one
+//! ray on the host, which serve devices other than GPUs.
 
 pub mod distances;
 pub mod march;
+mod pack;
 
 use burn::tensor::{Device, Tensor};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+pub use self::pack::{PackedSamples, RaySamples, pack};
 use crate::composite::weights;
 use crate::dispatch::dispatch;
 use crate::random::Stream;
 use crate::{Segments, to_host, upload};
 
-/// Where in its interval a sample lies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Placement {
-    /// At the near end, as in NeRF: stratified distances, and interval i reaches from sample i to sample i + 1.
+/// Rule by which samples divide the interval of a ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SampleRule {
+    /// Samples at the near end of their intervals (NeRF): interval i reaches from sample i to sample i + 1.
     Left,
-    /// In the middle. A single pass has steps of one length for all rays.
+    /// Samples in the middle of their intervals.
     Mid,
-    /// Over the whole interval (mip-NeRF): `samples + 1` edges bound `samples` intervals, and the fine
-    /// pass has `fine_samples` intervals of its own, drawn from blurred weights and not merged with the coarse ones.
-    Interval,
+    /// Whole intervals, given by their edges, of which there is one more (mip-NeRF).
+    Edges,
 }
 
-impl Placement {
-    /// Numbers that place `samples` samples of a ray: distances, or edges, of which there is one more.
-    pub fn numbers(self, samples: usize) -> usize {
-        samples + usize::from(self == Self::Interval)
+impl SampleRule {
+    /// Number of values that place `samples` samples of a ray: distances, or edges, of which there is one more.
+    pub fn columns(self, samples: usize) -> usize {
+        samples + usize::from(self == Self::Edges)
     }
 }
 
-/// Length of a ray's last interval under [`Placement::Left`]; otherwise it ends where the ray does.
+/// Length of the last interval of a ray under [`SampleRule::Left`]; under other rules it ends where the ray does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LastInterval {
-    /// As long as the one before it.
+    /// Length of the interval before it.
     Finite,
     /// 1e10, as in the released code: any density there gives α ≈ 1.
     Infinite,
 }
 
 impl LastInterval {
-    /// The length, where it does not depend on the others.
+    /// The length, unless it depends on the other intervals.
     pub fn length(self) -> Option<f32> {
         (self == Self::Infinite).then_some(1e10)
     }
 }
 
-/// The random numbers of rays, on their device: of each the low and high half of its stream's key, and its item, which is below
-/// 2³², as the bits of integers, `[3 H]`.
+/// Random numbers of rays, on their device: the low and high half of each stream's key, and its item, which is below 2³², as
+/// the bits of integers, `[3 H]`.
 #[derive(Clone, Debug)]
 pub struct Streams(pub Tensor<1>);
 
 impl Streams {
-    /// The numbers of such a tensor.
+    /// Returns the values of such a tensor.
     pub fn bits(streams: impl IntoIterator<Item = Stream>) -> Vec<f32> {
         let of = |Stream { key, item }: Stream| [key as u32, (key >> 32) as u32, item as u32].map(f32::from_bits);
         streams.into_iter().flat_map(of).collect()
@@ -73,28 +73,24 @@ impl Streams {
     }
 }
 
-/// `count` samples in [near, far] of each of `rays` rays, as [`distances::stratified`]: `[H, N]`, N being [`Placement::numbers`].
+/// Places `count` samples in [near, far] of each of `rays` rays, as [`distances::stratified`]: `[H, N]`, N being
+/// [`SampleRule::columns`].
 ///
-/// - `ends`: near and far, `[H, 2]`, or `[1, 2]` if they are those of all rays.
+/// - `ends`: near and far, `[H, 2]`, or `[1, 2]` if all rays have the same.
 /// - `jitter`: random numbers; samples are evenly spaced without.
-pub fn stratified(
-    ends: Tensor<2>,
-    [rays, count]: [usize; 2],
-    placement: Placement,
-    jitter: Option<&Streams>,
-) -> Tensor<2> {
+pub fn stratified(ends: Tensor<2>, [rays, count]: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
     dispatch! {
         &ends.device();
-        host => stratified_on_host(ends, [rays, count], placement, jitter),
-        cube => crate::cube::stratified(ends, [rays, placement.numbers(count)], placement, jitter),
-        plain => stratified_on_host(ends, [rays, count], placement, jitter),
+        host => stratified_on_host(ends, [rays, count], rule, jitter),
+        cube => crate::cube::stratified(ends, [rays, rule.columns(count)], rule, jitter),
+        plain => stratified_on_host(ends, [rays, count], rule, jitter),
     }
 }
 
 fn stratified_on_host(
     ends: Tensor<2>,
     [count, samples]: [usize; 2],
-    placement: Placement,
+    rule: SampleRule,
     jitter: Option<&Streams>,
 ) -> Tensor<2> {
     let (device, streams) = (ends.device(), jitter.map(Streams::on_host));
@@ -102,12 +98,12 @@ fn stratified_on_host(
     rows(count, &device, |ray| {
         let stream = streams.as_ref().map(|streams| streams[ray]);
         let [near, far] = [0, 1].map(|end| ends[(2 * ray + end) % ends.len()]);
-        distances::stratified(near, far, samples, placement, stream)
+        distances::stratified(near, far, samples, rule, stream)
     })
 }
 
-/// `count` distances of each ray drawn from the weights of the samples at `t`, `[H, N]`, whose optical depths are `tau`, `[H N]`,
-/// and merged with them, as [`distances::importance`]: `[H, N + count]`, without a gradient.
+/// Draws `count` distances of each ray from the weights of the samples at `t`, `[H, N]`, whose optical depths are `tau`,
+/// `[H N]`, and merges them with `t`, as [`distances::importance`]: `[H, N + count]`, without a gradient.
 ///
 /// A GPU sums the weights of a ray in `f32`, the host in `f64`.
 pub fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
@@ -119,8 +115,8 @@ pub fn importance(t: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&St
     }
 }
 
-/// The edges of `count` intervals of each ray drawn from the blurred weights of those between `edges`, `[H, N + 1]`, whose optical
-/// depths are `tau`, `[H N]`, as [`distances::resample`]: `[H, count + 1]`, without a gradient.
+/// Draws the edges of `count` intervals of each ray from the blurred weights of the intervals between `edges`, `[H, N + 1]`,
+/// whose optical depths are `tau`, `[H N]`, as [`distances::resample`]: `[H, count + 1]`, without a gradient.
 pub fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
     let one = |edges: &[f32], weights: &[f32], stream| {
         distances::resample(edges, &distances::blurred(weights), count, stream)
@@ -150,21 +146,21 @@ fn drawn_on_host(
     })
 }
 
-/// Distance along its ray and length of the interval of each sample that `t`, `[H, N]`, places, as [`distances::intervals`]:
-/// `[M]` each. The `ends` are those of [`stratified`].
-pub fn intervals(t: Tensor<2>, ends: Tensor<2>, placement: Placement, last: LastInterval) -> [Tensor<1>; 2] {
+/// Returns the distance of each sample that `t`, `[H, N]`, places, and the length of its interval, as
+/// [`distances::intervals`]: `[M]` each. The `ends` are those given to [`stratified`].
+pub fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
     dispatch! {
         &t.device();
-        host => intervals_on_host(t, ends, placement, last),
-        cube => crate::cube::intervals(t, ends, placement, last),
-        plain => intervals_on_host(t, ends, placement, last),
+        host => intervals_on_host(t, ends, rule, last),
+        cube => crate::cube::intervals(t, ends, rule, last),
+        plain => intervals_on_host(t, ends, rule, last),
     }
 }
 
-fn intervals_on_host(t: Tensor<2>, ends: Tensor<2>, placement: Placement, last: LastInterval) -> [Tensor<1>; 2] {
+fn intervals_on_host(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
     let ([_, columns], device) = (t.dims(), t.device());
     let (t, ends) = (to_host(t), to_host(ends));
-    let of = |(t, ends): (&[f32], &[f32])| distances::intervals(t, ends[0], ends[1], placement, last);
+    let of = |(t, ends): (&[f32], &[f32])| distances::intervals(t, ends[0], ends[1], rule, last);
     let (distance, length): (Vec<f32>, Vec<f32>) = t.chunks(columns).zip(ends.chunks(2).cycle()).flat_map(of).unzip();
     [distance, length].map(|numbers| {
         let count = numbers.len();
@@ -172,7 +168,7 @@ fn intervals_on_host(t: Tensor<2>, ends: Tensor<2>, placement: Placement, last: 
     })
 }
 
-/// o + t d of each sample, `[M, 3]`: differentiable in the rays' `origins` and `directions`, `[R, 3]`; the distances `t`, `[M]`,
+/// Returns o + t d of each sample, `[M, 3]`: differentiable in the rays' `origins` and `directions`, `[R, 3]`; the distances `t`, `[M]`,
 /// are taken as given.
 pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, segments: &Segments) -> Tensor<2> {
     let plain =
@@ -185,7 +181,7 @@ pub fn points_on_rays(origins: Tensor<2>, directions: Tensor<2>, t: Tensor<1>, s
     }
 }
 
-/// The rows of `count` rays as a tensor.
+/// Uploads a row for each of `count` rays.
 fn rows(count: usize, device: &Device, row: impl Fn(usize) -> Vec<f32> + Sync + Send) -> Tensor<2> {
     let rows: Vec<Vec<f32>> = (0..count).into_par_iter().map(row).collect();
     let columns = rows.first().map_or(0, Vec::len);
@@ -197,7 +193,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn streams_keep_their_bits() {
+    fn uploaded_streams_keep_their_bits() {
         let streams =
             [Stream { key: u64::MAX - 7, item: 3 }, Stream { key: 0x7fa0_0001_ff80_0001, item: u32::MAX as usize }];
         let bits = Streams::bits(streams);

@@ -6,17 +6,17 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CameraConfig {
-    /// By what.
+    /// Means of refinement.
     pub refine: Refine,
     /// Adam's learning rate of the corrections: radians, and shares of the cameras' mean distance from the scene's centre.
     pub lr: Schedule,
-    /// Which focal lengths are refined too: by matches, all by one factor.
+    /// Focal lengths that are refined too: by matches, all by one factor.
     pub focal: Focal,
     /// Weight of the mean square of the corrections in the objective: a pull towards where the cameras began.
     pub prior: f32,
 }
 
-/// What training cameras are refined by.
+/// Means by which training cameras are refined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Refine {
@@ -25,19 +25,19 @@ pub enum Refine {
     None,
     /// Matches between their photographs, before training (`infonerf_dataset::with_refined_cameras`).
     Matches,
-    /// The photometric loss: they are learnt with the field (BARF, [`infonerf_render::CameraRefinement`]).
+    /// The photometric loss: they are learned with the field (BARF, [`infonerf_render::CameraRefinement`]).
     Photometric,
     /// Matches, then the photometric loss.
     Both,
 }
 
 impl Refine {
-    /// Whether matches refine them.
+    /// Whether matches refine cameras.
     pub fn is_by_matches(self) -> bool {
         matches!(self, Self::Matches | Self::Both)
     }
 
-    /// Whether they are learnt with the field.
+    /// Whether cameras are learned with the field.
     pub fn is_photometric(self) -> bool {
         matches!(self, Self::Photometric | Self::Both)
     }

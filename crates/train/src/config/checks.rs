@@ -2,7 +2,7 @@
 
 use infonerf_field::{FieldSpec, SourceImages};
 use infonerf_loss::Need;
-use infonerf_render::{Placement, Space, Warp};
+use infonerf_render::{Placement, SpaceChoice, Warp};
 use infonerf_scene::Scene;
 use infonerf_schedule::Fault;
 
@@ -24,14 +24,13 @@ pub fn of_config(config: &Config) -> Result<(), Fault> {
     Fault::unless_within(0.0..=180.0, "scene.disturb.degrees", scene.disturb.degrees)?;
     Fault::unless_within(0.0..=1.0, "scene.disturb.distance", scene.disturb.distance)?;
     Fault::unless_within(0.0..=1e6, "eval.pose_steps", eval.pose_steps as f64)?;
-    let learnt = train.cameras.refine.is_photometric();
-    if learnt || eval.pose_steps > 0 {
-        let expected = "a field that passes gradients on to positions where cameras are learnt (train.cameras.refine, \
+    let learned = train.cameras.refine.is_photometric();
+    if learned || eval.pose_steps > 0 {
+        let expected = "a field that passes gradients on to positions where cameras are learned (train.cameras.refine, \
                         eval.pose_steps), as all but `pixelnerf` do";
         Fault::unless(field.traits().tracks_positions, "field.kind", expected, field)?;
-        let expected =
-            "false where cameras are learnt (train.cameras.refine): space is carved once, by the cameras as they begin";
-        Fault::unless(!learnt || !render.occupancy.carve, "render.occupancy.carve", expected, true)?;
+        let expected = "false where cameras are learned (train.cameras.refine): space is carved once, by the cameras as they begin";
+        Fault::unless(!learned || !render.occupancy.carve, "render.occupancy.carve", expected, true)?;
     }
     let whole = !field.traits().intervals || render.placement == Placement::Interval;
     let expected = format!("\"interval\" with a {field}, whose samples are pieces of cones");
@@ -43,6 +42,9 @@ pub fn of_config(config: &Config) -> Result<(), Fault> {
         Fault::unless(train.batch != Batch::HeldOut, "train.batch", expected, name(&train.batch))?;
         config.scene.views.count().map_or(Ok(()), |views| enough_views(key, images, views))?;
     }
+    let unseen = loss.needs().iter().any(|need| matches!(need, Need::Unseen | Need::UnseenNeighbours));
+    let expected = "at least 1 with a loss over rays of unseen poses";
+    Fault::unless(!unseen || train.unseen_rays > 0, "train.unseen_rays", expected, train.unseen_rays)?;
     let skips = render.occupancy.enabled || render.clip_to_bounds;
     let paired = train.neighbours.sampling == NeighbourSampling::Partner
         || !skips
@@ -67,7 +69,7 @@ pub fn of_scene(config: &Config, scene: &Scene) -> Result<(), Fault> {
         enough_views(key, images, scene.train.len())?;
     }
     body(config, scene.space.body.is_some())?;
-    let forward = render.space != Space::Ndc || Warp::has_ndc(scene);
+    let forward = render.space != SpaceChoice::Ndc || Warp::has_ndc(scene);
     let found = format!("\"ndc\", while the cameras of {} face all ways", scene.name);
     Fault::unless(forward, "render.space", "another space", found)?;
     if Warp::of(scene, render.space).is_identity() {
@@ -137,7 +139,7 @@ mod tests {
     use crate::config::Preset;
 
     #[test]
-    fn cameras_are_learnt_with_fields_that_pass_gradients_on() {
+    fn cameras_are_learned_with_fields_that_pass_gradients_on() {
         let fault = |settings: &[&str]| Config::of(Preset::Paper, settings).err().map(|error| error.to_string());
         let mip =
             "field={kind='mip',layers=2,width=8,skip=0,position_frequencies=4,direction_frequencies=2,detail=1.0}";
@@ -153,7 +155,7 @@ mod tests {
             (&[pixel, "eval.pose_steps=3"], "field.kind: expected a field that passes gradients on"),
             (
                 &["render.occupancy.carve=true", refine],
-                "render.occupancy.carve: expected false where cameras are learnt",
+                "render.occupancy.carve: expected false where cameras are learned",
             ),
             (&[matches, "train.cameras.focal=each"], "train.cameras.focal: expected \"fixed\" or \"shared\" with"),
             (&["train.cameras.refine=true"], "train.cameras.refine: expected a name in quotes"),
@@ -166,9 +168,9 @@ mod tests {
         }
     }
 
-    /// Also where the config alone does not say how many views there will be.
+    /// The config alone does not determine how many views there will be.
     #[test]
-    fn more_photographs_than_there_are_cannot_be_looked_at() {
+    fn field_cannot_look_at_more_views_than_there_are() {
         let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
         let scene = load("knot", &request).unwrap();
         let fault = |images: usize| {
@@ -186,11 +188,11 @@ mod tests {
     }
 
     #[test]
-    fn cameras_that_face_all_ways_have_no_device_coordinates() {
+    fn cameras_that_face_all_ways_have_no_ndc() {
         let request = SceneRequest { image_size: Some(4), ..SceneRequest::default() };
         let mut scene = load("knot", &request).unwrap();
         let mut config = Config::from_table(Preset::Fast.table()).unwrap();
-        config.render.space = Space::Ndc;
+        config.render.space = SpaceChoice::Ndc;
         let views = scene.train.clone();
         scene.train = views[..1].to_vec();
         scene.all_train_cameras = vec![views[0].camera.clone()];

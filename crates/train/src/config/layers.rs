@@ -13,9 +13,9 @@ use crate::TrainError;
 pub enum Preset {
     /// Small and quick: about a minute per scene on two cores.
     Fast,
-    /// The same for photographs: no uniform background, space without an end.
+    /// [`Self::Fast`] for captures: no uniform background, space without an end.
     Capture,
-    /// The same for nine photographs or more: finer, and with fewer priors.
+    /// [`Self::Capture`] for nine images or more: finer, and with fewer priors.
     Dense,
     /// The text of the paper, at full size.
     Paper,
@@ -27,10 +27,10 @@ impl Preset {
     /// All of them.
     pub const ALL: [Self; 5] = [Self::Fast, Self::Capture, Self::Dense, Self::Paper, Self::Released];
 
-    /// The fewest training views that [`Self::Dense`] is for.
+    /// Minimal number of training views that [`Self::Dense`] is for.
     pub const DENSE_VIEWS: usize = 9;
 
-    /// The preset for so many training `views` of a scene that this one suits: from [`Self::DENSE_VIEWS`] on, `Dense` takes
+    /// The preset for a number of training `views` of a scene that this one suits: from [`Self::DENSE_VIEWS`] on, `Dense` takes
     /// the place of `Capture` unless the cameras face forward.
     #[must_use]
     pub fn for_views(self, views: usize, layout: Layout) -> Self {
@@ -38,7 +38,7 @@ impl Preset {
         if self == Self::Capture && is_dense { Self::Dense } else { self }
     }
 
-    /// As written on the command line.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fast => "fast",

@@ -11,8 +11,7 @@ mod weights;
 
 pub use cameras::{CameraConfig, Refine};
 pub use layers::{Preset, assign, merge, parse_assignment};
-pub use protocol::{Protocol, Views};
-pub(crate) use train::LARGEST_ENSEMBLE;
+pub use protocol::{TestViews, Views};
 pub use train::{
     Batch, EarlyStoppingConfig, EnsembleConfig, ErrorSamplingConfig, NeighbourConfig, NeighbourSampling,
     RotationCentre, TrainConfig, Unseen,
@@ -22,15 +21,16 @@ use infonerf_field::FieldConfig;
 use infonerf_loss::LossConfig;
 use infonerf_render::RenderConfig;
 use infonerf_scene::{Format, MaskUse};
+use infonerf_schedule::Fault;
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
 
-/// Everything that a run's numbers depend on, beside the scene's files, the seed and the device.
+/// Everything that the results of a run depend on, except the scene's files, the seed and the device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Which views, at which size.
+    /// Choice of views and their size.
     pub scene: SceneConfig,
     /// The network.
     pub field: FieldConfig,
@@ -40,11 +40,11 @@ pub struct Config {
     pub loss: LossConfig,
     /// The loop.
     pub train: TrainConfig,
-    /// What is measured in the end.
+    /// Measurements at the end.
     pub eval: EvalConfig,
 }
 
-/// Which views, at which size.
+/// Choice of views and their size.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SceneConfig {
@@ -52,7 +52,7 @@ pub struct SceneConfig {
     pub views: Views,
     /// Longest side of the images in pixels; 0 for the size that they have (built-in scenes: 200).
     pub size: u32,
-    /// Which frame of a film (ZJU-MoCap).
+    /// Index of the frame of a film (ZJU-MoCap).
     pub frame: usize,
     /// Colour behind transparent pixels.
     pub background: [f32; 3],
@@ -61,7 +61,7 @@ pub struct SceneConfig {
     /// The format of a folder that could be in several; by default the first of those that it fits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub format: Option<Format>,
-    /// What black pixels of a capture's masks (`mask_path` of `transforms.json`) are left out of.
+    /// Use of the black pixels of a capture's masks (`mask_path` of `transforms.json`).
     #[serde(default, skip_serializing_if = "is_default")]
     pub masks: MaskUse,
     /// For experiments: by how much the poses of training cameras are disturbed before training.
@@ -95,24 +95,24 @@ fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
 }
 
-/// What is measured in the end.
+/// Measurements at the end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EvalConfig {
-    /// Which test views.
-    pub test: Protocol,
-    /// How pictures are measured, by name: one of [`infonerf_metrics::Protocol::NAMED`].
+    /// Test views.
+    pub test: TestViews,
+    /// Name of the measurement of pictures, one of [`infonerf_metrics::Protocol::NAMED`].
     pub protocol: String,
     /// Test rays for mean entropy and information gain (the paper's Figure A); 0 leaves both out.
     pub information_rays: usize,
     /// Steps that fit the pose of each test view to its photograph before it is measured, as BARF does where training cameras
-    /// are learnt ([`crate::fitted_to`]); 0 for none.
+    /// are learned ([`crate::fit_test_pose`]); 0 for none.
     #[serde(default, skip_serializing_if = "is_default")]
     pub pose_steps: usize,
 }
 
 impl EvalConfig {
-    /// How pictures are measured.
+    /// The measurement of pictures.
     pub fn metric_protocol(&self) -> infonerf_metrics::Protocol {
         infonerf_metrics::Protocol::named(&self.protocol).unwrap_or_default()
     }
@@ -135,8 +135,16 @@ impl Config {
     /// One line that names the key and what was expected.
     pub fn from_table(table: toml::Table) -> Result<Self, TrainError> {
         let config = read::config(table)?;
-        checks::of_config(&config)?;
+        config.check()?;
         Ok(config)
+    }
+
+    /// Checks every number, and that the parts go together, as [`Self::from_table`] does: for configs that were changed since.
+    ///
+    /// # Errors
+    /// The first key that is out of range.
+    pub fn check(&self) -> Result<(), Fault> {
+        checks::of_config(self)
     }
 }
 
@@ -149,6 +157,8 @@ mod tests {
         for preset in Preset::ALL {
             Config::from_table(preset.table()).unwrap();
         }
+        let paper = Config::from_table(Preset::Paper.table()).unwrap();
+        assert_eq!(paper.render, RenderConfig::default());
     }
 
     const MIP: &str =
@@ -157,9 +167,9 @@ mod tests {
     const ENCODED: &str = "field={kind='neuralvolumes',latent=4,resolution=4,width=8,maps=1,warp_resolution=2,\
                            encoder={images=3,size=[16,16],width=1}}";
 
-    /// What an encoder of photographs needs of the rest of the config.
+    /// Requirements of an encoder of images on the rest of the config.
     #[test]
-    fn an_encoder_sees_its_photographs_in_every_step() {
+    fn encoder_sees_its_images_in_every_step() {
         let with = |assignment: &str| {
             Config::of(Preset::Paper, [ENCODED, assignment]).map(|_| ()).map_err(|error| error.to_string())
         };
@@ -197,6 +207,7 @@ mod tests {
             ("scene.views.ids=[1]", "scene.views"),
             ("eval.test=some", "eval.test"),
             ("train.downscale=0.5", "train.downscale"),
+            ("train.unseen_rays=0", "train.unseen_rays"),
             ("train.lr={from=1e-3,to=1e-4,shape=\"cosine\"}", "train.lr"),
             (MIP, "render.placement"),
             ("nonsense", "nonsense"),

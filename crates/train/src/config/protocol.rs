@@ -5,11 +5,11 @@ use infonerf_scene::{SceneError, TestProtocol, ViewSelection};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 use toml::Value;
 
-/// Which test views to evaluate on, as written in configs: `all`, `split` (the format's own), `every-8`, `first-3`,
+/// Choice of test views, as written in configs: `all`, `split` (the format's own), `every-8`, `first-3`,
 /// `0,8,16` (or a list), or a published protocol of the scene's format.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(try_from = "Value", into = "String")]
-pub struct Protocol(TestProtocol);
+pub struct TestViews(TestProtocol);
 
 /// Parses a choice of views from a string, a view's id or a list of ids.
 fn parse<T: FromStr<Err = SceneError>>(value: &Value) -> Result<T, String> {
@@ -24,14 +24,14 @@ fn parse<T: FromStr<Err = SceneError>>(value: &Value) -> Result<T, String> {
     })
 }
 
-impl Protocol {
-    /// For the loader.
+impl TestViews {
+    /// The choice as the loader takes it.
     pub fn test(&self) -> TestProtocol {
         self.0.clone()
     }
 }
 
-impl FromStr for Protocol {
+impl FromStr for TestViews {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -39,7 +39,7 @@ impl FromStr for Protocol {
     }
 }
 
-impl TryFrom<Value> for Protocol {
+impl TryFrom<Value> for TestViews {
     type Error = String;
 
     fn try_from(value: Value) -> Result<Self, String> {
@@ -47,53 +47,53 @@ impl TryFrom<Value> for Protocol {
     }
 }
 
-impl fmt::Display for Protocol {
+impl fmt::Display for TestViews {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0.fmt(f)
     }
 }
 
-impl From<Protocol> for String {
-    fn from(protocol: Protocol) -> Self {
+impl From<TestViews> for String {
+    fn from(protocol: TestViews) -> Self {
         protocol.to_string()
     }
 }
 
-/// Which training views to learn from: a table of a `kind` with its numbers, or as text `26,86,2,55` (or a list), `all`,
+/// Choice of training views: a table of a `kind` with its numbers, or as text `26,86,2,55` (or a list), `all`,
 /// `seed-4`, `farthest-4`, `narrow-4/30`, `wide-4` or the name of a published selection.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(remote = "Self", tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Views {
     /// `count` views drawn by the run's seed as NumPy would: seed 0 gives 26, 86, 2, 55 of 100.
     Seed {
-        /// How many.
+        /// Number of views.
         count: usize,
     },
-    /// These.
+    /// The views with these ids.
     Ids {
         /// Indices of training images.
         ids: Vec<usize>,
     },
     /// The first drawn by the run's seed, each further one as far as can be from those before.
     Farthest {
-        /// How many.
+        /// Number of views.
         count: usize,
     },
     /// Views within an angle of each other, drawn by the run's seed.
     Narrow {
-        /// How many.
+        /// Number of views.
         count: usize,
-        /// Largest angle between any two of them, degrees.
+        /// Maximal angle between any two of them, degrees.
         angle_deg: f64,
     },
-    /// Of many sets that the run's seed draws the one whose nearest two views are farthest apart.
+    /// The set whose nearest two views are farthest apart, among many sets drawn by the run's seed.
     Wide {
-        /// How many.
+        /// Number of views.
         count: usize,
     },
     /// A published selection of the scene's format, such as `regnerf-3` of LLFF and DTU.
     Published {
-        /// Its name.
+        /// Name of the selection.
         name: String,
     },
     /// Every training image.
@@ -130,7 +130,7 @@ impl<'de> Deserialize<'de> for Views {
 }
 
 impl Views {
-    /// How many they are, where that does not depend on the scene.
+    /// Number of views; `None` if it depends on the scene.
     pub fn count(&self) -> Option<usize> {
         match self {
             Self::Seed { count } | Self::Farthest { count } | Self::Narrow { count, .. } | Self::Wide { count } => {
@@ -141,7 +141,7 @@ impl Views {
         }
     }
 
-    /// For the loader, with the run's seed.
+    /// The choice as the loader takes it, with the run's seed.
     pub fn select(&self, seed: u64) -> ViewSelection {
         match self.clone() {
             Self::Seed { count } => ViewSelection::Seed { seed, count },

@@ -69,7 +69,7 @@ fn plain(message: &str) -> String {
     message.replace("unknown field", "unknown key").replace("missing field", "missing key")
 }
 
-/// What Serde found: `integer \`3\``, `string "x"`, `sequence`.
+/// Describes what Serde found: `integer \`3\``, `string "x"`, `sequence`.
 fn plain_found(found: &str) -> String {
     let (kind, value) = found.split_once(' ').unwrap_or((found, ""));
     match (kind, value) {
@@ -82,7 +82,7 @@ fn plain_found(found: &str) -> String {
     }
 }
 
-/// What Serde expected: the name of a type of Rust, or of Serde.
+/// Describes what Serde expected, given the name of a type of Rust, or of Serde.
 fn plain_expected(expected: &str) -> String {
     let count = || expected.rsplit(' ').next().unwrap_or_default();
     match expected {
@@ -110,7 +110,7 @@ mod tests {
     use crate::config::Preset;
 
     #[test]
-    fn messages_speak_of_the_file_and_not_of_types() {
+    fn messages_name_keys_and_not_types() {
         for (assignment, expected) in [
             ("train.rays=many", "train.rays: expected a whole number of at least 0, found \"many\""),
             ("train.rays=-3", "train.rays: expected a whole number of at least 0, found -3"),

@@ -1,12 +1,14 @@
 use std::path::PathBuf;
 
-use infonerf_schedule::{Fault, Schedule};
+use glam::DVec3;
+use infonerf_scene::ViewRegion;
+use infonerf_schedule::{Fault, Moment, Schedule};
 use serde::{Deserialize, Serialize};
 
 use super::{CameraConfig, is_default};
 
-/// More fields than these change little and cost as much each.
-pub(crate) const LARGEST_ENSEMBLE: usize = 8;
+/// Maximal number of fields: more change little and cost as much each.
+pub(crate) const MAX_ENSEMBLE: usize = 8;
 
 /// The training loop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,7 +23,7 @@ pub struct TrainConfig {
     /// If above 0: evaluated samples per step to aim for. As space is found empty, a step then takes more rays of both
     /// kinds, in proportion.
     pub target_samples: usize,
-    /// By which factor training images are smaller than at full size, rounded: coarse-to-fine where it falls over the run.
+    /// Factor by which training images are smaller than at full size, rounded: coarse-to-fine where it falls over the run.
     pub downscale: Schedule,
     /// Where a step's pixels come from.
     pub batch: Batch,
@@ -29,7 +31,7 @@ pub struct TrainConfig {
     pub error_sampling: ErrorSamplingConfig,
     /// Whether a run ends before its time when its error plateaus.
     pub early_stopping: EarlyStoppingConfig,
-    /// If above 0: a field that looks at photographs sees at most so many of them in a step, a random number of random
+    /// If above 0: maximal number of images that a field which looks at them is shown in a step, a random number of random
     /// ones; 0 shows it all.
     pub sources: usize,
     /// Folder of a run whose weights are the initial ones, such as `infonerf pretrain` leaves; empty for random ones. Not
@@ -44,7 +46,7 @@ pub struct TrainConfig {
     /// Whether each training view has a gain and a bias of its own for each channel, which are learned
     /// ([`infonerf_render::Exposure`]). Pictures of other cameras have none.
     pub exposure_compensation: bool,
-    /// Whether training cameras are learnt too.
+    /// Refinement of training cameras.
     #[serde(default, skip_serializing_if = "is_default")]
     pub cameras: CameraConfig,
     /// Adam's learning rate.
@@ -74,7 +76,7 @@ pub enum Batch {
     Pixels,
     /// Pixels of one training image per step, each at most once, as in the released code.
     Image,
-    /// The same, of an image that a field which looks at photographs is not shown in that step, if there is another:
+    /// As [`Self::Image`], from an image that a field which looks at images is not shown in that step, if there is another:
     /// otherwise every ray's colour can be read where the ray starts, whatever its density.
     #[serde(rename = "held-out")]
     HeldOut,
@@ -95,15 +97,15 @@ pub enum Unseen {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NeighbourConfig {
-    /// Largest rotation about each axis of the world, degrees (paper: 5).
+    /// Maximal rotation about each axis of the world, degrees (paper: 5).
     pub max_angle_deg: f64,
-    /// What the cameras are rotated about.
+    /// Centre of the rotation of cameras.
     pub about: RotationCentre,
     /// Where samples lie along neighbouring rays.
     pub sampling: NeighbourSampling,
 }
 
-/// What the cameras of neighbouring rays are rotated about, position and orientation alike.
+/// Point about which the cameras of neighbouring rays are rotated, position and orientation alike.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RotationCentre {
@@ -164,7 +166,46 @@ pub struct EnsembleConfig {
     pub seconds_per_member: f64,
 }
 
+impl RotationCentre {
+    /// The point in the world, given the region that the training cameras span.
+    pub(crate) fn of(self, region: &ViewRegion) -> DVec3 {
+        match self {
+            Self::Origin => DVec3::ZERO,
+            Self::Centre => region.centre(),
+        }
+    }
+}
+
+impl EnsembleConfig {
+    /// Number of fields that a run trains: `size`, or with a budget of `budget` seconds as many as have `seconds_per_member`
+    /// each if those are more.
+    pub fn members(&self, budget: Option<f64>) -> usize {
+        let seconds = self.seconds_per_member;
+        let affordable = budget.filter(|_| seconds > 0.0).map_or(0, |budget| (budget / seconds) as usize);
+        self.size.max(affordable.min(MAX_ENSEMBLE))
+    }
+}
+
 impl TrainConfig {
+    /// The config of each of `members` fields. The weights of several are not averaged over the end of the run: the mean of
+    /// their pictures evens out the same noise, and the fields stay sharper.
+    pub fn of_member(&self, members: usize) -> Self {
+        let weight_averaging = if members > 1 { 0.0 } else { self.weight_averaging };
+        Self { weight_averaging, ..self.clone() }
+    }
+
+    /// Factor by which images are smaller at a moment of the run.
+    pub(crate) fn downscale_at(&self, at: Moment) -> u32 {
+        self.downscale.at(at).round().max(1.0) as u32
+    }
+
+    /// 1, and every whole factor between the extremes of `downscale`: all images of factors above 1 together are smaller than
+    /// those of full size.
+    pub(crate) fn downscale_factors(&self) -> impl Iterator<Item = u32> {
+        let [least, largest] = [self.downscale.least(), self.downscale.largest()].map(|factor| factor.round() as u32);
+        std::iter::once(1).chain(least.max(2)..=largest)
+    }
+
     /// Checks every number.
     ///
     /// # Errors
@@ -188,7 +229,7 @@ impl TrainConfig {
         number("grid_lr_multiplier", self.grid_lr_multiplier, 0.0, 1e6)?;
         number("adam_beta2", self.adam_beta2.into(), 0.0, 0.999_999)?;
         number("adam_epsilon", self.adam_epsilon.into(), 0.0, 1.0)?;
-        number("ensemble.size", self.ensemble.size as f64, 1.0, LARGEST_ENSEMBLE as f64)?;
+        number("ensemble.size", self.ensemble.size as f64, 1.0, MAX_ENSEMBLE as f64)?;
         number("ensemble.seconds_per_member", self.ensemble.seconds_per_member, 0.0, 1e9)?;
         number("weight_averaging", self.weight_averaging, 0.0, 1.0)
     }

@@ -8,7 +8,7 @@ use infonerf_schedule::Schedule;
 use super::Config;
 
 impl Config {
-    /// Where the initial weights come from, if a reader of the results should know.
+    /// Describes the origin of the initial weights, if a reader of the results should know it.
     pub fn initial_weights(&self) -> Option<String> {
         let init = &self.train.init;
         if !init.as_os_str().is_empty() {
@@ -23,7 +23,7 @@ impl Config {
         })
     }
 
-    /// The same without need of any file of weights: for a model that is trained already.
+    /// The config without files of weights, for a model that is trained already.
     pub fn without_weight_files(&self) -> Self {
         let mut config = self.clone();
         config.train.init = PathBuf::new();

@@ -1,59 +1,61 @@
-mod forward;
-mod numbers;
+mod batch;
+mod report;
 mod step;
+
+pub use self::batch::StepBatch;
 
 use std::sync::Arc;
 
 use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::tensor::Device;
-use infonerf_field::{Extent, Field, Points, RadianceField};
-use infonerf_ops::{to_host, upload};
-use infonerf_render::{Frame, Model, Noise, OccupancyGrid, RandomStream, Renderer, Residuals, TrainedModel, Warp};
+use infonerf_field::{Extent, Field, RadianceField};
+use infonerf_ops::{is_gpu, to_host};
+use infonerf_render::{
+    Model, ModelFrame, Noise, OccupancyGrid, RandomStream, Renderer, Residuals, TrainedModel, Warp, evaluate_at,
+};
 use infonerf_scene::{Aabb, Camera, Scene};
 use infonerf_schedule::{Fault, Moment};
 
-use self::step::Taken;
-use crate::checkpoint::State;
-use crate::config::checks;
-use crate::device_pixels::{DevicePixels, ExpectedSamples};
+use self::batch::Batches;
+use self::report::PendingStep;
+use crate::checkpoint::{Checkpoint, RunState};
+use crate::config::{Config, checks};
+use crate::error::TrainError;
 use crate::error_sampling::PixelErrors;
-use crate::model::{FieldBuilder, optimiser};
+use crate::event::Event;
+use crate::model::{FieldBuilder, optimizer};
+use crate::profile::Profile;
+use crate::progress::Progress;
 use crate::training_scene::TrainingScene;
 use crate::weight_averaging::WeightAverage;
-use crate::{Checkpoint, Config, Event, Profile, Progress, TrainError};
 
-/// The training of one field, of one scene or, for a field that looks at photographs, of many.
+/// Steps after which the losses on a GPU are read.
+const READ_EVERY: usize = 16;
+
+/// The training of one field on one scene or, for a field that looks at images, on many.
 pub struct Trainer<F: Field = RadianceField> {
     config: Config,
-    scenes: Arc<[TrainingScene]>,
-    seed: u64,
+    batches: Batches,
     /// Seconds after which to stop, if the clock and not the number of steps decides.
     budget: Option<f64>,
     device: Device,
     builder: FieldBuilder<F>,
     model: Model<F>,
     weight_average: WeightAverage<F>,
-    optimiser: ModuleOptimizer,
+    optimizer: ModuleOptimizer,
     occupancy: Option<OccupancyGrid>,
-    pixel_errors: PixelErrors,
-    /// The training images on a GPU that can draw pixels of them.
-    device_pixels: Option<DevicePixels>,
-    /// Whether it draws those of this step.
-    draws_on_device: bool,
-    /// Samples of its rays, where it marches along them.
-    marched: Option<ExpectedSamples>,
     progress: Progress,
-    /// Steps that were taken and whose losses nobody knows yet.
-    unreported: Vec<Taken>,
+    /// Steps that were taken and are not reported yet.
+    pending: Vec<PendingStep>,
     read_every: usize,
     profile: Profile,
 }
 
-/// Why a run stopped, or that it has not.
+/// State of a run after a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// There is more to do.
+    /// More steps are to be taken.
     Running,
     /// All steps are taken, the budget is spent, or the training error has plateaued.
     Finished,
@@ -68,8 +70,8 @@ impl Trainer {
     /// `budget` is the time in seconds after which to stop, if the clock and not `train.iterations` decides.
     ///
     /// # Errors
-    /// If a number in `config` is out of range, a file that it names cannot be used, the field needs what the scene does not
-    /// have.
+    /// If a file that `config` names cannot be used, or the config needs what the scene does not have. Numbers are checked where
+    /// a config is read ([`Config::from_table`], [`Config::check`]).
     pub fn new(
         config: &Config,
         scene: impl Into<Arc<Scene>>,
@@ -82,7 +84,7 @@ impl Trainer {
         Self::with_builder(config, vec![scene], seed, budget, device, builder)
     }
 
-    /// Sets up a run over many `scenes`: each step shows the field some photographs of one of them, and asks for pixels of
+    /// Sets up a run over many `scenes`: each step shows the field some images of one of them, and asks for pixels of
     /// another view of it. Its checkpoint is what `train.init` takes.
     ///
     /// # Errors
@@ -96,8 +98,8 @@ impl Trainer {
 }
 
 impl<F: Field> Trainer<F> {
-    /// Sets up a run of a field that is not of this workspace: `build` makes it, with its first weights, of a seed and a
-    /// device. `config.field` is not looked at.
+    /// Sets up a run of a field from outside this workspace: `build` makes it, with its first weights, from a seed and a
+    /// device. `config.field` is ignored.
     ///
     /// # Errors
     /// As [`Trainer::new`].
@@ -120,11 +122,10 @@ impl<F: Field> Trainer<F> {
         device: &Device,
         builder: FieldBuilder<F>,
     ) -> Result<Self, TrainError> {
-        checks::of_config(config)?;
         let device = device.clone().autodiff();
         let scenes: Arc<[TrainingScene]> = scenes
             .into_iter()
-            .map(|scene| TrainingScene::new(config, scene, builder.sees_photographs(), &device))
+            .map(|scene| TrainingScene::new(config, scene, builder.sees_images(), &device))
             .collect::<Result<_, _>>()?;
         Self::of_parts(config.clone(), scenes, seed, budget, device, builder)
     }
@@ -134,7 +135,7 @@ impl<F: Field> Trainer<F> {
     /// # Errors
     /// If a file of weights that the config names cannot be used.
     pub fn with_seed(&self, seed: u64) -> Result<Self, TrainError> {
-        let (config, scenes) = (self.config.clone(), self.scenes.clone());
+        let (config, scenes) = (self.config.clone(), self.batches.scenes.clone());
         Self::of_parts(config, scenes, seed, self.budget, self.device.clone(), self.builder.clone())
     }
 
@@ -148,21 +149,16 @@ impl<F: Field> Trainer<F> {
     ) -> Result<Self, TrainError> {
         Ok(Self {
             model: builder.model(&config, &scenes[0].scene, seed, &device)?,
-            optimiser: optimiser(&config),
+            optimizer: optimizer(&config),
             occupancy: occupancy_grid(&config, &scenes[0].scene),
-            read_every: step::read_every(&device),
+            read_every: if is_gpu(&device) { READ_EVERY } else { 1 },
             config,
-            scenes,
-            seed,
+            batches: Batches { scenes, seed, errors: PixelErrors::default() },
             budget,
             device,
             builder,
-            unreported: Vec::new(),
+            pending: Vec::new(),
             weight_average: WeightAverage::default(),
-            pixel_errors: PixelErrors::default(),
-            device_pixels: None,
-            draws_on_device: false,
-            marched: None,
             progress: Progress::default(),
             profile: Profile::default(),
         })
@@ -175,13 +171,13 @@ impl<F: Field> Trainer<F> {
     pub fn resume(&mut self, checkpoint: &Checkpoint) -> Result<(), TrainError> {
         self.model = checkpoint.restore_model(self.model.clone())?;
         self.weight_average = checkpoint.restore_average(&self.model.valid())?;
-        self.optimiser = checkpoint.restore_optimiser(optimiser(&self.config))?;
+        self.optimizer = checkpoint.restore_optimizer(optimizer(&self.config))?;
         if let Some(grid) = &mut self.occupancy {
             checkpoint.restore_occupancy(grid)?;
         }
-        self.pixel_errors = checkpoint.restore_pixel_errors()?;
+        self.batches.errors = checkpoint.restore_pixel_errors()?;
         self.progress = checkpoint.progress().clone();
-        self.unreported.clear();
+        self.pending.clear();
         Ok(())
     }
 
@@ -191,13 +187,13 @@ impl<F: Field> Trainer<F> {
     /// If the weights cannot be encoded, or a loss of such a step is not finite.
     pub fn checkpoint(&mut self, report: &mut impl FnMut(Event)) -> Result<Checkpoint, TrainError> {
         self.catch_up(report)?;
-        Checkpoint::take(State {
+        Checkpoint::take(RunState {
             progress: &self.progress,
             model: &self.model,
             average: &self.weight_average,
-            optimiser: &self.optimiser,
+            optimizer: &self.optimizer,
             occupancy: self.occupancy.as_ref(),
-            pixel_errors: self.config.train.error_sampling.is_on().then_some(&self.pixel_errors),
+            pixel_errors: self.config.train.error_sampling.is_on().then_some(&self.batches.errors),
         })
     }
 
@@ -206,42 +202,43 @@ impl<F: Field> Trainer<F> {
         &self.progress
     }
 
-    /// Whether the field went empty with no fresh start left: there is nothing to see in it.
+    /// Whether the field went empty with no fresh start left.
     pub fn has_collapsed(&self) -> bool {
         self.progress.empty_steps.are_collapse()
     }
 
-    /// Reads the losses of `steps` steps at once from here on, 1 or more: by default each step's on a CPU, and those of 16 on a
-    /// GPU, which idles while it is waited for. No number depends on it.
+    /// Reads the losses of `steps` steps at once from here on, 1 or more. By default a CPU reads them in each step and a GPU,
+    /// which idles while it is waited for, after 16. Losses and steps are the same; a plateau or a collapse is noticed up to
+    /// `steps` − 1 steps later.
     pub fn read_every(&mut self, steps: usize) {
         self.read_every = steps;
     }
 
-    /// Waits for the device at the end of each phase of a step from here on, so that [`Self::profile`] is of what a GPU spends
+    /// Waits for the device at the end of each phase of a step from here on, so that [`Self::profile`] shows what a GPU spends
     /// its time on. Steps get slower, as it idles between phases.
-    pub fn synchronise_phases(&mut self) {
+    pub fn synchronize_phases(&mut self) {
         self.profile.wait_for(self.device.clone());
     }
 
-    /// Where the time went.
+    /// Time spent in each phase.
     pub fn profile(&self) -> &Profile {
         &self.profile
     }
 
-    /// The scene that it learns; the first of many.
+    /// The scene that the field learns; the first of many.
     pub fn scene(&self) -> &Arc<Scene> {
-        &self.scenes[0].scene
+        &self.batches.scenes[0].scene
     }
 
     /// The model without gradients, to render with: the mean over the end of the run, once there is one.
     pub fn model(&self) -> Model<F> {
         let model = self.weight_average.mean().cloned().unwrap_or_else(|| self.model.valid());
-        model.conditioned(self.scenes[0].photographs.all(), None)
+        model.conditioned(self.batches.scenes[0].sources.all(), None)
     }
 
     /// The renderer of the scene.
     pub fn renderer(&self) -> &Renderer {
-        &self.scenes[0].renderer
+        &self.batches.scenes[0].renderer
     }
 
     /// The occupancy grid once it may be used.
@@ -256,7 +253,7 @@ impl<F: Field> Trainer<F> {
         TrainedModel { model: self.model(), occupancy, at: self.progress.at, frame: self.frame(), residuals: None }
     }
 
-    /// The training cameras as they are learnt, in the model's own frame; the scene's if they are not.
+    /// The training cameras as they are learned, in the model's own frame; those of the scene if they are not.
     pub fn cameras(&self) -> Vec<Camera> {
         let given = self.given_cameras();
         let mean = self.weight_average.mean().unwrap_or(&self.model);
@@ -268,17 +265,17 @@ impl<F: Field> Trainer<F> {
         self.scene().train.iter().map(|view| view.camera.clone()).collect()
     }
 
-    /// From the scene's frame, which is that of test views, to that of the cameras as they are learnt: none if both are one.
-    fn frame(&self) -> Option<Frame> {
+    /// From the scene's frame, which is that of test views, to that of the cameras as they are learned; `None` if both are one.
+    fn frame(&self) -> Option<ModelFrame> {
         let exact = self.scene().exact_cameras.clone();
         let differ = exact.is_some() || self.model.cameras.is_some();
         let centre = self.scene().space.centre.as_dvec3();
         let given = self.given_cameras();
-        differ.then(|| Frame::of(exact.as_ref().unwrap_or(&given), &given, &self.cameras(), centre))
+        differ.then(|| ModelFrame::of(exact.as_ref().unwrap_or(&given), &given, &self.cameras(), centre))
     }
 
-    /// What pictures are rendered from: the [snapshot](Self::snapshot), with a finer grid if `render.occupancy.refine` says
-    /// so. The field is then asked where it is empty: worth keeping.
+    /// Returns what pictures are rendered from: the [snapshot](Self::snapshot), with a finer grid if `render.occupancy.refine` is
+    /// above 1: the field is evaluated for it, so that the result is worth keeping.
     pub fn trained(&self) -> TrainedModel<F> {
         let TrainedModel { model, occupancy, at, frame, .. } = self.snapshot();
         let factor = self.config.render.occupancy.refine;
@@ -286,7 +283,7 @@ impl<F: Field> Trainer<F> {
             if factor == 1 {
                 return grid;
             }
-            let noise = Noise::new(self.seed, self.progress.step as u64, RandomStream::RefinedOccupancy);
+            let noise = Noise::new(self.batches.seed, self.progress.step as u64, RandomStream::RefinedOccupancy);
             let extent = Extent::Ball { variance: grid.cell_variance() / (factor * factor) as f32 };
             let length = self.renderer().step_length(at);
             grid.refined(factor, noise, length, |points| densities(&model.fine, points, &extent, at))
@@ -294,7 +291,7 @@ impl<F: Field> Trainer<F> {
         TrainedModel { model, occupancy, at, frame, residuals: None }
     }
 
-    /// The same with the residuals of the training views, if `render.residuals` says so.
+    /// [`Self::trained`] with the residuals of the training views, if `render.residuals` is on.
     pub fn trained_with_residuals(&self) -> TrainedModel<F> {
         let residuals = || Arc::new(Residuals::new(self.scene().clone(), self.cameras()));
         TrainedModel { residuals: self.config.render.residuals.then(residuals), ..self.trained() }
@@ -327,11 +324,9 @@ fn occupancy_grid(config: &Config, scene: &Scene) -> Option<OccupancyGrid> {
     })
 }
 
-/// Densities of points on no ray, for the occupancy grid.
+/// Densities at `positions`, three values each, on no ray, for the occupancy grid.
 pub(super) fn densities<F: Field>(field: &F, positions: Vec<f32>, extent: &Extent, at: Moment) -> Vec<f32> {
-    let count = positions.len() / 3;
-    let points = Points::scattered(upload(positions, [count, 3], &field.device()), extent.clone());
-    to_host(field.evaluate(&points, false, at).sigma)
+    to_host(evaluate_at(field, positions, None, extent.clone(), false, at).sigma)
 }
 
 #[cfg(test)]
@@ -339,11 +334,11 @@ mod tests {
     use infonerf_scene::SceneRequest;
 
     use super::*;
-    use crate::Preset;
+    use crate::config::Preset;
 
     /// All members of an ensemble share the copies.
     #[test]
-    fn photographs_are_copied_only_where_a_field_looks_at_them() {
+    fn images_are_copied_only_for_fields_that_look_at_them() {
         let request = SceneRequest { image_size: Some(8), ..SceneRequest::default() };
         let scene = Arc::new(infonerf_procedural::load("knot", &request).unwrap());
         let device = Device::flex();
@@ -357,9 +352,9 @@ mod tests {
         {
             let config = Config::of(preset, settings).unwrap();
             let trainer = Trainer::new(&config, scene.clone(), 0, None, &device).unwrap();
-            let copies = &trainer.scenes[0].photographs.all().views;
+            let copies = &trainer.batches.scenes[0].sources.all().views;
             assert_eq!(copies.len(), if copied { scene.train.len() } else { 0 }, "{settings:?}");
-            assert!(Arc::ptr_eq(&trainer.scenes, &trainer.with_seed(1).unwrap().scenes));
+            assert!(Arc::ptr_eq(&trainer.batches.scenes, &trainer.with_seed(1).unwrap().batches.scenes));
         }
     }
 }

@@ -1,58 +1,32 @@
-//! A step: forward, backward, optimiser, and what is watched over steps.
+//! A step: draw, render, evaluate the objective, optimize.
 
 use std::time::Instant;
 
 use burn::module::{Module, ModuleMapper, Param};
 use burn::optim::GradientsParams;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::Tensor;
 use infonerf_field::{Extent, Field};
+use infonerf_loss::{Bundle, LossValues, Need, NeighbourBundles, Picture, Renders};
+use infonerf_ops::Traffic;
 use infonerf_ops::adam::{finite_after, step_if};
-use infonerf_ops::{Traffic, is_gpu};
-use infonerf_render::{Exposure, Model, Noise, RandomStream};
+use infonerf_render::{Counts, Exposure, Model, Noise, OccupancyGrid, Passes, RandomStream, RenderRequest};
 use infonerf_schedule::Moment;
 
-use super::forward::Forward;
-use super::numbers::Numbers;
+use super::batch::{Distances, RayGroup, Role, StepBatch};
+use super::report::{PendingStep, StepLosses};
 use super::{Outcome, Trainer, densities, occupancy_grid};
+use crate::error::TrainError;
 use crate::error_sampling::PixelErrors;
-use crate::model::{learning_rates, optimiser};
-use crate::step_pixels::StepPixels;
+use crate::event::Event;
+use crate::model::{learning_rates, optimizer};
+use crate::profile::Phase;
 use crate::weight_averaging::WeightAverage;
-use crate::{Event, Phase, TrainError};
 
-/// Steps after which a GPU is asked for their losses.
-const READ_EVERY: usize = 16;
-
-/// A step that was taken, and is not reported yet.
-pub(super) struct Taken {
-    at: Moment,
-    numbers: Numbers,
-    lr: f64,
+/// Samples and rays that a step took.
+#[derive(Clone, Copy, Debug, Default)]
+struct RenderCost {
+    samples: Counts,
     rays: usize,
-    /// Share of the candidate samples that a field evaluated.
-    evaluated: f64,
-    /// 1 if the objective was finite in this step and in those before that are not reported either, else 0: then the model
-    /// stays as it was. On the device.
-    finite: Tensor<1>,
-    /// Seconds that it took, and of training so far, once they are counted.
-    seconds: [f64; 2],
-}
-
-/// In how many steps the losses on `device` are read once.
-pub(super) fn read_every(device: &Device) -> usize {
-    if is_gpu(device) { READ_EVERY } else { 1 }
-}
-
-/// The model, which leaves one without numbers behind: weights that nobody else holds are changed where they are.
-fn taken<F: Field>(model: &mut Model<F>) -> Model<F> {
-    struct Emptied;
-    impl ModuleMapper for Emptied {
-        fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-            param.map(|weights| Tensor::empty([0; D], &weights.device()))
-        }
-    }
-    let emptied = model.clone().map(&mut Emptied);
-    std::mem::replace(model, emptied)
 }
 
 impl<F: Field> Trainer<F> {
@@ -63,184 +37,245 @@ impl<F: Field> Trainer<F> {
     /// # Errors
     /// If a loss of a step is not finite. The weights are then as they were before that step.
     pub fn step(&mut self, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
-        self.step_with(Self::draw, report)
+        let start = Instant::now();
+        let taken = self.advance(None);
+        self.count_step(taken, start.elapsed().as_secs_f64(), report)
     }
 
-    /// The same, of pixels that are given and not drawn. Samples along their rays are jittered by the run's seed and step.
+    /// Takes one step on a batch that is given and not drawn. Samples along its rays are jittered by the run's seed and step.
     ///
     /// # Errors
     /// As [`Self::step`].
     ///
     /// # Panics
     /// If there is no such scene or camera, or no seen pixel.
-    pub fn step_on(&mut self, pixels: StepPixels, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
-        let given = |trainer: &mut Self, _| {
-            (trainer.draws_on_device, trainer.marched) = (false, None);
-            pixels
-        };
-        self.step_with(given, report)
-    }
-
-    fn step_with(
-        &mut self,
-        pixels: impl FnOnce(&mut Self, Moment) -> StepPixels,
-        report: &mut impl FnMut(Event),
-    ) -> Result<Outcome, TrainError> {
+    pub fn step_on(&mut self, batch: StepBatch, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
         let start = Instant::now();
-        let taken = self.take_step(pixels);
+        let taken = self.advance(Some(batch));
         self.count_step(taken, start.elapsed().as_secs_f64(), report)
     }
 
-    /// Changes the weights, and counts no time yet. False if training is over, and nothing was done.
-    fn take_step(&mut self, pixels: impl FnOnce(&mut Self, Moment) -> StepPixels) -> bool {
+    /// Takes a step on `batch`, or on one that is drawn, and counts no time yet. Returns false if training is over, and nothing
+    /// was done.
+    pub(crate) fn advance(&mut self, batch: Option<StepBatch>) -> bool {
         if self.has_collapsed() || self.is_over() {
             return false;
         }
         let before = Traffic::now();
         let at = Moment { step: self.progress.step, progress: self.done() };
         self.update_occupancy(at);
-        let pixels = pixels(self, at);
-        let Forward { total, numbers, counts, rays, samples_per_ray } = self.forward(at, &pixels);
-        let lr = self.config.train.lr.at(at);
-        let evaluated = counts.evaluated as f64 / counts.total.max(1) as f64;
-        let finite = finite_after(self.unreported.last().map(|taken| taken.finite.clone()), total.clone());
-        let grads = self.profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), &self.model));
+        let batch = batch.unwrap_or_else(|| self.draw(at));
+        let model = self.conditioned(&batch, at);
+        let (renders, cost) = self.render(&batch, &model, at);
+        self.batches.remember(&self.config, &batch.seen, &renders);
+        let losses = self.evaluate(&batch, &model, &renders, at);
+        self.count_samples(&batch, &renders, cost);
+        let (total, losses) = (losses.total.clone(), StepLosses::new(&losses, &renders));
+        // Adam changes weights in place that nobody else holds.
+        drop((model, renders));
+        let pending = self.optimize(total, losses, cost, at);
+        self.pending.push(pending);
+        self.read_if_due();
+        self.profile.count_since(before);
+        true
+    }
+
+    fn draw(&mut self, at: Moment) -> StepBatch {
+        let counts = self.ray_counts();
+        let Self { batches, profile, config, model, .. } = self;
+        profile.time(Phase::Rays, || batches.draw(config, counts, at, model.cameras.as_ref()))
+    }
+
+    /// Numbers of rays of training images and of unseen poses of a step.
+    fn ray_counts(&self) -> [usize; 2] {
+        let train = &self.config.train;
+        let (seen, unseen) = (train.rays as f64, train.unseen_rays as f64);
+        if train.target_samples == 0 || self.progress.samples_per_ray <= 0.0 {
+            return [train.rays, train.unseen_rays];
+        }
+        let rays =
+            (train.target_samples as f64 / self.progress.samples_per_ray).clamp(seen / 4.0, seen * 16.0).max(1.0);
+        let unseen_rays = (rays * unseen / seen) as usize;
+        [rays as usize, if train.unseen_rays == 0 { 0 } else { unseen_rays.max(1) }]
+    }
+
+    /// The model as the step has it: conditioned on the images that its fields are shown.
+    fn conditioned(&mut self, batch: &StepBatch, at: Moment) -> Model<F> {
+        let noise = |stream| Noise::new(self.batches.seed, at.step as u64, stream);
+        let (sources, latent) = (noise(RandomStream::Sources), noise(RandomStream::Latent).bits());
+        let scene = &self.batches.scenes[batch.scene];
+        let sources = scene.sources.draw(&self.config.train, batch.seen.pixels.view(), sources);
+        self.profile.time(Phase::Seen, || self.model.conditioned(&sources, Some(latent)))
+    }
+
+    /// Renders what the terms of the step need.
+    fn render(&mut self, batch: &StepBatch, model: &Model<F>, at: Moment) -> (Renders, RenderCost) {
+        let noise = |stream| Noise::new(self.batches.seed, at.step as u64, stream);
+        let scene = &self.batches.scenes[batch.scene];
+        let needs = scene.needs(at);
+        let occupancy = self.occupancy.as_ref().filter(|grid| grid.is_used_in(at.step));
+        let renderer = &scene.renderer;
+        let mut cost = RenderCost::default();
+        let mut rendered: Vec<(Role, Passes)> = Vec::new();
+        for RayGroup { role, rays, distances } in batch.ray_groups(&self.config, scene, model, &needs, noise) {
+            let passes = self.profile.time(role.phase(), || match distances {
+                Distances::Own => {
+                    let color = role == Role::Seen && needs.contains(&Need::SeenColor);
+                    renderer.render(model, &rays, RenderRequest { color, hidden: false }, occupancy, at)
+                }
+                Distances::OfPartner(partner) => {
+                    let (_, partner) = rendered.iter().find(|(role, _)| *role == partner).expect("partners come first");
+                    Passes { coarse: None, fine: renderer.along(&model.fine, &partner.fine, &rays, at) }
+                }
+            });
+            cost.add(&passes, rays.len());
+            let exposure = model.exposure.as_ref().zip(rays.pixels());
+            rendered.push((
+                role,
+                match exposure {
+                    Some((exposure, pixels)) => {
+                        passes.exposed(exposure, &pixels.iter().map(|pixel| pixel.view).collect::<Vec<_>>())
+                    }
+                    None => passes,
+                },
+            ));
+        }
+        let picture = needs.iter().find_map(|need| if let Need::Picture { size } = need { Some(*size) } else { None });
+        let picture = picture.map(|size| {
+            let noise = noise(RandomStream::Picture);
+            let (rays, size) = scene.unseen(&self.config.train).picture(size, noise);
+            let rays = renderer.rays(rays, &self.device).jittered(noise.child(RandomStream::Samples));
+            let request = RenderRequest { color: true, hidden: false };
+            let passes = self.profile.time(Phase::Unseen, || renderer.render(model, &rays, request, occupancy, at));
+            cost.add(&passes, rays.len());
+            let view = noise.child(RandomStream::View).below(0, 0, scene.scene.train.len());
+            Picture { rgb: passes.fine.color.expect("colour was asked for"), size, view }
+        });
+        let penalty = |need: &Need| {
+            let Need::Penalty(name) = *need else { return None };
+            Some((name, model.fine.penalty(name)?))
+        };
+        let mut take = |role| {
+            let index = rendered.iter().position(|(known, _)| *known == role)?;
+            Some(rendered.swap_remove(index).1)
+        };
+        let seen = take(Role::Seen).expect("seen rays are always rendered");
+        let seen = Bundle { passes: seen, target: Some(batch.target(scene, model)) };
+        let renders = Renders {
+            squared_error: seen.squared_error(),
+            seen,
+            unseen: take(Role::Unseen).map(|passes| Bundle { passes, target: None }),
+            neighbours: NeighbourBundles {
+                seen: take(Role::SeenNeighbours).map(|passes| passes.fine),
+                unseen: take(Role::UnseenNeighbours).map(|passes| passes.fine),
+            },
+            picture,
+            penalties: needs.iter().filter_map(penalty).collect(),
+        };
+        (renders, cost)
+    }
+
+    /// Evaluates the objective, with the pull of refined cameras towards their start.
+    fn evaluate(&self, batch: &StepBatch, model: &Model<F>, renders: &Renders, at: Moment) -> LossValues {
+        let mut losses = LossValues::of(&self.batches.scenes[batch.scene].objective.due(at), renders);
+        if let Some(cameras) = &model.cameras {
+            let prior = cameras.prior();
+            losses.total = losses.total + prior.clone() * self.config.train.cameras.prior;
+            losses.values.push(("cameras", prior));
+        }
+        losses
+    }
+
+    fn count_samples(&mut self, batch: &StepBatch, renders: &Renders, cost: RenderCost) {
+        let samples_per_ray = renders.seen.output().segments().samples() as f64 / renders.seen.rays() as f64;
+        self.progress.count(cost.samples, samples_per_ray);
+        self.progress.pixels_skipped += batch.seen.rejected;
+    }
+
+    /// Changes the weights by the gradient of the objective, unless it is not finite.
+    fn optimize(&mut self, total: Tensor<1>, losses: StepLosses, cost: RenderCost, at: Moment) -> PendingStep {
+        let finite = finite_after(self.pending.last().map(|step| step.finite.clone()), total.clone());
+        let Self { profile, model, optimizer, .. } = self;
+        let grads = profile.time(Phase::Backward, || GradientsParams::from_grads(total.backward(), model));
         let rates = learning_rates(&self.config.train, at);
-        let (optimiser, model) = (&mut self.optimiser, taken(&mut self.model));
-        let step = |model| optimiser.step(rates, model, grads);
-        self.model = self.profile.time(Phase::Optimiser, || step_if(finite.clone(), model, step));
-        self.model.exposure = self.model.exposure.take().map(Exposure::centred);
-        self.progress.count(counts, samples_per_ray);
+        let before = take_model(model);
+        *model = profile
+            .time(Phase::Optimizer, || step_if(finite.clone(), before, |model| optimizer.step(rates, model, grads)));
+        model.exposure = model.exposure.take().map(Exposure::centred);
         self.progress.step += 1;
         self.progress.at = at;
         if WeightAverage::<F>::takes(self.config.train.weight_averaging, self.progress.step, self.done()) {
             self.weight_average.add(self.model.valid());
         }
-        self.unreported.push(Taken { at, numbers, lr, rays, evaluated, finite, seconds: [0.0; 2] });
-        if self.unreported.len() >= self.read_every {
-            Numbers::read(self.unreported.iter_mut().map(|taken| &mut taken.numbers));
+        PendingStep {
+            at,
+            losses,
+            lr: self.config.train.lr.at(at),
+            rays: cost.rays,
+            evaluated: cost.samples.evaluated as f64 / cost.samples.total.max(1) as f64,
+            finite,
+            seconds: [0.0; 2],
         }
-        self.profile.count_since(before);
-        true
-    }
-
-    /// Counts the last step, if one was `taken`, as `seconds` of training, and reports what is known.
-    pub(crate) fn count_step(
-        &mut self,
-        taken: bool,
-        seconds: f64,
-        report: &mut impl FnMut(Event),
-    ) -> Result<Outcome, TrainError> {
-        if let Some(last) = self.unreported.last_mut().filter(|_| taken) {
-            self.progress.seconds += seconds;
-            last.seconds = [seconds, self.progress.seconds];
-            if !last.numbers.is_read() && !self.is_over() {
-                return Ok(Outcome::Running);
-            }
-        }
-        self.catch_up(report)
-    }
-
-    /// Waits for the device, and reports the steps that are not reported yet.
-    ///
-    /// # Errors
-    /// As [`Self::step`].
-    pub fn catch_up(&mut self, report: &mut impl FnMut(Event)) -> Result<Outcome, TrainError> {
-        let (before, start) = (Traffic::now(), Instant::now());
-        let mut unreported = std::mem::take(&mut self.unreported);
-        if Numbers::read(unreported.iter_mut().map(|taken| &mut taken.numbers)) {
-            // What a device had left to do is training, too.
-            let waited = start.elapsed().as_secs_f64();
-            self.progress.seconds += waited;
-            unreported.last_mut().expect("is read").seconds[0] += waited;
-        }
-        self.profile.count_since(before);
-        let rays: usize = unreported.iter().map(|taken| taken.rays).sum();
-        let rays_per_second = rays as f64 / unreported.iter().map(|taken| taken.seconds[0]).sum::<f64>();
-        for Taken { at, numbers, lr, evaluated, seconds, .. } in unreported {
-            if let Err(error) = numbers.check(at.step) {
-                self.progress.step = at.step;
-                return Err(error);
-            }
-            let step = at.step + 1;
-            report(Event::Step {
-                step,
-                seconds: seconds[1],
-                loss: numbers.total(),
-                psnr: -10.0 * numbers.mse().max(1e-12).log10(),
-                lr,
-                rays_per_second,
-                acc: numbers.acc(),
-                evaluated,
-                losses: numbers.losses(),
-            });
-            if self.watch(at, &numbers, report)? {
-                // What came after it is of a field that is given up.
-                break;
-            }
-        }
-        Ok(match () {
-            () if self.has_collapsed() => Outcome::Collapsed,
-            () if self.is_over() => Outcome::Finished,
-            () => Outcome::Running,
-        })
-    }
-
-    /// [`Self::take_step`] of pixels that are drawn.
-    pub(crate) fn take_drawn_step(&mut self) -> bool {
-        self.take_step(Self::draw)
     }
 
     /// Whether there is nothing left to do.
-    fn is_over(&self) -> bool {
+    pub(super) fn is_over(&self) -> bool {
         self.done() >= 1.0 || self.progress.early_stopping.plateaued
     }
 
-    /// Notices an error that has plateaued, and a field that went empty, and tells whether it did; the latter starts over with
-    /// other weights while that is allowed.
-    fn watch(&mut self, at: Moment, numbers: &Numbers, report: &mut impl FnMut(Event)) -> Result<bool, TrainError> {
-        let step = at.step + 1;
-        let full_size = self.scenes[0].images.at(&self.config.train, at).is_full_size();
-        let (config, stopping) = (&self.config.train.early_stopping, &mut self.progress.early_stopping);
-        if full_size && !stopping.plateaued && stopping.add(config, f64::from(numbers.mse())) {
-            report(Event::Plateau { step });
-        }
-        let empty = self.progress.empty_steps.add(numbers.acc(), numbers.foreground);
-        if empty {
-            // With the weights of another run there are no other ones to start over with.
-            let others = self.config.train.init.as_os_str().is_empty();
-            let restarted = others && self.progress.restarts < self.config.train.restarts;
-            report(Event::Collapse { step, restarted });
-            if restarted {
-                self.restart()?;
-            }
-        }
-        Ok(empty)
-    }
-
-    fn restart(&mut self) -> Result<(), TrainError> {
+    /// Starts over with other weights.
+    pub(super) fn restart(&mut self) -> Result<(), TrainError> {
         let restarts = self.progress.restarts + 1;
-        let seed = Noise::new(self.seed, restarts as u64, RandomStream::Restart).bits();
+        let seed = Noise::new(self.batches.seed, restarts as u64, RandomStream::Restart).bits();
         self.model = self.builder.model(&self.config, self.scene(), seed, &self.device)?;
         self.weight_average = WeightAverage::default();
-        self.optimiser = optimiser(&self.config);
-        self.occupancy = occupancy_grid(&self.config, &self.scenes[0].scene);
-        self.pixel_errors = PixelErrors::default();
-        self.marched = None;
+        self.optimizer = optimizer(&self.config);
+        self.occupancy = occupancy_grid(&self.config, self.scene());
+        self.batches.errors = PixelErrors::default();
         self.progress = self.progress.restarted();
         Ok(())
     }
 
     fn update_occupancy(&mut self, at: Moment) {
-        let Some(grid) = self.occupancy.as_mut().filter(|grid| grid.is_due(at.step)) else { return };
-        self.marched = None;
-        let scene = &self.scenes[0];
-        let noise = Noise::new(self.seed, at.step as u64, RandomStream::Occupancy);
-        let field = self.model.fine.valid().conditioned(scene.photographs.all(), None);
+        let Some(grid) = self.occupancy.as_mut().filter(|grid: &&mut OccupancyGrid| grid.is_due(at.step)) else {
+            return;
+        };
+        let scene = &self.batches.scenes[0];
+        let noise = Noise::new(self.batches.seed, at.step as u64, RandomStream::Occupancy);
+        let field = self.model.fine.valid().conditioned(scene.sources.all(), None);
         let length = scene.renderer.step_length(at);
         let extent = Extent::Ball { variance: grid.cell_variance() };
         self.profile.time(Phase::Occupancy, || {
             grid.update(noise, length, |positions| densities(&field, positions, &extent, at))
         });
     }
+}
+
+impl RenderCost {
+    fn add(&mut self, passes: &Passes, rays: usize) {
+        self.samples += passes.counts();
+        self.rays += rays;
+    }
+}
+
+impl Role {
+    fn phase(self) -> Phase {
+        match self {
+            Self::Seen => Phase::Seen,
+            Self::Unseen => Phase::Unseen,
+            Self::SeenNeighbours | Self::UnseenNeighbours => Phase::Neighbours,
+        }
+    }
+}
+
+/// Moves the model out, leaving empty tensors, so that Adam can update weights in place.
+fn take_model<F: Field>(model: &mut Model<F>) -> Model<F> {
+    struct Emptied;
+    impl ModuleMapper for Emptied {
+        fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+            param.map(|weights| Tensor::empty([0; D], &weights.device()))
+        }
+    }
+    let emptied = model.clone().map(&mut Emptied);
+    std::mem::replace(model, emptied)
 }

@@ -9,11 +9,10 @@ use infonerf_scene::{Scene, SceneRequest, TestProtocol, ViewSelection};
 use infonerf_train::{Config, Event, Outcome, Preset, Trainer};
 
 /// The field of the paper, everything on: coarse and fine network, occupancy grid, jitter, all loss terms, unseen rays.
-const PAPER: [&str; 12] = [
+const PAPER: [&str; 11] = [
     "field={kind=\"nerf\",layers=3,width=16,skip=1,position_frequencies=4,direction_frequencies=2,density=\"softplus\",detail={from=0.0,to=1.0,end=0.5}}",
     "render.samples=10",
     "render.fine_samples=6",
-    "render.jitter=true",
     "render.occupancy.enabled=true",
     "render.occupancy.resolution=8",
     "render.occupancy.warmup=2",
@@ -24,7 +23,7 @@ const PAPER: [&str; 12] = [
     "train.lr={from=5e-4,to=5e-5,curve=\"exponential\"}",
 ];
 
-/// The quick field, likewise, with a gain and bias of each view, and cameras that are learnt.
+/// The quick field, likewise, with a gain and bias of each view, and learned cameras.
 const FAST: [&str; 12] = [
     "field.resolutions=[4,8,16]",
     "field.channels=2",
@@ -48,7 +47,7 @@ const MIP: [&str; 4] = [
     "train.downscale={steps=[[0.0,2],[0.5,1]]}",
 ];
 
-/// The field that looks at photographs, everything on.
+/// The field that looks at images, everything on.
 const PIXEL: [&str; 11] = [
     "field={kind=\"pixelnerf\",encoder={width=4,blocks=[1,1],weights=\"\"},blocks=3,pool_after=2,width=8,frequencies=2,lowest_frequency=1.5,density=\"softplus\"}",
     "render.samples=8",
@@ -63,7 +62,7 @@ const PIXEL: [&str; 11] = [
     "train.sources=2",
 ];
 
-/// The field that encodes photographs into a latent code, which it draws in training.
+/// The field that encodes images into a latent code, which it draws in training.
 const ENCODED: [&str; 8] = [
     "field={kind=\"neuralvolumes\",latent=8,resolution=8,width=8,maps=2,warp_resolution=4,encoder={images=1,size=[16,32],width=2}}",
     "render.samples=12",
@@ -92,12 +91,12 @@ pub fn config(settings: &[&str]) -> Config {
     configured(Preset::Paper, &[&ALL, &PAPER, settings])
 }
 
-/// A tiny run of the field that looks at photographs, with `settings` on top.
+/// A tiny run of the field that looks at images, with `settings` on top.
 pub fn pixel_config(settings: &[&str]) -> Config {
     configured(Preset::Paper, &[&ALL, &PIXEL, settings])
 }
 
-/// The same of every kind of field.
+/// Tiny runs of every kind of field.
 pub fn configs() -> [Config; 5] {
     let fast = configured(Preset::Fast, &[&ALL, &FAST, &["train.target_samples=400"]]);
     let encoded = configured(Preset::Paper, &[&ALL, &ENCODED]);

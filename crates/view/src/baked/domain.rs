@@ -70,7 +70,7 @@ fn reach(scene: &Scene, centre: Vec3) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use infonerf_render::Space;
+    use infonerf_render::SpaceChoice;
     use infonerf_scene::{Camera, Range};
     use infonerf_train::{Config, Preset};
 
@@ -97,7 +97,7 @@ mod tests {
         let mut far = scene.clone();
         far.space.range = Range::Distance { near: 2.0, far: 1000.0 };
         assert_eq!(Domain::of(&far, &config, &Warp::Identity).radius, 4.5);
-        let warp = Warp::of(&scene, Space::Contraction);
+        let warp = Warp::of(&scene, SpaceChoice::Contraction);
         let ball = Domain::of(&scene, &config, &warp);
         assert!(ball.holds(Vec3::X * 1.99, 0.0) && !ball.holds(Vec3::splat(1.5), 0.0), "{ball:?}");
     }

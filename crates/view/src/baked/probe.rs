@@ -1,9 +1,9 @@
 //! Queries of a field at points that belong to no ray.
 
 use glam::Vec3;
-use infonerf_field::{Extent, Field, FieldOutput, Points};
+use infonerf_field::{Extent, Field, FieldOutput};
 use infonerf_ops::{to_host, upload};
-use infonerf_render::{TrainedModel, Warp};
+use infonerf_render::{TrainedModel, Warp, evaluate_at};
 use infonerf_scene::Scene;
 
 use crate::subjects::Subjects;
@@ -102,11 +102,10 @@ impl<'a> FieldProbe<'a> {
         let radii: Vec<f32> = t.iter().zip(&edges).map(|(t, edge)| edge / (3f32.sqrt() * t)).collect();
         let (field, count) = (&self.trained.model.fine, points.len());
         let device = field.device();
-        let rows = |vectors: &[Vec3]| upload(vectors.iter().flat_map(|v| v.to_array()).collect(), [count, 3], &device);
         let [t, delta, radii] = [t, edges, radii].map(|numbers| upload(numbers, [count], &device));
         let extent = Extent::Cones { t, delta, radii };
-        let points = Points::scattered(rows(points), extent).seen_along(rows(directions));
-        field.evaluate(&points, color, self.trained.at)
+        let positions = points.iter().flat_map(|p| p.to_array()).collect();
+        evaluate_at(field, positions, Some(directions), extent, color, self.trained.at)
     }
 }
 

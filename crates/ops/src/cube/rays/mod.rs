@@ -10,7 +10,7 @@ use burn_cubecl::tensor::CubeTensor;
 pub(crate) use self::kernels::{RayMass, alpha_of, clear_tail, first_sample, ln_1p, mass_of};
 use super::{CubeKernel, Pass, apply, empty, empty_like};
 use crate::Segments;
-use crate::traffic::{count_read, count_upload};
+use crate::traffic::count_upload;
 
 /// Copies the rows of rays, `[R, C]`, to their samples ([`Segments::spread`]).
 pub(crate) fn spread(rows: Tensor<2>, segments: &Segments) -> Tensor<2> {
@@ -62,13 +62,6 @@ impl CubeKernel for Spread {
         launch!(kernels::gather::launch, drows.meta.num_elements(); pass.grad, &self.0.on_device_of(&drows), &drows;);
         vec![Some(drows)]
     }
-}
-
-/// Reads offsets that a GPU wrote.
-pub(crate) fn read_offsets(offsets: &CubeTensor) -> Vec<u32> {
-    let data = burn::tensor::read_sync(CubeBackend::int_into_data(offsets.clone())).expect("a device can be read");
-    count_read(4 * offsets.meta.num_elements());
-    data.iter::<i32>().map(|offset| offset as u32).collect()
 }
 
 /// First sample of each ray, for kernels along rays.

@@ -1,4 +1,4 @@
-//! The kernels. Rows are those of rays with samples, each row of one length.
+//! Kernels that place samples. A row holds the values of a ray; all rows have one length.
 
 use burn::cubecl::{self, prelude::*};
 
@@ -12,7 +12,7 @@ fn uniform(streams: &Tensor<u32>, row: usize, index: usize) -> f32 {
     random::uniform(&key, streams[3 * row + 2], u32::cast_from(index))
 }
 
-/// Near (0) or far (1) end of a row's interval; one interval is that of all.
+/// Near (0) or far (1) end of a row's interval; a single interval serves all rows.
 #[cube]
 fn end(ends: &Tensor<f32>, row: usize, which: usize) -> f32 {
     ends[(2 * row + which) % ends.len()]
@@ -92,7 +92,7 @@ pub(super) fn importance_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
     cdf[to + bins - 1] = 1.0f32;
 }
 
-/// The same over mip-NeRF's intervals: the mean of the maxima over each pair of neighbouring weights, + 0.01.
+/// The cumulative distribution over mip-NeRF's intervals, one thread per row: weights are the mean of the maxima over each pair of neighbouring weights, + 0.01.
 #[cube(launch)]
 pub(super) fn blurred_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
     let row = ABSOLUTE_POS;
@@ -127,7 +127,7 @@ pub(super) fn blurred_cdf(tau: &Tensor<f32>, cdf: &mut Tensor<f32>) {
     cdf[to + intervals] = 1.0f32;
 }
 
-/// How many of the first `count` numbers of a row from `start` on, which are sorted, are at most `u`.
+/// Number of values at most `u` among `count` sorted ones from `start` on.
 #[cube]
 fn at_most(sorted: &Tensor<f32>, start: usize, count: usize, u: f32) -> usize {
     let mut low = 0usize;
@@ -166,7 +166,7 @@ pub(super) fn importance_draw(
         u = f32::cast_from(i) / f32::cast_from(out.shape(1) - 1);
     }
     let count = at_most(cdf, start, bins, u);
-    // The first number is 0, and so at most u.
+    // The first value is 0, and so at most u.
     let below = count - 1;
     let above = usize::min(count, bins - 1);
     let mut width = cdf[start + above] - cdf[start + below];
@@ -179,7 +179,7 @@ pub(super) fn importance_draw(
     out[at] = low + fraction / width * (high - low);
 }
 
-/// The numbers of both, sorted, one thread for each of them: `t` is sorted already.
+/// Merges `drawn` into the sorted `t`, one thread per value.
 #[cube(launch)]
 pub(super) fn merge(t: &Tensor<f32>, drawn: &Tensor<f32>, out: &mut Tensor<f32>) {
     let at = ABSOLUTE_POS;
@@ -189,7 +189,7 @@ pub(super) fn merge(t: &Tensor<f32>, drawn: &Tensor<f32>, out: &mut Tensor<f32>)
     let (known, fresh) = (t.shape(1), drawn.shape(1));
     let both = known + fresh;
     let (row, i) = (at / both, at % both);
-    // Of equal numbers those of `t` come first, and then in the order of drawing.
+    // Equal values: those of `t` come first, and then in the order of drawing.
     let (is_known, own) = (i < known, usize::saturating_sub(i, known));
     let mut value = drawn[row * fresh + own];
     if is_known {
@@ -224,7 +224,7 @@ pub(super) fn resample_draw(
     let count = out.shape(1);
     let (row, i) = (at / count, at % count);
     let start = row * cdf.shape(1);
-    // The largest number below 1.
+    // The largest f32 below 1.
     let last = 0.999_999_9f32;
     let mut u = f32::cast_from(i) / f32::cast_from(count - 1) * last;
     if comptime!(jitter) {
@@ -237,8 +237,8 @@ pub(super) fn resample_draw(
     out[at] = edges[below] + share * (edges[above] - edges[below]);
 }
 
-/// Distance and length of each sample, for samples at the near end of their intervals, the last one's length being `last`, or
-/// the one before if that is 0.
+/// Distance and length of samples at the near end of their intervals; the last interval has length `last`, or that of the one
+/// before if `last` is 0.
 #[cube(launch)]
 pub(super) fn lengths_left(
     t: &Tensor<f32>,
@@ -267,7 +267,7 @@ pub(super) fn lengths_left(
     length[at] = own;
 }
 
-/// The same for samples in the middle: between the midpoints to both neighbours.
+/// Distance and length of samples whose intervals lie between the midpoints to both neighbours.
 #[cube(launch)]
 pub(super) fn lengths_mid(t: &Tensor<f32>, ends: &Tensor<f32>, distance: &mut Tensor<f32>, length: &mut Tensor<f32>) {
     let at = ABSOLUTE_POS;
@@ -288,7 +288,7 @@ pub(super) fn lengths_mid(t: &Tensor<f32>, ends: &Tensor<f32>, distance: &mut Te
     length[at] = f32::max(upper - lower, 0.0f32);
 }
 
-/// The same of whole intervals, `t` being their edges, one more in each row.
+/// Middle and length of intervals whose edges, one more in each row, are `t`.
 #[cube(launch)]
 pub(super) fn lengths_between(t: &Tensor<f32>, distance: &mut Tensor<f32>, length: &mut Tensor<f32>) {
     let at = ABSOLUTE_POS;

@@ -12,17 +12,12 @@ pub(crate) use march::march;
 
 use super::outputs::Outputs;
 use super::{CubeKernel, Pass, apply, empty};
-use crate::sampling::{LastInterval, Placement, Streams};
+use crate::sampling::{LastInterval, SampleRule, Streams};
 
 /// [`stratified`](crate::sampling::stratified) of `shape`.
-pub(crate) fn stratified(
-    ends: Tensor<2>,
-    shape: [usize; 2],
-    placement: Placement,
-    jitter: Option<&Streams>,
-) -> Tensor<2> {
+pub(crate) fn stratified(ends: Tensor<2>, shape: [usize; 2], rule: SampleRule, jitter: Option<&Streams>) -> Tensor<2> {
     let streams = streams_or(jitter, &ends);
-    apply(Sampling::Stratified { shape, placement, jitter: jitter.is_some() }, (ends, streams))
+    apply(Sampling::Stratified { shape, rule, jitter: jitter.is_some() }, (ends, streams))
 }
 
 /// [`importance`](crate::sampling::importance).
@@ -38,41 +33,41 @@ pub(crate) fn resample(edges: Tensor<2>, tau: Tensor<1>, count: usize, jitter: O
 }
 
 /// [`intervals`](crate::sampling::intervals).
-pub(crate) fn intervals(t: Tensor<2>, ends: Tensor<2>, placement: Placement, last: LastInterval) -> [Tensor<1>; 2] {
+pub(crate) fn intervals(t: Tensor<2>, ends: Tensor<2>, rule: SampleRule, last: LastInterval) -> [Tensor<1>; 2] {
     let [rays, columns] = t.dims();
-    let samples = rays * if placement == Placement::Interval { columns - 1 } else { columns };
+    let samples = rays * if rule == SampleRule::Edges { columns - 1 } else { columns };
     let outputs = Outputs::new([0, 1].map(|_| Shape::new([samples])));
-    let buffer = apply(Sampling::Intervals { outputs: outputs.clone(), placement, last }, (t, ends));
+    let buffer = apply(Sampling::Intervals { outputs: outputs.clone(), rule, last }, (t, ends));
     [0, 1].map(|index| outputs.output(&buffer, index))
 }
 
-/// The random numbers, or something in their place where there are none.
+/// Returns the random numbers, or another tensor in their place if there are none.
 fn streams_or(jitter: Option<&Streams>, other: &Tensor<2>) -> Tensor<1> {
     jitter.map_or_else(|| other.clone().flatten(0, 1), |streams| streams.0.clone())
 }
 
-/// What is done without a gradient.
+/// Operations that place samples; none has a gradient.
 #[derive(Debug)]
 enum Sampling {
-    Stratified { shape: [usize; 2], placement: Placement, jitter: bool },
+    Stratified { shape: [usize; 2], rule: SampleRule, jitter: bool },
     Importance { count: usize, jitter: bool },
     Resample { count: usize, jitter: bool },
-    Intervals { outputs: Arc<Outputs<2>>, placement: Placement, last: LastInterval },
+    Intervals { outputs: Arc<Outputs<2>>, rule: SampleRule, last: LastInterval },
 }
 
 impl CubeKernel for Sampling {
     fn forward(&self, inputs: &[CubeTensor]) -> CubeTensor {
         let first = &inputs[0];
         let rays = first.meta.shape()[0];
-        // The numbers of streams are the bits of integers.
+        // Streams hold the bits of integers.
         let streams = || CubeTensor { dtype: DType::U32, ..inputs.last().expect("streams are last").clone() };
         match self {
-            Self::Stratified { shape, placement, jitter } => {
+            Self::Stratified { shape, rule, jitter } => {
                 let out = empty(first, *shape);
                 launch!(
                     kernels::stratified::launch, out.meta.num_elements();
                     first, &streams(), &out;
-                    *placement == Placement::Mid, *jitter
+                    *rule == SampleRule::Mid, *jitter
                 );
                 out
             }
@@ -101,20 +96,20 @@ impl CubeKernel for Sampling {
                 );
                 out
             }
-            Self::Intervals { outputs, placement, last } => {
+            Self::Intervals { outputs, rule, last } => {
                 let buffer = outputs.buffer(first);
                 let [distance, length] = outputs.parts(&buffer);
                 let (count, ends) = (length.meta.num_elements(), &inputs[1]);
-                match placement {
-                    Placement::Left => launch!(
+                match rule {
+                    SampleRule::Left => launch!(
                         kernels::lengths_left::launch, count;
                         first, ends, &distance, &length;
                         last.length().unwrap_or(0.0)
                     ),
-                    Placement::Mid => {
+                    SampleRule::Mid => {
                         launch!(kernels::lengths_mid::launch, count; first, ends, &distance, &length;);
                     }
-                    Placement::Interval => {
+                    SampleRule::Edges => {
                         launch!(kernels::lengths_between::launch, count; first, &distance, &length;);
                     }
                 }

@@ -1,6 +1,8 @@
 //! The training images, and the pixels of them that a step learns from.
 
-use infonerf_loss::{is_foreground, pixel_class};
+use std::sync::Arc;
+
+use infonerf_loss::is_foreground;
 use infonerf_ops::random::permuted;
 use infonerf_render::{Noise, RandomStream};
 use infonerf_scene::{Camera, Image, PixelAt, Scene, View};
@@ -17,7 +19,7 @@ pub struct SeenPixels {
     pub pixels: Pixels,
     /// Colour and alpha of each.
     pub rgba: Vec<[f32; 4]>,
-    /// Share of the 3 × 3 pixels about each that do not show the background.
+    /// Share of the 3 × 3 pixels around each that do not show the background.
     pub coverage: Vec<f32>,
     /// Index of each among all pixels of the training images, for error-driven sampling.
     pub indices: Vec<usize>,
@@ -28,7 +30,7 @@ pub struct SeenPixels {
 /// The training images of a scene at every size that a run uses.
 #[derive(Clone, Debug)]
 pub(crate) struct TrainingImages {
-    cameras: Vec<Camera>,
+    pub(crate) cameras: Arc<[Camera]>,
     /// Full size first.
     sizes: Vec<Images>,
 }
@@ -36,24 +38,24 @@ pub(crate) struct TrainingImages {
 /// Training images at one size.
 #[derive(Clone, Debug)]
 pub(crate) struct Images {
-    /// How much smaller than at full size.
+    /// Factor by which they are smaller than at full size.
     factor: u32,
     width: u32,
     height: u32,
     /// Colour and alpha of each pixel of each view; alpha is 1 where the view has none.
     rgba: Vec<Vec<[f32; 4]>>,
-    /// Share of the 3 × 3 pixels about each that do not show the background, of each view.
+    /// Share of the 3 × 3 pixels around each that do not show the background, of each view.
     coverage: Vec<Vec<f32>>,
     /// The pixels that can be drawn, where these are not all.
     valid: Option<ValidPixels>,
 }
 
-/// The pixels of training images that are valid, by their index among all pixels, in ascending order.
+/// Indices of the valid pixels among all pixels of the training images, in ascending order.
 #[derive(Clone, Debug)]
 struct ValidPixels {
-    /// Those of the whole images.
+    /// Pixels of the whole images.
     whole: Vec<u32>,
-    /// Those of the images' central halves; of a view that has none there, all.
+    /// Pixels of the images' central halves; of a view that has none there, all.
     central: Vec<u32>,
 }
 
@@ -90,19 +92,6 @@ impl ValidPixels {
     }
 }
 
-impl TrainConfig {
-    /// By which factor images are smaller at a moment of the run.
-    pub(crate) fn downscale_at(&self, at: Moment) -> u32 {
-        self.downscale.at(at).round().max(1.0) as u32
-    }
-
-    /// 1, and every whole factor between the extremes: all of these images together are smaller than those of full size.
-    pub(crate) fn downscale_factors(&self) -> impl Iterator<Item = u32> {
-        let [least, largest] = [self.downscale.least(), self.downscale.largest()].map(|factor| factor.round() as u32);
-        std::iter::once(1).chain(least.max(2)..=largest)
-    }
-}
-
 impl TrainingImages {
     /// Images of `scene` at full size, and box-filtered by each factor that `config` asks for and at which every view has
     /// a valid pixel.
@@ -126,13 +115,13 @@ impl TrainingImages {
         Self { cameras: scene.train.iter().map(|view| view.camera.clone()).collect(), sizes }
     }
 
-    /// The images that a run learns from at a moment; at full size where none is so small.
+    /// The images that a run learns from at a moment; at full size if there are none of its size.
     pub(crate) fn at(&self, config: &TrainConfig, at: Moment) -> &Images {
         let factor = config.downscale_at(at);
         self.sizes.iter().find(|images| images.factor == factor).unwrap_or(&self.sizes[0])
     }
 
-    /// `rays` pixels for the step at `at`; of well-fitted ones fewer, if `config` says so.
+    /// Draws `rays` pixels for the step at `at`; fewer of well-fitted ones, if `config` asks for that.
     pub(crate) fn draw(
         &self,
         config: &TrainConfig,
@@ -157,34 +146,9 @@ impl TrainingImages {
 }
 
 impl Images {
-    /// How wide their pixels are, in pixels of the full size.
+    /// Width of their pixels, in pixels of the full size.
     pub(crate) fn pixel_width(&self) -> f32 {
         self.factor as f32
-    }
-
-    /// How much smaller they are than at full size.
-    pub(crate) fn factor(&self) -> u32 {
-        self.factor
-    }
-
-    /// Their width and height.
-    pub(crate) fn size_in_pixels(&self) -> [usize; 2] {
-        [self.width as usize, self.height as usize]
-    }
-
-    /// Whether every pixel can be drawn.
-    pub(crate) fn are_all_valid(&self) -> bool {
-        self.valid.is_none()
-    }
-
-    /// Red, green, blue and [class](pixel_class) of each pixel of each view, before `background`.
-    pub(crate) fn shown(&self, background: [f32; 3]) -> Vec<f32> {
-        let pixels = self.rgba.iter().flatten().zip(self.coverage.iter().flatten());
-        let shown = |(&pixel, &coverage): (&[f32; 4], &f32)| {
-            let [red, green, blue, _] = pixel;
-            [red, green, blue, pixel_class(pixel, coverage, background)]
-        };
-        pixels.flat_map(shown).collect()
     }
 
     /// Whether they have the full size.
@@ -192,7 +156,7 @@ impl Images {
         self.factor == 1
     }
 
-    /// How much smaller they are, and how many pixels all views have.
+    /// Factor by which they are smaller, and number of pixels of all views.
     pub(crate) fn size(&self) -> (u32, usize) {
         (self.factor, self.area() * self.rgba.len())
     }
@@ -201,7 +165,7 @@ impl Images {
         self.width as usize * self.height as usize
     }
 
-    /// Indices of `rays` pixels, and how many draws were rejected.
+    /// Draws the indices of `rays` pixels; also returns how many draws were rejected.
     fn indices(
         &self,
         config: &TrainConfig,
@@ -267,7 +231,7 @@ impl Images {
     }
 }
 
-/// Means over squares of `factor` × `factor` pixels; what is left at the right and lower edges is cut off.
+/// Takes means over squares of `factor` × `factor` pixels; the rest at the right and lower edges is cut off.
 fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 4]> {
     let share = 1.0 / (factor * factor) as f32;
     let square = |x: u32, y: u32| {
@@ -286,7 +250,7 @@ fn downscaled(image: &Image, factor: u32) -> Vec<[f32; 4]> {
     (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| square(x, y)).collect()
 }
 
-/// Share of the 3 × 3 pixels about each, less at the border of the image, that do not show `background`: 0 in the open, 1
+/// Share of the 3 × 3 pixels around each, less at the border of the image, that do not show `background`: 0 in the open, 1
 /// within an object, between the two at its edge, whose pixels are mixtures.
 fn coverage(rgba: &[[f32; 4]], width: u32, background: [f32; 3]) -> Vec<f32> {
     let (width, height) = (width as usize, rgba.len() / width as usize);

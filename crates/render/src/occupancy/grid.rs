@@ -7,46 +7,15 @@ use infonerf_ops::upload;
 use infonerf_scene::{Aabb, Ray, View};
 use rayon::prelude::*;
 
-use crate::{Noise, OccupancyConfig};
+use super::lookup::{CellState, Lookup, widen};
+use crate::config::OccupancyConfig;
+use crate::noise::Noise;
 
-/// Points evaluated at a time, which bounds the memory of an update.
+/// Maximal number of points evaluated at a time, which bounds the memory of an update.
 const CHUNK: usize = 1 << 16;
 /// Points that [`OccupancyGrid::refined`] evaluates per cell.
 const PROBES: usize = 8;
-/// Largest distance to occupied cells that is told from larger ones.
-const REACH: u16 = 16;
-
-/// Bits of the fraction in a fixed-point place.
-const FRACTION: u32 = 32;
-
-/// A place or displacement in units of 2^-32 of a cell: looks along a ray take a few additions.
-pub(crate) fn fixed(in_cells: Vec3) -> I64Vec3 {
-    (in_cells.as_dvec3() * (1u64 << FRACTION) as f64).as_i64vec3()
-}
-
-/// What a grid says of a place. If that is occupied: the density at most, as the upper half of an `f32`, which orders numbers
-/// that are not negative. If it is empty: [`Self::EMPTY`] and the cells to the nearest occupied one.
-#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
-pub(crate) struct Look(u16);
-
-impl Look {
-    const EMPTY: u16 = 1 << 15;
-    /// Occupied by whatever density.
-    const UNKNOWN: Self = Self(Self::EMPTY - 1);
-
-    /// An occupied place where the density is less than this looks less than this.
-    pub(crate) fn of_density(density: f32) -> Self {
-        Self((density.to_bits() >> 16) as u16)
-    }
-
-    /// Cells from here to the nearest occupied one, along the axis on which they are most, at most [`REACH`]; 0 in an occupied
-    /// cell and outside the box.
-    pub(crate) fn distance(self) -> u16 {
-        self.0.saturating_sub(Self::EMPTY)
-    }
-}
-
-/// Which cells of the scene's box are empty.
+/// Empty and occupied cells of the scene's box.
 ///
 /// A cell's density is a decaying maximum of the field's density at random points in it:
 /// d ← max(decay · d, σ(x)), x uniform in the cell. A cell is empty while 1 − exp(−d · step) stays below
@@ -63,9 +32,8 @@ pub struct OccupancyGrid {
     updated: bool,
     /// The smallest box around all occupied cells.
     tight: Aabb,
-    /// Of each cell.
-    looks: Vec<Look>,
-    /// What a device was given of it last.
+    lookup: Lookup,
+    /// Density of each cell on the GPU that was given it last; −1 of an empty one.
     on_device: OnceLock<Tensor<1>>,
 }
 
@@ -82,7 +50,7 @@ impl OccupancyGrid {
             carved: vec![false; cells],
             updated: false,
             tight: bounds,
-            looks: vec![Look::UNKNOWN; cells],
+            lookup: Lookup::unknown(config.resolution),
             on_device: OnceLock::new(),
         }
     }
@@ -104,7 +72,7 @@ impl OccupancyGrid {
         self.derive(None);
     }
 
-    /// Whether training uses it in `step`: once it was updated, or from the first step on if photographs have carved it.
+    /// Whether training uses the grid in `step`: once it was updated, or from the first step on if images have carved it.
     pub fn is_used_in(&self, step: usize) -> bool {
         self.config.carve || step >= self.config.warmup
     }
@@ -207,7 +175,7 @@ impl OccupancyGrid {
         fine.occupied = fine.density.iter().map(|density| *density > threshold).collect();
         fine.updated = true;
         let mut nearby = fine.density.clone();
-        fine.widen(&mut nearby);
+        widen(&mut nearby, n);
         fine.derive(Some(&nearby));
         fine
     }
@@ -242,50 +210,17 @@ impl OccupancyGrid {
         displacement * self.cells_per_unit
     }
 
-    /// What is at `p`, [in cells](Self::in_cells).
-    pub(crate) fn look(&self, p: Vec3) -> Look {
-        self.look_at(fixed(p))
-    }
-
-    /// What is at a [fixed-point](fixed) place.
+    /// The state of the cell at a [fixed-point](super::fixed) place.
     #[inline]
-    pub(crate) fn look_at(&self, place: I64Vec3) -> Look {
-        let n = self.config.resolution;
-        let [x, y, z] = place.to_array().map(|c| (c >> FRACTION) as usize);
-        if x < n && y < n && z < n { self.looks[x + n * (y + n * z)] } else { Look::UNKNOWN }
+    pub(crate) fn state_at(&self, place: I64Vec3) -> CellState {
+        self.lookup.at(place)
     }
 
-    /// What follows from which cells are occupied, and from the density near each where that is known.
+    /// Computes what follows from which cells are occupied, and from the density near each if it is known.
     fn derive(&mut self, nearby: Option<&[f32]>) {
         self.on_device = OnceLock::new();
         self.tighten();
-        let mut near: Vec<u8> = self.occupied.iter().map(|&occupied| u8::from(occupied)).collect();
-        let mut distance = vec![0u8; near.len()];
-        for _ in 0..REACH {
-            distance.iter_mut().zip(&near).for_each(|(distance, near)| *distance += 1 - near);
-            self.widen(&mut near);
-        }
-        let look = |(cell, distance)| match (distance, nearby) {
-            (0, Some(density)) => Look::of_density(density[cell]),
-            (0, None) => Look::UNKNOWN,
-            _ => Look(Look::EMPTY + u16::from(distance)),
-        };
-        self.looks = distance.into_iter().enumerate().map(look).collect();
-    }
-
-    /// Each cell gets the largest number of itself and its neighbours, also those across an edge or a corner.
-    fn widen<T: Copy + PartialOrd>(&self, numbers: &mut [T]) {
-        let n = self.config.resolution;
-        for stride in [1, n, n * n] {
-            let before = numbers.to_vec();
-            let pairs = |from: &[T], to: &mut [T]| {
-                to.iter_mut().zip(from).for_each(|(to, from)| *to = if from > to { *from } else { *to });
-            };
-            for (before, numbers) in before.chunks_exact(stride * n).zip(numbers.chunks_exact_mut(stride * n)) {
-                pairs(&before[stride..], &mut numbers[..(n - 1) * stride]);
-                pairs(&before[..(n - 1) * stride], &mut numbers[stride..]);
-            }
-        }
+        self.lookup = Lookup::new(self.config.resolution, &self.occupied, nearby);
     }
 
     fn tighten(&mut self) {
@@ -300,7 +235,7 @@ impl OccupancyGrid {
         });
     }
 
-    /// Density of the cell at `p`, none if it is empty; 0 outside the box.
+    /// Density of the cell at `p`; `None` if it is empty, 0 outside the box.
     pub fn occupied_density(&self, p: Vec3) -> Option<f32> {
         match self.cell(self.in_cells(p)) {
             Some(cell) => self.occupied[cell].then(|| self.density[cell]),
@@ -308,17 +243,17 @@ impl OccupancyGrid {
         }
     }
 
-    /// Mean density along `ray` from `near` to `far`, looked up at least once per cell width; none if all cells are empty.
+    /// Mean density along `ray` from `near` to `far`, looked up at least once per cell width; `None` if all cells are empty.
     /// Outside the box it is 0.
     pub fn density_between(&self, ray: &Ray, near: f32, far: f32) -> Option<f32> {
-        let looks = ((far - near) / self.cell_size().min_element()).ceil().max(1.0);
-        let at = |i: usize| ray.at(near + (far - near) * (i as f32 + 0.5) / looks);
-        let seen = (0..looks as usize).filter_map(|i| self.occupied_density(at(i)));
+        let lookups = ((far - near) / self.cell_size().min_element()).ceil().max(1.0);
+        let at = |i: usize| ray.at(near + (far - near) * (i as f32 + 0.5) / lookups);
+        let seen = (0..lookups as usize).filter_map(|i| self.occupied_density(at(i)));
         let (count, sum) = seen.fold((0, 0.0), |(count, sum), density| (count + 1, sum + density));
-        (count > 0).then(|| sum / looks)
+        (count > 0).then(|| sum / lookups)
     }
 
-    /// The same on `device`, which is given it once after each change.
+    /// Uploads the grid to `device`; cached until the grid changes.
     pub(crate) fn cells_on(&self, device: &Device) -> Cells {
         let moved = || {
             let known = self.density.iter().zip(&self.occupied);
@@ -349,7 +284,7 @@ impl OccupancyGrid {
         (&self.density, &self.occupied, self.updated)
     }
 
-    /// Restores the state of a checkpoint.
+    /// Restores the [state](Self::state) that a checkpoint kept.
     ///
     /// # Errors
     /// The expected number of cells, if the state has another size.
@@ -410,8 +345,9 @@ fn sees_background(view: &View, centre: Vec3, radius: f32) -> bool {
 mod tests {
     use proptest::prelude::*;
 
+    use super::super::fixed;
     use super::*;
-    use crate::RandomStream;
+    use crate::noise::RandomStream;
 
     fn config() -> OccupancyConfig {
         OccupancyConfig {
@@ -419,10 +355,8 @@ mod tests {
             resolution: 16,
             warmup: 10,
             every: 4,
-            alpha_threshold: 0.01,
             decay: 0.9,
-            refine: 1,
-            carve: false,
+            ..OccupancyConfig::default()
         }
     }
 
@@ -438,7 +372,7 @@ mod tests {
         }
         assert!(grid.is_occupied(Vec3::ZERO) && grid.is_occupied(Vec3::new(0.45, 0.0, 0.0)));
         assert!(!grid.is_occupied(Vec3::splat(0.9)));
-        let distance = |p: Vec3| grid.look(grid.in_cells(p)).distance();
+        let distance = |p: Vec3| grid.state_at(fixed(grid.in_cells(p))).distance();
         assert!(distance(Vec3::splat(0.9)) > 1 && distance(Vec3::ZERO) == 0);
         assert!(grid.is_occupied(Vec3::splat(7.0)), "outside nothing is known");
         assert!(grid.is_occupied(Vec3::splat(f32::NAN)));
@@ -489,7 +423,7 @@ mod tests {
             grid.restore(vec![1.0; cells], occupied, true).unwrap();
             let direction = (Vec3::from(to) - Vec3::from(from)).normalize_or(Vec3::X);
             let ray = Ray::new(Vec3::from(from), direction);
-            let distance = grid.look(grid.in_cells(ray.origin)).distance();
+            let distance = grid.state_at(fixed(grid.in_cells(ray.origin))).distance();
             let pace = grid.cells_along(ray.direction).abs().max_element();
             let reach = 0.999 * f32::from(distance.saturating_sub(1)) / pace;
             for i in 0..=100 {

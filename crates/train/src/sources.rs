@@ -1,4 +1,4 @@
-//! The training views as the input of fields that look at photographs (PixelNeRF).
+//! The training views as the input of fields that look at images (PixelNeRF).
 
 use std::sync::Arc;
 
@@ -10,11 +10,11 @@ use infonerf_scene::{Scene, View};
 use crate::config::{Batch, TrainConfig};
 use crate::pixels::generator;
 
-/// All training views of a scene; none where no field looks at them.
+/// All training views of a scene as sources; empty if no field looks at them.
 #[derive(Clone, Debug)]
-pub(crate) struct Photographs(Sources);
+pub(crate) struct SourceImages(Sources);
 
-impl Photographs {
+impl SourceImages {
     /// Copies of the training views if a field `sees` them.
     pub(crate) fn new(scene: &Scene, sees: bool) -> Self {
         let views =
@@ -28,7 +28,7 @@ impl Photographs {
         &self.0
     }
 
-    /// Those that a field sees in a step whose pixels are of the view `target`.
+    /// Draws the views that a field sees in a step whose pixels are of the view `target`.
     pub(crate) fn draw(&self, config: &TrainConfig, target: usize, noise: Noise) -> Sources {
         let views = &self.0.views;
         if views.is_empty() {
@@ -51,7 +51,7 @@ impl Photographs {
     }
 }
 
-/// The photograph as a field projects points into it: without distortion.
+/// Converts a view into a source, without distortion.
 fn source(view: &View, background: [f32; 3]) -> SourceView {
     let camera = &view.camera;
     let perspective = camera.lens.is_perspective();
@@ -66,8 +66,8 @@ fn source(view: &View, background: [f32; 3]) -> SourceView {
     }
 }
 
-/// What a camera without distortion and else like the view's would have seen, by bilinear interpolation: beyond the
-/// photograph's border the nearest pixel, beyond its lens `background`.
+/// Resamples the image of a view, bilinearly, as its camera would have taken it without distortion: the nearest pixel beyond
+/// the border, `background` beyond the lens.
 fn undistorted(view: &View, background: [f32; 3]) -> Vec<[f32; 3]> {
     let (camera, image) = (&view.camera, &view.image);
     let (focal, centre) = (DVec2::new(camera.fx, camera.fy), DVec2::new(camera.cx, camera.cy));
@@ -92,9 +92,9 @@ mod tests {
     use infonerf_scene::{Camera, Image, Lens, SceneRequest, TestProtocol, ViewSelection};
 
     use super::*;
-    use crate::{Config, Preset};
+    use crate::config::{Config, Preset};
 
-    fn photographs(count: usize) -> Photographs {
+    fn photographs(count: usize) -> SourceImages {
         let request = SceneRequest {
             train: ViewSelection::Seed { seed: 0, count },
             test: TestProtocol::First(1),
@@ -102,10 +102,10 @@ mod tests {
             background: [1.0; 3],
             ..SceneRequest::default()
         };
-        Photographs::new(&load("knot", &request).unwrap(), true)
+        SourceImages::new(&load("knot", &request).unwrap(), true)
     }
 
-    fn drawn(photographs: &Photographs, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
+    fn drawn(photographs: &SourceImages, batch: Batch, sources: usize, step: u64) -> Vec<usize> {
         let mut train = Config::from_table(Preset::Fast.table()).unwrap().train;
         (train.batch, train.sources) = (batch, sources);
         let views = photographs.draw(&train, 1, Noise::new(0, step, RandomStream::Sources)).views;

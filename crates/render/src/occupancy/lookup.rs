@@ -1,0 +1,88 @@
+//! A fast lookup of what a place holds, and how far it is from anything.
+
+use glam::{I64Vec3, Vec3};
+
+/// Maximal distance to occupied cells that is known exactly.
+const MAX_DISTANCE: u16 = 16;
+
+/// Bits of the fraction in a fixed-point place.
+const FRACTION: u32 = 32;
+
+/// Converts a place or displacement to units of 2^-32 of a cell, in which lookups along a ray take a few additions.
+pub(crate) fn fixed(in_cells: Vec3) -> I64Vec3 {
+    (in_cells.as_dvec3() * (1u64 << FRACTION) as f64).as_i64vec3()
+}
+
+/// State of a cell. If it is occupied: the maximum of its density, as the upper half of an `f32`, which orders values that are
+/// not negative. If it is empty: [`Self::EMPTY`] plus the number of cells to the nearest occupied one.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub(crate) struct CellState(u16);
+
+impl CellState {
+    const EMPTY: u16 = 1 << 15;
+    /// Occupied, by any density.
+    const UNKNOWN: Self = Self(Self::EMPTY - 1);
+
+    /// The state of an occupied cell; ordered like the density.
+    pub(crate) fn of_density(density: f32) -> Self {
+        Self((density.to_bits() >> 16) as u16)
+    }
+
+    /// Cells to the nearest occupied one, along the axis on which they are most, at most [`MAX_DISTANCE`]; 0 in an occupied
+    /// cell and outside the box.
+    pub(crate) fn distance(self) -> u16 {
+        self.0.saturating_sub(Self::EMPTY)
+    }
+}
+
+/// States of the cells of a cube of n³, x fastest.
+#[derive(Clone, Debug)]
+pub(super) struct Lookup {
+    resolution: usize,
+    states: Vec<CellState>,
+}
+
+impl Lookup {
+    /// A lookup in which every cell is occupied by an unknown density.
+    pub(super) fn unknown(resolution: usize) -> Self {
+        Self { resolution, states: vec![CellState::UNKNOWN; resolution.pow(3)] }
+    }
+
+    /// The states that follow from which cells are occupied, and from the maximal density near each if it is known.
+    pub(super) fn new(resolution: usize, occupied: &[bool], nearby: Option<&[f32]>) -> Self {
+        let mut near: Vec<u8> = occupied.iter().map(|&occupied| u8::from(occupied)).collect();
+        let mut distance = vec![0u8; near.len()];
+        for _ in 0..MAX_DISTANCE {
+            distance.iter_mut().zip(&near).for_each(|(distance, near)| *distance += 1 - near);
+            widen(&mut near, resolution);
+        }
+        let state = |(cell, distance)| match (distance, nearby) {
+            (0, Some(density)) => CellState::of_density(density[cell]),
+            (0, None) => CellState::UNKNOWN,
+            _ => CellState(CellState::EMPTY + u16::from(distance)),
+        };
+        Self { resolution, states: distance.into_iter().enumerate().map(state).collect() }
+    }
+
+    /// The state at a [fixed-point](fixed) place.
+    #[inline]
+    pub(super) fn at(&self, place: I64Vec3) -> CellState {
+        let n = self.resolution;
+        let [x, y, z] = place.to_array().map(|c| (c >> FRACTION) as usize);
+        if x < n && y < n && z < n { self.states[x + n * (y + n * z)] } else { CellState::UNKNOWN }
+    }
+}
+
+/// Gives each cell of n³ the maximum over itself and its neighbours, including those across an edge or a corner.
+pub(super) fn widen<T: Copy + PartialOrd>(values: &mut [T], n: usize) {
+    for stride in [1, n, n * n] {
+        let before = values.to_vec();
+        let pairs = |from: &[T], to: &mut [T]| {
+            to.iter_mut().zip(from).for_each(|(to, from)| *to = if from > to { *from } else { *to });
+        };
+        for (before, values) in before.chunks_exact(stride * n).zip(values.chunks_exact_mut(stride * n)) {
+            pairs(&before[stride..], &mut values[..(n - 1) * stride]);
+            pairs(&before[..(n - 1) * stride], &mut values[stride..]);
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! Knowledge of which space is empty.
+
+mod grid;
+mod lookup;
+
+pub use self::grid::OccupancyGrid;
+pub(crate) use self::lookup::{CellState, fixed};

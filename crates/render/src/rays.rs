@@ -1,0 +1,180 @@
+//! Bundles of rays.
+
+use std::sync::Arc;
+
+use burn::tensor::{Device, Tensor};
+use infonerf_field::{Extent, Points};
+use infonerf_ops::sampling::{Streams, points_on_rays};
+use infonerf_ops::{is_gpu, upload, upload_together};
+use infonerf_scene::{PixelAt, Ray};
+
+use crate::noise::{Noise, RandomStream};
+use crate::samples::Samples;
+use crate::warp::Warp;
+
+/// A bundle of `R` rays for the field on one device, made once by [`Renderer::rays`](crate::Renderer::rays).
+///
+/// The host keeps the rays that it was given, and places samples along them; a GPU places samples along the tensors.
+#[derive(Clone, Debug)]
+pub struct RayBatch {
+    on_host: Arc<[Ray]>,
+    /// Near and far of each ray, coordinates of the [`Warp`]; `None` for a ray that misses the scene.
+    ends: Arc<[Option<[f32; 2]>]>,
+    /// `[R, 3]`, scene units. In an autodiff graph if cameras are learned with the field.
+    origins: Tensor<2>,
+    /// Unit vectors, `[R, 3]`; in a graph likewise.
+    directions: Tensor<2>,
+    /// Radius of each ray's cone at distance 1, `[R]`.
+    radii: Tensor<1>,
+    pixels: Option<Vec<PixelAt>>,
+    jitter: Option<Noise>,
+    is_tracked: bool,
+}
+
+impl RayBatch {
+    /// A batch of rays with these `ends` for a field on `device`.
+    pub(crate) fn new(rays: Vec<Ray>, ends: Vec<Option<[f32; 2]>>, device: &Device) -> Self {
+        let device = device.clone().inner();
+        let vectors = |of: fn(&Ray) -> [f32; 3]| rays.iter().flat_map(of).collect();
+        let arrays = [
+            vectors(|ray| ray.origin.to_array()),
+            vectors(|ray| ray.direction.to_array()),
+            rays.iter().map(|ray| ray.radius).collect(),
+        ];
+        let [origins, directions, radii] = upload_together(arrays, &[], &device);
+        let [origins, directions] = [origins, directions].map(|values| values.reshape([rays.len(), 3]));
+        Self {
+            on_host: rays.into(),
+            ends: ends.into(),
+            origins,
+            directions,
+            radii,
+            pixels: None,
+            jitter: None,
+            is_tracked: false,
+        }
+    }
+
+    /// The batch with samples jittered by `noise`, of which ray `r` has item `r`. Samples are evenly spaced without.
+    #[must_use]
+    pub fn jittered(self, noise: Noise) -> Self {
+        Self { jitter: Some(noise), ..self }
+    }
+
+    /// The batch as rays of these pixels.
+    ///
+    /// # Panics
+    /// If rays and pixels differ in number.
+    #[must_use]
+    pub fn with_pixels(self, pixels: Vec<PixelAt>) -> Self {
+        assert_eq!(pixels.len(), self.len(), "a pixel of each ray");
+        Self { pixels: Some(pixels), ..self }
+    }
+
+    /// The batch with `origins` and `directions`, `[R, 3]`, that have the same values and are in an autodiff graph.
+    #[must_use]
+    pub fn tracked(self, [origins, directions]: [Tensor<2>; 2]) -> Self {
+        Self { origins, directions, is_tracked: true, ..self }
+    }
+
+    /// Number of rays `R`.
+    pub fn len(&self) -> usize {
+        self.on_host.len()
+    }
+
+    /// Whether there are no rays.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The pixel of each ray; `None` if rays are of no pixels.
+    pub fn pixels(&self) -> Option<&[PixelAt]> {
+        self.pixels.as_deref()
+    }
+
+    /// The random numbers of the batch; `None` for samples that are evenly spaced.
+    pub(crate) fn jitter(&self) -> Option<Noise> {
+        self.jitter
+    }
+
+    /// The rays on the host.
+    pub(crate) fn on_host(&self) -> &[Ray] {
+        &self.on_host
+    }
+
+    /// Near and far of each ray, coordinates of the warp; `None` for a ray that misses the scene.
+    pub(crate) fn ends(&self) -> &[Option<[f32; 2]>] {
+        &self.ends
+    }
+
+    /// Indices of the rays that meet the scene, in order.
+    pub(crate) fn hits(&self) -> impl Iterator<Item = usize> + Clone + '_ {
+        self.ends.iter().enumerate().filter_map(|(ray, ends)| ends.map(|_| ray))
+    }
+
+    /// Near and far of the rays that meet the scene, `[H, 2]`, on the device and in no graph.
+    pub(crate) fn ends_of_hits(&self) -> Tensor<2> {
+        let ends: Vec<f32> = self.ends.iter().flatten().flatten().copied().collect();
+        let hits = ends.len() / 2;
+        upload(ends, [hits, 2], &self.radii.device())
+    }
+
+    /// Random numbers of the `rays` for a pass, on the device: for the first one, or for the `fine` one.
+    pub(crate) fn streams(&self, rays: impl Iterator<Item = usize>, fine: bool) -> Option<Streams> {
+        let noise = self.jitter?;
+        let noise = if fine { noise.child(RandomStream::FineSamples) } else { noise };
+        let bits = Streams::bits(rays.map(|ray| noise.stream(ray)));
+        let count = bits.len();
+        Some(Streams(upload(bits, [count], &self.radii.device())))
+    }
+
+    /// Origins and directions in no graph, `[R, 3]` each.
+    pub(crate) fn geometry(&self) -> [Tensor<2>; 2] {
+        let device = self.radii.device();
+        [&self.origins, &self.directions].map(|rows| on(rows, &device))
+    }
+
+    /// The points at which a field on `device` is evaluated for samples at known `positions`, `[M, 3]`. Gradients of rays in a
+    /// graph are kept by [`Self::points`] alone.
+    pub(crate) fn points_at(&self, positions: Tensor<2>, samples: &Samples, device: &Device) -> Points {
+        Points {
+            positions: on(&positions, device),
+            directions: on(&self.geometry()[1], device),
+            segments: samples.segments.clone(),
+            extent: Extent::Cones {
+                t: on(&samples.distance, device),
+                delta: on(&samples.delta, device),
+                radii: on(&self.radii, device),
+            },
+        }
+    }
+
+    /// Returns `warp(o + t d)` for the distances t of `samples`, which are taken as given, as points for a field on `device`.
+    /// Differentiable in rays that are in a graph.
+    pub(crate) fn points(&self, samples: &Samples, warp: &Warp, device: &Device) -> Points {
+        if self.is_tracked || is_gpu(device) {
+            let [origins, directions] = [&self.origins, &self.directions].map(|rows| on(rows, device));
+            let t = on(&samples.distance, device);
+            return self.points_at(
+                warp.points(points_on_rays(origins, directions, t, &samples.segments)),
+                samples,
+                device,
+            );
+        }
+        // On the host one pass over the samples makes them.
+        let t = samples.t();
+        let rays = samples.segments.ranges().zip(self.on_host.iter());
+        let position = |ray: &Ray, t: f32| warp.point(ray.at(t)).to_array();
+        let positions = rays.flat_map(|(range, ray)| t[range].iter().flat_map(move |&t| position(ray, t))).collect();
+        self.points_at(upload(positions, [samples.segments.samples(), 3], device), samples, device)
+    }
+}
+
+/// `tensor` as one of `device`, which differs from its own in tracking gradients at most.
+pub(crate) fn on<const D: usize>(tensor: &Tensor<D>, device: &Device) -> Tensor<D> {
+    match (tensor.device().is_autodiff(), device.is_autodiff()) {
+        (false, true) => tensor.clone().autodiff(),
+        (true, false) => tensor.clone().inner(),
+        _ => tensor.clone(),
+    }
+}

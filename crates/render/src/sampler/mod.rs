@@ -1,0 +1,401 @@
+//! Where along each ray a field is evaluated: candidate distances, minus what is known to be empty or hidden.
+
+mod rules;
+mod steps;
+
+use burn::tensor::{Device, Tensor};
+use infonerf_field::Points;
+use infonerf_ops::sampling::march::{MarchSettings, MarchedRays, march};
+use infonerf_ops::{Segments, to_host, upload};
+use infonerf_scene::{Aabb, Range, Ray, Scene, Space};
+use infonerf_schedule::Moment;
+use rayon::prelude::*;
+
+pub use self::rules::Placement;
+use self::rules::Rule;
+pub(crate) use self::steps::Steps;
+use crate::config::RenderConfig;
+use crate::occupancy::OccupancyGrid;
+use crate::output::RenderOutput;
+use crate::rays::{RayBatch, on};
+use crate::samples::Samples;
+use crate::warp::Warp;
+
+/// Known space, to skip samples by.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Skip<'a> {
+    /// Empty space; nothing is skipped without a grid.
+    pub(crate) grid: Option<&'a OccupancyGrid>,
+    /// Optical depth, as the grid remembers it, behind which everything is hidden.
+    pub(crate) hidden_depth: f32,
+}
+
+/// Samples of a pass over the `H` rays of a batch that meet the scene, before any is skipped. In no graph.
+#[derive(Clone, Debug)]
+pub(crate) struct PassDistances {
+    /// Sorted coordinates by which a [`Rule`] places `N` samples of each ray, `[H, N]` or, of edges, `[H, N + 1]`. A
+    /// coordinate is the distance, unless space is warped ([`Warp::coordinate`]).
+    t: Tensor<2>,
+    /// Near and far of each ray, coordinates, `[H, 2]`.
+    ends: Tensor<2>,
+}
+
+/// Samples of a pass, with the points at which a field is evaluated.
+pub(crate) struct PlacedSamples {
+    pub(crate) samples: Samples,
+    pub(crate) points: Points,
+    /// Indices of the samples among the `H N` candidates; `None` if all are kept.
+    pub(crate) kept: Option<Vec<usize>>,
+}
+
+/// Places samples along the rays of one scene.
+#[derive(Clone, Debug)]
+pub(crate) struct Sampler {
+    config: RenderConfig,
+    range: Range,
+    near: f32,
+    /// Length of the longest ray, in coordinates.
+    longest: f32,
+    bounds: Aabb,
+    warp: Warp,
+}
+
+impl Sampler {
+    pub(crate) fn new(config: &RenderConfig, scene: &Scene) -> Self {
+        let warp = Warp::of(scene, config.space);
+        let Space { near, far, range, bounds, .. } = scene.space;
+        let longest = if config.clip_to_bounds && warp.is_identity() {
+            bounds.size().length()
+        } else {
+            warp.coordinate(warp.horizon().unwrap_or(far)) - warp.coordinate(near)
+        };
+        Self { config: config.clone(), range, near, longest, bounds, warp }
+    }
+
+    pub(crate) fn warp(&self) -> &Warp {
+        &self.warp
+    }
+
+    pub(crate) fn config(&self) -> &RenderConfig {
+        &self.config
+    }
+
+    fn rule(&self) -> &'static dyn Rule {
+        self.config.placement.rule()
+    }
+
+    /// Mean length of a sample's interval, which the occupancy threshold refers to.
+    pub(crate) fn step_length(&self, at: Moment) -> f32 {
+        let c = &self.config;
+        let samples = c.samples.at(at) as f32;
+        let coarse = if c.is_hierarchical() && self.rule().spans_intervals() { 0.0 } else { samples };
+        self.longest / (coarse + c.fine_samples as f32)
+    }
+
+    /// Number of samples of the longest ray.
+    pub(crate) fn max_samples(&self, at: Moment) -> usize {
+        (self.longest / self.step_length(at)).round() as usize
+    }
+
+    /// Length of the longest ray, in coordinates.
+    pub(crate) fn longest(&self) -> f32 {
+        self.longest
+    }
+
+    /// A batch of `rays` for a field on `device`.
+    pub(crate) fn batch(&self, rays: Vec<Ray>, device: &Device) -> RayBatch {
+        let ends = rays.par_iter().map(|ray| self.interval(ray)).collect();
+        RayBatch::new(rays, ends, device)
+    }
+
+    /// Samples of a single pass with steps of one length.
+    pub(crate) fn march(&self, rays: &RayBatch, skip: Skip<'_>, at: Moment, device: &Device) -> PlacedSamples {
+        let march_config = MarchSettings { step: self.step_length(at), hidden_depth: skip.hidden_depth };
+        let packed = march(
+            rays.len(),
+            device,
+            march_config,
+            |index, samples| {
+                let (ray, Some(ends)) = (&rays.on_host()[index], rays.ends()[index]) else { return };
+                let shift = rays.jitter().map_or(0.5, |noise| noise.uniform(index, 0));
+                let steps = self.steps(ray, ends, march_config.step, shift, skip.grid);
+                self.keep(steps, ray, skip, |(t, delta)| samples.push(t, delta, self.warp.point(ray.at(t)).to_array()));
+            },
+            || {
+                let [origins, directions] = rays.geometry();
+                let device = origins.device();
+                let ends = rays.ends().iter().flat_map(|ends| ends.unwrap_or([0.0; 2])).collect();
+                let ends = upload(ends, [rays.len(), 2], &device);
+                let rays = MarchedRays { origins, directions, ends, jitter: rays.streams(0..rays.len(), false) };
+                self.warp.is_identity().then(|| (rays, skip.grid.map(|grid| grid.cells_on(&device))))
+            },
+        );
+        let (samples, positions) = Samples::packed(packed, rays.len() * self.max_samples(at));
+        let points = rays.points_at(positions, &samples, device);
+        PlacedSamples { samples: samples.on(device), points, kept: None }
+    }
+
+    /// The steps of one ray but those in cells that `grid` knows to be empty.
+    pub(crate) fn steps<'a>(
+        &'a self,
+        ray: &'a Ray,
+        ends: [f32; 2],
+        step: f32,
+        shift: f32,
+        grid: Option<&'a OccupancyGrid>,
+    ) -> Steps<'a> {
+        Steps::new(ray, &self.warp, ends, (step, shift), grid, self.clips())
+    }
+
+    /// Stratified distances of the coarse pass, or the only one. At least one ray meets the scene.
+    pub(crate) fn first(&self, rays: &RayBatch, at: Moment) -> PassDistances {
+        let ends = rays.ends_of_hits();
+        let count = self.config.samples.at(at).round() as usize;
+        let jitter = rays.streams(rays.hits(), false);
+        PassDistances { t: self.rule().first(ends.clone(), count, jitter.as_ref()), ends }
+    }
+
+    /// Distances of the fine pass, drawn from the weights of the coarse one. A coarse sample that was skipped has weight 0.
+    pub(crate) fn fine(
+        &self,
+        rays: &RayBatch,
+        coarse: &PassDistances,
+        kept: Option<&[usize]>,
+        output: &RenderOutput,
+    ) -> PassDistances {
+        let PassDistances { t, ends } = coarse.clone();
+        let tau = match kept {
+            None => on(&output.tau, &t.device()),
+            Some(kept) => {
+                let [hits, columns] = t.dims();
+                let candidates = hits * (columns - usize::from(self.rule().spans_intervals()));
+                let mut all = vec![0.0; candidates];
+                kept.iter().zip(to_host(output.tau.clone())).for_each(|(&index, tau)| all[index] = tau);
+                upload(all, [candidates], &t.device())
+            }
+        };
+        let jitter = rays.streams(rays.hits(), true);
+        PassDistances { t: self.rule().fine(t, tau, self.config.fine_samples, jitter.as_ref()), ends }
+    }
+
+    /// The samples of a pass for a field on `device`, less those that are skipped.
+    pub(crate) fn place(
+        &self,
+        rays: &RayBatch,
+        pass: &PassDistances,
+        skip: Skip<'_>,
+        device: &Device,
+    ) -> PlacedSamples {
+        let PassDistances { t, ends } = pass.clone();
+        let [coordinate, delta] = self.rule().intervals(t, ends, self.config.last_interval);
+        let distance = self.warp.distances(coordinate);
+        let hits: Vec<usize> = rays.hits().collect();
+        let per_ray = distance.dims()[0] / hits.len();
+        let mut counts = vec![0; rays.len()];
+        let (distance, delta, kept) = match skip.grid {
+            None => {
+                hits.iter().for_each(|&ray| counts[ray] = per_ray);
+                (distance, delta, None)
+            }
+            Some(_) => {
+                let [distance, delta] = [distance, delta].map(to_host);
+                let of_ray = |(row, &ray): (usize, &usize)| {
+                    let mut kept = Vec::new();
+                    let samples =
+                        (row * per_ray..(row + 1) * per_ray).map(|index| (index, (distance[index], delta[index])));
+                    self.keep_indexed(samples, &rays.on_host()[ray], skip, |index, _| kept.push(index));
+                    kept
+                };
+                let kept: Vec<Vec<usize>> = hits.par_iter().enumerate().map(of_ray).collect();
+                hits.iter().zip(&kept).for_each(|(&ray, kept)| counts[ray] = kept.len());
+                let kept = kept.concat();
+                let pick = |values: &[f32]| {
+                    upload(
+                        kept.iter().map(|&index| values[index]).collect(),
+                        [kept.len()],
+                        &rays.geometry()[0].device(),
+                    )
+                };
+                (pick(&distance), pick(&delta), Some(kept))
+            }
+        };
+        let [distance, delta] = [distance, delta].map(|values| on(&values, device));
+        let samples = Samples::new(Segments::from_counts(counts), distance, delta, rays.len() * per_ray);
+        let points = rays.points(&samples, &self.warp, device);
+        PlacedSamples { samples, points, kept }
+    }
+
+    /// Whether rays are cut to the scene's box.
+    fn clips(&self) -> bool {
+        self.config.clip_to_bounds && self.warp.is_identity()
+    }
+
+    /// Near and far of the part of a ray that can hold content, in coordinates.
+    pub(crate) fn interval(&self, ray: &Ray) -> Option<[f32; 2]> {
+        let within = self.range.along(ray);
+        let (mut near, mut far) = match self.warp.horizon() {
+            // Content extends behind what the cameras look at, and to its sides.
+            Some(horizon) => (within.map_or(self.near, |(near, _)| near), horizon),
+            None => within?,
+        };
+        if self.clips() {
+            let (enter, leave) = self.bounds.intersect(ray)?;
+            (near, far) = (enter.max(near), leave.min(far));
+        }
+        (near < far).then(|| [near, far].map(|t| self.warp.coordinate(t)))
+    }
+
+    /// Calls `keep` with the samples, `(t, δ)`, that are neither in empty cells nor behind the hidden depth.
+    ///
+    /// A hidden sample would count in the ray's entropy, which is then that of the visible part alone.
+    fn keep(
+        &self,
+        samples: impl Iterator<Item = (f32, f32)>,
+        ray: &Ray,
+        skip: Skip<'_>,
+        mut keep: impl FnMut((f32, f32)),
+    ) {
+        self.keep_indexed(samples.map(|sample| ((), sample)), ray, skip, |(), sample| keep(sample));
+    }
+
+    /// [`Self::keep`] of samples that have an index. A sample that stands for its interval lies in every cell that this passes.
+    fn keep_indexed<I>(
+        &self,
+        samples: impl Iterator<Item = (I, (f32, f32))>,
+        ray: &Ray,
+        skip: Skip<'_>,
+        mut keep: impl FnMut(I, (f32, f32)),
+    ) {
+        let mut depth = 0.0;
+        let spans = self.rule().spans_intervals();
+        for (index, (t, delta)) in samples {
+            if let Some(grid) = skip.grid {
+                let density = match spans {
+                    true => grid.density_between(ray, t - 0.5 * delta, t + 0.5 * delta),
+                    false => grid.occupied_density(self.warp.point(ray.at(t))),
+                };
+                let Some(density) = density else { continue };
+                if depth >= skip.hidden_depth {
+                    break;
+                }
+                depth += density * delta;
+            }
+            keep(index, (t, delta));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Vec3;
+
+    use super::*;
+    use crate::image::testing::config;
+    use crate::noise::{Noise, RandomStream};
+    use crate::output::RenderRequest;
+    use crate::warp::SpaceChoice;
+
+    const NOTHING: Skip<'_> = Skip { grid: None, hidden_depth: f32::INFINITY };
+
+    fn noise() -> Noise {
+        Noise::new(3, 0, RandomStream::Samples)
+    }
+
+    /// Three rays, the second of which misses the scene of [`scene`].
+    fn rays(sampler: &Sampler) -> RayBatch {
+        let ray = |x: f32, y: f32| Ray::new(Vec3::new(x, y, 4.0), Vec3::new(-0.05, 0.1, -1.0).normalize());
+        sampler.batch(vec![ray(0.3, -0.2), ray(9.0, 9.0), ray(-0.7, 0.6)], &Device::flex())
+    }
+
+    fn scene() -> Scene {
+        let space =
+            Space { near: 1.0, far: 6.0, range: Range::Distance { near: 1.0, far: 6.0 }, ..Scene::default().space };
+        Scene { space, ..Scene::default() }
+    }
+
+    fn near(got: &[f32], want: &[f32]) {
+        assert_eq!(got.len(), want.len());
+        got.iter().zip(want).for_each(|(a, b)| approx::assert_relative_eq!(a, b, epsilon = 1e-5, max_relative = 1e-5));
+    }
+
+    /// By every rule, in and out of warped space, in both passes: a grid that knows nothing changes no sample, and tensors of
+    /// rays in a graph lead to the positions that the host computes.
+    #[test]
+    fn host_and_tensors_place_the_same_samples() {
+        let device = Device::flex();
+        for (&placement, space) in Placement::ALL
+            .iter()
+            .flat_map(|placement| [SpaceChoice::Box, SpaceChoice::Contraction].map(|space| (placement, space)))
+        {
+            let config =
+                RenderConfig { samples: 9.0.into(), fine_samples: 7, clip_to_bounds: true, space, ..config(placement) };
+            let sampler = Sampler::new(&config, &scene());
+            let mut grid = OccupancyGrid::new(&config.occupancy, sampler.warp().bounds(&scene()));
+            grid.restore(vec![0.5; 8], vec![true; 8], true).unwrap();
+            for jitter in [None, Some(noise())] {
+                let rays = rays(&sampler);
+                let rays = jitter.map_or(rays.clone(), |noise| rays.jittered(noise));
+                let tracked = rays.clone().tracked(rays.geometry());
+                let mut pass = sampler.first(&rays, Moment::START);
+                for is_fine in [false, true] {
+                    let all = sampler.place(&rays, &pass, NOTHING, &device);
+                    let counts: Vec<usize> = all.samples.segments.ranges().map(|range| range.len()).collect();
+                    let missed = if space == SpaceChoice::Box { 0 } else { counts[0] };
+                    assert!(counts[0] > 0 && counts == [counts[0], missed, counts[0]], "{placement:?} {counts:?}");
+                    assert_eq!(all.samples.candidates, 3 * counts[0]);
+                    let skip = Skip { grid: Some(&grid), ..NOTHING };
+                    let known = sampler.place(&tracked, &pass, skip, &device);
+                    assert_eq!(known.kept, Some((0..all.samples.segments.samples()).collect()));
+                    near(known.samples.t(), all.samples.t());
+                    near(&to_host(known.points.positions), &to_host(all.points.positions));
+                    assert!(all.samples.t().windows(2).filter(|t| t[0] > t[1]).count() < 3, "sorted along each ray");
+                    if !is_fine {
+                        let samples = all.samples.clone();
+                        let tau = (0..samples.segments.samples()).map(|i| (i % 4) as f32 * 0.3).collect::<Vec<_>>();
+                        let tau = Tensor::from_floats(tau.as_slice(), &device);
+                        let request = RenderRequest { color: false, hidden: true };
+                        let output = RenderOutput { tau, ..RenderOutput::empty(samples, request, [0.0; 3]) };
+                        let fine = sampler.fine(&rays, &pass, None, &output);
+                        let skipped = sampler.fine(&rays, &pass, known.kept.as_deref(), &output);
+                        assert_eq!(to_host(fine.t.clone()), to_host(skipped.t));
+                        pass = fine;
+                    }
+                }
+            }
+        }
+    }
+
+    /// Through a grid with holes and behind what hides: the march keeps the steps that are kept one by one.
+    #[test]
+    fn march_skips_what_the_grid_knows_to_be_empty_or_hidden() {
+        let device = Device::flex();
+        for space in [SpaceChoice::Box, SpaceChoice::Contraction] {
+            let mut config =
+                RenderConfig { samples: 40.0.into(), clip_to_bounds: true, space, ..config(Placement::Mid) };
+            config.occupancy.resolution = 8;
+            let sampler = Sampler::new(&config, &scene());
+            let mut grid = OccupancyGrid::new(&config.occupancy, sampler.warp().bounds(&scene()));
+            let (density, occupied) =
+                (0..512).map(|cell| (4.0 * noise().uniform(cell, 0), noise().uniform(cell, 1) < 0.6)).unzip();
+            grid.restore(density, occupied, true).unwrap();
+            let rays = rays(&sampler).jittered(noise());
+            let (at, skip) = (Moment::START, Skip { grid: Some(&grid), hidden_depth: 2.0 });
+            let marched = sampler.march(&rays, skip, at, &device).samples;
+            let all = sampler.march(&rays, NOTHING, at, &device).samples;
+            let mut want = Vec::new();
+            for (index, ray) in rays.on_host().iter().enumerate() {
+                let Some(ends) = rays.ends()[index] else { continue };
+                let steps = sampler.steps(ray, ends, sampler.step_length(at), noise().uniform(index, 0), None);
+                sampler.keep(steps, ray, skip, |(t, _)| want.push(t));
+            }
+            assert_eq!(marched.t(), want);
+            assert!(
+                want.len() > 8 && all.segments.samples() > want.len(),
+                "{} of {}",
+                want.len(),
+                all.segments.samples()
+            );
+            assert_eq!((marched.candidates, all.candidates), (120, 120));
+        }
+    }
+}

@@ -1,0 +1,23 @@
+use burn::tensor::Tensor;
+use infonerf_ops::sampling::{self, LastInterval, SampleRule, Streams};
+
+use super::Rule;
+
+/// [`Placement::Mid`](super::Placement::Mid).
+#[derive(Debug)]
+pub(super) struct Mid;
+
+impl Rule for Mid {
+    fn first(&self, ends: Tensor<2>, count: usize, jitter: Option<&Streams>) -> Tensor<2> {
+        let rays = ends.dims()[0];
+        sampling::stratified(ends, [rays, count], SampleRule::Mid, jitter)
+    }
+
+    fn intervals(&self, t: Tensor<2>, ends: Tensor<2>, last: LastInterval) -> [Tensor<1>; 2] {
+        sampling::intervals(t, ends, SampleRule::Mid, last)
+    }
+
+    fn marches(&self) -> bool {
+        true
+    }
+}
